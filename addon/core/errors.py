@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The one family of exceptions that a user can do something about."""
+
+
+class UserError(Exception):
+    """Trouble that the user can mend; its message is one sentence: what is wrong and what was expected.
+
+    Operators turn it into one report, the command line into one line on standard error and `exit_status`.
+    Whatever is not a `UserError` is a fault of ours and propagates.
+    """
+
+    exit_status = 2
+
+    def __init__(self, message: str, file: str = "", line: int = 0):
+        super().__init__(message)
+        self.message = message
+        self.file = str(file)
+        self.line = line
+
+    def __str__(self) -> str:
+        place = self.file + (f":{self.line}" if self.line else "")
+        return f"{place}: {self.message}" if place else self.message
+
+
+class InputError(UserError):
+    """Input that cannot be used: missing, broken, of the wrong kind or in the wrong units (exit status 2)."""
+
+
+class JobError(UserError):
+    """The input was read but the job could not be done with it (exit status 1)."""
+
+    exit_status = 1
