@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A small made-up person for tests: eleven segments, eighteen markers, a capsule each, no recorded numbers."""
+
+import numpy as np
+
+from addon.core.markersets import Capsules, MarkerSet, Skeleton, Spread
+
+SEGMENTS = (
+    # name, parent, joint in the parent's axes, capsule start, capsule end, radius; all heights
+    ("pelvis", None, (0, 0, 0.53), (0, -0.05, 0.0), (0, 0.05, 0.0), 0.075),
+    ("torso", "pelvis", (0, 0, 0.08), (0, 0, 0.0), (0, 0, 0.20), 0.08),
+    ("head", "torso", (0, 0, 0.28), (0, 0, 0.03), (0, 0, 0.07), 0.05),
+    ("l_upperarm", "torso", (0, 0.11, 0.22), (0, 0, 0), (0, 0, -0.17), 0.028),
+    ("l_forearm", "l_upperarm", (0, 0, -0.17), (0, 0, 0), (0, 0, -0.15), 0.022),
+    ("r_upperarm", "torso", (0, -0.11, 0.22), (0, 0, 0), (0, 0, -0.17), 0.028),
+    ("r_forearm", "r_upperarm", (0, 0, -0.17), (0, 0, 0), (0, 0, -0.15), 0.022),
+    ("l_thigh", "pelvis", (0, 0.05, -0.02), (0, 0, 0), (0, 0, -0.24), 0.045),
+    ("l_shank", "l_thigh", (0, 0, -0.24), (0, 0, 0), (0, 0, -0.23), 0.032),
+    ("r_thigh", "pelvis", (0, -0.05, -0.02), (0, 0, 0), (0, 0, -0.24), 0.045),
+    ("r_shank", "r_thigh", (0, 0, -0.24), (0, 0, 0), (0, 0, -0.23), 0.032),
+)
+MARKERS = (
+    ("FRONT", "torso", (0.085, 0, 0.12)),
+    ("BACK", "torso", (-0.085, 0, 0.15)),
+    ("SACR", "pelvis", (-0.08, 0, 0.02)),
+    ("LASI", "pelvis", (0.07, 0.06, 0.03)),
+    ("RASI", "pelvis", (0.07, -0.06, 0.03)),
+    ("LFHD", "head", (0.04, 0.03, 0.07)),
+    ("RBHD", "head", (-0.045, -0.03, 0.07)),
+    ("LELB", "l_upperarm", (0, 0.03, -0.17)),
+    ("RELB", "r_upperarm", (0, -0.03, -0.17)),
+    ("LWRA", "l_forearm", (0.02, 0.015, -0.15)),
+    ("RWRA", "r_forearm", (0.02, -0.015, -0.15)),
+    ("LTHI", "l_thigh", (0.01, 0.05, -0.12)),
+    ("LKNE", "l_thigh", (0, 0.047, -0.24)),
+    ("RKNE", "r_thigh", (0, -0.047, -0.24)),
+    ("LANK", "l_shank", (0, 0.035, -0.23)),
+    ("RANK", "r_shank", (0, -0.035, -0.23)),
+    ("LTOE", "l_shank", (0.10, 0.01, -0.25)),
+    ("RTOE", "r_shank", (0.10, -0.01, -0.25)),
+)
+
+
+def toy_markerset() -> MarkerSet:
+    """The made-up person as a marker set, with a spread of one mode (longer legs) and small bends."""
+    names = [row[0] for row in SEGMENTS]
+    parents = np.array([-1 if row[1] is None else names.index(row[1]) for row in SEGMENTS])
+    skeleton = Skeleton(tuple(names), parents, np.array([row[2] for row in SEGMENTS], dtype=float))
+    capsules = Capsules(
+        np.arange(len(SEGMENTS)),
+        np.array([row[3] for row in SEGMENTS], dtype=float),
+        np.array([row[4] for row in SEGMENTS], dtype=float),
+        np.array([row[5] for row in SEGMENTS], dtype=float),
+    )
+    count, joints = len(MARKERS), len(SEGMENTS)
+    modes = np.zeros((1, joints + count, 3))
+    modes[0, [names.index("l_shank"), names.index("r_shank")], 2] = -0.01
+    bends = np.full(3 * joints, 0.05**2)
+    bends[:3] = 0
+    spread = Spread(1.7, 0.1, modes, np.full(count, 0.004), np.zeros((joints, 3)), np.diag(bends))
+    return MarkerSet(
+        name="toy",
+        description="a made-up person for tests",
+        markers=tuple(row[0] for row in MARKERS),
+        aliases={"sternum": "FRONT"},
+        skeleton=skeleton,
+        attachment=np.array([names.index(row[1]) for row in MARKERS]),
+        offsets=np.array([row[2] for row in MARKERS], dtype=float),
+        capsules=capsules,
+        spread=spread,
+        source={"note": "made up"},
+    )
