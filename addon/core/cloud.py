@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Points in space from unnamed blobs: which rays of different cameras meet, and how well.
+
+A frame's cloud starts the placement: it holds nearly every marker that two cameras see, and some false crossings.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .triangulation import triangulate
+from .views import Sight, View
+
+MEETING = 0.012  # m between two rays of one marker at its depth, plus what the pixels add
+MEETING_PX = 3.0
+PARALLEL = 0.02  # sine of the angle below which two rays fix no depth
+MOST_CROSSINGS = 4000
+
+
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """Q candidate points of one frame.
+
+    points   (Q, 3) m
+    support  (Q,) number of cameras whose blobs agree on the point
+    weight   (Q,) 0 to 1, how likely the point is a marker: shared blobs share their weight
+    """
+
+    points: np.ndarray
+    support: np.ndarray
+    weight: np.ndarray
+
+
+def build_cloud(view: View, sight: Sight) -> Cloud:
+    """The cloud of one frame: pairs of rays that meet, completed by the other cameras that confirm the point."""
+    camera, slot = np.nonzero(view.real)
+    direction, origin = rays(view.image[camera, slot], camera, sight)
+    first, second, middle = _crossings(camera, direction, origin, sight)
+    if not len(first):
+        return Cloud(np.zeros((0, 3)), np.zeros(0, int), np.zeros(0))
+    members = _members(middle, view, sight)
+    members[np.arange(len(first)), camera[first]] = slot[first]
+    members[np.arange(len(first)), camera[second]] = slot[second]
+    return _chosen(np.unique(members, axis=0), view, sight)
+
+
+def rays(image: np.ndarray, camera: np.ndarray, sight: Sight) -> tuple[np.ndarray, np.ndarray]:
+    """Unit directions and origins (N, 3), world, of normalised image points (N, 2) of cameras `camera` (N,)."""
+    local = np.concatenate([image, np.ones((len(image), 1))], axis=1)
+    direction = np.einsum("nji,nj->ni", sight.rotation[camera], local)
+    return direction / np.linalg.norm(direction, axis=1, keepdims=True), sight.centres[camera]
+
+
+def _crossings(camera, direction, origin, sight):
+    """Pairs of rays of different cameras that pass each other closely in front of both, and their mid-points."""
+    first, second = np.nonzero(camera[:, None] < camera[None, :])
+    between = origin[second] - origin[first]
+    cosine = np.einsum("ni,ni->n", direction[first], direction[second])
+    along_first = np.einsum("ni,ni->n", between, direction[first])
+    along_second = np.einsum("ni,ni->n", between, direction[second])
+    sine2 = np.maximum(1 - cosine**2, PARALLEL**2)
+    near, far = (along_first - cosine * along_second) / sine2, (cosine * along_first - along_second) / sine2
+    low, high = origin[first] + near[:, None] * direction[first], origin[second] + far[:, None] * direction[second]
+    pixel = near / sight.focal[camera[first]] + far / sight.focal[camera[second]]
+    gap = np.linalg.norm(low - high, axis=1)
+    allowed = MEETING + MEETING_PX * pixel / 2
+    good = (near > 0.2) & (far > 0.2) & (gap < allowed) & (1 - cosine**2 > PARALLEL**2)
+    kept = np.flatnonzero(good)
+    if len(kept) > MOST_CROSSINGS:
+        kept = kept[np.argsort(gap[kept] / allowed[kept])[:MOST_CROSSINGS]]
+    return first[kept], second[kept], (low[kept] + high[kept]) / 2
+
+
+def _members(points: np.ndarray, view: View, sight: Sight) -> np.ndarray:
+    """(Q, C) slot of the blob nearest to each point's image where it is near enough, else -1."""
+    local = sight.local(points[None])[0]
+    image = sight.image(local)
+    offset = view.image[:, None] - image[:, :, None]
+    distance = np.sqrt(np.einsum("cqki,cqki->cqk", offset, offset))
+    nearest = distance.argmin(axis=2)
+    metres = np.take_along_axis(distance, nearest[..., None], axis=2)[..., 0] * local[..., 2]
+    allowed = MEETING + MEETING_PX * local[..., 2] / sight.focal[:, None]
+    return np.where(metres < allowed, nearest, -1).T
+
+
+def _chosen(members: np.ndarray, view: View, sight: Sight) -> Cloud:
+    """Points of the best-supported sets of blobs; a set that only repeats the blobs of better ones goes."""
+    seen = members >= 0
+    image = view.image[np.arange(sight.count), np.maximum(members, 0)]
+    points, residual = triangulate(image[None].transpose(0, 2, 1, 3), seen.T[None], sight)
+    points, residual = points[0], residual[0]
+    support = seen.sum(axis=1)
+    fine = np.isfinite(residual) & (residual < 2 * MEETING)
+    order = np.lexsort((residual, -support))
+    claimed = np.zeros(view.real.shape, dtype=bool)
+    everyone = np.arange(sight.count)
+    chosen = []
+    for index in order[fine[order]]:
+        mine = seen[index]
+        fresh = ~claimed[everyone[mine], members[index, mine]]
+        if support[index] >= 3 and fresh.sum() >= 2:
+            claimed[everyone[mine], members[index, mine]] = True
+            chosen.append(index)
+        elif support[index] == 2 and fresh.all():
+            chosen.append(index)
+    chosen = np.array(chosen, dtype=int)
+    return Cloud(points[chosen], support[chosen], _weights(members[chosen], support[chosen], view.real.shape))
+
+
+def _weights(members: np.ndarray, support: np.ndarray, shape) -> np.ndarray:
+    """A point confirmed by three cameras counts whole; rivals for one blob share it."""
+    claims = np.zeros(shape)
+    cameras = np.broadcast_to(np.arange(shape[0]), members.shape)
+    has = members >= 0
+    np.add.at(claims, (cameras[has], members[has]), 1)
+    share = np.where(has, 1 / np.maximum(claims[cameras, np.maximum(members, 0)], 1), 1).min(axis=1, initial=1.0)
+    return np.where(support >= 3, 1.0, share)
