@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Keys in bulk: thousands of frames of many channels into one action, one slot an object."""
+
+import bpy
+import numpy as np
+
+LINEAR = 1  # the value of BEZT_IPO_LIN behind Keyframe.interpolation
+
+
+def bind(item: bpy.types.Object, action: bpy.types.Action) -> bpy.types.ActionChannelbag:
+    """Gives `item` a slot of its own in `action` and returns that slot's channels."""
+    slot = action.slots.new(id_type="OBJECT", name=item.name)
+    data = item.animation_data_create()
+    data.action = action
+    data.action_slot = slot
+    layer = action.layers[0] if len(action.layers) else action.layers.new("Take")
+    strip = layer.strips[0] if len(layer.strips) else layer.strips.new(type="KEYFRAME")
+    return strip.channelbag(slot, ensure=True)
+
+
+def key(bag: bpy.types.ActionChannelbag, path: str, frames: np.ndarray, values: np.ndarray, group: str):
+    """Keys the property at `path` with `values` (F, n) at Blender's `frames` (F,); rows with NaN stay unkeyed."""
+    there = np.isfinite(values).all(axis=1)
+    if not there.any():
+        return
+    owner = bag.groups.get(group) or bag.groups.new(group)
+    points = np.empty((int(there.sum()), 2), dtype=np.float32)
+    points[:, 0] = frames[there]
+    for index in range(values.shape[1]):
+        points[:, 1] = values[there, index]
+        curve = bag.fcurves.new(path, index=index)
+        curve.group = owner
+        curve.keyframe_points.add(len(points))
+        curve.keyframe_points.foreach_set("co", points.ravel())
+        curve.keyframe_points.foreach_set("interpolation", np.full(len(points), LINEAR, dtype=np.int32))
+        curve.update()

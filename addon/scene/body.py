@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The body as meshes: every capsule of the marker set on its bone, each turning about its own middle."""
+
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+
+from ..core.markersets import MarkerSet
+from . import armature as armatures
+from . import naming
+
+AROUND, RINGS = 24, 6
+COLOUR = (0.55, 0.65, 0.8, 0.35)
+START, END, RADIUS = "mocap_start", "mocap_end", "mocap_radius"
+
+
+@dataclass(frozen=True, eq=False)
+class Capsule:
+    """One capsule in metres, in its segment's axes from its joint."""
+
+    start: np.ndarray
+    end: np.ndarray
+    radius: float
+
+
+def add_body(
+    collection: bpy.types.Collection, armature: bpy.types.Object, markerset: MarkerSet, scale: np.ndarray
+) -> list[bpy.types.Object]:
+    """Adds a mesh for each of the K capsules, hung on its bone; `scale` (3,) is m for one unit of the marker set."""
+    material = _material()
+    meshes = []
+    for index, segment in enumerate(markerset.capsules.segment):
+        name = markerset.skeleton.segments[segment]
+        item = add_capsule(collection, armature, name, capsule_in_metres(markerset, index, scale))
+        item.data.materials.append(material)
+        meshes.append(item)
+    return meshes
+
+
+def capsule_in_metres(markerset: MarkerSet, index: int, scale: np.ndarray) -> Capsule:
+    """Capsule `index` of a marker set for a subject of `scale` (3,): ends stretch with it, the radius with its mean."""
+    capsules = markerset.capsules
+    return Capsule(
+        capsules.start[index] * scale, capsules.end[index] * scale, float(capsules.radius[index] * scale.mean())
+    )
+
+
+def add_capsule(
+    collection: bpy.types.Collection, armature: bpy.types.Object, segment: str, capsule: Capsule
+) -> bpy.types.Object:
+    """Adds one capsule on the bone `segment`. Its origin is its middle, its z axis runs from start to end."""
+    place, half = _place(capsule)
+    item = bpy.data.objects.new(f"{segment} capsule", capsule_mesh(half, capsule.radius))
+    item[naming.CAPSULE] = segment
+    item[START], item[END], item[RADIUS] = [0.0, 0.0, -half], [0.0, 0.0, half], capsule.radius
+    collection.objects.link(item)
+    armatures.attach(item, armature, segment, place)
+    return item
+
+
+def capsule_mesh(half: float, radius: float) -> bpy.types.Mesh:
+    """A closed mesh of the points within `radius` m of the z axis between -half and +half m.
+
+    Its corners lie on the capsule, so the mesh is inside it by at most `radius` times 1 - cos(π / 24), under 1 %.
+    """
+    lift = np.linspace(0, np.pi / 2, RINGS + 1)
+    bottom = np.column_stack([np.sin(lift), -np.cos(lift)])[1:]
+    profile = np.concatenate([bottom * radius - [0, half], bottom[::-1] * [radius, -radius] + [0, half]])
+    turn = np.arange(AROUND) * 2 * np.pi / AROUND
+    rings = np.stack(
+        [
+            np.outer(profile[:, 0], np.cos(turn)),
+            np.outer(profile[:, 0], np.sin(turn)),
+            np.repeat(profile[:, 1:], AROUND, axis=1),
+        ],
+        axis=-1,
+    ).reshape(-1, 3)
+    vertices = np.concatenate([rings, [[0, 0, -half - radius], [0, 0, half + radius]]])
+    mesh = bpy.data.meshes.new("Capsule")
+    mesh.from_pydata(vertices.tolist(), [], _faces(len(profile)))
+    mesh.shade_smooth()
+    return mesh
+
+
+def _faces(rings: int) -> list[tuple[int, ...]]:
+    """Quads between neighbouring rings and a fan at each pole, all facing outwards."""
+    faces, low, high = [], rings * AROUND, rings * AROUND + 1
+    for step in range(AROUND):
+        after = (step + 1) % AROUND
+        faces.append((low, after, step))
+        faces.extend(
+            (ring * AROUND + step, ring * AROUND + after, (ring + 1) * AROUND + after, (ring + 1) * AROUND + step)
+            for ring in range(rings - 1)
+        )
+        faces.append((high, (rings - 1) * AROUND + step, (rings - 1) * AROUND + after))
+    return faces
+
+
+def _place(capsule: Capsule) -> tuple[np.ndarray, float]:
+    """Where a capsule's own axes sit in its segment (4, 4), and half the length between its ends."""
+    along = capsule.end - capsule.start
+    length = np.linalg.norm(along)
+    z = along / length if length > 0 else np.array([0.0, 0.0, 1.0])
+    x = np.cross([0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0], z)
+    x /= np.linalg.norm(x)
+    place = np.eye(4)
+    place[:3, 0], place[:3, 1], place[:3, 2] = x, np.cross(z, x), z
+    place[:3, 3] = (capsule.start + capsule.end) / 2
+    return place, float(length / 2)
+
+
+def _material() -> bpy.types.Material:
+    """The see-through material of the body, made once a file."""
+    name = naming.title("body")
+    material = bpy.data.materials.get(name)
+    if material is None:
+        material = bpy.data.materials.new(name)
+        material.diffuse_color = COLOUR
+    return material

@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Calibrated cameras as Blender cameras that look through the real lens, and back.
+
+Pose, focal length and principal point live in Blender's own settings, so moving a camera moves the calibration. What
+Blender cannot express (image size and pixel aspect per camera, skew, distortion) is kept in custom properties.
+Pixel (0, 0) is the upper left corner of Blender's picture.
+"""
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from ..core.cameras import Cameras
+from ..core.errors import InputError
+from . import naming
+
+SENSOR_WIDTH = 36.0  # mm; only its ratio to the focal length matters
+SIZE, ASPECT, SKEW, DISTORTION = "mocap_size", "mocap_aspect", "mocap_skew", "mocap_distortion"
+DISPLAY_SIZE = 0.25
+SAME_CAMERA = 1e-4  # relative: what single precision does to a calibration and back
+
+# A camera of computer vision looks along +z with y down, Blender's along -z with y up.
+FLIP = np.diag([1.0, -1.0, -1.0])
+
+
+def add_cameras(scene: bpy.types.Scene, cameras: Cameras) -> bpy.types.Collection:
+    """Adds `cameras` to `scene` in a collection of their own and makes the first the scene's camera if it had none."""
+    collection = bpy.data.collections.new(naming.title("cameras"))
+    collection[naming.CAMERAS] = len(cameras)
+    scene.collection.children.link(collection)
+    for index, name in enumerate(cameras.names):
+        data = bpy.data.cameras.new(name)
+        camera = bpy.data.objects.new(name, data)
+        camera[naming.CAMERA] = name
+        _set_lens(data, cameras.size[index], cameras.matrix[index], cameras.distortion[index])
+        pose = np.eye(4)
+        pose[:3, :3] = cameras.rotation[index].T @ FLIP
+        pose[:3, 3] = cameras.centres[index]
+        camera.matrix_world = Matrix(pose.tolist())
+        collection.objects.link(camera)
+    if len(cameras) and not is_mocap_camera(scene.camera):
+        look_through(scene, collection.objects[0])
+    return collection
+
+
+def find_or_add_cameras(scene: bpy.types.Scene, cameras: Cameras) -> bpy.types.Collection:
+    """The collection of `scene` that holds exactly these cameras already, or a new one."""
+    for collection in scene.collection.children_recursive:
+        if naming.CAMERAS in collection and _same(cameras_of(collection, scene), cameras):
+            return collection
+    return add_cameras(scene, cameras)
+
+
+def cameras_of(collection: bpy.types.Collection, scene: bpy.types.Scene) -> Cameras:
+    """The calibrations of a collection's cameras as they stand now."""
+    return _read([item for item in collection.all_objects if item.type == "CAMERA"], scene)
+
+
+def cameras_of_scene(scene: bpy.types.Scene) -> Cameras:
+    """Calibrations of a scene's cameras: those with a calibration if there are any, else all of them.
+
+    Raises InputError when there is none, or one is not a perspective camera.
+    """
+    found = [item for item in scene.objects if item.type == "CAMERA"]
+    calibrated = [item for item in found if is_mocap_camera(item)]
+    if not found:
+        raise InputError(f"scene {scene.name} has no cameras; expected at least two")
+    return _read(calibrated or found, scene)
+
+
+def cameras_of_blend(path: str) -> Cameras:
+    """Calibrations of the cameras of a `.blend` file's first scene; nothing of the file stays behind.
+
+    Raises InputError when the file is not a `.blend` or has no usable cameras.
+    """
+    before = set(bpy.data.libraries)
+    try:
+        with bpy.data.libraries.load(path, link=True) as (there, wanted):
+            wanted.scenes = there.scenes[:1]
+    except OSError as error:
+        raise InputError("this is not a Blender file that can be read; expected a .blend with cameras", path) from error
+    try:
+        if not wanted.scenes or wanted.scenes[0] is None:
+            raise InputError("the file holds no scene; expected a .blend with cameras", path)
+        scene = wanted.scenes[0]
+        scene.view_layers[0].update()
+        return cameras_of_scene(scene)
+    except InputError as error:
+        raise InputError(error.message, path) from error
+    finally:
+        for library in set(bpy.data.libraries) - before:
+            bpy.data.libraries.remove(library)
+
+
+def is_mocap_camera(item: bpy.types.Object | None) -> bool:
+    """True for a camera that carries a calibration."""
+    return item is not None and item.type == "CAMERA" and naming.CAMERA in item
+
+
+def camera_name(camera: bpy.types.Object) -> str:
+    """The camera's name in the calibration, whatever Blender made of it."""
+    return str(camera.get(naming.CAMERA, camera.name))
+
+
+def look_through(scene: bpy.types.Scene, camera: bpy.types.Object):
+    """Makes `camera` the scene's camera, with its picture's size and pixel aspect, which Blender keeps per scene."""
+    scene.camera = camera
+    if SIZE not in camera.data:
+        return
+    render, aspect = scene.render, float(camera.data[ASPECT])
+    render.resolution_x, render.resolution_y = (round(side) for side in camera.data[SIZE])
+    render.resolution_percentage = 100
+    render.pixel_aspect_x, render.pixel_aspect_y = max(1.0, aspect), max(1.0, 1 / aspect)
+
+
+def _set_lens(data: bpy.types.Camera, size: np.ndarray, matrix: np.ndarray, distortion: np.ndarray):
+    """Sets a Blender camera's lens from an intrinsic matrix in pixels; `size` is (width, height)."""
+    width, height = size
+    aspect = matrix[1, 1] / matrix[0, 0]
+    data.sensor_fit = "HORIZONTAL"
+    data.sensor_width = SENSOR_WIDTH
+    data.lens = matrix[0, 0] * SENSOR_WIDTH / width
+    data.shift_x = (width / 2 - matrix[0, 2]) / width
+    data.shift_y = (matrix[1, 2] - height / 2) / aspect / width
+    data.display_size = DISPLAY_SIZE
+    data.clip_start = 0.01
+    data[SIZE] = [float(width), float(height)]
+    data[ASPECT] = float(aspect)
+    data[SKEW] = float(matrix[0, 1])
+    data[DISTORTION] = [float(value) for value in distortion]
+
+
+def _read(items: list[bpy.types.Object], scene: bpy.types.Scene) -> Cameras:
+    rows = [_read_lens(item, scene) for item in items]
+    poses = np.array([item.matrix_world.normalized() for item in items]).reshape(-1, 4, 4)
+    rotation = FLIP @ poses[:, :3, :3].transpose(0, 2, 1)
+    rotation = np.array([_orthonormal(turn) for turn in rotation]).reshape(-1, 3, 3)
+    return Cameras(
+        tuple(camera_name(item) for item in items),
+        np.array([row[0] for row in rows]).reshape(-1, 2),
+        np.array([row[1] for row in rows]).reshape(-1, 3, 3),
+        np.array([row[2] for row in rows]).reshape(-1, 5),
+        rotation,
+        -np.einsum("cij,cj->ci", rotation, poses[:, :3, 3]),
+    )
+
+
+def _read_lens(item: bpy.types.Object, scene: bpy.types.Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Image size (2,) px, intrinsic matrix (3, 3) px and distortion (5,) of one Blender camera."""
+    data, render = item.data, scene.render
+    if data.type != "PERSP":
+        raise InputError(f"camera {camera_name(item)} is not a perspective camera; expected one with a focal length")
+    if SIZE in data:
+        size, aspect = np.array(data[SIZE], dtype=float), float(data[ASPECT])
+    else:
+        percent = render.resolution_percentage / 100
+        size = np.array([render.resolution_x, render.resolution_y], dtype=float) * percent
+        aspect = render.pixel_aspect_x / render.pixel_aspect_y
+    width, height = size
+    wide = data.sensor_fit == "HORIZONTAL" or (data.sensor_fit == "AUTO" and width * aspect >= height)
+    across = width if wide else height / aspect
+    sensor = data.sensor_height if data.sensor_fit == "VERTICAL" else data.sensor_width
+    focal = data.lens * across / sensor
+    matrix = np.eye(3)
+    matrix[0] = focal, float(data.get(SKEW, 0.0)), width / 2 - data.shift_x * across
+    matrix[1] = 0.0, focal * aspect, height / 2 + data.shift_y * across * aspect
+    return size, matrix, np.array(data.get(DISTORTION, [0.0] * 5), dtype=float)
+
+
+def _orthonormal(matrix: np.ndarray) -> np.ndarray:
+    """The rotation nearest to a matrix in single precision."""
+    left, _, right = np.linalg.svd(matrix)
+    return left @ right
+
+
+def _same(one: Cameras, other: Cameras) -> bool:
+    if one.names != other.names:
+        return False
+    fields = ("size", "matrix", "distortion", "rotation", "translation")
+    return all(
+        np.allclose(getattr(one, field), getattr(other, field), rtol=SAME_CAMERA, atol=SAME_CAMERA) for field in fields
+    )

@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The markers of a take: one named empty a marker, keyed where it was seen, gaps left unkeyed."""
+
+import bpy
+import numpy as np
+
+from ..core.takes import Motion
+from . import animation, naming
+
+DISPLAY_SIZE = 0.012
+
+
+def add_markers(
+    collection: bpy.types.Collection,
+    action: bpy.types.Action,
+    names: tuple[str, ...],
+    motion: Motion,
+    frames: np.ndarray,
+) -> list[bpy.types.Object]:
+    """Adds one empty for each of the M `names` to `collection`, keyed in `action` at Blender's `frames` (F,).
+
+    A marker that was never seen has no keys and stands where the body would carry it.
+    """
+    empties = []
+    for index, name in enumerate(names):
+        empty = bpy.data.objects.new(name, None)
+        empty.empty_display_type = "SPHERE"
+        empty.empty_display_size = DISPLAY_SIZE
+        empty[naming.MARKER] = name
+        collection.objects.link(empty)
+        seen = motion.markers[:, index]
+        start = _first_finite(seen) if np.isfinite(seen).any() else _first_finite(motion.expected[:, index])
+        empty.location = start
+        animation.key(animation.bind(empty, action), "location", frames, seen, name)
+        empties.append(empty)
+    return empties
+
+
+def _first_finite(points: np.ndarray) -> np.ndarray:
+    """The first row of (F, 3) without NaN, or the origin."""
+    there = np.isfinite(points).all(axis=1)
+    return points[np.argmax(there)] if there.any() else np.zeros(3)

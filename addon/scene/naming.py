@@ -1,0 +1,20 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What our Blender data is called, and the custom properties that say what it is.
+
+Blender renames whatever collides (`LASI.001`), so the true names live in custom properties.
+"""
+
+PREFIX = "Mocap: "
+
+MARKER = "mocap_marker"
+CAMERA = "mocap_camera"
+CAPSULE = "mocap_capsule"
+TAKE = "mocap_take"
+CAMERAS = "mocap_cameras"
+MARKERSET = "mocap_markerset"
+EDITED = "mocap_edited_markerset"
+
+
+def title(*words: str) -> str:
+    """The name of one of our datablocks, e.g. `Mocap: walk markers`, short enough for Blender."""
+    return (PREFIX + " ".join(words))[:63]

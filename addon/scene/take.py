@@ -1,0 +1,239 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A labelled take as a whole: gathered from the labelling, shown in a scene, kept in the file and read back."""
+
+import json
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, fields, replace
+
+import bpy
+import numpy as np
+
+from ..core import rotations
+from ..core.cameras import Cameras
+from ..core.errors import JobError
+from ..core.markersets import MarkerSet
+from ..core.takes import Blobs, LabelledChunk, Labels, Motion, Suspect
+from . import armature as armatures
+from . import cameras as scene_cameras
+from . import markers as scene_markers
+from . import naming, storage
+from .body import add_body
+
+BLOBS, MOTION, POSE, FRAMES = "mocap_blobs", "mocap_motion", "mocap_pose", "mocap_frames"
+RATE, SHIFT, SUSPECTS, SOURCE, NAMES = (
+    "mocap_rate",
+    "mocap_frame_shift",
+    "mocap_suspects",
+    "mocap_source",
+    "mocap_names",
+)
+LAST_FRAME = 1048574  # Blender's last frame
+
+
+@dataclass(frozen=True, eq=False)
+class Take:
+    """Everything about one labelled take of F frames and N blobs.
+
+    name       what to call it
+    rate       frames a second
+    cameras    that saw it
+    markerset  whose markers were named
+    blobs      all N of them, in the order of their file
+    labels     row for row with `blobs`
+    motion     frame for frame with `blobs.frames`
+    suspects   ranges of frames to look at
+    source     the file of the blobs, empty if there is none
+    """
+
+    name: str
+    rate: float
+    cameras: Cameras
+    markerset: MarkerSet
+    blobs: Blobs
+    labels: Labels
+    motion: Motion
+    suspects: tuple[Suspect, ...] = ()
+    source: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Stored:
+    """What the file keeps of a take: as `Take`, with the names of the markers for the marker set.
+
+    shift  added to the source's frame numbers to get Blender's
+    """
+
+    name: str
+    rate: float
+    cameras: Cameras
+    names: tuple[str, ...]
+    blobs: Blobs
+    labels: Labels
+    motion: Motion
+    suspects: tuple[Suspect, ...]
+    source: str
+    shift: int
+
+
+def join_blobs(chunks: Iterable[Blobs]) -> Blobs:
+    """Consecutive chunks of a take as one."""
+    chunks = list(chunks)
+    before = np.cumsum([0, *(len(chunk.frames) for chunk in chunks)])
+    return Blobs(
+        _joined([chunk.frames for chunk in chunks], int),
+        _joined([chunk.frame + shift for chunk, shift in zip(chunks, before, strict=False)], int),
+        _joined([chunk.camera for chunk in chunks], int),
+        _joined([chunk.xy for chunk in chunks], float, (2,)),
+        _joined([chunk.area for chunk in chunks], float),
+    )
+
+
+def join_labelled(chunks: list[LabelledChunk]) -> tuple[Labels, Motion, tuple[Suspect, ...]]:
+    """Labels, motion and suspects of consecutive chunks as one; suspects that touch and agree become one range."""
+    if not chunks:
+        raise JobError("the take holds no frames; expected at least one frame with blobs")
+    labels = Labels(*(np.concatenate([getattr(c.labels, f.name) for c in chunks]) for f in fields(Labels)))
+    motion = Motion(*(np.concatenate([getattr(c.motion, f.name) for c in chunks]) for f in fields(Motion)))
+    return labels, motion, _merged(suspect for chunk in chunks for suspect in chunk.suspects)
+
+
+def frame_shift(frames: np.ndarray) -> int:
+    """What to add to the source's frame numbers so that Blender can show them: mostly nothing."""
+    if not len(frames) or (frames[0] >= 0 and frames[-1] <= LAST_FRAME):
+        return 0
+    return int(1 - frames[0])
+
+
+def show_take(context: bpy.types.Context, take: Take) -> bpy.types.Collection:
+    """Builds a take in the context's scene: cameras, armature, body and keyed markers in a collection `Mocap: NAME`.
+
+    Returns that collection, which also keeps the take itself (`stored_take`). The scene's frames and rate become the
+    take's. Needs object mode; adds no undo step of its own.
+    """
+    scene = context.scene
+    shift = frame_shift(take.motion.frames)
+    frames = take.motion.frames + shift
+    camera_collection = scene_cameras.find_or_add_cameras(scene, take.cameras)
+    collection = _child(scene.collection, naming.title(take.name))
+    action = bpy.data.actions.new(collection.name)
+    build = armatures.build_of(take.markerset, take.motion)
+    armature = armatures.add_armature(context, collection, f"{take.name} armature", take.markerset, build)
+    armatures.pose_armature(armature, action, take.markerset, take.motion, frames)
+    add_body(_child(collection, f"{collection.name} body"), armature, take.markerset, build.scale)
+    empties = _child(collection, f"{collection.name} markers")
+    scene_markers.add_markers(empties, action, take.markerset.markers, take.motion, frames)
+    _store(collection, take, camera_collection, shift)
+    _set_time(scene, take.rate, frames)
+    return collection
+
+
+def takes_of(scene: bpy.types.Scene) -> list[bpy.types.Collection]:
+    """The collections of a scene that hold a take."""
+    return [collection for collection in scene.collection.children_recursive if is_take(collection)]
+
+
+def is_take(collection: bpy.types.Collection | None) -> bool:
+    """True for a collection made by `show_take`."""
+    return collection is not None and naming.TAKE in collection
+
+
+def remove_take(collection: bpy.types.Collection):
+    """Removes a take with everything that was made for it; its cameras stay."""
+    kept = [collection.get(key) for key in (BLOBS, MOTION, POSE, FRAMES)]
+    items = list(collection.all_objects)
+    actions = {item.animation_data.action for item in items if item.animation_data and item.animation_data.action}
+    data = {item.data for item in items if item.data is not None}
+    gone = [*items, *collection.children_recursive, collection]
+    bpy.data.batch_remove(gone)
+    bpy.data.batch_remove([block for block in {*data, *actions, *kept} if block is not None and block.users == 0])
+
+
+def stored_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
+    """A take as the file keeps it, in any session after the one that labelled it."""
+    blobs, frames = storage.read_table(collection[BLOBS]), storage.read_table(collection[FRAMES])
+    names = tuple(json.loads(collection[NAMES]))
+    numbers = frames["number"]
+    return Stored(
+        str(collection[naming.TAKE]),
+        float(collection[RATE]),
+        scene_cameras.cameras_of(collection[naming.CAMERAS], scene),
+        names,
+        Blobs(numbers, blobs["frame"], blobs["camera"], blobs["xy"], blobs["area"]),
+        Labels(blobs["marker"], blobs["step"], blobs["confidence"]),
+        _read_motion(collection, frames, len(names)),
+        tuple(Suspect(*row) for row in json.loads(collection[SUSPECTS])),
+        str(collection[SOURCE]),
+        int(collection[SHIFT]),
+    )
+
+
+def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Collection, shift: int):
+    title, blobs, labels, motion = collection.name, take.blobs, take.labels, take.motion
+    columns = {f.name: getattr(blobs, f.name) for f in fields(Blobs) if f.name != "frames"}
+    columns |= {f.name: getattr(labels, f.name) for f in fields(Labels)}
+    collection[BLOBS] = storage.store_table(f"{title} blobs", columns)
+    flat = {
+        "markers": motion.markers.reshape(-1, 3),
+        "expected": motion.expected.reshape(-1, 3),
+        "residual": motion.residual.ravel(),
+        "residual_px": motion.residual_px.ravel(),
+        "conflicts": motion.conflicts.ravel().astype(int),
+    }
+    collection[MOTION] = storage.store_table(f"{title} motion", flat)
+    turns = rotations.rotation_vector(motion.rotations.reshape(-1, 3, 3))
+    collection[POSE] = storage.store_table(f"{title} pose", {"joints": motion.joints.reshape(-1, 3), "turns": turns})
+    per_frame = {"number": motion.frames, "scale": motion.scale, "confidence": motion.confidence}
+    collection[FRAMES] = storage.store_table(f"{title} frames", per_frame)
+    collection[naming.TAKE] = take.name
+    collection[naming.MARKERSET] = take.markerset.name
+    collection[naming.CAMERAS] = cameras
+    collection[NAMES] = json.dumps(take.markerset.markers)
+    collection[RATE], collection[SHIFT], collection[SOURCE] = float(take.rate), shift, take.source
+    collection[SUSPECTS] = json.dumps([[int(s.first), int(s.last), s.reason] for s in take.suspects])
+
+
+def _read_motion(collection: bpy.types.Collection, frames: dict[str, np.ndarray], markers: int) -> Motion:
+    motion, pose = storage.read_table(collection[MOTION]), storage.read_table(collection[POSE])
+    count = len(frames["number"])
+    turns = rotations.exponential(pose["turns"])[0]
+    return Motion(
+        frames["number"],
+        motion["markers"].reshape(count, markers, 3),
+        motion["residual"].reshape(count, markers),
+        motion["residual_px"].reshape(count, markers),
+        motion["conflicts"].reshape(count, markers),
+        motion["expected"].reshape(count, markers, 3),
+        pose["joints"].reshape(count, -1, 3),
+        turns.reshape(count, -1, 3, 3),
+        frames["scale"],
+        frames["confidence"],
+    )
+
+
+def _set_time(scene: bpy.types.Scene, rate: float, frames: np.ndarray):
+    """Makes the scene play the take: Blender's rate is a whole number over a base."""
+    scene.render.fps = max(1, round(rate))
+    scene.render.fps_base = scene.render.fps / rate
+    if len(frames):
+        scene.frame_start, scene.frame_end = int(frames[0]), int(frames[-1])
+        scene.frame_set(int(frames[0]))
+
+
+def _child(parent: bpy.types.Collection, name: str) -> bpy.types.Collection:
+    child = bpy.data.collections.new(name)
+    parent.children.link(child)
+    return child
+
+
+def _joined(parts: list[np.ndarray], kind: type, row: tuple[int, ...] = ()) -> np.ndarray:
+    return np.concatenate(parts).astype(kind) if parts else np.empty((0, *row), dtype=kind)
+
+
+def _merged(suspects: Iterator[Suspect]) -> tuple[Suspect, ...]:
+    merged: list[Suspect] = []
+    for suspect in sorted(suspects, key=lambda s: (s.reason, s.first)):
+        if merged and merged[-1].reason == suspect.reason and suspect.first <= merged[-1].last + 1:
+            merged[-1] = replace(merged[-1], last=max(merged[-1].last, suspect.last))
+        else:
+            merged.append(suspect)
+    return tuple(sorted(merged, key=lambda s: s.first))

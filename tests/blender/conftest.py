@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A small person, four cameras around her, and a take that is known to the last digit, inside a fresh Blender."""
+
+import os
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+RESOURCES = Path(tempfile.mkdtemp(prefix="mocap-autolabel-blender-"))
+os.environ["BLENDER_USER_RESOURCES"] = str(RESOURCES)
+
+bpy = pytest.importorskip("bpy", reason="needs the bpy module")
+
+from addon.core import rotations  # noqa: E402
+from addon.core.body import BodyModel  # noqa: E402
+from addon.core.cameras import Cameras  # noqa: E402
+from addon.core.markersets import Capsules, MarkerSet, Skeleton, Spread  # noqa: E402
+from addon.core.occlusion import CapsuleOcclusion  # noqa: E402
+from addon.core.takes import CONFLICT, EXCLUSIVE, NO_MARKER, REMAINING, Blobs, Labels, Motion, Suspect  # noqa: E402
+from addon.scene.take import Take  # noqa: E402
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+MODULE = "bl_ext.mocap_tests.mocap_autolabel"
+
+# segment: (parent, joint in the parent's axes, capsule end in its own axes, capsule radius), heights
+SEGMENTS = {
+    "pelvis": ("", (0, 0, 0.53), (0, 0, 0.06), 0.075),
+    "trunk": ("pelvis", (0, 0, 0.06), (0, 0, 0.21), 0.08),
+    "head": ("trunk", (0, 0, 0.27), (0, 0, 0.09), 0.05),
+    "l_arm": ("trunk", (0, 0.11, 0.2), (0, 0.02, -0.3), 0.025),
+    "r_arm": ("trunk", (0, -0.11, 0.2), (0, -0.02, -0.3), 0.025),
+    "l_thigh": ("pelvis", (0, 0.05, -0.02), (0, 0, -0.23), 0.045),
+    "r_thigh": ("pelvis", (0, -0.05, -0.02), (0, 0, -0.23), 0.045),
+    "l_shank": ("l_thigh", (0, 0, -0.24), (0, 0, -0.22), 0.03),
+    "r_shank": ("r_thigh", (0, 0, -0.24), (0, 0, -0.22), 0.03),
+}
+# marker: (segment, place in its axes from the joint), heights
+MARKERS = {
+    "SACR": ("pelvis", (-0.08, 0, 0.03)),
+    "LASI": ("pelvis", (0.08, 0.06, 0.05)),
+    "RASI": ("pelvis", (0.08, -0.06, 0.05)),
+    "C7": ("trunk", (-0.09, 0, 0.24)),
+    "CLAV": ("trunk", (0.09, 0.01, 0.2)),
+    "LFHD": ("head", (0.055, 0.03, 0.1)),
+    "RBHD": ("head", (-0.055, -0.03, 0.1)),
+    "LWRA": ("l_arm", (0.03, 0.02, -0.28)),
+    "RWRA": ("r_arm", (0.03, -0.02, -0.28)),
+    "LKNE": ("l_thigh", (0, 0.05, -0.23)),
+    "RKNE": ("r_thigh", (0, -0.05, -0.23)),
+    "LANK": ("l_shank", (0, 0.035, -0.21)),
+    "RANK": ("r_shank", (0, -0.035, -0.21)),
+}
+
+
+def make_markerset() -> MarkerSet:
+    """A person of nine segments and thirteen markers."""
+    names = tuple(SEGMENTS)
+    parents = np.array([names.index(parent) if parent else -1 for parent, *_ in SEGMENTS.values()])
+    skeleton = Skeleton(names, parents, np.array([row[1] for row in SEGMENTS.values()], dtype=float))
+    ends = np.array([row[2] for row in SEGMENTS.values()], dtype=float)
+    capsules = Capsules(
+        np.arange(len(names)), np.zeros_like(ends), ends, np.array([row[3] for row in SEGMENTS.values()])
+    )
+    count, joints = len(MARKERS), len(names)
+    spread = Spread(
+        1.7,
+        0.1,
+        np.zeros((0, joints + count, 3)),
+        np.full(count, 0.01),
+        np.zeros((joints, 3)),
+        np.eye(3 * joints) * 0.01,
+    )
+    return MarkerSet(
+        "small",
+        "A small person for tests",
+        tuple(MARKERS),
+        {},
+        skeleton,
+        np.array([names.index(segment) for segment, _ in MARKERS.values()]),
+        np.array([place for _, place in MARKERS.values()], dtype=float),
+        capsules,
+        spread,
+        {"note": "made by hand"},
+    )
+
+
+def make_cameras(lens: float = 0.0) -> Cameras:
+    """Four cameras in a ring, with unequal sides of their pixels and the principal point off the middle."""
+    angle = np.radians([40, 130, 220, 310])
+    places = np.column_stack([4 * np.cos(angle), 4 * np.sin(angle), np.full(4, 1.8)])
+    turns = []
+    for place in places:
+        z = np.array([0, 0, 0.9]) - place
+        z /= np.linalg.norm(z)
+        x = np.cross(z, [0, 0, 1])
+        x /= np.linalg.norm(x)
+        turns.append(np.stack([x, np.cross(z, x), z]))
+    turns = np.array(turns)
+    matrix = np.array([[[620.0 + i, 0, 330 + i], [0, 640.0 - 9 * i, 240 + 2 * i], [0, 0, 1]] for i in range(4)])
+    return Cameras(
+        tuple(f"cam {i}" for i in range(4)),
+        np.full((4, 2), [656, 491]),
+        matrix,
+        np.tile([lens, 0, 0, 0, 0], (4, 1)),
+        turns,
+        -np.einsum("cij,cj->ci", turns, places),
+    )
+
+
+def make_motion(markerset: MarkerSet, count: int, first: int = 101) -> Motion:
+    """A person who wanders, turns and bends for `count` frames, with a gap of one marker and two frames lost."""
+    model, time = BodyModel(markerset), np.linspace(0, 1, count)
+    wave = np.sin(time[:, None, None] * 6 + np.arange(len(markerset.skeleton))[None, :, None] + np.arange(3))
+    bends = 0.5 * wave
+    bends[:, 0] = 0
+    bodies = replace(
+        model.rest(count, 1.6),
+        translation=np.column_stack([time - 0.5, 0.3 * time, np.zeros(count)]),
+        quaternion=rotations.about_z(5 * time),
+        bends=bends,
+    )
+    posed, size = model.pose(bodies), (count, len(markerset))
+    markers = posed.markers.copy()
+    markers[count // 3 : count // 2, 2] = np.nan
+    parts = {"joints": posed.joints.copy(), "rotations": posed.rotations.copy(), "expected": posed.markers.copy()}
+    confidence = np.ones(count)
+    if count > 6:
+        for part in (markers, *parts.values()):
+            part[3:5] = np.nan
+        confidence[3:5] = 0
+    residual = np.where(np.isfinite(markers).all(axis=2), 0.001, np.nan)
+    return Motion(
+        np.arange(first, first + count),
+        markers,
+        residual=residual,
+        residual_px=residual * 300,
+        conflicts=np.zeros(size, dtype=int),
+        scale=bodies.scale,
+        confidence=confidence,
+        **parts,
+    )
+
+
+def make_blobs(markerset: MarkerSet, cameras: Cameras, motion: Motion) -> tuple[Blobs, Labels]:
+    """What the cameras see of a motion with the body in the way, one ghost a frame, and the true labels."""
+    hidden = CapsuleOcclusion(markerset).hidden(
+        np.nan_to_num(motion.rotations), np.nan_to_num(motion.joints), motion.scale, motion.expected, cameras.centres
+    )
+    xy = cameras.project(motion.expected).transpose(1, 0, 2, 3)
+    seen = ~hidden & (xy > 0).all(axis=3) & (xy < cameras.size[:, None]).all(axis=3)
+    frame, camera, marker = np.nonzero(seen)
+    count = len(motion.frames)
+    frame = np.concatenate([frame, np.arange(count)])
+    camera = np.concatenate([camera, np.zeros(count, dtype=int)])
+    marker = np.concatenate([marker, np.full(count, NO_MARKER)])
+    places = np.concatenate([xy[seen], np.tile([30.0, 40.0], (count, 1))])
+    order = np.lexsort((camera, frame))
+    frame, camera, marker, places = frame[order], camera[order], marker[order], places[order]
+    named = marker != NO_MARKER
+    step = np.where(named, np.array([EXCLUSIVE, CONFLICT, REMAINING])[marker % 3], 0)
+    blobs = Blobs(motion.frames, frame, camera, places, np.full(len(frame), np.nan))
+    return blobs, Labels(marker, step, np.where(named, 0.9, 0.0))
+
+
+def make_take(frames: int = 20, lens: float = 0.0, name: str = "walk") -> Take:
+    """A labelled take of the small person."""
+    markerset, cameras = make_markerset(), make_cameras(lens)
+    motion = make_motion(markerset, frames)
+    blobs, labels = make_blobs(markerset, cameras, motion)
+    suspects = (Suspect(104, 105, "nobody found"), Suspect(110, 112, "left and right may be exchanged"))
+    return Take(name, 59.94, cameras, markerset, blobs, labels, motion, suspects)
+
+
+@dataclass(frozen=True)
+class Made:
+    """The makers of test data, handed to the tests as one fixture."""
+
+    markerset = staticmethod(make_markerset)
+    cameras = staticmethod(make_cameras)
+    motion = staticmethod(make_motion)
+    blobs = staticmethod(make_blobs)
+    take = staticmethod(make_take)
+
+
+@pytest.fixture(scope="session")
+def made() -> Made:
+    """Makers of marker sets, cameras, motions and takes."""
+    return Made()
+
+
+@pytest.fixture
+def empty():
+    """An empty file, before and after."""
+    bpy.ops.wm.read_homefile(use_empty=True)
+    yield bpy.context
+    bpy.ops.wm.read_homefile(use_empty=True)

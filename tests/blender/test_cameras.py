@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Blender's cameras look through the real lens, and calibrations come back out of them."""
+
+import bpy
+import numpy as np
+import pytest
+from bpy_extras.object_utils import world_to_camera_view
+from mathutils import Vector
+
+from addon.core.errors import InputError
+from addon.scene import cameras as scene_cameras
+
+FIELDS = ("size", "matrix", "distortion", "rotation", "translation")
+
+
+def test_blender_sees_points_where_the_calibration_puts_them(empty, made):
+    cameras, scene = made.cameras(), empty.scene
+    collection = scene_cameras.add_cameras(scene, cameras)
+    points = np.random.default_rng(1).uniform([-1, -1, 0], [1, 1, 2], (50, 3))
+    expected = cameras.project(points)
+    for index, camera in enumerate(collection.objects):
+        scene_cameras.look_through(scene, camera)
+        empty.view_layer.update()
+        view = np.array([world_to_camera_view(scene, camera, Vector(point)) for point in points])
+        width, height = cameras.size[index]
+        found = np.column_stack([view[:, 0] * width, (1 - view[:, 1]) * height])
+        assert np.abs(found - expected[index]).max() < 0.01
+
+
+def test_calibrations_survive_blender(empty, made):
+    cameras = made.cameras(lens=-0.2)
+    back = scene_cameras.cameras_of(scene_cameras.add_cameras(empty.scene, cameras), empty.scene)
+    assert back.names == cameras.names
+    for field in FIELDS:
+        np.testing.assert_allclose(getattr(back, field), getattr(cameras, field), rtol=1e-6, atol=1e-5)
+    points = np.random.default_rng(2).uniform([-1, -1, 0], [1, 1, 2], (50, 3))
+    assert np.abs(back.project(points) - cameras.project(points)).max() < 0.005
+
+
+def test_moving_a_camera_moves_its_calibration(empty, made):
+    collection = scene_cameras.add_cameras(empty.scene, made.cameras())
+    collection.objects[1].location.z += 0.5
+    empty.view_layer.update()
+    moved = scene_cameras.cameras_of(collection, empty.scene).centres - made.cameras().centres
+    np.testing.assert_allclose(moved, [[0, 0, 0], [0, 0, 0.5], [0, 0, 0], [0, 0, 0]], atol=1e-5)
+
+
+@pytest.mark.parametrize("fit", ["AUTO", "HORIZONTAL", "VERTICAL"])
+@pytest.mark.parametrize("size", [(640, 480), (480, 640)])
+def test_a_users_own_cameras_are_read_as_blender_draws_them(empty, fit, size):
+    scene = empty.scene
+    scene.render.resolution_x, scene.render.resolution_y = size
+    scene.render.pixel_aspect_x = 1.25
+    camera = bpy.data.objects.new("Mine", bpy.data.cameras.new("Mine"))
+    scene.collection.objects.link(camera)
+    camera.data.sensor_fit, camera.data.shift_x, camera.data.shift_y = fit, 0.05, -0.1
+    camera.location, camera.rotation_euler = (3, -2, 1.5), (1.3, 0.1, 0.8)
+    empty.view_layer.update()
+    points = np.random.default_rng(3).uniform(-1, 1, (20, 3))
+    found = scene_cameras.cameras_of_scene(scene).project(points)[0]
+    view = np.array([world_to_camera_view(scene, camera, Vector(point)) for point in points])
+    expected = np.column_stack([view[:, 0] * size[0], (1 - view[:, 1]) * size[1]])
+    assert np.abs(found - expected).max() < 0.01
+
+
+def test_cameras_of_a_blend_file_leave_nothing_behind(empty, made, tmp_path):
+    path = str(tmp_path / "room.blend")
+    scene_cameras.add_cameras(empty.scene, made.cameras(lens=0.1))
+    bpy.ops.wm.save_as_mainfile(filepath=path, copy=True)
+    bpy.ops.wm.read_homefile(use_empty=True)
+    before = {len(getattr(bpy.data, kind)) for kind in ("objects", "cameras", "scenes", "libraries", "collections")}
+    back = scene_cameras.cameras_of_blend(path)
+    for field in FIELDS:
+        np.testing.assert_allclose(getattr(back, field), getattr(made.cameras(lens=0.1), field), rtol=1e-6, atol=1e-5)
+    after = {len(getattr(bpy.data, kind)) for kind in ("objects", "cameras", "scenes", "libraries", "collections")}
+    assert after == before
+
+
+def test_what_is_no_blend_file_is_one_sentence(empty, tmp_path):
+    path = tmp_path / "room.blend"
+    path.write_text("this is not a Blender file")
+    with pytest.raises(InputError, match="not a Blender file"):
+        scene_cameras.cameras_of_blend(str(path))
+
+
+def test_a_scene_without_cameras_and_an_orthographic_one_are_refused(empty):
+    with pytest.raises(InputError, match="no cameras"):
+        scene_cameras.cameras_of_scene(empty.scene)
+    camera = bpy.data.objects.new("Plan", bpy.data.cameras.new("Plan"))
+    camera.data.type = "ORTHO"
+    empty.scene.collection.objects.link(camera)
+    with pytest.raises(InputError, match="Plan is not a perspective camera"):
+        scene_cameras.cameras_of_scene(empty.scene)
+
+
+def test_the_same_cameras_are_added_once(empty, made):
+    first = scene_cameras.find_or_add_cameras(empty.scene, made.cameras())
+    assert scene_cameras.find_or_add_cameras(empty.scene, made.cameras()) == first
+    assert scene_cameras.find_or_add_cameras(empty.scene, made.cameras(lens=0.1)) != first
