@@ -1,0 +1,268 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which blob is which marker, conservatively, in the three steps of the first paper's section 5 and algorithm 1.
+
+Distances are measured against how sure the fit is of each projection, so one rule serves a loose first fit and a
+tight track. Beyond the paper: a name that several cameras give must meet in one point in space, or it is withdrawn.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .takes import CONFLICT, EXCLUSIVE, REMAINING
+from .triangulation import ray_misses, triangulate
+from .views import Sight, View
+
+GATE = 16.0  # squared deviations: 4 sigma
+FAR = 1e9
+
+
+@dataclass(frozen=True)
+class Rules:
+    """How labels are given.
+
+    pixel    px, standard deviation of a blob's position, calibration included
+    slack    m, the same in space: what the calibration adds whatever the lens
+    reach    m, no blob farther than this from a projection is considered
+    clear    how much better (in squared deviations) a blob must fit one marker than the next to be exclusive
+    """
+
+    pixel: float = 1.0
+    slack: float = 0.003
+    reach: float = 0.12
+    clear: float = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class Expectation:
+    """Where the fit expects M markers: points (M, 3) m, covariance (M, 3, 3) m², visible (C, M)."""
+
+    points: np.ndarray
+    covariance: np.ndarray
+    visible: np.ndarray
+
+
+@dataclass(eq=False)
+class Naming:
+    """The labels of one frame, as they grow.
+
+    slot       (C, M) which blob of a camera is the marker, -1 where none
+    step       (C, M) index into takes.STEPS
+    owner      (C, K) which marker a blob is, -1 where none
+    conflicts  (M,) blobs that were in conflict over the marker
+    """
+
+    slot: np.ndarray
+    step: np.ndarray
+    owner: np.ndarray
+    conflicts: np.ndarray
+
+    @classmethod
+    def empty(cls, view: View, markers: int) -> "Naming":
+        shape = (len(view.image), markers)
+        return cls(np.full(shape, -1), np.zeros(shape, int), np.full(view.real.shape, -1), np.zeros(markers, int))
+
+    def give(self, camera, marker, slot, step: int):
+        """Names blobs; arrays of equal length."""
+        self.slot[camera, marker] = slot
+        self.step[camera, marker] = step
+        self.owner[camera, slot] = marker
+
+    def withdraw(self, camera, marker):
+        """Takes names back."""
+        self.owner[camera, self.slot[camera, marker]] = -1
+        self.slot[camera, marker] = -1
+        self.step[camera, marker] = 0
+
+
+class Frame:
+    """One frame's blobs against one expectation: every distance that the three steps ask for."""
+
+    def __init__(self, view: View, sight: Sight, expected: Expectation, rules: Rules):
+        self.view, self.sight, self.expected, self.rules = view, sight, expected, rules
+        self.cameras, self.markers = np.arange(len(view.image)), np.arange(len(expected.points))
+        local = sight.local(expected.points[None])
+        image = sight.image(local)
+        self.depth = np.maximum(local[0, ..., 2], 0.05)
+        self.noise = rules.pixel / sight.focal[:, None] + rules.slack / self.depth
+        slope = sight.derivatives(local, image)[0]
+        spread = slope @ expected.covariance[None] @ slope.swapaxes(-1, -2)
+        spread[..., 0, 0] += self.noise**2
+        spread[..., 1, 1] += self.noise**2
+        self.distance, self.misfit = self._against(image[0], spread)
+
+    def _against(self, image, spread):
+        """Metric distance and misfit (squared deviations + log of the spread's size) of every marker and blob."""
+        between = self.view.image[:, None] - image[:, :, None]
+        x, y = between[..., 0], between[..., 1]
+        xx, yy, xy = spread[..., 0, 0], spread[..., 1, 1], spread[..., 0, 1]
+        det = np.maximum(xx * yy - xy * xy, 1e-30)
+        square = (x * x * yy[..., None] + y * y * xx[..., None] - 2 * x * y * xy[..., None]) / det[..., None]
+        distance = np.sqrt(x * x + y * y) * self.depth[..., None]
+        within = (square < GATE) & (distance < self.rules.reach) & self.view.real[:, None]
+        size = np.log(det * self.depth**4 / 1e-8)
+        return distance, np.where(within, square + size[..., None], FAR)
+
+    def image_of(self, slot: np.ndarray) -> np.ndarray:
+        """(1, C, M, 2) normalised image of the blobs in slots (C, M)."""
+        return self.view.image[self.cameras[:, None], np.maximum(slot, 0)][None]
+
+    def meet(self, slot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Points (M, 3) m that the named blobs meet in, and residuals (M,) m; NaN with fewer than two."""
+        points, residual = triangulate(self.image_of(slot), slot[None] >= 0, self.sight)
+        return points[0], residual[0]
+
+    def tolerance(self) -> np.ndarray:
+        """(C, M) m by which a ray may miss its point."""
+        return 3.5 * self.noise * self.depth
+
+
+def name_markers(view: View, sight: Sight, expected: Expectation, rules: Rules) -> Naming:
+    """Algorithm 1 on one frame."""
+    frame = Frame(view, sight, expected, rules)
+    naming = Naming.empty(view, len(expected.points))
+    claims = identify_visible(frame, naming)
+    withdraw_strangers(frame, naming)
+    resolve_conflicts(frame, naming, claims)
+    withdraw_strangers(frame, naming)
+    name_remaining(frame, naming)
+    withdraw_strangers(frame, naming)
+    return naming
+
+
+def identify_visible(frame: Frame, naming: Naming) -> np.ndarray:
+    """Step 1: maps each blob to the closest projection of a visible marker; names those that are alone and clear.
+
+    Returns claims (C, M, K): which blobs are in conflict over which marker.
+    """
+    misfit = np.where(frame.expected.visible[..., None], frame.misfit, FAR)
+    closest = misfit.argmin(axis=1)
+    best = np.take_along_axis(misfit, closest[:, None], axis=1)[:, 0]
+    second = np.partition(misfit, 1, axis=1)[:, 1] if misfit.shape[1] > 1 else np.full_like(best, FAR)
+    mapped = best < FAR
+    claims = (closest[:, None] == frame.markers[None, :, None]) & mapped[:, None]
+    unclear = mapped & (second - best < frame.rules.clear)
+    rivals = unclear[:, None] & (misfit - best[:, None] < frame.rules.clear)
+    alone = claims & ~unclear[:, None] & (claims.sum(axis=2, keepdims=True) == 1)
+    camera, marker, slot = np.nonzero(alone)
+    naming.give(camera, marker, slot, EXCLUSIVE)
+    conflicting = (claims | rivals) & (naming.slot < 0)[..., None] & (naming.owner < 0)[:, None]
+    naming.conflicts += conflicting.sum(axis=(0, 2)) * (conflicting.sum(axis=(0, 2)) > 0)
+    return conflicting
+
+
+def withdraw_strangers(frame: Frame, naming: Naming):
+    """Takes back names whose rays do not meet: the worst ray while three or more are left, both when two disagree."""
+    for _ in range(len(frame.cameras)):
+        points, _ = frame.meet(naming.slot)
+        seen = (naming.slot >= 0) & np.isfinite(points[:, 0])
+        if not seen.any():
+            return
+        miss = ray_misses(np.nan_to_num(points)[None], frame.image_of(naming.slot), frame.sight)[0]
+        excess = np.where(seen, miss / frame.tolerance(), 0)
+        bad = excess.max(axis=0) > 1
+        if not bad.any():
+            return
+        several = seen.sum(axis=0) >= 3
+        worst = (excess == excess.max(axis=0)) & seen & bad
+        naming.withdraw(*np.nonzero(np.where(several, worst, seen & bad)))
+
+
+def resolve_conflicts(frame: Frame, naming: Naming, claims: np.ndarray):
+    """Step 2: blobs in conflict, by what the other cameras know of the marker.
+
+    Two or more named blobs elsewhere: the blob nearest to the reprojected point. One: the blob that makes the point
+    nearest to the model's marker. None: the blob nearest to the model's projection.
+    """
+    for helpers in (2, 1, 0):
+        cost = _conflict_costs(frame, naming, claims, helpers)
+        _give_best(naming, cost, CONFLICT)
+
+
+def _conflict_costs(frame: Frame, naming: Naming, claims: np.ndarray, helpers: int) -> np.ndarray:
+    """(C, M, K) misfit of each open claim whose marker has exactly `helpers` (2: or more) named blobs elsewhere."""
+    named = (naming.slot >= 0).sum(axis=0)
+    now = named >= 2 if helpers == 2 else named == helpers
+    is_open = claims & now[None, :, None] & (naming.slot < 0)[..., None] & (naming.owner < 0)[:, None]
+    if not is_open.any():
+        return np.full(claims.shape, FAR)
+    if helpers == 2:
+        return np.where(is_open, _reprojection_misfit(frame, naming), FAR)
+    if helpers == 1:
+        return _one_helper_misfit(frame, naming, is_open)
+    return np.where(is_open & _undisputed(frame, is_open), frame.misfit, FAR)
+
+
+def _undisputed(frame: Frame, is_open: np.ndarray) -> np.ndarray:
+    """(C, M, K) where a marker nobody else has seen fits one blob clearly better than its other open blobs, and back."""
+    misfit = np.where(is_open, frame.misfit, FAR)
+    return _clearly_least(misfit, 1, frame.rules.clear) & _clearly_least(misfit, 2, frame.rules.clear)
+
+
+def _clearly_least(misfit: np.ndarray, axis: int, margin: float) -> np.ndarray:
+    if misfit.shape[axis] == 1:
+        return misfit < FAR
+    two = np.partition(misfit, 1, axis=axis)
+    least, second = np.take(two, [0], axis=axis), np.take(two, [1], axis=axis)
+    return (misfit == least) & (second - least >= margin)
+
+
+def _reprojection_misfit(frame: Frame, naming: Naming) -> np.ndarray:
+    """(C, M, K) squared deviations between blobs and the reprojected point of markers named in two or more cameras."""
+    points, _ = frame.meet(naming.slot)
+    known = np.isfinite(points[:, 0])
+    local = frame.sight.local(np.nan_to_num(points)[None])
+    between = frame.view.image[:, None] - frame.sight.image(local)[0][:, :, None]
+    metres = np.sqrt((between**2).sum(axis=-1)) * frame.depth[..., None]
+    deviation = frame.tolerance()[..., None] / 3.5
+    fine = (metres < 1.5 * frame.tolerance()[..., None]) & known[None, :, None] & frame.view.real[:, None]
+    return np.where(fine, (metres / deviation) ** 2, FAR)
+
+
+def _one_helper_misfit(frame: Frame, naming: Naming, is_open: np.ndarray) -> np.ndarray:
+    """(C, M, K) how far the point of candidate and helper lies from the model's marker, squared deviations."""
+    cost = np.full(is_open.shape, FAR)
+    camera, marker, slot = np.nonzero(is_open)
+    helper = (naming.slot >= 0)[:, marker].argmax(axis=0)
+    image = np.full((1, len(frame.cameras), len(camera), 2), 0.0)
+    seen = np.zeros((1, len(frame.cameras), len(camera)), dtype=bool)
+    each = np.arange(len(camera))
+    image[0, camera, each], seen[0, camera, each] = frame.view.image[camera, slot], True
+    image[0, helper, each] = frame.view.image[helper, naming.slot[helper, marker]]
+    seen[0, helper, each] = True
+    points, residual = triangulate(image, seen, frame.sight)
+    offset = points[0] - frame.expected.points[marker]
+    floor = frame.rules.slack**2 * np.eye(3)
+    whitened = np.linalg.solve(frame.expected.covariance[marker] + floor, np.nan_to_num(offset)[..., None])[..., 0]
+    square = np.einsum("ni,ni->n", np.nan_to_num(offset), whitened)
+    fine = (residual[0] < frame.tolerance()[camera, marker]) & (square < GATE * 1.5)
+    cost[camera, marker, slot] = np.where(fine, square, FAR)
+    return cost
+
+
+def _give_best(naming: Naming, cost: np.ndarray, step: int):
+    """Names greedily, best first, one blob a marker and one marker a blob in every camera."""
+    camera, marker, slot = np.nonzero(cost < FAR)
+    for index in np.argsort(cost[camera, marker, slot], kind="stable"):
+        c, m, k = camera[index], marker[index], slot[index]
+        if naming.slot[c, m] < 0 and naming.owner[c, k] < 0:
+            naming.give(c, m, k, step)
+
+
+def name_remaining(frame: Frame, naming: Naming):
+    """Step 3: blobs still unnamed against markers still unnamed in their camera, without the occlusion test.
+
+    Markers that other cameras have fixed in space come first; the rest go by the model's projection when it is clear.
+    What is left are false markers.
+    """
+    is_open = (naming.slot < 0)[..., None] & (naming.owner < 0)[:, None] & frame.view.real[:, None]
+    _give_best(naming, np.where(is_open, _reprojection_misfit(frame, naming), FAR), REMAINING)
+    named = (naming.slot >= 0).sum(axis=0)
+    is_open = (naming.slot < 0)[..., None] & (naming.owner < 0)[:, None] & (named == 1)[None, :, None]
+    is_open &= frame.misfit < FAR
+    if is_open.any():
+        _give_best(naming, _one_helper_misfit(frame, naming, is_open), REMAINING)
+    named = (naming.slot >= 0).sum(axis=0)
+    is_open = (naming.slot < 0)[..., None] & (naming.owner < 0)[:, None] & (named == 0)[None, :, None]
+    is_open &= frame.misfit < FAR
+    _give_best(naming, np.where(is_open & _undisputed(frame, is_open), frame.misfit, FAR), REMAINING)

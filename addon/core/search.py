@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Finds the subject in one frame from nothing but its blobs, and says how sure it is of the placement."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .body import Bodies
+from .cloud import Cloud, build_cloud
+from .cost import blob_pull, cloud_pull
+from .errors import JobError
+from .fit import fit_body, fit_placement
+from .labelling import Naming, name_markers
+from .placement import blob_centre, make_starts, principal_guess
+from .prior import Prior
+from .subject import Setup, Subject, expect, learn_own, meet, refit
+from .views import View
+
+FACINGS = 8
+CLOUD_STAGES = ((0.20, 0.60, 3, False), (0.10, 0.30, 3, True), (0.05, 0.15, 4, True))
+BLOB_STAGES = ((0.06, 0.25, 3), (0.03, 0.12, 3), (0.02, 0.08, 3))
+FINALISTS = 3
+UPRIGHT = 0.35  # rad, how far a subject who is looked for leans, standard deviation
+FEWEST_POINTS = 4
+RIVAL = 0.10  # m: two fits whose markers lie farther apart than this on average are rivals, not one solution
+TEMPER = 12.0  # by how much costs overstate their differences: blobs share their errors
+
+
+@dataclass(frozen=True)
+class Hints:
+    """What the user knows of the subject: height in m, facing in rad from world +x; None where unknown."""
+
+    height: float | None = None
+    facing: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A subject found in a frame, with the names that follow from it.
+
+    confidence  0 to 1, against the best rival placement
+    trace       cost per step of the last fit, (steps + 1,)
+    """
+
+    subject: Subject
+    naming: Naming
+    points: np.ndarray
+    residual: np.ndarray
+    confidence: float
+    trace: np.ndarray
+
+
+def find_subject(view: View, setup: Setup, hints: Hints) -> Found | None:
+    """The subject in this frame, or None when the blobs hold nobody.
+
+    Raises JobError when the cameras cannot fix a position at all.
+    """
+    cloud = build_cloud(view, setup.sight)
+    if (cloud.weight > 0).sum() < FEWEST_POINTS:
+        return None
+    prior = Prior(setup.model, upright_sd=UPRIGHT)
+    starts = first_starts(view, cloud, setup, hints)
+    bodies, cost = fit_cloud(starts, cloud, setup, prior)
+    finalists = bodies.pick(_distinct(bodies, cost, setup)[:FINALISTS])
+    fit = fit_blobs(finalists, view, setup, prior)
+    order = np.argsort(fit.cost)
+    best = int(order[0])
+    confidence = _confidence(fit, best, setup)
+    return name_found(view, fit.bodies.pick([best]), setup, prior, confidence, fit.trace[:, best])
+
+
+def first_starts(view: View, cloud: Cloud, setup: Setup, hints: Hints) -> Bodies:
+    """Rest bodies all around the blobs' centre, or only near the hinted facing."""
+    guess = principal_guess(cloud, float(setup.model.markerset.rest_markers[:, 2].max()))
+    try:
+        point = blob_centre(view, setup.cameras.extrinsics)
+    except JobError:
+        point = np.average(cloud.points, axis=0, weights=cloud.weight)
+    if hints.facing is None:
+        facings = guess.facing + np.arange(FACINGS) * 2 * np.pi / FACINGS
+    else:
+        facings = hints.facing + np.radians([-20.0, 0, 20])
+    return make_starts(setup.model, point, hints.height or guess.height, facings)
+
+
+def fit_cloud(starts: Bodies, cloud: Cloud, setup: Setup, prior) -> tuple[Bodies, np.ndarray]:
+    """All starts against the cloud, from coarse to fine; returns the bodies and their costs (B,)."""
+    bodies = starts
+    for softness, reach, steps, free in CLOUD_STAGES:
+
+        def pull(markers, softness=softness, reach=reach):
+            return cloud_pull(markers, cloud.points, cloud.weight, softness, reach)
+
+        if free:
+            fit = fit_body(setup.model, bodies, pull, steps, prior)
+        else:
+            fit = fit_placement(setup.model, bodies, pull, steps, prior)
+        bodies = fit.bodies
+    return bodies, fit.cost
+
+
+def fit_blobs(bodies: Bodies, view: View, setup: Setup, prior):
+    """Bodies against the blobs themselves, visible markers only, visibility renewed at every stage."""
+    for softness, reach, steps in BLOB_STAGES:
+        visible = setup.visible(bodies)[1]
+
+        def pull(markers, visible=visible, softness=softness, reach=reach):
+            return blob_pull(markers, visible, view, setup.sight, softness, reach)
+
+        fit = fit_body(setup.model, bodies, pull, steps, prior)
+        bodies = fit.bodies
+    return fit
+
+
+def name_found(view: View, bodies: Bodies, setup: Setup, prior, confidence: float, trace: np.ndarray, rounds: int = 3) -> Found:
+    """Names the blobs of a placed body, learns from the names where this subject wears the markers, names again."""
+    height = float(bodies.scale.mean())
+    subject = Subject(bodies, setup.marker_sd * height)
+    softness, reach, _ = BLOB_STAGES[-1]
+    markers, visible = setup.visible(bodies)
+    pull = blob_pull(markers, visible, view, setup.sight, softness, reach)
+    expected = expect(subject, pull, prior, setup)
+    for _ in range(rounds):
+        naming = name_markers(view, setup.sight, expected, setup.rules)
+        points, residual = meet(view, naming, setup)
+        subject, pull = refit(view, naming, subject, setup, 3, prior)
+        subject = learn_own(points, subject, setup, 0.8)
+        expected = expect(subject, pull, prior, setup)
+    naming = name_markers(view, setup.sight, expected, setup.rules)
+    points, residual = meet(view, naming, setup)
+    return Found(subject, naming, points, residual, confidence, trace)
+
+
+def _distinct(bodies: Bodies, cost: np.ndarray, setup: Setup) -> np.ndarray:
+    """Indices of the bodies, best first, without those that ended where a better one did."""
+    markers = setup.model.pose(bodies).markers
+    kept = []
+    for index in np.argsort(cost):
+        apart = np.linalg.norm(markers[kept] - markers[index], axis=-1).mean(axis=-1)
+        if (apart > RIVAL / 2).all():
+            kept.append(int(index))
+    return np.array(kept)
+
+
+def _confidence(fit, best: int, setup: Setup) -> float:
+    """How sure the best fit is against the nearest in cost that puts the markers elsewhere."""
+    markers = setup.model.pose(fit.bodies).markers
+    apart = np.linalg.norm(markers - markers[best], axis=-1).mean(axis=-1)
+    rivals = fit.cost[apart > RIVAL]
+    if not len(rivals):
+        return 1.0
+    return float(1 / (1 + np.exp(-np.clip((rivals.min() - fit.cost[best]) / TEMPER, -50, 50))))

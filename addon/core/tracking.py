@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Follows the subject from frame to frame: the paper's future tracker, starting each frame from the last one's body."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from . import rotations
+from .body import PLACEMENT, Bodies
+from .labelling import Expectation, Naming, name_markers
+from .subject import Setup, Subject, expect, learn_own, meet, refit
+from .views import View
+
+# Standard deviations of a frame's change against the prediction, at 60 frames a second.
+TRANSLATION, TURN, STRETCH, BEND, SHAPE = 0.03, 0.10, 0.002, 0.20, 0.05
+SURPRISE = 0.020  # m a marker may be off its prediction, standard deviation; it grows while the marker is not seen
+GROWTH = 0.004
+MOST_SURPRISE = 0.06
+OWN_RATE = 0.15
+KEEP = 0.85  # share of the velocity carried on when predicting
+FEWEST = 0.35  # share of the markers that should be seen and are named, below which a frame is poor
+PATIENCE = 10  # poor frames in a row that end a track
+
+
+class Anchor:
+    """The prior of a tracked frame: the marker set's own, and that the body moved no farther than bodies move."""
+
+    def __init__(self, prior, predicted: Bodies, slack: float):
+        self.prior, self.predicted = prior, predicted
+        joints, modes = predicted.bends.shape[1], predicted.shape.shape[1]
+        deviation = np.concatenate(
+            [
+                np.full(3, TRANSLATION * slack),
+                np.full(3, TURN * slack),
+                np.full(3, STRETCH),
+                np.full(3 * (joints - 1), BEND * slack),
+                np.full(modes, SHAPE),
+            ]
+        )
+        self.weight = deviation**-2
+
+    def terms(self, bodies: Bodies):
+        """See `prior.Prior.terms`."""
+        cost, gradient, hessian = self.prior.terms(bodies)
+        change = difference(bodies, self.predicted)
+        cost = cost + (change**2 * self.weight).sum(axis=1)
+        return cost, gradient + change * self.weight, hessian + np.diag(self.weight)
+
+
+def difference(bodies: Bodies, origin: Bodies) -> np.ndarray:
+    """(B, P) the step that leads from `origin` to `bodies`, in the order of `Bodies.moved`."""
+    turn = rotations.quaternion_to_matrix(bodies.quaternion) @ rotations.quaternion_to_matrix(origin.quaternion).swapaxes(-1, -2)
+    return np.concatenate(
+        [
+            bodies.translation - origin.translation,
+            rotations.rotation_vector(turn),
+            bodies.scale - origin.scale,
+            (bodies.bends - origin.bends)[:, 1:].reshape(len(bodies.bends), -1),
+            bodies.shape - origin.shape,
+        ],
+        axis=1,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """A subject on the move.
+
+    subject   after the last frame
+    velocity  (1, P) change of the parameters a frame
+    unseen    (M,) frames since each marker was last found in space
+    poor      frames in a row in which too little was named
+    """
+
+    subject: Subject
+    velocity: np.ndarray
+    unseen: np.ndarray
+    poor: int = 0
+
+    @classmethod
+    def begin(cls, subject: Subject, points: np.ndarray, parameters: int) -> "Track":
+        """A track that starts from a found subject and the points (M, 3) of its markers, standing still."""
+        return cls(subject, np.zeros((1, parameters)), np.where(np.isfinite(points[:, 0]), 0, 5))
+
+    @property
+    def lost(self) -> bool:
+        """True when the subject has not been recognised for too long."""
+        return self.poor >= PATIENCE
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """One tracked frame: the track after it, its names, points (M, 3) m, residuals (M,) m and the expectation."""
+
+    track: Track
+    naming: Naming
+    points: np.ndarray
+    residual: np.ndarray
+    expected: Expectation
+
+
+def follow(track: Track, view: View, setup: Setup) -> Followed:
+    """Names one frame, given the track up to the frame before."""
+    predicted = replace(track.subject, bodies=track.subject.bodies.moved(KEEP * track.velocity))
+    slack = 1 + track.poor
+    prior = Anchor(setup.prior, predicted.bodies, slack)
+    naming = name_markers(view, setup.sight, _forecast(predicted, track, setup), setup.rules)
+    subject, pull = refit(view, naming, predicted, setup, 2, prior)
+    expected = expect(subject, pull, prior, setup)
+    naming = name_markers(view, setup.sight, expected, setup.rules)
+    points, residual = meet(view, naming, setup)
+    return Followed(_advanced(track, subject, naming, points, expected, setup), naming, points, residual, expected)
+
+
+def _forecast(predicted: Subject, track: Track, setup: Setup) -> Expectation:
+    """Where the markers should be before the frame is looked at."""
+    markers, visible = setup.visible(predicted.bodies)
+    deviation = np.minimum(SURPRISE + GROWTH * track.unseen, MOST_SURPRISE)
+    return Expectation(markers[0], (deviation**2)[:, None, None] * np.eye(3), visible[0])
+
+
+def _advanced(track: Track, subject: Subject, naming: Naming, points: np.ndarray, expected: Expectation, setup: Setup) -> Track:
+    change = difference(subject.bodies, track.subject.bodies)
+    change[:, 6:PLACEMENT] = 0
+    velocity = 0.5 * track.velocity + 0.5 * change
+    named = (naming.slot >= 0).any(axis=0).sum()
+    due = max(expected.visible.any(axis=0).sum(), 4)
+    poor = track.poor + 1 if named < FEWEST * due else 0
+    unseen = np.where(np.isfinite(points[:, 0]), 0, track.unseen + 1)
+    return Track(learn_own(points, subject, setup, OWN_RATE), velocity, unseen, poor)
+
+
