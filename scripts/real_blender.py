@@ -19,7 +19,16 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 TOOL = ROOT.parent / "shared" / "tools" / "real-blender"
-WINDOW = ("--factory-startup", "--no-window-focus", "--enable-event-simulate", "--window-geometry", "0", "0", "1600", "1000")
+WINDOW = (
+    "--factory-startup",
+    "--no-window-focus",
+    "--enable-event-simulate",
+    "--window-geometry",
+    "0",
+    "0",
+    "1600",
+    "1000",
+)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Builds the installable extension, one zip for each platform and Blender, into dist/.
+
+    python scripts/build.py                                    all of them
+    python scripts/build.py --platform linux-x64 --blender 5.2   one of them
+
+Run it in an environment with `bpy` (`.venv` of run.py): Blender's own packager and checker come with it. Wheels are
+fetched once into wheels/. NumPy is never among them, because Blender brings its own and extensions share their wheels.
+"""
+
+import argparse
+import importlib.util
+import re
+import subprocess
+import sys
+import tempfile
+import tomllib
+import zipfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+MANIFEST = "blender_manifest.toml"
+LIBRARIES = ("c3d==0.6.0", "ezc3d==1.7.2", "threadpoolctl==3.8.0")
+# The platform tags that each platform's oldest supported system accepts (Blender's own requirements, SciPy's builds).
+WHEEL_TAGS = {
+    "linux-x64": ("manylinux_2_28_x86_64", "manylinux_2_27_x86_64", "manylinux_2_17_x86_64"),
+    "windows-x64": ("win_amd64",),
+    "macos-arm64": ("macosx_12_0_arm64",),
+    "macos-x64": ("macosx_11_0_x86_64",),
+}
+
+
+@dataclass(frozen=True)
+class Blender:
+    """A Blender that zips are built for: versions from `first` to before `last`, with the Python it brings."""
+
+    python: str
+    scipy: str
+    platforms: tuple[str, ...]
+    first: str
+    last: str = ""
+
+
+BLENDERS = {
+    "4.5": Blender("311", "scipy==1.17.1", tuple(WHEEL_TAGS), "4.5.0", "5.0.0"),
+    # Blender 5 no longer comes for Macs with Intel processors.
+    "5.2": Blender("313", "scipy==1.18.1", ("linux-x64", "windows-x64", "macos-arm64"), "5.2.0"),
+    # Linux distributions build Blender with their own, newer Python.
+    "5.2-python3.14": Blender("314", "scipy==1.18.1", ("linux-x64",), "5.2.0"),
+}
+
+
+def main() -> int:
+    """Build what the command line asks for and print each zip's path."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--platform", choices=WHEEL_TAGS, action="append", help="only this platform; may be repeated")
+    parser.add_argument("--blender", choices=BLENDERS, action="append", help="only this Blender; may be repeated")
+    parser.add_argument("--out", type=Path, default=ROOT / "dist", help="folder of the zips (dist)")
+    parser.add_argument("--version", help="a version other than the manifest's, for trying updates")
+    arguments = parser.parse_args()
+    for name in arguments.blender or BLENDERS:
+        for platform in BLENDERS[name].platforms:
+            if platform in (arguments.platform or WHEEL_TAGS):
+                print(build(name, platform, arguments.out, arguments.version), flush=True)
+    return 0
+
+
+def build(name: str, platform: str, out: Path, version: str | None = None) -> Path:
+    """Build and check the zip for the Blender `name` on `platform`; gives its path in the folder `out`."""
+    blender = BLENDERS[name]
+    manifest = (ROOT / MANIFEST).read_text(encoding="utf-8")
+    if version:
+        manifest = re.sub(r'(?m)^version = ".*"$', f'version = "{version}"', manifest)
+    version = tomllib.loads(manifest)["version"]
+    wheels = fetch_wheels(blender, platform)
+    out.mkdir(parents=True, exist_ok=True)
+    target = out / f"mocap_autolabel-{version}-blender{name}-{platform}.zip"
+    with tempfile.TemporaryDirectory() as folder:
+        sources = Path(folder) / "sources.zip"
+        blender_ext("build", "--source-dir", str(ROOT), "--output-filepath", str(sources))
+        pack(target, sources, narrowed(manifest, blender, platform, wheels), wheels)
+    blender_ext("validate", str(target))
+    return target
+
+
+def fetch_wheels(blender: Blender, platform: str) -> list[Path]:
+    """The wheels for one Blender on one platform, fetched into wheels/ unless they are there."""
+    folder = ROOT / "wheels" / f"cp{blender.python}-{platform}"
+    wanted = [blender.scipy, *LIBRARIES]
+    have = {"{}=={}".format(*path.name.split("-")[:2]): path for path in folder.glob("*.whl")}
+    if missing := [requirement for requirement in wanted if requirement not in have]:
+        tags = [part for tag in WHEEL_TAGS[platform] for part in ("--platform", tag)]
+        pip = [sys.executable, "-m", "pip", "download", "--quiet", "--disable-pip-version-check", "--no-input"]
+        target = ["--no-deps", "--only-binary", ":all:", "--python-version", blender.python, *tags]
+        subprocess.run([*pip, *target, "--dest", str(folder), *missing], check=True, stdin=subprocess.DEVNULL)
+        return fetch_wheels(blender, platform)
+    return [have[requirement] for requirement in wanted]
+
+
+def narrowed(manifest: str, blender: Blender, platform: str, wheels: list[Path]) -> str:
+    """The manifest of one zip: the repository's, with its platform, its Blender versions and its wheels."""
+    lines = [f'blender_version_min = "{blender.first}"']
+    if blender.last:
+        lines.append(f'blender_version_max = "{blender.last}"')
+    lines.append(f'platforms = ["{platform}"]')
+    lines.append("wheels = [\n" + "".join(f'  "./wheels/{path.name}",\n' for path in wheels) + "]")
+    text = re.sub(r"(?m)^# scripts/build.py narrows .*\n", "", manifest)
+    text = re.sub(r"(?m)^blender_version_min = .*$", lambda _: "\n".join(lines), text)
+    return text[: text.index("[build]")].rstrip() + "\n"
+
+
+def pack(target: Path, sources: Path, manifest: str, wheels: list[Path]) -> None:
+    """Write the zip anew from the packed sources, the narrowed manifest and the wheels."""
+    with zipfile.ZipFile(sources) as packed, zipfile.ZipFile(target, "w") as archive:
+        for entry, content in _entries(packed, manifest, wheels):
+            compression = zipfile.ZIP_STORED if entry.endswith(".whl") else zipfile.ZIP_DEFLATED
+            # A fixed time makes the same sources give the same bytes.
+            archive.writestr(zipfile.ZipInfo(entry), content, compression)
+
+
+def _entries(packed: zipfile.ZipFile, manifest: str, wheels: list[Path]) -> Iterator[tuple[str, bytes]]:
+    yield MANIFEST, manifest.encode()
+    for name in sorted(packed.namelist()):
+        if name != MANIFEST and not name.endswith("/"):
+            yield name, packed.read(name)
+    for path in wheels:
+        yield f"wheels/{path.name}", path.read_bytes()
+
+
+def blender_ext(command: str, *arguments: str) -> None:
+    """Run Blender's own extension tool, with Blender's own list of tags; its complaints end the build."""
+    spec = importlib.util.find_spec("bpy")
+    if spec is None:
+        sys.exit("build.py: this Python has no bpy module, which brings Blender's packager; use the one in .venv")
+    (module,) = spec.submodule_search_locations
+    (tool,) = Path(module).glob("*/scripts/addons_core/bl_pkg/cli/blender_ext.py")
+    scripts = tool.parents[3]
+    tags = next(scripts.glob("modules/**/extensions/tags.py"))
+    done = subprocess.run(
+        [sys.executable, str(tool), command, "--valid-tags", str(tags), *arguments],
+        check=False,
+        capture_output=True,
+        text=True,
+    )
+    if done.returncode or "WARN" in done.stdout.upper():
+        sys.exit(f"build.py: Blender's packager says: {done.stdout}{done.stderr}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
