@@ -5,16 +5,14 @@ Pixels count from the top left corner of the picture, x to the right and y down.
 """
 
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 
 DISTANCE = 0.5
 LAYER_STEP = 0.002
 ROUND = 20
-FONT = "Inter.woff2"
-# The width of an average letter of the font, in units of its size.
-LETTER = 0.58
+# The width of an average letter of Blender's built-in font, in units of its size.
+LETTER = 0.64
 
 
 class Sheet:
@@ -64,7 +62,6 @@ class Sheet:
         """Makes the objects, children of the scene's camera."""
         import bpy
 
-        font = _font(bpy)
         materials: dict[tuple, object] = {}
 
         def paint(colour):
@@ -75,7 +72,10 @@ class Sheet:
         for (colour, layer), polygons in self.shapes.items():
             self._add(bpy, self._mesh(bpy, polygons, layer), paint(colour))
         for x, y, words, size, colour, layer, align in self.words:
-            self._add(bpy, self._text(bpy, font, words, size, align, layer), paint(colour), self._place(x, y, layer))
+            text = self._add(bpy, self._text(bpy, words, size, align), paint(colour))
+            text.location = self._place(x, y, layer)
+            # Letters a hundredth of a metre high lose their corners when they are filled, so they are made large first.
+            text.scale = [self._scale(layer)[1]] * 3
 
     def _scale(self, layer: int) -> tuple[float, float]:
         """Distance of a layer from the camera and the size of a pixel there, m."""
@@ -100,21 +100,20 @@ class Sheet:
         mesh.from_pydata(self._place(corners[:, 0], corners[:, 1], layer).tolist(), [], [list(face) for face in faces])
         return mesh
 
-    def _text(self, bpy, font, words: str, size: float, align: str, layer: int):
+    def _text(self, bpy, words: str, size: float, align: str):
         curve = bpy.data.curves.new("words", "FONT")
         curve.body, curve.align_x = words, align
-        curve.size = size * self._scale(layer)[1]
+        curve.size = size
         curve.resolution_u = 2
-        if font:
-            curve.font = font
         return curve
 
-    def _add(self, bpy, data, material, place=(0.0, 0.0, 0.0)):
+    def _add(self, bpy, data, material):
         data.materials.append(material)
         thing = bpy.data.objects.new(data.name, data)
-        thing.parent, thing.location = self.scene.camera, place
+        thing.parent = self.scene.camera
         thing.visible_shadow = thing.visible_diffuse = thing.visible_glossy = False
         self.scene.collection.objects.link(thing)
+        return thing
 
 
 def words_width(words: str, size: float) -> float:
@@ -156,10 +155,3 @@ def new_nodes(material):
 def _circle() -> np.ndarray:
     angle = np.linspace(0, 2 * np.pi, ROUND, endpoint=False)
     return np.stack([np.cos(angle), np.sin(angle)], axis=1)
-
-
-def _font(bpy):
-    """Blender's own interface font; None (the built-in outline font) where this Blender keeps it elsewhere."""
-    folder = bpy.utils.system_resource("DATAFILES", path="fonts")
-    path = Path(folder) / FONT if folder else None
-    return bpy.data.fonts.load(str(path)) if path and path.is_file() else None
