@@ -8,7 +8,7 @@ from .cameras import Cameras
 PAPER_SIZE = (656, 491)
 PAPER_CORNER = (2.4, 2.15)
 PAPER_HEIGHT = 2.4
-# The paper's volume is 2 m tall; a person up to 2 m stands anywhere in this radius around its middle and is in every image.
+# The paper's volume is 2 m tall; up to this far around its middle a person of 2 m is whole in every image.
 VOLUME_RADIUS = 0.6
 VOLUME_HEIGHT = 2.0
 MARGIN = 6.0

@@ -1,0 +1,259 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How good a labelling is, in the contract's figures, when the truth is known."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+NOTHING = -1
+# A name that is not a marker of the model: right on no blob, and a blob that bears it in truth should stay unnamed.
+FOREIGN = -2
+
+
+@dataclass
+class Counts:
+    """Whole numbers behind the figures of a labelling, or of one marker in it.
+
+    given     labels given
+    right     of them, right ones
+    present   blobs of real markers
+    found     of them, labelled right
+    absent    how often a marker got no label in an image, whether it was there or not
+    missed    of those, how often it was there, and no label of a merged blob stands for it
+    spoilt    frames in which a blob is not right
+    frames    all frames
+    """
+
+    given: int = 0
+    right: int = 0
+    present: int = 0
+    found: int = 0
+    absent: int = 0
+    missed: int = 0
+    spoilt: int = 0
+    frames: int = 0
+
+    def as_dict(self) -> dict[str, float | int | None]:
+        """The contract's figures by name, None where there is nothing to divide by, and the counts behind them."""
+        return {
+            "precision": _ratio(self.right, self.given),
+            "recall": _ratio(self.found, self.present),
+            "f1": _f1(_ratio(self.right, self.given), _ratio(self.found, self.present)),
+            "false_assignments": _ratio(self.given - self.right, self.given),
+            "false_occlusions": _ratio(self.missed, self.absent),
+            "perfect_frames": _ratio(self.frames - self.spoilt, self.frames),
+            "labels": self.given,
+            "right": self.right,
+            "wrong": self.given - self.right,
+            "marker_blobs": self.present,
+            "frames": self.frames,
+        }
+
+
+@dataclass
+class Figures:
+    """Adds up a labelling chunk by chunk and gives the contract's figures.
+
+    markers   the model's; a truth name that is not among them counts as no marker. None: every name counts
+    aliases   other names of a marker, {alias: name}, understood in labels and in the truth
+    """
+
+    markers: Sequence[str] | None = None
+    aliases: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self):
+        self._index: dict[str, int] = {name: index for index, name in enumerate(self.markers or ())}
+        self._texts = _Numbers()
+        self._members: list[tuple[int, ...]] = []
+        self._total = Counts()
+        self._views = 0
+        self._names = np.zeros((0, 7), dtype=np.int64)
+        self._steps: dict[str, list[int]] = {}
+        self._swaps: Counter[tuple[int, int]] = Counter()
+
+    def add(
+        self,
+        frame: Sequence[int],
+        camera: Sequence | None,
+        labels: Sequence[str],
+        truth: Sequence[str],
+        step: Sequence[str] | None = None,
+    ) -> "Figures":
+        """Counts N blobs of whole frames: a frame's blobs must all come in one call. Returns itself.
+
+        frame (N,), camera (N,) numbers or names, None for 3D points; labels (N,) text, empty where unnamed;
+        truth (N,) text, empty for a ghost, names joined with `|` for a merged blob; step (N,) text.
+        """
+        lengths = {len(column) for column in (frame, camera, labels, truth, step) if column is not None}
+        if len(lengths) != 1:
+            raise ValueError("columns of different lengths; expected one value for every blob")
+        label = self._codes(labels)
+        text = self._text_codes(truth)
+        frames, frame_of = np.unique(np.asarray(frame), return_inverse=True)
+        views, view = _views(frame_of, camera)
+        self._grow()
+        rows = _Rows(frame_of, view, label, text, *self._truth_tables())
+        self._count(rows, len(frames), views)
+        if step is not None:
+            self._count_steps(np.asarray(step, dtype=object), rows)
+        return self
+
+    @property
+    def total(self) -> Counts:
+        """The counts over all markers."""
+        occluded = self._views * len(self._index) - int(self._names[:, 4].sum())
+        return Counts(**{**vars(self._total), "absent": occluded, "missed": int(self._names[:, 5].sum())})
+
+    def marker(self, name: str) -> Counts:
+        """The counts of one marker; `spoilt` are the frames in which its name or its blob is in an error."""
+        given, right, present, found, seen, missed, spoilt = (int(v) for v in self._names[self._index[name]])
+        return Counts(given, right, present, found, self._views - seen, missed, spoilt, self._total.frames)
+
+    @property
+    def swaps(self) -> dict[tuple[str, str], int]:
+        """Pairs of markers that had each other's name in the same image, most frequent first."""
+        names = list(self._index)
+        return {(names[a], names[b]): count for (a, b), count in self._swaps.most_common()}
+
+    def as_dict(self) -> dict:
+        """All figures, ready for JSON."""
+        figures = self.total.as_dict()
+        figures["per_marker"] = {name: self.marker(name).as_dict() for name in self._index}
+        figures["steps"] = {
+            step: {"labels": given, "right": right, "precision": _ratio(right, given)}
+            for step, (given, right) in sorted(self._steps.items())
+        }
+        figures["swaps"] = [{"markers": list(pair), "count": count} for pair, count in self.swaps.items()]
+        return figures
+
+    def _code(self, name: str) -> int:
+        """The number of one marker's name."""
+        if not name:
+            return NOTHING
+        name = self.aliases.get(name, name)
+        if self.markers is None:
+            return self._index.setdefault(name, len(self._index))
+        return self._index.get(name, FOREIGN)
+
+    def _codes(self, labels: Sequence[str]) -> np.ndarray:
+        """(N,) marker numbers of labels."""
+        known: dict[str, int] = {name: self._code(name) for name in set(labels)}
+        return np.fromiter(map(known.__getitem__, labels), dtype=np.int64, count=len(labels))
+
+    def _text_codes(self, truth: Sequence[str]) -> np.ndarray:
+        """(N,) numbers of truth texts; `_members` has the markers that each stands for."""
+        codes = np.fromiter(map(self._texts.__getitem__, truth), dtype=np.int64, count=len(truth))
+        for text in list(self._texts)[len(self._members) :]:
+            codes_of = (self._code(name) for name in text.split("|"))
+            self._members.append(tuple(sorted({code for code in codes_of if code >= 0})))
+        return codes
+
+    def _grow(self):
+        """Makes room for names that were not there before."""
+        room = np.zeros((len(self._index) - len(self._names), self._names.shape[1]), dtype=np.int64)
+        self._names = np.concatenate([self._names, room])
+
+    def _truth_tables(self) -> tuple[np.ndarray, np.ndarray]:
+        """(texts, markers) whether a text stands for a marker; and the members of the texts, (members, 2) pairs."""
+        pairs = [(text, marker) for text, members in enumerate(self._members) for marker in members]
+        pairs = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+        stands_for = np.zeros((len(self._members), len(self._index)), dtype=bool)
+        stands_for[pairs[:, 0], pairs[:, 1]] = True
+        return stands_for, pairs
+
+    def _count(self, rows: "_Rows", frames: int, views: int):
+        count, width = len(self._index), max(len(self._index), 1)
+        given, right, real = rows.given, rows.right, rows.real
+        wrong = np.where(real, ~right, given)
+        total = self._total
+        total.given += int(given.sum())
+        total.right += int(right.sum())
+        total.present += int(real.sum())
+        total.found += int(right.sum())
+        total.frames += frames
+        total.spoilt += len(np.unique(rows.frame[wrong]))
+        self._views += views
+
+        named = rows.label >= 0
+        row, member = rows.members()
+        label_of = np.bincount(rows.label[named], minlength=count)
+        right_of = np.bincount(rows.label[right], minlength=count)
+        present_of = np.bincount(member, minlength=count)
+        found_of = np.bincount(member[right[row]], minlength=count)
+        seen = np.unique(rows.view[named] * width + rows.label[named])
+        there = np.unique(rows.view[row] * width + member)
+        stood_for = np.unique((rows.view[row] * width + member)[right[row]])
+        missed = np.setdiff1d(np.setdiff1d(there, seen, assume_unique=True), stood_for, assume_unique=True)
+        errors = np.concatenate([rows.frame[row] * width + member, rows.frame[named] * width + rows.label[named]])
+        spoilt = np.unique(errors[np.concatenate([wrong[row], wrong[named]])])
+        columns = [label_of, right_of, present_of, found_of]
+        columns += [np.bincount(pairs % width, minlength=count) for pairs in (seen, missed, spoilt)]
+        self._names += np.stack(columns, axis=1)[:count]
+        self._count_swaps(rows, row, member, wrong, width)
+
+    def _count_swaps(self, rows: "_Rows", row: np.ndarray, member: np.ndarray, wrong: np.ndarray, width: int):
+        mixed = wrong[row] & (rows.label[row] >= 0)
+        view, true, called = rows.view[row][mixed], member[mixed], rows.label[row][mixed]
+        there = np.unique((view * width + true) * width + called)
+        back = (there // width**2 * width + there % width) * width + there // width % width
+        both = there[np.isin(there, back, assume_unique=True)]
+        first, second = both // width % width, both % width
+        pairs = np.stack([first, second], axis=1)[first < second]
+        self._swaps.update(map(tuple, pairs.tolist()))
+
+    def _count_steps(self, step: np.ndarray, rows: "_Rows"):
+        for name in set(step[rows.given]):
+            chosen = rows.given & (step == name)
+            before = self._steps.setdefault(str(name), [0, 0])
+            before[0] += int(chosen.sum())
+            before[1] += int((rows.right & chosen).sum())
+
+
+class _Numbers(dict):
+    """Numbers keys in the order in which they are first asked for."""
+
+    def __missing__(self, key):
+        self[key] = number = len(self)
+        return number
+
+
+class _Rows:
+    """The blobs of one call: frame, view and label (N,) as whole numbers, and how label and truth agree."""
+
+    def __init__(self, frame, view, label, text, stands_for, pairs):
+        self.frame, self.view, self.label = frame, view, label
+        self._text, self._pairs = text, pairs
+        self._first = np.searchsorted(pairs[:, 0], np.arange(len(stands_for) + 1))
+        self.given = label != NOTHING
+        self.real = (np.diff(self._first) > 0)[text]
+        self.right = np.zeros(len(label), dtype=bool)
+        named = np.flatnonzero(label >= 0)
+        self.right[named] = stands_for[text[named], label[named]]
+
+    def members(self) -> tuple[np.ndarray, np.ndarray]:
+        """Every pair of a blob and a marker that is in it: row numbers and marker numbers."""
+        sizes = np.diff(self._first)[self._text]
+        row = np.repeat(np.arange(len(self._text)), sizes)
+        within = np.arange(len(row)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+        return row, self._pairs[self._first[self._text[row]] + within, 1]
+
+
+def _views(frame: np.ndarray, camera: Sequence | None) -> tuple[int, np.ndarray]:
+    """How many images (a frame of a camera) there are, and the number of each blob's."""
+    if camera is None:
+        return int(frame.max(initial=-1)) + 1, frame
+    cameras, camera_of = np.unique(np.asarray(camera), return_inverse=True)
+    views, view = np.unique(frame * max(len(cameras), 1) + camera_of, return_inverse=True)
+    return len(views), view
+
+
+def _ratio(part: int, whole: int) -> float | None:
+    return part / whole if whole else None
+
+
+def _f1(precision: float | None, recall: float | None) -> float | None:
+    if precision is None or recall is None:
+        return None
+    return 2 * precision * recall / (precision + recall) if precision + recall else 0.0
