@@ -50,17 +50,21 @@ class Naming:
     step       (C, M) index into takes.STEPS
     owner      (C, K) which marker a blob is, -1 where none
     conflicts  (M,) blobs that were in conflict over the marker
+    misfit     (C, M, K) how badly each blob fits each marker: squared deviations plus the log of their size; FAR: never
     """
 
     slot: np.ndarray
     step: np.ndarray
     owner: np.ndarray
     conflicts: np.ndarray
+    misfit: np.ndarray
 
     @classmethod
-    def empty(cls, view: View, markers: int) -> "Naming":
-        shape = (len(view.image), markers)
-        return cls(np.full(shape, -1), np.zeros(shape, int), np.full(view.real.shape, -1), np.zeros(markers, int))
+    def empty(cls, frame: "Frame") -> "Naming":
+        """Nothing named yet."""
+        shape = frame.misfit.shape[:2]
+        nobody = np.full(frame.view.real.shape, -1)
+        return cls(np.full(shape, -1), np.zeros(shape, int), nobody, np.zeros(shape[1], int), frame.misfit)
 
     def give(self, camera, marker, slot, step: int):
         """Names blobs; arrays of equal length."""
@@ -120,7 +124,7 @@ class Frame:
 def name_markers(view: View, sight: Sight, expected: Expectation, rules: Rules) -> Naming:
     """Algorithm 1 on one frame."""
     frame = Frame(view, sight, expected, rules)
-    naming = Naming.empty(view, len(expected.points))
+    naming = Naming.empty(frame)
     claims = identify_visible(frame, naming)
     withdraw_strangers(frame, naming)
     resolve_conflicts(frame, naming, claims)

@@ -10,7 +10,7 @@ from .cloud import Cloud, build_cloud
 from .cost import blob_pull, cloud_pull
 from .errors import JobError
 from .fit import fit_body, fit_placement
-from .labelling import Naming, name_markers
+from .labelling import Expectation, Naming, name_markers
 from .placement import blob_centre, make_starts, principal_guess
 from .prior import Prior
 from .subject import Setup, Subject, expect, learn_own, meet, refit
@@ -44,6 +44,7 @@ class Found:
 
     subject: Subject
     naming: Naming
+    expected: Expectation
     points: np.ndarray
     residual: np.ndarray
     confidence: float
@@ -128,7 +129,7 @@ def name_found(view: View, bodies: Bodies, setup: Setup, prior, confidence: floa
         expected = expect(subject, pull, prior, setup)
     naming = name_markers(view, setup.sight, expected, setup.rules)
     points, residual = meet(view, naming, setup)
-    return Found(subject, naming, points, residual, confidence, trace)
+    return Found(subject, naming, expected, points, residual, confidence, trace)
 
 
 def _distinct(bodies: Bodies, cost: np.ndarray, setup: Setup) -> np.ndarray:

@@ -8,6 +8,7 @@ import numpy as np
 from . import cost
 from .body import Bodies, BodyModel
 from .cameras import Cameras
+from .clock import Clock
 from .fit import covariance, fit_body
 from .labelling import Expectation, Naming, Rules
 from .markersets import MarkerSet
@@ -31,13 +32,14 @@ class Setup:
     occlusion: Occlusion
     rules: Rules
     marker_sd: np.ndarray
+    clock: Clock
 
     @classmethod
     def of(cls, cameras: Cameras, markerset: MarkerSet, occlusion: Occlusion | None = None, rules: Rules | None = None) -> "Setup":
         """Everything that `cameras` and `markerset` fix; `occlusion` defaults to the marker set's capsules."""
         model = BodyModel(markerset)
         body = occlusion or CapsuleOcclusion(markerset, SHRINK)
-        return cls(cameras, Sight(cameras), model, Prior(model), body, rules or Rules(), np.asarray(markerset.spread.marker_sd))
+        return cls(cameras, Sight(cameras), model, Prior(model), body, rules or Rules(), np.asarray(markerset.spread.marker_sd), Clock())
 
     def visible(self, bodies: Bodies) -> tuple[np.ndarray, np.ndarray]:
         """Markers (B, M, 3) m of bodies, and which of them each camera can see (B, C, M): virtual occlusion."""

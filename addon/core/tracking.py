@@ -102,13 +102,15 @@ class Followed:
 def follow(track: Track, view: View, setup: Setup) -> Followed:
     """Names one frame, given the track up to the frame before."""
     predicted = replace(track.subject, bodies=track.subject.bodies.moved(KEEP * track.velocity))
-    slack = 1 + track.poor
-    prior = Anchor(setup.prior, predicted.bodies, slack)
-    naming = name_markers(view, setup.sight, _forecast(predicted, track, setup), setup.rules)
-    subject, pull = refit(view, naming, predicted, setup, 2, prior)
-    expected = expect(subject, pull, prior, setup)
-    naming = name_markers(view, setup.sight, expected, setup.rules)
-    points, residual = meet(view, naming, setup)
+    prior = Anchor(setup.prior, predicted.bodies, 1 + track.poor)
+    with setup.clock("label"):
+        naming = name_markers(view, setup.sight, _forecast(predicted, track, setup), setup.rules)
+    with setup.clock("fit"):
+        subject, pull = refit(view, naming, predicted, setup, 2, prior)
+        expected = expect(subject, pull, prior, setup)
+    with setup.clock("label"):
+        naming = name_markers(view, setup.sight, expected, setup.rules)
+        points, residual = meet(view, naming, setup)
     return Followed(_advanced(track, subject, naming, points, expected, setup), naming, points, residual, expected)
 
 
