@@ -16,7 +16,7 @@ import sys
 import tempfile
 import tomllib
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,23 +32,24 @@ WHEEL_TAGS = {
 }
 
 
+# SciPy's last release for each Python that a Blender runs on.
+SCIPY = {"311": "scipy==1.17.1", "313": "scipy==1.18.1", "314": "scipy==1.18.1"}
+
+
 @dataclass(frozen=True)
 class Blender:
-    """A Blender that zips are built for: versions from `first` to before `last`, with the Python it brings."""
+    """A Blender that zips are built for: versions from `first` to before `last`, and the Pythons for each platform."""
 
-    python: str
-    scipy: str
-    platforms: tuple[str, ...]
+    pythons: dict[str, tuple[str, ...]]
     first: str
     last: str = ""
 
 
 BLENDERS = {
-    "4.5": Blender("311", "scipy==1.17.1", tuple(WHEEL_TAGS), "4.5.0", "5.0.0"),
-    # Blender 5 no longer comes for Macs with Intel processors.
-    "5.2": Blender("313", "scipy==1.18.1", ("linux-x64", "windows-x64", "macos-arm64"), "5.2.0"),
-    # Linux distributions build Blender with their own, newer Python.
-    "5.2-python3.14": Blender("314", "scipy==1.18.1", ("linux-x64",), "5.2.0"),
+    "4.5": Blender(dict.fromkeys(WHEEL_TAGS, ("311",)), "4.5.0", "5.0.0"),
+    # Blender 5 no longer comes for Macs with Intel processors, and Linux distributions build it with a newer Python
+    # than blender.org does. Blender unpacks the wheels that fit its own.
+    "5.2": Blender({"linux-x64": ("313", "314"), "windows-x64": ("313",), "macos-arm64": ("313",)}, "5.2.0"),
 }
 
 
@@ -61,7 +62,7 @@ def main() -> int:
     parser.add_argument("--version", help="a version other than the manifest's, for trying updates")
     arguments = parser.parse_args()
     for name in arguments.blender or BLENDERS:
-        for platform in BLENDERS[name].platforms:
+        for platform in BLENDERS[name].pythons:
             if platform in (arguments.platform or WHEEL_TAGS):
                 print(build(name, platform, arguments.out, arguments.version), flush=True)
     return 0
@@ -74,7 +75,7 @@ def build(name: str, platform: str, out: Path, version: str | None = None) -> Pa
     if version:
         manifest = re.sub(r'(?m)^version = ".*"$', f'version = "{version}"', manifest)
     version = tomllib.loads(manifest)["version"]
-    wheels = fetch_wheels(blender, platform)
+    wheels = {path.name: path for python in blender.pythons[platform] for path in fetch_wheels(python, platform)}
     out.mkdir(parents=True, exist_ok=True)
     target = out / f"mocap_autolabel-{version}-blender{name}-{platform}.zip"
     with tempfile.TemporaryDirectory() as folder:
@@ -85,33 +86,33 @@ def build(name: str, platform: str, out: Path, version: str | None = None) -> Pa
     return target
 
 
-def fetch_wheels(blender: Blender, platform: str) -> list[Path]:
-    """The wheels for one Blender on one platform, fetched into wheels/ unless they are there."""
-    folder = ROOT / "wheels" / f"cp{blender.python}-{platform}"
-    wanted = [blender.scipy, *LIBRARIES]
+def fetch_wheels(python: str, platform: str) -> list[Path]:
+    """The wheels for one Python ("313") on one platform, fetched into wheels/ unless they are there."""
+    folder = ROOT / "wheels" / f"cp{python}-{platform}"
+    wanted = [SCIPY[python], *LIBRARIES]
     have = {"{}=={}".format(*path.name.split("-")[:2]): path for path in folder.glob("*.whl")}
     if missing := [requirement for requirement in wanted if requirement not in have]:
         tags = [part for tag in WHEEL_TAGS[platform] for part in ("--platform", tag)]
         pip = [sys.executable, "-m", "pip", "download", "--quiet", "--disable-pip-version-check", "--no-input"]
-        target = ["--no-deps", "--only-binary", ":all:", "--python-version", blender.python, *tags]
+        target = ["--no-deps", "--only-binary", ":all:", "--python-version", python, *tags]
         subprocess.run([*pip, *target, "--dest", str(folder), *missing], check=True, stdin=subprocess.DEVNULL)
-        return fetch_wheels(blender, platform)
+        return fetch_wheels(python, platform)
     return [have[requirement] for requirement in wanted]
 
 
-def narrowed(manifest: str, blender: Blender, platform: str, wheels: list[Path]) -> str:
+def narrowed(manifest: str, blender: Blender, platform: str, wheels: Iterable[str]) -> str:
     """The manifest of one zip: the repository's, with its platform, its Blender versions and its wheels."""
     lines = [f'blender_version_min = "{blender.first}"']
     if blender.last:
         lines.append(f'blender_version_max = "{blender.last}"')
     lines.append(f'platforms = ["{platform}"]')
-    lines.append("wheels = [\n" + "".join(f'  "./wheels/{path.name}",\n' for path in wheels) + "]")
+    lines.append("wheels = [\n" + "".join(f'  "./wheels/{wheel}",\n' for wheel in wheels) + "]")
     text = re.sub(r"(?m)^# scripts/build.py narrows .*\n", "", manifest)
     text = re.sub(r"(?m)^blender_version_min = .*$", lambda _: "\n".join(lines), text)
     return text[: text.index("[build]")].rstrip() + "\n"
 
 
-def pack(target: Path, sources: Path, manifest: str, wheels: list[Path]) -> None:
+def pack(target: Path, sources: Path, manifest: str, wheels: dict[str, Path]) -> None:
     """Write the zip anew from the packed sources, the narrowed manifest and the wheels."""
     with zipfile.ZipFile(sources) as packed, zipfile.ZipFile(target, "w") as archive:
         for entry, content in _entries(packed, manifest, wheels):
@@ -120,13 +121,13 @@ def pack(target: Path, sources: Path, manifest: str, wheels: list[Path]) -> None
             archive.writestr(zipfile.ZipInfo(entry), content, compression)
 
 
-def _entries(packed: zipfile.ZipFile, manifest: str, wheels: list[Path]) -> Iterator[tuple[str, bytes]]:
+def _entries(packed: zipfile.ZipFile, manifest: str, wheels: dict[str, Path]) -> Iterator[tuple[str, bytes]]:
     yield MANIFEST, manifest.encode()
     for name in sorted(packed.namelist()):
         if name != MANIFEST and not name.endswith("/"):
             yield name, packed.read(name)
-    for path in wheels:
-        yield f"wheels/{path.name}", path.read_bytes()
+    for name, path in wheels.items():
+        yield f"wheels/{name}", path.read_bytes()
 
 
 def blender_ext(command: str, *arguments: str) -> None:
