@@ -77,7 +77,10 @@ class BodyModel:
         self.attachment = np.asarray(markerset.attachment)
         self.joint_count, self.marker_count = len(skeleton), len(markerset)
         self.offsets = np.concatenate([skeleton.offsets, markerset.offsets])
-        self.modes = np.asarray(markerset.spread.modes, dtype=float).reshape(-1, self.joint_count + self.marker_count, 3)
+        self.rest_parts = np.concatenate([skeleton.rest_joints, markerset.rest_markers])
+        self.modes = np.asarray(markerset.spread.modes, dtype=float).reshape(
+            -1, self.joint_count + self.marker_count, 3
+        )
         self.parameters = PLACEMENT + 3 * (self.joint_count - 1) + len(self.modes)
         depth = np.zeros(self.joint_count, dtype=int)
         for index in range(1, self.joint_count):
@@ -133,16 +136,20 @@ class BodyModel:
         columns[..., bends_end:] = self._shape_columns(posed, bodies.scale)
         return posed, columns
 
-    def placement_derivatives(self, bodies: Bodies) -> tuple[np.ndarray, np.ndarray]:
-        """Markers (B, M, 3) and their derivatives (B, M, 3, 9) with joints and shape at rest: the paper's equation 6."""
-        rest = self.markerset.rest_markers
+    def placement_derivatives(self, bodies: Bodies) -> tuple[Posed, np.ndarray]:
+        """The same with joints and shape at rest: derivatives (B, M, 3, 9) of the paper's equation 6.
+
+        `bodies` must be in the rest pose and of the mean shape.
+        """
         turn = rotations.quaternion_to_matrix(bodies.quaternion)
-        from_root = (rest * bodies.scale[:, None, :]) @ turn.transpose(0, 2, 1)
-        columns = np.empty((len(bodies), len(rest), 3, PLACEMENT))
+        from_root = (self.rest_parts * bodies.scale[:, None, :]) @ turn.transpose(0, 2, 1)
+        columns = np.empty((len(bodies), self.marker_count, 3, PLACEMENT))
         columns[..., 0:3] = np.eye(3)
-        columns[..., 3:6] = -rotations.cross_matrix(from_root)
-        columns[..., 6:9] = turn[:, None] * rest[None, :, None, :]
-        return from_root + bodies.translation[:, None], columns
+        columns[..., 3:6] = -rotations.cross_matrix(from_root[:, self.joint_count :])
+        columns[..., 6:9] = turn[:, None] * self.rest_parts[None, self.joint_count :, None, :]
+        placed = from_root + bodies.translation[:, None]
+        every = np.broadcast_to(turn[:, None], (len(bodies), self.joint_count, 3, 3))
+        return Posed(every, placed[:, : self.joint_count], placed[:, self.joint_count :]), columns
 
     def _scale_columns(self, posed: Posed, offsets: np.ndarray) -> np.ndarray:
         """(B, M, 3, 3) d markers / d S: each part of the chain stretches along its own segment's axes."""

@@ -33,7 +33,13 @@ class Cameras:
 
     def __post_init__(self):
         count = len(self.names)
-        for field, shape in (("size", (2,)), ("matrix", (3, 3)), ("distortion", (5,)), ("rotation", (3, 3)), ("translation", (3,))):
+        for field, shape in (
+            ("size", (2,)),
+            ("matrix", (3, 3)),
+            ("distortion", (5,)),
+            ("rotation", (3, 3)),
+            ("translation", (3,)),
+        ):
             array = np.array(getattr(self, field), dtype=float)
             if array.shape != (count, *shape):
                 raise ValueError(f"{field} has shape {array.shape}; expected {(count, *shape)}")
@@ -120,7 +126,10 @@ def distort(image: np.ndarray, lens: np.ndarray) -> np.ndarray:
     k1, k2, p1, p2, k3 = np.moveaxis(lens, -1, 0)
     r2 = x * x + y * y
     radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    return np.stack([x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x), y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y], axis=-1)
+    return np.stack(
+        [x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x), y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y],
+        axis=-1,
+    )
 
 
 def undistort(image: np.ndarray, lens: np.ndarray) -> np.ndarray:
@@ -145,11 +154,18 @@ def _distort_jacobian(image: np.ndarray, lens: np.ndarray) -> tuple[np.ndarray, 
     radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
     slope = 2 * (k1 + r2 * (2 * k2 + 3 * k3 * r2))
     cross = slope * x * y + 2 * p1 * x + 2 * p2 * y
-    return radial + slope * x * x + 2 * p1 * y + 6 * p2 * x, cross, cross, radial + slope * y * y + 6 * p1 * y + 2 * p2 * x
+    return (
+        radial + slope * x * x + 2 * p1 * y + 6 * p2 * x,
+        cross,
+        cross,
+        radial + slope * y * y + 6 * p1 * y + 2 * p2 * x,
+    )
 
 
 def _solve2(jacobian: tuple[np.ndarray, ...], right: np.ndarray) -> np.ndarray:
     """Solves many 2x2 systems at once: (..., 2)."""
     a, b, c, d = jacobian
     det = a * d - b * c
-    return np.stack([(d * right[..., 0] - b * right[..., 1]) / det, (a * right[..., 1] - c * right[..., 0]) / det], axis=-1)
+    return np.stack(
+        [(d * right[..., 0] - b * right[..., 1]) / det, (a * right[..., 1] - c * right[..., 0]) / det], axis=-1
+    )

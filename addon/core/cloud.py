@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .triangulation import triangulate
+from .triangulation import Rays
 from .views import Sight, View
 
 MEETING = 0.012  # m between two rays of one marker at its depth, plus what the pixels add
@@ -34,21 +34,15 @@ class Cloud:
 def build_cloud(view: View, sight: Sight) -> Cloud:
     """The cloud of one frame: pairs of rays that meet, completed by the other cameras that confirm the point."""
     camera, slot = np.nonzero(view.real)
-    direction, origin = rays(view.image[camera, slot], camera, sight)
+    rays = Rays(view, sight)
+    direction, origin = rays.direction[camera, slot], sight.centres[camera]
     first, second, middle = _crossings(camera, direction, origin, sight)
     if not len(first):
         return Cloud(np.zeros((0, 3)), np.zeros(0, int), np.zeros(0))
     members = _members(middle, view, sight)
     members[np.arange(len(first)), camera[first]] = slot[first]
     members[np.arange(len(first)), camera[second]] = slot[second]
-    return _chosen(np.unique(members, axis=0), view, sight)
-
-
-def rays(image: np.ndarray, camera: np.ndarray, sight: Sight) -> tuple[np.ndarray, np.ndarray]:
-    """Unit directions and origins (N, 3), world, of normalised image points (N, 2) of cameras `camera` (N,)."""
-    local = np.concatenate([image, np.ones((len(image), 1))], axis=1)
-    direction = np.einsum("nji,nj->ni", sight.rotation[camera], local)
-    return direction / np.linalg.norm(direction, axis=1, keepdims=True), sight.centres[camera]
+    return _chosen(np.unique(members, axis=0), rays, view.real.shape)
 
 
 def _crossings(camera, direction, origin, sight):
@@ -83,17 +77,15 @@ def _members(points: np.ndarray, view: View, sight: Sight) -> np.ndarray:
     return np.where(metres < allowed, nearest, -1).T
 
 
-def _chosen(members: np.ndarray, view: View, sight: Sight) -> Cloud:
+def _chosen(members: np.ndarray, rays: Rays, shape: tuple[int, int]) -> Cloud:
     """Points of the best-supported sets of blobs; a set that only repeats the blobs of better ones goes."""
     seen = members >= 0
-    image = view.image[np.arange(sight.count), np.maximum(members, 0)]
-    points, residual = triangulate(image[None].transpose(0, 2, 1, 3), seen.T[None], sight)
-    points, residual = points[0], residual[0]
+    met = rays.meet(members.T)
     support = seen.sum(axis=1)
-    fine = np.isfinite(residual) & (residual < 2 * MEETING)
-    order = np.lexsort((residual, -support))
-    claimed = np.zeros(view.real.shape, dtype=bool)
-    everyone = np.arange(sight.count)
+    fine = np.isfinite(met.residual) & (met.residual < 2 * MEETING)
+    order = np.lexsort((met.residual, -support))
+    claimed = np.zeros(shape, dtype=bool)
+    everyone = np.arange(shape[0])
     chosen = []
     for index in order[fine[order]]:
         mine = seen[index]
@@ -104,7 +96,7 @@ def _chosen(members: np.ndarray, view: View, sight: Sight) -> Cloud:
         elif support[index] == 2 and fresh.all():
             chosen.append(index)
     chosen = np.array(chosen, dtype=int)
-    return Cloud(points[chosen], support[chosen], _weights(members[chosen], support[chosen], view.real.shape))
+    return Cloud(met.points[chosen], support[chosen], _weights(members[chosen], support[chosen], shape))
 
 
 def _weights(members: np.ndarray, support: np.ndarray, shape) -> np.ndarray:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .body import Bodies, BodyModel
+from .body import Bodies, BodyModel, Posed
 from .cost import Pull
 
 FIRST_DAMPING = 1e-3
@@ -18,72 +18,108 @@ LEAST_DAMPING, MOST_DAMPING = 1e-7, 1e7
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
-    """The outcome of a fit of B bodies.
+class State:
+    """B bodies and everything the next step asks for.
 
-    bodies  where they ended
-    cost    (B,) their final cost
-    trace   (steps + 1, B) the cost at the start and after every step; it never rises
-    damping (B,) the last damping, to go on from
+    cost (B,), gradient (B, P) and normal (B, P, P) are those of the data and the prior together; posed is where the
+    bodies have their parts and columns (B, M, 3, P) how their markers move.
     """
 
     bodies: Bodies
     cost: np.ndarray
+    gradient: np.ndarray
+    normal: np.ndarray
+    posed: Posed
+    columns: np.ndarray
+
+    def covariance(self) -> np.ndarray:
+        """(B, M, 3, 3) m²: how uncertain data and prior leave each marker, from the curvature of the cost."""
+        width = self.normal.shape[-1]
+        ridge = 1e-9 * np.einsum("bii->b", self.normal)[:, None, None] * np.eye(width)
+        spread = np.linalg.inv(self.normal + ridge)
+        flat = self.columns.reshape(len(self.columns), -1, width)
+        wide = (flat @ spread).reshape(self.columns.shape)
+        return wide @ self.columns.swapaxes(-1, -2)
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """The outcome of a fit: the last state, and the cost (steps + 1, B) at the start and after every step, which never
+    rises.
+    """
+
+    state: State
     trace: np.ndarray
-    damping: np.ndarray
+
+    @property
+    def bodies(self) -> Bodies:
+        """Where the bodies ended."""
+        return self.state.bodies
+
+    @property
+    def cost(self) -> np.ndarray:
+        """(B,) their final cost."""
+        return self.state.cost
 
 
-def fit_placement(model: BodyModel, start: Bodies, pull: Callable[[np.ndarray], Pull], steps: int, prior=None) -> Fit:
+PullOf = Callable[[np.ndarray], Pull]
+
+
+def fit_placement(model: BodyModel, start: Bodies, pull: PullOf, steps: int, prior=None) -> Fit:
     """The paper's fit: scale, rotation and translation (equation 6), joints and shape at rest.
 
     `pull(markers (B, M, 3))` is the data; `prior`, if any, has `terms(bodies)` as `prior.Prior` has.
     """
-    return _descend(start, lambda bodies: _normal_equations(*model.placement_derivatives(bodies), bodies, pull, prior), steps)
+    return _descend(start, lambda bodies: placement_state(model, bodies, pull, prior), steps)
 
 
-def fit_body(model: BodyModel, start: Bodies, pull: Callable[[np.ndarray], Pull], steps: int, prior, damping=None) -> Fit:
+def fit_body(model: BodyModel, start: Bodies, pull: PullOf, steps: int, prior) -> Fit:
     """The same fit with joints and shape freed, held by the prior as far as the data does not carry."""
-
-    def equations(bodies):
-        posed, columns = model.derivatives(bodies)
-        return _normal_equations(posed.markers, columns, bodies, pull, prior)
-
-    return _descend(start, equations, steps, damping)
+    return _descend(start, lambda bodies: body_state(model, bodies, pull, prior), steps)
 
 
-def _normal_equations(markers, columns, bodies, pull, prior):
-    data = pull(markers)
+def placement_state(model: BodyModel, bodies: Bodies, pull: PullOf, prior=None) -> State:
+    """The nine-parameter normal equations at `bodies`."""
+    posed, columns = model.placement_derivatives(bodies)
+    return _state(bodies, posed, columns, pull, prior)
+
+
+def body_state(model: BodyModel, bodies: Bodies, pull: PullOf, prior) -> State:
+    """The normal equations of every parameter at `bodies`."""
+    posed, columns = model.derivatives(bodies)
+    return _state(bodies, posed, columns, pull, prior)
+
+
+def _state(bodies: Bodies, posed: Posed, columns: np.ndarray, pull: PullOf, prior) -> State:
+    data = pull(posed.markers)
     width = columns.shape[-1]
     flat = columns.reshape(len(columns), -1, width)
     weighted = (data.hessian @ columns).reshape(flat.shape)
     normal = flat.transpose(0, 2, 1) @ weighted
     gradient = (data.gradient.reshape(len(flat), 1, -1) @ flat)[:, 0]
     if prior is None:
-        return data.cost, gradient, normal
+        return State(bodies, data.cost, gradient, normal, posed, columns)
     cost, slope, curve = prior.terms(bodies)
-    return data.cost + cost, gradient + slope[:, :width], normal + curve[..., :width, :width]
+    return State(
+        bodies, data.cost + cost, gradient + slope[:, :width], normal + curve[..., :width, :width], posed, columns
+    )
 
 
-def _descend(start: Bodies, equations, steps: int, damping=None) -> Fit:
+def _descend(start: Bodies, state_at: Callable[[Bodies], State], steps: int) -> Fit:
     """Damped Gauss-Newton steps, each body with a damping of its own; a step that raises a body's cost is undone."""
-    bodies = start
-    cost, gradient, normal = equations(bodies)
-    damping = np.full(len(start), FIRST_DAMPING) if damping is None else damping.copy()
-    trace = [cost]
+    state = state_at(start)
+    damping = np.full(len(start), FIRST_DAMPING)
+    trace = [state.cost]
     for _ in range(steps):
-        tried = bodies.moved(-_damped_step(normal, gradient, damping))
-        new_cost, new_gradient, new_normal = equations(tried)
-        better = new_cost <= cost
+        tried = state_at(state.bodies.moved(-_damped_step(state.normal, state.gradient, damping)))
+        better = tried.cost <= state.cost
         damping = np.clip(np.where(better, damping / 5, damping * 10), LEAST_DAMPING, MOST_DAMPING)
         if better.all():
-            bodies, cost, gradient, normal = tried, new_cost, new_gradient, new_normal
+            state = tried
         elif better.any():
-            bodies = _merged(bodies, tried, better)
-            cost = np.where(better, new_cost, cost)
-            gradient = np.where(better[:, None], new_gradient, gradient)
-            normal = np.where(better[:, None, None], new_normal, normal)
-        trace.append(cost)
-    return Fit(bodies, cost, np.array(trace), damping)
+            state = _merged(state, tried, better)
+        trace.append(state.cost)
+    return Fit(state, np.array(trace))
 
 
 def _damped_step(normal: np.ndarray, gradient: np.ndarray, damping: np.ndarray) -> np.ndarray:
@@ -94,20 +130,8 @@ def _damped_step(normal: np.ndarray, gradient: np.ndarray, damping: np.ndarray) 
     return np.linalg.solve(damped, gradient[..., None])[..., 0]
 
 
-def _merged(old: Bodies, new: Bodies, take: np.ndarray) -> Bodies:
-    """The new bodies where `take` (B,), the old ones elsewhere."""
-    fields = {}
-    for name in old.__dataclass_fields__:
-        before, after = getattr(old, name), getattr(new, name)
-        fields[name] = np.where(take.reshape(-1, *[1] * (before.ndim - 1)), after, before)
-    return Bodies(**fields)
-
-
-def covariance(model: BodyModel, bodies: Bodies, pull: Pull, prior) -> np.ndarray:
-    """(B, M, 3, 3) m²: how uncertain the body leaves each marker, from the curvature of the cost at the solution."""
-    _, columns = model.derivatives(bodies)
-    flat = columns.reshape(len(columns), -1, columns.shape[-1])
-    normal = flat.transpose(0, 2, 1) @ (pull.hessian @ columns).reshape(flat.shape) + prior.terms(bodies)[2]
-    normal = normal + 1e-9 * np.einsum("bii->b", normal)[:, None, None] * np.eye(columns.shape[-1])
-    spread = np.linalg.inv(normal)
-    return columns @ spread[:, None] @ columns.swapaxes(-1, -2)
+def _merged(old, new, take: np.ndarray):
+    """The dataclass of arrays `new` where `take` (B,), `old` elsewhere."""
+    if isinstance(old, np.ndarray):
+        return np.where(take.reshape(-1, *[1] * (old.ndim - 1)), new, old)
+    return type(old)(*(_merged(getattr(old, name), getattr(new, name), take) for name in old.__dataclass_fields__))

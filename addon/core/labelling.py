@@ -10,10 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from .takes import CONFLICT, EXCLUSIVE, REMAINING
-from .triangulation import ray_misses, triangulate
+from .triangulation import Meeting, Rays
 from .views import Sight, View
 
 GATE = 16.0  # squared deviations: 4 sigma
+MISS = 3.5  # deviations by which a ray may miss the point that it helped to make
+REACH = 5.0  # deviations by which a blob may lie off a point that other cameras made
 FAR = 1e9
 
 
@@ -51,6 +53,8 @@ class Naming:
     owner      (C, K) which marker a blob is, -1 where none
     conflicts  (M,) blobs that were in conflict over the marker
     misfit     (C, M, K) how badly each blob fits each marker: squared deviations plus the log of their size; FAR: never
+    noise      (C, M) m, standard deviation of a blob's position at the marker's depth
+    rays       the frame's rays
     """
 
     slot: np.ndarray
@@ -58,25 +62,45 @@ class Naming:
     owner: np.ndarray
     conflicts: np.ndarray
     misfit: np.ndarray
+    noise: np.ndarray
+    rays: Rays
+    _meeting: Meeting | None = None
 
     @classmethod
     def empty(cls, frame: "Frame") -> "Naming":
         """Nothing named yet."""
         shape = frame.misfit.shape[:2]
         nobody = np.full(frame.view.real.shape, -1)
-        return cls(np.full(shape, -1), np.zeros(shape, int), nobody, np.zeros(shape[1], int), frame.misfit)
+        return cls(
+            np.full(shape, -1),
+            np.zeros(shape, int),
+            nobody,
+            np.zeros(shape[1], int),
+            frame.misfit,
+            frame.metres,
+            frame.rays,
+        )
+
+    @property
+    def meeting(self) -> Meeting:
+        """Where the named blobs of every marker meet."""
+        if self._meeting is None:
+            self._meeting = self.rays.meet(self.slot)
+        return self._meeting
 
     def give(self, camera, marker, slot, step: int):
         """Names blobs; arrays of equal length."""
         self.slot[camera, marker] = slot
         self.step[camera, marker] = step
         self.owner[camera, slot] = marker
+        self._meeting = None
 
     def withdraw(self, camera, marker):
         """Takes names back."""
         self.owner[camera, self.slot[camera, marker]] = -1
         self.slot[camera, marker] = -1
         self.step[camera, marker] = 0
+        self._meeting = None
 
 
 class Frame:
@@ -88,11 +112,12 @@ class Frame:
         local = sight.local(expected.points[None])
         image = sight.image(local)
         self.depth = np.maximum(local[0, ..., 2], 0.05)
-        self.noise = rules.pixel / sight.focal[:, None] + rules.slack / self.depth
+        self.metres = rules.pixel / sight.focal[:, None] * self.depth + rules.slack
+        self.rays = Rays(view, sight)
         slope = sight.derivatives(local, image)[0]
         spread = slope @ expected.covariance[None] @ slope.swapaxes(-1, -2)
-        spread[..., 0, 0] += self.noise**2
-        spread[..., 1, 1] += self.noise**2
+        spread[..., 0, 0] += (self.metres / self.depth) ** 2
+        spread[..., 1, 1] += (self.metres / self.depth) ** 2
         self.distance, self.misfit = self._against(image[0], spread)
 
     def _against(self, image, spread):
@@ -106,19 +131,6 @@ class Frame:
         within = (square < GATE) & (distance < self.rules.reach) & self.view.real[:, None]
         size = np.log(det * self.depth**4 / 1e-8)
         return distance, np.where(within, square + size[..., None], FAR)
-
-    def image_of(self, slot: np.ndarray) -> np.ndarray:
-        """(1, C, M, 2) normalised image of the blobs in slots (C, M)."""
-        return self.view.image[self.cameras[:, None], np.maximum(slot, 0)][None]
-
-    def meet(self, slot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Points (M, 3) m that the named blobs meet in, and residuals (M,) m; NaN with fewer than two."""
-        points, residual = triangulate(self.image_of(slot), slot[None] >= 0, self.sight)
-        return points[0], residual[0]
-
-    def tolerance(self) -> np.ndarray:
-        """(C, M) m by which a ray may miss its point."""
-        return 3.5 * self.noise * self.depth
 
 
 def name_markers(view: View, sight: Sight, expected: Expectation, rules: Rules) -> Naming:
@@ -158,12 +170,8 @@ def identify_visible(frame: Frame, naming: Naming) -> np.ndarray:
 def withdraw_strangers(frame: Frame, naming: Naming):
     """Takes back names whose rays do not meet: the worst ray while three or more are left, both when two disagree."""
     for _ in range(len(frame.cameras)):
-        points, _ = frame.meet(naming.slot)
-        seen = (naming.slot >= 0) & np.isfinite(points[:, 0])
-        if not seen.any():
-            return
-        miss = ray_misses(np.nan_to_num(points)[None], frame.image_of(naming.slot), frame.sight)[0]
-        excess = np.where(seen, miss / frame.tolerance(), 0)
+        seen = (naming.slot >= 0) & np.isfinite(naming.meeting.points[:, 0])
+        excess = np.where(seen, naming.meeting.miss / (MISS * frame.metres), 0)
         bad = excess.max(axis=0) > 1
         if not bad.any():
             return
@@ -213,14 +221,13 @@ def _clearly_least(misfit: np.ndarray, axis: int, margin: float) -> np.ndarray:
 
 def _reprojection_misfit(frame: Frame, naming: Naming) -> np.ndarray:
     """(C, M, K) squared deviations between blobs and the reprojected point of markers named in two or more cameras."""
-    points, _ = frame.meet(naming.slot)
+    points = naming.meeting.points
     known = np.isfinite(points[:, 0])
-    local = frame.sight.local(np.nan_to_num(points)[None])
+    local = frame.sight.local(np.where(known[:, None], points, 0)[None])
     between = frame.view.image[:, None] - frame.sight.image(local)[0][:, :, None]
-    metres = np.sqrt((between**2).sum(axis=-1)) * frame.depth[..., None]
-    deviation = frame.tolerance()[..., None] / 3.5
-    fine = (metres < 1.5 * frame.tolerance()[..., None]) & known[None, :, None] & frame.view.real[:, None]
-    return np.where(fine, (metres / deviation) ** 2, FAR)
+    square = (between[..., 0] ** 2 + between[..., 1] ** 2) * ((frame.depth / frame.metres) ** 2)[..., None]
+    fine = (square < REACH**2) & known[None, :, None] & frame.view.real[:, None]
+    return np.where(fine, square, FAR)
 
 
 def _one_helper_misfit(frame: Frame, naming: Naming, is_open: np.ndarray) -> np.ndarray:
@@ -228,18 +235,16 @@ def _one_helper_misfit(frame: Frame, naming: Naming, is_open: np.ndarray) -> np.
     cost = np.full(is_open.shape, FAR)
     camera, marker, slot = np.nonzero(is_open)
     helper = (naming.slot >= 0)[:, marker].argmax(axis=0)
-    image = np.full((1, len(frame.cameras), len(camera), 2), 0.0)
-    seen = np.zeros((1, len(frame.cameras), len(camera)), dtype=bool)
+    pairs = np.full((len(frame.cameras), len(camera)), -1)
     each = np.arange(len(camera))
-    image[0, camera, each], seen[0, camera, each] = frame.view.image[camera, slot], True
-    image[0, helper, each] = frame.view.image[helper, naming.slot[helper, marker]]
-    seen[0, helper, each] = True
-    points, residual = triangulate(image, seen, frame.sight)
-    offset = points[0] - frame.expected.points[marker]
+    pairs[camera, each] = slot
+    pairs[helper, each] = naming.slot[helper, marker]
+    met = frame.rays.meet(pairs)
+    offset = np.where(np.isfinite(met.points), met.points - frame.expected.points[marker], 1e3)
     floor = frame.rules.slack**2 * np.eye(3)
-    whitened = np.linalg.solve(frame.expected.covariance[marker] + floor, np.nan_to_num(offset)[..., None])[..., 0]
-    square = np.einsum("ni,ni->n", np.nan_to_num(offset), whitened)
-    fine = (residual[0] < frame.tolerance()[camera, marker]) & (square < GATE * 1.5)
+    whitened = np.linalg.solve(frame.expected.covariance[marker] + floor, offset[..., None])[..., 0]
+    square = np.einsum("ni,ni->n", offset, whitened)
+    fine = (met.residual < MISS * frame.metres[camera, marker]) & (square < GATE * 1.5)
     cost[camera, marker, slot] = np.where(fine, square, FAR)
     return cost
 

@@ -48,8 +48,6 @@ class FrameResult:
     bodies: Bodies
     naming: Naming
     expected: Expectation
-    points: np.ndarray
-    residual: np.ndarray
     placement: float
 
 
@@ -119,10 +117,8 @@ class TakeLabeller:
         if found.confidence < UNSURE:
             frame = int(frames[index])
             suspects.append(Suspect(frame, frame, f"the placement is only {found.confidence:.0%} sure"))
-        start = Track.begin(found.subject, found.points, self.setup.model.parameters)
-        results[index] = FrameResult(
-            found.subject.bodies, found.naming, found.expected, found.points, found.residual, found.confidence
-        )
+        start = Track.begin(found.subject, found.naming.meeting.points, self.setup.model.parameters)
+        results[index] = FrameResult(found.subject.bodies, found.naming, found.expected, found.confidence)
         self._follow_back(views, results, start, index, at)
         self.track = start
         return index + 1
@@ -157,7 +153,7 @@ class TakeLabeller:
 
     def _result(self, followed: Followed) -> FrameResult:
         bodies = followed.track.subject.bodies
-        return FrameResult(bodies, followed.naming, followed.expected, followed.points, followed.residual, self.placement)
+        return FrameResult(bodies, followed.naming, followed.expected, self.placement)
 
 
 def _spread(first: int, end: int) -> list[int]:
@@ -177,8 +173,9 @@ def _chunk(blobs: Blobs, views, results, setup: Setup, suspects) -> LabelledChun
         for index, (view, result) in enumerate(zip(views, results, strict=True)):
             if result is None:
                 continue
-            points[index], residual[index] = result.points, result.residual
-            residual_px[index] = result.residual * _pixels_per_metre(result, setup)
+            met = result.naming.meeting
+            points[index], residual[index] = met.points, met.residual
+            residual_px[index] = met.residual * _pixels_per_metre(result, setup)
             conflicts[index], confidence[index] = result.naming.conflicts, result.placement
             _write_labels(labels, view, result)
     motion = Motion(blobs.frames, points, residual, residual_px, conflicts, *_poses(results, setup), confidence)
@@ -212,7 +209,12 @@ def _poses(results, setup: Setup) -> tuple[np.ndarray, ...]:
     if found:
         bodies = join_bodies([results[index].bodies for index in found])
         posed = model.pose(bodies)
-        expected[found], joints[found], turn[found], scale[found] = posed.markers, posed.joints, posed.rotations, bodies.scale
+        expected[found], joints[found], turn[found], scale[found] = (
+            posed.markers,
+            posed.joints,
+            posed.rotations,
+            bodies.scale,
+        )
     return expected, joints, turn, scale
 
 

@@ -13,7 +13,7 @@ from . import rotations
 from .body import Bodies, BodyModel
 from .cloud import Cloud
 from .errors import JobError
-from .views import Sight, View
+from .views import View
 
 SHORTEST, TALLEST = 0.9, 2.2  # m
 TRIM = 0.02  # share of a cloud's weight that may be false crossings at each end of its box
@@ -55,7 +55,9 @@ def solve_translation(centroids: np.ndarray, extrinsics: np.ndarray, centre: np.
 def _least_squares(rows: np.ndarray, right: np.ndarray) -> np.ndarray:
     solution, _, rank, _ = np.linalg.lstsq(rows.reshape(-1, 3), right.ravel(), rcond=1e-6)
     if rank < 3:
-        raise JobError("the cameras that see blobs do not fix a position in space; expected blobs in two cameras or more")
+        raise JobError(
+            "the cameras that see blobs do not fix a position in space; expected blobs in two cameras or more"
+        )
     return solution
 
 

@@ -39,28 +39,64 @@ def exponential(vector: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return rotation, identity + second[..., None, None] * skew + third[..., None, None] * skew2
 
 
+def _matrix_table() -> np.ndarray:
+    """(16, 9) turns the products of a quaternion's parts into its rotation matrix."""
+    table = np.zeros((4, 4, 3, 3))
+    table[0, 0] = np.eye(3)
+    for axis in range(3):
+        table[axis + 1, axis + 1] = -np.eye(3)
+        table[axis + 1, axis + 1, axis, axis] = 1
+        following, last = (axis + 1) % 3, (axis + 2) % 3
+        table[following + 1, last + 1, following, last] = table[following + 1, last + 1, last, following] = 2
+        table[0, axis + 1, last, following] = 2
+        table[0, axis + 1, following, last] = -2
+    return table.reshape(16, 9)
+
+
+def _product_table() -> np.ndarray:
+    """(16, 4) turns the products of two quaternions' parts into the parts of their product."""
+    table = np.zeros((4, 4, 4))
+    table[0, 0, 0] = 1
+    for axis in range(1, 4):
+        following, last = axis % 3 + 1, (axis + 1) % 3 + 1
+        table[0, axis, axis] = table[axis, 0, axis] = 1
+        table[axis, axis, 0] = -1
+        table[axis, following, last] = 1
+        table[following, axis, last] = -1
+    return table.reshape(16, 4)
+
+
+MATRIX_TABLE, PRODUCT_TABLE = _matrix_table(), _product_table()
+
+
 def quaternion_to_matrix(quaternion: np.ndarray) -> np.ndarray:
     """(..., 3, 3) rotation of unit quaternions (..., 4) in the order w x y z."""
-    w, x, y, z = np.moveaxis(quaternion, -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    parts = quaternion[..., :, None] * quaternion[..., None, :]
+    shape = quaternion.shape[:-1]
+    return (parts.reshape(*shape, 16) @ MATRIX_TABLE).reshape(*shape, 3, 3)
+
+
+def quaternion_product(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """(..., 4) the turn `second` followed by the turn `first`."""
+    parts = first[..., :, None] * second[..., None, :]
+    return parts.reshape(*parts.shape[:-2], 16) @ PRODUCT_TABLE
 
 
 def turned(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:
     """Unit quaternions (..., 4) after a further turn by the rotation vector (..., 3), rad, in world axes."""
     angle = np.sqrt(np.einsum("...i,...i->...", vector, vector))[..., None]
     half = np.where(angle < SMALL, 0.5, np.sin(angle / 2) / np.where(angle < SMALL, 1.0, angle)) * vector
-    w, x, y, z = np.moveaxis(quaternion, -1, 0)
-    a, (b, c, d) = np.cos(angle[..., 0] / 2), np.moveaxis(half, -1, 0)
-    product = np.stack(
-        [a * w - b * x - c * y - d * z, a * x + b * w + c * z - d * y, a * y - b * z + c * w + d * x, a * z + b * y - c * x + d * w],
-        axis=-1,
-    )
-    return product / np.linalg.norm(product, axis=-1, keepdims=True)
+    product = quaternion_product(np.concatenate([np.cos(angle / 2), half], axis=-1), quaternion)
+    return product / np.sqrt(np.einsum("...i,...i->...", product, product))[..., None]
+
+
+def turn_between(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """(..., 3) rotation vector, rad, world axes, that turns quaternion `start` into `end` the short way round."""
+    product = quaternion_product(end, start * np.array([1.0, -1, -1, -1]))
+    product = np.where(product[..., :1] < 0, -product, product)
+    sine = np.sqrt(np.einsum("...i,...i->...", product[..., 1:], product[..., 1:]))[..., None]
+    angle = 2 * np.arctan2(sine, product[..., :1])
+    return product[..., 1:] * np.where(sine < SMALL, 2.0, angle / np.where(sine < SMALL, 1.0, sine))
 
 
 def about_z(angle: np.ndarray) -> np.ndarray:
@@ -75,7 +111,12 @@ def rotation_vector(matrix: np.ndarray) -> np.ndarray:
     trace = np.trace(matrix, axis1=-2, axis2=-1)
     w = np.sqrt(np.maximum(1 + trace, 0)) / 2
     axis = np.stack(
-        [matrix[..., 2, 1] - matrix[..., 1, 2], matrix[..., 0, 2] - matrix[..., 2, 0], matrix[..., 1, 0] - matrix[..., 0, 1]], axis=-1
+        [
+            matrix[..., 2, 1] - matrix[..., 1, 2],
+            matrix[..., 0, 2] - matrix[..., 2, 0],
+            matrix[..., 1, 0] - matrix[..., 0, 1],
+        ],
+        axis=-1,
     )
     sine = np.linalg.norm(axis, axis=-1) / 2
     angle = np.arctan2(sine, (trace - 1) / 2)

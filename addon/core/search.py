@@ -5,21 +5,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .body import Bodies
+from .body import Bodies, Posed
 from .cloud import Cloud, build_cloud
 from .cost import blob_pull, cloud_pull
 from .errors import JobError
-from .fit import fit_body, fit_placement
+from .fit import State, body_state, fit_body, fit_placement
 from .labelling import Expectation, Naming, name_markers
 from .placement import blob_centre, make_starts, principal_guess
 from .prior import Prior
-from .subject import Setup, Subject, expect, learn_own, meet, refit
+from .subject import Setup, Subject, expect, learn_own, named_pull, refit
 from .views import View
 
 FACINGS = 8
 CLOUD_STAGES = ((0.20, 0.60, 3, False), (0.10, 0.30, 3, True), (0.05, 0.15, 4, True))
 BLOB_STAGES = ((0.06, 0.25, 3), (0.03, 0.12, 3), (0.02, 0.08, 3))
 FINALISTS = 3
+ROUNDS = 3
 UPRIGHT = 0.35  # rad, how far a subject who is looked for leans, standard deviation
 FEWEST_POINTS = 4
 RIVAL = 0.10  # m: two fits whose markers lie farther apart than this on average are rivals, not one solution
@@ -45,8 +46,6 @@ class Found:
     subject: Subject
     naming: Naming
     expected: Expectation
-    points: np.ndarray
-    residual: np.ndarray
     confidence: float
     trace: np.ndarray
 
@@ -67,7 +66,7 @@ def find_subject(view: View, setup: Setup, hints: Hints) -> Found | None:
     order = np.argsort(fit.cost)
     best = int(order[0])
     confidence = _confidence(fit, best, setup)
-    return name_found(view, fit.bodies.pick([best]), setup, prior, confidence, fit.trace[:, best])
+    return name_found(view, _one(fit.state, best), setup, prior, confidence, fit.trace[:, best])
 
 
 def first_starts(view: View, cloud: Cloud, setup: Setup, hints: Hints) -> Bodies:
@@ -103,7 +102,7 @@ def fit_cloud(starts: Bodies, cloud: Cloud, setup: Setup, prior) -> tuple[Bodies
 def fit_blobs(bodies: Bodies, view: View, setup: Setup, prior):
     """Bodies against the blobs themselves, visible markers only, visibility renewed at every stage."""
     for softness, reach, steps in BLOB_STAGES:
-        visible = setup.visible(bodies)[1]
+        visible = setup.visible(bodies.scale, setup.model.pose(bodies))
 
         def pull(markers, visible=visible, softness=softness, reach=reach):
             return blob_pull(markers, visible, view, setup.sight, softness, reach)
@@ -113,23 +112,26 @@ def fit_blobs(bodies: Bodies, view: View, setup: Setup, prior):
     return fit
 
 
-def name_found(view: View, bodies: Bodies, setup: Setup, prior, confidence: float, trace: np.ndarray, rounds: int = 3) -> Found:
+def name_found(view: View, state: State, setup: Setup, prior, confidence: float, trace: np.ndarray) -> Found:
     """Names the blobs of a placed body, learns from the names where this subject wears the markers, names again."""
-    height = float(bodies.scale.mean())
-    subject = Subject(bodies, setup.marker_sd * height)
-    softness, reach, _ = BLOB_STAGES[-1]
-    markers, visible = setup.visible(bodies)
-    pull = blob_pull(markers, visible, view, setup.sight, softness, reach)
-    expected = expect(subject, pull, prior, setup)
-    for _ in range(rounds):
+    subject = Subject(state.bodies, setup.marker_sd * float(state.bodies.scale.mean()))
+    expected = expect(subject, state, setup)
+    for _ in range(ROUNDS):
         naming = name_markers(view, setup.sight, expected, setup.rules)
-        points, residual = meet(view, naming, setup)
-        subject, pull = refit(view, naming, subject, setup, 3, prior)
-        subject = learn_own(points, subject, setup, 0.8)
-        expected = expect(subject, pull, prior, setup)
+        subject, state = refit(view, naming, subject, setup, 3, prior)
+        subject = learn_own(naming.meeting.points, subject, state.posed, setup, 0.8)
+        expected = expect(
+            subject, body_state(setup.model, subject.bodies, named_pull(view, naming, subject, setup), prior), setup
+        )
     naming = name_markers(view, setup.sight, expected, setup.rules)
-    points, residual = meet(view, naming, setup)
-    return Found(subject, naming, expected, points, residual, confidence, trace)
+    return Found(subject, naming, expected, confidence, trace)
+
+
+def _one(state: State, index: int) -> State:
+    """One body of a state."""
+    posed = Posed(*(getattr(state.posed, name)[[index]] for name in Posed.__dataclass_fields__))
+    parts = (state.cost, state.gradient, state.normal)
+    return State(state.bodies.pick([index]), *(part[[index]] for part in parts), posed, state.columns[[index]])
 
 
 def _distinct(bodies: Bodies, cost: np.ndarray, setup: Setup) -> np.ndarray:

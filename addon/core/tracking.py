@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from . import rotations
-from .body import PLACEMENT, Bodies
+from .body import PLACEMENT, Bodies, Posed
 from .labelling import Expectation, Naming, name_markers
-from .subject import Setup, Subject, expect, learn_own, meet, refit
+from .subject import Setup, Subject, expect, learn_own, refit
 from .views import View
 
 # Standard deviations of a frame's change against the prediction, at 60 frames a second.
@@ -49,11 +49,10 @@ class Anchor:
 
 def difference(bodies: Bodies, origin: Bodies) -> np.ndarray:
     """(B, P) the step that leads from `origin` to `bodies`, in the order of `Bodies.moved`."""
-    turn = rotations.quaternion_to_matrix(bodies.quaternion) @ rotations.quaternion_to_matrix(origin.quaternion).swapaxes(-1, -2)
     return np.concatenate(
         [
             bodies.translation - origin.translation,
-            rotations.rotation_vector(turn),
+            rotations.turn_between(origin.quaternion, bodies.quaternion),
             bodies.scale - origin.scale,
             (bodies.bends - origin.bends)[:, 1:].reshape(len(bodies.bends), -1),
             bodies.shape - origin.shape,
@@ -90,12 +89,10 @@ class Track:
 
 @dataclass(frozen=True, eq=False)
 class Followed:
-    """One tracked frame: the track after it, its names, points (M, 3) m, residuals (M,) m and the expectation."""
+    """One tracked frame: the track after it, its names and what was expected."""
 
     track: Track
     naming: Naming
-    points: np.ndarray
-    residual: np.ndarray
     expected: Expectation
 
 
@@ -106,29 +103,29 @@ def follow(track: Track, view: View, setup: Setup) -> Followed:
     with setup.clock("label"):
         naming = name_markers(view, setup.sight, _forecast(predicted, track, setup), setup.rules)
     with setup.clock("fit"):
-        subject, pull = refit(view, naming, predicted, setup, 2, prior)
-        expected = expect(subject, pull, prior, setup)
+        subject, state = refit(view, naming, predicted, setup, 2, prior)
+        expected = expect(subject, state, setup)
     with setup.clock("label"):
         naming = name_markers(view, setup.sight, expected, setup.rules)
-        points, residual = meet(view, naming, setup)
-    return Followed(_advanced(track, subject, naming, points, expected, setup), naming, points, residual, expected)
+    return Followed(_advanced(track, subject, state.posed, naming, expected, setup), naming, expected)
 
 
 def _forecast(predicted: Subject, track: Track, setup: Setup) -> Expectation:
     """Where the markers should be before the frame is looked at."""
-    markers, visible = setup.visible(predicted.bodies)
+    posed = setup.model.pose(predicted.bodies)
     deviation = np.minimum(SURPRISE + GROWTH * track.unseen, MOST_SURPRISE)
-    return Expectation(markers[0], (deviation**2)[:, None, None] * np.eye(3), visible[0])
+    spread = (deviation**2)[:, None, None] * np.eye(3)
+    return Expectation(posed.markers[0], spread, setup.visible(predicted.bodies.scale, posed)[0])
 
 
-def _advanced(track: Track, subject: Subject, naming: Naming, points: np.ndarray, expected: Expectation, setup: Setup) -> Track:
+def _advanced(
+    track: Track, subject: Subject, posed: Posed, naming: Naming, expected: Expectation, setup: Setup
+) -> Track:
     change = difference(subject.bodies, track.subject.bodies)
     change[:, 6:PLACEMENT] = 0
     velocity = 0.5 * track.velocity + 0.5 * change
     named = (naming.slot >= 0).any(axis=0).sum()
     due = max(expected.visible.any(axis=0).sum(), 4)
     poor = track.poor + 1 if named < FEWEST * due else 0
-    unseen = np.where(np.isfinite(points[:, 0]), 0, track.unseen + 1)
-    return Track(learn_own(points, subject, setup, OWN_RATE), velocity, unseen, poor)
-
-
+    unseen = np.where(np.isfinite(naming.meeting.points[:, 0]), 0, track.unseen + 1)
+    return Track(learn_own(naming.meeting.points, subject, posed, setup, OWN_RATE), velocity, unseen, poor)

@@ -1,61 +1,71 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Markers in space from their blobs in two or more cameras, robust to one camera that is wrong."""
+"""Markers in space from their blobs in two or more cameras."""
+
+from dataclasses import dataclass
 
 import numpy as np
 
-from .views import Sight
+from .views import Sight, View
 
-PARALLEL = 1e-4  # smallest share of the mean eigenvalue below which the rays fix no depth
-REFINEMENTS = 2
+NARROW = 1e5  # rays whose normal equations are worse conditioned than this fix no depth
+RIDGE = 1e-12
 
 
-def triangulate(image: np.ndarray, seen: np.ndarray, sight: Sight) -> tuple[np.ndarray, np.ndarray]:
-    """Points (B, M, 3) m and residuals (B, M) m of markers seen at normalised image points (B, C, M, 2).
+@dataclass(frozen=True, eq=False)
+class Meeting:
+    """Where the rays of M sets of blobs meet.
 
-    `seen` (B, C, M) says which cameras count. Starts from the point nearest to all rays, then weighs every camera by
-    its distance, so that the residual is the reprojection error at the point's depth (root mean square over cameras,
-    m). NaN where fewer than two cameras see a marker or their rays are parallel.
+    points    (M, 3) m; NaN with fewer than two rays, or rays that are parallel
+    residual  (M,) m, root mean square of `miss` over the cameras that count
+    miss      (C, M) m between the point and each ray; zero where a camera does not count
     """
-    weight = seen.astype(float)
-    direction = _directions(image, sight)
-    across = np.eye(3) - direction[..., :, None] * direction[..., None, :]
-    points = _nearest(across, weight, sight)
-    for _ in range(REFINEMENTS):
-        distance = np.linalg.norm(points[:, None] - sight.centres[:, None], axis=-1)
-        points = _nearest(across, weight / np.maximum(distance, 1e-3) ** 2, sight)
-    miss = np.einsum("bcmij,bcmj->bcmi", across, points[:, None] - sight.centres[:, None])
-    squares = np.einsum("bcmi,bcmi->bcm", miss, miss) * weight
-    counts = weight.sum(axis=1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        residual = np.sqrt(squares.sum(axis=1) / np.maximum(counts, 1))
-    lost = counts < 2
-    points[lost], residual[lost] = np.nan, np.nan
-    residual[~np.isfinite(points[..., 0])] = np.nan
-    return points, residual
+
+    points: np.ndarray
+    residual: np.ndarray
+    miss: np.ndarray
 
 
-def ray_misses(points: np.ndarray, image: np.ndarray, sight: Sight) -> np.ndarray:
-    """(B, C, M) m between points (B, M, 3) and the rays of normalised image points (B, C, M, 2)."""
-    direction = _directions(image, sight)
-    arm = points[:, None] - sight.centres[:, None]
-    along = np.einsum("bcmi,bcmi->bcm", arm, direction)
-    return np.sqrt(np.maximum(np.einsum("bcmi,bcmi->bcm", arm, arm) - along**2, 0))
+class Rays:
+    """The rays of every blob of a frame, ready to be met in any combination."""
+
+    def __init__(self, view: View, sight: Sight):
+        self.centres = sight.centres
+        local = np.concatenate([view.image, np.ones((*view.image.shape[:2], 1))], axis=-1)
+        direction = local @ sight.rotation
+        self.direction = direction / np.sqrt(np.einsum("cki,cki->ck", direction, direction))[..., None]
+        self.across = np.eye(3) - self.direction[..., :, None] * self.direction[..., None, :]
+        self.anchor = (self.across @ self.centres[:, None, :, None])[..., 0]
+        self.cameras = np.arange(len(self.centres))[:, None]
+
+    def meet(self, slot: np.ndarray) -> Meeting:
+        """Meets the blobs in slots (C, M), -1 where a camera does not count.
+
+        The point nearest to all rays first, then every ray by its distance, so that what is least is the reprojection
+        error.
+        """
+        seen = slot >= 0
+        index = np.maximum(slot, 0)
+        across, anchor = self.across[self.cameras, index], self.anchor[self.cameras, index]
+        points = _nearest(across, anchor, seen.astype(float))
+        arm = points - self.centres[:, None]
+        square = np.einsum("cmi,cmi->cm", arm, arm)
+        points = _nearest(across, anchor, seen / np.maximum(square, 1e-6))
+        arm = points - self.centres[:, None]
+        missing = (across @ arm[..., None])[..., 0]
+        miss2 = np.einsum("cmi,cmi->cm", missing, missing) * seen
+        count = seen.sum(axis=0)
+        residual = np.sqrt(miss2.sum(axis=0) / np.maximum(count, 1))
+        lost = (count < 2) | ~np.isfinite(points[:, 0])
+        points[lost], residual[lost] = np.nan, np.nan
+        return Meeting(points, residual, np.where(lost, 0, np.sqrt(miss2)))
 
 
-def _directions(image: np.ndarray, sight: Sight) -> np.ndarray:
-    """(B, C, M, 3) unit directions in the world."""
-    local = np.concatenate([image, np.ones((*image.shape[:-1], 1))], axis=-1)
-    direction = local @ sight.rotation
-    return direction / np.linalg.norm(direction, axis=-1, keepdims=True)
-
-
-def _nearest(across: np.ndarray, weight: np.ndarray, sight: Sight) -> np.ndarray:
-    """(B, M, 3) the points nearest to their weighted rays; NaN where the rays do not fix one."""
-    normal = np.einsum("bcm,bcmij->bmij", weight, across)
-    right = np.einsum("bcm,bcmij,cj->bmi", weight, across, sight.centres, optimize=True)
-    scale = np.trace(normal, axis1=-2, axis2=-1)[..., None, None] / 3
-    unsure = np.linalg.det(normal / np.where(scale > 0, scale, 1.0)) < PARALLEL
-    safe = np.where(unsure[..., None, None], np.eye(3), normal)
-    points = np.linalg.solve(safe, right[..., None])[..., 0]
-    points[unsure] = np.nan
+def _nearest(across: np.ndarray, anchor: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """(M, 3) the points nearest to their weighted rays; NaN where the rays do not fix one."""
+    normal = np.einsum("cm,cmij->mij", weight, across)
+    right = np.einsum("cm,cmi->mi", weight, anchor)
+    size = np.einsum("mii->m", normal) + RIDGE
+    inverse = np.linalg.inv(normal / size[:, None, None] + RIDGE * np.eye(3))
+    points = (inverse @ right[..., None])[..., 0] / size[:, None]
+    points[np.einsum("mii->m", inverse) > NARROW] = np.nan
     return points

@@ -51,7 +51,9 @@ def split_views(blobs: Blobs, cameras: Cameras) -> list[View]:
     views = []
     for index, width in enumerate(widths):
         inside = slice(starts[index], starts[index + 1])
-        views.append(_view(image, rows[inside], blobs.camera[rows[inside]], slot[inside], (len(cameras), max(int(width), 1))))
+        views.append(
+            _view(image, rows[inside], blobs.camera[rows[inside]], slot[inside], (len(cameras), max(int(width), 1)))
+        )
     return views
 
 

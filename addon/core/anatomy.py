@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Tables of the whole body: its segments, the usual markers and where each sits, and the built-in marker sets.
+
+Names are those of Plug-in Gait and of Helen Hayes, as laboratories write them. Sides are L and R before a marker's
+name and .L and .R behind a segment's, which is how Blender finds the other side.
+"""
+
+from dataclasses import dataclass
+
+SIDES = ("L", "R")
+
+
+@dataclass(frozen=True)
+class SegmentSite:
+    """A segment: its parent, and the joint at its near end as recorded joint centres or as a mix of other points.
+
+    landmarks  names of joint centres that capture software writes among the points
+    mix        {point: share} where no landmark is known; the shares add up to 1
+    lift       what is added to the mix, heights (x forward, y outward, z up)
+    sd         how far people's joints stray from the mean, heights
+    """
+
+    name: str
+    parent: str | None
+    landmarks: tuple[str, ...] = ()
+    mix: tuple[tuple[str, float], ...] = ()
+    lift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    sd: float = 0.015
+
+
+@dataclass(frozen=True)
+class MarkerSite:
+    """A marker: its segment, and where it sits when no take of the training shows it (as in `SegmentSite`)."""
+
+    name: str
+    segment: str
+    mix: tuple[tuple[str, float], ...] = ()
+    lift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class SetSite:
+    """A built-in marker set: its markers, other names for them, and whether it has more than the lower body."""
+
+    name: str
+    description: str
+    markers: tuple[str, ...]
+    aliases: tuple[tuple[str, str], ...]
+    whole_body: bool
+
+
+def other_side(name: str) -> str:
+    """The mirrored name of a marker, a joint centre or a segment; names without a side are their own."""
+    if name.endswith((".L", ".R")):
+        return name[:-1] + ("R" if name[-1] == "L" else "L")
+    if name in UNPAIRED or name[:1] not in SIDES:
+        return name
+    return ("R" if name[0] == "L" else "L") + name[1:]
+
+
+# A marker on one side only: nothing on the other side mirrors it.
+UNPAIRED = ("RBAK",)
+
+_ROOT = SegmentSite("pelvis", None, mix=(("LHJC", 0.5), ("RHJC", 0.5)))
+_TRUNK = (
+    SegmentSite("thorax", "pelvis", mix=(("LHJC", 0.2), ("RHJC", 0.2), ("SACR", 0.6)), lift=(0.02, 0, 0.06), sd=0.02),
+    SegmentSite("head", "thorax", mix=(("C7", 0.65), ("CLAV", 0.35)), lift=(0.0, 0, 0.035), sd=0.015),
+)
+
+
+def _arm(side: str) -> tuple[SegmentSite, ...]:
+    return (
+        SegmentSite(f"upper_arm.{side}", "thorax", (f"{side}CLO",)),
+        SegmentSite(f"forearm.{side}", f"upper_arm.{side}", (f"{side}HUO",)),
+        SegmentSite(f"hand.{side}", f"forearm.{side}", (f"{side}RAO",), sd=0.01),
+    )
+
+
+def _leg(side: str) -> tuple[SegmentSite, ...]:
+    return (
+        SegmentSite(f"thigh.{side}", "pelvis", (f"{side}HJC",)),
+        SegmentSite(f"shank.{side}", f"thigh.{side}", (f"{side}FEO",)),
+        SegmentSite(f"foot.{side}", f"shank.{side}", (f"{side}TIO",), sd=0.01),
+    )
+
+
+LOWER_SEGMENTS = (_ROOT, *_leg("L"), *_leg("R"))
+WHOLE_SEGMENTS = (_ROOT, *_TRUNK, *_arm("L"), *_arm("R"), *_leg("L"), *_leg("R"))
+
+_CENTRAL = (
+    MarkerSite("SACR", "pelvis"),
+    *(MarkerSite(name, "thorax") for name in ("C7", "T2", "T6", "T10", "T12", "CLAV", "STRN", "RBAK")),
+)
+
+
+def _sided(side: str) -> tuple[MarkerSite, ...]:
+    arm, forearm, leg = f"upper_arm.{side}", f"forearm.{side}", ("thigh", "shank", "foot")
+    on_legs = zip(
+        leg,
+        (("THI", "KNE"), ("TIB", "ANK", "HFB", "TUB", "SHN", "MMA"), ("HEE", "TOE", "LCA", "STL", "NAV", "P1M", "P5M", "D5M")),
+        strict=True,
+    )
+    return (
+        MarkerSite(f"{side}ASI", "pelvis"),
+        MarkerSite(f"{side}PSI", "pelvis", (("SACR", 1.0),), (0.0, 0.025, 0.0)),
+        MarkerSite(f"{side}FHD", "head"),
+        MarkerSite(f"{side}BHD", "head"),
+        MarkerSite(f"{side}SHO", "thorax"),
+        MarkerSite(f"{side}UPA", arm, ((f"{side}CLO", 0.5), (f"{side}HUO", 0.5)), (0.0, 0.03, 0.0)),
+        MarkerSite(f"{side}ELB", arm),
+        MarkerSite(f"{side}FRM", forearm, ((f"{side}HUO", 0.5), (f"{side}RAO", 0.5)), (0.0, 0.025, 0.0)),
+        MarkerSite(f"{side}WRA", forearm),
+        MarkerSite(f"{side}WRB", forearm),
+        MarkerSite(f"{side}FIN", f"hand.{side}"),
+        *(MarkerSite(side + name, f"{segment}.{side}") for segment, names in on_legs for name in names),
+    )
+
+
+@dataclass(frozen=True)
+class CapsuleSite:
+    """A capsule on a segment: its ends as mixes of joints and lifts (as in `SegmentSite`), and its radius, heights.
+
+    The radius is a little less than people's: a marker wrongly thought visible does less harm than one wrongly hidden.
+    """
+
+    segment: str
+    start: tuple[tuple[tuple[str, float], ...], tuple[float, float, float]]
+    end: tuple[tuple[tuple[str, float], ...], tuple[float, float, float]]
+    radius: float
+
+
+def _on(joint: str, forward: float = 0.0, outward: float = 0.0, up: float = 0.0):
+    return ((joint, 1.0),), (forward, outward, up)
+
+
+def _between(one: str, two: str, share: float):
+    return ((one, 1 - share), (two, share)), (0.0, 0.0, 0.0)
+
+
+def _arm_capsules(side: str) -> tuple[CapsuleSite, ...]:
+    arm, forearm, hand = f"upper_arm.{side}", f"forearm.{side}", f"hand.{side}"
+    return (
+        CapsuleSite(arm, _on(arm), _on(forearm), 0.024),
+        CapsuleSite(forearm, _on(forearm), _on(hand), 0.018),
+        CapsuleSite(hand, _on(hand), _on(hand, 0.008, 0.008, -0.055), 0.015),
+    )
+
+
+def _leg_capsules(side: str) -> tuple[CapsuleSite, ...]:
+    thigh, shank, foot = f"thigh.{side}", f"shank.{side}", f"foot.{side}"
+    return (
+        CapsuleSite(thigh, _on(thigh), _between(thigh, shank, 0.5), 0.043),
+        CapsuleSite(thigh, _between(thigh, shank, 0.5), _on(shank), 0.032),
+        CapsuleSite(shank, _on(shank), _between(shank, foot, 0.5), 0.029),
+        CapsuleSite(shank, _between(shank, foot, 0.5), _on(foot), 0.021),
+        CapsuleSite(foot, _on(foot, -0.012, 0, -0.022), _on(foot, 0.085, 0, -0.027), 0.015),
+    )
+
+
+_PELVIS_CAPSULE = CapsuleSite("pelvis", _on("pelvis", -0.005, 0.04, 0.02), _on("pelvis", -0.005, -0.04, 0.02), 0.056)
+
+
+_TRUNK_CAPSULES = (
+    CapsuleSite("thorax", _on("thorax", -0.005, 0.03, 0.02), _on("thorax", -0.005, 0.035, 0.18), 0.052),
+    CapsuleSite("thorax", _on("thorax", -0.005, -0.03, 0.02), _on("thorax", -0.005, -0.035, 0.18), 0.052),
+    CapsuleSite("thorax", _on("head", 0, 0, -0.03), _on("head", 0.005, 0, 0.03), 0.03),
+    CapsuleSite("head", _on("head", 0.01, 0, 0.035), _on("head", 0.005, 0, 0.075), 0.047),
+)
+# The lower body's marker set knows nothing of the trunk but that it is there and hides things.
+_STIFF_TRUNK_CAPSULES = (
+    CapsuleSite("pelvis", _on("pelvis", -0.005, 0.03, 0.09), _on("pelvis", -0.005, 0.035, 0.27), 0.05),
+    CapsuleSite("pelvis", _on("pelvis", -0.005, -0.03, 0.09), _on("pelvis", -0.005, -0.035, 0.27), 0.05),
+    CapsuleSite("pelvis", _on("pelvis", 0.005, 0, 0.33), _on("pelvis", 0.01, 0, 0.44), 0.03),
+)
+_LEGS_CAPSULES = (*_leg_capsules("L"), *_leg_capsules("R"))
+LOWER_CAPSULES = (_PELVIS_CAPSULE, *_STIFF_TRUNK_CAPSULES, *_LEGS_CAPSULES)
+WHOLE_CAPSULES = (_PELVIS_CAPSULE, *_TRUNK_CAPSULES, *_arm_capsules("L"), *_arm_capsules("R"), *_LEGS_CAPSULES)
+
+MARKERS = (*_CENTRAL, *_sided("L"), *_sided("R"))
+
+_SIDE_WORDS = (("L", "l"), ("R", "r"))
+_LEG_ALIASES = (
+    ("sacrum", "SACR"),
+    ("s2", "SACR"),
+    *((f"{word}_asis", f"{side}ASI") for side, word in _SIDE_WORDS),
+    *((f"{word}_l_thigh", f"{side}THI") for side, word in _SIDE_WORDS),
+    *((f"{word}_thigh", f"{side}THI") for side, word in _SIDE_WORDS),
+    *((f"{word}_bar_1", f"{side}THI") for side, word in _SIDE_WORDS),
+    *((f"{word}_wand_1", f"{side}THI") for side, word in _SIDE_WORDS),
+    *((f"{word}_knee", f"{side}KNE") for side, word in _SIDE_WORDS),
+    *((f"{word}_knee_1", f"{side}KNE") for side, word in _SIDE_WORDS),
+    *((f"{word}_calf", f"{side}TIB") for side, word in _SIDE_WORDS),
+    *((f"{word}_bar_2", f"{side}TIB") for side, word in _SIDE_WORDS),
+    *((f"{word}_wand_2", f"{side}TIB") for side, word in _SIDE_WORDS),
+    *((f"{word}_ankle", f"{side}ANK") for side, word in _SIDE_WORDS),
+    *((f"{word}_mall", f"{side}ANK") for side, word in _SIDE_WORDS),
+    *((f"{word}_heel", f"{side}HEE") for side, word in _SIDE_WORDS),
+    *((f"{word}_toe", f"{side}TOE") for side, word in _SIDE_WORDS),
+    *((f"{word}_met", f"{side}TOE") for side, word in _SIDE_WORDS),
+)
+_BODY_ALIASES = tuple((f"{side}FWT", f"{side}ASI") for side in SIDES)
+
+SETS = {
+    site.name: site
+    for site in (
+        SetSite(
+            "gait15",
+            "Helen Hayes lower body for gait: 15 markers",
+            tuple(["SACR", "RASI", "LASI", "RTHI", "LTHI", "RKNE", "LKNE", "RTIB", "LTIB", "RANK", "LANK", "RHEE", "LHEE", "RTOE", "LTOE"]),
+            _LEG_ALIASES,
+            whole_body=False,
+        ),
+        SetSite(
+            "body26",
+            "Whole body: 26 markers",
+            tuple(
+                ["LFHD", "RFHD", "LBHD", "RBHD", "C7", "LSHO", "RSHO", "LELB", "RELB", "LWRA", "LWRB", "RWRA", "RWRB", "LFIN", "RFIN", "LASI", "RASI", "SACR", "LKNE", "RKNE", "LANK", "RANK", "LHEE", "RHEE", "LTOE", "RTOE"]
+            ),
+            _BODY_ALIASES,
+            whole_body=True,
+        ),
+        SetSite(
+            "body39",
+            "Plug-in Gait full body: 39 markers",
+            tuple(
+                ["LFHD", "RFHD", "LBHD", "RBHD", "C7", "T10", "CLAV", "STRN", "RBAK", "LSHO", "LUPA", "LELB", "LFRM", "LWRA", "LWRB", "LFIN", "RSHO", "RUPA", "RELB", "RFRM", "RWRA", "RWRB", "RFIN", "LASI", "RASI", "LPSI", "RPSI", "LTHI", "LKNE", "LTIB", "LANK", "LHEE", "LTOE", "RTHI", "RKNE", "RTIB", "RANK", "RHEE", "RTOE"]
+            ),
+            (*_BODY_ALIASES, *((f"{side}BWT", f"{side}PSI") for side in SIDES)),
+            whole_body=True,
+        ),
+    )
+}
