@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A small made-up person for tests: eleven segments, eighteen markers, a capsule each, no recorded numbers."""
+"""A small made-up person for tests: thirteen segments, eighteen markers, a capsule each, no recorded numbers."""
 
 import numpy as np
 
@@ -8,36 +8,38 @@ from addon.core.markersets import Capsules, MarkerSet, Skeleton, Spread
 SEGMENTS = (
     # name, parent, joint in the parent's axes, capsule start, capsule end, radius; all heights
     ("pelvis", None, (0, 0, 0.53), (0, -0.05, 0.0), (0, 0.05, 0.0), 0.075),
-    ("torso", "pelvis", (0, 0, 0.08), (0, 0, 0.0), (0, 0, 0.20), 0.08),
-    ("head", "torso", (0, 0, 0.28), (0, 0, 0.03), (0, 0, 0.07), 0.05),
-    ("l_upperarm", "torso", (0, 0.11, 0.22), (0, 0, 0), (0, 0, -0.17), 0.028),
-    ("l_forearm", "l_upperarm", (0, 0, -0.17), (0, 0, 0), (0, 0, -0.15), 0.022),
-    ("r_upperarm", "torso", (0, -0.11, 0.22), (0, 0, 0), (0, 0, -0.17), 0.028),
-    ("r_forearm", "r_upperarm", (0, 0, -0.17), (0, 0, 0), (0, 0, -0.15), 0.022),
-    ("l_thigh", "pelvis", (0, 0.05, -0.02), (0, 0, 0), (0, 0, -0.24), 0.045),
-    ("l_shank", "l_thigh", (0, 0, -0.24), (0, 0, 0), (0, 0, -0.23), 0.032),
-    ("r_thigh", "pelvis", (0, -0.05, -0.02), (0, 0, 0), (0, 0, -0.24), 0.045),
-    ("r_shank", "r_thigh", (0, 0, -0.24), (0, 0, 0), (0, 0, -0.23), 0.032),
+    ("thorax", "pelvis", (0, 0, 0.08), (0, 0, 0.0), (0, 0, 0.20), 0.08),
+    ("head", "thorax", (0, 0, 0.28), (0, 0, 0.03), (0, 0, 0.07), 0.05),
+    ("upper_arm.L", "thorax", (0, 0.11, 0.22), (0, 0, 0), (0, 0, -0.17), 0.028),
+    ("forearm.L", "upper_arm.L", (0, 0, -0.17), (0, 0, 0), (0, 0, -0.15), 0.022),
+    ("upper_arm.R", "thorax", (0, -0.11, 0.22), (0, 0, 0), (0, 0, -0.17), 0.028),
+    ("forearm.R", "upper_arm.R", (0, 0, -0.17), (0, 0, 0), (0, 0, -0.15), 0.022),
+    ("thigh.L", "pelvis", (0, 0.05, -0.02), (0, 0, 0), (0, 0, -0.24), 0.045),
+    ("shank.L", "thigh.L", (0, 0, -0.24), (0, 0, 0), (0, 0, -0.23), 0.032),
+    ("foot.L", "shank.L", (0, 0, -0.23), (-0.02, 0, -0.025), (0.09, 0, -0.028), 0.014),
+    ("thigh.R", "pelvis", (0, -0.05, -0.02), (0, 0, 0), (0, 0, -0.24), 0.045),
+    ("shank.R", "thigh.R", (0, 0, -0.24), (0, 0, 0), (0, 0, -0.23), 0.032),
+    ("foot.R", "shank.R", (0, 0, -0.23), (-0.02, 0, -0.025), (0.09, 0, -0.028), 0.014),
 )
 MARKERS = (
-    ("FRONT", "torso", (0.085, 0, 0.12)),
-    ("BACK", "torso", (-0.085, 0, 0.15)),
+    ("FRONT", "thorax", (0.085, 0, 0.12)),
+    ("BACK", "thorax", (-0.085, 0, 0.15)),
     ("SACR", "pelvis", (-0.08, 0, 0.02)),
     ("LASI", "pelvis", (0.07, 0.06, 0.03)),
     ("RASI", "pelvis", (0.07, -0.06, 0.03)),
     ("LFHD", "head", (0.04, 0.03, 0.07)),
     ("RBHD", "head", (-0.045, -0.03, 0.07)),
-    ("LELB", "l_upperarm", (0, 0.03, -0.17)),
-    ("RELB", "r_upperarm", (0, -0.03, -0.17)),
-    ("LWRA", "l_forearm", (0.02, 0.015, -0.15)),
-    ("RWRA", "r_forearm", (0.02, -0.015, -0.15)),
-    ("LTHI", "l_thigh", (0.01, 0.05, -0.12)),
-    ("LKNE", "l_thigh", (0, 0.047, -0.24)),
-    ("RKNE", "r_thigh", (0, -0.047, -0.24)),
-    ("LANK", "l_shank", (0, 0.035, -0.23)),
-    ("RANK", "r_shank", (0, -0.035, -0.23)),
-    ("LTOE", "l_shank", (0.10, 0.01, -0.25)),
-    ("RTOE", "r_shank", (0.10, -0.01, -0.25)),
+    ("LELB", "upper_arm.L", (0, 0.03, -0.17)),
+    ("RELB", "upper_arm.R", (0, -0.03, -0.17)),
+    ("LWRA", "forearm.L", (0.02, 0.015, -0.15)),
+    ("RWRA", "forearm.R", (0.02, -0.015, -0.15)),
+    ("LTHI", "thigh.L", (0.01, 0.05, -0.12)),
+    ("LKNE", "thigh.L", (0, 0.047, -0.24)),
+    ("RKNE", "thigh.R", (0, -0.047, -0.24)),
+    ("LANK", "shank.L", (0, 0.035, -0.23)),
+    ("RANK", "shank.R", (0, -0.035, -0.23)),
+    ("LTOE", "foot.L", (0.09, 0.01, -0.005)),
+    ("RTOE", "foot.R", (0.09, -0.01, -0.005)),
 )
 
 
@@ -54,7 +56,7 @@ def toy_markerset() -> MarkerSet:
     )
     count, joints = len(MARKERS), len(SEGMENTS)
     modes = np.zeros((1, joints + count, 3))
-    modes[0, [names.index("l_shank"), names.index("r_shank")], 2] = -0.01
+    modes[0, [names.index("shank.L"), names.index("shank.R")], 2] = -0.01
     bends = np.full(3 * joints, 0.05**2)
     bends[:3] = 0
     spread = Spread(1.7, 0.1, modes, np.full(count, 0.004), np.zeros((joints, 3)), np.diag(bends))
