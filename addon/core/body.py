@@ -153,7 +153,7 @@ class BodyModel:
 
     def _scale_columns(self, posed: Posed, offsets: np.ndarray) -> np.ndarray:
         """(B, M, 3, 3) d markers / d S: each part of the chain stretches along its own segment's axes."""
-        return self._along_chain(posed, posed.rotations, lambda turn, items: turn * offsets[:, items, None, :], 3)
+        return self._along_chain(posed.rotations, lambda turn, items: turn * offsets[:, items, None, :], 3)
 
     def _shape_columns(self, posed: Posed, scale: np.ndarray) -> np.ndarray:
         """(B, M, 3, K) d markers / d shape."""
@@ -162,9 +162,9 @@ class BodyModel:
         def part(turn, items):
             return turn @ (scale[:, None, :, None] * modes[items])
 
-        return self._along_chain(posed, posed.rotations, part, len(self.modes))
+        return self._along_chain(posed.rotations, part, len(self.modes))
 
-    def _along_chain(self, posed: Posed, turn: np.ndarray, part, width: int) -> np.ndarray:
+    def _along_chain(self, turn: np.ndarray, part, width: int) -> np.ndarray:
         """Adds up, from the root to every marker, what `part(rotations, items)` gives for each link of the chain."""
         total = np.empty((len(turn), self.joint_count, 3, width))
         total[:, 0] = part(turn[:, :1], np.arange(1))[:, 0]

@@ -15,6 +15,7 @@ class Clock:
 
     @contextmanager
     def __call__(self, stage: str):
+        """A context whose seconds count for `stage`, one of STAGES."""
         begin = perf_counter()
         try:
             yield

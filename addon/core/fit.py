@@ -44,8 +44,10 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """The outcome of a fit: the last state, and the cost (steps + 1, B) at the start and after every step, which never
-    rises.
+    """The outcome of a fit.
+
+    state  the last one
+    trace  (steps + 1, B) the cost at the start and after every step; it never rises
     """
 
     state: State

@@ -206,7 +206,7 @@ def _conflict_costs(frame: Frame, naming: Naming, claims: np.ndarray, helpers: i
 
 
 def _undisputed(frame: Frame, is_open: np.ndarray) -> np.ndarray:
-    """(C, M, K) where a marker nobody else has seen fits one blob clearly better than its other open blobs, and back."""
+    """(C, M, K) where a marker fits one blob clearly better than its other open blobs, and the blob it."""
     misfit = np.where(is_open, frame.misfit, FAR)
     return _clearly_least(misfit, 1, frame.rules.clear) & _clearly_least(misfit, 2, frame.rules.clear)
 

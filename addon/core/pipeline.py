@@ -5,7 +5,7 @@ Memory does not grow with the take: one chunk of frames is held, and of the past
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -38,7 +38,7 @@ class Options:
     hints  height and facing, never needed
     """
 
-    hints: Hints = Hints()
+    hints: Hints = field(default_factory=Hints)
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +159,7 @@ class TakeLabeller:
 def _spread(first: int, end: int) -> list[int]:
     """Up to TRIALS frames of first … end - 1: the first one, then halving the gaps."""
     order = [0.0, 0.5, 0.25, 0.75, 0.125, 0.625, 0.375, 0.875, 1.0]
-    indices = [first + int(round(share * (end - 1 - first))) for share in order[:TRIALS]]
+    indices = [first + round(share * (end - 1 - first)) for share in order[:TRIALS]]
     return list(dict.fromkeys(indices))
 
 

@@ -2,6 +2,7 @@
 """Finds the subject in one frame from nothing but its blobs, and says how sure it is of the placement."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from .views import View
 
 FACINGS = 8
 CLOUD_STAGES = ((0.20, 0.60, 3, False), (0.10, 0.30, 3, True), (0.05, 0.15, 4, True))
+PLACEMENT_STAGES = ((0.20, 0.60, 5), (0.10, 0.30, 5))
 BLOB_STAGES = ((0.06, 0.25, 3), (0.03, 0.12, 3), (0.02, 0.08, 3))
 FINALISTS = 3
 ROUNDS = 3
@@ -87,29 +89,42 @@ def fit_cloud(starts: Bodies, cloud: Cloud, setup: Setup, prior) -> tuple[Bodies
     """All starts against the cloud, from coarse to fine; returns the bodies and their costs (B,)."""
     bodies = starts
     for softness, reach, steps, free in CLOUD_STAGES:
-
-        def pull(markers, softness=softness, reach=reach):
-            return cloud_pull(markers, cloud.points, cloud.weight, softness, reach)
-
-        if free:
-            fit = fit_body(setup.model, bodies, pull, steps, prior)
-        else:
-            fit = fit_placement(setup.model, bodies, pull, steps, prior)
+        pull = partial(_cloud_pull, cloud=cloud, softness=softness, reach=reach)
+        fit_some = fit_body if free else fit_placement
+        fit = fit_some(setup.model, bodies, pull, steps, prior)
         bodies = fit.bodies
     return bodies, fit.cost
+
+
+def _cloud_pull(markers: np.ndarray, cloud: Cloud, softness: float, reach: float):
+    return cloud_pull(markers, cloud.points, cloud.weight, softness, reach)
+
+
+def fit_from(view: View, start: Bodies, setup: Setup):
+    """The paper's whole fit from a given start of B bodies: nine parameters first, then joints and shape as well.
+
+    Visible markers only, visibility renewed at every stage. Returns the `fit.Fit` of the last stage.
+    """
+    prior = Prior(setup.model, upright_sd=UPRIGHT)
+    bodies = start
+    for softness, reach, steps in PLACEMENT_STAGES:
+        pull = _visible_pull(bodies, view, setup, softness, reach)
+        bodies = fit_placement(setup.model, bodies, pull, steps, prior).bodies
+    return fit_blobs(bodies, view, setup, prior)
 
 
 def fit_blobs(bodies: Bodies, view: View, setup: Setup, prior):
     """Bodies against the blobs themselves, visible markers only, visibility renewed at every stage."""
     for softness, reach, steps in BLOB_STAGES:
-        visible = setup.visible(bodies.scale, setup.model.pose(bodies))
-
-        def pull(markers, visible=visible, softness=softness, reach=reach):
-            return blob_pull(markers, visible, view, setup.sight, softness, reach)
-
-        fit = fit_body(setup.model, bodies, pull, steps, prior)
+        fit = fit_body(setup.model, bodies, _visible_pull(bodies, view, setup, softness, reach), steps, prior)
         bodies = fit.bodies
     return fit
+
+
+def _visible_pull(bodies: Bodies, view: View, setup: Setup, softness: float, reach: float):
+    """Equation 7 with the markers that are visible where the bodies are now."""
+    visible = setup.visible(bodies.scale, setup.model.pose(bodies))
+    return lambda markers: blob_pull(markers, visible, view, setup.sight, softness, reach)
 
 
 def name_found(view: View, state: State, setup: Setup, prior, confidence: float, trace: np.ndarray) -> Found:
