@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The checks behind a marker set file: every part is what it says, or one sentence says which is not."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+
+from ..core.errors import InputError
+
+# Heights, metres and square radians of a body are all far below this.
+LARGEST = 1e3
+
+
+def finite(value: float) -> float:
+    """`value`; ValueError when it is not a finite number, which no file may hold."""
+    if not math.isfinite(value):
+        raise ValueError("a marker set holds finite numbers only")
+    return value
+
+
+class Reader:
+    """Takes parts out of a parsed file; each method raises InputError naming the part, where it is not as expected."""
+
+    def __init__(self, path: Path):
+        self.path = path
+
+    def fail(self, message: str) -> NoReturn:
+        raise InputError(message, self.path)
+
+    def mapping(self, value: object, where: str) -> dict:
+        if not isinstance(value, dict):
+            self.fail(f"{where} is missing or not an object; expected a marker set's {{…}}")
+        return value
+
+    def rows(self, top: dict, key: str, empty: bool = False) -> list[tuple[str, dict]]:
+        """The objects of the list `key`, each with words for where it stands."""
+        value = top.get(key)
+        if not isinstance(value, list) or not (value or empty):
+            self.fail(f'"{key}" is missing or empty; expected a list')
+        words = [f"{key}[{index}]" for index in range(len(value))]
+        return [(where, self.mapping(row, where)) for where, row in zip(words, value, strict=True)]
+
+    def text(self, row: dict, key: str, where: str, default: str | None = None) -> str:
+        value = row.get(key, default)
+        if not isinstance(value, str) or (default is None and not value.strip()):
+            self.fail(f'{where} has no "{key}"; expected a text')
+        return value
+
+    def texts(self, value: object, where: str) -> dict[str, str]:
+        if not isinstance(value, dict) or not all(isinstance(text, str) for text in value.values()):
+            self.fail(f'"{where}" is not an object of texts; expected {{"people": "…"}}')
+        return value
+
+    def names(self, value: object, where: str) -> list[str]:
+        if not isinstance(value, list) or not all(isinstance(name, str) and name.strip() for name in value):
+            self.fail(f"{where} are not a list of names; expected texts")
+        return value
+
+    def unique(self, names: Sequence[str], key: str):
+        doubled = next((name for name in names if names.count(name) > 1), None)
+        if doubled is not None:
+            self.fail(f'"{key}" has {doubled!r} twice; expected every name once')
+
+    def segment(self, row: dict, where: str, segments: Sequence[str]) -> int:
+        name = self.text(row, "segment", where)
+        if name not in segments:
+            self.fail(f"{where} is on {name!r}, which is no segment; expected one of {', '.join(segments[:8])}")
+        return segments.index(name)
+
+    def number(self, row: dict, key: str, where: str, low: float = -LARGEST, high: float = LARGEST) -> float:
+        value = row.get(key)
+        if not _is_number(value) or not low <= value <= high:
+            self.fail(f'{where} has no "{key}" from {low:g} to {high:g}; expected a number')
+        return float(value)
+
+    def vector(self, row: dict, key: str, where: str) -> np.ndarray:
+        return self._numbers(row.get(key), 3, f'{where} "{key}"')
+
+    def vectors(self, value: object, names: Sequence[str], where: str) -> np.ndarray:
+        """(N, 3) of an object that holds one vector for every name."""
+        table = self.mapping(value, where)
+        missing = next((name for name in names if name not in table), None)
+        if missing is not None:
+            self.fail(f"{where} has no {missing!r}; expected three numbers for each")
+        return np.array([self._numbers(table[name], 3, f"{where} {name!r}") for name in names]).reshape(-1, 3)
+
+    def covariance(self, value: object, size: int) -> np.ndarray:
+        """(size, size) out of its lower triangle; it must be one of real motion, so never negative in any direction."""
+        where = "pose covariance"
+        if not isinstance(value, list) or len(value) != size:
+            self.fail(f"{where} is missing or not {size} rows; expected the lower triangle of a matrix")
+        matrix = np.zeros((size, size))
+        for index, row in enumerate(value):
+            matrix[index, : index + 1] = self._numbers(row, index + 1, f"{where} row {index}")
+        matrix += np.tril(matrix, -1).T
+        eigenvalues = np.linalg.eigvalsh(matrix)
+        if eigenvalues[0] < -1e-4 * max(eigenvalues[-1], 1e-9):
+            self.fail(f"{where} is negative in some direction; expected a covariance")
+        return matrix
+
+    def _numbers(self, value: object, count: int, where: str) -> np.ndarray:
+        if not isinstance(value, list) or len(value) != count or not all(map(_is_number, value)):
+            self.fail(f"{where} is not {count} finite numbers; expected a list of them")
+        return np.array(value, dtype=float)
+
+
+def _is_number(value: object) -> bool:
+    """True for a finite JSON number of a size that a body can have; True and false are none."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and -LARGEST <= value <= LARGEST

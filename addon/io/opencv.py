@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Cameras in `.yml` files that OpenCV's FileStorage wrote: intrinsics and extrinsics, in one file or in two."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from ..core.cameras import Cameras
+from ..core.errors import InputError
+from .filestorage import parse_filestorage
+from .rig import RigCamera, rig, rotation_from_vector
+from .source import read_text
+from .toml_cameras import lens
+
+KIND = "an OpenCV .yml calibration with intrinsics and extrinsics"
+
+# Pairs of files, intrinsics and extrinsics; either may be named.
+PAIRS = (("intri", "extri"), ("intrinsics", "extrinsics"), ("intrinsic", "extrinsic"))
+
+# What the parts of a camera are called; the first name that is there counts.
+MATRIX = ("K", "camera_matrix", "cameraMatrix", "M", "intrinsic_matrix", "intrinsics", "matrix")
+LENS = ("dist", "D", "distortion_coefficients", "dist_coeffs", "distCoeffs", "distortion", "distortions")
+ROTATION = ("Rot", "R", "rotation", "rotation_matrix", "rvec")
+TRANSLATION = ("T", "t", "translation", "translation_vector", "tvec")
+WIDTH, HEIGHT = ("W", "width", "image_width"), ("H", "height", "image_height")
+SIZE = ("size", "image_size", "imageSize", "resolution")
+
+# No room has a camera this many metres from its origin: then the file is in millimetres.
+FARTHEST = 200.0
+
+
+def read_yml(path: Path) -> Cameras:
+    """The cameras of a file, or of the pair that it belongs to (`intri.yml` beside `extri.yml`).
+
+    Understood are parts with the camera's name behind (`K_01`, `dist_01`, `R_01`, `T_01`, as EasyMocap writes; also
+    `M1`, `D1`), a node a camera, and one camera alone. `R` may be a Rodrigues vector. Where no image size is given, it
+    is twice the principal point. Metres, or millimetres where metres cannot be.
+    """
+    document = {}
+    for file in _files(path):
+        nodes = parse_filestorage(read_text(file, KIND), file)
+        document.update({key: value for key, value in nodes.items() if key not in document or value is not None})
+    cameras = list(_cameras(document, path))
+    if not cameras:
+        raise InputError(f"has no camera with a matrix; expected {KIND}", path)
+    if any(np.linalg.norm(camera.translation) > FARTHEST for camera in cameras):
+        cameras = [RigCamera(c.name, c.size, c.matrix, c.distortion, c.rotation, c.translation / 1000) for c in cameras]
+    return rig(cameras, path)
+
+
+def _files(path: Path) -> list[Path]:
+    for pair in PAIRS:
+        if path.stem.lower() in pair:
+            others = [path.with_name(name + path.suffix) for name in pair if name != path.stem.lower()]
+            missing = next((other for other in others if not other.exists()), None)
+            if missing is not None:
+                raise InputError(f"needs {missing.name} beside it; expected intrinsics and extrinsics", path)
+            return [path, *others]
+    return [path]
+
+
+def _cameras(document: dict, path: Path) -> Iterator[RigCamera]:
+    for name in _suffixes(document):
+        parts = {key[: -len(name)].rstrip("_"): value for key, value in document.items() if key.endswith(name)}
+        label = name.strip("_")
+        first_of_pair = label == "1" and not any(key in parts for key in (*ROTATION, *TRANSLATION)) and "M2" in document
+        if first_of_pair:
+            parts |= {"R": np.eye(3), "T": np.zeros(3)}
+        elif label == "2" and "M1" in document:
+            parts = {**{key: document[key] for key in ("R", "T") if key in document}, **parts}
+        yield _camera(label, {**_shared_size(document), **parts}, path)
+    for name, node in document.items():
+        if isinstance(node, dict) and any(key in node for key in MATRIX):
+            yield _camera(str(node.get("name", name)), {**_shared_size(document), **node}, path)
+    if any(key in document for key in MATRIX if not isinstance(document.get(key), dict)):
+        yield _camera(path.stem, document, path)
+
+
+def _suffixes(document: dict) -> list[str]:
+    """What stands behind `K`, `M` or `camera_matrix` in the names of matrices: `_01`, `1`, …"""
+    found = []
+    for key, value in document.items():
+        for stem in MATRIX:
+            rest = key[len(stem) :]
+            if (
+                isinstance(value, np.ndarray)
+                and value.size == 9
+                and key.startswith(stem)
+                and (rest[:1] == "_" or rest.isdigit())
+            ):
+                if rest.strip("_") and rest not in found:
+                    found.append(rest)
+    return found
+
+
+def _shared_size(document: dict) -> dict:
+    return {key: document[key] for key in (*SIZE, *WIDTH, *HEIGHT) if key in document}
+
+
+def _camera(name: str, parts: dict, path: Path) -> RigCamera:
+    matrix = _array(parts, MATRIX, name, path, (9,)).reshape(3, 3)
+    rotation = _array(parts, ROTATION, name, path, (9, 3))
+    given = next((parts[key] for key in LENS if parts.get(key) is not None), None)
+    coefficients = np.zeros(5) if given is None else _array(parts, LENS, name, path, tuple(range(15)))
+    return RigCamera(
+        name=name,
+        size=_size(parts, matrix, name, path),
+        matrix=matrix,
+        distortion=lens(coefficients, name, path),
+        rotation=rotation_from_vector(rotation) if rotation.size == 3 else rotation.reshape(3, 3),
+        translation=_array(parts, TRANSLATION, name, path, (3,)),
+    )
+
+
+def _size(parts: dict, matrix: np.ndarray, name: str, path: Path) -> np.ndarray:
+    if any(parts.get(key) is not None for key in SIZE):
+        return _array(parts, SIZE, name, path, (2,))
+    if any(parts.get(key) is not None for key in WIDTH) and any(parts.get(key) is not None for key in HEIGHT):
+        return np.concatenate([_array(parts, keys, name, path, (1,)) for keys in (WIDTH, HEIGHT)])
+    return np.round(2 * matrix[:2, 2])
+
+
+def _array(parts: dict, keys: tuple[str, ...], name: str, path: Path, counts: tuple[int, ...]) -> np.ndarray:
+    value = next((parts[key] for key in keys if parts.get(key) is not None), None)
+    if value is None:
+        raise InputError(f"camera {name} has no {keys[0]} ({', '.join(keys[1:4])}); expected {KIND}", path)
+    try:
+        array = np.array(value, dtype=float).ravel()
+    except (TypeError, ValueError):
+        array = np.array([np.nan])
+    if array.size not in counts or not np.isfinite(array).all():
+        raise InputError(f"camera {name} has a {keys[0]} that is not {counts[0]} numbers; expected {KIND}", path)
+    return array

@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Takes of 3D points, of every format that is read and the two that are written, in metres with z up."""
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..core.errors import InputError
+from ..core.takes import Points
+from .c3d import C3dTake, read_c3d, write_c3d_file
+from .motive_points import read_motive
+from .trc import read_trc, write_trc_file
+from .world import UNITS, guess_unit, guess_up, up_rotation
+
+EXPECTED = "expected a take of 3D points: .c3d, .trc or Motive .csv"
+
+# Groups of Vicon's model outputs; TYPE_GROUPS of a file may name more.
+OUTPUT_GROUPS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "MODELED_MARKERS", "REACTIONS")
+
+_UNLABELLED = re.compile(r"\*\d*|unlabell?ed[ _-]?\d*|u(?:name)?\*\d+|", re.IGNORECASE)
+_COMPUTED = re.compile(r"[LR]?[HKASEW]JC\w*|cent(?:re|er)ofmass\w*", re.IGNORECASE)
+
+
+@dataclass(frozen=True, eq=False)
+class FilePoints(Points):
+    """Points out of a file.
+
+    columns  (P,) the 0-based index of each trajectory in the file, what label files call `point`
+    """
+
+    columns: np.ndarray = None
+
+
+def read_points(path: Path, everything: bool = False) -> FilePoints:
+    """A take of 3D points, told by its suffix. Markers only: model outputs, axes of segments and joint centres that
+    Vicon mixes among them are left out, unless `everything` is asked for.
+
+    Raises InputError for whatever cannot be used.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix == ".c3d":
+        return _from_c3d(read_c3d(path), path, everything)
+    if suffix not in (".trc", ".csv"):
+        if not path.exists():
+            raise InputError("there is no such file; expected the path of a take", path)
+        raise InputError(f"is of a kind that is not known ({suffix or 'no suffix'}); {EXPECTED}", path)
+    take = read_trc(path) if suffix == ".trc" else read_motive(path)
+    xyz = _metres(take.xyz, take.unit, path)
+    xyz = xyz @ up_rotation(guess_up(xyz, likely="+Y")).T
+    residual = np.full(xyz.shape[:2], np.nan)
+    return FilePoints(_named(take.labels), xyz, residual, take.rate, take.first_frame, np.arange(len(take.labels)))
+
+
+def _from_c3d(take: C3dTake, path: Path, everything: bool) -> FilePoints:
+    columns = np.arange(len(take.labels)) if everything else marker_indices(take)
+    if not len(columns):
+        raise InputError("has no markers among its points; expected a take with markers", path)
+    unit = next(iter(take.texts.get("POINT:UNITS", [])), "").lower()
+    measured = _metres(take.xyz[:, columns], unit, path)
+    scale = UNITS.get(unit) or UNITS[guess_unit(take.xyz[:, columns])]
+    screen = next(iter(take.texts.get("POINT:Y_SCREEN", [])), "").upper()
+    up = screen if re.fullmatch(r"[+-][XYZ]", screen) else "+Z"
+    # Many programs write +Y without meaning it, so there the data have their say; nobody writes +Z by mistake.
+    if up == "+Y" or up != screen:
+        up = guess_up(measured, likely=up)
+    residual = take.residual[:, columns] * scale
+    names = _named([take.labels[index] for index in columns])
+    return FilePoints(names, measured @ up_rotation(up).T, residual, take.rate, take.first_frame, columns)
+
+
+def _metres(xyz: np.ndarray, unit: str, path: Path) -> np.ndarray:
+    if not np.isfinite(xyz).any():
+        raise InputError("has no point that is present in any frame; expected a take with markers", path)
+    return xyz * (UNITS.get(unit) or UNITS[guess_unit(xyz)])
+
+
+def _named(labels: Sequence[str]) -> tuple[str, ...]:
+    """Names as in the file; empty for what a file calls `*12` or `Unlabeled 1036`."""
+    return tuple("" if _UNLABELLED.fullmatch(label) else label for label in labels)
+
+
+def marker_indices(take: C3dTake) -> np.ndarray:
+    """Which points of a C3D file are markers, by the file's own groups and by the names that Vicon's models use."""
+    groups = [*OUTPUT_GROUPS, *take.texts.get("POINT:TYPE_GROUPS", [])[::2]]
+    outputs = {name for group in groups for name in take.texts.get(f"POINT:{group.upper()}", [])}
+    labels = take.labels
+    computed = {label for label in labels if label in outputs or _COMPUTED.fullmatch(_bare(label))} | _axes(labels)
+    if outputs - {""}:
+        computed |= _variants(labels)
+    return np.array([index for index, label in enumerate(labels) if label not in computed], dtype=int)
+
+
+def _axes(labels: Sequence[str]) -> set[str]:
+    """The origin and the three axes of a segment: four names that differ in their last letter, O A L P."""
+    present = set(labels)
+    stems = {label[:-1] for label in labels if len(label) >= 4 and label.endswith("O")}
+    return {stem + end for stem in stems for end in "OALP" if all(stem + other in present for other in "OALP")}
+
+
+def _variants(labels: Sequence[str]) -> set[str]:
+    """Virtual points of a model, numbered after a marker or from zero: LTIB1 beside LTIB, LFOF0 to LFOF3."""
+    present = set(labels)
+    numbered = [(label, re.fullmatch(r"(.{3,}[A-Za-z])\d", label)) for label in labels]
+    return {label for label, match in numbered if match and (match[1] in present or match[1] + "0" in present)}
+
+
+def _bare(label: str) -> str:
+    return label.rpartition(":")[2]
+
+
+def marker_columns(names: Sequence[str], wanted: Sequence[str], path: Path | str = "") -> np.ndarray:
+    """For each of `wanted`, its index in the take's `names`, with or without a subject before it (`Name:LASI`); -1 where
+    the take has none.
+
+    Raises InputError when a name is there twice: the same label, or the same marker of two subjects.
+    """
+    full, bare = Counter(names), Counter(_bare(name) for name in names)
+    found = []
+    for name in wanted:
+        if full[name] > 1 or (not full[name] and bare[_bare(name)] > 1 and ":" not in name):
+            owners = sorted({other for other in names if _bare(other) == _bare(name)})
+            what = "two subjects" if len(owners) > 1 else "the label twice"
+            raise InputError(
+                f"has {what} for marker {name} ({', '.join(owners[:3])}); expected every marker once", str(path)
+            )
+        match = next((i for i, other in enumerate(names) if other == name), None)
+        if match is None and ":" not in name:
+            match = next((i for i, other in enumerate(names) if _bare(other) == name), None)
+        found.append(-1 if match is None else match)
+    return np.array(found, dtype=int)
+
+
+def write_c3d(path: Path, points: Points):
+    """Writes the contract's labelled take: names in their order, unlabelled trajectories as *1, *2, …, mm, z up.
+
+    Missing samples are NaN with residual -1.
+    """
+    write_c3d_file(
+        path, _numbered(points.names), points.xyz * 1000, points.residual * 1000, points.rate, points.first_frame
+    )
+
+
+def write_trc(path: Path, points: Points):
+    """Writes the same take as `.trc`, in mm, z up; missing samples are empty."""
+    write_trc_file(path, _numbered(points.names), points.xyz * 1000, points.rate, points.first_frame)
+
+
+def _numbered(names: Sequence[str]) -> list[str]:
+    numbers = iter(range(1, len(names) + 1))
+    return [name or f"*{next(numbers)}" for name in names]

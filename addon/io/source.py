@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Opening what the user named: whatever the file system answers, the user reads one sentence."""
+
+import codecs
+from pathlib import Path
+from typing import BinaryIO
+from xml.etree import ElementTree
+
+import numpy as np
+
+from ..core.errors import InputError
+
+# A calibration or a marker set is a few kilobytes to a few megabytes (camera masks); beyond this it is another file.
+TEXT_LIMIT = 64 * 1024 * 1024
+
+# Longer marks first: the UTF-32 one begins with the UTF-16 one.
+_MARKS = (
+    (codecs.BOM_UTF8, "utf-8"),
+    (codecs.BOM_UTF32_LE, "utf-32-le"),
+    (codecs.BOM_UTF32_BE, "utf-32-be"),
+    (codecs.BOM_UTF16_LE, "utf-16-le"),
+    (codecs.BOM_UTF16_BE, "utf-16-be"),
+)
+
+
+def open_binary(path: Path) -> BinaryIO:
+    """The file at `path`, open for reading; InputError when there is none or it may not be read."""
+    path = Path(path)
+    try:
+        if path.is_dir():
+            raise InputError("is a folder; expected a file", path)
+        return path.open("rb")
+    except FileNotFoundError:
+        raise InputError("there is no such file; expected the path of an existing file", path) from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"cannot be read ({_reason(error)}); expected a readable file", path) from None
+
+
+def read_bytes(path: Path, limit: int | None = None) -> bytes:
+    """The whole content; InputError when it is missing, unreadable, empty or over `limit` bytes."""
+    with open_binary(path) as file:
+        try:
+            content = file.read() if limit is None else file.read(limit + 1)
+        except OSError as error:
+            raise InputError(f"cannot be read ({_reason(error)}); expected a readable file", path) from None
+    if not content:
+        raise InputError("is empty; expected a file with content", path)
+    if limit is not None and len(content) > limit:
+        raise InputError(f"is larger than {limit >> 20} MB; expected a file of this format", path)
+    return content
+
+
+def read_text(path: Path, kind: str) -> str:
+    """The text of a small file in UTF-8, or UTF-16 or -32 with its mark; InputError when it is no text.
+
+    `kind` names the format in the error, such as "a camera calibration".
+    """
+    return decode(read_bytes(path, TEXT_LIMIT), path, kind)
+
+
+def decode(content: bytes, path: Path, kind: str) -> str:
+    """`content` as text; old Windows files that are not UTF-8 are taken as Latin-1."""
+    for mark, encoding in _MARKS:
+        if content.startswith(mark):
+            try:
+                return content[len(mark) :].decode(encoding)
+            except UnicodeDecodeError:
+                raise InputError(f"is damaged text; expected {kind}", path) from None
+    if b"\0" in content:
+        raise InputError(f"is a binary file; expected {kind}", path)
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError:
+        return content.decode("latin-1")
+
+
+def read_xml(path: Path, kind: str) -> ElementTree.Element:
+    """The root of an XML file, in whatever encoding; InputError with the line where it breaks.
+
+    Declarations of entities are refused: no calibration has them, and a few nested ones fill the memory.
+    """
+    text = read_text(path, kind)
+    if text.startswith("<?xml"):
+        # The declared encoding is that of the bytes, not of the decoded text.
+        start, end, rest = text.partition("?>")
+        text = "\n" * start.count("\n") + rest if end else text
+    if "<!ENTITY" in text or "<!DOCTYPE" in text:
+        raise InputError(f"declares a document type; expected {kind} as plain XML", path)
+    try:
+        return ElementTree.fromstring(text)
+    except ElementTree.ParseError as error:
+        raise InputError(f"is not well-formed XML; expected {kind}", path, error.position[0]) from None
+    except (ValueError, RecursionError):
+        raise InputError(f"is not XML that can be read; expected {kind}", path) from None
+
+
+def numbers(text: str | None, count: int, what: str, path: Path, line: int = 0) -> np.ndarray:
+    """The `count` finite numbers in `text`, split by spaces or commas; InputError naming `what` otherwise."""
+    fields = (text or "").replace(",", " ").split()
+    if len(fields) != count:
+        raise InputError(f"{what} has {len(fields)} numbers; expected {count}", path, line)
+    try:
+        values = np.array([float(field) for field in fields])
+    except ValueError:
+        raise InputError(f"{what} is {text.strip()[:60]!r}; expected {count} numbers", path, line) from None
+    if not np.isfinite(values).all() or np.abs(values).max(initial=0) > 1e12:
+        raise InputError(f"{what} is {text.strip()[:60]!r}; expected finite numbers", path, line)
+    return values
+
+
+def _reason(error: Exception) -> str:
+    return getattr(error, "strerror", None) or str(error)

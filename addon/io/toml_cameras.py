@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Cameras in the `.toml` that anipose, Pose2Sim and caliscope share; what this project writes itself."""
+
+import json
+import re
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from ..core.cameras import Cameras
+from ..core.errors import InputError
+from .rig import RigCamera, rig, rotation_from_vector
+from .source import read_text
+
+
+def read_toml(path: Path) -> Cameras:
+    """Every table with a `matrix` is a camera, at the top or inside `[cameras]`; other tables are ignored."""
+    text = read_text(path, "a .toml camera calibration")
+    try:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        line = re.search(r"at line (\d+)", str(error))
+        where = int(line.group(1)) if line else text.count("\n") + 1
+        raise InputError("is not valid TOML; expected a camera calibration", path, where) from None
+    except (RecursionError, ValueError):
+        raise InputError("is not TOML that can be read; expected a camera calibration", path) from None
+    tables = [(key, table) for key, table in _tables(document) if table.get("ignore") is not True]
+    if not tables:
+        raise InputError("has no table with a `matrix`; expected one table a camera", path)
+    return rig([_camera(key, table, path) for key, table in tables], path)
+
+
+def _tables(document: dict) -> Iterator[tuple[str, dict]]:
+    for key, value in document.items():
+        if key == "cameras" and isinstance(value, (dict, list)):
+            items = value.items() if isinstance(value, dict) else enumerate(value)
+            yield from ((str(name), table) for name, table in items if isinstance(table, dict) and "matrix" in table)
+        elif isinstance(value, dict) and "matrix" in value:
+            yield key, value
+
+
+def _camera(key: str, table: dict, path: Path) -> RigCamera:
+    name = str(table.get("name", key))
+    if table.get("fisheye") is True:
+        raise InputError(f"camera {name} has fisheye = true; expected a lens in OpenCV's k1 k2 p1 p2 k3 model", path)
+    rotation = _array(table, "rotation", name, path)
+    if rotation.size not in (3, 9):
+        raise InputError(
+            f"camera {name} has a rotation of {rotation.size} numbers; expected a Rodrigues vector or 3×3", path
+        )
+    return RigCamera(
+        name=name,
+        size=_array(table, "size", name, path, 2),
+        matrix=_array(table, "matrix", name, path, 9).reshape(3, 3),
+        distortion=lens(_array(table, "distortions", name, path), name, path),
+        rotation=rotation_from_vector(rotation) if rotation.size == 3 else rotation.reshape(3, 3),
+        translation=_array(table, "translation", name, path, 3),
+    )
+
+
+def _array(table: dict, key: str, name: str, path: Path, count: int | None = None) -> np.ndarray:
+    if table.get(key) is None:
+        raise InputError(f"camera {name} has no `{key}`; expected a complete calibration", path)
+    try:
+        array = np.array(table[key])
+        array = array.astype(float).ravel() if array.dtype.kind in "iuf" else None
+    except ValueError:
+        array = None
+    if array is None or not np.isfinite(array).all():
+        raise InputError(f"camera {name} has a `{key}` that is not made of numbers; expected numbers", path)
+    if count is not None and array.size != count:
+        raise InputError(f"camera {name} has a `{key}` of {array.size} numbers; expected {count}", path)
+    return array
+
+
+def lens(coefficients: np.ndarray, name: str, path: Path) -> np.ndarray:
+    """OpenCV's distortion coefficients cut to our five; InputError when a longer model is really used."""
+    if np.any(coefficients[5:]):
+        raise InputError(
+            f"camera {name} has a lens of {coefficients.size} coefficients; expected k1 k2 p1 p2 k3 at most", path
+        )
+    return coefficients[:5]
+
+
+def write_toml(path: Path, cameras: Cameras):
+    """Writes the contract's calibration: one table a camera, every number exact."""
+    Path(path).write_text(
+        "\n".join(_table(cameras, index) for index in range(len(cameras))), encoding="utf-8", newline="\n"
+    )
+
+
+def _table(cameras: Cameras, index: int) -> str:
+    return (
+        f"[cam_{index + 1:02d}]\n"
+        f"name = {_quoted(cameras.names[index])}\n"
+        f"size = {_row(cameras.size[index])}\n"
+        f"matrix = [{', '.join(_row(row) for row in cameras.matrix[index])}]\n"
+        f"distortions = {_row(cameras.distortion[index])}\n"
+        f"rotation = [{', '.join(_row(row) for row in cameras.rotation[index])}]\n"
+        f"translation = {_row(cameras.translation[index])}\n"
+        "fisheye = false\n"
+    )
+
+
+def _row(values: np.ndarray) -> str:
+    return f"[{', '.join(repr(float(value)) for value in values)}]"
+
+
+def _quoted(name: str) -> str:
+    # TOML's strings are JSON's but for the one control character that JSON leaves as it is.
+    return json.dumps(name, ensure_ascii=False).replace("\x7f", "\\u007F")

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Motion Analysis `.trc`: five lines of head, then tab-separated frame, time and coordinates."""
+
+from pathlib import Path
+
+import numpy as np
+
+from ..core.errors import InputError
+from .source import decode, read_bytes
+from .textpoints import TextTake, rows_to_xyz
+
+KIND = "a .trc file"
+
+
+def read_trc(path: Path) -> TextTake:
+    """Raises InputError with the line where the file is not as the format says."""
+    lines = decode(read_bytes(path), path, KIND).splitlines()
+    if len(lines) < 5 or not lines[0].lstrip().lower().startswith("pathfiletype"):
+        raise InputError(f"does not begin with PathFileType; expected {KIND}", path, 1)
+    head = dict(zip(lines[1].split(), lines[2].split(), strict=False))
+    rate = _number(head.get("DataRate"), "DataRate", path)
+    if not 0 < rate < 1e6:
+        raise InputError(f"has a DataRate of {rate:g}; expected frames a second", path, 3)
+    labels = [label.strip() for label in lines[3].rstrip("\t ").split("\t")[2:]]
+    # The name of a marker stands above the first of its three columns.
+    columns = [2 + index for index in range(0, len(labels), 3)]
+    labels = labels[::3]
+    if not labels or not any(labels):
+        raise InputError(f"names no markers; expected {KIND}", path, 4)
+    widest = 2 + 3 * len(labels)
+    rows = []
+    for number, line in enumerate(lines[5:], 6):
+        if not line.strip():
+            continue
+        fields = line.split("\t")
+        if len(fields) > widest and any(field.strip() for field in fields[widest:]):
+            raise InputError(f"has {len(fields)} fields; expected {widest} as the names in line 4 say", path, number)
+        if len(fields) < 3 and number == len(lines):
+            raise InputError(f"ends in the middle of a row; expected {widest} fields", path, number)
+        rows.append((number, fields))
+    if not rows:
+        raise InputError("has no frames; expected at least one", path)
+    frames, xyz = rows_to_xyz(rows, columns, path)
+    return TextTake(labels, xyz, head.get("Units", "").lower(), rate, int(frames[0]))
+
+
+def _number(text: str | None, what: str, path: Path) -> float:
+    try:
+        return float(text)
+    except (TypeError, ValueError):
+        raise InputError(f"has no number under {what}; expected {KIND}", path, 3) from None
+
+
+def write_trc_file(path: Path, labels: list[str], xyz: np.ndarray, rate: float, first_frame: int):
+    """Writes points (T, P, 3) mm; missing samples are empty fields."""
+    frames, count = xyz.shape[:2]
+    head = [
+        f"PathFileType\t4\t(X/Y/Z)\t{Path(path).name}",
+        "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
+        f"{rate:.6g}\t{rate:.6g}\t{frames}\t{count}\tmm\t{rate:.6g}\t{first_frame}\t{frames}",
+        "Frame#\tTime\t" + "\t\t\t".join(label.replace("\t", " ") for label in labels) + "\t\t",
+        "\t\t" + "\t".join(f"{axis}{index}" for index in range(1, count + 1) for axis in "XYZ"),
+        "",
+    ]
+    with Path(path).open("w", encoding="utf-8", newline="\n") as file:
+        file.write("\n".join(head) + "\n")
+        for index, values in enumerate(xyz.reshape(frames, -1).tolist()):
+            fields = ("" if value != value else f"{value:.5f}" for value in values)
+            file.write(f"{first_frame + index}\t{index / rate:.6f}\t" + "\t".join(fields) + "\n")

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Output files that appear whole or not at all: written beside their place, then renamed."""
+
+import os
+import uuid
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from ..core.errors import InputError, JobError
+
+
+@contextmanager
+def whole_file(target: Path, overwrite: bool = False) -> Iterator[Path]:
+    """Gives the temporary path to write; at success the file takes its place, at failure nothing is left.
+
+    Raises InputError when `target` exists and `overwrite` is not set, or cannot be written there.
+    """
+    with whole_files([target], overwrite) as (temporary,):
+        yield temporary
+
+
+@contextmanager
+def whole_files(targets: Sequence[Path], overwrite: bool = False) -> Iterator[list[Path]]:
+    """The same for the several files of one job: they appear together when the block ends well.
+
+    The temporary paths are in the order of `targets`, in the same folders, with the same suffixes. A temporary that
+    the block did not write stands for an optional file: its target does not appear. Missing folders are made.
+    """
+    targets = [Path(target) for target in targets]
+    for target in targets:
+        _refuse(target, overwrite)
+    token = uuid.uuid4().hex[:12]
+    temporaries = [target.with_name(f".part-{token}-{target.name}") for target in targets]
+    try:
+        _make_folders(targets)
+        try:
+            yield temporaries
+        except OSError as error:
+            raise _unwritable(error, targets) from error
+        written = [
+            (temporary, target) for temporary, target in zip(temporaries, targets, strict=True) if temporary.exists()
+        ]
+        for _, target in written:
+            _refuse(target, overwrite)
+        for temporary, target in written:
+            try:
+                os.replace(temporary, target)
+            except OSError as error:
+                raise JobError(f"cannot be written ({error.strerror})", target) from None
+    finally:
+        for temporary in temporaries:
+            temporary.unlink(missing_ok=True)
+
+
+def _refuse(target: Path, overwrite: bool):
+    if target.is_dir():
+        raise InputError("is a folder; expected the name of a file to write", target)
+    if target.exists() and not overwrite:
+        raise InputError("exists already; expected a new name, or --overwrite", target)
+
+
+def _make_folders(targets: Sequence[Path]):
+    for target in targets:
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(
+                f"cannot be made a folder ({error.strerror}); expected a place to write", target.parent
+            ) from None
+
+
+def _unwritable(error: OSError, targets: Sequence[Path]) -> JobError:
+    return JobError(f"cannot be written ({error.strerror or error})", targets[0].parent)
