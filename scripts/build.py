@@ -68,22 +68,26 @@ def main() -> int:
     return 0
 
 
-def build(name: str, platform: str, out: Path, version: str | None = None) -> Path:
+def build(name: str, platform: str, out: Path, as_version: str | None = None) -> Path:
     """Build and check the zip for the Blender `name` on `platform`; gives its path in the folder `out`."""
     blender = BLENDERS[name]
     manifest = (ROOT / MANIFEST).read_text(encoding="utf-8")
-    if version:
-        manifest = re.sub(r'(?m)^version = ".*"$', f'version = "{version}"', manifest)
-    version = tomllib.loads(manifest)["version"]
+    if as_version:
+        manifest = re.sub(r'(?m)^version = ".*"$', f'version = "{as_version}"', manifest)
     wheels = {path.name: path for python in blender.pythons[platform] for path in fetch_wheels(python, platform)}
     out.mkdir(parents=True, exist_ok=True)
-    target = out / f"mocap_autolabel-{version}-blender{name}-{platform}.zip"
+    target = out / f"mocap_autolabel-{version(manifest)}-blender{name}-{platform}.zip"
     with tempfile.TemporaryDirectory() as folder:
         sources = Path(folder) / "sources.zip"
         blender_ext("build", "--source-dir", str(ROOT), "--output-filepath", str(sources))
         pack(target, sources, narrowed(manifest, blender, platform, wheels), wheels)
     blender_ext("validate", str(target))
     return target
+
+
+def version(manifest: str = "") -> str:
+    """The version that a manifest's text states; without one, the repository's."""
+    return tomllib.loads(manifest or (ROOT / MANIFEST).read_text(encoding="utf-8"))["version"]
 
 
 def fetch_wheels(python: str, platform: str) -> list[Path]:

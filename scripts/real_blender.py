@@ -6,6 +6,7 @@ Looked for in this order: the command in the environment variable MOCAP_BLENDER,
 """
 
 import os
+import re
 import shlex
 import shutil
 import signal
@@ -14,7 +15,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -37,9 +38,10 @@ class RealBlender:
 
     command: tuple[str, ...]
     tool: bool = False
+    version: tuple[int, int, int] = (0, 0, 0)
 
     def run(self, *arguments: str, home: Path, seconds: float = 300) -> subprocess.CompletedProcess:
-        """Run `blender ARGUMENTS…` with its settings in the folder `home`; output is text, errors among it."""
+        """Run `blender ARGUMENTS…` with its settings in the folder `home`; output is text."""
         command = [*self.command, *(["run"] if self.tool else []), *arguments]
         return _run(command, self._environment(home), seconds)
 
@@ -80,9 +82,10 @@ def _started(blender: RealBlender, where: str) -> RealBlender:
             done = blender.run("--background", "--version", home=Path(home), seconds=60)
         except OSError as error:
             raise LookupError(f"no real Blender: {where} does not start ({error})") from None
-    if done.returncode:
-        raise LookupError(f"no real Blender: {where} does not start ({done.stdout.strip()[-200:]})")
-    return blender
+    version = re.search(r"^Blender (\d+)\.(\d+)\.(\d+)", done.stdout, re.MULTILINE)
+    if done.returncode or not version:
+        raise LookupError(f"no real Blender: {where} does not start ({(done.stdout + done.stderr).strip()[-200:]})")
+    return replace(blender, version=tuple(int(number) for number in version.groups()))
 
 
 @contextmanager
@@ -103,22 +106,22 @@ def _screen() -> Iterator[str]:
 
 
 def _run(command: list[str], environment: dict[str, str], seconds: float) -> subprocess.CompletedProcess:
-    """Run to the end or, when the time is over, end the command and all it started and say so in the output."""
+    """Run to the end or, when the time is over, end the command and all it started and say so among the errors."""
     process = subprocess.Popen(
         command,
         cwd=ROOT,
         env=environment | {"REAL_BLENDER_S": str(int(seconds))},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
+        stderr=subprocess.PIPE,
         text=True,
         errors="replace",
         start_new_session=True,
     )
     try:
-        output, _ = process.communicate(timeout=seconds + 10)
+        output, errors = process.communicate(timeout=seconds + 10)
     except subprocess.TimeoutExpired:
         os.killpg(process.pid, signal.SIGKILL)
-        output, _ = process.communicate()
-        output += f"\nstopped after {seconds:.0f} s"
-    return subprocess.CompletedProcess(command, process.returncode, output)
+        output, errors = process.communicate()
+        errors += f"\nstopped after {seconds:.0f} s"
+    return subprocess.CompletedProcess(command, process.returncode, output, errors)

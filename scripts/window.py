@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A hand and an eye inside Blender's window, for tests and screenshots: plays steps, finds buttons, clicks, looks.
+
+Blender needs the option --enable-event-simulate. Coordinates are pixels of the window from its lower left corner.
+"""
+
+import os
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import bpy
+
+WHILE_IT_DRAWS = 0.3
+
+
+def play(steps: Iterator[float]) -> None:
+    """Play steps in Blender's window and quit; every step yields the seconds that Blender gets before the next."""
+
+    def turn() -> float | None:
+        pause = None
+        try:
+            with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
+                pause = next(steps, None)
+        finally:
+            if pause is None:
+                bpy.ops.wm.quit_blender()
+        return pause
+
+    bpy.context.preferences.view.show_splash = False
+    bpy.app.timers.register(turn, first_interval=2)
+
+
+def area(kind: str = "VIEW_3D") -> bpy.types.Area:
+    """The window's largest area of a kind."""
+    areas = [a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == kind]
+    return max(areas, key=lambda a: a.width * a.height)
+
+
+def region(kind: str, inside: str = "VIEW_3D") -> bpy.types.Region:
+    """A region ("UI" is the sidebar) of the window's largest area of a kind."""
+    return next(r for r in area(inside).regions if r.type == kind)
+
+
+def open_tab(name: str) -> Iterator[float]:
+    """Open the 3D viewport's sidebar at a tab."""
+    area().spaces.active.show_region_ui = True
+    yield 1
+    region("UI").active_panel_category = name
+    area().tag_redraw()
+    yield 1
+
+
+def screenshot(name: str) -> Iterator[float]:
+    """Save a picture of the whole window, as a user sees it, to NAME.png in the folder MOCAP_OUT."""
+    for shown in bpy.context.window_manager.windows[0].screen.areas:
+        shown.tag_redraw()
+    yield 1.5
+    path = str(Path(os.environ["MOCAP_OUT"], name + ".png"))
+    if os.environ.get("DISPLAY") and shutil.which("import"):
+        subprocess.run(["import", "-window", "root", path], check=True)
+    else:
+        bpy.ops.screen.screenshot(filepath=path)
+
+
+def point(x: int, y: int) -> None:
+    """Move the pointer."""
+    _event("MOUSEMOVE", "NOTHING", x, y)
+
+
+def click(x: int, y: int) -> Iterator[float]:
+    """Click with the left button, as a hand would: move, press, release."""
+    for kind, value in (("MOUSEMOVE", "NOTHING"), ("LEFTMOUSE", "PRESS"), ("LEFTMOUSE", "RELEASE")):
+        _event(kind, value, x, y)
+        yield WHILE_IT_DRAWS
+
+
+def press(key: str, x: int, y: int) -> Iterator[float]:
+    """Press and release a key with the pointer at a place."""
+    for value in ("PRESS", "RELEASE"):
+        _event(key, value, x, y)
+        yield WHILE_IT_DRAWS
+
+
+def buttons(found: dict[str, tuple[int, int]], step: int = 9) -> Iterator[float]:
+    """Find the sidebar's operator buttons by pointing down along it; `found` gets operator name -> place."""
+    sidebar = region("UI")
+    x = sidebar.x + sidebar.width // 2 - 20
+    for y in range(sidebar.y + sidebar.height - 5, sidebar.y + 5, -step):
+        point(x, y)
+        yield 0.05
+        with bpy.context.temp_override(area=area(), region=sidebar):
+            if not bpy.ops.ui.copy_python_command_button.poll():
+                continue
+            bpy.context.window_manager.clipboard = ""
+            bpy.ops.ui.copy_python_command_button()
+        command = bpy.context.window_manager.clipboard
+        if command.startswith("bpy.ops."):
+            found.setdefault(command.removeprefix("bpy.ops.").partition("(")[0], (x, y))
+
+
+def _event(kind: str, value: str, x: int, y: int) -> None:
+    bpy.context.window_manager.windows[0].event_simulate(type=kind, value=value, x=int(x), y=int(y))

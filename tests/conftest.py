@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What all tests share: a Blender without the user's settings, repeatable random cases, and what is at hand."""
+
+import importlib.util
+import os
+import tempfile
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+# Blender reads this when it is first imported: tests neither see nor change what the user has set up.
+_resources = tempfile.TemporaryDirectory(prefix="mocap-tests-")
+os.environ["BLENDER_USER_RESOURCES"] = _resources.name
+
+settings.register_profile("repeatable", derandomize=True, deadline=None, print_blob=True)
+settings.load_profile("repeatable")
+
+SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """The folder of recorded people and rooms beside the repository; skips the test when it is not there."""
+    if not SHARED_DATA.is_dir():
+        pytest.skip("the recorded people and rooms (../shared/data) are not on this machine")
+    return SHARED_DATA
+
+
+def pytest_report_header(config) -> str:
+    bpy = "with" if importlib.util.find_spec("bpy") else "without"
+    data = "with" if SHARED_DATA.is_dir() else "without"
+    return f"{bpy} the bpy module, {data} recorded people and rooms"

@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The built zips and the Blenders to try them in."""
+
+import importlib.util
+import platform
+import sys
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from scripts import build, real_blender
+
+
+@pytest.fixture(scope="session")
+def make_zip(tmp_path_factory) -> Callable[..., Path]:
+    """Builds the zip for a Blender ("5.2") on this machine, once for each version number."""
+    if importlib.util.find_spec("bpy") is None:
+        pytest.skip("the bpy module, which brings Blender's packager, is not installed")
+    folder = tmp_path_factory.mktemp("zips")
+    return cache(lambda name, version=None: build.build(name, this_platform(), folder, version))
+
+
+@pytest.fixture(scope="session")
+def blender_program() -> real_blender.RealBlender:
+    """A real Blender, the program."""
+    try:
+        return real_blender.find()
+    except LookupError as reason:
+        pytest.skip(str(reason))
+
+
+def this_platform() -> str:
+    """Blender's name for this machine, if zips are built for it."""
+    systems = {"linux": "linux", "win32": "windows", "darwin": "macos"}
+    machines = {"x86_64": "x64", "amd64": "x64", "arm64": "arm64", "aarch64": "arm64"}
+    name = f"{systems.get(sys.platform)}-{machines.get(platform.machine().lower())}"
+    if name not in build.WHEEL_TAGS:
+        pytest.skip(f"no zip is built for this machine ({name})")
+    return name
+
+
+def zip_for(version: tuple[int, ...]) -> str:
+    """Which of the built zips a Blender of this version takes."""
+    name = "{}.{}".format(*version)
+    if name not in build.BLENDERS:
+        pytest.skip(f"no zip is built for Blender {name}")
+    return name

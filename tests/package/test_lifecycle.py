@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The zip in a Blender: it installs, works, is disabled, updated and uninstalled, and leaves nothing behind.
+
+Tried in the bpy module of this Python and in a real Blender, the program. `lifecycle.py` lives it, this file judges it.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from scripts import build
+
+from .conftest import zip_for
+
+SCRIPT = Path(__file__).with_name("lifecycle.py")
+NEWER = "9.9.9"
+
+
+def live_in_module(make_zip, tmp_path):
+    import bpy
+
+    name = zip_for(bpy.app.version[:2])
+    report = tmp_path / "report.json"
+    done = subprocess.run(
+        [sys.executable, str(SCRIPT), "--", str(make_zip(name)), str(make_zip(name, NEWER)), str(report)],
+        env=os.environ | {"BLENDER_USER_RESOURCES": str(tmp_path / "home")},
+        check=False,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert report.exists(), done.stdout + done.stderr
+    return json.loads(report.read_text()) | {"log": done.stdout + done.stderr}
+
+
+def live_in_program(make_zip, tmp_path, blender):
+    name = zip_for(blender.version[:2])
+    report = tmp_path / "report.json"
+    arguments = ["--background", "--factory-startup", "--python-exit-code", "3", "--python", str(SCRIPT), "--"]
+    zips = [str(make_zip(name)), str(make_zip(name, NEWER))]
+    done = blender.run(*arguments, *zips, str(report), home=tmp_path / "home")
+    assert report.exists(), done.stdout + done.stderr
+    return json.loads(report.read_text()) | {"log": done.stdout + done.stderr}
+
+
+@pytest.fixture(scope="module", params=["module", pytest.param("program", marks=pytest.mark.real_blender)])
+def life(request, make_zip, tmp_path_factory):
+    """What was seen of the extension at each point of its life."""
+    folder = tmp_path_factory.mktemp("life")
+    if request.param == "module":
+        return live_in_module(make_zip, folder)
+    return live_in_program(make_zip, folder, request.getfixturevalue("blender_program"))
+
+
+def test_installing_enables_it_with_its_tab_and_operators(life):
+    assert life["installed"]["enabled"]
+    assert life["installed"]["version"] == build.version()
+    assert life["installed"]["tabs"] == ["Mocap"]
+    assert life["installed"]["operators"]
+
+
+def test_every_module_imports_under_blenders_name(life):
+    files = [path for path in (build.ROOT / "addon").rglob("*.py") if path.name != "__init__.py"]
+    assert len(files) <= len(life["modules"])
+
+
+def test_blender_sees_no_violation_of_its_policies(life):
+    assert life["warnings"] == {}
+    assert "olicy violation" not in life["log"]
+    assert "Traceback" not in life["log"]
+
+
+@pytest.mark.parametrize("moment", ["disabled", "uninstalled"])
+def test_nothing_stays_in_the_running_blender(life, moment):
+    assert not life[moment]["enabled"]
+    assert life[moment]["traces"] == life["before"]
+    assert life[moment]["operators"] == []
+
+
+def test_enabling_again_restores_all_of_it(life):
+    assert life["enabled again"] == life["installed"]
+
+
+def test_enabling_makes_no_data(life):
+    assert life["installed"]["traces"]["data"] == life["before"]["data"]
+
+
+def test_an_update_replaces_the_version_and_keeps_it_enabled(life):
+    assert life["updated"]["version"] == NEWER
+    assert life["updated"] == life["installed"] | {"version": NEWER}
+
+
+def test_uninstalling_removes_every_file(life):
+    # What stays is Blender's own: its list of checked extensions, and the byte code beside wheels it removed.
+    ours = [name for name in life["files left"] if name != ".cache/compat.dat" and "/__pycache__/" not in name]
+    assert ours == []
+    assert not any("mocap" in name for name in life["files left"])
