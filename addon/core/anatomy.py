@@ -58,6 +58,11 @@ def other_side(name: str) -> str:
     return ("R" if name[0] == "L" else "L") + name[1:]
 
 
+def is_right(name: str) -> bool:
+    """Whether a marker, joint centre or segment is the body's right one of two."""
+    return name.endswith(".R") or (name[:1] == "R" and name not in UNPAIRED)
+
+
 # A marker on one side only: nothing on the other side mirrors it.
 UNPAIRED = ("RBAK",)
 
@@ -95,11 +100,9 @@ _CENTRAL = (
 
 def _sided(side: str) -> tuple[MarkerSite, ...]:
     arm, forearm, leg = f"upper_arm.{side}", f"forearm.{side}", ("thigh", "shank", "foot")
-    on_legs = zip(
-        leg,
-        (("THI", "KNE"), ("TIB", "ANK", "HFB", "TUB", "SHN", "MMA"), ("HEE", "TOE", "LCA", "STL", "NAV", "P1M", "P5M", "D5M")),
-        strict=True,
-    )
+    on_thigh, on_shank = ("THI", "KNE"), ("TIB", "ANK", "HFB", "TUB", "SHN", "MMA")
+    on_foot = ("HEE", "TOE", "LCA", "STL", "NAV", "P1M", "P5M", "D5M")
+    on_legs = zip(leg, (on_thigh, on_shank, on_foot), strict=True)
     return (
         MarkerSite(f"{side}ASI", "pelvis"),
         MarkerSite(f"{side}PSI", "pelvis", (("SACR", 1.0),), (0.0, 0.025, 0.0)),
@@ -178,6 +181,11 @@ WHOLE_CAPSULES = (_PELVIS_CAPSULE, *_TRUNK_CAPSULES, *_arm_capsules("L"), *_arm_
 
 MARKERS = (*_CENTRAL, *_sided("L"), *_sided("R"))
 
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(text.split())
+
+
 _SIDE_WORDS = (("L", "l"), ("R", "r"))
 _LEG_ALIASES = (
     ("sacrum", "SACR"),
@@ -206,15 +214,16 @@ SETS = {
         SetSite(
             "gait15",
             "Helen Hayes lower body for gait: 15 markers",
-            tuple(["SACR", "RASI", "LASI", "RTHI", "LTHI", "RKNE", "LKNE", "RTIB", "LTIB", "RANK", "LANK", "RHEE", "LHEE", "RTOE", "LTOE"]),
+            _names("SACR RASI LASI RTHI LTHI RKNE LKNE RTIB LTIB RANK LANK RHEE LHEE RTOE LTOE"),
             _LEG_ALIASES,
             whole_body=False,
         ),
         SetSite(
             "body26",
             "Whole body: 26 markers",
-            tuple(
-                ["LFHD", "RFHD", "LBHD", "RBHD", "C7", "LSHO", "RSHO", "LELB", "RELB", "LWRA", "LWRB", "RWRA", "RWRB", "LFIN", "RFIN", "LASI", "RASI", "SACR", "LKNE", "RKNE", "LANK", "RANK", "LHEE", "RHEE", "LTOE", "RTOE"]
+            _names(
+                "LFHD RFHD LBHD RBHD C7 LSHO RSHO LELB RELB LWRA LWRB RWRA RWRB LFIN RFIN LASI RASI SACR LKNE "
+                "RKNE LANK RANK LHEE RHEE LTOE RTOE"
             ),
             _BODY_ALIASES,
             whole_body=True,
@@ -222,8 +231,10 @@ SETS = {
         SetSite(
             "body39",
             "Plug-in Gait full body: 39 markers",
-            tuple(
-                ["LFHD", "RFHD", "LBHD", "RBHD", "C7", "T10", "CLAV", "STRN", "RBAK", "LSHO", "LUPA", "LELB", "LFRM", "LWRA", "LWRB", "LFIN", "RSHO", "RUPA", "RELB", "RFRM", "RWRA", "RWRB", "RFIN", "LASI", "RASI", "LPSI", "RPSI", "LTHI", "LKNE", "LTIB", "LANK", "LHEE", "LTOE", "RTHI", "RKNE", "RTIB", "RANK", "RHEE", "RTOE"]
+            _names(
+                "LFHD RFHD LBHD RBHD C7 T10 CLAV STRN RBAK LSHO LUPA LELB LFRM LWRA LWRB LFIN RSHO RUPA RELB "
+                "RFRM RWRA RWRB RFIN LASI RASI LPSI RPSI LTHI LKNE LTIB LANK LHEE LTOE RTHI RKNE RTIB RANK RHEE "
+                "RTOE"
             ),
             (*_BODY_ALIASES, *((f"{side}BWT", f"{side}PSI") for side in SIDES)),
             whole_body=True,

@@ -21,6 +21,7 @@ FEWEST = 4  # markers; a frame with fewer has no pose
 SUBJECT_FRAMES = 40  # enough to tell one subject's size and shape
 KEY_STRIDE = 8  # frames; those in between start from their neighbours' poses
 BATCH = 256  # frames posed at once: large enough for NumPy, small enough for the cache
+HOLD = 1e9  # 1/m², holds a column against any data, yet is not so large that the rest is lost in rounding
 OWN_SD = 0.02  # heights, how far a subject's own markers stray from where the shape puts them
 
 
@@ -88,7 +89,7 @@ def point_pull(points: np.ndarray, noise: float = NOISE, reach: float = REACH):
 
 
 def aligned(model: BodyModel, points: np.ndarray, prior: Prior) -> Bodies:
-    """Bodies in the mean pose and shape, laid on points (B, M, 3) m as rigid bodies (Kabsch; Umeyama 1991 for the size).
+    """Bodies in the mean pose and shape, laid on points (B, M, 3) m as rigid bodies (Kabsch; Umeyama's size).
 
     Markers count less the more joints are between them and the root: limbs move, the trunk tells where one faces.
     """
@@ -117,7 +118,9 @@ def aligned(model: BodyModel, points: np.ndarray, prior: Prior) -> Bodies:
     )
 
 
-def descend_subject(model: BodyModel, bodies: Bodies, points: np.ndarray, prior: Prior, steps: int, noise: float = NOISE) -> Bodies:
+def descend_subject(
+    model: BodyModel, bodies: Bodies, points: np.ndarray, prior: Prior, steps: int, noise: float = NOISE
+) -> Bodies:
     """Damped Gauss-Newton on all frames' poses and the shared scale and shape at once.
 
     The frames meet only in the shared columns, so each frame's pose is eliminated (Schur complement) before the shared
@@ -210,7 +213,7 @@ class _Held:
         cost, gradient, hessian = self.prior.terms(bodies)
         hessian = hessian.copy()
         held = np.arange(len(hessian))[self.columns]
-        hessian[held, held] += 1e15
+        hessian[held, held] += HOLD
         return cost, gradient, hessian
 
 
