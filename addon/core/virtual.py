@@ -14,7 +14,7 @@ from . import rotations
 from .body import Bodies, BodyModel
 from .markersets import MarkerSet
 
-# Degrees over one stride of that leg (the thigh against the upright), as (share of the stride, angle); 0 is heel strike.
+# Degrees over one stride of that leg, the thigh against the upright: (share of the stride, angle); 0 is heel strike.
 HIP_FLEXION = ((0.0, 21), (0.12, 17), (0.5, -18), (0.6, -11), (0.84, 23))
 KNEE_FLEXION = ((0.0, 5), (0.13, 16), (0.38, 5), (0.5, 14), (0.6, 42), (0.71, 62), (0.95, 4))
 ANKLE_FLEXION = ((0.0, 1), (0.07, -5), (0.3, 6), (0.45, 9), (0.6, -12), (0.72, 0), (0.85, 3))
@@ -112,7 +112,7 @@ def _within(generator: np.random.Generator, shape: tuple[int, ...]) -> np.ndarra
 def _plan(acts: Sequence[Act], rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Time (T,) s, stride (T,), heading (T,) rad and arms (T, 2) of left and right: acts that flow into one another."""
     ends = np.cumsum([act.seconds for act in acts])
-    time = np.arange(int(round(ends[-1] * rate))) / rate
+    time = np.arange(round(ends[-1] * rate)) / rate
     which = np.minimum(np.searchsorted(ends, time, side="right"), len(acts) - 1)
     rows = np.array([(act.stride, act.turn / act.seconds, act.left, act.right) for act in acts])[which]
     smooth = _smoothed(rows, EASE * rate)

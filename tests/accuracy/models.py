@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Marker sets learned without the people they are tested on, and the labelling with them as one function."""
+
+import hashlib
+import tempfile
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from addon.core.markersets import MarkerSet
+from addon.core.pipeline import Options, label_take
+from addon.core.takes import NO_MARKER, STEPS
+from addon.io.markersets import read_markerset, write_markerset
+from scripts import learn_markersets
+
+from . import people
+from .captures import LabelFunction
+
+CACHE = Path(tempfile.gettempdir()) / "mocap-autolabel-accuracy"
+LEARNED_BY = ("addon/core/anatomy.py", "addon/core/learning.py", "addon/core/posing.py", "scripts/learn_markersets.py")
+
+
+def left_out_model(set_name: str, left_out: tuple[str, ...]) -> MarkerSet:
+    """The built-in marker set as it would be if the people `left_out` had never been recorded; kept for the next run."""
+    path = CACHE / f"{set_name}-without-{'-'.join(left_out)}-{_learning_version()}.json"
+    if not path.exists():
+        learned = learn_markersets.learn_set(learn_markersets.read_people(people.DATA / "people", left_out), set_name)
+        CACHE.mkdir(parents=True, exist_ok=True)
+        write_markerset(path, learned)
+    return read_markerset(path)
+
+
+@cache
+def _learning_version() -> str:
+    root = Path(__file__).resolve().parents[2]
+    return hashlib.sha256(b"".join((root / name).read_bytes() for name in LEARNED_BY)).hexdigest()[:10]
+
+
+class Labeller:
+    """The project's labelling as a function of blobs, with no hints; adds up the seconds that it reports."""
+
+    def __init__(self, markerset: MarkerSet, rate: float = 100.0, options: Options | None = None, occlusion=None):
+        self.markerset, self._rate, self._options, self._occlusion = markerset, rate, options, occlusion
+        self._names = np.array([*markerset.markers, ""], dtype=object)
+        self.seconds: dict[str, float] = {}
+        self.frames = 0
+
+    def __call__(self, blobs, cameras) -> tuple[np.ndarray, np.ndarray]:
+        (chunk,) = label_take([blobs], cameras, self.markerset, self._rate, self._options, self._occlusion)
+        for stage, seconds in chunk.seconds.items():
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + seconds
+        self.frames += len(blobs.frames)
+        marker = np.where(chunk.labels.marker == NO_MARKER, len(self.markerset), chunk.labels.marker)
+        return self._names[marker], np.asarray(STEPS, dtype=object)[chunk.labels.step]
+
+
+def labeller(markerset: MarkerSet) -> LabelFunction:
+    """The labelling with its defaults."""
+    return Labeller(markerset)
