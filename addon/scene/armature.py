@@ -143,6 +143,7 @@ def attach(item: bpy.types.Object, armature: bpy.types.Object, segment: str, pla
     turned = np.eye(4)
     turned[:3, :3] = rest[:3, :3]
     item.parent, item.parent_type, item.parent_bone = armature, "BONE", segment
+    item.rotation_mode = "QUATERNION"  # Euler angles lose half their digits near the poles
     item.matrix_basis = Matrix((np.linalg.inv(turned @ to_tail) @ place).tolist())
 
 

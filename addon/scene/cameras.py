@@ -6,6 +6,8 @@ Blender cannot express (image size and pixel aspect per camera, skew, distortion
 Pixel (0, 0) is the upper left corner of Blender's picture.
 """
 
+from pathlib import Path
+
 import bpy
 import numpy as np
 from mathutils import Matrix
@@ -68,20 +70,22 @@ def cameras_of_scene(scene: bpy.types.Scene) -> Cameras:
     return _read(calibrated or found, scene)
 
 
-def cameras_of_blend(path: str) -> Cameras:
+def cameras_of_blend(path: Path | str) -> Cameras:
     """Calibrations of the cameras of a `.blend` file's first scene; nothing of the file stays behind.
 
     Raises InputError when the file is not a `.blend` or has no usable cameras.
     """
+    if not Path(path).is_file():
+        raise InputError("there is no such file; expected a .blend with cameras", path)
     before = set(bpy.data.libraries)
     try:
-        with bpy.data.libraries.load(path, link=True) as (there, wanted):
+        with bpy.data.libraries.load(str(path), link=True) as (there, wanted):
             wanted.scenes = there.scenes[:1]
     except OSError as error:
-        raise InputError("this is not a Blender file that can be read; expected a .blend with cameras", path) from error
+        raise InputError("is not a Blender file that can be read; expected a .blend with cameras", path) from error
     try:
         if not wanted.scenes or wanted.scenes[0] is None:
-            raise InputError("the file holds no scene; expected a .blend with cameras", path)
+            raise InputError("holds no scene; expected a .blend with cameras", path)
         scene = wanted.scenes[0]
         scene.view_layers[0].update()
         return cameras_of_scene(scene)

@@ -66,8 +66,16 @@ def occlusion_of(
 ) -> MeshOcclusion:
     """The occlusion test of mesh objects on an armature made for `markerset`; modifiers count, the pose does not.
 
-    Raises InputError when a mesh hangs on no bone, neither by parenting nor by vertex groups.
+    Raises InputError when there is no mesh, the armature lacks a bone of the marker set, or a mesh hangs on no bone,
+    neither by parenting nor by vertex groups.
     """
+    missing = [segment for segment in markerset.skeleton.segments if segment not in armature.data.bones]
+    if missing:
+        raise InputError(
+            f"{armature.name} has no bone {missing[0]}; expected a skeleton of marker set {markerset.name}"
+        )
+    if not items:
+        raise InputError(f"{armature.name} carries no mesh; expected one on a bone or skinned to it")
     before = armature.data.pose_position
     armature.data.pose_position = "REST"
     context.view_layer.update()
@@ -78,6 +86,17 @@ def occlusion_of(
         armature.data.pose_position = before
         context.view_layer.update()
     return MeshOcclusion(volumes, np.array(armature[SCALE], dtype=float))
+
+
+def meshes_on(armature: bpy.types.Object, scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """The mesh objects of a scene that hang on an armature, by parenting or by a modifier."""
+    return [
+        item for item in scene.objects if item.type == "MESH" and (item.parent == armature or _skinned(item, armature))
+    ]
+
+
+def _skinned(item: bpy.types.Object, armature: bpy.types.Object) -> bool:
+    return any(modifier.type == "ARMATURE" and modifier.object == armature for modifier in item.modifiers)
 
 
 def _volume_hides(volume: Volume, points: np.ndarray, eyes: np.ndarray, standoff: float) -> np.ndarray:
@@ -179,8 +198,7 @@ def _owners(item, armature, mesh, triangles: np.ndarray, markerset: MarkerSet) -
     if item.parent == armature and item.parent_type == "BONE" and item.parent_bone in segments:
         return np.full(len(triangles), segments.index(item.parent_bone))
     groups = {group.index: segments.index(group.name) for group in item.vertex_groups if group.name in segments}
-    skinned = any(modifier.type == "ARMATURE" and modifier.object == armature for modifier in item.modifiers)
-    if not groups or not (skinned or item.parent == armature):
+    if not groups or not (_skinned(item, armature) or item.parent == armature):
         raise InputError(
             f"mesh {item.name} hangs on no bone; expected it parented to a bone of {armature.name} or skinned to it"
         )

@@ -123,7 +123,7 @@ def show_take(context: bpy.types.Context, take: Take) -> bpy.types.Collection:
     empties = _child(collection, f"{collection.name} markers")
     scene_markers.add_markers(empties, action, take.markerset.markers, take.motion, frames)
     _store(collection, take, camera_collection, shift)
-    _set_time(scene, take.rate, frames)
+    set_time(scene, take.rate, frames)
     return collection
 
 
@@ -210,7 +210,7 @@ def _read_motion(collection: bpy.types.Collection, frames: dict[str, np.ndarray]
     )
 
 
-def _set_time(scene: bpy.types.Scene, rate: float, frames: np.ndarray):
+def set_time(scene: bpy.types.Scene, rate: float, frames: np.ndarray):
     """Makes the scene play the take: Blender's rate is a whole number over a base."""
     scene.render.fps = max(1, round(rate))
     scene.render.fps_base = scene.render.fps / rate

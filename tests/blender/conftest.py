@@ -1,16 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A small person, four cameras around her, and a take that is known to the last digit, inside a fresh Blender."""
 
-import os
-import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-RESOURCES = Path(tempfile.mkdtemp(prefix="mocap-autolabel-blender-"))
-os.environ["BLENDER_USER_RESOURCES"] = str(RESOURCES)
 
 bpy = pytest.importorskip("bpy", reason="needs the bpy module")
 
@@ -197,3 +192,18 @@ def empty():
     bpy.ops.wm.read_homefile(use_empty=True)
     yield bpy.context
     bpy.ops.wm.read_homefile(use_empty=True)
+
+
+@pytest.fixture(scope="session")
+def extension(tmp_path_factory):
+    """The name of the real extension, enabled from a symlinked repository of its own."""
+    import addon_utils
+
+    folder = tmp_path_factory.mktemp("repository")
+    (folder / "mocap_autolabel").symlink_to(REPOSITORY, target_is_directory=True)
+    repos = bpy.context.preferences.extensions.repos
+    repository = repos.new(name="Mocap tests", module="mocap_tests", custom_directory=str(folder), source="USER")
+    assert addon_utils.enable(MODULE, default_set=True) is not None
+    yield MODULE
+    addon_utils.disable(MODULE, default_set=True)
+    repos.remove(repository)

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A marker set of one's own: laid out in the view, moved and re-attached there, saved as a file."""
+
+from pathlib import Path
+
+import bpy
+from bpy.props import EnumProperty, StringProperty
+from bpy_extras.io_utils import ExportHelper, ImportHelper
+
+from ..core.errors import InputError
+from ..io.markersets import SUFFIX, open_markerset, write_markerset
+from ..io.whole import whole_file
+from ..prefs import markerset_folder
+from ..props import OWN_FILE, chosen_markerset
+from ..scene import naming
+from ..scene.markerset_edit import edited_collection, read_markerset, reattach, show_markerset, skeleton_of
+from .reporting import reports_trouble
+
+# Blender keeps no reference to the texts of a dynamic enumeration.
+_kept_segments: list[tuple[str, str, str]] = []
+
+
+def _segment_items(_self, context) -> list[tuple[str, str, str]]:
+    collection = edited_collection(context.scene)
+    bones = skeleton_of(collection).data.bones if collection else ()
+    _kept_segments[:] = [(bone.name, bone.name, f"Attach to {bone.name}") for bone in bones]
+    return _kept_segments
+
+
+class MOCAP_AUTOLABEL_OT_open_markerset(bpy.types.Operator, ImportHelper):
+    """Choose a marker set file of your own."""
+
+    bl_idname = "mocap_autolabel.open_markerset"
+    bl_label = "Open Marker Set"
+    bl_options = {"REGISTER", "UNDO"}
+
+    filter_glob: StringProperty(default=f"*{SUFFIX}", options={"HIDDEN"})
+
+    @reports_trouble
+    def execute(self, context):
+        settings = context.scene.mocap_autolabel
+        markerset = open_markerset(self.filepath)
+        settings.markerset, settings.markerset_path = OWN_FILE, self.filepath
+        self.report({"INFO"}, f"{markerset.name}: {len(markerset)} markers")
+        return {"FINISHED"}
+
+
+class MOCAP_AUTOLABEL_OT_edit_markerset(bpy.types.Operator):
+    """Lay the marker set out in the rest pose, to move its markers and capsules and attach them to other bones."""
+
+    bl_idname = "mocap_autolabel.edit_markerset"
+    bl_label = "Show and Edit"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context):
+        if context.mode != "OBJECT":
+            cls.poll_message_set("Go to object mode first")
+            return False
+        return True
+
+    @reports_trouble
+    def execute(self, context):
+        settings = context.scene.mocap_autolabel
+        markerset = chosen_markerset(settings)
+        source = settings.markerset_path if settings.markerset == OWN_FILE else settings.markerset
+        show_markerset(context, markerset, source)
+        return {"FINISHED"}
+
+
+class MOCAP_AUTOLABEL_OT_reattach(bpy.types.Operator):
+    """Attach the selected markers and capsules to another segment, where they stand."""
+
+    bl_idname = "mocap_autolabel.reattach"
+    bl_label = "Attach to Segment"
+    bl_options = {"REGISTER", "UNDO"}
+    bl_property = "segment"
+
+    segment: EnumProperty(name="Segment", description="The segment that carries them", items=_segment_items)
+
+    @classmethod
+    def poll(cls, context):
+        if edited_collection(context.scene) is None:
+            cls.poll_message_set("Show a marker set first")
+            return False
+        if not any(naming.MARKER in item or naming.CAPSULE in item for item in context.selected_objects):
+            cls.poll_message_set("Select markers or capsules first")
+            return False
+        return True
+
+    def invoke(self, context, event):
+        context.window_manager.invoke_search_popup(self)
+        return {"RUNNING_MODAL"}
+
+    @reports_trouble
+    def execute(self, context):
+        collection = edited_collection(context.scene)
+        armature, ours = skeleton_of(collection), set(collection.all_objects)
+        chosen = [item for item in context.selected_objects if item in ours and item != armature]
+        for item in chosen:
+            reattach(item, armature, self.segment)
+        self.report({"INFO"}, f"{len(chosen)} attached to {self.segment}")
+        return {"FINISHED"}
+
+
+class MOCAP_AUTOLABEL_OT_save_markerset(bpy.types.Operator, ExportHelper):
+    """Save the marker set that is laid out as one of your own, and choose it."""
+
+    bl_idname = "mocap_autolabel.save_markerset"
+    bl_label = "Save Marker Set"
+    bl_options = {"REGISTER"}
+
+    filename_ext = SUFFIX
+    filter_glob: StringProperty(default=f"*{SUFFIX}", options={"HIDDEN"})
+
+    @classmethod
+    def poll(cls, context):
+        if edited_collection(context.scene) is None:
+            cls.poll_message_set("Show a marker set first")
+            return False
+        return True
+
+    def invoke(self, context, event):
+        if not self.filepath:
+            base = Path(edited_collection(context.scene)[naming.EDITED]).name.removesuffix(SUFFIX)
+            self.filepath = str(markerset_folder(create=True) / f"my_{base.removeprefix('my_')}{SUFFIX}")
+        return ExportHelper.invoke(self, context, event)
+
+    def check(self, context):
+        return False
+
+    @reports_trouble
+    def execute(self, context):
+        collection, path = edited_collection(context.scene), Path(self.filepath)
+        if not path.name.endswith(SUFFIX):
+            path = path.with_name(path.name.removesuffix(".json") + SUFFIX)
+        name = path.name.removesuffix(SUFFIX)
+        if not name:
+            raise InputError(f"the marker set has no name; expected a file such as mine{SUFFIX}")
+        base = open_markerset(bpy.path.abspath(collection[naming.EDITED]))
+        with whole_file(path, overwrite=True) as temporary:
+            write_markerset(temporary, read_markerset(collection, base, name))
+        settings = context.scene.mocap_autolabel
+        settings.markerset, settings.markerset_path = OWN_FILE, str(path)
+        self.report({"INFO"}, f"Saved {path}")
+        return {"FINISHED"}
+
+
+CLASSES = (
+    MOCAP_AUTOLABEL_OT_open_markerset,
+    MOCAP_AUTOLABEL_OT_edit_markerset,
+    MOCAP_AUTOLABEL_OT_reattach,
+    MOCAP_AUTOLABEL_OT_save_markerset,
+)

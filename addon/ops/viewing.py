@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Looking around in a take: through its cameras, at its doubtful frames; and putting it away."""
+
+import bpy
+from bpy.props import IntProperty, StringProperty
+
+from ..props import refresh_review
+from ..scene import naming
+from ..scene.cameras import is_mocap_camera, look_through
+from ..scene.take import is_take, remove_take
+
+
+class MOCAP_AUTOLABEL_OT_look_through(bpy.types.Operator):
+    """Look through this camera, with its own picture size and pixels."""
+
+    bl_idname = "mocap_autolabel.look_through"
+    bl_label = "Look Through"
+    bl_options = {"REGISTER", "UNDO"}
+
+    camera: StringProperty(name="Camera", description="Name of the camera object", options={"SKIP_SAVE"})
+
+    @classmethod
+    def poll(cls, context):
+        return context.scene is not None
+
+    def execute(self, context):
+        camera = context.scene.objects.get(self.camera)
+        if not is_mocap_camera(camera):
+            self.report({"ERROR"}, f"{self.camera or 'nothing'} is not a calibrated camera of this scene")
+            return {"CANCELLED"}
+        look_through(context.scene, camera)
+        if context.space_data is not None and context.space_data.type == "VIEW_3D":
+            context.space_data.region_3d.view_perspective = "CAMERA"
+        return {"FINISHED"}
+
+
+class MOCAP_AUTOLABEL_OT_jump(bpy.types.Operator):
+    """Go to this frame, and select the marker if there is one to select."""
+
+    bl_idname = "mocap_autolabel.jump"
+    bl_label = "Jump to Frame"
+    bl_options = {"REGISTER", "UNDO"}
+
+    frame: IntProperty(name="Frame", description="Frame to go to")
+    marker: StringProperty(name="Marker", description="Marker to select", options={"SKIP_SAVE"})
+
+    def execute(self, context):
+        context.scene.frame_set(self.frame)
+        collection = context.scene.mocap_autolabel.take
+        if self.marker and is_take(collection) and context.mode == "OBJECT":
+            for item in context.selected_objects:
+                item.select_set(False)
+            for item in collection.all_objects:
+                if item.get(naming.MARKER) == self.marker:
+                    item.select_set(True)
+                    context.view_layer.objects.active = item
+        return {"FINISHED"}
+
+
+class MOCAP_AUTOLABEL_OT_clear(bpy.types.Operator):
+    """Remove the labelled take from the scene; its cameras and blobs stay."""
+
+    bl_idname = "mocap_autolabel.clear"
+    bl_label = "Remove Take"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context):
+        if not is_take(context.scene.mocap_autolabel.take):
+            cls.poll_message_set("There is no labelled take in this scene")
+            return False
+        if context.mode != "OBJECT":
+            cls.poll_message_set("Go to object mode first")
+            return False
+        return True
+
+    def execute(self, context):
+        settings = context.scene.mocap_autolabel
+        collection, settings.take = settings.take, None
+        remove_take(collection)
+        refresh_review(context.window_manager, context.scene)
+        return {"FINISHED"}
+
+
+CLASSES = (MOCAP_AUTOLABEL_OT_look_through, MOCAP_AUTOLABEL_OT_jump, MOCAP_AUTOLABEL_OT_clear)

@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a user sets once for all files: where own marker sets live."""
+
+from pathlib import Path
+
+import bpy
+from bpy.props import StringProperty
+
+PACKAGE = __package__.rpartition(".")[0]
+
+
+class MocapPreferences(bpy.types.AddonPreferences):
+    """Preferences of the extension."""
+
+    bl_idname = PACKAGE or __package__
+
+    markerset_folder: StringProperty(
+        name="Own Marker Sets",
+        description="Folder for the marker sets that you make; empty for the extension's own folder",
+        subtype="DIR_PATH",
+    )
+
+    def draw(self, context):
+        self.layout.prop(self, "markerset_folder")
+
+
+def markerset_folder(create: bool = False) -> Path:
+    """The folder of the user's own marker sets; made when `create` is set."""
+    addon = bpy.context.preferences.addons.get(PACKAGE)
+    chosen = addon.preferences.markerset_folder if addon and addon.preferences else ""
+    if chosen:
+        folder = Path(bpy.path.abspath(chosen))
+        if create:
+            folder.mkdir(parents=True, exist_ok=True)
+        return folder
+    return Path(bpy.utils.extension_path_user(PACKAGE, path="markersets", create=create))
+
+
+CLASSES = (MocapPreferences,)

@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the sidebar remembers: the choices of a scene, saved with it, and the tables of a review, worked out anew."""
+
+import math
+from pathlib import Path
+
+import bpy
+from bpy.props import (
+    BoolProperty,
+    CollectionProperty,
+    EnumProperty,
+    FloatProperty,
+    IntProperty,
+    PointerProperty,
+    StringProperty,
+)
+
+from .core.errors import InputError
+from .io.markersets import SUFFIX, builtin_markersets, open_markerset
+from .prefs import markerset_folder
+from .scene.armature import SCALE
+from .scene.naming import CAMERAS
+from .scene.opened import opened
+from .scene.review import review_markers
+from .scene.take import is_take
+
+OWN_FILE = "FILE"
+
+
+# Blender keeps no reference to the texts of a dynamic enumeration; they must outlive the drawing.
+_kept_items: list[tuple[str, str, str]] = []
+
+
+def _markerset_items(_self, _context) -> list[tuple[str, str, str]]:
+    own = sorted(markerset_folder().glob(f"*{SUFFIX}"))
+    items = [(name, name, f"Built-in marker set {name}") for name in builtin_markersets()]
+    items += [(str(path), path.name.removesuffix(SUFFIX), f"Your own marker set, {path}") for path in own]
+    _kept_items[:] = [*items, (OWN_FILE, "From a File…", "A marker set file that you choose")]
+    return _kept_items
+
+
+def _holds_take(_self, collection) -> bool:
+    return is_take(collection)
+
+
+def _holds_cameras(_self, collection) -> bool:
+    return CAMERAS in collection
+
+
+def _is_skeleton(_self, item) -> bool:
+    return item.type == "ARMATURE" and SCALE in item
+
+
+def _take_changed(_self, context):
+    refresh_review(context.window_manager, context.scene)
+
+
+class SceneSettings(bpy.types.PropertyGroup):
+    """The choices of one scene: `Scene.mocap_autolabel`."""
+
+    cameras: PointerProperty(
+        name="Cameras",
+        description="The calibrated cameras that recorded the take",
+        type=bpy.types.Collection,
+        poll=_holds_cameras,
+    )
+    blobs_path: StringProperty(name="Blobs", description="The file of the blobs", subtype="FILE_PATH")
+    preview: PointerProperty(type=bpy.types.Mesh)
+    first_frame: IntProperty(name="First", description="First frame of the blobs")
+    last_frame: IntProperty(name="Last", description="Last frame of the blobs")
+    blob_count: IntProperty(name="Blobs", description="Number of blobs")
+    rate: FloatProperty(
+        name="Rate", description="Frames a second of the recording", default=100.0, min=1.0, max=10000.0, precision=2
+    )
+    markerset: EnumProperty(name="Marker Set", description="Which markers the subject wears", items=_markerset_items)
+    markerset_path: StringProperty(name="File", description="A *.markerset.json file", subtype="FILE_PATH")
+    use_range: BoolProperty(name="Only Frames", description="Label a part of the take only")
+    range_first: IntProperty(name="From", description="First frame to label")
+    range_last: IntProperty(name="To", description="Last frame to label")
+    use_height: BoolProperty(name="Height", description="Tell how tall the subject is; found by itself if you do not")
+    height: FloatProperty(
+        name="Height",
+        description="The subject's height",
+        default=1.75,
+        min=0.5,
+        max=2.5,
+        subtype="DISTANCE",
+        unit="LENGTH",
+    )
+    use_facing: BoolProperty(name="Facing", description="Tell which way the subject faces; found by itself if not")
+    facing: FloatProperty(
+        name="Facing",
+        description="The direction the subject faces at first, counter-clockwise from the world's X axis seen from above",
+        min=-2 * math.pi,
+        max=2 * math.pi,
+        subtype="ANGLE",
+    )
+    body: PointerProperty(
+        name="Body",
+        description="Let the meshes on this skeleton be the body in the way, such as your own character's; "
+        "empty for the marker set's capsules",
+        type=bpy.types.Object,
+        poll=_is_skeleton,
+    )
+    take: PointerProperty(
+        name="Take",
+        description="The labelled take to review and export",
+        type=bpy.types.Collection,
+        poll=_holds_take,
+        update=_take_changed,
+    )
+    show_overlay: BoolProperty(
+        name="Overlay",
+        description="Draw blobs, the body's markers and the links between them over the view",
+        default=True,
+    )
+    show_names: BoolProperty(name="Names", description="Write the markers' names beside them", default=True)
+    show_links: BoolProperty(
+        name="Links", description="Through a camera, link each blob to where the body expects its marker", default=True
+    )
+
+
+class MarkerRow(bpy.types.PropertyGroup):
+    """One marker in the review."""
+
+    labelled: FloatProperty(
+        name="Labelled", description="Part of the frames in which the marker was found", subtype="FACTOR"
+    )
+    gaps: IntProperty(name="Gaps", description="Runs of frames without the marker")
+    longest_gap: IntProperty(name="Longest Gap", description="Frames of the longest gap")
+    first_gap: IntProperty(name="First Gap", description="Frame where the first gap begins")
+    residual: FloatProperty(name="Residual", description="Mean distance between the marker's rays and its place, mm")
+
+
+class SuspectRow(bpy.types.PropertyGroup):
+    """One range of frames to look at."""
+
+    first: IntProperty(name="First", description="First frame")
+    last: IntProperty(name="Last", description="Last frame")
+    reason: StringProperty(name="Reason", description="Why to look at these frames")
+
+
+class ReviewState(bpy.types.PropertyGroup):
+    """The tables of the active take: `WindowManager.mocap_autolabel`; filled by `refresh_review`, never saved."""
+
+    markers: CollectionProperty(type=MarkerRow)
+    marker_index: IntProperty()
+    suspects: CollectionProperty(type=SuspectRow)
+    suspect_index: IntProperty()
+
+
+def chosen_markerset(settings: SceneSettings):
+    """The marker set that the scene's settings name; InputError when there is none."""
+    if settings.markerset != OWN_FILE:
+        return open_markerset(settings.markerset)
+    if not settings.markerset_path:
+        raise InputError("no marker set is chosen; expected a *.markerset.json file")
+    return open_markerset(bpy.path.abspath(settings.markerset_path))
+
+
+def take_name(settings: SceneSettings) -> str:
+    """What the take is called: its file, without what says that it holds blobs."""
+    name = Path(settings.blobs_path).stem
+    return name.removesuffix(".blobs").removesuffix("_blobs") or name
+
+
+def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
+    """Fills the tables of the review from the scene's active take, or empties them; frames are Blender's."""
+    state, collection = manager.mocap_autolabel, scene.mocap_autolabel.take
+    state.markers.clear()
+    state.suspects.clear()
+    if not is_take(collection):
+        return
+    stored = opened.take(collection, scene)
+    frames = stored.motion.frames + stored.shift
+    for marker in review_markers(stored.names, stored.motion):
+        row = state.markers.add()
+        row.name, row.gaps, row.longest_gap = marker.name, marker.gaps, marker.longest_gap
+        row.labelled = marker.labelled / len(frames) if len(frames) else 0.0
+        row.first_gap = int(frames[marker.first_gap]) if marker.first_gap >= 0 else -1
+        row.residual = marker.residual * 1000
+    for suspect in stored.suspects:
+        row = state.suspects.add()
+        row.first, row.last, row.reason = suspect.first + stored.shift, suspect.last + stored.shift, suspect.reason
+
+
+CLASSES = (SceneSettings, MarkerRow, SuspectRow, ReviewState)

@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The sidebar, and what is drawn over the 3D view."""
+
+from contextlib import ExitStack
+
+import bpy
+
+from ..scene.opened import opened
+from . import handlers, overlay, panels
+
+CLASSES = panels.CLASSES
+
+
+def add_handlers(stack: ExitStack):
+    """Adds the overlay and what listens to Blender; each brings its way back to `stack`."""
+    drawing = bpy.types.SpaceView3D.draw_handler_add(overlay.draw, (), "WINDOW", "POST_PIXEL")
+    stack.callback(bpy.types.SpaceView3D.draw_handler_remove, drawing, "WINDOW")
+    stack.callback(opened.forget)
+    events = bpy.app.handlers
+    for listeners, function in (
+        (events.load_post, handlers.after_load),
+        (events.undo_post, handlers.after_undo),
+        (events.redo_post, handlers.after_undo),
+    ):
+        listeners.append(function)
+        stack.callback(listeners.remove, function)
+    # While an extension is being enabled the file is out of bounds; a moment later it is not.
+    bpy.app.timers.register(handlers.adopt_takes, first_interval=0.0)
+    stack.callback(_stop_timer, handlers.adopt_takes)
+
+
+def _stop_timer(function):
+    if bpy.app.timers.is_registered(function):
+        bpy.app.timers.unregister(function)

@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What has to be worked out anew when Blender opens another file or goes back a step."""
+
+import bpy
+from bpy.app.handlers import persistent
+
+from ..props import refresh_review
+from ..scene import naming
+from ..scene.opened import opened
+from ..scene.take import takes_of
+
+
+@persistent
+def after_load(*_):
+    """A file was opened: what was read from the last one is forgotten, and takes made elsewhere are found."""
+    opened.forget()
+    adopt_takes()
+
+
+@persistent
+def after_undo(*_):
+    """A step was undone or redone: the tables may be of a take that is gone."""
+    refresh_review(bpy.context.window_manager, bpy.context.scene)
+
+
+def adopt_takes():
+    """Makes a take that the command line put into a scene the active one, and fills the review of the current scene."""
+    for scene in bpy.data.scenes:
+        settings, takes = scene.mocap_autolabel, takes_of(scene)
+        if settings.take is None and settings.preview is None and takes:
+            settings.take = takes[-1]
+            settings.rate = scene.render.fps / scene.render.fps_base
+        if settings.cameras is None and takes:
+            settings.cameras = takes[-1][naming.CAMERAS]
+    refresh_review(bpy.context.window_manager, bpy.context.scene)

@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Drawn over the 3D view: through a camera its blobs, the body's markers and the links between them; names anywhere."""
+
+import blf
+import bpy
+import gpu
+import numpy as np
+from gpu_extras.batch import batch_for_shader
+
+from ..core.takes import NO_MARKER
+from ..ops.importing import cameras_at_hand
+from ..scene.cameras import camera_name, is_mocap_camera
+from ..scene.opened import opened
+from ..scene.take import Stored, is_take
+from . import marks
+from .marks import BLACK, STEP_COLOURS, WHITE
+
+BLOB_RADIUS, RING_RADIUS, LINK_WIDTH, TEXT_SIZE = 4.5, 6.0, 2.5, 12.0
+RING_COLOUR = (1.0, 1.0, 1.0, 0.75)
+CORNERS = 16
+LEGEND = (("exclusive", 1), ("conflict", 2), ("remaining", 3), ("unnamed", 0))
+
+
+def draw():
+    """Draws the current frame over the current 3D view; Blender calls this at every redraw."""
+    context = bpy.context
+    settings, space = context.scene.mocap_autolabel, context.space_data
+    if not settings.show_overlay or not space.overlay.show_overlays:
+        return
+    stored = shown(context.scene)
+    index = marks.frame_index(stored, context.scene.frame_current) if stored else -1
+    if index < 0:
+        return
+    canvas = Canvas(context)
+    camera = looking_through(context)
+    if camera is not None and camera_name(camera) in stored.cameras.names:
+        draw_camera(canvas, stored, index, camera, settings)
+    elif settings.show_names:
+        draw_names(canvas, stored, index)
+
+
+def shown(scene: bpy.types.Scene) -> Stored | None:
+    """The take to draw: the active one, or the blobs that wait to be labelled."""
+    settings = scene.mocap_autolabel
+    if is_take(settings.take):
+        return opened.take(settings.take, scene)
+    if settings.preview is not None and cameras_at_hand(scene):
+        return opened.preview(settings.preview, settings.cameras, scene)
+    return None
+
+
+def looking_through(context: bpy.types.Context) -> bpy.types.Object | None:
+    """The calibrated camera that the current view looks through."""
+    space = context.space_data
+    if space.region_3d.view_perspective != "CAMERA":
+        return None
+    camera = space.camera if space.use_local_camera else context.scene.camera
+    return camera if is_mocap_camera(camera) else None
+
+
+class Canvas:
+    """The region that is drawn on: points of the world become its pixels."""
+
+    def __init__(self, context: bpy.types.Context):
+        region = context.region
+        self.size = (region.width, region.height)
+        self.perspective = np.array(context.space_data.region_3d.perspective_matrix, dtype=float)
+        self.scale = context.preferences.system.ui_scale
+
+    def place(self, points: np.ndarray) -> np.ndarray:
+        """(..., 2) px of points (..., 3) m; NaN behind the viewer."""
+        return marks.to_region(points, self.perspective, self.size)
+
+    def lines(self, ends: np.ndarray, colours: np.ndarray, width: float):
+        """Lines between ends (L, 2, 2) px in colours (L, 2, 4) that run into each other."""
+        there = np.isfinite(ends).all(axis=(1, 2))
+        if not there.any():
+            return
+        shader = gpu.shader.from_builtin("POLYLINE_SMOOTH_COLOR")
+        shader.bind()
+        shader.uniform_float("viewportSize", self.size)
+        shader.uniform_float("lineWidth", width * self.scale)
+        _batch(shader, "LINES", ends[there].reshape(-1, 2), colours[there].reshape(-1, 4)).draw(shader)
+
+    def discs(self, centres: np.ndarray, colours: np.ndarray, radius: float):
+        """Filled circles around centres (N, 2) px in colours (N, 4)."""
+        there = np.isfinite(centres).all(axis=1)
+        if not there.any():
+            return
+        rim = _circle(radius * self.scale)
+        middle = centres[there][:, None]
+        corners = np.stack(
+            [np.broadcast_to(middle, (len(middle), CORNERS, 2)), middle + rim, middle + np.roll(rim, -1, axis=0)], 2
+        )
+        shader = gpu.shader.from_builtin("SMOOTH_COLOR")
+        shader.bind()
+        _batch(shader, "TRIS", corners.reshape(-1, 2), np.repeat(colours[there], CORNERS * 3, axis=0)).draw(shader)
+
+    def rings(self, centres: np.ndarray, colour: tuple[float, ...], radius: float):
+        """Open circles around centres (N, 2) px."""
+        rim = _circle(radius * self.scale)
+        arcs = centres[:, None, None] + np.stack([rim, np.roll(rim, -1, axis=0)], axis=1)[None]
+        arcs = arcs.reshape(-1, 2, 2)
+        self.lines(arcs, np.broadcast_to(np.array(colour), (*arcs.shape[:2], 4)), 1.2)
+
+    def text(self, words: str, x: float, y: float, colour: tuple[float, ...] = WHITE):
+        """Words that begin at x, y px, with a shadow that keeps them readable on anything."""
+        blf.size(0, TEXT_SIZE * self.scale)
+        blf.enable(0, blf.SHADOW)
+        blf.shadow(0, 3, 0.0, 0.0, 0.0, 0.9)
+        blf.color(0, *colour)
+        blf.position(0, x, y, 0)
+        blf.draw(0, words)
+        blf.disable(0, blf.SHADOW)
+
+
+def draw_camera(canvas: Canvas, stored: Stored, index: int, camera: bpy.types.Object, settings):
+    """The view through one camera, as in the paper's figures 1, 4, 5 and 6."""
+    number = stored.cameras.names.index(camera_name(camera))
+    seen = marks.camera_marks(stored, index, number, np.array(camera.matrix_world.normalized(), dtype=float))
+    gpu.state.blend_set("ALPHA")
+    canvas.rings(canvas.place(seen.expected), RING_COLOUR, RING_RADIUS)
+    if settings.show_links:
+        ends, colours = marks.links(seen)
+        canvas.lines(canvas.place(ends), colours, LINK_WIDTH)
+    places = canvas.place(seen.blobs)
+    canvas.discs(places, np.broadcast_to(np.array(BLACK), (len(places), 4)), BLOB_RADIUS + 1.2)
+    canvas.discs(places, STEP_COLOURS[seen.step, 0], BLOB_RADIUS)
+    gpu.state.blend_set("NONE")
+    if settings.show_names:
+        gap = 7 * canvas.scale
+        for (x, y), marker in zip(places, seen.marker, strict=True):
+            if marker != NO_MARKER and np.isfinite(x):
+                canvas.text(stored.names[marker], x + gap, y + gap / 2)
+    draw_legend(canvas, camera_name(camera), len(places), int((seen.marker != NO_MARKER).sum()))
+
+
+def draw_names(canvas: Canvas, stored: Stored, index: int):
+    """The names of the markers that were found, beside them."""
+    gap = 7 * canvas.scale
+    for name, (x, y) in zip(stored.names, canvas.place(stored.motion.markers[index]), strict=True):
+        if np.isfinite(x):
+            canvas.text(name, x + gap, y + gap / 2)
+
+
+def draw_legend(canvas: Canvas, camera: str, blobs: int, named: int):
+    """What the colours mean, and how many blobs have a name."""
+    left, line = 60 * canvas.scale, 18 * canvas.scale
+    bottom = 20 * canvas.scale
+    canvas.text(f"{camera}: {named} of {blobs} blobs named", left, bottom + line * len(LEGEND))
+    gpu.state.blend_set("ALPHA")
+    for row, (_, step) in enumerate(reversed(LEGEND)):
+        y = bottom + line * row + line * 0.25
+        ends = np.array([[[left, y], [left + 22 * canvas.scale, y]]])
+        canvas.lines(ends, STEP_COLOURS[[step]], LINK_WIDTH * 1.5)
+    gpu.state.blend_set("NONE")
+    for row, (words, _) in enumerate(reversed(LEGEND)):
+        canvas.text(words, left + 30 * canvas.scale, bottom + line * row)
+
+
+def _circle(radius: float) -> np.ndarray:
+    turn = np.arange(CORNERS) * 2 * np.pi / CORNERS
+    return np.column_stack([np.cos(turn), np.sin(turn)]) * radius
+
+
+def _batch(shader, kind: str, points: np.ndarray, colours: np.ndarray):
+    positions = np.zeros((len(points), 3), dtype=np.float32)
+    positions[:, :2] = points
+    return batch_for_shader(shader, kind, {"pos": positions, "color": np.ascontiguousarray(colours, dtype=np.float32)})

@@ -1,0 +1,235 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The sidebar tab "Mocap": the steps from files to named markers, in the order a person takes them."""
+
+import bpy
+
+from ..ops.importing import cameras_at_hand
+from ..props import OWN_FILE
+from ..scene import naming
+from ..scene.cameras import camera_name
+from ..scene.markerset_edit import edited_collection
+from ..scene.take import is_take
+
+
+class Step:
+    """Where every panel of ours lives."""
+
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "Mocap"
+
+
+class MOCAP_AUTOLABEL_PT_cameras(Step, bpy.types.Panel):
+    """The cameras that recorded the take."""
+
+    bl_label = "1. Cameras"
+
+    def draw(self, context):
+        layout, settings = self.layout, context.scene.mocap_autolabel
+        layout.operator("mocap_autolabel.import_cameras", icon="IMPORT")
+        if not cameras_at_hand(context.scene):
+            layout.label(text="Or drop a calibration here", icon="INFO")
+            return
+        column = layout.column(align=True)
+        for camera in settings.cameras.all_objects:
+            if camera.type == "CAMERA":
+                icon = "OUTLINER_OB_CAMERA" if context.scene.camera == camera else "CAMERA_DATA"
+                row = column.operator("mocap_autolabel.look_through", text=camera_name(camera), icon=icon)
+                row.camera = camera.name
+
+
+class MOCAP_AUTOLABEL_PT_blobs(Step, bpy.types.Panel):
+    """What the cameras saw."""
+
+    bl_label = "2. Blobs"
+
+    def draw(self, context):
+        layout, settings = self.layout, context.scene.mocap_autolabel
+        layout.operator("mocap_autolabel.import_blobs", icon="IMPORT")
+        if not settings.blobs_path:
+            layout.label(text="Or drop a blobs .csv here", icon="INFO")
+            return
+        column = layout.column(align=True)
+        column.label(text=bpy.path.basename(settings.blobs_path), icon="FILE")
+        column.label(text=f"Frames {settings.first_frame} to {settings.last_frame}, {settings.blob_count} blobs")
+        layout.prop(settings, "rate")
+
+
+class MOCAP_AUTOLABEL_PT_markerset(Step, bpy.types.Panel):
+    """What the subject wears."""
+
+    bl_label = "3. Marker Set"
+
+    def draw(self, context):
+        layout, settings = self.layout, context.scene.mocap_autolabel
+        row = layout.row(align=True)
+        row.prop(settings, "markerset", text="")
+        row.operator("mocap_autolabel.open_markerset", text="", icon="FILE_FOLDER")
+        if settings.markerset == OWN_FILE:
+            layout.prop(settings, "markerset_path", text="")
+
+
+class MOCAP_AUTOLABEL_PT_markerset_edit(Step, bpy.types.Panel):
+    """A marker set of one's own."""
+
+    bl_label = "See and Edit"
+    bl_parent_id = "MOCAP_AUTOLABEL_PT_markerset"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context):
+        layout = self.layout
+        layout.operator("mocap_autolabel.edit_markerset", icon="OUTLINER_OB_ARMATURE")
+        if edited_collection(context.scene) is None:
+            return
+        item = context.object
+        if item is not None and naming.MARKER in item:
+            layout.prop(item, f'["{naming.MARKER}"]', text="Marker")
+            layout.label(text=f"On {item.parent_bone or 'no segment'}", icon="BONE_DATA")
+        layout.operator("mocap_autolabel.reattach", icon="CONSTRAINT_BONE")
+        layout.operator("mocap_autolabel.save_markerset", icon="EXPORT")
+
+
+class MOCAP_AUTOLABEL_PT_label(Step, bpy.types.Panel):
+    """The one button."""
+
+    bl_label = "4. Label"
+
+    def draw(self, context):
+        layout = self.layout
+        row = layout.row()
+        row.scale_y = 1.6
+        row.operator("mocap_autolabel.label", icon="PLAY")
+
+
+class MOCAP_AUTOLABEL_PT_hints(Step, bpy.types.Panel):
+    """What may be told, and never has to be."""
+
+    bl_label = "Hints"
+    bl_parent_id = "MOCAP_AUTOLABEL_PT_label"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context):
+        layout, settings = self.layout, context.scene.mocap_autolabel
+        layout.label(text="Never needed; they narrow the search")
+        for name in ("height", "facing"):
+            row = layout.row(heading=name.capitalize())
+            row.prop(settings, f"use_{name}", text="")
+            value = row.row()
+            value.active = getattr(settings, f"use_{name}")
+            value.prop(settings, name, text="")
+        row = layout.row(heading="Frames")
+        row.prop(settings, "use_range", text="")
+        value = row.row(align=True)
+        value.active = settings.use_range
+        value.prop(settings, "range_first", text="")
+        value.prop(settings, "range_last", text="")
+        layout.prop(settings, "body")
+
+
+class MOCAP_AUTOLABEL_PT_review(Step, bpy.types.Panel):
+    """The labelled take."""
+
+    bl_label = "5. Review"
+
+    def draw(self, context):
+        layout, settings = self.layout, context.scene.mocap_autolabel
+        layout.prop(settings, "take", text="")
+        row = layout.row(align=True)
+        row.prop(settings, "show_overlay", toggle=True, icon="OVERLAY")
+        row.prop(settings, "show_names", toggle=True)
+        row.prop(settings, "show_links", toggle=True)
+        if is_take(settings.take):
+            layout.operator("mocap_autolabel.clear", icon="TRASH")
+
+
+class Reviewing:
+    """Shown only with a take to review."""
+
+    bl_parent_id = "MOCAP_AUTOLABEL_PT_review"
+
+    @classmethod
+    def poll(cls, context):
+        return is_take(context.scene.mocap_autolabel.take)
+
+
+class MOCAP_AUTOLABEL_PT_suspects(Step, Reviewing, bpy.types.Panel):
+    """Where to look before trusting it."""
+
+    bl_label = "Frames to Look at"
+
+    def draw(self, context):
+        state = context.window_manager.mocap_autolabel
+        if not len(state.suspects):
+            self.layout.label(text="None", icon="CHECKMARK")
+            return
+        self.layout.template_list(
+            "MOCAP_AUTOLABEL_UL_suspects", "", state, "suspects", state, "suspect_index", rows=3, maxrows=8
+        )
+
+
+class MOCAP_AUTOLABEL_PT_markers(Step, Reviewing, bpy.types.Panel):
+    """Every marker with its gaps and residual."""
+
+    bl_label = "Markers"
+
+    def draw(self, context):
+        state, layout = context.window_manager.mocap_autolabel, self.layout
+        head = layout.row()
+        for words in ("Marker", "Found", "Gaps", "mm"):
+            head.label(text=words)
+        layout.template_list("MOCAP_AUTOLABEL_UL_markers", "", state, "markers", state, "marker_index", rows=6)
+
+
+class MOCAP_AUTOLABEL_PT_export(Step, bpy.types.Panel):
+    """Files for other programs."""
+
+    bl_label = "6. Export"
+
+    def draw(self, context):
+        column = self.layout.column(align=True)
+        column.operator("mocap_autolabel.export_labels", icon="EXPORT")
+        column.operator("mocap_autolabel.export_c3d", icon="EXPORT")
+
+
+class MOCAP_AUTOLABEL_UL_suspects(bpy.types.UIList):
+    """Ranges of frames, each with its reason."""
+
+    def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0):
+        row = layout.row(align=True)
+        frames = str(item.first) if item.first == item.last else f"{item.first}–{item.last}"
+        jump = row.operator("mocap_autolabel.jump", text=frames, icon="TIME")
+        jump.frame, jump.marker = item.first, ""
+        row.label(text=item.reason)
+
+
+class MOCAP_AUTOLABEL_UL_markers(bpy.types.UIList):
+    """A marker a row."""
+
+    def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0):
+        row = layout.row()
+        row.label(text=item.name)
+        row.label(text=f"{item.labelled:.1%}")
+        if item.gaps:
+            jump = row.operator(
+                "mocap_autolabel.jump", text=f"{item.gaps} (≤{item.longest_gap})", emboss=False, icon="TIME"
+            )
+            jump.frame, jump.marker = item.first_gap, item.name
+        else:
+            row.label(text="–")
+        row.label(text=f"{item.residual:.1f}" if item.residual == item.residual else "–")
+
+
+CLASSES = (
+    MOCAP_AUTOLABEL_UL_suspects,
+    MOCAP_AUTOLABEL_UL_markers,
+    MOCAP_AUTOLABEL_PT_cameras,
+    MOCAP_AUTOLABEL_PT_blobs,
+    MOCAP_AUTOLABEL_PT_markerset,
+    MOCAP_AUTOLABEL_PT_markerset_edit,
+    MOCAP_AUTOLABEL_PT_label,
+    MOCAP_AUTOLABEL_PT_hints,
+    MOCAP_AUTOLABEL_PT_review,
+    MOCAP_AUTOLABEL_PT_suspects,
+    MOCAP_AUTOLABEL_PT_markers,
+    MOCAP_AUTOLABEL_PT_export,
+)
