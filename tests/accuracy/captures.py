@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Turns recorded people into the captures that are labelled, and scores what a labelling makes of them."""
+"""A capture to be labelled, and the score of a labelling over many of them."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from addon.core.cameras import Cameras
-from addon.core.figures import Figures
+from addon.core.figures import Counts, Figures
 from addon.core.takes import Blobs
 
 # Blobs of one take and its cameras in; out: for every blob the marker's name or "", and the step that named it.
@@ -23,6 +23,7 @@ class Trial:
     xyz      (T, M, 3) m where the markers were
     facing   rad, the way the person faces in the first frame
     stature  m
+    hidden   (C, M) which markers the real body hid in the first frame
     """
 
     title: str
@@ -34,33 +35,31 @@ class Trial:
     facing: float
     stature: float
     rate: float
+    hidden: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """The figures over all trials, and the trials with a blob that is not right: title, label, truth of each."""
+class Score:
+    """Adds up trials: the contract's figures, and the takes in which a blob is not right."""
 
-    figures: Figures
-    trials: int
-    flawed: list[tuple[str, list[tuple[str, str]]]]
-    frames_wrongly_named: int
+    def __init__(self, markers):
+        self.figures = Figures(markers)
+        self.takes = 0
+        self.flawed: list[tuple[str, list[tuple[str, str]]]] = []
+        self._frames = 0
 
+    def add(self, trials: Iterable[Trial], label: LabelFunction) -> "Score":
+        """Labels every trial and counts. Returns itself."""
+        for trial in trials:
+            names, steps = label(trial.blobs, trial.cameras)
+            self.figures.add(trial.blobs.frame + self._frames, trial.blobs.camera, names, trial.truth, steps)
+            self._frames += len(trial.blobs.frames)
+            self.takes += 1
+            errors = [(str(n), t) for n, t in zip(names, trial.truth, strict=True) if n not in t.split("|")]
+            if errors:
+                self.flawed.append((trial.title, errors))
+        return self
 
-def score(trials: Iterable[Trial], label: LabelFunction, markers) -> Outcome:
-    """Labels every trial and counts."""
-    figures, flawed, count, misnamed = Figures(markers), [], 0, 0
-    offset = 0
-    for trial in trials:
-        names, steps = label(trial.blobs, trial.cameras)
-        blobs = trial.blobs
-        figures.add(blobs.frame + offset, blobs.camera, names, trial.truth, steps)
-        offset += len(blobs.frames)
-        wrong = [
-            (str(n), str(t)) for n, t in zip(names, trial.truth, strict=True) if (n or t) and n not in t.split("|")
-        ]
-        named_wrong = [n != "" and n not in t.split("|") for n, t in zip(names, trial.truth, strict=True)]
-        misnamed += len(np.unique(blobs.frame[np.array(named_wrong, dtype=bool)]))
-        if wrong:
-            flawed.append((trial.title, wrong))
-        count += 1
-    return Outcome(figures, count, flawed, misnamed)
+    @property
+    def counts(self) -> Counts:
+        """Over all trials so far."""
+        return self.figures.total

@@ -22,7 +22,7 @@ LEARNED_BY = ("addon/core/anatomy.py", "addon/core/learning.py", "addon/core/pos
 
 
 def left_out_model(set_name: str, left_out: tuple[str, ...]) -> MarkerSet:
-    """The built-in marker set as it would be if the people `left_out` had never been recorded; kept for the next run."""
+    """The built-in marker set learned without the people `left_out`; kept for the next run."""
     path = CACHE / f"{set_name}-without-{'-'.join(left_out)}-{_learning_version()}.json"
     if not path.exists():
         learned = learn_markersets.learn_set(learn_markersets.read_people(people.DATA / "people", left_out), set_name)

@@ -58,4 +58,5 @@ def standing(
             float(np.arctan2(ahead[1], ahead[0])),
             moved.stature,
             take.rate,
+            moved.hidden(slice(None), xyz, rig.centres)[0],
         )

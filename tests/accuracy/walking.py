@@ -69,7 +69,8 @@ def walking(
         title = f"{take.person} {take.kind} trial {number} of seed {seed}, {len(rig)} cameras in {room}"
         ahead = moved.pelvis[0, :, 0]
         facing = float(np.arctan2(ahead[1], ahead[0]))
-        yield Trial(title, take.person, rig, seen.blobs, seen.truth, xyz, facing, body.stature, RATE)
+        hidden = moved.hidden(slice(0, 1), xyz[:1], rig.centres)[0]
+        yield Trial(title, take.person, rig, seen.blobs, seen.truth, xyz, facing, body.stature, RATE, hidden)
 
 
 def at_rate(take: people.Recording, rate: float) -> people.Recording:
