@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The contract's blobs, `frame,camera,x,y[,area]`, read and written piece by piece: memory does not grow with the take."""
+"""The contract's blobs, `frame,camera,x,y[,area]`, piece by piece: memory does not grow with the take."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -183,13 +184,13 @@ class BlobWriter:
     def __init__(self, path: Path, cameras: Cameras, area: bool = True):
         self.names = [csv_field(name) for name in cameras.names]
         self.area = area
-        self.file = Path(path).open("w", encoding="utf-8", newline="\n")
+        self.file = Path(path).open("w", encoding="utf-8", newline="\n")  # noqa: SIM115
         self.file.write("frame,camera,x,y,area\n" if area else "frame,camera,x,y\n")
 
-    def __enter__(self) -> "BlobWriter":
+    def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: object):
         self.file.close()
 
     def write(self, blobs: Blobs) -> list[str]:

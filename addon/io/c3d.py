@@ -105,7 +105,7 @@ class _File:
         return float(self._reals(self.content[2 * index : 2 * index + 4])[0])
 
     def _reals(self, content: bytes) -> np.ndarray:
-        """32-bit reals of this processor; those of a DEC are IEEE's with the halves changed round and four times as large."""
+        """32-bit reals of this processor; a DEC's are IEEE's with the halves changed round, four times as large."""
         if self.processor != DEC:
             return np.frombuffer(content, self.order + "f4")
         halves = np.frombuffer(content, "<u2").reshape(-1, 2)[:, ::-1]
@@ -268,7 +268,7 @@ def write_c3d_file(path: Path, labels: list[str], xyz: np.ndarray, residual: np.
         file.write(header.ljust(BLOCK, b"\0"))
         file.write(section)
         file.write(words.tobytes())
-        # Readers that cannot count beyond 65535 frames read to the end: the padding must not be long enough for a frame.
+        # Readers that cannot count beyond 65535 frames read to the end: the padding must be shorter than a frame.
         padding = -words.nbytes % BLOCK
         file.write(b"\0" * (padding if frames <= 65535 else padding % (16 * count)))
 

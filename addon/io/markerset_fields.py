@@ -28,9 +28,11 @@ class Reader:
         self.path = path
 
     def fail(self, message: str) -> NoReturn:
+        """Raises the error."""
         raise InputError(message, self.path)
 
     def mapping(self, value: object, where: str) -> dict:
+        """`value` as an object."""
         if not isinstance(value, dict):
             self.fail(f"{where} is missing or not an object; expected a marker set's {{…}}")
         return value
@@ -44,39 +46,46 @@ class Reader:
         return [(where, self.mapping(row, where)) for where, row in zip(words, value, strict=True)]
 
     def text(self, row: dict, key: str, where: str, default: str | None = None) -> str:
+        """The text under `key`; one that is not empty, unless there is a default."""
         value = row.get(key, default)
         if not isinstance(value, str) or (default is None and not value.strip()):
             self.fail(f'{where} has no "{key}"; expected a text')
         return value
 
     def texts(self, value: object, where: str) -> dict[str, str]:
+        """An object of texts."""
         if not isinstance(value, dict) or not all(isinstance(text, str) for text in value.values()):
             self.fail(f'"{where}" is not an object of texts; expected {{"people": "…"}}')
         return value
 
     def names(self, value: object, where: str) -> list[str]:
+        """A list of names."""
         if not isinstance(value, list) or not all(isinstance(name, str) and name.strip() for name in value):
             self.fail(f"{where} are not a list of names; expected texts")
         return value
 
     def unique(self, names: Sequence[str], key: str):
+        """Checks that no name is there twice."""
         doubled = next((name for name in names if names.count(name) > 1), None)
         if doubled is not None:
             self.fail(f'"{key}" has {doubled!r} twice; expected every name once')
 
     def segment(self, row: dict, where: str, segments: Sequence[str]) -> int:
+        """The index of the segment that the row is on."""
         name = self.text(row, "segment", where)
         if name not in segments:
             self.fail(f"{where} is on {name!r}, which is no segment; expected one of {', '.join(segments[:8])}")
         return segments.index(name)
 
     def number(self, row: dict, key: str, where: str, low: float = -LARGEST, high: float = LARGEST) -> float:
+        """The number under `key`, within bounds."""
         value = row.get(key)
         if not _is_number(value) or not low <= value <= high:
             self.fail(f'{where} has no "{key}" from {low:g} to {high:g}; expected a number')
         return float(value)
 
     def vector(self, row: dict, key: str, where: str) -> np.ndarray:
+        """The three numbers under `key`."""
         return self._numbers(row.get(key), 3, f'{where} "{key}"')
 
     def vectors(self, value: object, names: Sequence[str], where: str) -> np.ndarray:

@@ -37,7 +37,7 @@ def open_markerset(name: str | Path) -> MarkerSet:
 
 
 def read_markerset(path: Path) -> MarkerSet:
-    """A marker set, checked in every part. Raises InputError that names the part; keys that are not known are let be."""
+    """A marker set, checked in every part; unknown keys are let be. Raises InputError that names the part."""
     text = read_text(path, "a marker set")
     try:
         document = json.loads(text)
@@ -155,11 +155,11 @@ def markerset_text(markerset: MarkerSet) -> str:
         "modes": _block(
             "[]",
             (
-                f'{{"joints": {_named(segments, mode[:joints], 4)}, "markers": {_named(markerset.markers, mode[joints:], 4)}}}'
+                _object(joints=_named(segments, mode[:joints], 6), markers=_named(markerset.markers, mode[joints:], 6))
                 for mode in spread.modes
             ),
         ),
-        "pose": f'{{\n    "mean": {_named(segments, spread.pose_mean, 4)},\n    "covariance": {_triangle(spread.pose_covariance)}\n  }}',
+        "pose": _object(mean=_named(segments, spread.pose_mean, 4), covariance=_triangle(spread.pose_covariance)),
     }
     return "{\n" + ",\n".join(f"  {_text(key)}: {value}" for key, value in parts.items()) + "\n}\n"
 
@@ -196,6 +196,10 @@ def _block(brackets: str, rows: Iterable[str], indent: int = 2) -> str:
 
 def _named(names: Iterable[str], rows: np.ndarray, indent: int) -> str:
     return _block("{}", (f"{_text(name)}: {_row(row)}" for name, row in zip(names, rows, strict=True)), indent)
+
+
+def _object(**parts: str) -> str:
+    return "{" + ", ".join(f'"{key}": {value}' for key, value in parts.items()) + "}"
 
 
 def _triangle(matrix: np.ndarray) -> str:

@@ -57,7 +57,7 @@ def _titles(lines: list[str], path: Path) -> tuple[dict[str, list[str]], int]:
     titles: dict[str, list[str]] = {}
     for number, line in enumerate(lines[1:12], 2):
         fields = _fields(line, path, number)
-        first, second = (fields + ["", ""])[:2]
+        first, second = [*fields, "", ""][:2]
         if first.strip().lower() == "frame":
             return titles, number
         if second.strip().lower() in ("type", "name"):

@@ -78,19 +78,14 @@ def _cameras(document: dict, path: Path) -> Iterator[RigCamera]:
 
 
 def _suffixes(document: dict) -> list[str]:
-    """What stands behind `K`, `M` or `camera_matrix` in the names of matrices: `_01`, `1`, …"""
+    """What stands behind `K`, `M` or `camera_matrix` in the names of matrices, such as `_01` or `1`."""
     found = []
     for key, value in document.items():
         for stem in MATRIX:
             rest = key[len(stem) :]
-            if (
-                isinstance(value, np.ndarray)
-                and value.size == 9
-                and key.startswith(stem)
-                and (rest[:1] == "_" or rest.isdigit())
-            ):
-                if rest.strip("_") and rest not in found:
-                    found.append(rest)
+            named = key.startswith(stem) and (rest[:1] == "_" or rest.isdigit()) and rest.strip("_")
+            if named and rest not in found and isinstance(value, np.ndarray) and value.size == 9:
+                found.append(rest)
     return found
 
 

@@ -36,8 +36,9 @@ class FilePoints(Points):
 
 
 def read_points(path: Path, everything: bool = False) -> FilePoints:
-    """A take of 3D points, told by its suffix. Markers only: model outputs, axes of segments and joint centres that
-    Vicon mixes among them are left out, unless `everything` is asked for.
+    """A take of 3D points, told by its suffix: markers only, unless `everything` is asked for.
+
+    Left out are the model outputs, axes of segments and joint centres that Vicon mixes among the markers.
 
     Raises InputError for whatever cannot be used.
     """
@@ -114,8 +115,9 @@ def _bare(label: str) -> str:
 
 
 def marker_columns(names: Sequence[str], wanted: Sequence[str], path: Path | str = "") -> np.ndarray:
-    """For each of `wanted`, its index in the take's `names`, with or without a subject before it (`Name:LASI`); -1 where
-    the take has none.
+    """For each of `wanted`, its index in the take's `names`; -1 where the take has none.
+
+    A name is also found behind a subject's: `LASI` is `Name:LASI` where there is one subject.
 
     Raises InputError when a name is there twice: the same label, or the same marker of two subjects.
     """

@@ -24,7 +24,8 @@ LARGEST = 1e9
 class RigCamera:
     """One camera as a file gives it, already in metres, z up, and in OpenCV's sense of camera and lens.
 
-    size (2,) px; matrix (3, 3) px; distortion (up to 5,) k1 k2 p1 p2 k3; rotation (3, 3) world to camera; translation (3,) m
+    size (2,) px; matrix (3, 3) px; distortion (up to 5,) k1 k2 p1 p2 k3; rotation (3, 3) world to camera;
+    translation (3,) m
     """
 
     name: str

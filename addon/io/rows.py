@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rows of blobs out of text, millions a second: whole blocks as arrays where the text is plain, line by line where not."""
+"""Rows of blobs out of text, millions a second: blocks as arrays where the text is plain, line by line where not."""
 
 import re
 from collections.abc import Sequence
@@ -48,9 +48,11 @@ class Rows:
         return len(self.frame)
 
     def line_of(self, index: int) -> int:
+        """The line of the file that a row stands in."""
         return int(self.lines[index])
 
     def cut(self, start: int, stop: int) -> "Rows":
+        """Rows `start` to `stop`, the last not included."""
         return Rows(
             self.frame[start:stop],
             self.camera[start:stop],
@@ -68,6 +70,7 @@ class Rows:
 
     @staticmethod
     def join(parts: Sequence["Rows"]) -> "Rows":
+        """All parts one after the other."""
         if len(parts) == 1:
             return parts[0]
         arrays = [np.concatenate([getattr(part, name) for part in parts]) for name in ("frame", "camera", "xy", "area")]
@@ -108,7 +111,7 @@ def parse_rows(block: bytes, header: Header, cameras: Cameras, path: Path, line:
 
 
 def parse_plain(block: bytes, header: Header, cameras: Cameras, line: int) -> Rows | None:
-    """All rows at once as arrays; None where the text is anything but plain, correct rows, for `parse_lines` to judge."""
+    """All rows at once as arrays; None where the text is not plain, correct rows: those are for `parse_lines`."""
     if b'"' in block or b"\0" in block:
         return None
     text = np.frombuffer(block, np.uint8)
@@ -143,7 +146,7 @@ def parse_plain(block: bytes, header: Header, cameras: Cameras, line: int) -> Ro
 
 
 def _decimals(text: np.ndarray, starts: np.ndarray, lengths: np.ndarray) -> np.ndarray | None:
-    """Numbers such as -12.75 (N,), right to the last bit for up to 15 digits; None when one is written any other way."""
+    """Numbers such as -12.75 (N,), right to the last bit up to 15 digits; None when one is written any other way."""
     if not len(starts):
         return np.zeros(0)
     negative = text[starts] == ord("-")
@@ -220,7 +223,7 @@ def _keys(block: bytes, edges: np.ndarray, header: Header) -> list[str]:
 
 
 def parse_lines(block: bytes, header: Header, cameras: Cameras, path: Path, line: int) -> Rows:
-    """The same rows one by one: quoted names, spaces, exponents; InputError with the line of the first that is wrong."""
+    """The same rows one by one: quoted names, spaces, exponents; InputError with the line of the first wrong one."""
     indices = {name: index for index, name in enumerate(cameras.names)}
     values, keys, lines = [], [], []
     for number, content in enumerate(block.split(b"\n")[:-1], line):

@@ -25,7 +25,7 @@ _LENS = ("kc1", "kc2", "kc3", "kc4")
 
 
 def read_selfcal(path: Path) -> Cameras:
-    """The cameras of a folder, or of the folder that a `.Pmat.cal` or `.rad` file is in, in the order of their numbers."""
+    """The cameras of a folder, or of the folder of a `.Pmat.cal` or `.rad` file, in the order of their numbers."""
     folder = path if path.is_dir() else path.parent
     matrices, lenses = (_numbered(folder, pattern) for pattern in ("*.Pmat.cal", "*.rad"))
     if not matrices:

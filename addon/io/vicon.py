@@ -14,8 +14,8 @@ from .source import numbers, read_xml
 
 KIND = "a Vicon .xcp calibration"
 
-# What turning Vicon's lens into OpenCV's may leave, root mean square over the sensor. Real cameras leave 0.03 to 0.5 px,
-# nearly all of it in the corners; the last digit is beyond three radial terms.
+# What turning Vicon's lens into OpenCV's may leave, root mean square over the sensor. Real cameras leave 0.03 to
+# 0.5 px, nearly all of it in the corners: the rest is beyond three radial terms.
 LENS_TOLERANCE_PX = 2.0
 
 # Radial coefficients per square pixel are far below this, those per square focal length far above.

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Output files that appear whole or not at all: written beside their place, then renamed."""
 
-import os
 import uuid
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -45,7 +44,7 @@ def whole_files(targets: Sequence[Path], overwrite: bool = False) -> Iterator[li
             _refuse(target, overwrite)
         for temporary, target in written:
             try:
-                os.replace(temporary, target)
+                temporary.replace(target)
             except OSError as error:
                 raise JobError(f"cannot be written ({error.strerror})", target) from None
     finally:

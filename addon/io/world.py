@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Units and axes of a take whose file does not say, told from how people stand: upright, on the floor, of human size."""
+"""Units and axes of a take whose file does not say, told from how people stand: upright, on the floor."""
 
 import warnings
 

@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`STEM.report.json`: what a person should know of a labelled take before using it."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+from ..core.summary import TakeSummary
+
+# The stages that every report tells the seconds of; those that make the speed come from the labelling itself.
+STAGES = ("load", "place", "fit", "label", "write")
+WORK = ("place", "fit", "label")
+
+
+def take_report(
+    summary: TakeSummary, take: str, model: str, rate: float, version: str, seconds: Mapping[str, float]
+) -> dict:
+    """The contract's report of a take. `seconds` are those that the labelling does not know: `load` and `write`."""
+    spent = {stage: summary.seconds.get(stage, 0.0) + seconds.get(stage, 0.0) for stage in STAGES}
+    work = sum(spent[stage] for stage in WORK)
+    return {
+        "take": take,
+        "model": model,
+        "version": version,
+        "rate": rate,
+        "frames": summary.frames,
+        "frames_without_person": summary.lost,
+        "blobs": summary.blobs,
+        "unlabelled": summary.unlabelled,
+        "steps": summary.steps,
+        "markers": summary.of_markers(),
+        "suspect": [{"first": s.first, "last": s.last, "reason": s.reason} for s in summary.suspects],
+        "timing": {
+            **{stage: round(value, 4) for stage, value in spent.items()},
+            "frames_per_second": round(summary.frames / work, 2) if work > 0 else None,
+        },
+    }
+
+
+def write_report(path: Path, report: dict):
+    """Writes a report as JSON, a marker a line."""
+    markers = ",\n".join(f"    {_compact(name)}: {_compact(row)}" for name, row in report["markers"].items())
+    parts = {key: _compact(value) for key, value in report.items()}
+    parts["markers"] = f"{{\n{markers}\n  }}"
+    text = ",\n".join(f"  {_compact(key)}: {value}" for key, value in parts.items())
+    Path(path).write_text(f"{{\n{text}\n}}\n", encoding="utf-8", newline="\n")
+
+
+def _compact(value: object) -> str:
+    return json.dumps(value, ensure_ascii=False, allow_nan=False)
