@@ -52,6 +52,12 @@ def open_tab(name: str) -> Iterator[float]:
     yield 1
 
 
+def show_all() -> None:
+    """Let the 3D view show everything there is."""
+    with bpy.context.temp_override(area=area(), region=region("WINDOW")):
+        bpy.ops.view3d.view_all()
+
+
 def screenshot(name: str) -> Iterator[float]:
     """Save a picture of the whole window, as a user sees it, to NAME.png in the folder MOCAP_OUT."""
     for shown in bpy.context.window_manager.windows[0].screen.areas:

@@ -5,6 +5,7 @@ import importlib.util
 import platform
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -29,6 +30,24 @@ def blender_program() -> real_blender.RealBlender:
         return real_blender.find()
     except LookupError as reason:
         pytest.skip(str(reason))
+
+
+@pytest.fixture(scope="session")
+def virtual_take(tmp_path_factory) -> Path:
+    """A folder with the first second and a half of the demo's take: take.csv, its truth, and cameras.toml."""
+    from addon import capturing
+    from addon.demo.take import MODEL, TROUBLE, make_performance
+    from addon.io.cameras import write_cameras
+    from addon.io.markersets import open_markerset
+
+    folder = tmp_path_factory.mktemp("take")
+    made, first = make_performance(open_markerset(MODEL)), slice(0, 90)
+    body = replace(made.body, **{name: getattr(made.body, name)[first] for name in ("rotations", "joints", "scale")})
+    take = replace(made.take, xyz=made.take.xyz[first])
+    for _ in capturing.write_capture(take, made.cameras, TROUBLE, body, folder / "take.csv"):
+        pass
+    write_cameras(folder / "cameras.toml", made.cameras)
+    return folder
 
 
 def this_platform() -> str:

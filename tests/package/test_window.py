@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A person's way through the sidebar of a real Blender's window; `window_tour.py` walks it, this file judges it."""
+
+import json
+from pathlib import Path
+
+import pytest
+from matplotlib.image import imread
+
+from .conftest import zip_for
+
+pytestmark = [pytest.mark.real_blender, pytest.mark.window, pytest.mark.slow]
+
+
+@pytest.fixture(scope="module")
+def tour(blender_program, make_zip, virtual_take, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("tour")
+    task = {
+        "zip": str(make_zip(zip_for(blender_program.version[:2]))),
+        "cameras": str(virtual_take / "cameras.toml"),
+        "blobs": str(virtual_take / "take.csv"),
+        "markerset": "body26",
+    }
+    (folder / "tour.json").write_text(json.dumps(task))
+    script = Path(__file__).with_name("window_tour.py")
+    try:
+        done = blender_program.window(script, folder, home=folder / "home", seconds=300)
+    except LookupError as reason:
+        pytest.skip(str(reason))
+    log = done.stdout + done.stderr
+    assert (folder / "seen.json").exists(), log
+    return json.loads((folder / "seen.json").read_text()) | {"folder": folder, "log": log}
+
+
+def test_the_steps_stand_in_order_from_the_start(tour):
+    order = ["import_cameras", "import_blobs", "label"]
+    shown = [name.removeprefix("mocap_autolabel.") for name in tour["at first"]]
+    assert [name for name in shown if name in order] == order
+
+
+def test_a_click_starts_labelling_and_esc_leaves_nothing(tour):
+    assert tour["running after the click"]
+    assert tour["after Esc"] == {"running": False, "take": False, "actions": 0}
+
+
+def test_a_click_labels_the_take_and_offers_the_review(tour):
+    assert tour["labelled"]
+    assert "mocap_autolabel.clear" in tour["to review"]
+
+
+def test_a_click_looks_through_a_camera(tour):
+    assert tour["view"] == "CAMERA"
+
+
+def test_clearing_is_one_step_of_undo(tour):
+    assert tour["cleared"]
+    assert tour["back after undo"]
+
+
+def test_nothing_is_amiss_in_blenders_log(tour):
+    assert "Traceback" not in tour["log"]
+    assert "olicy violation" not in tour["log"]
+
+
+@pytest.mark.parametrize("name", ["1-empty", "2-imported", "3-labelled", "4-through-a-camera"])
+def test_the_window_shows_something(tour, name):
+    assert imread(tour["folder"] / f"{name}.png")[..., :3].std() > 0.05

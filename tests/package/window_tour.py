@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A person's way through the sidebar, walked in a real Blender's window by pointer and keys.
+
+Runs as the window's script. Its task is the JSON file `tour.json` in the folder MOCAP_OUT: the zip, the calibration and
+the blobs. It judges nothing: what it saw goes to `seen.json` beside its pictures.
+"""
+
+import json
+import os
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import bpy
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
+
+import window
+
+OUT = Path(os.environ["MOCAP_OUT"])
+LABEL, CLEAR, LOOK = "mocap_autolabel.label", "mocap_autolabel.clear", "mocap_autolabel.look_through"
+PATIENCE = 90.0
+
+
+def walk() -> Iterator[float]:
+    """Install, import, label, stop with Esc, review, look through a camera, undo, and clear."""
+    task, seen = json.loads((OUT / "tour.json").read_text()), {}
+    settings = lambda: bpy.context.scene.mocap_autolabel  # noqa: E731 - Blender's own references go stale with undo
+    bpy.ops.extensions.package_install_files(filepath=task["zip"], repo="user_default", enable_on_install=True)
+    yield from window.open_tab("Mocap")
+    yield from window.screenshot("1-empty")
+    seen["at first"] = yield from find_buttons()
+
+    bpy.ops.mocap_autolabel.import_cameras(filepath=task["cameras"])
+    bpy.ops.mocap_autolabel.import_blobs(filepath=task["blobs"])
+    settings().markerset, settings().rate = task["markerset"], 60
+    bpy.ops.ed.undo_push(message="Imported")
+    yield 1
+    yield from window.screenshot("2-imported")
+    places = yield from find_buttons()
+    seen["imported"] = places
+
+    yield from window.click(*places[LABEL])
+    seen["running after the click"] = running()
+    yield from window.press("ESC", *places[LABEL])
+    yield 1
+    seen["after Esc"] = {"running": running(), "take": settings().take is not None, "actions": len(bpy.data.actions)}
+
+    yield from window.click(*places[LABEL])
+    until = time.monotonic() + PATIENCE
+    while running() and time.monotonic() < until:
+        yield 0.5
+    yield 1
+    seen["labelled"] = settings().take is not None
+    window.show_all()
+    yield from window.screenshot("3-labelled")
+    seen["to review"] = places = yield from find_buttons()
+
+    yield from window.click(*places[LOOK])
+    yield 1
+    seen["view"] = window.area().spaces.active.region_3d.view_perspective
+    yield from window.screenshot("4-through-a-camera")
+    yield from window.click(*places[CLEAR])
+    yield 1
+    seen["cleared"] = settings().take is None
+    bpy.ops.ed.undo()
+    yield 1
+    seen["back after undo"] = settings().take is not None
+    (OUT / "seen.json").write_text(json.dumps(seen, indent=1))
+
+
+def find_buttons() -> Iterator[float]:
+    found: dict[str, tuple[int, int]] = {}
+    yield from window.buttons(found)
+    return found
+
+
+def running() -> bool:
+    """True while a modal operator of ours runs in the window."""
+    operators = bpy.context.window_manager.windows[0].modal_operators
+    return any(operator.bl_idname.startswith("MOCAP_AUTOLABEL") for operator in operators)
+
+
+window.play(walk())
