@@ -15,7 +15,12 @@ from .views import Sight, View
 
 GATE = 16.0  # squared deviations: 4 sigma
 MISS = 3.5  # deviations by which a ray may miss the point that it helped to make
+TAKEN = 9.0  # squared deviations within which a blob belongs to the point that it lies on
 REACH = 5.0  # deviations by which a blob may lie off a point that other cameras made
+OVERLAP = 0.02  # m between two projections that may be one blob
+BEHIND = 0.01  # m by which one marker must be nearer to the camera than another to hide it
+FEWEST_MEETINGS = 5  # markers met in space, below which the noise stays as it was
+UNTRIMMED = 1.35  # what leaving out the worst fifth takes from a normal deviation
 FAR = 1e9
 
 
@@ -30,7 +35,7 @@ class Rules:
     """
 
     pixel: float = 1.0
-    slack: float = 0.003
+    slack: float = 0.002
     reach: float = 0.12
     clear: float = 4.0
 
@@ -54,6 +59,7 @@ class Naming:
     conflicts  (M,) blobs that were in conflict over the marker
     misfit     (C, M, K) how badly each blob fits each marker: squared deviations plus the log of their size; FAR: never
     noise      (C, M) m, standard deviation of a blob's position at the marker's depth
+    depth      (C, M) m
     rays       the frame's rays
     """
 
@@ -63,6 +69,7 @@ class Naming:
     conflicts: np.ndarray
     misfit: np.ndarray
     noise: np.ndarray
+    depth: np.ndarray
     rays: Rays
     _meeting: Meeting | None = None
 
@@ -78,6 +85,7 @@ class Naming:
             np.zeros(shape[1], int),
             frame.misfit,
             frame.metres,
+            frame.depth,
             frame.rays,
         )
 
@@ -118,19 +126,27 @@ class Frame:
         spread = slope @ expected.covariance[None] @ slope.swapaxes(-1, -2)
         spread[..., 0, 0] += (self.metres / self.depth) ** 2
         spread[..., 1, 1] += (self.metres / self.depth) ** 2
-        self.distance, self.misfit = self._against(image[0], spread)
+        self.misfit = self._against(image[0], spread)
+        self.in_front = self._in_front(image[0])
 
     def _against(self, image, spread):
-        """Metric distance and misfit (squared deviations + log of the spread's size) of every marker and blob."""
+        """(C, M, K) misfit of every marker and blob: squared deviations and the log of the spread's size."""
         between = self.view.image[:, None] - image[:, :, None]
         x, y = between[..., 0], between[..., 1]
         xx, yy, xy = spread[..., 0, 0], spread[..., 1, 1], spread[..., 0, 1]
         det = np.maximum(xx * yy - xy * xy, 1e-30)
         square = (x * x * yy[..., None] + y * y * xx[..., None] - 2 * x * y * xy[..., None]) / det[..., None]
-        distance = np.sqrt(x * x + y * y) * self.depth[..., None]
-        within = (square < GATE) & (distance < self.rules.reach) & self.view.real[:, None]
+        distance2 = (x * x + y * y) * (self.depth**2)[..., None]
+        within = (square < GATE) & (distance2 < self.rules.reach**2) & self.view.real[:, None]
         size = np.log(det * self.depth**4 / 1e-8)
-        return distance, np.where(within, square + size[..., None], FAR)
+        return np.where(within, square + size[..., None], FAR)
+
+    def _in_front(self, image):
+        """(C, M, M) as numbers: 1 where the second marker stands before the first, nearer to the camera on one line."""
+        between = image[:, :, None] - image[:, None]
+        apart2 = (between[..., 0] ** 2 + between[..., 1] ** 2) * (self.depth**2)[..., None]
+        nearer = self.depth[:, None, :] < self.depth[..., None] - BEHIND
+        return ((apart2 < OVERLAP**2) & nearer).astype(float)
 
 
 def name_markers(view: View, sight: Sight, expected: Expectation, rules: Rules) -> Naming:
@@ -198,11 +214,30 @@ def _conflict_costs(frame: Frame, naming: Naming, claims: np.ndarray, helpers: i
     is_open = claims & now[None, :, None] & (naming.slot < 0)[..., None] & (naming.owner < 0)[:, None]
     if not is_open.any():
         return np.full(claims.shape, FAR)
+    is_open &= ~_better_elsewhere(frame, naming) & ~_shadowed(frame, naming)
     if helpers == 2:
         return np.where(is_open, _reprojection_misfit(frame, naming), FAR)
     if helpers == 1:
         return _one_helper_misfit(frame, naming, is_open)
     return np.where(is_open & _undisputed(frame, is_open), frame.misfit, FAR)
+
+
+def _better_elsewhere(frame: Frame, naming: Naming) -> np.ndarray:
+    """(C, M, K) where a blob lies on the reprojected point of another marker that its camera still lacks."""
+    misfit = np.where((naming.slot < 0)[..., None], _reprojection_misfit(frame, naming), FAR)
+    least = misfit.min(axis=1, keepdims=True)
+    return (least < TAKEN) & (misfit > least)
+
+
+def _shadowed(frame: Frame, naming: Naming) -> np.ndarray:
+    """(C, M, K) where a blob belongs to a marker that stands in front of this one, on the same line to the camera.
+
+    Whatever hides the nearer marker hides the farther one too, so one blob for both is the nearer one's, or both's.
+    """
+    could_be = (naming.slot < 0)[..., None] & (frame.misfit < FAR)
+    known = np.isfinite(naming.meeting.points[:, 0])[None, :, None]
+    could_be &= ~known | (_reprojection_misfit(frame, naming) < TAKEN)
+    return (frame.in_front @ could_be) > 0
 
 
 def _undisputed(frame: Frame, is_open: np.ndarray) -> np.ndarray:
@@ -265,6 +300,7 @@ def name_remaining(frame: Frame, naming: Naming):
     What is left are false markers.
     """
     is_open = (naming.slot < 0)[..., None] & (naming.owner < 0)[:, None] & frame.view.real[:, None]
+    is_open &= ~_shadowed(frame, naming)
     _give_best(naming, np.where(is_open, _reprojection_misfit(frame, naming), FAR), REMAINING)
     named = (naming.slot >= 0).sum(axis=0)
     is_open = (naming.slot < 0)[..., None] & (naming.owner < 0)[:, None] & (named == 1)[None, :, None]
@@ -275,3 +311,18 @@ def name_remaining(frame: Frame, naming: Naming):
     is_open = (naming.slot < 0)[..., None] & (naming.owner < 0)[:, None] & (named == 0)[None, :, None]
     is_open &= frame.misfit < FAR
     _give_best(naming, np.where(is_open & _undisputed(frame, is_open), frame.misfit, FAR), REMAINING)
+
+
+def pixel_noise(naming: Naming, sight: Sight) -> float:
+    """px, standard deviation of the blobs' positions as the meeting rays show it; NaN when too few rays meet.
+
+    The worst fifth of the markers does not count: a wrong name or a merged blob is not noise.
+    """
+    seen = naming.slot >= 0
+    freedom = 2.0 * seen.sum(axis=0) - 3
+    usable = (freedom > 0) & np.isfinite(naming.meeting.residual)
+    if usable.sum() < FEWEST_MEETINGS:
+        return float("nan")
+    squares = ((naming.meeting.miss * sight.focal[:, None] / naming.depth) ** 2 * seen).sum(axis=0)[usable]
+    order = np.argsort(squares / freedom[usable])[: int(np.ceil(0.8 * usable.sum()))]
+    return float(np.sqrt(squares[order].sum() / freedom[usable][order].sum()) * UNTRIMMED)

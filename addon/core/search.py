@@ -11,10 +11,10 @@ from .cloud import Cloud, build_cloud
 from .cost import blob_pull, cloud_pull
 from .errors import JobError
 from .fit import State, body_state, fit_body, fit_placement
-from .labelling import Expectation, Naming, name_markers
+from .labelling import Expectation, Naming
 from .placement import blob_centre, make_starts, principal_guess
 from .prior import Prior
-from .subject import Setup, Subject, expect, learn_own, named_pull, refit
+from .subject import Setup, Subject, expect, learn_noise, learn_own, name, named_pull, refit
 from .views import View
 
 FACINGS = 8
@@ -129,16 +129,17 @@ def _visible_pull(bodies: Bodies, view: View, setup: Setup, softness: float, rea
 
 def name_found(view: View, state: State, setup: Setup, prior, confidence: float, trace: np.ndarray) -> Found:
     """Names the blobs of a placed body, learns from the names where this subject wears the markers, names again."""
-    subject = Subject(state.bodies, setup.marker_sd * float(state.bodies.scale.mean()))
+    subject = Subject(state.bodies, setup.marker_sd * float(state.bodies.scale.mean()), setup.rules.pixel)
     expected = expect(subject, state, setup)
     for _ in range(ROUNDS):
-        naming = name_markers(view, setup.sight, expected, setup.rules)
+        naming = name(view, expected, subject, setup)
+        subject = learn_noise(naming, subject, setup, 0.7)
         subject, state = refit(view, naming, subject, setup, 3, prior)
         subject = learn_own(naming.meeting.points, subject, state.posed, setup, 0.8)
         expected = expect(
             subject, body_state(setup.model, subject.bodies, named_pull(view, naming, subject, setup), prior), setup
         )
-    naming = name_markers(view, setup.sight, expected, setup.rules)
+    naming = name(view, expected, subject, setup)
     return Found(subject, naming, expected, confidence, trace)
 
 

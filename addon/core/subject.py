@@ -10,13 +10,14 @@ from .body import Bodies, BodyModel, Posed
 from .cameras import Cameras
 from .clock import Clock
 from .fit import State, fit_body
-from .labelling import Expectation, Naming, Rules
+from .labelling import Expectation, Naming, Rules, name_markers, pixel_noise
 from .markersets import MarkerSet
 from .occlusion import CapsuleOcclusion, Occlusion
 from .prior import Prior
 from .views import Sight, View
 
 SKIN = 0.006  # m by which skin lets a marker move against its segment, standard deviation
+LEAST_NOISE, MOST_NOISE = 0.25, 3.0  # px
 SHRINK = 0.9  # of the capsules: a marker believed hidden can take no part in the fit
 
 
@@ -63,10 +64,12 @@ class Subject:
 
     bodies    a single body
     own_sd    (M,) m, how sure the subject's own offset of each marker is
+    pixel     px, standard deviation of a blob's position, as far as known
     """
 
     bodies: Bodies
     own_sd: np.ndarray
+    pixel: float
 
 
 def named_image(view: View, naming: Naming) -> np.ndarray:
@@ -109,10 +112,24 @@ def learn_own(points: np.ndarray, subject: Subject, posed: Posed, setup: Setup, 
     length = np.sqrt((own**2).sum(axis=1, keepdims=True))
     own = own * np.minimum(1, most / np.maximum(length, 1e-9))
     own_sd = np.where(known, np.maximum((1 - rate) * subject.own_sd, SKIN), subject.own_sd)
-    return Subject(replace(bodies, own=own[None]), own_sd)
+    return replace(subject, bodies=replace(bodies, own=own[None]), own_sd=own_sd)
 
 
 def expect(subject: Subject, state: State, setup: Setup) -> Expectation:
     """Where each marker should be and how sure that is, after a fit that ended in `state`."""
     spread = state.covariance()[0] + (subject.own_sd**2)[:, None, None] * np.eye(3)
     return Expectation(state.posed.markers[0], spread, setup.visible(state.bodies.scale, state.posed)[0])
+
+
+def name(view: View, expected: Expectation, subject: Subject, setup: Setup) -> Naming:
+    """Algorithm 1 with the rules that the take's own noise asks for."""
+    return name_markers(view, setup.sight, expected, replace(setup.rules, pixel=subject.pixel))
+
+
+def learn_noise(naming: Naming, subject: Subject, setup: Setup, rate: float) -> Subject:
+    """Takes over the share `rate` of the noise that this frame's meeting rays show."""
+    measured = pixel_noise(naming, setup.sight)
+    if not np.isfinite(measured):
+        return subject
+    pixel = (1 - rate) * subject.pixel + rate * measured
+    return replace(subject, pixel=float(np.clip(pixel, LEAST_NOISE, MOST_NOISE)))

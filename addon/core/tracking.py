@@ -7,8 +7,8 @@ import numpy as np
 
 from . import rotations
 from .body import PLACEMENT, Bodies, Posed
-from .labelling import Expectation, Naming, name_markers
-from .subject import Setup, Subject, expect, learn_own, refit
+from .labelling import Expectation, Naming
+from .subject import Setup, Subject, expect, learn_noise, learn_own, name, refit
 from .views import View
 
 # Standard deviations of a frame's change against the prediction, at 60 frames a second.
@@ -17,6 +17,7 @@ SURPRISE = 0.020  # m a marker may be off its prediction, standard deviation; it
 GROWTH = 0.004
 MOST_SURPRISE = 0.06
 OWN_RATE = 0.15
+NOISE_RATE = 0.05
 KEEP = 0.85  # share of the velocity carried on when predicting
 FEWEST = 0.35  # share of the markers that should be seen and are named, below which a frame is poor
 PATIENCE = 10  # poor frames in a row that end a track
@@ -101,12 +102,12 @@ def follow(track: Track, view: View, setup: Setup) -> Followed:
     predicted = replace(track.subject, bodies=track.subject.bodies.moved(KEEP * track.velocity))
     prior = Anchor(setup.prior, predicted.bodies, 1 + track.poor)
     with setup.clock("label"):
-        naming = name_markers(view, setup.sight, _forecast(predicted, track, setup), setup.rules)
+        naming = name(view, _forecast(predicted, track, setup), predicted, setup)
     with setup.clock("fit"):
         subject, state = refit(view, naming, predicted, setup, 2, prior)
         expected = expect(subject, state, setup)
     with setup.clock("label"):
-        naming = name_markers(view, setup.sight, expected, setup.rules)
+        naming = name(view, expected, subject, setup)
     return Followed(_advanced(track, subject, state.posed, naming, expected, setup), naming, expected)
 
 
@@ -128,4 +129,5 @@ def _advanced(
     due = max(expected.visible.any(axis=0).sum(), 4)
     poor = track.poor + 1 if named < FEWEST * due else 0
     unseen = np.where(np.isfinite(naming.meeting.points[:, 0]), 0, track.unseen + 1)
+    subject = learn_noise(naming, subject, setup, NOISE_RATE)
     return Track(learn_own(naming.meeting.points, subject, posed, setup, OWN_RATE), velocity, unseen, poor)
