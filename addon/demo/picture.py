@@ -8,7 +8,7 @@ import numpy as np
 
 from ..core.cameras import Cameras
 from ..core.markersets import MarkerSet
-from ..core.takes import NO_MARKER, STEPS
+from ..core.takes import EXCLUSIVE, NO_MARKER, STEPS
 from . import room
 from .room import Body
 from .sheet import Sheet, words_width
@@ -16,9 +16,9 @@ from .sheet import Sheet, words_width
 WIDTH, HEIGHT = 1280, 720
 LENS = 29.0
 # How far from the subject the view is taken and how much higher than its middle, m.
-EYE = (5.6, 1.7)
+EYE = (4.5, 1.1)
 # A camera's panel is cut to the subject, but no more than this part of the image.
-CLOSEST = 0.5
+CLOSEST = 0.3
 # Where the panels of the cameras begin; the room has what is left of it.
 PANELS = 850
 PAPER = (0.045, 0.055, 0.075)
@@ -183,14 +183,18 @@ def name_cameras(sheet: Sheet, cameras: Cameras, pixels: np.ndarray):
 
 
 def two_cameras(shot: Shot) -> list[int]:
-    """The camera with the most named blobs, and of those that look from elsewhere the one with the next most."""
+    """The camera with the most to show, and of those that look from elsewhere the one with the next most.
+
+    A blob that was in conflict or remained shows more than one that was clear.
+    """
     count = len(shot.cameras)
-    named = np.bincount(shot.camera[shot.marker != NO_MARKER], minlength=count).astype(float)
-    first = int(np.argmax(named))
+    worth = np.where(shot.marker == NO_MARKER, 0.0, np.where(shot.step == EXCLUSIVE, 1.0, 5.0))
+    worth = np.bincount(shot.camera, worth, minlength=count)
+    first = int(np.argmax(worth))
     look = shot.cameras.rotation[:, 2]
-    named[look @ look[first] > 0.5] = -1
-    named[first] = -1
-    return [first, int(np.argmax(named))] if count > 1 else [first]
+    worth[look @ look[first] > 0.5] = -1
+    worth[first] = -1
+    return [first, int(np.argmax(worth))] if count > 1 else [first]
 
 
 def draw_panel(sheet: Sheet, shot: Shot, index: int, left: float, top: float, width: float, height: float):
@@ -198,7 +202,7 @@ def draw_panel(sheet: Sheet, shot: Shot, index: int, left: float, top: float, wi
     camera = shot.cameras.select([index])
     shapes = outlines(camera, shot.body)
     mine = shot.camera == index
-    first, last = window(np.vstack([shot.xy[mine], *shapes]), shot.cameras.size[index], width / height)
+    first, last = window(np.vstack(shapes or [shot.xy[mine]]), shot.cameras.size[index], width / height)
     scale = width / (last - first)[0]
     corner = np.array([left, top])
     sheet.box(left, top, width, height, (0.085, 0.1, 0.13), 5)
@@ -264,7 +268,7 @@ def hull(points: np.ndarray) -> np.ndarray:
 def window(points: np.ndarray, size: np.ndarray, shape: float) -> tuple[np.ndarray, np.ndarray]:
     """First and last corner px of the part of an image that holds the points, `shape` times as wide as it is high."""
     low, high = np.clip(points.min(axis=0), 0, size), np.clip(points.max(axis=0), 0, size)
-    reach = 1.12 * (high - low)
+    reach = 1.2 * (high - low)
     height = np.clip(max(reach[1], reach[0] / shape), CLOSEST * size[1], size[1])
     middle = (low + high) / 2
     half = np.array([height * shape, height]) / 2

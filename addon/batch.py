@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""One take from file to files: read, label, write. The command line and Blender's operators step it alike."""
+
+import tempfile
+from collections import deque
+from collections.abc import Generator, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Self
+
+import numpy as np
+
+from .blendfile import Chunks, save_blend
+from .core.cameras import Cameras
+from .core.pipeline import Options, label_take
+from .core.search import Hints
+from .core.summary import TakeSummary
+from .core.takes import Blobs, Motion, Points
+from .io.blobs import BlobRows, read_blobs
+from .io.cameras import read_cameras
+from .io.labels import LabelWriter
+from .io.markersets import open_markerset
+from .io.points import write_c3d, write_trc
+from .io.report import take_report, write_report
+from .io.whole import whole_files
+from .progress import Progress
+from .version import version
+
+USUAL_RATE = 100.0
+
+
+@dataclass(frozen=True)
+class LabelJob:
+    """What to label and what to make of it.
+
+    source    the blob file; `out` gets files named after its stem
+    cameras   the calibration
+    model     a built-in marker set's name or the path of one
+    frames    first and last frame to label, both included, None for the take's own
+    rate      frames a second
+    height    the subject's height, m, and facing, rad, where known
+    trc       write STEM.trc too
+    blend     save STEM.blend too; needs Blender
+    keep      give the labelled chunks back as well: memory then grows with the take
+    """
+
+    source: Path
+    cameras: Path
+    model: str
+    out: Path
+    frames: tuple[int | None, int | None] | None = None
+    rate: float = USUAL_RATE
+    height: float | None = None
+    facing: float | None = None
+    trc: bool = False
+    blend: bool = False
+    overwrite: bool = False
+    keep: bool = False
+
+    def target(self, ending: str) -> Path:
+        """The file of this take with an ending such as `.c3d`."""
+        return self.out / (self.source.stem + ending)
+
+
+@dataclass(frozen=True, eq=False)
+class Labelled:
+    """What became of a job: the report, and with `keep` the blobs and what was said of them, chunk by chunk."""
+
+    report: dict
+    chunks: Chunks
+
+
+def label_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
+    """Labels the take and writes its files, which appear together or not at all. Memory does not grow with the take.
+
+    Raises UserError with the file where it can be told.
+    """
+    begin = perf_counter()
+    markerset, cameras = open_markerset(job.model), read_cameras(job.cameras)
+    endings = [".labels.csv", ".c3d", ".report.json"]
+    endings += [ending for ending, wanted in ((".trc", job.trc), (".blend", job.blend)) if wanted]
+    with ExitStack() as stack:
+        parts = stack.enter_context(whole_files([job.target(ending) for ending in endings], job.overwrite))
+        files = dict(zip(endings, parts, strict=True))
+        scratch = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="mocap-autolabel-")))
+        motion = stack.enter_context(MotionFile(scratch, markerset.markers, job.rate))
+        labels = stack.enter_context(LabelWriter(files[".labels.csv"], markerset.markers))
+        summary = TakeSummary(markerset.markers)
+        source = Source(job, cameras)
+        chunks = []
+        clock = {"load": perf_counter() - begin, "write": 0.0}
+        for chunk in label_take(source.blobs(), cameras, markerset, job.rate, options(job)):
+            row = source.taken.popleft()
+            with timed(clock, "write"):
+                labels.write(row.keys, chunk.labels)
+                motion.append(chunk.motion)
+            summary.add(row.blobs, chunk)
+            if job.keep or job.blend:
+                chunks.append((row.blobs, chunk))
+            yield Progress(row.fraction, f"frame {row.blobs.frames[-1]}")
+        clock["load"] += source.seconds
+        with timed(clock, "write"):
+            labels.file.flush()
+            points = motion.points()
+            write_c3d(files[".c3d"], points)
+            if job.trc:
+                write_trc(files[".trc"], points)
+            if job.blend:
+                save_blend(files[".blend"], job.source.stem, job.source, job.rate, cameras, markerset, chunks)
+        report = take_report(summary, job.source.stem, markerset.name, job.rate, version(), clock)
+        write_report(files[".report.json"], report)
+    return Labelled(report, chunks if job.keep else [])
+
+
+def options(job: LabelJob) -> Options:
+    """The user's hints as the labelling takes them."""
+    return Options(hints=Hints(job.height, job.facing))
+
+
+@contextmanager
+def timed(clock: dict[str, float], stage: str) -> Iterator[None]:
+    """Adds the seconds that the block takes to a stage."""
+    begin = perf_counter()
+    yield
+    clock[stage] += perf_counter() - begin
+
+
+class Source:
+    """The blob file as the labelling takes it, with each row's own text kept until its labels come back.
+
+    taken    chunks that went into the labelling and did not come out yet
+    seconds  spent reading
+    """
+
+    def __init__(self, job: LabelJob, cameras: Cameras):
+        self.job, self.cameras = job, cameras
+        self.taken: deque[BlobRows] = deque()
+        self.seconds = 0.0
+
+    def blobs(self) -> Iterator[Blobs]:
+        """The chunks of the file."""
+        chunks = read_blobs(self.job.source, self.cameras, self.job.frames)
+        while True:
+            begin = perf_counter()
+            rows = next(chunks, None)
+            self.seconds += perf_counter() - begin
+            if rows is None:
+                return
+            self.taken.append(rows)
+            yield rows.blobs
+
+
+class MotionFile:
+    """The markers of a take on disk while it is labelled; use it as a context manager."""
+
+    def __init__(self, folder: Path, names: tuple[str, ...], rate: float):
+        self.names, self.rate, self.first_frame = names, rate, None
+        self.paths = [folder / "xyz", folder / "residual"]
+        self.files = []
+
+    def __enter__(self) -> Self:
+        self.files = [path.open("w+b") for path in self.paths]
+        return self
+
+    def __exit__(self, *_):
+        for file in self.files:
+            file.close()
+
+    def append(self, motion: Motion):
+        """Adds the frames of the next chunk."""
+        if self.first_frame is None:
+            self.first_frame = int(motion.frames[0])
+        for file, part in zip(self.files, (motion.markers, motion.residual), strict=True):
+            part.astype(np.float32).tofile(file)
+
+    def points(self) -> Points:
+        """All frames, read from disk where they are looked at."""
+        for file in self.files:
+            file.flush()
+        residual = np.memmap(self.paths[1], np.float32, "r").reshape(-1, len(self.names))
+        xyz = np.memmap(self.paths[0], np.float32, "r").reshape(*residual.shape, 3)
+        return Points(self.names, xyz, residual, self.rate, self.first_frame)

@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the command line asks of Blender, where there is one: a take saved as a `.blend`."""
+
+import importlib.util
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from .core.cameras import Cameras
+from .core.markersets import MarkerSet
+from .core.takes import Blobs, LabelledChunk
+
+Chunks = list[tuple[Blobs, LabelledChunk]]
+
+
+def has_blender() -> bool:
+    """Whether bpy can be imported."""
+    return "bpy" in sys.modules or importlib.util.find_spec("bpy") is not None
+
+
+def save_blend(
+    path: Path, name: str, source: Path, rate: float, cameras: Cameras, markerset: MarkerSet, chunks: Chunks
+):
+    """Saves a Blender file with nothing in it but the take. What was open in this Blender is gone."""
+    import bpy
+
+    from .scene import take as scenes
+
+    labels, motion, suspects = scenes.join_labelled([chunk for _, chunk in chunks])
+    blobs = scenes.join_blobs(blobs for blobs, _ in chunks)
+    take = scenes.Take(name, rate, cameras, markerset, blobs, labels, motion, suspects, str(source))
+    with silenced():
+        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+        scenes.show_take(bpy.context, take)
+        bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True, copy=True, relative_remap=False)
+
+
+@contextmanager
+def silenced() -> Iterator[None]:
+    """Keeps what Blender itself prints off standard output, where only results belong."""
+    sys.stdout.flush()
+    try:
+        kept = os.dup(1)
+    except OSError:  # a program without a console has no output to keep
+        yield
+        return
+    try:
+        with Path(os.devnull).open("wb") as nothing:
+            os.dup2(nothing.fileno(), 1)
+            yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)

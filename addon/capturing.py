@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A virtual capture of a labelled take: the body posed on its markers, then seen by cameras, then written to files."""
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from .core.body import BodyModel
+from .core.cameras import Cameras
+from .core.errors import InputError, JobError
+from .core.markersets import MarkerSet
+from .core.occlusion import CapsuleOcclusion
+from .core.posing import FEWEST, fit_points
+from .core.simulate import CaptureOptions, PosedBody, capture
+from .core.takes import Points
+from .io.blobs import BlobWriter
+from .io.labels import TruthWriter
+from .io.points import marker_columns
+from .io.whole import whole_files
+from .progress import Progress
+
+LEAST_WORN = 0.5  # share of a model's markers that a take must have to be said to wear it
+
+
+@dataclass(frozen=True, eq=False)
+class Labelled:
+    """The labelled markers of a take: names M, xyz (T, M, 3) m, and the source's number of the first frame."""
+
+    names: tuple[str, ...]
+    xyz: np.ndarray
+    first_frame: int
+
+
+@dataclass(frozen=True)
+class Captured:
+    """What a virtual capture wrote: frames, blobs, and how many of the blobs are ghosts and how many merged."""
+
+    frames: int
+    blobs: int
+    ghosts: int
+    merged: int
+
+
+def labelled_markers(points: Points) -> Labelled:
+    """The trajectories of a take that have a name."""
+    kept = [index for index, name in enumerate(points.names) if name]
+    if not kept:
+        raise JobError("has no named markers; expected a labelled take")
+    return Labelled(tuple(points.names[index] for index in kept), points.xyz[:, kept], points.first_frame)
+
+
+def of_subject(take: Labelled, subject: str) -> Labelled:
+    """Only the markers of one of several subjects, those called `subject:LASI` and so on."""
+    kept = [index for index, name in enumerate(take.names) if name.partition(":")[::2] == (subject, _bare(name))]
+    if not kept:
+        subjects = sorted({name.partition(":")[0] for name in take.names if ":" in name})
+        raise InputError(
+            f"has no subject {subject}; expected one of {', '.join(subjects) or 'none, its names have none'}"
+        )
+    return replace(take, names=tuple(_bare(take.names[index]) for index in kept), xyz=take.xyz[:, kept])
+
+
+def _bare(name: str) -> str:
+    return name.rpartition(":")[2]
+
+
+def cut(take: Labelled, frames: tuple[int | None, int | None] | None) -> Labelled:
+    """The take's frames from A to B, both included, by its own numbers."""
+    first, last = frames or (None, None)
+    start = 0 if first is None else max(first - take.first_frame, 0)
+    stop = len(take.xyz) if last is None else max(last - take.first_frame + 1, 0)
+    if start >= min(stop, len(take.xyz)):
+        end = take.first_frame + len(take.xyz) - 1
+        raise InputError(f"has frames {take.first_frame} to {end} and none of those asked for; expected a range within")
+    return replace(take, xyz=take.xyz[start:stop], first_frame=take.first_frame + start)
+
+
+def find_markers(take: Labelled, markerset: MarkerSet) -> np.ndarray:
+    """(M,) which of the take's markers is each of the marker set's, by name or alias; -1 where it has none."""
+    found = marker_columns(take.names, markerset.markers)
+    for index, name in enumerate(markerset.markers):
+        others = [alias for alias, meant in markerset.aliases.items() if meant == name]
+        if found[index] < 0 and others:
+            found[index] = max(marker_columns(take.names, others))
+    return found
+
+
+def fitting_markerset(take: Labelled, markersets: Sequence[MarkerSet]) -> MarkerSet:
+    """The marker set that the take wears: the largest that is there whole, or else the one that is there most."""
+
+    def fit(markerset: MarkerSet) -> tuple[bool, float, int]:
+        there = int((find_markers(take, markerset) >= 0).sum())
+        whole = there == len(markerset)
+        return whole, 0.0 if whole else there / len(markerset), there
+
+    best = max(markersets, key=fit)
+    if (find_markers(take, best) >= 0).mean() < LEAST_WORN:
+        raise JobError(
+            f"has too few markers of any model ({', '.join(take.names[:6])}, …); expected half of a model's markers, "
+            "or --no-body with --all-markers"
+        )
+    return best
+
+
+def posed_body(take: Labelled, markerset: MarkerSet, chosen: Sequence[int]) -> PosedBody:
+    """The marker set's body on the take's markers, in the way of the markers `chosen` (indices into the take's)."""
+    found = find_markers(take, markerset)
+    points = np.where((found >= 0)[:, None], take.xyz[:, found], np.nan)
+    model = BodyModel(markerset)
+    try:
+        bodies = fit_points(model, points)
+    except ValueError:
+        raise JobError(
+            f"has no frame with {FEWEST} markers of {markerset.name}; expected a take that wears it"
+        ) from None
+    posed = model.pose(bodies)
+    attachment = [_carrier(take.xyz[:, index], index, found, markerset, posed.joints) for index in chosen]
+    return PosedBody(CapsuleOcclusion(markerset), np.array(attachment), posed.rotations, posed.joints, bodies.scale)
+
+
+def _carrier(xyz: np.ndarray, index: int, found: np.ndarray, markerset: MarkerSet, joints: np.ndarray) -> int:
+    """The segment that carries a marker; one that the marker set lacks is carried by the nearest joint's."""
+    known = np.flatnonzero(found == index)
+    if len(known):
+        return int(markerset.attachment[known[0]])
+    distance = np.linalg.norm(joints - xyz[:, None], axis=2)
+    return int(np.nanargmin(np.nanmean(distance, axis=0))) if np.isfinite(distance).any() else 0
+
+
+def room_centre(cameras: Cameras) -> np.ndarray:
+    """(3,) m: the point nearest to where all cameras look, in least squares over their axes."""
+    ahead = cameras.rotation[:, 2]
+    across = np.eye(3) - ahead[:, :, None] * ahead[:, None, :]
+    right = np.einsum("cij,cj->i", across, cameras.centres)
+    return np.linalg.lstsq(across.sum(axis=0), right, rcond=None)[0]
+
+
+def to_centre(take: Labelled, cameras: Cameras) -> np.ndarray:
+    """(3,) m: how to move the take over the floor so that the middle of its path is the middle of the room."""
+    seen = take.xyz[np.isfinite(take.xyz).all(axis=2)]
+    if not len(seen):
+        raise JobError("has no marker in these frames; expected a labelled take")
+    middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
+    return (room_centre(cameras) - middle) * [1.0, 1.0, 0.0]
+
+
+def moved(take: Labelled, body: PosedBody | None, shift: np.ndarray) -> tuple[Labelled, PosedBody | None]:
+    """The take and the body moved by `shift` (3,) m."""
+    return replace(take, xyz=take.xyz + shift), body and replace(body, joints=body.joints + shift)
+
+
+def truth_path(blobs: Path) -> Path:
+    """The truth file that belongs to a blob file: its name and `.truth.csv`."""
+    return blobs.with_name(blobs.name + ".truth.csv")
+
+
+def write_capture(
+    take: Labelled,
+    cameras: Cameras,
+    options: CaptureOptions,
+    body: PosedBody | None,
+    out: Path,
+    overwrite: bool = False,
+) -> Generator[Progress, None, Captured]:
+    """Captures the take virtually and writes the blobs to `out` and their truth beside it."""
+    frames = blobs = ghosts = merged = 0
+    with whole_files([out, truth_path(out)], overwrite) as (blob_file, truth_file):
+        with BlobWriter(blob_file, cameras) as writer, TruthWriter(truth_file) as truth:
+            for part in capture(take.xyz, take.names, cameras, options, body, take.first_frame):
+                keys = writer.write(part.blobs)
+                names = part.truth.tolist()
+                truth.write(keys, names)
+                frames, blobs = frames + len(part.blobs.frames), blobs + len(names)
+                ghosts, merged = ghosts + names.count(""), merged + sum("|" in name for name in names)
+                yield Progress(frames / len(take.xyz), f"frame {part.blobs.frames[-1]}")
+        if not blobs:
+            raise JobError("the cameras see nothing of this take; expected a take within the room (see --centre)")
+    return Captured(frames, blobs, ghosts, merged)

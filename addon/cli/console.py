@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a command says: results on standard output, progress and the reason of a failure on standard error."""
+
+import json
+import signal
+import sys
+import threading
+import time
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+from ..core.errors import UserError
+
+PROGRAM = "mocap-autolabel"
+# A terminal is told often, a log file now and then, s.
+TERMINAL_PAUSE, LOG_PAUSE = 0.1, 2.0
+
+
+def complain(trouble: UserError | str):
+    """One line on standard error: `mocap-autolabel: FILE:LINE: what is wrong; what was expected`."""
+    sys.stdout.flush()
+    sys.stderr.write(f"{PROGRAM}: {' '.join(str(trouble).split())}\n")
+    sys.stderr.flush()
+
+
+def print_results(lines: list[str], result: dict, as_json: bool):
+    """The results as lines for people, or as one JSON object."""
+    text = json.dumps(result, indent=1, default=_plain, allow_nan=False) if as_json else "\n".join(lines)
+    sys.stdout.write(text + "\n")
+    sys.stdout.flush()
+
+
+class ProgressLine:
+    """Progress on standard error, only where it is a terminal or the user asked for it."""
+
+    def __init__(self, wanted: bool):
+        self.terminal = sys.stderr.isatty()
+        self.shown = wanted or self.terminal
+        self.width, self.last = 0, -LOG_PAUSE
+
+    def drain(self, work: Generator, name: str):
+        """Runs a generator of `Progress` to its end and gives what it returns."""
+        try:
+            while True:
+                try:
+                    step = next(work)
+                except StopIteration as end:
+                    return end.value
+                self.tell(f"{name}: {step.fraction:4.0%} {step.note}")
+        finally:
+            work.close()
+            self.clear()
+
+    def tell(self, words: str, at_once: bool = False):
+        """Shows a state, unless the last one was shown a moment ago."""
+        pause = TERMINAL_PAUSE if self.terminal else LOG_PAUSE
+        if not self.shown or (not at_once and time.monotonic() - self.last < pause):
+            return
+        self.last = time.monotonic()
+        if self.terminal:
+            sys.stderr.write("\r" + words.ljust(self.width))
+            self.width = len(words)
+        else:
+            sys.stderr.write(words + "\n")
+        sys.stderr.flush()
+
+    def clear(self):
+        """Takes the line off a terminal, so that what follows stands alone."""
+        if self.width:
+            sys.stderr.write("\r" + " " * self.width + "\r")
+            sys.stderr.flush()
+            self.width = 0
+
+
+@contextmanager
+def stoppable() -> Iterator[None]:
+    """Ctrl-C and a request to end raise KeyboardInterrupt, so that temporary files are taken away.
+
+    Blender keeps Ctrl-C for itself otherwise.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {kind: signal.signal(kind, signal.default_int_handler) for kind in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for kind, handler in before.items():
+            signal.signal(kind, signal.SIG_DFL if handler is None else handler)
+
+
+def _plain(value):
+    """NumPy's numbers and arrays as JSON has them."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    return str(value)

@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`label INPUT…`: names the markers of one or more takes."""
+
+import argparse
+import json
+import math
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+from .. import batch
+from ..blendfile import has_blender
+from ..core.errors import InputError, UserError
+from ..io.markersets import open_markerset
+from .console import ProgressLine, complain, print_results
+from .parser import add_frames, add_overwrite, number, whole
+from .workers import side_by_side
+
+DESCRIPTION = """Names the markers of one or more takes. INPUT: camera blobs, a CSV file with the header
+frame,camera,x,y and optionally area. For INPUT walk.csv, DIR gets walk.labels.csv, walk.c3d and walk.report.json."""
+POINT_SUFFIXES = (".c3d", ".trc")
+
+
+def add_parser(verbs):
+    """Adds the verb to the command line's grammar."""
+    parser = verbs.add_parser("label", help="name the markers of takes", description=DESCRIPTION)
+    parser.add_argument("inputs", metavar="INPUT", nargs="+", type=Path, help="a take: camera blobs")
+    parser.add_argument("--model", required=True, help="a built-in model (see models) or a *.markerset.json file")
+    parser.add_argument("--cameras", type=Path, metavar="CAMERAS", help="the calibration; blobs need it")
+    parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="the folder for the results")
+    add_frames(parser)
+    parser.add_argument(
+        "--method", choices=("auto", "fit"), default="auto", help="auto takes the best for the input: fit, for blobs"
+    )
+    parser.add_argument(
+        "--rate",
+        type=number(0.1, 100_000, "rate"),
+        default=batch.USUAL_RATE,
+        metavar="HZ",
+        help="frames a second, which a blob file does not say (default 100)",
+    )
+    parser.add_argument("--height", type=number(0.3, 3, "height"), metavar="M", help="the subject's height, if known")
+    parser.add_argument(
+        "--facing",
+        type=number(-360, 360, "angle"),
+        metavar="DEG",
+        help="where the subject faces at first, if known: counter-clockwise from world +x, seen from above",
+    )
+    parser.add_argument("--blend", action="store_true", help="also save DIR/walk.blend: armature, body, keyed markers")
+    parser.add_argument("--trc", action="store_true", help="also write DIR/walk.trc")
+    parser.add_argument(
+        "--jobs", type=whole(1, 256, "number of jobs"), default=1, metavar="N", help="takes side by side"
+    )
+    add_overwrite(parser)
+    parser.add_argument("--result", type=Path, help=argparse.SUPPRESS)
+    parser.set_defaults(run=run)
+
+
+def run(arguments) -> int:
+    """Labels every take; one that fails does not stop the others."""
+    check(arguments)
+    reports, failures = [], []
+    progress = ProgressLine(arguments.progress)
+    for path, answer in _answers(arguments, progress):
+        if isinstance(answer, UserError):
+            failures.append((path, answer))
+            progress.tell(f"{path.name}: failed", at_once=len(arguments.inputs) > 1)
+        else:
+            reports.append(answer)
+    progress.clear()
+    reports.sort(key=lambda report: [path.stem for path in arguments.inputs].index(report["take"]))
+    failed = [{"take": path.stem, "status": error.exit_status, "reason": str(error)} for path, error in failures]
+    if arguments.result and not failures:
+        arguments.result.write_text(json.dumps(reports[0]), encoding="utf-8")
+    if reports or arguments.json:
+        print_results([as_line(report) for report in reports], {"takes": reports, "failed": failed}, arguments.json)
+    for _, error in failures:
+        complain(error)
+    return max((error.exit_status for _, error in failures), default=0)
+
+
+def check(arguments):
+    """Everything that can be known to be wrong before any work; raises InputError."""
+    for path in arguments.inputs:
+        if path.suffix.lower() in POINT_SUFFIXES:
+            raise InputError("holds 3D points, which this version does not label; expected camera blobs (.csv)", path)
+    stems: dict[str, Path] = {}
+    for path in arguments.inputs:
+        # Windows and macOS keep walk.csv and Walk.csv in one place.
+        other = stems.setdefault(path.stem.casefold(), path)
+        if other is not path:
+            raise InputError(f"would have the same results as {other}; expected inputs with different names", path)
+    if arguments.cameras is None:
+        raise InputError(
+            "the argument --cameras is missing; expected the calibration of the cameras that saw the blobs"
+        )
+    if arguments.blend and not has_blender():
+        raise InputError("--blend needs Blender or the bpy package, and neither is here; expected one of them")
+    if arguments.out.exists() and not arguments.out.is_dir():
+        raise InputError("is no folder; expected a folder for the results", arguments.out)
+    open_markerset(arguments.model)
+
+
+def as_job(arguments, path: Path) -> batch.LabelJob:
+    """The job of labelling one of the inputs."""
+    return batch.LabelJob(
+        source=path,
+        cameras=arguments.cameras,
+        model=arguments.model,
+        out=arguments.out,
+        frames=arguments.frames,
+        rate=arguments.rate,
+        height=arguments.height,
+        facing=None if arguments.facing is None else math.radians(arguments.facing),
+        trc=arguments.trc,
+        blend=arguments.blend,
+        overwrite=arguments.overwrite,
+    )
+
+
+def as_line(report: dict) -> str:
+    """One take's result as a line for people."""
+    blobs, unlabelled = report["blobs"], report["unlabelled"]
+    speed = report["timing"]["frames_per_second"]
+    pace = "" if speed is None else f", {speed:.0f} frames/s"
+    return f"{report['take']}: {report['frames']} frames, {blobs - unlabelled} of {blobs} blobs named{pace}"
+
+
+def _answers(arguments, progress: ProgressLine) -> Iterator[tuple[Path, dict | UserError]]:
+    """Each take's report, or why there is none, as they come."""
+    if min(arguments.jobs, len(arguments.inputs)) > 1:
+        yield from _side_by_side(arguments, progress)
+        return
+    for path in arguments.inputs:
+        try:
+            yield path, progress.drain(batch.label_file(as_job(arguments, path)), path.stem).report
+        except UserError as error:
+            yield path, error if error.file else type(error)(error.message, path)
+
+
+def _side_by_side(arguments, progress: ProgressLine) -> Iterator[tuple[Path, dict | UserError]]:
+    done = 0
+    commands = [_command(arguments, path) for path in arguments.inputs]
+    with closing(side_by_side(commands, arguments.jobs)) as answers:
+        for number_, answer in answers:
+            done += 1
+            progress.tell(f"{done} of {len(commands)} takes", at_once=True)
+            yield arguments.inputs[number_], answer
+
+
+def _command(arguments, path: Path) -> list[str]:
+    """The command line that labels one of the inputs alone."""
+    command = ["label", f"--model={arguments.model}", f"--cameras={arguments.cameras}", f"--out={arguments.out}"]
+    command.append(f"--rate={arguments.rate!r}")
+    known = {name: getattr(arguments, name) for name in ("height", "facing")}
+    command += [f"--{name}={value!r}" for name, value in known.items() if value is not None]
+    if arguments.frames:
+        command.append("--frames=" + ":".join("" if end is None else str(end) for end in arguments.frames))
+    command += [f"--{name}" for name in ("trc", "blend", "overwrite") if getattr(arguments, name)]
+    return [*command, "--", str(path)]

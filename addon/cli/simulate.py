@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`simulate TAKE`: what cameras would see of a labelled take with a body in the way."""
+
+from dataclasses import asdict
+from pathlib import Path
+
+from .. import capturing
+from ..core.errors import InputError, UserError
+from ..core.simulate import CaptureOptions
+from ..io.cameras import read_cameras
+from ..io.markersets import builtin_markersets, open_markerset
+from ..io.points import marker_columns, read_points
+from .console import ProgressLine, print_results
+from .parser import add_frames, add_overwrite, names, number, whole
+
+DESCRIPTION = """A virtual capture of a labelled take (.c3d or .trc): what the cameras would see, with a body in the
+way, noise, merged blobs, dropouts and ghosts. Writes the blobs to BLOBS and their true names to BLOBS.truth.csv (the
+whole name with .truth.csv behind it). Frames keep the take's numbers."""
+DEFAULTS = CaptureOptions()
+
+
+def add_parser(verbs):
+    """Adds the verb to the command line's grammar."""
+    parser = verbs.add_parser("simulate", help="make blobs from a labelled take", description=DESCRIPTION)
+    parser.add_argument("take", metavar="TAKE", type=Path, help="a labelled take, .c3d or .trc")
+    parser.add_argument("--cameras", required=True, type=Path, metavar="CAMERAS", help="the calibration of the room")
+    parser.add_argument("--out", required=True, type=Path, metavar="BLOBS", help="the blob file to write")
+    parser.add_argument("--model", help="whose body is in the way; default: the built-in model whose markers are there")
+    chosen = parser.add_mutually_exclusive_group()
+    chosen.add_argument("--markers", type=names, metavar="A,B,…", help="only these markers; default: the model's")
+    chosen.add_argument("--all-markers", action="store_true", help="every named marker of the take")
+    parser.add_argument(
+        "--subject", metavar="NAME", help="of a take with several, the one whose markers are NAME:LASI …"
+    )
+    add_frames(parser)
+    parser.add_argument("--centre", action="store_true", help="move the take's path to the middle of the room")
+    parser.add_argument("--no-body", action="store_true", help="nothing hides anything")
+    _add_trouble(parser)
+    add_overwrite(parser)
+    parser.set_defaults(run=run)
+
+
+def _add_trouble(parser):
+    """What goes wrong in the capture."""
+    group = parser.add_argument_group("what goes wrong")
+    amount = number(0, 1000, "amount")
+    share = number(0, 1, "share")
+    rows = (
+        ("--noise", "noise", amount, "PX", "standard deviation of a blob's place"),
+        ("--dropout", "dropout", share, "P", "probability that a visible marker gives no blob"),
+        ("--ghosts", "reflections", whole(0, 10_000, "number of ghosts"), "N", "fixed reflections in each camera"),
+        ("--flicker", "flicker", amount, "N", "mean number of ghosts at random places, a camera and frame"),
+        ("--merge-gap", "merge_gap", number(-100, 100, "distance"), "PX", "blobs nearer than this become one"),
+        ("--calibration-mm", "calibration_mm", amount, "MM", "cameras stand this far from where they are said to"),
+        ("--calibration-mrad", "calibration_mrad", amount, "MRAD", "and are turned by this"),
+        ("--seed", "seed", whole(0, 2**31 - 1, "seed"), "N", "the same seed gives the same blobs"),
+    )
+    for flag, field, kind, unit, text in rows:
+        default = getattr(DEFAULTS, field)
+        group.add_argument(
+            flag, dest=field, type=kind, default=default, metavar=unit, help=f"{text} (default {default:g})"
+        )
+    group.add_argument(
+        "--marker-offset", type=amount, default=0.0, metavar="MM", help="markers sit up to this far off (default 0)"
+    )
+    group.add_argument(
+        "--marker-radius",
+        type=number(0.1, 100, "radius"),
+        default=7.0,
+        metavar="MM",
+        help="of a marker's ball (default 7)",
+    )
+
+
+def run(arguments) -> int:
+    """Captures the take and writes both files."""
+    cameras = read_cameras(arguments.cameras)
+    progress = ProgressLine(arguments.progress)
+    try:
+        take = capturing.cut(capturing.labelled_markers(read_points(arguments.take)), arguments.frames)
+        take = capturing.of_subject(take, arguments.subject) if arguments.subject else take
+        markerset, worn, body = _dress(take, arguments)
+        if arguments.centre:
+            worn, body = capturing.moved(worn, body, capturing.to_centre(worn, cameras))
+        work = capturing.write_capture(worn, cameras, _options(arguments), body, arguments.out, arguments.overwrite)
+        captured = progress.drain(work, arguments.take.stem)
+    except UserError as error:
+        raise error if error.file else type(error)(error.message, arguments.take) from None
+    result = {
+        "take": arguments.take.stem,
+        "model": markerset and markerset.name,
+        "markers": list(worn.names),
+        "cameras": list(cameras.names),
+        "first_frame": worn.first_frame,
+        **asdict(captured),
+        "out": [str(arguments.out), str(capturing.truth_path(arguments.out))],
+    }
+    way = f", the body of {markerset.name} in the way" if body else ""
+    what = f"{captured.blobs} blobs of {len(worn.names)} markers in {captured.frames} frames, {len(cameras)} cameras"
+    lines = [
+        f"{arguments.out}: {what}{way}",
+        f"{capturing.truth_path(arguments.out)}: {captured.ghosts} ghosts, {captured.merged} merged blobs",
+    ]
+    print_results(lines, result, arguments.json)
+    return 0
+
+
+def _dress(take: capturing.Labelled, arguments):
+    """The marker set, the take with only the markers to capture, and the body in their way."""
+    if arguments.model:
+        markerset = open_markerset(arguments.model)
+    elif arguments.no_body and (arguments.all_markers or arguments.markers):
+        markerset = None
+    else:
+        markerset = capturing.fitting_markerset(take, [open_markerset(name) for name in builtin_markersets()])
+    called, chosen = _choose(take, markerset, arguments)
+    body = None if arguments.no_body else capturing.posed_body(take, markerset, chosen)
+    return markerset, capturing.Labelled(tuple(called), take.xyz[:, chosen], take.first_frame), body
+
+
+def _choose(take: capturing.Labelled, markerset, arguments) -> tuple[list[str], list[int]]:
+    """Names and indices of the markers to capture; the marker set's own names where it has one."""
+    found = [] if markerset is None else capturing.find_markers(take, markerset)
+    own = {
+        int(index): name
+        for index, name in zip(found, markerset.markers if markerset else [], strict=True)
+        if index >= 0
+    }
+    if arguments.markers:
+        columns = [_column(own, name, take) for name in arguments.markers]
+        chosen = list(dict.fromkeys(columns))
+    else:
+        chosen = list(range(len(take.names))) if arguments.all_markers else [int(i) for i in found if i >= 0]
+    called = [own.get(index, take.names[index].rpartition(":")[2]) for index in chosen]
+    doubled = next((name for name in called if called.count(name) > 1), None)
+    if doubled:
+        raise InputError(f"has two markers called {doubled}; expected a take of one subject")
+    return called, chosen
+
+
+def _column(own: dict[int, str], name: str, take: capturing.Labelled) -> int:
+    """The index of the marker that the take or the model calls `name`."""
+    for index, called in own.items():
+        if called == name:
+            return index
+    column = int(marker_columns(take.names, [name])[0])
+    if column < 0:
+        raise InputError(f"has no marker {name}; expected some of {', '.join(take.names[:12])}, …")
+    return column
+
+
+def _options(arguments) -> CaptureOptions:
+    fields = {name: getattr(arguments, name) for name in vars(DEFAULTS) if hasattr(arguments, name)}
+    millimetre = 0.001
+    fields["marker_offset"] = arguments.marker_offset * millimetre
+    fields["marker_radius"] = arguments.marker_radius * millimetre
+    return CaptureOptions(**fields)
