@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from . import rotations
-from .cameras import Cameras, distort, undistort
+from .cameras import Cameras
 from .occlusion import Occlusion
 from .takes import Blobs
 
@@ -191,14 +191,18 @@ def _marker_images(
 def _through_lens(ideal: np.ndarray, cameras: Cameras) -> np.ndarray:
     """(C, F, M) whether light from normalised image coordinates (C, F, M, 2) really comes through each lens.
 
-    Far outside the image a lens polynomial folds back and would show what no lens shows.
+    Beyond the radius where the lens polynomial turns back, it would show inside the image what no lens shows there.
     """
-    if not np.any(cameras.distortion):
-        return np.ones(ideal.shape[:-1], dtype=bool)
-    lens = np.broadcast_to(cameras.distortion[:, None, None], (*ideal.shape[:-1], 5))
-    back = undistort(distort(ideal, lens), lens)
+    reach = np.array([_lens_reach(*lens[[0, 1, 4]]) for lens in cameras.distortion])
     with np.errstate(invalid="ignore"):
-        return np.abs(back - ideal).max(axis=-1) < 1e-6
+        return np.einsum("cfmi,cfmi->cfm", ideal, ideal) < reach[:, None, None] ** 2
+
+
+def _lens_reach(k1: float, k2: float, k3: float) -> float:
+    """The radius up to which r (1 + k1 r² + k2 r⁴ + k3 r⁶) rises."""
+    roots = np.roots([7 * k3, 5 * k2, 3 * k1, 1])
+    turning = roots.real[(np.abs(roots.imag) < 1e-12) & (roots.real > 0)]
+    return float(np.sqrt(turning.min(initial=np.inf)))
 
 
 def _ghost_images(

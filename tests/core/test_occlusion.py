@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The body in the way: analytic scenes, a brute-force ray marcher that must agree, and the rules for a marker's own skin."""
+"""The body in the way: analytic scenes, a ray marcher that must agree, and a marker's own skin."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def hide(capsules, markers, eyes, standoff=STANDOFF):
 
 
 def marched(capsules, marker, eye, standoff=STANDOFF, steps=4001):
-    """Nearest that sampled points of the ray come to each capsule's axis, less its radius; NaN where the side is unclear."""
+    """How near sampled points of the ray come to each capsule's surface; NaN where the marker's side is unclear."""
     margins = []
     for start, end, radius in capsules:
         start, end, point = np.array(start, float), np.array(end, float), np.array(marker, float)
@@ -150,9 +150,9 @@ def test_the_front_image_discards_the_back_markers_and_the_back_image_the_front_
         0
     ]
     for name in ("FRONT", "LASI", "RASI", "LFHD"):
-        assert not front[markerset.index(name)] and back[markerset.index(name)], name
+        assert (front[markerset.index(name)], back[markerset.index(name)]) == (False, True), name
     for name in ("BACK", "SACR", "RBHD"):
-        assert front[markerset.index(name)] and not back[markerset.index(name)], name
+        assert (front[markerset.index(name)], back[markerset.index(name)]) == (True, False), name
 
 
 def test_a_shrunk_body_hides_a_part_of_what_the_whole_body_hides():

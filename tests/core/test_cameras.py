@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The camera model: against a projection by hand, its lens inverted exactly, calibrations that are none."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from addon.core.cameras import Cameras, distort, undistort
+from addon.core.errors import InputError
+from addon.core.rigs import paper_rig, ring_rig
+
+
+def by_hand(cameras, camera, point):
+    """One point through one camera, as a textbook has it."""
+    x, y, z = cameras.rotation[camera] @ point + cameras.translation[camera]
+    x, y = x / z, y / z
+    k1, k2, p1, p2, k3 = cameras.distortion[camera]
+    r2 = x * x + y * y
+    radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
+    u = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+    v = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+    (fx, skew, cx), (_, fy, cy), _ = cameras.matrix[camera]
+    return np.array([fx * u + skew * v + cx, fy * v + cy])
+
+
+def parts(cameras, **changes):
+    """The fields of a rig, some of them changed."""
+    fields = ("names", "size", "matrix", "distortion", "rotation", "translation")
+    return {name: changes.get(name, getattr(cameras, name)) for name in fields}
+
+
+def test_projection_is_the_textbooks():
+    matrix = paper_rig().matrix.copy()
+    matrix[:, 0, 1], matrix[:, 1, 1] = 1.5, 650
+    cameras = Cameras(**parts(paper_rig(), matrix=matrix))
+    points = np.random.default_rng(0).uniform([-0.8, -0.8, 0], [0.8, 0.8, 2], (40, 3))
+    found = cameras.project(points)
+    for camera in range(4):
+        for index, point in enumerate(points):
+            assert found[camera, index] == pytest.approx(by_hand(cameras, camera, point), abs=1e-9)
+
+
+def test_leading_axes_are_kept():
+    cameras = ring_rig(3)
+    points = np.random.default_rng(0).uniform(-0.5, 0.5, (5, 2, 3))
+    assert cameras.project(points).shape == (3, 5, 2, 2)
+    assert np.array_equal(cameras.project(points)[:, 3, 1], cameras.project(points[3, 1]))
+
+
+def test_what_is_behind_is_not_a_number():
+    cameras = ring_rig(1)
+    behind = cameras.centres[0] - 2 * cameras.rotation[0, 2]
+    assert np.isnan(cameras.project(behind)).all()
+    assert np.isfinite(cameras.project(cameras.centres[0] + 2 * cameras.rotation[0, 2])).all()
+
+
+def test_undistorted_pixels_are_the_pinhole_image():
+    cameras = paper_rig()
+    points = np.random.default_rng(1).uniform([-0.8, -0.8, 0], [0.8, 0.8, 2], (200, 3))
+    pixels, ideal = cameras.project(points), cameras.normalised(points)
+    camera = np.repeat(np.arange(4), 200)
+    assert np.abs(cameras.undistort(pixels.reshape(-1, 2), camera) - ideal.reshape(-1, 2)).max() < 1e-12
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.tuples(st.floats(-0.6, 0.6), st.floats(-0.5, 0.5)),
+    st.tuples(*[st.floats(-low, low) for low in (0.3, 0.1, 0.003, 0.003, 0.05)]),
+)
+def test_undistort_is_the_inverse_of_distort(image, lens):
+    image, lens = np.array([image]), np.array([lens])
+    assert undistort(distort(image, lens), lens) == pytest.approx(image, abs=1e-11)
+
+
+def test_a_pixel_that_no_light_reaches_is_not_a_number():
+    lens = np.array([[-0.3, 0, 0, 0, 0]])
+    # The lens' image ends where 1 = 0.9 r²: at 2/3 of 1.054.
+    assert np.isfinite(undistort(np.array([[0.70, 0.0]]), lens)).all()
+    assert np.isnan(undistort(np.array([[0.71, 0.0]]), lens)).all()
+
+
+def test_centres_and_extrinsics():
+    cameras = ring_rig(5)
+    points = np.random.default_rng(2).normal(0, 0.3, (7, 3))
+    local = np.einsum("cij,nj->cni", cameras.extrinsics, np.column_stack([points, np.ones(7)]))
+    assert local[..., :2] / local[..., 2:] == pytest.approx(cameras.normalised(points))
+    back = np.einsum("cij,cj->ci", cameras.rotation, cameras.centres) + cameras.translation
+    assert back == pytest.approx(np.zeros((5, 3)), abs=1e-12)
+
+
+def test_selected_cameras_are_the_same_cameras():
+    cameras = ring_rig(5)
+    chosen = cameras.select([3, 0])
+    assert chosen.names == ("cam4", "cam1")
+    assert np.array_equal(chosen.project(np.ones(3)), cameras.project(np.ones(3))[[3, 0]])
+
+
+def test_calibrations_cannot_be_changed_in_place():
+    with pytest.raises(ValueError, match="read-only"):
+        ring_rig(2).matrix[0, 0, 0] = 1
+
+
+def singular(cameras):
+    matrix = cameras.matrix.copy()
+    matrix[1] = 0
+    return {"matrix": matrix}
+
+
+def mirrored(cameras):
+    rotation = cameras.rotation.copy()
+    rotation[1, 0] *= -1
+    return {"rotation": rotation}
+
+
+def unknown(cameras):
+    translation = cameras.translation.copy()
+    translation[1, 2] = np.nan
+    return {"translation": translation}
+
+
+def twice(cameras):
+    return {"names": ("cam1", "cam1", "cam3")}
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [(singular, "singular"), (mirrored, "not a rotation"), (unknown, "not a finite number"), (twice, "same name")],
+)
+def test_a_calibration_that_is_none_is_refused_in_one_sentence(fault, words):
+    cameras = ring_rig(3)
+    with pytest.raises(InputError, match=words) as caught:
+        Cameras(**parts(cameras, **fault(cameras)))
+    assert "\n" not in str(caught.value)
+    assert fault is twice or "cam2" in str(caught.value)
+
+
+def test_arrays_of_the_wrong_shape_are_a_programmers_mistake():
+    with pytest.raises(ValueError, match="distortion"):
+        Cameras(**parts(ring_rig(3), distortion=np.zeros((3, 4))))

@@ -1,0 +1,234 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Virtual captures: what is seen is where it should be, and goes wrong as often as asked for."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from addon.core import simulate
+from addon.core.body import BodyModel
+from addon.core.cameras import Cameras
+from addon.core.occlusion import CapsuleOcclusion
+from addon.core.rigs import paper_rig, ring_rig
+from addon.core.simulate import CaptureOptions, PosedBody, capture, disturbed, joined
+from tests.core.toybody import toy_markerset
+
+PERFECT = CaptureOptions(noise=0, dropout=0, reflections=0, flicker=0, merge_gap=-100)
+
+
+def still(frames=20, height=1.7):
+    markerset = toy_markerset()
+    model = BodyModel(markerset)
+    bodies = model.rest(frames, height)
+    posed = model.pose(bodies)
+    body = PosedBody(CapsuleOcclusion(markerset), markerset.attachment, posed.rotations, posed.joints, bodies.scale)
+    return markerset, posed.markers, body
+
+
+def one_camera(width=200, height=100, focal=100.0, lens=(0, 0, 0, 0, 0)):
+    matrix = np.array([[[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]]])
+    return Cameras(("c",), np.array([[width, height]]), matrix, np.array([lens]), np.eye(3)[None], np.zeros((1, 3)))
+
+
+def test_without_trouble_every_blob_is_the_projection_of_its_marker():
+    markerset, markers, _ = still(3)
+    cameras = paper_rig()
+    seen = joined(capture(markers, markerset.markers, cameras, PERFECT))
+    assert len(seen.blobs) == 3 * 4 * len(markerset)
+    pixels = cameras.project(markers)
+    index = [markerset.index(name) for name in seen.truth]
+    expected = pixels[seen.blobs.camera, seen.blobs.frame, index]
+    assert np.abs(seen.blobs.xy - expected).max() < 1e-9
+
+
+def test_the_body_hides_what_its_occlusion_says_and_nothing_else():
+    markerset, markers, body = still(2)
+    cameras = paper_rig()
+    seen = joined(capture(markers, markerset.markers, cameras, PERFECT, body))
+    hidden = body.hidden(slice(0, 2), markers, cameras.centres)
+    found = np.zeros_like(hidden)
+    found[seen.blobs.frame, seen.blobs.camera, [markerset.index(name) for name in seen.truth]] = True
+    assert np.array_equal(found, ~hidden)
+    assert 0.1 < hidden.mean() < 0.5
+
+
+def test_same_seed_same_capture_and_another_seed_another():
+    markerset, markers, body = still()
+    options = CaptureOptions(seed=5, marker_offset=0.02, calibration_mm=2)
+    one, two = (joined(capture(markers, markerset.markers, paper_rig(), options, body)) for _ in range(2))
+    other = joined(capture(markers, markerset.markers, paper_rig(), replace(options, seed=6), body))
+    assert np.array_equal(one.blobs.xy, two.blobs.xy)
+    assert np.array_equal(one.truth, two.truth)
+    assert not np.array_equal(one.blobs.xy[:50], other.blobs.xy[:50])
+
+
+def test_chunks_are_the_whole_take_in_parts(monkeypatch):
+    markerset, markers, body = still(50)
+    monkeypatch.setattr(simulate, "CHUNK", 20)
+    chunks = list(capture(markers, markerset.markers, paper_rig(), CaptureOptions(), body, first_frame=101))
+    assert [len(chunk.blobs.frames) for chunk in chunks] == [20, 20, 10]
+    whole = joined(iter(chunks))
+    assert whole.blobs.frames.tolist() == list(range(101, 151))
+    assert (np.diff(whole.blobs.frame) >= 0).all()
+    assert whole.blobs.frame.max() == 49
+    assert len(whole.truth) == len(whole.blobs) == sum(len(chunk.blobs) for chunk in chunks)
+
+
+def test_rows_of_a_frame_are_in_no_order():
+    markerset, markers, _ = still(1)
+    seen = joined(capture(markers, markerset.markers, paper_rig(), PERFECT))
+    assert (np.diff(seen.blobs.camera) < 0).any()
+    assert seen.truth.tolist() != sorted(seen.truth.tolist(), key=markerset.index)
+
+
+def test_noise_has_the_size_that_was_asked_for():
+    markerset, markers, _ = still(300)
+    cameras = paper_rig()
+    seen = joined(capture(markers, markerset.markers, cameras, replace(PERFECT, noise=0.7)))
+    expected = cameras.project(markers[0])[seen.blobs.camera, [markerset.index(name) for name in seen.truth]]
+    assert (seen.blobs.xy - expected).std() == pytest.approx(0.7, rel=0.03)
+
+
+def test_dropouts_are_as_frequent_as_asked_for():
+    markerset, markers, _ = still(300)
+    seen = joined(capture(markers, markerset.markers, paper_rig(), replace(PERFECT, dropout=0.1)))
+    assert len(seen.blobs) / (300 * 4 * len(markerset)) == pytest.approx(0.9, abs=0.01)
+
+
+def test_reflections_stay_where_they_are_and_flicker_does_not():
+    nobody = np.full((400, 1, 3), np.nan)
+    options = replace(PERFECT, reflections=2, reflection_on=0.5)
+    fixed = joined(capture(nobody, ("A",), paper_rig(), options)).blobs
+    assert len(np.unique(fixed.xy.round(6), axis=0)) == 2 * 4
+    assert len(fixed) / (400 * 4 * 2) == pytest.approx(0.5, abs=0.05)
+    sudden = joined(capture(nobody, ("A",), paper_rig(), replace(PERFECT, flicker=0.5)))
+    assert len(sudden.blobs) / (400 * 4) == pytest.approx(0.5, abs=0.07)
+    assert len(np.unique(sudden.blobs.xy.round(6), axis=0)) == len(sudden.blobs)
+    assert set(sudden.truth) == {""}
+
+
+def test_overlapping_images_are_one_blob_at_their_weighted_middle():
+    markers = np.array([[[0.0, 0, 2], [0.015, 0, 2], [0.5, 0, 2]]])
+    options = replace(PERFECT, merge_gap=0.0, marker_radius=0.02)
+    seen = joined(capture(markers, ("A", "B", "C"), one_camera(focal=400.0, width=400), options))
+    assert sorted(seen.truth) == ["A|B", "C"]
+    at = seen.blobs.xy[seen.truth.tolist().index("A|B")]
+    assert at == pytest.approx([200 + 400 * 0.0075 / 2, 50], abs=0.2)
+    assert seen.blobs.area[seen.truth.tolist().index("A|B")] == pytest.approx(2 * np.pi * 16, rel=0.2)
+
+
+def test_images_that_touch_in_a_chain_are_one_blob():
+    markers = np.array([[[0.03 * index, 0, 2] for index in range(5)]])
+    options = replace(PERFECT, merge_gap=0.0, marker_radius=0.018)
+    seen = joined(capture(markers, tuple("EDCBA"), one_camera(focal=400.0), options))
+    assert seen.truth.tolist() == ["E|D|C|B|A"]
+
+
+def test_frames_and_cameras_never_merge_with_each_other():
+    _, markers, _ = still(5)
+    seen = joined(capture(np.repeat(markers[:, :1], 1, axis=1), ("A",), paper_rig(), replace(PERFECT, merge_gap=1.0)))
+    assert seen.truth.tolist() == ["A"] * 20
+
+
+@pytest.mark.parametrize(
+    ("point", "seen"),
+    [((0, 0, 2), True), ((0, 0, -2), False), ((1.9, 0, 2), True), ((2.1, 0, 2), False), ((0, -1.1, 2), False)],
+)
+def test_only_what_is_ahead_and_within_the_image_is_seen(point, seen):
+    found = joined(capture(np.array([[point]], dtype=float), ("A",), one_camera(), replace(PERFECT, min_area=0)))
+    assert (len(found.blobs) == 1) == seen
+
+
+def test_a_lens_that_folds_back_shows_nothing_from_outside_its_reach():
+    cameras = one_camera(lens=(-0.3, 0, 0, 0, 0))
+    # 2.2 - 0.3 * 2.2³ lies well within the image, yet no light takes that way.
+    point = np.array([[[2.2, 0.0, 1.0]]])
+    assert abs(cameras.project(point)[0, 0, 0, 0] - 100) < 100
+    assert len(joined(capture(point, ("A",), cameras, replace(PERFECT, min_area=0))).blobs) == 0
+
+
+def test_area_falls_with_the_square_of_the_distance_and_the_smallest_are_lost():
+    near, far = (
+        joined(capture(np.array([[[0.0, 0, z]]] * 50), ("A",), one_camera(), replace(PERFECT, min_area=0))).blobs.area
+        for z in (1.0, 2.0)
+    )
+    assert near.mean() / far.mean() == pytest.approx(4, rel=0.05)
+    assert near.mean() == pytest.approx(np.pi * 0.7**2, rel=0.05)
+    assert len(joined(capture(np.array([[[0.0, 0, 3]]]), ("A",), one_camera(), PERFECT)).blobs) == 0
+
+
+def test_a_marker_worn_wrongly_stays_wrong_by_the_same_amount_and_turns_with_its_segment():
+    markerset, markers, body = still(2)
+    turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    turned = replace(
+        body,
+        rotations=np.stack([body.rotations[0], turn @ body.rotations[0]]),
+        joints=np.stack([body.joints[0], body.joints[0] @ turn.T]),
+    )
+    moved = np.stack([markers[0], markers[0] @ turn.T])
+    offset = turned.carry(slice(0, 2), np.tile([0.03, 0, 0], (len(markerset), 1)))
+    assert offset[0] == pytest.approx(np.tile([0.03, 0, 0], (len(markerset), 1)))
+    assert offset[1] == pytest.approx(np.tile([0, 0.03, 0], (len(markerset), 1)))
+    cameras = paper_rig()
+    seen = joined(capture(moved, markerset.markers, cameras, replace(PERFECT, marker_offset=0.04), turned))
+    index = [markerset.index(name) for name in seen.truth]
+    off = np.linalg.norm(seen.blobs.xy - cameras.project(moved)[seen.blobs.camera, seen.blobs.frame, index], axis=1)
+    assert 1 < off.max() < 0.04 * 1.3 * 695 / 1.5
+
+
+def test_cameras_are_off_by_exactly_what_was_asked_for():
+    cameras = ring_rig(6)
+    moved = disturbed(cameras, 5.0, 2.0, np.random.default_rng(0))
+    assert np.linalg.norm(moved.centres - cameras.centres, axis=1) == pytest.approx(np.full(6, 0.005))
+    between = moved.rotation @ cameras.rotation.transpose(0, 2, 1)
+    angle = np.arccos((np.trace(between, axis1=1, axis2=2) - 1) / 2)
+    assert angle == pytest.approx(np.full(6, 0.002), rel=1e-4)
+
+
+def test_gaps_and_frames_without_a_pose_do_no_harm():
+    markerset, markers, body = still(4)
+    markers = markers.copy()
+    markers[1] = np.nan
+    markers[2, 0] = np.nan
+    lost = replace(body, joints=np.where(np.arange(4)[:, None, None] == 1, np.nan, body.joints))
+    seen = joined(capture(markers, markerset.markers, paper_rig(), PERFECT, lost))
+    assert not (seen.blobs.frame == 1).any()
+    assert markerset.markers[0] not in seen.truth[seen.blobs.frame == 2]
+    assert np.isfinite(seen.blobs.xy).all()
+
+
+def test_markers_and_names_must_fit():
+    with pytest.raises(ValueError, match="expected"):
+        next(capture(np.zeros((3, 2, 3)), ("A",), paper_rig()))
+
+
+def outline(radius, top):
+    angle = np.linspace(0, 2 * np.pi, 24)
+    rim = [np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(24, z)]) for z in (0, top)]
+    return np.concatenate(rim)
+
+
+@pytest.mark.parametrize("seed", [None, 0, 1, 2])
+def test_the_papers_rig_sees_a_tall_person_whole_from_four_corners(seed):
+    cameras = paper_rig(None if seed is None else np.random.default_rng(seed))
+    assert len(cameras) == 4
+    assert (cameras.size == (656, 491)).all()
+    assert ((cameras.centres[:, 2] > 2.15) & (cameras.centres[:, 2] < 2.65)).all()
+    pixels = cameras.project(outline(0.55, 2.0))
+    assert ((pixels > 0) & (pixels < cameras.size[:, None] - 1)).all()
+    # The lens is no wider than it must be: the person's volume takes most of the image's height.
+    assert (np.ptp(pixels[..., 1], axis=1) > 0.8 * 491).all()
+
+
+@pytest.mark.parametrize("count", range(1, 13))
+def test_rings_of_any_number_of_cameras_see_the_volume(count):
+    cameras = ring_rig(count, (1280, 1024), 4.0, generator=np.random.default_rng(count))
+    pixels = cameras.project(outline(0.55, 1.95))
+    assert len(cameras) == count
+    assert ((pixels > 0) & (pixels < cameras.size[:, None] - 1)).all()
+
+
+def test_a_ring_inside_its_own_volume_is_refused():
+    with pytest.raises(ValueError, match="outside"):
+        ring_rig(4, radius=0.5)
