@@ -52,6 +52,17 @@ def open_tab(name: str) -> Iterator[float]:
     yield 1
 
 
+def scroll_sidebar(down: bool = True) -> Iterator[float]:
+    """Scroll the sidebar to its end, or back to its start."""
+    sidebar = region("UI")
+    with bpy.context.temp_override(area=area(), region=sidebar):
+        scroll = bpy.ops.view2d.scroll_down if down else bpy.ops.view2d.scroll_up
+        for _ in range(50):
+            scroll()
+    sidebar.tag_redraw()
+    yield 1
+
+
 def show_all() -> None:
     """Let the 3D view show everything there is."""
     with bpy.context.temp_override(area=area(), region=region("WINDOW")):
@@ -65,7 +76,7 @@ def screenshot(name: str) -> Iterator[float]:
     yield 1.5
     path = str(Path(os.environ["MOCAP_OUT"], name + ".png"))
     if os.environ.get("DISPLAY") and shutil.which("import"):
-        subprocess.run(["import", "-window", "root", path], check=True)
+        subprocess.run(["import", "-window", "root", "-colors", "256", "PNG8:" + path], check=True)
     else:
         bpy.ops.screen.screenshot(filepath=path)
 

@@ -5,7 +5,6 @@ import importlib.util
 import platform
 import sys
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -35,18 +34,10 @@ def blender_program() -> real_blender.RealBlender:
 @pytest.fixture(scope="session")
 def virtual_take(tmp_path_factory) -> Path:
     """A folder with the first second and a half of the demo's take: take.csv, its truth, and cameras.toml."""
-    from addon import capturing
-    from addon.demo.take import MODEL, TROUBLE, make_performance
-    from addon.io.cameras import write_cameras
-    from addon.io.markersets import open_markerset
+    from scripts.virtual_take import write_virtual_take
 
     folder = tmp_path_factory.mktemp("take")
-    made, first = make_performance(open_markerset(MODEL)), slice(0, 90)
-    body = replace(made.body, **{name: getattr(made.body, name)[first] for name in ("rotations", "joints", "scale")})
-    take = replace(made.take, xyz=made.take.xyz[first])
-    for _ in capturing.write_capture(take, made.cameras, TROUBLE, body, folder / "take.csv"):
-        pass
-    write_cameras(folder / "cameras.toml", made.cameras)
+    write_virtual_take(folder, 90)
     return folder
 
 

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What screenshots.py does inside Blender's window: a person's way through the sidebar, with a picture at each step."""
+
+import json
+import math
+import os
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import bpy
+from mathutils import Euler, Vector
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+import window
+
+OUT = Path(os.environ["MOCAP_OUT"])
+PATIENCE = 200.0
+
+
+def steps() -> Iterator[float]:
+    """From an empty scene to a reviewed take."""
+    task = json.loads((OUT / "task.json").read_text())
+    bpy.ops.extensions.package_install_files(filepath=task["zip"], repo="user_default", enable_on_install=True)
+    bpy.data.batch_remove(list(bpy.data.objects))
+    yield from window.open_tab("Mocap")
+    yield from window.screenshot("sidebar")
+
+    bpy.ops.mocap_autolabel.import_cameras(filepath=task["cameras"])
+    bpy.ops.mocap_autolabel.import_blobs(filepath=task["blobs"])
+    settings = bpy.context.scene.mocap_autolabel
+    settings.markerset, settings.rate = "body26", 60
+    look_at((0, 0, 1.0), distance=11)
+    yield from window.screenshot("imported")
+    yield from look_through_first()
+    yield from window.screenshot("blobs-through-camera")
+
+    bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
+    until = time.monotonic() + PATIENCE
+    while settings.take is None and time.monotonic() < until:
+        yield 0.5
+    bpy.context.scene.frame_set(bpy.context.scene.frame_start + 100)
+    yield 1
+    yield from window.screenshot("through-camera")
+    body = next(item for item in settings.take.all_objects if item.type == "ARMATURE")
+    middle = body.matrix_world @ (sum((Vector(corner) for corner in body.bound_box), Vector()) / 8)
+    look_at((middle.x, middle.y, 1.0), distance=6.5)
+    yield from window.screenshot("labelled")
+    look_at((middle.x, middle.y, 1.0), distance=3.2)
+    yield from window.screenshot("body")
+    yield from window.scroll_sidebar()
+    yield from window.screenshot("review")
+
+    yield from window.scroll_sidebar(down=False)
+    bpy.ops.mocap_autolabel.clear()
+    bpy.ops.mocap_autolabel.edit_markerset()
+    look_at((0, 0, 0.9), distance=3.2)
+    yield from window.screenshot("marker-set")
+    (OUT / "done").touch()
+
+
+def look_at(place: tuple[float, float, float], distance: float) -> None:
+    """Turn the 3D view to a place, from in front, a little above."""
+    view = window.area().spaces.active.region_3d
+    view.view_perspective = "PERSP"
+    view.view_location = place
+    view.view_rotation = Euler((math.radians(72), 0, math.radians(65))).to_quaternion()
+    view.view_distance = distance
+
+
+def look_through_first() -> Iterator[float]:
+    """Look through the first camera, filling the view."""
+    context = {"area": window.area(), "region": window.region("WINDOW")}
+    camera = next(item for item in bpy.context.scene.mocap_autolabel.cameras.all_objects if item.type == "CAMERA")
+    with bpy.context.temp_override(**context):
+        bpy.ops.mocap_autolabel.look_through(camera=camera.name)
+    window.area().spaces.active.region_3d.view_perspective = "CAMERA"
+    yield 1
+    with bpy.context.temp_override(**context):
+        bpy.ops.view3d.view_center_camera()
+    yield 1
+
+
+window.play(steps())

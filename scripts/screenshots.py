@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Takes the user guide's screenshots in a real Blender's window, into docs/images/.
+
+    python scripts/screenshots.py
+
+Run it in an environment with `bpy` (`.venv` of run.py), where a real Blender can be found (see real_blender.py) on
+Linux. The take in the pictures is the demo's, so they can be made anew whenever the panels change.
+"""
+
+import argparse
+import json
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from scripts import build, real_blender
+from scripts.virtual_take import write_virtual_take
+
+FRAMES = 240
+
+
+def main() -> int:
+    """Build the zip, make the take, open the window, and keep the pictures."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--out", type=Path, default=build.ROOT / "docs" / "images", help="folder (docs/images)")
+    out = parser.parse_args().out
+    try:
+        blender = real_blender.find()
+    except LookupError as reason:
+        sys.exit(f"screenshots.py: {reason}")
+    with tempfile.TemporaryDirectory(prefix="mocap-screenshots-") as name:
+        folder = Path(name)
+        write_virtual_take(folder, FRAMES)
+        package = build.build("{}.{}".format(*blender.version), "linux-x64", folder)
+        task = {"zip": str(package), "cameras": str(folder / "cameras.toml"), "blobs": str(folder / "take.csv")}
+        (folder / "task.json").write_text(json.dumps(task))
+        steps = Path(__file__).with_name("screenshot_steps.py")
+        done = blender.window(steps, folder, home=folder / "home", seconds=400)
+        pictures = sorted(folder.glob("*.png"))
+        if not (folder / "done").exists():
+            sys.exit(f"screenshots.py: the window closed early\n{done.stdout}{done.stderr}")
+        out.mkdir(parents=True, exist_ok=True)
+        for picture in pictures:
+            print(shutil.copy(picture, out / picture.name))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
