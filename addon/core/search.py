@@ -14,6 +14,7 @@ from .fit import State, body_state, fit_body, fit_placement
 from .labelling import Expectation, Naming
 from .placement import blob_centre, make_starts, principal_guess
 from .prior import Prior
+from .rivals import Swaps, swap_names, try_swaps, withdraw_strangers_to_body, without_own
 from .subject import Setup, Subject, expect, learn_noise, learn_own, name, named_pull, refit
 from .views import View
 
@@ -22,7 +23,8 @@ CLOUD_STAGES = ((0.20, 0.60, 3, False), (0.10, 0.30, 3, True), (0.05, 0.15, 4, T
 PLACEMENT_STAGES = ((0.20, 0.60, 5), (0.10, 0.30, 5))
 BLOB_STAGES = ((0.06, 0.25, 3), (0.03, 0.12, 3), (0.02, 0.08, 3))
 FINALISTS = 3
-ROUNDS = 3
+ROUNDS = 2
+MOST_EXCHANGES = 3
 UPRIGHT = 0.35  # rad, how far a subject who is looked for leans, standard deviation
 FEWEST_POINTS = 4
 RIVAL = 0.10  # m: two fits whose markers lie farther apart than this on average are rivals, not one solution
@@ -50,6 +52,7 @@ class Found:
     expected: Expectation
     confidence: float
     trace: np.ndarray
+    swaps: Swaps
 
 
 def find_subject(view: View, setup: Setup, hints: Hints) -> Found | None:
@@ -131,16 +134,30 @@ def name_found(view: View, state: State, setup: Setup, prior, confidence: float,
     """Names the blobs of a placed body, learns from the names where this subject wears the markers, names again."""
     subject = Subject(state.bodies, setup.marker_sd * float(state.bodies.scale.mean()), setup.rules.pixel)
     expected = expect(subject, state, setup)
-    for _ in range(ROUNDS):
+    for round_ in range(ROUNDS):
         naming = name(view, expected, subject, setup)
-        subject = learn_noise(naming, subject, setup, 0.7)
+        subject = learn_noise(naming, without_own(subject, setup), setup, 0.7)
         subject, state = refit(view, naming, subject, setup, 3, prior)
-        subject = learn_own(naming.meeting.points, subject, state.posed, setup, 0.8)
+        if round_ == ROUNDS - 1:
+            swaps = settle(view, naming, subject, state, setup, prior)
+            subject, state = refit(view, naming, subject, setup, 2, prior)
+        withdraw_strangers_to_body(naming, state, subject, setup)
+        subject = learn_own(naming.meeting.points, subject, state.posed, setup, 0.9)
         expected = expect(
             subject, body_state(setup.model, subject.bodies, named_pull(view, naming, subject, setup), prior), setup
         )
     naming = name(view, expected, subject, setup)
-    return Found(subject, naming, expected, confidence, trace)
+    return Found(subject, naming, expected, confidence, trace, swaps)
+
+
+def settle(view: View, naming: Naming, subject: Subject, state: State, setup: Setup, prior) -> Swaps:
+    """Gives neighbours each other's names for as long as that makes a better body; returns the last trial."""
+    for _ in range(MOST_EXCHANGES):
+        swaps = try_swaps(view, naming, subject, state, setup, prior)
+        if not len(swaps.loss) or swaps.loss.min() >= 0:
+            return swaps
+        swap_names(naming, *swaps.pairs[swaps.loss.argmin()])
+    return swaps
 
 
 def _one(state: State, index: int) -> State:

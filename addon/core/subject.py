@@ -72,22 +72,23 @@ class Subject:
     pixel: float
 
 
-def named_image(view: View, naming: Naming) -> np.ndarray:
-    """(1, C, M, 2) normalised image of every named blob; anything where there is none."""
-    return view.image[np.arange(len(view.image))[:, None], np.maximum(naming.slot, 0)][None]
+def slots_pull(view: View, slots: np.ndarray, noise: np.ndarray, own_sd: np.ndarray, setup: Setup):
+    """The data term of named blobs: a function markers → cost.Pull for B sets of names.
+
+    slots (B, C, M) are the named blobs, -1 where none; noise (C, M) m and own_sd (M,) m their standard deviations.
+    Several cameras of one marker share the uncertainty of its offset, so each counts for its part of it.
+    """
+    seen = slots >= 0
+    image = view.image[np.arange(len(view.image))[:, None], np.maximum(slots, 0)]
+    count = np.maximum(seen.sum(axis=1), 1)
+    deviation = np.sqrt(noise**2 + (count * own_sd**2)[:, None])
+    deviation = np.where(seen, deviation, np.inf)
+    return lambda markers: cost.ray_pull(markers, image, deviation, setup.sight)
 
 
 def named_pull(view: View, naming: Naming, subject: Subject, setup: Setup):
-    """The data term of named blobs: a function markers → cost.Pull.
-
-    Several cameras of one marker share the uncertainty of its offset, so each counts for its part of it.
-    """
-    seen = naming.slot >= 0
-    image = named_image(view, naming)
-    count = np.maximum(seen.sum(axis=0), 1)
-    deviation = np.sqrt(naming.noise**2 + count * subject.own_sd**2)
-    deviation = np.where(seen, deviation, np.inf)[None]
-    return lambda markers: cost.ray_pull(markers, image, deviation, setup.sight)
+    """The data term of a frame's names for its subject: a function markers → cost.Pull."""
+    return slots_pull(view, naming.slot[None], naming.noise, subject.own_sd, setup)
 
 
 def refit(view: View, naming: Naming, subject: Subject, setup: Setup, steps: int, prior) -> tuple[Subject, State]:
