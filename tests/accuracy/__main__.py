@@ -36,11 +36,14 @@ def main() -> int:
     parser.add_argument("--groups", type=int, help="how many of the five groups of left-out people")
     parser.add_argument("--count", type=int, help="standing captures a group; a tenth of it whole takes")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--as-recorded", action="store_true", help="keep the names that a recording has exchanged")
     parser.add_argument("--show", type=int, default=0, help="list up to this many flawed takes of each measurement")
     given = parser.parse_args()
     if not people.available():
         print("the recorded people are not here; expected them in ../shared/data/people", file=sys.stderr)
         return 1
+    if given.as_recorded:
+        people.EXCHANGED.clear()
     groups = given.groups or (5 if given.full else 2)
     plan = runs.Plan(
         tuple(given.sets),

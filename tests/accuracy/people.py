@@ -16,6 +16,9 @@ BODY26 = tuple(
     "LFHD RFHD LBHD RBHD C7 LSHO RSHO LELB RELB LWRA LWRB RWRA RWRB LFIN RFIN "  # noqa: SIM905
     "LASI RASI SACR LKNE RKNE LANK RANK LHEE RHEE LTOE RTOE".split()
 )
+# In all three takes of this person the left wrist's two names are on each other's marker: the thumb's side carries
+# LWRB, against the right wrist, against everybody else, and against the distances to LFIN. Tested as it was worn.
+EXCHANGED = {"HC030A": (("LWRA", "LWRB"),)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +74,9 @@ def paths_without(left_out) -> list[Path]:
 
 @cache
 def _read(path: Path, person: str, kind: str) -> Recording:
-    return Recording(person, kind, path, *_read_worn(path))
+    names, xyz, rate = _read_worn(path)
+    renamed = {name: other for pair in EXCHANGED.get(person, ()) for name, other in (pair, pair[::-1])}
+    return Recording(person, kind, path, tuple(renamed.get(name, name) for name in names), xyz, rate)
 
 
 def _read_worn(path: Path) -> tuple[tuple[str, ...], np.ndarray, float]:
