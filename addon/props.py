@@ -90,7 +90,7 @@ class SceneSettings(bpy.types.PropertyGroup):
     use_facing: BoolProperty(name="Facing", description="Tell which way the subject faces; found by itself if not")
     facing: FloatProperty(
         name="Facing",
-        description="The direction the subject faces at first, counter-clockwise from the world's X axis seen from above",
+        description="Direction the subject faces at first, counter-clockwise from world X seen from above",
         min=-2 * math.pi,
         max=2 * math.pi,
         subtype="ANGLE",
@@ -111,7 +111,7 @@ class SceneSettings(bpy.types.PropertyGroup):
     )
     show_overlay: BoolProperty(
         name="Overlay",
-        description="Draw blobs, the body's markers and the links between them over the view",
+        description="Draw blobs, the body's markers and links over the view",
         default=True,
     )
     show_names: BoolProperty(name="Names", description="Write the markers' names beside them", default=True)

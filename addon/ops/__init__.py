@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Operators: thin, each one thing that a person does."""
 
-from . import importing, labelling, markersets, viewing
+from . import exporting, importing, labelling, markersets, viewing
 
-CLASSES = (*importing.CLASSES, *markersets.CLASSES, *labelling.CLASSES, *viewing.CLASSES)
+CLASSES = (*importing.CLASSES, *markersets.CLASSES, *labelling.CLASSES, *viewing.CLASSES, *exporting.CLASSES)

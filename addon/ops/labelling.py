@@ -165,6 +165,7 @@ class MOCAP_AUTOLABEL_OT_label(bpy.types.Operator):
         running = False
         try:
             until = perf_counter() + BUDGET
+            fraction = next(self._steps)
             while perf_counter() < until:
                 fraction = next(self._steps)
             running = True

@@ -189,6 +189,7 @@ class MOCAP_AUTOLABEL_PT_export(Step, bpy.types.Panel):
         column = self.layout.column(align=True)
         column.operator("mocap_autolabel.export_labels", icon="EXPORT")
         column.operator("mocap_autolabel.export_c3d", icon="EXPORT")
+        column.operator("mocap_autolabel.export_trc", icon="EXPORT")
 
 
 class MOCAP_AUTOLABEL_UL_suspects(bpy.types.UIList):

@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The labelled take as files for other programs: the same that the command line writes."""
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+from bpy.props import StringProperty
+from bpy_extras.io_utils import ExportHelper
+
+from ..core.errors import InputError, JobError
+from ..core.takes import Labels, Points
+from ..io.blobs import read_blobs
+from ..io.labels import LabelWriter
+from ..io.points import write_c3d, write_trc
+from ..io.whole import whole_file
+from ..scene.opened import opened
+from ..scene.take import Stored, is_take
+from .reporting import reports_trouble
+
+
+class ExportsTake(ExportHelper):
+    """What the exports share: they need a labelled take, and name the file after it."""
+
+    @classmethod
+    def poll(cls, context):
+        if is_take(context.scene.mocap_autolabel.take):
+            return True
+        cls.poll_message_set("Label a take first")
+        return False
+
+    def invoke(self, context, event):
+        if not self.filepath:
+            stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
+            folder = Path(bpy.path.abspath(stored.source)).parent if stored.source else Path()
+            self.filepath = str(folder / (stored.name + self.filename_ext))
+        return ExportHelper.invoke(self, context, event)
+
+    @reports_trouble
+    def execute(self, context):
+        stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
+        path = Path(self.filepath)
+        # Blender's own file browser has asked already whether to overwrite.
+        with whole_file(path, overwrite=True) as temporary:
+            self.write(temporary, stored)
+        self.report({"INFO"}, f"Saved {path}")
+        return {"FINISHED"}
+
+
+class MOCAP_AUTOLABEL_OT_export_labels(bpy.types.Operator, ExportsTake):
+    """Write the name of every blob, row for row with the file of the blobs."""
+
+    bl_idname = "mocap_autolabel.export_labels"
+    bl_label = "Export Labels"
+    bl_options = {"REGISTER"}
+
+    filename_ext = ".labels.csv"
+    filter_glob: StringProperty(default="*.labels.csv", options={"HIDDEN"})
+
+    def write(self, path: Path, stored: Stored):
+        """Writes the labels beside each row's own text, which only the file of the blobs has."""
+        write_labels(path, stored)
+
+
+class MOCAP_AUTOLABEL_OT_export_c3d(bpy.types.Operator, ExportsTake):
+    """Write the named markers in space as C3D, gaps left empty."""
+
+    bl_idname = "mocap_autolabel.export_c3d"
+    bl_label = "Export C3D"
+    bl_options = {"REGISTER"}
+
+    filename_ext = ".c3d"
+    filter_glob: StringProperty(default="*.c3d", options={"HIDDEN"})
+
+    def write(self, path: Path, stored: Stored):
+        """Writes the points of the take."""
+        write_c3d(path, points_of(stored))
+
+
+class MOCAP_AUTOLABEL_OT_export_trc(bpy.types.Operator, ExportsTake):
+    """Write the named markers in space as TRC, for OpenSim."""
+
+    bl_idname = "mocap_autolabel.export_trc"
+    bl_label = "Export TRC"
+    bl_options = {"REGISTER"}
+
+    filename_ext = ".trc"
+    filter_glob: StringProperty(default="*.trc", options={"HIDDEN"})
+
+    def write(self, path: Path, stored: Stored):
+        """Writes the points of the take."""
+        write_trc(path, points_of(stored))
+
+
+def points_of(stored: Stored) -> Points:
+    """The markers of a take as points: a trajectory a marker."""
+    motion = stored.motion
+    return Points(stored.names, motion.markers, motion.residual, stored.rate, int(motion.frames[0]))
+
+
+def write_labels(path: Path, stored: Stored):
+    """Writes the labels of a take; JobError when the file of its blobs has changed since."""
+    if not stored.source:
+        raise InputError(f"take {stored.name} names no file of blobs; expected the file that it was labelled from")
+    source, frames = Path(bpy.path.abspath(stored.source)), stored.motion.frames
+    first = 0
+    with LabelWriter(path, stored.names) as writer:
+        for part in read_blobs(source, stored.cameras, (int(frames[0]), int(frames[-1]))):
+            last = first + len(part.keys)
+            rows = slice(first, last)
+            if last > len(stored.blobs) or not np.allclose(part.blobs.xy, stored.blobs.xy[rows], rtol=1e-5, atol=1e-2):
+                break
+            labels = stored.labels
+            writer.write(part.keys, Labels(labels.marker[rows], labels.step[rows], labels.confidence[rows]))
+            first = last
+    if first != len(stored.blobs):
+        raise JobError("holds other blobs than those that were labelled; expected the file as it was", str(source))
+
+
+CLASSES = (MOCAP_AUTOLABEL_OT_export_labels, MOCAP_AUTOLABEL_OT_export_c3d, MOCAP_AUTOLABEL_OT_export_trc)

@@ -1,0 +1,395 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""From files to named markers with the extension's own operators, and what happens when something is wrong."""
+
+import importlib
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+import pytest
+
+from addon.io.blobs import write_blobs
+from addon.io.cameras import write_cameras
+from addon.io.markersets import open_markerset, write_markerset
+from addon.io.points import read_points
+from addon.scene import naming
+
+KINDS = (
+    "objects",
+    "meshes",
+    "armatures",
+    "actions",
+    "collections",
+    "cameras",
+    "materials",
+    "texts",
+    "libraries",
+)
+
+
+def counts() -> dict[str, int]:
+    return {kind: len(getattr(bpy.data, kind)) for kind in KINDS}
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory, made):
+    """A calibration, a marker set and two seconds of blobs of a person who wanders."""
+    folder = tmp_path_factory.mktemp("files")
+    markerset, cameras = made.markerset(), made.cameras()
+    motion = made.motion(markerset, 30)
+    for part in (motion.expected, motion.joints, motion.rotations):
+        part[3:5] = part[2]
+    blobs, labels = made.blobs(markerset, cameras, motion)
+    write_cameras(folder / "room.toml", cameras)
+    write_blobs(folder / "walk.csv", blobs, cameras)
+    write_markerset(folder / "small.markerset.json", markerset)
+    return SimpleNamespace(
+        folder=folder,
+        cameras=str(folder / "room.toml"),
+        blobs=str(folder / "walk.csv"),
+        markerset=str(folder / "small.markerset.json"),
+        truth=labels,
+    )
+
+
+@pytest.fixture
+def ready(extension, empty, files):
+    """A scene in which only the one button is left to press."""
+    assert bpy.ops.mocap_autolabel.import_cameras(filepath=files.cameras) == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.import_blobs(filepath=files.blobs) == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.open_markerset(filepath=files.markerset) == {"FINISHED"}
+    settings = empty.scene.mocap_autolabel
+    settings.rate = 60.0
+    settings.use_height, settings.height = True, 1.6
+    return empty
+
+
+@pytest.fixture
+def labelling(extension, monkeypatch, made):
+    """The module of the label operator, with a labelling that is quick and known: the truth of `made.take`."""
+    module = importlib.import_module(f"{extension}.addon.ops.labelling")
+    takes = importlib.import_module(f"{extension}.addon.core.takes")
+    given = []
+
+    def label_take(chunks, cameras, markerset, rate, options, occlusion=None):
+        for blobs in chunks:
+            given.append(SimpleNamespace(cameras=cameras, rate=rate, options=options, occlusion=occlusion, blobs=blobs))
+            motion = made.motion(made.markerset(), len(blobs.frames))
+            labels = takes.Labels(np.arange(len(blobs)) % 3, np.arange(len(blobs)) % 4, np.full(len(blobs), 0.8))
+            yield takes.LabelledChunk(labels, motion, (takes.Suspect(104, 105, "nobody found"),))
+
+    monkeypatch.setattr(module, "label_take", label_take)
+    return SimpleNamespace(module=module, given=given)
+
+
+def test_files_become_named_markers(ready, files):
+    """The whole way, with the real labelling."""
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    collection = ready.scene.mocap_autolabel.take
+    assert collection.name == "Mocap: walk"
+    empties = [item for item in collection.all_objects if item.type == "EMPTY"]
+    assert [item[naming.MARKER] for item in empties] == list(open_markerset(files.markerset).markers)
+    state = ready.window_manager.mocap_autolabel
+    assert [row.name for row in state.markers] == [item[naming.MARKER] for item in empties]
+    assert {kind: getattr(bpy.data, kind).get("Mocap: walk") is not None for kind in ("actions", "collections")} == {
+        "actions": True,
+        "collections": True,
+    }
+
+
+def test_the_operator_hands_on_what_was_chosen(ready, files, labelling):
+    settings = ready.scene.mocap_autolabel
+    settings.use_facing, settings.facing = True, 1.5
+    settings.use_range, settings.range_first, settings.range_last = True, 105, 110
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    given = labelling.given[0]
+    assert given.rate == 60.0
+    assert given.options.hints.height == pytest.approx(1.6)
+    assert given.options.hints.facing == pytest.approx(1.5)
+    assert given.blobs.frames.tolist() == [105, 106, 107, 108, 109, 110]
+    assert given.occlusion is None
+    assert given.cameras.names == ("cam 0", "cam 1", "cam 2", "cam 3")
+
+
+def test_a_body_of_ones_own_is_in_the_way(ready, labelling):
+    bpy.ops.mocap_autolabel.edit_markerset()
+    armature = next(item for item in ready.scene.objects if item.type == "ARMATURE")
+    ready.scene.mocap_autolabel.body = armature
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    assert len(labelling.given[0].occlusion.volumes) == 9
+
+
+def test_importing_remembers_and_shows_what_there_is(ready, files):
+    settings = ready.scene.mocap_autolabel
+    assert (settings.first_frame, settings.last_frame) == (101, 130)
+    assert settings.blob_count == len(settings.preview.vertices) == len(files.truth.marker)
+    assert ready.scene.camera[naming.CAMERA] == "cam 0"
+    assert len(settings.cameras.objects) == 4
+    before = counts()
+    assert bpy.ops.mocap_autolabel.import_cameras(filepath=files.cameras) == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.import_blobs(filepath=files.blobs) == {"FINISHED"}
+    assert counts() == before
+
+
+def test_bad_files_are_one_sentence_and_leave_nothing(extension, empty, files, tmp_path):
+    before = counts()
+    with pytest.raises(RuntimeError, match="there is no such file"):
+        bpy.ops.mocap_autolabel.import_cameras(filepath=str(tmp_path / "none.toml"))
+    assert counts() == before
+    bpy.ops.mocap_autolabel.import_cameras(filepath=files.cameras)
+    before = counts()
+    bad = tmp_path / "bad.csv"
+    bad.write_text("frame,camera,x,y\n1,cam 0,3,4\n2,cam 9,3,4\n")
+    with pytest.raises(RuntimeError, match=r"bad\.csv:3: camera 'cam 9' is not in the calibration"):
+        bpy.ops.mocap_autolabel.import_blobs(filepath=str(bad))
+    with pytest.raises(RuntimeError, match="marker set"):
+        bpy.ops.mocap_autolabel.open_markerset(filepath=str(bad))
+    assert counts() == before
+    assert empty.scene.mocap_autolabel.blobs_path == ""
+
+
+def test_a_file_that_is_gone_when_the_button_is_pressed(ready, files, labelling, tmp_path):
+    ready.scene.mocap_autolabel.blobs_path = str(tmp_path / "gone.csv")
+    before = counts()
+    with pytest.raises(RuntimeError, match=r"gone\.csv: there is no such file"):
+        bpy.ops.mocap_autolabel.label()
+    assert counts() == before
+
+
+def test_what_is_missing_is_said_before_the_button_can_be_pressed(extension, empty, files):
+    for name, reason in (("label", "calibration"), ("import_blobs", "calibration"), ("clear", "no labelled take")):
+        with pytest.raises(RuntimeError, match=reason):
+            getattr(bpy.ops.mocap_autolabel, name)()
+    for name in ("reattach", "save_markerset"):
+        with pytest.raises(RuntimeError, match="Show a marker set first"):
+            getattr(bpy.ops.mocap_autolabel, name)()
+
+
+class Modal:
+    """The label operator as Blender's window drives it, without a window."""
+
+    def __init__(self, module):
+        self.reports, self.removed = [], 0
+        kind = module.MOCAP_AUTOLABEL_OT_label
+        for name in ("_begin", "_tick", "_tell", "_end", "_show", "execute", "modal"):
+            setattr(self, name, getattr(kind, name).__get__(self))
+        self._timer = None
+
+    def report(self, kind, words):
+        self.reports.append((*kind, words))
+
+
+class Manager:
+    """A window manager that counts what was taken and given back."""
+
+    def __init__(self, real):
+        self.mocap_autolabel, self.timers, self.bars, self.told = real.mocap_autolabel, 0, 0, []
+
+    def event_timer_add(self, step, window):
+        self.timers += 1
+        return "timer"
+
+    def event_timer_remove(self, timer):
+        self.timers -= 1
+
+    def progress_begin(self, low, high):
+        self.bars += 1
+
+    def progress_update(self, value):
+        self.told.append(value)
+
+    def progress_end(self):
+        self.bars -= 1
+
+    def modal_handler_add(self, operator):
+        pass
+
+
+@pytest.fixture
+def window(ready, labelling):
+    """A context with a window manager that counts, and the operator in it."""
+    manager = Manager(ready.window_manager)
+    status = []
+    workspace = SimpleNamespace(status_text_set=status.append)
+    context = SimpleNamespace(
+        scene=ready.scene, window=None, window_manager=manager, workspace=workspace, view_layer=ready.view_layer
+    )
+    return SimpleNamespace(context=context, manager=manager, status=status, operator=Modal(labelling.module))
+
+
+def test_escape_leaves_nothing_behind(ready, labelling, window, monkeypatch):
+    monkeypatch.setattr(labelling.module, "CHUNK_FRAMES", 5)
+    monkeypatch.setattr(labelling.module, "BUDGET", 0.0)
+    before = counts()
+    operator, context = window.operator, window.context
+    assert operator._begin(context) == {"RUNNING_MODAL"}
+    assert operator.modal(context, SimpleNamespace(type="TIMER")) == {"RUNNING_MODAL"}
+    assert operator.modal(context, SimpleNamespace(type="MOUSEMOVE")) == {"RUNNING_MODAL"}
+    assert (window.manager.timers, window.manager.bars) == (1, 1)
+    assert operator.modal(context, SimpleNamespace(type="ESC")) == {"CANCELLED"}
+    assert (window.manager.timers, window.manager.bars, window.status[-1]) == (0, 0, None)
+    assert counts() == before
+    assert ready.scene.mocap_autolabel.take is None
+    assert len(labelling.given) == 1
+
+
+def test_ticks_come_to_an_end_with_the_take_shown(ready, labelling, window, monkeypatch):
+    monkeypatch.setattr(labelling.module, "CHUNK_FRAMES", 5)
+    monkeypatch.setattr(labelling.module, "BUDGET", 0.0)
+    operator, context = window.operator, window.context
+    answer = operator._begin(context)
+    before, ticks = counts(), 0
+    while answer == {"RUNNING_MODAL"}:
+        assert counts() == before, "Blender's data is written once, at the end"
+        answer = operator.modal(context, SimpleNamespace(type="TIMER"))
+        ticks += 1
+    assert answer == {"FINISHED"}
+    assert ticks == 30 / 5 + 1
+    assert ready.scene.mocap_autolabel.take.name == "Mocap: walk"
+    assert (window.manager.timers, window.manager.bars, window.status[-1]) == (0, 0, None)
+    assert window.manager.told == sorted(window.manager.told)
+
+
+@pytest.mark.parametrize("ours", [True, False])
+def test_trouble_on_the_way_gives_everything_back(extension, labelling, window, monkeypatch, ours):
+    errors = importlib.import_module(f"{extension}.addon.core.errors")
+
+    def label_take(*_, **__):
+        raise RuntimeError("a fault of ours") if ours else errors.JobError("nobody is here; expected a person")
+        yield
+
+    monkeypatch.setattr(labelling.module, "label_take", label_take)
+    operator, context = window.operator, window.context
+    operator._begin(context)
+    before = counts()
+    if ours:
+        with pytest.raises(RuntimeError, match="a fault of ours"):
+            operator.modal(context, SimpleNamespace(type="TIMER"))
+    else:
+        assert operator.modal(context, SimpleNamespace(type="TIMER")) == {"CANCELLED"}
+        assert operator.reports == [("ERROR", "nobody is here; expected a person")]
+    assert (window.manager.timers, window.manager.bars, window.status[-1]) == (0, 0, None)
+    assert counts() == before
+
+
+def test_the_review_names_gaps_and_suspects(ready, labelling):
+    bpy.ops.mocap_autolabel.label()
+    state = ready.window_manager.mocap_autolabel
+    rows = {row.name: row for row in state.markers}
+    # The fifth frames of `made.motion` are lost, and its third marker is not seen for a sixth of the take.
+    assert (rows["SACR"].gaps, rows["SACR"].longest_gap, rows["SACR"].first_gap) == (1, 2, 104)
+    assert (rows["RASI"].gaps, rows["RASI"].longest_gap) == (2, 5)
+    assert rows["SACR"].labelled == pytest.approx(28 / 30)
+    assert rows["SACR"].residual == pytest.approx(1.0)
+    assert [(row.first, row.last, row.reason) for row in state.suspects] == [(104, 105, "nobody found")]
+
+
+def test_jumping_goes_to_the_frame_and_selects_the_marker(ready, labelling):
+    bpy.ops.mocap_autolabel.label()
+    bpy.ops.mocap_autolabel.jump(frame=107, marker="CLAV")
+    assert ready.scene.frame_current == 107
+    assert [item[naming.MARKER] for item in ready.selected_objects] == ["CLAV"]
+
+
+def test_looking_through_a_camera_sets_its_picture(ready):
+    camera = ready.scene.mocap_autolabel.cameras.objects[2]
+    assert bpy.ops.mocap_autolabel.look_through(camera=camera.name) == {"FINISHED"}
+    assert ready.scene.camera == camera
+    assert (ready.scene.render.resolution_x, ready.scene.render.resolution_y) == (656, 491)
+    with pytest.raises(RuntimeError, match="not a calibrated camera"):
+        bpy.ops.mocap_autolabel.look_through(camera="nobody")
+
+
+def test_clearing_removes_the_take_and_nothing_else(ready, labelling):
+    before = counts()
+    bpy.ops.mocap_autolabel.label()
+    assert counts() != before
+    assert bpy.ops.mocap_autolabel.clear() == {"FINISHED"}
+    after = counts()
+    assert {**after, "materials": 0} == {**before, "materials": 0}
+    assert len(ready.window_manager.mocap_autolabel.markers) == 0
+
+
+def test_labelling_is_one_undo_step(ready, labelling):
+    bpy.ops.ed.undo_push(message="Before")
+    before = counts()
+    bpy.ops.mocap_autolabel.label("EXEC_DEFAULT", True)
+    assert bpy.context.scene.mocap_autolabel.take is not None
+    bpy.ops.ed.undo()
+    assert bpy.context.scene.mocap_autolabel.take is None
+    assert {**counts(), "materials": 0} == {**before, "materials": 0}
+    assert len(bpy.context.window_manager.mocap_autolabel.markers) == 0
+    bpy.ops.ed.redo()
+    assert bpy.context.scene.mocap_autolabel.take.name == "Mocap: walk"
+    assert len(bpy.context.window_manager.mocap_autolabel.markers) == 13
+
+
+def test_a_saved_file_opens_with_its_review(ready, labelling, tmp_path):
+    bpy.ops.mocap_autolabel.label()
+    path = str(tmp_path / "walk.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.read_homefile(use_empty=True)
+    assert len(bpy.context.window_manager.mocap_autolabel.markers) == 0
+    bpy.ops.wm.open_mainfile(filepath=path)
+    assert bpy.context.scene.mocap_autolabel.take.name == "Mocap: walk"
+    assert len(bpy.context.window_manager.mocap_autolabel.markers) == 13
+
+
+def test_a_marker_set_of_ones_own(ready, files, tmp_path):
+    assert bpy.ops.mocap_autolabel.edit_markerset() == {"FINISHED"}
+    item = next(item for item in ready.scene.objects if item.get(naming.MARKER) == "LKNE")
+    item.select_set(True)
+    ready.view_layer.objects.active = item
+    assert bpy.ops.mocap_autolabel.reattach(segment="l_shank") == {"FINISHED"}
+    path = tmp_path / "mine.markerset.json"
+    assert bpy.ops.mocap_autolabel.save_markerset(filepath=str(path)) == {"FINISHED"}
+    saved = open_markerset(str(path))
+    assert saved.name == "mine"
+    assert saved.skeleton.segments[saved.attachment[saved.index("LKNE")]] == "l_shank"
+    assert ready.scene.mocap_autolabel.markerset_path == str(path)
+
+
+def test_own_marker_sets_are_found_in_the_extensions_folder(extension, empty, made):
+    prefs = importlib.import_module(f"{extension}.addon.prefs")
+    props = importlib.import_module(f"{extension}.addon.props")
+    folder = prefs.markerset_folder(create=True)
+    assert folder == type(folder)(bpy.utils.extension_path_user(extension, path="markersets"))
+    write_markerset(folder / "house.markerset.json", made.markerset())
+    settings = empty.scene.mocap_autolabel
+    settings.markerset = str(folder / "house.markerset.json")
+    assert props.chosen_markerset(settings).name == "small"
+    (folder / "house.markerset.json").unlink()
+
+
+def test_exports_are_what_was_labelled(ready, labelling, files, tmp_path):
+    bpy.ops.mocap_autolabel.label()
+    assert bpy.ops.mocap_autolabel.export_labels(filepath=str(tmp_path / "walk.labels.csv")) == {"FINISHED"}
+    rows = (tmp_path / "walk.labels.csv").read_text().splitlines()
+    source = (files.folder / "walk.csv").read_text().splitlines()
+    assert rows[0] == "frame,camera,x,y,marker,step,confidence"
+    assert [row.split(",")[:4] for row in rows[1:]] == [row.split(",")[:4] for row in source[1:]]
+    assert [row.split(",")[4:] for row in rows[1:4]] == [
+        ["SACR", "", "0.8"],
+        ["LASI", "exclusive", "0.8"],
+        ["RASI", "conflict", "0.8"],
+    ]
+    stored = importlib.import_module("addon.scene.take").stored_take(ready.scene.mocap_autolabel.take, ready.scene)
+    for suffix in ("c3d", "trc"):
+        path = tmp_path / f"walk.{suffix}"
+        assert getattr(bpy.ops.mocap_autolabel, f"export_{suffix}")(filepath=str(path)) == {"FINISHED"}
+        points = read_points(path)
+        assert points.names == stored.names
+        assert (points.first_frame, len(points.xyz)) == (101, 30)
+        np.testing.assert_allclose(points.xyz, stored.motion.markers, atol=1e-5)
+
+
+def test_labels_of_a_file_that_has_changed_are_not_written(ready, labelling, files, tmp_path):
+    copy = tmp_path / "walk.csv"
+    copy.write_text((files.folder / "walk.csv").read_text())
+    bpy.ops.mocap_autolabel.import_blobs(filepath=str(copy))
+    bpy.ops.mocap_autolabel.label()
+    rows = copy.read_text().splitlines()
+    copy.write_text("\n".join(rows[:-1]) + "\n")
+    with pytest.raises(RuntimeError, match="other blobs than those that were labelled"):
+        bpy.ops.mocap_autolabel.export_labels(filepath=str(tmp_path / "out.labels.csv"))
+    assert [path.name for path in tmp_path.iterdir()] == ["walk.csv"]
