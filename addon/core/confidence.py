@@ -3,21 +3,36 @@
 
 import numpy as np
 
-from .labelling import FAR, GATE, Naming
+from .labelling import FAR, GATE, Naming, evidence
+from .rivals import Swaps
+
+HIDDEN = 4.0  # squared deviations by which a marker that the body hides is less likely to have made a blob
+SHADOWED = 6.0  # the same for a marker behind another one on the same line
 
 
 def label_confidences(naming: Naming, camera: np.ndarray, marker: np.ndarray) -> np.ndarray:
     """(N,) chance that the blobs named by `camera` and `marker` (N,) are rightly named, given the placement.
 
     Each blob is shared out among the markers that could have made it in the proportions of their likelihoods. A marker
-    that has a better blob in that camera claims no other.
+    that has a blob in that camera claims no other.
     """
     slot = naming.slot[camera, marker]
-    misfit = naming.misfit[camera, :, slot]
+    misfit = evidence(naming.frame, naming)[camera, :, slot]
     mine = np.take_along_axis(misfit, marker[:, None], axis=1)
     mine = np.where(mine < FAR, mine, GATE)
-    elsewhere = naming.slot[camera] >= 0
+    taken = naming.slot[camera] >= 0
     own = np.arange(misfit.shape[1]) == marker[:, None]
-    rivals = np.where(own | elsewhere, FAR, misfit)
+    hidden = HIDDEN * ~naming.frame.expected.visible[camera]
+    shadowed = SHADOWED * naming.frame.in_front[camera, :, marker]
+    rivals = np.where(own | taken, FAR, misfit + hidden + shadowed)
     odds = np.exp(np.clip((mine - rivals) / 2, -60, 30)).sum(axis=1)
     return 1 / (1 + odds)
+
+
+def swap_doubts(swaps: Swaps, markers: int) -> np.ndarray:
+    """(M,) chance that each marker has not changed names with a neighbour, by what the exchange would have cost."""
+    sure = np.ones(markers)
+    chance = 1 / (1 + np.exp(-np.clip(swaps.loss / 2, -60, 60)))
+    for column in swaps.pairs.T:
+        np.minimum.at(sure, column, chance)
+    return sure

@@ -21,6 +21,7 @@ OVERLAP = 0.02  # m between two projections that may be one blob
 BEHIND = 0.01  # m by which one marker must be nearer to the camera than another to hide it
 FEWEST_MEETINGS = 5  # markers met in space, below which the noise stays as it was
 UNTRIMMED = 1.35  # what leaving out the worst fifth takes from a normal deviation
+UNIT = 1e-8  # m⁴, the spread whose log is nought
 FAR = 1e9
 
 
@@ -35,7 +36,7 @@ class Rules:
     """
 
     pixel: float = 1.0
-    slack: float = 0.002
+    slack: float = 0.0005
     reach: float = 0.12
     clear: float = 4.0
 
@@ -53,24 +54,18 @@ class Expectation:
 class Naming:
     """The labels of one frame, as they grow.
 
+    frame      what they are measured against
     slot       (C, M) which blob of a camera is the marker, -1 where none
     step       (C, M) index into takes.STEPS
     owner      (C, K) which marker a blob is, -1 where none
     conflicts  (M,) blobs that were in conflict over the marker
-    misfit     (C, M, K) how badly each blob fits each marker: squared deviations plus the log of their size; FAR: never
-    noise      (C, M) m, standard deviation of a blob's position at the marker's depth
-    depth      (C, M) m
-    rays       the frame's rays
     """
 
+    frame: "Frame"
     slot: np.ndarray
     step: np.ndarray
     owner: np.ndarray
     conflicts: np.ndarray
-    misfit: np.ndarray
-    noise: np.ndarray
-    depth: np.ndarray
-    rays: Rays
     _meeting: Meeting | None = None
 
     @classmethod
@@ -78,22 +73,13 @@ class Naming:
         """Nothing named yet."""
         shape = frame.misfit.shape[:2]
         nobody = np.full(frame.view.real.shape, -1)
-        return cls(
-            np.full(shape, -1),
-            np.zeros(shape, int),
-            nobody,
-            np.zeros(shape[1], int),
-            frame.misfit,
-            frame.metres,
-            frame.depth,
-            frame.rays,
-        )
+        return cls(frame, np.full(shape, -1), np.zeros(shape, int), nobody, np.zeros(shape[1], int))
 
     @property
     def meeting(self) -> Meeting:
         """Where the named blobs of every marker meet."""
         if self._meeting is None:
-            self._meeting = self.rays.meet(self.slot)
+            self._meeting = self.frame.rays.meet(self.slot)
         return self._meeting
 
     def give(self, camera, marker, slot, step: int):
@@ -112,7 +98,13 @@ class Naming:
 
 
 class Frame:
-    """One frame's blobs against one expectation: every distance that the three steps ask for."""
+    """One frame's blobs against one expectation: every distance that the three steps ask for.
+
+    misfit    (C, M, K) how badly each blob fits each marker: squared deviations plus the log of their size; FAR: never
+    metres    (C, M) m, standard deviation of a blob's position at the marker's depth
+    depth     (C, M) m
+    in_front  (C, M, M) 1 where the second marker stands before the first
+    """
 
     def __init__(self, view: View, sight: Sight, expected: Expectation, rules: Rules):
         self.view, self.sight, self.expected, self.rules = view, sight, expected, rules
@@ -138,7 +130,7 @@ class Frame:
         square = (x * x * yy[..., None] + y * y * xx[..., None] - 2 * x * y * xy[..., None]) / det[..., None]
         distance2 = (x * x + y * y) * (self.depth**2)[..., None]
         within = (square < GATE) & (distance2 < self.rules.reach**2) & self.view.real[:, None]
-        size = np.log(det * self.depth**4 / 1e-8)
+        size = np.log(det * self.depth**4 / UNIT)
         return np.where(within, square + size[..., None], FAR)
 
     def _in_front(self, image):
@@ -216,7 +208,7 @@ def _conflict_costs(frame: Frame, naming: Naming, claims: np.ndarray, helpers: i
         return np.full(claims.shape, FAR)
     is_open &= ~_better_elsewhere(frame, naming) & ~_shadowed(frame, naming)
     if helpers == 2:
-        return np.where(is_open, _reprojection_misfit(frame, naming), FAR)
+        return np.where(is_open, reprojection_misfit(frame, naming), FAR)
     if helpers == 1:
         return _one_helper_misfit(frame, naming, is_open)
     return np.where(is_open & _undisputed(frame, is_open), frame.misfit, FAR)
@@ -224,9 +216,17 @@ def _conflict_costs(frame: Frame, naming: Naming, claims: np.ndarray, helpers: i
 
 def _better_elsewhere(frame: Frame, naming: Naming) -> np.ndarray:
     """(C, M, K) where a blob lies on the reprojected point of another marker that its camera still lacks."""
-    misfit = np.where((naming.slot < 0)[..., None], _reprojection_misfit(frame, naming), FAR)
+    misfit = np.where((naming.slot < 0)[..., None], reprojection_misfit(frame, naming), FAR)
     least = misfit.min(axis=1, keepdims=True)
     return (least < TAKEN) & (misfit > least)
+
+
+def evidence(frame: Frame, naming: Naming) -> np.ndarray:
+    """(C, M, K) misfit of every blob and marker, by the point where the marker's blobs meet if there is one."""
+    met = reprojection_misfit(frame, naming)
+    met = np.where(met < FAR, met + np.log(frame.metres**4 / UNIT)[..., None], FAR)
+    known = np.isfinite(naming.meeting.points[:, 0])
+    return np.where(known[None, :, None], met, frame.misfit)
 
 
 def _shadowed(frame: Frame, naming: Naming) -> np.ndarray:
@@ -234,10 +234,13 @@ def _shadowed(frame: Frame, naming: Naming) -> np.ndarray:
 
     Whatever hides the nearer marker hides the farther one too, so one blob for both is the nearer one's, or both's.
     """
-    could_be = (naming.slot < 0)[..., None] & (frame.misfit < FAR)
-    known = np.isfinite(naming.meeting.points[:, 0])[None, :, None]
-    could_be &= ~known | (_reprojection_misfit(frame, naming) < TAKEN)
-    return (frame.in_front @ could_be) > 0
+    misfit = evidence(frame, naming)
+    camera, behind, before = np.nonzero(frame.in_front)
+    fits = misfit[camera, before] < np.minimum(misfit[camera, behind] + frame.rules.clear, FAR)
+    fits &= (naming.slot[camera, before] < 0)[:, None]
+    shadowed = np.zeros(misfit.shape, dtype=bool)
+    np.logical_or.at(shadowed, (camera, behind), fits)
+    return shadowed
 
 
 def _undisputed(frame: Frame, is_open: np.ndarray) -> np.ndarray:
@@ -254,7 +257,7 @@ def _clearly_least(misfit: np.ndarray, axis: int, margin: float) -> np.ndarray:
     return (misfit == least) & (second - least >= margin)
 
 
-def _reprojection_misfit(frame: Frame, naming: Naming) -> np.ndarray:
+def reprojection_misfit(frame: Frame, naming: Naming) -> np.ndarray:
     """(C, M, K) squared deviations between blobs and the reprojected point of markers named in two or more cameras."""
     points = naming.meeting.points
     known = np.isfinite(points[:, 0])
@@ -301,7 +304,7 @@ def name_remaining(frame: Frame, naming: Naming):
     """
     is_open = (naming.slot < 0)[..., None] & (naming.owner < 0)[:, None] & frame.view.real[:, None]
     is_open &= ~_shadowed(frame, naming)
-    _give_best(naming, np.where(is_open, _reprojection_misfit(frame, naming), FAR), REMAINING)
+    _give_best(naming, np.where(is_open, reprojection_misfit(frame, naming), FAR), REMAINING)
     named = (naming.slot >= 0).sum(axis=0)
     is_open = (naming.slot < 0)[..., None] & (naming.owner < 0)[:, None] & (named == 1)[None, :, None]
     is_open &= frame.misfit < FAR
@@ -323,6 +326,6 @@ def pixel_noise(naming: Naming, sight: Sight) -> float:
     usable = (freedom > 0) & np.isfinite(naming.meeting.residual)
     if usable.sum() < FEWEST_MEETINGS:
         return float("nan")
-    squares = ((naming.meeting.miss * sight.focal[:, None] / naming.depth) ** 2 * seen).sum(axis=0)[usable]
+    squares = ((naming.meeting.miss * sight.focal[:, None] / naming.frame.depth) ** 2 * seen).sum(axis=0)[usable]
     order = np.argsort(squares / freedom[usable])[: int(np.ceil(0.8 * usable.sum()))]
     return float(np.sqrt(squares[order].sum() / freedom[usable][order].sum()) * UNTRIMMED)

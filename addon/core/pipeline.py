@@ -11,7 +11,7 @@ import numpy as np
 
 from .body import Bodies
 from .cameras import Cameras
-from .confidence import label_confidences
+from .confidence import label_confidences, swap_doubts
 from .errors import JobError
 from .labelling import Expectation, Naming
 from .markersets import MarkerSet
@@ -49,6 +49,7 @@ class FrameResult:
     naming: Naming
     expected: Expectation
     placement: float
+    sure: np.ndarray
 
 
 def label_take(
@@ -78,6 +79,7 @@ class TakeLabeller:
         self.setup, self.options, self.rate = setup, options, rate
         self.track: Track | None = None
         self.placement = 0.0
+        self.sure = np.ones(setup.model.marker_count)
 
     def label(self, blobs: Blobs) -> LabelledChunk:
         """The labels and motion of the next chunk."""
@@ -114,11 +116,12 @@ class TakeLabeller:
             suspects.append(Suspect(int(frames[at]), int(frames[-1]), "no subject was recognised"))
             return len(views)
         self.placement = found.confidence
+        self.sure = swap_doubts(found.swaps, self.setup.model.marker_count)
         if found.confidence < UNSURE:
             frame = int(frames[index])
             suspects.append(Suspect(frame, frame, f"the placement is only {found.confidence:.0%} sure"))
         start = Track.begin(found.subject, found.naming.meeting.points, self.setup.model.parameters)
-        results[index] = FrameResult(found.subject.bodies, found.naming, found.expected, found.confidence)
+        results[index] = FrameResult(found.subject.bodies, found.naming, found.expected, found.confidence, self.sure)
         self._follow_back(views, results, start, index, at)
         self.track = start
         return index + 1
@@ -153,7 +156,7 @@ class TakeLabeller:
 
     def _result(self, followed: Followed) -> FrameResult:
         bodies = followed.track.subject.bodies
-        return FrameResult(bodies, followed.naming, followed.expected, self.placement)
+        return FrameResult(bodies, followed.naming, followed.expected, self.placement, self.sure)
 
 
 def _spread(first: int, end: int) -> list[int]:
@@ -184,7 +187,7 @@ def _chunk(blobs: Blobs, views, results, setup: Setup, suspects) -> LabelledChun
 
 def _write_labels(labels: Labels, view: View, result: FrameResult):
     camera, marker = np.nonzero(result.naming.slot >= 0)
-    sure = label_confidences(result.naming, camera, marker) * result.placement
+    sure = label_confidences(result.naming, camera, marker) * result.placement * result.sure[marker]
     given = sure >= LEAST_LABEL
     camera, marker, sure = camera[given], marker[given], sure[given]
     rows = view.row[camera, result.naming.slot[camera, marker]]

@@ -67,7 +67,9 @@ def try_swaps(view: View, naming: Naming, subject: Subject, state: State, setup:
     slots[each, :, pairs[:, 0]] = naming.slot[:, pairs[:, 1]].T
     slots[each, :, pairs[:, 1]] = naming.slot[:, pairs[:, 0]].T
     bodies = subject.bodies.pick(np.zeros(len(slots), dtype=int))
-    fit = fit_body(setup.model, bodies, slots_pull(view, slots, naming.noise, subject.own_sd, setup), STEPS, prior)
+    fit = fit_body(
+        setup.model, bodies, slots_pull(view, slots, naming.frame.metres, subject.own_sd, setup), STEPS, prior
+    )
     return Swaps(pairs, fit.cost[1:] - fit.cost[0])
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Finds the subject in one frame from nothing but its blobs, and says how sure it is of the placement."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -10,7 +10,7 @@ from .body import Bodies, Posed
 from .cloud import Cloud, build_cloud
 from .cost import blob_pull, cloud_pull
 from .errors import JobError
-from .fit import State, body_state, fit_body, fit_placement
+from .fit import Fit, State, body_state, fit_body, fit_placement
 from .labelling import Expectation, Naming
 from .placement import blob_centre, make_starts, principal_guess
 from .prior import Prior
@@ -28,6 +28,8 @@ MOST_EXCHANGES = 3
 UPRIGHT = 0.35  # rad, how far a subject who is looked for leans, standard deviation
 FEWEST_POINTS = 4
 RIVAL = 0.10  # m: two fits whose markers lie farther apart than this on average are rivals, not one solution
+CLEAR_WIN = 0.98  # a placement surer than this needs no second opinion
+UNNAMED = 12.0  # squared deviations that an unnamed blob counts for
 TEMPER = 12.0  # by how much costs overstate their differences: blobs share their errors
 
 
@@ -45,6 +47,8 @@ class Found:
 
     confidence  0 to 1, against the best rival placement
     trace       cost per step of the last fit, (steps + 1,)
+    swaps       what exchanging neighbours would cost
+    cost        of the last fit to the names, and of the blobs that it leaves unnamed
     """
 
     subject: Subject
@@ -53,6 +57,7 @@ class Found:
     confidence: float
     trace: np.ndarray
     swaps: Swaps
+    cost: float
 
 
 def find_subject(view: View, setup: Setup, hints: Hints) -> Found | None:
@@ -68,10 +73,19 @@ def find_subject(view: View, setup: Setup, hints: Hints) -> Found | None:
     bodies, cost = fit_cloud(starts, cloud, setup, prior)
     finalists = bodies.pick(_distinct(bodies, cost, setup)[:FINALISTS])
     fit = fit_blobs(finalists, view, setup, prior)
-    order = np.argsort(fit.cost)
-    best = int(order[0])
-    confidence = _confidence(fit, best, setup)
-    return name_found(view, _one(fit.state, best), setup, prior, confidence, fit.trace[:, best])
+    best, rival, confidence = _judged(fit)
+    found = name_found(view, _one(fit.state, best), setup, prior, confidence, fit.trace[:, best])
+    if rival is None or confidence > CLEAR_WIN:
+        return found
+    other = name_found(view, _one(fit.state, rival), setup, prior, confidence, fit.trace[:, rival])
+    return _better_named(found, other)
+
+
+def _better_named(first: Found, second: Found) -> Found:
+    """Of two placements that the blobs could not tell apart, the one whose names make the better body."""
+    lead = second.cost - first.cost
+    better = first if lead >= 0 else second
+    return replace(better, confidence=_chance(abs(lead)))
 
 
 def first_starts(view: View, cloud: Cloud, setup: Setup, hints: Hints) -> Bodies:
@@ -147,7 +161,8 @@ def name_found(view: View, state: State, setup: Setup, prior, confidence: float,
             subject, body_state(setup.model, subject.bodies, named_pull(view, naming, subject, setup), prior), setup
         )
     naming = name(view, expected, subject, setup)
-    return Found(subject, naming, expected, confidence, trace, swaps)
+    unnamed = int((view.real & (naming.owner < 0)).sum())
+    return Found(subject, naming, expected, confidence, trace, swaps, float(state.cost[0]) + UNNAMED * unnamed)
 
 
 def settle(view: View, naming: Naming, subject: Subject, state: State, setup: Setup, prior) -> Swaps:
@@ -178,11 +193,18 @@ def _distinct(bodies: Bodies, cost: np.ndarray, setup: Setup) -> np.ndarray:
     return np.array(kept)
 
 
-def _confidence(fit, best: int, setup: Setup) -> float:
-    """How sure the best fit is against the nearest in cost that puts the markers elsewhere."""
-    markers = setup.model.pose(fit.bodies).markers
+def _judged(fit: Fit) -> tuple[int, int | None, float]:
+    """The best fit, its nearest rival in cost that puts the markers elsewhere (None: no rival), and how sure it is."""
+    best = int(np.argmin(fit.cost))
+    markers = fit.state.posed.markers
     apart = np.linalg.norm(markers - markers[best], axis=-1).mean(axis=-1)
-    rivals = fit.cost[apart > RIVAL]
+    rivals = np.flatnonzero(apart > RIVAL)
     if not len(rivals):
-        return 1.0
-    return float(1 / (1 + np.exp(-np.clip((rivals.min() - fit.cost[best]) / TEMPER, -50, 50))))
+        return best, None, 1.0
+    rival = int(rivals[np.argmin(fit.cost[rivals])])
+    return best, rival, _chance(fit.cost[rival] - fit.cost[best])
+
+
+def _chance(lead: float) -> float:
+    """How sure a lead in cost makes."""
+    return float(1 / (1 + np.exp(-np.clip(lead / TEMPER, -50, 50))))
