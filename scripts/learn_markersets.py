@@ -16,16 +16,29 @@ ROOT = Path(__file__).resolve().parents[1]
 if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
-from addon.core import anatomy, learning  # noqa: E402
-from addon.core.markersets import MarkerSet  # noqa: E402
-from addon.io.markersets import SUFFIX, write_markerset  # noqa: E402
+from addon.core import anatomy, learning
+from addon.core.markersets import MarkerSet
+from addon.io.markersets import SUFFIX, write_markerset
 
 STANDING_FRAMES, MOVING_FRAMES = 12, 14
-TENNIS = "kinematics_tennis_serve_2players.c3d"
+# One player: the second one in the take of two has the first one's body to the millimetre.
+TENNIS = "kinematics_tennis_serve.c3d"
+HEAD_TURNED = {"LFHD": "LBHD", "LBHD": "LFHD", "RFHD": "RBHD", "RBHD": "RFHD"}
+HEAD_MIRRORED = {"LFHD": "RFHD", "RFHD": "LFHD", "LBHD": "RBHD", "RBHD": "LBHD"}
+LEFT_WRIST, RIGHT_WRIST = {"LWRA": "LWRB", "LWRB": "LWRA"}, {"RWRA": "RWRB", "RWRB": "RWRA"}
+# Labels that contradict the same person's other takes, or everybody else's: what each name in the file really is.
+MISLABELLED = {
+    "HC030A01": LEFT_WRIST,
+    "HC030A05": LEFT_WRIST,
+    "HC030A22": LEFT_WRIST,
+    "HC038A11": LEFT_WRIST | RIGHT_WRIST,
+    "HC039A17": HEAD_TURNED,
+    "HC055A34": HEAD_MIRRORED,
+}
 SOURCE = {
     "learned": "2026-11-21 by scripts/learn_markersets.py",
     "walkers": "HC…: mcgillmotionlab/biomechzoo at 7daadbc, MIT licence; each standing, walking straight and turning",
-    "players": "Derrick, Viktor: kineticstoolkit at 169a99d, Apache-2.0 licence; a tennis serve",
+    "player": "Derrick: kineticstoolkit at 169a99d, Apache-2.0 licence; a tennis serve",
 }
 
 
@@ -73,7 +86,8 @@ def read_c3d(file: Path, prefixes: bool = False) -> tuple[list[str], np.ndarray,
     group = take["parameters"]["POINT"]
     names = [name for key in ("LABELS", "LABELS2", "LABELS3") if key in group for name in group[key]["value"]]
     if not prefixes:
-        names = [name.split(":")[-1] for name in names]
+        mended = MISLABELLED.get(file.stem, {})
+        names = [mended.get(name.split(":")[-1], name.split(":")[-1]) for name in names]
     unit = {"mm": 0.001, "cm": 0.01}.get("".join(group["UNITS"]["value"]), 1.0)
     points = take["data"]["points"][:3].transpose(2, 1, 0)
     points = np.where((points == 0).all(axis=2, keepdims=True), np.nan, points) * unit

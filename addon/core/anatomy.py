@@ -77,7 +77,8 @@ def _arm(side: str) -> tuple[SegmentSite, ...]:
     return (
         SegmentSite(f"upper_arm.{side}", "thorax", (f"{side}CLO",)),
         SegmentSite(f"forearm.{side}", f"upper_arm.{side}", (f"{side}HUO",)),
-        SegmentSite(f"hand.{side}", f"forearm.{side}", (f"{side}RAO",), sd=0.01),
+        # One marker cannot tell where the hand turns: the wrist is held half-way between its two markers.
+        SegmentSite(f"hand.{side}", f"forearm.{side}", mix=((f"{side}WRA", 0.5), (f"{side}WRB", 0.5)), sd=0.003),
     )
 
 
@@ -100,6 +101,7 @@ _CENTRAL = (
 
 def _sided(side: str) -> tuple[MarkerSite, ...]:
     arm, forearm, leg = f"upper_arm.{side}", f"forearm.{side}", ("thigh", "shank", "foot")
+    elbow = ((f"{side}HUO", 0.5),)
     on_thigh, on_shank = ("THI", "KNE"), ("TIB", "ANK", "HFB", "TUB", "SHN", "MMA")
     on_foot = ("HEE", "TOE", "LCA", "STL", "NAV", "P1M", "P5M", "D5M")
     on_legs = zip(leg, (on_thigh, on_shank, on_foot), strict=True)
@@ -109,9 +111,9 @@ def _sided(side: str) -> tuple[MarkerSite, ...]:
         MarkerSite(f"{side}FHD", "head"),
         MarkerSite(f"{side}BHD", "head"),
         MarkerSite(f"{side}SHO", "thorax"),
-        MarkerSite(f"{side}UPA", arm, ((f"{side}CLO", 0.5), (f"{side}HUO", 0.5)), (0.0, 0.03, 0.0)),
+        MarkerSite(f"{side}UPA", arm, (*elbow, (f"{side}CLO", 0.5)), (0.0, 0.03, 0.0)),
         MarkerSite(f"{side}ELB", arm),
-        MarkerSite(f"{side}FRM", forearm, ((f"{side}HUO", 0.5), (f"{side}RAO", 0.5)), (0.0, 0.025, 0.0)),
+        MarkerSite(f"{side}FRM", forearm, (*elbow, (f"{side}WRA", 0.25), (f"{side}WRB", 0.25)), (0.0, 0.025, 0.0)),
         MarkerSite(f"{side}WRA", forearm),
         MarkerSite(f"{side}WRB", forearm),
         MarkerSite(f"{side}FIN", f"hand.{side}"),
@@ -121,7 +123,7 @@ def _sided(side: str) -> tuple[MarkerSite, ...]:
 
 @dataclass(frozen=True)
 class CapsuleSite:
-    """A capsule on a segment: its ends as mixes of joints and lifts (as in `SegmentSite`), and its radius, heights.
+    """A capsule on a segment: its ends as mixes of joints and markers with lifts (see `SegmentSite`), its radius.
 
     The radius is a little less than people's: a marker wrongly thought visible does less harm than one wrongly hidden.
     """
@@ -136,16 +138,17 @@ def _on(joint: str, forward: float = 0.0, outward: float = 0.0, up: float = 0.0)
     return ((joint, 1.0),), (forward, outward, up)
 
 
-def _between(one: str, two: str, share: float):
-    return ((one, 1 - share), (two, share)), (0.0, 0.0, 0.0)
+def _between(one: str, two: str, share: float, forward: float = 0.0):
+    return ((one, 1 - share), (two, share)), (forward, 0.0, 0.0)
 
 
 def _arm_capsules(side: str) -> tuple[CapsuleSite, ...]:
     arm, forearm, hand = f"upper_arm.{side}", f"forearm.{side}", f"hand.{side}"
     return (
         CapsuleSite(arm, _on(arm), _on(forearm), 0.024),
-        CapsuleSite(forearm, _on(forearm), _on(hand), 0.018),
-        CapsuleSite(hand, _on(hand), _on(hand, 0.008, 0.008, -0.055), 0.015),
+        CapsuleSite(forearm, _on(forearm), _between(forearm, hand, 0.5), 0.022),
+        CapsuleSite(forearm, _between(forearm, hand, 0.5), _on(hand), 0.016),
+        CapsuleSite(hand, _between(hand, f"{side}FIN", 0.4), _between(hand, f"{side}FIN", 1.3), 0.013),
     )
 
 
@@ -154,9 +157,9 @@ def _leg_capsules(side: str) -> tuple[CapsuleSite, ...]:
     return (
         CapsuleSite(thigh, _on(thigh), _between(thigh, shank, 0.5), 0.043),
         CapsuleSite(thigh, _between(thigh, shank, 0.5), _on(shank), 0.032),
-        CapsuleSite(shank, _on(shank), _between(shank, foot, 0.5), 0.029),
-        CapsuleSite(shank, _between(shank, foot, 0.5), _on(foot), 0.021),
-        CapsuleSite(foot, _on(foot, -0.012, 0, -0.022), _on(foot, 0.085, 0, -0.027), 0.015),
+        CapsuleSite(shank, _on(shank, -0.01, 0, -0.01), _between(shank, foot, 0.5, -0.01), 0.03),
+        CapsuleSite(shank, _between(shank, foot, 0.5, -0.005), _on(foot), 0.021),
+        CapsuleSite(foot, _on(foot, -0.015, 0, -0.016), _on(foot, 0.085, 0.012, -0.022), 0.013),
     )
 
 
@@ -164,10 +167,10 @@ _PELVIS_CAPSULE = CapsuleSite("pelvis", _on("pelvis", -0.005, 0.04, 0.02), _on("
 
 
 _TRUNK_CAPSULES = (
-    CapsuleSite("thorax", _on("thorax", -0.005, 0.03, 0.02), _on("thorax", -0.005, 0.035, 0.18), 0.052),
-    CapsuleSite("thorax", _on("thorax", -0.005, -0.03, 0.02), _on("thorax", -0.005, -0.035, 0.18), 0.052),
+    CapsuleSite("thorax", _on("thorax", 0.015, 0.028, 0.015), _on("thorax", 0.008, 0.035, 0.17), 0.053),
+    CapsuleSite("thorax", _on("thorax", 0.015, -0.028, 0.015), _on("thorax", 0.008, -0.035, 0.17), 0.053),
     CapsuleSite("thorax", _on("head", 0, 0, -0.03), _on("head", 0.005, 0, 0.03), 0.03),
-    CapsuleSite("head", _on("head", 0.01, 0, 0.035), _on("head", 0.005, 0, 0.075), 0.047),
+    CapsuleSite("head", _on("head", 0.018, 0, 0.04), _on("head", 0.02, 0, 0.09), 0.047),
 )
 # The lower body's marker set knows nothing of the trunk but that it is there and hides things.
 _STIFF_TRUNK_CAPSULES = (

@@ -180,7 +180,9 @@ def _standing_cloud(person: Person, names) -> np.ndarray | None:
     stature = person.stature or _guessed_stature(person)
     if not len(frames) or not np.isfinite(frames[:, -2:]).all(axis=(1, 2)).any() or stature is None:
         return None
-    cloud = np.nanmedian(frames, axis=0) / stature
+    shown = np.isfinite(frames[..., 0]).any(axis=0)
+    cloud = np.full(frames.shape[1:], np.nan)
+    cloud[shown] = np.nanmedian(frames[:, shown], axis=0) / stature
     left = cloud[-2] - cloud[-1]
     yaw = np.arctan2(-left[0], left[1])
     turned = cloud @ rotations.quaternion_to_matrix(rotations.about_z(-yaw)).T
@@ -411,13 +413,12 @@ def _pose_spread(found: Study) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _capsules(found: Study, table: tuple[CapsuleSite, ...]) -> Capsules:
-    """The table's capsules on the mean body; a radius that would swallow a marker on the same segment is cut down."""
+    """The table's capsules on the mean body; one that would swallow a marker beside it on its segment is thinned."""
     layout = found.layout
-    joints = found.mean[: layout.joints].copy()
-    for index, parent in enumerate(layout.parents):
-        if parent >= 0:
-            joints[index] += joints[parent]
-    where = dict(zip(layout.names, joints, strict=False))
+    places = found.mean.copy()
+    for index, above in enumerate(layout.above[1:], start=1):
+        places[index] += places[above]
+    where = dict(zip(layout.names, places, strict=True))
     segment = np.array([layout.names.index(site.segment) for site in table])
     start = np.array([_capsule_end(site.start, site.segment, where) for site in table])
     end = np.array([_capsule_end(site.end, site.segment, where) for site in table])
@@ -425,7 +426,8 @@ def _capsules(found: Study, table: tuple[CapsuleSite, ...]) -> Capsules:
     for index, site in enumerate(table):
         own = (layout.attachment == segment[index]) & found.has[:, layout.joints :].any(axis=0)
         away = _distance(found.mean[layout.joints :][own], start[index], end[index])
-        radius[index] = min(site.radius, away.min(initial=np.inf) - MARKER_STAND_OFF)
+        beside = away[away > site.radius / 2]
+        radius[index] = min(site.radius, beside.min(initial=np.inf) - MARKER_STAND_OFF)
     return Capsules(segment, start, end, radius)
 
 

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The built-in marker sets: their markers are the contract's, their bodies look like people."""
+
+import numpy as np
+import pytest
+
+from addon.core import anatomy
+from addon.io.markersets import builtin_markersets, open_markerset
+
+GAIT15 = "SACR RASI LASI RTHI LTHI RKNE LKNE RTIB LTIB RANK LANK RHEE LHEE RTOE LTOE"
+BODY26 = (
+    "LFHD RFHD LBHD RBHD C7 LSHO RSHO LELB RELB LWRA LWRB RWRA RWRB LFIN RFIN LASI RASI SACR LKNE RKNE LANK RANK LHEE "
+    "RHEE LTOE RTOE"
+)
+BODY39 = (
+    "LFHD RFHD LBHD RBHD C7 T10 CLAV STRN RBAK LSHO LUPA LELB LFRM LWRA LWRB LFIN RSHO RUPA RELB RFRM RWRA RWRB RFIN "
+    "LASI RASI LPSI RPSI LTHI LKNE LTIB LANK LHEE LTOE RTHI RKNE RTIB RANK RHEE RTOE"
+)
+
+
+@pytest.fixture(scope="module", params=["gait15", "body26", "body39"])
+def markerset(request):
+    return open_markerset(request.param)
+
+
+@pytest.mark.parametrize(("name", "markers"), [("gait15", GAIT15), ("body26", BODY26), ("body39", BODY39)])
+def test_markers_are_the_contracts(name, markers):
+    """Checklist A2."""
+    assert open_markerset(name).markers == tuple(markers.split())
+    assert name in builtin_markersets()
+
+
+def test_left_is_left_and_toes_are_ahead(markerset):
+    where = dict(zip(markerset.markers, markerset.rest_markers, strict=True))
+    for name, place in where.items():
+        if anatomy.other_side(name) in where and anatomy.other_side(name) != name:
+            assert place[1] * (-1 if name[0] == "R" else 1) > 0.01, name
+            np.testing.assert_allclose(where[anatomy.other_side(name)], place * [1, -1, 1], atol=1e-5)
+    assert where["LTOE"][0] > where["LHEE"][0] + 0.08
+    assert where["LASI"][0] > where["LPSI" if "LPSI" in where else "SACR"][0] + 0.05
+
+
+def test_heights_are_a_persons(markerset):
+    where = dict(zip(markerset.markers, markerset.rest_markers[:, 2], strict=True))
+    for name, low, high in (
+        ("LTOE", 0, 0.05),
+        ("LANK", 0.02, 0.07),
+        ("LKNE", 0.25, 0.32),
+        ("LASI", 0.50, 0.60),
+        ("C7", 0.80, 0.88),
+        ("LFHD", 0.90, 0.98),
+    ):
+        if name in where:
+            assert low < where[name] < high, name
+    tops = markerset.capsules
+    joints = markerset.skeleton.rest_joints[tops.segment][:, 2]
+    ends = joints + np.maximum(tops.start[:, 2], tops.end[:, 2]) + tops.radius
+    assert 0.93 < ends.max() < 1.02
+
+
+def test_markers_sit_on_their_skin_or_outside(markerset):
+    """Beside a capsule of its own segment, a marker's centre is not inside."""
+    capsules = markerset.capsules
+    for marker, segment in enumerate(markerset.attachment):
+        for index in np.flatnonzero(capsules.segment == segment):
+            line = capsules.end[index] - capsules.start[index]
+            along = (markerset.offsets[marker] - capsules.start[index]) @ line / (line @ line)
+            away = markerset.offsets[marker] - capsules.start[index] - np.clip(along, 0, 1) * line
+            distance = np.linalg.norm(away)
+            assert distance > capsules.radius[index] or distance < 0.6 * capsules.radius[index]
+
+
+def test_spread_is_usable(markerset):
+    spread, joints = markerset.spread, len(markerset.skeleton)
+    assert spread.height - 3 * spread.height_sd < 1.1
+    assert spread.height + 3 * spread.height_sd > 2.0
+    assert 5 <= len(spread.modes) <= 8
+    assert (spread.marker_sd >= 0.004 - 1e-9).all()
+    assert (spread.marker_sd < 0.02).all()
+    assert not spread.pose_mean[0].any()
+    covariance = spread.pose_covariance
+    assert not covariance[:3].any()
+    np.testing.assert_allclose(covariance, covariance.T)
+    values = np.linalg.eigvalsh(covariance[3:, 3:])
+    assert values.min() > 0
+    assert spread.modes.shape[1:] == (joints + len(markerset), 3)
+
+
+def test_aliases_are_of_its_own_markers(markerset):
+    assert set(markerset.aliases.values()) <= set(markerset.markers)
+    assert not set(markerset.aliases) & set(markerset.markers)
+
+
+def test_the_gait_papers_names_are_known():
+    gait = open_markerset("gait15")
+    assert gait.index("s2") == gait.index("SACR")
+    assert gait.index("r_l_thigh") == gait.index("RTHI")
+    assert gait.index("l_calf") == gait.index("LTIB")
+    with pytest.raises(KeyError):
+        gait.index("LFHD")
+
+
+def test_the_file_says_where_its_numbers_come_from(markerset):
+    text = " ".join(markerset.source.values())
+    assert "HC002D" in text
+    assert "MIT" in text
+    assert "Apache-2.0" in text

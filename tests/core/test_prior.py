@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The prior: its derivatives, where it is least, and what its options hold."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from addon.core import rotations
+from addon.core.body import PLACEMENT, Bodies, BodyModel
+from addon.core.prior import Prior
+from tests.core.toybody import toy_markerset
+
+
+@pytest.fixture(scope="module")
+def model():
+    return BodyModel(toy_markerset())
+
+
+def some_bodies(model: BodyModel, seed: int, count: int = 3) -> Bodies:
+    rng = np.random.default_rng(seed)
+    rest = model.rest(count, 1.6)
+    bends = rng.normal(0, 0.3, rest.bends.shape)
+    bends[:, 0] = 0
+    return replace(
+        rest,
+        translation=rng.normal(size=(count, 3)),
+        quaternion=rotations.turned(rest.quaternion, rng.normal(0, 0.3, (count, 3))),
+        scale=rest.scale + rng.normal(0, 0.1, (count, 3)),
+        bends=bends,
+        shape=rng.normal(size=rest.shape.shape),
+    )
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), strength=st.floats(0.1, 10))
+def test_gradient_is_half_the_slope_of_the_cost(seed, strength):
+    model = BodyModel(toy_markerset())
+    prior = Prior(model, strength, height=1.7, height_sd=0.1, upright_sd=0.2)
+    bodies = some_bodies(model, seed)
+    gradient, step = prior.terms(bodies)[1], 1e-6
+    for column in range(model.parameters):
+        move = np.zeros((len(bodies), model.parameters))
+        move[:, column] = step
+        slope = (prior.terms(bodies.moved(move))[0] - prior.terms(bodies.moved(-move))[0]) / (2 * step)
+        np.testing.assert_allclose(gradient[:, column], slope / 2, rtol=1e-5, atol=1e-5 * strength)
+
+
+def test_one_newton_step_reaches_the_least_cost(model):
+    prior = Prior(model)
+    bodies = some_bodies(model, 1)
+    cost, gradient, hessian = prior.terms(bodies)
+    free = np.arange(6, model.parameters)
+    step = np.zeros_like(gradient)
+    step[:, free] = -np.linalg.solve(hessian[np.ix_(free, free)], gradient[:, free, None])[..., 0]
+    after = bodies.moved(step)
+    np.testing.assert_allclose(prior.terms(after)[0], 0, atol=1e-9)
+    np.testing.assert_allclose(after.scale, model.markerset.spread.height, atol=1e-9)
+    assert (cost > 0).all()
+
+
+def test_translation_and_heading_cost_nothing(model):
+    prior = Prior(model, upright_sd=0.1)
+    bodies = model.rest(2, 1.7)
+    turned = replace(bodies, quaternion=rotations.about_z(np.array([0.5, -2.0])), translation=np.ones((2, 3)))
+    np.testing.assert_allclose(prior.terms(turned)[0], prior.terms(bodies)[0], atol=1e-12)
+
+
+def test_options_hold_what_they_say(model):
+    tall = replace(model.rest(1, 1.9))
+    assert Prior(model, height=1.9, height_sd=0.02).terms(tall)[0] < Prior(model).terms(tall)[0]
+    leaning = replace(tall, quaternion=rotations.turned(tall.quaternion, np.array([[0.0, 0.3, 0.0]])))
+    held = Prior(model, upright_sd=0.1)
+    assert held.terms(leaning)[0] - held.terms(tall)[0] == pytest.approx((np.sin(0.3) / 0.1) ** 2)
+    stretched = replace(tall, scale=tall.scale * [1.1, 0.9, 1.0])
+    assert Prior(model, stretch_sd=0.01).terms(stretched)[0] > Prior(model, stretch_sd=0.05).terms(stretched)[0]
+
+
+def test_hessian_is_symmetric_and_definite_where_something_is_known(model):
+    hessian = Prior(model).hessian
+    np.testing.assert_array_equal(hessian, hessian.T)
+    assert np.linalg.eigvalsh(hessian[6:, 6:]).min() > 0
+    assert not hessian[:6].any()
+    assert hessian.shape == (model.parameters, model.parameters)
+    assert model.parameters > PLACEMENT
