@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What the command line asks of Blender, where there is one: a take saved as a `.blend`."""
 
+import ctypes
 import importlib.util
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
 
 from .core.cameras import Cameras
@@ -47,9 +48,23 @@ def silenced() -> Iterator[None]:
         yield
         return
     try:
-        with Path(os.devnull).open("wb") as nothing:
+        with Path(os.devnull).open("w") as nothing, redirect_stdout(nothing):
             os.dup2(nothing.fileno(), 1)
             yield
     finally:
+        _flush_c_output()
         os.dup2(kept, 1)
         os.close(kept)
+
+
+def drop_banner():
+    """Throws away the greeting that Blender has printed and not yet sent, so that results stand alone."""
+    if "bpy" in sys.modules and sys.modules["bpy"].app.binary_path:
+        with silenced():
+            pass
+
+
+def _flush_c_output():
+    """Sends what C code has printed: its buffer is not Python's."""
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL("ucrtbase" if os.name == "nt" else None).fflush(None)

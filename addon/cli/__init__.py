@@ -7,6 +7,7 @@ Every verb has a file here with `add_parser`; this one turns whatever happens in
 import sys
 import traceback
 
+from ..blendfile import drop_banner
 from ..core.errors import UserError
 from .console import complain, stoppable
 from .parser import build_parser
@@ -17,6 +18,7 @@ DONE, FAILED, BAD_INPUT = 0, 1, 2
 def main(argv: list[str] | None = None) -> int:
     """Runs one command and gives its exit status; argv without the program's name, default: the process's own."""
     argv = sys.argv[1:] if argv is None else list(argv)
+    drop_banner()
     try:
         with stoppable():
             arguments = build_parser().parse_args(argv)

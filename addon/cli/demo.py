@@ -17,8 +17,8 @@ from .evaluate import as_lines, as_result, percent
 from .parser import add_overwrite
 
 DESCRIPTION = """Labels a take that the project makes by itself: a virtual person in a virtual room of eight cameras,
-with noise, occlusion, merged blobs and ghosts. Prints how right the labels are, and writes everything to DIR: the room, the
-blobs and their truth, the labels, the labelled take, a Blender file and a picture."""
+with noise, occlusion, merged blobs and ghosts. Prints how right the labels are, and writes everything to DIR: the
+room, the blobs and their truth, the labels, the labelled take, a Blender file and a picture."""
 NAME = "walk"
 NO_BLENDER = "Blender is not here, so there is no .blend and no picture; the bpy package or Blender itself makes both."
 

@@ -92,7 +92,7 @@ def _start(number: int, command: list[str], scratch: Path) -> Worker:
     folder = scratch / str(number)
     folder.mkdir()
     outputs = tuple((folder / name).open("wb") for name in ("stdout", "stderr"))
-    line = [*door(), *command, "--result", str(folder / "result.json")]
+    line = [*door(), command[0], "--result", str(folder / "result.json"), *command[1:]]
     process = subprocess.Popen(  # noqa: S603 - it is ourselves
         line,
         stdin=subprocess.DEVNULL,

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A small room with a virtual person in it, and the command line run in this process."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from addon.capturing import cut, truth_path, write_capture
+from addon.cli import main
+from addon.core.takes import Points
+from addon.demo.take import MODEL, RATE, TROUBLE, make_performance
+from addon.io.cameras import write_cameras
+from addon.io.markersets import open_markerset
+from addon.io.points import write_c3d
+
+FRAMES = (100, 119)
+
+
+@dataclass(frozen=True)
+class Room:
+    """Files of a short take: cameras, blobs and their truth, and the take as a labelled C3D."""
+
+    folder: Path
+    cameras: Path
+    blobs: Path
+    truth: Path
+    c3d: Path
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a command line came to."""
+
+    status: int
+    out: str
+    err: str
+
+    @property
+    def reason(self) -> str:
+        """The last line on standard error, which must have the contract's form."""
+        assert self.status in (1, 2)
+        assert "Traceback" not in self.err
+        line = self.err.splitlines()[-1]
+        assert line.startswith("mocap-autolabel: ")
+        assert "; expected " in line
+        return line.removeprefix("mocap-autolabel: ")
+
+
+@pytest.fixture(scope="session")
+def room(tmp_path_factory) -> Room:
+    folder = tmp_path_factory.mktemp("room")
+    performance = make_performance(open_markerset(MODEL))
+    take, body = cut(performance.take, FRAMES), performance.body
+    part = slice(FRAMES[0] - 1, FRAMES[1])
+    body = type(body)(body.occlusion, body.attachment, body.rotations[part], body.joints[part], body.scale[part])
+    files = Room(folder, folder / "room.toml", folder / "walk.csv", folder / "walk.csv.truth.csv", folder / "take.c3d")
+    assert truth_path(files.blobs) == files.truth
+    write_cameras(files.cameras, performance.cameras)
+    for _ in write_capture(take, performance.cameras, TROUBLE, body, files.blobs):
+        pass
+    write_c3d(files.c3d, Points(take.names, take.xyz, np.zeros(take.xyz.shape[:2]), RATE, take.first_frame))
+    return files
+
+
+@pytest.fixture
+def run(capsys):
+    """Runs a command line and gives what it said."""
+
+    def call(*words) -> Answer:
+        capsys.readouterr()
+        status = main([str(word) for word in words])
+        said = capsys.readouterr()
+        return Answer(status, said.out, said.err)
+
+    return call
+
+
+@pytest.fixture
+def label(run, room, tmp_path):
+    """Labels blobs with whatever else is said, into a fresh folder."""
+
+    def call(*words, blobs=None, cameras=None) -> Answer:
+        inputs = blobs or [room.blobs]
+        where = ["--cameras", cameras or room.cameras, "--out", tmp_path / "out"]
+        return run("label", *inputs, "--model", MODEL, *where, *words)
+
+    return call

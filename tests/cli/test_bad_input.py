@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Whatever is wrong with the input, the user reads one sentence with the file in it, and nothing is written."""
+
+import re
+
+import pytest
+
+HEADER = "frame,camera,x,y\n"
+
+
+def blob_file(folder, text: str):
+    path = folder / "bad.csv"
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        (
+            HEADER + "1,cam1,3,4\n1,cam99,3,4\n",
+            r"bad\.csv:3: camera 'cam99' is not in the calibration; expected one of cam1",
+        ),
+        ("1,cam1,3,4\n1,cam2,3,4\n", r"bad\.csv:1: has no header; expected .*frame,camera,x,y"),
+        (HEADER + "1,cam1,nan,4\n", r"bad\.csv:2: x is 'nan'; expected a finite number"),
+        (HEADER + "1,cam1,3,inf\n", r"bad\.csv:2: y is 'inf'; expected a finite number"),
+        (HEADER + "1,cam1,3,4\n2,cam1,3", r"bad\.csv:3: has 3 fields; expected 4"),
+        (HEADER + "2,cam1,3,4\n1,cam1,3,4\n", r"bad\.csv:3: goes back from frame 2 to 1; expected"),
+        (HEADER + "1.5,cam1,3,4\n", r"bad\.csv:2: frame is 1\.5; expected a whole number"),
+        (HEADER, r"bad\.csv: has no blobs; expected"),
+        ("", r"bad\.csv: is empty; expected"),
+        ("\0\1\2PK", r"bad\.csv: is a binary file; expected"),
+        ("<xml/>", r"bad\.csv:1: has no header; expected"),
+    ],
+)
+def test_blobs(label, tmp_path, text, reason):
+    answer = label(blobs=[blob_file(tmp_path, text)])
+    assert answer.status == 2
+    assert re.search(reason, answer.reason)
+    assert not list((tmp_path / "out").glob("*")) if (tmp_path / "out").exists() else True
+
+
+def edited(room, folder, old: str, new: str):
+    """The room's calibration with every `old` (a pattern) made `new`."""
+    path = folder / "bad.toml"
+    text, count = re.subn(old, new, room.cameras.read_text(), flags=re.MULTILINE)
+    assert count
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "reason"),
+    [
+        (r"^matrix = .*$", "matrix = [[0, 0, 0], [0, 0, 0], [0, 0, 1]]", "singular"),
+        (r"^translation = .*$", "translation = [nan, 0, 0]", "number"),
+        (r"^size = .*$", "size = [1, ", "expected"),
+        (r"^rotation = .*\n", "", "rotation"),
+    ],
+)
+def test_calibrations(label, room, tmp_path, old, new, reason):
+    answer = label(cameras=edited(room, tmp_path, old, new))
+    assert answer.status == 2
+    assert reason in answer.reason
+    assert "bad.toml" in answer.reason
+
+
+def test_a_calibration_of_another_kind(label, room):
+    assert label(cameras=room.c3d).status == 2
+    assert label(cameras=room.folder / "nothing.toml").status == 2
+
+
+def test_one_camera_is_read_but_cannot_do_the_job(label, room, tmp_path):
+    first = room.cameras.read_text().split("\n\n")[0]
+    alone = tmp_path / "alone.toml"
+    alone.write_text(first + "\n")
+    rows = [line for line in room.blobs.read_text().splitlines()[1:] if ",cam1," in line]
+    answer = label(
+        cameras=alone, blobs=[blob_file(tmp_path, HEADER + "".join(f"{','.join(r.split(',')[:4])}\n" for r in rows))]
+    )
+    assert answer.status == 1
+    assert "expected two or more" in answer.reason
+
+
+def test_frames_without_blobs_are_no_trouble(label, room, tmp_path):
+    rows = room.blobs.read_text().splitlines(keepends=True)
+    kept = [row for row in rows if not row.startswith(("105,", "106,", "107,"))]
+    answer = label(blobs=[blob_file(tmp_path, "".join(kept))])
+    assert (answer.status, answer.err) == (0, "")
+    assert "20 frames" in answer.out
+
+
+def test_nobody_there_is_no_error(label, room, tmp_path):
+    answer = label(blobs=[blob_file(tmp_path, HEADER + "1,cam1,3,4\n2,cam2,300,200\n")])
+    assert answer.status == 0
+    assert "0 of 2 blobs named" in answer.out
+
+
+def test_more_ghosts_than_any_capture_end_soon(label, tmp_path):
+    rows = (f"1,cam{n % 8 + 1},{n % 1280},{n % 960}\n" for n in range(200_000))
+    answer = label(blobs=[blob_file(tmp_path, HEADER + "".join(rows))])
+    assert answer.status == 1
+    assert "bad.csv" in answer.reason
+
+
+@pytest.mark.parametrize("model", ["nobody15", "missing.markerset.json"])
+def test_models_that_are_not_there(run, room, tmp_path, model):
+    answer = run("label", room.blobs, "--cameras", room.cameras, "--out", tmp_path, "--model", model)
+    assert answer.status == 2
+    assert model in answer.reason
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        (),
+        ("lable",),
+        ("label",),
+        ("label", "a.csv", "--model", "body26", "--out", "b"),
+        ("label", "a.csv", "--model", "body26", "--out", "b", "--cameras", "c.toml", "--frames", "7"),
+        ("label", "a.csv", "--model", "body26", "--out", "b", "--cameras", "c.toml", "--frames", "9:3"),
+        ("label", "a.csv", "--model", "body26", "--out", "b", "--cameras", "c.toml", "--jobs", "0"),
+        ("label", "a.csv", "--model", "body26", "--out", "b", "--cameras", "c.toml", "--height", "tall"),
+        ("label", "a.csv", "--model", "body26", "--out", "b", "--cameras", "c.toml", "--method", "magic"),
+        ("label", "a.csv", "--model", "body26", "--out", "b", "--cameras", "c.toml", "--overwite"),
+        ("evaluate", "a.csv"),
+        ("simulate", "a.c3d"),
+        ("models", "extra"),
+    ],
+)
+def test_arguments(run, words):
+    answer = run(*words)
+    assert answer.status == 2
+    assert answer.reason
+    assert answer.out == ""
+
+
+def test_a_fault_of_our_own_is_one_sentence_too(run, monkeypatch):
+    monkeypatch.setattr("addon.cli.models.builtin_markersets", lambda: 1 / 0)
+    answer = run("models")
+    assert answer.status == 1
+    assert "ZeroDivisionError" in answer.err
+    assert "Traceback" not in answer.err

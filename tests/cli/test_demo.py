@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`demo`: the project's own take, labelled, scored and shown."""
+
+import json
+
+import pytest
+
+from addon.blendfile import has_blender
+from addon.cli import demo
+from addon.demo import take as demo_take
+
+
+@pytest.fixture
+def short(monkeypatch):
+    """Only the beginning of the demo's walk."""
+    from addon.core.virtual import DEMO
+
+    monkeypatch.setattr(demo_take, "DEMO", DEMO[:1])
+
+
+def test_without_blender_everything_but_the_pictures(run, short, monkeypatch, tmp_path):
+    monkeypatch.setattr(demo, "has_blender", lambda: False)
+    answer = run("demo", "--out", tmp_path / "demo", "--json")
+    assert (answer.status, answer.err) == (0, "")
+    result = json.loads(answer.out)
+    assert result["figures"]["precision"] > 0.99
+    assert result["figures"]["recall"] > 0.95
+    assert "no picture" in result["note"]
+    assert sorted(path.name for path in (tmp_path / "demo").iterdir()) == [
+        "room.toml",
+        "walk.c3d",
+        "walk.csv",
+        "walk.csv.truth.csv",
+        "walk.labels.csv",
+        "walk.report.json",
+        "walk.trc",
+    ]
+    assert "exists already" in run("demo", "--out", tmp_path / "demo").reason
+
+
+@pytest.mark.slow
+@pytest.mark.blender
+@pytest.mark.skipif(not has_blender(), reason="needs bpy")
+def test_with_blender_a_scene_and_a_picture(run, short, tmp_path):
+    answer = run("demo", "--out", tmp_path / "demo")
+    assert (answer.status, answer.err) == (0, "")
+    assert answer.out.startswith("60 frames of a virtual person, seen by 8 cameras")
+    import bpy
+
+    picture = bpy.data.images.load(str(tmp_path / "demo" / "walk.png"))
+    assert tuple(picture.size) == (1280, 720)
+    red = list(picture.pixels[:][0::4])
+    assert max(red) > 0.9 > 0.2 > min(red)
+    bpy.data.images.remove(picture)
+    assert (tmp_path / "demo" / "walk.blend").stat().st_size > 10_000

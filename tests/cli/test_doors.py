@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The two doors, what comes out of them, and what an interruption leaves behind."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from types import SimpleNamespace
+
+import pytest
+
+from addon.blendfile import has_blender
+from addon.cli import workers
+from addon.cli.workers import door
+from addon.demo.take import MODEL
+
+
+def through_a_process(*words, **kwargs) -> subprocess.CompletedProcess:
+    return subprocess.run(
+        [*door(), *map(str, words)], capture_output=True, text=True, timeout=120, check=False, **kwargs
+    )
+
+
+def test_models_lists_the_built_in_ones(run):
+    models = {model["name"]: model for model in json.loads(run("models", "--json").out)["models"]}
+    assert {"gait15", "body26", "body39"} <= set(models)
+    assert len(models["gait15"]["markers"]) == 15
+    assert models["gait15"]["aliases"]["s2"] == "SACR"
+    assert "LASI" in run("models").out
+
+
+def test_help_and_version_are_results(run):
+    for words in (["--help"], ["--version"], ["label", "--help"]):
+        answer = run(*words)
+        assert (answer.status, answer.err) == (0, "")
+        assert answer.out
+
+
+def test_a_process_gives_status_and_last_line(tmp_path):
+    done = through_a_process(
+        "label", tmp_path / "no.csv", "--model", MODEL, "--cameras", tmp_path / "no.toml", "--out", tmp_path
+    )
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.splitlines()[-1].startswith(
+        f"mocap-autolabel: {tmp_path / 'no.toml'}: there is no such file; expected"
+    )
+
+
+@pytest.mark.blender
+@pytest.mark.skipif(not has_blender(), reason="needs bpy")
+def test_blenders_door_is_the_same_command_line(capsys):
+    from addon import registration
+
+    assert registration._run_command(["models", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["models"]
+    assert registration._run_command(["lable"]) == 2
+    assert capsys.readouterr().err.startswith("mocap-autolabel: ")
+
+
+def test_inside_blender_its_own_program_is_started_again(monkeypatch):
+    blender = SimpleNamespace(app=SimpleNamespace(binary_path="/opt/blender/blender"))
+    monkeypatch.setitem(sys.modules, "bpy", blender)
+    assert door() == ["/opt/blender/blender", "--background", "--command", "mocap_autolabel"]
+
+
+def test_a_worker_that_dies_is_one_sentence(monkeypatch, tmp_path):
+    monkeypatch.setattr(workers, "door", lambda: [sys.executable, "-c", "import os; os._exit(7)"])
+    [(number, answer)] = workers.side_by_side([["label"]], 1)
+    assert number == 0
+    assert answer.exit_status == 1
+    assert "status 7" in str(answer)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_an_interruption_leaves_nothing_half_written(room, tmp_path, jobs):
+    lines = room.blobs.read_text().splitlines()
+    frames = len({line.split(",")[0] for line in lines[1:]})
+    again = [
+        f"{int(frame) + frames * turn},{rest}"
+        for turn in range(60)
+        for frame, _, rest in (line.partition(",") for line in lines[1:])
+    ]
+    takes = [tmp_path / "long.csv", tmp_path / "longer.csv"]
+    for take in takes:
+        take.write_text("\n".join([lines[0], *again]) + "\n")
+    out = tmp_path / "out"
+    words = ["label", *takes, "--model", MODEL, "--cameras", room.cameras, "--out", out, "--jobs", jobs]
+    process = subprocess.Popen([*door(), *map(str, words)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    limit = time.monotonic() + 60
+    while not (out.exists() and list(out.iterdir())) and time.monotonic() < limit:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert said.splitlines()[-1].startswith("mocap-autolabel: stopped")
+    assert list(out.iterdir()) == []
