@@ -270,7 +270,7 @@ def write_c3d_file(path: Path, labels: list[str], xyz: np.ndarray, residual: np.
         file.write(words.tobytes())
         # Readers that cannot count beyond 65535 frames read to the end: the padding must be shorter than a frame.
         padding = -words.nbytes % BLOCK
-        file.write(b"\0" * (padding if frames <= 65535 else padding % (16 * count)))
+        file.write(b"\0" * (padding if last < 65535 else padding % (16 * count)))
 
 
 def _parameters(labels: list[str], frames: int, rate: float, first: int, last: int) -> bytes:
@@ -312,7 +312,6 @@ def _section(labels: list[str], frames: int, rate: float, first: int, last: int,
     ]
     analog = [
         _record("USED", 3, 2, (), struct.pack("<H", 0)),
-        _record("RATE", 3, 4, (), struct.pack("<f", 0)),
         _record("GEN_SCALE", 3, 4, (), struct.pack("<f", 1)),
     ]
     groups = [_group("POINT", 1), *point, _group("TRIAL", 2), *trial, _group("ANALOG", 3), *analog]

@@ -62,7 +62,7 @@ def _titles(lines: list[str], path: Path) -> tuple[dict[str, list[str]], int]:
             return titles, number
         if second.strip().lower() in ("type", "name"):
             titles[second.strip().lower()] = fields
-        elif any(field.strip() == "Position" for field in fields):
+        elif any(field.strip() in ("Position", "Rotation") for field in fields):
             titles["property"] = fields
     raise InputError(f"has no row that begins with Frame; expected {KIND}", path, min(len(lines), 12))
 

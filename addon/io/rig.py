@@ -56,6 +56,8 @@ def rig(cameras: Sequence[RigCamera], path: Path) -> Cameras:
 
 
 def _check(camera: RigCamera, path: Path):
+    if not camera.name.strip():
+        raise InputError("has a camera without a name; expected every camera to have one", path)
     values = np.concatenate(
         [
             np.ravel(part)

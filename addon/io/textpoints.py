@@ -12,6 +12,10 @@ from ..core.errors import InputError
 # Beyond this no coordinate is one, in any unit.
 LARGEST = 1e9
 
+# A take may leave frames out, but not nearly all of them: what it would fill the memory with is no take.
+LARGEST_GAP = 10_000
+MOST_FRAMES_A_ROW = 100
+
 
 @dataclass(frozen=True, eq=False)
 class TextTake:
@@ -35,10 +39,12 @@ def rows_to_xyz(
     frames, values = [], []
     for line, fields in rows:
         frames.append(_frame(fields[0], path, line))
-        if len(frames) > 1 and not 0 < frames[-1] - frames[-2] < 1_000_000:
+        if len(frames) > 1 and not 0 < frames[-1] - frames[-2] <= LARGEST_GAP:
             raise InputError(f"goes from frame {frames[-2]} to {frames[-1]}; expected ascending frames", path, line)
         values.append([_value(fields, column + axis, path, line) for column in columns for axis in range(3)])
     number = np.array(frames)
+    if number[-1] - number[0] > LARGEST_GAP + MOST_FRAMES_A_ROW * len(frames):
+        raise InputError(f"has {len(frames)} rows for frames {number[0]} to {number[-1]}; expected every frame", path)
     xyz = np.full((number[-1] - number[0] + 1, len(columns), 3), np.nan)
     xyz[number - number[0]] = np.array(values, dtype=float).reshape(len(frames), len(columns), 3)
     xyz[~np.isfinite(xyz).all(axis=2) | (xyz == 0).all(axis=2)] = np.nan

@@ -31,8 +31,8 @@ def whole_files(targets: Sequence[Path], overwrite: bool = False) -> Iterator[li
         _refuse(target, overwrite)
     token = uuid.uuid4().hex[:12]
     temporaries = [target.with_name(f".part-{token}-{target.name}") for target in targets]
+    _make_folders(targets)
     try:
-        _make_folders(targets)
         try:
             yield temporaries
         except OSError as error:

@@ -1,0 +1,265 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A small valid file of every format that is read, made up here: what the readers' tests start from."""
+
+import struct
+from pathlib import Path
+
+import numpy as np
+
+from addon.core.cameras import Cameras
+from addon.io.cameras import write_cameras
+from addon.io.points import write_c3d, write_trc
+from addon.core.takes import Points
+from addon.io.rig import Z_UP_FROM_Y_UP
+
+TURN = np.diag([1.0, -1.0, -1.0])
+BLOBS = "frame,camera,x,y,area\n" + "".join(
+    f"{frame},cam_{1 + row % 3},{100.25 + 7 * row},{-3.5 + row},{'' if row % 4 == 0 else 12.5}\n"
+    for frame in (7, 8, 8, 10, 11)
+    for row in range(4)
+)
+
+
+def ring(count: int = 4, distortion=(-0.1, 0.05, 0.001, -0.002, 0.01), names=None) -> Cameras:
+    """Cameras in a circle around the room, looking at a person."""
+    angles = np.arange(count) * 2 * np.pi / count + 0.3
+    centres = np.stack([3 * np.cos(angles), 2.5 * np.sin(angles), 1.5 + 0.2 * np.cos(3 * angles)], axis=1)
+    forward = np.array([0.1, -0.2, 1.0]) - centres
+    forward /= np.linalg.norm(forward, axis=1)[:, None]
+    right = np.cross(forward, [0, 0, 1.0])
+    right /= np.linalg.norm(right, axis=1)[:, None]
+    rotation = np.stack([right, np.cross(forward, right), forward], axis=1)
+    focal = 600 + 10.5 * np.arange(count)
+    matrix = np.array([[[f, 0, 320.25], [0, f + 1.5, 243.75], [0, 0, 1]] for f in focal])
+    return Cameras(
+        names=tuple(names or (f"cam_{index + 1}" for index in range(count))),
+        size=np.tile([656, 491], (count, 1)),
+        matrix=matrix,
+        distortion=np.tile(distortion, (count, 1)),
+        rotation=rotation,
+        translation=-np.einsum("cij,cj->ci", rotation, centres),
+    )
+
+
+def quaternion(rotation: np.ndarray) -> np.ndarray:
+    """x, y, z, w of a rotation (3, 3), by the eigenvector that belongs to one."""
+    m = rotation
+    symmetric = np.array(
+        [
+            [m[0, 0] - m[1, 1] - m[2, 2], m[1, 0] + m[0, 1], m[2, 0] + m[0, 2], m[2, 1] - m[1, 2]],
+            [m[1, 0] + m[0, 1], m[1, 1] - m[0, 0] - m[2, 2], m[2, 1] + m[1, 2], m[0, 2] - m[2, 0]],
+            [m[2, 0] + m[0, 2], m[2, 1] + m[1, 2], m[2, 2] - m[0, 0] - m[1, 1], m[1, 0] - m[0, 1]],
+            [m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1], m[0, 0] + m[1, 1] + m[2, 2]],
+        ]
+    )
+    return np.linalg.eigh(symmetric)[1][:, -1]
+
+
+def row(values) -> str:
+    return " ".join(f"{value:.15g}" for value in np.ravel(values))
+
+
+def xcp(cameras: Cameras, radial=(3e-8, -1e-14)) -> str:
+    """A Vicon calibration with two key frames a camera, of which the last counts; square pixels."""
+    parts = []
+    for index, name in enumerate(cameras.names):
+        focal, centre = cameras.matrix[index, 0, 0], cameras.matrix[index, :2, 2]
+        good = (
+            f'FOCAL_LENGTH="{focal:.15g}" ORIENTATION="{row(quaternion(cameras.rotation[index]))}" '
+            f'POSITION="{row(cameras.centres[index] * 1000)}" PRINCIPAL_POINT="{row(centre)}" '
+            f'VICON_RADIAL="{row(radial)}"'
+        )
+        stale = good.replace(f'FOCAL_LENGTH="{focal:.15g}"', 'FOCAL_LENGTH="5"')
+        parts.append(
+            f'<Camera DEVICEID="{2100 + index}" NAME="{name}" PIXEL_ASPECT_RATIO="1" '
+            f'SENSOR_SIZE="{row(cameras.size[index])}" USERID="{index}"><KeyFrames><KeyFrame FRAME="0" {stale}/>'
+            f'<KeyFrame FRAME="9" {good}/></KeyFrames></Camera>'
+        )
+    body = "\n".join(parts)
+    return f'<?xml version="1.0" encoding="UTF-8" standalone="no" ?>\n<Cameras VERSION="1.0">\n{body}\n</Cameras>\n'
+
+
+def qca(cameras: Cameras) -> str:
+    parts = []
+    for index, name in enumerate(cameras.names):
+        rotation, centre = TURN @ cameras.rotation[index], cameras.centres[index] * 1000
+        entries = " ".join(f'r{1 + i}{1 + j}="{rotation[i, j]:.15g}"' for i in range(3) for j in range(3))
+        matrix, lens = cameras.matrix[index] * 64, cameras.distortion[index]
+        size = cameras.size[index] * 64 - 1
+        parts.append(
+            f'<camera active="1" serial="{name}"><transform x="{centre[0]:.15g}" y="{centre[1]:.15g}" '
+            f'z="{centre[2]:.15g}" {entries}/><intrinsic focalLengthU="{matrix[0, 0]:.15g}" '
+            f'focalLengthV="{matrix[1, 1]:.15g}" centerPointU="{matrix[0, 2]:.15g}" centerPointV="{matrix[1, 2]:.15g}" '
+            f'skew="0" sensorMinU="0" sensorMaxU="{size[0]}" sensorMinV="0" sensorMaxV="{size[1]}" '
+            f'radialDistortion1="{lens[0]}" radialDistortion2="{lens[1]}" radialDistortion3="{lens[4]}" '
+            f'tangentalDistortion1="{lens[2]}" tangentalDistortion2="{lens[3]}"/></camera>'
+        )
+    return f'<?xml version="1.0"?>\n<calibration><cameras>\n{chr(10).join(parts)}\n</cameras></calibration>\n'
+
+
+def mcal(cameras: Cameras) -> bytes:
+    parts = []
+    for index, name in enumerate(cameras.names):
+        to_world = Z_UP_FROM_Y_UP.T @ cameras.rotation[index].T @ TURN
+        position = Z_UP_FROM_Y_UP.T @ cameras.centres[index]
+        entries = " ".join(f'OrientMatrix{i}="{value:.15g}"' for i, value in enumerate(to_world.ravel()))
+        matrix, lens = cameras.matrix[index], cameras.distortion[index]
+        parts.append(
+            f'<Camera Serial="{name}"><Properties CameraID="{index}"/><Attributes '
+            f'ImagerPixelWidth="{cameras.size[index, 0]:g}" ImagerPixelHeight="{cameras.size[index, 1]:g}"/>'
+            f'<Intrinsic LensCenterX="1" LensCenterY="1" HorizontalFocalLength="1" VerticalFocalLength="1" k1="0.5"/>'
+            f'<IntrinsicStandardCameraModel LensCenterX="{matrix[0, 2]}" LensCenterY="{matrix[1, 2]}" '
+            f'HorizontalFocalLength="{matrix[0, 0]}" VerticalFocalLength="{matrix[1, 1]}" k1="{lens[0]}" k2="{lens[1]}" '
+            f'k3="{lens[4]}" TangentialX="{lens[2]}" TangentialY="{lens[3]}"/><Extrinsic X="{position[0]:.15g}" '
+            f'Y="{position[1]:.15g}" Z="{position[2]:.15g}" {entries}/></Camera>'
+        )
+    text = (
+        '<?xml version="1.0" encoding="UTF-16LE"?>\n<calibrationProfile version="1"><Calibration>'
+        f'<Cameras Count="{len(cameras)}">\n{chr(10).join(parts)}\n</Cameras></Calibration></calibrationProfile>\n'
+    )
+    return text.encode("utf-16")
+
+
+def opencv_matrix(name: str, values: np.ndarray) -> str:
+    values = np.atleast_2d(values)
+    flat = [f"{value:.16e}" for value in values.ravel()]
+    lines = ",\n       ".join(", ".join(flat[start : start + 3]) for start in range(0, len(flat), 3))
+    return (
+        f"{name}: !!opencv-matrix\n   rows: {values.shape[0]}\n   cols: {values.shape[1]}\n   dt: d\n"
+        f"   data: [ {lines} ]\n"
+    )
+
+
+def yml(cameras: Cameras, intrinsics: bool = True, extrinsics: bool = True) -> str:
+    """One file, or either of the pair, in the way that EasyMocap names its parts."""
+    text = "%YAML:1.0\n---\nnames:\n" + "".join(f'   - "{name}"\n' for name in cameras.names)
+    for index, name in enumerate(cameras.names):
+        if intrinsics:
+            text += opencv_matrix(f"K_{name}", cameras.matrix[index])
+            text += opencv_matrix(f"dist_{name}", cameras.distortion[index])
+            text += f"W_{name}: {cameras.size[index, 0]:.0f}\nH_{name}: {cameras.size[index, 1]:.0f}\n"
+        if extrinsics:
+            text += opencv_matrix(f"Rot_{name}", cameras.rotation[index])
+            text += opencv_matrix(f"T_{name}", cameras.translation[index][:, None])
+    return text
+
+
+def write_selfcal(folder: Path, cameras: Cameras, scale: float = -2.5):
+    """A folder of self-calibration; a projection matrix is good up to its scale and sign."""
+    folder.mkdir(exist_ok=True)
+    np.savetxt(folder / "Res.dat", cameras.size, fmt="%d")
+    (folder / "camera_order.txt").write_text("\n".join(cameras.names) + "\n")
+    for index in range(len(cameras)):
+        matrix, lens = cameras.matrix[index], cameras.distortion[index]
+        projection = scale * matrix @ cameras.extrinsics[index]
+        head = "# Created by Octave\n# name: Pmat\n# type: matrix\n# rows: 3\n# columns: 4\n"
+        body = "\n".join(" " + row(values) for values in projection)
+        (folder / f"camera{index + 1}.Pmat.cal").write_text(head + body + "\n")
+        rad = "".join(f"K{i + 1}{j + 1} = {matrix[i, j]:.15g}\n" for i in range(3) for j in range(3))
+        rad += "".join(f"kc{i + 1} = {lens[i]:.15g}\n" for i in range(4))
+        (folder / f"basename{index + 1}.rad").write_text(rad)
+
+
+def walk(frames: int = 6, points: int = 4, rate: float = 120.0, first: int = 33) -> Points:
+    """A take of a few markers on an upright body, with two gaps; the first trajectory has no name."""
+    time = np.arange(frames)[:, None]
+    height = np.linspace(0.05, 1.7, points)
+    shape = (frames, points)
+    xyz = np.stack([np.broadcast_to(0.01 * time, shape), np.broadcast_to(0.1 * np.sin(height), shape)], axis=2)
+    xyz = np.concatenate([xyz, np.broadcast_to(height[:, None], (frames, points, 1))], axis=2)
+    xyz[1, 1:3] = np.nan
+    names = ("", *(f"M{index}" for index in range(1, points)))
+    return Points(names, xyz, np.where(np.isnan(xyz[..., 0]), np.nan, 0.0005), rate, first)
+
+
+def motive(frames: int = 5) -> str:
+    """A Motive export, y up, mm: one labelled, one unlabelled marker and a rigid body that is no marker."""
+    head = (
+        "Format Version,1.23,Take Name,test,Capture Frame Rate,240.000000,Export Frame Rate,120.000000,"
+        "Length Units,Millimeters,Coordinate Space,Global\n\n"
+        ",Type" + ",Rigid Body" * 7 + ",Marker" * 6 + "\n"
+        ",Name" + ",Wand" * 7 + ",Ann:LASI" * 3 + ",Unlabeled 1036" * 3 + "\n"
+        ",ID" + ",1" * 7 + ",2" * 3 + ",3" * 3 + "\n"
+        ",,Rotation,Rotation,Rotation,Rotation,Position,Position,Position" + ",Position" * 6 + "\n"
+        "Frame,Time (Seconds),X,Y,Z,W,X,Y,Z,X,Y,Z,X,Y,Z\n"
+    )
+    rows = ""
+    for frame in range(frames):
+        gap = ",,," if frame == 2 else f",{100 + frame},{1000 + frame},{-200 - frame}"
+        rows += f"{frame},{frame / 120:.6f},0,0,0,1,5,6,7{gap},11,22,33\n"
+    return head + rows
+
+
+def other_processor(content: bytes, processor: int) -> bytes:
+    """Our own Intel C3D file as a machine with another processor (85 DEC, 86 MIPS) would have written it."""
+    order = ">" if processor == 86 else "<"
+
+    def real(part: bytes) -> bytes:
+        values = np.frombuffer(part, "<f4")
+        if processor == 86:
+            return values.astype(">f4").tobytes()
+        halves = (values * np.float32(4)).astype("<f4").view("<u2").reshape(-1, 2)[:, ::-1]
+        return np.where((values == 0)[:, None], 0, halves).astype("<u2").tobytes()
+
+    def words(part: bytes) -> bytes:
+        return np.frombuffer(part, "<u2").astype(order + "u2").tobytes()
+
+    head = content[:2] + words(content[2:12]) + real(content[12:16]) + words(content[16:20]) + real(content[20:24])
+    out = bytearray(head.ljust(512, b"\0"))
+    blocks = content[514]
+    section = bytearray(content[512 : 512 * (1 + blocks)])
+    section[3] = processor
+    position = 4
+    while section[position]:
+        length, group = struct.unpack_from("bb", section, position)
+        at = position + 2 + length
+        offset = struct.unpack_from("<H", section, at)[0]
+        section[at : at + 2] = words(bytes(section[at : at + 2]))
+        if group > 0:
+            kind, count = struct.unpack_from("bB", section, at + 2)
+            start = at + 4 + count
+            size = abs(kind) * int(np.prod(section[at + 4 : start], dtype=int))
+            if kind in (2, 4):
+                part = bytes(section[start : start + size])
+                section[start : start + size] = words(part) if kind == 2 else real(part)
+        position = at + offset
+    data = content[512 * (1 + blocks) :]
+    return bytes(out + section) + real(data[: len(data) // 4 * 4])
+
+
+def write_all(folder: Path) -> dict[str, Path]:
+    """One file of every format; the name says which reader it is for."""
+    cameras, take = ring(), walk()
+    files = {
+        "toml": folder / "cameras.toml",
+        "xcp": folder / "cameras.xcp",
+        "qca": folder / "cameras.qca.txt",
+        "mcal": folder / "cameras.mcal",
+        "yml": folder / "cameras.yml",
+        "pmat": folder / "selfcal" / "camera1.Pmat.cal",
+        "rad": folder / "selfcal" / "basename2.rad",
+        "res": folder / "selfcal" / "Res.dat",
+        "blobs": folder / "blobs.csv",
+        "labels": folder / "take.labels.csv",
+        "c3d": folder / "take.c3d",
+        "dec": folder / "dec.c3d",
+        "mips": folder / "mips.c3d",
+        "trc": folder / "take.trc",
+        "motive": folder / "motive.csv",
+    }
+    write_cameras(files["toml"], cameras)
+    files["xcp"].write_text(xcp(cameras))
+    files["qca"].write_text(qca(cameras))
+    files["mcal"].write_bytes(mcal(cameras))
+    files["yml"].write_text(yml(cameras))
+    write_selfcal(folder / "selfcal", cameras)
+    files["blobs"].write_text(BLOBS)
+    files["labels"].write_text(
+        "frame,camera,x,y,marker,step,confidence\n1,a,2,3,LASI|RASI,exclusive,0.5\n1,a,2,4,,,0\n"
+    )
+    write_c3d(files["c3d"], take)
+    files["dec"].write_bytes(other_processor(files["c3d"].read_bytes(), 85))
+    files["mips"].write_bytes(other_processor(files["c3d"].read_bytes(), 86))
+    write_trc(files["trc"], take)
+    files["motive"].write_text(motive())
+    return files

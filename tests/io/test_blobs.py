@@ -1,0 +1,243 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Blob files: what is read is what is there, whatever its size and order of columns; what is wrong has a line."""
+
+import tracemalloc
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from addon.core.errors import InputError
+from addon.core.takes import Blobs
+from addon.io import blobs as blob_files
+from addon.io.blobs import BlobWriter, frame_range, read_blobs, write_blobs
+from addon.io.rows import parse_lines, parse_plain, read_header
+from tests.io.samples import BLOBS, ring
+
+CAMERAS = ring()
+
+
+def read(path, text, cameras=CAMERAS, **options):
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    return list(read_blobs(path, cameras, **options))
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "take.csv"
+
+
+def test_rows_frames_and_keys_are_those_of_the_file(path):
+    (rows,) = read(path, BLOBS)
+    assert rows.blobs.frames.tolist() == [7, 8, 9, 10, 11]
+    assert np.bincount(rows.blobs.frame, minlength=5).tolist() == [4, 8, 0, 4, 4]
+    assert rows.keys == [line.rsplit(",", 1)[0] for line in BLOBS.splitlines()[1:]]
+    assert rows.blobs.camera[:4].tolist() == [0, 1, 2, 0]
+    assert rows.blobs.xy[1].tolist() == [107.25, -2.5]
+    assert np.isnan(rows.blobs.area[0])
+    assert rows.blobs.area[1] == 12.5
+    assert rows.fraction == 1
+
+
+def test_columns_come_in_any_order_among_others(path):
+    text = 'note,Y,x,camera,"frame"\nhi,2.50,1,cam_2,5\n,3,+1.0e1, cam_3 ,6.0\n'
+    (rows,) = read(path, text)
+    assert rows.blobs.xy.tolist() == [[1, 2.5], [10, 3]]
+    assert rows.blobs.camera.tolist() == [1, 2]
+    assert rows.blobs.frames.tolist() == [5, 6]
+    assert rows.keys == ["5,cam_2,1,2.50", "6.0, cam_3 ,+1.0e1,3"]
+    assert np.isnan(rows.blobs.area).all()
+
+
+@pytest.mark.parametrize("names", [("a,b", 'say "hi"', "c"), ("Kamera Süd", "カメラ", "x" * 30)])
+def test_names_that_need_quotes_or_are_not_ascii_keep_their_own_text(path, names):
+    cameras = ring(3, names=names)
+    blobs = Blobs(np.array([1]), np.zeros(3, int), np.arange(3), np.ones((3, 2)), np.full(3, np.nan))
+    keys = write_blobs(path, blobs, cameras)
+    (rows,) = read_blobs(path, cameras)
+    assert rows.blobs.camera.tolist() == [0, 1, 2]
+    assert rows.keys == keys == path.read_text(encoding="utf-8").splitlines()[1:]
+
+
+@pytest.mark.parametrize(
+    "change", [lambda t: t.replace("\n", "\r\n"), lambda t: "\ufeff" + t, lambda t: t.rstrip() + "\n\n\n"]
+)
+def test_line_ends_marks_and_empty_lines_change_nothing(path, change):
+    (plain,) = read(path, BLOBS)
+    (other,) = read(path, change(BLOBS))
+    assert other.keys == plain.keys
+    np.testing.assert_array_equal(other.blobs.xy, plain.blobs.xy)
+    assert frame_range(path) == (7, 11)
+
+
+def test_a_range_of_frames_keeps_both_ends(path):
+    (rows,) = read(path, BLOBS, frames=(8, 10))
+    assert rows.blobs.frames.tolist() == [8, 9, 10]
+    assert len(rows.keys) == 12
+    (rest,) = read(path, BLOBS, frames=(10, None))
+    assert rest.blobs.frames.tolist() == [10, 11]
+    with pytest.raises(InputError, match="no blobs in frames 100:"):
+        read(path, BLOBS, frames=(100, None))
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "words"),
+    [
+        ("1,cam_1,2,3\n", 1, "no header"),
+        ("frame,camera,x\n1,cam_1,2\n", 1, "no column y"),
+        ("frame,camera,x,y,x\n", 1, "twice"),
+        ("frame,camera,x,y\n1,cam_1,2,3\n1,nobody,2,3\n", 3, "'nobody' is not in the calibration.*cam_1"),
+        ("frame,camera,x,y\n1,cam_1,nan,3\n", 2, "x is 'nan'"),
+        ("frame,camera,x,y\n1,cam_1,2,inf\n", 2, "y is 'inf'"),
+        ("frame,camera,x,y\n1,cam_1,2,1_0\n", 2, "y is '1_0'"),
+        ("frame,camera,x,y\n1,cam_1,2,1e300\n", 2, "no image"),
+        ("frame,camera,x,y\n1.5,cam_1,2,1\n", 2, "whole number"),
+        ("frame,camera,x,y\n1e30,cam_1,2,1\n", 2, "whole number"),
+        ("frame,camera,x,y\n,cam_1,2,1\n", 2, "frame is ''"),
+        ("frame,camera,x,y\n1,cam_1,2,3\n1,cam_1,2\n", 3, "3 fields; expected 4"),
+        ("frame,camera,x,y\n1,cam_1,2,3\n2,cam_1,7", 3, "3 fields; expected 4.*cut off"),
+        ("frame,camera,x,y\n5,cam_1,2,3\n4,cam_1,2,3\n", 3, "goes back from frame 5 to 4"),
+        ("frame,camera,x,y\n5,cam_1,2,3\n9000000,cam_1,2,3\n", 3, "leaps from frame 5"),
+        ('frame,camera,x,y\n5,"cam_1,2,3\n', 2, "quote"),
+        ("frame,camera,x,y,area\n5,cam_1,2,3,-4\n", 2, "area is -4"),
+        ("frame,camera,x,y\n", 0, "has no blobs"),
+        ("", 0, "is empty"),
+    ],
+)
+def test_what_is_wrong_is_told_with_its_line(path, text, line, words):
+    with pytest.raises(InputError, match=words) as caught:
+        read(path, text)
+    assert caught.value.line == line
+    assert caught.value.file == str(path)
+
+
+def test_lines_are_counted_over_blocks(path, monkeypatch):
+    monkeypatch.setattr(blob_files, "BLOCK_BYTES", 256)
+    text = "frame,camera,x,y\n" + "".join(f"{n // 3},cam_1,{n},1\n" for n in range(500))
+    chunks = read(path, text, chunk_frames=16)
+    assert np.concatenate([c.blobs.frames for c in chunks]).tolist() == list(range(167))
+    assert sum((c.keys for c in chunks), []) == text.splitlines()[1:]
+    assert [len(c.blobs.frames) for c in chunks] == [16] * 10 + [7]
+    assert all(a.fraction <= b.fraction for a, b in zip(chunks, chunks[1:], strict=False))
+    with pytest.raises(InputError) as caught:
+        read(path, text + "3,cam_1,1,1\n")
+    assert caught.value.line == 502
+
+
+def test_a_frame_of_very_many_ghosts_is_one_frame(path, monkeypatch):
+    monkeypatch.setattr(blob_files, "CHUNK_ROWS", 50)
+    counts = [3, 120, 40, 1, 60, 5]
+    text = "frame,camera,x,y\n" + "".join(f"{f},cam_1,{n},1\n" for f, count in enumerate(counts) for n in range(count))
+    chunks = read(path, text)
+    assert [np.bincount(c.blobs.frame, minlength=len(c.blobs.frames)).tolist() for c in chunks] == [
+        [3],
+        [120],
+        [40, 1],
+        [60],
+        [5],
+    ]
+
+
+def test_memory_does_not_grow_with_the_take(path):
+    rng = np.random.default_rng(0)
+
+    def peak(frames: int) -> int:
+        with BlobWriter(path, CAMERAS) as writer:
+            for start in range(0, frames, 500):
+                index = np.repeat(np.arange(500), 40)
+                count = len(index)
+                chunk = Blobs(
+                    np.arange(start, start + 500),
+                    index,
+                    index % 4,
+                    rng.uniform(0, 600, (count, 2)),
+                    rng.uniform(1, 9, count),
+                )
+                writer.write(chunk)
+        tracemalloc.start()
+        for _ in read_blobs(path, CAMERAS):
+            pass
+        used = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return used
+
+    small, large = peak(8_000), peak(24_000)
+    assert large < 1.3 * small, f"{small / 1e6:.0f} MB for 8,000 frames, {large / 1e6:.0f} MB for 24,000"
+    assert large < 250e6
+
+
+FIELD = st.one_of(
+    st.integers(-2000, 2000).map(str),
+    st.floats(-2000, 2000).map(lambda value: f"{value:.3f}"),
+    st.floats(-2000, 2000).map(repr),
+    st.sampled_from(
+        [
+            "",
+            "-",
+            ".",
+            "1.",
+            ".5",
+            "-.5",
+            "1..2",
+            "00012",
+            "1e2",
+            "12345678901234567",
+            "nan",
+            " 7",
+            "+3",
+            "1-2",
+            "9" * 19,
+        ]
+    ),
+)
+LINE = st.tuples(
+    st.sampled_from(["3", "4", "5", "x"]),
+    st.sampled_from(["cam_1", "cam_4", "cam_9", "", " cam_2"]),
+    FIELD,
+    FIELD,
+    FIELD,
+)
+
+
+@given(st.lists(LINE, min_size=1, max_size=6), st.sampled_from(["frame,camera,x,y,area", "frame,camera,x,y,note"]))
+def test_the_fast_way_says_what_the_careful_way_says_or_steps_aside(lines, head):
+    header, start = read_header((head + "\n").encode(), "take.csv")
+    block = "".join(",".join(fields) + "\n" for fields in lines).encode()
+    fast = parse_plain(block, header, CAMERAS, 2)
+    if fast is None:
+        return
+    slow = parse_lines(block, header, CAMERAS, "take.csv", 2)
+    for name in ("frame", "camera", "lines"):
+        np.testing.assert_array_equal(getattr(fast, name), getattr(slow, name))
+    np.testing.assert_allclose(fast.xy, slow.xy, rtol=3e-16)
+    np.testing.assert_allclose(fast.area, slow.area, rtol=3e-16)
+    assert fast.keys == slow.keys
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(-5, 40), st.integers(0, 3), st.integers(-(10**8), 10**9), st.integers(0, 10**6)),
+        min_size=1,
+        max_size=60,
+    ),
+    st.booleans(),
+    st.integers(1, 50),
+)
+def test_what_is_written_is_read(tmp_path_factory, rows, area, chunk_frames):
+    rows = sorted(rows, key=lambda row: row[0])
+    frame, camera, x, y = (np.array(column) for column in zip(*rows, strict=True))
+    frames = np.arange(frame[0], frame[-1] + 1)
+    xy = np.stack([x / 1000 % 1e6, y / 1000], axis=1)
+    size = np.round(np.abs(y) / 100 % 90, 1) if area else np.full(len(y), np.nan)
+    blobs = Blobs(frames, frame - frame[0], camera, xy, size)
+    path = tmp_path_factory.mktemp("blobs") / "take.csv"
+    with BlobWriter(path, CAMERAS, area) as writer:
+        keys = writer.write(blobs)
+    chunks = list(read_blobs(path, CAMERAS, chunk_frames=chunk_frames))
+    assert sum((chunk.keys for chunk in chunks), []) == keys
+    np.testing.assert_array_equal(np.concatenate([c.blobs.frames for c in chunks]), frames)
+    np.testing.assert_array_equal(np.concatenate([c.blobs.frames[c.blobs.frame] for c in chunks]), frame)
+    np.testing.assert_array_equal(np.concatenate([c.blobs.camera for c in chunks]), camera)
+    np.testing.assert_allclose(np.concatenate([c.blobs.xy for c in chunks]), xy, atol=1e-6)
+    np.testing.assert_allclose(np.concatenate([c.blobs.area for c in chunks]), size, rtol=1e-3)

@@ -1,0 +1,262 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Calibrations: every format says the same of the same cameras, and what is wrong is one sentence."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from addon.core.errors import InputError
+from addon.io.cameras import read_cameras, write_cameras
+from addon.io.rig import nearest_rotation, rotation_from_quaternion, rotation_from_vector
+from addon.io.vicon import forward_lens
+from tests.io.samples import mcal, opencv_matrix, qca, quaternion, ring, write_selfcal, xcp, yml
+
+ROOM = np.random.default_rng(3).uniform([-1, -1, 0], [1, 1, 1.9], (50, 3))
+
+
+def assert_same(found, wanted, pixels=1e-6):
+    assert found.names == wanted.names
+    np.testing.assert_allclose(found.size, wanted.size)
+    np.testing.assert_allclose(found.centres, wanted.centres, atol=1e-9)
+    np.testing.assert_allclose(found.project(ROOM), wanted.project(ROOM), atol=pixels)
+
+
+def write(path, content):
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
+
+
+def test_our_own_toml_comes_back_exactly(tmp_path):
+    cameras = ring(names=['"quoted"\\', "Süd 1", "x\x7f\t", "b"])
+    write_cameras(tmp_path / "cameras.toml", cameras)
+    found = read_cameras(tmp_path / "cameras.toml")
+    assert found.names == cameras.names
+    for field in ("size", "matrix", "distortion", "translation"):
+        np.testing.assert_array_equal(getattr(found, field), getattr(cameras, field))
+    np.testing.assert_allclose(found.rotation, cameras.rotation, atol=1e-15)
+
+
+@given(
+    st.integers(1, 5),
+    st.lists(st.floats(-0.3, 0.3), min_size=5, max_size=5),
+    st.lists(st.text(st.characters(exclude_categories=["Cs"]), min_size=1), min_size=5, max_size=5, unique=True),
+)
+def test_any_rig_survives_the_toml(tmp_path_factory, count, lens, names):
+    path = tmp_path_factory.mktemp("rig") / "cameras.toml"
+    cameras = ring(count, lens, names[:count])
+    write_cameras(path, cameras)
+    found = read_cameras(path)
+    assert found.names == cameras.names
+    np.testing.assert_array_equal(found.distortion, cameras.distortion)
+
+
+def test_every_format_says_the_same(tmp_path):
+    cameras = ring()
+    assert_same(read_cameras(write(tmp_path / "a.qca.txt", qca(cameras))), cameras)
+    assert_same(read_cameras(write(tmp_path / "a.xml", qca(cameras))), cameras)
+    assert_same(read_cameras(write(tmp_path / "a.mcal", mcal(cameras))), cameras)
+    assert_same(read_cameras(write(tmp_path / "a.yml", yml(cameras))), cameras)
+    write(tmp_path / "pair" / "intri.yml", yml(cameras, extrinsics=False))
+    write(tmp_path / "pair" / "extri.yml", yml(cameras, intrinsics=False))
+    assert_same(read_cameras(tmp_path / "pair" / "intri.yml"), cameras)
+    assert_same(read_cameras(tmp_path / "pair" / "extri.yml"), cameras)
+
+
+def test_a_self_calibration_folder_is_read_by_any_of_its_files(tmp_path):
+    cameras = ring(distortion=(-0.2, 0.05, 0.001, -0.002, 0))
+    write_selfcal(tmp_path / "selfcal", cameras)
+    for path in ("selfcal", "selfcal/camera2.Pmat.cal", "selfcal/basename1.rad"):
+        assert_same(read_cameras(tmp_path / path), cameras)
+    (tmp_path / "selfcal" / "camera_order.txt").unlink()
+    assert read_cameras(tmp_path / "selfcal").names == ("camera1", "camera2", "camera3", "camera4")
+    (tmp_path / "selfcal" / "basename3.rad").unlink()
+    with pytest.raises(InputError, match=r"no \.rad file with the number 3"):
+        read_cameras(tmp_path / "selfcal")
+
+
+def test_vicon_lens_and_last_key_frame(tmp_path):
+    radial = np.array([3e-8, -1e-14])
+    cameras = ring(distortion=np.zeros(5))
+    square = cameras.matrix.copy()
+    square[:, 1, 1] = square[:, 0, 0]
+    cameras = type(cameras)(
+        cameras.names, cameras.size, square, cameras.distortion, cameras.rotation, cameras.translation
+    )
+    found = read_cameras(write(tmp_path / "a.xcp", xcp(cameras, radial)))
+    assert found.names == cameras.names
+    np.testing.assert_allclose(found.centres, cameras.centres, atol=1e-9)
+    # Vicon's own rule: what the lens bends comes straight about the principal point.
+    bent, straight = found.project(ROOM), cameras.project(ROOM)
+    offset = bent - cameras.matrix[:, None, :2, 2]
+    squared = (offset**2).sum(axis=2, keepdims=True)
+    unbent = offset * (1 + radial[0] * squared + radial[1] * squared**2) + cameras.matrix[:, None, :2, 2]
+    assert np.abs(bent - straight).max() > 0.5
+    np.testing.assert_allclose(unbent, straight, atol=0.002)
+
+
+def test_vicon_names_are_those_that_tell_cameras_apart(tmp_path):
+    text = xcp(ring(3, names=["A", "B", "Left"])).replace('NAME="A"', 'NAME=""').replace('NAME="B"', 'NAME=""')
+    assert read_cameras(write(tmp_path / "a.xcp", text)).names == ("0", "1", "Left")
+    text = text.replace('USERID="1"', 'USERID="0"')
+    assert read_cameras(write(tmp_path / "a.xcp", text)).names == ("2100", "2101", "Left")
+
+
+@given(st.floats(-6e-8, 6e-8), st.floats(-1e-14, 1e-14))
+def test_a_moderate_vicon_lens_is_converted_to_a_twentieth_of_a_pixel(a, b):
+    radii = np.linspace(0, 1000, 500)
+    k1, k2, _, _, k3 = forward_lens(np.array([a, b]), "c", 1800.0, radii, "a.xcp")
+    straight = radii * (1 + a * radii**2 + b * radii**4) / 1800
+    bent = straight * (1 + k1 * straight**2 + k2 * straight**4 + k3 * straight**6) * 1800
+    assert np.abs(bent - radii).max() < 0.05
+
+
+@pytest.mark.parametrize("text", ["nested", "listed", "vector", "no name", "ignored"])
+def test_toml_in_the_ways_of_other_programs(tmp_path, text):
+    lines = (
+        "size = [640, 480]\nmatrix = [[600, 0, 320], [0, 600, 240], [0, 0, 1]]\ndistortions = [0.1, 0.2, 0.0, 0.0]\n"
+    )
+    pose = "rotation = [0.1, 0.2, 0.3]\ntranslation = [0, 0, 3]\n"
+    texts = {
+        "nested": (f"[cameras.0]\ncam_id = 0\n{lines}{pose}[cameras.1]\n{lines}{pose}", ("0", "1")),
+        "listed": (f"[[cameras]]\n{lines}{pose}[[cameras]]\nname = 'b'\n{lines}{pose}", ("0", "b")),
+        "vector": (f"[cam_1]\nname = 'one'\n{lines}{pose}[metadata]\nerror = 0.0\n", ("one",)),
+        "no name": (f"[charuco]\nrows = 5\n[cam_7]\nfisheye = false\n{lines}{pose}", ("cam_7",)),
+        "ignored": (f"[a]\nignore = true\nmatrix = []\n[b]\n{lines}{pose}", ("b",)),
+    }
+    content, names = texts[text]
+    cameras = read_cameras(write(tmp_path / "a.toml", content))
+    assert cameras.names == names
+    np.testing.assert_allclose(cameras.rotation[0], rotation_from_vector(np.array([0.1, 0.2, 0.3])), atol=1e-12)
+    np.testing.assert_allclose(cameras.distortion[0], [0.1, 0.2, 0, 0, 0])
+
+
+GOOD = (
+    "[cam]\nsize = [640, 480]\nmatrix = [[600, 0, 320], [0, 600, 240], [0, 0, 1]]\ndistortions = [0.1]\n"
+    "rotation = [0, 0, 0]\ntranslation = [0, 0, 3]\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("[0, 600, 240]", "[0, 0, 0]", "singular matrix"),
+        ("600, 0, 320", "nan, 0, 320", "not made of numbers"),
+        ("600, 0, 320", "'600', 0, 320", "not made of numbers"),
+        ("[0, 0, 1]", "[0, 0, 2]", "0 0 1"),
+        ("rotation = [0, 0, 0]", "rotation = [[1, 0, 0], [0, 1, 0], [0, 0, -1]]", "not a rotation"),
+        ("rotation = [0, 0, 0]", "rotation = [1, 2]", "rotation of 2 numbers"),
+        ("rotation = [0, 0, 0]\n", "", "no `rotation`"),
+        ("distortions = [0.1]", "distortions = [0, 0, 0, 0, 0, 0.1]", "6 coefficients"),
+        ("distortions = [0.1]", "distortions = [0.1]\nfisheye = true", "fisheye"),
+        ("size = [640, 480]", "size = [0, 480]", "no image size"),
+        ("translation = [0, 0, 3]", "translation = [0, 0, 3e99]", "not a number of any camera"),
+        ("[cam]", "[cam", "not valid TOML"),
+        ("[cam]", "[a]\n[[a]]\n[cam]", "not valid TOML"),
+        ("matrix", "matrices", "no table with a `matrix`"),
+    ],
+)
+def test_a_calibration_that_cannot_be_is_refused(tmp_path, old, new, words):
+    assert len(read_cameras(write(tmp_path / "good.toml", GOOD))) == 1
+    with pytest.raises(InputError, match=words) as caught:
+        read_cameras(write(tmp_path / "a.toml", GOOD.replace(old, new)))
+    assert caught.value.file == str(tmp_path / "a.toml")
+
+
+def test_a_line_of_broken_toml_is_told(tmp_path):
+    with pytest.raises(InputError) as caught:
+        read_cameras(write(tmp_path / "a.toml", GOOD + "x = = 2\n"))
+    assert caught.value.line == 7
+
+
+def test_two_cameras_of_one_name_are_refused(tmp_path):
+    with pytest.raises(InputError, match="same name"):
+        read_cameras(write(tmp_path / "a.toml", GOOD + GOOD.replace("[cam]", "[two]\nname = 'cam'")))
+
+
+def test_motive_needs_the_standard_lens_model(tmp_path):
+    text = mcal(ring()).decode("utf-16").replace("IntrinsicStandardCameraModel", "Gone")
+    with pytest.raises(InputError, match="IntrinsicStandardCameraModel"):
+        read_cameras(write(tmp_path / "a.mcal", text.encode("utf-16")))
+    # The numbers of a calibration in UTF-8 are the same.
+    assert_same(read_cameras(write(tmp_path / "a.mcal", mcal(ring()).decode("utf-16"))), ring())
+
+
+def test_motive_looks_along_its_own_back(tmp_path):
+    """A camera at (0, 1, 4) m of a y-up world, not turned at all, looks at the origin: along -z there, +y here."""
+    text = (
+        '<calibrationProfile><Calibration><Cameras><Camera Serial="M1"><Attributes ImagerPixelWidth="100" '
+        'ImagerPixelHeight="100"/><IntrinsicStandardCameraModel LensCenterX="50" LensCenterY="50" '
+        'HorizontalFocalLength="80" VerticalFocalLength="80"/><Extrinsic X="0" Y="1" Z="4" OrientMatrix0="1" '
+        'OrientMatrix1="0" OrientMatrix2="0" OrientMatrix3="0" OrientMatrix4="1" OrientMatrix5="0" OrientMatrix6="0" '
+        'OrientMatrix7="0" OrientMatrix8="1"/></Camera></Cameras></Calibration></calibrationProfile>'
+    )
+    cameras = read_cameras(write(tmp_path / "a.mcal", text))
+    np.testing.assert_allclose(cameras.centres, [[0, -4, 1]], atol=1e-12)
+    np.testing.assert_allclose(cameras.rotation[0, 2], [0, 1, 0], atol=1e-12)
+    # Higher in the room is higher in the image (a smaller row); right of the camera is right in it.
+    np.testing.assert_allclose(cameras.project(np.array([[0.4, 0, 1], [0, 0, 1.4]]))[0], [[58, 50], [50, 42]])
+
+
+def test_opencv_layouts(tmp_path):
+    cameras = ring(2)
+
+    def matrices(index, *names):
+        values = (cameras.matrix[index], cameras.distortion[index], cameras.rotation[index], cameras.translation[index])
+        return "".join(opencv_matrix(name, value) for name, value in zip(names, values, strict=True))
+
+    nodes = "%YAML:1.0\n---\nimage_width: 656\nimage_height: 491\n"
+    for index, name in enumerate(cameras.names):
+        inner = matrices(index, "camera_matrix", "distortion_coefficients", "rotation", "translation")
+        nodes += f"{name}:\n" + "".join(f"   {line}\n" for line in inner.splitlines())
+    assert_same(read_cameras(write(tmp_path / "nodes.yml", nodes)), cameras)
+    alone = "%YAML:1.0\n---\nsize: [656, 491]\n" + matrices(0, "camera_matrix", "dist_coeffs", "R", "tvec")
+    assert_same(read_cameras(write(tmp_path / "cam_1.yml", alone)), cameras.select([0]))
+    stereo = "%YAML:1.0\n---\n" + opencv_matrix("M1", cameras.matrix[0]) + opencv_matrix("D1", cameras.distortion[0])
+    stereo += opencv_matrix("M2", cameras.matrix[1]) + opencv_matrix("D2", cameras.distortion[1])
+    write(tmp_path / "s" / "intrinsics.yml", stereo)
+    pose = opencv_matrix("R", cameras.rotation[1]) + opencv_matrix("T", 1000 * cameras.translation[1])
+    write(tmp_path / "s" / "extrinsics.yml", "%YAML:1.0\n---\n" + pose)
+    found = read_cameras(tmp_path / "s" / "intrinsics.yml")
+    assert found.names == ("1", "2")
+    np.testing.assert_allclose(found.translation, [[0, 0, 0], cameras.translation[1]], atol=1e-12)
+    np.testing.assert_allclose(found.size, np.round(2 * cameras.matrix[:, :2, 2]))
+    (tmp_path / "s" / "extrinsics.yml").unlink()
+    with pytest.raises(InputError, match=r"needs extrinsics\.yml beside it"):
+        read_cameras(tmp_path / "s" / "intrinsics.yml")
+
+
+def test_a_broken_matrix_of_opencv_is_told_with_its_line(tmp_path):
+    text = "%YAML:1.0\n---\nK_1: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ 1., 2. ]\n"
+    with pytest.raises(InputError, match="2 numbers for 3×3") as caught:
+        read_cameras(write(tmp_path / "a.yml", text))
+    assert caught.value.line == 7
+
+
+def test_kinds_that_are_no_calibration(tmp_path):
+    with pytest.raises(InputError, match="only Blender"):
+        read_cameras(tmp_path / "room.blend")
+    assert read_cameras(tmp_path / "room.blend", read_blend=lambda path: path.name) == "room.blend"
+    for name in ("take.c3d", "cameras"):
+        with pytest.raises(InputError, match=r"kind that is not known.*\.toml"):
+            read_cameras(write(tmp_path / name, "x"))
+    with pytest.raises(InputError, match="<html> at its root"):
+        read_cameras(write(tmp_path / "a.xml", "<html/>"))
+    with pytest.raises(InputError, match="document type"):
+        read_cameras(write(tmp_path / "a.xcp", '<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>'))
+    with pytest.raises(InputError, match="no such file"):
+        read_cameras(tmp_path / "none.xcp")
+
+
+def test_rotations(tmp_path):
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        vector = rng.normal(size=3)
+        rotation = rotation_from_vector(vector)
+        np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
+        np.testing.assert_allclose(rotation @ vector, vector, atol=1e-12)
+        np.testing.assert_allclose(rotation_from_quaternion(quaternion(rotation)), rotation, atol=1e-12)
+        np.testing.assert_allclose(nearest_rotation(np.round(rotation, 4)), rotation, atol=2e-4)
+    np.testing.assert_allclose(rotation_from_vector(np.array([0, 0, np.pi / 2])) @ [1, 0, 0], [0, 1, 0], atol=1e-12)
+    np.testing.assert_array_equal(rotation_from_vector(np.zeros(3)), np.eye(3))

@@ -1,0 +1,322 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Takes of 3D points: every processor and program's files, judged by other readers where there are any."""
+
+import re
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from addon.core.errors import InputError
+from addon.core.takes import Points
+from addon.io.c3d import read_c3d, write_c3d_file
+from addon.io.points import marker_columns, read_points, write_c3d, write_trc
+from addon.io.world import guess_unit, guess_up, up_rotation
+from tests.io.samples import motive, other_processor, walk
+
+ezc3d = pytest.importorskip("ezc3d")
+py_c3d = pytest.importorskip("c3d")
+
+
+def by_ezc3d(path):
+    """Names, xyz (T, P, 3) and residual (T, P) in the file's units, NaN where missing, rate, first frame."""
+    take = ezc3d.c3d(str(path))
+    point = take["parameters"]["POINT"]
+    labels = [label for key in sorted(point) if re.fullmatch(r"LABELS\d*", key) for label in point[key]["value"]]
+    xyz = take["data"]["points"][:3].transpose(2, 1, 0).copy()
+    residual = take["data"]["meta_points"]["residuals"][0].T.copy()
+    missing = (residual < 0) | ~np.isfinite(xyz).all(axis=2) | (xyz == 0).all(axis=2)
+    xyz[missing], residual[missing] = np.nan, np.nan
+    return labels, xyz, residual, take["header"]["points"]["frame_rate"], take["header"]["points"]["first_frame"] + 1
+
+
+def by_py_c3d(path):
+    with warnings.catch_warnings(), path.open("rb") as file:
+        warnings.simplefilter("ignore")
+        reader = py_c3d.Reader(file)
+        frames = np.array([points for _, points, _ in reader.read_frames(check_nan=False)])
+        xyz = frames[..., :3].astype(float)
+        xyz[frames[..., 3] < 0] = np.nan
+        residual = np.where(np.isfinite(xyz).all(axis=2) & (xyz != 0).any(axis=2), frames[..., 3], np.nan)
+        return [label.strip() for label in reader.point_labels], xyz, residual, reader.first_frame, reader.last_frame
+
+
+def test_what_is_written_is_read_by_every_reader(tmp_path):
+    take, path = walk(), tmp_path / "take.c3d"
+    write_c3d(path, take)
+    for labels, xyz in (by_ezc3d(path)[:2], by_py_c3d(path)[:2]):
+        assert labels == ["*1", "M1", "M2", "M3"]
+        np.testing.assert_allclose(xyz, take.xyz * 1000, atol=1e-3)
+    assert by_ezc3d(path)[3:] == (120.0, 33)
+    assert by_py_c3d(path)[3:] == (33, 38)
+    residual = by_py_c3d(path)[2]
+    np.testing.assert_allclose(residual[np.isfinite(residual)], 0.5, atol=0.026)
+    found = read_points(path)
+    assert (found.names, found.rate, found.first_frame) == (take.names, take.rate, take.first_frame)
+    np.testing.assert_allclose(found.xyz, take.xyz, atol=1e-6)
+    np.testing.assert_allclose(found.residual, take.residual, atol=2.6e-5)
+    assert ezc3d.c3d(str(path))["parameters"]["POINT"]["UNITS"]["value"] == ["mm"]
+
+
+def test_missing_samples_are_nan_with_residual_minus_one(tmp_path):
+    write_c3d(tmp_path / "take.c3d", walk())
+    content = (tmp_path / "take.c3d").read_bytes()
+    words = np.frombuffer(content[512 * (1 + content[514]) :], "<f4")[: 6 * 4 * 4].reshape(6, 4, 4)
+    np.testing.assert_array_equal(words[1, 1:3, 3], [-1, -1])
+    assert np.isnan(words[1, 1:3, :3]).all()
+    assert (words[..., 3] < 0).sum() == 2
+
+
+@pytest.mark.parametrize(
+    ("frames", "points", "first"), [(70_001, 2, 5), (3, 600, 70_000), (65_535, 1, 1), (65_536, 1, 0)]
+)
+def test_long_and_wide_takes(tmp_path, frames, points, first):
+    xyz = np.random.default_rng(0).normal(size=(frames, points, 3)).astype(np.float32).astype(float)
+    path = tmp_path / "take.c3d"
+    names = tuple(f"a long name of marker {index}" for index in range(points))
+    write_c3d(path, Points(names, xyz, np.full((frames, points), np.nan), 99.5, first))
+    found = read_points(path)
+    assert (found.names, found.first_frame, found.rate) == (names, first, 99.5)
+    np.testing.assert_allclose(found.xyz, xyz, atol=1e-6)
+    labels, other, *_ = by_ezc3d(path)
+    assert labels == list(names)
+    np.testing.assert_allclose(other, xyz * 1000, atol=1e-3)
+
+
+def test_too_many_points_are_refused(tmp_path):
+    with pytest.raises(InputError, match="16320 points"):
+        write_c3d_file(tmp_path / "a.c3d", ["a"] * 16321, np.zeros((1, 16321, 3)), np.zeros((1, 16321)), 100, 1)
+    with pytest.raises(InputError, match="more names than"):
+        write_c3d_file(tmp_path / "a.c3d", ["a" * 200] * 800, np.ones((1, 800, 3)), np.zeros((1, 800)), 100, 1)
+
+
+@pytest.mark.parametrize("processor", [85, 86])
+def test_dec_and_mips_say_the_same_as_intel(tmp_path, processor):
+    write_c3d(tmp_path / "intel.c3d", walk())
+    other = tmp_path / "other.c3d"
+    other.write_bytes(other_processor((tmp_path / "intel.c3d").read_bytes(), processor))
+    ours, intel = read_c3d(other), read_c3d(tmp_path / "intel.c3d")
+    assert (ours.labels, ours.rate, ours.first_frame) == (intel.labels, intel.rate, intel.first_frame)
+    if processor == 86:
+        np.testing.assert_array_equal(ours.xyz, intel.xyz)
+        np.testing.assert_array_equal(by_py_c3d(other)[1], by_py_c3d(tmp_path / "intel.c3d")[1])
+    else:
+        # A DEC has no NaN: what was one is another number, but its residual says that it is missing.
+        np.testing.assert_allclose(ours.xyz, intel.xyz, rtol=1e-6)
+        # py-c3d makes a huge number of a DEC's zero.
+        theirs = by_py_c3d(other)[1]
+        np.testing.assert_allclose(theirs[intel.xyz != 0], intel.xyz[intel.xyz != 0], rtol=1e-6)
+
+
+def test_integer_files(tmp_path):
+    path = tmp_path / "take.c3d"
+    write_c3d(path, walk())
+    content = bytearray(path.read_bytes())
+    start = 512 * (1 + content[514])
+    words = np.frombuffer(bytes(content[start:]), "<f4")[: 6 * 16].reshape(6, 4, 4)
+    whole = np.nan_to_num(np.rint(words / [0.1, 0.1, 0.1, 1])).astype("<i2")
+    scale = np.float32(-0.05).tobytes()
+    while (at := content.find(scale)) >= 0:
+        content[at : at + 4] = np.float32(0.1).tobytes()
+    path.write_bytes(bytes(content[:start]) + whole.tobytes())
+    found = read_points(path)
+    np.testing.assert_allclose(found.xyz, walk().xyz, atol=5.1e-5)
+    np.testing.assert_allclose(by_ezc3d(path)[1], found.xyz * 1000, atol=1e-2)
+
+
+def test_a_c3d_file_that_is_cut_off_says_how_much_is_there(tmp_path):
+    path = tmp_path / "take.c3d"
+    write_c3d(path, walk(frames=500))
+    path.write_bytes(path.read_bytes()[:-20_000])
+    with pytest.raises(InputError, match=r"has data for \d+ of 500 frames"):
+        read_points(path)
+
+
+def test_real_files_are_read_as_ezc3d_reads_them(shared_data):
+    for pattern in ("people/mcgill/HC030A/*05.c3d", "people/tennis/*.c3d", "people/gaps/*.c3d", "rooms/*/*.c3d"):
+        for path in sorted(shared_data.glob(pattern)):
+            take = read_c3d(path)
+            labels, xyz, _, rate, first = by_ezc3d(path)
+            assert take.labels == labels, path.name
+            assert (take.rate, take.first_frame) == (pytest.approx(rate), first), path.name
+            np.testing.assert_array_equal(take.xyz, xyz)
+    # ezc3d takes the residual from other bits than the format's guide says; py-c3d reads them as we do.
+    doubled = shared_data / "people" / "tennis" / "duplicate_labels.c3d"
+    assert np.nanmax(read_c3d(doubled).residual) > 1
+    np.testing.assert_allclose(read_c3d(doubled).residual, by_py_c3d(doubled)[2], rtol=1e-5)
+
+
+MARKERS = (
+    "LFHD RFHD LBHD RBHD C7 LSHO RSHO LELB RELB LWRA LWRB RWRA RWRB LFIN RFIN LASI RASI SACR LKNE RKNE LANK RANK LHEE "
+    "RHEE LTOE RTOE LTHI RTHI LTIB RTIB"
+).split()
+
+
+def test_model_outputs_are_told_from_markers(shared_data):
+    for path in sorted(shared_data.glob("people/mcgill/*/*.c3d")):
+        take = read_points(path)
+        assert 50 < len(take.names) < 90, f"{path.name}: {take.names}"
+        present = marker_columns(take.names, MARKERS, path)
+        lost = [name for name, column in zip(MARKERS, present, strict=True) if column < 0]
+        assert not set(lost) & set(read_c3d(path).labels), f"{path.name} lost {lost}"
+        assert len(lost) <= 1, f"{path.name} has no {lost}"
+        assert not any("Angle" in name or "Force" in name or "JC" in name for name in take.names)
+        assert [read_c3d(path).labels[index] for index in take.columns if index < 20] == [
+            name for name, index in zip(take.names, take.columns, strict=True) if index < 20
+        ]
+        # People stand on the floor and are no taller than 2 m.
+        height = take.xyz[:, present[present >= 0], 2]
+        assert -0.05 < np.nanmin(height)
+        assert 1.0 < np.nanmax(height) < 2.1, path.name
+        assert len(read_points(path, everything=True).names) == len(read_c3d(path).labels)
+
+
+def test_axes_centres_and_variants_are_no_markers(tmp_path):
+    names = ["PELO", "PELA", "PELL", "PELP", "LTIO", "LASI", "LHJC", "Ann:RKJC", "CentreOfMass", "LTIB", "LTIB1", "T10"]
+    xyz = np.ones((3, len(names), 3)) * np.linspace(0.1, 1.5, len(names))[:, None]
+    write_c3d(tmp_path / "a.c3d", Points(tuple(names), xyz, np.zeros((3, len(names))), 100, 1))
+    take = read_points(tmp_path / "a.c3d")
+    assert take.names == ("LTIO", "LASI", "LTIB", "LTIB1", "T10")
+    assert take.columns.tolist() == [4, 5, 9, 10, 11]
+
+
+def test_markers_are_found_behind_a_subject_and_doubles_are_told():
+    assert marker_columns(["Ann:LASI", "", "RASI"], ["LASI", "RASI", "SACR"]).tolist() == [0, 2, -1]
+    assert marker_columns(["Ann:LASI", "Bob:LASI"], ["Bob:LASI"]).tolist() == [1]
+    assert marker_columns(["LASI", "Bob:LASI"], ["LASI"]).tolist() == [0]
+    with pytest.raises(InputError, match="two subjects.*Ann:LASI, Bob:LASI"):
+        marker_columns(["Ann:LASI", "Bob:LASI"], ["LASI"], "take.c3d")
+    with pytest.raises(InputError, match="the label twice"):
+        marker_columns(["LASI", "LASI"], ["LASI"])
+
+
+def test_duplicate_labels_and_two_players_of_real_files(shared_data):
+    folder = shared_data / "people" / "tennis"
+    doubled = read_points(folder / "duplicate_labels.c3d")
+    assert len(doubled.names) == 48
+    with pytest.raises(InputError, match="twice"):
+        marker_columns(doubled.names, ["T8"])
+    assert marker_columns(doubled.names, ["FRM"]).tolist() == [1]
+    players = read_points(folder / "kinematics_tennis_serve_2players.c3d")
+    with pytest.raises(InputError, match="two subjects"):
+        marker_columns(players.names, ["LASI"])
+    assert (marker_columns(players.names, ["Derrick:LASI", "Viktor:LASI"]) >= 0).all()
+
+
+def test_raw_takes_have_no_names(shared_data):
+    raw = read_points(shared_data / "people" / "clouthier" / "S09_KneeltoRun02.c3d")
+    assert set(raw.names) == {""}
+    assert len(raw.names) == 75
+    export = read_points(shared_data / "exports" / "motive_unlabeled.csv")
+    assert set(export.names) == {""}
+    assert (len(export.xyz), export.rate, export.first_frame) == (1353, 360.0, 0)
+
+
+def test_a_real_trc_stands_up(shared_data):
+    take = read_points(shared_data / "people" / "gaps" / "walk_free_01.trc")
+    assert take.xyz.shape == (73, 41, 3)
+    assert (take.rate, take.first_frame) == (60, 185)
+    hip, top, toe = (
+        np.nanmedian(take.xyz[:, take.names.index(name), 2]) for name in ("R.ASIS", "Top.Head", "R.Toe.Tip")
+    )
+    assert toe < 0.3 < 0.9 < hip < 1.2 < 1.6 < top < 2
+
+
+def test_trc_comes_back(tmp_path):
+    take = walk()
+    write_trc(tmp_path / "take.trc", take)
+    found = read_points(tmp_path / "take.trc")
+    assert found.names == take.names
+    assert (found.rate, found.first_frame) == (120, 33)
+    np.testing.assert_allclose(found.xyz, take.xyz, atol=1e-8)
+
+
+def test_motive_export(tmp_path):
+    path = tmp_path / "take.csv"
+    path.write_text(motive(), encoding="utf-8")
+    take = read_points(path)
+    assert take.names == ("Ann:LASI", "")
+    assert (take.rate, take.first_frame) == (120, 0)
+    # x stays, the height comes third, what was towards the viewer comes second with its sign changed.
+    np.testing.assert_allclose(take.xyz[0], [[0.1, 0.2, 1.0], [0.011, -0.033, 0.022]])
+    assert np.isnan(take.xyz[2, 0]).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "words", "line"),
+    [
+        (lambda t: t.replace("Format Version,1.23,Take Name,test,", ""), "Motive's settings", 1),
+        (lambda t: t.replace("120.000000", "none").replace("240.000000", "-1"), "Export Frame Rate", 1),
+        (lambda t: t.replace("Frame,Time", "No,Time"), "begins with Frame", 12),
+        (lambda t: t.replace("Position", "Rotation"), "no columns of marker positions", 7),
+        (lambda t: t + "5,0.1,0,0", "4 fields; expected 15", 13),
+        (lambda t: t.replace(",1000,", ",hello,"), "'hello' as a coordinate", 8),
+        (lambda t: t + "4" + t.splitlines()[-1][1:] + "\n", "from frame 4 to 4", 13),
+    ],
+)
+def test_what_is_wrong_with_a_motive_export_is_told(tmp_path, change, words, line):
+    path = tmp_path / "take.csv"
+    path.write_text(change(motive()), encoding="utf-8")
+    with pytest.raises(InputError, match=words) as caught:
+        read_points(path)
+    assert caught.value.line == line
+
+
+def test_takes_without_a_point_or_of_another_kind(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        read_points(tmp_path / "a.bvh")
+    (tmp_path / "a.bvh").write_text("x")
+    with pytest.raises(InputError, match="kind that is not known"):
+        read_points(tmp_path / "a.bvh")
+    empty = walk()
+    write_c3d(tmp_path / "a.c3d", Points(empty.names, empty.xyz * np.nan, empty.residual, 100, 1))
+    with pytest.raises(InputError, match="no point that is present"):
+        read_points(tmp_path / "a.c3d")
+
+
+def test_units_and_up_axis_are_told_from_how_people_stand():
+    person = walk(frames=3, points=20).xyz
+    for unit, scale in (("m", 1), ("cm", 100), ("mm", 1000)):
+        assert guess_unit(person * scale) == unit
+    y_up = person @ up_rotation("+Y")
+    assert guess_up(person, likely="+Y") == "+Z"
+    assert guess_up(y_up, likely="+Z") == "+Y"
+    lying = person[..., [2, 0, 1]]
+    assert guess_up(lying, likely="+Z") == "+Z"
+    assert guess_up(lying, likely="+Y") == "+Y"
+
+
+@pytest.mark.parametrize("up", ["+X", "-X", "+Y", "-Y", "+Z", "-Z"])
+def test_every_up_axis_becomes_z(up):
+    rotation = up_rotation(up)
+    axis = np.eye(3)["XYZ".index(up[1])] * (1 if up[0] == "+" else -1)
+    np.testing.assert_allclose(rotation @ axis, [0, 0, 1], atol=1e-15)
+    assert np.linalg.det(rotation) == pytest.approx(1)
+
+
+@given(
+    st.integers(1, 30),
+    st.integers(1, 12),
+    st.integers(0, 100_000),
+    st.floats(1, 2000),
+    st.integers(0, 2**32 - 1),
+    st.lists(
+        st.text(st.characters(codec="utf-8", exclude_categories=["Cc", "Zs", "Cf", "Zl", "Zp"]), max_size=12),
+        min_size=12,
+        max_size=12,
+    ),
+)
+def test_any_take_survives_a_c3d_file(tmp_path_factory, frames, points, first, rate, seed, labels):
+    rng = np.random.default_rng(seed)
+    xyz = rng.uniform(-5, 5, (frames, points, 3))
+    xyz[rng.random((frames, points)) < 0.3] = np.nan
+    path = tmp_path_factory.mktemp("c3d") / "take.c3d"
+    residual = np.where(np.isnan(xyz[..., 0]), np.nan, 0.0)
+    write_c3d_file(path, labels[:points], xyz * 1000, residual, rate, first)
+    take = read_c3d(path)
+    assert take.labels == labels[:points]
+    assert (take.rate, take.first_frame) == (pytest.approx(rate, rel=1e-6), first)
+    np.testing.assert_allclose(take.xyz, xyz * 1000, atol=1e-3)
+    np.testing.assert_array_equal(take.residual, residual)
