@@ -10,6 +10,7 @@ from .errors import InputError
 
 UNDISTORT_STEPS = 20
 UNDISTORT_TOLERANCE = 1e-13
+START = 0.8  # of a lens' reach, the farthest from the axis that undistorting begins
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +86,11 @@ class Cameras:
         """(C,) mean focal length, px: how many pixels one unit of normalised image is worth."""
         return (self.matrix[:, 0, 0] + self.matrix[:, 1, 1]) / 2
 
+    @cached_property
+    def reach(self) -> np.ndarray:
+        """(C,) see `lens_reach`."""
+        return lens_reach(self.distortion)
+
     def normalised(self, points: np.ndarray) -> np.ndarray:
         """Normalised image coordinates (C, ..., 2) of world points (..., 3) m; NaN behind the camera."""
         points = np.asarray(points, dtype=float)
@@ -110,14 +116,14 @@ class Cameras:
     def undistort(self, pixels: np.ndarray, camera: np.ndarray) -> np.ndarray:
         """Normalised, lens-free image coordinates (N, 2) of pixels (N, 2) seen by camera index `camera` (N,).
 
-        Solved by Newton's method to rounding error, not by the usual few fixed-point steps. A pixel outside the
-        invertible part of its lens gives NaN.
+        Solved by Newton's method to rounding error, not by the usual few fixed-point steps. A pixel that no light
+        reaches through its lens gives NaN.
         """
         pixels, camera = np.asarray(pixels, dtype=float), np.asarray(camera, dtype=int)
         inverse = np.linalg.inv(self.matrix[:, :2, :2])
         image = np.einsum("nij,nj->ni", inverse[camera], pixels - self.matrix[camera, :2, 2])
         lens = self.distortion[camera]
-        return undistort(image, lens) if np.any(lens) else image
+        return undistort(image, lens, self.reach[camera]) if np.any(lens) else image
 
 
 def distort(image: np.ndarray, lens: np.ndarray) -> np.ndarray:
@@ -132,16 +138,39 @@ def distort(image: np.ndarray, lens: np.ndarray) -> np.ndarray:
     )
 
 
-def undistort(image: np.ndarray, lens: np.ndarray) -> np.ndarray:
-    """The inverse of `distort`, exact to rounding; NaN where the lens does not reach (..., 2)."""
-    found = image.astype(float, copy=True)
+def lens_reach(lens: np.ndarray) -> np.ndarray:
+    """The radius (...) up to which the radial part of a lens (..., 5) rises, normalised image; inf if it always does.
+
+    Beyond it the polynomial r (1 + k1 r² + k2 r⁴ + k3 r⁶) turns back, so that one pixel would show two directions; no
+    lens does that. With w = 1/r² the turning points are the roots of w³ + 3 k1 w² + 5 k2 w + 7 k3.
+    """
+    lens = np.asarray(lens, dtype=float)
+    companion = np.zeros((*lens.shape[:-1], 3, 3))
+    companion[..., 0, :] = -lens[..., [0, 1, 4]] * [3.0, 5.0, 7.0]
+    companion[..., 1, 0] = companion[..., 2, 1] = 1
+    roots = np.linalg.eigvals(companion)
+    first = np.where(np.abs(roots.imag) < 1e-12, roots.real, 0).max(axis=-1)
+    with np.errstate(divide="ignore"):
+        return 1 / np.sqrt(np.maximum(first, 0) + 0.0)
+
+
+def undistort(image: np.ndarray, lens: np.ndarray, reach: np.ndarray | None = None) -> np.ndarray:
+    """The inverse of `distort` (..., 2), exact to rounding; NaN where no light within the lens' reach comes from.
+
+    `reach` (...) is `lens_reach(lens)`, for callers that know it already.
+    """
+    reach = lens_reach(lens) if reach is None else reach
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        # From a start below the turning point Newton's steps stay on the branch that light takes.
+        radius = np.sqrt(np.einsum("...i,...i->...", image, image))
+        found = image * np.minimum(1.0, START * reach / radius)[..., None]
         for _ in range(UNDISTORT_STEPS):
             error = distort(found, lens) - image
             if np.nanmax(np.abs(error), initial=0.0) < UNDISTORT_TOLERANCE:
-                return found
+                break
             found -= _solve2(_distort_jacobian(found, lens), error)
         reached = np.abs(distort(found, lens) - image).max(axis=-1) < 1e-9
+        reached &= np.einsum("...i,...i->...", found, found) < reach**2
     found[~reached] = np.nan
     return found
 

@@ -193,16 +193,8 @@ def _through_lens(ideal: np.ndarray, cameras: Cameras) -> np.ndarray:
 
     Beyond the radius where the lens polynomial turns back, it would show inside the image what no lens shows there.
     """
-    reach = np.array([_lens_reach(*lens[[0, 1, 4]]) for lens in cameras.distortion])
     with np.errstate(invalid="ignore"):
-        return np.einsum("cfmi,cfmi->cfm", ideal, ideal) < reach[:, None, None] ** 2
-
-
-def _lens_reach(k1: float, k2: float, k3: float) -> float:
-    """The radius up to which r (1 + k1 r² + k2 r⁴ + k3 r⁶) rises."""
-    roots = np.roots([7 * k3, 5 * k2, 3 * k1, 1])
-    turning = roots.real[(np.abs(roots.imag) < 1e-12) & (roots.real > 0)]
-    return float(np.sqrt(turning.min(initial=np.inf)))
+        return np.einsum("cfmi,cfmi->cfm", ideal, ideal) < cameras.reach[:, None, None] ** 2
 
 
 def _ghost_images(

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from addon.core.cameras import Cameras, distort, undistort
+from addon.core.cameras import Cameras, distort, lens_reach, undistort
 from addon.core.errors import InputError
 from addon.core.rigs import paper_rig, ring_rig
 
@@ -78,6 +78,34 @@ def test_a_pixel_that_no_light_reaches_is_not_a_number():
     # The lens' image ends where 1 = 0.9 r²: at 2/3 of 1.054.
     assert np.isfinite(undistort(np.array([[0.70, 0.0]]), lens)).all()
     assert np.isnan(undistort(np.array([[0.71, 0.0]]), lens)).all()
+
+
+@pytest.mark.parametrize("x", [-0.994, 0.75, 1.5, -4.0, 30.0])
+def test_a_pixel_far_outside_does_not_come_from_beyond_the_turning_point(x):
+    """Newton's method finds some root of the polynomial for each of these; light takes none of them."""
+    image, lens = np.array([[x, 0.0], [0.3, 0.2], [0.0, 0.0]]), np.tile([-0.3, 0, 0, 0, 0], (3, 1))
+    found = undistort(image, lens)
+    assert np.isnan(found[0]).all()
+    assert distort(found[1:], lens[1:]) == pytest.approx(image[1:], abs=1e-12)
+
+
+def test_a_lens_reaches_to_its_first_turning_point():
+    lenses = np.array([[-0.3, 0, 0, 0, 0], [0, -0.1, 0, 0, 0], [0, 0, 1, 1, -0.1], [0.2, 0.1, 0, 0, 0], np.zeros(5)])
+    expected = [0.9**-0.5, 0.5**-0.25, 0.7 ** (-1 / 6), np.inf, np.inf]
+    assert lens_reach(lenses) == pytest.approx(expected)
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.floats(0, 0.9),
+    st.floats(-np.pi, np.pi),
+    st.tuples(*[st.floats(-low, low) for low in (0.4, 0.1, 0.001, 0.001, 0.05)]),
+)
+def test_undistort_keeps_to_the_branch_that_light_takes(share, angle, lens):
+    lens = np.array([lens])
+    radius = share * np.minimum(lens_reach(lens), 1.2)
+    image = radius[:, None] * [[np.cos(angle), np.sin(angle)]]
+    assert undistort(distort(image, lens), lens) == pytest.approx(image, abs=1e-8)
 
 
 def test_centres_and_extrinsics():
