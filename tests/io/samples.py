@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from addon.core.cameras import Cameras
+from addon.core.takes import Points
 from addon.io.cameras import write_cameras
 from addon.io.points import write_c3d, write_trc
-from addon.core.takes import Points
 from addon.io.rig import Z_UP_FROM_Y_UP
 
 TURN = np.diag([1.0, -1.0, -1.0])
@@ -109,8 +109,8 @@ def mcal(cameras: Cameras) -> bytes:
             f'ImagerPixelWidth="{cameras.size[index, 0]:g}" ImagerPixelHeight="{cameras.size[index, 1]:g}"/>'
             f'<Intrinsic LensCenterX="1" LensCenterY="1" HorizontalFocalLength="1" VerticalFocalLength="1" k1="0.5"/>'
             f'<IntrinsicStandardCameraModel LensCenterX="{matrix[0, 2]}" LensCenterY="{matrix[1, 2]}" '
-            f'HorizontalFocalLength="{matrix[0, 0]}" VerticalFocalLength="{matrix[1, 1]}" k1="{lens[0]}" k2="{lens[1]}" '
-            f'k3="{lens[4]}" TangentialX="{lens[2]}" TangentialY="{lens[3]}"/><Extrinsic X="{position[0]:.15g}" '
+            f'HorizontalFocalLength="{matrix[0, 0]}" VerticalFocalLength="{matrix[1, 1]}" k1="{lens[0]}" '
+            f'k2="{lens[1]}" k3="{lens[4]}" TangentialX="{lens[2]}" TangentialY="{lens[3]}"/><Extrinsic X="{position[0]:.15g}" '
             f'Y="{position[1]:.15g}" Z="{position[2]:.15g}" {entries}/></Camera>'
         )
     text = (

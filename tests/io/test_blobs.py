@@ -2,6 +2,7 @@
 """Blob files: what is read is what is there, whatever its size and order of columns; what is wrong has a line."""
 
 import tracemalloc
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -117,9 +118,9 @@ def test_lines_are_counted_over_blocks(path, monkeypatch):
     text = "frame,camera,x,y\n" + "".join(f"{n // 3},cam_1,{n},1\n" for n in range(500))
     chunks = read(path, text, chunk_frames=16)
     assert np.concatenate([c.blobs.frames for c in chunks]).tolist() == list(range(167))
-    assert sum((c.keys for c in chunks), []) == text.splitlines()[1:]
+    assert [key for c in chunks for key in c.keys] == text.splitlines()[1:]
     assert [len(c.blobs.frames) for c in chunks] == [16] * 10 + [7]
-    assert all(a.fraction <= b.fraction for a, b in zip(chunks, chunks[1:], strict=False))
+    assert all(a.fraction <= b.fraction for a, b in pairwise(chunks))
     with pytest.raises(InputError) as caught:
         read(path, text + "3,cam_1,1,1\n")
     assert caught.value.line == 502
@@ -202,7 +203,7 @@ LINE = st.tuples(
 
 @given(st.lists(LINE, min_size=1, max_size=6), st.sampled_from(["frame,camera,x,y,area", "frame,camera,x,y,note"]))
 def test_the_fast_way_says_what_the_careful_way_says_or_steps_aside(lines, head):
-    header, start = read_header((head + "\n").encode(), "take.csv")
+    header, _ = read_header((head + "\n").encode(), "take.csv")
     block = "".join(",".join(fields) + "\n" for fields in lines).encode()
     fast = parse_plain(block, header, CAMERAS, 2)
     if fast is None:
@@ -235,7 +236,7 @@ def test_what_is_written_is_read(tmp_path_factory, rows, area, chunk_frames):
     with BlobWriter(path, CAMERAS, area) as writer:
         keys = writer.write(blobs)
     chunks = list(read_blobs(path, CAMERAS, chunk_frames=chunk_frames))
-    assert sum((chunk.keys for chunk in chunks), []) == keys
+    assert [key for chunk in chunks for key in chunk.keys] == keys
     np.testing.assert_array_equal(np.concatenate([c.blobs.frames for c in chunks]), frames)
     np.testing.assert_array_equal(np.concatenate([c.blobs.frames[c.blobs.frame] for c in chunks]), frame)
     np.testing.assert_array_equal(np.concatenate([c.blobs.camera for c in chunks]), camera)

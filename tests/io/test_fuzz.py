@@ -25,8 +25,8 @@ SECONDS = 1.5
 
 TOKENS = [
     b"nan", b"inf", b"-1e999", b"1e308", b"0", b"-1", b"999999999999", b"", b",", b"\n", b'"', b"'", b"\0", b"\xff\xfe",
-    b"[", b"]", b"{", b"}", b"<", b">", b"/>", b":", b"- ", b"  ", b"\t", b"\r", b"\xe2\x82\xac", b"true", b"null", b"=",
-    b"65536", b"\x7f", b"_", b"1_0", b"1e400", b"&amp;", b"!!opencv-matrix", b"#", b"%",
+    b"[", b"]", b"{", b"}", b"<", b">", b"/>", b":", b"- ", b"  ", b"\t", b"\r", b"\xe2\x82\xac", b"true", b"null",
+    b"65536", b"\x7f", b"_", b"1_0", b"1e400", b"&amp;", b"!!opencv-matrix", b"#", b"%", b"=",
 ]  # fmt: skip
 
 

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Labels and truth: the input's own text in front, names that need quotes, and back again."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from addon.core.errors import InputError
+from addon.core.takes import CONFLICT, EXCLUSIVE, NO_MARKER, NO_STEP, REMAINING, Labels
+from addon.io.blobs import read_blobs
+from addon.io.labels import POINT_KEYS, LabelWriter, TruthWriter, read_labels
+from tests.io.samples import BLOBS, ring
+
+MARKERS = ("LASI", "RASI", 'odd "name", really')
+
+
+def labels(marker, step, confidence) -> Labels:
+    return Labels(np.array(marker), np.array(step), np.array(confidence, dtype=float))
+
+
+def test_rows_are_as_the_contract_says(tmp_path):
+    path = tmp_path / "take.labels.csv"
+    with LabelWriter(path, MARKERS) as writer:
+        writer.write(["1,cam_1,2.50,3", "1,cam_2,2,3"], labels([1, NO_MARKER], [CONFLICT, NO_STEP], [0.98765, 0]))
+        writer.write(['2,"a,b",1,1'], labels([0], [EXCLUSIVE], [1.0]))
+    assert path.read_text(encoding="utf-8") == (
+        'frame,camera,x,y,marker,step,confidence\n1,cam_1,2.50,3,RASI,conflict,0.988\n1,cam_2,2,3,,,0\n2,"a,b",1,1,LASI,exclusive,1\n'
+    )
+
+
+def test_labels_of_a_take_begin_with_the_takes_own_text(tmp_path):
+    (tmp_path / "take.csv").write_text(BLOBS.replace("\n", "\r\n"), newline="")
+    with LabelWriter(tmp_path / "out.csv", MARKERS) as writer:
+        for rows in read_blobs(tmp_path / "take.csv", ring(), chunk_frames=2):
+            count = len(rows.keys)
+            writer.write(rows.keys, labels([0] * count, [REMAINING] * count, [0.5] * count))
+    written = (tmp_path / "out.csv").read_text().splitlines()[1:]
+    assert written == [line.rsplit(",", 1)[0] + ",LASI,remaining,0.5" for line in BLOBS.splitlines()[1:]]
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.integers(-9, 999),
+            st.sampled_from(["cam", 'x,"y', "Süd"]),
+            st.integers(-1, 2),
+            st.integers(1, 3),
+            st.integers(0, 1000),
+        ),
+        min_size=1,
+        max_size=30,
+    )
+)
+def test_labels_come_back(tmp_path_factory, rows):
+    path = tmp_path_factory.mktemp("labels") / "take.labels.csv"
+    keys = [f"{frame},{camera},1.5,-2".replace('x,"y', '"x,""y"') for frame, camera, *_ in rows]
+    marker = [row[2] for row in rows]
+    step = [row[3] if row[2] >= 0 else NO_STEP for row in rows]
+    confidence = [row[4] / 1000 if row[2] >= 0 else 0 for row in rows]
+    with LabelWriter(path, MARKERS) as writer:
+        writer.write(keys, labels(marker, step, confidence))
+    table = read_labels(path)
+    assert table.columns == ("frame", "camera", "x", "y")
+    assert table.keys == keys
+    assert table.frame.tolist() == [row[0] for row in rows]
+    assert [table.names[index] for index in table.marker] == ["" if index < 0 else MARKERS[index] for index in marker]
+    words = ("", "exclusive", "conflict", "remaining")
+    assert [table.steps[index] for index in table.step] == [words[index] for index in step]
+    np.testing.assert_allclose(table.confidence, confidence, atol=1e-9)
+
+
+def test_truth_of_blobs_and_of_points_keeps_merged_names(tmp_path):
+    with TruthWriter(tmp_path / "a.csv") as writer:
+        writer.write(["1,c,2,3", "1,c,2,4"], ["LASI|RASI", ""])
+    table = read_labels(tmp_path / "a.csv")
+    assert [table.names[index] for index in table.marker] == ["LASI|RASI", ""]
+    assert np.isnan(table.confidence).all()
+    with TruthWriter(tmp_path / "b.csv", POINT_KEYS) as writer:
+        writer.write(["1,0", "1,7"], ["LASI", "RASI"])
+    table = read_labels(tmp_path / "b.csv")
+    assert (table.columns, table.keys, len(table)) == (POINT_KEYS, ["1,0", "1,7"], 2)
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "words"),
+    [
+        ("frame,camera,x,y\n", 1, "no column marker"),
+        ("frame,marker\n", 1, "no column point"),
+        ("frame,point,marker\n", 0, "no rows"),
+        ("frame,point,marker\n1,2,A\n1,2\n", 3, "2 fields; expected 3"),
+        ("frame,point,marker\nx,2,A\n", 2, "frame 'x'"),
+        ("frame,point,marker,confidence\n1,2,A,1.5\n", 2, "confidence '1.5'"),
+        ("frame,point,marker\n1,2,\0\n", 2, "binary"),
+    ],
+)
+def test_what_is_wrong_is_told_with_its_line(tmp_path, text, line, words):
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(InputError, match=words) as caught:
+        read_labels(tmp_path / "a.csv")
+    assert caught.value.line == line

@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Marker sets as text: nothing is lost but digits, and every part that cannot be is named."""
+
+import json
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from addon.core.errors import InputError
+from addon.core.markersets import MarkerSet
+from addon.io.markersets import builtin_markersets, markerset_text, open_markerset, read_markerset, write_markerset
+from tests.core.toybody import toy_markerset
+
+
+def arrays(markerset: MarkerSet) -> dict[str, np.ndarray]:
+    parts = {
+        "": markerset,
+        "skeleton.": markerset.skeleton,
+        "capsules.": markerset.capsules,
+        "spread.": markerset.spread,
+    }
+    return {
+        prefix + field.name: np.asarray(getattr(part, field.name))
+        for prefix, part in parts.items()
+        for field in fields(part)
+        if isinstance(getattr(part, field.name), (np.ndarray, float))
+    }
+
+
+def assert_same(found: MarkerSet, wanted: MarkerSet):
+    for name in ("name", "description", "markers", "aliases", "source"):
+        assert getattr(found, name) == getattr(wanted, name)
+    assert found.skeleton.segments == wanted.skeleton.segments
+    theirs = arrays(wanted)
+    for name, array in arrays(found).items():
+        np.testing.assert_allclose(array, theirs[name], rtol=1e-5, atol=1e-12, err_msg=name)
+
+
+def damaged(markerset: MarkerSet, *keys, value=None, remove=False) -> str:
+    document = json.loads(markerset_text(markerset))
+    node = document
+    for key in keys[:-1]:
+        node = node[key]
+    if remove:
+        del node[keys[-1]]
+    else:
+        node[keys[-1]] = value
+    return json.dumps(document)
+
+
+def test_a_marker_set_comes_back(tmp_path):
+    markerset = replace(
+        toy_markerset(), aliases={"s2": "SACR", "sacrum": "SACR", "l_toe": "LTOE"}, source={"people": "nobody"}
+    )
+    path = tmp_path / "toy.markerset.json"
+    write_markerset(path, markerset)
+    found = read_markerset(path)
+    assert_same(found, markerset)
+    assert found.skeleton.parents.dtype.kind == found.attachment.dtype.kind == "i"
+    assert markerset_text(found) == path.read_text(encoding="utf-8")
+
+
+def test_the_text_is_made_for_reading():
+    lines = markerset_text(toy_markerset()).splitlines()
+    assert any(
+        line.startswith('    {"name": "SACR", "segment": "pelvis", "offset": [-0.08, 0, 0.02]') for line in lines
+    )
+    assert '    {"name": "pelvis", "parent": null, "offset": [0, 0, 0.53]},' in lines
+    assert max(map(len, lines[:-45])) < 140
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(0, 3))
+def test_any_numbers_come_back_to_six_digits(tmp_path_factory, seed, modes):
+    rng = np.random.default_rng(seed)
+    toy = toy_markerset()
+    joints, count = len(toy.skeleton), len(toy)
+    loose = rng.normal(size=(3 * joints, 3 * joints)) * 10.0 ** rng.uniform(-3, 0)
+    spread = replace(
+        toy.spread,
+        height=float(rng.uniform(1, 2)),
+        modes=rng.normal(size=(modes, joints + count, 3)) * 10.0 ** rng.integers(-6, 1),
+        marker_sd=rng.uniform(0, 0.1, count),
+        pose_mean=rng.normal(size=(joints, 3)),
+        pose_covariance=loose @ loose.T,
+    )
+    markerset = replace(toy, offsets=rng.normal(size=(count, 3)), spread=spread)
+    path = tmp_path_factory.mktemp("sets") / "a.markerset.json"
+    write_markerset(path, markerset)
+    found = read_markerset(path)
+    assert_same(found, markerset)
+    assert markerset_text(found) == path.read_text(encoding="utf-8")
+
+
+def test_keys_of_later_versions_are_let_be(tmp_path):
+    document = json.loads(markerset_text(toy_markerset()))
+    document["ensemble"] = {"solvers": [1, 2, 3]}
+    document["markers"][0]["colour"] = "red"
+    path = tmp_path / "a.markerset.json"
+    path.write_text(json.dumps(document), encoding="utf-8")
+    assert_same(read_markerset(path), toy_markerset())
+
+
+TOO_LONG = [[0.0] * (index + 1) for index in range(3)]
+
+
+@pytest.mark.parametrize(
+    ("keys", "value", "words"),
+    [
+        (("mocap_autolabel",), 2, 'has no "mocap_autolabel": 1'),
+        (("name",), "", 'no "name"'),
+        (("source",), ["x"], '"source" is not an object of texts'),
+        (("segments",), [], '"segments" is missing or empty'),
+        (("segments", 3, "parent"), "tail", r"segments\[3\] has the parent 'tail', which is no segment"),
+        (("segments", 3, "parent"), "upper_arm.L", "go in a circle"),
+        (("segments", 1, "parent"), "head", "go in a circle"),
+        (("segments", 1, "parent"), None, "one root"),
+        (("segments", 0, "parent"), "head", "one root"),
+        (("segments", 2, "name"), "pelvis", "'pelvis' twice"),
+        (("segments", 2, "offset"), [0, 1], "not 3 finite numbers"),
+        (("segments", 2, "offset"), [0, 1, float("nan")], "not 3 finite numbers"),
+        (("segments", 2, "offset"), [0, 1, 10**400], "not 3 finite numbers"),
+        (("segments", 2, "offset"), [0, 1, True], "not 3 finite numbers"),
+        (("markers", 4, "name"), "A|B", "has a sign that label files need"),
+        (("markers", 4, "name"), "*3", "has a sign that label files need"),
+        (("markers", 4, "name"), "LASI", "'LASI' twice"),
+        (("markers", 4, "segment"), "tail", "'tail', which is no segment; expected one of pelvis"),
+        (("markers", 4, "sd"), -1, r'markers\[4\] has no "sd" from 0'),
+        (("markers", 4, "aliases"), ["LASI"], "alias 'LASI' of RASI is taken"),
+        (("markers", 4, "aliases"), "s2", "not a list of names"),
+        (("capsules", 0, "radius"), 0, '"radius"'),
+        (("capsules", 0, "segment"), 3, '"segment"'),
+        (("height", "mean"), 17, '"mean" from 0.3 to 3'),
+        (("height",), None, "height is missing"),
+        (("modes", 0, "joints"), {}, "has no 'pelvis'"),
+        (("pose", "mean", "head"), [1], "not 3 finite numbers"),
+        (("pose", "covariance"), TOO_LONG, "not 39 rows"),
+        (("pose", "covariance", 4), [0, 0, 0, 0, -1], "negative in some direction"),
+        (("pose", "covariance", 4), [0, 0], "row 4 is not 5 finite numbers"),
+    ],
+)
+def test_what_cannot_be_is_named(tmp_path, keys, value, words):
+    path = tmp_path / "a.markerset.json"
+    path.write_text(damaged(toy_markerset(), *keys, value=value), encoding="utf-8")
+    with pytest.raises(InputError, match=words) as caught:
+        read_markerset(path)
+    assert caught.value.file == str(path)
+
+
+@pytest.mark.parametrize(
+    "key", ["mocap_autolabel", "name", "segments", "markers", "capsules", "height", "modes", "pose"]
+)
+def test_what_is_missing_is_named(tmp_path, key):
+    path = tmp_path / "a.markerset.json"
+    path.write_text(damaged(toy_markerset(), key, remove=True), encoding="utf-8")
+    with pytest.raises(InputError, match=key):
+        read_markerset(path)
+
+
+def test_broken_json_is_told_with_its_line(tmp_path):
+    path = tmp_path / "a.markerset.json"
+    lines = markerset_text(toy_markerset()).splitlines()
+    at = next(index for index, line in enumerate(lines) if '"height":' in line)
+    lines[at] = lines[at].replace('"height":', '"height"')
+    path.write_text("\n".join(lines), encoding="utf-8")
+    with pytest.raises(InputError, match="not valid JSON") as caught:
+        read_markerset(path)
+    assert caught.value.line == at + 1
+
+
+def test_numbers_that_are_none_are_not_written(tmp_path):
+    toy = toy_markerset()
+    with pytest.raises(ValueError, match="finite"):
+        write_markerset(tmp_path / "a.json", replace(toy, offsets=toy.offsets * np.nan))
+
+
+def test_the_built_in_sets_are_the_contracts():
+    builtin = builtin_markersets()
+    assert {"gait15", "body26", "body39"} <= builtin.keys()
+    assert [len(open_markerset(name)) for name in ("gait15", "body26", "body39")] == [15, 26, 39]
+    for name, path in builtin.items():
+        assert open_markerset(name).name == name
+        assert open_markerset(path).name == name
+    assert open_markerset("gait15").markers[:3] == ("SACR", "RASI", "LASI")
+    assert open_markerset("gait15").index("s2") >= 0
+
+
+def test_a_set_that_is_not_there_is_refused_with_those_that_are(tmp_path):
+    with pytest.raises(InputError, match=r"no marker set gait99; expected .*gait15"):
+        open_markerset("gait99")
+    with pytest.raises(InputError, match="no such file"):
+        open_markerset(tmp_path / "mine.markerset.json")
