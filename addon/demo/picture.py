@@ -16,7 +16,9 @@ from .sheet import Sheet, words_width
 WIDTH, HEIGHT = 1280, 720
 LENS = 29.0
 # How far from the subject the view is taken and how much higher than its middle, m.
-EYE = (4.5, 1.1)
+EYE = (4.5, 0.9)
+# The height looked at, m: above a person's middle, to leave room for cameras under the title.
+LOOK = 1.25
 # A camera's panel is cut to the subject, but no more than this part of the image.
 CLOSEST = 0.3
 # Where the panels of the cameras begin; the room has what is left of it.
@@ -117,11 +119,11 @@ def limb_colours(markerset: MarkerSet) -> list:
 
 def aim(scene, shot: Shot, middle: np.ndarray):
     """Looks at the subject from in front and a little to the side, from the gap between two cameras."""
-    ahead = shot.facing + np.radians(np.array([-40, -32, -24, 24, 32, 40]))
+    ahead = shot.facing + np.radians(np.array([-58, -50, -42, -34, 34, 42, 50, 58]))
     bearing = np.arctan2(*(shot.cameras.centres - middle)[:, 1::-1].T)
     apart = np.abs((ahead[:, None] - bearing + np.pi) % (2 * np.pi) - np.pi).min(axis=1)
     angle = ahead[np.argmax(apart)]
-    target = np.array([middle[0], middle[1], 1.0])
+    target = np.array([middle[0], middle[1], LOOK])
     eye = target + np.array([EYE[0] * np.cos(angle), EYE[0] * np.sin(angle), EYE[1]])
     room.look_at(scene, eye, target, LENS, ((WIDTH - PANELS + 14) / 2 / WIDTH, 0.0))
 
