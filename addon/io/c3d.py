@@ -24,6 +24,9 @@ MASK_KEY = 80
 # 255 steps of this many mm are what the residual of a sample has room for: 0 to 12.75 mm.
 RESIDUAL_STEP = 0.05
 
+MILLIMETRES = 1000.0
+FRAMES_AT_ONCE = 4096
+
 
 @dataclass(frozen=True, eq=False)
 class C3dTake:
@@ -235,7 +238,8 @@ def _text(content: bytes) -> str:
 def write_c3d_file(path: Path, labels: list[str], xyz: np.ndarray, residual: np.ndarray, rate: float, first_frame: int):
     """Writes points in mm as Intel reals, z up; missing samples are NaN with residual -1.
 
-    xyz (T, P, 3) mm; residual (T, P) mm, NaN where unknown. Any number of frames and up to 16320 points.
+    xyz (T, P, 3) m; residual (T, P) m, NaN where unknown; they may be on disk (np.memmap), for they are read piece by
+    piece. Any number of frames and up to 16320 points.
     Raises InputError where the file cannot hold the take.
     """
     frames, count = xyz.shape[:2]
@@ -258,19 +262,26 @@ def write_c3d_file(path: Path, labels: list[str], xyz: np.ndarray, residual: np.
         0,
         rate,
     )
-    words = np.empty((frames, count, 4), "<f4")
-    words[..., :3] = xyz
-    missing = ~np.isfinite(words[..., :3]).all(axis=2)
-    steps = np.clip(np.rint(np.nan_to_num(residual) / RESIDUAL_STEP), 0, 255)
-    words[..., 3] = np.where(missing, -1, steps)
-    words[missing, :3] = np.nan
     with Path(path).open("wb") as file:
         file.write(header.ljust(BLOCK, b"\0"))
         file.write(section)
-        file.write(words.tobytes())
+        for start in range(0, frames, FRAMES_AT_ONCE):
+            part = slice(start, start + FRAMES_AT_ONCE)
+            file.write(_samples(xyz[part], residual[part]).tobytes())
         # Readers that cannot count beyond 65535 frames read to the end: the padding must be shorter than a frame.
-        padding = -words.nbytes % BLOCK
+        padding = -(frames * 16 * count) % BLOCK
         file.write(b"\0" * (padding if last < 65535 else padding % (16 * count)))
+
+
+def _samples(xyz: np.ndarray, residual: np.ndarray) -> np.ndarray:
+    """(T, P, 4) the words of samples: x, y, z in mm, and the residual in steps or -1."""
+    words = np.empty((*xyz.shape[:2], 4), "<f4")
+    words[..., :3] = np.asarray(xyz, dtype=float) * MILLIMETRES
+    missing = ~np.isfinite(words[..., :3]).all(axis=2)
+    steps = np.clip(np.rint(np.nan_to_num(residual) * (MILLIMETRES / RESIDUAL_STEP)), 0, 255)
+    words[..., 3] = np.where(missing, -1, steps)
+    words[missing, :3] = np.nan
+    return words
 
 
 def _parameters(labels: list[str], frames: int, rate: float, first: int, last: int) -> bytes:

@@ -142,14 +142,12 @@ def write_c3d(path: Path, points: Points):
 
     Missing samples are NaN with residual -1.
     """
-    write_c3d_file(
-        path, _numbered(points.names), points.xyz * 1000, points.residual * 1000, points.rate, points.first_frame
-    )
+    write_c3d_file(path, _numbered(points.names), points.xyz, points.residual, points.rate, points.first_frame)
 
 
 def write_trc(path: Path, points: Points):
     """Writes the same take as `.trc`, in mm, z up; missing samples are empty."""
-    write_trc_file(path, _numbered(points.names), points.xyz * 1000, points.rate, points.first_frame)
+    write_trc_file(path, _numbered(points.names), points.xyz, points.rate, points.first_frame)
 
 
 def _numbered(names: Sequence[str]) -> list[str]:

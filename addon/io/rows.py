@@ -90,7 +90,9 @@ def read_header(head: bytes, path: Path) -> tuple[Header, int]:
     names = [name.strip().strip('"').lower() for name in line.decode("utf-8", "replace").strip().split(",")]
     missing = [name for name in COLUMNS if name not in names]
     if missing:
-        what = "has no header" if len(missing) == len(COLUMNS) else f"has no column {' or '.join(missing)}"
+        what = f"has no column {' or '.join(missing)}"
+        if len(missing) == len(COLUMNS):
+            what = "has semicolons between its fields" if b";" in line else "has no header"
         raise InputError(f"{what}; {expected}", path, 1)
     doubled = [name for name in (*COLUMNS, "area") if names.count(name) > 1]
     if doubled:

@@ -52,7 +52,7 @@ def _number(text: str | None, what: str, path: Path) -> float:
 
 
 def write_trc_file(path: Path, labels: list[str], xyz: np.ndarray, rate: float, first_frame: int):
-    """Writes points (T, P, 3) mm; missing samples are empty fields."""
+    """Writes points (T, P, 3) m as mm; missing samples are empty fields."""
     frames, count = xyz.shape[:2]
     head = [
         f"PathFileType\t4\t(X/Y/Z)\t{Path(path).name}",
@@ -64,6 +64,7 @@ def write_trc_file(path: Path, labels: list[str], xyz: np.ndarray, rate: float, 
     ]
     with Path(path).open("w", encoding="utf-8", newline="\n") as file:
         file.write("\n".join(head) + "\n")
-        for index, values in enumerate(xyz.reshape(frames, -1).tolist()):
+        for index in range(frames):
+            values = (1000.0 * np.asarray(xyz[index], dtype=float)).ravel().tolist()
             fields = ("" if value != value else f"{value:.5f}" for value in values)
             file.write(f"{first_frame + index}\t{index / rate:.6f}\t" + "\t".join(fields) + "\n")

@@ -110,8 +110,8 @@ def mcal(cameras: Cameras) -> bytes:
             f'<Intrinsic LensCenterX="1" LensCenterY="1" HorizontalFocalLength="1" VerticalFocalLength="1" k1="0.5"/>'
             f'<IntrinsicStandardCameraModel LensCenterX="{matrix[0, 2]}" LensCenterY="{matrix[1, 2]}" '
             f'HorizontalFocalLength="{matrix[0, 0]}" VerticalFocalLength="{matrix[1, 1]}" k1="{lens[0]}" '
-            f'k2="{lens[1]}" k3="{lens[4]}" TangentialX="{lens[2]}" TangentialY="{lens[3]}"/><Extrinsic X="{position[0]:.15g}" '
-            f'Y="{position[1]:.15g}" Z="{position[2]:.15g}" {entries}/></Camera>'
+            f'k2="{lens[1]}" k3="{lens[4]}" TangentialX="{lens[2]}" TangentialY="{lens[3]}"/>'
+            f'<Extrinsic X="{position[0]:.15g}" Y="{position[1]:.15g}" Z="{position[2]:.15g}" {entries}/></Camera>'
         )
     text = (
         '<?xml version="1.0" encoding="UTF-16LE"?>\n<calibrationProfile version="1"><Calibration>'

@@ -149,8 +149,9 @@ def test_real_files_are_read_as_ezc3d_reads_them(shared_data):
 
 
 MARKERS = (
-    "LFHD", "RFHD", "LBHD", "RBHD", "C7", "LSHO", "RSHO", "LELB", "RELB", "LWRA", "LWRB", "RWRA", "RWRB", "LFIN", "RFIN",
-    "LASI", "RASI", "SACR", "LKNE", "RKNE", "LANK", "RANK", "LHEE", "RHEE", "LTOE", "RTOE", "LTHI", "RTHI", "LTIB", "RTIB",
+    "LFHD", "RFHD", "LBHD", "RBHD", "C7", "LSHO", "RSHO", "LELB", "RELB", "LWRA", "LWRB", "RWRA", "RWRB", "LFIN",
+    "RFIN", "LASI", "RASI", "SACR", "LKNE", "RKNE", "LANK", "RANK", "LHEE", "RHEE", "LTOE", "RTOE", "LTHI", "RTHI",
+    "LTIB", "RTIB",
 )  # fmt: skip
 
 
@@ -314,7 +315,7 @@ def test_any_take_survives_a_c3d_file(tmp_path_factory, frames, points, first, r
     xyz[rng.random((frames, points)) < 0.3] = np.nan
     path = tmp_path_factory.mktemp("c3d") / "take.c3d"
     residual = np.where(np.isnan(xyz[..., 0]), np.nan, 0.0)
-    write_c3d_file(path, labels[:points], xyz * 1000, residual, rate, first)
+    write_c3d_file(path, labels[:points], xyz, residual, rate, first)
     take = read_c3d(path)
     assert take.labels == labels[:points]
     assert (take.rate, take.first_frame) == (pytest.approx(rate, rel=1e-6), first)
