@@ -14,7 +14,7 @@ def label_confidences(naming: Naming, camera: np.ndarray, marker: np.ndarray) ->
     """(N,) chance that the blobs named by `camera` and `marker` (N,) are rightly named, given the placement.
 
     Each blob is shared out among the markers that could have made it in the proportions of their likelihoods. A marker
-    that has a blob in that camera claims no other.
+    that has a blob in that camera claims no other, and a merged blob is rightly named after either of its markers.
     """
     slot = naming.slot[camera, marker]
     misfit = evidence(naming.frame, naming)[camera, :, slot]
@@ -25,6 +25,7 @@ def label_confidences(naming: Naming, camera: np.ndarray, marker: np.ndarray) ->
     hidden = HIDDEN * ~naming.frame.expected.visible[camera]
     shadowed = SHADOWED * naming.frame.in_front[camera, :, marker]
     rivals = np.where(own | taken, FAR, misfit + hidden + shadowed)
+    rivals = np.where(naming.merged[camera, marker][:, None], FAR, rivals)
     odds = np.exp(np.clip((mine - rivals) / 2, -60, 30)).sum(axis=1)
     return 1 / (1 + odds)
 

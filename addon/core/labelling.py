@@ -18,6 +18,7 @@ MISS = 3.5  # deviations by which a ray may miss the point that it helped to mak
 TAKEN = 9.0  # squared deviations within which a blob belongs to the point that it lies on
 REACH = 5.0  # deviations by which a blob may lie off a point that other cameras made
 OVERLAP = 0.02  # m between two projections that may be one blob
+MERGED = 0.02  # m between two markers that may make one blob
 BEHIND = 0.01  # m by which one marker must be nearer to the camera than another to hide it
 FEWEST_MEETINGS = 5  # markers met in space, below which the noise stays as it was
 UNTRIMMED = 1.35  # what leaving out the worst fifth takes from a normal deviation
@@ -58,6 +59,7 @@ class Naming:
     slot       (C, M) which blob of a camera is the marker, -1 where none
     step       (C, M) index into takes.STEPS
     owner      (C, K) which marker a blob is, -1 where none
+    merged     (C, M) True where the blob is that of two markers: named, but no ray of this one alone
     conflicts  (M,) blobs that were in conflict over the marker
     """
 
@@ -65,6 +67,7 @@ class Naming:
     slot: np.ndarray
     step: np.ndarray
     owner: np.ndarray
+    merged: np.ndarray
     conflicts: np.ndarray
     _meeting: Meeting | None = None
 
@@ -73,14 +76,20 @@ class Naming:
         """Nothing named yet."""
         shape = frame.misfit.shape[:2]
         nobody = np.full(frame.view.real.shape, -1)
-        return cls(frame, np.full(shape, -1), np.zeros(shape, int), nobody, np.zeros(shape[1], int))
+        zeros = np.zeros(shape, int)
+        return cls(frame, np.full(shape, -1), zeros, nobody, zeros > 0, np.zeros(shape[1], int))
 
     @property
     def meeting(self) -> Meeting:
         """Where the named blobs of every marker meet."""
         if self._meeting is None:
-            self._meeting = self.frame.rays.meet(self.slot)
+            self._meeting = self.frame.rays.meet(self.rays)
         return self._meeting
+
+    @property
+    def rays(self) -> np.ndarray:
+        """(C, M) the slots whose rays may be met: all named blobs but the merged ones."""
+        return np.where(self.merged, -1, self.slot)
 
     def give(self, camera, marker, slot, step: int):
         """Names blobs; arrays of equal length."""
@@ -103,6 +112,7 @@ class Frame:
     misfit    (C, M, K) how badly each blob fits each marker: squared deviations plus the log of their size; FAR: never
     metres    (C, M) m, standard deviation of a blob's position at the marker's depth
     depth     (C, M) m
+    image     (C, M, 2) normalised image of the expected markers
     in_front  (C, M, M) 1 where the second marker stands before the first
     """
 
@@ -118,6 +128,7 @@ class Frame:
         spread = slope @ expected.covariance[None] @ slope.swapaxes(-1, -2)
         spread[..., 0, 0] += (self.metres / self.depth) ** 2
         spread[..., 1, 1] += (self.metres / self.depth) ** 2
+        self.image = image[0]
         self.misfit = self._against(image[0], spread)
         self.in_front = self._in_front(image[0])
 
@@ -151,6 +162,7 @@ def name_markers(view: View, sight: Sight, expected: Expectation, rules: Rules) 
     withdraw_strangers(frame, naming)
     name_remaining(frame, naming)
     withdraw_strangers(frame, naming)
+    name_merged(frame, naming)
     return naming
 
 
@@ -316,12 +328,38 @@ def name_remaining(frame: Frame, naming: Naming):
     _give_best(naming, np.where(is_open & _undisputed(frame, is_open), frame.misfit, FAR), REMAINING)
 
 
+def name_merged(frame: Frame, naming: Naming):
+    """Blobs still unnamed that lie between two markers which look like one from there: named after the nearer one.
+
+    Two markers in one blob draw its centre between them, so it fits neither, and its ray is nobody's.
+    """
+    apart = frame.image[:, :, None] - frame.image[:, None]
+    near = (np.einsum("cmni,cmni->cmn", apart, apart) * (frame.depth**2)[..., None]) < MERGED**2
+    free = naming.slot < 0
+    near &= free[..., None] & free[:, None] & (frame.depth[..., None] <= frame.depth[:, None])
+    near[:, frame.markers, frame.markers] = False
+    camera, first, second = np.nonzero(near)
+    if not len(camera):
+        return
+    middle = (frame.image[camera, first] + frame.image[camera, second]) / 2
+    between = frame.view.image[camera] - middle[:, None]
+    square = (between[..., 0] ** 2 + between[..., 1] ** 2) * (frame.depth[camera, first] ** 2)[:, None]
+    square = np.where((naming.owner[camera] < 0) & frame.view.real[camera], square, FAR)
+    slot = square.argmin(axis=1)
+    square = square[np.arange(len(slot)), slot]
+    for index in np.argsort(square):
+        c, m, k = camera[index], first[index], slot[index]
+        if square[index] < (MERGED / 2) ** 2 and naming.slot[c, m] < 0 and naming.owner[c, k] < 0:
+            naming.give(c, m, k, REMAINING)
+            naming.merged[c, m] = True
+
+
 def pixel_noise(naming: Naming, sight: Sight) -> float:
     """px, standard deviation of the blobs' positions as the meeting rays show it; NaN when too few rays meet.
 
     The worst fifth of the markers does not count: a wrong name or a merged blob is not noise.
     """
-    seen = naming.slot >= 0
+    seen = naming.rays >= 0
     freedom = 2.0 * seen.sum(axis=0) - 3
     usable = (freedom > 0) & np.isfinite(naming.meeting.residual)
     if usable.sum() < FEWEST_MEETINGS:

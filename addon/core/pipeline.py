@@ -23,8 +23,9 @@ from .tracking import Followed, Track, follow
 from .views import View, split_views
 
 TRIALS = 9  # frames of a chunk in which a lost subject is looked for
-SURE = 0.95  # a placement this sure, with enough names, ends the looking
-ENOUGH = 0.8  # share of the markers that a sure frame names
+SURE = 0.95  # a placement this sure that names every marker ends the looking
+CONTENT = 3  # sure placements after which the best will do
+ENOUGH = 0.8  # share of the markers that such a placement names
 LEAST_SURE = 0.7  # a placement less sure than this names nothing
 LEAST_NAMED = 0.4
 UNSURE = 0.9  # placements below this are pointed out
@@ -138,19 +139,21 @@ class TakeLabeller:
 
     def _best_found(self, views: list[View], at: int) -> tuple[int, Found | None]:
         """The surest frame of a few spread over the chunk."""
-        best, best_index, best_score = None, at, 0.0
+        best, best_index, best_score, content = None, at, 0.0, 0
         for index in _spread(at, len(views)):
             with self.setup.clock("place"):
                 found = find_subject(views[index], self.setup, self.options.hints)
             if found is None:
                 continue
-            named = float((found.naming.slot >= 0).any(axis=0).mean())
+            named = found.named
             if found.confidence < LEAST_SURE or named < LEAST_NAMED:
                 continue
             score = found.confidence * named
             if score > best_score:
                 best, best_index, best_score = found, index, score
-            if found.confidence > SURE and named > ENOUGH:
+            sure = found.confidence > SURE
+            content += sure and named > ENOUGH
+            if (sure and named == 1) or content >= CONTENT:
                 break
         return best_index, best
 

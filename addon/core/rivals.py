@@ -29,7 +29,7 @@ def withdraw_strangers_to_body(naming: Naming, state: State, subject: Subject, s
     deviation of the prediction without it is rᵀ (R - P)⁻¹ r.
     """
     points = naming.meeting.points
-    doubtful = np.isfinite(points[:, 0]) & ((naming.slot >= 0).sum(axis=0) == 2)
+    doubtful = np.isfinite(points[:, 0]) & ((naming.rays >= 0).sum(axis=0) == 2)
     if not doubtful.any():
         return
     noise = ((ROOM * subject.own_sd) ** 2 + setup.rules.slack**2)[:, None, None] * np.eye(3)
@@ -62,10 +62,10 @@ def try_swaps(view: View, naming: Naming, subject: Subject, state: State, setup:
     pairs = _neighbours(naming, state)
     if not len(pairs):
         return Swaps(pairs, np.zeros(0))
-    slots = np.repeat(naming.slot[None], len(pairs) + 1, axis=0)
+    slots = np.repeat(naming.rays[None], len(pairs) + 1, axis=0)
     each = np.arange(len(pairs)) + 1
-    slots[each, :, pairs[:, 0]] = naming.slot[:, pairs[:, 1]].T
-    slots[each, :, pairs[:, 1]] = naming.slot[:, pairs[:, 0]].T
+    slots[each, :, pairs[:, 0]] = naming.rays[:, pairs[:, 1]].T
+    slots[each, :, pairs[:, 1]] = naming.rays[:, pairs[:, 0]].T
     bodies = subject.bodies.pick(np.zeros(len(slots), dtype=int))
     fit = fit_body(
         setup.model, bodies, slots_pull(view, slots, naming.frame.metres, subject.own_sd, setup), STEPS, prior
@@ -75,7 +75,7 @@ def try_swaps(view: View, naming: Naming, subject: Subject, state: State, setup:
 
 def swap_names(naming: Naming, first: int, second: int):
     """Exchanges two markers' names in every camera."""
-    for array in (naming.slot, naming.step):
+    for array in (naming.slot, naming.step, naming.merged):
         array[:, [first, second]] = array[:, [second, first]]
     for marker in (first, second):
         camera = np.flatnonzero(naming.slot[:, marker] >= 0)

@@ -59,6 +59,12 @@ class Found:
     swaps: Swaps
     cost: float
 
+    @property
+    def named(self) -> float:
+        """Share of the markers that have a place in space, a single blob counting half."""
+        views = (self.naming.slot >= 0).sum(axis=0)
+        return float(np.minimum(views, 2).mean() / 2)
+
 
 def find_subject(view: View, setup: Setup, hints: Hints) -> Found | None:
     """The subject in this frame, or None when the blobs hold nobody.

@@ -88,7 +88,7 @@ def slots_pull(view: View, slots: np.ndarray, noise: np.ndarray, own_sd: np.ndar
 
 def named_pull(view: View, naming: Naming, subject: Subject, setup: Setup):
     """The data term of a frame's names for its subject: a function markers → cost.Pull."""
-    return slots_pull(view, naming.slot[None], naming.frame.metres, subject.own_sd, setup)
+    return slots_pull(view, naming.rays[None], naming.frame.metres, subject.own_sd, setup)
 
 
 def refit(view: View, naming: Naming, subject: Subject, setup: Setup, steps: int, prior) -> tuple[Subject, State]:
