@@ -86,13 +86,17 @@ def read_c3d(file: Path, prefixes: bool = False) -> tuple[list[str], np.ndarray,
     group = take["parameters"]["POINT"]
     names = [name for key in ("LABELS", "LABELS2", "LABELS3") if key in group for name in group[key]["value"]]
     if not prefixes:
-        mended = MISLABELLED.get(file.stem, {})
-        names = [mended.get(name.split(":")[-1], name.split(":")[-1]) for name in names]
+        names = [true_name(file.stem, name.split(":")[-1]) for name in names]
     unit = {"mm": 0.001, "cm": 0.01}.get("".join(group["UNITS"]["value"]), 1.0)
     points = take["data"]["points"][:3].transpose(2, 1, 0)
     points = np.where((points == 0).all(axis=2, keepdims=True), np.nan, points) * unit
     stated = take["parameters"].get("PROCESSING", {}).get("Height", {}).get("value", [0])[0]
     return names[: points.shape[1]], points, float(stated) / 1000 or None
+
+
+def true_name(take: str, label: str) -> str:
+    """The marker that a take (its file's name without the suffix) labels so."""
+    return MISLABELLED.get(take, {}).get(label, label)
 
 
 def _wanted() -> list[str]:

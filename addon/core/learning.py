@@ -133,8 +133,8 @@ def learn(people: Sequence[Person], set_name: str) -> MarkerSet:
 def study(people: Sequence[Person], whole_body: bool) -> Study:
     """Fits everybody with a body of their own. Raises ValueError as `learn` does."""
     segments = WHOLE_SEGMENTS if whole_body else LOWER_SEGMENTS
-    carried = {site.name for site in segments}
-    layout = Layout(segments, tuple(site for site in MARKERS if site.segment in carried))
+    carried, shown = {site.name for site in segments}, _shown(people)
+    layout = Layout(segments, tuple(site for site in MARKERS if site.segment in carried and site.name in shown))
     mean = _template(people, layout)
     data = [person.of(layout.marker_names) for person in people]
     has = np.array([np.isfinite(points[..., 0]).any(axis=0) for points in data])
@@ -148,6 +148,15 @@ def study(people: Sequence[Person], whole_body: bool) -> Study:
         mean = _symmetric_mean(offsets, has, mean, layout)
         fits = [_rebased(layout, fit, *row, mean) for fit, row in zip(fits, settled, strict=True)]
     return _in_rest_pose(layout, tuple(people), data, fits, mean, offsets, has, stature)
+
+
+def _shown(people: Sequence[Person]) -> set[str]:
+    """Names of all points that are in anybody's takes, and of their mirror images."""
+    shown = set()
+    for person in people:
+        there = np.isfinite(person.points).all(axis=2).any(axis=0)
+        shown.update(name for name, is_there in zip(person.names, there, strict=True) if is_there)
+    return shown | {other_side(name) for name in shown}
 
 
 def _template(people: Sequence[Person], layout: Layout) -> np.ndarray:
@@ -202,7 +211,8 @@ def _mixed(site: SegmentSite | MarkerSite, where: dict[str, np.ndarray]) -> np.n
     lift = np.array(site.lift) * (MIRROR if is_right(site.name) else 1)
     if not site.mix:
         return np.full(3, np.nan)
-    return sum((share * where[name] for name, share in site.mix), np.zeros(3)) + lift
+    unknown = np.full(3, np.nan)
+    return sum((share * where.get(name, unknown) for name, share in site.mix), np.zeros(3)) + lift
 
 
 def _mean_known(values) -> np.ndarray:
@@ -325,10 +335,11 @@ def markerset_of(found: Study, set_name: str) -> MarkerSet:
     """The built-in marker set `set_name` out of a study. Raises ValueError for a marker that is in nobody's takes."""
     layout, site = found.layout, SETS[set_name]
     joints = layout.joints
-    chosen = np.array([layout.names.index(name) for name in site.markers])
-    absent = [name for name, index in zip(site.markers, chosen, strict=True) if not found.has[:, index].any()]
+    known = {name for name, has in zip(layout.names, found.has.any(axis=0), strict=True) if has}
+    absent = [name for name in site.markers if name not in known and other_side(name) not in known]
     if absent:
         raise ValueError(f"no take shows {' '.join(absent)}")
+    chosen = np.array([layout.names.index(name) for name in site.markers])
     kept = np.concatenate([np.arange(joints), chosen])
     modes, marker_sd = _shape_spread(found, kept, joints)
     pose_mean, pose_covariance = _pose_spread(found)

@@ -20,6 +20,7 @@ REACH = 0.2  # m; farther off than this a point pulls less and less, it may be l
 FEWEST = 4  # markers; a frame with fewer has no pose
 SUBJECT_FRAMES = 40  # enough to tell one subject's size and shape
 KEY_STRIDE = 8  # frames; those in between start from their neighbours' poses
+POOR = 3.0  # times the median cost; a frame that is posed worse than this is tried again
 BATCH = 256  # frames posed at once: large enough for NumPy, small enough for the cache
 HOLD = 1e9  # 1/m², holds a column against any data, yet is not so large that the rest is lost in rounding
 OWN_SD = 0.02  # heights, how far a subject's own markers stray from where the shape puts them
@@ -65,6 +66,7 @@ def pose_subject(model: BodyModel, subject: Bodies, points: np.ndarray, prior: P
     posed = _fit_batches(stiff, start, points[keys], held, 15)
     if len(keys) < len(points):
         posed = _fit_batches(stiff, _between(posed, keys, len(points)), points, held, 4)
+        posed = _tried_again(stiff, posed, points, held)
     return replace(
         posed,
         scale=np.repeat(subject.scale, len(points), axis=0),
@@ -223,6 +225,23 @@ def _fit_batches(model: BodyModel, start: Bodies, points: np.ndarray, prior, ste
         chosen = slice(first, first + BATCH)
         parts.append(fit_body(model, start.pick(chosen), point_pull(points[chosen]), steps, prior).bodies)
     return Bodies(*(np.concatenate([getattr(part, name) for part in parts]) for name in Bodies.__dataclass_fields__))
+
+
+def _tried_again(model: BodyModel, posed: Bodies, points: np.ndarray, prior: _Held) -> Bodies:
+    """The frames that are posed worse than most, once more from where they are and from the frame before and after."""
+    cost = point_pull(points)(model.pose(posed).markers).cost
+    poor = np.flatnonzero(cost > POOR * np.median(cost))
+    for shift in (0, -1, 1):
+        if not len(poor):
+            break
+        start = posed.pick(np.clip(poor + shift, 0, len(points) - 1))
+        again = _fit_batches(model, start, points[poor], prior, 12)
+        new = point_pull(points[poor])(model.pose(again).markers).cost
+        better = new < cost[poor]
+        for name in Bodies.__dataclass_fields__:
+            getattr(posed, name)[poor[better]] = getattr(again, name)[better]
+        cost[poor[better]] = new[better]
+    return posed
 
 
 def _between(keys_posed: Bodies, keys: np.ndarray, count: int) -> Bodies:
