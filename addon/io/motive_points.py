@@ -74,7 +74,7 @@ def _markers(
     starts: dict[str, list[tuple[str, int]]] = {}
     column = 2
     while column + 2 < len(names):
-        kind = kinds[column].strip().lower() if column < len(kinds) else "marker"
+        kind = kinds[column].strip().lower().removesuffix(" (measured)") if column < len(kinds) else "marker"
         here = names[column : column + 3]
         position = all(field.strip() == "Position" for field in properties[column : column + 3]) if properties else True
         if position and len(set(here)) == 1:

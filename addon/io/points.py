@@ -52,7 +52,7 @@ def read_points(path: Path, everything: bool = False) -> FilePoints:
         raise InputError(f"is of a kind that is not known ({suffix or 'no suffix'}); {EXPECTED}", path)
     take = read_trc(path) if suffix == ".trc" else read_motive(path)
     xyz = _metres(take.xyz, take.unit, path)
-    xyz = xyz @ up_rotation(guess_up(xyz, likely="+Y")).T
+    xyz = xyz @ up_rotation(take.up or guess_up(xyz, likely="+Y")).T
     residual = np.full(xyz.shape[:2], np.nan)
     return FilePoints(_named(take.labels), xyz, residual, take.rate, take.first_frame, np.arange(len(take.labels)))
 

@@ -19,13 +19,17 @@ MOST_FRAMES_A_ROW = 100
 
 @dataclass(frozen=True, eq=False)
 class TextTake:
-    """labels P names; xyz (T, P, 3) in `unit` (empty where the file does not say); rate; number of the first frame."""
+    """labels P names; xyz (T, P, 3) in `unit`; rate; number of the first frame; `up` the axis that points up.
+
+    `unit` and `up` are empty where the file does not say.
+    """
 
     labels: list[str]
     xyz: np.ndarray
     unit: str
     rate: float
     first_frame: int
+    up: str = ""
 
 
 def rows_to_xyz(

@@ -11,6 +11,9 @@ from .textpoints import TextTake, rows_to_xyz
 
 KIND = "a .trc file"
 
+# The format has no word for the axis that points up, and most of its files have y up; ours say here that it is z.
+Z_UP = "Z_UP"
+
 
 def read_trc(path: Path) -> TextTake:
     """Raises InputError with the line where the file is not as the format says."""
@@ -41,7 +44,7 @@ def read_trc(path: Path) -> TextTake:
     if not rows:
         raise InputError("has no frames; expected at least one", path)
     frames, xyz = rows_to_xyz(rows, columns, path)
-    return TextTake(labels, xyz, head.get("Units", "").lower(), rate, int(frames[0]))
+    return TextTake(labels, xyz, head.get("Units", "").lower(), rate, int(frames[0]), "+Z" if Z_UP in lines[0] else "")
 
 
 def _number(text: str | None, what: str, path: Path) -> float:
@@ -55,7 +58,7 @@ def write_trc_file(path: Path, labels: list[str], xyz: np.ndarray, rate: float, 
     """Writes points (T, P, 3) m as mm; missing samples are empty fields."""
     frames, count = xyz.shape[:2]
     head = [
-        f"PathFileType\t4\t(X/Y/Z)\t{Path(path).name}",
+        f"PathFileType\t4\t(X/Y/Z)\t{Path(path).name}\t{Z_UP}",
         "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
         f"{rate:.6g}\t{rate:.6g}\t{frames}\t{count}\tmm\t{rate:.6g}\t{first_frame}\t{frames}",
         "Frame#\tTime\t" + "\t\t\t".join(label.replace("\t", " ") for label in labels) + "\t\t",

@@ -234,6 +234,13 @@ def test_trc_comes_back(tmp_path):
     np.testing.assert_allclose(found.xyz, take.xyz, atol=1e-8)
 
 
+def test_our_own_trc_keeps_a_person_who_lies_down(tmp_path):
+    take = walk(points=20)
+    lying = Points(take.names[:1] * 20, take.xyz[..., [2, 0, 1]] + [0, 0, 0.1], take.residual, 120, 1)
+    write_trc(tmp_path / "take.trc", lying)
+    np.testing.assert_allclose(read_points(tmp_path / "take.trc").xyz, lying.xyz, atol=1e-8)
+
+
 def test_motive_export(tmp_path):
     path = tmp_path / "take.csv"
     path.write_text(motive(), encoding="utf-8")
