@@ -39,7 +39,7 @@ class LabelJob:
     cameras   the calibration
     model     a built-in marker set's name or the path of one
     frames    first and last frame to label, both included, None for the take's own
-    rate      frames a second
+    rate      frames a second, None where nobody knows: then USUAL_RATE, and the report says that it was assumed
     height    the subject's height, m, and facing, rad, where known
     trc       write STEM.trc too
     blend     save STEM.blend too; needs Blender
@@ -51,13 +51,18 @@ class LabelJob:
     model: str
     out: Path
     frames: tuple[int | None, int | None] | None = None
-    rate: float = USUAL_RATE
+    rate: float | None = None
     height: float | None = None
     facing: float | None = None
     trc: bool = False
     blend: bool = False
     overwrite: bool = False
     keep: bool = False
+
+    @property
+    def frame_rate(self) -> float:
+        """Frames a second, given or assumed."""
+        return USUAL_RATE if self.rate is None else self.rate
 
     def target(self, ending: str) -> Path:
         """The file of this take with an ending such as `.c3d`."""
@@ -84,14 +89,15 @@ def label_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
     with ExitStack() as stack:
         parts = stack.enter_context(whole_files([job.target(ending) for ending in endings], job.overwrite))
         files = dict(zip(endings, parts, strict=True))
-        scratch = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="mocap-autolabel-")))
-        motion = stack.enter_context(MotionFile(scratch, markerset.markers, job.rate))
+        folder = tempfile.TemporaryDirectory(prefix="mocap-autolabel-", ignore_cleanup_errors=True)
+        scratch = Path(stack.enter_context(folder))
+        motion = stack.enter_context(MotionFile(scratch, markerset.markers, job.frame_rate))
         labels = stack.enter_context(LabelWriter(files[".labels.csv"], markerset.markers))
         summary = TakeSummary(markerset.markers)
         source = Source(job, cameras)
         chunks = []
         clock = {"load": perf_counter() - begin, "write": 0.0}
-        for chunk in label_take(source.blobs(), cameras, markerset, job.rate, options(job)):
+        for chunk in label_take(source.blobs(), cameras, markerset, job.frame_rate, options(job)):
             row = source.taken.popleft()
             with timed(clock, "write"):
                 labels.write(row.keys, chunk.labels)
@@ -103,15 +109,20 @@ def label_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         clock["load"] += source.seconds
         with timed(clock, "write"):
             labels.file.flush()
-            points = motion.points()
-            write_c3d(files[".c3d"], points)
-            if job.trc:
-                write_trc(files[".trc"], points)
+            write_points(motion.points(), files)
             if job.blend:
-                save_blend(files[".blend"], job.source.stem, job.source, job.rate, cameras, markerset, chunks)
-        report = take_report(summary, job.source.stem, markerset.name, job.rate, version(), clock)
+                save_blend(files[".blend"], job.source.stem, job.source, job.frame_rate, cameras, markerset, chunks)
+        report = take_report(summary, job.source.stem, markerset.name, job.frame_rate, version(), clock)
+        report["rate_assumed"] = job.rate is None
         write_report(files[".report.json"], report)
     return Labelled(report, chunks if job.keep else [])
+
+
+def write_points(points: Points, files: dict[str, Path]):
+    """Writes the markers to those of the files that hold them."""
+    write_c3d(files[".c3d"], points)
+    if ".trc" in files:
+        write_trc(files[".trc"], points)
 
 
 def options(job: LabelJob) -> Options:

@@ -28,7 +28,9 @@ def complain(trouble: UserError | str):
 def print_results(lines: list[str], result: dict, as_json: bool):
     """The results as lines for people, or as one JSON object."""
     text = json.dumps(result, indent=1, default=_plain, allow_nan=False) if as_json else "\n".join(lines)
-    sys.stdout.write(text + "\n")
+    # A file's name may have letters that the terminal's alphabet lacks.
+    alphabet = sys.stdout.encoding or "utf-8"
+    sys.stdout.write(text.encode(alphabet, "backslashreplace").decode(alphabet) + "\n")
     sys.stdout.flush()
 
 

@@ -36,9 +36,8 @@ def add_parser(verbs):
     parser.add_argument(
         "--rate",
         type=number(0.1, 100_000, "rate"),
-        default=batch.USUAL_RATE,
         metavar="HZ",
-        help="frames a second, which a blob file does not say (default 100)",
+        help=f"frames a second, which a blob file does not say (default {batch.USUAL_RATE:g}, and the report says so)",
     )
     parser.add_argument("--height", type=number(0.3, 3, "height"), metavar="M", help="the subject's height, if known")
     parser.add_argument(
@@ -153,9 +152,8 @@ def _side_by_side(arguments, progress: ProgressLine) -> Iterator[tuple[Path, dic
 def _command(arguments, path: Path) -> list[str]:
     """The command line that labels one of the inputs alone."""
     command = ["label", f"--model={arguments.model}", f"--cameras={arguments.cameras}", f"--out={arguments.out}"]
-    command.append(f"--rate={arguments.rate!r}")
-    known = {name: getattr(arguments, name) for name in ("height", "facing")}
-    command += [f"--{name}={value!r}" for name, value in known.items() if value is not None]
+    known = {name: getattr(arguments, name) for name in ("rate", "height", "facing", "method")}
+    command += [f"--{name}={value}" for name, value in known.items() if value is not None]
     if arguments.frames:
         command.append("--frames=" + ":".join("" if end is None else str(end) for end in arguments.frames))
     command += [f"--{name}" for name in ("trc", "blend", "overwrite") if getattr(arguments, name)]

@@ -58,7 +58,13 @@ def test_report_says_what_the_contract_asks(label, tmp_path):
     assert {"take", "model", "frames", "rate", "markers", "unlabelled", "suspect", "timing", "version"} <= set(report)
     assert {"load", "place", "fit", "label", "write", "frames_per_second"} <= set(report["timing"])
     assert (report["take"], report["model"], report["frames"], report["rate"]) == ("walk", MODEL, 20, 60)
+    assert not report["rate_assumed"]
     assert json.loads(answer.out) == {"takes": [report], "failed": []}
+
+
+def test_a_rate_that_nobody_gave_is_said_to_be_assumed(label):
+    [report] = json.loads(label("--json").out)["takes"]
+    assert (report["rate"], report["rate_assumed"]) == (100, True)
 
 
 def test_only_the_frames_asked_for(label, tmp_path):
