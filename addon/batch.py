@@ -12,14 +12,13 @@ from typing import Self
 
 import numpy as np
 
-from .blendfile import Chunks, save_blend
+from .blendfile import Chunks, open_cameras, save_blend
 from .core.cameras import Cameras
 from .core.pipeline import Options, label_take
 from .core.search import Hints
 from .core.summary import TakeSummary
 from .core.takes import Blobs, Motion, Points
 from .io.blobs import BlobRows, read_blobs
-from .io.cameras import read_cameras
 from .io.labels import LabelWriter
 from .io.markersets import open_markerset
 from .io.points import write_c3d, write_trc
@@ -83,7 +82,7 @@ def label_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
     Raises UserError with the file where it can be told.
     """
     begin = perf_counter()
-    markerset, cameras = open_markerset(job.model), read_cameras(job.cameras)
+    markerset, cameras = open_markerset(job.model), open_cameras(job.cameras)
     endings = [".labels.csv", ".c3d", ".report.json"]
     endings += [ending for ending, wanted in ((".trc", job.trc), (".blend", job.blend)) if wanted]
     with ExitStack() as stack:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the command line asks of Blender, where there is one: a take saved as a `.blend`."""
+"""What the command line asks of Blender, where there is one: cameras out of a `.blend`, a take saved as one."""
 
 import ctypes
 import importlib.util
@@ -12,6 +12,7 @@ from pathlib import Path
 from .core.cameras import Cameras
 from .core.markersets import MarkerSet
 from .core.takes import Blobs, LabelledChunk
+from .io.cameras import read_cameras
 
 Chunks = list[tuple[Blobs, LabelledChunk]]
 
@@ -19,6 +20,18 @@ Chunks = list[tuple[Blobs, LabelledChunk]]
 def has_blender() -> bool:
     """Whether bpy can be imported."""
     return "bpy" in sys.modules or importlib.util.find_spec("bpy") is not None
+
+
+def open_cameras(path: Path) -> Cameras:
+    """A calibration of any kind, the cameras of a `.blend` included where Blender is here; InputError otherwise."""
+    return read_cameras(path, _read_blend if has_blender() else None)
+
+
+def _read_blend(path: Path) -> Cameras:
+    from .scene.cameras import cameras_of_blend
+
+    with silenced():
+        return cameras_of_blend(path)
 
 
 def save_blend(

@@ -9,9 +9,8 @@ from contextlib import closing
 from pathlib import Path
 
 from .. import batch
-from ..blendfile import has_blender
+from ..blendfile import has_blender, open_cameras
 from ..core.errors import InputError, UserError
-from ..io.cameras import read_cameras
 from ..io.markersets import open_markerset
 from .console import ProgressLine, complain, print_results
 from .parser import add_frames, add_overwrite, number, whole
@@ -99,7 +98,7 @@ def check(arguments):
     if arguments.out.exists() and not arguments.out.is_dir():
         raise InputError("is no folder; expected a folder for the results", arguments.out)
     open_markerset(arguments.model)
-    read_cameras(arguments.cameras)
+    open_cameras(arguments.cameras)
 
 
 def as_job(arguments, path: Path) -> batch.LabelJob:

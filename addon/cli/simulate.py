@@ -5,9 +5,9 @@ from dataclasses import asdict
 from pathlib import Path
 
 from .. import capturing
+from ..blendfile import open_cameras
 from ..core.errors import InputError, UserError
 from ..core.simulate import CaptureOptions
-from ..io.cameras import read_cameras
 from ..io.markersets import builtin_markersets, open_markerset
 from ..io.points import marker_columns, read_points
 from .console import ProgressLine, print_results
@@ -74,7 +74,7 @@ def _add_trouble(parser):
 
 def run(arguments) -> int:
     """Captures the take and writes both files."""
-    cameras = read_cameras(arguments.cameras)
+    cameras = open_cameras(arguments.cameras)
     progress = ProgressLine(arguments.progress)
     try:
         take = capturing.cut(capturing.labelled_markers(read_points(arguments.take)), arguments.frames)

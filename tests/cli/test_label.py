@@ -147,6 +147,9 @@ def test_blend_holds_the_take(label, tmp_path):
     assert any(thing.type == "ARMATURE" for thing in bpy.data.objects)
     assert (bpy.context.scene.frame_start, bpy.context.scene.frame_end) == FRAMES
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    again = label("--overwrite", "--rate", "60", cameras=shutil.copy(tmp_path / "out" / "walk.blend", tmp_path))
+    assert (again.status, again.err) == (0, "")
+    assert "20 frames" in again.out
 
 
 def test_without_blender_no_blend(label, monkeypatch):
