@@ -24,8 +24,9 @@ def add_handlers(stack: ExitStack):
     ):
         listeners.append(function)
         stack.callback(listeners.remove, function)
-    # While an extension is being enabled the file is out of bounds; a moment later it is not.
-    bpy.app.timers.register(handlers.adopt_takes, first_interval=0.0)
+    # While an extension is being enabled the file is out of bounds; a moment later it is not. The timer is persistent
+    # because Blender 4.5 as a module hangs at its end when a file is opened under one that is not.
+    bpy.app.timers.register(handlers.adopt_takes, first_interval=0.0, persistent=True)
     stack.callback(_stop_timer, handlers.adopt_takes)
 
 
