@@ -86,7 +86,7 @@ class BodyModel:
         for index in range(1, self.joint_count):
             depth[index] = depth[self.parents[index]] + 1
         self.levels = [np.flatnonzero(depth == level) for level in range(1, depth.max(initial=0) + 1)]
-        self.carried = skeleton.carries[self.attachment][:, 1:].astype(float)
+        self.carried = np.nonzero(skeleton.carries[self.attachment][:, 1:])
 
     def rest(self, count: int = 1, height: float = 1.0) -> Bodies:
         """`count` bodies in the rest pose at the world's origin, `height` m tall, facing +x."""
@@ -176,10 +176,14 @@ class BodyModel:
 
     def _bend_columns(self, posed: Posed, left: np.ndarray) -> np.ndarray:
         """(B, M, 3, 3(J-1)) d markers / d bends: a joint turns what it carries about axes through itself."""
-        axes = posed.rotations[:, self.parents[1:]] @ left[:, 1:]
-        arms = (posed.markers[:, :, None] - posed.joints[:, None, 1:]) * self.carried[None, :, :, None]
-        moved = np.cross(axes.transpose(0, 1, 3, 2)[:, None], arms[:, :, :, None, :])
-        return moved.transpose(0, 1, 4, 2, 3).reshape(*posed.markers.shape, -1)
+        marker, joint = self.carried
+        axes = (posed.rotations[:, self.parents[1:]] @ left[:, 1:])[:, joint]
+        x, y, z = np.moveaxis(posed.markers[:, marker] - posed.joints[:, joint + 1], -1, 0)[..., None]
+        columns = np.zeros((*posed.markers.shape, self.joint_count - 1, 3))
+        columns[:, marker, 0, joint] = axes[..., 1, :] * z - axes[..., 2, :] * y
+        columns[:, marker, 1, joint] = axes[..., 2, :] * x - axes[..., 0, :] * z
+        columns[:, marker, 2, joint] = axes[..., 0, :] * y - axes[..., 1, :] * x
+        return columns.reshape(*posed.markers.shape, -1)
 
 
 def _turned(turn: np.ndarray, vectors: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ Memory does not grow with the take: one chunk of frames is held, and of the past
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from .errors import JobError
 from .labelling import Expectation, Naming
 from .markersets import MarkerSet
 from .occlusion import Occlusion
+from .rivals import exchanged, swap_names
 from .search import Found, Hints, find_subject
 from .subject import Setup
 from .takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Suspect
@@ -23,9 +24,11 @@ from .tracking import Followed, Track, follow
 from .views import View, split_views
 
 TRIALS = 9  # frames of a chunk in which a lost subject is looked for
-SURE = 0.95  # a placement this sure that names every marker ends the looking
-CONTENT = 3  # sure placements after which the best will do
-ENOUGH = 0.8  # share of the markers that such a placement names
+SURE = 0.95  # a placement this sure that names enough markers is a good one
+ENOUGH = 0.8
+CONTENT = 3  # good placements after which the best of them will do
+REVIEW = 60  # frames between two looks at whether neighbours have changed names
+SECOND_LOOK = 6  # frames before it that must say the same
 LEAST_SURE = 0.7  # a placement less sure than this names nothing
 LEAST_NAMED = 0.4
 UNSURE = 0.9  # placements below this are pointed out
@@ -68,7 +71,7 @@ def label_take(
     """
     if len(cameras) < 2:
         raise JobError(f"{len(cameras)} camera cannot fix a position in space; expected two or more")
-    labeller = TakeLabeller(Setup.of(cameras, markerset, occlusion), options or Options(), rate)
+    labeller = TakeLabeller(Setup.of(cameras, markerset, occlusion, rate=rate), options or Options())
     for blobs in chunks:
         yield labeller.label(blobs)
 
@@ -76,8 +79,8 @@ def label_take(
 class TakeLabeller:
     """Labels the chunks of one take in their order; between them it keeps the track."""
 
-    def __init__(self, setup: Setup, options: Options, rate: float):
-        self.setup, self.options, self.rate = setup, options, rate
+    def __init__(self, setup: Setup, options: Options):
+        self.setup, self.options = setup, options
         self.track: Track | None = None
         self.placement = 0.0
         self.sure = np.ones(setup.model.marker_count)
@@ -97,18 +100,41 @@ class TakeLabeller:
 
     def _follow_from(self, views, results, frames, suspects, at: int) -> int:
         """Follows the track from frame `at` until it is lost or the chunk ends; returns the frame to go on with."""
+        first = at
         while at < len(views):
             followed = follow(self.track, views[at], self.setup)
             self.track = followed.track
             results[at] = self._result(followed)
             at += 1
             if self.track.lost:
-                first = max(at - self.track.poor, 0)
-                results[first:at] = [None] * (at - first)
-                suspects.append(Suspect(int(frames[first]), int(frames[at - 1]), "the subject was lost"))
+                lost = max(at - self.track.poor, 0)
+                results[lost:at] = [None] * (at - lost)
+                suspects.append(Suspect(int(frames[lost]), int(frames[at - 1]), "the subject was lost"))
                 self.track = None
                 return at
+            if at == len(views) or (at - first) % REVIEW == 0:
+                self._review(views, results, frames, suspects, at - 1)
         return at
+
+    def _review(self, views, results, frames, suspects, at: int):
+        """Asks whether neighbours have changed names, and gives them back from where they may have done so."""
+        earlier = max(at - SECOND_LOOK, 0)
+        if results[earlier] is None:
+            return
+        with self.setup.clock("fit"):
+            pairs = [set(self._exchanged(views[index], results[index])) for index in {earlier, at}]
+        names = self.setup.model.markerset.markers
+        for first, second in set.intersection(*pairs):
+            since = _exchanged_since(results, first, second, at)
+            for index in range(since, at + 1):
+                swap_names(results[index].naming, first, second)
+            self.track = self.track.doubting(first, second, self.setup)
+            reason = f"{names[first]} and {names[second]} had changed names and got them back"
+            suspects.append(Suspect(int(frames[since]), int(frames[at]), reason))
+
+    def _exchanged(self, view: View, result: FrameResult) -> list[tuple[int, int]]:
+        subject = replace(self.track.subject, bodies=result.bodies)
+        return exchanged(view, result.naming, subject, self.setup)
 
     def _find_from(self, views, results, frames, suspects, at: int) -> int:
         """Looks for the subject in frames from `at` on; labels backwards to `at` and returns where to go on."""
@@ -121,7 +147,7 @@ class TakeLabeller:
         if found.confidence < UNSURE:
             frame = int(frames[index])
             suspects.append(Suspect(frame, frame, f"the placement is only {found.confidence:.0%} sure"))
-        start = Track.begin(found.subject, found.naming.meeting.points, self.setup.model.parameters)
+        start = Track.begin(found.subject, found.naming.meeting.points, self.setup.model)
         results[index] = FrameResult(found.subject.bodies, found.naming, found.expected, found.confidence, self.sure)
         self._follow_back(views, results, start, index, at)
         self.track = start
@@ -139,21 +165,16 @@ class TakeLabeller:
 
     def _best_found(self, views: list[View], at: int) -> tuple[int, Found | None]:
         """The surest frame of a few spread over the chunk."""
-        best, best_index, best_score, content = None, at, 0.0, 0
+        best, best_index, tried = None, at, 0
         for index in _spread(at, len(views)):
             with self.setup.clock("place"):
                 found = find_subject(views[index], self.setup, self.options.hints)
-            if found is None:
+            if found is None or found.confidence < LEAST_SURE or found.named < LEAST_NAMED:
                 continue
-            named = found.named
-            if found.confidence < LEAST_SURE or named < LEAST_NAMED:
-                continue
-            score = found.confidence * named
-            if score > best_score:
-                best, best_index, best_score = found, index, score
-            sure = found.confidence > SURE
-            content += sure and named > ENOUGH
-            if (sure and named == 1) or content >= CONTENT:
+            if best is None or found.misfit < best.misfit:
+                best, best_index = found, index
+            tried += found.confidence > SURE and found.named > ENOUGH
+            if tried >= CONTENT:
                 break
         return best_index, best
 
@@ -167,6 +188,17 @@ def _spread(first: int, end: int) -> list[int]:
     order = [0.0, 0.5, 0.25, 0.75, 0.125, 0.625, 0.375, 0.875, 1.0]
     indices = [first + round(share * (end - 1 - first)) for share in order[:TRIALS]]
     return list(dict.fromkeys(indices))
+
+
+def _exchanged_since(results, first: int, second: int, at: int) -> int:
+    """The earliest frame, going back from `at`, since which two markers were always seen: they may have met there."""
+    since = at
+    while since > 0 and results[since - 1] is not None:
+        points = results[since - 1].naming.meeting.points[[first, second]]
+        if not np.isfinite(points).all():
+            break
+        since -= 1
+    return since
 
 
 def _chunk(blobs: Blobs, views, results, setup: Setup, suspects) -> LabelledChunk:

@@ -11,13 +11,14 @@ import numpy as np
 
 from .fit import State, fit_body
 from .labelling import Naming
-from .subject import Setup, Subject, slots_pull
+from .subject import Setup, Subject, refit, slots_pull
 from .views import View
 
 STRANGER = 12.0  # squared deviations (three of them) beyond which two blobs that meet are somebody else's
 NEIGHBOURS = 0.12  # m between markers that may have changed names
 STEPS = 4
 MOST_SWAPS = 24
+CERTAIN = 8.0  # squared deviations that an exchange must gain before a track is doubted
 ROOM = 1.25  # how much wider than the recorded people's a new subject's placement of markers is taken to be
 
 
@@ -80,6 +81,13 @@ def swap_names(naming: Naming, first: int, second: int):
     for marker in (first, second):
         camera = np.flatnonzero(naming.slot[:, marker] >= 0)
         naming.give(camera, marker, naming.slot[camera, marker], naming.step[camera, marker])
+
+
+def exchanged(view: View, naming: Naming, subject: Subject, setup: Setup) -> list[tuple[int, int]]:
+    """Pairs of markers that one frame says have each other's names, whatever the frames before it said."""
+    fresh, state = refit(view, naming, without_own(subject, setup), setup, STEPS, setup.prior)
+    swaps = try_swaps(view, naming, fresh, state, setup, setup.prior)
+    return [(int(first), int(second)) for first, second in swaps.pairs[swaps.loss < -CERTAIN]]
 
 
 def _neighbours(naming: Naming, state: State) -> np.ndarray:

@@ -65,6 +65,11 @@ class Found:
         views = (self.naming.slot >= 0).sum(axis=0)
         return float(np.minimum(views, 2).mean() / 2)
 
+    @property
+    def misfit(self) -> float:
+        """How badly the names suit a body, a marker: for choosing among frames of one take. Missing markers count."""
+        return self.cost / self.naming.slot.shape[1] + UNNAMED * (1 - self.named)
+
 
 def find_subject(view: View, setup: Setup, hints: Hints) -> Found | None:
     """The subject in this frame, or None when the blobs hold nobody.

@@ -23,7 +23,11 @@ SHRINK = 0.9  # of the capsules: a marker believed hidden can take no part in th
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """What stays the same through a take."""
+    """What stays the same through a take.
+
+    marker_sd  (M,) heights, the marker set's own
+    pace       how much farther than at 60 frames a second the subject moves in a frame
+    """
 
     cameras: Cameras
     sight: Sight
@@ -33,12 +37,21 @@ class Setup:
     rules: Rules
     marker_sd: np.ndarray
     clock: Clock
+    pace: float = 1.0
 
     @classmethod
     def of(
-        cls, cameras: Cameras, markerset: MarkerSet, occlusion: Occlusion | None = None, rules: Rules | None = None
+        cls,
+        cameras: Cameras,
+        markerset: MarkerSet,
+        occlusion: Occlusion | None = None,
+        rules: Rules | None = None,
+        rate: float = 60.0,
     ) -> "Setup":
-        """Everything that `cameras` and `markerset` fix; `occlusion` defaults to the marker set's capsules."""
+        """Everything that `cameras` and `markerset` fix; `occlusion` defaults to the marker set's capsules.
+
+        `rate` is frames a second.
+        """
         model = BodyModel(markerset)
         body = occlusion or CapsuleOcclusion(markerset, SHRINK)
         return cls(
@@ -50,6 +63,7 @@ class Setup:
             rules or Rules(),
             np.asarray(markerset.spread.marker_sd),
             Clock(),
+            float(np.clip(60 / rate, 0.6, 4)),
         )
 
     def visible(self, scale: np.ndarray, posed: Posed) -> np.ndarray:

@@ -6,14 +6,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from . import rotations
-from .body import PLACEMENT, Bodies, Posed
+from .body import PLACEMENT, Bodies, BodyModel, Posed
 from .labelling import Expectation, Naming
 from .subject import Setup, Subject, expect, learn_noise, learn_own, name, refit
 from .views import View
 
 # Standard deviations of a frame's change against the prediction, at 60 frames a second.
 TRANSLATION, TURN, STRETCH, BEND, SHAPE = 0.03, 0.10, 0.002, 0.20, 0.05
-SURPRISE = 0.020  # m a marker may be off its prediction, standard deviation; it grows while the marker is not seen
+SURPRISE = 0.010  # m a marker may be off its prediction, standard deviation; it grows while the marker is not seen
+STRANGE = 8  # frames unseen that a track's first forecast counts as: nothing is known of its velocity
+FADING = 0.9  # share of a marker's lag that is left a frame after it was seen
 GROWTH = 0.004
 MOST_SURPRISE = 0.06
 OWN_RATE = 0.15
@@ -68,19 +70,33 @@ class Track:
 
     subject   after the last frame
     velocity  (1, P) change of the parameters a frame
-    unseen    (M,) frames since each marker was last found in space
+    lag       (M, 3) m, how far each marker was from where the body had it when it was last found in space
+    unseen    (M,) frames since then
     poor      frames in a row in which too little was named
     """
 
     subject: Subject
     velocity: np.ndarray
+    lag: np.ndarray
     unseen: np.ndarray
     poor: int = 0
 
     @classmethod
-    def begin(cls, subject: Subject, points: np.ndarray, parameters: int) -> "Track":
+    def begin(cls, subject: Subject, points: np.ndarray, model: BodyModel) -> "Track":
         """A track that starts from a found subject and the points (M, 3) of its markers, standing still."""
-        return cls(subject, np.zeros((1, parameters)), np.where(np.isfinite(points[:, 0]), 0, 5))
+        lag = np.nan_to_num(points - model.pose(subject.bodies).markers[0])
+        return cls(subject, np.zeros((1, model.parameters)), lag, np.full(model.marker_count, STRANGE))
+
+    def doubting(self, first: int, second: int, setup: Setup) -> "Track":
+        """The track with all forgotten that it learned of two markers under each other's names."""
+        pair = [first, second]
+        own, own_sd = self.subject.bodies.own.copy(), self.subject.own_sd.copy()
+        own[:, pair] = 0
+        own_sd[pair] = setup.marker_sd[pair] * float(self.subject.bodies.scale.mean())
+        lag, unseen = self.lag.copy(), self.unseen.copy()
+        lag[pair], unseen[pair] = 0, STRANGE
+        subject = replace(self.subject, bodies=replace(self.subject.bodies, own=own), own_sd=own_sd)
+        return replace(self, subject=subject, lag=lag, unseen=unseen)
 
     @property
     def lost(self) -> bool:
@@ -100,12 +116,13 @@ class Followed:
 def follow(track: Track, view: View, setup: Setup) -> Followed:
     """Names one frame, given the track up to the frame before."""
     predicted = replace(track.subject, bodies=track.subject.bodies.moved(KEEP * track.velocity))
-    prior = Anchor(setup.prior, predicted.bodies, 1 + track.poor)
+    prior = Anchor(setup.prior, predicted.bodies, (1 + track.poor) * setup.pace)
     with setup.clock("label"):
         naming = name(view, _forecast(predicted, track, setup), predicted, setup)
     with setup.clock("fit"):
         subject, state = refit(view, naming, predicted, setup, 2, prior)
         expected = expect(subject, state, setup)
+        expected = replace(expected, points=expected.points + FADING * track.lag)
     with setup.clock("label"):
         naming = name(view, expected, subject, setup)
     return Followed(_advanced(track, subject, state.posed, naming, expected, setup), naming, expected)
@@ -114,9 +131,9 @@ def follow(track: Track, view: View, setup: Setup) -> Followed:
 def _forecast(predicted: Subject, track: Track, setup: Setup) -> Expectation:
     """Where the markers should be before the frame is looked at."""
     posed = setup.model.pose(predicted.bodies)
-    deviation = np.minimum(SURPRISE + GROWTH * track.unseen, MOST_SURPRISE)
+    deviation = np.minimum(SURPRISE * setup.pace + GROWTH * track.unseen, MOST_SURPRISE)
     spread = (deviation**2)[:, None, None] * np.eye(3)
-    return Expectation(posed.markers[0], spread, setup.visible(predicted.bodies.scale, posed)[0])
+    return Expectation(posed.markers[0] + track.lag, spread, setup.visible(predicted.bodies.scale, posed)[0])
 
 
 def _advanced(
@@ -128,6 +145,9 @@ def _advanced(
     named = (naming.slot >= 0).any(axis=0).sum()
     due = max(expected.visible.any(axis=0).sum(), 4)
     poor = track.poor + 1 if named < FEWEST * due else 0
-    unseen = np.where(np.isfinite(naming.meeting.points[:, 0]), 0, track.unseen + 1)
-    subject = learn_noise(naming, subject, setup, NOISE_RATE)
-    return Track(learn_own(naming.meeting.points, subject, posed, setup, OWN_RATE), velocity, unseen, poor)
+    points = naming.meeting.points
+    seen = np.isfinite(points[:, 0])
+    unseen = np.where(seen, 0, track.unseen + 1)
+    subject = learn_own(points, learn_noise(naming, subject, setup, NOISE_RATE), posed, setup, OWN_RATE)
+    lag = np.where(seen[:, None], (1 - OWN_RATE) * (points - posed.markers[0]), FADING * track.lag)
+    return Track(subject, velocity, lag, unseen, poor)

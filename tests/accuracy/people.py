@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from scripts.learn_markersets import MISLABELLED
+
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 MCGILL = DATA / "people" / "mcgill"
 # Each person's three files in the order of their numbers.
@@ -16,9 +18,8 @@ BODY26 = tuple(
     "LFHD RFHD LBHD RBHD C7 LSHO RSHO LELB RELB LWRA LWRB RWRA RWRB LFIN RFIN "  # noqa: SIM905
     "LASI RASI SACR LKNE RKNE LANK RANK LHEE RHEE LTOE RTOE".split()
 )
-# In all three takes of this person the left wrist's two names are on each other's marker: the thumb's side carries
-# LWRB, against the right wrist, against everybody else, and against the distances to LFIN. Tested as it was worn.
-EXCHANGED = {"HC030A": (("LWRA", "LWRB"),)}
+# Tested as the markers were worn: these takes' labels contradict the same person's other takes, or everybody else's.
+EXCHANGED = dict(MISLABELLED)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +76,7 @@ def paths_without(left_out) -> list[Path]:
 @cache
 def _read(path: Path, person: str, kind: str) -> Recording:
     names, xyz, rate = _read_worn(path)
-    renamed = {name: other for pair in EXCHANGED.get(person, ()) for name, other in (pair, pair[::-1])}
+    renamed = EXCHANGED.get(path.stem, {})
     return Recording(person, kind, path, tuple(renamed.get(name, name) for name in names), xyz, rate)
 
 
