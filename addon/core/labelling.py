@@ -6,6 +6,7 @@ tight track. Beyond the paper: a name that several cameras give must meet in one
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -70,6 +71,7 @@ class Naming:
     merged: np.ndarray
     conflicts: np.ndarray
     _meeting: Meeting | None = None
+    _reprojection: np.ndarray | None = None
 
     @classmethod
     def empty(cls, frame: "Frame") -> "Naming":
@@ -83,8 +85,20 @@ class Naming:
     def meeting(self) -> Meeting:
         """Where the named blobs of every marker meet."""
         if self._meeting is None:
-            self._meeting = self.frame.rays.meet(self.rays)
+            self._meeting = self.frame.rays.meet(self.rays, self.frame.depth)
         return self._meeting
+
+    @property
+    def reprojection(self) -> np.ndarray:
+        """(C, M, K) squared deviations between blobs and the points where markers meet; FAR where far, or no point."""
+        if self._reprojection is None:
+            self._reprojection = self.frame.against_points(self.meeting.points)
+        return self._reprojection
+
+    @property
+    def open(self) -> np.ndarray:
+        """(C, M, K) True where neither the blob nor, in this camera, the marker is named."""
+        return (self.slot < 0)[..., None] & ((self.owner < 0) & self.frame.view.real)[:, None]
 
     @property
     def rays(self) -> np.ndarray:
@@ -96,14 +110,14 @@ class Naming:
         self.slot[camera, marker] = slot
         self.step[camera, marker] = step
         self.owner[camera, slot] = marker
-        self._meeting = None
+        self._meeting = self._reprojection = None
 
     def withdraw(self, camera, marker):
         """Takes names back."""
         self.owner[camera, self.slot[camera, marker]] = -1
         self.slot[camera, marker] = -1
         self.step[camera, marker] = 0
-        self._meeting = None
+        self._meeting = self._reprojection = None
 
 
 class Frame:
@@ -113,7 +127,6 @@ class Frame:
     metres    (C, M) m, standard deviation of a blob's position at the marker's depth
     depth     (C, M) m
     image     (C, M, 2) normalised image of the expected markers
-    in_front  (C, M, M) 1 where the second marker stands before the first
     """
 
     def __init__(self, view: View, sight: Sight, expected: Expectation, rules: Rules):
@@ -130,7 +143,26 @@ class Frame:
         spread[..., 1, 1] += (self.metres / self.depth) ** 2
         self.image = image[0]
         self.misfit = self._against(image[0], spread)
-        self.in_front = self._in_front(image[0])
+
+    @cached_property
+    def apart2(self) -> np.ndarray:
+        """(C, M, M) m², how far apart two markers look at the first one's depth."""
+        between = self.image[:, :, None] - self.image[:, None]
+        return (between[..., 0] ** 2 + between[..., 1] ** 2) * (self.depth**2)[..., None]
+
+    @cached_property
+    def in_front(self) -> np.ndarray:
+        """(C, M, M) True where the second marker stands before the first, nearer to the camera on one line."""
+        return (self.apart2 < OVERLAP**2) & (self.depth[:, None, :] < self.depth[..., None] - BEHIND)
+
+    def against_points(self, points: np.ndarray) -> np.ndarray:
+        """(C, M, K) squared deviations between blobs and known points (M, 3) m; FAR where far or the point is NaN."""
+        known = np.isfinite(points[:, 0])
+        image = self.sight.image(self.sight.local(np.where(known[:, None], points, 0)[None]))[0]
+        between = self.view.image[:, None] - image[:, :, None]
+        square = between[..., 0] ** 2 + between[..., 1] ** 2
+        square *= ((self.depth / self.metres) ** 2)[..., None]
+        return np.where((square < REACH**2) & known[None, :, None], square, FAR)
 
     def _against(self, image, spread):
         """(C, M, K) misfit of every marker and blob: squared deviations and the log of the spread's size."""
@@ -144,13 +176,6 @@ class Frame:
         size = np.log(det * self.depth**4 / UNIT)
         return np.where(within, square + size[..., None], FAR)
 
-    def _in_front(self, image):
-        """(C, M, M) as numbers: 1 where the second marker stands before the first, nearer to the camera on one line."""
-        between = image[:, :, None] - image[:, None]
-        apart2 = (between[..., 0] ** 2 + between[..., 1] ** 2) * (self.depth**2)[..., None]
-        nearer = self.depth[:, None, :] < self.depth[..., None] - BEHIND
-        return ((apart2 < OVERLAP**2) & nearer).astype(float)
-
 
 def name_markers(view: View, sight: Sight, expected: Expectation, rules: Rules) -> Naming:
     """Algorithm 1 on one frame."""
@@ -158,11 +183,22 @@ def name_markers(view: View, sight: Sight, expected: Expectation, rules: Rules) 
     naming = Naming.empty(frame)
     claims = identify_visible(frame, naming)
     withdraw_strangers(frame, naming)
-    resolve_conflicts(frame, naming, claims)
+    if claims.any():
+        resolve_conflicts(frame, naming, claims)
+        withdraw_strangers(frame, naming)
+    if ((naming.owner < 0) & view.real).any():
+        name_remaining(frame, naming)
+        withdraw_strangers(frame, naming)
+        name_merged(frame, naming)
+    return naming
+
+
+def name_exclusive(view: View, sight: Sight, expected: Expectation, rules: Rules) -> Naming:
+    """Step 1 alone: enough to bring a tracked body up to date before the frame is named in earnest."""
+    frame = Frame(view, sight, expected, rules)
+    naming = Naming.empty(frame)
+    identify_visible(frame, naming)
     withdraw_strangers(frame, naming)
-    name_remaining(frame, naming)
-    withdraw_strangers(frame, naming)
-    name_merged(frame, naming)
     return naming
 
 
@@ -215,27 +251,27 @@ def _conflict_costs(frame: Frame, naming: Naming, claims: np.ndarray, helpers: i
     """(C, M, K) misfit of each open claim whose marker has exactly `helpers` (2: or more) named blobs elsewhere."""
     named = (naming.slot >= 0).sum(axis=0)
     now = named >= 2 if helpers == 2 else named == helpers
-    is_open = claims & now[None, :, None] & (naming.slot < 0)[..., None] & (naming.owner < 0)[:, None]
+    is_open = claims & now[None, :, None] & naming.open
     if not is_open.any():
         return np.full(claims.shape, FAR)
-    is_open &= ~_better_elsewhere(frame, naming) & ~_shadowed(frame, naming)
+    is_open &= ~_better_elsewhere(naming) & ~_shadowed(frame, naming)
     if helpers == 2:
-        return np.where(is_open, reprojection_misfit(frame, naming), FAR)
+        return np.where(is_open, naming.reprojection, FAR)
     if helpers == 1:
         return _one_helper_misfit(frame, naming, is_open)
     return np.where(is_open & _undisputed(frame, is_open), frame.misfit, FAR)
 
 
-def _better_elsewhere(frame: Frame, naming: Naming) -> np.ndarray:
+def _better_elsewhere(naming: Naming) -> np.ndarray:
     """(C, M, K) where a blob lies on the reprojected point of another marker that its camera still lacks."""
-    misfit = np.where((naming.slot < 0)[..., None], reprojection_misfit(frame, naming), FAR)
+    misfit = np.where((naming.slot < 0)[..., None], naming.reprojection, FAR)
     least = misfit.min(axis=1, keepdims=True)
     return (least < TAKEN) & (misfit > least)
 
 
 def evidence(frame: Frame, naming: Naming) -> np.ndarray:
     """(C, M, K) misfit of every blob and marker, by the point where the marker's blobs meet if there is one."""
-    met = reprojection_misfit(frame, naming)
+    met = naming.reprojection
     met = np.where(met < FAR, met + np.log(frame.metres**4 / UNIT)[..., None], FAR)
     known = np.isfinite(naming.meeting.points[:, 0])
     return np.where(known[None, :, None], met, frame.misfit)
@@ -267,17 +303,6 @@ def _clearly_least(misfit: np.ndarray, axis: int, margin: float) -> np.ndarray:
     two = np.partition(misfit, 1, axis=axis)
     least, second = np.take(two, [0], axis=axis), np.take(two, [1], axis=axis)
     return (misfit == least) & (second - least >= margin)
-
-
-def reprojection_misfit(frame: Frame, naming: Naming) -> np.ndarray:
-    """(C, M, K) squared deviations between blobs and the reprojected point of markers named in two or more cameras."""
-    points = naming.meeting.points
-    known = np.isfinite(points[:, 0])
-    local = frame.sight.local(np.where(known[:, None], points, 0)[None])
-    between = frame.view.image[:, None] - frame.sight.image(local)[0][:, :, None]
-    square = (between[..., 0] ** 2 + between[..., 1] ** 2) * ((frame.depth / frame.metres) ** 2)[..., None]
-    fine = (square < REACH**2) & known[None, :, None] & frame.view.real[:, None]
-    return np.where(fine, square, FAR)
 
 
 def _one_helper_misfit(frame: Frame, naming: Naming, is_open: np.ndarray) -> np.ndarray:
@@ -314,18 +339,17 @@ def name_remaining(frame: Frame, naming: Naming):
     Markers that other cameras have fixed in space come first; the rest go by the model's projection when it is clear.
     What is left are false markers.
     """
-    is_open = (naming.slot < 0)[..., None] & (naming.owner < 0)[:, None] & frame.view.real[:, None]
-    is_open &= ~_shadowed(frame, naming)
-    _give_best(naming, np.where(is_open, reprojection_misfit(frame, naming), FAR), REMAINING)
+    is_open = naming.open & ~_shadowed(frame, naming)
+    _give_best(naming, np.where(is_open, naming.reprojection, FAR), REMAINING)
+    likely = frame.misfit < FAR
     named = (naming.slot >= 0).sum(axis=0)
-    is_open = (naming.slot < 0)[..., None] & (naming.owner < 0)[:, None] & (named == 1)[None, :, None]
-    is_open &= frame.misfit < FAR
+    is_open = naming.open & (named == 1)[None, :, None] & likely
     if is_open.any():
         _give_best(naming, _one_helper_misfit(frame, naming, is_open), REMAINING)
     named = (naming.slot >= 0).sum(axis=0)
-    is_open = (naming.slot < 0)[..., None] & (naming.owner < 0)[:, None] & (named == 0)[None, :, None]
-    is_open &= frame.misfit < FAR
-    _give_best(naming, np.where(is_open & _undisputed(frame, is_open), frame.misfit, FAR), REMAINING)
+    is_open = naming.open & (named == 0)[None, :, None] & likely
+    if is_open.any():
+        _give_best(naming, np.where(is_open & _undisputed(frame, is_open), frame.misfit, FAR), REMAINING)
 
 
 def name_merged(frame: Frame, naming: Naming):
@@ -333,10 +357,9 @@ def name_merged(frame: Frame, naming: Naming):
 
     Two markers in one blob draw its centre between them, so it fits neither, and its ray is nobody's.
     """
-    apart = frame.image[:, :, None] - frame.image[:, None]
-    near = (np.einsum("cmni,cmni->cmn", apart, apart) * (frame.depth**2)[..., None]) < MERGED**2
     free = naming.slot < 0
-    near &= free[..., None] & free[:, None] & (frame.depth[..., None] <= frame.depth[:, None])
+    near = (frame.apart2 < MERGED**2) & free[..., None] & free[:, None]
+    near &= frame.depth[..., None] <= frame.depth[:, None]
     near[:, frame.markers, frame.markers] = False
     camera, first, second = np.nonzero(near)
     if not len(camera):

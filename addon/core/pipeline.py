@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from .body import Bodies
 from .cameras import Cameras
@@ -27,7 +28,7 @@ TRIALS = 9  # frames of a chunk in which a lost subject is looked for
 SURE = 0.95  # a placement this sure that names enough markers is a good one
 ENOUGH = 0.8
 CONTENT = 3  # good placements after which the best of them will do
-REVIEW = 60  # frames between two looks at whether neighbours have changed names
+REVIEW = 120  # frames between two looks at whether neighbours have changed names
 SECOND_LOOK = 6  # frames before it that must say the same
 LEAST_SURE = 0.7  # a placement less sure than this names nothing
 LEAST_NAMED = 0.4
@@ -73,7 +74,9 @@ def label_take(
         raise JobError(f"{len(cameras)} camera cannot fix a position in space; expected two or more")
     labeller = TakeLabeller(Setup.of(cameras, markerset, occlusion, rate=rate), options or Options())
     for blobs in chunks:
-        yield labeller.label(blobs)
+        with threadpool_limits(1, user_api="blas"):  # many threads on small matrices cost more than they bring
+            labelled = labeller.label(blobs)
+        yield labelled
 
 
 class TakeLabeller:
@@ -147,7 +150,8 @@ class TakeLabeller:
         if found.confidence < UNSURE:
             frame = int(frames[index])
             suspects.append(Suspect(frame, frame, f"the placement is only {found.confidence:.0%} sure"))
-        start = Track.begin(found.subject, found.naming.meeting.points, self.setup.model)
+        points, visible = found.naming.meeting.points, found.expected.visible
+        start = Track.begin(found.subject, points, visible, self.setup.model)
         results[index] = FrameResult(found.subject.bodies, found.naming, found.expected, found.confidence, self.sure)
         self._follow_back(views, results, start, index, at)
         self.track = start

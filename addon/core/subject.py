@@ -10,7 +10,7 @@ from .body import Bodies, BodyModel, Posed
 from .cameras import Cameras
 from .clock import Clock
 from .fit import State, fit_body
-from .labelling import Expectation, Naming, Rules, name_markers, pixel_noise
+from .labelling import Expectation, Naming, Rules, name_exclusive, name_markers, pixel_noise
 from .markersets import MarkerSet
 from .occlusion import CapsuleOcclusion, Occlusion
 from .prior import Prior
@@ -136,9 +136,10 @@ def expect(subject: Subject, state: State, setup: Setup) -> Expectation:
     return Expectation(state.posed.markers[0], spread, setup.visible(state.bodies.scale, state.posed)[0])
 
 
-def name(view: View, expected: Expectation, subject: Subject, setup: Setup) -> Naming:
-    """Algorithm 1 with the rules that the take's own noise asks for."""
-    return name_markers(view, setup.sight, expected, replace(setup.rules, pixel=subject.pixel))
+def name(view: View, expected: Expectation, subject: Subject, setup: Setup, step1_only: bool = False) -> Naming:
+    """Algorithm 1, or only its first step, with the rules that the take's own noise asks for."""
+    rules = replace(setup.rules, pixel=subject.pixel)
+    return (name_exclusive if step1_only else name_markers)(view, setup.sight, expected, rules)
 
 
 def learn_noise(naming: Naming, subject: Subject, setup: Setup, rate: float) -> Subject:

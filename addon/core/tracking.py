@@ -72,6 +72,7 @@ class Track:
     velocity  (1, P) change of the parameters a frame
     lag       (M, 3) m, how far each marker was from where the body had it when it was last found in space
     unseen    (M,) frames since then
+    visible   (C, M) which markers each camera could see
     poor      frames in a row in which too little was named
     """
 
@@ -79,13 +80,17 @@ class Track:
     velocity: np.ndarray
     lag: np.ndarray
     unseen: np.ndarray
+    visible: np.ndarray
     poor: int = 0
 
     @classmethod
-    def begin(cls, subject: Subject, points: np.ndarray, model: BodyModel) -> "Track":
-        """A track that starts from a found subject and the points (M, 3) of its markers, standing still."""
+    def begin(cls, subject: Subject, points: np.ndarray, visible: np.ndarray, model: BodyModel) -> "Track":
+        """A track that starts from a found subject, standing still.
+
+        points (M, 3) m are its markers, visible (C, M) says which of them each camera could see.
+        """
         lag = np.nan_to_num(points - model.pose(subject.bodies).markers[0])
-        return cls(subject, np.zeros((1, model.parameters)), lag, np.full(model.marker_count, STRANGE))
+        return cls(subject, np.zeros((1, model.parameters)), lag, np.full(model.marker_count, STRANGE), visible)
 
     def doubting(self, first: int, second: int, setup: Setup) -> "Track":
         """The track with all forgotten that it learned of two markers under each other's names."""
@@ -118,7 +123,7 @@ def follow(track: Track, view: View, setup: Setup) -> Followed:
     predicted = replace(track.subject, bodies=track.subject.bodies.moved(KEEP * track.velocity))
     prior = Anchor(setup.prior, predicted.bodies, (1 + track.poor) * setup.pace)
     with setup.clock("label"):
-        naming = name(view, _forecast(predicted, track, setup), predicted, setup)
+        naming = name(view, _forecast(predicted, track, setup), predicted, setup, step1_only=True)
     with setup.clock("fit"):
         subject, state = refit(view, naming, predicted, setup, 2, prior)
         expected = expect(subject, state, setup)
@@ -133,7 +138,7 @@ def _forecast(predicted: Subject, track: Track, setup: Setup) -> Expectation:
     posed = setup.model.pose(predicted.bodies)
     deviation = np.minimum(SURPRISE * setup.pace + GROWTH * track.unseen, MOST_SURPRISE)
     spread = (deviation**2)[:, None, None] * np.eye(3)
-    return Expectation(posed.markers[0] + track.lag, spread, setup.visible(predicted.bodies.scale, posed)[0])
+    return Expectation(posed.markers[0] + track.lag, spread, track.visible)
 
 
 def _advanced(
@@ -150,4 +155,4 @@ def _advanced(
     unseen = np.where(seen, 0, track.unseen + 1)
     subject = learn_own(points, learn_noise(naming, subject, setup, NOISE_RATE), posed, setup, OWN_RATE)
     lag = np.where(seen[:, None], (1 - OWN_RATE) * (points - posed.markers[0]), FADING * track.lag)
-    return Track(subject, velocity, lag, unseen, poor)
+    return Track(subject, velocity, lag, unseen, expected.visible, poor)

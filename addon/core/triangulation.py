@@ -9,6 +9,7 @@ from .views import Sight, View
 
 NARROW = 1e5  # rays whose normal equations are worse conditioned than this fix no depth
 RIDGE = 1e-12
+RIDGES = RIDGE * np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,19 +38,19 @@ class Rays:
         self.anchor = (self.across @ self.centres[:, None, :, None])[..., 0]
         self.cameras = np.arange(len(self.centres))[:, None]
 
-    def meet(self, slot: np.ndarray) -> Meeting:
+    def meet(self, slot: np.ndarray, depth: np.ndarray | None = None) -> Meeting:
         """Meets the blobs in slots (C, M), -1 where a camera does not count.
 
-        The point nearest to all rays first, then every ray by its distance, so that what is least is the reprojection
-        error.
+        Every ray counts by its length, so that what is least is the reprojection error. `depth` (C, M) m says about
+        how long they are; without it the point nearest to all rays comes first.
         """
         seen = slot >= 0
         index = np.maximum(slot, 0)
         across, anchor = self.across[self.cameras, index], self.anchor[self.cameras, index]
-        points = _nearest(across, anchor, seen.astype(float))
-        arm = points - self.centres[:, None]
-        square = np.einsum("cmi,cmi->cm", arm, arm)
-        points = _nearest(across, anchor, seen / np.maximum(square, 1e-6))
+        if depth is None:
+            arm = _nearest(across, anchor, seen.astype(float)) - self.centres[:, None]
+            depth = np.sqrt(np.einsum("cmi,cmi->cm", arm, arm))
+        points = _nearest(across, anchor, seen / np.maximum(depth, 1e-3) ** 2)
         arm = points - self.centres[:, None]
         missing = (across @ arm[..., None])[..., 0]
         miss2 = np.einsum("cmi,cmi->cm", missing, missing) * seen
@@ -65,7 +66,7 @@ def _nearest(across: np.ndarray, anchor: np.ndarray, weight: np.ndarray) -> np.n
     normal = np.einsum("cm,cmij->mij", weight, across)
     right = np.einsum("cm,cmi->mi", weight, anchor)
     size = np.einsum("mii->m", normal) + RIDGE
-    inverse = np.linalg.inv(normal / size[:, None, None] + RIDGE * np.eye(3))
+    inverse = np.linalg.inv(normal / size[:, None, None] + RIDGES)
     points = (inverse @ right[..., None])[..., 0] / size[:, None]
     points[np.einsum("mii->m", inverse) > NARROW] = np.nan
     return points
