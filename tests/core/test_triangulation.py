@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Markers in space from named blobs."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from addon.core.rigs import paper_rig, ring_rig
+from addon.core.triangulation import Rays
+from addon.core.views import Sight, split_views
+from tests.core.scenes import blobs_at
+
+RIG = paper_rig()
+
+
+def rays_to(points, cameras=RIG, noise=None):
+    """Rays of one blob a point in every camera, in the points' order."""
+    pixels = cameras.project(points) + (0 if noise is None else noise)
+    view = split_views(blobs_at(list(pixels)), cameras)[0]
+    return Rays(view, Sight(cameras))
+
+
+def slots(count, cameras=4):
+    return np.tile(np.arange(count), (cameras, 1))
+
+
+@given(st.integers(0, 2**16), st.integers(2, 4))
+def test_rays_without_noise_meet_in_the_marker(seed, cameras):
+    generator = np.random.default_rng(seed)
+    points = generator.uniform([-0.7, -0.7, 0.1], [0.7, 0.7, 1.9], (6, 3))
+    chosen = slots(6)
+    for marker in range(6):
+        chosen[generator.permutation(4)[cameras:], marker] = -1
+    met = rays_to(points).meet(chosen)
+    assert met.points == pytest.approx(points, abs=1e-9)
+    assert met.residual == pytest.approx(np.zeros(6), abs=1e-7)
+    assert (met.miss[chosen < 0] == 0).all()
+
+
+def test_one_camera_or_none_fixes_no_point():
+    chosen = slots(2)
+    chosen[1:, 0] = -1
+    chosen[:, 1] = -1
+    met = rays_to(np.array([[0.1, 0, 1.0], [0, 0.2, 1.2]])).meet(chosen)
+    assert np.isnan(met.points).all() and np.isnan(met.residual).all()
+    assert (met.miss == 0).all()
+
+
+def test_parallel_rays_fix_no_point():
+    """Two cameras side by side look along one line at a far point: its depth is anybody's guess."""
+    near = ring_rig(2)
+    centres = near.centres.copy()
+    centres[1] = centres[0] + [0, 0, 0.01]
+    rotation = np.repeat(near.rotation[:1], 2, axis=0)
+    pair = type(near)(
+        near.names, near.size, near.matrix, near.distortion, rotation, -np.einsum("cij,cj->ci", rotation, centres)
+    )
+    assert np.isnan(rays_to(np.array([[0.0, 0, 1]]), pair).meet(slots(1, 2)).points).all()
+
+
+def test_weights_make_the_reprojection_error_least():
+    """A pixel is worth more metres to a far camera, so the near one's ray counts for more."""
+    cameras = ring_rig(4)
+    point = np.array([[1.6, 0.3, 1.0]])
+    noise = np.random.default_rng(5).normal(0, 1, (4, 1, 2))
+    met = rays_to(point, cameras, noise).meet(slots(1))
+
+    def error(candidate):
+        return np.sum((cameras.project(candidate) - cameras.project(point) - noise) ** 2)
+
+    best = error(met.points)
+    moved = [error(met.points + step) for step in 0.002 * np.vstack([np.eye(3), -np.eye(3)])]
+    assert best < min(moved)
+
+
+@pytest.mark.parametrize("wrong", range(4))
+def test_the_wrong_camera_misses_most(wrong):
+    """What `withdraw_strangers` rests on: of four rays, the one that is a hand's breadth off stands out."""
+    noise = np.zeros((4, 1, 2))
+    noise[wrong] = [25, -20]
+    met = rays_to(np.array([[0.1, 0.2, 1.1]]), RIG, noise).meet(slots(1))
+    assert met.miss[:, 0].argmax() == wrong
+    assert met.residual[0] == pytest.approx(np.sqrt(np.mean(met.miss**2)))
