@@ -95,7 +95,7 @@ def read_markerset(collection: bpy.types.Collection, base: MarkerSet, name: str,
 def _add_marker(collection, armature: bpy.types.Object, name: str, segment: str, place: np.ndarray):
     empty = bpy.data.objects.new(name, None)
     empty.empty_display_type, empty.empty_display_size = "SPHERE", MARKER_SIZE
-    empty.show_name, empty.show_in_front = True, True
+    empty.show_in_front = True
     empty[naming.MARKER] = name
     collection.objects.link(empty)
     armatures.attach(empty, armature, segment, place)

@@ -67,6 +67,32 @@ def links(marks: CameraMarks) -> tuple[np.ndarray, np.ndarray]:
     return ends[there], STEP_COLOURS[marks.step[named][there]]
 
 
+def room_for_words(places: np.ndarray, widths: np.ndarray, height: float, gap: float) -> np.ndarray:
+    """(N, 2) px where the words beside places (N, 2) begin so that none lies on another; NaN where there is no room.
+
+    Words go to the right of their place, else to the left, above or below it; `widths` (N,) and `height` are theirs.
+    """
+    starts = np.full(places.shape, np.nan)
+    taken = np.empty((0, 4))
+    for index, (x, y) in enumerate(places):
+        if not np.isfinite(x):
+            continue
+        width = widths[index]
+        right, left, middle = x + gap, x - gap - width, x - width / 2
+        for left_end, base in (
+            (right, y - height / 3),
+            (left, y - height / 3),
+            (middle, y + gap),
+            (middle, y - gap - height),
+        ):
+            box = np.array([left_end, base, left_end + width, base + height])
+            if not ((box[:2] < taken[:, 2:]) & (taken[:, :2] < box[2:])).all(axis=1).any():
+                starts[index] = left_end, base
+                taken = np.vstack([taken, box])
+                break
+    return starts
+
+
 def to_region(points: np.ndarray, perspective: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     """(..., 2) px in a region of `size` of points (..., 3) m, by its perspective matrix; NaN behind the viewer."""
     flat = np.concatenate([points, np.ones((*points.shape[:-1], 1))], axis=-1) @ perspective.T

@@ -9,15 +9,18 @@ from gpu_extras.batch import batch_for_shader
 
 from ..core.takes import NO_MARKER
 from ..ops.importing import cameras_at_hand
+from ..scene import naming
 from ..scene.cameras import camera_name, is_mocap_camera
+from ..scene.markerset_edit import edited_collection
 from ..scene.opened import opened
 from ..scene.take import Stored, is_take
 from . import marks
 from .marks import BLACK, STEP_COLOURS, WHITE
 
-BLOB_RADIUS, RING_RADIUS, LINK_WIDTH, TEXT_SIZE = 4.5, 6.0, 2.5, 12.0
-RING_COLOUR = (1.0, 1.0, 1.0, 0.75)
+BLOB_RADIUS, RING_RADIUS, LINK_WIDTH, TEXT_SIZE = 3.5, 5.5, 2.2, 11.0
+RING_COLOUR, MARKER_COLOUR = (1.0, 1.0, 1.0, 0.45), (1.0, 0.75, 0.2, 1.0)
 CORNERS = 16
+LEGEND_LEFT, LEGEND_BOTTOM = 60, 20
 LEGEND = (("exclusive", 1), ("conflict", 2), ("remaining", 3), ("unnamed", 0))
 
 
@@ -27,16 +30,21 @@ def draw():
     settings, space = context.scene.mocap_autolabel, context.space_data
     if not settings.show_overlay or not space.overlay.show_overlays:
         return
+    canvas = Canvas(context)
+    laid_out = edited_collection(context.scene)
+    if laid_out is not None and settings.show_names:
+        items = [item for item in laid_out.all_objects if naming.MARKER in item and item.visible_get()]
+        places = np.array([item.matrix_world.translation for item in items], dtype=float).reshape(-1, 3)
+        canvas.names([str(item[naming.MARKER]) for item in items], canvas.place(places))
     stored = shown(context.scene)
     index = marks.frame_index(stored, context.scene.frame_current) if stored else -1
     if index < 0:
         return
-    canvas = Canvas(context)
     camera = looking_through(context)
     if camera is not None and camera_name(camera) in stored.cameras.names:
         draw_camera(canvas, stored, index, camera, settings)
-    elif settings.show_names:
-        draw_names(canvas, stored, index)
+    else:
+        draw_markers(canvas, stored, index, settings)
 
 
 def shown(scene: bpy.types.Scene) -> Stored | None:
@@ -103,6 +111,16 @@ class Canvas:
         arcs = arcs.reshape(-1, 2, 2)
         self.lines(arcs, np.broadcast_to(np.array(colour), (*arcs.shape[:2], 4)), 1.2)
 
+    def names(self, words: list[str], places: np.ndarray):
+        """Words beside places (N, 2) px, as many as there is room for."""
+        blf.size(0, TEXT_SIZE * self.scale)
+        sizes = np.array([blf.dimensions(0, word) for word in words]).reshape(-1, 2)
+        height = TEXT_SIZE * self.scale
+        starts = marks.room_for_words(places, sizes[:, 0], height, (RING_RADIUS + 2) * self.scale)
+        for word, (x, y) in zip(words, starts, strict=True):
+            if np.isfinite(x):
+                self.text(word, x, y)
+
     def text(self, words: str, x: float, y: float, colour: tuple[float, ...] = WHITE):
         """Words that begin at x, y px, with a shadow that keeps them readable on anything."""
         blf.size(0, TEXT_SIZE * self.scale)
@@ -128,25 +146,30 @@ def draw_camera(canvas: Canvas, stored: Stored, index: int, camera: bpy.types.Ob
     canvas.discs(places, STEP_COLOURS[seen.step, 0], BLOB_RADIUS)
     gpu.state.blend_set("NONE")
     if settings.show_names:
-        gap = 7 * canvas.scale
-        for (x, y), marker in zip(places, seen.marker, strict=True):
-            if marker != NO_MARKER and np.isfinite(x):
-                canvas.text(stored.names[marker], x + gap, y + gap / 2)
-    draw_legend(canvas, camera_name(camera), len(places), int((seen.marker != NO_MARKER).sum()))
+        named = np.flatnonzero(seen.marker != NO_MARKER)
+        canvas.names([stored.names[marker] for marker in seen.marker[named]], places[named])
+    if stored.names:
+        draw_legend(canvas, camera_name(camera), len(places), int((seen.marker != NO_MARKER).sum()))
+    else:
+        canvas.text(
+            f"{camera_name(camera)}: {len(places)} blobs", LEGEND_LEFT * canvas.scale, LEGEND_BOTTOM * canvas.scale
+        )
 
 
-def draw_names(canvas: Canvas, stored: Stored, index: int):
-    """The names of the markers that were found, beside them."""
-    gap = 7 * canvas.scale
-    for name, (x, y) in zip(stored.names, canvas.place(stored.motion.markers[index]), strict=True):
-        if np.isfinite(x):
-            canvas.text(name, x + gap, y + gap / 2)
+def draw_markers(canvas: Canvas, stored: Stored, index: int, settings):
+    """The markers that were found, and their names."""
+    places = canvas.place(stored.motion.markers[index])
+    gpu.state.blend_set("ALPHA")
+    canvas.discs(places, np.broadcast_to(np.array(BLACK), (len(places), 4)), BLOB_RADIUS)
+    canvas.discs(places, np.broadcast_to(np.array(MARKER_COLOUR), (len(places), 4)), BLOB_RADIUS - 1)
+    gpu.state.blend_set("NONE")
+    if settings.show_names:
+        canvas.names(list(stored.names), places)
 
 
 def draw_legend(canvas: Canvas, camera: str, blobs: int, named: int):
     """What the colours mean, and how many blobs have a name."""
-    left, line = 60 * canvas.scale, 18 * canvas.scale
-    bottom = 20 * canvas.scale
+    left, bottom, line = LEGEND_LEFT * canvas.scale, LEGEND_BOTTOM * canvas.scale, 18 * canvas.scale
     canvas.text(f"{camera}: {named} of {blobs} blobs named", left, bottom + line * len(LEGEND))
     gpu.state.blend_set("ALPHA")
     for row, (_, step) in enumerate(reversed(LEGEND)):

@@ -10,6 +10,8 @@ from ..scene.cameras import camera_name
 from ..scene.markerset_edit import edited_collection
 from ..scene.take import is_take
 
+FEW = 5  # cameras that fit below each other
+
 
 class Step:
     """Where every panel of ours lives."""
@@ -30,12 +32,12 @@ class MOCAP_AUTOLABEL_PT_cameras(Step, bpy.types.Panel):
         if not cameras_at_hand(context.scene):
             layout.label(text="Or drop a calibration here", icon="INFO")
             return
-        column = layout.column(align=True)
-        for camera in settings.cameras.all_objects:
-            if camera.type == "CAMERA":
-                icon = "OUTLINER_OB_CAMERA" if context.scene.camera == camera else "CAMERA_DATA"
-                row = column.operator("mocap_autolabel.look_through", text=camera_name(camera), icon=icon)
-                row.camera = camera.name
+        cameras = [item for item in settings.cameras.all_objects if item.type == "CAMERA"]
+        grid = layout.grid_flow(columns=1 if len(cameras) <= FEW else 2, even_columns=True, align=True)
+        for camera in cameras:
+            icon = "OUTLINER_OB_CAMERA" if context.scene.camera == camera else "CAMERA_DATA"
+            button = grid.operator("mocap_autolabel.look_through", text=camera_name(camera), icon=icon)
+            button.camera = camera.name
 
 
 class MOCAP_AUTOLABEL_PT_blobs(Step, bpy.types.Panel):

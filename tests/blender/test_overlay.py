@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the overlay draws, and that it draws: through a camera everything lies where Blender itself puts it."""
+
+import importlib
+
+import bpy
+import numpy as np
+import pytest
+from bpy_extras.object_utils import world_to_camera_view
+from mathutils import Matrix, Vector
+
+from addon.core.takes import NO_MARKER
+from addon.scene import take as takes
+from addon.scene.cameras import cameras_of, look_through
+from addon.scene.preview import read_preview, store_preview
+
+
+@pytest.fixture
+def marks(extension):
+    """The module that works out what to draw."""
+    return importlib.import_module(f"{extension}.addon.ui.marks")
+
+
+@pytest.fixture
+def shown(empty, made):
+    """A take through a lens that bends, in the scene and read back."""
+    take = made.take(lens=-0.15)
+    collection = takes.show_take(empty, take)
+    return take, takes.stored_take(collection, empty.scene)
+
+
+def camera_of(stored, number):
+    return bpy.context.scene.objects[stored.cameras.names[number]]
+
+
+def test_blobs_lie_on_their_markers_with_the_lens_taken_out(empty, shown, marks):
+    take, stored = shown
+    for number in range(4):
+        camera = camera_of(stored, number)
+        pose = np.array(camera.matrix_world.normalized())
+        seen = marks.camera_marks(stored, 10, number, pose)
+        named = seen.marker != NO_MARKER
+        assert named.sum() > 3
+        look_through(empty.scene, camera)
+        empty.view_layer.update()
+        for blob, marker in zip(seen.blobs[named], seen.marker[named], strict=True):
+            here, there = (
+                world_to_camera_view(empty.scene, camera, Vector(point)).xy
+                for point in (blob, take.motion.expected[10, marker])
+            )
+            assert (here - there).length < 1e-4
+
+
+def test_links_take_the_colour_of_their_step(shown, marks):
+    _, stored = shown
+    seen = marks.camera_marks(stored, 10, 0, np.eye(4))
+    ends, colours = marks.links(seen)
+    named = seen.marker != NO_MARKER
+    assert len(ends) == named.sum()
+    for step, (first, last) in zip(seen.step[named], colours, strict=True):
+        assert (tuple(first), tuple(last)) == {
+            1: (marks.GREEN, marks.GREEN),
+            2: (marks.CYAN, marks.MAGENTA),
+            3: (marks.BLACK, marks.WHITE),
+        }[int(step)]
+
+
+def test_a_lost_frame_has_blobs_and_no_links(shown, marks):
+    _, stored = shown
+    seen = marks.camera_marks(stored, 3, 0, np.eye(4))
+    assert len(seen.blobs) == 1
+    assert len(marks.links(seen)[0]) == 0
+
+
+def test_frames_outside_the_take_draw_nothing(shown, marks):
+    _, stored = shown
+    assert [marks.frame_index(stored, frame) for frame in (100, 101, 120, 121)] == [-1, 0, 19, -1]
+
+
+def test_words_never_lie_on_each_other(marks):
+    places = np.random.default_rng(1).uniform(0, 120, (30, 2))
+    places[5] = np.nan
+    widths = np.full(30, 30.0)
+    starts = marks.room_for_words(places, widths, 11.0, 6.0)
+    assert np.isnan(starts[5]).all()
+    kept = starts[np.isfinite(starts[:, 0])]
+    assert len(kept) > 8
+    for index, one in enumerate(kept):
+        for other in kept[:index]:
+            assert abs(one[0] - other[0]) >= 30 or abs(one[1] - other[1]) >= 11
+    alone = marks.room_for_words(np.array([[50.0, 50.0]]), widths[:1], 11.0, 6.0)
+    assert alone[0, 0] == 56.0
+
+
+def test_blobs_can_be_looked_at_before_they_are_labelled(empty, made, marks):
+    take = made.take()
+    mesh = store_preview("walk", take.blobs, take.cameras)
+    stored = read_preview(mesh, take.cameras)
+    np.testing.assert_array_equal(stored.blobs.frames, take.blobs.frames)
+    np.testing.assert_array_equal(stored.blobs.frame, take.blobs.frame)
+    np.testing.assert_allclose(stored.blobs.xy, take.blobs.xy, atol=1e-4)
+    assert len(marks.camera_marks(stored, 4, 0, np.eye(4)).blobs) == 1
+    fewer = read_preview(mesh, take.cameras.select([1, 2]))
+    assert len(fewer.blobs) == np.isin(take.blobs.camera, [1, 2]).sum()
+
+
+@pytest.mark.skipif(bpy.app.version < (5, 0, 0), reason="this Blender draws nothing without a window")
+def test_it_draws(extension, empty, made, monkeypatch):
+    """Into a picture of its own: blobs and links leave their colours, and cameras and space have their views."""
+    import gpu
+
+    gpu.init()
+    overlay = importlib.import_module(f"{extension}.addon.ui.overlay")
+    take = made.take()
+    takes.show_take(empty, take)
+    settings = empty.scene.mocap_autolabel
+    settings.take = takes.takes_of(empty.scene)[-1]
+    empty.scene.frame_set(111)
+    camera = empty.scene.objects["cam 1"]
+    size = (656, 491)
+    look_through(empty.scene, camera)
+    pixel = {"scale_x": empty.scene.render.pixel_aspect_x, "scale_y": empty.scene.render.pixel_aspect_y}
+    lens = camera.calc_matrix_camera(empty.evaluated_depsgraph_get(), x=size[0], y=size[1], **pixel)
+
+    class Canvas(overlay.Canvas):
+        def __init__(self, context):
+            self.size, self.scale = size, 1.0
+            self.perspective = np.array(lens @ camera.matrix_world.normalized().inverted())
+
+    def drawn(paint):
+        offscreen = gpu.types.GPUOffScreen(*size)
+        with offscreen.bind():
+            gpu.state.active_framebuffer_get().clear(color=(0.2, 0.2, 0.2, 1.0))
+            with gpu.matrix.push_pop():
+                gpu.matrix.load_matrix(
+                    Matrix(((2 / size[0], 0, 0, -1), (0, 2 / size[1], 0, -1), (0, 0, 1, 0), (0, 0, 0, 1)))
+                )
+                gpu.matrix.load_projection_matrix(Matrix())
+                paint()
+            buffer = gpu.state.active_framebuffer_get().read_color(0, 0, *size, 4, 0, "FLOAT")
+        offscreen.free()
+        buffer.dimensions = size[0] * size[1] * 4
+        return np.array(buffer).reshape(size[1], size[0], 4)
+
+    stored = overlay.shown(empty.scene)
+    picture = drawn(lambda: overlay.draw_camera(Canvas(None), stored, 10, camera, settings))
+    rows = np.flatnonzero((take.blobs.frame == 10) & (take.blobs.camera == 1) & (take.labels.step == 1))
+    assert len(rows)
+    for x, y in take.blobs.xy[rows]:
+        red, green, blue, _ = picture[round(size[1] - y), round(x)]
+        assert green > 0.5 > max(red, blue), "an exclusive blob is green"
+    plain = drawn(lambda: overlay.draw_markers(Canvas(None), stored, 10, settings))
+    assert (np.abs(plain[..., 0] - 0.2) > 0.3).sum() > 50
+
+
+def test_cameras_that_were_moved_are_read_anew(empty, shown):
+    _, stored = shown
+    camera_of(stored, 0).location.z += 1
+    empty.view_layer.update()
+    collection = takes.takes_of(empty.scene)[0]["mocap_cameras"]
+    assert cameras_of(collection, empty.scene).centres[0, 2] == pytest.approx(
+        stored.cameras.centres[0, 2] + 1, abs=1e-5
+    )
