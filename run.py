@@ -48,7 +48,7 @@ def demo(found, extra):
     if python is None:
         return 1
     out = [] if any(arg.split("=")[0] == "--out" for arg in extra) else ["--out", "demo-out", "--overwrite"]
-    return call([str(python.parent / "mocap-autolabel"), "demo", *out, *extra])
+    return call([str(python.parent / "mocap-autolabel"), "demo", "--progress", *out, *extra])
 
 
 def test(found, extra):

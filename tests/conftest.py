@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What all tests share: a Blender without the user's settings, repeatable random cases, and what is at hand."""
 
+import atexit
 import importlib.util
 import os
+import sys
 import tempfile
 from pathlib import Path
 
@@ -16,6 +18,7 @@ os.environ["BLENDER_USER_RESOURCES"] = _resources.name
 settings.register_profile("repeatable", derandomize=True, deadline=None, print_blob=True)
 settings.load_profile("repeatable")
 
+EXIT_STATUS = pytest.StashKey[int]()
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
@@ -25,6 +28,23 @@ def shared_data() -> Path:
     if not SHARED_DATA.is_dir():
         pytest.skip("the recorded people and rooms (../shared/data) are not on this machine")
     return SHARED_DATA
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish(session):
+    session.config.stash[EXIT_STATUS] = int(session.exitstatus)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_unconfigure(config):
+    """Ends the process by force where Blender 4.5 is in it, which may wait for ever for itself when Python ends."""
+    bpy = sys.modules.get("bpy")
+    if bpy is None or bpy.app.version >= (5, 0):
+        return
+    atexit._run_exitfuncs()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(config.stash.get(EXIT_STATUS, 1))
 
 
 def pytest_report_header(config) -> str:
