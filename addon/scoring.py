@@ -1,30 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Labels against the truth, file against file, a few frames at a time."""
 
-import csv
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import chain, groupby
 from pathlib import Path
-from typing import Self
 
 from .core.errors import InputError
 from .core.figures import Figures
-from .io.source import open_binary
+from .io.labels import BLOB_KEYS, LabelFile, LabelRow
 
-BLOB_KEYS, POINT_KEYS = ("camera", "x", "y"), ("point",)
 CHUNK_ROWS = 50_000
-
-
-@dataclass(frozen=True)
-class Row:
-    """One row of a labels or truth file: its line, its frame, what tells it from others in the frame, and its names."""
-
-    line: int
-    frame: int
-    key: tuple
-    marker: str
-    step: str
 
 
 @dataclass
@@ -45,12 +31,12 @@ def compare(
     different kinds and whatever is no such file.
     """
     agreement = Agreement(figures)
-    with _Table(labels, "labels") as ours, _Table(truth, "truth") as known:
+    with LabelFile(labels) as ours, LabelFile(truth, "truth") as known:
         if ours.keys != known.keys:
             raise InputError(
                 f"has truth of {known.kind}, but the labels are of {ours.kind}; expected the same kind", truth, 1
             )
-        batch: list[tuple[Row, str]] = []
+        batch: list[tuple[LabelRow, str]] = []
         for row, name in _matched(ours, known, agreement, frames):
             if len(batch) >= CHUNK_ROWS and row.frame != batch[-1][0].frame:
                 _count(figures, batch, ours.keys)
@@ -64,102 +50,16 @@ def compare(
     return agreement
 
 
-class _Table:
-    """A labels or truth file, open, frame by frame."""
-
-    def __init__(self, path: Path, what: str):
-        self.path, self.what = path, what
-        self.file = open_binary(path)
-        self.lines = enumerate(csv.reader(_text(self.file, path, what)), 1)
-
-    def __enter__(self) -> Self:
-        try:
-            header = [name.strip().lower() for name in self._next_fields()]
-        except BaseException:
-            self.file.close()
-            raise
-        self.keys = BLOB_KEYS if "camera" in header else POINT_KEYS
-        missing = [name for name in ("frame", *self.keys, "marker") if name not in header]
-        if missing:
-            self.file.close()
-            raise InputError(
-                f"has no column {' or '.join(missing)}; expected {self.what} with the header frame,camera,x,y,marker "
-                "or frame,point,marker",
-                self.path,
-                1,
-            )
-        self.columns = [header.index(name) for name in ("frame", *self.keys, "marker")]
-        self.step = header.index("step") if "step" in header else None
-        self.width = len(header)
-        return self
-
-    def __exit__(self, *_):
-        self.file.close()
-
-    @property
-    def kind(self) -> str:
-        return "blobs" if self.keys == BLOB_KEYS else "3D points"
-
-    def _next_fields(self) -> list[str]:
-        try:
-            return next(self.lines)[1]
-        except StopIteration:
-            raise InputError(f"is empty; expected {self.what}", self.path) from None
-        except csv.Error as error:
-            raise InputError(f"is no CSV file ({error}); expected {self.what}", self.path) from None
-
-    def rows(self) -> Iterator[Row]:
-        previous = None
-        while True:
-            try:
-                line, fields = next(self.lines)
-            except StopIteration:
-                return
-            except csv.Error as error:
-                raise InputError(f"is no CSV file ({error}); expected {self.what}", self.path) from None
-            if not fields:
-                continue
-            row = self._row(line, fields)
-            if previous is not None and row.frame < previous:
-                raise InputError(
-                    f"goes back from frame {previous} to {row.frame}; expected ascending frames", self.path, line
-                )
-            previous = row.frame
-            yield row
-
-    def _row(self, line: int, fields: list[str]) -> Row:
-        if len(fields) != self.width:
-            raise InputError(
-                f"has {len(fields)} fields; expected {self.width} as in the header (is the file cut off?)",
-                self.path,
-                line,
-            )
-        frame, *key, marker = (fields[column].strip() for column in self.columns)
-        try:
-            # Equal numbers are the same place, however many digits each file writes.
-            key = [key[0], *(float(number) for number in key[1:])] if len(key) > 1 else [int(key[0])]
-            return Row(line, int(float(frame)), tuple(key), marker, "" if self.step is None else fields[self.step])
-        except (ValueError, OverflowError):
-            raise InputError(f"has a key that is no number; expected {self.what} as frame,…", self.path, line) from None
-
-
-def _text(file, path: Path, what: str) -> Iterator[str]:
-    for number, line in enumerate(file, 1):
-        if b"\0" in line:
-            raise InputError(f"is a binary file; expected {what}", path, number)
-        yield line.decode("utf-8-sig" if number == 1 else "utf-8", "surrogateescape")
-
-
 def _matched(
-    ours: _Table, known: _Table, agreement: Agreement, frames: tuple[int | None, int | None] | None
-) -> Iterator[tuple[Row, str]]:
+    ours: LabelFile, known: LabelFile, agreement: Agreement, frames: tuple[int | None, int | None] | None
+) -> Iterator[tuple[LabelRow, str]]:
     """Every row of labels that has a known truth, with it."""
     truths = groupby(_within(known.rows(), frames), key=lambda row: row.frame)
     frame, group = next(truths, (None, iter(())))
     for label_frame, labels in groupby(_within(ours.rows(), frames), key=lambda row: row.frame):
         if frame is not None and frame < label_frame:
             raise _left_out(ours, next(group))
-        there: dict[tuple, list[Row]] = {}
+        there: dict[tuple, list[LabelRow]] = {}
         if frame == label_frame:
             for row in group:
                 there.setdefault(row.key, []).append(row)
@@ -176,12 +76,12 @@ def _matched(
         raise _left_out(ours, next(group))
 
 
-def _within(rows: Iterator[Row], frames: tuple[int | None, int | None] | None) -> Iterator[Row]:
+def _within(rows: Iterator[LabelRow], frames: tuple[int | None, int | None] | None) -> Iterator[LabelRow]:
     first, last = frames or (None, None)
     return (r for r in rows if (first is None or r.frame >= first) and (last is None or r.frame <= last))
 
 
-def _left_out(ours: _Table, row: Row) -> InputError:
+def _left_out(ours: LabelFile, row: LabelRow) -> InputError:
     what = " ".join(str(part) for part in row.key)
     return InputError(
         f"has no row for frame {row.frame}, {what} (line {row.line} of the truth); expected all its rows, or --frames",
@@ -189,7 +89,7 @@ def _left_out(ours: _Table, row: Row) -> InputError:
     )
 
 
-def _count(figures: Figures, batch: list[tuple[Row, str]], keys: tuple[str, ...]):
+def _count(figures: Figures, batch: list[tuple[LabelRow, str]], keys: tuple[str, ...]):
     if batch:
         rows = [row for row, _ in batch]
         cameras = [row.key[0] for row in rows] if keys == BLOB_KEYS else None

@@ -22,7 +22,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 MANIFEST = "blender_manifest.toml"
-LIBRARIES = ("c3d==0.6.0", "ezc3d==1.7.2", "threadpoolctl==3.8.0")
+LIBRARIES = ("threadpoolctl==3.8.0",)
 # The platform tags that each platform's oldest supported system accepts (Blender's own requirements, SciPy's builds).
 WHEEL_TAGS = {
     "linux-x64": ("manylinux_2_28_x86_64", "manylinux_2_27_x86_64", "manylinux_2_17_x86_64"),

@@ -12,13 +12,13 @@ from .. import batch
 from ..blendfile import has_blender, open_cameras
 from ..core.errors import InputError, UserError
 from ..io.markersets import open_markerset
+from ..io.points import holds_points
 from .console import ProgressLine, complain, print_results
 from .parser import add_frames, add_overwrite, number, whole
 from .workers import side_by_side
 
 DESCRIPTION = """Names the markers of one or more takes. INPUT: camera blobs, a CSV file with the header
 frame,camera,x,y and optionally area. For INPUT walk.csv, DIR gets walk.labels.csv, walk.c3d and walk.report.json."""
-POINT_SUFFIXES = (".c3d", ".trc")
 
 
 def add_parser(verbs):
@@ -81,7 +81,7 @@ def run(arguments) -> int:
 def check(arguments):
     """Everything that can be known to be wrong before any work; raises InputError."""
     for path in arguments.inputs:
-        if path.suffix.lower() in POINT_SUFFIXES:
+        if holds_points(path):
             raise InputError("holds 3D points, which this version does not label; expected camera blobs (.csv)", path)
     stems: dict[str, Path] = {}
     for path in arguments.inputs:

@@ -63,28 +63,6 @@ def read_blobs(
         raise InputError(f"has no blobs{wanted}; expected at least one row", path)
 
 
-def frame_range(path: Path) -> tuple[int, int]:
-    """First and last frame number, from the two ends of the file alone: what there is to do, before it is done."""
-    path = Path(path)
-    with open_binary(path) as file:
-        head = file.read(BLOCK_BYTES)
-        header, start = read_header(head, path)
-        size = file.seek(0, 2)
-        file.seek(max(start, size - LONGEST_LINE))
-        tail = file.read()
-    lines = head[start:].split(b"\n", 1)[:1] + tail.rstrip().rsplit(b"\n", 1)[-1:]
-    numbers = []
-    for line in lines:
-        fields = line.split(b",")
-        try:
-            numbers.append(int(float(fields[header.frame].decode("latin-1").strip(' "\r'))))
-        except (ValueError, IndexError, OverflowError):
-            raise InputError(
-                "has a row without a frame number at its start or end; expected complete rows", path
-            ) from None
-    return numbers[0], numbers[1]
-
-
 def _blocks(path: Path, cameras: Cameras) -> Iterator[tuple[Rows, float, bool]]:
     """Parsed rows of one block after the other, the fraction of the file behind them, and whether it was the last."""
     with open_binary(path) as file:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The contract's labels and truth: written piece by piece beside the labelling, read whole."""
+"""The contract's labels and truth: written piece by piece beside the labelling, read row by row."""
 
 import csv
 from collections.abc import Iterable, Iterator, Sequence
@@ -16,7 +16,6 @@ from .source import open_binary
 
 BLOB_KEYS = ("frame", "camera", "x", "y")
 POINT_KEYS = ("frame", "point")
-KIND = "labels or truth with the header frame,camera,x,y,marker or frame,point,marker"
 
 # Confidences are written to this many digits; a table of them is faster than printing each.
 _CONFIDENCE = tuple(f"{value / 1000:.3f}".rstrip("0").rstrip(".") for value in range(1001))
@@ -66,101 +65,125 @@ class TruthWriter(_RowWriter):
         self.file.writelines(f"{key},{csv_field(marker)}\n" for key, marker in zip(keys, markers, strict=True))
 
 
-@dataclass(frozen=True, eq=False)
-class LabelTable:
-    """N rows of a labels or truth file.
+@dataclass(frozen=True)
+class LabelRow:
+    """One row of a labels or truth file.
 
-    columns     the key columns, BLOB_KEYS or POINT_KEYS
-    keys        each row's own text of them
-    frame       (N,) frame numbers
-    names       what stands in the marker column, each text once; the first is empty, merged names keep their |
-    marker      (N,) index into `names`
-    steps       the words of the step column, each once; the first is empty
-    step        (N,) index into `steps`
-    confidence  (N,) 0 to 1, NaN where the file has none
+    line        where it stands in the file
+    frame       the frame
+    key         what tells it from others in the frame: camera, x and y of a blob, the index of a point
+    marker      the name as it stands, merged ones joined with `|`; empty for none
+    step        how the label came about; empty where the file does not say
+    confidence  0 to 1; NaN where the file does not say
     """
 
-    columns: tuple[str, ...]
-    keys: list[str]
-    frame: np.ndarray
-    names: tuple[str, ...]
-    marker: np.ndarray
-    steps: tuple[str, ...]
-    step: np.ndarray
-    confidence: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.keys)
+    line: int
+    frame: int
+    key: tuple
+    marker: str
+    step: str
+    confidence: float
 
 
-def read_labels(path: Path) -> LabelTable:
-    """A labels or truth file, of blobs or of 3D points as its header says; further columns are let be.
+class LabelFile:
+    """A labels or truth file of blobs or of 3D points, open and read row by row; a context manager.
 
-    Raises InputError with the line where it is not as the contract says.
+    `what` names the file in errors. Further columns are let be. Raises InputError with the line where the file is not
+    as the contract says.
     """
-    path = Path(path)
-    names, steps = {"": 0}, {"": 0}
-    keys, frame, marker, step, confidence = [], [], [], [], []
-    with open_binary(path) as file:
-        rows = _rows(file, path)
-        header = [name.strip().lower() for name in next(rows, (1, []))[1]]
-        columns = BLOB_KEYS if "camera" in header else POINT_KEYS
-        missing = [name for name in (*columns, "marker") if name not in header]
-        if missing:
-            raise InputError(f"has no column {' or '.join(missing)}; expected {KIND}", path, 1)
-        at = [header.index(name) for name in columns]
-        marker_at = header.index("marker")
-        step_at, confidence_at = (header.index(n) if n in header else None for n in ("step", "confidence"))
-        for line, fields in rows:
-            if len(fields) != len(header):
-                raise InputError(f"has {len(fields)} fields; expected {len(header)} (cut off?)", path, line)
-            keys.append(",".join(csv_field(fields[column]) for column in at))
-            frame.append(_whole(fields[at[0]], path, line))
-            marker.append(names.setdefault(fields[marker_at].strip(), len(names)))
-            step.append(steps.setdefault(fields[step_at].strip(), len(steps)) if step_at is not None else 0)
-            confidence.append(_share(fields[confidence_at], path, line) if confidence_at is not None else np.nan)
-    if not keys:
-        raise InputError("has no rows; expected at least one", path)
-    arrays = (np.array(marker), tuple(steps), np.array(step), np.array(confidence, dtype=float))
-    return LabelTable(columns, keys, np.array(frame), tuple(names), *arrays)
 
+    def __init__(self, path: Path, what: str = "labels"):
+        self.path, self.what = Path(path), what
+        self.file = open_binary(path)
+        self._reader = csv.reader(self._texts())
 
-def _rows(file: Iterable[bytes], path: Path) -> Iterator[tuple[int, list[str]]]:
-    """The lines that are not empty, with their numbers, as fields."""
-    reader = csv.reader(_texts(file, path))
-    while True:
+    def __enter__(self) -> Self:
         try:
-            fields = next(reader, None)
-        except csv.Error as error:
-            raise InputError(f"is no CSV file ({error}); expected {KIND}", path, reader.line_num) from None
+            self._read_header()
+        except BaseException:
+            self.file.close()
+            raise
+        return self
+
+    def __exit__(self, *_: object):
+        self.file.close()
+
+    @property
+    def kind(self) -> str:
+        """What the rows are of, in words."""
+        return "blobs" if self.keys == BLOB_KEYS else "3D points"
+
+    def rows(self) -> Iterator[LabelRow]:
+        """All rows in their order, frames ascending."""
+        previous = None
+        while (fields := self._fields()) is not None:
+            if not fields:
+                continue
+            row = self._row(fields)
+            if previous is not None and row.frame < previous:
+                raise self._error(f"goes back from frame {previous} to {row.frame}; expected ascending frames")
+            previous = row.frame
+            yield row
+
+    def _read_header(self):
+        fields = self._fields()
         if fields is None:
-            return
-        if fields:
-            yield reader.line_num, fields
+            raise InputError(f"is empty; expected {self.what}", self.path)
+        header = [name.strip().lower() for name in fields]
+        self.keys = BLOB_KEYS if "camera" in header else POINT_KEYS
+        missing = [name for name in (*self.keys, "marker") if name not in header]
+        if missing:
+            forms = "frame,camera,x,y,marker or frame,point,marker"
+            what = f"has no column {' or '.join(missing)}; expected {self.what} with the header {forms}"
+            raise InputError(what, self.path, 1)
+        self._columns = [header.index(name) for name in (*self.keys, "marker")]
+        self._step, self._confidence = (
+            header.index(name) if name in header else None for name in ("step", "confidence")
+        )
+        self._width = len(header)
 
+    def _row(self, fields: list[str]) -> LabelRow:
+        if len(fields) != self._width:
+            raise self._error(f"has {len(fields)} fields; expected {self._width} as in the header (is it cut off?)")
+        frame, *key, marker = (fields[column].strip() for column in self._columns)
+        try:
+            # Equal numbers are the same place, however many digits each file writes.
+            key = (key[0], float(key[1]), float(key[2])) if len(key) > 1 else (int(key[0]),)
+        except ValueError:
+            raise self._error(f"has a key that is no number; expected {self.what} as frame,…") from None
+        step = "" if self._step is None else fields[self._step].strip()
+        share = np.nan if self._confidence is None else self._share(fields[self._confidence])
+        return LabelRow(self._reader.line_num, self._whole(frame), key, marker, step, share)
 
-def _texts(file: Iterable[bytes], path: Path) -> Iterator[str]:
-    for number, line in enumerate(file, 1):
-        if b"\0" in line:
-            raise InputError(f"is a binary file; expected {KIND}", path, number)
-        yield line.decode("utf-8-sig" if number == 1 else "utf-8", "surrogateescape")
+    def _whole(self, text: str) -> int:
+        try:
+            value = float(text)
+        except ValueError:
+            value = np.nan
+        if not abs(value) < 2**53 or value % 1:
+            raise self._error(f"has the frame {text[:40]!r}; expected a whole number")
+        return int(value)
 
+    def _share(self, text: str) -> float:
+        try:
+            value = float(text) if text.strip() else np.nan
+        except ValueError:
+            value = -1.0
+        if value < 0 or value > 1:
+            raise self._error(f"has the confidence {text.strip()[:40]!r}; expected 0 to 1")
+        return value
 
-def _whole(text: str, path: Path, line: int) -> int:
-    try:
-        value = float(text)
-    except ValueError:
-        value = np.nan
-    if not abs(value) < 2**53 or value % 1:
-        raise InputError(f"has the frame {text.strip()[:40]!r}; expected a whole number", path, line)
-    return int(value)
+    def _fields(self) -> list[str] | None:
+        try:
+            return next(self._reader, None)
+        except csv.Error as error:
+            raise self._error(f"is no CSV file ({error}); expected {self.what}") from None
 
+    def _texts(self) -> Iterator[str]:
+        for number, line in enumerate(self.file, 1):
+            if b"\0" in line:
+                raise InputError(f"is a binary file; expected {self.what}", self.path, number)
+            yield line.decode("utf-8-sig" if number == 1 else "utf-8", "surrogateescape")
 
-def _share(text: str, path: Path, line: int) -> float:
-    try:
-        value = float(text) if text.strip() else np.nan
-    except ValueError:
-        value = -1.0
-    if value < 0 or value > 1:
-        raise InputError(f"has the confidence {text.strip()[:40]!r}; expected 0 to 1", path, line)
-    return value
+    def _error(self, words: str) -> InputError:
+        return InputError(words, self.path, self._reader.line_num)

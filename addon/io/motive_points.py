@@ -1,17 +1,28 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """OptiTrack Motive's `.csv` export of markers, labelled or not."""
 
+import codecs
 import csv
 from pathlib import Path
 
 from ..core.errors import InputError
-from .source import decode, read_bytes
+from .source import decode, open_binary, read_bytes
 from .textpoints import TextTake, rows_to_xyz
 
 KIND = "a Motive .csv export"
 
+OPENINGS = ("format version", "take name")
+
 # Where a file has several kinds of marker, the first of these is what the cameras saw.
 KINDS = ("marker", "unlabeled marker", "rigid body marker", "bone marker")
+
+
+def is_motive(path: Path) -> bool:
+    """Whether a file begins with Motive's settings, as its exports of points do and files of blobs do not."""
+    with open_binary(path) as file:
+        head = file.readline(4096)
+    first = head.removeprefix(codecs.BOM_UTF8).decode("latin-1").partition(",")[0]
+    return first.strip().strip('"').lower() in OPENINGS
 
 
 def read_motive(path: Path) -> TextTake:
@@ -20,7 +31,7 @@ def read_motive(path: Path) -> TextTake:
     lines = text.splitlines()
     head = _fields(lines[0] if lines else "", path, 1)
     settings = dict(zip((key.strip().lower() for key in head[::2]), head[1::2], strict=False))
-    if "format version" not in settings and "take name" not in settings:
+    if not any(opening in settings for opening in OPENINGS):
         raise InputError(f"does not begin with Motive's settings; expected {KIND}", path, 1)
     rate = _rate(settings, path)
     titles, start = _titles(lines, path)

@@ -12,7 +12,7 @@ import numpy as np
 from ..core.errors import InputError
 from ..core.takes import Points
 from .c3d import C3dTake, read_c3d, write_c3d_file
-from .motive_points import read_motive
+from .motive_points import is_motive, read_motive
 from .trc import read_trc, write_trc_file
 from .world import UNITS, guess_unit, guess_up, up_rotation
 
@@ -33,6 +33,12 @@ class FilePoints(Points):
     """
 
     columns: np.ndarray = None
+
+
+def holds_points(path: Path) -> bool:
+    """Whether a file is a take of 3D points and not of blobs, told by its suffix and a `.csv` by its first line."""
+    suffix = Path(path).suffix.lower()
+    return suffix in (".c3d", ".trc") or (suffix == ".csv" and is_motive(path))
 
 
 def read_points(path: Path, everything: bool = False) -> FilePoints:

@@ -8,6 +8,8 @@ from pathlib import Path
 
 from ..core.errors import InputError, JobError
 
+PART, TOKEN = ".part-", 12  # how the name of a temporary begins, and how many letters tell one job's from another's
+
 
 @contextmanager
 def whole_file(target: Path, overwrite: bool = False) -> Iterator[Path]:
@@ -29,8 +31,8 @@ def whole_files(targets: Sequence[Path], overwrite: bool = False) -> Iterator[li
     targets = [Path(target) for target in targets]
     for target in targets:
         _refuse(target, overwrite)
-    token = uuid.uuid4().hex[:12]
-    temporaries = [target.with_name(f".part-{token}-{target.name}") for target in targets]
+    token = uuid.uuid4().hex[:TOKEN]
+    temporaries = [target.with_name(f"{PART}{token}-{target.name}") for target in targets]
     _make_folders(targets)
     try:
         try:
@@ -50,6 +52,12 @@ def whole_files(targets: Sequence[Path], overwrite: bool = False) -> Iterator[li
     finally:
         for temporary in temporaries:
             temporary.unlink(missing_ok=True)
+
+
+def final_name(path: Path) -> str:
+    """The name that a file will have when it is whole: what a format that names itself should say."""
+    name = Path(path).name
+    return name[len(PART) + TOKEN + 1 :] if name.startswith(PART) else name
 
 
 def _refuse(target: Path, overwrite: bool):

@@ -45,7 +45,7 @@ def test_a_process_gives_status_and_last_line(tmp_path):
     assert done.returncode == 2
     assert done.stdout == ""
     assert done.stderr.splitlines()[-1].startswith(
-        f"mocap-autolabel: {tmp_path / 'no.toml'}: there is no such file; expected"
+        f"mocap-autolabel: {tmp_path / 'no.csv'}: there is no such file; expected"
     )
 
 

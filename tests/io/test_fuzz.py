@@ -12,9 +12,9 @@ import pytest
 
 from addon.core.errors import InputError
 from addon.core.takes import Points
-from addon.io.blobs import frame_range, read_blobs
+from addon.io.blobs import read_blobs
 from addon.io.cameras import read_cameras
-from addon.io.labels import read_labels
+from addon.io.labels import LabelFile
 from addon.io.markersets import builtin_markersets, read_markerset, write_markerset
 from addon.io.points import read_points
 from tests.core.toybody import toy_markerset
@@ -32,8 +32,12 @@ TOKENS = [
 
 def read_all_blobs(path: Path):
     cameras = ring()
-    frame_range(path)
     return sum(len(rows.blobs) for rows in read_blobs(path, cameras))
+
+
+def read_labels(path: Path):
+    with LabelFile(path) as file:
+        return list(file.rows())
 
 
 def read_take(path: Path) -> Points:

@@ -9,10 +9,15 @@ from hypothesis import strategies as st
 from addon.core.errors import InputError
 from addon.core.takes import CONFLICT, EXCLUSIVE, NO_MARKER, NO_STEP, REMAINING, Labels
 from addon.io.blobs import read_blobs
-from addon.io.labels import POINT_KEYS, LabelWriter, TruthWriter, read_labels
+from addon.io.labels import BLOB_KEYS, POINT_KEYS, LabelFile, LabelWriter, TruthWriter
 from tests.io.samples import BLOBS, ring
 
 MARKERS = ("LASI", "RASI", 'odd "name", really')
+
+
+def read(path):
+    with LabelFile(path) as file:
+        return file.keys, list(file.rows())
 
 
 def labels(marker, step, confidence) -> Labels:
@@ -50,7 +55,7 @@ def test_labels_of_a_take_begin_with_the_takes_own_text(tmp_path):
         ),
         min_size=1,
         max_size=30,
-    )
+    ).map(sorted)
 )
 def test_labels_come_back(tmp_path_factory, rows):
     path = tmp_path_factory.mktemp("labels") / "take.labels.csv"
@@ -60,26 +65,26 @@ def test_labels_come_back(tmp_path_factory, rows):
     confidence = [row[4] / 1000 if row[2] >= 0 else 0 for row in rows]
     with LabelWriter(path, MARKERS) as writer:
         writer.write(keys, labels(marker, step, confidence))
-    table = read_labels(path)
-    assert table.columns == ("frame", "camera", "x", "y")
-    assert table.keys == keys
-    assert table.frame.tolist() == [row[0] for row in rows]
-    assert [table.names[index] for index in table.marker] == ["" if index < 0 else MARKERS[index] for index in marker]
+    columns, found = read(path)
+    assert columns == BLOB_KEYS
+    assert [row.line for row in found] == list(range(2, len(rows) + 2))
+    assert [(row.frame, row.key) for row in found] == [(frame, (camera, 1.5, -2.0)) for frame, camera, *_ in rows]
+    assert [row.marker for row in found] == ["" if index < 0 else MARKERS[index] for index in marker]
     words = ("", "exclusive", "conflict", "remaining")
-    assert [table.steps[index] for index in table.step] == [words[index] for index in step]
-    np.testing.assert_allclose(table.confidence, confidence, atol=1e-9)
+    assert [row.step for row in found] == [words[index] for index in step]
+    np.testing.assert_allclose([row.confidence for row in found], confidence, atol=1e-9)
 
 
 def test_truth_of_blobs_and_of_points_keeps_merged_names(tmp_path):
     with TruthWriter(tmp_path / "a.csv") as writer:
         writer.write(["1,c,2,3", "1,c,2,4"], ["LASI|RASI", ""])
-    table = read_labels(tmp_path / "a.csv")
-    assert [table.names[index] for index in table.marker] == ["LASI|RASI", ""]
-    assert np.isnan(table.confidence).all()
+    _, rows = read(tmp_path / "a.csv")
+    assert [row.marker for row in rows] == ["LASI|RASI", ""]
+    assert np.isnan([row.confidence for row in rows]).all()
     with TruthWriter(tmp_path / "b.csv", POINT_KEYS) as writer:
         writer.write(["1,0", "1,7"], ["LASI", "RASI"])
-    table = read_labels(tmp_path / "b.csv")
-    assert (table.columns, table.keys, len(table)) == (POINT_KEYS, ["1,0", "1,7"], 2)
+    columns, rows = read(tmp_path / "b.csv")
+    assert (columns, [row.key for row in rows]) == (POINT_KEYS, [(0,), (7,)])
 
 
 @pytest.mark.parametrize(
@@ -87,7 +92,8 @@ def test_truth_of_blobs_and_of_points_keeps_merged_names(tmp_path):
     [
         ("frame,camera,x,y\n", 1, "no column marker"),
         ("frame,marker\n", 1, "no column point"),
-        ("frame,point,marker\n", 0, "no rows"),
+        ("frame,point,marker\n2,2,A\n1,2,A\n", 3, "goes back"),
+        ("", 0, "is empty"),
         ("frame,point,marker\n1,2,A\n1,2\n", 3, "2 fields; expected 3"),
         ("frame,point,marker\nx,2,A\n", 2, "frame 'x'"),
         ("frame,point,marker,confidence\n1,2,A,1.5\n", 2, "confidence '1.5'"),
@@ -97,5 +103,5 @@ def test_truth_of_blobs_and_of_points_keeps_merged_names(tmp_path):
 def test_what_is_wrong_is_told_with_its_line(tmp_path, text, line, words):
     (tmp_path / "a.csv").write_text(text)
     with pytest.raises(InputError, match=words) as caught:
-        read_labels(tmp_path / "a.csv")
+        read(tmp_path / "a.csv")
     assert caught.value.line == line

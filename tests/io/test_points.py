@@ -2,6 +2,7 @@
 """Takes of 3D points: every processor and program's files, judged by other readers where there are any."""
 
 import re
+import tracemalloc
 import warnings
 
 import numpy as np
@@ -12,9 +13,10 @@ from hypothesis import strategies as st
 from addon.core.errors import InputError
 from addon.core.takes import Points
 from addon.io.c3d import read_c3d, write_c3d_file
-from addon.io.points import marker_columns, read_points, write_c3d, write_trc
+from addon.io.points import holds_points, marker_columns, read_points, write_c3d, write_trc
+from addon.io.whole import whole_file
 from addon.io.world import guess_unit, guess_up, up_rotation
-from tests.io.samples import motive, other_processor, walk
+from tests.io.samples import BLOBS, motive, other_processor, walk
 
 ezc3d = pytest.importorskip("ezc3d")
 py_c3d = pytest.importorskip("c3d")
@@ -328,3 +330,32 @@ def test_any_take_survives_a_c3d_file(tmp_path_factory, frames, points, first, r
     assert (take.rate, take.first_frame) == (pytest.approx(rate, rel=1e-6), first)
     np.testing.assert_allclose(take.xyz, xyz * 1000, atol=1e-3)
     np.testing.assert_array_equal(take.residual, residual)
+
+
+@pytest.mark.parametrize("write", [write_c3d, write_trc])
+def test_a_long_take_on_disk_is_written_piece_by_piece(tmp_path, write):
+    frames, points = 15_000, 8
+    for name, width in (("xyz", 3), ("residual", 1)):
+        np.ones((frames, points * width), np.float32).tofile(tmp_path / name)
+    xyz = np.memmap(tmp_path / "xyz", np.float32, "r").reshape(frames, points, 3)
+    residual = np.memmap(tmp_path / "residual", np.float32, "r").reshape(frames, points)
+    names = tuple(f"M{index}" for index in range(points))
+    peaks = []
+    for count in (5000, frames):
+        tracemalloc.start()
+        write(tmp_path / "take", Points(names, xyz[:count], residual[:count], 100.0, 1))
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.05 * peaks[0] + 100_000
+
+
+def test_a_trc_says_the_name_that_it_will_have(tmp_path):
+    with whole_file(tmp_path / "take.trc") as temporary:
+        write_trc(temporary, walk())
+    assert (tmp_path / "take.trc").read_text().split("\n")[0].split("\t")[3] == "take.trc"
+
+
+def test_points_are_told_from_blobs(tmp_path):
+    (tmp_path / "motive.csv").write_text("\ufeff" + motive())
+    (tmp_path / "blobs.csv").write_text(BLOBS)
+    assert [holds_points(tmp_path / name) for name in ("motive.csv", "blobs.csv", "a.c3d", "a.TRC")] == [1, 0, 1, 1]
