@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Learning to name points from labelled takes of any subjects: people, animals or props."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ..errors import InputError
+from .labels import described_labels, solve_frames
+from .latent import Latent
+from .model import Evidence, Trust
+from .naming import names_of_points
+from .shape import Shape, learn_shape
+from .sides import mirrored
+from .starts import COARSE_MODES
+from .ties import Ties, learn_ties
+from .trials import make_trial
+from .trust import learn_trust
+
+FOLDS = 5
+TRIAL_FRAMES = 600  # frames of each fold that are named to see how far margins can be trusted
+HIDDEN_PART = 1 / 3  # up to this part of the markers is hidden in a trial
+MOST_GHOSTS = 3
+FEWEST_MARKERS = 4
+CHUNK = 64
+
+
+def learn_evidence(
+    takes: Sequence[tuple[np.ndarray, str]],
+    markers: Sequence[str],
+    seed: int = 0,
+    progress: Callable[[float], None] = lambda part: None,
+) -> Evidence:
+    """Evidence from labelled takes: points (T, M, 3) m, z up, NaN where missing, each with the id of its subject.
+
+    The same seed gives the same evidence. Raises InputError when the takes do not show the markers together.
+    """
+    markers = tuple(markers)
+    subjects = _by_subject(takes, markers)
+    shape, ties = _learn(list(subjects.values()), markers, seed)
+    trust = _learn_trust(list(subjects.values()), markers, seed, progress)
+    return Evidence(markers, shape, ties, trust, len(subjects))
+
+
+def _by_subject(takes, markers: tuple[str, ...]) -> dict[str, np.ndarray]:
+    """All usable frames of every subject."""
+    if len(markers) < FEWEST_MARKERS:
+        raise InputError(f"{len(markers)} markers are too few to be told apart; expected {FEWEST_MARKERS} or more")
+    gathered: dict[str, list[np.ndarray]] = {}
+    for points, subject in takes:
+        if points.ndim != 3 or points.shape[1:] != (len(markers), 3):
+            raise InputError(f"a take has the shape {points.shape}; expected frames × {len(markers)} markers × 3")
+        enough = np.isfinite(points[..., 0]).sum(axis=1) >= max(FEWEST_MARKERS, len(markers) / 2)
+        gathered.setdefault(subject, []).append(points[enough])
+    subjects = {subject: np.concatenate(parts) for subject, parts in sorted(gathered.items())}
+    subjects = {subject: points for subject, points in subjects.items() if len(points)}
+    if not subjects:
+        raise InputError("no frame shows half of the markers together; expected labelled takes of this marker set")
+    everything = np.concatenate([np.isfinite(points[..., 0]).any(axis=0)[None] for points in subjects.values()])
+    unseen = [name for name, seen in zip(markers, everything.any(axis=0), strict=True) if not seen]
+    if unseen:
+        raise InputError(f"no take shows {' '.join(unseen)}; expected every marker in at least one take")
+    return subjects
+
+
+def _learn(subjects: list[np.ndarray], markers: tuple[str, ...], seed: int) -> tuple[Shape, Ties]:
+    both = [*subjects, *mirrored(subjects, markers)]
+    shape = learn_shape(both, seed)
+    return shape, learn_ties(both, shape.radius)
+
+
+def _learn_trust(subjects: list[np.ndarray], markers: tuple[str, ...], seed: int, progress) -> Trust:
+    """Trust from naming each subject with what the others teach; a single subject's take is split in time instead."""
+    rng = np.random.default_rng(seed)
+    pieces = subjects if len(subjects) > 1 else [np.array(part) for part in np.array_split(subjects[0], FOLDS)]
+    folds = [range(first, len(pieces), min(FOLDS, len(pieces))) for first in range(min(FOLDS, len(pieces)))]
+    described, right = [], []
+    for done, fold in enumerate(folds):
+        rest = [piece for index, piece in enumerate(pieces) if index not in fold]
+        shape, ties = _learn(rest if len(subjects) > 1 else [np.concatenate(rest)], markers, seed)
+        tested = np.concatenate([pieces[index] for index in fold])
+        tested = tested[rng.permutation(len(tested))[:TRIAL_FRAMES]]
+        for ghosts in (0, MOST_GHOSTS):
+            half = tested[ghosts > 0 :: 2]
+            trial = make_trial(half, (0, round(len(markers) * HIDDEN_PART)), (0, ghosts), rng)
+            rows = _named(shape, ties, trial)
+            described.append(rows[0])
+            right.append(rows[1])
+        progress((done + 1) / len(folds))
+    return learn_trust(np.concatenate(described), np.concatenate(right))
+
+
+def _named(shape: Shape, ties: Ties, trial) -> tuple[np.ndarray, np.ndarray]:
+    """The features of all labels given in a trial, and whether each is right."""
+    coarse, fine = Latent(shape, COARSE_MODES), Latent(shape)
+    described, right = [], []
+    for first in range(0, len(trial.points), CHUNK):
+        points, truth = trial.points[first : first + CHUNK], trial.truth[first : first + CHUNK]
+        solved = solve_frames(coarse, fine, ties, points)
+        rows, frame, slot = described_labels(solved, points)
+        described.append(rows)
+        right.append(names_of_points(solved.naming, points.shape[1])[frame, slot] == truth[frame, slot])
+    return np.concatenate(described), np.concatenate(right)

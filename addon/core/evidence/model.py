@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is learned from labelled takes to name anonymous points: plain arrays, and the same made ready for use."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from .latent import Latent
+from .shape import Shape
+from .starts import COARSE_MODES
+from .ties import Ties
+
+
+@dataclass(frozen=True, eq=False)
+class Trust:
+    """How margins become chances, measured on subjects that were left out of the training.
+
+    weights     logit of the chance to be right, for each of `trust.features`
+    confidence  (K,) ascending confidences, and right (K,) how many of all labels at least so confident were right
+    """
+
+    weights: np.ndarray
+    confidence: np.ndarray
+    right: np.ndarray
+
+    def threshold(self, target: float) -> float:
+        """The least confidence to accept so that of the labels accepted a part `target` is right."""
+        enough = np.flatnonzero(self.right >= target)
+        return float(self.confidence[enough[0]]) if len(enough) else 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Everything that naming points takes.
+
+    markers   M names
+    shape     of the whole upright cloud
+    ties      distances that stay
+    trust     what margins are worth
+    subjects  how many subjects it was learned from
+    """
+
+    markers: tuple[str, ...]
+    shape: Shape
+    ties: Ties
+    trust: Trust
+    subjects: int
+
+    def __len__(self) -> int:
+        return len(self.markers)
+
+    @cached_property
+    def coarse(self) -> Latent:
+        """The shape with few modes, for the first steps from nothing."""
+        return Latent(self.shape, COARSE_MODES)
+
+    @cached_property
+    def fine(self) -> Latent:
+        """The shape with all its modes."""
+        return Latent(self.shape)

@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How well a naming explains a frame: its exact likelihood, and what each marker is expected to do given the others.
+
+A naming's likelihood is that of all its named points at once under the shape, with place, yaw, person and pose
+integrated out; every unnamed point is a ghost of constant density and every unnamed marker is hidden at a constant price.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .latent import Latent, yaw_absorbed
+from .ties import Pulls, Ties, pulls
+
+GHOSTS = 0.02  # ghosts in a cube of one radius
+HIDDEN = 0.25  # chance that a marker is hidden
+NO_POINT = -1
+IMPOSSIBLE = -1e6
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """N namings and what follows from them.
+
+    points    (N, P, 3) m in the model's frame
+    present   (N, P)
+    naming    (N, M) index of the point, NO_POINT where hidden
+    score     (N,) log likelihood ratio against all points being ghosts and all markers hidden
+    expected  (N, M, 3) m, each marker's mean given all named points
+    shared    (N, M, 3, M, 3) m², covariance of the expected positions, without the markers' own noise
+    left      (N, M, 3) m, named point minus expected; 0 where hidden
+    pulls     what the ties say
+    """
+
+    points: np.ndarray
+    present: np.ndarray
+    naming: np.ndarray
+    score: np.ndarray
+    expected: np.ndarray
+    shared: np.ndarray
+    left: np.ndarray
+    pulls: Pulls
+
+    @property
+    def named(self) -> np.ndarray:
+        """(N, M) True where a marker has a point."""
+        return self.naming >= 0
+
+
+def settle(model: Latent, ties: Ties, points: np.ndarray, present: np.ndarray, naming: np.ndarray) -> Settled:
+    """What follows from namings (N, M) of points (N, P, 3) m that are nearly in the model's frame."""
+    named = naming >= 0
+    normal = model.normal(named / model.noise)
+    covariance = np.linalg.inv(normal)
+    _, side = _pull(model, points, naming)
+    points, _ = yaw_absorbed(points, (covariance @ side[..., None])[..., 0])
+    offset, side = _pull(model, points, naming)
+    latent = (covariance @ side[..., None])[..., 0]
+    misfit = (offset**2 / model.noise[:, None]).sum(axis=(1, 2)) - (side * latent).sum(axis=1)
+    spread = np.linalg.slogdet(normal)[1] + named @ (3 * np.log(model.noise))
+    score = -0.5 * (misfit + spread) + named.sum(axis=1) * name_worth(model)
+    told = pulls(ties, points, naming)
+    expected = model.positions(latent)
+    shared = ((model.flat @ covariance) @ model.flat.T).reshape(-1, len(model), 3, len(model), 3)
+    left = np.where(named[..., None], offset + model.mean - expected, 0)
+    return Settled(points, present, naming, score + told.total, expected, shared, left, told)
+
+
+def _pull(model: Latent, points: np.ndarray, naming: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Offsets of the named points from the mean (N, M, 3) and the right side (N, L) that they make."""
+    offset = np.where((naming >= 0)[..., None], picked(points, naming) - model.mean, 0)
+    return offset, model.right_side(offset / model.noise[:, None])
+
+
+def picked(points: np.ndarray, naming: np.ndarray) -> np.ndarray:
+    """(N, M, 3) the points named; the first point where none is."""
+    return np.take_along_axis(points, np.maximum(naming, 0)[..., None], axis=1)
+
+
+def name_worth(model: Latent) -> float:
+    """What a name is worth beside its density: a ghost less, a marker seen."""
+    ghost = np.log(GHOSTS / model.radius**3)
+    return float(np.log((1 - HIDDEN) / HIDDEN) - ghost - 1.5 * np.log(2 * np.pi))
+
+
+def own_blocks(shared: np.ndarray) -> np.ndarray:
+    """(N, M, 3, 3) each marker's own covariance out of `shared`."""
+    index = np.arange(shared.shape[1])
+    return shared[:, index, :, index].swapaxes(0, 1)
+
+
+def inverse3(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Inverse and determinant of symmetric matrices (..., 3, 3); many times faster than the general routine."""
+    a, b, c = matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 0, 2]
+    d, e, f = matrix[..., 1, 1], matrix[..., 1, 2], matrix[..., 2, 2]
+    aa, bb, cc = d * f - e * e, c * e - b * f, b * e - c * d
+    dd, ee, ff = a * f - c * c, b * c - a * e, a * d - b * b
+    determinant = a * aa + b * bb + c * cc
+    rows = np.stack([aa, bb, cc, bb, dd, ee, cc, ee, ff], axis=-1) / determinant[..., None]
+    return rows.reshape(matrix.shape), determinant
+
+
+def name_odds(model: Latent, settled: Settled) -> np.ndarray:
+    """(N, M, P) log odds that a point is a marker rather than a ghost, given all named points but the marker's own."""
+    named = settled.named[..., None, None]
+    noise = model.noise[:, None, None]
+    shared = own_blocks(settled.shared)
+    # What the marker's own point told is taken out again; for Gaussians that is exact.
+    own, _ = inverse3(noise * np.eye(3) - np.where(named, shared, 0))
+    variance = np.where(named, noise**2 * own, shared + noise * np.eye(3))
+    without = settled.expected - np.where(named, shared @ own @ settled.left[..., None], 0)[..., 0]
+    between = settled.points[:, None] - without[:, :, None]
+    return density_odds(model, variance, between, settled.present[:, None]) + settled.pulls.at
+
+
+def density_odds(model: Latent, variance, between, present) -> np.ndarray:
+    """Log odds (..., P) of points at `between` (..., P, 3) m from where markers with variance (..., 3, 3) are expected."""
+    precision, determinant = inverse3(variance)
+    square = ((between @ precision) * between).sum(axis=-1)
+    return np.where(present, name_worth(model) - 0.5 * (np.log(determinant)[..., None] + square), IMPOSSIBLE)
+
+
+def one_to_one(odds: np.ndarray) -> np.ndarray:
+    """The naming (N, M) of highest total odds (N, M, P); nothing is named at odds below 0."""
+    naming = np.where(odds.max(axis=2) > 0, odds.argmax(axis=2), NO_POINT)
+    contested = ((odds > 0).sum(axis=1) > 1).any(axis=1)
+    for row in np.flatnonzero(contested):
+        naming[row] = _assigned(odds[row])
+    return naming
+
+
+def _assigned(odds: np.ndarray) -> np.ndarray:
+    from scipy.optimize import linear_sum_assignment
+
+    markers, points = np.flatnonzero((odds > 0).any(axis=1)), np.flatnonzero((odds > 0).any(axis=0))
+    worth = np.maximum(odds[np.ix_(markers, points)], 0)
+    rows, columns = linear_sum_assignment(worth, maximize=True)
+    good = worth[rows, columns] > 0
+    naming = np.full(len(odds), NO_POINT)
+    naming[markers[rows[good]]] = points[columns[good]]
+    return naming
+
+
+def names_of_points(naming: np.ndarray, count: int) -> np.ndarray:
+    """(N, P) the marker of every point, -1 where none, of namings (N, M)."""
+    names = np.full((len(naming), count + 1), -1)
+    rows = np.broadcast_to(np.arange(len(naming))[:, None], naming.shape)
+    names[rows, np.where(naming >= 0, naming, count)] = np.where(naming >= 0, np.arange(naming.shape[1]), -1)
+    return names[:, :count]

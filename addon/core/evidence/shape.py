@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a whole upright cloud looks like: a Gaussian over all marker positions at once, in a frame that turns with the
+subject, made of a mean and the main ways in which people and poses stray from it.
+
+Learning it is principal-axis factor analysis with one noise variance a marker; the spread between subjects and the
+spread of one subject's poses are estimated apart, because there are always few subjects and many frames.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .upright import upright_aligned
+
+FRAMES = 400  # of each subject
+MOST_MODES = 20
+BETWEEN = 1.3  # a handful of subjects shows less than the true spread between people
+SHRINKAGE = 0.2  # of the covariance between subjects towards its own diagonal
+STRANGER = 0.02  # of the radius, spread between subjects where only one was recorded
+FLOOR = 0.012  # of the radius: what a marker does that no mode explains
+ROUNDS = 4
+FACTOR_ROUNDS = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """Marker positions x = mean + modes · z + noise, z standard normal, up to yaw and translation.
+
+    mean   (M, 3) m, centred
+    modes  (M, 3, K) m for one standard deviation
+    noise  (M,) variance along each axis, m²
+    """
+
+    mean: np.ndarray
+    modes: np.ndarray
+    noise: np.ndarray
+
+    @property
+    def radius(self) -> float:
+        """Root mean square distance of the mean's markers from their middle, m: the model's own unit of length."""
+        return float(np.sqrt((self.mean**2).sum(axis=1).mean()))
+
+
+def learn_shape(subjects: Sequence[np.ndarray], seed: int = 0) -> Shape:
+    """The shape of labelled clouds, one array (T, M, 3) m a subject, NaN where missing.
+
+    At least one frame must show every marker that any frame shows.
+    """
+    rng = np.random.default_rng(seed)
+    thinned = [points[np.sort(rng.permutation(len(points))[:FRAMES])] for points in subjects]
+    owner = np.repeat(np.arange(len(thinned)), [len(points) for points in thinned])
+    clouds = np.concatenate(thinned)
+    best = clouds[np.isfinite(clouds[..., 0]).sum(axis=1).argmax()]
+    template = np.where(np.isfinite(best), best, np.nanmean(best, axis=0))
+    for _ in range(ROUNDS):
+        aligned = upright_aligned(clouds, template)
+        template = _mean_known(aligned, template)
+    template = template - template.mean(axis=0)
+    flat = upright_aligned(clouds, template).reshape(len(clouds), -1)
+    floor = FLOOR * np.sqrt((template**2).sum(axis=1).mean())
+    filled, covariance = np.where(np.isnan(flat), template.ravel(), flat), None
+    for _ in range(ROUNDS if np.isnan(flat).any() else 1):
+        if covariance is not None:
+            filled = _imputed(flat, mean, covariance)
+        mean, covariance = _moments(filled, owner, floor)
+    modes, noise = _factors(covariance, floor)
+    return Shape(mean.reshape(-1, 3), modes, noise)
+
+
+def _mean_known(clouds: np.ndarray, fallback: np.ndarray) -> np.ndarray:
+    count = np.isfinite(clouds).sum(axis=0)
+    return np.where(count > 0, np.nansum(clouds, axis=0) / np.maximum(count, 1), fallback)
+
+
+def _moments(filled: np.ndarray, owner: np.ndarray, floor: float) -> tuple[np.ndarray, np.ndarray]:
+    """Mean (3M,) and covariance (3M, 3M) with every subject counting the same."""
+    subjects = owner.max() + 1
+    centres = np.array([filled[owner == index].mean(axis=0) for index in range(subjects)])
+    mean = centres.mean(axis=0)
+    within = filled - centres[owner]
+    weight = 1 / (np.bincount(owner)[owner] * subjects)
+    covariance = (within * weight[:, None]).T @ within
+    if subjects > 1:
+        strays = (centres - mean) / np.sqrt(subjects - 1)
+        between = strays.T @ strays
+        between = (1 - SHRINKAGE) * between + SHRINKAGE * np.diag(np.diag(between))
+        covariance += BETWEEN**2 * between
+    else:
+        covariance += (STRANGER / FLOOR * floor) ** 2 * _stretching(mean)
+    return mean, covariance + floor**2 * np.eye(len(mean))
+
+
+def _stretching(mean: np.ndarray) -> np.ndarray:
+    """(3M, 3M) covariance of a subject who is larger or smaller, for one radius of size."""
+    positions = mean.reshape(-1, 3)
+    radius = np.sqrt((positions**2).sum(axis=1).mean())
+    return np.outer(mean, mean) / radius**2
+
+
+def _imputed(flat: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """`flat` (T, 3M) with NaN replaced by its conditional mean given the rest of the frame."""
+    filled = flat.copy()
+    missing = np.isnan(flat)
+    patterns, which = np.unique(missing, axis=0, return_inverse=True)
+    for index, gone in enumerate(patterns):
+        rows = np.flatnonzero(which.ravel() == index)
+        if gone.any():
+            known = ~gone
+            slope = np.linalg.solve(covariance[np.ix_(known, known)], covariance[np.ix_(known, gone)])
+            filled[np.ix_(rows, np.flatnonzero(gone))] = mean[gone] + (flat[rows][:, known] - mean[known]) @ slope
+    return filled
+
+
+def _factors(covariance: np.ndarray, floor: float) -> tuple[np.ndarray, np.ndarray]:
+    """Modes (M, 3, K) and noise (M,) whose sum comes closest to the covariance."""
+    markers = len(covariance) // 3
+    count = min(MOST_MODES, 3 * markers - 1)
+    noise = np.full(markers, floor**2)
+    for _ in range(FACTOR_ROUNDS):
+        values, vectors = np.linalg.eigh(covariance - np.diag(np.repeat(noise, 3)))
+        modes = vectors[:, ::-1][:, :count] * np.sqrt(np.maximum(values[::-1][:count], 0))
+        left = np.diag(covariance - modes @ modes.T).reshape(markers, 3).mean(axis=1)
+        noise = np.maximum(left, floor**2)
+    return modes.reshape(markers, 3, count), noise

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Ties: pairs of markers whose distance a subject's movement hardly changes, such as two on one bone.
+
+The shape's Gaussian is linear, so a head or a foot that turns far looks to it like one that changes its form. The
+distances know better: a tie adds to a naming's log likelihood how well the distance between its two points fits.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+STIFF = 0.025  # radii: largest standard deviation of a tie's length in one subject
+LEAST_SD = 0.006  # radii
+STRANGE = 1.3  # a handful of subjects shows less than the true spread between people
+STRANGER = 0.03  # of a length, spread between subjects where only one was recorded
+LIMIT = 4.0  # the most a broken tie costs, before trust
+TRUST = 0.4  # a marker has many ties, and they say partly the same
+WILD = 0.4  # log ratio from which a distance says nothing of the subject's size
+LEAST_SIZE_SD = 0.05
+FEWEST = 20  # frames that a length is learned from
+
+
+@dataclass(frozen=True, eq=False)
+class Ties:
+    """E ties of a subject of mean size.
+
+    pair    (E, 2) markers
+    length  (E,) m, and its standard deviation sd (E,) m on a subject never seen, size apart
+    size_sd how much subjects differ in size, as a standard deviation of its logarithm
+    """
+
+    pair: np.ndarray
+    length: np.ndarray
+    sd: np.ndarray
+    size_sd: float
+
+    def __len__(self) -> int:
+        return len(self.length)
+
+    def fit(self, distance: np.ndarray, tie: np.ndarray) -> np.ndarray:
+        """What distances, m for a subject of mean size, add to the log likelihood of naming the ends of these ties."""
+        return TRUST * np.maximum(0.5 - 0.5 * ((distance - self.length[tie]) / self.sd[tie]) ** 2, -LIMIT)
+
+    def size(self, points: np.ndarray, naming: np.ndarray) -> np.ndarray:
+        """(N,) the size of the subject of each naming (N, M) of points (N, P, 3) m; 1 is the mean."""
+        ends = naming[:, self.pair]
+        first, second = (
+            np.take_along_axis(points, np.maximum(end, 0)[..., None], axis=1) for end in np.moveaxis(ends, 2, 0)
+        )
+        ratio = np.log(np.maximum(np.linalg.norm(first - second, axis=-1), 1e-6) / self.length)
+        weight = np.where((ends >= 0).all(axis=2) & (np.abs(ratio) < WILD), (self.length / self.sd) ** 2, 0)
+        # A marker is in several ties, so these are not as many measurements as they look.
+        weight = weight * (2 / points.shape[1])
+        return np.exp((weight * ratio).sum(axis=1) / (weight.sum(axis=1) + self.size_sd**-2))
+
+
+def learn_ties(subjects: Sequence[np.ndarray], radius: float) -> Ties:
+    """The ties of labelled clouds, one array (T, M, 3) m a subject, NaN where missing; `radius` is the shape's."""
+    pair = np.array(np.triu_indices(subjects[0].shape[1], 1)).T
+    lengths, spreads = np.array([_lengths(points, pair) for points in subjects]).transpose(1, 0, 2)
+    count = np.isfinite(lengths).sum(axis=0)
+    within = np.sqrt(_mean_seen(spreads))
+    stiff = (count > 0) & (within < STIFF * radius)
+    pair, lengths, within, count = pair[stiff], lengths[:, stiff], within[stiff], count[stiff]
+    ratio = np.log(lengths / _mean_seen(lengths))
+    size = np.array([np.median(row[np.isfinite(row)]) if np.isfinite(row).any() else 0.0 for row in ratio])
+    sized = lengths / np.exp(size)[:, None]
+    length = _mean_seen(sized)
+    between = np.sqrt(_mean_seen((sized - length) ** 2) * count / np.maximum(count - 1, 1))
+    between = np.where(count > 1, STRANGE * between, STRANGER * length)
+    sd = np.sqrt(within**2 + between**2 + (LEAST_SD * radius) ** 2)
+    return Ties(pair, length, sd, max(float(np.std(size)), LEAST_SIZE_SD))
+
+
+def _mean_seen(values: np.ndarray) -> np.ndarray:
+    """Mean over subjects (S, E), of those who have it; 0 where none has."""
+    seen = np.isfinite(values)
+    return np.where(seen, values, 0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
+
+
+def _lengths(points: np.ndarray, pair: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Median distance (E,) and its variance (E,) of one subject; NaN where too seldom seen together."""
+    distance = np.linalg.norm(points[:, pair[:, 0]] - points[:, pair[:, 1]], axis=-1)
+    known = np.isfinite(distance)
+    enough = known.sum(axis=0) >= min(FEWEST, len(points))
+    middle = np.full(len(pair), np.nan)
+    middle[enough] = np.nanmedian(distance[:, enough], axis=0)
+    squares = np.where(known, distance - np.where(enough, middle, 0), 0) ** 2
+    return middle, np.where(enough, squares.sum(axis=0) / np.maximum(known.sum(axis=0), 1), np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class Pulls:
+    """What the ties say of N namings.
+
+    total   (N,) of all ties with both ends named
+    at      (N, M, P) of each marker's ties if it were at each point, its other ends as they are named
+    joined  (M, M) index of the tie between two markers, -1 without one
+    apart   (N, P, P) the points' distances, m for a subject of mean size
+    """
+
+    total: np.ndarray
+    at: np.ndarray
+    joined: np.ndarray
+    apart: np.ndarray
+
+    def rows(self, rows: np.ndarray) -> "Pulls":
+        """Those of some namings only."""
+        return Pulls(self.total[rows], self.at[rows], self.joined, self.apart[rows])
+
+    def put(self, other: "Pulls", rows: np.ndarray):
+        """Takes over the others in these rows, in place."""
+        self.total[rows], self.at[rows], self.apart[rows] = other.total, other.at, other.apart
+
+
+def pulls(ties: Ties, points: np.ndarray, naming: np.ndarray) -> Pulls:
+    """What the ties say of namings (N, M) of points (N, P, 3) m."""
+    markers = naming.shape[1]
+    joined = np.full((markers, markers), -1)
+    joined[ties.pair[:, 0], ties.pair[:, 1]] = joined[ties.pair[:, 1], ties.pair[:, 0]] = np.arange(len(ties))
+    one, other = np.concatenate([ties.pair, ties.pair[:, ::-1]]).T
+    tie = np.tile(np.arange(len(ties)), 2)
+    distance = _distances(points) / ties.size(points, naming)[:, None, None]
+    rows = np.arange(len(naming))[:, None]
+    told = ties.fit(distance[rows, np.maximum(naming[:, other], 0)], tie[:, None])
+    told = np.where((naming[:, other] >= 0)[..., None], told, 0)
+    at = (one == np.arange(markers)[:, None]).astype(float) @ told
+    own = np.take_along_axis(at, np.maximum(naming, 0)[..., None], axis=2)[..., 0]
+    return Pulls(0.5 * np.where(naming >= 0, own, 0).sum(axis=1), at, joined, distance)
+
+
+def _distances(points: np.ndarray) -> np.ndarray:
+    square = (points**2).sum(axis=2)
+    apart = square[:, :, None] + square[:, None] - 2 * (points @ points.transpose(0, 2, 1))
+    return np.sqrt(np.maximum(apart, 0))

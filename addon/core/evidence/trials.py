@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Anonymous frames made of labelled ones: markers hidden, ghosts added, points shuffled, the truth kept."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+AROUND = 0.5  # radii beyond the subject's own box where ghosts still appear
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """Frames with nothing but points.
+
+    points  (F, P, 3) m, NaN where there is none
+    truth   (F, P) the marker, -1 for ghosts and where there is no point
+    """
+
+    points: np.ndarray
+    truth: np.ndarray
+
+
+def make_trial(
+    labelled: np.ndarray, hidden: tuple[int, int], ghosts: tuple[int, int], rng: np.random.Generator
+) -> Trial:
+    """A trial out of labelled clouds (F, M, 3) m, NaN where missing.
+
+    Of each frame's markers a number within `hidden` (both ends included) is taken away, and a number within `ghosts` of
+    points anywhere about the subject is added.
+    """
+    frames, markers = labelled.shape[:2]
+    seen = np.isfinite(labelled[..., 0])
+    radius = np.sqrt(np.nanmean(np.nanvar(labelled, axis=1).sum(axis=1)))
+    gone = rng.integers(hidden[0], hidden[1] + 1, frames)
+    order = np.argsort(np.where(seen, rng.random((frames, markers)), 2), axis=1)
+    kept = seen & (np.argsort(order, axis=1) >= gone[:, None])
+    extra = rng.integers(ghosts[0], ghosts[1] + 1, frames)
+    low, high = np.nanmin(labelled, axis=1) - AROUND * radius, np.nanmax(labelled, axis=1) + AROUND * radius
+    low[:, 2] = np.maximum(low[:, 2], min(0.0, np.nanmin(labelled[..., 2])))
+    strays = low[:, None] + (high - low)[:, None] * rng.random((frames, ghosts[1], 3))
+    strays[np.arange(ghosts[1]) >= extra[:, None]] = np.nan
+    cloud = np.concatenate([np.where(kept[..., None], labelled, np.nan), strays], axis=1)
+    truth = np.concatenate([np.where(kept, np.arange(markers), -1), np.full((frames, ghosts[1]), -1)], axis=1)
+    # Shuffled, with the places that hold no point last.
+    shuffle = np.argsort(np.where(np.isfinite(cloud[..., 0]), rng.random(truth.shape), 2), axis=1)
+    cloud, truth = np.take_along_axis(cloud, shuffle[..., None], axis=1), np.take_along_axis(truth, shuffle, axis=1)
+    width = max(int(np.isfinite(cloud[..., 0]).sum(axis=1).max()), 1)
+    return Trial(cloud[:, :width], truth[:, :width])

@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""From margins to chances: a logistic regression over labels given to subjects who were left out of the training."""
+
+import numpy as np
+
+from .model import Trust
+
+KNEES = (0.0, 2.0, 5.0)  # margins at which the line may bend
+MOST = 12.0  # margins beyond are taken for this
+RIDGE = 1e-2
+STEPS = 30
+CAUTION = 2.0  # wrong labels that are added, so that few trials promise little
+LEVELS = 400
+
+
+def features(margin: np.ndarray, strays: np.ndarray, named: np.ndarray, misfit: np.ndarray) -> np.ndarray:
+    """(N, 7) what the chance of N labels depends on.
+
+    margin (N,) as in `solving.Solved`; of the label's frame, the number of points left unnamed `strays`, the part of all
+    markers `named`, and `misfit`.
+    """
+    margin = np.clip(margin, -MOST, MOST)
+    bent = [np.minimum(margin - knee, 0) for knee in KNEES]
+    return np.stack(
+        [np.ones(len(margin)), margin, *bent, np.minimum(strays, 4), 1 - named, np.log(misfit + 0.1)], axis=1
+    )
+
+
+def chance(weights: np.ndarray, described: np.ndarray) -> np.ndarray:
+    """(N,) the chance that labels described by `features` are right."""
+    return 1 / (1 + np.exp(-np.clip(described @ weights, -30, 30)))
+
+
+def learn_trust(described: np.ndarray, right: np.ndarray) -> Trust:
+    """Trust from labels described (N, 7) of which it is known whether they were right (N,)."""
+    weights = _logistic(described, right)
+    confidence = chance(weights, described)
+    order = np.argsort(-confidence)
+    wrong = np.cumsum(~right[order]) + CAUTION * np.arange(1, len(order) + 1) / len(order)
+    kept_right = 1 - wrong / np.arange(1, len(order) + 1)
+    # Accepting less must never look worse than accepting more.
+    kept_right = np.maximum.accumulate(kept_right[::-1])[::-1]
+    places = np.unique(np.geomspace(1, len(order), LEVELS).round().astype(int)) - 1
+    return Trust(weights, confidence[order][places][::-1], kept_right[places][::-1])
+
+
+def _logistic(described: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Weights by Newton's method with a small ridge."""
+    weights = np.zeros(described.shape[1])
+    for _ in range(STEPS):
+        expected = chance(weights, described)
+        curve = (described * (expected * (1 - expected))[:, None]).T @ described
+        slope = described.T @ (right - expected) - RIDGE * weights
+        step = np.linalg.solve(curve + RIDGE * np.eye(len(weights)), slope)
+        weights = weights + step * min(1.0, 5.0 / np.abs(step).max())
+        if np.abs(step).max() < 1e-6:
+            break
+    return weights

@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Turning clouds of points about the vertical: the one rotation that gravity leaves unknown."""
+
+import numpy as np
+
+
+def turned(points: np.ndarray, yaw: np.ndarray) -> np.ndarray:
+    """Points (..., P, 3) turned counter-clockwise about z by yaw (...,), rad."""
+    cosine, sine = np.cos(yaw)[..., None], np.sin(yaw)[..., None]
+    x, y = points[..., 0], points[..., 1]
+    return np.stack([cosine * x - sine * y, sine * x + cosine * y, points[..., 2]], axis=-1)
+
+
+def upright_aligned(points: np.ndarray, template: np.ndarray) -> np.ndarray:
+    """Each frame of labelled points (T, M, 3), NaN where missing, turned and moved onto template (M, 3): the least
+    squares fit by yaw and translation over the markers present.
+    """
+    present = np.isfinite(points[..., :1])
+    count = np.maximum(present.sum(axis=1, keepdims=True), 1)
+    known = np.where(present, points, 0)
+    own = known - known.sum(axis=1, keepdims=True) / count
+    goal_centre = (template * present).sum(axis=1, keepdims=True) / count
+    goal = template - goal_centre
+    own_x, own_y = (own * present)[..., 0], (own * present)[..., 1]
+    along = (own_x * goal[..., 0] + own_y * goal[..., 1]).sum(axis=1)
+    across = (own_x * goal[..., 1] - own_y * goal[..., 0]).sum(axis=1)
+    aligned = turned(own, np.arctan2(across, along)) + goal_centre
+    return np.where(present, aligned, np.nan)
