@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Second thoughts on a frame: neighbours that changed names get them back, strangers to the body lose theirs."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from addon.core.labelling import Frame, Naming
+from addon.core.prior import Prior
+from addon.core.rigs import paper_rig
+from addon.core.rivals import swap_names, try_swaps, withdraw_strangers_to_body, without_own
+from addon.core.search import Hints, find_subject, settle
+from addon.core.subject import Setup, refit
+from addon.core.takes import EXCLUSIVE
+from tests.core.scenes import FLAWLESS, built_in, stand
+
+RIG = paper_rig()
+
+
+@cache
+def case(name="body26", seed=2):
+    """A scene of a standing person, its setup, and the subject as found in it."""
+    scene = stand(built_in(name), RIG, seed, facing=0.8, options=FLAWLESS)
+    setup = Setup.of(RIG, scene.markerset)
+    return scene, setup, find_subject(scene.views()[0], setup, Hints())
+
+
+def true_naming(scene, found):
+    """Every blob named as it really is."""
+    view, names = scene.views()[0], list(scene.markerset.markers)
+    naming = Naming.empty(Frame(view, found.naming.frame.sight, found.expected, found.naming.frame.rules))
+    for camera, slot in np.argwhere(view.real):
+        marker = names.index(scene.truth[view.row[camera, slot]].split("|")[0])
+        naming.give(np.array([camera]), np.array([marker]), np.array([slot]), EXCLUSIVE)
+    return naming
+
+
+def fitted(scene, setup, found, naming):
+    subject = without_own(found.subject, setup)
+    prior = Prior(setup.model, upright_sd=0.35)
+    subject, state = refit(scene.views()[0], naming, subject, setup, 4, prior)
+    return subject, state, prior
+
+
+def pair_of(scene, first, second):
+    return scene.markerset.index(first), scene.markerset.index(second)
+
+
+def consistent(naming):
+    camera, marker = np.nonzero(naming.slot >= 0)
+    assert np.array_equal(naming.owner[camera, naming.slot[camera, marker]], marker)
+    assert (naming.owner >= 0).sum() == len(camera)
+    return naming
+
+
+def test_exchanging_twice_changes_nothing():
+    scene, _, found = case()
+    naming = true_naming(scene, found)
+    before = [getattr(naming, name).copy() for name in ("slot", "step", "owner")]
+    points = naming.meeting.points.copy()
+    first, second = pair_of(scene, "LWRA", "LWRB")
+    swap_names(naming, first, second)
+    assert np.array_equal(consistent(naming).slot[:, first], before[0][:, second])
+    assert naming.meeting.points[first] == pytest.approx(points[second], nan_ok=True)
+    swap_names(naming, second, first)
+    for name, array in zip(("slot", "step", "owner"), before, strict=True):
+        assert np.array_equal(getattr(consistent(naming), name), array)
+
+
+def test_right_names_are_not_exchanged():
+    scene, setup, found = case()
+    naming = true_naming(scene, found)
+    subject, state, prior = fitted(scene, setup, found, naming)
+    swaps = try_swaps(scene.views()[0], naming, subject, state, setup, prior)
+    assert len(swaps.pairs) and (swaps.loss > 0).all()
+    assert (swaps.pairs[:, 0] != swaps.pairs[:, 1]).all()
+
+
+@pytest.mark.parametrize("names", [("LFHD", "RFHD"), ("LWRA", "LFIN"), ("LANK", "LHEE")])
+def test_swapped_neighbours_get_their_names_back(names):
+    scene, setup, found = case()
+    naming = true_naming(scene, found)
+    right = naming.slot.copy()
+    swap_names(naming, *pair_of(scene, *names))
+    subject, state, prior = fitted(scene, setup, found, naming)
+    settle(scene.views()[0], naming, subject, state, setup, prior)
+    assert np.array_equal(consistent(naming).slot, right)
+
+
+def test_no_neighbours_no_trials():
+    scene, setup, found = case()
+    naming = true_naming(scene, found)
+    naming.withdraw(*np.nonzero(naming.slot >= 0))
+    subject, state, prior = fitted(scene, setup, found, naming)
+    assert len(try_swaps(scene.views()[0], naming, subject, state, setup, prior).pairs) == 0
+
+
+@pytest.mark.parametrize("far", [0.12, 0.3])
+def test_a_name_that_the_body_would_not_expect_is_withdrawn(far):
+    """A28: two ghosts that happen to meet far from where the rest of the body has the marker keep no name."""
+    scene, setup, found = case("gait15")
+    naming = true_naming(scene, found)
+    marker = scene.markerset.index("LKNE")
+    camera = np.flatnonzero(naming.slot[:, marker] >= 0)
+    naming.withdraw(camera, np.full(len(camera), marker))
+    # Two blobs in space where nobody is: images of one point in two cameras, put in place of the real ones.
+    ghost = RIG.normalised(scene.points[0, marker] + far * np.array([0.6, 0.8, 0]))
+    image = naming.frame.view.image.copy()
+    pair = camera[:2]
+    slots = np.array([np.flatnonzero(naming.owner[c] < 0)[0] for c in pair])
+    image[pair, slots] = ghost[pair]
+    view = replace(naming.frame.view, image=image)
+    haunted = Naming.empty(Frame(view, setup.sight, found.expected, naming.frame.rules))
+    c, m = np.nonzero(naming.slot >= 0)
+    haunted.give(c, m, naming.slot[c, m], EXCLUSIVE)
+    haunted.give(pair, np.full(2, marker), slots, EXCLUSIVE)
+    assert haunted.meeting.residual[marker] < 1e-6
+    prior = Prior(setup.model, upright_sd=0.35)
+    subject, state = refit(view, haunted, without_own(found.subject, setup), setup, 4, prior)
+    withdraw_strangers_to_body(haunted, state, subject, setup)
+    assert (consistent(haunted).slot[:, marker] == -1).all()
+    kept = (haunted.slot >= 0).sum() / (naming.slot >= 0).sum()
+    assert kept > 0.9
+
+
+def test_what_the_body_expects_stays():
+    for seed in range(3):
+        scene, setup, found = case("gait15", seed)
+        naming = true_naming(scene, found)
+        before = (naming.slot >= 0).sum()
+        subject, state, _ = fitted(scene, setup, found, naming)
+        withdraw_strangers_to_body(naming, state, subject, setup)
+        assert (consistent(naming).slot >= 0).sum() >= 0.95 * before
