@@ -37,31 +37,37 @@ def blob_pull(markers, visible, view: View, sight: Sight, softness: float, reach
 
     `softness` is s and `reach` is r, m.
     """
-    local = sight.local(markers)
-    image = sight.image(local)
-    depth = np.maximum(local[..., 2].mean(axis=2), 0.1)
-    between, chance = _closeness(view, image, depth, visible, softness)
+    image, slope, depth = sight.looked_at(markers)
+    image, depth = image.swapaxes(1, 2), depth.mean(axis=1)
+    chance = _closeness(view, image, depth / softness, visible)
     outside = np.exp(-0.5 * (reach / softness) ** 2)
     of_marker, of_blob = chance.sum(axis=3) + outside, chance.sum(axis=2) + outside
-    cost = -2 * (np.log(of_marker).sum(axis=(1, 2)) + (np.log(of_blob) * view.real).sum(axis=(1, 2)))
-    weight = chance * (1 / of_marker[..., None] + 1 / of_blob[:, :, None, :])
-    weight *= 0.5 * (depth / softness)[:, :, None, None] ** 2
-    slope = sight.derivatives(local, image)
-    back = slope.swapaxes(-1, -2)
-    toward = (weight[..., None, :] @ between)[..., 0, :]
-    gradient = -(back @ toward[..., None])[..., 0].sum(axis=1)
-    hessian = (back @ (slope * weight.sum(axis=3)[..., None, None])).sum(axis=1)
-    return Pull(cost / 2, gradient, hessian)
+    cost = -np.log(of_marker).sum(axis=(1, 2)) - (np.log(of_blob) * view.real).sum(axis=(1, 2))
+    chance *= (1 / of_marker)[..., None] + (1 / of_blob)[:, :, None]
+    chance *= (0.5 * (depth / softness) ** 2)[:, :, None, None]
+    total = chance.sum(axis=3)
+    toward = chance @ view.image - image * total[..., None]
+    return Pull(cost, *_over_cameras(slope, toward.swapaxes(1, 2), total.swapaxes(1, 2)))
 
 
-def _closeness(view, image, depth, visible, softness):
-    """Offsets marker → blob (B, C, M, K, 2), normalised, and e^(-d²/2s²) of those a marker may claim."""
-    between = view.image[None, :, None] - image[:, :, :, None]
-    square = between[..., 0] ** 2 + between[..., 1] ** 2
-    square *= (depth**2 / (-2 * softness**2))[:, :, None, None]
-    chance = np.exp(square)
+def _closeness(view: View, image: np.ndarray, per_softness: np.ndarray, visible: np.ndarray) -> np.ndarray:
+    """(B, C, M, K) e^(-d²/2s²) of the blobs that a visible marker at `image` (B, C, M, 2) may claim."""
+    square = image @ (-2 * view.across)
+    square += view.square
+    square += np.einsum("bcmi,bcmi->bcm", image, image)[..., None]
+    square *= (-0.5 * per_softness**2)[:, :, None, None]
+    chance = np.exp(square, out=square)
     chance *= visible[..., None]
-    return between, chance
+    return chance
+
+
+def _over_cameras(slope: np.ndarray, toward: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Gradient (B, M, 3) and Hessian (B, M, 3, 3) of image pulls `toward` (B, M, C, 2) of `weight` (B, M, C)."""
+    shape = (*slope.shape[:2], -1, 3)
+    rows = slope.reshape(shape)
+    gradient = -(toward.reshape(*shape[:2], 1, -1) @ rows)[..., 0, :]
+    weighted = (slope * weight[..., None, None]).reshape(shape)
+    return gradient, weighted.swapaxes(-1, -2) @ rows
 
 
 def cloud_pull(markers: np.ndarray, points: np.ndarray, weight: np.ndarray, softness: float, reach: float) -> Pull:
@@ -93,16 +99,8 @@ def ray_pull(markers: np.ndarray, image: np.ndarray, deviation: np.ndarray, sigh
 
     A deviation of infinity switches a pair off.
     """
-    local = sight.local(markers)
-    found = sight.image(local)
-    weight = (np.maximum(local[..., 2], 0.1) / deviation) ** 2
-    offset = np.where(weight[..., None] > 0, found - image, 0)
-    slope = sight.derivatives(local, found)
-    back = slope.swapaxes(-1, -2) * weight[..., None, None]
-    cost = (weight * np.einsum("bcmi,bcmi->bcm", offset, offset)).sum(axis=(1, 2))
-    return Pull(cost, (back @ offset[..., None])[..., 0].sum(axis=1), (back @ slope).sum(axis=1))
-
-
-def add_pulls(first: Pull, second: Pull) -> Pull:
-    """Both at once."""
-    return Pull(first.cost + second.cost, first.gradient + second.gradient, first.hessian + second.hessian)
+    found, slope, depth = sight.looked_at(markers)
+    weight = (depth / deviation.swapaxes(1, 2)) ** 2
+    toward = np.where(weight[..., None] > 0, image.swapaxes(1, 2) - found, 0) * weight[..., None]
+    cost = np.einsum("bmci,bmci,bmc->b", toward, toward, 1 / np.where(weight > 0, weight, 1))
+    return Pull(cost, *_over_cameras(slope, toward, weight))

@@ -70,7 +70,7 @@ PullOf = Callable[[np.ndarray], Pull]
 def fit_placement(model: BodyModel, start: Bodies, pull: PullOf, steps: int, prior=None) -> Fit:
     """The paper's fit: scale, rotation and translation (equation 6), joints and shape at rest.
 
-    `pull(markers (B, M, 3))` is the data; `prior`, if any, has `terms(bodies)` as `prior.Prior` has.
+    `pull(markers (B, M, 3))` is the data; `prior`, if any, has `placement_terms(bodies)` as `prior.Prior` has.
     """
     return _descend(start, lambda bodies: placement_state(model, bodies, pull, prior), steps)
 
@@ -83,28 +83,25 @@ def fit_body(model: BodyModel, start: Bodies, pull: PullOf, steps: int, prior) -
 def placement_state(model: BodyModel, bodies: Bodies, pull: PullOf, prior=None) -> State:
     """The nine-parameter normal equations at `bodies`."""
     posed, columns = model.placement_derivatives(bodies)
-    return _state(bodies, posed, columns, pull, prior)
+    return _state(bodies, posed, columns, pull, prior and prior.placement_terms)
 
 
 def body_state(model: BodyModel, bodies: Bodies, pull: PullOf, prior) -> State:
     """The normal equations of every parameter at `bodies`."""
     posed, columns = model.derivatives(bodies)
-    return _state(bodies, posed, columns, pull, prior)
+    return _state(bodies, posed, columns, pull, prior.terms)
 
 
-def _state(bodies: Bodies, posed: Posed, columns: np.ndarray, pull: PullOf, prior) -> State:
+def _state(bodies: Bodies, posed: Posed, columns: np.ndarray, pull: PullOf, prior_terms) -> State:
     data = pull(posed.markers)
-    width = columns.shape[-1]
-    flat = columns.reshape(len(columns), -1, width)
+    flat = columns.reshape(len(columns), -1, columns.shape[-1])
     weighted = (data.hessian @ columns).reshape(flat.shape)
-    normal = flat.transpose(0, 2, 1) @ weighted
+    cost, normal = data.cost, flat.transpose(0, 2, 1) @ weighted
     gradient = (data.gradient.reshape(len(flat), 1, -1) @ flat)[:, 0]
-    if prior is None:
-        return State(bodies, data.cost, gradient, normal, posed, columns)
-    cost, slope, curve = prior.terms(bodies)
-    return State(
-        bodies, data.cost + cost, gradient + slope[:, :width], normal + curve[..., :width, :width], posed, columns
-    )
+    if prior_terms:
+        prior_cost, slope, curve = prior_terms(bodies)
+        cost, gradient, normal = cost + prior_cost, gradient + slope, normal + curve
+    return State(bodies, cost, gradient, normal, posed, columns)
 
 
 def _descend(start: Bodies, state_at: Callable[[Bodies], State], steps: int) -> Fit:
@@ -125,10 +122,10 @@ def _descend(start: Bodies, state_at: Callable[[Bodies], State], steps: int) -> 
 
 
 def _damped_step(normal: np.ndarray, gradient: np.ndarray, damping: np.ndarray) -> np.ndarray:
-    width = normal.shape[-1]
     diagonal = np.einsum("bii->bi", normal)
     floor = 1e-9 * diagonal.max(axis=1, keepdims=True) + 1e-12
-    damped = normal + np.eye(width) * (diagonal * damping[:, None] + floor)[:, None, :]
+    damped = normal.copy()
+    np.einsum("bii->bi", damped)[...] += diagonal * damping[:, None] + floor
     return np.linalg.solve(damped, gradient[..., None])[..., 0]
 
 

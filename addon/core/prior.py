@@ -54,19 +54,25 @@ class Prior:
         exact but for the upright term, where it is the bound that holds for a body standing straight.
         """
         bends = bodies.bends[:, 1:].reshape(len(bodies), -1) - self.bend_mean
+        bend_slope = self.strength * (bends @ self.bend_precision)
+        cost, slope, _ = self.placement_terms(bodies)
+        cost = cost + np.einsum("bi,bi->b", bends, bend_slope)
+        cost += self.strength * np.einsum("bi,bi->b", bodies.shape, bodies.shape)
+        return cost, np.concatenate([slope, bend_slope, self.strength * bodies.shape], axis=1), self.hessian
+
+    def placement_terms(self, bodies: Bodies) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The same for the nine parameters of a placement alone: (B,), (B, 9) and (9, 9)."""
         scale = bodies.scale - self.height
-        up = rotations.quaternion_to_matrix(bodies.quaternion)[:, :, 2]
-        bend_slope = bends @ self.bend_precision
-        scale_slope = scale @ self.scale_precision
-        lean = self.upright * np.stack([-up[:, 2] * up[:, 1], up[:, 2] * up[:, 0], np.zeros(len(up))], axis=1)
-        cost = (
-            np.einsum("bi,bi->b", bends, bend_slope)
-            + np.einsum("bi,bi->b", scale, scale_slope)
-            + np.einsum("bi,bi->b", bodies.shape, bodies.shape)
-            + self.upright * (up[:, 0] ** 2 + up[:, 1] ** 2)
-        )
-        gradient = np.concatenate([np.zeros((len(bodies), 3)), lean, scale_slope, bend_slope, bodies.shape], axis=1)
-        return self.strength * cost, self.strength * gradient, self.hessian
+        gradient = np.zeros((len(bodies), PLACEMENT))
+        gradient[:, 6:] = scale_slope = self.strength * (scale @ self.scale_precision)
+        cost = np.einsum("bi,bi->b", scale, scale_slope)
+        if self.upright:
+            up = rotations.quaternion_to_matrix(bodies.quaternion)[:, :, 2]
+            lean = self.strength * self.upright * up[:, :2]
+            gradient[:, 3] = -lean[:, 1] * up[:, 2]
+            gradient[:, 4] = lean[:, 0] * up[:, 2]
+            cost += np.einsum("bi,bi->b", lean, up[:, :2])
+        return cost, gradient, self.hessian[:PLACEMENT, :PLACEMENT]
 
     def _hessian(self, parameters: int) -> np.ndarray:
         hessian = np.zeros((parameters, parameters))

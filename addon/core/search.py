@@ -26,6 +26,7 @@ FINALISTS = 3
 ROUNDS = 2
 MOST_EXCHANGES = 3
 UPRIGHT = 0.35  # rad, how far a subject who is looked for leans, standard deviation
+HINTED_HEIGHT = 0.04  # m, how well a user knows the subject's height
 FEWEST_POINTS = 4
 RIVAL = 0.10  # m: two fits whose markers lie farther apart than this on average are rivals, not one solution
 CLEAR_WIN = 0.98  # a placement surer than this needs no second opinion
@@ -79,7 +80,7 @@ def find_subject(view: View, setup: Setup, hints: Hints) -> Found | None:
     cloud = build_cloud(view, setup.sight)
     if (cloud.weight > 0).sum() < FEWEST_POINTS:
         return None
-    prior = Prior(setup.model, upright_sd=UPRIGHT)
+    prior = _prior_for(hints, setup)
     starts = first_starts(view, cloud, setup, hints)
     bodies, cost = fit_cloud(starts, cloud, setup, prior)
     finalists = bodies.pick(_distinct(bodies, cost, setup)[:FINALISTS])
@@ -97,6 +98,13 @@ def _better_named(first: Found, second: Found) -> Found:
     lead = second.cost - first.cost
     better = first if lead >= 0 else second
     return replace(better, confidence=_chance(abs(lead)))
+
+
+def _prior_for(hints: Hints, setup: Setup) -> Prior:
+    """The marker set's prior for somebody who stands, and who is as tall as the user says."""
+    if hints.height is None:
+        return Prior(setup.model, upright_sd=UPRIGHT)
+    return Prior(setup.model, upright_sd=UPRIGHT, height=hints.height, height_sd=HINTED_HEIGHT)
 
 
 def first_starts(view: View, cloud: Cloud, setup: Setup, hints: Hints) -> Bodies:

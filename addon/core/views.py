@@ -2,6 +2,7 @@
 """What the cameras saw, made ready for the fit: lens taken out, one padded array a frame."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -26,6 +27,16 @@ class View:
     image: np.ndarray
     real: np.ndarray
     row: np.ndarray
+
+    @cached_property
+    def across(self) -> np.ndarray:
+        """(C, 2, K) the image once more, coordinate by coordinate."""
+        return np.ascontiguousarray(self.image.swapaxes(1, 2))
+
+    @cached_property
+    def square(self) -> np.ndarray:
+        """(C, 1, K) squared distance of every blob from its image's origin."""
+        return (self.image**2).sum(axis=2)[:, None]
 
     @property
     def count(self) -> int:
@@ -86,6 +97,10 @@ class Sight:
         self.centres = cameras.centres
         self.focal = cameras.focal
         self.corners = _corners(cameras)
+        self.all_turned = np.ascontiguousarray(cameras.rotation.transpose(2, 0, 1).reshape(3, -1))
+        self.all_translated = cameras.translation.ravel()
+        self.across = np.ascontiguousarray(cameras.rotation[:, :2])
+        self.ahead = np.ascontiguousarray(cameras.rotation[:, 2:])
 
     def local(self, points: np.ndarray) -> np.ndarray:
         """(B, C, M, 3) points (B, M, 3) m in each camera's own axes."""
@@ -101,6 +116,19 @@ class Sight:
         inverse = 1 / np.maximum(local[..., 2], NEAREST)
         rows = self.rotation[None, :, None, :2] - image[..., None] * self.rotation[None, :, None, 2:]
         return rows * inverse[..., None, None]
+
+    def looked_at(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Image (B, M, C, 2), its derivative by the point (B, M, C, 2, 3) and depth (B, M, C) m of points (B, M, 3).
+
+        Marker by marker and in one piece, for sums over cameras; points behind a camera get nonsense.
+        """
+        shape = (*points.shape[:2], self.count, 3)
+        local = (points.reshape(-1, 3) @ self.all_turned + self.all_translated).reshape(shape)
+        depth = np.maximum(local[..., 2], NEAREST)
+        inverse = (1 / depth)[..., None]
+        image = local[..., :2] * inverse
+        slope = (self.across - image[..., None] * self.ahead) * inverse[..., None]
+        return image, slope, depth
 
     def inside(self, image: np.ndarray) -> np.ndarray:
         """(B, C, M) True where a normalised image point falls on the camera's sensor."""
