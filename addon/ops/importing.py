@@ -18,7 +18,18 @@ from .reporting import reports_trouble
 CALIBRATIONS = ".toml;.xcp;.txt;.xml;.qca;.mcal;.yml;.yaml;.cal;.rad;.blend"
 
 
-class MOCAP_AUTOLABEL_OT_import_cameras(bpy.types.Operator, ImportHelper):
+class ImportsFile(ImportHelper):
+    """What the imports share: a file that was dropped, or named by a script, is read at once; else one is asked for."""
+
+    filepath: StringProperty(name="File", description="The file to read", subtype="FILE_PATH", options={"SKIP_SAVE"})
+
+    def invoke(self, context, event):
+        if self.properties.is_property_set("filepath"):
+            return self.execute(context)
+        return ImportHelper.invoke(self, context, event)
+
+
+class MOCAP_AUTOLABEL_OT_import_cameras(bpy.types.Operator, ImportsFile):
     """Read a camera calibration and add its cameras to the scene."""
 
     bl_idname = "mocap_autolabel.import_cameras"
@@ -29,9 +40,6 @@ class MOCAP_AUTOLABEL_OT_import_cameras(bpy.types.Operator, ImportHelper):
         default=";".join(f"*{suffix}" for suffix in CALIBRATIONS.split(";")), options={"HIDDEN"}, maxlen=255
     )
 
-    def invoke(self, context, event):
-        return self.invoke_popup(context) if self.filepath else ImportHelper.invoke(self, context, event)
-
     @reports_trouble
     def execute(self, context):
         cameras = read_cameras(Path(self.filepath), read_blend=scene_cameras.cameras_of_blend)
@@ -41,7 +49,29 @@ class MOCAP_AUTOLABEL_OT_import_cameras(bpy.types.Operator, ImportHelper):
         return {"FINISHED"}
 
 
-class MOCAP_AUTOLABEL_OT_import_blobs(bpy.types.Operator, ImportHelper):
+class MOCAP_AUTOLABEL_OT_use_cameras(bpy.types.Operator):
+    """Take the cameras of this scene as they stand for the ones that recorded the take."""
+
+    bl_idname = "mocap_autolabel.use_cameras"
+    bl_label = "Use the Scene's Cameras"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context):
+        if any(item.type == "CAMERA" for item in context.scene.objects):
+            return True
+        cls.poll_message_set("This scene has no cameras")
+        return False
+
+    @reports_trouble
+    def execute(self, context):
+        collection = scene_cameras.adopt_cameras(context.scene)
+        context.scene.mocap_autolabel.cameras = collection
+        self.report({"INFO"}, f"{len(collection.objects)} cameras")
+        return {"FINISHED"}
+
+
+class MOCAP_AUTOLABEL_OT_import_blobs(bpy.types.Operator, ImportsFile):
     """Choose the file of the blobs to label, and look at them through the cameras."""
 
     bl_idname = "mocap_autolabel.import_blobs"
@@ -56,9 +86,6 @@ class MOCAP_AUTOLABEL_OT_import_blobs(bpy.types.Operator, ImportHelper):
             return True
         cls.poll_message_set("Import the calibration of the cameras first")
         return False
-
-    def invoke(self, context, event):
-        return self.invoke_popup(context) if self.filepath else ImportHelper.invoke(self, context, event)
 
     @reports_trouble
     def execute(self, context):
@@ -117,6 +144,7 @@ def in_view(context: bpy.types.Context) -> bool:
 
 CLASSES = (
     MOCAP_AUTOLABEL_OT_import_cameras,
+    MOCAP_AUTOLABEL_OT_use_cameras,
     MOCAP_AUTOLABEL_OT_import_blobs,
     MOCAP_AUTOLABEL_FH_cameras,
     MOCAP_AUTOLABEL_FH_blobs,

@@ -7,6 +7,7 @@ from bpy.props import IntProperty, StringProperty
 from ..props import refresh_review
 from ..scene import naming
 from ..scene.cameras import is_mocap_camera, look_through
+from ..scene.opened import opened
 from ..scene.take import is_take, remove_take
 
 
@@ -78,6 +79,7 @@ class MOCAP_AUTOLABEL_OT_clear(bpy.types.Operator):
         settings = context.scene.mocap_autolabel
         collection, settings.take = settings.take, None
         remove_take(collection)
+        opened.forget()
         refresh_review(context.window_manager, context.scene)
         return {"FINISHED"}
 

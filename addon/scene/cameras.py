@@ -53,6 +53,25 @@ def find_or_add_cameras(scene: bpy.types.Scene, cameras: Cameras) -> bpy.types.C
     return add_cameras(scene, cameras)
 
 
+def adopt_cameras(scene: bpy.types.Scene) -> bpy.types.Collection:
+    """Makes calibrated cameras of all cameras of a scene, as they are, and gathers them in a collection.
+
+    Raises InputError when there is none, or one is not a perspective camera.
+    """
+    items = [item for item in scene.objects if item.type == "CAMERA"]
+    if not items:
+        raise InputError(f"scene {scene.name} has no cameras; expected at least two")
+    lenses = [_read_lens(item, scene) for item in items]
+    collection = bpy.data.collections.new(naming.title("cameras"))
+    collection[naming.CAMERAS] = len(items)
+    scene.collection.children.link(collection)
+    for item, (size, matrix, distortion) in zip(items, lenses, strict=True):
+        item[naming.CAMERA] = camera_name(item)
+        _keep_beyond_blender(item.data, size, matrix, distortion)
+        collection.objects.link(item)
+    return collection
+
+
 def cameras_of(collection: bpy.types.Collection, scene: bpy.types.Scene) -> Cameras:
     """The calibrations of a collection's cameras as they stand now."""
     return _read([item for item in collection.all_objects if item.type == "CAMERA"], scene)
@@ -128,8 +147,13 @@ def _set_lens(data: bpy.types.Camera, size: np.ndarray, matrix: np.ndarray, dist
     data.shift_y = (matrix[1, 2] - height / 2) / aspect / width
     data.display_size = DISPLAY_SIZE
     data.clip_start = 0.01
-    data[SIZE] = [float(width), float(height)]
-    data[ASPECT] = float(aspect)
+    _keep_beyond_blender(data, size, matrix, distortion)
+
+
+def _keep_beyond_blender(data: bpy.types.Camera, size: np.ndarray, matrix: np.ndarray, distortion: np.ndarray):
+    """Keeps what Blender's own settings of a camera cannot say."""
+    data[SIZE] = [float(side) for side in size]
+    data[ASPECT] = float(matrix[1, 1] / matrix[0, 0])
     data[SKEW] = float(matrix[0, 1])
     data[DISTORTION] = [float(value) for value in distortion]
 

@@ -31,6 +31,8 @@ class MOCAP_AUTOLABEL_PT_cameras(Step, bpy.types.Panel):
         layout.operator("mocap_autolabel.import_cameras", icon="IMPORT")
         if not cameras_at_hand(context.scene):
             layout.label(text="Or drop a calibration here", icon="INFO")
+            if any(item.type == "CAMERA" for item in context.scene.objects):
+                layout.operator("mocap_autolabel.use_cameras", icon="OUTLINER_OB_CAMERA")
             return
         cameras = [item for item in settings.cameras.all_objects if item.type == "CAMERA"]
         grid = layout.grid_flow(columns=1 if len(cameras) <= FEW else 2, even_columns=True, align=True)

@@ -131,6 +131,41 @@ def test_importing_remembers_and_shows_what_there_is(ready, files):
     assert counts() == before
 
 
+def test_dropped_files_are_read_at_once(extension, empty, files):
+    assert bpy.ops.mocap_autolabel.import_cameras("INVOKE_DEFAULT", filepath=files.cameras) == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.import_blobs("INVOKE_DEFAULT", filepath=files.blobs) == {"FINISHED"}
+    importing = importlib.import_module(f"{extension}.addon.ops.importing")
+    for handler in (importing.MOCAP_AUTOLABEL_FH_cameras, importing.MOCAP_AUTOLABEL_FH_blobs):
+        assert handler.is_registered
+        assert handler.poll_drop(SimpleNamespace(area=SimpleNamespace(type="VIEW_3D")))
+        assert not handler.poll_drop(SimpleNamespace(area=SimpleNamespace(type="IMAGE_EDITOR")))
+        group, _, name = handler.bl_import_operator.partition(".")
+        assert "filepath" in getattr(getattr(bpy.ops, group), name).get_rna_type().properties
+    suffixes = importing.MOCAP_AUTOLABEL_FH_cameras.bl_file_extensions.split(";")
+    assert {".toml", ".xcp", ".mcal", ".yml", ".txt", ".cal"} <= set(suffixes)
+
+
+def test_a_scenes_own_cameras_can_be_used(extension, empty, files):
+    with pytest.raises(RuntimeError, match="no cameras"):
+        bpy.ops.mocap_autolabel.use_cameras()
+    for name in ("left", "right"):
+        camera = bpy.data.objects.new(name, bpy.data.cameras.new(name))
+        empty.scene.collection.objects.link(camera)
+        camera.data.shift_x = 0.1
+    empty.scene.render.resolution_x, empty.scene.render.resolution_y = 800, 600
+    assert bpy.ops.mocap_autolabel.use_cameras() == {"FINISHED"}
+    empty.scene.render.resolution_x = 1234
+    cameras = importlib.import_module("addon.scene.cameras").cameras_of(
+        empty.scene.mocap_autolabel.cameras, empty.scene
+    )
+    assert cameras.names == ("left", "right")
+    np.testing.assert_array_equal(cameras.size, [[800, 600]] * 2)
+    np.testing.assert_allclose(cameras.matrix[0, :2, 2], [400 - 80, 300], rtol=1e-6)
+    camera.data.type = "ORTHO"
+    with pytest.raises(RuntimeError, match="right is not a perspective camera"):
+        bpy.ops.mocap_autolabel.use_cameras()
+
+
 def test_bad_files_are_one_sentence_and_leave_nothing(extension, empty, files, tmp_path):
     before = counts()
     with pytest.raises(RuntimeError, match="there is no such file"):
