@@ -428,3 +428,17 @@ def test_labels_of_a_file_that_has_changed_are_not_written(ready, labelling, fil
     with pytest.raises(RuntimeError, match="other blobs than those that were labelled"):
         bpy.ops.mocap_autolabel.export_labels(filepath=str(tmp_path / "out.labels.csv"))
     assert [path.name for path in tmp_path.iterdir()] == ["walk.csv"]
+
+
+def test_a_take_that_was_shown_without_the_extension_is_reviewed_with_it(extension, empty, made, tmp_path):
+    take_module = importlib.import_module("addon.scene.take")
+    take_module.show_take(empty, made.take())
+    path = str(tmp_path / "elsewhere.blend")
+    assert empty.scene.mocap_autolabel.take is None
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.open_mainfile(filepath=path)
+    settings = bpy.context.scene.mocap_autolabel
+    assert settings.take.name == "Mocap: walk"
+    assert len(settings.cameras.objects) == 4
+    assert settings.rate == pytest.approx(59.94)
+    assert len(bpy.context.window_manager.mocap_autolabel.suspects) == 2
