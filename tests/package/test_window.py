@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 from matplotlib.image import imread
 
+from addon.io.markersets import read_markerset
+
 from .conftest import zip_for
 
 pytestmark = [pytest.mark.real_blender, pytest.mark.window, pytest.mark.slow]
@@ -48,6 +50,17 @@ def test_a_click_labels_the_take_and_offers_the_review(tour):
     assert "mocap_autolabel.clear" in tour["to review"]
 
 
+def test_the_take_is_exported(tour):
+    names = {name.removeprefix("mocap_autolabel.") for name in tour["at the end"]}
+    assert {"export_labels", "export_c3d", "export_trc"} <= names
+    assert all((tour["folder"] / f"take.{kind}").stat().st_size for kind in ("labels.csv", "c3d", "trc"))
+
+
+def test_a_marker_set_of_ones_own_is_saved_and_chosen(tour):
+    assert tour["marker set"] == "mine.markerset.json"
+    assert len(read_markerset(tour["folder"] / "mine.markerset.json")) == 26
+
+
 def test_a_click_looks_through_a_camera(tour):
     assert tour["view"] == "CAMERA"
 
@@ -62,6 +75,6 @@ def test_nothing_is_amiss_in_blenders_log(tour):
     assert "olicy violation" not in tour["log"]
 
 
-@pytest.mark.parametrize("name", ["1-empty", "2-imported", "3-labelled", "4-through-a-camera"])
+@pytest.mark.parametrize("name", ["1-empty", "2-imported", "3-labelled", "4-through-a-camera", "5-marker-set"])
 def test_the_window_shows_something(tour, name):
     assert imread(tour["folder"] / f"{name}.png")[..., :3].std() > 0.05

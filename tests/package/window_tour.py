@@ -24,7 +24,7 @@ PATIENCE = 90.0
 
 
 def walk() -> Iterator[float]:
-    """Install, import, label, stop with Esc, review, look through a camera, undo, and clear."""
+    """Install, import, label and stop, label, export, look through a camera, clear, undo, save a marker set."""
     task, seen = json.loads((OUT / "tour.json").read_text()), {}
     settings = lambda: bpy.context.scene.mocap_autolabel  # noqa: E731 - Blender's own references go stale with undo
     bpy.ops.extensions.package_install_files(filepath=task["zip"], repo="user_default", enable_on_install=True)
@@ -57,6 +57,12 @@ def walk() -> Iterator[float]:
     yield from window.screenshot("3-labelled")
     seen["to review"] = places = yield from find_buttons()
 
+    yield from window.scroll_sidebar()
+    seen["at the end"] = yield from find_buttons()
+    for kind, name in (("labels", "take.labels.csv"), ("c3d", "take.c3d"), ("trc", "take.trc")):
+        getattr(bpy.ops.mocap_autolabel, f"export_{kind}")(filepath=str(OUT / name))
+    yield from window.scroll_sidebar(down=False)
+
     yield from window.click(*places[LOOK])
     yield 1
     seen["view"] = window.area().spaces.active.region_3d.view_perspective
@@ -67,6 +73,10 @@ def walk() -> Iterator[float]:
     bpy.ops.ed.undo()
     yield 1
     seen["back after undo"] = settings().take is not None
+    bpy.ops.mocap_autolabel.edit_markerset()
+    bpy.ops.mocap_autolabel.save_markerset(filepath=str(OUT / "mine.markerset.json"))
+    seen["marker set"] = Path(settings().markerset_path).name
+    yield from window.screenshot("5-marker-set")
     (OUT / "seen.json").write_text(json.dumps(seen, indent=1))
 
 
