@@ -98,7 +98,7 @@ def aligned(model: BodyModel, points: np.ndarray, prior: Prior) -> Bodies:
     bodies = model.rest(len(points), 1.0)
     bodies.bends[:, 1:] = prior.bend_mean.reshape(-1, 3)
     shape = model.pose(bodies.pick(slice(0, 1))).markers[0]
-    depth = model.carried.sum(axis=1)
+    depth = np.bincount(model.carried[0], minlength=model.marker_count)
     weight = np.where(np.isfinite(points).all(axis=2), 4.0**-depth, 0.0)
     weight /= weight.sum(axis=1, keepdims=True)
     known = np.where(weight[..., None] > 0, points, 0.0)
