@@ -71,9 +71,10 @@ def show_all() -> None:
 
 def screenshot(name: str) -> Iterator[float]:
     """Save a picture of the whole window, as a user sees it, to NAME.png in the folder MOCAP_OUT."""
-    for shown in bpy.context.window_manager.windows[0].screen.areas:
-        shown.tag_redraw()
-    yield 1.5
+    for _ in range(3):  # panels grow over several redraws
+        for shown in bpy.context.window_manager.windows[0].screen.areas:
+            shown.tag_redraw()
+        yield 0.7
     path = str(Path(os.environ["MOCAP_OUT"], name + ".png"))
     if os.environ.get("DISPLAY") and shutil.which("import"):
         subprocess.run(["import", "-window", "root", "-colors", "256", "PNG8:" + path], check=True)
