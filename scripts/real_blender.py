@@ -99,7 +99,10 @@ def _screen() -> Iterator[str]:
     os.close(write)
     try:
         with os.fdopen(read) as answer:
-            yield ":" + answer.readline().strip()
+            number = answer.readline().strip()
+        if not number:
+            raise LookupError("no window: Xvfb does not start")
+        yield f":{number}"
     finally:
         server.terminate()
         server.wait()

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Finding a real Blender and giving it a screen, tried with stand-ins for both programs."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from scripts import real_blender
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="the stand-ins are shell scripts")
+BLENDER = """#!/bin/sh
+echo "Blender 5.2.7 LTS"; echo "display $DISPLAY"; echo "home $BLENDER_USER_RESOURCES"; echo "arguments $*"
+"""
+XVFB = f"""#!{sys.executable}
+import os, sys, time
+os.write(int(sys.argv[2]), b"77\\n")
+time.sleep(60)
+"""
+BROKEN_XVFB = "#!/bin/sh\nexit 1\n"
+
+
+def program(folder: Path, name: str, text: str) -> Path:
+    path = folder / name
+    path.write_text(text)
+    path.chmod(0o755)
+    return path
+
+
+@pytest.fixture
+def nothing_found(monkeypatch, tmp_path):
+    """A machine without any Blender, and without a screen."""
+    for name in ("MOCAP_BLENDER", "DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("PATH", str(tmp_path / "bin") + ":/usr/bin:/bin")
+    monkeypatch.setattr(real_blender, "TOOL", tmp_path / "no-tool")
+    monkeypatch.setattr(real_blender.shutil, "which", lambda name: _which(tmp_path / "bin" / name))
+    (tmp_path / "bin").mkdir()
+
+
+def _which(path: Path) -> str | None:
+    return str(path) if path.exists() else None
+
+
+def test_without_a_blender_the_reason_is_told(nothing_found):
+    with pytest.raises(LookupError, match="MOCAP_BLENDER is not set and `blender` is not on PATH"):
+        real_blender.find()
+
+
+def test_the_variable_comes_before_the_path(nothing_found, monkeypatch, tmp_path):
+    program(tmp_path / "bin", "blender", BLENDER)
+    assert real_blender.find().command == (str(tmp_path / "bin" / "blender"),)
+    chosen = program(tmp_path, "chosen", BLENDER)
+    monkeypatch.setenv("MOCAP_BLENDER", f"{chosen} --threads 1")
+    found = real_blender.find()
+    assert found.command == (str(chosen), "--threads", "1")
+    assert found.version == (5, 2, 7)
+
+
+def test_a_blender_that_does_not_start_is_no_blender(nothing_found, monkeypatch, tmp_path):
+    monkeypatch.setenv("MOCAP_BLENDER", str(tmp_path / "missing"))
+    with pytest.raises(LookupError, match="MOCAP_BLENDER does not start"):
+        real_blender.find()
+
+
+def test_its_settings_are_kept_apart(nothing_found, tmp_path):
+    program(tmp_path / "bin", "blender", BLENDER)
+    done = real_blender.find().run("--background", home=tmp_path / "home")
+    assert f"home {tmp_path / 'home'}" in done.stdout
+    assert "arguments --background" in done.stdout
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems always have a screen")
+def test_a_window_gets_a_screen_of_its_own_or_a_reason(nothing_found, tmp_path):
+    program(tmp_path / "bin", "blender", BLENDER)
+    blender = real_blender.find()
+    with pytest.raises(LookupError, match="no Xvfb"):
+        blender.window(tmp_path / "script.py", tmp_path, home=tmp_path)
+    program(tmp_path / "bin", "Xvfb", BROKEN_XVFB)
+    with pytest.raises(LookupError, match="Xvfb does not start"):
+        blender.window(tmp_path / "script.py", tmp_path, home=tmp_path)
+    program(tmp_path / "bin", "Xvfb", XVFB)
+    done = blender.window(tmp_path / "script.py", tmp_path, home=tmp_path)
+    assert "display :77" in done.stdout
+    assert f"--python {tmp_path / 'script.py'}" in done.stdout
+
+
+def test_what_takes_too_long_is_ended(nothing_found, tmp_path):
+    slow = program(tmp_path, "slow", "#!/bin/sh\necho started; exec sleep 60\n")
+    done = real_blender.RealBlender((str(slow),)).run(home=tmp_path, seconds=-8)
+    assert "started" in done.stdout
+    assert "stopped after" in done.stderr
