@@ -17,6 +17,7 @@ from .views import Sight, View
 GATE = 16.0  # squared deviations: 4 sigma
 MISS = 3.5  # deviations by which a ray may miss the point that it helped to make
 TAKEN = 9.0  # squared deviations within which a blob belongs to the point that it lies on
+NEAR_MODEL = 16.0  # squared deviations from the model's marker within which two rays may make it
 REACH = 5.0  # deviations by which a blob may lie off a point that other cameras made
 OVERLAP = 0.02  # m between two projections that may be one blob
 MERGED = 0.02  # m between two markers that may make one blob
@@ -319,7 +320,7 @@ def _one_helper_misfit(frame: Frame, naming: Naming, is_open: np.ndarray) -> np.
     floor = frame.rules.slack**2 * np.eye(3)
     whitened = np.linalg.solve(frame.expected.covariance[marker] + floor, offset[..., None])[..., 0]
     square = np.einsum("ni,ni->n", offset, whitened)
-    fine = (met.residual < MISS * frame.metres[camera, marker]) & (square < GATE * 1.5)
+    fine = (met.residual < MISS * frame.metres[camera, marker]) & (square < NEAR_MODEL)
     cost[camera, marker, slot] = np.where(fine, square, FAR)
     return cost
 
