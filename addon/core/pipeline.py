@@ -20,6 +20,7 @@ from .occlusion import Occlusion
 from .rivals import exchanged, swap_names
 from .search import Found, Hints, find_subject
 from .subject import Setup
+from .suspects import find_suspects
 from .takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Suspect
 from .tracking import Followed, Track, follow
 from .views import View, split_views
@@ -221,6 +222,7 @@ def _chunk(blobs: Blobs, views, results, setup: Setup, suspects) -> LabelledChun
             conflicts[index], confidence[index] = result.naming.conflicts, result.placement
             _write_labels(labels, view, result)
     motion = Motion(blobs.frames, points, residual, residual_px, conflicts, *_poses(results, setup), confidence)
+    suspects += find_suspects(motion, setup.model.markerset.markers, setup.rate)
     return LabelledChunk(labels, motion, suspects, setup.clock.take())
 
 

@@ -26,7 +26,7 @@ class Setup:
     """What stays the same through a take.
 
     marker_sd  (M,) heights, the marker set's own
-    pace       how much farther than at 60 frames a second the subject moves in a frame
+    rate       frames a second
     """
 
     cameras: Cameras
@@ -37,7 +37,7 @@ class Setup:
     rules: Rules
     marker_sd: np.ndarray
     clock: Clock
-    pace: float = 1.0
+    rate: float
 
     @classmethod
     def of(
@@ -63,8 +63,13 @@ class Setup:
             rules or Rules(),
             np.asarray(markerset.spread.marker_sd),
             Clock(),
-            float(np.clip(60 / rate, 0.6, 4)),
+            rate,
         )
+
+    @property
+    def pace(self) -> float:
+        """How much farther than at 60 frames a second the subject moves in a frame."""
+        return float(np.clip(60 / self.rate, 0.6, 4))
 
     def visible(self, scale: np.ndarray, posed: Posed) -> np.ndarray:
         """Which markers of posed bodies of scale (B, 3) each camera can see (B, C, M): virtual occlusion."""
