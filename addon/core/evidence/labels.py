@@ -7,9 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
+from .assembling import assemble
 from .latent import Latent
 from .model import Evidence
 from .naming import names_of_points
+from .plates import Plates
 from .solving import Solved, solve
 from .starts import guess
 from .ties import Ties
@@ -53,7 +55,7 @@ def label_frames(evidence: Evidence, points: np.ndarray, chunk: int = CHUNK) -> 
 def label_some(evidence: Evidence, points: np.ndarray) -> Named:
     """The names of a few frames of points (F, P, 3) m at once."""
     packed, place = _packed(points)
-    solved = solve_frames(evidence.coarse, evidence.fine, evidence.ties, packed)
+    solved = solve_frames(evidence.coarse, evidence.fine, evidence.ties, evidence.plates, packed)
     described, frame, slot = described_labels(solved, packed)
     marker = names_of_points(solved.naming, packed.shape[1])
     confidence = np.zeros(marker.shape)
@@ -65,8 +67,10 @@ def label_some(evidence: Evidence, points: np.ndarray) -> Named:
     return Named(whole, sure, solved.misfit)
 
 
-def solve_frames(coarse: Latent, fine: Latent, ties: Ties, points: np.ndarray) -> Solved:
-    """The best naming of frames of points (F, P, 3) m, NaN where there is none."""
+def solve_frames(coarse: Latent, fine: Latent, ties: Ties, plates: Plates | None, points: np.ndarray) -> Solved:
+    """The best naming of frames of points (F, P, 3) m, NaN where there is none; by plates where the set has them."""
+    if plates is not None:
+        return assemble(plates, points)
     return solve(fine, ties, guess(coarse, fine, points), np.isfinite(points[..., 0]))
 
 
@@ -80,8 +84,9 @@ def described_labels(solved: Solved, points: np.ndarray) -> tuple[np.ndarray, np
 
 
 def _packed(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The points of each frame moved together (F, Q, 3), and where they came from (F, Q): most trajectories of a long
-    take are empty most of the time.
+    """The points of each frame moved together (F, Q, 3), and where they came from (F, Q).
+
+    Most trajectories of a long take are empty most of the time.
     """
     present = np.isfinite(points).all(axis=2)
     width = max(int(present.sum(axis=1).max(initial=0)), 1)

@@ -10,6 +10,7 @@ from .labels import described_labels, solve_frames
 from .latent import Latent
 from .model import Evidence, Trust
 from .naming import names_of_points
+from .plates import Plates, learn_plates
 from .shape import Shape, learn_shape
 from .sides import mirrored
 from .starts import COARSE_MODES
@@ -20,6 +21,7 @@ from .trust import learn_trust
 FOLDS = 5
 TRIAL_FRAMES = 600  # frames of each fold that are named to see how far margins can be trusted
 HIDDEN_PART = 1 / 3  # up to this part of the markers is hidden in a trial
+ON_PLATES = 0.7  # part of the markers that must be on plates for a set to be named by them
 MOST_GHOSTS = 3
 FEWEST_MARKERS = 4
 CHUNK = 64
@@ -29,17 +31,17 @@ def learn_evidence(
     takes: Sequence[tuple[np.ndarray, str]],
     markers: Sequence[str],
     seed: int = 0,
-    progress: Callable[[float], None] = lambda part: None,
+    progress: Callable[[float], None] | None = None,
 ) -> Evidence:
     """Evidence from labelled takes: points (T, M, 3) m, z up, NaN where missing, each with the id of its subject.
 
-    The same seed gives the same evidence. Raises InputError when the takes do not show the markers together.
+    `progress` is told the part that is done. The same seed gives the same evidence. Raises InputError when the takes do not show the markers together.
     """
     markers = tuple(markers)
     subjects = _by_subject(takes, markers)
-    shape, ties = _learn(list(subjects.values()), markers, seed)
+    shape, ties, plates = _learn(list(subjects.values()), markers, seed)
     trust = _learn_trust(list(subjects.values()), markers, seed, progress)
-    return Evidence(markers, shape, ties, trust, len(subjects))
+    return Evidence(markers, shape, ties, trust, len(subjects), plates)
 
 
 def _by_subject(takes, markers: tuple[str, ...]) -> dict[str, np.ndarray]:
@@ -63,10 +65,11 @@ def _by_subject(takes, markers: tuple[str, ...]) -> dict[str, np.ndarray]:
     return subjects
 
 
-def _learn(subjects: list[np.ndarray], markers: tuple[str, ...], seed: int) -> tuple[Shape, Ties]:
+def _learn(subjects: list[np.ndarray], markers: tuple[str, ...], seed: int) -> tuple[Shape, Ties, Plates | None]:
     both = [*subjects, *mirrored(subjects, markers)]
     shape = learn_shape(both, seed)
-    return shape, learn_ties(both, shape.radius)
+    plates = learn_plates(subjects, shape.radius)
+    return shape, learn_ties(both, shape.radius), plates if plates.covered >= ON_PLATES else None
 
 
 def _learn_trust(subjects: list[np.ndarray], markers: tuple[str, ...], seed: int, progress) -> Trust:
@@ -77,26 +80,28 @@ def _learn_trust(subjects: list[np.ndarray], markers: tuple[str, ...], seed: int
     described, right = [], []
     for done, fold in enumerate(folds):
         rest = [piece for index, piece in enumerate(pieces) if index not in fold]
-        shape, ties = _learn(rest if len(subjects) > 1 else [np.concatenate(rest)], markers, seed)
+        learned = _learn(rest if len(subjects) > 1 else [np.concatenate(rest)], markers, seed)
         tested = np.concatenate([pieces[index] for index in fold])
         tested = tested[rng.permutation(len(tested))[:TRIAL_FRAMES]]
         for ghosts in (0, MOST_GHOSTS):
             half = tested[ghosts > 0 :: 2]
             trial = make_trial(half, (0, round(len(markers) * HIDDEN_PART)), (0, ghosts), rng)
-            rows = _named(shape, ties, trial)
+            rows = _named(learned, trial)
             described.append(rows[0])
             right.append(rows[1])
-        progress((done + 1) / len(folds))
+        if progress is not None:
+            progress((done + 1) / len(folds))
     return learn_trust(np.concatenate(described), np.concatenate(right))
 
 
-def _named(shape: Shape, ties: Ties, trial) -> tuple[np.ndarray, np.ndarray]:
+def _named(learned, trial) -> tuple[np.ndarray, np.ndarray]:
     """The features of all labels given in a trial, and whether each is right."""
+    shape, ties, plates = learned
     coarse, fine = Latent(shape, COARSE_MODES), Latent(shape)
     described, right = [], []
     for first in range(0, len(trial.points), CHUNK):
         points, truth = trial.points[first : first + CHUNK], trial.truth[first : first + CHUNK]
-        solved = solve_frames(coarse, fine, ties, points)
+        solved = solve_frames(coarse, fine, ties, plates, points)
         rows, frame, slot = described_labels(solved, points)
         described.append(rows)
         right.append(names_of_points(solved.naming, points.shape[1])[frame, slot] == truth[frame, slot])

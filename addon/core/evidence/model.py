@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from .latent import Latent
+from .plates import Plates
 from .shape import Shape
 from .starts import COARSE_MODES
 from .ties import Ties
@@ -39,6 +40,7 @@ class Evidence:
     ties      distances that stay
     trust     what margins are worth
     subjects  how many subjects it was learned from
+    plates    the rigid groups of a set that has most of its markers on such; None for others
     """
 
     markers: tuple[str, ...]
@@ -46,6 +48,7 @@ class Evidence:
     ties: Ties
     trust: Trust
     subjects: int
+    plates: Plates | None = None
 
     def __len__(self) -> int:
         return len(self.markers)

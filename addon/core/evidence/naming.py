@@ -2,7 +2,7 @@
 """How well a naming explains a frame: its exact likelihood, and what each marker is expected to do given the others.
 
 A naming's likelihood is that of all its named points at once under the shape, with place, yaw, person and pose
-integrated out; every unnamed point is a ghost of constant density and every unnamed marker is hidden at a constant price.
+integrated out; every unnamed point is a ghost of constant density, every unnamed marker hidden at a constant price.
 """
 
 from dataclasses import dataclass
@@ -114,7 +114,7 @@ def name_odds(model: Latent, settled: Settled) -> np.ndarray:
 
 
 def density_odds(model: Latent, variance, between, present) -> np.ndarray:
-    """Log odds (..., P) of points at `between` (..., P, 3) m from where markers with variance (..., 3, 3) are expected."""
+    """Log odds (..., P) of points `between` (..., P, 3) m off where markers of variance (..., 3, 3) are expected."""
     precision, determinant = inverse3(variance)
     square = ((between @ precision) * between).sum(axis=-1)
     return np.where(present, name_worth(model) - 0.5 * (np.log(determinant)[..., None] + square), IMPOSSIBLE)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a whole upright cloud looks like: a Gaussian over all marker positions at once, in a frame that turns with the
-subject, made of a mean and the main ways in which people and poses stray from it.
+"""What a whole upright cloud looks like: one Gaussian over all marker positions, in a frame that turns with the subject.
 
+It is made of a mean and the main ways in which people and poses stray from it.
 Learning it is principal-axis factor analysis with one noise variance a marker; the spread between subjects and the
 spread of one subject's poses are estimated apart, because there are always few subjects and many frames.
 """
@@ -17,7 +17,7 @@ FRAMES = 400  # of each subject
 MOST_MODES = 20
 BETWEEN = 1.3  # a handful of subjects shows less than the true spread between people
 SHRINKAGE = 0.2  # of the covariance between subjects towards its own diagonal
-STRANGER = 0.02  # of the radius, spread between subjects where only one was recorded
+STRANGER = 0.05  # standard deviation of subjects' size where only one was recorded
 FLOOR = 0.012  # of the radius: what a marker does that no mode explains
 ROUNDS = 4
 FACTOR_ROUNDS = 12
@@ -59,11 +59,9 @@ def learn_shape(subjects: Sequence[np.ndarray], seed: int = 0) -> Shape:
     template = template - template.mean(axis=0)
     flat = upright_aligned(clouds, template).reshape(len(clouds), -1)
     floor = FLOOR * np.sqrt((template**2).sum(axis=1).mean())
-    filled, covariance = np.where(np.isnan(flat), template.ravel(), flat), None
-    for _ in range(ROUNDS if np.isnan(flat).any() else 1):
-        if covariance is not None:
-            filled = _imputed(flat, mean, covariance)
-        mean, covariance = _moments(filled, owner, floor)
+    mean, covariance = _moments(np.where(np.isnan(flat), template.ravel(), flat), owner, floor)
+    for _ in range(ROUNDS if np.isnan(flat).any() else 0):
+        mean, covariance = _moments(_imputed(flat, mean, covariance), owner, floor)
     modes, noise = _factors(covariance, floor)
     return Shape(mean.reshape(-1, 3), modes, noise)
 
@@ -87,15 +85,8 @@ def _moments(filled: np.ndarray, owner: np.ndarray, floor: float) -> tuple[np.nd
         between = (1 - SHRINKAGE) * between + SHRINKAGE * np.diag(np.diag(between))
         covariance += BETWEEN**2 * between
     else:
-        covariance += (STRANGER / FLOOR * floor) ** 2 * _stretching(mean)
+        covariance += STRANGER**2 * np.outer(mean, mean)
     return mean, covariance + floor**2 * np.eye(len(mean))
-
-
-def _stretching(mean: np.ndarray) -> np.ndarray:
-    """(3M, 3M) covariance of a subject who is larger or smaller, for one radius of size."""
-    positions = mean.reshape(-1, 3)
-    radius = np.sqrt((positions**2).sum(axis=1).mean())
-    return np.outer(mean, mean) / radius**2
 
 
 def _imputed(flat: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> np.ndarray:

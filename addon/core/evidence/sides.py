@@ -17,7 +17,7 @@ _SIDE = re.compile(r"^(left|right|Left|Right)|^([LRlr])(?=[A-Z_.\- ])|(?<=[_.\- 
 
 
 def mirror_order(markers: Sequence[str]) -> np.ndarray | None:
-    """(M,) for every marker the index of its mirror image, itself where it has none; None where the names have no sides."""
+    """(M,) each marker's mirror image, itself where it has none; None where the names have no sides."""
     order = np.arange(len(markers))
     for index, name in enumerate(markers):
         other = _SIDE.sub(lambda match: _OTHER[match.group()], name, count=1)

@@ -73,8 +73,9 @@ def _put(old, new, rows: np.ndarray):
 
 
 def _improved(model: Latent, ties: Ties, settled: Settled) -> tuple[Settled, Rivals]:
-    """Each naming changed for the better: first by everyone's conditional odds at once, then by single moves and swaps
-    until none is one.
+    """Each naming changed for the better until no single change is one.
+
+    First by everyone's conditional odds at once, then by single moves and swaps.
     """
     found = rivals(model, ties, settled)
     for _ in range(ROUNDS):
@@ -105,7 +106,7 @@ def _try(model: Latent, ties: Ties, settled: Settled, found: Rivals, rows, namin
 
 
 def _against(settled: Settled, found: Rivals) -> np.ndarray:
-    """(N, M) log of the summed likelihood, against the naming's own, of its neighbours that take a marker's name away."""
+    """(N, M) log of the summed likelihood, against the naming's own, of its neighbours without each marker's name."""
     own = own_odds(settled, found.odds)
     free = settled.present & (names_of_points(settled.naming, settled.present.shape[1]) < 0)
     ghost = np.where(free[:, None], found.odds, IMPOSSIBLE)

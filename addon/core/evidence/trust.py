@@ -16,8 +16,8 @@ LEVELS = 400
 def features(margin: np.ndarray, strays: np.ndarray, named: np.ndarray, misfit: np.ndarray) -> np.ndarray:
     """(N, 7) what the chance of N labels depends on.
 
-    margin (N,) as in `solving.Solved`; of the label's frame, the number of points left unnamed `strays`, the part of all
-    markers `named`, and `misfit`.
+    margin (N,) as in `solving.Solved`; of the label's frame, the number of points left unnamed `strays`, the part of
+    all markers `named`, and `misfit`.
     """
     margin = np.clip(margin, -MOST, MOST)
     bent = [np.minimum(margin - knee, 0) for knee in KNEES]

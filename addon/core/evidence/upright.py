@@ -12,8 +12,9 @@ def turned(points: np.ndarray, yaw: np.ndarray) -> np.ndarray:
 
 
 def upright_aligned(points: np.ndarray, template: np.ndarray) -> np.ndarray:
-    """Each frame of labelled points (T, M, 3), NaN where missing, turned and moved onto template (M, 3): the least
-    squares fit by yaw and translation over the markers present.
+    """Each frame of labelled points (T, M, 3), NaN where missing, turned and moved onto template (M, 3).
+
+    The least squares fit by yaw and translation over the markers present.
     """
     present = np.isfinite(points[..., :1])
     count = np.maximum(present.sum(axis=1, keepdims=True), 1)
