@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from addon.core.cameras import Cameras
-from addon.core.cost import add_pulls, blob_pull, cloud_pull, point_pull, ray_pull
+from addon.core.cost import blob_pull, cloud_pull, point_pull, ray_pull
 from addon.core.rigs import paper_rig
 from addon.core.views import Sight, split_views
 from tests.core.scenes import blobs_at
@@ -206,10 +206,3 @@ def test_named_rays_by_hand_and_switched_off():
     assert pull.hessian[0, 0, 1, 1] == pytest.approx(0.02**-2)
     nothing = ray_pull(np.array([[[0.0, 0.06, 0]]]), image, np.full((1, 2, 1), np.inf), sight)
     assert nothing.cost == 0 and not nothing.gradient.any() and not nothing.hessian.any()
-
-
-def test_pulls_add_up():
-    first, second = toy([[1, 1], [0, 1]]), toy([[1, 0], [0, 1]])
-    both = add_pulls(first, second)
-    for name in ("cost", "gradient", "hessian"):
-        assert np.array_equal(getattr(both, name), getattr(first, name) + getattr(second, name))

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is timed, and what the issue and the paper say of it."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from addon.core import rotations
+from addon.core.body import Bodies, BodyModel
+from addon.core.cost import blob_pull
+from addon.core.fit import fit_placement
+from addon.core.occlusion import CapsuleOcclusion
+from addon.core.pipeline import label_take
+from addon.core.prior import Prior
+from addon.core.rigs import paper_rig, ring_rig
+from addon.core.search import PLACEMENT_STAGES, UPRIGHT, Hints, find_subject
+from addon.core.simulate import CaptureOptions
+from addon.core.subject import Setup
+from addon.core.virtual import Act
+from tests.core.scenes import act, built_in, stand
+
+Job = Callable[[], object]
+ROOM = CaptureOptions(noise=0.3, reflections=1, flicker=0.1)
+RATE = 60.0
+WALK = (Act(0.3), Act(1.4, stride=0.9), Act(1.2, stride=0.5, turn=np.pi), Act(1.1, stride=0.9))
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of the table: `per` units of work in one run of `job`; floor, aim and the paper's figure as text."""
+
+    title: str
+    job: Job
+    promises: tuple[str, str, str]
+    repeats: int
+    per: float = 1.0
+    show: Callable[[float], str] = "{:.2e} s".format
+
+
+def milliseconds(seconds: float) -> str:
+    """Seconds as ms."""
+    return f"{1000 * seconds:.2f} ms"
+
+
+def a_second(seconds: float) -> str:
+    """Seconds for one as how many a second."""
+    return f"{1 / seconds:.0f} a second"
+
+
+def start_of(bodies: Bodies, model: BodyModel) -> Bodies:
+    """A rest body off by 15°, 0.15 m of height and 0.12 m from the person."""
+    ahead = model.pose(bodies).rotations[0, 0, :, 0]
+    start = model.rest(1, float(bodies.scale.mean()) - 0.15)
+    facing = rotations.about_z([np.arctan2(ahead[1], ahead[0]) + np.radians(15)])
+    return replace(start, quaternion=facing, translation=bodies.translation * [1, 1, 0] + [0.1, -0.06, 0.02])
+
+
+def fit_ten(view, start: Bodies, setup: Setup, prior: Prior) -> Bodies:
+    """The nine-parameter fit as `search.fit_from` begins: ten iterations, visibility renewed at each of its stages."""
+    bodies = start
+    for softness, reach, steps in PLACEMENT_STAGES:
+        visible = setup.visible(bodies.scale, setup.model.pose(bodies))
+        pull = partial(blob_pull, visible=visible, view=view, sight=setup.sight, softness=softness, reach=reach)
+        bodies = fit_placement(setup.model, bodies, pull, steps, prior).bodies
+    return bodies
+
+
+def standing(name: str) -> tuple[Setup, object, Bodies]:
+    """Setup, view and bodies of a standing person in the paper's rig."""
+    scene = stand(built_in(name), paper_rig(), seed=3, facing=0.7, options=ROOM)
+    return Setup.of(scene.cameras, scene.markerset), scene.views()[0], scene.bodies
+
+
+def ten_iterations(repeats: int) -> Iterator[Row]:
+    """The paper's fit from a given start."""
+    iterations = sum(steps for *_, steps in PLACEMENT_STAGES)
+    for name, promises in (("gait15", ("3 ms", "1 ms", "1.3 s")), ("body26", ("5 ms", "2 ms", "3.6 s"))):
+        setup, view, bodies = standing(name)
+        job = partial(fit_ten, view, start_of(bodies, setup.model), setup, Prior(setup.model, upright_sd=UPRIGHT))
+        title = f"{iterations} iterations of the nine-parameter fit, `{name}`, 4 cameras"
+        yield Row(title, job, promises, 5 * repeats, show=milliseconds)
+
+
+def standing_frame(repeats: int) -> Iterator[Row]:
+    """Placement, fit and labelling of one frame with no hints."""
+    for name, promises in (("gait15", ("60 ms", "16 ms", "1.4 s")), ("body26", ("120 ms", "16 ms", "3.76 s"))):
+        setup, view, _ = standing(name)
+        job = partial(find_subject, view, setup, Hints())
+        title = f"whole labelling of one standing frame, no hints, `{name}`, 4 cameras"
+        yield Row(title, job, promises, repeats, show=milliseconds)
+
+
+def following(repeats: int) -> Iterator[Row]:
+    """A walk of four seconds, finding the person included."""
+    rows = (
+        ("body26", 8, ("120 a second", "500 a second", "real time hoped for")),
+        ("body26", 4, ("60 a second", "", "")),
+        ("gait15", 8, ("", "", "")),
+    )
+    for name, cameras, promises in rows:
+        rig = ring_rig(cameras, radius=4.5, volume_radius=1.3)
+        scene = act(built_in(name), rig, WALK, seed=3, options=ROOM)
+        job = partial(drain, scene.blobs, rig, scene.markerset)
+        title = f"following a walk, `{name}`, {cameras} cameras at 60 Hz, search included"
+        yield Row(title, job, promises, max(repeats // 10, 2), len(scene.blobs.frames), a_second)
+
+
+def drain(blobs, rig, markerset) -> int:
+    """Labels a take that is one chunk."""
+    return sum(len(chunk.labels.marker) for chunk in label_take([blobs], rig, markerset, RATE))
+
+
+def occlusion(repeats: int) -> Iterator[Row]:
+    """Virtual occlusion in closed form: one body, and as many as the search tries."""
+    for name, bodies in (("gait15", 1), ("body26", 1), ("body26", 8)):
+        markerset, rig = built_in(name), paper_rig()
+        model, body = BodyModel(markerset), CapsuleOcclusion(markerset)
+        posed = model.pose(model.rest(bodies, 1.7))
+        scale = np.full((bodies, 3), 1.7)
+        job = partial(body.hidden, posed.rotations, posed.joints, scale, posed.markers, rig.centres)
+        rays = bodies * len(rig) * len(markerset)
+        title = f"occlusion, `{name}`, {rays} rays × {len(markerset.capsules)} capsules"
+        yield Row(title, job, ("", "", ""), 20 * repeats, show=milliseconds)

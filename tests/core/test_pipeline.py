@@ -1,0 +1,240 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Whole takes, chunk by chunk: followed, lost and found again, the same however they are cut, in flat memory."""
+
+import gc
+import tracemalloc
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from addon.core.clock import STAGES
+from addon.core.errors import JobError
+from addon.core.pipeline import Options, label_take
+from addon.core.rigs import paper_rig, ring_rig
+from addon.core.search import Hints
+from addon.core.simulate import CaptureOptions, disturbed
+from addon.core.takes import NO_MARKER, NO_STEP
+from addon.core.virtual import Act
+from tests.core.scenes import CLEAN, RATE, act, blobs_at, built_in, cut, film, keep, stand
+
+RIG = ring_rig(6, radius=4.5, volume_radius=1.3)
+ROOM = CaptureOptions(noise=0.3, reflections=1, flicker=0.1)
+WALK = (Act(0.3), Act(1.2, stride=0.9), Act(0.7, stride=0.4, turn=np.pi / 2))
+
+
+@cache
+def walk(name="gait15"):
+    return act(built_in(name), RIG, WALK, seed=3, options=ROOM)
+
+
+class Outcome:
+    """All chunks of a labelled take as one, row for row with the blobs that were given."""
+
+    def __init__(self, scene, kept=None, size=1000, options=None, rig=RIG):
+        self.rows = np.flatnonzero(np.ones(len(scene.blobs), dtype=bool) if kept is None else kept)
+        blobs = keep(scene.blobs, self.rows)
+        self.chunks = list(label_take(cut(blobs, size), rig, scene.markerset, RATE, options))
+        firsts = range(0, len(blobs.frames), size)
+        order = np.concatenate([np.flatnonzero((blobs.frame >= a) & (blobs.frame < a + size)) for a in firsts])
+        self.marker, self.step, self.confidence = (
+            self._back(order, [getattr(chunk.labels, name) for chunk in self.chunks])
+            for name in ("marker", "step", "confidence")
+        )
+        truth = scene.truth[self.rows]
+        names = scene.names(self.marker)
+        self.right = np.array([name in text.split("|") for name, text in zip(names, truth, strict=True)])
+        self.given = self.marker >= 0
+        self.suspects = [suspect for chunk in self.chunks for suspect in chunk.suspects]
+        self.found = np.concatenate([chunk.motion.confidence for chunk in self.chunks]) > 0
+        self.frame = blobs.frame
+
+    @staticmethod
+    def _back(order, parts):
+        joined = np.concatenate(parts)
+        whole = np.empty_like(joined)
+        whole[order] = joined
+        return whole
+
+    @property
+    def wrong(self):
+        return int((self.given & ~self.right).sum())
+
+
+@cache
+def outcome(name="gait15", size=1000):
+    return Outcome(walk(name), size=size)
+
+
+@pytest.mark.parametrize("name", ["gait15", "body26"])
+def test_a_walk_is_named(name):
+    """A2, A34: every blob of a walk in a room with ghosts."""
+    whole = outcome(name)
+    assert whole.right.mean() > 0.998
+    assert whole.wrong <= 0.0005 * whole.given.sum()
+    assert whole.found.all() and not whole.suspects
+
+
+def test_labels_are_well_formed():
+    whole = outcome()
+    assert ((whole.confidence >= 0) & (whole.confidence <= 1)).all()
+    assert ((whole.step > NO_STEP) == whole.given).all()
+    assert ((whole.confidence > 0) == whole.given).all()
+    assert (whole.marker[~whole.given] == NO_MARKER).all()
+    cells = np.stack([whole.frame, walk().blobs.camera, whole.marker])[:, whole.given]
+    assert len(np.unique(cells, axis=1).T) == whole.given.sum()  # no marker twice in one image
+
+
+def test_motion_is_where_the_person_was():
+    """Triangulated from two or more cameras, with residuals; the fitted body carries the rest."""
+    scene, whole = walk(), outcome()
+    (motion,) = [chunk.motion for chunk in whole.chunks]
+    count, markers = len(scene.blobs.frames), len(scene.markerset)
+    assert np.array_equal(motion.frames, scene.blobs.frames)
+    assert motion.markers.shape == motion.expected.shape == (count, markers, 3)
+    there = np.isfinite(motion.markers[..., 0])
+    assert there.mean() > 0.95
+    off = np.linalg.norm(motion.markers - scene.points, axis=-1)
+    assert np.nanmedian(off) < 0.003 and np.nanpercentile(off, 99) < 0.01
+    assert np.array_equal(np.isfinite(motion.residual), there) and np.array_equal(
+        np.isfinite(motion.residual_px), there
+    )
+    assert np.nanmedian(motion.residual_px) == pytest.approx(0.3, rel=0.5)
+    assert np.linalg.norm(motion.expected - scene.points, axis=-1).mean() < 0.006
+    turn = motion.rotations
+    assert turn @ turn.swapaxes(-1, -2) == pytest.approx(np.broadcast_to(np.eye(3), turn.shape), abs=1e-9)
+    assert motion.scale.mean() == pytest.approx(scene.bodies.scale.mean(), rel=0.05)
+    assert ((motion.confidence > 0) & (motion.confidence <= 1)).all()
+
+
+@pytest.mark.parametrize("size", [60, 7, 1])
+def test_chunks_of_any_size_give_the_same_labels(size):
+    """But for a blob in ten thousand: the frame to start from is chosen among those of the first chunk."""
+    whole, pieces = outcome(), outcome(size=size)
+    assert (pieces.marker == whole.marker).mean() > 0.999
+    assert pieces.wrong <= whole.wrong + 2
+    assert len(pieces.chunks) == -(-len(walk().blobs.frames) // size)
+
+
+def test_the_same_take_gives_the_same_labels():
+    first, second = outcome(), Outcome(walk())
+    assert np.array_equal(first.marker, second.marker) and np.array_equal(first.confidence, second.confidence)
+    assert np.array_equal(first.chunks[0].motion.expected, second.chunks[0].motion.expected)
+
+
+def test_every_chunk_is_labelled_when_it_comes():
+    """A generator: no chunk is asked for before the one before it was given back."""
+    asked = []
+
+    def source():
+        for chunk in cut(walk().blobs, 40):
+            asked.append(len(chunk.frames))
+            yield chunk
+
+    for number, labelled in enumerate(label_take(source(), RIG, walk().markerset, RATE), 1):
+        assert len(asked) == number
+        assert len(labelled.motion.frames) == asked[-1]
+        assert set(labelled.seconds) == set(STAGES) and min(labelled.seconds.values()) >= 0
+
+
+@pytest.mark.parametrize("size", [1000, 25])
+def test_lost_and_found_again(size):
+    """A34: the person leaves for half a second: lost, said so, and found again by a fresh start."""
+    scene = walk()
+    away = slice(60, 92)
+    frame = scene.blobs.frame
+    whole = Outcome(scene, (frame < away.start) | (frame >= away.stop), size)
+    assert whole.right.mean() > 0.998 and whole.wrong <= 2
+    assert whole.found[: away.start].all() and whole.found[away.stop :].all()
+    assert not whole.found[away.start + 1 : away.stop - 1].any()
+    assert any("lost" in suspect.reason for suspect in whole.suspects)
+    first = next(suspect.first for suspect in whole.suspects if "lost" in suspect.reason)
+    assert first == scene.blobs.frames[away.start]
+
+
+@pytest.mark.parametrize("size", [1000, 30])
+def test_a_person_who_comes_later_is_found(size):
+    scene = walk()
+    whole = Outcome(scene, scene.blobs.frame >= 50, size)
+    assert whole.right.mean() > 0.998 and whole.found[51:].all() and not whole.found[:50].any()
+
+
+def test_nobody_there_is_said():
+    """Ghosts alone: no names, no pose, and a suspect that covers the take."""
+    generator, scene = np.random.default_rng(1), walk()
+    ghosts = scene.truth == ""
+    empty = Outcome(scene, ghosts)
+    assert not empty.given.any() and not empty.found.any()
+    assert [(s.first, s.last) for s in empty.suspects] == [(scene.blobs.frames[0], scene.blobs.frames[-1])]
+    assert "no subject" in empty.suspects[0].reason
+    (motion,) = [chunk.motion for chunk in empty.chunks]
+    assert np.isnan(motion.markers).all() and np.isnan(motion.expected).all() and (motion.confidence == 0).all()
+    noise = [generator.uniform([0, 0], RIG.size[0], (15, 2)) for _ in range(6)]
+    (crowd,) = label_take([blobs_at(noise)], RIG, scene.markerset, RATE)
+    assert (crowd.labels.marker == NO_MARKER).all() and len(crowd.suspects) == 1
+
+
+def test_frames_without_a_single_blob():
+    scene = walk()
+    nothing = Outcome(scene, np.zeros(len(scene.blobs), dtype=bool), 50)
+    assert len(nothing.marker) == 0 and not nothing.found.any()
+    assert [suspect.last for suspect in nothing.suspects] == [50, 100, len(scene.blobs.frames)]
+
+
+def test_one_camera_is_a_job_that_cannot_be_done():
+    """A5: said in one sentence, before any blob is read."""
+    with pytest.raises(JobError, match="1 camera cannot fix a position") as caught:
+        next(label_take(iter([]), RIG.select([0]), walk().markerset))
+    assert caught.value.exit_status == 1 and "\n" not in str(caught.value)
+
+
+def test_blobs_in_one_camera_alone_are_nobody():
+    whole = Outcome(walk(), walk().blobs.camera == 2)
+    assert not whole.given.any() and len(whole.suspects) == 1
+
+
+def test_a_flood_of_blobs_is_refused():
+    pixels = [np.random.default_rng(0).uniform(0, 400, (1500, 2))] + [np.zeros((0, 2))] * 5
+    with pytest.raises(JobError, match="1500 blobs in camera cam1; expected at most 1000"):
+        list(label_take([blobs_at(pixels)], RIG, walk().markerset))
+
+
+def test_hints_are_followed_and_never_needed():
+    scene = walk()
+    height = float(scene.bodies.scale.mean())
+    hinted = Outcome(scene, scene.blobs.frame < 20, options=Options(Hints(height, 0.0)))
+    assert hinted.right.mean() > 0.998
+
+
+def test_one_camera_out_of_place_is_survived():
+    """A16: one camera was knocked by 20 mm after its calibration; the others' names stay right."""
+    scene = walk()
+    moved = disturbed(RIG, 20.0, 0.0, np.random.default_rng(2))
+    translation = RIG.translation.copy()
+    translation[4] = moved.translation[4]
+    knocked = replace(RIG, translation=translation)
+    whole = Outcome(scene, scene.blobs.frame < 40, rig=knocked)
+    others = scene.blobs.camera[whole.rows] != 4
+    assert whole.right[others].mean() > 0.97
+    assert (whole.given & ~whole.right).sum() <= 0.003 * whole.given.sum()
+
+
+def test_memory_does_not_grow_with_the_take():
+    """The same standing person for many chunks: what is held after the last is what was held after the third."""
+    rig = paper_rig()
+    scene = stand(built_in("gait15"), rig, 2)
+    count = 6
+    bodies = scene.bodies.pick(np.zeros(count, dtype=int))
+    chunk = film(scene.markerset, rig, bodies, CLEAN).blobs
+    held = []
+    tracemalloc.start()
+    try:
+        for labelled in label_take((chunk for _ in range(14)), rig, scene.markerset, RATE):
+            assert labelled.motion.confidence.all()
+            del labelled
+            gc.collect()
+            held.append(tracemalloc.get_traced_memory()[0])
+    finally:
+        tracemalloc.stop()
+    assert max(held[8:]) - max(held[2:5]) < 20_000
