@@ -10,6 +10,8 @@ from functools import cached_property
 
 import numpy as np
 
+from .evidence.model import Evidence
+
 
 @dataclass(frozen=True, eq=False)
 class Skeleton:
@@ -96,6 +98,7 @@ class MarkerSet:
     capsules           the body
     spread             variation over people and poses
     source             where the numbers come from: people, dates, counts (free text by key)
+    evidence           what was learned for naming 3D points, if anything
     """
 
     name: str
@@ -108,6 +111,7 @@ class MarkerSet:
     capsules: Capsules
     spread: Spread
     source: dict[str, str]
+    evidence: Evidence | None = None
 
     def __len__(self) -> int:
         return len(self.markers)

@@ -89,7 +89,7 @@ def _stretches(point: int, marker, weight, present, markers: int) -> list[Stretc
         state = _most_likely(np.where(said[:, None] == candidates, worth[:, None], 0) * INDEPENDENT)
     cuts = np.concatenate([[0], np.flatnonzero(np.diff(state)) + 1, [len(frames)]])
     made = []
-    for first, after in zip(cuts[:-1], cuts[1:], strict=True):
+    for first, after in pairwise(cuts):
         own, how = said[first:after], worth[first:after]
         total = np.bincount(own[own >= 0], weights=how[own >= 0], minlength=markers)
         made.append(

@@ -38,7 +38,7 @@ def assemble(plates: Plates, points: np.ndarray) -> Solved:
 
 
 def plate_order(plates: Plates) -> list[tuple[int, list[tuple[int, float]]]]:
-    """The plates in the order of the search, each with the earlier ones that it is compared with and how much it counts.
+    """The plates in the order of the search, each with earlier ones to compare it with and how much each counts.
 
     Plates that share a joint say more of each other than those that do not.
     """
@@ -104,7 +104,7 @@ def _linked(plates: Plates, group, other, found: Placements, naming: np.ndarray,
 
 
 def _filled(plates: Plates, apart, present, naming) -> tuple[np.ndarray, np.ndarray]:
-    """The naming with lone and missed markers named, and their lead (F, M) on the next best, log odds; NaN for others."""
+    """The naming with lone and missed markers named, and their lead (F, M) on the next best; NaN for others."""
     lone = np.full(naming.shape, np.nan)
     naming = naming.copy()
     for _ in range(ROUNDS):
@@ -128,7 +128,7 @@ def _lone_odds(plates: Plates, apart, present, naming) -> np.ndarray:
     np.put_along_axis(taken, np.where(naming >= 0, naming, count), True, axis=1)
     free = present & ~taken[:, :count]
     width = plates.high - plates.low + 2 * plates.slack
-    scale = ROOM * np.sqrt((plates.high[np.isfinite(plates.high)] ** 2).mean())
+    scale = ROOM * np.median(plates.high)
     price = LONE_WORTH + np.log1p(free.sum(axis=1))
     for marker in range(markers):
         rows = np.flatnonzero(naming[:, marker] < 0)

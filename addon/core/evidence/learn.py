@@ -35,7 +35,8 @@ def learn_evidence(
 ) -> Evidence:
     """Evidence from labelled takes: points (T, M, 3) m, z up, NaN where missing, each with the id of its subject.
 
-    `progress` is told the part that is done. The same seed gives the same evidence. Raises InputError when the takes do not show the markers together.
+    `progress` is told the part that is done. The same seed gives the same evidence.
+    Raises InputError when the takes do not show the markers together.
     """
     markers = tuple(markers)
     subjects = _by_subject(takes, markers)

@@ -7,6 +7,7 @@ plates are put together by what the distances between their markers allow.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -18,6 +19,7 @@ NOISE = 0.0007  # m, of a measured distance
 STRETCH = 0.003  # of a length, between takes
 SLACK = 0.25  # of a distance's range, and
 SLACK_LENGTH = 0.02  # m, that it may leave the range by before it counts
+ANYWHERE = 50.0  # m, for two markers never seen together
 OUTLIERS = 0.5  # per cent at either end of a distance's range that are left out
 
 
@@ -27,14 +29,18 @@ class Plates:
 
     groups  for each plate the indices (n,) of its markers
     form    (M, 3) m, each marker in its plate's own axes; 0 for markers on none
-    low, high  (M, M) m, the range of every distance, and slack (M, M) m how softly it ends
+    low, high  (M, M) m, the range of every distance
     """
 
     groups: tuple[np.ndarray, ...]
     form: np.ndarray
     low: np.ndarray
     high: np.ndarray
-    slack: np.ndarray
+
+    @cached_property
+    def slack(self) -> np.ndarray:
+        """(M, M) m, how softly the range of a distance ends."""
+        return SLACK * (self.high - self.low) + SLACK_LENGTH
 
     @property
     def covered(self) -> float:
@@ -78,13 +84,12 @@ def learn_plates(subjects: Sequence[np.ndarray], radius: float) -> Plates:
             low[one, some], high[one, some] = np.minimum(low[one, some], ends[0]), np.maximum(high[one, some], ends[1])
     never = ~np.isfinite(low)
     spread[never] = np.inf
-    low[never], high[never] = 0, np.inf
-    slack = np.where(never, 1.0, SLACK * np.where(never, 0, high - low) + SLACK_LENGTH)
+    low[never], high[never] = 0, ANYWHERE
     groups = _rigid_groups(np.maximum(spread, spread.T), RIGID * radius)
     form = np.zeros((markers, 3))
     for group in groups:
         form[group] = _form(np.concatenate(subjects)[:, group])
-    return Plates(tuple(groups), form, low, high, slack)
+    return Plates(tuple(groups), form, low, high)
 
 
 def _rigid_groups(spread: np.ndarray, limit: float) -> list[np.ndarray]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a whole upright cloud looks like: one Gaussian over all marker positions, in a frame that turns with the subject.
+"""What a whole upright cloud looks like: one Gaussian over all markers, in a frame that turns with the subject.
 
 It is made of a mean and the main ways in which people and poses stray from it.
 Learning it is principal-axis factor analysis with one noise variance a marker; the spread between subjects and the
