@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What was learned for naming points, written and read again, and what is said of a file that is not as expected."""
+
+import json
+
+import numpy as np
+import pytest
+
+from addon.core.errors import InputError
+from addon.core.evidence import learn_evidence
+from addon.io.evidence import evidence_text, read_evidence
+from addon.io.markerset_fields import Reader
+
+NAMES = tuple("abcdefgh")
+
+
+def learned(rigid: bool):
+    rng = np.random.default_rng(0)
+    base = rng.normal(size=(8, 3))
+    takes = [(base * size + (0.001 if rigid else 0.03) * rng.normal(size=(120, 8, 3)), str(size)) for size in (1, 1.02)]
+    return learn_evidence(takes[:1] if rigid else takes, NAMES)
+
+
+@pytest.mark.parametrize("rigid", [True, False])
+def test_reading_and_writing_again_changes_nothing(rigid):
+    evidence = learned(rigid)
+    assert (evidence.plates is not None) == rigid
+    text = evidence_text(evidence)
+    again = read_evidence(Reader("model"), json.loads(text), NAMES)
+    assert evidence_text(again) == text
+    assert np.allclose(again.shape.modes, evidence.shape.modes, rtol=1e-5, atol=1e-12)
+    assert again.trust.threshold(0.99) == pytest.approx(evidence.trust.threshold(0.99), rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("mean", [[0, 0, 0]]),
+        ("noise", [0.1] * 7 + [-1]),
+        ("modes", [[1, 2]]),
+        ("ties", [[0, 99, 0.1, 0.1]]),
+        ("right", [1.0]),
+        ("subjects", "two"),
+        ("plates", [[0, 0, 1]]),
+    ],
+)
+def test_a_part_that_is_not_as_expected_is_named(key, value):
+    document = json.loads(evidence_text(learned(True)))
+    document[key] = value
+    with pytest.raises(InputError, match=key):
+        read_evidence(Reader("model"), document, NAMES)
