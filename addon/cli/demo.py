@@ -3,7 +3,7 @@
 
 from pathlib import Path
 
-from .. import batch, capturing
+from .. import capturing, jobs
 from ..blendfile import has_blender
 from ..core.figures import Figures
 from ..demo import take as demo_take
@@ -45,7 +45,7 @@ def run(arguments) -> int:
         performance.take, performance.cameras, demo_take.TROUBLE, performance.body, blobs, arguments.overwrite
     )
     captured = progress.drain(work, "capture")
-    job = batch.LabelJob(
+    job = jobs.LabelJob(
         blobs,
         room,
         demo_take.MODEL,
@@ -56,9 +56,9 @@ def run(arguments) -> int:
         overwrite=arguments.overwrite,
         keep=True,
     )
-    labelled = progress.drain(batch.label_file(job), "label")
+    labelled = progress.drain(jobs.label_file(job), "label")
     figures = Figures(markerset.markers, markerset.aliases)
-    agreement = compare(job.target(".labels.csv"), capturing.truth_path(blobs), figures)
+    agreement = compare(job.path(".labels.csv"), capturing.truth_path(blobs), figures)
     result = {"figures": as_result(agreement), "report": labelled.report, "out": str(out)}
     seen = f"{captured.frames} frames of a virtual person, seen by {len(performance.cameras)} cameras"
     lines = [
@@ -70,8 +70,8 @@ def run(arguments) -> int:
         progress.tell("picture", at_once=True)
         _draw(picture, performance, markerset, labelled, agreement, arguments.overwrite)
         progress.clear()
-        result["picture"], result["blend"] = str(picture), str(job.target(".blend"))
-        lines += [f"Blender file        {job.target('.blend')}", f"picture             {picture}"]
+        result["picture"], result["blend"] = str(picture), str(job.path(".blend"))
+        lines += [f"Blender file        {job.path('.blend')}", f"picture             {picture}"]
     else:
         result["note"] = NO_BLENDER
         lines.append(NO_BLENDER)
@@ -79,7 +79,7 @@ def run(arguments) -> int:
     return 0
 
 
-def _draw(path: Path, performance, markerset, labelled: batch.Labelled, agreement, overwrite: bool):
+def _draw(path: Path, performance, markerset, labelled: jobs.Labelled, agreement, overwrite: bool):
     """The picture of the take's widest step."""
     from ..blendfile import silenced
     from ..demo.picture import draw

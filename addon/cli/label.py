@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
-from .. import batch
+from .. import jobs
 from ..blendfile import has_blender, open_cameras
 from ..core.errors import InputError, UserError
 from ..io.markersets import open_markerset
@@ -36,7 +36,7 @@ def add_parser(verbs):
         "--rate",
         type=number(0.1, 100_000, "rate"),
         metavar="HZ",
-        help=f"frames a second, which a blob file does not say (default {batch.USUAL_RATE:g}, and the report says so)",
+        help=f"frames a second, which a blob file does not say (default {jobs.USUAL_RATE:g}, and the report says so)",
     )
     parser.add_argument("--height", type=number(0.3, 3, "height"), metavar="M", help="the subject's height, if known")
     parser.add_argument(
@@ -101,9 +101,9 @@ def check(arguments):
     open_cameras(arguments.cameras)
 
 
-def as_job(arguments, path: Path) -> batch.LabelJob:
+def as_job(arguments, path: Path) -> jobs.LabelJob:
     """The job of labelling one of the inputs."""
-    return batch.LabelJob(
+    return jobs.LabelJob(
         source=path,
         cameras=arguments.cameras,
         model=arguments.model,
@@ -133,7 +133,7 @@ def _answers(arguments, progress: ProgressLine) -> Iterator[tuple[Path, dict | U
         return
     for path in arguments.inputs:
         try:
-            yield path, progress.drain(batch.label_file(as_job(arguments, path)), path.stem).report
+            yield path, progress.drain(jobs.label_file(as_job(arguments, path)), path.stem).report
         except UserError as error:
             yield path, error if error.file else type(error)(error.message, path)
 

@@ -14,6 +14,7 @@ import sys
 from threadpoolctl import threadpool_limits
 
 from . import people, runs
+from .rebuilding import run_rebuilding
 
 RUNS = {
     "standing": runs.run_standing,
@@ -22,6 +23,7 @@ RUNS = {
     "walking": runs.run_walking,
     "occlusion": runs.run_occlusion,
     "sweeps": runs.run_sweeps,
+    "rebuilding": run_rebuilding,
 }
 QUICK = ("standing", "starts", "speed", "walking")
 

@@ -1,93 +1,38 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One take from file to files: read, label, write. The command line and Blender's operators step it alike."""
+"""A take of blobs from file to files by fitting a body: read, label, write, chunk by chunk."""
 
 import tempfile
 from collections import deque
 from collections.abc import Generator, Iterator
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from contextlib import ExitStack
 from pathlib import Path
 from time import perf_counter
 from typing import Self
 
 import numpy as np
 
-from .blendfile import Chunks, open_cameras, save_blend
-from .core.cameras import Cameras
-from .core.pipeline import Options, label_take
-from .core.search import Hints
-from .core.summary import TakeSummary
-from .core.takes import Blobs, Motion, Points
-from .io.blobs import BlobRows, read_blobs
-from .io.labels import LabelWriter
-from .io.markersets import open_markerset
-from .io.points import write_c3d, write_trc
-from .io.report import take_report, write_report
-from .io.whole import whole_files
-from .progress import Progress
-from .version import version
-
-USUAL_RATE = 100.0
+from ..blendfile import open_cameras, save_blend
+from ..core.cameras import Cameras
+from ..core.pipeline import Options, label_take
+from ..core.search import Hints
+from ..core.summary import TakeSummary
+from ..core.takes import Blobs, Motion, Points
+from ..io.blobs import BlobRows, read_blobs
+from ..io.labels import LabelWriter
+from ..io.markersets import open_markerset
+from ..progress import Progress
+from .job import LabelJob, Labelled, finish_report, open_files, timed, write_points
 
 
-@dataclass(frozen=True)
-class LabelJob:
-    """What to label and what to make of it.
-
-    source    the blob file; `out` gets files named after its stem
-    cameras   the calibration
-    model     a built-in marker set's name or the path of one
-    frames    first and last frame to label, both included, None for the take's own
-    rate      frames a second, None where nobody knows: then USUAL_RATE, and the report says that it was assumed
-    height    the subject's height, m, and facing, rad, where known
-    trc       write STEM.trc too
-    blend     save STEM.blend too; needs Blender
-    keep      give the labelled chunks back as well: memory then grows with the take
-    """
-
-    source: Path
-    cameras: Path
-    model: str
-    out: Path
-    frames: tuple[int | None, int | None] | None = None
-    rate: float | None = None
-    height: float | None = None
-    facing: float | None = None
-    trc: bool = False
-    blend: bool = False
-    overwrite: bool = False
-    keep: bool = False
-
-    @property
-    def frame_rate(self) -> float:
-        """Frames a second, given or assumed."""
-        return USUAL_RATE if self.rate is None else self.rate
-
-    def target(self, ending: str) -> Path:
-        """The file of this take with an ending such as `.c3d`."""
-        return self.out / (self.source.stem + ending)
-
-
-@dataclass(frozen=True, eq=False)
-class Labelled:
-    """What became of a job: the report, and with `keep` the blobs and what was said of them, chunk by chunk."""
-
-    report: dict
-    chunks: Chunks
-
-
-def label_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
+def label_blobs(job: LabelJob) -> Generator[Progress, None, Labelled]:
     """Labels the take and writes its files, which appear together or not at all. Memory does not grow with the take.
 
     Raises UserError with the file where it can be told.
     """
     begin = perf_counter()
     markerset, cameras = open_markerset(job.model), open_cameras(job.cameras)
-    endings = [".labels.csv", ".c3d", ".report.json"]
-    endings += [ending for ending, wanted in ((".trc", job.trc), (".blend", job.blend)) if wanted]
     with ExitStack() as stack:
-        parts = stack.enter_context(whole_files([job.target(ending) for ending in endings], job.overwrite))
-        files = dict(zip(endings, parts, strict=True))
+        files = open_files(job, stack)
         folder = tempfile.TemporaryDirectory(prefix="mocap-autolabel-", ignore_cleanup_errors=True)
         scratch = Path(stack.enter_context(folder))
         motion = stack.enter_context(MotionFile(scratch, markerset.markers, job.frame_rate))
@@ -111,30 +56,14 @@ def label_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
             write_points(motion.points(), files)
             if job.blend:
                 save_blend(files[".blend"], job.source.stem, job.source, job.frame_rate, cameras, markerset, chunks)
-        report = take_report(summary, job.source.stem, markerset.name, job.frame_rate, version(), clock)
-        report["rate_assumed"] = job.rate is None
-        write_report(files[".report.json"], report)
+        more = {"method": "fit", "rate_assumed": job.rate is None}
+        report = finish_report(job, summary, markerset.name, job.frame_rate, clock, files[".report.json"], **more)
     return Labelled(report, chunks if job.keep else [])
-
-
-def write_points(points: Points, files: dict[str, Path]):
-    """Writes the markers to those of the files that hold them."""
-    write_c3d(files[".c3d"], points)
-    if ".trc" in files:
-        write_trc(files[".trc"], points)
 
 
 def options(job: LabelJob) -> Options:
     """The user's hints as the labelling takes them."""
     return Options(hints=Hints(job.height, job.facing))
-
-
-@contextmanager
-def timed(clock: dict[str, float], stage: str) -> Iterator[None]:
-    """Adds the seconds that the block takes to a stage."""
-    begin = perf_counter()
-    yield
-    clock[stage] += perf_counter() - begin
 
 
 class Source:

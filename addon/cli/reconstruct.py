@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`reconstruct BLOBS`: unnamed 3D points from unnamed blobs."""
+
+from pathlib import Path
+
+from ..jobs.job import USUAL_RATE
+from ..jobs.rebuild import RebuildJob, rebuild_file
+from .console import ProgressLine, print_results
+from .parser import add_frames, add_overwrite, number
+
+DESCRIPTION = """Finds the points in space that the unnamed blobs of several cameras show, and joins them into unnamed
+trajectories *1, *2, … with gaps: what `label` takes when only 3D points are known. Residuals are in the file."""
+
+
+def add_parser(verbs):
+    """Adds the verb to the command line's grammar."""
+    parser = verbs.add_parser("reconstruct", help="3D points from blobs", description=DESCRIPTION)
+    parser.add_argument("blobs", metavar="BLOBS", type=Path, help="a file of blobs")
+    parser.add_argument("--cameras", required=True, type=Path, metavar="CAMERAS", help="the calibration")
+    parser.add_argument("--out", required=True, type=Path, metavar="FILE", help="the .c3d (or .trc) to write")
+    parser.add_argument(
+        "--rate",
+        type=number(0.1, 100_000, "rate"),
+        metavar="HZ",
+        help=f"frames a second, which a blob file does not say (default {USUAL_RATE:g})",
+    )
+    add_frames(parser)
+    add_overwrite(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments) -> int:
+    """Reconstructs one take."""
+    job = RebuildJob(
+        arguments.blobs, arguments.cameras, arguments.out, arguments.frames, arguments.rate, arguments.overwrite
+    )
+    result = ProgressLine(arguments.progress).drain(rebuild_file(job), arguments.blobs.stem)
+    frames = max(result["frames"], 1)
+    many = f"{result['points'] / frames:.1f} points a frame in {result['trajectories']} trajectories"
+    explained = f"{result['blobs_explained']} of {result['blobs']} blobs explained"
+    well = f"residual {result['residual_mm']:.2f} mm, noise {result['noise_px']:.2f} px"
+    pace = f"{result['frames'] / max(result['seconds'], 1e-9):.0f} frames/s"
+    lines = [f"{result['out']}: {result['frames']} frames, {many}", f"{explained}, {well}, {pace}"]
+    print_results(lines, result, arguments.json)
+    return 0

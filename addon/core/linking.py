@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Points of one frame after the other joined into trajectories: the nearest to where each should be, one to one."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .matching import Expected
+
+PUSH = 120.0  # m/s², how hard a marker may change its velocity
+PLAY = 0.008  # m, by which a point may be off beside that: noise, and rays that come and go
+STRANGE = 3.0  # m/s, by which the velocity of a trajectory that has just begun may differ from its neighbours'
+WIDEST = 0.12  # m
+LONGEST_GAP = 0.12  # s without a point after which a trajectory ends
+SMOOTH = 0.6  # share of the newest step in the velocity
+SETTLED = 6  # points of a trajectory after which its velocity is trusted for others
+NEIGHBOURS = 0.4  # m within which a trajectory that begins moves as those around it do
+
+
+@dataclass(eq=False)
+class Links:
+    """The trajectories that are being followed, N of them: number, place, velocity, length and frames without a point.
+
+    number (N,); points (N, 3) m; velocity (N, 3) m a frame; length (N,) points so far; missing (N,) frames
+    """
+
+    rate: float
+    number: np.ndarray
+    points: np.ndarray
+    velocity: np.ndarray
+    length: np.ndarray
+    missing: np.ndarray
+    begun: int = 0
+
+    @classmethod
+    def at(cls, rate: float) -> "Links":
+        """No trajectories yet, `rate` frames a second."""
+        none = np.zeros(0, int)
+        return cls(rate, none, np.zeros((0, 3)), np.zeros((0, 3)), none, none)
+
+    def backwards(self, points: np.ndarray, numbers: np.ndarray) -> "Links":
+        """The same trajectories, to be followed into the past from where they had `points` with these `numbers`."""
+        place = {number: index for index, number in enumerate(self.number.tolist())}
+        at = np.array([place.get(number, -1) for number in numbers.tolist()], dtype=int)
+        velocity = np.where((at >= 0)[:, None], -self.velocity[at], 0.0) if len(self.number) else 0 * points
+        length = np.where(at >= 0, self.length[at], 1) if len(self.number) else np.ones(len(points), int)
+        return Links(self.rate, numbers.copy(), points.copy(), velocity, length, np.zeros(len(points), int), self.begun)
+
+    def expected(self) -> Expected:
+        """Where the trajectories should be in the next frame."""
+        return Expected(self.points + self.velocity * (1 + self.missing)[:, None], self._reach())
+
+    def _reach(self) -> np.ndarray:
+        """(N,) m, how far from there a point may be and still be of the trajectory."""
+        seconds = (1 + self.missing) / self.rate
+        reach = PLAY + PUSH / 2 * seconds**2 + np.where(self.length < 2, STRANGE * seconds, 0)
+        return np.minimum(reach, WIDEST)
+
+    def link(self, points: np.ndarray) -> np.ndarray:
+        """(Q,) the numbers of the trajectories that the next frame's points (Q, 3) belong to; new ones begin."""
+        expected = self.expected()
+        old, new = _nearest_pairs(expected, points)
+        numbers = np.full(len(points), -1)
+        numbers[new] = self.number[old]
+        step = (points[new] - self.points[old]) / (1 + self.missing[old])[:, None]
+        share = np.where(self.length[old] < 2, 1.0, SMOOTH)[:, None]
+        self.velocity[old] += share * (step - self.velocity[old])
+        self.points[old] = points[new]
+        self.length[old] += 1
+        self.missing += 1
+        self.missing[old] = 0
+        fresh = np.flatnonzero(numbers < 0)
+        numbers[fresh] = self.begun + np.arange(len(fresh))
+        self._keep(self.missing <= max(LONGEST_GAP * self.rate, 2))
+        self._begin(points[fresh], numbers[fresh])
+        return numbers
+
+    def _keep(self, kept: np.ndarray):
+        for name in ("number", "points", "velocity", "length", "missing"):
+            setattr(self, name, getattr(self, name)[kept])
+
+    def _begin(self, points: np.ndarray, numbers: np.ndarray):
+        velocity = self._around(points)
+        ones = np.ones(len(points), int)
+        added = {"number": numbers, "points": points, "velocity": velocity, "length": ones, "missing": 0 * ones}
+        for name, values in added.items():
+            setattr(self, name, np.concatenate([getattr(self, name), values]))
+        self.begun += len(points)
+
+    def _around(self, points: np.ndarray) -> np.ndarray:
+        """(Q, 3) m a frame: how the trajectories around points move, nearer ones counting more."""
+        known = self.length >= SETTLED
+        if not known.any() or not len(points):
+            return np.zeros((len(points), 3))
+        distance = np.linalg.norm(points[:, None] - self.points[known], axis=2)
+        weight = np.maximum(1 - distance / NEIGHBOURS, 0) ** 4
+        return weight @ self.velocity[known] / np.maximum(weight.sum(axis=1, keepdims=True), 1e-9)
+
+
+def _nearest_pairs(expected: Expected, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of expected and real points within reach, nearest first by their reach, each in one pair."""
+    distance = np.linalg.norm(expected.points[:, None] - points, axis=2) / expected.radius[:, None]
+    old, new = np.nonzero(distance < 1)
+    pairs, taken = [], (set(), set())
+    for index in np.argsort(distance[old, new], kind="stable"):
+        one, two = int(old[index]), int(new[index])
+        if one not in taken[0] and two not in taken[1]:
+            taken[0].add(one)
+            taken[1].add(two)
+            pairs.append((one, two))
+    pairs = np.array(pairs, dtype=int).reshape(-1, 2)
+    return pairs[:, 0], pairs[:, 1]

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What to label, and what the jobs of all kinds of input share: their files, their clock, their report."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+
+from ..blendfile import Chunks
+from ..core.summary import TakeSummary
+from ..core.takes import Points
+from ..io.points import write_c3d, write_trc
+from ..io.report import take_report, write_report
+from ..io.whole import whole_files
+from ..version import version
+
+USUAL_RATE = 100.0
+METHODS = ("auto", "fit", "ensemble")
+
+
+@dataclass(frozen=True)
+class LabelJob:
+    """What to label and what to make of it.
+
+    source    the file of blobs or 3D points; `out` gets files named after its stem
+    cameras   the calibration; None for points
+    model     a built-in model's name or the path of one
+    frames    first and last frame to label, both included, None for the take's own
+    method    how names are found: one of METHODS
+    rate      frames a second, None where nobody knows: then USUAL_RATE, and the report says that it was assumed
+    target    the part of the labels of points that must be right; what is less sure is left unnamed
+    height    the subject's height, m, and facing, rad, where known
+    trc       write STEM.trc too
+    blend     save STEM.blend too; needs Blender
+    keep      give the labelled chunks back as well: memory then grows with the take
+    """
+
+    source: Path
+    cameras: Path | None
+    model: str
+    out: Path
+    frames: tuple[int | None, int | None] | None = None
+    method: str = "auto"
+    target: float = 0.999
+    rate: float | None = None
+    height: float | None = None
+    facing: float | None = None
+    trc: bool = False
+    blend: bool = False
+    overwrite: bool = False
+    keep: bool = False
+
+    @property
+    def frame_rate(self) -> float:
+        """Frames a second, given or assumed."""
+        return USUAL_RATE if self.rate is None else self.rate
+
+    def path(self, ending: str) -> Path:
+        """The file of this take with an ending such as `.c3d`."""
+        return self.out / (self.source.stem + ending)
+
+
+@dataclass(frozen=True, eq=False)
+class Labelled:
+    """What became of a job: the report, and with `keep` the blobs and what was said of them, chunk by chunk."""
+
+    report: dict
+    chunks: Chunks
+
+
+def open_files(job: LabelJob, stack: ExitStack) -> dict[str, Path]:
+    """Temporaries of all files that the job writes, by ending; they take their places when `stack` ends well."""
+    endings = [".labels.csv", ".c3d", ".report.json"]
+    endings += [ending for ending, wanted in ((".trc", job.trc), (".blend", job.blend)) if wanted]
+    parts = stack.enter_context(whole_files([job.path(ending) for ending in endings], job.overwrite))
+    return dict(zip(endings, parts, strict=True))
+
+
+def write_points(points: Points, files: dict[str, Path]):
+    """Writes the markers to those of the files that hold them."""
+    write_c3d(files[".c3d"], points)
+    if ".trc" in files:
+        write_trc(files[".trc"], points)
+
+
+def finish_report(
+    job: LabelJob, summary: TakeSummary, model: str, rate: float, clock: dict[str, float], path: Path, **more
+) -> dict:
+    """Writes the report, with `more` in it, and gives it back."""
+    report = {**take_report(summary, job.source.stem, model, rate, version(), clock), **more}
+    write_report(path, report)
+    return report
+
+
+@contextmanager
+def timed(clock: dict[str, float], stage: str) -> Iterator[None]:
+    """Adds the seconds that the block takes to a stage."""
+    begin = perf_counter()
+    yield
+    clock[stage] = clock.get(stage, 0.0) + perf_counter() - begin

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Unnamed 3D points from a file of unnamed blobs, as a `.c3d` or `.trc`; memory does not grow with the take."""
+
+import tempfile
+from collections import deque
+from collections.abc import Generator, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from ..blendfile import open_cameras
+from ..core.errors import InputError, JobError
+from ..core.reconstruction import reconstruct_take
+from ..core.takes import Blobs
+from ..io.blobs import BlobRows, read_blobs
+from ..io.points import write_c3d, write_trc
+from ..io.whole import whole_file
+from ..progress import Progress
+from .job import USUAL_RATE
+from .spool import TrajectoryFile
+
+WRITERS = {".c3d": write_c3d, ".trc": write_trc}
+
+
+@dataclass(frozen=True)
+class RebuildJob:
+    """What to reconstruct.
+
+    source   the blob file
+    cameras  the calibration
+    out      the file to write, `.c3d` or `.trc`
+    frames   first and last frame, both included, None for the take's own
+    rate     frames a second, None where nobody knows
+    """
+
+    source: Path
+    cameras: Path
+    out: Path
+    frames: tuple[int | None, int | None] | None = None
+    rate: float | None = None
+    overwrite: bool = False
+
+
+def rebuild_file(job: RebuildJob) -> Generator[Progress, None, dict]:
+    """Writes the points of the take and gives what there is to say of them.
+
+    Raises UserError with the file where it can be told.
+    """
+    begin = perf_counter()
+    write = WRITERS.get(job.out.suffix.lower())
+    if write is None:
+        raise InputError("is no file of 3D points; expected a name that ends in .c3d or .trc", job.out)
+    cameras = open_cameras(job.cameras)
+    rate = USUAL_RATE if job.rate is None else job.rate
+    tally = _Tally()
+    with ExitStack() as stack:
+        target = stack.enter_context(whole_file(job.out, job.overwrite))
+        folder = tempfile.TemporaryDirectory(prefix="mocap-autolabel-", ignore_cleanup_errors=True)
+        spool = stack.enter_context(TrajectoryFile(Path(stack.enter_context(folder)), rate))
+        stack.enter_context(threadpool_limits(1, user_api="blas"))
+        taken: deque[BlobRows] = deque()
+        for part in reconstruct_take(_noted(read_blobs(job.source, cameras, job.frames), taken), cameras, rate):
+            rows = taken.popleft()
+            spool.append(part)
+            tally.add(rows.blobs, part)
+            yield Progress(rows.fraction, f"frame {part.frames[-1]}")
+        points = spool.points()
+        if not points.names:
+            raise JobError("no two cameras see the same point for long; expected blobs of these cameras", job.source)
+        write(target, points)
+    return {
+        "take": job.source.stem,
+        "out": str(job.out),
+        "rate": rate,
+        "rate_assumed": job.rate is None,
+        "first_frame": points.first_frame,
+        "frames": len(spool.counts),
+        "trajectories": len(points.names),
+        **tally.as_dict(),
+        "seconds": round(perf_counter() - begin, 3),
+    }
+
+
+def _noted(chunks: Iterator[BlobRows], taken: deque[BlobRows]) -> Iterator[Blobs]:
+    for rows in chunks:
+        taken.append(rows)
+        yield rows.blobs
+
+
+class _Tally:
+    """Counts over the chunks of one take."""
+
+    def __init__(self):
+        self.blobs = self.used = self.points = 0
+        self.squares, self.pixel = 0.0, float("nan")
+
+    def add(self, blobs: Blobs, part):
+        self.blobs += len(blobs)
+        self.used += int(part.support.sum())
+        self.points += len(part.points)
+        self.squares += float((part.residual**2).sum())
+        self.pixel = part.pixel
+
+    def as_dict(self) -> dict:
+        residual = np.sqrt(self.squares / max(self.points, 1)) * 1000
+        return {
+            "points": self.points,
+            "blobs": self.blobs,
+            "blobs_explained": self.used,
+            "residual_mm": float(f"{residual:.4g}"),
+            "noise_px": float(f"{self.pixel:.4g}"),
+        }

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Trajectories on disk while a take is worked on, and as the columns of a file in the end."""
+
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+
+from ..core.reconstruction import Reconstructed
+from ..core.takes import Points
+
+SHORTEST = 5  # points; a shorter trajectory is a passing coincidence of rays
+MOST_COLUMNS = 255  # beyond this, trajectories that are far apart in time share a column
+REST = 1.0  # s between two trajectories of one column
+
+ROW = np.dtype([("trajectory", "<i4"), ("xyz", "<f4", 3), ("residual", "<f4")])
+
+
+class TrajectoryFile:
+    """The points of a take, row after row in a scratch file; use it as a context manager."""
+
+    def __init__(self, folder: Path, rate: float):
+        self.path, self.rate, self.first_frame = folder / "trajectories", rate, 0
+        self.counts: list[int] = []
+        self.spans = np.zeros((0, 3), np.int64)
+
+    def __enter__(self) -> Self:
+        self.file = self.path.open("w+b")
+        return self
+
+    def __exit__(self, *_: object):
+        self.file.close()
+
+    def append(self, part: Reconstructed):
+        """Adds the frames of the next chunk."""
+        if not self.counts:
+            self.first_frame = int(part.frames[0])
+        self._note(part.trajectory, len(self.counts) + part.frame)
+        rows = np.empty(len(part.points), ROW)
+        rows["trajectory"], rows["xyz"], rows["residual"] = part.trajectory, part.points, part.residual
+        rows.tofile(self.file)
+        self.counts += np.bincount(part.frame, minlength=len(part.frames)).tolist()
+
+    def _note(self, trajectory: np.ndarray, frame: np.ndarray):
+        """Keeps count, first and last frame of every trajectory."""
+        fresh = int(trajectory.max(initial=-1)) + 1 - len(self.spans)
+        if fresh > 0:
+            self.spans = np.concatenate([self.spans, np.tile([0, np.iinfo(np.int64).max, -1], (fresh, 1))])
+        np.add.at(self.spans[:, 0], trajectory, 1)
+        np.minimum.at(self.spans[:, 1], trajectory, frame)
+        np.maximum.at(self.spans[:, 2], trajectory, frame)
+
+    def points(self) -> Points:
+        """The whole take, a trajectory a column, in the order in which they begin; read from disk piece by piece.
+
+        Trajectories shorter than SHORTEST are left out.
+        """
+        self.file.flush()
+        column = self._columns()
+        width = int(column.max(initial=-1)) + 1
+        rows = np.memmap(self.path, ROW, "r") if sum(self.counts) else np.zeros(0, ROW)
+        starts = np.concatenate([[0], np.cumsum(self.counts)])
+        xyz, residual = (_Columns(rows, starts, column, width, field) for field in ("xyz", "residual"))
+        return Points(("",) * width, xyz, residual, self.rate, self.first_frame)
+
+    def _columns(self) -> np.ndarray:
+        """The column of every trajectory, -1 for those that are left out."""
+        column = np.full(len(self.spans), -1)
+        kept = np.flatnonzero(self.spans[:, 0] >= min(SHORTEST, len(self.counts)))
+        kept = kept[np.argsort(self.spans[kept, 1], kind="stable")]
+        column[kept] = np.arange(len(kept)) if len(kept) <= MOST_COLUMNS else self._packed(kept)
+        return column
+
+    def _packed(self, kept: np.ndarray) -> np.ndarray:
+        """Columns for trajectories in the order in which they begin, each the first that has rested."""
+        rest = REST * self.rate
+        ends = np.full(len(kept), -np.inf)
+        columns = np.empty(len(kept), int)
+        for index, (first, last) in enumerate(self.spans[kept, 1:].tolist()):
+            columns[index] = int(np.argmax(ends + rest < first))
+            ends[columns[index]] = last
+        return columns
+
+
+class _Columns:
+    """One field of the rows as an array (T, P, …) of which slices and single frames can be had."""
+
+    def __init__(self, rows: np.ndarray, starts: np.ndarray, column: np.ndarray, width: int, field: str):
+        self.rows, self.starts, self.column, self.field = rows, starts, column, field
+        self.shape = (len(starts) - 1, width, *ROW[field].shape)
+
+    def __getitem__(self, frames: slice | int) -> np.ndarray:
+        if not isinstance(frames, slice):
+            return self[frames : frames + 1][0]
+        first, last, _ = frames.indices(self.shape[0])
+        rows = self.rows[self.starts[first] : self.starts[last]]
+        frame = np.repeat(np.arange(last - first), np.diff(self.starts[first : last + 1]))
+        block = np.full((last - first, *self.shape[1:]), np.nan, np.float32)
+        column = self.column[rows["trajectory"]]
+        block[frame[column >= 0], column[column >= 0]] = rows[self.field][column >= 0]
+        return block
