@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the documentation says is true: its Python runs, its command lines exist, its links and tests are there."""
+
+import ast
+import importlib
+import importlib.util
+import json
+import re
+import shlex
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from addon import capturing
+from addon.cli.parser import build_parser
+from addon.demo.take import MODEL, TROUBLE, make_performance
+from addon.io.cameras import read_cameras, write_cameras
+from addon.io.markersets import open_markerset, read_markerset
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+FRAMES = (200, 219)
+BLENDERS = {"bpy", "mathutils", "gpu", "blf", "gpu_extras", "bpy_extras"}
+PACKAGE = "mocap_autolabel"
+
+
+def blocks(page: Path, language: str) -> list[tuple[int, str]]:
+    """Line and text of the page's code blocks in a language."""
+    text = page.read_text(encoding="utf-8")
+    found = re.finditer(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    return [(text[: match.start()].count("\n") + 1, match[1]) for match in found]
+
+
+def cases(language: str):
+    return [pytest.param(text, id=f"{page.name}:{line}") for page in PAGES for line, text in blocks(page, language)]
+
+
+@pytest.fixture(scope="module")
+def package():
+    """The package under the name that users import, from where it lies if it is not installed."""
+    if importlib.util.find_spec(PACKAGE) is None:
+        spec = importlib.util.spec_from_file_location(
+            PACKAGE, ROOT / "__init__.py", submodule_search_locations=[str(ROOT)]
+        )
+        sys.modules[PACKAGE] = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(sys.modules[PACKAGE])
+        yield
+        for name in [name for name in sys.modules if name.partition(".")[0] == PACKAGE]:
+            del sys.modules[name]
+    else:
+        yield
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory) -> Path:
+    """A folder with the files that the snippets name: room.toml and walk.csv, of a virtual person."""
+    folder = tmp_path_factory.mktemp("room")
+    made = make_performance(open_markerset(MODEL))
+    part = slice(FRAMES[0] - 1, FRAMES[1])
+    body = replace(made.body, **{name: getattr(made.body, name)[part] for name in ("rotations", "joints", "scale")})
+    write_cameras(folder / "room.toml", made.cameras)
+    take = capturing.cut(made.take, FRAMES)
+    for _ in capturing.write_capture(take, made.cameras, TROUBLE, body, folder / "walk.csv"):
+        pass
+    return folder
+
+
+@pytest.mark.parametrize("snippet", cases("python"))
+def test_snippets_run(snippet, package, room, monkeypatch, capsys):
+    monkeypatch.chdir(room)
+    exec(compile(snippet, "snippet", "exec"), {"__name__": "snippet"})
+    said = capsys.readouterr().out
+    shares = [(int(a), int(b)) for a, b in re.findall(r"(\d+) of (\d+) blobs named", said)]
+    assert said and all(named > 0.85 * count for named, count in shares)
+    precision = re.search(r"precision ([\d.]+)%", said)
+    assert precision is None or float(precision[1]) > 99
+
+
+@pytest.mark.parametrize("text", cases("sh"))
+def test_command_lines_are_the_programs(text):
+    lines = [line.split(" #")[0] for line in text.splitlines() if line.startswith("mocap-autolabel ")]
+    assert lines
+    for line in lines:
+        assert build_parser().parse_args(shlex.split(line)[1:]).run
+
+
+def options_of(verb: str) -> set[str]:
+    """The long options of a verb, without --help."""
+    verbs = next(action for action in build_parser()._actions if action.choices)
+    parser = verbs.choices[verb]
+    return {flag for action in parser._actions for flag in action.option_strings if flag.startswith("--")} - {"--help"}
+
+
+@pytest.mark.parametrize("verb", ["label", "simulate", "evaluate", "models", "demo"])
+def test_the_guide_tells_every_option_that_people_see(verb):
+    guide = (ROOT / "docs" / "user-guide.md").read_text(encoding="utf-8")
+    hidden = {"--result"}
+    assert {flag for flag in options_of(verb) - hidden if not re.search(rf"`[^`\n]*{flag}\b", guide)} == set()
+
+
+@pytest.mark.parametrize("text", cases("json"))
+def test_the_example_marker_set_is_one(text, tmp_path):
+    path = tmp_path / "leg4.markerset.json"
+    path.write_text(text, encoding="utf-8")
+    assert read_markerset(path).name == json.loads(text)["name"]
+
+
+@pytest.mark.parametrize("text", cases("toml"))
+def test_the_example_calibration_is_one(text, tmp_path):
+    path = tmp_path / "room.toml"
+    path.write_text(text, encoding="utf-8")
+    assert read_cameras(path).names == ("cam1",)
+
+
+def anchors(page: Path) -> set[str]:
+    """What a page's headings are called in links."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    bare = [re.sub(r"[^\w\- ]", "", heading.lower()) for heading in headings]
+    return {heading.replace(" ", "-") for heading in bare}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_lead_somewhere(page):
+    for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
+        if re.match(r"https?://", link):
+            continue
+        name, _, anchor = link.partition("#")
+        target = (page.parent / name).resolve() if name else page
+        assert target.exists(), f"{page.name} links to {link}"
+        assert not anchor or anchor in anchors(target), f"{page.name} links to {link}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_files_and_tests_that_are_named_are_there(page):
+    text = page.read_text(encoding="utf-8")
+    for name in re.findall(r"`((?:tests|scripts|addon|assets|docs)/[\w./]+\.\w+)", text):
+        assert (ROOT / name).is_file(), f"{page.name} names {name}"
+    for file, function in re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", text):
+        assert f"def {function}(" in (ROOT / file).read_text(encoding="utf-8"), f"{page.name} names {file}::{function}"
+
+
+def test_constants_that_the_method_names_are_there():
+    text = (ROOT / "docs" / "method.md").read_text(encoding="utf-8")
+    named = re.findall(r"`(\w+)\.([A-Z_]{2,})`", text)
+    assert named
+    for module, constant in named:
+        assert hasattr(importlib.import_module(f"addon.core.{module}"), constant), f"{module}.{constant}"
+
+
+def documented_imports() -> dict[str, set[str]]:
+    """The table of architecture.md: which part of `addon` may import which others, and what besides."""
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `(\w+)` \|([^|]*)\|([^|]*)\|$", text, re.MULTILINE)
+    assert len(rows) > 10
+    return {part: set(re.findall(r"`(\w+)`", others + besides)) for part, others, besides in rows}
+
+
+def imports_of(path: Path) -> set[str]:
+    """The parts of `addon` and the libraries that a file of it imports, anywhere."""
+    package, found = path.relative_to(ROOT / "addon").parts[:-1], set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {name.name.split(".")[0] for name in node.names}
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            found.add(node.module.split(".")[0])
+        elif isinstance(node, ast.ImportFrom):
+            above = package[: len(package) - node.level + 1]
+            modules = [node.module.split(".")] if node.module else [[name.name] for name in node.names]
+            found |= {(*above, *module)[0] for module in modules}
+    return {"bpy" if name in BLENDERS else name for name in found}
+
+
+def test_the_code_imports_what_the_architecture_allows():
+    allowed, free = documented_imports(), set(sys.stdlib_module_names) | {"numpy"}
+    for path in sorted((ROOT / "addon").rglob("*.py")):
+        part = path.relative_to(ROOT / "addon").with_suffix("").parts[0]
+        assert imports_of(path) <= allowed.get(part, set()) | free | {part}, path
+
+
+def test_every_core_file_has_its_line_in_the_architecture():
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    table = text.partition("## One idea a file: `core`")[2].partition("\n## ")[0]
+    named = set(re.findall(r"`(\w+)`", table))
+    for name in named:
+        assert (ROOT / "addon" / "core" / f"{name}.py").is_file() or (ROOT / "addon" / "core" / name).is_dir(), name
