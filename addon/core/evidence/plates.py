@@ -73,22 +73,21 @@ class Plates:
 def learn_plates(subjects: Sequence[np.ndarray], radius: float) -> Plates:
     """The plates of labelled clouds, one array (T, M, 3) m a subject, NaN where missing; `radius` is the shape's."""
     markers = subjects[0].shape[1]
-    spread, low, high = np.zeros((markers, markers)), np.full((markers, markers), np.inf), np.zeros((markers, markers))
-    for points in subjects:
-        for one in range(markers):
-            distance = np.linalg.norm(points - points[:, one : one + 1], axis=-1)
-            some = np.isfinite(distance).sum(axis=0) > 1
-            known = distance[:, some]
-            spread[one, some] = np.maximum(spread[one, some], np.nanstd(known, axis=0))
-            ends = np.nanpercentile(known, [OUTLIERS, 100 - OUTLIERS], axis=0)
-            low[one, some], high[one, some] = np.minimum(low[one, some], ends[0]), np.maximum(high[one, some], ends[1])
+    everyone = np.concatenate(subjects)
+    spread, low, high = np.full((3, markers, markers), np.nan)
+    for one in range(markers):
+        distance = np.linalg.norm(everyone - everyone[:, one : one + 1], axis=-1)
+        some = np.isfinite(distance).sum(axis=0) > 1
+        known = distance[:, some]
+        spread[one, some] = np.nanstd(known, axis=0)
+        low[one, some], high[one, some] = np.nanpercentile(known, [OUTLIERS, 100 - OUTLIERS], axis=0)
     never = ~np.isfinite(low)
     spread[never] = np.inf
     low[never], high[never] = 0, ANYWHERE
-    groups = _rigid_groups(np.maximum(spread, spread.T), RIGID * radius)
+    groups = _rigid_groups(spread, RIGID * radius)
     form = np.zeros((markers, 3))
     for group in groups:
-        form[group] = _form(np.concatenate(subjects)[:, group])
+        form[group] = _form(everyone[:, group])
     return Plates(tuple(groups), form, low, high)
 
 

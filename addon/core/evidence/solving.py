@@ -6,14 +6,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from .latent import FIRST_MODE, Latent
-from .naming import IMPOSSIBLE, NO_POINT, Settled, names_of_points, one_to_one, settle
+from .naming import IMPOSSIBLE, NO_POINT, Settled, name_odds, names_of_points, one_to_one, settle
 from .rivals import Rivals, best_neighbour, own_odds, rivals
+from .rows import put_rows, rows_of
 from .starts import Guesses
-from .ties import Pulls, Ties
+from .ties import Ties
 
 SURE = 0.5  # share of a point from which a guess names it
 ROUNDS = 2  # of naming anew by everyone's conditional odds
 CLIMBS = 6  # moves and swaps that may follow each other
+FAR_BEHIND, BEHIND = 60.0, 25.0  # log likelihood behind the frame's best from which a guess is followed no further
 ENOUGH = 0.05  # gain in log likelihood worth another round
 
 
@@ -41,68 +43,72 @@ def solve(model: Latent, ties: Ties, guesses: Guesses, present: np.ndarray) -> S
     share = guesses.share.reshape(len(points), -1, count)
     naming = np.where(share.max(axis=2) > SURE, share.argmax(axis=2), NO_POINT)
     there = np.repeat(present, each, axis=0)
-    settled, found = _improved(model, ties, settle(model, ties, points, there, naming))
+    settled = settle(model, ties, points, there, naming)
+    hopeful = _hopeful(settled, frames, FAR_BEHIND)
+    put_rows(settled, _reassigned(model, ties, rows_of(settled, hopeful)), hopeful)
+    hopeful = _hopeful(settled, frames, BEHIND)
+    better, found = _climbed(model, ties, rows_of(settled, hopeful))
+    put_rows(settled, better, hopeful)
     score = settled.score.reshape(frames, each)
-    best = np.arange(frames) * each + score.argmax(axis=1)
+    followed = np.full(len(points), -np.inf)
+    followed[hopeful] = better.score
+    best = np.arange(frames) * each + followed.reshape(frames, each).argmax(axis=1)
     named = settled.naming.reshape(frames, each, -1)
-    winner, chosen = _rows(settled, best), _rows(found, best)
-    against = _against(winner, chosen)
+    winner = rows_of(settled, best)
+    against = _against(winner, rows_of(found, np.searchsorted(hopeful, best)))
     behind = np.where(named == winner.naming[:, None], -np.inf, (score - winner.score[:, None])[..., None])
-    against = np.logaddexp(against, np.logaddexp.reduce(behind, axis=1))
+    against = np.logaddexp(against, log_sum(behind, axis=1))
     margin = np.where(winner.named, -against, 0)
     return Solved(winner.naming, winner.score, margin, _misfit(model, winner))
 
 
-def _rows(data, rows: np.ndarray):
-    """The dataclass of arrays `data` cut down to these rows."""
-    return type(data)(*(_cut(getattr(data, name), rows) for name in data.__dataclass_fields__))
-
-
-def _cut(part, rows: np.ndarray):
-    return part.rows(rows) if isinstance(part, Pulls) else part[rows]
-
-
-def _put(old, new, rows: np.ndarray):
-    """The dataclass of arrays `old` with `new` in these rows, in place."""
-    for name in old.__dataclass_fields__:
-        part = getattr(old, name)
-        if isinstance(part, Pulls):
-            part.put(getattr(new, name), rows)
-        else:
-            part[rows] = getattr(new, name)
-
-
-def _improved(model: Latent, ties: Ties, settled: Settled) -> tuple[Settled, Rivals]:
-    """Each naming changed for the better until no single change is one.
-
-    First by everyone's conditional odds at once, then by single moves and swaps.
-    """
-    found = rivals(model, ties, settled)
+def _reassigned(model: Latent, ties: Ties, settled: Settled) -> Settled:
+    """Each naming changed for the better by everyone's conditional odds at once."""
+    rows = np.arange(len(settled.naming))
     for _ in range(ROUNDS):
-        _try(model, ties, settled, found, np.arange(len(settled.naming)), one_to_one(found.odds))
-    active = np.arange(len(settled.naming))
-    for _ in range(CLIMBS):
-        tried, gain = best_neighbour(_rows(settled, active), _rows(found, active))
-        hopeful = gain > ENOUGH
-        active = _try(model, ties, settled, found, active[hopeful], tried[hopeful])
-        if not len(active):
+        tried = one_to_one(name_odds(model, rows_of(settled, rows)))
+        rows = _try(model, ties, settled, rows, tried)
+        if not len(rows):
             break
-        _try(model, ties, settled, found, active, one_to_one(found.odds[active]))
+    return settled
+
+
+def _hopeful(settled: Settled, frames: int, behind: float) -> np.ndarray:
+    """The rows that may yet become their frame's best: not further behind it than that, and none twice."""
+    score = settled.score.reshape(frames, -1)
+    naming = settled.naming.reshape(frames, score.shape[1], -1)
+    hopeful = score > score.max(axis=1, keepdims=True) - behind
+    for guess in range(1, score.shape[1]):
+        same = (naming[:, :guess] == naming[:, guess : guess + 1]).all(axis=2) & hopeful[:, :guess]
+        hopeful[:, guess] &= ~same.any(axis=1)
+    return np.flatnonzero(hopeful)
+
+
+def _climbed(model: Latent, ties: Ties, settled: Settled) -> tuple[Settled, Rivals]:
+    """Each naming changed for the better by single moves and swaps until none is one, and its neighbours then."""
+    found = rivals(model, ties, settled)
+    rows = np.arange(len(settled.naming))
+    for _ in range(CLIMBS):
+        tried, gain = best_neighbour(rows_of(settled, rows), rows_of(found, rows))
+        promising = gain > ENOUGH
+        rows = _try(model, ties, settled, rows[promising], tried[promising])
+        if not len(rows):
+            break
+        _try(model, ties, settled, rows, one_to_one(name_odds(model, rows_of(settled, rows))))
+        put_rows(found, rivals(model, ties, rows_of(settled, rows)), rows)
     return settled, found
 
 
-def _try(model: Latent, ties: Ties, settled: Settled, found: Rivals, rows, naming) -> np.ndarray:
-    """Takes over the namings (N, M) for these rows where they are better; which rows those are."""
+def _try(model: Latent, ties: Ties, settled: Settled, rows: np.ndarray, naming: np.ndarray) -> np.ndarray:
+    """Takes over the namings (N, M) for these rows where they are better, in place; which rows those are."""
     changed = (naming != settled.naming[rows]).any(axis=1)
     rows = rows[changed]
     if not len(rows):
         return rows
     tried = settle(model, ties, settled.points[rows], settled.present[rows], naming[changed])
     better = tried.score > settled.score[rows] + ENOUGH
-    rows, tried = rows[better], _rows(tried, better)
-    _put(settled, tried, rows)
-    _put(found, rivals(model, ties, tried), rows)
-    return rows
+    put_rows(settled, rows_of(tried, better), rows[better])
+    return rows[better]
 
 
 def _against(settled: Settled, found: Rivals) -> np.ndarray:
@@ -110,13 +116,19 @@ def _against(settled: Settled, found: Rivals) -> np.ndarray:
     own = own_odds(settled, found.odds)
     free = settled.present & (names_of_points(settled.naming, settled.present.shape[1]) < 0)
     ghost = np.where(free[:, None], found.odds, IMPOSSIBLE)
-    others = np.logaddexp(0, np.logaddexp.reduce(ghost, axis=2)) - own
+    others = np.logaddexp(0, log_sum(ghost, axis=2)) - own
     swap = np.maximum(found.swap, found.swap.swapaxes(1, 2))
     changed = np.concatenate([others[..., None], found.move, swap], axis=2)
-    return np.logaddexp.reduce(changed, axis=2)
+    return log_sum(changed, axis=2)
 
 
 def _misfit(model: Latent, settled: Settled) -> np.ndarray:
     """(N,) from the score, which holds the misfit beside what the naming itself fixes."""
     square = (settled.left**2 / model.noise[:, None]).sum(axis=(1, 2))
     return square / np.maximum(3 * settled.named.sum(axis=1) - FIRST_MODE, 1)
+
+
+def log_sum(logs: np.ndarray, axis: int) -> np.ndarray:
+    """The logarithm of the sum of exponentials along an axis; several times faster than NumPy's pairwise one."""
+    top = np.maximum(logs.max(axis=axis, keepdims=True), IMPOSSIBLE)
+    return np.log(np.maximum(np.exp(logs - top).sum(axis=axis), 1e-300)) + np.squeeze(top, axis)

@@ -6,7 +6,7 @@ distances know better: a tie adds to a naming's log likelihood how well the dist
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -102,16 +102,8 @@ class Pulls:
 
     total: np.ndarray
     at: np.ndarray
-    joined: np.ndarray
+    joined: np.ndarray = field(metadata={"rows": False})
     apart: np.ndarray
-
-    def rows(self, rows: np.ndarray) -> "Pulls":
-        """Those of some namings only."""
-        return Pulls(self.total[rows], self.at[rows], self.joined, self.apart[rows])
-
-    def put(self, other: "Pulls", rows: np.ndarray):
-        """Takes over the others in these rows, in place."""
-        self.total[rows], self.at[rows], self.apart[rows] = other.total, other.at, other.apart
 
 
 def pulls(ties: Ties, points: np.ndarray, naming: np.ndarray) -> Pulls:

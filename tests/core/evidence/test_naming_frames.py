@@ -12,11 +12,10 @@ from addon.core.evidence.trials import make_trial
 from addon.core.evidence.upright import turned
 
 NAMES = ("LHIP", "RHIP", "SACR", "LKNE", "RKNE", "LANK", "RANK", "LTOE", "RTOE", "C7", "LSHO", "RSHO")
-STANCE = np.array(
-    [[0.1, 0.13, 0.95], [0.1, -0.13, 0.95], [-0.1, 0, 1.0]]
-    + [[0.03, 0.12, 0.5], [0.03, -0.12, 0.5], [-0.03, 0.11, 0.1], [-0.03, -0.11, 0.1]]
-    + [[0.15, 0.12, 0.05], [0.15, -0.12, 0.05], [-0.06, 0, 1.45], [0, 0.18, 1.4], [0, -0.18, 1.4]]
-)
+PELVIS = [[0.1, 0.13, 0.95], [0.1, -0.13, 0.95], [-0.1, 0, 1.0]]
+LEGS = [[0.03, 0.12, 0.5], [0.03, -0.12, 0.5], [-0.03, 0.11, 0.1], [-0.03, -0.11, 0.1]]
+REST = [[0.15, 0.12, 0.05], [0.15, -0.12, 0.05], [-0.06, 0, 1.45], [0, 0.18, 1.4], [0, -0.18, 1.4]]
+STANCE = np.array([*PELVIS, *LEGS, *REST])
 
 
 def walker(seed: int, frames: int = 150) -> np.ndarray:
