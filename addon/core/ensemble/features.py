@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The four geometric functions of the partial-solvers paper (its table 1), and all features they give over a set.
+
+All are worked out from tables of a frame, the distances and height differences of every pair of points above all, so
+that a search that tries many labellings of the same points only ever looks values up.
+"""
+
+from dataclasses import dataclass
+from itertools import combinations
+from math import comb
+
+import numpy as np
+
+from .model import ANGLE, DISTANCE, DOMAIN, FUNCTIONS, HEIGHT, NO_POINT, PAPER_FUNCTIONS, RATIO
+
+UP = 2
+
+
+def angle(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """g1: the angle at `a` between the directions to `b` and `c`, rad. Points (..., 3).
+
+    The table prints a minus sign where the dot product of AB and AC belongs.
+    """
+    ab, ac = b - a, c - a
+    lengths = np.linalg.norm(ab, axis=-1) * np.linalg.norm(ac, axis=-1)
+    return np.arccos(np.clip((ab * ac).sum(axis=-1) / lengths, -1.0, 1.0))
+
+
+def distance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """g2: how far `a` is from `b`, m. Points (..., 3)."""
+    return np.linalg.norm(b - a, axis=-1)
+
+
+def ratio(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """g3: how much longer AB is than CD, over their mean; -2 to 2, whatever the size of the body. Points (..., 3)."""
+    first, second = distance(a, b), distance(c, d)
+    return 2.0 * (first - second) / (first + second)
+
+
+def height(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """g4: how much higher `a` is than `b`, m. Points (..., 3), z up (the table's axis for up is y)."""
+    return a[..., UP] - b[..., UP]
+
+
+def turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Not in the table: the turn from AB to AC seen from above, over their lengths; -1 to 1, positive to the left.
+
+    Its sign changes in a mirror, where all of the table's functions stay the same.
+    """
+    ab, ac = b - a, c - a
+    across = ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0]
+    return across / (np.linalg.norm(ab, axis=-1) * np.linalg.norm(ac, axis=-1))
+
+
+def count_features(markers: int) -> dict[str, int]:
+    """How many features each function gives over all combinations of `markers` points."""
+    triples, pairs = markers * comb(max(markers - 1, 0), 2), comb(markers, 2)
+    return {"angle": triples, "distance": pairs, "ratio": 3 * comb(markers, 4), "height": pairs, "turn": triples}
+
+
+def all_features(
+    markers: int, functions: tuple[str, ...] = PAPER_FUNCTIONS, most: int | None = None, seed: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Kind (F,) and points (F, 4) of every feature that `functions` give over `markers` points.
+
+    Combinations that give the same value up to its sign count once. Above `most` features, as many ratios as fit are
+    drawn by `seed`: their number grows with the fourth power of the markers.
+    """
+    pairs = np.array(list(combinations(range(markers), 2)), dtype=np.int16).reshape(-1, 2)
+    triples = [(apex, b, c) for apex in range(markers) for b, c in pairs if apex not in (b, c)]
+    rows = {"angle": triples, "distance": pairs, "ratio": _ratios(markers), "height": pairs, "turn": triples}
+    rows = {name: rows[name] for name in FUNCTIONS if name in functions}
+    spare = len(rows.get("ratio", ())) - max(sum(len(part) for part in rows.values()) - most, 0) if most else None
+    if spare is not None and spare < len(rows.get("ratio", ())):
+        chosen = np.random.default_rng(seed).choice(len(rows["ratio"]), max(spare, 0), replace=False)
+        rows["ratio"] = rows["ratio"][np.sort(chosen)]
+    kinds = [np.full(len(part), FUNCTIONS.index(name), dtype=np.int8) for name, part in rows.items()]
+    points = [_padded(part, DOMAIN[FUNCTIONS.index(name)]) for name, part in rows.items()]
+    return np.concatenate(kinds), np.concatenate(points)
+
+
+def _ratios(markers: int) -> np.ndarray:
+    """(R, 4) every unordered pair of two segments without a point in common."""
+    fours = np.array(list(combinations(range(markers), 4)), dtype=np.int16).reshape(-1, 4)
+    return np.concatenate([fours, fours[:, [0, 2, 1, 3]], fours[:, [0, 3, 1, 2]]])
+
+
+def _padded(rows, domain: int) -> np.ndarray:
+    points = np.full((len(rows), 4), NO_POINT, dtype=np.int16)
+    points[:, :domain] = np.asarray(rows, dtype=np.int16).reshape(-1, domain)
+    return points
+
+
+@dataclass(frozen=True, eq=False)
+class Tables:
+    """What every feature of T clouds of P points is made of.
+
+    distance  (T, P, P) m
+    height    (T, P, P) m, how much higher the first is than the second
+    ground    (T, P, 2) m, where the points are seen from above
+    present   (T, P) False where a point is missing (its rows and columns are NaN)
+    """
+
+    distance: np.ndarray
+    height: np.ndarray
+    ground: np.ndarray
+    present: np.ndarray
+
+
+def tables(points: np.ndarray) -> Tables:
+    """The tables of clouds (T, P, 3) m, z up, NaN where a point is missing."""
+    points = np.asarray(points, dtype=float)
+    square = np.zeros((*points.shape[:2], points.shape[1]))
+    for axis in range(3):
+        square += (points[:, :, None, axis] - points[:, None, :, axis]) ** 2
+    up = points[..., UP]
+    present = np.isfinite(points).all(axis=-1)
+    return Tables(np.sqrt(square), up[:, :, None] - up[:, None, :], points[..., :UP], present)
+
+
+def values(kind: int, frame: np.ndarray, points: np.ndarray, within: Tables) -> np.ndarray:
+    """Features of one kind: of the cloud `frame` (...) and the points (..., domain), shapes that broadcast.
+
+    NaN where a point is missing, or where points coincide so that there is no angle.
+    """
+    first, second = points[..., 0], points[..., 1]
+    if kind == HEIGHT:
+        return within.height[frame, first, second]
+    one = within.distance[frame, first, second]
+    if kind == DISTANCE:
+        return one
+    third = points[..., 2]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        if kind == RATIO:
+            two = within.distance[frame, third, points[..., 3]]
+            return 2.0 * (one - two) / (one + two)
+        two = within.distance[frame, first, third]
+        if kind == ANGLE:
+            across = within.distance[frame, second, third]
+            return np.arccos(np.clip((one**2 + two**2 - across**2) / (2.0 * one * two), -1.0, 1.0))
+        apex = within.ground[frame, first]
+        ab, ac = within.ground[frame, second] - apex, within.ground[frame, third] - apex
+        return (ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0]) / (one * two)

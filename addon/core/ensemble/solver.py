@@ -1,0 +1,258 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The tree search for every labelling that a strong classifier accepts (the paper's section 3.4).
+
+One marker after another is given a point; a labelling that a weak classifier rejects is dropped at once with all that
+would follow from it. Written twice: `search_one` is the paper's depth-first search of one frame, to read and to check
+against; `TreeSearch` goes through many frames side by side, level by level, and finds the same.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from . import features
+from .features import Tables
+from .masks import ROUNDING, Bounds, Masks, pair_bounds
+from .model import ANGLE, DOMAIN, RATIO, TURN, Classifiers
+
+MOST_ROWS = 100_000  # labellings that are followed side by side; what is beyond waits its turn
+FIRST_GROUP, GROWTH = 4, 4  # classifiers looked up in one go: few while many labellings are left, then more
+
+
+def accepts(classifiers: Classifiers, frame: int, labelling: np.ndarray, clouds: Tables) -> bool:
+    """Whether all weak classifiers accept one labelling (M,) of a frame; a marker without a point is -1.
+
+    A classifier with a point that is unassigned or missing has no vote. This is φ = 1 (equation 2): every vote counts.
+    """
+    return not any(_rejects(classifiers, row, frame, labelling, clouds) for row in range(len(classifiers)))
+
+
+def search_one(markers, classifiers: Classifiers, frame: int, clouds: Tables) -> tuple[list[tuple[int, ...]], int]:
+    """Every feasible labelling of `markers` in one frame, depth first, and the number of nodes visited.
+
+    A labelling is the tuple of points in the order of `markers`; it never leaves a marker out.
+    """
+    markers = list(markers)
+    judged = [newly_judged(classifiers, markers[: depth + 1]) for depth in range(len(markers))]
+    present = np.flatnonzero(clouds.present[frame])
+    labelling = np.full(max(int(classifiers.points.max(initial=0)), *markers) + 1, -1)
+    found, visited = [], 0
+
+    def descend(depth: int):
+        nonlocal visited
+        if depth == len(markers):
+            found.append(tuple(int(labelling[marker]) for marker in markers))
+            return
+        for point in present:
+            if (labelling == point).any():
+                continue
+            visited += 1
+            labelling[markers[depth]] = point
+            if not any(_rejects(classifiers, row, frame, labelling, clouds) for row in judged[depth]):
+                descend(depth + 1)
+            labelling[markers[depth]] = -1
+
+    descend(0)
+    return sorted(found), visited
+
+
+def newly_judged(classifiers: Classifiers, placed: list[int]) -> np.ndarray:
+    """Rows of the classifiers that can vote once the last of `placed` has its point."""
+    has_last = (classifiers.points == placed[-1]).any(axis=1)
+    return np.flatnonzero(classifiers.within(placed) & has_last)
+
+
+def _rejects(classifiers: Classifiers, row: int, frame: int, labelling: np.ndarray, clouds: Tables) -> bool:
+    kind = int(classifiers.kind[row])
+    points = labelling[classifiers.points[row, : DOMAIN[kind]]]
+    if (points < 0).any():
+        return False
+    value = features.values(kind, np.array(frame), points, clouds)
+    return bool(value < classifiers.low[row] - ROUNDING or value > classifiers.high[row] + ROUNDING)
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """What is looked up when the marker at one depth gets its point.
+
+    pairs    (depth, bounds) of each earlier marker that a two-point classifier ties it to, earlier one first
+    angles   (A, 3) rows of `Rows.sides`: the two sides of the angle and the third; angle_bounds (2, A) of cosines
+    ratios   (Q, 2) likewise the two lengths; ratio_bounds (2, Q)
+    turns    (U, 5) depths of the three markers, then the two sides; turn_bounds (2, U)
+    """
+
+    pairs: list[tuple[int, Bounds]]
+    angles: np.ndarray
+    angle_bounds: np.ndarray
+    ratios: np.ndarray
+    ratio_bounds: np.ndarray
+    turns: np.ndarray
+    turn_bounds: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """R labellings under way at one depth d.
+
+    cloud (R,), chosen (d, R) the points, used (R, W) their bits, sides (d (d - 1) / 2, R) the distances between them
+    """
+
+    cloud: np.ndarray
+    chosen: np.ndarray
+    used: np.ndarray
+    sides: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.cloud)
+
+    def __getitem__(self, rows) -> "Rows":
+        return Rows(self.cloud[rows], self.chosen[:, rows], self.used[rows], self.sides[:, rows])
+
+
+class TreeSearch:
+    """The tree search of one partial solver, through many clouds side by side.
+
+    markers (s,) of the solver; classifiers: those that its strong classifier chose, the most telling first.
+    """
+
+    def __init__(self, markers, classifiers: Classifiers):
+        self.markers = [int(marker) for marker in markers]
+        self.classifiers = classifiers
+        self._bounds = pair_bounds(classifiers)
+        self._plans: dict[tuple[int, ...], list[Level]] = {}
+
+    def __call__(self, masks: Masks) -> tuple[np.ndarray, np.ndarray]:
+        """Every feasible labelling of every cloud: cloud (R,) ascending, point of each marker (R, s)."""
+        found = list(self.blocks(masks))
+        cloud = np.concatenate([np.empty(0, dtype=np.intp), *(part[0] for part in found)])
+        chosen = np.concatenate([np.empty((0, len(self.markers)), dtype=np.intp), *(part[1] for part in found)])
+        by_cloud = np.argsort(cloud, kind="stable")
+        return cloud[by_cloud], chosen[by_cloud]
+
+    def blocks(self, masks: Masks) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """The same in parts that stay small however many there are."""
+        order = self._order(masks)
+        if order not in self._plans:
+            sequence = [self.markers[place] for place in order]
+            self._plans[order] = [self._level(sequence, depth) for depth in range(len(sequence))]
+        cloud, point = np.nonzero(masks.clouds.present)
+        start = Rows(cloud, point[None], masks.bit[point], np.empty((0, len(cloud))))
+        back = np.argsort(order)
+        for rows in self._descend(start, 1, self._plans[order], masks):
+            yield rows.cloud, rows.chosen[back].T
+
+    def _descend(self, rows: Rows, depth: int, plan: list[Level], masks: Masks) -> Iterator[Rows]:
+        """Places the markers from `depth` on."""
+        if depth == len(plan):
+            yield rows
+            return
+        for first in range(0, len(rows), MOST_ROWS):
+            part = rows if len(rows) <= MOST_ROWS else rows[first : first + MOST_ROWS]
+            grown = judged(grow(part, allowed(part, plan[depth].pairs, masks), masks), plan[depth], masks)
+            if len(grown):
+                yield from self._descend(grown, depth + 1, plan, masks)
+
+    def _order(self, masks: Masks) -> tuple[int, ...]:
+        """The markers, the most telling first, as places in `markers`."""
+        count = len(self.markers)
+        fill = np.ones((count, count))
+        place = {marker: at for at, marker in enumerate(self.markers)}
+        for (first, second), bounds in self._bounds.items():
+            fill[place[first], place[second]] = masks.fill(bounds)
+        np.fill_diagonal(fill, np.inf)
+        chosen = [int(at) for at in np.unravel_index(fill.argmin(), fill.shape)][:count]
+        left = fill[:, chosen].prod(axis=1)
+        while len(chosen) < count:
+            left[chosen] = np.inf
+            chosen.append(int(left.argmin()))
+            left = left * fill[:, chosen[-1]]
+        return tuple(chosen)
+
+    def _level(self, sequence: list[int], depth: int) -> Level:
+        new = self.classifiers[newly_judged(self.classifiers, sequence[: depth + 1])]
+        place = np.full(max(sequence) + 1, 0)
+        place[sequence] = np.arange(len(sequence))
+        pairs = [(at, self._bounds.get((sequence[at], sequence[depth]))) for at in range(depth)]
+        return Level([(at, bounds) for at, bounds in pairs if bounds], *look_ups(new, place))
+
+
+def look_ups(classifiers: Classifiers, place: np.ndarray) -> tuple[np.ndarray, ...]:
+    """The three- and four-point classifiers as `Level` has them; place (M,) the depth of each marker."""
+    angles, ratios, turns = (classifiers[classifiers.kind == kind] for kind in (ANGLE, RATIO, TURN))
+    apex, one, other, _ = place[angles.points].T
+    a, b, c, d = place[ratios.points].T
+    pivot, near, far, _ = place[turns.points].T
+    return (
+        np.stack([_side(apex, one), _side(apex, other), _side(one, other)], axis=1),
+        np.stack([np.cos(angles.high) - ROUNDING, np.cos(angles.low) + ROUNDING]),
+        np.stack([_side(a, b), _side(c, d)], axis=1),
+        np.stack([ratios.low - ROUNDING, ratios.high + ROUNDING]),
+        np.stack([pivot, near, far, _side(pivot, near), _side(pivot, far)], axis=1),
+        np.stack([turns.low - ROUNDING, turns.high + ROUNDING]),
+    )
+
+
+def _side(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Where the distance between the markers at two depths stands in `Rows.sides`."""
+    low, high = np.minimum(one, other), np.maximum(one, other)
+    return high * (high - 1) // 2 + low
+
+
+def allowed(rows: Rows, pairs: list[tuple[int, Bounds]], masks: Masks) -> np.ndarray:
+    """(R, W) the points left for the next marker by the two-point classifiers and by those already taken."""
+    left = masks.everyone[rows.cloud] & ~rows.used
+    for earlier, bounds in pairs:
+        left &= masks.allowed(bounds)[rows.cloud, rows.chosen[earlier]]
+    return left
+
+
+def grow(rows: Rows, left: np.ndarray, masks: Masks) -> Rows:
+    """Every row once for every point that is left for the next marker."""
+    flags = np.unpackbits(left.view(np.uint8), axis=1, bitorder="little", count=masks.points)
+    parent, point = np.nonzero(flags)
+    cloud, chosen = rows.cloud[parent], rows.chosen[:, parent]
+    new = masks.clouds.distance.reshape(-1)[(cloud * masks.points + point) * masks.points + chosen]
+    return Rows(
+        cloud,
+        np.concatenate([chosen, point[None]]),
+        rows.used[parent] | masks.bit[point],
+        np.concatenate([rows.sides[:, parent], new]),
+    )
+
+
+def judged(rows: Rows, level: Level, masks: Masks) -> Rows:
+    """The rows that every three- and four-point classifier of a level accepts.
+
+    A feature that is a fraction is compared with both sides multiplied out; the angle by its cosine.
+    """
+
+    def angles(rows: Rows, part: slice) -> tuple[np.ndarray, ...]:
+        one, two, across = (rows.sides[side] for side in level.angles[part].T)
+        return one * one + two * two - across * across, 2.0 * one * two, *level.angle_bounds[:, part, None]
+
+    def ratios(rows: Rows, part: slice) -> tuple[np.ndarray, ...]:
+        one, two = (rows.sides[side] for side in level.ratios[part].T)
+        return 2.0 * (one - two), one + two, *level.ratio_bounds[:, part, None]
+
+    def turns(rows: Rows, part: slice) -> tuple[np.ndarray, ...]:
+        pivot, near, far, one, two = level.turns[part].T
+        at = masks.clouds.ground[rows.cloud, rows.chosen]
+        ab, ac = at[near] - at[pivot], at[far] - at[pivot]
+        across = ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0]
+        return across, rows.sides[one] * rows.sides[two], *level.turn_bounds[:, part, None]
+
+    rows = _sifted(rows, turns, len(level.turns))
+    rows = _sifted(rows, angles, len(level.angles))
+    return _sifted(rows, ratios, len(level.ratios))
+
+
+def _sifted(rows: Rows, fraction: Callable[[Rows, slice], tuple[np.ndarray, ...]], count: int) -> Rows:
+    """The rows for which numerator / denominator lies within low and high for all of `count` classifiers."""
+    first, size = 0, FIRST_GROUP
+    while first < count and len(rows):
+        above, below, low, high = fraction(rows, slice(first, first + size))
+        kept = ((above >= low * below) & (above <= high * below)).all(axis=0)
+        rows = rows if kept.all() else rows[kept]
+        first, size = first + size, size * GROWTH
+    return rows

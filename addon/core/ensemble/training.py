@@ -1,0 +1,344 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Training an ensemble of partial solvers from labelled frames.
+
+The paper trains and assesses every solver that its searches come by. Boosting driven to its end accepts exactly what
+all weak classifiers of a subset together accept, so here the searches ask what those accept, which can be had for all
+subsets at once, and only the solvers that are kept are boosted; what they then do is measured anew and recorded.
+"""
+
+from collections.abc import Callable, Generator, Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..errors import InputError
+from . import search as searches
+from .assess import Occlusions, assess, draw_occlusions
+from .boosting import Boosting, boost, learn_intervals, rejections, wrong_labellings
+from .features import all_features, tables
+from .masks import Masks
+from .model import PAPER_FUNCTIONS, Classifiers, Ensemble, Record, Solver, Strong
+from .search import Genetics
+from .solver import TreeSearch
+from .survey import Survey, survey
+
+SEARCHES = ("bottom-up", "top-down", "genetic")
+GOALS = ("own", "any", "all")
+MOST_SURVEYED = 15  # markers; above, the solvers are too many to go through them all
+PATTERNS = 2000  # occlusions that are thought through when solvers are chosen
+FIRST_LOOK = 192  # frames after which a hopeless solver is given up
+
+
+@dataclass(frozen=True)
+class Training:
+    """How an ensemble is trained.
+
+    search         "bottom-up", "top-down" or "genetic"
+    goal           when a solver is good: "own", the search runs once for every marker and asks for that marker's
+                   target; "any", one run that asks for the target of any marker (algorithm 1 to the letter); "all"
+    ambiguous      as in `Record.reaches`; the paper's own words fit None as well as a share
+    functions      the geometric functions; the paper's four, or "turn" with them
+    margin         by how much each interval is widened at both ends, as a share of its width; the paper has none
+    wrong          wrong labellings drawn for the boosting
+    survey_frames  frames on which all subsets are tried; check_frames, on which good ones are measured
+    most_features  above that many, ratios are drawn by chance
+    most_solvers   kept of each run of the search: those that together answer in the most occlusions
+    least_gain     share of the occlusions in which one more solver must answer first to be kept
+    """
+
+    search: str = "top-down"
+    goal: str = "own"
+    seed: int = 0
+    ambiguous: float | None = None
+    functions: tuple[str, ...] = PAPER_FUNCTIONS
+    margin: float = 0.0
+    wrong: int = 2048
+    survey_frames: int = 128
+    check_frames: int = 1024
+    most_features: int = 60_000
+    most_solvers: int = 16
+    least_gain: float = 0.002
+    boosting: Boosting = field(default_factory=Boosting)
+    occlusions: Occlusions = field(default_factory=Occlusions)
+    genetics: Genetics = field(default_factory=Genetics)
+
+
+def train_ensemble(
+    points: np.ndarray,
+    markers,
+    targets: float | np.ndarray = 0.9999,
+    options: Training | None = None,
+    progress: Callable[[float, str], None] | None = None,
+) -> Ensemble:
+    """The ensemble of labelled frames (T, M, 3) m, z up, NaN where missing, of one or many people.
+
+    targets: τ, for all markers or (M,). Raises InputError when there are too few frames or markers to learn from.
+    """
+    steps = training(points, markers, targets, options)
+    while True:
+        try:
+            share, words = next(steps)
+        except StopIteration as end:
+            return end.value
+        if progress:
+            progress(share, words)
+
+
+def training(
+    points: np.ndarray, markers, targets: float | np.ndarray = 0.9999, options: Training | None = None
+) -> Generator[tuple[float, str], None, Ensemble]:
+    """The same as a generator of (share done, what is being done); the ensemble is what it returns."""
+    options = options or Training()
+    points = np.asarray(points, dtype=float)
+    points = points[np.isfinite(points).all(axis=-1).sum(axis=1) >= 2]
+    _check(points, markers, options)
+    targets = np.broadcast_to(np.asarray(targets, dtype=float), len(markers)).copy()
+    yield 0.0, "learning intervals"
+    study = Study(points, targets, options)
+    if len(markers) <= MOST_SURVEYED:
+        for share in study.survey():
+            yield 0.05 + 0.5 * share, "surveying partial solvers"
+    found: set[int] = set()
+    owners = range(len(markers)) if options.goal == "own" else [None]
+    for place, own in enumerate(owners):
+        for _ in study.find(own):
+            yield 0.55 + 0.25 * place / len(owners), "searching partial solvers"
+        found |= study.found
+    solvers = []
+    for place, subset in enumerate(sorted(found, key=lambda subset: (subset.bit_count(), subset))):
+        solvers.append(study.solver(subset))
+        yield 0.8 + 0.2 * place / len(found), "boosting partial solvers"
+    return _joined(solvers, study, tuple(markers))
+
+
+def _check(points: np.ndarray, markers, options: Training):
+    if options.search not in SEARCHES or options.goal not in GOALS:
+        raise ValueError(f"search {options.search!r}, goal {options.goal!r}; expected one of {SEARCHES}, {GOALS}")
+    if points.ndim != 3 or points.shape[1:] != (len(markers), 3):
+        raise ValueError(f"points {points.shape}; expected (frames, {len(markers)}, 3)")
+    if len(markers) < 3:
+        raise InputError(f"only {len(markers)} markers to learn from; expected three or more")
+    if len(points) < 2:
+        raise InputError("fewer than two frames with labelled markers; expected takes that show the markers moving")
+
+
+class Study:
+    """Labelled frames, the weak classifiers learned from them, and what solvers made of those can do.
+
+    pool  all weak classifiers, those that reject the most wrong labellings first
+    """
+
+    def __init__(self, points: np.ndarray, targets: np.ndarray, options: Training):
+        self.options, self.targets, self.markers = options, targets, points.shape[1]
+        self.frames = len(points)
+        self.found: set[int] = set()
+        self._generator = np.random.default_rng(options.seed)
+        clouds = tables(points)
+        learned = learn_intervals(
+            clouds, *all_features(self.markers, options.functions, options.most_features, options.seed)
+        )
+        learned = _widened(learned, options.margin)
+        everyone = np.arange(len(points))
+        wrong = wrong_labellings(everyone, self.markers, options.wrong, self._generator)
+        rejected = rejections(learned, wrong.frame, wrong.labelling, clouds)
+        telling = np.argsort(-rejected.sum(axis=1), kind="stable")
+        self.pool, self._rejected, self._wrong = learned[telling], rejected[telling], wrong
+        self._points_of = _bits(self.pool)
+        order = self._generator.permutation(len(points))
+        self._look = self._sample(points, order[: options.survey_frames])
+        checked = order[options.survey_frames :] if len(order) > 2 * options.survey_frames else order
+        checked = checked[: options.check_frames]
+        self._checks = [self._sample(points, part) for part in np.split(checked, [FIRST_LOOK]) if len(part)]
+        self._survey: Survey | None = None
+        self._surveyed_flags = np.empty((0, self.markers), dtype=bool)
+        self._memory: dict[int, Record] = {}
+        self._checked: dict[int, np.ndarray] = {}
+
+    def _sample(self, points: np.ndarray, frames: np.ndarray) -> tuple[Masks, np.ndarray]:
+        masks = Masks(tables(points[frames]))
+        return masks, draw_occlusions(masks, self.options.occlusions, self._generator)
+
+    def survey(self) -> Iterator[float]:
+        """Goes through all subsets; yields the share done."""
+        for share, self._survey in survey(self.pool, *self._look):
+            yield share
+        self._surveyed_flags = self._survey.everything.reaches(self.targets, self.options.ambiguous)
+
+    def record(self, subset: int) -> Record:
+        """What all weak classifiers of a subset together do: as surveyed where there was a survey, else measured."""
+        if self._survey:
+            return self._survey.record(searches.members(subset))
+        if subset not in self._memory:
+            self._memory[subset] = self._judged(searches.members(subset))
+        return self._memory[subset]
+
+    def find(self, own: int | None) -> Iterator[None]:
+        """Runs the search; `found` has its solvers at the end. Yields after every step.
+
+        What a survey of few frames took for good is measured on more. Where that fails, the greedy searches go on with
+        one marker more, as they would have had they known.
+        """
+        found: set[int] = set()
+        for step in self._run(own):
+            found = step
+            yield
+
+        seen = set(found)
+
+        def holds(subset: int) -> bool:
+            return self._good(self._checked_flags(subset), subset, own)
+
+        def heirs(subset: int) -> list[int]:
+            larger = {subset | 1 << marker for marker in range(self.markers)} - seen
+            seen.update(larger)
+            return [other for other in sorted(larger) if self._good(self._flags_of(other), other, own)]
+
+        limits = (self._hidden(own), self.options.most_solvers, self.options.least_gain)
+        genetic = self.options.search == "genetic"
+        for taken in searches.covering(sorted(found), holds, (lambda _: ()) if genetic else heirs, *limits):
+            self.found = taken
+            yield
+
+    def _hidden(self, own: int | None) -> np.ndarray:
+        """(N,) random subsets of hidden markers, `own` not among them."""
+        generator = np.random.default_rng([self.options.seed, self.markers])
+        rank = generator.random((PATTERNS, self.markers)).argsort(axis=1).argsort(axis=1)
+        hide = rank < generator.integers(0, self.options.occlusions.most + 1, PATTERNS)[:, None]
+        if own is not None:
+            hide[:, own] = False
+        return (hide * (1 << np.arange(self.markers, dtype=np.int64))).sum(axis=1)
+
+    def _run(self, own: int | None) -> Iterator[set[int]]:
+        def good(subset: int) -> bool:
+            return self._good(self._flags_of(subset), subset, own)
+
+        def fitness(subset: int) -> float:
+            markers = searches.members(subset)
+            rates = np.nan_to_num(self.record(subset).rates)
+            return float(rates.max() if own is None else rates[markers.index(own)])
+
+        if self.options.search == "genetic":
+            generator = np.random.default_rng([self.options.seed, 0 if own is None else own + 1])
+            for _, population in searches.genetic(self.markers, fitness, self.options.genetics, generator, own):
+                yield {subset for subset in population if good(subset)}
+            return
+        run = searches.bottom_up if self.options.search == "bottom-up" else searches.top_down
+        for _, found in run(self.markers, good, own):
+            yield found
+
+    def _good(self, reached: np.ndarray, subset: int, own: int | None) -> bool:
+        if own is not None:
+            return bool(reached[own])
+        return bool(reached.any() if self.options.goal == "any" else reached[searches.members(subset)].all())
+
+    def _flags_of(self, subset: int) -> np.ndarray:
+        """(M,) which markers' targets the solver of a subset seems to reach."""
+        if self._survey:
+            return self._surveyed_flags[subset]
+        return self._checked_flags(subset)
+
+    def _checked_flags(self, subset: int) -> np.ndarray:
+        """(M,) which markers' targets it reaches on the frames for checking."""
+        if subset not in self._checked:
+            markers = searches.members(subset)
+            self._checked[subset] = self._flags(markers, self._judged(markers))
+        return self._checked[subset]
+
+    def _judged(self, markers: list[int]) -> Record:
+        return self._measured(TreeSearch(markers, self.pool[self.pool.within(markers)]))
+
+    def _flags(self, markers, record: Record) -> np.ndarray:
+        flags = np.zeros(self.markers, dtype=bool)
+        flags[markers] = record.reaches(self.targets[markers], self.options.ambiguous)
+        return flags
+
+    def solver(self, subset: int) -> Solver:
+        """The partial solver of a subset, boosted and measured."""
+        markers = np.array(searches.members(subset))
+        rows = np.flatnonzero(self.pool.within(markers))
+        strong = self._boosted(markers, rows)
+        record = self._measured(TreeSearch(markers, self.pool[strong.chosen]), to_the_end=True)
+        return Solver(markers, strong, record, self._flags(markers, record)[markers])
+
+    def _boosted(self, markers: np.ndarray, rows: np.ndarray) -> Strong:
+        """The strong classifier of a subset's pool (rows of the whole pool); `chosen` are rows of the whole pool.
+
+        Wrong labellings come in two rounds. First those that were drawn, each with a random part of the markers
+        assigned, because the tree search judges partial labellings. Then those that the search still finds: among all
+        permutations that could be drawn, just the ones that would not be passed over.
+        """
+        assigned = self._assigned(markers)
+        severity = (self._wrong.moved & assigned).sum(axis=1)
+        bits = (assigned * (np.uint64(1) << np.arange(self.markers, dtype=np.uint64))).sum(axis=1, dtype=np.uint64)
+        judged = (self._points_of[rows, None] & ~bits[None]) == 0
+        useful = severity > 0
+        strong = boost((self._rejected[rows] & judged)[:, useful], severity[useful], self.options.boosting)
+        for masks in (masks for masks, _ in (self._look, *self._checks)):
+            strong = self._taught(markers, rows, strong, masks)
+        return Strong(rows[strong.chosen], strong.weights)
+
+    def _taught(self, markers: np.ndarray, rows: np.ndarray, strong: Strong, masks: Masks) -> Strong:
+        """Goes on boosting with the wrong labellings that the solver still finds in some clouds."""
+        cloud, chosen = TreeSearch(markers, self.pool[rows[strong.chosen]])(masks)
+        wrong = chosen != markers
+        mistaken = wrong.any(axis=1)
+        labelling = np.zeros((int(mistaken.sum()), self.markers), dtype=int)
+        labelling[:, markers] = chosen[mistaken]
+        rejected = rejections(self.pool[rows], cloud[mistaken], labelling, masks.clouds)
+        every = replace(self.options.boosting, accuracy=1.0)
+        return boost(rejected, wrong[mistaken].sum(axis=1), every, strong)
+
+    def _assigned(self, markers: np.ndarray) -> np.ndarray:
+        """(K, M) a random part of the markers, two at least, for every wrong labelling; the same every time."""
+        generator = np.random.default_rng([self.options.seed, *markers])
+        count = generator.integers(2, max(len(markers), 2) + 1, len(self._wrong))
+        rank = generator.random((len(self._wrong), len(markers))).argsort(axis=1).argsort(axis=1)
+        assigned = np.zeros((len(self._wrong), self.markers), dtype=bool)
+        assigned[:, markers] = rank < count[:, None]
+        return assigned
+
+    def _measured(self, search: TreeSearch, to_the_end: bool = False) -> Record:
+        record = None
+        for masks, removed in self._checks:
+            part = assess(search, masks, removed)
+            record = record + part if record else part
+            if not to_the_end and self._hopeless(record, search.markers):
+                break
+        return record
+
+    def _hopeless(self, record: Record, markers) -> bool:
+        """Whether no target can be reached any more, even were all that is still to come hits."""
+        to_come = sum(removed.shape[0] * removed.shape[1] for _, removed in self._checks) - record.samples
+        hoped = replace(record, hits=record.hits + to_come, answers=record.answers + to_come)
+        return not hoped.reaches(self.targets[markers], self.options.ambiguous).any()
+
+
+def _widened(classifiers: Classifiers, margin: float) -> Classifiers:
+    room = margin * (classifiers.high - classifiers.low)
+    return replace(classifiers, low=classifiers.low - room, high=classifiers.high + room)
+
+
+def _bits(classifiers: Classifiers) -> np.ndarray:
+    """(F,) the markers of each classifier as bits."""
+    points = classifiers.points.astype(np.int64)
+    one = np.where(points >= 0, np.uint64(1) << np.maximum(points, 0).astype(np.uint64), np.uint64(0))
+    return np.bitwise_or.reduce(one, axis=1)
+
+
+def _joined(solvers: list[Solver], study: Study, markers: tuple[str, ...]) -> Ensemble:
+    """The ensemble, with only those weak classifiers that some solver uses."""
+    useful = [solver for solver in solvers if solver.reached.any()]
+    used = np.unique(np.concatenate([np.empty(0, dtype=int), *(solver.strong.chosen for solver in useful)]))
+    renumbered = [
+        replace(solver, strong=replace(solver.strong, chosen=np.searchsorted(used, solver.strong.chosen)))
+        for solver in useful
+    ]
+    return Ensemble(
+        markers,
+        study.pool[used],
+        tuple(renumbered),
+        study.targets,
+        study.options.search,
+        study.options.seed,
+        study.frames,
+    )
