@@ -15,6 +15,7 @@ MEETING = 0.012  # m between two rays of one marker at its depth, plus what the 
 MEETING_PX = 3.0
 PARALLEL = 0.02  # sine of the angle below which two rays fix no depth
 MOST_CROSSINGS = 4000
+BLOCK = 100_000  # distances a camera that are worked on at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +48,21 @@ def build_cloud(view: View, sight: Sight) -> Cloud:
 
 def _crossings(camera, direction, origin, sight):
     """Pairs of rays of different cameras that pass each other closely in front of both, and their mid-points."""
-    first, second = np.nonzero(camera[:, None] < camera[None, :])
+    parts = []
+    for one in range(sight.count):
+        for other in range(one + 1, sight.count):
+            mine, theirs = np.flatnonzero(camera == one), np.flatnonzero(camera == other)
+            first, second = np.repeat(mine, len(theirs)), np.tile(theirs, len(mine))
+            parts.append(_meetings(first, second, camera, direction, origin, sight))
+    first, second, middle, badness = (np.concatenate(column) for column in zip(*parts, strict=True))
+    if len(first) > MOST_CROSSINGS:
+        best = np.argsort(badness)[:MOST_CROSSINGS]
+        return first[best], second[best], middle[best]
+    return first, second, middle
+
+
+def _meetings(first, second, camera, direction, origin, sight):
+    """Of pairs of rays, those that meet: their indices, mid-points, and the gap as a share of what is allowed."""
     between = origin[second] - origin[first]
     cosine = np.einsum("ni,ni->n", direction[first], direction[second])
     along_first = np.einsum("ni,ni->n", between, direction[first])
@@ -58,15 +73,17 @@ def _crossings(camera, direction, origin, sight):
     pixel = near / sight.focal[camera[first]] + far / sight.focal[camera[second]]
     gap = np.linalg.norm(low - high, axis=1)
     allowed = MEETING + MEETING_PX * pixel / 2
-    good = (near > 0.2) & (far > 0.2) & (gap < allowed) & (1 - cosine**2 > PARALLEL**2)
-    kept = np.flatnonzero(good)
-    if len(kept) > MOST_CROSSINGS:
-        kept = kept[np.argsort(gap[kept] / allowed[kept])[:MOST_CROSSINGS]]
-    return first[kept], second[kept], (low[kept] + high[kept]) / 2
+    kept = (near > 0.2) & (far > 0.2) & (gap < allowed) & (1 - cosine**2 > PARALLEL**2)
+    return first[kept], second[kept], ((low + high) / 2)[kept], (gap / allowed)[kept]
 
 
 def _members(points: np.ndarray, view: View, sight: Sight) -> np.ndarray:
     """(Q, C) slot of the blob nearest to each point's image where it is near enough, else -1."""
+    blocks = np.array_split(points, max(1, len(points) * view.image.shape[1] // BLOCK))
+    return np.concatenate([_block_members(block, view, sight) for block in blocks])
+
+
+def _block_members(points: np.ndarray, view: View, sight: Sight) -> np.ndarray:
     local = sight.local(points[None])[0]
     image = sight.image(local)
     offset = view.image[:, None] - image[:, :, None]

@@ -14,18 +14,23 @@ def label_confidences(naming: Naming, camera: np.ndarray, marker: np.ndarray) ->
     """(N,) chance that the blobs named by `camera` and `marker` (N,) are rightly named, given the placement.
 
     Each blob is shared out among the markers that could have made it in the proportions of their likelihoods. A marker
-    that has a blob in that camera claims no other, and a merged blob is rightly named after either of its markers.
+    that has a blob in that camera claims no other, and a merged blob is rightly named after either of its markers. Two
+    rays always meet somewhere, so a marker that only two cameras see is judged by the model as well.
     """
     slot = naming.slot[camera, marker]
     misfit = evidence(naming.frame, naming)[camera, :, slot]
-    mine = np.take_along_axis(misfit, marker[:, None], axis=1)
-    mine = np.where(mine < FAR, mine, GATE)
+    mine = np.take_along_axis(misfit, marker[:, None], axis=1)[:, 0]
+    by_model = naming.frame.misfit[camera, marker, slot]
+    few = (naming.rays >= 0).sum(axis=0)[marker] < 3
+    mine = np.where(few, np.maximum(mine, by_model), mine)
+    mine = np.where(mine < FAR, mine, GATE)[:, None]
     taken = naming.slot[camera] >= 0
     own = np.arange(misfit.shape[1]) == marker[:, None]
     hidden = HIDDEN * ~naming.frame.expected.visible[camera]
     shadowed = SHADOWED * naming.frame.in_front[camera, :, marker]
     rivals = np.where(own | taken, FAR, misfit + hidden + shadowed)
-    rivals = np.where(naming.merged[camera, marker][:, None], FAR, rivals)
+    partner = np.arange(misfit.shape[1]) == naming.partner[camera, marker][:, None]
+    rivals = np.where(partner, FAR, rivals)
     odds = np.exp(np.clip((mine - rivals) / 2, -60, 30)).sum(axis=1)
     return 1 / (1 + odds)
 

@@ -8,7 +8,8 @@ never asks whether the blobs are explained, so here
     ρ = -2 s² log( e^(-r²/2s²) + Σ e^(-d²/2s²) )
 
 with d the distance in metres at the body's depth. ρ tends to min(d², r²) of the nearest as s shrinks: the paper's
-"only small values are considered" is the truncation r. Squares, because Levenberg-Marquardt minimises squares.
+"only small values are considered" is the truncation r; a hidden marker costs as much as one that finds nothing.
+Squares, because Levenberg-Marquardt minimises squares.
 """
 
 from dataclasses import dataclass
@@ -22,8 +23,8 @@ from .views import Sight, View
 class Pull:
     """What the data says to B bodies' markers.
 
-    cost      (B,) F, in units of s²
-    gradient  (B, M, 3) half of dF / d marker
+    cost      (B,) half of F, in units of s²
+    gradient  (B, M, 3) half of its derivative by the marker
     hessian   (B, M, 3, 3) its Gauss-Newton second derivative
     """
 

@@ -61,7 +61,7 @@ class Naming:
     slot       (C, M) which blob of a camera is the marker, -1 where none
     step       (C, M) index into takes.STEPS
     owner      (C, K) which marker a blob is, -1 where none
-    merged     (C, M) True where the blob is that of two markers: named, but no ray of this one alone
+    partner    (C, M) the other marker of a merged blob, -1 where the blob is the marker's alone
     conflicts  (M,) blobs that were in conflict over the marker
     """
 
@@ -69,7 +69,7 @@ class Naming:
     slot: np.ndarray
     step: np.ndarray
     owner: np.ndarray
-    merged: np.ndarray
+    partner: np.ndarray
     conflicts: np.ndarray
     _meeting: Meeting | None = None
     _reprojection: np.ndarray | None = None
@@ -80,7 +80,7 @@ class Naming:
         shape = frame.misfit.shape[:2]
         nobody = np.full(frame.view.real.shape, -1)
         zeros = np.zeros(shape, int)
-        return cls(frame, np.full(shape, -1), zeros, nobody, zeros > 0, np.zeros(shape[1], int))
+        return cls(frame, zeros - 1, zeros, nobody, zeros - 1, np.zeros(shape[1], int))
 
     @property
     def meeting(self) -> Meeting:
@@ -104,7 +104,7 @@ class Naming:
     @property
     def rays(self) -> np.ndarray:
         """(C, M) the slots whose rays may be met: all named blobs but the merged ones."""
-        return np.where(self.merged, -1, self.slot)
+        return np.where(self.partner >= 0, -1, self.slot)
 
     def give(self, camera, marker, slot, step: int):
         """Names blobs; arrays of equal length."""
@@ -370,12 +370,14 @@ def name_merged(frame: Frame, naming: Naming):
     square = (between[..., 0] ** 2 + between[..., 1] ** 2) * (frame.depth[camera, first] ** 2)[:, None]
     square = np.where((naming.owner[camera] < 0) & frame.view.real[camera], square, FAR)
     slot = square.argmin(axis=1)
+    alone = (square < MERGED**2).sum(axis=1) == 1
     square = square[np.arange(len(slot)), slot]
     for index in np.argsort(square):
         c, m, k = camera[index], first[index], slot[index]
-        if square[index] < (MERGED / 2) ** 2 and naming.slot[c, m] < 0 and naming.owner[c, k] < 0:
+        fits = alone[index] and square[index] < (MERGED / 2) ** 2
+        if fits and naming.slot[c, m] < 0 and naming.owner[c, k] < 0:
             naming.give(c, m, k, REMAINING)
-            naming.merged[c, m] = True
+            naming.partner[c, m] = second[index]
 
 
 def pixel_noise(naming: Naming, sight: Sight) -> float:

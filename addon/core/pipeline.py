@@ -25,10 +25,11 @@ from .takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Suspect
 from .tracking import Followed, Track, follow
 from .views import View, split_views
 
-TRIALS = 9  # frames of a chunk in which a lost subject is looked for
+FAR_APART = (0, 4, 2, 6, 1, 5, 3, 7, 8)  # the order in which parts of a chunk are searched for a lost subject
 SURE = 0.95  # a placement this sure that names enough markers is a good one
 ENOUGH = 0.8
 CONTENT = 3  # good placements after which the best of them will do
+SLOWEST = 20.0  # frames a second below which nothing is followed: every frame is looked at on its own
 REVIEW = 120  # frames between two looks at whether neighbours have changed names
 SECOND_LOOK = 6  # frames before it that must say the same
 LEAST_SURE = 0.7  # a placement less sure than this names nothing
@@ -84,97 +85,79 @@ class TakeLabeller:
     """Labels the chunks of one take in their order; between them it keeps the track."""
 
     def __init__(self, setup: Setup, options: Options):
-        self.setup, self.options = setup, options
+        self.setup, self.hints = setup, options.hints
         self.track: Track | None = None
         self.placement = 0.0
         self.sure = np.ones(setup.model.marker_count)
 
     def label(self, blobs: Blobs) -> LabelledChunk:
         """The labels and motion of the next chunk."""
-        views = split_views(blobs, self.setup.cameras)
-        results: list[FrameResult | None] = [None] * len(views)
-        suspects: list[Suspect] = []
-        at = 0
-        while at < len(views):
-            if self.track is None:
-                at = self._find_from(views, results, blobs.frames, suspects, at)
-            else:
-                at = self._follow_from(views, results, blobs.frames, suspects, at)
-        return _chunk(blobs, views, results, self.setup, tuple(suspects))
-
-    def _follow_from(self, views, results, frames, suspects, at: int) -> int:
-        """Follows the track from frame `at` until it is lost or the chunk ends; returns the frame to go on with."""
-        first = at
-        while at < len(views):
-            followed = follow(self.track, views[at], self.setup)
-            self.track = followed.track
-            results[at] = self._result(followed)
-            at += 1
-            if self.track.lost:
-                lost = max(at - self.track.poor, 0)
-                results[lost:at] = [None] * (at - lost)
-                suspects.append(Suspect(int(frames[lost]), int(frames[at - 1]), "the subject was lost"))
+        chunk = _Chunk(blobs, split_views(blobs, self.setup.cameras))
+        if self.setup.rate < SLOWEST:
+            for at in range(len(chunk.views)):
+                self._find(chunk, at, at + 1)
                 self.track = None
+        else:
+            at = self._follow(chunk, 0, len(chunk.views)) if self.track else 0
+            while at < len(chunk.views):
+                at = self._find(chunk, at, len(chunk.views))
+        return chunk.labelled(self.setup)
+
+    def _follow(self, chunk: "_Chunk", first: int, end: int) -> int:
+        """Follows the track through frames `first` … until it is lost or at `end`; returns the frame to go on with."""
+        at = first
+        while at < end:
+            followed = follow(self.track, chunk.views[at], self.setup)
+            if followed.track.lost:
+                self.track = None
+                chunk.suspect(at, at, "the subject was lost")
                 return at
-            if at == len(views) or (at - first) % REVIEW == 0:
-                self._review(views, results, frames, suspects, at - 1)
+            self.track = followed.track
+            chunk.results[at] = self._result(followed)
+            at += 1
+            if at == end or (at - first) % REVIEW == 0:
+                self._review(chunk, first, at - 1)
         return at
 
-    def _review(self, views, results, frames, suspects, at: int):
-        """Asks whether neighbours have changed names, and gives them back from where they may have done so."""
-        earlier = max(at - SECOND_LOOK, 0)
-        if results[earlier] is None:
-            return
-        with self.setup.clock("fit"):
-            pairs = [set(self._exchanged(views[index], results[index])) for index in {earlier, at}]
-        names = self.setup.model.markerset.markers
-        for first, second in set.intersection(*pairs):
-            since = _exchanged_since(results, first, second, at)
-            for index in range(since, at + 1):
-                swap_names(results[index].naming, first, second)
-            self.track = self.track.doubting(first, second, self.setup)
-            reason = f"{names[first]} and {names[second]} had changed names and got them back"
-            suspects.append(Suspect(int(frames[since]), int(frames[at]), reason))
-
-    def _exchanged(self, view: View, result: FrameResult) -> list[tuple[int, int]]:
-        subject = replace(self.track.subject, bodies=result.bodies)
-        return exchanged(view, result.naming, subject, self.setup)
-
-    def _find_from(self, views, results, frames, suspects, at: int) -> int:
-        """Looks for the subject in frames from `at` on; labels backwards to `at` and returns where to go on."""
-        index, found = self._best_found(views, at)
+    def _find(self, chunk: "_Chunk", at: int, end: int) -> int:
+        """Finds the subject among frames `at` … `end` - 1, labels from there both ways; returns where to go on."""
+        index, found = self._best_found(chunk, at, end)
         if found is None:
-            suspects.append(Suspect(int(frames[at]), int(frames[-1]), "no subject was recognised"))
-            return len(views)
+            chunk.suspect(at, end - 1, "no subject was recognised")
+            return end
+        self.hints = replace(self.hints, facing=None)
         self.placement = found.confidence
         self.sure = swap_doubts(found.swaps, self.setup.model.marker_count)
         if found.confidence < UNSURE:
-            frame = int(frames[index])
-            suspects.append(Suspect(frame, frame, f"the placement is only {found.confidence:.0%} sure"))
+            chunk.suspect(index, index, f"the placement is only {found.confidence:.0%} sure")
         points, visible = found.naming.meeting.points, found.expected.visible
         start = Track.begin(found.subject, points, visible, self.setup.model)
-        results[index] = FrameResult(found.subject.bodies, found.naming, found.expected, found.confidence, self.sure)
-        self._follow_back(views, results, start, index, at)
+        chunk.results[index] = FrameResult(
+            found.subject.bodies, found.naming, found.expected, found.confidence, self.sure
+        )
+        before = self._follow_back(chunk, start, index, at)
+        while at < before:
+            at = self._find(chunk, at, before)
         self.track = start
-        return index + 1
+        return self._follow(chunk, index + 1, end)
 
-    def _follow_back(self, views, results, track: Track, index: int, at: int):
-        """Frames before the one in which the subject was found, last first."""
+    def _follow_back(self, chunk: "_Chunk", track: Track, index: int, at: int) -> int:
+        """Labels the frames before `index`, last first, and returns the first frame that was reached."""
         for earlier in range(index - 1, at - 1, -1):
-            followed = follow(track, views[earlier], self.setup)
+            followed = follow(track, chunk.views[earlier], self.setup)
+            if followed.track.lost:
+                return earlier + 1
             track = followed.track
-            results[earlier] = self._result(followed)
-            if track.lost:
-                results[earlier : earlier + track.poor] = [None] * track.poor
-                return
+            chunk.results[earlier] = self._result(followed)
+        return at
 
-    def _best_found(self, views: list[View], at: int) -> tuple[int, Found | None]:
-        """The surest frame of a few spread over the chunk."""
+    def _best_found(self, chunk: "_Chunk", at: int, end: int) -> tuple[int, Found | None]:
+        """The frame of a few spread over the range whose names suit a body best."""
         best, best_index, tried = None, at, 0
-        for index in _spread(at, len(views)):
+        for index in chunk.promising(at, end):
             with self.setup.clock("place"):
-                found = find_subject(views[index], self.setup, self.options.hints)
-            if found is None or found.confidence < LEAST_SURE or found.named < LEAST_NAMED:
+                found = find_subject(chunk.views[index], self.setup, self.hints)
+            if found is None or found.by_chance or found.confidence < LEAST_SURE or found.named < LEAST_NAMED:
                 continue
             if best is None or found.misfit < best.misfit:
                 best, best_index = found, index
@@ -183,16 +166,72 @@ class TakeLabeller:
                 break
         return best_index, best
 
+    def _review(self, chunk: "_Chunk", first: int, at: int):
+        """Asks whether neighbours have changed names, and gives them back from where they may have done so."""
+        earlier = at - SECOND_LOOK
+        if earlier < first:
+            return
+        with self.setup.clock("fit"):
+            pairs = [set(self._exchanged(chunk, index)) for index in (earlier, at)]
+        names = self.setup.model.markerset.markers
+        for one, other in set.intersection(*pairs):
+            since = _exchanged_since(chunk.results, one, other, at)
+            for index in range(since, at + 1):
+                swap_names(chunk.results[index].naming, one, other)
+            self.track = self.track.doubting(one, other, self.setup)
+            chunk.suspect(since, at, f"{names[one]} and {names[other]} had changed names and got them back")
+
+    def _exchanged(self, chunk: "_Chunk", index: int) -> list[tuple[int, int]]:
+        result = chunk.results[index]
+        subject = replace(self.track.subject, bodies=result.bodies)
+        return exchanged(chunk.views[index], result.naming, subject, self.setup)
+
     def _result(self, followed: Followed) -> FrameResult:
         bodies = followed.track.subject.bodies
         return FrameResult(bodies, followed.naming, followed.expected, self.placement, self.sure)
 
 
-def _spread(first: int, end: int) -> list[int]:
-    """Up to TRIALS frames of first … end - 1: the first one, then halving the gaps."""
-    order = [0.0, 0.5, 0.25, 0.75, 0.125, 0.625, 0.375, 0.875, 1.0]
-    indices = [first + round(share * (end - 1 - first)) for share in order[:TRIALS]]
-    return list(dict.fromkeys(indices))
+class _Chunk:
+    """One chunk while it is being labelled: its views, the results so far and what was noticed."""
+
+    def __init__(self, blobs: Blobs, views: list[View]):
+        self.blobs, self.views = blobs, views
+        self.results: list[FrameResult | None] = [None] * len(views)
+        self.suspects: list[Suspect] = []
+
+    def suspect(self, first: int, last: int, reason: str):
+        """Notes frames `first` … `last` of the chunk."""
+        self.suspects.append(Suspect(int(self.blobs.frames[first]), int(self.blobs.frames[last]), reason))
+
+    def promising(self, first: int, end: int) -> list[int]:
+        """Frames to look for a subject in: of every part of the range the one with the most blobs; far apart first."""
+        parts = np.array_split(np.arange(first, end), min(len(FAR_APART), end - first))
+        best = [int(part[np.argmax([self.views[index].count for index in part])]) for part in parts]
+        order = [part for part in FAR_APART if part < len(best)]
+        return [best[part] for part in order if self.views[best[part]].count]
+
+    def labelled(self, setup: Setup) -> LabelledChunk:
+        """Everything as it is handed out."""
+        count, markers = len(self.views), setup.model.marker_count
+        total = len(self.blobs)
+        labels = Labels(np.full(total, NO_MARKER), np.zeros(total, int), np.zeros(total))
+        points, residual = np.full((count, markers, 3), np.nan), np.full((count, markers), np.nan)
+        residual_px, conflicts = np.full((count, markers), np.nan), np.zeros((count, markers), int)
+        confidence = np.zeros(count)
+        with setup.clock("label"):
+            for index, result in enumerate(self.results):
+                if result is None:
+                    continue
+                rays = _write_labels(labels, self.views[index], result)
+                met = result.naming.meeting
+                known = rays >= 2
+                points[index, known], residual[index, known] = met.points[known], met.residual[known]
+                residual_px[index] = residual[index] * _pixels_per_metre(result, setup)
+                conflicts[index], confidence[index] = result.naming.conflicts, result.placement
+        poses = _poses(self.results, setup)
+        motion = Motion(self.blobs.frames, points, residual, residual_px, conflicts, *poses, confidence)
+        self.suspects += find_suspects(motion, setup.model.markerset.markers, setup.rate)
+        return LabelledChunk(labels, motion, tuple(self.suspects), setup.clock.take())
 
 
 def _exchanged_since(results, first: int, second: int, at: int) -> int:
@@ -206,35 +245,18 @@ def _exchanged_since(results, first: int, second: int, at: int) -> int:
     return since
 
 
-def _chunk(blobs: Blobs, views, results, setup: Setup, suspects) -> LabelledChunk:
-    count, markers = len(views), setup.model.marker_count
-    labels = Labels(np.full(len(blobs), NO_MARKER), np.zeros(len(blobs), int), np.zeros(len(blobs)))
-    points, residual = np.full((count, markers, 3), np.nan), np.full((count, markers), np.nan)
-    residual_px, conflicts = np.full((count, markers), np.nan), np.zeros((count, markers), int)
-    confidence = np.zeros(count)
-    with setup.clock("label"):
-        for index, (view, result) in enumerate(zip(views, results, strict=True)):
-            if result is None:
-                continue
-            met = result.naming.meeting
-            points[index], residual[index] = met.points, met.residual
-            residual_px[index] = met.residual * _pixels_per_metre(result, setup)
-            conflicts[index], confidence[index] = result.naming.conflicts, result.placement
-            _write_labels(labels, view, result)
-    motion = Motion(blobs.frames, points, residual, residual_px, conflicts, *_poses(results, setup), confidence)
-    suspects += find_suspects(motion, setup.model.markerset.markers, setup.rate)
-    return LabelledChunk(labels, motion, suspects, setup.clock.take())
-
-
-def _write_labels(labels: Labels, view: View, result: FrameResult):
-    camera, marker = np.nonzero(result.naming.slot >= 0)
-    sure = label_confidences(result.naming, camera, marker) * result.placement * result.sure[marker]
+def _write_labels(labels: Labels, view: View, result: FrameResult) -> np.ndarray:
+    """Gives a frame's sure labels to its blobs; returns how many rays of each marker (M,) are sure."""
+    naming = result.naming
+    camera, marker = np.nonzero(naming.slot >= 0)
+    sure = label_confidences(naming, camera, marker) * result.placement * result.sure[marker]
     given = sure >= LEAST_LABEL
     camera, marker, sure = camera[given], marker[given], sure[given]
-    rows = view.row[camera, result.naming.slot[camera, marker]]
+    rows = view.row[camera, naming.slot[camera, marker]]
     labels.marker[rows] = marker
-    labels.step[rows] = result.naming.step[camera, marker]
+    labels.step[rows] = naming.step[camera, marker]
     labels.confidence[rows] = sure
+    return np.bincount(marker[naming.partner[camera, marker] < 0], minlength=naming.slot.shape[1])
 
 
 def _pixels_per_metre(result: FrameResult, setup: Setup) -> np.ndarray:

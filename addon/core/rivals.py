@@ -76,7 +76,7 @@ def try_swaps(view: View, naming: Naming, subject: Subject, state: State, setup:
 
 def swap_names(naming: Naming, first: int, second: int):
     """Exchanges two markers' names in every camera."""
-    for array in (naming.slot, naming.step, naming.merged):
+    for array in (naming.slot, naming.step, naming.partner):
         array[:, [first, second]] = array[:, [second, first]]
     for marker in (first, second):
         camera = np.flatnonzero(naming.slot[:, marker] >= 0)

@@ -106,28 +106,32 @@ def about_z(angle: np.ndarray) -> np.ndarray:
     return np.stack([np.cos(angle / 2), zero, zero, np.sin(angle / 2)], axis=-1)
 
 
+def matrix_to_quaternion(matrix: np.ndarray) -> np.ndarray:
+    """(..., 4) unit quaternions of rotations (..., 3, 3), w x y z; of each pair of opposite ones either.
+
+    Every column of the sixteen products of a quaternion's parts is the quaternion times one part; the longest column
+    is the surest (Bar-Itzhack 2000, for exact rotations).
+    """
+    products = _parts_of(matrix)
+    longest = np.argmax(np.diagonal(products, axis1=-2, axis2=-1), axis=-1)
+    column = np.take_along_axis(products, longest[..., None, None], axis=-1)[..., 0]
+    return column / np.linalg.norm(column, axis=-1, keepdims=True)
+
+
+def _parts_of(matrix: np.ndarray) -> np.ndarray:
+    """(..., 4, 4) products of the parts of the quaternion, times four."""
+    products = np.empty((*matrix.shape[:-2], 4, 4))
+    trace = np.trace(matrix, axis1=-2, axis2=-1)
+    products[..., 0, 0] = 1 + trace
+    products[..., 1:, 1:] = matrix + matrix.swapaxes(-1, -2) + (1 - trace)[..., None, None] * np.eye(3)
+    for axis in range(3):
+        following, last = (axis + 1) % 3, (axis + 2) % 3
+        turn = matrix[..., last, following] - matrix[..., following, last]
+        products[..., 0, axis + 1] = products[..., axis + 1, 0] = turn
+    return products
+
+
 def rotation_vector(matrix: np.ndarray) -> np.ndarray:
     """(..., 3) rotation vector, rad, of rotations (..., 3, 3); angles from 0 to π."""
-    trace = np.trace(matrix, axis1=-2, axis2=-1)
-    w = np.sqrt(np.maximum(1 + trace, 0)) / 2
-    axis = np.stack(
-        [
-            matrix[..., 2, 1] - matrix[..., 1, 2],
-            matrix[..., 0, 2] - matrix[..., 2, 0],
-            matrix[..., 1, 0] - matrix[..., 0, 1],
-        ],
-        axis=-1,
-    )
-    sine = np.linalg.norm(axis, axis=-1) / 2
-    angle = np.arctan2(sine, (trace - 1) / 2)
-    plain = axis * np.where(sine < SMALL, 0.5, angle / np.where(sine < SMALL, 1.0, 2 * sine))[..., None]
-    return np.where((w < 1e-3)[..., None], _half_turn(matrix, angle), plain)
-
-
-def _half_turn(matrix: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Rotation vectors of turns so near to π that the antisymmetric part has vanished: the axis is an eigenvector."""
-    symmetric = (matrix + np.eye(3)) / 2
-    longest = np.argmax(np.diagonal(symmetric, axis1=-2, axis2=-1), axis=-1)
-    axis = np.take_along_axis(symmetric, longest[..., None, None], axis=-1)[..., 0]
-    length = np.linalg.norm(axis, axis=-1, keepdims=True)
-    return axis / np.where(length < SMALL, 1.0, length) * angle[..., None]
+    identity = np.array([1.0, 0, 0, 0])
+    return turn_between(identity, matrix_to_quaternion(matrix))

@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 
+from . import rotations
 from .body import Bodies, Posed
 from .cloud import Cloud, build_cloud
 from .cost import blob_pull, cloud_pull
@@ -26,11 +27,15 @@ FINALISTS = 3
 ROUNDS = 2
 MOST_EXCHANGES = 3
 UPRIGHT = 0.35  # rad, how far a subject who is looked for leans, standard deviation
-HINTED_HEIGHT = 0.04  # m, how well a user knows the subject's height
+HINTED_FACING = np.radians(60)  # how far off a user's idea of the facing may be
+HANDICAP = 60.0  # squared deviations that a placement against the hint must be better by
+HINTED_HEIGHT = 0.08  # m, how well a user knows the subject's height
 FEWEST_POINTS = 4
 RIVAL = 0.10  # m: two fits whose markers lie farther apart than this on average are rivals, not one solution
 CLEAR_WIN = 0.98  # a placement surer than this needs no second opinion
 UNNAMED = 12.0  # squared deviations that an unnamed blob counts for
+CROWD = 0.4  # share of a frame's blobs that a subject should have
+CONFIRMED = 0.5  # third rays a marker that show a subject in a crowd
 TEMPER = 12.0  # by how much costs overstate their differences: blobs share their errors
 
 
@@ -67,6 +72,17 @@ class Found:
         return float(np.minimum(views, 2).mean() / 2)
 
     @property
+    def by_chance(self) -> bool:
+        """True when a crowd of ghosts would do as well: most blobs unnamed, and few markers that a third ray confirms.
+
+        A body bends until two rays meet in nearly every marker, whatever the blobs; third rays meet there by chance
+        only seldom.
+        """
+        rays = (self.naming.rays >= 0).sum(axis=0)
+        crowd = (self.naming.owner >= 0).sum() < CROWD * self.naming.frame.view.count
+        return bool(crowd and np.maximum(rays - 2, 0).sum() < CONFIRMED * len(rays))
+
+    @property
     def misfit(self) -> float:
         """How badly the names suit a body, a marker: for choosing among frames of one take. Missing markers count."""
         return self.cost / self.naming.slot.shape[1] + UNNAMED * (1 - self.named)
@@ -85,7 +101,7 @@ def find_subject(view: View, setup: Setup, hints: Hints) -> Found | None:
     bodies, cost = fit_cloud(starts, cloud, setup, prior)
     finalists = bodies.pick(_distinct(bodies, cost, setup)[:FINALISTS])
     fit = fit_blobs(finalists, view, setup, prior)
-    best, rival, confidence = _judged(fit)
+    best, rival, confidence = _judged(fit, _handicap(fit.bodies, hints))
     found = name_found(view, _one(fit.state, best), setup, prior, confidence, fit.trace[:, best])
     if rival is None or confidence > CLEAR_WIN:
         return found
@@ -107,17 +123,25 @@ def _prior_for(hints: Hints, setup: Setup) -> Prior:
     return Prior(setup.model, upright_sd=UPRIGHT, height=hints.height, height_sd=HINTED_HEIGHT)
 
 
+def _handicap(bodies: Bodies, hints: Hints) -> np.ndarray:
+    """(B,) what it costs a body to face another way than the user says."""
+    if hints.facing is None:
+        return np.zeros(len(bodies))
+    ahead = rotations.quaternion_to_matrix(bodies.quaternion)[:, :2, 0]
+    agreement = ahead @ np.array([np.cos(hints.facing), np.sin(hints.facing)])
+    return np.where(agreement < np.cos(HINTED_FACING), HANDICAP, 0.0)
+
+
 def first_starts(view: View, cloud: Cloud, setup: Setup, hints: Hints) -> Bodies:
-    """Rest bodies all around the blobs' centre, or only near the hinted facing."""
+    """Rest bodies all around the blobs' centre, and one that faces as hinted."""
     guess = principal_guess(cloud, float(setup.model.markerset.rest_markers[:, 2].max()))
     try:
         point = blob_centre(view, setup.cameras.extrinsics)
     except JobError:
         point = np.average(cloud.points, axis=0, weights=cloud.weight)
-    if hints.facing is None:
-        facings = guess.facing + np.arange(FACINGS) * 2 * np.pi / FACINGS
-    else:
-        facings = hints.facing + np.radians([-20.0, 0, 20])
+    facings = guess.facing + np.arange(FACINGS) * 2 * np.pi / FACINGS
+    if hints.facing is not None:
+        facings = np.append(facings, hints.facing)
     return make_starts(setup.model, point, hints.height or guess.height, facings)
 
 
@@ -186,11 +210,12 @@ def name_found(view: View, state: State, setup: Setup, prior, confidence: float,
 
 def settle(view: View, naming: Naming, subject: Subject, state: State, setup: Setup, prior) -> Swaps:
     """Gives neighbours each other's names for as long as that makes a better body; returns the last trial."""
+    swaps = try_swaps(view, naming, subject, state, setup, prior)
     for _ in range(MOST_EXCHANGES):
-        swaps = try_swaps(view, naming, subject, state, setup, prior)
         if not len(swaps.loss) or swaps.loss.min() >= 0:
-            return swaps
+            break
         swap_names(naming, *swaps.pairs[swaps.loss.argmin()])
+        swaps = try_swaps(view, naming, subject, state, setup, prior)
     return swaps
 
 
@@ -212,16 +237,17 @@ def _distinct(bodies: Bodies, cost: np.ndarray, setup: Setup) -> np.ndarray:
     return np.array(kept)
 
 
-def _judged(fit: Fit) -> tuple[int, int | None, float]:
+def _judged(fit: Fit, handicap: np.ndarray) -> tuple[int, int | None, float]:
     """The best fit, its nearest rival in cost that puts the markers elsewhere (None: no rival), and how sure it is."""
-    best = int(np.argmin(fit.cost))
+    cost = fit.cost + handicap
+    best = int(np.argmin(cost))
     markers = fit.state.posed.markers
     apart = np.linalg.norm(markers - markers[best], axis=-1).mean(axis=-1)
     rivals = np.flatnonzero(apart > RIVAL)
     if not len(rivals):
         return best, None, 1.0
-    rival = int(rivals[np.argmin(fit.cost[rivals])])
-    return best, rival, _chance(fit.cost[rival] - fit.cost[best])
+    rival = int(rivals[np.argmin(cost[rivals])])
+    return best, rival, _chance(cost[rival] - cost[best])
 
 
 def _chance(lead: float) -> float:

@@ -22,7 +22,6 @@ OWN_RATE = 0.15
 NOISE_RATE = 0.05
 KEEP = 0.85  # share of the velocity carried on when predicting
 FEWEST = 0.35  # share of the markers that should be seen and are named, below which a frame is poor
-PATIENCE = 10  # poor frames in a row that end a track
 
 
 class Anchor:
@@ -73,7 +72,7 @@ class Track:
     lag       (M, 3) m, how far each marker was from where the body had it when it was last found in space
     unseen    (M,) frames since then
     visible   (C, M) which markers each camera could see
-    poor      frames in a row in which too little was named
+    poor      True when too little was named in the last frame
     """
 
     subject: Subject
@@ -81,7 +80,7 @@ class Track:
     lag: np.ndarray
     unseen: np.ndarray
     visible: np.ndarray
-    poor: int = 0
+    poor: bool = False
 
     @classmethod
     def begin(cls, subject: Subject, points: np.ndarray, visible: np.ndarray, model: BodyModel) -> "Track":
@@ -105,8 +104,8 @@ class Track:
 
     @property
     def lost(self) -> bool:
-        """True when the subject has not been recognised for too long."""
-        return self.poor >= PATIENCE
+        """True when the subject was not recognised: after one dropout the feet may already have changed places."""
+        return self.poor
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +120,7 @@ class Followed:
 def follow(track: Track, view: View, setup: Setup) -> Followed:
     """Names one frame, given the track up to the frame before."""
     predicted = replace(track.subject, bodies=track.subject.bodies.moved(KEEP * track.velocity))
-    prior = Anchor(setup.prior, predicted.bodies, (1 + track.poor) * setup.pace)
+    prior = Anchor(setup.prior, predicted.bodies, setup.pace)
     with setup.clock("label"):
         naming = name(view, _forecast(predicted, track, setup), predicted, setup, step1_only=True)
     with setup.clock("fit"):
@@ -149,7 +148,7 @@ def _advanced(
     velocity = 0.5 * track.velocity + 0.5 * change
     named = (naming.slot >= 0).any(axis=0).sum()
     due = max(expected.visible.any(axis=0).sum(), 4)
-    poor = track.poor + 1 if named < FEWEST * due else 0
+    poor = bool(named < FEWEST * due)
     points = naming.meeting.points
     seen = np.isfinite(points[:, 0])
     unseen = np.where(seen, 0, track.unseen + 1)

@@ -10,7 +10,7 @@ from .cameras import Cameras
 from .errors import JobError
 from .takes import Blobs
 
-MOST_BLOBS = 1000  # of one camera in one frame; more is a broken threshold, not a capture
+MOST_BLOBS = 500  # of one camera in one frame; more is a broken threshold, not a capture
 NOWHERE = 1e6  # where padding lies in the normalised image: too far to be anybody's nearest
 NEAREST = 0.05  # m in front of a camera; nearer points are as good as behind it
 
@@ -137,7 +137,10 @@ class Sight:
 
 
 def _corners(cameras: Cameras) -> tuple[np.ndarray, np.ndarray]:
-    """(C, 2) the smallest and largest normalised coordinates on each sensor's edge, lens taken out."""
+    """(C, 2) the smallest and largest normalised coordinates on each sensor's edge, lens taken out.
+
+    Where the lens does not reach an edge, it is as far as the lens reaches.
+    """
     along = np.linspace(0, 1, 9)
     edge = np.concatenate([np.stack([along, along * 0], 1), np.stack([along, along * 0 + 1], 1)])
     edge = np.concatenate([edge, edge[:, ::-1]])
@@ -145,5 +148,7 @@ def _corners(cameras: Cameras) -> tuple[np.ndarray, np.ndarray]:
     camera = np.repeat(np.arange(len(cameras)), len(edge))
     image = cameras.undistort(pixels.reshape(-1, 2), camera).reshape(len(cameras), -1, 2)
     plain = (pixels - cameras.matrix[:, None, :2, 2]) / cameras.matrix[:, None, [0, 1], [0, 1]]
-    image = np.where(np.isfinite(image), image, plain)
+    length = np.linalg.norm(plain, axis=-1)
+    within = np.where(np.isfinite(cameras.reach), cameras.reach, length.max())[:, None]
+    image = np.where(np.isfinite(image), image, plain / length[..., None] * within[..., None])
     return image.min(axis=1), image.max(axis=1)

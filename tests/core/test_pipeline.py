@@ -196,7 +196,7 @@ def test_blobs_in_one_camera_alone_are_nobody():
 
 def test_a_flood_of_blobs_is_refused():
     pixels = [np.random.default_rng(0).uniform(0, 400, (1500, 2))] + [np.zeros((0, 2))] * 5
-    with pytest.raises(JobError, match="1500 blobs in camera cam1; expected at most 1000"):
+    with pytest.raises(JobError, match="1500 blobs in camera cam1; expected at most 500"):
         list(label_take([blobs_at(pixels)], RIG, walk().markerset))
 
 

@@ -133,3 +133,15 @@ def test_what_the_body_expects_stays():
         subject, state, _ = fitted(scene, setup, found, naming)
         withdraw_strangers_to_body(naming, state, subject, setup)
         assert (consistent(naming).slot >= 0).sum() >= 0.95 * before
+
+
+def test_three_exchanges_leave_no_stale_doubts():
+    scene, setup, found = case()
+    naming = true_naming(scene, found)
+    right = naming.slot.copy()
+    for names in (("LFHD", "RFHD"), ("LWRA", "LFIN"), ("RWRA", "RFIN")):
+        swap_names(naming, *pair_of(scene, *names))
+    subject, state, prior = fitted(scene, setup, found, naming)
+    swaps = settle(scene.views()[0], naming, subject, state, setup, prior)
+    assert np.array_equal(naming.slot, right)
+    assert swaps.loss.min() >= 0, (swaps.pairs[swaps.loss < 0], swaps.loss.min())

@@ -60,7 +60,7 @@ def test_a_flood_of_blobs_is_refused_in_one_sentence_that_names_frame_and_camera
     count = MOST_BLOBS + 1
     frame, camera = np.ones(count, int), np.full(count, 2)
     xy = np.random.default_rng(0).uniform(0, 400, (count, 2))
-    with pytest.raises(JobError, match="frame 11 has 1001 blobs in camera cam3; expected at most 1000") as caught:
+    with pytest.raises(JobError, match="frame 11 has 501 blobs in camera cam3; expected at most 500") as caught:
         split_views(blobs_of(frame, camera, xy), RIG)
     assert caught.value.exit_status == 1 and "\n" not in str(caught.value)
     assert split_views(blobs_of(frame[1:], camera[1:], xy[1:]), RIG)[1].count == MOST_BLOBS
