@@ -112,7 +112,7 @@ def _descend(start: Bodies, state_at: Callable[[Bodies], State], steps: int) -> 
     for _ in range(steps):
         tried = state_at(state.bodies.moved(-_damped_step(state.normal, state.gradient, damping)))
         better = tried.cost <= state.cost
-        damping = np.clip(np.where(better, damping / 5, damping * 10), LEAST_DAMPING, MOST_DAMPING)
+        damping = np.minimum(np.maximum(damping * np.where(better, 0.2, 10.0), LEAST_DAMPING), MOST_DAMPING)
         if better.all():
             state = tried
         elif better.any():

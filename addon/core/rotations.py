@@ -9,16 +9,12 @@ import numpy as np
 SMALL = 1e-8
 
 
+CROSS_TABLE = np.array([[0.0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]])
+
+
 def cross_matrix(vector: np.ndarray) -> np.ndarray:
     """(..., 3, 3) K with K @ u = vector × u: the skew matrix of the paper's equation 3."""
-    matrix = np.zeros((*vector.shape, 3))
-    matrix[..., 0, 1] = -vector[..., 2]
-    matrix[..., 0, 2] = vector[..., 1]
-    matrix[..., 1, 0] = vector[..., 2]
-    matrix[..., 1, 2] = -vector[..., 0]
-    matrix[..., 2, 0] = -vector[..., 1]
-    matrix[..., 2, 1] = vector[..., 0]
-    return matrix
+    return (vector @ CROSS_TABLE).reshape(*vector.shape, 3)
 
 
 def exponential(vector: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -85,8 +81,10 @@ def quaternion_product(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 def turned(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:
     """Unit quaternions (..., 4) after a further turn by the rotation vector (..., 3), rad, in world axes."""
     angle = np.sqrt(np.einsum("...i,...i->...", vector, vector))[..., None]
-    half = np.where(angle < SMALL, 0.5, np.sin(angle / 2) / np.where(angle < SMALL, 1.0, angle)) * vector
-    product = quaternion_product(np.concatenate([np.cos(angle / 2), half], axis=-1), quaternion)
+    turn = np.empty(quaternion.shape)
+    turn[..., :1] = np.cos(angle / 2)
+    turn[..., 1:] = np.sinc(angle / (2 * np.pi)) / 2 * vector
+    product = quaternion_product(turn, quaternion)
     return product / np.sqrt(np.einsum("...i,...i->...", product, product))[..., None]
 
 

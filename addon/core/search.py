@@ -166,24 +166,27 @@ def fit_from(view: View, start: Bodies, setup: Setup):
     Visible markers only, visibility renewed at every stage. Returns the `fit.Fit` of the last stage.
     """
     prior = Prior(setup.model, upright_sd=UPRIGHT)
-    bodies = start
+    bodies, posed = start, setup.model.pose(start)
     for softness, reach, steps in PLACEMENT_STAGES:
-        pull = _visible_pull(bodies, view, setup, softness, reach)
-        bodies = fit_placement(setup.model, bodies, pull, steps, prior).bodies
+        pull = _visible_pull(bodies, posed, view, setup, softness, reach)
+        state = fit_placement(setup.model, bodies, pull, steps, prior).state
+        bodies, posed = state.bodies, state.posed
     return fit_blobs(bodies, view, setup, prior)
 
 
 def fit_blobs(bodies: Bodies, view: View, setup: Setup, prior):
     """Bodies against the blobs themselves, visible markers only, visibility renewed at every stage."""
+    posed = setup.model.pose(bodies)
     for softness, reach, steps in BLOB_STAGES:
-        fit = fit_body(setup.model, bodies, _visible_pull(bodies, view, setup, softness, reach), steps, prior)
-        bodies = fit.bodies
+        pull = _visible_pull(bodies, posed, view, setup, softness, reach)
+        fit = fit_body(setup.model, bodies, pull, steps, prior)
+        bodies, posed = fit.bodies, fit.state.posed
     return fit
 
 
-def _visible_pull(bodies: Bodies, view: View, setup: Setup, softness: float, reach: float):
+def _visible_pull(bodies: Bodies, posed: Posed, view: View, setup: Setup, softness: float, reach: float):
     """Equation 7 with the markers that are visible where the bodies are now."""
-    visible = setup.visible(bodies.scale, setup.model.pose(bodies))
+    visible = setup.visible(bodies.scale, posed)
     return lambda markers: blob_pull(markers, visible, view, setup.sight, softness, reach)
 
 
