@@ -22,6 +22,7 @@ APART = 0.006  # m; nearer than this two points are one marker
 BLURRED = 0.02  # m, standard deviation along its worst axis of a point that is too uncertain to be one
 CLEAR = 1.5  # how much likelier a point of two rays must be than any other use of its blobs
 MOST_PAIRS = 20_000  # a frame; more is a room full of reflections, of which the closest pairs are tried
+COMPANY = 1.0  # m; markers are worn, so none is farther than this from all others
 ROUNDS = 40
 
 
@@ -94,7 +95,7 @@ class FrameMatcher:
         if len(expected.points):
             found.append(self._choose(self._pairs_near(expected), expected, []))
         found.append(self._choose(self._free_pairs(), expected, found))
-        return FramePoints(*(np.concatenate([getattr(part, name) for part in found]) for name in vars(found[0])))
+        return _in_company(joined(found))
 
     def _pairs_near(self, expected: Expected) -> tuple[np.ndarray, np.ndarray]:
         """Pairs of blobs in different cameras that both lie where the same point is expected."""
@@ -160,7 +161,7 @@ class FrameMatcher:
                 self.free[camera, slot[slot >= 0]] = False
             rivals = rivals.without(self, winners, expected)
         chosen.append(rivals.pick(np.zeros(len(rivals.slots), bool)).points_of(self))
-        return FramePoints(*(np.concatenate([getattr(part, name) for part in chosen]) for name in vars(chosen[0])))
+        return joined(chosen)
 
     def _completed(self, slots: np.ndarray) -> np.ndarray:
         """Sets of blobs (Q, C) whose rays meet in one point, and to which no other near blob belongs; each once."""
@@ -278,6 +279,21 @@ class _Hypotheses:
             name: np.concatenate([getattr(rest, name), getattr(again, name)]) for name in vars(rest) if name != "miss"
         }
         return _Hypotheses(**fields, miss=np.concatenate([rest.miss, again.miss], axis=1))
+
+
+def joined(parts: list[FramePoints]) -> FramePoints:
+    """All points of several parts of a frame."""
+    return FramePoints(*(np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])))
+
+
+def _in_company(points: FramePoints) -> FramePoints:
+    """The points less those of two rays that are far from all better ones: reflections that stay where they are."""
+    sure = points.support >= 3
+    if sure.sum() < 3:
+        return points
+    offset = points.points[:, None] - points.points[sure]
+    near = np.einsum("qni,qni->qn", offset, offset).min(axis=1) < COMPANY**2
+    return FramePoints(*(getattr(points, name)[near] for name in vars(points)))
 
 
 def _watching(frame: FrameMatcher, points: np.ndarray) -> np.ndarray:
