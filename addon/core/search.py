@@ -20,6 +20,7 @@ from .subject import Setup, Subject, expect, learn_noise, learn_own, name, named
 from .views import View
 
 FACINGS = 8
+QUARTERS = 4
 CLOUD_STAGES = ((0.20, 0.60, 3, False), (0.10, 0.30, 3, True), (0.05, 0.15, 4, True))
 PLACEMENT_STAGES = ((0.20, 0.60, 5), (0.10, 0.30, 5))
 BLOB_STAGES = ((0.06, 0.25, 3), (0.03, 0.12, 3), (0.02, 0.08, 3))
@@ -102,10 +103,10 @@ def find_subject(view: View, setup: Setup, hints: Hints) -> Found | None:
     finalists = bodies.pick(_distinct(bodies, cost, setup)[:FINALISTS])
     fit = fit_blobs(finalists, view, setup, prior)
     best, rival, confidence = _judged(fit, _handicap(fit.bodies, hints))
-    found = name_found(view, _one(fit.state, best), setup, prior, confidence, fit.trace[:, best])
+    found = name_found(view, picked(fit.state, [best]), setup, prior, confidence, fit.trace[:, best])
     if rival is None or confidence > CLEAR_WIN:
         return found
-    other = name_found(view, _one(fit.state, rival), setup, prior, confidence, fit.trace[:, rival])
+    other = name_found(view, picked(fit.state, [rival]), setup, prior, confidence, fit.trace[:, rival])
     return _better_named(found, other)
 
 
@@ -160,18 +161,38 @@ def _cloud_pull(markers: np.ndarray, cloud: Cloud, softness: float, reach: float
     return cloud_pull(markers, cloud.points, cloud.weight, softness, reach)
 
 
-def fit_from(view: View, start: Bodies, setup: Setup):
+def fit_from(view: View, start: Bodies, setup: Setup) -> Fit:
     """The paper's whole fit from a given start of B bodies: nine parameters first, then joints and shape as well.
 
-    Visible markers only, visibility renewed at every stage. Returns the `fit.Fit` of the last stage.
+    Visible markers only, visibility renewed at every stage. The nine-parameter fit does not turn a body round, so every
+    start is also tried turned by a quarter, a half and three quarters, and the best of the four is kept.
     """
     prior = Prior(setup.model, upright_sd=UPRIGHT)
-    bodies, posed = start, setup.model.pose(start)
+    bodies = _turned_about(start, setup)
+    posed = setup.model.pose(bodies)
     for softness, reach, steps in PLACEMENT_STAGES:
         pull = _visible_pull(bodies, posed, view, setup, softness, reach)
         state = fit_placement(setup.model, bodies, pull, steps, prior).state
         bodies, posed = state.bodies, state.posed
-    return fit_blobs(bodies, view, setup, prior)
+    fit = fit_blobs(bodies, view, setup, prior)
+    best = fit.cost.reshape(QUARTERS, -1).argmin(axis=0) * len(start) + np.arange(len(start))
+    return Fit(picked(fit.state, best), fit.trace[:, best])
+
+
+def _turned_about(start: Bodies, setup: Setup) -> Bodies:
+    """The bodies, then all of them turned by a quarter about the upright through their markers' middle, and so on."""
+    count = len(start)
+    middle = setup.model.pose(start).markers.mean(axis=1)
+    bodies = start.pick(np.tile(np.arange(count), QUARTERS))
+    angle = np.repeat(np.arange(QUARTERS), count) * (2 * np.pi / QUARTERS)
+    turn = rotations.about_z(angle)
+    arm = bodies.translation - middle[np.tile(np.arange(count), QUARTERS)]
+    swung = (rotations.quaternion_to_matrix(turn) @ arm[..., None])[..., 0]
+    return replace(
+        bodies,
+        quaternion=rotations.quaternion_product(turn, bodies.quaternion),
+        translation=bodies.translation + swung - arm,
+    )
 
 
 def fit_blobs(bodies: Bodies, view: View, setup: Setup, prior):
@@ -222,11 +243,11 @@ def settle(view: View, naming: Naming, subject: Subject, state: State, setup: Se
     return swaps
 
 
-def _one(state: State, index: int) -> State:
-    """One body of a state."""
-    posed = Posed(*(getattr(state.posed, name)[[index]] for name in Posed.__dataclass_fields__))
+def picked(state: State, index) -> State:
+    """Some bodies of a state, at `index` (whole numbers)."""
+    posed = Posed(*(getattr(state.posed, name)[index] for name in Posed.__dataclass_fields__))
     parts = (state.cost, state.gradient, state.normal)
-    return State(state.bodies.pick([index]), *(part[[index]] for part in parts), posed, state.columns[[index]])
+    return State(state.bodies.pick(index), *(part[index] for part in parts), posed, state.columns[index])
 
 
 def _distinct(bodies: Bodies, cost: np.ndarray, setup: Setup) -> np.ndarray:
