@@ -162,10 +162,11 @@ class TreeSearch:
             fill[place[first], place[second]] = masks.fill(bounds)
         np.fill_diagonal(fill, np.inf)
         chosen = [int(at) for at in np.unravel_index(fill.argmin(), fill.shape)][:count]
+        np.fill_diagonal(fill, 1.0)
         left = fill[:, chosen].prod(axis=1)
         while len(chosen) < count:
-            left[chosen] = np.inf
-            chosen.append(int(left.argmin()))
+            waiting = np.setdiff1d(np.arange(count), chosen)
+            chosen.append(int(waiting[left[waiting].argmin()]))
             left = left * fill[:, chosen[-1]]
         return tuple(chosen)
 

@@ -53,7 +53,7 @@ class Training:
     functions: tuple[str, ...] = PAPER_FUNCTIONS
     margin: float = 0.0
     wrong: int = 2048
-    survey_frames: int = 128
+    survey_frames: int = 160
     check_frames: int = 1024
     most_features: int = 60_000
     most_solvers: int = 16
@@ -92,23 +92,18 @@ def training(
     points = np.asarray(points, dtype=float)
     points = points[np.isfinite(points).all(axis=-1).sum(axis=1) >= 2]
     _check(points, markers, options)
-    targets = np.broadcast_to(np.asarray(targets, dtype=float), len(markers)).copy()
     yield 0.0, "learning intervals"
-    study = Study(points, targets, options)
+    study = Study(points, options)
     if len(markers) <= MOST_SURVEYED:
         for share in study.survey():
             yield 0.05 + 0.5 * share, "surveying partial solvers"
-    found: set[int] = set()
-    owners = range(len(markers)) if options.goal == "own" else [None]
-    for place, own in enumerate(owners):
-        for _ in study.find(own):
-            yield 0.55 + 0.25 * place / len(owners), "searching partial solvers"
-        found |= study.found
-    solvers = []
-    for place, subset in enumerate(sorted(found, key=lambda subset: (subset.bit_count(), subset))):
-        solvers.append(study.solver(subset))
-        yield 0.8 + 0.2 * place / len(found), "boosting partial solvers"
-    return _joined(solvers, study, tuple(markers))
+    steps = study.ensemble(tuple(markers), targets)
+    while True:
+        try:
+            share, words = next(steps)
+        except StopIteration as end:
+            return end.value
+        yield 0.55 + 0.45 * share, words
 
 
 def _check(points: np.ndarray, markers, options: Training):
@@ -125,11 +120,15 @@ def _check(points: np.ndarray, markers, options: Training):
 class Study:
     """Labelled frames, the weak classifiers learned from them, and what solvers made of those can do.
 
-    pool  all weak classifiers, those that reject the most wrong labellings first
+    Ensembles for different targets can be made from one study.
+
+    pool      all weak classifiers, those that reject the most wrong labellings first
+    surveyed  the records of all subsets, when `survey` has been run through
     """
 
-    def __init__(self, points: np.ndarray, targets: np.ndarray, options: Training):
-        self.options, self.targets, self.markers = options, targets, points.shape[1]
+    def __init__(self, points: np.ndarray, options: Training):
+        self.options, self.markers = options, points.shape[1]
+        self.targets = np.ones(self.markers)
         self.frames = len(points)
         self.found: set[int] = set()
         self._generator = np.random.default_rng(options.seed)
@@ -149,7 +148,7 @@ class Study:
         checked = order[options.survey_frames :] if len(order) > 2 * options.survey_frames else order
         checked = checked[: options.check_frames]
         self._checks = [self._sample(points, part) for part in np.split(checked, [FIRST_LOOK]) if len(part)]
-        self._survey: Survey | None = None
+        self.surveyed: Survey | None = None
         self._surveyed_flags = np.empty((0, self.markers), dtype=bool)
         self._memory: dict[int, Record] = {}
         self._checked: dict[int, np.ndarray] = {}
@@ -160,14 +159,34 @@ class Study:
 
     def survey(self) -> Iterator[float]:
         """Goes through all subsets; yields the share done."""
-        for share, self._survey in survey(self.pool, *self._look):
+        for share, result in survey(self.pool, *self._look):
+            self.surveyed = result
             yield share
-        self._surveyed_flags = self._survey.everything.reaches(self.targets, self.options.ambiguous)
+
+    def ensemble(
+        self, markers: tuple[str, ...], targets: float | np.ndarray
+    ) -> Generator[tuple[float, str], None, Ensemble]:
+        """Searches and boosts the solvers for these targets, one or (M,); yields the share done and words for it."""
+        self.targets = np.broadcast_to(np.asarray(targets, dtype=float), self.markers).copy()
+        self._checked = {}
+        if self.surveyed:
+            self._surveyed_flags = self._hopeful(self.surveyed.everything)
+        found: set[int] = set()
+        owners = range(self.markers) if self.options.goal == "own" else [None]
+        for place, own in enumerate(owners):
+            for _ in self.find(own):
+                yield 0.6 * place / len(owners), "searching partial solvers"
+            found |= self.found
+        solvers = []
+        for place, subset in enumerate(sorted(found, key=lambda subset: (subset.bit_count(), subset))):
+            solvers.append(self.solver(subset))
+            yield 0.6 + 0.4 * place / len(found), "boosting partial solvers"
+        return _joined(solvers, self, markers)
 
     def record(self, subset: int) -> Record:
         """What all weak classifiers of a subset together do: as surveyed where there was a survey, else measured."""
-        if self._survey:
-            return self._survey.record(searches.members(subset))
+        if self.surveyed:
+            return self.surveyed.record(searches.members(subset))
         if subset not in self._memory:
             self._memory[subset] = self._judged(searches.members(subset))
         return self._memory[subset]
@@ -198,6 +217,12 @@ class Study:
         for taken in searches.covering(sorted(found), holds, (lambda _: ()) if genetic else heirs, *limits):
             self.found = taken
             yield
+
+    def _hopeful(self, surveyed: Record) -> np.ndarray:
+        """(2^M, M) which targets are reached, or would be but for one unlucky frame: a survey has few frames."""
+        one_frame = surveyed.answers / len(self._look[1])
+        lucky = replace(surveyed, hits=np.minimum(surveyed.hits + one_frame, surveyed.answers))
+        return lucky.reaches(self.targets, self.options.ambiguous)
 
     def _hidden(self, own: int | None) -> np.ndarray:
         """(N,) random subsets of hidden markers, `own` not among them."""
@@ -233,7 +258,7 @@ class Study:
 
     def _flags_of(self, subset: int) -> np.ndarray:
         """(M,) which markers' targets the solver of a subset seems to reach."""
-        if self._survey:
+        if self.surveyed:
             return self._surveyed_flags[subset]
         return self._checked_flags(subset)
 
