@@ -66,7 +66,7 @@ def all_features(
     Combinations that give the same value up to its sign count once. Above `most` features, as many ratios as fit are
     drawn by `seed`: their number grows with the fourth power of the markers.
     """
-    pairs = np.array(list(combinations(range(markers), 2)), dtype=np.int16).reshape(-1, 2)
+    pairs = np.array(list(combinations(range(markers), 2)), dtype=np.int32).reshape(-1, 2)
     triples = [(apex, b, c) for apex in range(markers) for b, c in pairs if apex not in (b, c)]
     rows = {"angle": triples, "distance": pairs, "ratio": _ratios(markers), "height": pairs, "turn": triples}
     rows = {name: rows[name] for name in FUNCTIONS if name in functions}
@@ -74,20 +74,20 @@ def all_features(
     if spare is not None and spare < len(rows.get("ratio", ())):
         chosen = np.random.default_rng(seed).choice(len(rows["ratio"]), max(spare, 0), replace=False)
         rows["ratio"] = rows["ratio"][np.sort(chosen)]
-    kinds = [np.full(len(part), FUNCTIONS.index(name), dtype=np.int8) for name, part in rows.items()]
+    kinds = [np.full(len(part), FUNCTIONS.index(name), dtype=np.int32) for name, part in rows.items()]
     points = [_padded(part, DOMAIN[FUNCTIONS.index(name)]) for name, part in rows.items()]
     return np.concatenate(kinds), np.concatenate(points)
 
 
 def _ratios(markers: int) -> np.ndarray:
     """(R, 4) every unordered pair of two segments without a point in common."""
-    fours = np.array(list(combinations(range(markers), 4)), dtype=np.int16).reshape(-1, 4)
+    fours = np.array(list(combinations(range(markers), 4)), dtype=np.int32).reshape(-1, 4)
     return np.concatenate([fours, fours[:, [0, 2, 1, 3]], fours[:, [0, 3, 1, 2]]])
 
 
 def _padded(rows, domain: int) -> np.ndarray:
-    points = np.full((len(rows), 4), NO_POINT, dtype=np.int16)
-    points[:, :domain] = np.asarray(rows, dtype=np.int16).reshape(-1, domain)
+    points = np.full((len(rows), 4), NO_POINT, dtype=np.int32)
+    points[:, :domain] = np.asarray(rows, dtype=np.int32).reshape(-1, domain)
     return points
 
 
