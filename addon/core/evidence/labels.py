@@ -10,13 +10,13 @@ from ..errors import InputError
 from .assembling import assemble
 from .latent import Latent
 from .model import Evidence
-from .naming import names_of_points
 from .plates import Plates
 from .solving import Solved, solve
 from .starts import guess
 from .ties import Ties
 from .trust import chance, features
 
+GHOSTLY = 0.2  # part of the frames with unnamed points from which a chunk counts as one with ghosts
 CHUNK = 64  # frames that are worked on at once; small enough for the processor's own memory
 TARGET = 0.999
 
@@ -27,23 +27,24 @@ class Named:
 
     marker      (F, P) the most likely marker, -1 where the point is more likely a ghost
     confidence  (F, P) the chance that it is right; 0 where unnamed
+    rate        (F, P) of all labels at least so confident in frames of this kind, the part that is right
     misfit      (F,) how strange the named points are for the model: about 1 or less for subjects like those learned
     """
 
     marker: np.ndarray
     confidence: np.ndarray
+    rate: np.ndarray
     misfit: np.ndarray
 
-    def sure(self, threshold: float) -> np.ndarray:
-        """(F, P) the markers whose confidence reaches the threshold, -1 elsewhere."""
-        return np.where(self.confidence >= threshold, self.marker, -1)
+    def sure(self, target: float) -> np.ndarray:
+        """(F, P) the markers to accept so that a part `target` of them is right, -1 elsewhere."""
+        return np.where(self.rate >= target, self.marker, -1)
 
 
 def label_frames(evidence: Evidence, points: np.ndarray, chunk: int = CHUNK) -> Iterator[Named]:
     """Names frames of points (T, P, 3) m, z up, NaN where there is none, `chunk` frames at a time.
 
-    Each frame is named on its own. What to accept is for the caller: `evidence.trust.threshold(target)` is the
-    confidence from which a part `target` of all labels is right.
+    Each frame is named on its own. What to accept is for the caller: see `Named.sure`.
     Raises InputError when the array is not one of points.
     """
     if points.ndim != 3 or points.shape[2] != 3:
@@ -56,15 +57,15 @@ def label_some(evidence: Evidence, points: np.ndarray) -> Named:
     """The names of a few frames of points (F, P, 3) m at once."""
     packed, place = _packed(points)
     solved = solve_frames(evidence.coarse, evidence.fine, evidence.ties, evidence.plates, packed)
-    described, frame, slot = described_labels(solved, packed)
-    marker = names_of_points(solved.naming, packed.shape[1])
-    confidence = np.zeros(marker.shape)
-    confidence[frame, slot] = chance(evidence.trust.weights, described)
-    whole = np.full(points.shape[:2], -1)
-    sure = np.zeros(points.shape[:2])
-    np.put_along_axis(whole, place, marker, axis=1)
-    np.put_along_axis(sure, place, confidence, axis=1)
-    return Named(whole, sure, solved.misfit)
+    labels = labels_given(solved, packed)
+    confidence = chance(evidence.trust.weights, labels.described)
+    ghosts = bool((labels.strays > 0).mean() > GHOSTLY)
+    rate = evidence.trust.rate(confidence, np.full(len(confidence), int(ghosts)))
+    marker = np.full(points.shape[:2], -1)
+    sure, rates = np.zeros(points.shape[:2]), np.zeros(points.shape[:2])
+    at = labels.frame, place[labels.frame, labels.point]
+    marker[at], sure[at], rates[at] = labels.marker, confidence, rate
+    return Named(marker, sure, rates, solved.misfit)
 
 
 def solve_frames(coarse: Latent, fine: Latent, ties: Ties, plates: Plates | None, points: np.ndarray) -> Solved:
@@ -74,13 +75,28 @@ def solve_frames(coarse: Latent, fine: Latent, ties: Ties, plates: Plates | None
     return solve(fine, ties, guess(coarse, fine, points), np.isfinite(points[..., 0]))
 
 
-def described_labels(solved: Solved, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """For each label given its `trust.features` (N, 7), its frame (N,) and its point (N,)."""
+@dataclass(frozen=True, eq=False)
+class LabelsGiven:
+    """N labels: frame, point and marker (N,) of each, and what its chance depends on.
+
+    described (N, 8) is as in `trust.features`, strays (F,) the number of points that each frame leaves unnamed.
+    """
+
+    frame: np.ndarray
+    point: np.ndarray
+    marker: np.ndarray
+    described: np.ndarray
+    strays: np.ndarray
+
+
+def labels_given(solved: Solved, points: np.ndarray) -> LabelsGiven:
+    """All names of solved frames of points (F, P, 3) m."""
     named = solved.naming >= 0
     strays = np.isfinite(points[..., 0]).sum(axis=1) - named.sum(axis=1)
     frame, marker = np.nonzero(named)
-    described = features(solved.margin[frame, marker], strays[frame], named.mean(axis=1)[frame], solved.misfit[frame])
-    return described, frame, solved.naming[frame, marker]
+    part = named.mean(axis=1)[frame]
+    described = features(solved.margin[frame, marker], strays[frame], part, solved.misfit[frame])
+    return LabelsGiven(frame, solved.naming[frame, marker], marker, described, strays)
 
 
 def _packed(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

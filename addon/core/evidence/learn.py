@@ -6,20 +6,19 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..errors import InputError
-from .labels import described_labels, solve_frames
+from .labels import labels_given, solve_frames
 from .latent import Latent
 from .model import Evidence, Trust
-from .naming import names_of_points
 from .plates import Plates, learn_plates
 from .shape import Shape, learn_shape
 from .sides import mirrored
 from .starts import COARSE_MODES
 from .ties import Ties, learn_ties
-from .trials import make_trial
+from .trials import Trial, make_trial
 from .trust import learn_trust
 
 FOLDS = 5
-TRIAL_FRAMES = 600  # frames of each fold that are named to see how far margins can be trusted
+TRIAL_FRAMES = 1000  # frames of each fold that are named to see how far margins can be trusted
 HIDDEN_PART = 1 / 3  # up to this part of the markers is hidden in a trial
 ON_PLATES = 0.7  # part of the markers that must be on plates for a set to be named by them
 MOST_GHOSTS = 3
@@ -78,7 +77,7 @@ def _learn_trust(subjects: list[np.ndarray], markers: tuple[str, ...], seed: int
     rng = np.random.default_rng(seed)
     pieces = subjects if len(subjects) > 1 else [np.array(part) for part in np.array_split(subjects[0], FOLDS)]
     folds = [range(first, len(pieces), min(FOLDS, len(pieces))) for first in range(min(FOLDS, len(pieces)))]
-    described, right = [], []
+    found: list[tuple[np.ndarray, ...]] = []
     for done, fold in enumerate(folds):
         rest = [piece for index, piece in enumerate(pieces) if index not in fold]
         learned = _learn(rest if len(subjects) > 1 else [np.concatenate(rest)], markers, seed)
@@ -87,23 +86,20 @@ def _learn_trust(subjects: list[np.ndarray], markers: tuple[str, ...], seed: int
         for ghosts in (0, MOST_GHOSTS):
             half = tested[ghosts > 0 :: 2]
             trial = make_trial(half, (0, round(len(markers) * HIDDEN_PART)), (0, ghosts), rng)
-            rows = _named(learned, trial)
-            described.append(rows[0])
-            right.append(rows[1])
+            for described, right in _tried(learned, trial):
+                found.append((described, np.full(len(right), int(ghosts > 0)), right))
         if progress is not None:
             progress((done + 1) / len(folds))
-    return learn_trust(np.concatenate(described), np.concatenate(right))
+    return learn_trust(*(np.concatenate(column) for column in zip(*found, strict=True)))
 
 
-def _named(learned, trial) -> tuple[np.ndarray, np.ndarray]:
-    """The features of all labels given in a trial, and whether each is right."""
+def _tried(learned: tuple[Shape, Ties, Plates | None], trial: Trial) -> list[tuple[np.ndarray, ...]]:
+    """Of all labels given in a trial what their chances depend on, and whether each is right."""
     shape, ties, plates = learned
     coarse, fine = Latent(shape, COARSE_MODES), Latent(shape)
-    described, right = [], []
+    found = []
     for first in range(0, len(trial.points), CHUNK):
         points, truth = trial.points[first : first + CHUNK], trial.truth[first : first + CHUNK]
-        solved = solve_frames(coarse, fine, ties, plates, points)
-        rows, frame, slot = described_labels(solved, points)
-        described.append(rows)
-        right.append(names_of_points(solved.naming, points.shape[1])[frame, slot] == truth[frame, slot])
-    return np.concatenate(described), np.concatenate(right)
+        given = labels_given(solve_frames(coarse, fine, ties, plates, points), points)
+        found.append((given.described, truth[given.frame, given.point] == given.marker))
+    return found

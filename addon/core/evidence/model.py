@@ -18,17 +18,22 @@ class Trust:
     """How margins become chances, measured on subjects that were left out of the training.
 
     weights     logit of the chance to be right, for each of `trust.features`
-    confidence  (K,) ascending confidences, and right (K,) how many of all labels at least so confident were right
+    confidence  (S, K) for takes without ghosts and with (S = 2) ascending confidences, and right (S, K) how many of all
+                labels at least so confident were right in takes of that kind
     """
 
     weights: np.ndarray
     confidence: np.ndarray
     right: np.ndarray
 
-    def threshold(self, target: float) -> float:
-        """The least confidence to accept so that of the labels accepted a part `target` is right."""
-        enough = np.flatnonzero(self.right >= target)
-        return float(self.confidence[enough[0]]) if len(enough) else 1.0
+    def rate(self, confidence: np.ndarray, kind: np.ndarray) -> np.ndarray:
+        """(N,) the part that is right of all labels at least as confident (N,) in takes of the same kind (N,)."""
+        rates = np.zeros(len(confidence))
+        for index, (levels, right) in enumerate(zip(self.confidence, self.right, strict=True)):
+            here = kind == index
+            place = np.searchsorted(levels, confidence[here], side="right") - 1
+            rates[here] = np.where(place >= 0, right[np.maximum(place, 0)], 0)
+        return rates
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,10 +15,10 @@ from .upright import upright_aligned
 
 FRAMES = 400  # of each subject
 MOST_MODES = 20
-BETWEEN = 1.3  # a handful of subjects shows less than the true spread between people
-SHRINKAGE = 0.2  # of the covariance between subjects towards its own diagonal
+BETWEEN = 1.6  # a handful of subjects shows less than the true spread between people
+SHRINKAGE = 0.3  # of the covariance between subjects towards its own diagonal
 STRANGER = 0.05  # standard deviation of subjects' size where only one was recorded
-FLOOR = 0.012  # of the radius: what a marker does that no mode explains
+FLOOR = 0.016  # of the radius: what a marker does that no mode explains
 ROUNDS = 4
 FACTOR_ROUNDS = 12
 

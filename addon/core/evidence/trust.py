@@ -9,12 +9,14 @@ KNEES = (0.0, 2.0, 5.0)  # margins at which the line may bend
 MOST = 12.0  # margins beyond are taken for this
 RIDGE = 1e-2
 STEPS = 30
-CAUTION = 2.0  # wrong labels that are added, so that few trials promise little
-LEVELS = 400
+CAUTION = 1.0  # wrong labels that are added, so that few trials promise little
+LEVELS = 300
+KINDS = 2  # frames of takes without ghosts, and with
+FEATURES = 5 + len(KNEES)
 
 
 def features(margin: np.ndarray, strays: np.ndarray, named: np.ndarray, misfit: np.ndarray) -> np.ndarray:
-    """(N, 7) what the chance of N labels depends on.
+    """(N, 8) what the chance of N labels depends on.
 
     margin (N,) as in `solving.Solved`; of the label's frame, the number of points left unnamed `strays`, the part of
     all markers `named`, and `misfit`.
@@ -31,17 +33,27 @@ def chance(weights: np.ndarray, described: np.ndarray) -> np.ndarray:
     return 1 / (1 + np.exp(-np.clip(described @ weights, -30, 30)))
 
 
-def learn_trust(described: np.ndarray, right: np.ndarray) -> Trust:
-    """Trust from labels described (N, 7) of which it is known whether they were right (N,)."""
+def learn_trust(described: np.ndarray, kind: np.ndarray, right: np.ndarray) -> Trust:
+    """Trust from labels described (N, 8), in takes of a kind (N,), that are known to be right or not (N,)."""
     weights = _logistic(described, right)
     confidence = chance(weights, described)
+    tables = []
+    for index in range(KINDS):
+        here = kind == index
+        tables.append(_rates(confidence[here], right[here]))
+    levels, rates = zip(*tables, strict=True)
+    return Trust(weights, np.array(levels), np.array(rates))
+
+
+def _rates(confidence: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(LEVELS,) ascending confidences and the part right of all labels at least so confident."""
     order = np.argsort(-confidence)
-    wrong = np.cumsum(~right[order]) + CAUTION * np.arange(1, len(order) + 1) / len(order)
-    kept_right = 1 - wrong / np.arange(1, len(order) + 1)
+    count = np.arange(1, len(order) + 1)
+    wrong = np.cumsum(~right[order]) + CAUTION * count / len(order)
     # Accepting less must never look worse than accepting more.
-    kept_right = np.maximum.accumulate(kept_right[::-1])[::-1]
-    places = np.unique(np.geomspace(1, len(order), LEVELS).round().astype(int)) - 1
-    return Trust(weights, confidence[order][places][::-1], kept_right[places][::-1])
+    rates = np.maximum.accumulate((1 - wrong / count)[::-1])[::-1]
+    places = np.geomspace(1, len(order), LEVELS).round().astype(int) - 1
+    return confidence[order][places][::-1], rates[places][::-1]
 
 
 def _logistic(described: np.ndarray, right: np.ndarray) -> np.ndarray:

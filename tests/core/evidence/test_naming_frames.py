@@ -43,7 +43,7 @@ def evidence():
 
 def named(evidence, trial, target=0.99):
     chunks = list(label_frames(evidence, trial.points))
-    marker = np.concatenate([chunk.sure(evidence.trust.threshold(target)) for chunk in chunks])
+    marker = np.concatenate([chunk.sure(target) for chunk in chunks])
     given = marker >= 0
     return (
         marker,
