@@ -138,12 +138,9 @@ class Frame:
         self.depth = np.maximum(local[0, ..., 2], 0.05)
         self.metres = rules.pixel / sight.focal[:, None] * self.depth + rules.slack
         self.rays = Rays(view, sight)
-        slope = sight.derivatives(local, image)[0]
-        spread = slope @ expected.covariance[None] @ slope.swapaxes(-1, -2)
-        spread[..., 0, 0] += (self.metres / self.depth) ** 2
-        spread[..., 1, 1] += (self.metres / self.depth) ** 2
+        self.slope = sight.derivatives(local, image)[0]
         self.image = image[0]
-        self.misfit = self._against(image[0], spread)
+        self.misfit = self._against(self.image, self._spread(expected.covariance), self.depth, self.metres)
 
     @cached_property
     def apart2(self) -> np.ndarray:
@@ -165,16 +162,39 @@ class Frame:
         square *= ((self.depth / self.metres) ** 2)[..., None]
         return np.where((square < REACH**2) & known[None, :, None], square, FAR)
 
-    def _against(self, image, spread):
+    def with_ray(self, camera: np.ndarray, marker: np.ndarray, slot: np.ndarray) -> np.ndarray:
+        """(C, N, K) misfit of N markers once one camera has named them: what the model and that ray expect together.
+
+        The expectation is brought up to the ray as a Kalman filter would; what is left is the doubt along the ray.
+        """
+        slope, spread = self.slope[camera, marker], self.expected.covariance[marker]
+        gain = spread @ slope.swapaxes(-1, -2)
+        noise = (self.metres / self.depth)[camera, marker] ** 2
+        gain = gain @ np.linalg.inv(slope @ gain + noise[:, None, None] * np.eye(2))
+        off = self.view.image[camera, slot] - self.image[camera, marker]
+        moved = (gain @ off[..., None])[..., 0]
+        image = self.image[:, marker] + (self.slope[:, marker] @ moved[..., None])[..., 0]
+        spread = self._spread(spread - gain @ slope @ spread, marker)
+        return self._against(image, spread, self.depth[:, marker], self.metres[:, marker])
+
+    def _spread(self, covariance: np.ndarray, marker=slice(None)) -> np.ndarray:
+        """(C, M, 2, 2) how uncertain the images of markers of `covariance` (M, 3, 3) m² are, blobs' noise included."""
+        slope, noise = self.slope[:, marker], (self.metres / self.depth)[:, marker] ** 2
+        spread = slope @ covariance @ slope.swapaxes(-1, -2)
+        spread[..., 0, 0] += noise
+        spread[..., 1, 1] += noise
+        return spread
+
+    def _against(self, image, spread, depth, metres) -> np.ndarray:
         """(C, M, K) misfit of every marker and blob: squared deviations and the log of the spread's size."""
         between = self.view.image[:, None] - image[:, :, None]
         x, y = between[..., 0], between[..., 1]
         xx, yy, xy = spread[..., 0, 0], spread[..., 1, 1], spread[..., 0, 1]
-        det = np.maximum(xx * yy - xy * xy, 1e-30)
+        det = np.maximum(xx * yy - xy * xy, (metres / depth) ** 4)
         square = (x * x * yy[..., None] + y * y * xx[..., None] - 2 * x * y * xy[..., None]) / det[..., None]
-        distance2 = (x * x + y * y) * (self.depth**2)[..., None]
+        distance2 = (x * x + y * y) * (depth**2)[..., None]
         within = (square < GATE) & (distance2 < self.rules.reach**2) & self.view.real[:, None]
-        size = np.log(det * self.depth**4 / UNIT)
+        size = np.log(det * depth**4 / UNIT)
         return np.where(within, square + size[..., None], FAR)
 
 
@@ -271,11 +291,19 @@ def _better_elsewhere(naming: Naming) -> np.ndarray:
 
 
 def evidence(frame: Frame, naming: Naming) -> np.ndarray:
-    """(C, M, K) misfit of every blob and marker, by the point where the marker's blobs meet if there is one."""
+    """(C, M, K) misfit of every blob and marker, by all that is known of the marker.
+
+    The point where its blobs meet if there is one, else the model and its only ray, else the model alone.
+    """
     met = naming.reprojection
     met = np.where(met < FAR, met + np.log(frame.metres**4 / UNIT)[..., None], FAR)
     known = np.isfinite(naming.meeting.points[:, 0])
-    return np.where(known[None, :, None], met, frame.misfit)
+    found = np.where(known[None, :, None], met, frame.misfit)
+    single = np.flatnonzero((naming.rays >= 0).sum(axis=0) == 1)
+    if len(single):
+        camera = (naming.rays[:, single] >= 0).argmax(axis=0)
+        found[:, single] = frame.with_ray(camera, single, naming.rays[camera, single])
+    return found
 
 
 def _shadowed(frame: Frame, naming: Naming) -> np.ndarray:
