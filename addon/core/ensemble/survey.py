@@ -19,58 +19,62 @@ from .solver import Level, Rows, allowed, grow, judged, look_ups
 
 
 class Survey:
-    """The records of every solver of M markers, each a subset: a whole number with one bit a marker.
+    """The records of every solver over a group of G markers, each a subset: a whole number with one bit a place in it.
 
-    hits, failures, answers (2^M, M), as in `Record`; samples drawn for each
+    group                   the markers, in the order of their places
+    hits, failures, answers (2^G, G), as in `Record`, zero where a marker is not in a subset; samples drawn for each
     """
 
-    def __init__(self, markers: int, samples: int):
-        self.hits, self.failures, self.answers = np.zeros((3, 1 << markers, markers), dtype=np.int32)
+    def __init__(self, group: list[int], samples: int):
+        self.group = group
+        self.hits, self.failures, self.answers = np.zeros((3, 1 << len(group), len(group)), dtype=np.int32)
         self.samples = samples
 
-    def keep(self, members: list[int], record: Record):
+    def keep(self, places: list[int], record: Record):
         """Notes the record of one subset."""
-        subset = sum(1 << marker for marker in members)
-        self.hits[subset, members] = record.hits
-        self.failures[subset, members] = record.failures
-        self.answers[subset, members] = record.answers
+        subset = sum(1 << place for place in places)
+        self.hits[subset, places] = record.hits
+        self.failures[subset, places] = record.failures
+        self.answers[subset, places] = record.answers
 
     @property
     def everything(self) -> Record:
-        """All records at once; arrays (2^M, M), zero where a marker is not in a subset."""
+        """All records at once; arrays (2^G, G)."""
         return Record(self.hits, self.failures, self.answers, self.samples)
 
-    def record(self, members: list[int]) -> Record:
+    def record(self, places: list[int]) -> Record:
         """The record of one subset."""
-        at = (sum(1 << marker for marker in members), members)
+        at = (sum(1 << place for place in places), places)
         return Record(self.hits[at], self.failures[at], self.answers[at], self.samples)
 
 
-def survey(pool: Classifiers, masks: Masks, removed: np.ndarray) -> Iterator[tuple[float, Survey]]:
-    """Goes through all subsets of the P markers of labelled clouds (point m is marker m).
+def survey(
+    pool: Classifiers, masks: Masks, removed: np.ndarray, group: list[int] | None = None, rooted: bool = False
+) -> Iterator[tuple[float, Survey]]:
+    """Goes through all subsets of the P markers of labelled clouds (point m is marker m), or of a group of them.
 
-    pool: most telling first; removed (T, D, W) occlusions. Yields the share done and the survey, whole with the last.
+    pool: most telling first; removed (T, D, W) occlusions; rooted: only subsets with the first of the group. Yields the
+    share done and the survey, which is whole with the last.
     """
-    count = masks.points
-    result = Survey(count, removed.shape[0] * removed.shape[1])
-    levels = _Levels(pool, count)
+    group = list(range(masks.points)) if group is None else group
+    result = Survey(group, removed.shape[0] * removed.shape[1])
+    levels = _Levels(pool, group)
     known = np.ones(len(removed), dtype=bool)
     truth = _Truth(masks)
-    stack = [((marker,), _singles(masks, marker)) for marker in reversed(range(count))]
-    done = 0
+    starts = range(1 if rooted else len(group))
+    stack = [((place,), _singles(masks, group[place])) for place in reversed(starts)]
+    done, all_of_them = 0, 1 << len(group) - rooted
     while stack:
-        members, wrong = stack.pop()
-        record = tally(members, known, wrong.cloud, wrong.chosen.T, masks, removed)
-        result.keep(list(members), record)
+        places, wrong = stack.pop()
+        members = [group[place] for place in places]
+        result.keep(list(places), tally(members, known, wrong.cloud, wrong.chosen.T, masks, removed))
         done += 1
         if done % 256 == 0:
-            yield done / (1 << count), result
-        if members[-1] + 1 < count:
+            yield done / all_of_them, result
+        if places[-1] + 1 < len(group):
             rows = truth.joined(members, wrong)
-            children = [
-                ((*members, new), _step(rows, members, new, levels, masks)) for new in range(members[-1] + 1, count)
-            ]
-            stack.extend(reversed(children))
+            added = range(len(group) - 1, places[-1], -1)
+            stack.extend(((*places, new), _step(rows, places, new, levels, masks)) for new in added)
     yield 1.0, result
 
 
@@ -82,11 +86,11 @@ def _singles(masks: Masks, marker: int) -> Rows:
     return Rows(cloud, point[None], masks.bit[point], np.empty((0, len(cloud))))
 
 
-def _step(rows: Rows, members: tuple[int, ...], new: int, levels: "_Levels", masks: Masks) -> Rows:
+def _step(rows: Rows, places: tuple[int, ...], new: int, levels: "_Levels", masks: Masks) -> Rows:
     """The wrong labellings with one marker more, from `rows`: the right ones of all clouds, then the wrong ones."""
-    level = levels.of(members, new)
+    level = levels.of(places, new)
     left = allowed(rows, level.pairs, masks)
-    left[: len(masks.everyone)] &= ~masks.bit[new]
+    left[: len(masks.everyone)] &= ~masks.bit[levels.group[new]]
     some = left.any(axis=1)
     grown = judged(grow(rows[some], left[some], masks), level, masks)
     by_cloud = np.argsort(grown.cloud, kind="stable")
@@ -101,7 +105,7 @@ class _Truth:
         self._clouds = np.arange(len(masks.everyone))
         self._distance = np.ascontiguousarray(masks.clouds.distance.transpose(1, 2, 0))
 
-    def joined(self, members: tuple[int, ...], wrong: Rows) -> Rows:
+    def joined(self, members: list[int], wrong: Rows) -> Rows:
         """The right labelling of `members` in every cloud, then the wrong ones."""
         at = np.array(members)
         high, low = np.tril_indices(len(at), -1)
@@ -115,18 +119,22 @@ class _Truth:
 
 
 class _Levels:
-    """The look-ups for adding a marker to a subset of smaller ones."""
+    """The look-ups for adding a marker of the group to a subset of those in earlier places."""
 
-    def __init__(self, pool: Classifiers, markers: int):
+    def __init__(self, pool: Classifiers, group: list[int]):
+        self.group = group
+        pool = pool[pool.within(group)]
         self._bounds = pair_bounds(pool)
-        last = pool.points.max(axis=1)
-        self._by_last = [pool[last == marker] for marker in range(markers)]
-        self._markers = markers
+        place = np.full(max(group) + 2, -1)
+        place[group] = np.arange(len(group))
+        last = place[pool.points].max(axis=1)
+        self._by_last = [pool[last == at] for at in range(len(group))]
 
-    def of(self, members: tuple[int, ...], new: int) -> Level:
-        mine = self._by_last[new]
-        place = np.zeros(self._markers, dtype=np.intp)
-        place[[*members, new]] = np.arange(len(members) + 1)
-        pairs = [(at, self._bounds.get((member, new))) for at, member in enumerate(members)]
-        judges = mine[mine.within((*members, new))]
-        return Level([(at, bounds) for at, bounds in pairs if bounds], *look_ups(judges, place))
+    def of(self, places: tuple[int, ...], new: int) -> Level:
+        members, marker = [self.group[place] for place in places], self.group[new]
+        judges = self._by_last[new]
+        judges = judges[judges.within((*members, marker))]
+        depth = np.zeros(max(self.group) + 1, dtype=np.intp)
+        depth[[*members, marker]] = np.arange(len(members) + 1)
+        pairs = [(at, self._bounds.get((member, marker))) for at, member in enumerate(members)]
+        return Level([(at, bounds) for at, bounds in pairs if bounds], *look_ups(judges, depth))

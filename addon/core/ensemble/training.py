@@ -17,7 +17,7 @@ from .assess import Occlusions, assess, draw_occlusions
 from .boosting import Boosting, boost, learn_intervals, rejections, wrong_labellings
 from .features import all_features, tables
 from .masks import Masks
-from .model import PAPER_FUNCTIONS, Classifiers, Ensemble, Record, Solver, Strong
+from .model import DISTANCE, PAPER_FUNCTIONS, Classifiers, Ensemble, Record, Solver, Strong
 from .search import Genetics
 from .solver import TreeSearch
 from .survey import Survey, survey
@@ -25,6 +25,7 @@ from .survey import Survey, survey
 SEARCHES = ("bottom-up", "top-down", "genetic")
 GOALS = ("own", "any", "all")
 MOST_SURVEYED = 15  # markers; above, the solvers are too many to go through them all
+GROUP = 12  # markers among which a marker's solvers are then looked for
 PATTERNS = 2000  # occlusions that are thought through when solvers are chosen
 FIRST_LOOK = 192  # frames after which a hopeless solver is given up
 
@@ -94,9 +95,8 @@ def training(
     _check(points, markers, options)
     yield 0.0, "learning intervals"
     study = Study(points, options)
-    if len(markers) <= MOST_SURVEYED:
-        for share in study.survey():
-            yield 0.05 + 0.5 * share, "surveying partial solvers"
+    for share in study.survey():
+        yield 0.05 + 0.5 * share, "surveying partial solvers"
     steps = study.ensemble(tuple(markers), targets)
     while True:
         try:
@@ -123,33 +123,30 @@ class Study:
     Ensembles for different targets can be made from one study.
 
     pool      all weak classifiers, those that reject the most wrong labellings first
-    surveyed  the records of all subsets, when `survey` has been run through
+    surveyed  the records of all subsets when `survey` has been run through: one survey of all markers under None, or
+              where they are too many one under each marker, of the group that tells most about it
     """
 
     def __init__(self, points: np.ndarray, options: Training):
         self.options, self.markers = options, points.shape[1]
         self.targets = np.ones(self.markers)
         self.frames = len(points)
-        self.found: set[int] = set()
+        self.surveyed: dict[int | None, Survey] = {}
         self._generator = np.random.default_rng(options.seed)
         clouds = tables(points)
         learned = learn_intervals(
             clouds, *all_features(self.markers, options.functions, options.most_features, options.seed)
         )
         learned = _widened(learned, options.margin)
-        everyone = np.arange(len(points))
-        wrong = wrong_labellings(everyone, self.markers, options.wrong, self._generator)
+        wrong = wrong_labellings(np.arange(len(points)), self.markers, options.wrong, self._generator)
         rejected = rejections(learned, wrong.frame, wrong.labelling, clouds)
         telling = np.argsort(-rejected.sum(axis=1), kind="stable")
         self.pool, self._rejected, self._wrong = learned[telling], rejected[telling], wrong
-        self._points_of = _bits(self.pool)
         order = self._generator.permutation(len(points))
         self._look = self._sample(points, order[: options.survey_frames])
         checked = order[options.survey_frames :] if len(order) > 2 * options.survey_frames else order
         checked = checked[: options.check_frames]
         self._checks = [self._sample(points, part) for part in np.split(checked, [FIRST_LOOK]) if len(part)]
-        self.surveyed: Survey | None = None
-        self._surveyed_flags = np.empty((0, self.markers), dtype=bool)
         self._memory: dict[int, Record] = {}
         self._checked: dict[int, np.ndarray] = {}
 
@@ -158,10 +155,23 @@ class Study:
         return masks, draw_occlusions(masks, self.options.occlusions, self._generator)
 
     def survey(self) -> Iterator[float]:
-        """Goes through all subsets; yields the share done."""
-        for share, result in survey(self.pool, *self._look):
-            self.surveyed = result
-            yield share
+        """Goes through all subsets, or through those of each marker's group; yields the share done."""
+        if self.markers <= MOST_SURVEYED:
+            for share, result in survey(self.pool, *self._look):
+                self.surveyed[None] = result
+                yield share
+        elif self.options.goal == "own":
+            for own in range(self.markers):
+                for share, result in survey(self.pool, *self._look, self._group(own), rooted=True):
+                    self.surveyed[own] = result
+                    yield (own + share) / self.markers
+
+    def _group(self, own: int) -> list[int]:
+        """A marker and those whose distance from it rejects the most wrong labellings."""
+        pairs = np.flatnonzero((self.pool.kind == DISTANCE) & (self.pool.points == own).any(axis=1))
+        telling = self._rejected[pairs].sum(axis=1).argsort(kind="stable")[::-1]
+        others = self.pool.points[pairs[telling], :2].sum(axis=1) - own
+        return [own, *(int(other) for other in others[: GROUP - 1])]
 
     def ensemble(
         self, markers: tuple[str, ...], targets: float | np.ndarray
@@ -169,8 +179,6 @@ class Study:
         """Searches and boosts the solvers for these targets, one or (M,); yields the share done and words for it."""
         self.targets = np.broadcast_to(np.asarray(targets, dtype=float), self.markers).copy()
         self._checked = {}
-        if self.surveyed:
-            self._surveyed_flags = self._hopeful(self.surveyed.everything)
         found: set[int] = set()
         owners = range(self.markers) if self.options.goal == "own" else [None]
         for place, own in enumerate(owners):
@@ -184,9 +192,9 @@ class Study:
         return _joined(solvers, self, markers)
 
     def record(self, subset: int) -> Record:
-        """What all weak classifiers of a subset together do: as surveyed where there was a survey, else measured."""
-        if self.surveyed:
-            return self.surveyed.record(searches.members(subset))
+        """What all weak classifiers of a subset together do: as surveyed where all markers were, else measured."""
+        if None in self.surveyed:
+            return self.surveyed[None].record(searches.members(subset))
         if subset not in self._memory:
             self._memory[subset] = self._judged(searches.members(subset))
         return self._memory[subset]
@@ -197,58 +205,50 @@ class Study:
         What a survey of few frames took for good is measured on more. Where that fails, the greedy searches go on with
         one marker more, as they would have had they known.
         """
+        known = self.surveyed.get(None, self.surveyed.get(own))
+        ground = Ground(known.group if known else list(range(self.markers)), own)
+        seems = known and self._hopeful(known)
+
+        def holds(subset: int) -> bool:
+            return self._good(self._checked_flags(ground.outside(subset))[ground.group], subset, ground.own)
+
+        def good(subset: int) -> bool:
+            return self._good(seems[subset], subset, ground.own) if known else holds(subset)
+
+        def fitness(subset: int) -> float:
+            places = searches.members(subset)
+            rates = np.nan_to_num((known.record(places) if known else self.record(subset)).rates)
+            return float(rates.max() if own is None else rates[places.index(ground.own)])
+
         found: set[int] = set()
-        for step in self._run(own):
+        for step in self._run(ground, good, fitness):
             found = step
             yield
 
         seen = set(found)
 
-        def holds(subset: int) -> bool:
-            return self._good(self._checked_flags(subset), subset, own)
-
         def heirs(subset: int) -> list[int]:
-            larger = {subset | 1 << marker for marker in range(self.markers)} - seen
+            larger = {subset | 1 << place for place in range(len(ground.group))} - seen
             seen.update(larger)
-            return [other for other in sorted(larger) if self._good(self._flags_of(other), other, own)]
+            return [other for other in sorted(larger) if good(other)]
 
-        limits = (self._hidden(own), self.options.most_solvers, self.options.least_gain)
+        limits = (self.hidden(ground), self.options.most_solvers, self.options.least_gain)
         genetic = self.options.search == "genetic"
         for taken in searches.covering(sorted(found), holds, (lambda _: ()) if genetic else heirs, *limits):
-            self.found = taken
+            self.found = {ground.outside(subset) for subset in taken}
             yield
 
-    def _hopeful(self, surveyed: Record) -> np.ndarray:
-        """(2^M, M) which targets are reached, or would be but for one unlucky frame: a survey has few frames."""
-        one_frame = surveyed.answers / len(self._look[1])
-        lucky = replace(surveyed, hits=np.minimum(surveyed.hits + one_frame, surveyed.answers))
-        return lucky.reaches(self.targets, self.options.ambiguous)
-
-    def _hidden(self, own: int | None) -> np.ndarray:
-        """(N,) random subsets of hidden markers, `own` not among them."""
-        generator = np.random.default_rng([self.options.seed, self.markers])
-        rank = generator.random((PATTERNS, self.markers)).argsort(axis=1).argsort(axis=1)
-        hide = rank < generator.integers(0, self.options.occlusions.most + 1, PATTERNS)[:, None]
-        if own is not None:
-            hide[:, own] = False
-        return (hide * (1 << np.arange(self.markers, dtype=np.int64))).sum(axis=1)
-
-    def _run(self, own: int | None) -> Iterator[set[int]]:
-        def good(subset: int) -> bool:
-            return self._good(self._flags_of(subset), subset, own)
-
-        def fitness(subset: int) -> float:
-            markers = searches.members(subset)
-            rates = np.nan_to_num(self.record(subset).rates)
-            return float(rates.max() if own is None else rates[markers.index(own)])
-
+    def _run(self, ground: "Ground", good: searches.Good, fitness: Callable[[int], float]) -> Iterator[set[int]]:
+        markers = len(ground.group)
         if self.options.search == "genetic":
-            generator = np.random.default_rng([self.options.seed, 0 if own is None else own + 1])
-            for _, population in searches.genetic(self.markers, fitness, self.options.genetics, generator, own):
+            generator = np.random.default_rng(
+                [self.options.seed, 0 if ground.own is None else ground.group[ground.own] + 1]
+            )
+            for _, population in searches.genetic(markers, fitness, self.options.genetics, generator, ground.own):
                 yield {subset for subset in population if good(subset)}
             return
         run = searches.bottom_up if self.options.search == "bottom-up" else searches.top_down
-        for _, found in run(self.markers, good, own):
+        for _, found in run(markers, good, ground.own):
             yield found
 
     def _good(self, reached: np.ndarray, subset: int, own: int | None) -> bool:
@@ -256,14 +256,25 @@ class Study:
             return bool(reached[own])
         return bool(reached.any() if self.options.goal == "any" else reached[searches.members(subset)].all())
 
-    def _flags_of(self, subset: int) -> np.ndarray:
-        """(M,) which markers' targets the solver of a subset seems to reach."""
-        if self.surveyed:
-            return self._surveyed_flags[subset]
-        return self._checked_flags(subset)
+    def _hopeful(self, known: Survey) -> np.ndarray:
+        """(2^G, G) which targets are reached, or would be but for one unlucky frame: a survey has few frames."""
+        record = known.everything
+        one_frame = record.answers / len(self._look[1])
+        lucky = replace(record, hits=np.minimum(record.hits + one_frame, record.answers))
+        return lucky.reaches(self.targets[known.group], self.options.ambiguous)
+
+    def hidden(self, ground: "Ground") -> np.ndarray:
+        """(N,) random subsets of hidden markers, the search's own not among them."""
+        generator = np.random.default_rng([self.options.seed, self.markers])
+        rank = generator.random((PATTERNS, self.markers)).argsort(axis=1).argsort(axis=1)
+        hide = rank < generator.integers(0, self.options.occlusions.most + 1, PATTERNS)[:, None]
+        hide = hide[:, ground.group]
+        if ground.own is not None:
+            hide[:, ground.own] = False
+        return hide @ (1 << np.arange(len(ground.group), dtype=np.int64))
 
     def _checked_flags(self, subset: int) -> np.ndarray:
-        """(M,) which markers' targets it reaches on the frames for checking."""
+        """(M,) which markers' targets a solver reaches on the frames for checking."""
         if subset not in self._checked:
             markers = searches.members(subset)
             self._checked[subset] = self._flags(markers, self._judged(markers))
@@ -294,8 +305,8 @@ class Study:
         """
         assigned = self._assigned(markers)
         severity = (self._wrong.moved & assigned).sum(axis=1)
-        bits = (assigned * (np.uint64(1) << np.arange(self.markers, dtype=np.uint64))).sum(axis=1, dtype=np.uint64)
-        judged = (self._points_of[rows, None] & ~bits[None]) == 0
+        no_point = np.ones((1, len(assigned)), dtype=bool)
+        judged = np.concatenate([assigned.T, no_point])[self.pool.points[rows]].all(axis=1)
         useful = severity > 0
         strong = boost((self._rejected[rows] & judged)[:, useful], severity[useful], self.options.boosting)
         for masks in (masks for masks, _ in (self._look, *self._checks)):
@@ -343,11 +354,18 @@ def _widened(classifiers: Classifiers, margin: float) -> Classifiers:
     return replace(classifiers, low=classifiers.low - room, high=classifiers.high + room)
 
 
-def _bits(classifiers: Classifiers) -> np.ndarray:
-    """(F,) the markers of each classifier as bits."""
-    points = classifiers.points.astype(np.int64)
-    one = np.where(points >= 0, np.uint64(1) << np.maximum(points, 0).astype(np.uint64), np.uint64(0))
-    return np.bitwise_or.reduce(one, axis=1)
+class Ground:
+    """Where a search moves: the subsets of a group of markers, told by their places in it.
+
+    own  place of the marker that the search is for, or None
+    """
+
+    def __init__(self, group: list[int], own: int | None):
+        self.group, self.own = group, None if own is None else group.index(own)
+
+    def outside(self, subset: int) -> int:
+        """The same subset told by the markers themselves."""
+        return searches.subset_of(self.group[place] for place in searches.members(subset))
 
 
 def _joined(solvers: list[Solver], study: Study, markers: tuple[str, ...]) -> Ensemble:
