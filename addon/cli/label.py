@@ -11,26 +11,38 @@ from pathlib import Path
 from .. import jobs
 from ..blendfile import has_blender, open_cameras
 from ..core.errors import InputError, UserError
-from ..io.markersets import open_markerset
+from ..io.models import open_model
 from ..io.points import holds_points
 from .console import ProgressLine, complain, print_results
 from .parser import add_frames, add_overwrite, number, whole
 from .workers import side_by_side
 
 DESCRIPTION = """Names the markers of one or more takes. INPUT: camera blobs, a CSV file with the header
-frame,camera,x,y and optionally area. For INPUT walk.csv, DIR gets walk.labels.csv, walk.c3d and walk.report.json."""
+frame,camera,x,y and optionally area, which needs --cameras; or 3D points, a .c3d, .trc or Motive .csv, whose own names
+are not looked at. For INPUT walk.csv, DIR gets walk.labels.csv, walk.c3d and walk.report.json."""
 
 
 def add_parser(verbs):
     """Adds the verb to the command line's grammar."""
     parser = verbs.add_parser("label", help="name the markers of takes", description=DESCRIPTION)
-    parser.add_argument("inputs", metavar="INPUT", nargs="+", type=Path, help="a take: camera blobs")
+    parser.add_argument("inputs", metavar="INPUT", nargs="+", type=Path, help="a take: camera blobs or 3D points")
     parser.add_argument("--model", required=True, help="a built-in model (see models) or a *.markerset.json file")
     parser.add_argument("--cameras", type=Path, metavar="CAMERAS", help="the calibration; blobs need it")
     parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="the folder for the results")
     add_frames(parser)
     parser.add_argument(
-        "--method", choices=("auto", "fit"), default="auto", help="auto takes the best for the input: fit, for blobs"
+        "--method",
+        choices=jobs.METHODS,
+        default="auto",
+        help="fit: a body fitted frame after frame; ensemble: partial solvers, each frame on its own; auto (default): "
+        "the best for the input, fit for blobs and the model's evidence for points",
+    )
+    parser.add_argument(
+        "--target",
+        type=number(0.5, 0.999999, "share"),
+        default=0.999,
+        metavar="P",
+        help="of points: the share of labels that must be right; less sure ones are left out (default 0.999)",
     )
     parser.add_argument(
         "--rate",
@@ -80,25 +92,28 @@ def run(arguments) -> int:
 
 def check(arguments):
     """Everything that can be known to be wrong before any work; raises InputError."""
-    for path in arguments.inputs:
-        if holds_points(path):
-            raise InputError("holds 3D points, which this version does not label; expected camera blobs (.csv)", path)
     stems: dict[str, Path] = {}
     for path in arguments.inputs:
         # Windows and macOS keep walk.csv and Walk.csv in one place.
         other = stems.setdefault(path.stem.casefold(), path)
         if other is not path:
             raise InputError(f"would have the same results as {other}; expected inputs with different names", path)
-    if arguments.cameras is None:
+    for path in arguments.inputs:
+        results = [arguments.out / (path.stem + ending) for ending in (".c3d", ".trc")]
+        if path.resolve() in [result.resolve() for result in results]:
+            raise InputError("would be replaced by its own result; expected another folder for --out", path)
+    blobs = [path for path in arguments.inputs if not holds_points(path)]
+    if arguments.cameras is None and blobs:
         raise InputError(
-            "the argument --cameras is missing; expected the calibration of the cameras that saw the blobs"
+            "holds blobs, and the argument --cameras is missing; expected the calibration of their cameras", blobs[0]
         )
     if arguments.blend and not has_blender():
         raise InputError("--blend needs Blender or the bpy package, and neither is here; expected one of them")
     if arguments.out.exists() and not arguments.out.is_dir():
         raise InputError("is no folder; expected a folder for the results", arguments.out)
-    open_markerset(arguments.model)
-    open_cameras(arguments.cameras)
+    open_model(arguments.model)
+    if blobs:
+        open_cameras(arguments.cameras)
 
 
 def as_job(arguments, path: Path) -> jobs.LabelJob:
@@ -108,6 +123,8 @@ def as_job(arguments, path: Path) -> jobs.LabelJob:
         cameras=arguments.cameras,
         model=arguments.model,
         out=arguments.out,
+        method=arguments.method,
+        target=arguments.target,
         frames=arguments.frames,
         rate=arguments.rate,
         height=arguments.height,
@@ -120,10 +137,11 @@ def as_job(arguments, path: Path) -> jobs.LabelJob:
 
 def as_line(report: dict) -> str:
     """One take's result as a line for people."""
-    blobs, unlabelled = report["blobs"], report["unlabelled"]
+    things = "points" if "points" in report else "blobs"
+    count, named = report[things], report[things] - report["unlabelled"]
     speed = report["timing"]["frames_per_second"]
     pace = "" if speed is None else f", {speed:.0f} frames/s"
-    return f"{report['take']}: {report['frames']} frames, {blobs - unlabelled} of {blobs} blobs named{pace}"
+    return f"{report['take']}: {report['frames']} frames, {named} of {count} {things} named{pace}"
 
 
 def _answers(arguments, progress: ProgressLine) -> Iterator[tuple[Path, dict | UserError]]:
@@ -150,8 +168,8 @@ def _side_by_side(arguments, progress: ProgressLine) -> Iterator[tuple[Path, dic
 
 def _command(arguments, path: Path) -> list[str]:
     """The command line that labels one of the inputs alone."""
-    command = ["label", f"--model={arguments.model}", f"--cameras={arguments.cameras}", f"--out={arguments.out}"]
-    known = {name: getattr(arguments, name) for name in ("rate", "height", "facing", "method")}
+    command = ["label", f"--model={arguments.model}", f"--out={arguments.out}"]
+    known = {name: getattr(arguments, name) for name in ("cameras", "rate", "height", "facing", "method", "target")}
     command += [f"--{name}={value}" for name, value in known.items() if value is not None]
     if arguments.frames:
         command.append("--frames=" + ":".join("" if end is None else str(end) for end in arguments.frames))

@@ -89,6 +89,8 @@ def finish_report(
 ) -> dict:
     """Writes the report, with `more` in it, and gives it back."""
     report = {**take_report(summary, job.source.stem, model, rate, version(), clock), **more}
+    if "points" in report:
+        del report["blobs"]
     write_report(path, report)
     return report
 

@@ -125,12 +125,6 @@ def test_inputs_that_would_have_the_same_results_are_refused_before_any_work(lab
     assert not (tmp_path / "out").exists()
 
 
-def test_3d_points_are_not_for_this_version(label, room):
-    answer = label(blobs=[room.c3d])
-    assert answer.status == 2
-    assert "3D points" in answer.reason
-
-
 def test_progress_only_on_request_where_nobody_watches(label):
     assert "walk: 100%" in label("--progress").err
 

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Trajectories of a file cut into pieces that are surely one marker's each, and the vote of every piece.
+
+A column of a file may hold several trajectories one after the other, and a point may leap from one marker to another.
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from .takes import NO_MARKER, Suspect
+from .trajectories import Voted, vote
+
+LONGEST_GAP = 0.5  # s without a point, beyond which a column may hold another trajectory
+FASTEST = 12.0  # m/s; no marker moves faster
+WINDOW = 2048  # frames that vote together
+LEAST_LENGTH = 5  # frames of the usual piece; shorter ones have nothing to vote about
+
+
+def cut(points: np.ndarray, rate: float) -> np.ndarray:
+    """(T, P) the number of the piece that each point (T, P, 3) m belongs to, -1 where there is none."""
+    present = np.isfinite(points).all(axis=2)
+    piece = np.full(present.shape, -1)
+    count = 0
+    for column in range(points.shape[1]):
+        frames = np.flatnonzero(present[:, column])
+        if not len(frames):
+            continue
+        gap = np.diff(frames)
+        step = np.linalg.norm(np.diff(points[frames, column], axis=0), axis=1)
+        ends = (gap > LONGEST_GAP * rate) | (step > FASTEST / rate * gap)
+        piece[frames, column] = count + np.concatenate([[0], np.cumsum(ends)])
+        count = int(piece[frames[-1], column]) + 1
+    return piece
+
+
+def vote_pieces(
+    marker: np.ndarray, confidence: np.ndarray, piece: np.ndarray, names: Sequence[str], first_frame: int = 0
+) -> Voted:
+    """One name for each piece, or part of one that swapped; frames as they are where pieces are too short to vote.
+
+    marker, confidence and piece are (T, P); names the M markers; first_frame the source's number of the first frame.
+    """
+    lengths = np.bincount(piece[piece >= 0]) if (piece >= 0).any() else np.zeros(0, int)
+    if not len(lengths) or np.median(np.repeat(lengths, lengths)) < LEAST_LENGTH:
+        return Voted(marker, confidence, ())
+    voted, sure = np.full(marker.shape, NO_MARKER), np.zeros(marker.shape)
+    suspects: list[Suspect] = []
+    edges = [*range(0, max(len(marker) - WINDOW // 2, 1), WINDOW), len(marker)]
+    for first, after in pairwise(edges):
+        frames = slice(first, after)
+        part = _vote_window(marker[frames], confidence[frames], piece[frames], names, first_frame + first)
+        voted[frames], sure[frames] = part.marker, part.confidence
+        suspects += part.suspects
+    return Voted(voted, sure, tuple(sorted(suspects, key=lambda suspect: suspect.first)))
+
+
+def _vote_window(marker, confidence, piece, names, first_frame) -> Voted:
+    """The same for a few frames: every piece a column of its own."""
+    frame, column = np.nonzero(piece >= 0)
+    number, place = np.unique(piece[frame, column], return_inverse=True)
+    shape = (len(marker), len(number))
+    said, worth, present = np.full(shape, NO_MARKER), np.zeros(shape), np.zeros(shape, bool)
+    said[frame, place], worth[frame, place] = marker[frame, column], confidence[frame, column]
+    present[frame, place] = True
+    owner = np.zeros(len(number), int)
+    owner[place] = column
+    result = vote(said, worth, present, names, first_frame)
+    voted, sure = np.full(marker.shape, NO_MARKER), np.zeros(marker.shape)
+    voted[frame, column], sure[frame, column] = result.marker[frame, place], result.confidence[frame, place]
+    return Voted(voted, sure, tuple(_of_column(suspect, owner) for suspect in result.suspects))
+
+
+def _of_column(suspect: Suspect, owner: np.ndarray) -> Suspect:
+    """The suspect with its trajectory by the column of the file instead of the piece."""
+    head, number, rest = suspect.reason.split(" ", 2)
+    return Suspect(suspect.first, suspect.last, f"{head} {owner[int(number)]} {rest}")

@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Naming the points of a take, frame by frame, by whichever method the model and the user allow."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..core.cameras import Cameras
+from ..core.errors import InputError
+from ..core.models import Model
+from ..core.pipeline import Options, label_take
+from ..core.rigs import ring_rig
+from ..core.takes import NO_MARKER, Blobs
+
+CHUNK = 256
+VIEWS = 6  # virtual cameras around the points, when a body is fitted to them
+RADIUS, MARGIN = 6.0, 1.5  # m
+SIZE = (2000, 2000)  # px
+AGREED = 0.5  # share of the virtual cameras that must give a point the same name
+
+
+@dataclass(frozen=True, eq=False)
+class NamedFrames:
+    """F frames of P points, each frame named on its own.
+
+    marker, confidence  (F, P), NO_MARKER and 0 where unnamed
+    rate                (F, P) the part of labels like this one that is right
+    """
+
+    marker: np.ndarray
+    confidence: np.ndarray
+    rate: np.ndarray
+
+
+def chosen_method(model: Model, wanted: str) -> str:
+    """The method that "auto" stands for, or the one that was wanted; InputError where the model cannot do it."""
+    if wanted == "auto":
+        return "evidence" if model.markerset.evidence is not None else "fit" if model.ensemble is None else "ensemble"
+    if wanted == "ensemble" and model.ensemble is None:
+        raise InputError(f"model {model.markerset.name} has no ensemble; expected one that was trained with --search")
+    return wanted
+
+
+def name_frames(model: Model, method: str, points: np.ndarray, rate: float, options: Options) -> Iterator[NamedFrames]:
+    """Names points (T, P, 3) m, z up, NaN where missing, some frames at a time."""
+    if method == "evidence":
+        yield from _by_evidence(model, points)
+    elif method == "ensemble":
+        yield from _by_ensemble(model, points)
+    else:
+        yield from _by_fit(model, points, rate, options)
+
+
+def _by_evidence(model: Model, points: np.ndarray) -> Iterator[NamedFrames]:
+    from ..core.evidence import label_frames
+
+    for named in label_frames(model.markerset.evidence, points):
+        yield NamedFrames(named.marker, named.confidence, named.rate)
+
+
+def _by_ensemble(model: Model, points: np.ndarray) -> Iterator[NamedFrames]:
+    from ..core.ensemble.label import Labeller
+
+    parts = (points[first : first + CHUNK] for first in range(0, len(points), CHUNK))
+    for marker, confidence in Labeller(model.ensemble).chunks(parts):
+        yield NamedFrames(marker, confidence, (marker != NO_MARKER) * 1.0)
+
+
+def _by_fit(model: Model, points: np.ndarray, rate: float, options: Options) -> Iterator[NamedFrames]:
+    """As if cameras all around saw every point: the body that is fitted to blobs names their points."""
+    cameras = _around(points)
+    present = np.isfinite(points).all(axis=2)
+
+    def seen() -> Iterator[Blobs]:
+        for first in range(0, len(points), CHUNK):
+            yield _blobs(points, present, first, cameras)
+
+    first = 0
+    for chunk in label_take(seen(), cameras, model.markerset, rate, options, NothingInTheWay()):
+        frames = slice(first, first + len(chunk.motion.frames))
+        yield _agreed(chunk.labels, present[frames], len(model.markerset))
+        first = frames.stop
+
+
+class NothingInTheWay:
+    """The occlusion of cameras that see through everything."""
+
+    def hidden(self, rotations, joints, scale, markers, centres) -> np.ndarray:  # noqa: ARG002 - as Occlusion has it
+        """See `core.occlusion.Occlusion`."""
+        return np.zeros((len(markers), len(centres), markers.shape[1]), dtype=bool)
+
+
+def _around(points: np.ndarray) -> Cameras:
+    """Cameras in a ring that have all points (T, P, 3) in their images."""
+    low, high = (np.nanpercentile(points.reshape(-1, 3), end, axis=0) for end in (0, 100))
+    reach = float(np.linalg.norm((high - low)[:2]) / 2) + MARGIN
+    rig = ring_rig(VIEWS, SIZE, reach + RADIUS, 2.0, reach)
+    middle = np.append((low + high)[:2] / 2, min(low[2], 0.0))
+    shifted = rig.translation - np.einsum("cij,j->ci", rig.rotation, middle)
+    return Cameras(rig.names, rig.size, rig.matrix, np.zeros_like(rig.distortion), rig.rotation, shifted)
+
+
+def _blobs(points: np.ndarray, present: np.ndarray, first: int, cameras: Cameras) -> Blobs:
+    """The chunk that begins with frame `first` as blobs, camera after camera, each in the order of the points."""
+    here = present[first : first + CHUNK]
+    frame, _ = np.nonzero(here)
+    xy = cameras.project(points[first : first + CHUNK][here]).reshape(-1, 2)
+    camera = np.repeat(np.arange(len(cameras)), len(frame))
+    numbers = np.arange(first, first + len(here))
+    return Blobs(numbers, np.tile(frame, len(cameras)), camera, xy, np.full(len(xy), np.nan))
+
+
+def _agreed(labels, present: np.ndarray, markers: int) -> NamedFrames:
+    """For each point the name that most of its blobs have."""
+    said = labels.marker.reshape(VIEWS, -1)
+    votes = np.zeros((said.shape[1], markers + 1))
+    np.add.at(
+        votes, (np.broadcast_to(np.arange(said.shape[1]), said.shape), said), labels.confidence.reshape(said.shape)
+    )
+    best = votes[:, :markers].argmax(axis=1)
+    share = votes[np.arange(len(best)), best] / VIEWS
+    marker, confidence = np.full(present.shape, NO_MARKER), np.zeros(present.shape)
+    marker[present] = np.where(share > AGREED, best, NO_MARKER)
+    confidence[present] = np.where(share > AGREED, share, 0)
+    return NamedFrames(marker, confidence, (marker != NO_MARKER) * 1.0)

@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A take of 3D points from file to files: name frame by frame, let trajectories vote, pose the body, write."""
+
+from collections.abc import Generator
+from contextlib import ExitStack
+from dataclasses import replace
+from time import perf_counter
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from ..blendfile import save_blend
+from ..core.body import Bodies, BodyModel
+from ..core.cameras import Cameras
+from ..core.errors import InputError, JobError
+from ..core.evidence import check_take
+from ..core.markersets import MarkerSet
+from ..core.models import Model
+from ..core.pieces import cut, vote_pieces
+from ..core.pipeline import Options
+from ..core.posing import FEWEST, fit_points
+from ..core.search import Hints
+from ..core.summary import TakeSummary
+from ..core.suspects import find_suspects
+from ..core.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Points
+from ..io.labels import POINT_KEYS, LabelWriter
+from ..io.models import open_model
+from ..io.points import FilePoints, read_points
+from ..progress import Progress
+from .job import LabelJob, Labelled, finish_report, open_files, timed, write_points
+from .naming import chosen_method, name_frames
+
+# How the label of a point came about; the index is what `Labels.step` holds.
+STEPS = ("", "evidence", "ensemble", "fit", "trajectory")
+FITTED = 2000  # frames posed at once
+LEAST_NAMED = 0.25  # share of the markers that a take of the model's must have been given
+
+
+def label_points(job: LabelJob) -> Generator[Progress, None, Labelled]:
+    """Labels the take and writes its files, which appear together or not at all.
+
+    Raises UserError with the file where it can be told.
+    """
+    clock: dict[str, float] = {"load": 0.0}
+    with timed(clock, "load"):
+        model = open_model(job.model)
+        method = chosen_method(model, job.method)
+        take = _of_frames(read_points(job.source), job.frames)
+    with ExitStack() as stack:
+        files = open_files(job, stack)
+        stack.enter_context(threadpool_limits(1, user_api="blas"))
+        named = yield from _named(job, model, method, take, clock)
+        labels, suspects = named
+        yield Progress(0.8, "pose the body")
+        with timed(clock, "fit"):
+            motion = _moved(take, labels.marker, labels.confidence, model.markerset)
+        yield Progress(0.9, "write")
+        rows, chunk = _as_chunk(
+            take, labels, motion, suspects + find_suspects(motion, model.markerset.markers, take.rate)
+        )
+        summary = TakeSummary(model.markerset.markers)
+        summary.add(rows, chunk)
+        with timed(clock, "write"):
+            _write_labels(files[".labels.csv"], take, rows, chunk.labels, model.markerset)
+            write_points(_labelled_take(take, labels.marker, motion, model.markerset), files)
+            if job.blend:
+                seen = (_no_blobs(motion.frames), replace(chunk, labels=_no_labels()))
+                name = job.source.stem
+                save_blend(files[".blend"], name, job.source, take.rate, no_cameras(), model.markerset, [seen])
+        report = _report(job, summary, model, method, take, clock, chunk, files)
+    return Labelled(report, [(rows, chunk)] if job.keep else [])
+
+
+def _of_frames(take: FilePoints, frames: tuple[int | None, int | None] | None) -> FilePoints:
+    """The take's frames from A to B, both included."""
+    first, last = frames or (None, None)
+    start = 0 if first is None else max(first - take.first_frame, 0)
+    stop = len(take.xyz) if last is None else max(last - take.first_frame + 1, 0)
+    part = slice(start, stop)
+    if not np.isfinite(take.xyz[part]).any():
+        raise InputError("has no point that is present in these frames; expected frames with markers")
+    return replace(take, xyz=take.xyz[part], residual=take.residual[part], first_frame=take.first_frame + start)
+
+
+def _named(job: LabelJob, model: Model, method: str, take: FilePoints, clock):
+    """Labels (T, P) after the vote, and what is doubtful about them."""
+    if model.markerset.evidence is not None:
+        check_take(model.markerset.evidence, take.xyz)
+    parts, done = [], 0
+    options = Options(hints=Hints(job.height, job.facing))
+    begin = perf_counter()
+    for part in name_frames(model, method, take.xyz, take.rate, options):
+        parts.append(part)
+        done += len(part.marker)
+        yield Progress(0.75 * done / len(take.xyz), f"frame {take.first_frame + done - 1}")
+    marker, confidence, rate = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("marker", "confidence", "rate")
+    )
+    voted = vote_pieces(marker, confidence, cut(take.xyz, take.rate), model.markerset.markers, take.first_frame)
+    agreed = voted.marker == marker
+    sure = np.where(agreed, np.maximum(voted.confidence, confidence), voted.confidence)
+    enough = (voted.confidence >= job.target) | (agreed & (rate >= job.target))
+    given = np.where(enough, voted.marker, NO_MARKER)
+    _refuse_strangers(model, take.xyz, given)
+    given = _once(given, sure, len(model.markerset))
+    step = np.where(agreed, STEPS.index(method), STEPS.index("trajectory"))
+    clock["label"] = perf_counter() - begin
+    named = given != NO_MARKER
+    return Labels(given, np.where(named, step, 0), np.where(named, sure, 0.0)), voted.suspects
+
+
+def _refuse_strangers(model: Model, points: np.ndarray, given: np.ndarray):
+    """Raises JobError where the labels given (T, P) are so few that points (T, P, 3) are of another marker set."""
+    name, size = model.markerset.name, len(model.markerset)
+    possible = np.minimum(np.isfinite(points).all(axis=2).sum(axis=1), size).sum()
+    share = (given != NO_MARKER).sum() / possible
+    if share < LEAST_NAMED:
+        raise JobError(
+            f"does not look like a take of model {name}: {share:.0%} of its markers were recognised for sure; "
+            "expected a take of that marker set, so choose its model or train one"
+        )
+
+
+def _once(marker: np.ndarray, sure: np.ndarray, markers: int) -> np.ndarray:
+    """Labels (T, P) of which each frame has every marker once: the surest."""
+    kept = np.full(marker.shape, NO_MARKER)
+    for index in range(markers):
+        worth = np.where(marker == index, sure, -1.0)
+        best = worth.argmax(axis=1)
+        frames = np.flatnonzero(worth[np.arange(len(worth)), best] >= 0)
+        kept[frames, best[frames]] = index
+    return kept
+
+
+def _moved(take: FilePoints, marker: np.ndarray, sure: np.ndarray, markerset: MarkerSet) -> Motion:
+    """The named markers and the body posed on them."""
+    count, size = len(take.xyz), len(markerset)
+    xyz, residual = np.full((count, size, 3), np.nan), np.full((count, size), np.nan)
+    frame, column = np.nonzero(marker != NO_MARKER)
+    xyz[frame, marker[frame, column]] = take.xyz[frame, column]
+    residual[frame, marker[frame, column]] = take.residual[frame, column]
+    model = BodyModel(markerset)
+    if (np.isfinite(xyz[..., 0]).sum(axis=1) >= FEWEST).any():
+        bodies = fit_points(model, xyz)
+    else:
+        nobody = model.rest(count, 1.0)
+        bodies = replace(nobody, translation=np.full_like(nobody.translation, np.nan))
+    found = np.isfinite(bodies.translation).all(axis=1)
+    expected, joints, turns, scale = _posed(model, bodies, found)
+    named = marker != NO_MARKER
+    mean = np.where(named, sure, 0).sum(axis=1) / np.maximum(named.sum(axis=1), 1)
+    frames = take.first_frame + np.arange(count)
+    nothing, conflicts = np.full((count, size), np.nan), np.zeros((count, size), int)
+    confidence = np.where(found, mean, 0.0)
+    return Motion(frames, xyz, residual, nothing, conflicts, expected, joints, turns, scale, confidence)
+
+
+def _posed(model: BodyModel, bodies: Bodies, found: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Expected markers, joints, rotations and scale of all frames; NaN where nobody was found."""
+    count, joints = len(found), model.joint_count
+    shapes = ((model.marker_count, 3), (joints, 3), (joints, 3, 3), (3,))
+    whole = [np.full((count, *shape), np.nan) for shape in shapes]
+    at = np.flatnonzero(found)
+    for first in range(0, len(at), FITTED):
+        frames = at[first : first + FITTED]
+        posed = model.pose(bodies.pick(frames))
+        values = (posed.markers, posed.joints, posed.rotations, bodies.scale[frames])
+        for array, value in zip(whole, values, strict=True):
+            array[frames] = value
+    return tuple(whole)
+
+
+def _as_chunk(take: FilePoints, labels: Labels, motion: Motion, suspects) -> tuple[Blobs, LabelledChunk]:
+    """The points that are there, frame by frame as rows, and what is said of them; `camera` is the column."""
+    frame, column = np.nonzero(np.isfinite(take.xyz).all(axis=2))
+    rows = Blobs(motion.frames, frame, column, np.zeros((len(frame), 2)), np.full(len(frame), np.nan))
+    flat = Labels(*(getattr(labels, name)[frame, column] for name in ("marker", "step", "confidence")))
+    return rows, LabelledChunk(flat, motion, tuple(sorted(suspects, key=lambda suspect: suspect.first)))
+
+
+def _write_labels(path, take: FilePoints, rows: Blobs, labels: Labels, markerset: MarkerSet):
+    with LabelWriter(path, markerset.markers, POINT_KEYS) as writer:
+        frames, columns = rows.frames[rows.frame].tolist(), take.columns[rows.camera].tolist()
+        keys = [f"{frame},{column}" for frame, column in zip(frames, columns, strict=True)]
+        writer.write(keys, labels, STEPS)
+
+
+def _labelled_take(take: FilePoints, marker: np.ndarray, motion: Motion, markerset: MarkerSet) -> Points:
+    """The model's markers in its order, then what stays unlabelled."""
+    left = np.isfinite(take.xyz).all(axis=2) & (marker == NO_MARKER)
+    columns = np.flatnonzero(left.any(axis=0))
+    rest = np.where(left[:, columns, None], take.xyz[:, columns], np.nan)
+    residual = np.where(left[:, columns], take.residual[:, columns], np.nan)
+    names = (*markerset.markers, *[""] * len(columns))
+    xyz = np.concatenate([motion.markers, rest], axis=1)
+    return Points(names, xyz, np.concatenate([motion.residual, residual], axis=1), take.rate, take.first_frame)
+
+
+def _report(job: LabelJob, summary: TakeSummary, model: Model, method: str, take, clock, chunk, files) -> dict:
+    steps = np.bincount(chunk.labels.step, minlength=len(STEPS))
+    more = {
+        "points": summary.blobs,
+        "trajectories": take.xyz.shape[1],
+        "method": method,
+        "target": job.target,
+        "steps": {step: int(count) for step, count in zip(STEPS, steps, strict=True) if step and count},
+    }
+    return finish_report(job, summary, model.markerset.name, take.rate, clock, files[".report.json"], **more)
+
+
+def no_cameras() -> Cameras:
+    """Nobody's cameras: points come without any."""
+    return Cameras((), *(np.zeros((0, *shape)) for shape in ((2,), (3, 3), (5,), (3, 3), (3,))))
+
+
+def _no_blobs(frames: np.ndarray) -> Blobs:
+    none = np.zeros(0, int)
+    return Blobs(frames, none, none, np.zeros((0, 2)), np.zeros(0))
+
+
+def _no_labels() -> Labels:
+    none = np.zeros(0, int)
+    return Labels(none, none, np.zeros(0))

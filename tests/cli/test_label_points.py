@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`label` on 3D points: the same files, labels by the point's place in the input, whatever the points are called."""
+
+import csv
+import json
+
+import ezc3d
+import numpy as np
+import pytest
+
+from addon.core.takes import Points
+from addon.demo.take import MODEL
+from addon.io.labels import POINT_KEYS, TruthWriter
+from addon.io.markersets import open_markerset
+from addon.io.points import read_points, write_c3d, write_trc
+
+from .conftest import FRAMES
+
+
+@pytest.fixture(scope="module")
+def anonymous(room, tmp_path_factory):
+    """The room's take without names and shuffled, one marker in two pieces, two ghosts; as files, with the truth."""
+    folder, take = tmp_path_factory.mktemp("anonymous"), read_points(room.c3d)
+    generator = np.random.default_rng(5)
+    names, columns = list(take.names), [take.xyz[:, index] for index in range(len(take.names))]
+    broken = columns[3].copy()
+    broken[:10], columns[3] = np.nan, np.where(np.arange(20)[:, None] < 10, columns[3], np.nan)
+    ghosts = [np.tile(generator.uniform([-1, -1, 0], [1, 1, 2]), (20, 1)) for _ in range(2)]
+    names += [names[3], "", ""]
+    columns += [broken, *ghosts]
+    order = generator.permutation(len(columns))
+    xyz = np.stack([columns[index] for index in order], axis=1)
+    points = Points(("",) * len(order), xyz, np.full(xyz.shape[:2], 0.0005), take.rate, take.first_frame)
+    write_c3d(folder / "anon.c3d", points)
+    write_trc(folder / "anon.trc", points)
+    with TruthWriter(folder / "truth.csv", POINT_KEYS) as writer:
+        frame, point = np.nonzero(np.isfinite(xyz[..., 0]))
+        keys = [f"{take.first_frame + f},{p}" for f, p in zip(frame, point, strict=True)]
+        writer.write(keys, [names[order[p]] for p in point])
+    return folder
+
+
+@pytest.fixture
+def label(run, anonymous, tmp_path):
+    def call(*words, name="anon.c3d", model=MODEL):
+        return run("label", anonymous / name, "--model", model, "--out", tmp_path / "out", *words)
+
+    return call
+
+
+def rows_of(path):
+    with path.open(newline="") as file:
+        return list(csv.reader(file))
+
+
+@pytest.mark.parametrize("name", ["anon.c3d", "anon.trc"])
+def test_every_point_gets_a_row_and_the_right_name(label, run, anonymous, tmp_path, name):
+    answer = label("--method", "fit", name=name)
+    assert (answer.status, answer.err) == (0, "")
+    labels, truth = rows_of(tmp_path / "out" / "anon.labels.csv"), rows_of(anonymous / "truth.csv")
+    assert labels[0] == ["frame", "point", "marker", "step", "confidence"]
+    assert [row[:2] for row in labels[1:]] == [row[:2] for row in truth[1:]]
+    assert {row[3] for row in labels[1:]} <= {"", "fit", "trajectory"}
+    said = run("evaluate", tmp_path / "out" / "anon.labels.csv", anonymous / "truth.csv", "--json", "--model", MODEL)
+    figures = json.loads(said.out)
+    assert figures["precision"] > 0.99
+    assert figures["recall"] > 0.95
+
+
+def test_the_take_has_the_models_markers_and_then_what_is_left(label, tmp_path):
+    assert label("--method", "fit", "--trc").status == 0
+    take = ezc3d.c3d(str(tmp_path / "out" / "anon.c3d"))
+    labels, markers = take["parameters"]["POINT"]["LABELS"]["value"], open_markerset(MODEL).markers
+    assert tuple(labels[: len(markers)]) == markers
+    assert all(label.startswith("*") for label in labels[len(markers) :])
+    assert len(labels) >= len(markers) + 2
+    assert take["header"]["points"]["first_frame"] + 1 == FRAMES[0]
+    found = read_points(tmp_path / "out" / "anon.c3d")
+    assert np.nanmax(found.residual) == pytest.approx(0.0005, abs=3e-5)
+    assert (tmp_path / "out" / "anon.trc").exists()
+
+
+def test_report_counts_points(label, tmp_path):
+    answer = label("--method", "fit", "--json", "--frames", "105:114")
+    [report] = json.loads(answer.out)["takes"]
+    assert report == json.loads((tmp_path / "out" / "anon.report.json").read_text())
+    assert (report["frames"], report["method"], report["trajectories"]) == (10, "fit", 29)
+    assert report["points"] == 10 * 28
+    assert "blobs" not in report
+    assert report["markers"]["LASI"]["mean_residual_mm"] == pytest.approx(0.5, abs=0.03)
+    assert report["markers"]["LASI"]["mean_residual_px"] is None
+
+
+def test_what_cannot_be_labelled_is_said(label, run, room, anonymous, tmp_path):
+    assert "no point that is present in these frames" in label("--method", "fit", "--frames", "1:2").reason
+    few = read_points(anonymous / "anon.c3d")
+    write_c3d(tmp_path / "few.c3d", Points(few.names[:5], few.xyz[:, :5], few.residual[:, :5], few.rate, 1))
+    words = ("label", tmp_path / "few.c3d", "--model", MODEL, "--method", "fit", "--out")
+    assert "replaced by its own result" in run(*words, tmp_path, "--overwrite").reason
+    answer = run(*words, tmp_path / "out")
+    assert answer.status == 1
+    assert "few.c3d: does not look like a take of model" in answer.reason
+    assert (
+        "--cameras is missing" in run("label", room.blobs, anonymous / "anon.c3d", "--model", MODEL, "--out", "y").reason
+    )

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Trajectories in pieces: where they are cut, and how pieces vote."""
+
+import numpy as np
+
+from addon.core.pieces import WINDOW, cut, vote_pieces
+from addon.core.takes import NO_MARKER
+
+RATE = 100.0
+
+
+def straight(frames: int, points: int) -> np.ndarray:
+    """(T, P, 3) m points that walk side by side at 1 m/s."""
+    along = np.arange(frames)[:, None, None] / RATE * [1.0, 0, 0]
+    return along + np.arange(points)[:, None] * [0, 0.5, 0]
+
+
+def test_long_gaps_and_leaps_part_pieces_and_short_gaps_do_not():
+    points = straight(300, 2)
+    points[20:40, 0] = np.nan
+    points[100:180, 0] = np.nan
+    points[200:, 1] += 1.0
+    piece = cut(points, RATE)
+    assert (piece[20:40, 0] == -1).all()
+    assert set(piece[:100, 0].tolist()) == {-1, 0}
+    assert set(piece[180:, 0].tolist()) == {1}
+    assert set(piece[:200, 1].tolist()) == {2}
+    assert set(piece[200:, 1].tolist()) == {3}
+
+
+def test_one_column_may_carry_two_markers_one_after_the_other():
+    piece = cut(np.concatenate([straight(50, 1), np.full((60, 1, 3), np.nan), straight(50, 1)]), RATE)
+    marker, confidence = np.zeros(piece.shape, int), np.full(piece.shape, 0.9)
+    marker[110:] = 1
+    marker[3:6], marker[120:123] = 1, 0
+    voted = vote_pieces(np.where(piece >= 0, marker, NO_MARKER), confidence, piece, ["A", "B"])
+    assert (voted.marker[:50] == 0).all()
+    assert (voted.marker[110:] == 1).all()
+    assert (voted.marker[50:110] == NO_MARKER).all()
+
+
+def test_points_without_trajectories_keep_their_own_names():
+    shuffled = np.random.default_rng(0).permuted(straight(40, 12) * [1, 4, 1], axis=1)
+    piece = cut(shuffled, RATE)
+    marker = np.random.default_rng(1).integers(0, 5, piece.shape)
+    voted = vote_pieces(marker, np.ones(piece.shape), piece, list("ABCDE"))
+    np.testing.assert_array_equal(voted.marker, marker)
+
+
+def test_windows_do_not_change_a_long_trajectory():
+    piece = cut(straight(WINDOW * 2 + 300, 2), RATE)
+    marker = np.tile([1, 0], (len(piece), 1))
+    marker[::7] = NO_MARKER
+    voted = vote_pieces(marker, np.full(piece.shape, 0.95), piece, ["A", "B"], first_frame=10)
+    np.testing.assert_array_equal(voted.marker, np.tile([1, 0], (len(piece), 1)))
+    assert voted.suspects == ()
+
+
+def test_doubts_name_the_column_of_the_file():
+    points = straight(120, 3)
+    points[:, 0] = np.nan
+    piece = cut(points, RATE)
+    marker = np.full(piece.shape, NO_MARKER)
+    marker[:, 1] = 0
+    marker[:60, 2], marker[60:, 2] = 1, 2
+    voted = vote_pieces(marker, np.full(piece.shape, 0.99), piece, ["A", "B", "C"], first_frame=5)
+    [swap] = voted.suspects
+    assert swap.reason == "trajectory 2 goes over from B to C"
+    assert abs(swap.first - 64) <= 2
