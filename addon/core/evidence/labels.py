@@ -16,7 +16,6 @@ from .starts import guess
 from .ties import Ties
 from .trust import chance, features
 
-GHOSTLY = 0.2  # part of the frames with unnamed points from which a chunk counts as one with ghosts
 CHUNK = 64  # frames that are worked on at once; small enough for the processor's own memory
 TARGET = 0.999
 
@@ -27,7 +26,7 @@ class Named:
 
     marker      (F, P) the most likely marker, -1 where the point is more likely a ghost
     confidence  (F, P) the chance that it is right; 0 where unnamed
-    rate        (F, P) of all labels at least so confident in frames of this kind, the part that is right
+    rate        (F, P) of all labels at least so confident, the part that is right
     misfit      (F,) how strange the named points are for the model: about 1 or less for subjects like those learned
     """
 
@@ -59,8 +58,7 @@ def label_some(evidence: Evidence, points: np.ndarray) -> Named:
     solved = solve_frames(evidence.coarse, evidence.fine, evidence.ties, evidence.plates, packed)
     labels = labels_given(solved, packed)
     confidence = chance(evidence.trust.weights, labels.described)
-    ghosts = bool((labels.strays > 0).mean() > GHOSTLY)
-    rate = evidence.trust.rate(confidence, np.full(len(confidence), int(ghosts)))
+    rate = evidence.trust.rate(confidence)
     marker = np.full(points.shape[:2], -1)
     sure, rates = np.zeros(points.shape[:2]), np.zeros(points.shape[:2])
     at = labels.frame, place[labels.frame, labels.point]
@@ -79,14 +77,13 @@ def solve_frames(coarse: Latent, fine: Latent, ties: Ties, plates: Plates | None
 class LabelsGiven:
     """N labels: frame, point and marker (N,) of each, and what its chance depends on.
 
-    described (N, 8) is as in `trust.features`, strays (F,) the number of points that each frame leaves unnamed.
+    described (N, FEATURES) is as in `trust.features`.
     """
 
     frame: np.ndarray
     point: np.ndarray
     marker: np.ndarray
     described: np.ndarray
-    strays: np.ndarray
 
 
 def labels_given(solved: Solved, points: np.ndarray) -> LabelsGiven:
@@ -96,7 +93,7 @@ def labels_given(solved: Solved, points: np.ndarray) -> LabelsGiven:
     frame, marker = np.nonzero(named)
     part = named.mean(axis=1)[frame]
     described = features(solved.margin[frame, marker], strays[frame], part, solved.misfit[frame])
-    return LabelsGiven(frame, solved.naming[frame, marker], marker, described, strays)
+    return LabelsGiven(frame, solved.naming[frame, marker], marker, described)
 
 
 def _packed(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -86,8 +86,7 @@ def _learn_trust(subjects: list[np.ndarray], markers: tuple[str, ...], seed: int
         for ghosts in (0, MOST_GHOSTS):
             half = tested[ghosts > 0 :: 2]
             trial = make_trial(half, (0, round(len(markers) * HIDDEN_PART)), (0, ghosts), rng)
-            for described, right in _tried(learned, trial):
-                found.append((described, np.full(len(right), int(ghosts > 0)), right))
+            found += _tried(learned, trial)
         if progress is not None:
             progress((done + 1) / len(folds))
     return learn_trust(*(np.concatenate(column) for column in zip(*found, strict=True)))

@@ -18,22 +18,17 @@ class Trust:
     """How margins become chances, measured on subjects that were left out of the training.
 
     weights     logit of the chance to be right, for each of `trust.features`
-    confidence  (S, K) for takes without ghosts and with (S = 2) ascending confidences, and right (S, K) how many of all
-                labels at least so confident were right in takes of that kind
+    confidence  (K,) ascending confidences, and right (K,) how many of all labels at least so confident were right
     """
 
     weights: np.ndarray
     confidence: np.ndarray
     right: np.ndarray
 
-    def rate(self, confidence: np.ndarray, kind: np.ndarray) -> np.ndarray:
-        """(N,) the part that is right of all labels at least as confident (N,) in takes of the same kind (N,)."""
-        rates = np.zeros(len(confidence))
-        for index, (levels, right) in enumerate(zip(self.confidence, self.right, strict=True)):
-            here = kind == index
-            place = np.searchsorted(levels, confidence[here], side="right") - 1
-            rates[here] = np.where(place >= 0, right[np.maximum(place, 0)], 0)
-        return rates
+    def rate(self, confidence: np.ndarray) -> np.ndarray:
+        """(N,) the part that is right of all labels at least as confident (N,)."""
+        place = np.searchsorted(self.confidence, confidence, side="right") - 1
+        return np.where(place >= 0, self.right[np.maximum(place, 0)], 0)
 
 
 @dataclass(frozen=True, eq=False)

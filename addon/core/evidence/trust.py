@@ -11,7 +11,6 @@ RIDGE = 1e-2
 STEPS = 30
 CAUTION = 1.0  # wrong labels that are added, so that few trials promise little
 LEVELS = 300
-KINDS = 2  # frames of takes without ghosts, and with
 FEATURES = 5 + len(KNEES)
 
 
@@ -33,27 +32,17 @@ def chance(weights: np.ndarray, described: np.ndarray) -> np.ndarray:
     return 1 / (1 + np.exp(-np.clip(described @ weights, -30, 30)))
 
 
-def learn_trust(described: np.ndarray, kind: np.ndarray, right: np.ndarray) -> Trust:
-    """Trust from labels described (N, 8), in takes of a kind (N,), that are known to be right or not (N,)."""
+def learn_trust(described: np.ndarray, right: np.ndarray) -> Trust:
+    """Trust from labels described (N, FEATURES) that are known to be right or not (N,)."""
     weights = _logistic(described, right)
     confidence = chance(weights, described)
-    tables = []
-    for index in range(KINDS):
-        here = kind == index
-        tables.append(_rates(confidence[here], right[here]))
-    levels, rates = zip(*tables, strict=True)
-    return Trust(weights, np.array(levels), np.array(rates))
-
-
-def _rates(confidence: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(LEVELS,) ascending confidences and the part right of all labels at least so confident."""
     order = np.argsort(-confidence)
     count = np.arange(1, len(order) + 1)
     wrong = np.cumsum(~right[order]) + CAUTION * count / len(order)
     # Accepting less must never look worse than accepting more.
     rates = np.maximum.accumulate((1 - wrong / count)[::-1])[::-1]
-    places = np.geomspace(1, len(order), LEVELS).round().astype(int) - 1
-    return confidence[order][places][::-1], rates[places][::-1]
+    places = np.unique(np.geomspace(1, len(order), LEVELS).round().astype(int)) - 1
+    return Trust(weights, confidence[order][places][::-1], rates[places][::-1])
 
 
 def _logistic(described: np.ndarray, right: np.ndarray) -> np.ndarray:
