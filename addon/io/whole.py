@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Output files that appear whole or not at all: written beside their place, then renamed."""
 
+import stat
 import uuid
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from ..core.errors import InputError, JobError
@@ -38,7 +39,7 @@ def whole_files(targets: Sequence[Path], overwrite: bool = False) -> Iterator[li
         try:
             yield temporaries
         except OSError as error:
-            raise _unwritable(error, targets) from error
+            raise _unwritable(error, targets[0].parent) from error
         written = [
             (temporary, target) for temporary, target in zip(temporaries, targets, strict=True) if temporary.exists()
         ]
@@ -48,10 +49,11 @@ def whole_files(targets: Sequence[Path], overwrite: bool = False) -> Iterator[li
             try:
                 temporary.replace(target)
             except OSError as error:
-                raise JobError(f"cannot be written ({error.strerror})", target) from None
+                raise _unwritable(error, target) from None
     finally:
         for temporary in temporaries:
-            temporary.unlink(missing_ok=True)
+            with suppress(OSError):  # a name that could not be written cannot be taken away either
+                temporary.unlink(missing_ok=True)
 
 
 def final_name(path: Path) -> str:
@@ -61,10 +63,21 @@ def final_name(path: Path) -> str:
 
 
 def _refuse(target: Path, overwrite: bool):
-    if target.is_dir():
+    try:
+        kind = target.lstat().st_mode
+        kind = target.stat().st_mode if overwrite and stat.S_ISLNK(kind) else kind
+    except (FileNotFoundError, NotADirectoryError):
+        return
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"cannot be the name of a file ({reason}); expected another name", target) from None
+    if stat.S_ISDIR(kind):
         raise InputError("is a folder; expected the name of a file to write", target)
-    if target.exists() and not overwrite:
+    if not overwrite:
         raise InputError("exists already; expected a new name, or --overwrite", target)
+    # Renaming would put a file where a device was.
+    if not stat.S_ISREG(kind):
+        raise InputError("is no ordinary file; expected the name of a file to write", target)
 
 
 def _make_folders(targets: Sequence[Path]):
@@ -77,5 +90,5 @@ def _make_folders(targets: Sequence[Path]):
             ) from None
 
 
-def _unwritable(error: OSError, targets: Sequence[Path]) -> JobError:
-    return JobError(f"cannot be written ({error.strerror or error})", targets[0].parent)
+def _unwritable(error: OSError, place: Path) -> JobError:
+    return JobError(f"cannot be written ({error.strerror or error}); expected room and leave to write", place)

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Output files appear whole or not at all."""
 
+from pathlib import Path
+
 import pytest
 
 from addon.core.errors import InputError, JobError
@@ -68,3 +70,26 @@ def test_a_place_that_cannot_be_written_is_one_sentence(tmp_path):
         pytest.fail("the block must not begin")
     with pytest.raises(JobError, match="No space"), whole_file(tmp_path / "take.c3d"):
         raise OSError(28, "No space left on device")
+
+
+def test_a_link_that_leads_nowhere_counts_as_a_file_that_exists(tmp_path):
+    target = tmp_path / "take.c3d"
+    target.symlink_to(tmp_path / "nowhere")
+    with pytest.raises(InputError, match="exists already"), whole_file(target):
+        pytest.fail("the block must not begin")
+    assert target.is_symlink()
+
+
+@pytest.mark.skipif(not Path("/dev/null").is_char_device(), reason="this system has no /dev/null")
+def test_a_device_is_never_replaced_by_a_file():
+    with pytest.raises(InputError, match="no ordinary file"), whole_file(Path("/dev/null"), overwrite=True):
+        pytest.fail("the block must not begin")
+
+
+def test_a_name_too_long_is_refused_and_the_trouble_told_in_the_end(tmp_path):
+    with pytest.raises(InputError, match="expected another name"), whole_file(tmp_path / ("n" * 300)):
+        pytest.fail("the block must not begin")
+    # The temporary's name is longer than the target's.
+    with pytest.raises(JobError, match="; expected"), whole_file(tmp_path / ("n" * 250)) as temporary:
+        temporary.write_text("all of it")
+    assert not list(tmp_path.iterdir())
