@@ -100,10 +100,10 @@ def _check_order(rows: Rows, previous: int | None, path: Path) -> int | None:
     if wrong.any():
         at = int(np.argmax(wrong))
         line = rows.line_of(at + (1 if previous is None else 0))
-        what = "goes back" if steps[at] < 0 else "leaps"
-        raise InputError(
-            f"{what} from frame {frame[at]} to {frame[at + 1]}; expected rows in ascending order of frames", path, line
-        )
+        what, wanted = "goes back", "rows in ascending order of frames"
+        if steps[at] > 0:
+            what, wanted = "leaps", f"a gap of at most {LARGEST_GAP} frames (is the column frame a time?)"
+        raise InputError(f"{what} from frame {frame[at]} to {frame[at + 1]}; expected {wanted}", path, line)
     return int(frame[-1])
 
 

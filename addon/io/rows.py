@@ -13,9 +13,11 @@ from ..core.errors import InputError
 
 COLUMNS = ("frame", "camera", "x", "y")
 
-# No sensor is a million pixels wide and no take has 2^53 frames: beyond these a number stands in the wrong column.
+# No sensor is a million pixels wide and C3D counts no further than 2^32: beyond these a number stands in the wrong
+# column.
 LARGEST_PIXEL = 1e6
-LARGEST_FRAME = 2**53
+LARGEST_FRAME = 2**32 - 1
+HEAD_BYTES = 4096  # where a file that is no text shows it; later a byte that is no text has a line of its own
 
 _FIELD = re.compile(rb'("(?:[^"]|"")*"|[^,"]*)(,|$)')
 _POWERS = 10.0 ** np.arange(19)
@@ -83,7 +85,7 @@ def read_header(head: bytes, path: Path) -> tuple[Header, int]:
     expected = "expected a blob file with the header frame,camera,x,y and optionally area"
     if not head:
         raise InputError(f"is empty; {expected}", path)
-    if b"\0" in head:
+    if b"\0" in head[:HEAD_BYTES]:
         raise InputError(f"is a binary file; {expected}", path)
     mark = 3 if head.startswith(b"\xef\xbb\xbf") else 0
     line, newline, _ = head[mark:].partition(b"\n")
@@ -267,7 +269,8 @@ def _split(content: bytes, count: int, path: Path, line: int) -> list[str]:
 def _row(fields: list[str], header: Header, indices: dict[str, int], path: Path, line: int) -> tuple:
     frame = _number(fields[header.frame], "frame", path, line)
     if frame % 1 or abs(frame) > LARGEST_FRAME:
-        raise InputError(f"frame is {fields[header.frame].strip()[:40]}; expected a whole number", path, line)
+        limit = f" up to {LARGEST_FRAME}" if abs(frame) > LARGEST_FRAME else ""
+        raise InputError(f"frame is {fields[header.frame].strip()[:40]}; expected a whole number{limit}", path, line)
     x, y = (_number(fields[index], name, path, line) for name, index in (("x", header.x), ("y", header.y)))
     if max(abs(x), abs(y)) > LARGEST_PIXEL:
         raise InputError(f"blob at {x:g}, {y:g} is on no image; expected pixels", path, line)
@@ -282,7 +285,7 @@ def _row(fields: list[str], header: Header, indices: dict[str, int], path: Path,
 def _number(field: str, name: str, path: Path, line: int) -> float:
     text = field.strip(' \t"')
     try:
-        value = float(text) if "_" not in text else np.nan
+        value = float(text) if "_" not in text and text.isascii() else np.nan
     except ValueError:
         value = np.nan
     if not np.isfinite(value):

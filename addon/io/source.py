@@ -29,6 +29,9 @@ def open_binary(path: Path) -> BinaryIO:
     try:
         if path.is_dir():
             raise InputError("is a folder; expected a file", path)
+        if path.is_fifo() or path.is_char_device() or path.is_socket():
+            # Opening a pipe waits for a writer that may never come, and two readings of one differ.
+            raise InputError("is a pipe or a device; expected an ordinary file", path)
         return path.open("rb")
     except FileNotFoundError:
         raise InputError("there is no such file; expected the path of an existing file", path) from None
