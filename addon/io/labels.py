@@ -4,6 +4,7 @@
 import csv
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 from typing import Self
 
@@ -148,7 +149,7 @@ class LabelFile:
         frame, *key, marker = (fields[column].strip() for column in self._columns)
         try:
             # Equal numbers are the same place, however many digits each file writes.
-            key = (key[0], float(key[1]), float(key[2])) if len(key) > 1 else (int(key[0]),)
+            key = (key[0], *map(_finite, key[1:])) if len(key) > 1 else (int(key[0]),)
         except ValueError:
             raise self._error(f"has a key that is no number; expected {self.what} as frame,…") from None
         step = "" if self._step is None else fields[self._step].strip()
@@ -187,3 +188,11 @@ class LabelFile:
 
     def _error(self, words: str) -> InputError:
         return InputError(words, self.path, self._reader.line_num)
+
+
+def _finite(text: str) -> float:
+    """A number that equals itself; ValueError for any other."""
+    value = float(text)
+    if not isfinite(value):
+        raise ValueError
+    return value

@@ -47,4 +47,6 @@ def write_report(path: Path, report: dict):
 
 
 def _compact(value: object) -> str:
-    return json.dumps(value, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(value, ensure_ascii=False, allow_nan=False)
+    # A file's name may hold bytes that are no letters; JSON has an escape for each.
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")

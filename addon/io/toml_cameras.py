@@ -43,8 +43,8 @@ def _tables(document: dict) -> Iterator[tuple[str, dict]]:
 
 def _camera(key: str, table: dict, path: Path) -> RigCamera:
     name = str(table.get("name", key))
-    if table.get("fisheye") is True:
-        raise InputError(f"camera {name} has fisheye = true; expected a lens in OpenCV's k1 k2 p1 p2 k3 model", path)
+    if table.get("fisheye"):
+        raise InputError(f"camera {name} has a fisheye lens; expected one in OpenCV's k1 k2 p1 p2 k3 model", path)
     rotation = _array(table, "rotation", name, path)
     if rotation.size not in (3, 9):
         raise InputError(

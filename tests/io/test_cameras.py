@@ -150,6 +150,7 @@ GOOD = (
         ("rotation = [0, 0, 0]\n", "", "no `rotation`"),
         ("distortions = [0.1]", "distortions = [0, 0, 0, 0, 0, 0.1]", "6 coefficients"),
         ("distortions = [0.1]", "distortions = [0.1]\nfisheye = true", "fisheye"),
+        ("distortions = [0.1]", "distortions = [0.1]\nfisheye = 1", "fisheye"),
         ("size = [640, 480]", "size = [0, 480]", "no image size"),
         ("translation = [0, 0, 3]", "translation = [0, 0, 3e99]", "not a number of any camera"),
         ("[cam]", "[cam", "not valid TOML"),

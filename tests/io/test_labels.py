@@ -96,6 +96,7 @@ def test_truth_of_blobs_and_of_points_keeps_merged_names(tmp_path):
         ("", 0, "is empty"),
         ("frame,point,marker\n1,2,A\n1,2\n", 3, "2 fields; expected 3"),
         ("frame,point,marker\nx,2,A\n", 2, "frame 'x'"),
+        ("frame,camera,x,y,marker\n1,a,2,nan,A\n", 2, "key that is no number"),
         ("frame,point,marker,confidence\n1,2,A,1.5\n", 2, "confidence '1.5'"),
         ("frame,point,marker\n1,2,\0\n", 2, "binary"),
     ],
