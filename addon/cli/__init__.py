@@ -4,6 +4,7 @@
 Every verb has a file here with `add_parser`; this one turns whatever happens into an exit status and one last line.
 """
 
+import os
 import sys
 import traceback
 
@@ -34,6 +35,10 @@ def main(argv: list[str] | None = None) -> int:
         complain("the program that reads the results went away; expected it to read them all")
     except MemoryError:
         complain("the memory is full; expected fewer frames at once, see --frames, or fewer --jobs")
+    except OSError as error:
+        place = f"{os.fsdecode(error.filename)}: " if error.filename else ""
+        complain(f"{place}the system says: {error.strerror or _line(error)}; expected a path that can be used")
+        return BAD_INPUT if error.filename else FAILED
     except Exception as error:  # noqa: BLE001 - the contract promises one sentence, never a traceback, for our own faults too
         if "--traceback" in argv:
             traceback.print_exc()

@@ -7,11 +7,11 @@ import sys
 import threading
 import time
 from collections.abc import Generator, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import numpy as np
 
-from ..core.errors import UserError
+from ..core.errors import JobError, UserError
 
 PROGRAM = "mocap-autolabel"
 # A terminal is told often, a log file now and then, s.
@@ -20,26 +20,36 @@ TERMINAL_PAUSE, LOG_PAUSE = 0.1, 2.0
 
 def complain(trouble: UserError | str):
     """One line on standard error: `mocap-autolabel: FILE:LINE: what is wrong; what was expected`."""
-    sys.stdout.flush()
-    sys.stderr.write(f"{PROGRAM}: {' '.join(str(trouble).split())}\n")
-    sys.stderr.flush()
+    # Who closed the streams still gets the exit status.
+    for stream, text in ((sys.stdout, ""), (sys.stderr, f"{PROGRAM}: {' '.join(str(trouble).split())}\n")):
+        if stream is not None:
+            with suppress(OSError):
+                stream.write(text)
+                stream.flush()
 
 
 def print_results(lines: list[str], result: dict, as_json: bool):
     """The results as lines for people, or as one JSON object."""
+    if sys.stdout is None:
+        return
     text = json.dumps(result, indent=1, default=_plain, allow_nan=False) if as_json else "\n".join(lines)
     # A file's name may have letters that the terminal's alphabet lacks.
     alphabet = sys.stdout.encoding or "utf-8"
-    sys.stdout.write(text.encode(alphabet, "backslashreplace").decode(alphabet) + "\n")
-    sys.stdout.flush()
+    try:
+        sys.stdout.write(text.encode(alphabet, "backslashreplace").decode(alphabet) + "\n")
+        sys.stdout.flush()
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise JobError(f"the results cannot be printed ({error.strerror}); expected room where they go") from None
 
 
 class ProgressLine:
     """Progress on standard error, only where it is a terminal or the user asked for it."""
 
     def __init__(self, wanted: bool):
-        self.terminal = sys.stderr.isatty()
-        self.shown = wanted or self.terminal
+        self.terminal = sys.stderr is not None and sys.stderr.isatty()
+        self.shown = sys.stderr is not None and (wanted or self.terminal)
         self.width, self.last = 0, -LOG_PAUSE
 
     def drain(self, work: Generator, name: str):
@@ -62,30 +72,40 @@ class ProgressLine:
             return
         self.last = time.monotonic()
         if self.terminal:
-            sys.stderr.write("\r" + words.ljust(self.width))
+            self._write("\r" + words.ljust(self.width))
             self.width = len(words)
         else:
-            sys.stderr.write(words + "\n")
-        sys.stderr.flush()
+            self._write(words + "\n")
 
     def clear(self):
         """Takes the line off a terminal, so that what follows stands alone."""
         if self.width:
-            sys.stderr.write("\r" + " " * self.width + "\r")
-            sys.stderr.flush()
+            self._write("\r" + " " * self.width + "\r")
             self.width = 0
+
+    def _write(self, text: str):
+        """Nobody loses a take because its progress cannot be told."""
+        try:
+            sys.stderr.write(text)
+            sys.stderr.flush()
+        except OSError:
+            self.shown = False
 
 
 @contextmanager
 def stoppable() -> Iterator[None]:
-    """Ctrl-C and a request to end raise KeyboardInterrupt, so that temporary files are taken away.
+    """Ctrl-C, a request to end and a terminal that is closed raise KeyboardInterrupt: temporary files are taken away.
 
     Blender keeps Ctrl-C for itself otherwise.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {kind: signal.signal(kind, signal.default_int_handler) for kind in (signal.SIGINT, signal.SIGTERM)}
+    kinds = [signal.SIGINT, signal.SIGTERM]
+    # Windows has no SIGHUP, and under nohup it stays ignored.
+    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        kinds.append(signal.SIGHUP)
+    before = {kind: signal.signal(kind, signal.default_int_handler) for kind in kinds}
     try:
         yield
     finally:

@@ -2,6 +2,7 @@
 """The grammar of the command line: the verbs, and the kinds of arguments that several of them take."""
 
 import argparse
+import re
 from typing import NoReturn
 
 from ..core.errors import InputError
@@ -18,6 +19,8 @@ class Parser(argparse.ArgumentParser):
         kwargs.setdefault("allow_abbrev", False)
         kwargs.setdefault("epilog", SHARED_HELP)
         super().__init__(*args, **kwargs)
+        # So that --frames -5:10 and --facing -1e1 are read as values, as -5 is.
+        self._negative_number_matcher = re.compile(r"-\.?\d")
 
     def error(self, message: str) -> NoReturn:
         """What argparse calls when it cannot read the arguments."""
@@ -45,13 +48,10 @@ def build_parser() -> Parser:
 
 def frame_range(text: str) -> tuple[int | None, int | None]:
     """`A:B`, both included, either left out for the take's own end."""
-    first, colon, last = text.partition(":")
-    try:
-        bounds = (int(first) if first.strip() else None, int(last) if last.strip() else None)
-    except ValueError:
-        bounds, colon = (None, None), ""
-    if not colon:
-        raise argparse.ArgumentTypeError(f"{text!r} is no range of frames; expected A:B, such as 100:250")
+    ends = re.fullmatch(r"\s*([+-]?\d{1,18})?\s*:\s*([+-]?\d{1,18})?\s*", text, re.ASCII)
+    if ends is None:
+        raise argparse.ArgumentTypeError(f"{text[:60]!r} is no range of frames; expected A:B, such as 100:250")
+    bounds = tuple(None if end is None else int(end) for end in ends.groups())
     if None not in bounds and bounds[0] > bounds[1]:
         raise argparse.ArgumentTypeError(f"frames {text} end before they begin; expected A:B with A up to B")
     return bounds

@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Closed and full streams, closed terminals and odd paths: the exit status holds and a take is never lost to them."""
+
+import errno
+import io
+import os
+import signal
+import sys
+
+import pytest
+
+from addon.cli import main
+from addon.cli.console import stoppable
+
+
+class Full(io.StringIO):
+    """A stream on a full disk."""
+
+    def write(self, _text):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+@pytest.fixture
+def words(room, tmp_path):
+    """A command line that labels one frame."""
+    where = ["--cameras", str(room.cameras), "--out", str(tmp_path / "out"), "--frames", "100:100"]
+    return ["label", str(room.blobs), "--model", "body26", *where]
+
+
+@pytest.mark.parametrize("stream", ["stdout", "stderr"])
+def test_a_closed_stream_leaves_the_exit_status_as_it_is(monkeypatch, words, stream):
+    monkeypatch.setattr(sys, stream, None)
+    assert main([*words, "--progress"]) == 0
+    assert main(words) == 2  # the files are there now
+    assert main(["bogus"]) == 2
+
+
+def test_results_that_find_no_room_are_a_failure_in_one_sentence(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "stdout", Full())
+    assert main(["models"]) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("mocap-autolabel: the results cannot be printed")
+    assert "; expected " in said
+
+
+def test_progress_that_finds_no_room_does_not_cost_the_take(monkeypatch, words, tmp_path):
+    monkeypatch.setattr(sys, "stderr", Full())
+    assert main([*words, "--progress"]) == 0
+    assert (tmp_path / "out" / "walk.c3d").is_file()
+    assert main(["bogus"]) == 2
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="this system has no SIGHUP")
+def test_a_closed_terminal_stops_the_work_and_nohup_does_not():
+    with stoppable(), pytest.raises(KeyboardInterrupt):
+        os.kill(os.getpid(), signal.SIGHUP)
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with stoppable():
+            os.kill(os.getpid(), signal.SIGHUP)
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.parametrize("place", ["--model", "--cameras", "--out"])
+def test_a_path_that_no_system_takes_is_bad_input(run, words, place):
+    answer = run(*words, place, "l" * 5000)
+    assert answer.status == 2
+    assert "fault" not in answer.reason
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no pipes with names")
+def test_a_pipe_without_a_writer_is_refused_at_once(label, tmp_path):
+    os.mkfifo(tmp_path / "pipe.csv")
+    answer = label(blobs=[tmp_path / "pipe.csv"])
+    assert answer.status == 2
+    assert "pipe.csv: is a pipe" in answer.reason
+
+
+def test_a_name_that_is_no_text_is_written_as_it_is(label, room, tmp_path):
+    name = os.fsdecode(b"w\xff.csv")
+    try:
+        (tmp_path / name).write_bytes(room.blobs.read_bytes())
+    except OSError:
+        pytest.skip("this file system takes no such name")
+    assert label("--frames", "100:100", blobs=[tmp_path / name]).status == 0
+    assert (tmp_path / "out" / os.fsdecode(b"w\xff.report.json")).is_file()
+
+
+def test_values_that_begin_with_a_minus_are_values(label):
+    assert label("--frames", "-5:100", "--facing", "-1e1").status == 0
+
+
+@pytest.mark.parametrize("text", ["1_0:2_0", "\u0661:\u0662", "1:2:3", "1" * 5000 + ":", ""])
+def test_only_plain_digits_are_frames(label, text):
+    answer = label("--frames", text)
+    assert answer.status == 2
+    assert "is no range of frames" in answer.reason
+    assert len(answer.reason) < 200
