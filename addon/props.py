@@ -21,6 +21,7 @@ from .prefs import markerset_folder
 from .scene.armature import SCALE
 from .scene.naming import CAMERAS
 from .scene.opened import opened
+from .scene.preview import hide_preview
 from .scene.review import review_markers
 from .scene.take import is_take
 
@@ -51,7 +52,8 @@ def _is_skeleton(_self, item) -> bool:
     return item.type == "ARMATURE" and SCALE in item
 
 
-def _take_changed(_self, context):
+def _take_changed(self, context):
+    hide_preview(self.preview, self.take is not None)
     refresh_review(context.window_manager, context.scene)
 
 
@@ -65,10 +67,14 @@ class SceneSettings(bpy.types.PropertyGroup):
         poll=_holds_cameras,
     )
     blobs_path: StringProperty(name="Blobs", description="The file of the blobs", subtype="FILE_PATH")
+    points_path: StringProperty(
+        name="3D Points", description="The file of the 3D points, where there is one", subtype="FILE_PATH"
+    )
     preview: PointerProperty(type=bpy.types.Mesh)
-    first_frame: IntProperty(name="First", description="First frame of the blobs")
-    last_frame: IntProperty(name="Last", description="Last frame of the blobs")
-    blob_count: IntProperty(name="Blobs", description="Number of blobs")
+    first_frame: IntProperty(name="First", description="First frame of the take")
+    last_frame: IntProperty(name="Last", description="Last frame of the take")
+    blob_count: IntProperty(name="Blobs", description="Number of blobs or points")
+    trajectories: IntProperty(name="Trajectories", description="Number of trajectories of 3D points")
     rate: FloatProperty(
         name="Rate", description="Frames a second of the recording", default=100.0, min=1.0, max=10000.0, precision=2
     )
@@ -94,6 +100,29 @@ class SceneSettings(bpy.types.PropertyGroup):
         min=-2 * math.pi,
         max=2 * math.pi,
         subtype="ANGLE",
+    )
+    method: EnumProperty(
+        name="Method",
+        description="How the names of 3D points are found",
+        items=(
+            ("auto", "Automatic", "The best that the marker set allows"),
+            ("fit", "Body", "Fit the marker set's body, frame after frame"),
+            ("ensemble", "Partial Solvers", "An ensemble of partial solvers, each frame on its own"),
+        ),
+    )
+    target: FloatProperty(
+        name="Sure",
+        description="The part of the names of 3D points that must be right; what is less sure stays unnamed",
+        default=0.999,
+        min=0.5,
+        max=0.999999,
+        precision=4,
+        subtype="FACTOR",
+    )
+    keep_unnamed: BoolProperty(
+        name="Keep Unnamed Points",
+        description="Show the points that stay without a name as an object of their own",
+        default=True,
     )
     body: PointerProperty(
         name="Body",
@@ -149,18 +178,34 @@ class ReviewState(bpy.types.PropertyGroup):
     suspect_index: IntProperty()
 
 
-def chosen_markerset(settings: SceneSettings):
-    """The marker set that the scene's settings name; InputError when there is none."""
+def chosen_model(settings: SceneSettings) -> str:
+    """The name or path of the marker set that the scene's settings name; InputError when there is none."""
     if settings.markerset != OWN_FILE:
-        return open_markerset(settings.markerset)
+        return settings.markerset
     if not settings.markerset_path:
         raise InputError("no marker set is chosen; expected a *.markerset.json file")
-    return open_markerset(bpy.path.abspath(settings.markerset_path))
+    return bpy.path.abspath(settings.markerset_path)
+
+
+def chosen_markerset(settings: SceneSettings):
+    """The marker set that the scene's settings name; InputError when there is none."""
+    return open_markerset(chosen_model(settings))
+
+
+def frames_wanted(settings: SceneSettings) -> tuple[int, int] | None:
+    """First and last frame to label, None for all; InputError when there are none."""
+    if not settings.use_range:
+        return None
+    if settings.range_last < settings.range_first:
+        raise InputError(
+            f"frames {settings.range_first} to {settings.range_last} are none; expected the first before the last"
+        )
+    return settings.range_first, settings.range_last
 
 
 def take_name(settings: SceneSettings) -> str:
     """What the take is called: its file, without what says that it holds blobs."""
-    name = Path(settings.blobs_path).stem
+    name = Path(settings.points_path or settings.blobs_path).stem
     return name.removesuffix(".blobs").removesuffix("_blobs") or name
 
 

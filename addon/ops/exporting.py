@@ -9,11 +9,12 @@ from bpy.props import StringProperty
 from bpy_extras.io_utils import ExportHelper
 
 from ..core.errors import InputError, JobError
-from ..core.takes import Labels, Points
+from ..core.takes import NO_MARKER, Labels, Points
 from ..io.blobs import read_blobs
-from ..io.labels import LabelWriter
+from ..io.labels import POINT_KEYS, LabelWriter
 from ..io.points import write_c3d, write_trc
 from ..io.whole import whole_file
+from ..jobs.points import STEPS as POINT_STEPS
 from ..scene.opened import opened
 from ..scene.take import Stored, is_take
 from .reporting import reports_trouble
@@ -48,7 +49,7 @@ class ExportsTake(ExportHelper):
 
 
 class MOCAP_AUTOLABEL_OT_export_labels(bpy.types.Operator, ExportsTake):
-    """Write the name of every blob, row for row with the file of the blobs."""
+    """Write the name of every blob or point, row for row with the file they are from."""
 
     bl_idname = "mocap_autolabel.export_labels"
     bl_label = "Export Labels"
@@ -58,8 +59,11 @@ class MOCAP_AUTOLABEL_OT_export_labels(bpy.types.Operator, ExportsTake):
     filter_glob: StringProperty(default="*.labels.csv", options={"HIDDEN"})
 
     def write(self, path: Path, stored: Stored):
-        """Writes the labels beside each row's own text, which only the file of the blobs has."""
-        write_labels(path, stored)
+        """Writes the labels; beside those of blobs is each row's own text, which only the file of the blobs has."""
+        if stored.points is None:
+            write_labels(path, stored)
+        else:
+            write_point_labels(path, stored)
 
 
 class MOCAP_AUTOLABEL_OT_export_c3d(bpy.types.Operator, ExportsTake):
@@ -93,13 +97,37 @@ class MOCAP_AUTOLABEL_OT_export_trc(bpy.types.Operator, ExportsTake):
 
 
 def points_of(stored: Stored) -> Points:
-    """The markers of a take as points: a trajectory a marker."""
+    """The take as points: a trajectory a marker, then those that stay unnamed where it came as points."""
     motion = stored.motion
-    return Points(stored.names, motion.markers, motion.residual, stored.rate, int(motion.frames[0]))
+    xyz, residual, names = motion.markers, motion.residual, stored.names
+    if stored.points is not None:
+        rest = unnamed_trajectories(stored)
+        xyz = np.concatenate([xyz, rest], axis=1)
+        residual = np.concatenate([residual, np.full(rest.shape[:2], np.nan)], axis=1)
+        names = (*names, *[""] * rest.shape[1])
+    return Points(names, xyz, residual, stored.rate, int(motion.frames[0]))
+
+
+def unnamed_trajectories(stored: Stored) -> np.ndarray:
+    """(F, U, 3) m the points without a name, a trajectory of the file a column; NaN elsewhere."""
+    rows = np.flatnonzero(stored.labels.marker == NO_MARKER)
+    columns, column = np.unique(stored.blobs.camera[rows], return_inverse=True)
+    xyz = np.full((len(stored.motion.frames), len(columns), 3), np.nan)
+    xyz[stored.blobs.frame[rows], column] = stored.points[rows]
+    return xyz
+
+
+def write_point_labels(path: Path, stored: Stored):
+    """Writes the labels of a take of points, a row for every point that is there."""
+    blobs = stored.blobs
+    frames, trajectories = blobs.frames[blobs.frame].tolist(), blobs.camera.tolist()
+    keys = [f"{frame},{trajectory}" for frame, trajectory in zip(frames, trajectories, strict=True)]
+    with LabelWriter(path, stored.names, POINT_KEYS) as writer:
+        writer.write(keys, stored.labels, POINT_STEPS)
 
 
 def write_labels(path: Path, stored: Stored):
-    """Writes the labels of a take; JobError when the file of its blobs has changed since."""
+    """Writes the labels of a take of blobs; JobError when the file of its blobs has changed since."""
     if not stored.source:
         raise InputError(f"take {stored.name} names no file of blobs; expected the file that it was labelled from")
     source, frames = Path(bpy.path.abspath(stored.source)), stored.motion.frames

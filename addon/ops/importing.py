@@ -1,20 +1,25 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a take needs before it can be labelled: a calibration and the blobs, from files or dropped into the view."""
+"""What a take needs before it can be labelled: blobs and a calibration, or 3D points, from files or dropped."""
 
 from pathlib import Path
 
 import bpy
+import numpy as np
 from bpy.props import StringProperty
 from bpy_extras.io_utils import ImportHelper
 
+from ..core.errors import InputError
 from ..io.blobs import read_blobs
 from ..io.cameras import read_cameras
+from ..io.points import holds_points, read_points
 from ..props import refresh_review
 from ..scene import cameras as scene_cameras
-from ..scene.preview import store_preview
+from ..scene.opened import opened
+from ..scene.preview import remove_preview, show_points, store_preview
 from ..scene.take import frame_shift, join_blobs, set_time
 from .reporting import reports_trouble
 
+BLOBS, POINTS = "*.csv", "*.c3d;*.trc;*.csv"
 CALIBRATIONS = ".toml;.xcp;.txt;.xml;.qca;.mcal;.yml;.yaml;.cal;.rad;.blend"
 
 
@@ -78,7 +83,7 @@ class MOCAP_AUTOLABEL_OT_import_blobs(bpy.types.Operator, ImportsFile):
     bl_label = "Import Blobs"
     bl_options = {"REGISTER", "UNDO"}
 
-    filter_glob: StringProperty(default="*.csv", options={"HIDDEN"})
+    filter_glob: StringProperty(default=BLOBS, options={"HIDDEN"})
 
     @classmethod
     def poll(cls, context):
@@ -89,20 +94,85 @@ class MOCAP_AUTOLABEL_OT_import_blobs(bpy.types.Operator, ImportsFile):
 
     @reports_trouble
     def execute(self, context):
-        settings, path = context.scene.mocap_autolabel, Path(self.filepath)
-        cameras = scene_cameras.cameras_of(settings.cameras, context.scene)
-        blobs = join_blobs(part.blobs for part in read_blobs(path, cameras))
-        if settings.preview is not None:
-            bpy.data.meshes.remove(settings.preview)
-        settings.preview = store_preview(path.stem, blobs, cameras)
-        settings.blobs_path, settings.blob_count = str(path), len(blobs)
-        settings.first_frame, settings.last_frame = int(blobs.frames[0]), int(blobs.frames[-1])
-        settings.range_first, settings.range_last = settings.first_frame, settings.last_frame
-        settings.take = None
-        refresh_review(context.window_manager, context.scene)
-        set_time(context.scene, settings.rate, blobs.frames + frame_shift(blobs.frames))
-        self.report({"INFO"}, f"{len(blobs)} blobs in {len(blobs.frames)} frames")
+        path = Path(self.filepath)
+        if holds_points(path):
+            raise InputError("holds 3D points; expected blobs, or Import 3D Points", path)
+        self.report({"INFO"}, take_blobs(context, path))
         return {"FINISHED"}
+
+
+class MOCAP_AUTOLABEL_OT_import_points(bpy.types.Operator, ImportsFile):
+    """Choose a take of 3D points to label, C3D, TRC or Motive CSV, and see its points. Needs no cameras."""
+
+    bl_idname = "mocap_autolabel.import_points"
+    bl_label = "Import 3D Points"
+    bl_options = {"REGISTER", "UNDO"}
+
+    filter_glob: StringProperty(default=POINTS, options={"HIDDEN"})
+
+    @reports_trouble
+    def execute(self, context):
+        self.report({"INFO"}, take_points(context, Path(self.filepath)))
+        return {"FINISHED"}
+
+
+class MOCAP_AUTOLABEL_OT_import_take(bpy.types.Operator, ImportsFile):
+    """Read a take to label, whether it holds blobs or 3D points."""
+
+    bl_idname = "mocap_autolabel.import_take"
+    bl_label = "Import Take"
+    bl_options = {"REGISTER", "UNDO"}
+
+    filter_glob: StringProperty(default=POINTS, options={"HIDDEN"})
+
+    @reports_trouble
+    def execute(self, context):
+        path = Path(self.filepath)
+        self.report({"INFO"}, take_points(context, path) if holds_points(path) else take_blobs(context, path))
+        return {"FINISHED"}
+
+
+def take_blobs(context: bpy.types.Context, path: Path) -> str:
+    """Makes a file of blobs the scene's take and says what is in it; InputError where it cannot be used."""
+    scene, settings = context.scene, context.scene.mocap_autolabel
+    if not cameras_at_hand(scene):
+        raise InputError("holds blobs, which need the calibration of their cameras; expected that to be imported", path)
+    cameras = scene_cameras.cameras_of(settings.cameras, scene)
+    blobs = join_blobs(part.blobs for part in read_blobs(path, cameras))
+    _forget_take(context)
+    settings.preview = store_preview(path.stem, blobs, cameras)
+    settings.blobs_path, settings.blob_count = str(path), len(blobs)
+    _set_frames(context, blobs.frames)
+    return f"{len(blobs)} blobs in {len(blobs.frames)} frames"
+
+
+def take_points(context: bpy.types.Context, path: Path) -> str:
+    """Makes a file of 3D points the scene's take and says what is in it; InputError where it cannot be used."""
+    settings, take = context.scene.mocap_autolabel, read_points(path)
+    _forget_take(context)
+    settings.preview = show_points(context.scene, path.stem, take)
+    settings.points_path, settings.blob_count = str(path), len(settings.preview.vertices)
+    settings.trajectories, settings.rate = len(take.names), take.rate
+    _set_frames(context, take.first_frame + np.arange(len(take.xyz)))
+    return f"{settings.trajectories} trajectories in {len(take.xyz)} frames"
+
+
+def _forget_take(context: bpy.types.Context):
+    """Makes room for another take; one that is labelled stays in the scene."""
+    settings = context.scene.mocap_autolabel
+    settings.take = None
+    if settings.preview is not None:
+        remove_preview(settings.preview)
+        opened.forget()
+    settings.blobs_path = settings.points_path = ""
+    refresh_review(context.window_manager, context.scene)
+
+
+def _set_frames(context: bpy.types.Context, frames: np.ndarray):
+    settings = context.scene.mocap_autolabel
+    settings.first_frame, settings.last_frame = int(frames[0]), int(frames[-1])
+    settings.range_first, settings.range_last = settings.first_frame, settings.last_frame
+    set_time(context.scene, settings.rate, frames + frame_shift(frames))
 
 
 class MOCAP_AUTOLABEL_FH_cameras(bpy.types.FileHandler):
@@ -118,13 +188,13 @@ class MOCAP_AUTOLABEL_FH_cameras(bpy.types.FileHandler):
         return in_view(context)
 
 
-class MOCAP_AUTOLABEL_FH_blobs(bpy.types.FileHandler):
-    """Drop a file of blobs into the 3D view."""
+class MOCAP_AUTOLABEL_FH_take(bpy.types.FileHandler):
+    """Drop blobs or 3D points into the 3D view; what a `.csv` holds is told from its first line."""
 
-    bl_idname = "MOCAP_AUTOLABEL_FH_blobs"
-    bl_label = "Mocap: camera blobs"
-    bl_import_operator = "mocap_autolabel.import_blobs"
-    bl_file_extensions = ".csv"
+    bl_idname = "MOCAP_AUTOLABEL_FH_take"
+    bl_label = "Mocap: take to label"
+    bl_import_operator = "mocap_autolabel.import_take"
+    bl_file_extensions = ".csv;.c3d;.trc"
 
     @classmethod
     def poll_drop(cls, context):
@@ -146,6 +216,8 @@ CLASSES = (
     MOCAP_AUTOLABEL_OT_import_cameras,
     MOCAP_AUTOLABEL_OT_use_cameras,
     MOCAP_AUTOLABEL_OT_import_blobs,
+    MOCAP_AUTOLABEL_OT_import_points,
+    MOCAP_AUTOLABEL_OT_import_take,
     MOCAP_AUTOLABEL_FH_cameras,
-    MOCAP_AUTOLABEL_FH_blobs,
+    MOCAP_AUTOLABEL_FH_take,
 )

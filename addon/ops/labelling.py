@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The one button: names the blobs, a little at a time, and shows the take when all of it is done."""
+"""The one button: names blobs or points, a little at a time, and shows the take when all of it is done."""
 
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
@@ -16,11 +16,12 @@ from ..core.pipeline import Options, label_take
 from ..core.search import Hints
 from ..core.takes import Blobs
 from ..io.blobs import read_blobs
-from ..props import chosen_markerset, refresh_review, take_name
+from ..props import chosen_markerset, frames_wanted, refresh_review, take_name
 from ..scene import cameras as scene_cameras
 from ..scene.occlusion import meshes_on, occlusion_of
 from ..scene.take import Take, join_blobs, join_labelled, show_take
 from .importing import cameras_at_hand
+from .point_steps import label_point_steps, point_job_of
 from .reporting import reports_trouble
 
 CHUNK_FRAMES = 64  # a fraction of a second of work, so that the window answers in between
@@ -47,10 +48,6 @@ def request_of(context: bpy.types.Context) -> Request:
     settings = context.scene.mocap_autolabel
     if not settings.blobs_path:
         raise InputError("no blobs are chosen; expected a file of camera blobs")
-    if settings.use_range and settings.range_last < settings.range_first:
-        raise InputError(
-            f"frames {settings.range_first} to {settings.range_last} are none; expected the first before the last"
-        )
     markerset = chosen_markerset(settings)
     hints = Hints(
         height=settings.height if settings.use_height else None, facing=settings.facing if settings.use_facing else None
@@ -62,7 +59,7 @@ def request_of(context: bpy.types.Context) -> Request:
         markerset,
         settings.rate,
         Options(hints=hints),
-        (settings.range_first, settings.range_last) if settings.use_range else None,
+        frames_wanted(settings),
         _body_in_the_way(context, settings.body, markerset),
     )
 
@@ -107,6 +104,14 @@ def label_steps(request: Request) -> Generator[float, None, Take]:
     )
 
 
+def steps_of(context: bpy.types.Context) -> Generator[float, None, Take]:
+    """The labelling that the scene's settings ask for, of blobs or of points; InputError when something is missing."""
+    settings = context.scene.mocap_autolabel
+    if settings.points_path:
+        return label_point_steps(point_job_of(settings), take_name(settings))
+    return label_steps(request_of(context))
+
+
 class MOCAP_AUTOLABEL_OT_label(bpy.types.Operator):
     """Name every marker of the take, and show it on an armature with a body."""
 
@@ -117,12 +122,13 @@ class MOCAP_AUTOLABEL_OT_label(bpy.types.Operator):
     @classmethod
     def poll(cls, context):
         settings = context.scene.mocap_autolabel
-        if not cameras_at_hand(context.scene):
-            cls.poll_message_set("Import the calibration of the cameras first")
-            return False
-        if not settings.blobs_path:
-            cls.poll_message_set("Import the blobs first")
-            return False
+        if not settings.points_path:
+            if not cameras_at_hand(context.scene):
+                cls.poll_message_set("Import the calibration of the cameras first, or 3D points")
+                return False
+            if not settings.blobs_path:
+                cls.poll_message_set("Import the blobs first, or 3D points")
+                return False
         if context.mode != "OBJECT":
             cls.poll_message_set("Go to object mode first")
             return False
@@ -130,7 +136,7 @@ class MOCAP_AUTOLABEL_OT_label(bpy.types.Operator):
 
     @reports_trouble
     def execute(self, context):
-        steps = label_steps(request_of(context))
+        steps = steps_of(context)
         while True:
             try:
                 next(steps)
@@ -142,7 +148,7 @@ class MOCAP_AUTOLABEL_OT_label(bpy.types.Operator):
 
     @reports_trouble
     def _begin(self, context) -> set[str]:
-        self._steps = label_steps(request_of(context))
+        self._steps = steps_of(context)
         manager = context.window_manager
         self._timer = manager.event_timer_add(TICK, window=context.window)
         manager.progress_begin(0, 100)
@@ -183,10 +189,11 @@ class MOCAP_AUTOLABEL_OT_label(bpy.types.Operator):
 
     def _show(self, context, take: Take) -> set[str]:
         settings = context.scene.mocap_autolabel
-        settings.take = show_take(context, take)
+        settings.take = show_take(context, take, settings.keep_unnamed)
         refresh_review(context.window_manager, context.scene)
         named = int((take.labels.marker >= 0).sum())
-        self.report({"INFO"}, f"{named} of {len(take.blobs)} blobs named in {len(take.motion.frames)} frames")
+        things = "blobs" if take.points is None else "points"
+        self.report({"INFO"}, f"{named} of {len(take.blobs)} {things} named in {len(take.motion.frames)} frames")
         return {"FINISHED"}
 
     def _tell(self, context, fraction: float):

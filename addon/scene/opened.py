@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import bpy
 
 from . import cameras as scene_cameras
-from .preview import read_preview
+from .preview import holds_points, read_points_preview, read_preview
 from .take import Stored, stored_take
 
 
@@ -23,11 +23,14 @@ class Opened:
             self.stored[key] = stored_take(collection, scene)
         return self.stored[key]
 
-    def preview(self, mesh: bpy.types.Mesh, cameras: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
-        """The unlabelled blobs that `mesh` holds."""
+    def preview(self, mesh: bpy.types.Mesh, cameras: bpy.types.Collection | None, scene: bpy.types.Scene) -> Stored:
+        """The unlabelled points that `mesh` holds, or its blobs as seen by `cameras`."""
         key = mesh.session_uid
         if key not in self.stored:
-            self.stored[key] = read_preview(mesh, scene_cameras.cameras_of(cameras, scene))
+            if holds_points(mesh):
+                self.stored[key] = read_points_preview(mesh)
+            else:
+                self.stored[key] = read_preview(mesh, scene_cameras.cameras_of(cameras, scene))
         return self.stored[key]
 
     def forget(self):

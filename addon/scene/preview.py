@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blobs before they are labelled, kept in the file so that they can be looked at through their cameras."""
+"""Blobs and points before they are labelled, kept in the file so that they can be looked at."""
 
 import json
 
@@ -7,11 +7,13 @@ import bpy
 import numpy as np
 
 from ..core.cameras import Cameras
-from ..core.takes import NO_MARKER, NO_STEP, Blobs, Labels, Motion
+from ..core.takes import NO_MARKER, NO_STEP, Blobs, Labels, Motion, Points
 from . import naming, storage
+from .cameras import NO_CAMERAS
+from .cloud import FRAME, add_cloud, cloud_points, cloud_table
 from .take import Stored, frame_shift
 
-CAMERA_NAMES = "mocap_camera_names"
+CAMERA_NAMES, SHIFT = "mocap_camera_names", "mocap_frame_shift"
 
 
 def store_preview(name: str, blobs: Blobs, cameras: Cameras) -> bpy.types.Mesh:
@@ -36,6 +38,52 @@ def read_preview(mesh: bpy.types.Mesh, cameras: Cameras) -> Stored:
     labels = Labels(np.full(rows, NO_MARKER), np.full(rows, NO_STEP), np.zeros(rows))
     shift = frame_shift(frames)
     return Stored(mesh.name, 0.0, cameras, (), blobs, labels, _no_motion(frames, count), (), "", shift)
+
+
+def show_points(scene: bpy.types.Scene, name: str, take: Points) -> bpy.types.Mesh:
+    """Adds the points of an unlabelled take to a scene as one object, and returns the mesh that keeps them."""
+    frame, trajectory = np.nonzero(np.isfinite(take.xyz).all(axis=2))
+    frames = take.first_frame + np.arange(len(take.xyz))
+    shift = frame_shift(frames)
+    title = naming.title(name, "points")
+    mesh = cloud_table(title, frames[frame] + shift, take.xyz[frame, trajectory], trajectory=trajectory)
+    mesh[SHIFT] = shift
+    add_cloud(scene.collection, mesh)
+    return mesh
+
+
+def holds_points(mesh: bpy.types.Mesh) -> bool:
+    """Whether a mesh keeps points, and not blobs."""
+    return SHIFT in mesh
+
+
+def read_points_preview(mesh: bpy.types.Mesh) -> Stored:
+    """The kept points as a take without labels, markers, motion or cameras."""
+    table, shift = storage.read_table(mesh), int(mesh[SHIFT])
+    number = table[FRAME] - shift
+    frames = np.arange(number[0], number[-1] + 1)
+    count = len(number)
+    blobs = Blobs(frames, number - number[0], table["trajectory"], np.zeros((count, 2)), np.full(count, np.nan))
+    labels = Labels(np.full(count, NO_MARKER), np.full(count, NO_STEP), np.zeros(count))
+    motion = _no_motion(frames, len(frames))
+    return Stored(mesh.name, 0.0, NO_CAMERAS, (), blobs, labels, motion, (), "", shift, cloud_points(mesh))
+
+
+def hide_preview(mesh: bpy.types.Mesh | None, hidden: bool):
+    """Hides the object that shows unlabelled points, or shows it again."""
+    for item in _objects(mesh):
+        item.hide_viewport = item.hide_render = hidden
+
+
+def remove_preview(mesh: bpy.types.Mesh):
+    """Removes unlabelled blobs or points with the object that shows them."""
+    for item in _objects(mesh):
+        bpy.data.objects.remove(item)
+    bpy.data.meshes.remove(mesh)
+
+
+def _objects(mesh: bpy.types.Mesh | None) -> list[bpy.types.Object]:
+    return [item for item in bpy.data.objects if mesh is not None and item.data == mesh]
 
 
 def _no_motion(frames: np.ndarray, count: int) -> Motion:

@@ -12,12 +12,13 @@ from ..core import rotations
 from ..core.cameras import Cameras
 from ..core.errors import JobError
 from ..core.markersets import MarkerSet
-from ..core.takes import Blobs, LabelledChunk, Labels, Motion, Suspect
+from ..core.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Suspect
 from . import armature as armatures
 from . import cameras as scene_cameras
 from . import markers as scene_markers
 from . import naming, storage
 from .body import add_body
+from .cloud import add_cloud, cloud_table
 
 BLOBS, MOTION, POSE, FRAMES = "mocap_blobs", "mocap_motion", "mocap_pose", "mocap_frames"
 RATE, SHIFT, SUSPECTS, SOURCE, NAMES = (
@@ -27,22 +28,24 @@ RATE, SHIFT, SUSPECTS, SOURCE, NAMES = (
     "mocap_source",
     "mocap_names",
 )
+POINT = "point"
 LAST_FRAME = 1048574  # Blender's last frame
 
 
 @dataclass(frozen=True, eq=False)
 class Take:
-    """Everything about one labelled take of F frames and N blobs.
+    """Everything about one labelled take of F frames and N blobs, or N points without cameras.
 
     name       what to call it
     rate       frames a second
-    cameras    that saw it
+    cameras    that saw it; none where the take came as points
     markerset  whose markers were named
-    blobs      all N of them, in the order of their file
-    labels     row for row with `blobs`
+    blobs      all N of them, in the order of their file; of points, `camera` is the trajectory's index in the file
+    labels     row for row with `blobs`; of points, `step` is an index into the steps of the points' job
     motion     frame for frame with `blobs.frames`
     suspects   ranges of frames to look at
-    source     the file of the blobs, empty if there is none
+    source     the file of the take, empty if there is none
+    points     (N, 3) m, where the points are; None for blobs
     """
 
     name: str
@@ -54,6 +57,7 @@ class Take:
     motion: Motion
     suspects: tuple[Suspect, ...] = ()
     source: str = ""
+    points: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +77,7 @@ class Stored:
     suspects: tuple[Suspect, ...]
     source: str
     shift: int
+    points: np.ndarray | None = None
 
 
 def join_blobs(chunks: Iterable[Blobs]) -> Blobs:
@@ -104,16 +109,17 @@ def frame_shift(frames: np.ndarray) -> int:
     return int(1 - frames[0])
 
 
-def show_take(context: bpy.types.Context, take: Take) -> bpy.types.Collection:
+def show_take(context: bpy.types.Context, take: Take, unnamed: bool = False) -> bpy.types.Collection:
     """Builds a take in the context's scene: cameras, armature, body and keyed markers in a collection `Mocap: NAME`.
 
-    Returns that collection, which also keeps the take itself (`stored_take`). The scene's frames and rate become the
-    take's. Needs object mode; adds no undo step of its own.
+    With `unnamed` the points that have no name are there as well, as one object. Returns that collection, which also
+    keeps the take itself (`stored_take`). The scene's frames and rate become the take's. Needs object mode; adds no
+    undo step of its own.
     """
     scene = context.scene
     shift = frame_shift(take.motion.frames)
     frames = take.motion.frames + shift
-    camera_collection = scene_cameras.find_or_add_cameras(scene, take.cameras)
+    camera_collection = scene_cameras.find_or_add_cameras(scene, take.cameras) if len(take.cameras) else None
     collection = _child(scene.collection, naming.title(take.name))
     action = bpy.data.actions.new(collection.name)
     build = armatures.build_of(take.markerset, take.motion)
@@ -122,6 +128,10 @@ def show_take(context: bpy.types.Context, take: Take) -> bpy.types.Collection:
     add_body(_child(collection, f"{collection.name} body"), armature, take.markerset, build.scale)
     empties = _child(collection, f"{collection.name} markers")
     scene_markers.add_markers(empties, action, take.markerset.markers, take.motion, frames)
+    left = take.labels.marker == NO_MARKER
+    if unnamed and take.points is not None and left.any():
+        table = cloud_table(f"{take.name} unnamed", frames[take.blobs.frame[left]], take.points[left])
+        add_cloud(collection, table)
     _store(collection, take, camera_collection, shift)
     set_time(scene, take.rate, frames)
     return collection
@@ -152,25 +162,29 @@ def stored_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> Sto
     """A take as the file keeps it, in any session after the one that labelled it."""
     blobs, frames = storage.read_table(collection[BLOBS]), storage.read_table(collection[FRAMES])
     names = tuple(json.loads(collection[NAMES]))
-    numbers = frames["number"]
+    numbers, points = frames["number"], blobs.get(POINT)
+    cameras = collection.get(naming.CAMERAS)
     return Stored(
         str(collection[naming.TAKE]),
         float(collection[RATE]),
-        scene_cameras.cameras_of(collection[naming.CAMERAS], scene),
+        scene_cameras.cameras_of(cameras, scene) if cameras else scene_cameras.NO_CAMERAS,
         names,
-        Blobs(numbers, blobs["frame"], blobs["camera"], blobs["xy"], blobs["area"]),
+        Blobs(numbers, *(blobs[f.name] for f in fields(Blobs)[1:])),
         Labels(blobs["marker"], blobs["step"], blobs["confidence"]),
         _read_motion(collection, frames, len(names)),
         tuple(Suspect(*row) for row in json.loads(collection[SUSPECTS])),
         str(collection[SOURCE]),
         int(collection[SHIFT]),
+        points,
     )
 
 
-def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Collection, shift: int):
+def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Collection | None, shift: int):
     title, blobs, labels, motion = collection.name, take.blobs, take.labels, take.motion
     columns = {f.name: getattr(blobs, f.name) for f in fields(Blobs) if f.name != "frames"}
     columns |= {f.name: getattr(labels, f.name) for f in fields(Labels)}
+    if take.points is not None:
+        columns[POINT] = take.points
     collection[BLOBS] = storage.store_table(f"{title} blobs", columns)
     flat = {
         "markers": motion.markers.reshape(-1, 3),
@@ -186,7 +200,8 @@ def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Coll
     collection[FRAMES] = storage.store_table(f"{title} frames", per_frame)
     collection[naming.TAKE] = take.name
     collection[naming.MARKERSET] = take.markerset.name
-    collection[naming.CAMERAS] = cameras
+    if cameras is not None:
+        collection[naming.CAMERAS] = cameras
     collection[NAMES] = json.dumps(take.markerset.markers)
     collection[RATE], collection[SHIFT], collection[SOURCE] = float(take.rate), shift, take.source
     collection[SUSPECTS] = json.dumps([[int(s.first), int(s.last), s.reason] for s in take.suspects])

@@ -31,5 +31,5 @@ def adopt_takes():
             settings.take = takes[-1]
             settings.rate = scene.render.fps / scene.render.fps_base
         if settings.cameras is None and takes:
-            settings.cameras = takes[-1][naming.CAMERAS]
+            settings.cameras = takes[-1].get(naming.CAMERAS)
     refresh_review(bpy.context.window_manager, bpy.context.scene)

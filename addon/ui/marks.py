@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What there is to draw in one frame, as plain arrays in the world: no drawing here."""
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,8 @@ GREEN, CYAN, MAGENTA, GREY = (
     (0.95, 0.2, 0.85, 1.0),
     (0.55, 0.55, 0.55, 0.9),
 )
+SURE = 0.99  # confidence below which a name is doubtful
+ORANGE, RED = (1.0, 0.75, 0.2, 1.0), (1.0, 0.15, 0.2, 1.0)
 BLACK, WHITE = (0.02, 0.02, 0.02, 1.0), (1.0, 1.0, 1.0, 1.0)
 
 # Of a link's two ends, the blob and the body's marker, by the step that named the blob: the paper's figure 5.
@@ -65,6 +68,44 @@ def links(marks: CameraMarks) -> tuple[np.ndarray, np.ndarray]:
     ends = np.stack([marks.blobs[named], marks.expected[marks.marker[named]]], axis=1)
     there = np.isfinite(ends).all(axis=(1, 2))
     return ends[there], STEP_COLOURS[marks.step[named][there]]
+
+
+@dataclass(frozen=True, eq=False)
+class PointMarks:
+    """One frame of a take without cameras, and of any take seen from anywhere.
+
+    named     (M, 3) m the markers that were found; NaN where one was not
+    doubtful  (M,) True for those that a person should look at
+    unnamed   (N, 3) m the points without a name
+    asked     {index into `unnamed`: what it is called in the review}, for those that may be markers
+    """
+
+    named: np.ndarray
+    doubtful: np.ndarray
+    unnamed: np.ndarray
+    asked: dict[int, str]
+
+
+def point_marks(stored: Stored, index: int) -> PointMarks:
+    """What there is in frame `index`: doubtful is what has little confidence or is named among the suspects."""
+    frame = stored.motion.frames[index] if len(stored.motion.frames) else 0
+    words = {
+        word
+        for suspect in stored.suspects
+        if suspect.first <= frame <= suspect.last
+        for word in re.findall(r"[^\s,;]+", suspect.reason)
+    }
+    doubtful = np.array([name in words for name in stored.names], dtype=bool)
+    markers, labels = stored.motion.markers[index], stored.labels
+    if stored.points is None:
+        return PointMarks(markers, doubtful, np.empty((0, 3)), {})
+    first, last = np.searchsorted(stored.blobs.frame, [index, index + 1])
+    marker, confidence = labels.marker[first:last], labels.confidence[first:last]
+    doubtful[marker[(marker != NO_MARKER) & (confidence < SURE)]] = True
+    left = first + np.flatnonzero(marker == NO_MARKER)
+    numbers = stored.blobs.camera[left].tolist()
+    asked = {row: f"trajectory {number}" for row, number in enumerate(numbers) if str(number) in words}
+    return PointMarks(markers, doubtful, stored.points[left], asked)
 
 
 def room_for_words(places: np.ndarray, widths: np.ndarray, height: float, gap: float) -> np.ndarray:

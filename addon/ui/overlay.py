@@ -13,12 +13,13 @@ from ..scene import naming
 from ..scene.cameras import camera_name, is_mocap_camera
 from ..scene.markerset_edit import edited_collection
 from ..scene.opened import opened
+from ..scene.preview import holds_points
 from ..scene.take import Stored, is_take
 from . import marks
-from .marks import BLACK, STEP_COLOURS, WHITE
+from .marks import BLACK, GREY, ORANGE, RED, STEP_COLOURS, WHITE
 
 BLOB_RADIUS, RING_RADIUS, LINK_WIDTH, TEXT_SIZE = 3.5, 5.5, 2.2, 11.0
-RING_COLOUR, MARKER_COLOUR = (1.0, 1.0, 1.0, 0.45), (1.0, 0.75, 0.2, 1.0)
+RING_COLOUR = (1.0, 1.0, 1.0, 0.45)
 CORNERS = 16
 LEGEND_LEFT, LEGEND_BOTTOM = 60, 20
 LEGEND = (("exclusive", 1), ("conflict", 2), ("remaining", 3), ("unnamed", 0))
@@ -48,11 +49,11 @@ def draw():
 
 
 def shown(scene: bpy.types.Scene) -> Stored | None:
-    """The take to draw: the active one, or the blobs that wait to be labelled."""
+    """The take to draw: the active one, or the blobs or points that wait to be labelled."""
     settings = scene.mocap_autolabel
     if is_take(settings.take):
         return opened.take(settings.take, scene)
-    if settings.preview is not None and cameras_at_hand(scene):
+    if settings.preview is not None and (holds_points(settings.preview) or cameras_at_hand(scene)):
         return opened.preview(settings.preview, settings.cameras, scene)
     return None
 
@@ -157,27 +158,54 @@ def draw_camera(canvas: Canvas, stored: Stored, index: int, camera: bpy.types.Ob
 
 
 def draw_markers(canvas: Canvas, stored: Stored, index: int, settings):
-    """The markers that were found, and their names."""
-    places = canvas.place(stored.motion.markers[index])
+    """The markers that were found and their names, and the points that have none; doubtful ones stand out."""
+    seen = marks.point_marks(stored, index)
+    places, others = canvas.place(seen.named), canvas.place(seen.unnamed)
+    asked = list(seen.asked)
+    fills = np.full((len(others), 4), GREY)
+    fills[asked] = RED
     gpu.state.blend_set("ALPHA")
-    canvas.discs(places, np.broadcast_to(np.array(BLACK), (len(places), 4)), BLOB_RADIUS)
-    canvas.discs(places, np.broadcast_to(np.array(MARKER_COLOUR), (len(places), 4)), BLOB_RADIUS - 1)
+    for at, colours, radius in (
+        (others, fills, BLOB_RADIUS - 1.5),
+        (places, np.where(seen.doubtful[:, None], RED, ORANGE), BLOB_RADIUS - 1),
+    ):
+        canvas.discs(at, np.broadcast_to(np.array(BLACK), (len(at), 4)), radius + 1)
+        canvas.discs(at, colours, radius)
     gpu.state.blend_set("NONE")
     if settings.show_names:
-        canvas.names(list(stored.names), places)
+        words = [*stored.names, *seen.asked.values()]
+        canvas.names(words, np.concatenate([places, others[asked]]))
+    if stored.points is not None:
+        found = int(np.isfinite(seen.named).all(axis=1).sum())
+        draw_point_legend(canvas, found, found + len(others), bool(stored.names))
+
+
+def draw_point_legend(canvas: Canvas, named: int, points: int, labelled: bool):
+    """What the colours of points mean, and how many have a name."""
+    if not labelled:
+        canvas.text(f"{points} points", LEGEND_LEFT * canvas.scale, LEGEND_BOTTOM * canvas.scale)
+        return
+    rows = (("named", ORANGE), ("doubtful", RED), ("unnamed", GREY))
+    draw_colours(canvas, f"{named} of {points} points named", rows)
 
 
 def draw_legend(canvas: Canvas, camera: str, blobs: int, named: int):
-    """What the colours mean, and how many blobs have a name."""
+    """What the colours of blobs mean, and how many have a name."""
+    rows = [(words, STEP_COLOURS[step]) for words, step in LEGEND]
+    draw_colours(canvas, f"{camera}: {named} of {blobs} blobs named", rows)
+
+
+def draw_colours(canvas: Canvas, title: str, rows):
+    """A title and below it colours, each one or from one to another, with the words for them."""
     left, bottom, line = LEGEND_LEFT * canvas.scale, LEGEND_BOTTOM * canvas.scale, 18 * canvas.scale
-    canvas.text(f"{camera}: {named} of {blobs} blobs named", left, bottom + line * len(LEGEND))
+    canvas.text(title, left, bottom + line * len(rows))
     gpu.state.blend_set("ALPHA")
-    for row, (_, step) in enumerate(reversed(LEGEND)):
+    for row, (_, colour) in enumerate(reversed(rows)):
         y = bottom + line * row + line * 0.25
         ends = np.array([[[left, y], [left + 22 * canvas.scale, y]]])
-        canvas.lines(ends, STEP_COLOURS[[step]], LINK_WIDTH * 1.5)
+        canvas.lines(ends, np.broadcast_to(colour, (2, 4))[None], LINK_WIDTH * 1.5)
     gpu.state.blend_set("NONE")
-    for row, (words, _) in enumerate(reversed(LEGEND)):
+    for row, (words, _) in enumerate(reversed(rows)):
         canvas.text(words, left + 30 * canvas.scale, bottom + line * row)
 
 

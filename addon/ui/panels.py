@@ -28,6 +28,9 @@ class MOCAP_AUTOLABEL_PT_cameras(Step, bpy.types.Panel):
 
     def draw(self, context):
         layout, settings = self.layout, context.scene.mocap_autolabel
+        if settings.points_path:
+            layout.label(text="3D points need no cameras", icon="INFO")
+            return
         layout.operator("mocap_autolabel.import_cameras", icon="IMPORT")
         if not cameras_at_hand(context.scene):
             layout.label(text="Or drop a calibration here", icon="INFO")
@@ -42,21 +45,29 @@ class MOCAP_AUTOLABEL_PT_cameras(Step, bpy.types.Panel):
             button.camera = camera.name
 
 
-class MOCAP_AUTOLABEL_PT_blobs(Step, bpy.types.Panel):
-    """What the cameras saw."""
+class MOCAP_AUTOLABEL_PT_take(Step, bpy.types.Panel):
+    """What the cameras saw, or the points that another program made of it."""
 
-    bl_label = "2. Blobs"
+    bl_label = "2. Blobs or 3D Points"
 
     def draw(self, context):
         layout, settings = self.layout, context.scene.mocap_autolabel
-        layout.operator("mocap_autolabel.import_blobs", icon="IMPORT")
-        if not settings.blobs_path:
-            layout.label(text="Or drop a blobs .csv here", icon="INFO")
+        column = layout.column(align=True)
+        column.operator("mocap_autolabel.import_blobs", icon="IMPORT")
+        column.operator("mocap_autolabel.import_points", icon="IMPORT")
+        path = settings.points_path or settings.blobs_path
+        if not path:
+            layout.label(text="Or drop a .csv, .c3d or .trc here", icon="INFO")
             return
         column = layout.column(align=True)
-        column.label(text=bpy.path.basename(settings.blobs_path), icon="FILE")
-        column.label(text=f"Frames {settings.first_frame} to {settings.last_frame}, {settings.blob_count} blobs")
-        layout.prop(settings, "rate")
+        column.label(text=bpy.path.basename(path), icon="FILE")
+        frames = f"Frames {settings.first_frame} to {settings.last_frame}"
+        if settings.points_path:
+            column.label(text=f"{frames}, {settings.trajectories} trajectories")
+            column.label(text=f"{settings.rate:g} frames a second")
+        else:
+            column.label(text=f"{frames}, {settings.blob_count} blobs")
+            layout.prop(settings, "rate")
 
 
 class MOCAP_AUTOLABEL_PT_markerset(Step, bpy.types.Panel):
@@ -127,7 +138,12 @@ class MOCAP_AUTOLABEL_PT_hints(Step, bpy.types.Panel):
         value.active = settings.use_range
         value.prop(settings, "range_first", text="")
         value.prop(settings, "range_last", text="")
-        layout.prop(settings, "body")
+        if settings.points_path:
+            layout.prop(settings, "method")
+            layout.prop(settings, "target")
+            layout.prop(settings, "keep_unnamed")
+        else:
+            layout.prop(settings, "body")
 
 
 class MOCAP_AUTOLABEL_PT_review(Step, bpy.types.Panel):
@@ -141,7 +157,8 @@ class MOCAP_AUTOLABEL_PT_review(Step, bpy.types.Panel):
         row = layout.row(align=True)
         row.prop(settings, "show_overlay", toggle=True, icon="OVERLAY")
         row.prop(settings, "show_names", toggle=True)
-        row.prop(settings, "show_links", toggle=True)
+        if not settings.points_path:
+            row.prop(settings, "show_links", toggle=True)
         if is_take(settings.take):
             layout.operator("mocap_autolabel.clear", icon="TRASH")
 
@@ -228,7 +245,7 @@ CLASSES = (
     MOCAP_AUTOLABEL_UL_suspects,
     MOCAP_AUTOLABEL_UL_markers,
     MOCAP_AUTOLABEL_PT_cameras,
-    MOCAP_AUTOLABEL_PT_blobs,
+    MOCAP_AUTOLABEL_PT_take,
     MOCAP_AUTOLABEL_PT_markerset,
     MOCAP_AUTOLABEL_PT_markerset_edit,
     MOCAP_AUTOLABEL_PT_label,

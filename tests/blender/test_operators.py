@@ -135,7 +135,7 @@ def test_dropped_files_are_read_at_once(extension, empty, files):
     assert bpy.ops.mocap_autolabel.import_cameras("INVOKE_DEFAULT", filepath=files.cameras) == {"FINISHED"}
     assert bpy.ops.mocap_autolabel.import_blobs("INVOKE_DEFAULT", filepath=files.blobs) == {"FINISHED"}
     importing = importlib.import_module(f"{extension}.addon.ops.importing")
-    for handler in (importing.MOCAP_AUTOLABEL_FH_cameras, importing.MOCAP_AUTOLABEL_FH_blobs):
+    for handler in (importing.MOCAP_AUTOLABEL_FH_cameras, importing.MOCAP_AUTOLABEL_FH_take):
         assert handler.is_registered
         assert handler.poll_drop(SimpleNamespace(area=SimpleNamespace(type="VIEW_3D")))
         assert not handler.poll_drop(SimpleNamespace(area=SimpleNamespace(type="IMAGE_EDITOR")))

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The labelling of 3D points, a little at a time: the command line's own job, with its files in a folder that goes."""
+
+import tempfile
+from collections.abc import Generator
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ..core.errors import UserError
+from ..io.markersets import open_markerset
+from ..io.points import read_points
+from ..jobs import LabelJob, Labelled, label_file
+from ..props import SceneSettings, chosen_model, frames_wanted
+from ..scene.cameras import NO_CAMERAS
+from ..scene.take import Take
+
+
+def point_job_of(settings: SceneSettings) -> LabelJob:
+    """What the scene's settings ask for; InputError when something is missing."""
+    return LabelJob(
+        source=Path(bpy.path.abspath(settings.points_path)),
+        cameras=None,
+        model=chosen_model(settings),
+        out=Path(),
+        frames=frames_wanted(settings),
+        method=settings.method,
+        target=settings.target,
+        height=settings.height if settings.use_height else None,
+        facing=settings.facing if settings.use_facing else None,
+        keep=True,
+    )
+
+
+def label_point_steps(job: LabelJob, name: str) -> Generator[float, None, Take]:
+    """Labels the points, yielding how much is done (0 to 1), and returns the take. Touches nothing of Blender.
+
+    Raises UserError with the file where it can be told.
+    """
+    try:
+        with tempfile.TemporaryDirectory(prefix="mocap-autolabel-", ignore_cleanup_errors=True) as folder:
+            labelled = yield from _fractions(replace(job, out=Path(folder)))
+    except UserError as error:
+        raise error if error.file else type(error)(error.message, job.source) from error
+    return _take_of(labelled, job, name)
+
+
+def _fractions(job: LabelJob) -> Generator[float, None, Labelled]:
+    with closing(label_file(job)) as steps:
+        while True:
+            try:
+                progress = next(steps)
+            except StopIteration as done:
+                return done.value
+            yield progress.fraction
+
+
+def _take_of(labelled: Labelled, job: LabelJob, name: str) -> Take:
+    """The take as the scene shows it; its points come from the file, which the labelling does not hand on."""
+    [(rows, chunk)] = labelled.chunks
+    file = read_points(job.source)
+    points = file.xyz[rows.frames[rows.frame] - file.first_frame, rows.camera]
+    return Take(
+        name,
+        file.rate,
+        NO_CAMERAS,
+        open_markerset(job.model),
+        replace(rows, camera=np.asarray(file.columns)[rows.camera]),
+        chunk.labels,
+        chunk.motion,
+        chunk.suspects,
+        str(job.source),
+        points,
+    )

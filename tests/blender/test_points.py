@@ -1,0 +1,221 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""From anonymous 3D points to named markers with the extension's own operators: seen, labelled, reviewed, written."""
+
+import importlib
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+import pytest
+
+from addon.core.takes import NO_MARKER, Points
+from addon.io.blobs import write_blobs
+from addon.io.cameras import write_cameras
+from addon.io.markersets import write_markerset
+from addon.io.points import read_points, write_c3d, write_trc
+from addon.scene import naming
+
+GHOSTS = 2
+MOTIVE = """Format Version,1.23,Take Name,walk,Export Frame Rate,100.000000,Length Units,Meters
+,Type,Marker,Marker,Marker
+,Name,Unlabeled 1,Unlabeled 1,Unlabeled 1
+,ID,1,1,1
+,,Position,Position,Position
+Frame,Time (Seconds),X,Y,Z
+7,0.07,0.1,1.2,0.3
+8,0.08,0.1,1.25,0.3
+"""
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory, made):
+    """A take of a person whose markers have no names, shuffled, with ghosts; as C3D, TRC and among other kinds."""
+    folder = tmp_path_factory.mktemp("points")
+    markerset = made.markerset()
+    motion = made.motion(markerset, 30)
+    rng = np.random.default_rng(3)
+    ghosts = np.tile(rng.uniform(-2, 2, (GHOSTS, 3)), (30, 1, 1))
+    xyz = np.concatenate([motion.markers, ghosts], axis=1)
+    order = rng.permutation(xyz.shape[1])
+    residual = np.where(np.isfinite(xyz[:, order, 0]), 0.0, np.nan)
+    take = Points(("",) * len(order), xyz[:, order], residual, 59.94, 101)
+    write_c3d(folder / "walk.c3d", take)
+    write_trc(folder / "walk.trc", take)
+    (folder / "motive.csv").write_text(MOTIVE)
+    write_markerset(folder / "small.markerset.json", markerset)
+    cameras = made.cameras()
+    write_cameras(folder / "room.toml", cameras)
+    write_blobs(folder / "walk.csv", made.blobs(markerset, cameras, made.motion(markerset, 5))[0], cameras)
+    truth = np.where(order < len(markerset), order, NO_MARKER)
+    return SimpleNamespace(folder=folder, take=take, truth=truth, markerset=str(folder / "small.markerset.json"))
+
+
+@pytest.fixture
+def imported(extension, empty, files):
+    """A scene with the points in it, and the marker set chosen."""
+    assert bpy.ops.mocap_autolabel.import_points(filepath=str(files.folder / "walk.c3d")) == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.open_markerset(filepath=files.markerset) == {"FINISHED"}
+    return empty
+
+
+@pytest.fixture
+def naming_known(extension, monkeypatch, files):
+    """The job with a naming that knows the truth."""
+    jobs = importlib.import_module(f"{extension}.addon.jobs.points")
+    named = importlib.import_module(f"{extension}.addon.jobs.naming")
+
+    def name_frames(model, method, points, rate, options):
+        for first in range(0, len(points), 10):
+            there = np.isfinite(points[first : first + 10]).all(axis=2)
+            marker = np.where(there, files.truth, NO_MARKER)
+            sure = np.where(marker != NO_MARKER, 1.0, 0.0)
+            yield named.NamedFrames(marker, sure, sure)
+
+    monkeypatch.setattr(jobs, "name_frames", name_frames)
+
+
+def visible_points() -> int:
+    """How many points all clouds of the scene show in the current frame."""
+    shown = bpy.context.evaluated_depsgraph_get()
+    clouds = [item for item in bpy.context.scene.objects if item.modifiers and not item.hide_viewport]
+    sets = [item.evaluated_get(shown).evaluated_geometry() for item in clouds]
+    return sum(len(made.pointcloud.points) for made in sets if made.pointcloud is not None)
+
+
+def test_points_are_seen_before_they_are_labelled(imported, files):
+    settings = imported.scene.mocap_autolabel
+    assert (settings.first_frame, settings.last_frame, settings.trajectories) == (101, 130, 15)
+    assert settings.rate == pytest.approx(59.94)
+    assert (imported.scene.frame_start, imported.scene.frame_end) == (101, 130)
+    for frame in (101, 104, 113):
+        imported.scene.frame_set(frame)
+        expected = int(np.isfinite(files.take.xyz[frame - 101, :, 0]).sum())
+        assert visible_points() == expected
+        overlay = importlib.import_module("bl_ext.mocap_tests.mocap_autolabel.addon.ui.overlay")
+        marks = importlib.import_module("bl_ext.mocap_tests.mocap_autolabel.addon.ui.marks")
+        stored = overlay.shown(imported.scene)
+        seen = marks.point_marks(stored, marks.frame_index(stored, frame))
+        assert len(seen.unnamed) == expected
+
+
+def test_importing_again_takes_the_place_of_what_was_there(imported, files):
+    before = len(bpy.data.objects), len(bpy.data.meshes)
+    bpy.ops.mocap_autolabel.import_points(filepath=str(files.folder / "walk.trc"))
+    assert (len(bpy.data.objects), len(bpy.data.meshes)) == before
+    assert imported.scene.mocap_autolabel.points_path.endswith("walk.trc")
+
+
+def test_a_drop_tells_blobs_from_points(extension, empty, files):
+    settings = empty.scene.mocap_autolabel
+    drop = bpy.ops.mocap_autolabel.import_take
+    assert drop("INVOKE_DEFAULT", filepath=str(files.folder / "motive.csv")) == {"FINISHED"}
+    assert (settings.points_path, settings.blobs_path) == (str(files.folder / "motive.csv"), "")
+    assert (settings.first_frame, settings.trajectories, settings.rate) == (7, 1, 100.0)
+    with pytest.raises(RuntimeError, match="need the calibration"):
+        drop("INVOKE_DEFAULT", filepath=str(files.folder / "walk.csv"))
+    bpy.ops.mocap_autolabel.import_cameras(filepath=str(files.folder / "room.toml"))
+    assert drop("INVOKE_DEFAULT", filepath=str(files.folder / "walk.csv")) == {"FINISHED"}
+    assert (settings.points_path, settings.blobs_path) == ("", str(files.folder / "walk.csv"))
+    assert not any(item.modifiers for item in empty.scene.objects), "the points have gone"
+    with pytest.raises(RuntimeError, match="holds 3D points"):
+        bpy.ops.mocap_autolabel.import_blobs(filepath=str(files.folder / "motive.csv"))
+
+
+def test_anonymous_points_become_named_markers(imported, files, naming_known):
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    collection = imported.scene.mocap_autolabel.take
+    assert naming.CAMERAS not in collection
+    assert not [item for item in bpy.data.collections if item.name.startswith("Mocap: cameras")]
+    empties = {item[naming.MARKER]: item for item in collection.all_objects if item.type == "EMPTY"}
+    names = [name for name, _ in imported.window_manager.mocap_autolabel.markers.items()]
+    assert list(empties) == names
+    armature = next(item for item in collection.all_objects if item.type == "ARMATURE")
+    assert len(armature.pose.bones) == 9
+    imported.scene.frame_set(120)
+    for point, marker in enumerate(files.truth):
+        if marker != NO_MARKER:
+            place = empties[names[marker]].matrix_world.translation
+            np.testing.assert_allclose(place, files.take.xyz[19, point], atol=1e-5)
+    curves = armature.animation_data.action.layers[0].strips[0].channelbags[0].fcurves
+    assert len(curves), "the armature moves"
+    gap = imported.window_manager.mocap_autolabel.markers["RASI"]
+    assert (gap.gaps, gap.longest_gap) == (2, 5)
+
+
+def test_what_stays_unnamed_is_one_object_if_it_is_wanted(imported, naming_known):
+    settings = imported.scene.mocap_autolabel
+    bpy.ops.mocap_autolabel.label()
+    imported.scene.frame_set(115)
+    assert visible_points() == GHOSTS, "the unlabelled take is out of sight, its ghosts are not"
+    assert bpy.ops.mocap_autolabel.clear() == {"FINISHED"}
+    assert [item.hide_viewport for item in imported.scene.objects if item.modifiers] == [False]
+    settings.keep_unnamed = False
+    bpy.ops.mocap_autolabel.label()
+    assert not any(item.modifiers for item in settings.take.all_objects)
+
+
+def test_the_exports_are_what_the_command_line_writes(imported, files, naming_known, extension, tmp_path):
+    jobs = importlib.import_module(f"{extension}.addon.jobs")
+    source = files.folder / "walk.c3d"
+    for _ in jobs.label_file(jobs.LabelJob(source, None, files.markerset, tmp_path)):
+        pass
+    bpy.ops.mocap_autolabel.label()
+    bpy.ops.mocap_autolabel.export_labels(filepath=str(tmp_path / "ours.labels.csv"))
+    bpy.ops.mocap_autolabel.export_c3d(filepath=str(tmp_path / "ours.c3d"))
+    bpy.ops.mocap_autolabel.export_trc(filepath=str(tmp_path / "ours.trc"))
+    assert (tmp_path / "ours.labels.csv").read_text() == (tmp_path / "walk.labels.csv").read_text()
+    theirs, ours, trc = (read_points(tmp_path / name) for name in ("walk.c3d", "ours.c3d", "ours.trc"))
+    assert ours.names == theirs.names == trc.names
+    assert (ours.first_frame, ours.rate) == (theirs.first_frame, theirs.rate)
+    np.testing.assert_allclose(ours.xyz, theirs.xyz, atol=1e-6)
+    np.testing.assert_allclose(trc.xyz, theirs.xyz, atol=1e-5)
+
+
+def test_doubtful_points_are_told_from_sure_ones(extension):
+    marks = importlib.import_module(f"{extension}.addon.ui.marks")
+    takes = importlib.import_module(f"{extension}.addon.core.takes")
+    motion = SimpleNamespace(frames=np.array([5, 6]), markers=np.zeros((2, 3, 3)))
+    stored = SimpleNamespace(
+        names=("A", "B", "C"),
+        motion=motion,
+        suspects=(
+            takes.Suspect(6, 9, "B jumps"),
+            takes.Suspect(1, 9, "trajectory 41 may be C2 or D and stays unnamed"),
+        ),
+        blobs=SimpleNamespace(frame=np.array([0, 0, 0, 1]), camera=np.array([3, 4, 41, 4])),
+        labels=SimpleNamespace(marker=np.array([0, 2, -1, -1]), confidence=np.array([1.0, 0.9, 0, 0])),
+        points=np.arange(12.0).reshape(4, 3),
+    )
+    first, second = marks.point_marks(stored, 0), marks.point_marks(stored, 1)
+    assert first.doubtful.tolist() == [False, False, True]
+    assert second.doubtful.tolist() == [False, True, False]
+    assert first.asked == {0: "trajectory 41"}
+    assert (len(first.unnamed), len(second.unnamed), second.asked) == (1, 1, {})
+
+
+def test_trouble_is_one_sentence_and_leaves_nothing(extension, empty, files, tmp_path):
+    with pytest.raises(RuntimeError, match="Import the calibration of the cameras first, or 3D points"):
+        bpy.ops.mocap_autolabel.label()
+    bad = tmp_path / "bad.c3d"
+    bad.write_bytes(b"\x02P" + b"\0" * 600)
+    before = len(bpy.data.objects), len(bpy.data.meshes)
+    with pytest.raises(RuntimeError, match=r"bad\.c3d"):
+        bpy.ops.mocap_autolabel.import_points(filepath=str(bad))
+    assert (len(bpy.data.objects), len(bpy.data.meshes)) == before
+    bpy.ops.mocap_autolabel.import_points(filepath=str(files.folder / "motive.csv"))
+    bpy.ops.mocap_autolabel.open_markerset(filepath=files.markerset)
+    with pytest.raises(RuntimeError, match=r"motive\.csv: .*expected"):
+        bpy.ops.mocap_autolabel.label()
+    assert empty.scene.mocap_autolabel.take is None
+
+
+def test_a_saved_file_opens_with_its_points(imported, naming_known, tmp_path):
+    bpy.ops.mocap_autolabel.label()
+    path = str(tmp_path / "walk.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.open_mainfile(filepath=path)
+    settings = bpy.context.scene.mocap_autolabel
+    takes = importlib.import_module("addon.scene.take")
+    stored = takes.stored_take(settings.take, bpy.context.scene)
+    assert stored.points.shape == (len(stored.blobs), 3)
+    assert len(bpy.context.window_manager.mocap_autolabel.markers) == 13
