@@ -36,9 +36,9 @@ def label_confidences(naming: Naming, camera: np.ndarray, marker: np.ndarray) ->
 
 
 def swap_doubts(swaps: Swaps, markers: int) -> np.ndarray:
-    """(M,) chance that each marker has not changed names with a neighbour, by what the exchange would have cost."""
+    """(M,) chance that each marker has not changed names with another, by what the exchange would have cost."""
     sure = np.ones(markers)
     chance = 1 / (1 + np.exp(-np.clip(swaps.loss / 2, -60, 60)))
-    for column in swaps.pairs.T:
-        np.minimum.at(sure, column, chance)
+    moved = swaps.orders != np.arange(markers)
+    np.minimum.at(sure, np.nonzero(moved)[1], np.repeat(chance, moved.sum(axis=1)))
     return sure

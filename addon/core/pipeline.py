@@ -17,7 +17,7 @@ from .errors import JobError
 from .labelling import Expectation, Naming
 from .markersets import MarkerSet
 from .occlusion import Occlusion
-from .rivals import exchanged, swap_names
+from .rivals import exchange_loss, exchanged, swap_names
 from .search import Found, Hints, find_subject
 from .subject import Setup
 from .suspects import find_suspects
@@ -31,6 +31,7 @@ ENOUGH = 0.8
 CONTENT = 3  # good placements after which the best of them will do
 SLOWEST = 20.0  # frames a second below which nothing is followed: every frame is looked at on its own
 REVIEW = 120  # frames between two looks at whether neighbours have changed names
+FIRST_REVIEW = 20  # the first of them, because a start that is wrong stays wrong
 SECOND_LOOK = 6  # frames before it that must say the same
 LEAST_SURE = 0.7  # a placement less sure than this names nothing
 LEAST_NAMED = 0.4
@@ -115,7 +116,7 @@ class TakeLabeller:
             self.track = followed.track
             chunk.results[at] = self._result(followed)
             at += 1
-            if at == end or (at - first) % REVIEW == 0:
+            if at == end or at - first == FIRST_REVIEW or (at - first) % REVIEW == 0:
                 self._review(chunk, first, at - 1)
         return at
 
@@ -172,19 +173,36 @@ class TakeLabeller:
         if earlier < first:
             return
         with self.setup.clock("fit"):
-            pairs = [set(self._exchanged(chunk, index)) for index in (earlier, at)]
-        names = self.setup.model.markerset.markers
-        for one, other in set.intersection(*pairs):
-            since = _exchanged_since(chunk.results, one, other, at)
-            for index in range(since, at + 1):
-                swap_names(chunk.results[index].naming, one, other)
-            self.track = self.track.doubting(one, other, self.setup)
-            chunk.suspect(since, at, f"{names[one]} and {names[other]} had changed names and got them back")
+            found, before = (self._looks_into(exchanged, chunk, index) for index in (at, earlier))
+        order = next((order for order in found if order in before), None)
+        if order is None:
+            return
+        moved = np.flatnonzero(np.array(order) != np.arange(len(order)))
+        since = self._exchanged_since(chunk, order, earlier)
+        for index in range(since, at + 1):
+            swap_names(chunk.results[index].naming, np.array(order))
+        self.track = self.track.doubting(moved, self.setup)
+        names = ", ".join(self.setup.model.markerset.markers[marker] for marker in moved)
+        chunk.suspect(since, at, f"{names} had changed names and got them back")
 
-    def _exchanged(self, chunk: "_Chunk", index: int) -> list[tuple[int, int]]:
+    def _looks_into(self, question, chunk: "_Chunk", index: int, *more):
+        """Asks `question` of a labelled frame: `rivals.exchanged` or `rivals.exchange_loss`."""
         result = chunk.results[index]
         subject = replace(self.track.subject, bodies=result.bodies)
-        return exchanged(chunk.views[index], result.naming, subject, self.setup)
+        return question(chunk.views[index], result.naming, subject, self.setup, *more)
+
+    def _exchanged_since(self, chunk: "_Chunk", order: tuple[int, ...], at: int) -> int:
+        """The first frame of this spell that asks for an exchange of names, given that frame `at` does, by halving."""
+        low = at
+        while low > 0 and chunk.results[low - 1] is not None:
+            low -= 1
+        while low < at:
+            middle = (low + at) // 2
+            if self._looks_into(exchange_loss, chunk, middle, order) < 0:
+                at = middle
+            else:
+                low = middle + 1
+        return at
 
     def _result(self, followed: Followed) -> FrameResult:
         bodies = followed.track.subject.bodies
@@ -232,17 +250,6 @@ class _Chunk:
         motion = Motion(self.blobs.frames, points, residual, residual_px, conflicts, *poses, confidence)
         self.suspects += find_suspects(motion, setup.model.markerset.markers, setup.rate)
         return LabelledChunk(labels, motion, tuple(self.suspects), setup.clock.take())
-
-
-def _exchanged_since(results, first: int, second: int, at: int) -> int:
-    """The earliest frame, going back from `at`, since which two markers were always seen: they may have met there."""
-    since = at
-    while since > 0 and results[since - 1] is not None:
-        points = results[since - 1].naming.meeting.points[[first, second]]
-        if not np.isfinite(points).all():
-            break
-        since -= 1
-    return since
 
 
 def _write_labels(labels: Labels, view: View, result: FrameResult) -> np.ndarray:

@@ -17,8 +17,8 @@ from .views import View
 STRANGER = 12.0  # squared deviations (three of them) beyond which two blobs that meet are somebody else's
 NEIGHBOURS = 0.12  # m between markers that may have changed names
 STEPS = 4
-MOST_SWAPS = 24
-CERTAIN = 8.0  # squared deviations that an exchange must gain before a track is doubted
+FITTED = 10  # exchanges that are worth a whole fit
+CERTAIN = 5.0  # squared deviations that an exchange must gain before a track is doubted
 ROOM = 1.25  # how much wider than the recorded people's a new subject's placement of markers is taken to be
 
 
@@ -45,49 +45,90 @@ def withdraw_strangers_to_body(naming: Naming, state: State, subject: Subject, s
 
 @dataclass(frozen=True, eq=False)
 class Swaps:
-    """Pairs of markers that were tried with each other's names.
+    """Exchanges of names that were tried on a frame.
 
-    pairs  (B, 2) markers
-    loss   (B,) how much worse the body explains the blobs then; below zero: better
+    orders  (B, M) marker m got the blobs that had the name of marker orders[b, m]
+    loss    (B,) how much worse the body explains the blobs then; below zero: better
     """
 
-    pairs: np.ndarray
+    orders: np.ndarray
     loss: np.ndarray
 
 
 def try_swaps(view: View, naming: Naming, subject: Subject, state: State, setup: Setup, prior) -> Swaps:
-    """Fits the body once for every pair of neighbours with their names exchanged.
+    """Fits the body anew for the likeliest exchanges of names: of neighbours, of limbs, around a segment.
 
-    `subject` has no offsets of its own, `state` is its fit to the names as they are.
+    `subject` has no offsets of its own, `state` is its fit to the names as they are. How far a first step would get
+    says which exchanges are worth a whole fit.
     """
-    pairs = _neighbours(naming, state)
-    if not len(pairs):
-        return Swaps(pairs, np.zeros(0))
-    slots = np.repeat(naming.rays[None], len(pairs) + 1, axis=0)
-    each = np.arange(len(pairs)) + 1
-    slots[each, :, pairs[:, 0]] = naming.rays[:, pairs[:, 1]].T
-    slots[each, :, pairs[:, 1]] = naming.rays[:, pairs[:, 0]].T
+    orders = _orders(naming, state, setup)
+    if not len(orders):
+        return Swaps(orders, np.zeros(0))
+    worth = np.argsort(_first_steps(view, naming, subject, state, setup, prior, orders))[:FITTED]
+    return Swaps(orders[worth], _losses(view, naming, subject, setup, prior, orders[worth]))
+
+
+def _losses(view, naming, subject, setup, prior, orders: np.ndarray) -> np.ndarray:
+    """(B,) how much worse the body explains the blobs under each exchange, whole fits compared."""
+    identity = np.arange(orders.shape[1])[None]
+    slots = _exchanged_slots(naming, np.concatenate([identity, orders]))
     bodies = subject.bodies.pick(np.zeros(len(slots), dtype=int))
-    fit = fit_body(
-        setup.model, bodies, slots_pull(view, slots, naming.frame.metres, subject.own_sd, setup), STEPS, prior
-    )
-    return Swaps(pairs, fit.cost[1:] - fit.cost[0])
+    pull = slots_pull(view, slots, naming.frame.metres, subject.own_sd, setup)
+    fit = fit_body(setup.model, bodies, pull, STEPS, prior)
+    return fit.cost[1:] - fit.cost[0]
 
 
-def swap_names(naming: Naming, first: int, second: int):
-    """Exchanges two markers' names in every camera."""
+def _orders(naming: Naming, state: State, setup: Setup) -> np.ndarray:
+    """(B, M) the exchanges that change this frame's names, each once."""
+    pairs = _neighbours(naming, state)
+    orders = np.tile(np.arange(naming.slot.shape[1]), (len(pairs), 1))
+    each = np.arange(len(pairs))[:, None]
+    orders[each, pairs] = pairs[:, ::-1]
+    orders = np.concatenate([orders, setup.exchanges])
+    slots = _exchanged_slots(naming, orders)
+    changed = (slots != naming.rays).any(axis=(1, 2))
+    _, first = np.unique(slots.reshape(len(slots), -1), axis=0, return_index=True)
+    return orders[[index for index in np.sort(first) if changed[index]]]
+
+
+def _exchanged_slots(naming: Naming, orders: np.ndarray) -> np.ndarray:
+    """(B, C, M) the slots of the named blobs under each exchange."""
+    return naming.rays[:, orders].swapaxes(0, 1)
+
+
+def _first_steps(view, naming, subject, state, setup, prior, orders) -> np.ndarray:
+    """(B,) the cost that one undamped step from the fit as it is would promise each exchange."""
+    pull = slots_pull(view, _exchanged_slots(naming, orders), naming.frame.metres, subject.own_sd, setup)
+    data = pull(np.repeat(state.posed.markers, len(orders), axis=0))
+    flat = state.columns.reshape(-1, state.columns.shape[-1])
+    weighted = (data.hessian @ state.columns).reshape(len(orders), *flat.shape)
+    cost, slope, curve = prior.terms(state.bodies)
+    gradient = data.gradient.reshape(len(orders), -1) @ flat + slope
+    normal = flat.T @ weighted + curve + 1e-6 * np.eye(flat.shape[1])
+    step = np.linalg.solve(normal, gradient[..., None])[..., 0]
+    return data.cost + cost - np.einsum("bp,bp->b", gradient, step)
+
+
+def swap_names(naming: Naming, order: np.ndarray):
+    """Exchanges names in every camera: marker m gets the blobs of marker order[m]."""
     for array in (naming.slot, naming.step, naming.partner):
-        array[:, [first, second]] = array[:, [second, first]]
-    for marker in (first, second):
-        camera = np.flatnonzero(naming.slot[:, marker] >= 0)
-        naming.give(camera, marker, naming.slot[camera, marker], naming.step[camera, marker])
+        array[:] = array[:, order]
+    camera, marker = np.nonzero(naming.slot >= 0)
+    naming.give(camera, marker, naming.slot[camera, marker], naming.step[camera, marker])
 
 
-def exchanged(view: View, naming: Naming, subject: Subject, setup: Setup) -> list[tuple[int, int]]:
-    """Pairs of markers that one frame says have each other's names, whatever the frames before it said."""
+def exchanged(view: View, naming: Naming, subject: Subject, setup: Setup) -> list[tuple[int, ...]]:
+    """Exchanges that would put one frame's names right, the best first, whatever the frames before it said."""
     fresh, state = refit(view, naming, without_own(subject, setup), setup, STEPS, setup.prior)
     swaps = try_swaps(view, naming, fresh, state, setup, setup.prior)
-    return [(int(first), int(second)) for first, second in swaps.pairs[swaps.loss < -CERTAIN]]
+    order = np.argsort(swaps.loss)
+    return [tuple(map(int, swaps.orders[index])) for index in order if swaps.loss[index] < -CERTAIN]
+
+
+def exchange_loss(view: View, naming: Naming, subject: Subject, setup: Setup, order: tuple[int, ...]) -> float:
+    """How much worse one frame's body would be for an exchange, whatever the frames before it said."""
+    fresh, _ = refit(view, naming, without_own(subject, setup), setup, STEPS, setup.prior)
+    return float(_losses(view, naming, fresh, setup, setup.prior, np.array([order]))[0])
 
 
 def _neighbours(naming: Naming, state: State) -> np.ndarray:
@@ -95,9 +136,7 @@ def _neighbours(naming: Naming, state: State) -> np.ndarray:
     points = np.where(np.isfinite(naming.meeting.points), naming.meeting.points, state.posed.markers[0])
     apart = np.linalg.norm(points[:, None] - points[None], axis=-1)
     named = (naming.slot >= 0).any(axis=0)
-    near = np.triu((apart < NEIGHBOURS) & (named[:, None] | named[None]), 1)
-    pairs = np.argwhere(near)
-    return pairs[np.argsort(apart[near])[:MOST_SWAPS]]
+    return np.argwhere(np.triu((apart < NEIGHBOURS) & (named[:, None] | named[None]), 1))
 
 
 def without_own(subject: Subject, setup: Setup) -> Subject:

@@ -238,7 +238,7 @@ def settle(view: View, naming: Naming, subject: Subject, state: State, setup: Se
     for _ in range(MOST_EXCHANGES):
         if not len(swaps.loss) or swaps.loss.min() >= 0:
             break
-        swap_names(naming, *swaps.pairs[swaps.loss.argmin()])
+        swap_names(naming, swaps.orders[swaps.loss.argmin()])
         swaps = try_swaps(view, naming, subject, state, setup, prior)
     return swaps
 

@@ -9,6 +9,7 @@ from . import cost
 from .body import Bodies, BodyModel, Posed
 from .cameras import Cameras
 from .clock import Clock
+from .exchanges import standing_exchanges
 from .fit import State, fit_body
 from .labelling import Expectation, Naming, Rules, name_exclusive, name_markers, pixel_noise
 from .markersets import MarkerSet
@@ -27,6 +28,7 @@ class Setup:
 
     marker_sd  (M,) heights, the marker set's own
     rate       frames a second
+    exchanges  (B, M) see `exchanges.standing_exchanges`
     """
 
     cameras: Cameras
@@ -38,6 +40,7 @@ class Setup:
     marker_sd: np.ndarray
     clock: Clock
     rate: float
+    exchanges: np.ndarray
 
     @classmethod
     def of(
@@ -64,6 +67,7 @@ class Setup:
             np.asarray(markerset.spread.marker_sd),
             Clock(),
             rate,
+            standing_exchanges(markerset),
         )
 
     @property

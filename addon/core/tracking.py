@@ -91,14 +91,13 @@ class Track:
         lag = np.nan_to_num(points - model.pose(subject.bodies).markers[0])
         return cls(subject, np.zeros((1, model.parameters)), lag, np.full(model.marker_count, STRANGE), visible)
 
-    def doubting(self, first: int, second: int, setup: Setup) -> "Track":
-        """The track with all forgotten that it learned of two markers under each other's names."""
-        pair = [first, second]
+    def doubting(self, markers: np.ndarray, setup: Setup) -> "Track":
+        """The track with all forgotten that it learned of some markers under each other's names."""
         own, own_sd = self.subject.bodies.own.copy(), self.subject.own_sd.copy()
-        own[:, pair] = 0
-        own_sd[pair] = setup.marker_sd[pair] * float(self.subject.bodies.scale.mean())
+        own[:, markers] = 0
+        own_sd[markers] = setup.marker_sd[markers] * float(self.subject.bodies.scale.mean())
         lag, unseen = self.lag.copy(), self.unseen.copy()
-        lag[pair], unseen[pair] = 0, STRANGE
+        lag[markers], unseen[markers] = 0, STRANGE
         subject = replace(self.subject, bodies=replace(self.subject.bodies, own=own), own_sd=own_sd)
         return replace(self, subject=subject, lag=lag, unseen=unseen)
 

@@ -71,10 +71,10 @@ def test_nothing_named_has_no_confidences():
 
 
 def test_doubts_of_exchanges():
-    swaps = Swaps(np.array([[0, 1], [1, 2]]), np.array([0.0, 20.0]))
+    swaps = Swaps(np.array([[1, 0, 2, 3], [0, 2, 1, 3]]), np.array([0.0, 20.0]))
     assert swap_doubts(swaps, 4) == pytest.approx([0.5, 0.5, 1 / (1 + np.exp(-10)), 1])
-    assert (swap_doubts(Swaps(np.zeros((0, 2), int), np.zeros(0)), 3) == 1).all()
-    assert swap_doubts(Swaps(np.array([[0, 1]]), np.array([-1e9])), 2) == pytest.approx([0, 0])
+    assert (swap_doubts(Swaps(np.zeros((0, 3), int), np.zeros(0)), 3) == 1).all()
+    assert swap_doubts(Swaps(np.array([[1, 0]]), np.array([-1e9])), 2) == pytest.approx([0, 0])
 
 
 def test_wrong_labels_are_less_sure_than_right_ones():

@@ -170,7 +170,7 @@ def test_ghosts_are_nobody(seed):
     rig = paper_rig()
     pixels = [np.random.default_rng([seed, c]).uniform([0, 0], rig.size[0], (20, 2)) for c in range(4)]
     found = find_subject(split_views(blobs_at(pixels), rig)[0], Setup.of(rig, built_in("body26")), Hints())
-    assert found is None or found.confidence < 0.7 or found.named < 0.4
+    assert found is None or found.by_chance or found.confidence < 0.7 or found.named < 0.4
 
 
 def test_the_same_blobs_give_the_same_answer():
