@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How well anonymous 3D points are named, frame by frame, on people in no training set: python -m tests.accuracy.points.
+"""How well anonymous 3D points of people in no training set are named: python -m tests.accuracy.points.
 
 Every person is left out of the training once. Prints, for each number of hidden markers and ghosts and each target rate
 of right labels, false assignments, false occlusions, recall and F1 as the contract defines them.

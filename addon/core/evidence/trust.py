@@ -10,12 +10,13 @@ MOST = 12.0  # margins beyond are taken for this
 RIDGE = 1e-2
 STEPS = 30
 CAUTION = 1.0  # wrong labels that are added, so that few trials promise little
-LEVELS = 300
+LEVELS = 200
+ERRORS = 1e-5, 0.3  # parts wrong between which the levels lie
 FEATURES = 5 + len(KNEES)
 
 
 def features(margin: np.ndarray, strays: np.ndarray, named: np.ndarray, misfit: np.ndarray) -> np.ndarray:
-    """(N, 8) what the chance of N labels depends on.
+    """(N, FEATURES) what the chance of N labels depends on.
 
     margin (N,) as in `solving.Solved`; of the label's frame, the number of points left unnamed `strays`, the part of
     all markers `named`, and `misfit`.
@@ -41,7 +42,10 @@ def learn_trust(described: np.ndarray, right: np.ndarray) -> Trust:
     wrong = np.cumsum(~right[order]) + CAUTION * count / len(order)
     # Accepting less must never look worse than accepting more.
     rates = np.maximum.accumulate((1 - wrong / count)[::-1])[::-1]
-    places = np.unique(np.geomspace(1, len(order), LEVELS).round().astype(int)) - 1
+    # Levels where the part that is wrong changes, not where labels are many: almost all labels are almost sure.
+    wanted = 1 - np.geomspace(*ERRORS, LEVELS)
+    places = np.unique(np.append(np.searchsorted(-rates, -wanted, side="right") - 1, len(order) - 1))
+    places = places[places >= 0]
     return Trust(weights, confidence[order][places][::-1], rates[places][::-1])
 
 
