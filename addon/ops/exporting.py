@@ -14,7 +14,6 @@ from ..io.blobs import read_blobs
 from ..io.labels import POINT_KEYS, LabelWriter
 from ..io.points import write_c3d, write_trc
 from ..io.whole import whole_file
-from ..jobs.points import STEPS as POINT_STEPS
 from ..scene.opened import opened
 from ..scene.take import Stored, is_take
 from .reporting import reports_trouble
@@ -119,11 +118,13 @@ def unnamed_trajectories(stored: Stored) -> np.ndarray:
 
 def write_point_labels(path: Path, stored: Stored):
     """Writes the labels of a take of points, a row for every point that is there."""
+    from ..jobs.points import STEPS  # with all that can name points, which nobody who starts Blender waits for
+
     blobs = stored.blobs
     frames, trajectories = blobs.frames[blobs.frame].tolist(), blobs.camera.tolist()
     keys = [f"{frame},{trajectory}" for frame, trajectory in zip(frames, trajectories, strict=True)]
     with LabelWriter(path, stored.names, POINT_KEYS) as writer:
-        writer.write(keys, stored.labels, POINT_STEPS)
+        writer.write(keys, stored.labels, STEPS)
 
 
 def write_labels(path: Path, stored: Stored):

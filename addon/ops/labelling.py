@@ -4,7 +4,6 @@
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from time import perf_counter
 
 import bpy
 
@@ -22,11 +21,9 @@ from ..scene.occlusion import meshes_on, occlusion_of
 from ..scene.take import Take, join_blobs, join_labelled, show_take
 from .importing import cameras_at_hand
 from .point_steps import label_point_steps, point_job_of
-from .reporting import reports_trouble
+from .stepping import WorksInSteps
 
 CHUNK_FRAMES = 64  # a fraction of a second of work, so that the window answers in between
-BUDGET = 0.1  # s of work between two looks at the keyboard
-TICK = 0.02  # s
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,12 +109,14 @@ def steps_of(context: bpy.types.Context) -> Generator[float, None, Take]:
     return label_steps(request_of(context))
 
 
-class MOCAP_AUTOLABEL_OT_label(bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_label(WorksInSteps, bpy.types.Operator):
     """Name every marker of the take, and show it on an armature with a body."""
 
     bl_idname = "mocap_autolabel.label"
     bl_label = "Label"
     bl_options = {"REGISTER", "UNDO"}
+
+    doing = "Labelling"
 
     @classmethod
     def poll(cls, context):
@@ -134,58 +133,9 @@ class MOCAP_AUTOLABEL_OT_label(bpy.types.Operator):
             return False
         return True
 
-    @reports_trouble
-    def execute(self, context):
-        steps = steps_of(context)
-        while True:
-            try:
-                next(steps)
-            except StopIteration as done:
-                return self._show(context, done.value)
-
-    def invoke(self, context, event):
-        return self.execute(context) if bpy.app.background else self._begin(context)
-
-    @reports_trouble
-    def _begin(self, context) -> set[str]:
-        self._steps = steps_of(context)
-        manager = context.window_manager
-        self._timer = manager.event_timer_add(TICK, window=context.window)
-        manager.progress_begin(0, 100)
-        manager.modal_handler_add(self)
-        self._tell(context, 0.0)
-        return {"RUNNING_MODAL"}
-
-    def modal(self, context, event):
-        if event.type == "ESC":
-            self._end(context)
-            self.report({"INFO"}, "Labelling was cancelled")
-            return {"CANCELLED"}
-        if event.type != "TIMER":
-            return {"RUNNING_MODAL"}
-        return self._tick(context)
-
-    @reports_trouble
-    def _tick(self, context) -> set[str]:
-        """Works for as long as the budget lasts."""
-        running = False
-        try:
-            until = perf_counter() + BUDGET
-            fraction = next(self._steps)
-            while perf_counter() < until:
-                fraction = next(self._steps)
-            running = True
-        except StopIteration as done:
-            self._end(context)
-            return self._show(context, done.value)
-        finally:
-            if not running:
-                self._end(context)
-        self._tell(context, fraction)
-        return {"RUNNING_MODAL"}
-
-    def cancel(self, context):
-        self._end(context)
+    def steps(self, context):
+        """The labelling."""
+        return steps_of(context)
 
     def _show(self, context, take: Take) -> set[str]:
         settings = context.scene.mocap_autolabel
@@ -195,20 +145,6 @@ class MOCAP_AUTOLABEL_OT_label(bpy.types.Operator):
         things = "blobs" if take.points is None else "points"
         self.report({"INFO"}, f"{named} of {len(take.blobs)} {things} named in {len(take.motion.frames)} frames")
         return {"FINISHED"}
-
-    def _tell(self, context, fraction: float):
-        context.window_manager.progress_update(round(100 * fraction))
-        context.workspace.status_text_set(f"Labelling: {fraction:.0%} done. Esc cancels")
-
-    def _end(self, context):
-        """Gives back the timer, the progress and the status bar; once."""
-        if self._timer is None:
-            return
-        self._steps.close()
-        context.window_manager.event_timer_remove(self._timer)
-        context.window_manager.progress_end()
-        context.workspace.status_text_set(None)
-        self._timer = None
 
 
 CLASSES = (MOCAP_AUTOLABEL_OT_label,)

@@ -2,10 +2,11 @@
 """The labelling of 3D points, a little at a time: the command line's own job, with its files in a folder that goes."""
 
 import tempfile
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import bpy
 import numpy as np
@@ -14,6 +15,8 @@ from ..core.errors import UserError
 from ..io.markersets import open_markerset
 from ..io.points import read_points
 from ..jobs import LabelJob, Labelled, label_file
+from ..jobs.background import in_background
+from ..progress import Progress
 from ..props import SceneSettings, chosen_model, frames_wanted
 from ..scene.cameras import NO_CAMERAS
 from ..scene.take import Take
@@ -38,24 +41,29 @@ def point_job_of(settings: SceneSettings) -> LabelJob:
 def label_point_steps(job: LabelJob, name: str) -> Generator[float, None, Take]:
     """Labels the points, yielding how much is done (0 to 1), and returns the take. Touches nothing of Blender.
 
-    Raises UserError with the file where it can be told.
+    The job takes long steps, so it goes on beside the window. Raises UserError with the file where it can be told.
     """
+    return in_background(lambda tell: _label(job, name, tell))
+
+
+def _label(job: LabelJob, name: str, tell: Callable[[float], None]) -> Take:
     try:
         with tempfile.TemporaryDirectory(prefix="mocap-autolabel-", ignore_cleanup_errors=True) as folder:
-            labelled = yield from _fractions(replace(job, out=Path(folder)))
+            labelled = drained(label_file(replace(job, out=Path(folder))), tell)
+        return _take_of(labelled, job, name)
     except UserError as error:
         raise error if error.file else type(error)(error.message, job.source) from error
-    return _take_of(labelled, job, name)
 
 
-def _fractions(job: LabelJob) -> Generator[float, None, Labelled]:
-    with closing(label_file(job)) as steps:
+def drained(steps: Generator[Progress, None, Any], tell: Callable[[float], None]) -> Any:
+    """What a job returns, having told how far it is all the way; a `tell` that raises ends it."""
+    with closing(steps):
         while True:
             try:
                 progress = next(steps)
             except StopIteration as done:
                 return done.value
-            yield progress.fraction
+            tell(progress.fraction)
 
 
 def _take_of(labelled: Labelled, job: LabelJob, name: str) -> Take:

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The sidebar tab "Mocap": the steps from files to named markers, in the order a person takes them."""
 
+import textwrap
+
 import bpy
 
 from ..ops.importing import cameras_at_hand
@@ -11,6 +13,7 @@ from ..scene.markerset_edit import edited_collection
 from ..scene.take import is_take
 
 FEW = 5  # cameras that fit below each other
+LINE = 34  # letters that fit beside each other in a sidebar of the usual width
 
 
 class Step:
@@ -30,8 +33,9 @@ class MOCAP_AUTOLABEL_PT_cameras(Step, bpy.types.Panel):
         layout, settings = self.layout, context.scene.mocap_autolabel
         if settings.points_path:
             layout.label(text="3D points need no cameras", icon="INFO")
-            return
         layout.operator("mocap_autolabel.import_cameras", icon="IMPORT")
+        if settings.points_path:
+            return
         if not cameras_at_hand(context.scene):
             layout.label(text="Or drop a calibration here", icon="INFO")
             if any(item.type == "CAMERA" for item in context.scene.objects):
@@ -186,6 +190,16 @@ class MOCAP_AUTOLABEL_PT_suspects(Step, Reviewing, bpy.types.Panel):
         self.layout.template_list(
             "MOCAP_AUTOLABEL_UL_suspects", "", state, "suspects", state, "suspect_index", rows=3, maxrows=8
         )
+        if state.suspect_index < len(state.suspects):
+            draw_text(self.layout, state.suspects[state.suspect_index].reason)
+
+
+def draw_text(layout: bpy.types.UILayout, words: str, icon: str = "NONE"):
+    """A sentence that is longer than the sidebar is wide."""
+    column = layout.column(align=True)
+    column.scale_y = 0.75
+    for number, line in enumerate(textwrap.wrap(words, LINE)):
+        column.label(text=line, icon="NONE" if number else icon)
 
 
 class MOCAP_AUTOLABEL_PT_markers(Step, Reviewing, bpy.types.Panel):

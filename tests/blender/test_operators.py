@@ -79,7 +79,8 @@ def labelling(extension, monkeypatch, made):
             yield takes.LabelledChunk(labels, motion, (takes.Suspect(104, 105, "nobody found"),))
 
     monkeypatch.setattr(module, "label_take", label_take)
-    return SimpleNamespace(module=module, given=given)
+    stepping = importlib.import_module(f"{extension}.addon.ops.stepping")
+    return SimpleNamespace(module=module, stepping=stepping, given=given)
 
 
 def test_files_become_named_markers(ready, files):
@@ -206,9 +207,9 @@ class Modal:
     def __init__(self, module):
         self.reports, self.removed = [], 0
         kind = module.MOCAP_AUTOLABEL_OT_label
-        for name in ("_begin", "_tick", "_tell", "_end", "_show", "execute", "modal"):
+        for name in ("_begin", "_tick", "_tell", "_end", "_show", "steps", "execute", "modal"):
             setattr(self, name, getattr(kind, name).__get__(self))
-        self._timer = None
+        self._timer, self.doing = None, kind.doing
 
     def report(self, kind, words):
         self.reports.append((*kind, words))
@@ -254,7 +255,7 @@ def window(ready, labelling):
 
 def test_escape_leaves_nothing_behind(ready, labelling, window, monkeypatch):
     monkeypatch.setattr(labelling.module, "CHUNK_FRAMES", 5)
-    monkeypatch.setattr(labelling.module, "BUDGET", 0.0)
+    monkeypatch.setattr(labelling.stepping, "BUDGET", 0.0)
     before = counts()
     operator, context = window.operator, window.context
     assert operator._begin(context) == {"RUNNING_MODAL"}
@@ -270,7 +271,7 @@ def test_escape_leaves_nothing_behind(ready, labelling, window, monkeypatch):
 
 def test_ticks_come_to_an_end_with_the_take_shown(ready, labelling, window, monkeypatch):
     monkeypatch.setattr(labelling.module, "CHUNK_FRAMES", 5)
-    monkeypatch.setattr(labelling.module, "BUDGET", 0.0)
+    monkeypatch.setattr(labelling.stepping, "BUDGET", 0.0)
     operator, context = window.operator, window.context
     answer = operator._begin(context)
     before, ticks = counts(), 0

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Long work in Blender: a little at a time, with progress in the status bar and Esc to cancel, all shown at the end."""
+
+from collections.abc import Generator
+from time import perf_counter
+from typing import Any
+
+import bpy
+
+from .reporting import reports_trouble
+
+BUDGET = 0.1  # s of work between two looks at the keyboard
+TICK = 0.02  # s
+
+
+class WorksInSteps:
+    """An operator whose `steps` yields how much is done (0 to 1) and returns what `_show` puts into the scene.
+
+    Nothing of Blender is touched before `_show`, so that Esc leaves nothing behind and undo is one step.
+    """
+
+    doing = "Working"
+    _timer = None
+
+    def steps(self, context: bpy.types.Context) -> Generator[float, None, Any]:
+        """The work; UserError when something is missing."""
+        raise NotImplementedError
+
+    def _show(self, context: bpy.types.Context, result: Any) -> set[str]:
+        raise NotImplementedError
+
+    @reports_trouble
+    def execute(self, context):
+        steps = self.steps(context)
+        while True:
+            try:
+                next(steps)
+            except StopIteration as done:
+                return self._show(context, done.value)
+
+    def invoke(self, context, event):
+        return self.execute(context) if bpy.app.background else self._begin(context)
+
+    @reports_trouble
+    def _begin(self, context) -> set[str]:
+        self._steps = self.steps(context)
+        manager = context.window_manager
+        self._timer = manager.event_timer_add(TICK, window=context.window)
+        manager.progress_begin(0, 100)
+        manager.modal_handler_add(self)
+        self._tell(context, 0.0)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context, event):
+        if event.type == "ESC":
+            self._end(context)
+            self.report({"INFO"}, f"{self.doing} was cancelled")
+            return {"CANCELLED"}
+        if event.type != "TIMER":
+            return {"RUNNING_MODAL"}
+        return self._tick(context)
+
+    @reports_trouble
+    def _tick(self, context) -> set[str]:
+        """Works for as long as the budget lasts."""
+        running = False
+        try:
+            until = perf_counter() + BUDGET
+            fraction = next(self._steps)
+            while perf_counter() < until:
+                fraction = next(self._steps)
+            running = True
+        except StopIteration as done:
+            self._end(context)
+            return self._show(context, done.value)
+        finally:
+            if not running:
+                self._end(context)
+        self._tell(context, fraction)
+        return {"RUNNING_MODAL"}
+
+    def cancel(self, context):
+        self._end(context)
+
+    def _tell(self, context, fraction: float):
+        context.window_manager.progress_update(round(100 * fraction))
+        context.workspace.status_text_set(f"{self.doing}: {fraction:.0%} done. Esc cancels")
+
+    def _end(self, context):
+        """Gives back the timer, the progress and the status bar; once."""
+        if self._timer is None:
+            return
+        self._steps.close()
+        context.window_manager.event_timer_remove(self._timer)
+        context.window_manager.progress_end()
+        context.workspace.status_text_set(None)
+        self._timer = None
