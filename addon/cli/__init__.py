@@ -10,7 +10,7 @@ import traceback
 
 from ..blendfile import drop_banner
 from ..core.errors import UserError
-from .console import complain, stoppable
+from .console import complain, open_streams, stoppable
 from .parser import build_parser
 
 DONE, FAILED, BAD_INPUT = 0, 1, 2
@@ -19,6 +19,7 @@ DONE, FAILED, BAD_INPUT = 0, 1, 2
 def main(argv: list[str] | None = None) -> int:
     """Runs one command and gives its exit status; argv without the program's name, default: the process's own."""
     argv = sys.argv[1:] if argv is None else list(argv)
+    open_streams()
     drop_banner()
     try:
         with stoppable():

@@ -2,12 +2,14 @@
 """What a command says: results on standard output, progress and the reason of a failure on standard error."""
 
 import json
+import os
 import signal
 import sys
 import threading
 import time
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 
 import numpy as np
 
@@ -18,20 +20,28 @@ PROGRAM = "mocap-autolabel"
 TERMINAL_PAUSE, LOG_PAUSE = 0.1, 2.0
 
 
+def open_streams():
+    """Leads closed standard streams nowhere; otherwise the next file opened would get what Blender prints."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number, this one
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115
+
+
 def complain(trouble: UserError | str):
     """One line on standard error: `mocap-autolabel: FILE:LINE: what is wrong; what was expected`."""
-    # Who closed the streams still gets the exit status.
     for stream, text in ((sys.stdout, ""), (sys.stderr, f"{PROGRAM}: {' '.join(str(trouble).split())}\n")):
-        if stream is not None:
-            with suppress(OSError):
-                stream.write(text)
-                stream.flush()
+        with suppress(OSError):  # where nobody can be told, the exit status tells
+            stream.write(text)
+            stream.flush()
 
 
 def print_results(lines: list[str], result: dict, as_json: bool):
     """The results as lines for people, or as one JSON object."""
-    if sys.stdout is None:
-        return
     text = json.dumps(result, indent=1, default=_plain, allow_nan=False) if as_json else "\n".join(lines)
     # A file's name may have letters that the terminal's alphabet lacks.
     alphabet = sys.stdout.encoding or "utf-8"
@@ -48,8 +58,8 @@ class ProgressLine:
     """Progress on standard error, only where it is a terminal or the user asked for it."""
 
     def __init__(self, wanted: bool):
-        self.terminal = sys.stderr is not None and sys.stderr.isatty()
-        self.shown = sys.stderr is not None and (wanted or self.terminal)
+        self.terminal = sys.stderr.isatty()
+        self.shown = wanted or self.terminal
         self.width, self.last = 0, -LOG_PAUSE
 
     def drain(self, work: Generator, name: str):

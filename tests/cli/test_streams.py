@@ -5,12 +5,17 @@ import errno
 import io
 import os
 import signal
+import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
+from addon.blendfile import has_blender
 from addon.cli import main
 from addon.cli.console import stoppable
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 class Full(io.StringIO):
@@ -25,6 +30,15 @@ def words(room, tmp_path):
     """A command line that labels one frame."""
     where = ["--cameras", str(room.cameras), "--out", str(tmp_path / "out"), "--frames", "100:100"]
     return ["label", str(room.blobs), "--model", "body26", *where]
+
+
+@pytest.mark.skipif(os.name == "nt" or not has_blender(), reason="needs bpy and a shell that can close streams")
+def test_files_never_take_the_numbers_of_closed_streams(room, tmp_path):
+    script = "import sys; sys.path.insert(0, sys.argv.pop(1)); from addon.cli import main; sys.exit(main(sys.argv[1:]))"
+    where = f"--cameras {room.cameras} --out {tmp_path} --model body26 --frames 100:100"
+    line = f"{sys.executable} -c '{script}' {ROOT} label {room.blobs} {where} --blend >&- 2>&- <&-"
+    assert subprocess.run(["sh", "-c", line], check=False).returncode == 0
+    assert {path.name for path in tmp_path.iterdir()} >= {"walk.blend", "walk.c3d"}
 
 
 @pytest.mark.parametrize("stream", ["stdout", "stderr"])
