@@ -39,7 +39,7 @@ def test_reading_and_writing_again_changes_nothing(rigid):
         ("noise", [0.1] * 7 + [-1]),
         ("modes", [[1, 2]]),
         ("ties", [[0, 99, 0.1, 0.1]]),
-        ("right", [1.0]),
+        ("right", [1.0, "all"]),
         ("subjects", "two"),
         ("plates", [[0, 0, 1]]),
     ],
