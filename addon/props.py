@@ -57,6 +57,14 @@ def _take_changed(self, context):
     refresh_review(context.window_manager, context.scene)
 
 
+class LessonRow(bpy.types.PropertyGroup):
+    """A labelled take to learn from."""
+
+    path: StringProperty(name="File", description="The file of the labelled take", subtype="FILE_PATH")
+    subject: StringProperty(name="Subject", description="Who wears the markers; takes of one subject have one name")
+    markers: IntProperty(name="Markers", description="Number of named markers")
+
+
 class SceneSettings(bpy.types.PropertyGroup):
     """The choices of one scene: `Scene.mocap_autolabel`."""
 
@@ -80,6 +88,13 @@ class SceneSettings(bpy.types.PropertyGroup):
     )
     markerset: EnumProperty(name="Marker Set", description="Which markers the subject wears", items=_markerset_items)
     markerset_path: StringProperty(name="File", description="A *.markerset.json file", subtype="FILE_PATH")
+    lessons: CollectionProperty(type=LessonRow)
+    lesson_index: IntProperty()
+    trained_name: StringProperty(name="Name", description="What to call the marker set that is learned", default="mine")
+    train_on: BoolProperty(
+        name="Train On",
+        description="Go on from what the chosen marker set has learned before, and keep that; off makes a new one",
+    )
     use_range: BoolProperty(name="Only Frames", description="Label a part of the take only")
     range_first: IntProperty(name="From", description="First frame to label")
     range_last: IntProperty(name="To", description="Last frame to label")
@@ -176,6 +191,7 @@ class ReviewState(bpy.types.PropertyGroup):
     marker_index: IntProperty()
     suspects: CollectionProperty(type=SuspectRow)
     suspect_index: IntProperty()
+    doubts: CollectionProperty(type=bpy.types.PropertyGroup)
 
 
 def chosen_model(settings: SceneSettings) -> str:
@@ -190,6 +206,12 @@ def chosen_model(settings: SceneSettings) -> str:
 def chosen_markerset(settings: SceneSettings):
     """The marker set that the scene's settings name; InputError when there is none."""
     return open_markerset(chosen_model(settings))
+
+
+def own_model(settings: SceneSettings) -> str | None:
+    """The path of the chosen marker set, where it is one of the user's own."""
+    own = settings.markerset == OWN_FILE or settings.markerset.endswith(SUFFIX)
+    return chosen_model(settings) if own else None
 
 
 def frames_wanted(settings: SceneSettings) -> tuple[int, int] | None:
@@ -229,4 +251,4 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
         row.first, row.last, row.reason = suspect.first + stored.shift, suspect.last + stored.shift, suspect.reason
 
 
-CLASSES = (SceneSettings, MarkerRow, SuspectRow, ReviewState)
+CLASSES = (LessonRow, SceneSettings, MarkerRow, SuspectRow, ReviewState)

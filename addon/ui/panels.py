@@ -5,6 +5,7 @@ import textwrap
 
 import bpy
 
+from ..io.markersets import SUFFIX
 from ..ops.importing import cameras_at_hand
 from ..props import OWN_FILE
 from ..scene import naming
@@ -106,6 +107,32 @@ class MOCAP_AUTOLABEL_PT_markerset_edit(Step, bpy.types.Panel):
             layout.label(text=f"On {item.parent_bone or 'no segment'}", icon="BONE_DATA")
         layout.operator("mocap_autolabel.reattach", icon="CONSTRAINT_BONE")
         layout.operator("mocap_autolabel.save_markerset", icon="EXPORT")
+
+
+class MOCAP_AUTOLABEL_PT_train(Step, bpy.types.Panel):
+    """A marker set learned from labelled takes."""
+
+    bl_label = "Train from Labelled Takes"
+    bl_parent_id = "MOCAP_AUTOLABEL_PT_markerset"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context):
+        layout, settings = self.layout, context.scene.mocap_autolabel
+        row = layout.row(align=True)
+        row.operator("mocap_autolabel.add_lessons", icon="ADD")
+        row.operator("mocap_autolabel.remove_lesson", text="", icon="REMOVE")
+        if len(settings.lessons):
+            layout.template_list(
+                "MOCAP_AUTOLABEL_UL_lessons", "", settings, "lessons", settings, "lesson_index", rows=3
+            )
+        own = settings.markerset == OWN_FILE or settings.markerset.endswith(SUFFIX)
+        if own:
+            layout.prop(settings, "train_on", text="Train the Chosen One On")
+        if not (own and settings.train_on):
+            layout.prop(settings, "trained_name")
+        layout.operator("mocap_autolabel.train", icon="PLAY")
+        for doubt in context.window_manager.mocap_autolabel.doubts:
+            draw_text(layout, doubt.name, icon="ERROR")
 
 
 class MOCAP_AUTOLABEL_PT_label(Step, bpy.types.Panel):
@@ -227,6 +254,15 @@ class MOCAP_AUTOLABEL_PT_export(Step, bpy.types.Panel):
         column.operator("mocap_autolabel.export_trc", icon="EXPORT")
 
 
+class MOCAP_AUTOLABEL_UL_lessons(bpy.types.UIList):
+    """Labelled takes, each with its subject."""
+
+    def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0):
+        row = layout.row(align=True)
+        row.label(text=f"{item.name} ({item.markers})")
+        row.prop(item, "subject", text="", emboss=False, icon="USER")
+
+
 class MOCAP_AUTOLABEL_UL_suspects(bpy.types.UIList):
     """Ranges of frames, each with its reason."""
 
@@ -256,12 +292,14 @@ class MOCAP_AUTOLABEL_UL_markers(bpy.types.UIList):
 
 
 CLASSES = (
+    MOCAP_AUTOLABEL_UL_lessons,
     MOCAP_AUTOLABEL_UL_suspects,
     MOCAP_AUTOLABEL_UL_markers,
     MOCAP_AUTOLABEL_PT_cameras,
     MOCAP_AUTOLABEL_PT_take,
     MOCAP_AUTOLABEL_PT_markerset,
     MOCAP_AUTOLABEL_PT_markerset_edit,
+    MOCAP_AUTOLABEL_PT_train,
     MOCAP_AUTOLABEL_PT_label,
     MOCAP_AUTOLABEL_PT_hints,
     MOCAP_AUTOLABEL_PT_review,
