@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Output files that appear whole or not at all: written beside their place, then renamed."""
 
+import os
 import stat
 import uuid
 from collections.abc import Iterator, Sequence
@@ -88,6 +89,9 @@ def _make_folders(targets: Sequence[Path]):
             raise InputError(
                 f"cannot be made a folder ({error.strerror}); expected a place to write", target.parent
             ) from None
+        # Told before the work, not after it.
+        if not os.access(target.parent, os.W_OK | os.X_OK):
+            raise InputError("is a folder that may not be written; expected a place to write", target.parent)
 
 
 def _unwritable(error: OSError, place: Path) -> JobError:

@@ -93,3 +93,9 @@ def test_a_name_too_long_is_refused_and_the_trouble_told_in_the_end(tmp_path):
     with pytest.raises(JobError, match="; expected"), whole_file(tmp_path / ("n" * 250)) as temporary:
         temporary.write_text("all of it")
     assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_may_not_be_written_is_told_before_the_work(tmp_path, monkeypatch):
+    monkeypatch.setattr("os.access", lambda path, mode: path != tmp_path)  # nothing is forbidden to root
+    with pytest.raises(InputError, match="may not be written"), whole_file(tmp_path / "take.c3d"):
+        pytest.fail("the block must not begin")
