@@ -17,10 +17,13 @@ if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
 from addon.core import anatomy, learning
+from addon.core.evidence import learn_evidence
 from addon.core.markersets import MarkerSet
 from addon.io.markersets import SUFFIX, write_markerset
 
 STANDING_FRAMES, MOVING_FRAMES = 12, 14
+EVERY = 2  # frames of a take for each that the evidence for naming points is learned from
+WALKERS_WEAR = ("gait15", "body26")  # sets of which the walkers wear every marker, so that points can be learned
 # One player: the second one in the take of two has the first one's body to the millimetre.
 TENNIS = "kinematics_tennis_serve.c3d"
 HEAD_TURNED = {"LFHD": "LBHD", "LBHD": "LFHD", "RFHD": "RBHD", "RBHD": "RFHD"}
@@ -63,6 +66,18 @@ def read_walker(folder: Path) -> learning.Person:
         parts.append(whole)
         standing += [index == 0] * len(frames)
     return learning.Person(folder.name, tuple(wanted), np.concatenate(parts), np.array(standing), stature)
+
+
+def read_takes(data: Path, markers, leave_out=()) -> list[tuple[np.ndarray, str]]:
+    """Every walker's takes whole: points (T, M, 3) m of `markers`, NaN where a take has none, and who it is."""
+    takes = []
+    for folder in sorted((data / "mcgill").glob("HC*")):
+        for file in sorted(folder.glob("*.c3d")) if folder.name not in leave_out else ():
+            names, points, _ = read_c3d(file)
+            worn = [names.index(name) if name in names else -1 for name in markers]
+            picked = np.where(np.array(worn)[None, :, None] >= 0, points[:, worn], np.nan)
+            takes.append((picked[np.isfinite(picked).any(axis=(1, 2))][::EVERY], folder.name))
+    return takes
 
 
 def read_players(file: Path) -> list[learning.Person]:
@@ -124,6 +139,9 @@ def main(arguments: list[str] | None = None):
     for name in given.sets:
         began = time.perf_counter()
         markerset = learn_set(people, name)
+        if name in WALKERS_WEAR:
+            evidence = learn_evidence(read_takes(given.data, markerset.markers, given.leave_out), markerset.markers)
+            markerset = replace(markerset, evidence=evidence)
         write_markerset(given.out / f"{name}{SUFFIX}", markerset)
         print(f"{name}: {len(markerset)} markers, {time.perf_counter() - began:.1f} s")
 
