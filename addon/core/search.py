@@ -12,7 +12,7 @@ from .cloud import Cloud, build_cloud
 from .cost import blob_pull, cloud_pull
 from .errors import JobError
 from .fit import Fit, State, body_state, fit_body, fit_placement
-from .labelling import Expectation, Naming
+from .labelling import MISS, Expectation, Naming
 from .placement import blob_centre, make_starts, principal_guess
 from .prior import Prior
 from .rivals import Swaps, swap_names, try_swaps, withdraw_strangers_to_body, without_own
@@ -36,6 +36,7 @@ RIVAL = 0.10  # m: two fits whose markers lie farther apart than this on average
 CLEAR_WIN = 0.98  # a placement surer than this needs no second opinion
 UNNAMED = 12.0  # squared deviations that an unnamed blob counts for
 CROWD = 0.4  # share of a frame's blobs that a subject should have
+LUCK = 2.0  # how much better than chance the third rays of a crowd may come out by trying many placements
 CONFIRMED = 0.5  # third rays a marker that show a subject in a crowd
 TEMPER = 12.0  # by how much costs overstate their differences: blobs share their errors
 
@@ -77,11 +78,16 @@ class Found:
         """True when a crowd of ghosts would do as well: most blobs unnamed, and few markers that a third ray confirms.
 
         A body bends until two rays meet in nearly every marker, whatever the blobs; third rays meet there by chance
-        only seldom.
+        as often as blobs lie that densely.
         """
+        frame = self.naming.frame
         rays = (self.naming.rays >= 0).sum(axis=0)
-        crowd = (self.naming.owner >= 0).sum() < CROWD * self.naming.frame.view.count
-        return bool(crowd and np.maximum(rays - 2, 0).sum() < CONFIRMED * len(rays))
+        if (self.naming.owner >= 0).sum() >= CROWD * frame.view.count:
+            return False
+        low, high = frame.sight.corners
+        density = frame.view.real.sum(axis=1) / (high - low).prod(axis=1)
+        chance = (density[:, None] * np.pi * (MISS * frame.metres / frame.depth) ** 2).sum()
+        return bool(np.maximum(rays - 2, 0).sum() < CONFIRMED * len(rays) + LUCK * chance)
 
     @property
     def misfit(self) -> float:
