@@ -27,7 +27,7 @@ GOALS = ("own", "any", "all")
 MOST_SURVEYED = 15  # markers; above, the solvers are too many to go through them all
 GROUP = 12  # markers among which a marker's solvers are then looked for
 PATTERNS = 2000  # occlusions that are thought through when solvers are chosen
-FIRST_LOOK = 192  # frames after which a hopeless solver is given up
+LOOKS = (192, 800)  # frames after which a hopeless solver is given up
 
 
 @dataclass(frozen=True)
@@ -54,8 +54,8 @@ class Training:
     functions: tuple[str, ...] = PAPER_FUNCTIONS
     margin: float = 0.0
     wrong: int = 2048
-    survey_frames: int = 160
-    check_frames: int = 1024
+    survey_frames: int = 128
+    check_frames: int = 2500
     most_features: int = 60_000
     most_solvers: int = 16
     least_gain: float = 0.002
@@ -146,7 +146,7 @@ class Study:
         self._look = self._sample(points, order[: options.survey_frames])
         checked = order[options.survey_frames :] if len(order) > 2 * options.survey_frames else order
         checked = checked[: options.check_frames]
-        self._checks = [self._sample(points, part) for part in np.split(checked, [FIRST_LOOK]) if len(part)]
+        self._checks = [self._sample(points, part) for part in np.split(checked, LOOKS) if len(part)]
         self._memory: dict[int, Record] = {}
         self._checked: dict[int, np.ndarray] = {}
 
