@@ -10,6 +10,7 @@ from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
 
 from .core.cameras import Cameras
+from .core.errors import JobError
 from .core.markersets import MarkerSet
 from .core.takes import Blobs, LabelledChunk
 from .io.cameras import read_cameras
@@ -48,7 +49,11 @@ def save_blend(
     with silenced():
         bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
         scenes.show_take(bpy.context, take)
-        bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True, copy=True, relative_remap=False)
+        try:
+            bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True, copy=True, relative_remap=False)
+        except RuntimeError as error:  # Blender's way of saying that a disk is full or a folder gone
+            reason = str(error).removeprefix("Error: ").strip().rstrip(".")
+            raise JobError(f"the Blender file cannot be written: {reason}; expected a place with room", path) from error
 
 
 @contextmanager

@@ -72,8 +72,17 @@ def _add_trouble(parser):
     )
 
 
+def _keep_inputs(arguments):
+    """Raises InputError when the blobs or their truth would replace what they are made from."""
+    for written in (arguments.out, capturing.truth_path(arguments.out)):
+        for read in (arguments.take, arguments.cameras):
+            if written.resolve() == read.resolve():
+                raise InputError("is read and would be written over; expected another name for --out", written)
+
+
 def run(arguments) -> int:
     """Captures the take and writes both files."""
+    _keep_inputs(arguments)
     cameras = open_cameras(arguments.cameras)
     progress = ProgressLine(arguments.progress)
     try:

@@ -23,7 +23,7 @@ LONGEST_LINE = 1 << 20
 CHUNK_ROWS = 200_000
 
 # No camera pauses for this many frames and goes on counting; a larger jump is a wrong column or a time stamp.
-LARGEST_GAP = 1_000_000
+LARGEST_GAP = 100_000
 
 
 @dataclass(frozen=True, eq=False)

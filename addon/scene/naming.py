@@ -16,5 +16,5 @@ EDITED = "mocap_edited_markerset"
 
 
 def title(*words: str) -> str:
-    """The name of one of our datablocks, e.g. `Mocap: walk markers`, short enough for Blender."""
-    return (PREFIX + " ".join(words))[:63]
+    """The name of one of our datablocks, e.g. `Mocap: walk markers`, short enough for Blender and always text."""
+    return (PREFIX + " ".join(words)).encode("utf-8", "replace").decode()[:63]

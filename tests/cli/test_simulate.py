@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 
+from addon.cli import main
 from addon.core.takes import Points
 from addon.demo.take import MODEL
 from addon.io.markersets import open_markerset
@@ -112,3 +113,14 @@ def test_a_take_of_another_kind(simulate, room, tmp_path):
     broken = tmp_path / "broken.c3d"
     broken.write_bytes(room.c3d.read_bytes()[:3000])
     assert "broken.c3d" in simulate(take=broken).reason
+
+
+def test_what_is_read_is_not_written_over(tmp_path, capsys):
+    """--overwrite is for results, never for the take or the calibration they are made from."""
+    take, room = tmp_path / "take.c3d", tmp_path / "room.toml"
+    take.write_bytes(b"a take")
+    room.write_text("a room")
+    for target in (take, room):
+        assert main(["simulate", str(take), "--cameras", str(room), "--out", str(target), "--overwrite"]) == 2
+        assert "would be written over; expected another name" in capsys.readouterr().err.splitlines()[-1]
+    assert take.read_bytes() == b"a take" and room.read_text() == "a room"
