@@ -12,8 +12,7 @@ from threadpoolctl import threadpool_limits
 from ..blendfile import save_blend
 from ..core.body import Bodies, BodyModel
 from ..core.cameras import Cameras
-from ..core.errors import InputError, JobError
-from ..core.evidence import check_take
+from ..core.errors import InputError
 from ..core.markersets import MarkerSet
 from ..core.models import Model
 from ..core.pieces import cut, vote_pieces
@@ -27,13 +26,13 @@ from ..io.labels import POINT_KEYS, LabelWriter
 from ..io.models import open_model
 from ..io.points import FilePoints, read_points
 from ..progress import Progress
+from .doubts import refuse_second_subject, refuse_strangers
 from .job import LabelJob, Labelled, finish_report, open_files, timed, write_points
 from .naming import chosen_method, name_frames
 
 # How the label of a point came about; the index is what `Labels.step` holds.
 STEPS = ("", "evidence", "ensemble", "fit", "trajectory")
 FITTED = 2000  # frames posed at once
-LEAST_NAMED = 0.25  # share of the markers that a take of the model's must have been given
 
 
 def label_points(job: LabelJob) -> Generator[Progress, None, Labelled]:
@@ -84,8 +83,6 @@ def _of_frames(take: FilePoints, frames: tuple[int | None, int | None] | None) -
 
 def _named(job: LabelJob, model: Model, method: str, take: FilePoints, clock):
     """Labels (T, P) after the vote, and what is doubtful about them."""
-    if model.markerset.evidence is not None:
-        check_take(model.markerset.evidence, take.xyz)
     parts, done = [], 0
     options = Options(hints=Hints(job.height, job.facing))
     begin = perf_counter()
@@ -96,29 +93,18 @@ def _named(job: LabelJob, model: Model, method: str, take: FilePoints, clock):
     marker, confidence, rate = (
         np.concatenate([getattr(part, name) for part in parts]) for name in ("marker", "confidence", "rate")
     )
+    refuse_second_subject(model, method, take.xyz, marker, options)
     voted = vote_pieces(marker, confidence, cut(take.xyz, take.rate), model.markerset.markers, take.first_frame)
     agreed = voted.marker == marker
     sure = np.where(agreed, np.maximum(voted.confidence, confidence), voted.confidence)
     enough = (voted.confidence >= job.target) | (agreed & (rate >= job.target))
     given = np.where(enough, voted.marker, NO_MARKER)
-    _refuse_strangers(model, take.xyz, given)
+    refuse_strangers(model, take.xyz, given)
     given = _once(given, sure, len(model.markerset))
     step = np.where(agreed, STEPS.index(method), STEPS.index("trajectory"))
     clock["label"] = perf_counter() - begin
     named = given != NO_MARKER
     return Labels(given, np.where(named, step, 0), np.where(named, sure, 0.0)), voted.suspects
-
-
-def _refuse_strangers(model: Model, points: np.ndarray, given: np.ndarray):
-    """Raises JobError where the labels given (T, P) are so few that points (T, P, 3) are of another marker set."""
-    name, size = model.markerset.name, len(model.markerset)
-    possible = np.minimum(np.isfinite(points).all(axis=2).sum(axis=1), size).sum()
-    share = (given != NO_MARKER).sum() / possible
-    if share < LEAST_NAMED:
-        raise JobError(
-            f"does not look like a take of model {name}: {share:.0%} of its markers were recognised for sure; "
-            "expected a take of that marker set, so choose its model or train one"
-        )
 
 
 def _once(marker: np.ndarray, sure: np.ndarray, markers: int) -> np.ndarray:

@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Work that tells its progress by calling a function, as a generator that can be stepped."""
+
+import queue
+import threading
+from collections.abc import Callable, Generator
+from typing import Any
+
+DONE = object()
+PATIENCE = 0.2  # s; so long a step waits for news
+
+
+def in_background(work: Callable[[Callable[[float], None]], Any]) -> Generator[float, None, Any]:
+    """Runs `work(tell)` in a thread; yields the last share that it told, now and then, and returns its result.
+
+    What `work` raises is raised here. Closing the generator makes the next `tell` end the work.
+    """
+    news: queue.SimpleQueue = queue.SimpleQueue()
+    stop = threading.Event()
+    outcome: dict[str, Any] = {}
+
+    def tell(share: float):
+        if stop.is_set():
+            raise _StoppedError
+        news.put(share)
+
+    def run():
+        try:
+            outcome["result"] = work(tell)
+        except BaseException as error:  # noqa: BLE001 - raised again where the work was asked for
+            outcome["error"] = error
+        news.put(DONE)
+
+    # A daemon, so that whoever stops the program does not wait for it.
+    threading.Thread(target=run, daemon=True).start()
+    share = 0.0
+    try:
+        while True:
+            try:
+                told = news.get(timeout=PATIENCE)
+            except queue.Empty:
+                yield share
+                continue
+            if told is DONE:
+                break
+            share = told
+            yield share
+    finally:
+        stop.set()
+    if "error" in outcome:
+        raise outcome["error"]
+    return outcome["result"]
+
+
+class _StoppedError(Exception):
+    """Nobody waits for the work any more."""

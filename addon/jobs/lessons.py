@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Labelled takes as lessons for a model: which markers, whose, and whether they can be learned from together."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+import numpy as np
+
+from ..core.errors import InputError, UserError
+from ..core.models import Lessons
+from ..io.points import FilePoints, marker_columns, read_points
+
+FEWEST = 4  # markers that can be told apart at all
+LEAST_FRAMES = 10
+OTHER_UNIT = 5.0  # times larger or smaller than the other takes: a unit was taken for another
+KEPT = 600  # frames of a subject that a model keeps
+LOOKED_AT = 4000  # of which those are chosen
+
+
+@dataclass(frozen=True, eq=False)
+class Take:
+    """One labelled take: its file, whose it is, names P, points (T, P, 3) m."""
+
+    path: Path
+    subject: str
+    names: tuple[str, ...]
+    xyz: np.ndarray
+
+
+def read_takes(paths: Sequence[Path], subjects: Sequence[tuple[str, str]]) -> list[Take]:
+    """The labelled takes, each with its subject: the first of `subjects` (id, glob) that its path suits, or its folder.
+
+    Raises InputError with the file where one cannot be learned from.
+    """
+    takes = [_read(path, subjects, len({path.resolve().parent for path in paths}) > 1) for path in paths]
+    unused = [glob for _, glob in subjects if not any(_suits(path, glob) for path in paths)]
+    if unused:
+        raise InputError(f"no take suits the subject {unused[0]!r}; expected a pattern such as '*/ann_*.c3d'")
+    sizes = np.array([_size(take.xyz) for take in takes])
+    usual = float(np.median(sizes))
+    for take, size in zip(takes, sizes, strict=True):
+        if not usual / OTHER_UNIT < size < usual * OTHER_UNIT:
+            raise InputError(
+                f"is {size / usual:.3g} times as large as the other takes, so its unit was not understood; "
+                "expected a file that says its unit",
+                take.path,
+            )
+    return takes
+
+
+def _read(path: Path, subjects: Sequence[tuple[str, str]], by_folder: bool) -> Take:
+    try:
+        points = read_points(path)
+        names, xyz = _named(points)
+    except UserError as error:
+        raise error if error.file else type(error)(error.message, path) from None
+    if len(xyz) < LEAST_FRAMES:
+        raise InputError(
+            f"has {len(xyz)} {'frame' if len(xyz) == 1 else 'frames'}; expected {LEAST_FRAMES} or more that show the "
+            "markers moving",
+            path,
+        )
+    folder = path.resolve().parent.name if by_folder else "subject"
+    subject = next((name for name, glob in subjects if _suits(path, glob)), folder)
+    return Take(path, subject, names, xyz)
+
+
+def _suits(path: Path, glob: str) -> bool:
+    return any(fnmatchcase(text, glob) for text in (path.name, path.as_posix(), path.resolve().as_posix()))
+
+
+def _named(points: FilePoints) -> tuple[tuple[str, ...], np.ndarray]:
+    """Bare names and points of the named trajectories."""
+    kept = [index for index, name in enumerate(points.names) if name]
+    if not kept:
+        raise InputError("has no named markers; expected a labelled take")
+    owners = {points.names[index].rpartition(":")[0] for index in kept}
+    bare = [points.names[index].rpartition(":")[2] for index in kept]
+    doubled = [name for name, count in Counter(bare).items() if count > 1]
+    if len(owners) > 1 and len(doubled) >= FEWEST:
+        raise InputError(
+            f"has two subjects ({', '.join(sorted(owners)[:3])}); expected a take of one, so export them one by one"
+        )
+    kept = [index for index, name in zip(kept, bare, strict=True) if name not in doubled]
+    if len(kept) < FEWEST:
+        raise (
+            InputError(f"has the label {doubled[0]} twice; expected every marker once")
+            if doubled
+            else InputError(f"has {len(kept)} named markers; expected {FEWEST} or more")
+        )
+    return tuple(points.names[index].rpartition(":")[2] for index in kept), points.xyz[:, kept]
+
+
+def _size(xyz: np.ndarray) -> float:
+    """m, how far the markers of a frame reach."""
+    away = xyz - np.nanmean(xyz, axis=1, keepdims=True)
+    return max(float(np.nanmedian(np.linalg.norm(away, axis=2))), 1e-9)
+
+
+def chosen_markers(takes: Sequence[Take], wanted: Sequence[str] | None, base: Sequence[str] = ()) -> tuple[str, ...]:
+    """The markers to learn: `wanted`, or those of the model that is trained on, or those that all takes have.
+
+    Raises InputError where a wanted one is nowhere, or too few are common.
+    """
+    if wanted or base:
+        markers = tuple(dict.fromkeys(wanted or base))
+        lacking = [name for name in markers if not any(_has(take, name) for take in takes)]
+        if lacking and not base:
+            raise InputError(f"no take has a marker {lacking[0]}; expected some of {', '.join(takes[0].names[:12])}, …")
+        if base and len(lacking) > len(markers) / 2:
+            raise InputError(
+                f"has few of the model's markers ({', '.join(base[:6])}, …); expected takes that wear them",
+                takes[0].path,
+            )
+    else:
+        common = set.intersection(*({name for name in take.names if _has(take, name)} for take in takes))
+        markers = tuple(name for name in takes[0].names if name in common)
+        if len(markers) < FEWEST <= min(len(take.names) for take in takes):
+            one, two = _least_alike(takes)
+            what = "have no marker in common" if not markers else f"have only {', '.join(markers)} in common"
+            raise InputError(
+                f"the takes {what} ({one.path.name}: {', '.join(one.names[:4])}, …; {two.path.name}: "
+                f"{', '.join(two.names[:4])}, …); expected takes of one marker set, or --markers",
+                two.path,
+            )
+    if len(markers) < FEWEST:
+        raise InputError(f"{len(markers)} markers are too few to be told apart; expected {FEWEST} or more")
+    return markers
+
+
+def _has(take: Take, name: str) -> bool:
+    return name in take.names and bool(np.isfinite(take.xyz[:, take.names.index(name)]).any())
+
+
+def _least_alike(takes: Sequence[Take]) -> tuple[Take, Take]:
+    names = [set(take.names) for take in takes]
+    pairs = [(one, two) for one in range(len(takes)) for two in range(one + 1, len(takes))] or [(0, 0)]
+    one, two = min(pairs, key=lambda pair: len(names[pair[0]] & names[pair[1]]))
+    return takes[one], takes[two]
+
+
+def gathered(takes: Sequence[Take], markers: Sequence[str]) -> dict[str, np.ndarray]:
+    """The points (T, M, 3) m of every subject, all takes after one another, NaN where missing."""
+    parts: dict[str, list[np.ndarray]] = {}
+    for take in takes:
+        columns = marker_columns(take.names, markers, take.path)
+        points = np.where((columns >= 0)[:, None], take.xyz[:, columns], np.nan)
+        parts.setdefault(take.subject, []).append(points[np.isfinite(points).all(axis=2).any(axis=1)])
+    return {subject: np.concatenate(own) for subject, own in parts.items()}
+
+
+def lessons_of(takes: Sequence[Take], subjects: dict[str, np.ndarray]) -> list[Lessons]:
+    """What a model keeps of these takes."""
+    kept = []
+    for subject, points in subjects.items():
+        names = tuple(take.path.name for take in takes if take.subject == subject)
+        kept.append(Lessons(subject, names, len(points), most_different(points).astype(np.float32)))
+    return kept
+
+
+def joined(old: Sequence[Lessons], new: Sequence[Lessons]) -> tuple[Lessons, ...]:
+    """Both, those of the same subject as one."""
+    whole = {lesson.subject: lesson for lesson in old}
+    for lesson in new:
+        before = whole.get(lesson.subject)
+        if before is not None:
+            points = np.concatenate([before.points, lesson.points])
+            lesson = Lessons(lesson.subject, before.takes + lesson.takes, before.frames + lesson.frames, points)
+        whole[lesson.subject] = lesson
+    return tuple(whole.values())
+
+
+def most_different(points: np.ndarray, count: int = KEPT) -> np.ndarray:
+    """Up to `count` of the frames (T, M, 3), in their order: half of them evenly spread, half the least alike."""
+    even = np.unique(np.linspace(0, len(points) - 1, min(LOOKED_AT, len(points))).round().astype(int))
+    points = points[even]
+    if len(points) <= count:
+        return points
+    flat = np.nan_to_num(points - np.nanmean(points, axis=1, keepdims=True)).reshape(len(points), -1).astype(np.float32)
+    chosen = list(np.unique(np.linspace(0, len(points) - 1, count // 2).round().astype(int)))
+    nearest = np.full(len(points), np.inf)
+    for index in chosen:
+        nearest = np.minimum(nearest, np.square(flat - flat[index]).sum(axis=1))
+    while len(chosen) < count:
+        index = int(nearest.argmax())
+        chosen.append(index)
+        nearest = np.minimum(nearest, np.square(flat - flat[index]).sum(axis=1))
+    return points[np.sort(chosen)]

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`train`: a model of a made-up creature from its labelled takes, which then names takes without names."""
+
+import json
+
+import numpy as np
+import pytest
+
+from addon.core import rotations
+from addon.core.takes import Points
+from addon.io.labels import POINT_KEYS, TruthWriter
+from addon.io.models import read_model
+from addon.io.points import write_c3d
+
+NAMES = tuple(f"{part}{number}" for part in ("BODY", "HEAD") for number in range(1, 6))
+
+
+def creature(seed: int, frames: int = 150) -> np.ndarray:
+    """(T, 10, 3) m: a body with a head that nods, which walks about; everybody's markers sit a little elsewhere."""
+    chance, form = np.random.default_rng(seed), np.random.default_rng(42)
+    body = form.uniform([-0.4, -0.15, 0.4], [0.4, 0.15, 0.7], (5, 3)) + chance.normal(0, 0.006, (5, 3))
+    head = form.uniform([-0.05, -0.1, 0.0], [0.25, 0.1, 0.2], (5, 3)) + chance.normal(0, 0.006, (5, 3))
+    time = np.arange(frames)[:, None] / 100
+    nod = rotations.exponential(np.column_stack([0 * time, 0.5 * np.sin(3 * time + seed), 0.4 * np.sin(2 * time)]))[0]
+    heads = np.einsum("fij,mj->fmi", nod, head) + np.array([0.45, 0, 0.6])
+    whole = np.concatenate([np.broadcast_to(body, (frames, 5, 3)), heads], axis=1)
+    heading = rotations.exponential(np.column_stack([0 * time, 0 * time, seed + 0.8 * time]))[0]
+    walked = np.einsum("fij,fmj->fmi", heading, whole) + np.stack([time, 0.3 * time, 0 * time], axis=-1)
+    return walked + chance.normal(0, 0.001, walked.shape)
+
+
+def write(path, xyz, names=NAMES):
+    write_c3d(path, Points(tuple(names), xyz, np.full(xyz.shape[:2], 0.0004), 100.0, 1))
+    return path
+
+
+@pytest.fixture(scope="module")
+def takes(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("creatures")
+    for seed in range(3):
+        (folder / f"c{seed}").mkdir()
+    return [write(folder / f"c{seed}" / f"walk{seed}.c3d", creature(seed)) for seed in range(3)]
+
+
+@pytest.fixture(scope="module")
+def trained(takes, tmp_path_factory):
+    """A model of two of the creatures, with its report."""
+    from addon.cli import main
+
+    folder = tmp_path_factory.mktemp("model")
+    model, report = folder / "dog.markerset.json", folder / "report.json"
+    assert main(["train", *map(str, takes[:2]), "--out", str(model), "--report", str(report)]) == 0
+    return model, json.loads(report.read_text())
+
+
+def test_the_report_says_what_was_learned(trained):
+    model, report = trained
+    assert (report["model"], report["markers"]) == ("dog", list(NAMES))
+    assert [(row["subject"], row["frames"]) for row in report["subjects"]] == [("c0", 150), ("c1", 150)]
+    assert sorted(map(sorted, report["body"]["segments"].values())) == [list(NAMES[:5]), list(NAMES[5:])]
+    assert max(report["residual_mm"].values()) < 12
+    assert set(report["ensemble"]["of_marker"]) == set(NAMES)
+    assert {"read", "body", "evidence", "ensemble"} <= set(report["seconds"])
+    found = read_model(model)
+    assert found.markerset.evidence.subjects == 2
+    assert [lesson.subject for lesson in found.lessons] == ["c0", "c1"]
+    assert found.markerset.source["subject c1"] == "walk1.c3d"
+
+
+@pytest.fixture
+def anonymous(tmp_path):
+    """The third creature without names, shuffled, with gaps and a ghost; its truth beside it."""
+    chance, xyz = np.random.default_rng(8), creature(2)
+    for frame in range(0, 150, 30):
+        xyz[frame : frame + 30, chance.permutation(10)[: chance.integers(0, 3)]] = np.nan
+    order = chance.permutation(11)
+    xyz = np.concatenate([xyz, np.broadcast_to([0.5, 0.5, 1.0], (150, 1, 3))], axis=1)[:, order]
+    with TruthWriter(tmp_path / "truth.csv", POINT_KEYS) as writer:
+        frame, point = np.nonzero(np.isfinite(xyz[..., 0]))
+        names = [*NAMES, ""]
+        keys = [f"{f + 1},{p}" for f, p in zip(frame, point, strict=True)]
+        writer.write(keys, [names[order[p]] for p in point])
+    return write(tmp_path / "anon.c3d", xyz, [""] * 11)
+
+
+@pytest.mark.parametrize(("method", "least"), [("auto", 0.97), ("ensemble", 0.5)])
+def test_the_model_names_a_creature_that_it_has_never_seen(trained, anonymous, run, tmp_path, method, least):
+    model, _ = trained
+    answer = run("label", anonymous, "--model", model, "--out", tmp_path / "out", "--method", method)
+    assert (answer.status, answer.err) == (0, "")
+    said = run("evaluate", tmp_path / "out" / "anon.labels.csv", tmp_path / "truth.csv", "--json")
+    figures = json.loads(said.out)
+    assert figures["precision"] > 0.99
+    assert figures["recall"] > least
+
+
+def test_training_on_keeps_what_was_known(trained, takes, run, tmp_path):
+    model, _ = trained
+    out = tmp_path / "more.markerset.json"
+    answer = run(
+        "train", takes[2], "--from", model, "--out", out, "--subject", "c2=*.c3d", "--search", "none", "--json"
+    )
+    assert answer.status == 0
+    report = json.loads(answer.out)
+    assert [row["subject"] for row in report["subjects"]] == ["c0", "c1", "c2"]
+    assert report["trained_on"] == str(model)
+    assert report["ensemble"] is None
+    assert read_model(out).markerset.evidence.subjects == 3
+    lean = tmp_path / "lean.markerset.json"
+    assert run("train", *takes[:2], "--out", lean, "--search", "none", "--lean").status == 0
+    assert not read_model(lean).lessons
+    assert "would forget them" in run("train", takes[2], "--from", lean, "--out", tmp_path / "x.markerset.json").reason
+
+
+def test_what_cannot_be_trained_is_said_and_leaves_nothing(takes, run, tmp_path):
+    out = tmp_path / "m.markerset.json"
+    assert "ends in .markerset.json" in run("train", takes[0], "--out", tmp_path / "m.json").reason
+    assert "is no subject" in run("train", takes[0], "--out", out, "--subject", "ann").reason
+    one = write(tmp_path / "one.c3d", creature(0, 1))
+    assert "one.c3d: has 1 frame" in run("train", one, "--out", out).reason
+    other = write(tmp_path / "other.c3d", creature(1), [f"X{index}" for index in range(10)])
+    assert "no marker in common" in run("train", takes[0], other, "--out", out).reason
+    missing = write(tmp_path / "missing.c3d", np.full((20, 10, 3), np.nan))
+    assert "no point that is present in any frame" in run("train", missing, "--out", out).reason
+    assert not out.exists()
