@@ -214,6 +214,12 @@ def own_model(settings: SceneSettings) -> str | None:
     return chosen_model(settings) if own else None
 
 
+def choose_own(settings: SceneSettings, path: Path):
+    """Makes a marker set file the chosen one, by its place in the list where it stands there."""
+    listed = path.parent == markerset_folder() and path.exists()
+    settings.markerset, settings.markerset_path = str(path) if listed else OWN_FILE, str(path)
+
+
 def frames_wanted(settings: SceneSettings) -> tuple[int, int] | None:
     """First and last frame to label, None for all; InputError when there are none."""
     if not settings.use_range:

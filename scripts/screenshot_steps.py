@@ -37,10 +37,7 @@ def steps() -> Iterator[float]:
     yield from look_through_first()
     yield from window.screenshot("blobs-through-camera")
 
-    bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
-    until = time.monotonic() + PATIENCE
-    while settings.take is None and time.monotonic() < until:
-        yield 0.5
+    yield from label()
     bpy.context.scene.frame_set(bpy.context.scene.frame_start + 100)
     yield 1
     yield from window.screenshot("through-camera")
@@ -55,10 +52,29 @@ def steps() -> Iterator[float]:
 
     yield from window.scroll_sidebar(down=False)
     bpy.ops.mocap_autolabel.clear()
+    bpy.data.batch_remove(list(settings.cameras.all_objects))
+    bpy.ops.mocap_autolabel.import_points(filepath=task["points"])
+    bpy.context.scene.frame_set(bpy.context.scene.frame_start + 100)
+    look_at((middle.x, middle.y, 1.0), distance=3.2)
+    yield from window.screenshot("points")
+    yield from label()
+    bpy.context.scene.frame_set(bpy.context.scene.frame_start + 100)
+    yield from window.screenshot("points-labelled")
+
+    bpy.ops.mocap_autolabel.clear()
+    bpy.data.batch_remove([settings.preview])
     bpy.ops.mocap_autolabel.edit_markerset()
     look_at((0, 0, 0.9), distance=3.2)
     yield from window.screenshot("marker-set")
     (OUT / "done").touch()
+
+
+def label() -> Iterator[float]:
+    """Press the button and wait for the take."""
+    bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
+    until = time.monotonic() + PATIENCE
+    while bpy.context.scene.mocap_autolabel.take is None and time.monotonic() < until:
+        yield 0.5
 
 
 def look_at(place: tuple[float, float, float], distance: float) -> None:

@@ -17,7 +17,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from scripts import build, real_blender
-from scripts.virtual_take import write_virtual_take
+from scripts.virtual_take import write_virtual_points, write_virtual_take
 
 FRAMES = 240
 
@@ -34,8 +34,10 @@ def main() -> int:
     with tempfile.TemporaryDirectory(prefix="mocap-screenshots-") as name:
         folder = Path(name)
         write_virtual_take(folder, FRAMES)
+        write_virtual_points(folder, FRAMES)
         package = build.build("{}.{}".format(*blender.version), "linux-x64", folder)
-        task = {"zip": str(package), "cameras": str(folder / "cameras.toml"), "blobs": str(folder / "take.csv")}
+        files = {"cameras": "cameras.toml", "blobs": "take.csv", "points": "walk.c3d"}
+        task = {"zip": str(package), **{what: str(folder / name) for what, name in files.items()}}
         (folder / "task.json").write_text(json.dumps(task))
         steps = Path(__file__).with_name("screenshot_steps.py")
         done = blender.window(steps, folder, home=folder / "home", seconds=400)

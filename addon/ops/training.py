@@ -14,7 +14,7 @@ from ..io.markersets import SUFFIX
 from ..io.points import read_points
 from ..jobs.background import in_background
 from ..prefs import markerset_folder
-from ..props import OWN_FILE, SceneSettings, own_model
+from ..props import SceneSettings, choose_own, own_model
 from .importing import POINTS
 from .point_steps import drained
 from .reporting import reports_trouble
@@ -93,7 +93,7 @@ class MOCAP_AUTOLABEL_OT_train(WorksInSteps, bpy.types.Operator):
 
     def _show(self, context, result: dict) -> set[str]:
         settings, doubts = context.scene.mocap_autolabel, context.window_manager.mocap_autolabel.doubts
-        settings.markerset, settings.markerset_path = OWN_FILE, result["out"]
+        choose_own(settings, Path(result["out"]))
         doubts.clear()
         for doubt in result["doubts"]:
             doubts.add().name = doubt

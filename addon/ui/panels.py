@@ -221,6 +221,15 @@ class MOCAP_AUTOLABEL_PT_suspects(Step, Reviewing, bpy.types.Panel):
             draw_text(self.layout, state.suspects[state.suspect_index].reason)
 
 
+def cells(layout: bpy.types.UILayout) -> list[bpy.types.UILayout]:
+    """Four cells of a row of the markers' table, the gaps' the widest."""
+    row, made = layout.row(), []
+    for factor in (0.28, 0.35, 0.68):
+        row = row.split(factor=factor, align=True)
+        made.append(row.row())
+    return [*made, row.row()]
+
+
 def draw_text(layout: bpy.types.UILayout, words: str, icon: str = "NONE"):
     """A sentence that is longer than the sidebar is wide."""
     column = layout.column(align=True)
@@ -236,9 +245,8 @@ class MOCAP_AUTOLABEL_PT_markers(Step, Reviewing, bpy.types.Panel):
 
     def draw(self, context):
         state, layout = context.window_manager.mocap_autolabel, self.layout
-        head = layout.row()
-        for words in ("Marker", "Found", "Gaps", "mm"):
-            head.label(text=words)
+        for cell, words in zip(cells(layout), ("Marker", "Found", "Gaps", "mm"), strict=True):
+            cell.label(text=words)
         layout.template_list("MOCAP_AUTOLABEL_UL_markers", "", state, "markers", state, "marker_index", rows=6)
 
 
@@ -278,17 +286,15 @@ class MOCAP_AUTOLABEL_UL_markers(bpy.types.UIList):
     """A marker a row."""
 
     def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0):
-        row = layout.row()
-        row.label(text=item.name)
-        row.label(text=f"{item.labelled:.1%}")
+        name, found, gaps, residual = cells(layout)
+        name.label(text=item.name)
+        found.label(text=f"{item.labelled:.1%}")
         if item.gaps:
-            jump = row.operator(
-                "mocap_autolabel.jump", text=f"{item.gaps} (≤{item.longest_gap})", emboss=False, icon="TIME"
-            )
+            jump = gaps.operator("mocap_autolabel.jump", text=f"{item.gaps} (≤{item.longest_gap})", emboss=False)
             jump.frame, jump.marker = item.first_gap, item.name
         else:
-            row.label(text="–")
-        row.label(text=f"{item.residual:.1f}" if item.residual == item.residual else "–")
+            gaps.label(text="–")
+        residual.label(text=f"{item.residual:.1f}" if item.residual == item.residual else "–")
 
 
 CLASSES = (

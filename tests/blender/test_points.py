@@ -2,6 +2,8 @@
 """From anonymous 3D points to named markers with the extension's own operators: seen, labelled, reviewed, written."""
 
 import importlib
+import tempfile
+import time
 from types import SimpleNamespace
 
 import bpy
@@ -169,6 +171,31 @@ def test_the_exports_are_what_the_command_line_writes(imported, files, naming_kn
     assert (ours.first_frame, ours.rate) == (theirs.first_frame, theirs.rate)
     np.testing.assert_allclose(ours.xyz, theirs.xyz, atol=1e-6)
     np.testing.assert_allclose(trc.xyz, theirs.xyz, atol=1e-5)
+
+
+def test_what_is_cancelled_ends_soon_and_leaves_no_files(imported, extension, monkeypatch, naming_known, tmp_path):
+    module = importlib.import_module(f"{extension}.addon.ops.labelling")
+    jobs = importlib.import_module(f"{extension}.addon.jobs.points")
+    known, counts = jobs.name_frames, []
+
+    def slowly(*arguments):
+        for part in known(*arguments):
+            counts.append(len(part.marker))
+            time.sleep(0.3)
+            yield part
+
+    monkeypatch.setattr(jobs, "name_frames", slowly)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    steps = module.steps_of(imported)
+    while not counts:
+        assert 0 <= next(steps) < 1
+    assert list(tmp_path.iterdir())
+    steps.close()
+    until = time.monotonic() + 10
+    while list(tmp_path.iterdir()) and time.monotonic() < until:
+        time.sleep(0.05)
+    assert not list(tmp_path.iterdir())
+    assert len(counts) < 3, "it stopped before its end"
 
 
 def test_doubtful_points_are_told_from_sure_ones(extension):

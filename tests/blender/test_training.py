@@ -65,7 +65,7 @@ def test_what_was_learned_is_saved_chosen_and_names_points(listed, files, own_fo
     settings.lessons[1].subject = "bob"
     assert bpy.ops.mocap_autolabel.train() == {"FINISHED"}
     path = own_folder / "ours.markerset.json"
-    assert Path(settings.markerset_path) == path
+    assert Path(settings.markerset) == Path(settings.markerset_path) == path
     model = open_model(path)
     assert model.markerset.markers == files.markers
     assert {lesson.subject for lesson in model.lessons} == {files.folder.name, "bob"}
