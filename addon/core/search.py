@@ -174,15 +174,19 @@ def fit_from(view: View, start: Bodies, setup: Setup) -> Fit:
     start is also tried turned by a quarter, a half and three quarters, and the best of the four is kept.
     """
     prior = Prior(setup.model, upright_sd=UPRIGHT)
-    bodies = _turned_about(start, setup)
-    posed = setup.model.pose(bodies)
-    for softness, reach, steps in PLACEMENT_STAGES:
-        pull = _visible_pull(bodies, posed, view, setup, softness, reach)
-        state = fit_placement(setup.model, bodies, pull, steps, prior).state
-        bodies, posed = state.bodies, state.posed
-    fit = fit_blobs(bodies, view, setup, prior)
+    fit = fit_blobs(fit_nine(view, _turned_about(start, setup), setup).bodies, view, setup, prior)
     best = fit.cost.reshape(QUARTERS, -1).argmin(axis=0) * len(start) + np.arange(len(start))
     return Fit(picked(fit.state, best), fit.trace[:, best])
+
+
+def fit_nine(view: View, start: Bodies, setup: Setup) -> State:
+    """Ten iterations of the nine-parameter fit, visible markers only, visibility renewed in between."""
+    bodies, posed = start, setup.model.pose(start)
+    for softness, reach, steps in PLACEMENT_STAGES:
+        pull = _visible_pull(bodies, posed, view, setup, softness, reach)
+        state = fit_placement(setup.model, bodies, pull, steps, setup.prior).state
+        bodies, posed = state.bodies, state.posed
+    return state
 
 
 def _turned_about(start: Bodies, setup: Setup) -> Bodies:

@@ -9,13 +9,10 @@ import numpy as np
 
 from addon.core import rotations
 from addon.core.body import Bodies, BodyModel
-from addon.core.cost import blob_pull
-from addon.core.fit import fit_placement
 from addon.core.occlusion import CapsuleOcclusion
 from addon.core.pipeline import label_take
-from addon.core.prior import Prior
 from addon.core.rigs import paper_rig, ring_rig
-from addon.core.search import PLACEMENT_STAGES, UPRIGHT, Hints, find_subject
+from addon.core.search import PLACEMENT_STAGES, Hints, find_subject, fit_nine
 from addon.core.simulate import CaptureOptions
 from addon.core.subject import Setup
 from addon.core.virtual import Act
@@ -57,16 +54,6 @@ def start_of(bodies: Bodies, model: BodyModel) -> Bodies:
     return replace(start, quaternion=facing, translation=bodies.translation * [1, 1, 0] + [0.1, -0.06, 0.02])
 
 
-def fit_ten(view, start: Bodies, setup: Setup, prior: Prior) -> Bodies:
-    """The nine-parameter fit as `search.fit_from` begins: ten iterations, visibility renewed at each of its stages."""
-    bodies = start
-    for softness, reach, steps in PLACEMENT_STAGES:
-        visible = setup.visible(bodies.scale, setup.model.pose(bodies))
-        pull = partial(blob_pull, visible=visible, view=view, sight=setup.sight, softness=softness, reach=reach)
-        bodies = fit_placement(setup.model, bodies, pull, steps, prior).bodies
-    return bodies
-
-
 def standing(name: str) -> tuple[Setup, object, Bodies]:
     """Setup, view and bodies of a standing person in the paper's rig."""
     scene = stand(built_in(name), paper_rig(), seed=3, facing=0.7, options=ROOM)
@@ -78,7 +65,7 @@ def ten_iterations(repeats: int) -> Iterator[Row]:
     iterations = sum(steps for *_, steps in PLACEMENT_STAGES)
     for name, promises in (("gait15", ("3 ms", "1 ms", "1.3 s")), ("body26", ("5 ms", "2 ms", "3.6 s"))):
         setup, view, bodies = standing(name)
-        job = partial(fit_ten, view, start_of(bodies, setup.model), setup, Prior(setup.model, upright_sd=UPRIGHT))
+        job = partial(fit_nine, view, start_of(bodies, setup.model), setup)
         title = f"{iterations} iterations of the nine-parameter fit, `{name}`, 4 cameras"
         yield Row(title, job, promises, 5 * repeats, show=milliseconds)
 
