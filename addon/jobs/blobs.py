@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A take of blobs from file to files by fitting a body: read, label, write, chunk by chunk."""
+"""A take of blobs from file to files, chunk by chunk: named by a fitted body, or by the points that they make."""
 
 import tempfile
 from collections import deque
@@ -16,12 +16,14 @@ from ..core.cameras import Cameras
 from ..core.pipeline import Options, label_take
 from ..core.search import Hints
 from ..core.summary import TakeSummary
-from ..core.takes import Blobs, Motion, Points
+from ..core.takes import STEPS, Blobs, Motion, Points
 from ..io.blobs import BlobRows, read_blobs
 from ..io.labels import LabelWriter
-from ..io.markersets import open_markerset
+from ..io.models import open_model
 from ..progress import Progress
+from . import by_points
 from .job import LabelJob, Labelled, finish_report, open_files, timed, write_points
+from .naming import chosen_method
 
 
 def label_blobs(job: LabelJob) -> Generator[Progress, None, Labelled]:
@@ -30,7 +32,9 @@ def label_blobs(job: LabelJob) -> Generator[Progress, None, Labelled]:
     Raises UserError with the file where it can be told.
     """
     begin = perf_counter()
-    markerset, cameras = open_markerset(job.model), open_cameras(job.cameras)
+    model, cameras = open_model(job.model), open_cameras(job.cameras)
+    method = "fit" if job.method == "auto" else chosen_method(model, job.method)
+    markerset, steps = model.markerset, STEPS if method == "fit" else by_points.STEPS
     with ExitStack() as stack:
         files = open_files(job, stack)
         folder = tempfile.TemporaryDirectory(prefix="mocap-autolabel-", ignore_cleanup_errors=True)
@@ -41,10 +45,15 @@ def label_blobs(job: LabelJob) -> Generator[Progress, None, Labelled]:
         source = Source(job, cameras)
         chunks = []
         clock = {"load": perf_counter() - begin, "write": 0.0}
-        for chunk in label_take(source.blobs(), cameras, markerset, job.frame_rate, options(job)):
+        if method == "fit":
+            work = label_take(source.blobs(), cameras, markerset, job.frame_rate, options(job))
+        else:
+            hints = (job.frame_rate, options(job), job.target)
+            work = by_points.label_by_points(source.blobs(), cameras, model, method, *hints)
+        for chunk in work:
             row = source.taken.popleft()
             with timed(clock, "write"):
-                labels.write(row.keys, chunk.labels)
+                labels.write(row.keys, chunk.labels, steps)
                 motion.append(chunk.motion)
             summary.add(row.blobs, chunk)
             if job.keep or job.blend:
@@ -56,7 +65,8 @@ def label_blobs(job: LabelJob) -> Generator[Progress, None, Labelled]:
             write_points(motion.points(), files)
             if job.blend:
                 save_blend(files[".blend"], job.source.stem, job.source, job.frame_rate, cameras, markerset, chunks)
-        more = {"method": "fit", "rate_assumed": job.rate is None}
+        counts = dict(zip(steps[1:], summary.steps.values(), strict=True))
+        more = {"method": method, "rate_assumed": job.rate is None, "steps": counts}
         report = finish_report(job, summary, markerset.name, job.frame_rate, clock, files[".report.json"], **more)
     return Labelled(report, chunks if job.keep else [])
 

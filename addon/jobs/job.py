@@ -16,7 +16,7 @@ from ..io.whole import whole_files
 from ..version import version
 
 USUAL_RATE = 100.0
-METHODS = ("auto", "fit", "ensemble")
+METHODS = ("auto", "fit", "ensemble", "evidence")
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Naming the points of a take, frame by frame, by whichever method the model and the user allow."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,9 +9,10 @@ import numpy as np
 from ..core.cameras import Cameras
 from ..core.errors import InputError
 from ..core.models import Model
+from ..core.pieces import vote_pieces
 from ..core.pipeline import Options, label_take
 from ..core.rigs import ring_rig
-from ..core.takes import NO_MARKER, Blobs
+from ..core.takes import NO_MARKER, Blobs, Suspect
 
 CHUNK = 256
 VIEWS = 6  # virtual cameras around the points, when a body is fitted to them
@@ -37,6 +38,8 @@ def chosen_method(model: Model, wanted: str) -> str:
     """The method that "auto" stands for, or the one that was wanted; InputError where the model cannot do it."""
     if wanted == "auto":
         return "evidence" if model.markerset.evidence is not None else "fit" if model.ensemble is None else "ensemble"
+    if wanted == "evidence" and model.markerset.evidence is None:
+        raise InputError(f"model {model.markerset.name} has no evidence; expected one made by train")
     if wanted == "ensemble" and model.ensemble is None:
         raise InputError(f"model {model.markerset.name} has no ensemble; expected one that was trained with --search")
     return wanted
@@ -50,6 +53,47 @@ def name_frames(model: Model, method: str, points: np.ndarray, rate: float, opti
         yield from _by_ensemble(model, points)
     else:
         yield from _by_fit(model, points, rate, options)
+
+
+@dataclass(frozen=True, eq=False)
+class Decided:
+    """What is said of points in the end.
+
+    marker, confidence  (T, P), NO_MARKER and 0 where unnamed
+    alone               (T, P) True where the frame itself said so, False where the trajectory overruled it
+    suspects            trajectories that changed names or were of two minds
+    """
+
+    marker: np.ndarray
+    confidence: np.ndarray
+    alone: np.ndarray
+    suspects: tuple[Suspect, ...]
+
+
+def decide(named: NamedFrames, piece: np.ndarray, markers: Sequence[str], target: float, first_frame: int) -> Decided:
+    """Lets the pieces (T, P) of trajectories vote and keeps what is sure enough that a part `target` of it is right."""
+    voted = vote_pieces(named.marker, named.confidence, piece, markers, first_frame)
+    alone = voted.marker == named.marker
+    chance = np.where(alone, np.maximum(voted.confidence, named.confidence), voted.confidence)
+    enough = (voted.confidence >= target) | (alone & (named.rate >= target))
+    marker = once(np.where(enough, voted.marker, NO_MARKER), chance, len(markers))
+    return Decided(marker, np.where(marker == NO_MARKER, 0.0, chance), alone, voted.suspects)
+
+
+def joined(parts: Sequence[NamedFrames]) -> NamedFrames:
+    """All frames of several parts."""
+    return NamedFrames(*(np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])))
+
+
+def once(marker: np.ndarray, sure: np.ndarray, markers: int) -> np.ndarray:
+    """Labels (T, P) of which each frame has every marker once: the surest."""
+    kept = np.full(marker.shape, NO_MARKER)
+    for index in range(markers):
+        worth = np.where(marker == index, sure, -1.0)
+        best = worth.argmax(axis=1)
+        frames = np.flatnonzero(worth[np.arange(len(worth)), best] >= 0)
+        kept[frames, best[frames]] = index
+    return kept
 
 
 def _by_evidence(model: Model, points: np.ndarray) -> Iterator[NamedFrames]:

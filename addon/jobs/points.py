@@ -10,14 +10,12 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..blendfile import save_blend
-from ..core.body import Bodies, BodyModel
 from ..core.cameras import Cameras
 from ..core.errors import InputError
 from ..core.markersets import MarkerSet
 from ..core.models import Model
-from ..core.pieces import cut, vote_pieces
+from ..core.pieces import cut
 from ..core.pipeline import Options
-from ..core.posing import FEWEST, fit_points
 from ..core.search import Hints
 from ..core.summary import TakeSummary
 from ..core.suspects import find_suspects
@@ -28,11 +26,11 @@ from ..io.points import FilePoints, read_points
 from ..progress import Progress
 from .doubts import refuse_second_subject, refuse_strangers
 from .job import LabelJob, Labelled, finish_report, open_files, timed, write_points
-from .naming import chosen_method, name_frames
+from .naming import chosen_method, decide, joined, name_frames
+from .placing import moved
 
 # How the label of a point came about; the index is what `Labels.step` holds.
 STEPS = ("", "evidence", "ensemble", "fit", "trajectory")
-FITTED = 2000  # frames posed at once
 
 
 def label_points(job: LabelJob) -> Generator[Progress, None, Labelled]:
@@ -52,7 +50,8 @@ def label_points(job: LabelJob) -> Generator[Progress, None, Labelled]:
         labels, suspects = named
         yield Progress(0.8, "pose the body")
         with timed(clock, "fit"):
-            motion = _moved(take, labels.marker, labels.confidence, model.markerset)
+            frames = take.first_frame + np.arange(len(take.xyz))
+            motion = moved(take.xyz, take.residual, labels.marker, labels.confidence, model.markerset, frames)
         yield Progress(0.9, "write")
         rows, chunk = _as_chunk(
             take, labels, motion, suspects + find_suspects(motion, model.markerset.markers, take.rate)
@@ -90,70 +89,15 @@ def _named(job: LabelJob, model: Model, method: str, take: FilePoints, clock):
         parts.append(part)
         done += len(part.marker)
         yield Progress(0.75 * done / len(take.xyz), f"frame {take.first_frame + done - 1}")
-    marker, confidence, rate = (
-        np.concatenate([getattr(part, name) for part in parts]) for name in ("marker", "confidence", "rate")
-    )
-    refuse_second_subject(model, method, take.xyz, marker, options)
-    voted = vote_pieces(marker, confidence, cut(take.xyz, take.rate), model.markerset.markers, take.first_frame)
-    agreed = voted.marker == marker
-    sure = np.where(agreed, np.maximum(voted.confidence, confidence), voted.confidence)
-    enough = (voted.confidence >= job.target) | (agreed & (rate >= job.target))
-    given = np.where(enough, voted.marker, NO_MARKER)
-    refuse_strangers(model, take.xyz, given)
-    given = _once(given, sure, len(model.markerset))
-    step = np.where(agreed, STEPS.index(method), STEPS.index("trajectory"))
+    named = joined(parts)
+    refuse_second_subject(model, method, take.xyz, named.marker, options)
+    piece = cut(take.xyz, take.rate)
+    decided = decide(named, piece, model.markerset.markers, job.target, take.first_frame)
+    refuse_strangers(model, take.xyz, decided.marker)
+    step = np.where(decided.alone, STEPS.index(method), STEPS.index("trajectory"))
     clock["label"] = perf_counter() - begin
-    named = given != NO_MARKER
-    return Labels(given, np.where(named, step, 0), np.where(named, sure, 0.0)), voted.suspects
-
-
-def _once(marker: np.ndarray, sure: np.ndarray, markers: int) -> np.ndarray:
-    """Labels (T, P) of which each frame has every marker once: the surest."""
-    kept = np.full(marker.shape, NO_MARKER)
-    for index in range(markers):
-        worth = np.where(marker == index, sure, -1.0)
-        best = worth.argmax(axis=1)
-        frames = np.flatnonzero(worth[np.arange(len(worth)), best] >= 0)
-        kept[frames, best[frames]] = index
-    return kept
-
-
-def _moved(take: FilePoints, marker: np.ndarray, sure: np.ndarray, markerset: MarkerSet) -> Motion:
-    """The named markers and the body posed on them."""
-    count, size = len(take.xyz), len(markerset)
-    xyz, residual = np.full((count, size, 3), np.nan), np.full((count, size), np.nan)
-    frame, column = np.nonzero(marker != NO_MARKER)
-    xyz[frame, marker[frame, column]] = take.xyz[frame, column]
-    residual[frame, marker[frame, column]] = take.residual[frame, column]
-    model = BodyModel(markerset)
-    if (np.isfinite(xyz[..., 0]).sum(axis=1) >= FEWEST).any():
-        bodies = fit_points(model, xyz)
-    else:
-        nobody = model.rest(count, 1.0)
-        bodies = replace(nobody, translation=np.full_like(nobody.translation, np.nan))
-    found = np.isfinite(bodies.translation).all(axis=1)
-    expected, joints, turns, scale = _posed(model, bodies, found)
-    named = marker != NO_MARKER
-    mean = np.where(named, sure, 0).sum(axis=1) / np.maximum(named.sum(axis=1), 1)
-    frames = take.first_frame + np.arange(count)
-    nothing, conflicts = np.full((count, size), np.nan), np.zeros((count, size), int)
-    confidence = np.where(found, mean, 0.0)
-    return Motion(frames, xyz, residual, nothing, conflicts, expected, joints, turns, scale, confidence)
-
-
-def _posed(model: BodyModel, bodies: Bodies, found: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Expected markers, joints, rotations and scale of all frames; NaN where nobody was found."""
-    count, joints = len(found), model.joint_count
-    shapes = ((model.marker_count, 3), (joints, 3), (joints, 3, 3), (3,))
-    whole = [np.full((count, *shape), np.nan) for shape in shapes]
-    at = np.flatnonzero(found)
-    for first in range(0, len(at), FITTED):
-        frames = at[first : first + FITTED]
-        posed = model.pose(bodies.pick(frames))
-        values = (posed.markers, posed.joints, posed.rotations, bodies.scale[frames])
-        for array, value in zip(whole, values, strict=True):
-            array[frames] = value
-    return tuple(whole)
+    labels = Labels(decided.marker, np.where(decided.marker == NO_MARKER, 0, step), decided.confidence)
+    return labels, decided.suspects
 
 
 def _as_chunk(take: FilePoints, labels: Labels, motion: Motion, suspects) -> tuple[Blobs, LabelledChunk]:

@@ -101,5 +101,51 @@ def test_what_cannot_be_labelled_is_said(label, run, room, anonymous, tmp_path):
     assert answer.status == 1
     assert "few.c3d: does not look like a take of model" in answer.reason
     assert (
-        "--cameras is missing" in run("label", room.blobs, anonymous / "anon.c3d", "--model", MODEL, "--out", "y").reason
+        "--cameras is missing"
+        in run("label", room.blobs, anonymous / "anon.c3d", "--model", MODEL, "--out", "y").reason
     )
+
+
+@pytest.fixture(scope="module")
+def trained(room, tmp_path_factory):
+    """A model of the room's person alone."""
+    from addon.cli import main
+
+    model = tmp_path_factory.mktemp("model") / "me.markerset.json"
+    assert main(["train", str(room.c3d), "--out", str(model), "--search", "none"]) == 0
+    return model
+
+
+def test_blobs_named_by_their_points_agree_with_the_fitted_body(trained, room, run, tmp_path):
+    words = ("label", room.blobs, "--cameras", room.cameras, "--model", trained, "--rate", "60")
+    answer = run(*words, "--out", tmp_path / "points", "--method", "evidence", "--json")
+    assert (answer.status, answer.err) == (0, "")
+    assert run(*words, "--out", tmp_path / "fit").status == 0
+    figures = json.loads(run("evaluate", tmp_path / "points" / "walk.labels.csv", room.truth, "--json").out)
+    assert figures["precision"] > 0.98
+    assert figures["recall"] > 0.9
+    [report] = json.loads(answer.out)["takes"]
+    assert (report["method"], report["frames"]) == ("evidence", FRAMES[1] - FRAMES[0] + 1)
+    assert set(report["steps"]) == {"evidence", "ensemble", "trajectory"}
+    assert 0 < report["markers"]["C7"]["mean_residual_px"] < 2
+    rows = [rows_of(tmp_path / folder / "walk.labels.csv")[1:] for folder in ("points", "fit")]
+    both = [(one[4], two[4]) for one, two in zip(*rows, strict=True) if one[4] and two[4]]
+    assert len(both) > 1000
+    assert np.mean([one == two for one, two in both]) > 0.99
+
+
+def test_reconstructed_points_are_named(trained, room, run, tmp_path):
+    points = tmp_path / "points.c3d"
+    assert run("reconstruct", room.blobs, "--cameras", room.cameras, "--out", points, "--rate", "60").status == 0
+    answer = run("label", points, "--model", trained, "--out", tmp_path / "out", "--json")
+    [report] = json.loads(answer.out)["takes"]
+    assert report["unlabelled"] < 0.1 * report["points"]
+    found, truth = read_points(tmp_path / "out" / "points.c3d"), read_points(room.c3d)
+    columns = [found.names.index(name) for name in truth.names]
+    off = np.linalg.norm(found.xyz[:, columns] - truth.xyz, axis=2)
+    assert np.isfinite(off).mean() > 0.9
+    assert (off[np.isfinite(off)] < 0.02).mean() > 0.99
+
+
+def test_a_model_without_an_ensemble_or_evidence_says_so(trained, room, label):
+    assert "has no ensemble" in label("--method", "ensemble", model=trained).reason

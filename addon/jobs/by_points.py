@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Blobs named by the points that they make: reconstructed without names, named in space, and back to the images.
+
+The second paper after the first one's cameras: it checks the fitted body, which goes the other way round.
+"""
+
+from collections.abc import Iterable, Iterator
+from time import perf_counter
+
+import numpy as np
+
+from ..core.cameras import Cameras
+from ..core.models import Model
+from ..core.pipeline import Options
+from ..core.reconstruction import Reconstructed, Reconstructor
+from ..core.suspects import find_suspects
+from ..core.takes import NO_MARKER, Blobs, LabelledChunk, Labels
+from .naming import decide, joined, name_frames
+from .placing import moved
+from .spool import SHORTEST
+
+# How the label of a blob came about, by index into `Labels.step`.
+STEPS = ("", "evidence", "ensemble", "trajectory")
+WINDOW = 1024  # frames, about, whose trajectories vote together
+
+
+def label_by_points(
+    chunks: Iterable[Blobs],
+    cameras: Cameras,
+    model: Model,
+    method: str,
+    rate: float,
+    options: Options,
+    target: float,
+) -> Iterator[LabelledChunk]:
+    """Names the blobs of a take as `core.pipeline.label_take` does: one `LabelledChunk` for each chunk, in their order.
+
+    Raises JobError when there are fewer than two cameras, or a frame has more blobs than any capture.
+    """
+    reconstructor = Reconstructor(cameras, rate)
+    waiting: list[tuple[Blobs, Reconstructed]] = []
+    seconds = 0.0
+    for blobs in chunks:
+        begin = perf_counter()
+        waiting.append((blobs, reconstructor.reconstruct(blobs)))
+        seconds += perf_counter() - begin
+        if sum(len(part.frames) for part, _ in waiting) >= WINDOW:
+            yield from _labelled(waiting, cameras, model, method, rate, options, target, seconds)
+            waiting, seconds = [], 0.0
+    if waiting:
+        yield from _labelled(waiting, cameras, model, method, rate, options, target, seconds)
+
+
+def _labelled(waiting, cameras, model, method, rate, options, target, seconds) -> Iterator[LabelledChunk]:
+    """The chunks of one window."""
+    begin = perf_counter()
+    markerset = model.markerset
+    frames = np.concatenate([blobs.frames for blobs, _ in waiting])
+    starts = np.cumsum([0, *(len(blobs.frames) for blobs, _ in waiting)])
+    frame = np.concatenate([start + part.frame for start, (_, part) in zip(starts, waiting, strict=False)])
+    trajectory = np.concatenate([part.trajectory for _, part in waiting])
+    number, column, lengths = np.unique(trajectory, return_inverse=True, return_counts=True)
+    shape = (len(frames), max(len(number), 1))
+    xyz, residual = np.full((*shape, 3), np.nan), np.full(shape, np.nan)
+    lasting = (lengths >= min(SHORTEST, len(frames)))[column]
+    xyz[frame[lasting], column[lasting]] = np.concatenate([part.points for _, part in waiting])[lasting]
+    residual[frame[lasting], column[lasting]] = np.concatenate([part.residual for _, part in waiting])[lasting]
+    piece = np.where(np.isfinite(xyz).all(axis=2), np.arange(shape[1]), -1)
+    found = joined(list(name_frames(model, method, xyz, rate, options)))
+    decided = decide(found, piece, markerset.markers, target, int(frames[0]))
+    named = perf_counter()
+    motion = moved(xyz, residual, decided.marker, decided.confidence, markerset, frames)
+    suspects = decided.suspects + find_suspects(motion, markerset.markers, rate)
+    spent = {"place": seconds, "label": named - begin, "fit": perf_counter() - named}
+    step = np.where(decided.alone, STEPS.index(method), STEPS.index("trajectory"))
+    given = [array[frame, column] for array in (decided.marker, decided.confidence, step)]
+    first = 0
+    for index, (blobs, part) in enumerate(waiting):
+        here, last = slice(starts[index], starts[index + 1]), first + len(part.points)
+        labels, px = _of_blobs(blobs, part, cameras, *(array[first:last] for array in given), len(markerset))
+        fields = {name: getattr(motion, name)[here] for name in vars(motion)}
+        mine = tuple(s for s in suspects if blobs.frames[0] <= s.first <= blobs.frames[-1])
+        yield LabelledChunk(labels, type(motion)(**{**fields, "residual_px": px}), mine, spent)
+        first, spent = last, {}
+
+
+def _of_blobs(blobs: Blobs, part: Reconstructed, cameras: Cameras, marker, confidence, step, markers: int):
+    """The labels of a chunk's blobs from those of its points, and (F, M) px how far they are from their points."""
+    labels = Labels(np.full(len(blobs), NO_MARKER), np.zeros(len(blobs), int), np.zeros(len(blobs)))
+    point, camera = np.nonzero((part.rows >= 0) & (marker != NO_MARKER)[:, None])
+    rows = part.rows[point, camera]
+    labels.marker[rows], labels.step[rows], labels.confidence[rows] = marker[point], step[point], confidence[point]
+    off = blobs.xy[rows] - cameras.project(part.points)[camera, point]
+    total, count = np.zeros((2, len(blobs.frames), markers))
+    at = part.frame[point], marker[point]
+    np.add.at(total, at, np.einsum("ni,ni->n", off, off))
+    np.add.at(count, at, 1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return labels, np.sqrt(total / count)

@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""From named points to a moving body."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..core.body import Bodies, BodyModel
+from ..core.markersets import MarkerSet
+from ..core.posing import FEWEST, fit_points
+from ..core.takes import NO_MARKER, Motion
+
+FITTED = 2000  # frames posed at once
+
+
+def moved(
+    points: np.ndarray,
+    residual: np.ndarray,
+    marker: np.ndarray,
+    sure: np.ndarray,
+    markerset: MarkerSet,
+    frames: np.ndarray,
+) -> Motion:
+    """The named markers and the body posed on them.
+
+    points (T, P, 3) m and residual (T, P) m, with the marker and the confidence (T, P) of each; frames (T,) the
+    source's numbers.
+    """
+    count, size = len(points), len(markerset)
+    xyz, off = np.full((count, size, 3), np.nan), np.full((count, size), np.nan)
+    frame, column = np.nonzero(marker != NO_MARKER)
+    xyz[frame, marker[frame, column]] = points[frame, column]
+    off[frame, marker[frame, column]] = residual[frame, column]
+    model = BodyModel(markerset)
+    if (np.isfinite(xyz[..., 0]).sum(axis=1) >= FEWEST).any():
+        bodies = fit_points(model, xyz)
+    else:
+        nobody = model.rest(count, 1.0)
+        bodies = replace(nobody, translation=np.full_like(nobody.translation, np.nan))
+    found = np.isfinite(bodies.translation).all(axis=1)
+    expected, joints, turns, scale = _posed(model, bodies, found)
+    named = marker != NO_MARKER
+    mean = np.where(named, sure, 0).sum(axis=1) / np.maximum(named.sum(axis=1), 1)
+    nothing, conflicts = np.full((count, size), np.nan), np.zeros((count, size), int)
+    confidence = np.where(found, mean, 0.0)
+    return Motion(frames, xyz, off, nothing, conflicts, expected, joints, turns, scale, confidence)
+
+
+def _posed(model: BodyModel, bodies: Bodies, found: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Expected markers, joints, rotations and scale of all frames; NaN where nobody was found."""
+    count, joints = len(found), model.joint_count
+    shapes = ((model.marker_count, 3), (joints, 3), (joints, 3, 3), (3,))
+    whole = [np.full((count, *shape), np.nan) for shape in shapes]
+    at = np.flatnonzero(found)
+    for first in range(0, len(at), FITTED):
+        frames = at[first : first + FITTED]
+        posed = model.pose(bodies.pick(frames))
+        values = (posed.markers, posed.joints, posed.rotations, bodies.scale[frames])
+        for array, value in zip(whole, values, strict=True):
+            array[frames] = value
+    return tuple(whole)
