@@ -97,7 +97,7 @@ class Record:
     @property
     def rates(self) -> np.ndarray:
         """(s,) the hit rates P(S, m_i): hits over answers; NaN where the solver never answered."""
-        return np.divide(self.hits, self.answers, out=np.full(len(self.hits), np.nan), where=self.answers > 0)
+        return np.divide(self.hits, self.answers, out=np.full(self.hits.shape, np.nan), where=self.answers > 0)
 
     def reaches(self, targets: np.ndarray, ambiguous: float | None = None) -> np.ndarray:
         """(s,) whether each hit rate reaches its target (s,).

@@ -257,11 +257,11 @@ class Study:
         return bool(reached.any() if self.options.goal == "any" else reached[searches.members(subset)].all())
 
     def _hopeful(self, known: Survey) -> np.ndarray:
-        """(2^G, G) which targets are reached, or would be but for one unlucky frame: a survey has few frames."""
-        record = known.everything
-        one_frame = record.answers / len(self._look[1])
-        lucky = replace(record, hits=np.minimum(record.hits + one_frame, record.answers))
-        return lucky.reaches(self.targets[known.group], self.options.ambiguous)
+        """(2^G, G) which targets may well be reached: a survey has few frames, and may have met the unlucky ones."""
+        record, targets, frames = known.everything, self.targets[known.group], len(self._look[1])
+        unlucky = 1.0 + 2.0 * np.sqrt((1.0 - targets) * frames)
+        hits = np.minimum(record.hits + unlucky * record.answers / frames, record.answers)
+        return replace(record, hits=hits).reaches(targets, self.options.ambiguous)
 
     def hidden(self, ground: "Ground") -> np.ndarray:
         """(N,) random subsets of hidden markers, the search's own not among them."""
