@@ -125,6 +125,8 @@ class MOCAP_AUTOLABEL_PT_train(Step, bpy.types.Panel):
             layout.template_list(
                 "MOCAP_AUTOLABEL_UL_lessons", "", settings, "lessons", settings, "lesson_index", rows=3
             )
+            chosen = settings.lessons[min(settings.lesson_index, len(settings.lessons) - 1)]
+            layout.label(text=f"{chosen.markers} named markers")
         own = settings.markerset == OWN_FILE or settings.markerset.endswith(SUFFIX)
         if own:
             layout.prop(settings, "train_on", text="Train the Chosen One On")
@@ -267,7 +269,7 @@ class MOCAP_AUTOLABEL_UL_lessons(bpy.types.UIList):
 
     def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0):
         row = layout.row(align=True)
-        row.label(text=f"{item.name} ({item.markers})")
+        row.label(text=item.name)
         row.prop(item, "subject", text="", emboss=False, icon="USER")
 
 
