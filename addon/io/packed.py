@@ -7,6 +7,7 @@ import hashlib
 import json
 import types
 import typing
+import zlib
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 
@@ -14,7 +15,7 @@ import numpy as np
 
 from ..core.errors import InputError
 
-KINDS = {"f8": "<f8", "f4": "<f4", "i8": "<i8", "i4": "<i4", "b1": "|b1"}
+KINDS = {f"{letter}{size}": f"<{letter}{size}" for letter in "iuf" for size in (1, 2, 4, 8)} | {"b1": "|b1"}
 LARGEST = 1 << 28  # bytes of one array; no model comes near
 DIGEST = "digest"
 
@@ -35,7 +36,7 @@ def unpack(kind: type, packed: object, what: str, path: Path):
         if packed.get(DIGEST) != _digest(content):
             raise broken
         return _unpacked(kind, content)
-    except (KeyError, TypeError, ValueError, binascii.Error):
+    except (KeyError, TypeError, ValueError, binascii.Error, zlib.error):
         raise broken from None
 
 
@@ -48,7 +49,8 @@ def _packed(value: object):
         return {field.name: _packed(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, np.ndarray):
         kind = value.dtype.kind + str(value.dtype.itemsize)
-        data = base64.b64encode(np.ascontiguousarray(value, KINDS[kind]).tobytes()).decode("ascii")
+        content = zlib.compress(np.ascontiguousarray(value, KINDS[kind]).tobytes(), 9)
+        data = base64.b64encode(content).decode("ascii")
         return {"kind": kind, "shape": list(value.shape), "data": data}
     if isinstance(value, tuple):
         return [_packed(part) for part in value]
@@ -83,7 +85,8 @@ def _unpacked(kind, packed):
 
 
 def _array(packed: dict) -> np.ndarray:
-    data = base64.b64decode(packed["data"], validate=True)
-    if len(data) > LARGEST:
+    unzipped = zlib.decompressobj()
+    data = unzipped.decompress(base64.b64decode(packed["data"], validate=True), LARGEST)
+    if unzipped.unconsumed_tail:
         raise ValueError
     return np.frombuffer(data, KINDS[packed["kind"]]).reshape(packed["shape"]).copy()
