@@ -28,7 +28,7 @@ def pack(value: object) -> dict:
 
 def unpack(kind: type, packed: object, what: str, path: Path):
     """The dataclass of type `kind` that `pack` made the object of; InputError naming `what` where it is not one."""
-    broken = InputError(f"has a damaged {what}; expected it as it was trained, so train the model anew", path)
+    broken = InputError(f"has damaged {what}; expected it as it was trained, so train the model anew", path)
     if not isinstance(packed, dict):
         raise broken
     content = {key: value for key, value in packed.items() if key != DIGEST}

@@ -15,7 +15,7 @@ from ..core.pipeline import Options
 from ..core.reconstruction import Reconstructed, Reconstructor
 from ..core.suspects import find_suspects
 from ..core.takes import NO_MARKER, Blobs, LabelledChunk, Labels
-from .naming import decide, joined, name_frames
+from .naming import consistent, decide, joined, name_frames
 from .placing import moved
 from .spool import SHORTEST
 
@@ -68,6 +68,7 @@ def _labelled(waiting, cameras, model, method, rate, options, target, seconds) -
     piece = np.where(np.isfinite(xyz).all(axis=2), np.arange(shape[1]), -1)
     found = joined(list(name_frames(model, method, xyz, rate, options)))
     decided = decide(found, piece, markerset.markers, target, int(frames[0]))
+    decided = consistent(decided, xyz, markerset.evidence, int(frames[0]))
     named = perf_counter()
     motion = moved(xyz, residual, decided.marker, decided.confidence, markerset, frames)
     suspects = decided.suspects + find_suspects(motion, markerset.markers, rate)

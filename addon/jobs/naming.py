@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core.cameras import Cameras
+from ..core.consistency import stray_suspects, strays
 from ..core.errors import InputError
+from ..core.evidence import Evidence
 from ..core.models import Model
 from ..core.pieces import vote_pieces
 from ..core.pipeline import Options, label_take
@@ -78,6 +80,22 @@ def decide(named: NamedFrames, piece: np.ndarray, markers: Sequence[str], target
     enough = (voted.confidence >= target) | (alone & (named.rate >= target))
     marker = once(np.where(enough, voted.marker, NO_MARKER), chance, len(markers))
     return Decided(marker, np.where(marker == NO_MARKER, 0.0, chance), alone, voted.suspects)
+
+
+def consistent(decided: Decided, points: np.ndarray, evidence: Evidence | None, first_frame: int) -> Decided:
+    """Takes back names of points (T, P, 3) that contradict the rest of the take, and says so."""
+    if evidence is None:
+        return decided
+    frame, column = np.nonzero(decided.marker != NO_MARKER)
+    marker = decided.marker[frame, column]
+    placed = np.full((len(points), len(evidence), 3), np.nan)
+    placed[frame, marker] = points[frame, column]
+    stray = strays(placed, evidence.ties)
+    wrong = stray[frame, marker]
+    kept, sure = decided.marker.copy(), decided.confidence.copy()
+    kept[frame[wrong], column[wrong]], sure[frame[wrong], column[wrong]] = NO_MARKER, 0.0
+    suspects = decided.suspects + stray_suspects(stray, evidence.markers, first_frame)
+    return Decided(kept, sure, decided.alone, suspects)
 
 
 def joined(parts: Sequence[NamedFrames]) -> NamedFrames:

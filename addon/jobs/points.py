@@ -26,7 +26,7 @@ from ..io.points import FilePoints, read_points
 from ..progress import Progress
 from .doubts import refuse_second_subject, refuse_strangers
 from .job import LabelJob, Labelled, finish_report, open_files, timed, write_points
-from .naming import chosen_method, decide, joined, name_frames
+from .naming import chosen_method, consistent, decide, joined, name_frames
 from .placing import moved
 
 # How the label of a point came about; the index is what `Labels.step` holds.
@@ -93,6 +93,7 @@ def _named(job: LabelJob, model: Model, method: str, take: FilePoints, clock):
     refuse_second_subject(model, method, take.xyz, named.marker, options)
     piece = cut(take.xyz, take.rate)
     decided = decide(named, piece, model.markerset.markers, job.target, take.first_frame)
+    decided = consistent(decided, take.xyz, model.markerset.evidence, take.first_frame)
     refuse_strangers(model, take.xyz, decided.marker)
     step = np.where(decided.alone, STEPS.index(method), STEPS.index("trajectory"))
     clock["label"] = perf_counter() - begin
