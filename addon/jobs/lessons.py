@@ -22,12 +22,13 @@ LOOKED_AT = 4000  # of which those are chosen
 
 @dataclass(frozen=True, eq=False)
 class Take:
-    """One labelled take: its file, whose it is, names P, points (T, P, 3) m."""
+    """One labelled take: its file, whose it is, names P, points (T, P, 3) m, and labels that it has twice."""
 
     path: Path
     subject: str
     names: tuple[str, ...]
     xyz: np.ndarray
+    doubled: tuple[str, ...]
 
 
 def read_takes(paths: Sequence[Path], subjects: Sequence[tuple[str, str]]) -> list[Take]:
@@ -54,7 +55,7 @@ def read_takes(paths: Sequence[Path], subjects: Sequence[tuple[str, str]]) -> li
 def _read(path: Path, subjects: Sequence[tuple[str, str]], by_folder: bool) -> Take:
     try:
         points = read_points(path)
-        names, xyz = _named(points)
+        names, xyz, doubled = _named(points)
     except UserError as error:
         raise error if error.file else type(error)(error.message, path) from None
     if len(xyz) < LEAST_FRAMES:
@@ -65,15 +66,15 @@ def _read(path: Path, subjects: Sequence[tuple[str, str]], by_folder: bool) -> T
         )
     folder = path.resolve().parent.name if by_folder else "subject"
     subject = next((name for name, glob in subjects if _suits(path, glob)), folder)
-    return Take(path, subject, names, xyz)
+    return Take(path, subject, names, xyz, doubled)
 
 
 def _suits(path: Path, glob: str) -> bool:
     return any(fnmatchcase(text, glob) for text in (path.name, path.as_posix(), path.resolve().as_posix()))
 
 
-def _named(points: FilePoints) -> tuple[tuple[str, ...], np.ndarray]:
-    """Bare names and points of the named trajectories."""
+def _named(points: FilePoints) -> tuple[tuple[str, ...], np.ndarray, tuple[str, ...]]:
+    """Bare names and points of the trajectories that are named once, and the names that are there twice."""
     kept = [index for index, name in enumerate(points.names) if name]
     if not kept:
         raise InputError("has no named markers; expected a labelled take")
@@ -91,11 +92,12 @@ def _named(points: FilePoints) -> tuple[tuple[str, ...], np.ndarray]:
             if doubled
             else InputError(f"has {len(kept)} named markers; expected {FEWEST} or more")
         )
-    return tuple(points.names[index].rpartition(":")[2] for index in kept), points.xyz[:, kept]
+    return tuple(points.names[index].rpartition(":")[2] for index in kept), points.xyz[:, kept], tuple(doubled)
 
 
 def _size(xyz: np.ndarray) -> float:
     """m, how far the markers of a frame reach."""
+    xyz = xyz[np.isfinite(xyz).any(axis=(1, 2))]
     away = xyz - np.nanmean(xyz, axis=1, keepdims=True)
     return max(float(np.nanmedian(np.linalg.norm(away, axis=2))), 1e-9)
 

@@ -222,11 +222,20 @@ def _report(job, takes: Sequence[Take], markerset: MarkerSet, ensemble, lessons,
             name: None if np.isnan(value) else round(1000 * float(value), 2)
             for name, value in zip(markerset.markers, residual, strict=True)
         },
-        "doubts": _doubts(markerset, lessons, residual, ensemble),
+        "doubts": [*_doubled(takes), *_doubts(markerset, lessons, residual, ensemble)],
         "evidence": {"subjects": markerset.evidence.subjects, "plates": markerset.evidence.plates is not None},
         "ensemble": solvers,
         "seconds": {part: round(seconds, 2) for part, seconds in clock.items()},
     }
+
+
+def _doubled(takes: Sequence[Take]) -> list[str]:
+    """Labels that takes have twice, in sentences."""
+    return [
+        f"{take.path.name} has the label {name} twice, so it was left out there"
+        for take in takes
+        for name in take.doubled
+    ]
 
 
 def _doubts(markerset: MarkerSet, lessons: Sequence[Lessons], residual: np.ndarray, ensemble) -> list[str]:
