@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Trains the ensembles of the built-in models: python scripts/learn_ensembles.py --data PEOPLE
+
+PEOPLE is laid out as for learn_markersets.py, which comes first. Takes minutes a model.
+"""
+
+import argparse
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[1]
+if str(ROOT) not in sys.path:
+    sys.path.insert(0, str(ROOT))
+
+from threadpoolctl import threadpool_limits
+
+from addon.core.ensemble.model import FUNCTIONS
+from addon.core.ensemble.training import Training, train_ensemble
+from addon.io.markersets import SUFFIX
+from addon.io.models import read_model, write_model
+from scripts.learn_markersets import WALKERS_WEAR, read_takes
+
+HIT_RATE = 0.9999
+
+
+def main(arguments: list[str] | None = None):
+    """Trains the ensembles that were asked for and writes them into the models' files."""
+    parser = argparse.ArgumentParser(description="Trains the ensembles of the built-in models.")
+    parser.add_argument("--data", type=Path, default=ROOT.parent / "shared" / "data" / "people")
+    parser.add_argument("--out", type=Path, default=ROOT / "assets")
+    parser.add_argument("--sets", nargs="*", default=list(WALKERS_WEAR), choices=list(WALKERS_WEAR))
+    given = parser.parse_args(arguments)
+    for name in given.sets:
+        began = time.perf_counter()
+        path = given.out / f"{name}{SUFFIX}"
+        model = read_model(path)
+        points = np.concatenate([points for points, _ in read_takes(given.data, model.markerset.markers)])
+        with threadpool_limits(1, user_api="blas"):
+            ensemble = train_ensemble(points, model.markerset.markers, HIT_RATE, Training(functions=FUNCTIONS))
+        write_model(path, replace(model, ensemble=ensemble))
+        print(f"{name}: {len(ensemble)} partial solvers, {time.perf_counter() - began:.0f} s")
+
+
+if __name__ == "__main__":
+    main()
