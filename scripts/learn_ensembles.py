@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Trains the ensembles of the built-in models: python scripts/learn_ensembles.py --data PEOPLE
+"""Trains the ensembles of the built-in models: python scripts/learn_ensembles.py --data PEOPLE.
 
 PEOPLE is laid out as for learn_markersets.py, which comes first. Takes minutes a model.
 """
