@@ -14,6 +14,7 @@ import sys
 from threadpoolctl import threadpool_limits
 
 from . import people, runs
+from .door import run_door
 from .rebuilding import run_rebuilding
 
 RUNS = {
@@ -24,6 +25,7 @@ RUNS = {
     "occlusion": runs.run_occlusion,
     "sweeps": runs.run_sweeps,
     "rebuilding": run_rebuilding,
+    "door": run_door,
 }
 QUICK = ("standing", "starts", "speed", "walking")
 
