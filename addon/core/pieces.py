@@ -56,6 +56,21 @@ def vote_pieces(
     return Voted(voted, sure, tuple(sorted(suspects, key=lambda suspect: suspect.first)))
 
 
+def renamed(marker: np.ndarray, piece: np.ndarray, names: Sequence[str], first_frame: int = 0) -> tuple[Suspect, ...]:
+    """Where a column goes on with another name behind a gap or a leap: its trajectory was not one marker's.
+
+    marker and piece are (T, P), `names` the M markers' and `first_frame` the source's number of the first frame.
+    """
+    found = []
+    for column in range(marker.shape[1]):
+        frames = np.flatnonzero(marker[:, column] != NO_MARKER)
+        own, part = marker[frames, column], piece[frames, column]
+        for at in np.flatnonzero((np.diff(own) != 0) & (np.diff(part) != 0)):
+            reason = f"trajectory {column} is {names[own[at]]} and, behind a gap or a leap, {names[own[at + 1]]}"
+            found.append(Suspect(int(frames[at]) + first_frame, int(frames[at + 1]) + first_frame, reason))
+    return tuple(found)
+
+
 def _vote_window(marker, confidence, piece, names, first_frame) -> Voted:
     """The same for a few frames: every piece a column of its own."""
     frame, column = np.nonzero(piece >= 0)

@@ -14,7 +14,7 @@ from ..core.cameras import Cameras
 from ..core.errors import InputError
 from ..core.markersets import MarkerSet
 from ..core.models import Model
-from ..core.pieces import cut
+from ..core.pieces import cut, renamed
 from ..core.pipeline import Options
 from ..core.search import Hints
 from ..core.summary import TakeSummary
@@ -97,8 +97,9 @@ def _named(job: LabelJob, model: Model, method: str, take: FilePoints, clock):
     refuse_strangers(model, take.xyz, decided.marker)
     step = np.where(decided.alone, STEPS.index(method), STEPS.index("trajectory"))
     clock["label"] = perf_counter() - begin
+    changed = renamed(decided.marker, piece, model.markerset.markers, take.first_frame)
     labels = Labels(decided.marker, np.where(decided.marker == NO_MARKER, 0, step), decided.confidence)
-    return labels, decided.suspects
+    return labels, decided.suspects + changed
 
 
 def _as_chunk(take: FilePoints, labels: Labels, motion: Motion, suspects) -> tuple[Blobs, LabelledChunk]:

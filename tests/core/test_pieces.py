@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from addon.core.pieces import WINDOW, cut, vote_pieces
+from addon.core.pieces import WINDOW, cut, renamed, vote_pieces
 from addon.core.takes import NO_MARKER
 
 RATE = 100.0
@@ -37,6 +37,9 @@ def test_one_column_may_carry_two_markers_one_after_the_other():
     assert (voted.marker[:50] == 0).all()
     assert (voted.marker[110:] == 1).all()
     assert (voted.marker[50:110] == NO_MARKER).all()
+    [change] = renamed(voted.marker, piece, ["A", "B"], first_frame=100)
+    assert (change.first, change.last) == (149, 210)
+    assert change.reason == "trajectory 0 is A and, behind a gap or a leap, B"
 
 
 def test_points_without_trajectories_keep_their_own_names():
