@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
 
+import numpy as np
+
 from .core.cameras import Cameras
 from .core.errors import JobError
 from .core.markersets import MarkerSet
@@ -36,19 +38,29 @@ def _read_blend(path: Path) -> Cameras:
 
 
 def save_blend(
-    path: Path, name: str, source: Path, rate: float, cameras: Cameras, markerset: MarkerSet, chunks: Chunks
+    path: Path,
+    name: str,
+    source: Path,
+    rate: float,
+    cameras: Cameras,
+    markerset: MarkerSet,
+    chunks: Chunks,
+    points: np.ndarray | None = None,
 ):
-    """Saves a Blender file with nothing in it but the take. What was open in this Blender is gone."""
+    """Saves a Blender file with nothing in it but the take. What was open in this Blender is gone.
+
+    points (N, 3) m are given where the rows of `chunks` are points; those without a name are there as one object.
+    """
     import bpy
 
     from .scene import take as scenes
 
     labels, motion, suspects = scenes.join_labelled([chunk for _, chunk in chunks])
     blobs = scenes.join_blobs(blobs for blobs, _ in chunks)
-    take = scenes.Take(name, rate, cameras, markerset, blobs, labels, motion, suspects, str(source))
+    take = scenes.Take(name, rate, cameras, markerset, blobs, labels, motion, suspects, str(source), points)
     with silenced():
         bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-        scenes.show_take(bpy.context, take)
+        scenes.show_take(bpy.context, take, unnamed=points is not None)
         try:
             bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True, copy=True, relative_remap=False)
         except RuntimeError as error:  # Blender's way of saying that a disk is full or a folder gone

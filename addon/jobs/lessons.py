@@ -92,6 +92,8 @@ def _named(points: FilePoints) -> tuple[tuple[str, ...], np.ndarray, tuple[str, 
             if doubled
             else InputError(f"has {len(kept)} named markers; expected {FEWEST} or more")
         )
+    if not np.isfinite(points.xyz[:, kept]).any():
+        raise InputError("shows none of its named markers in any frame; expected a labelled take")
     return tuple(points.names[index].rpartition(":")[2] for index in kept), points.xyz[:, kept], tuple(doubled)
 
 

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A take of 3D points from file to files: name frame by frame, let trajectories vote, pose the body, write."""
 
-from collections.abc import Generator
+import re
+from collections.abc import Generator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from pathlib import Path
 from time import perf_counter
 
 import numpy as np
@@ -19,7 +21,7 @@ from ..core.pipeline import Options
 from ..core.search import Hints
 from ..core.summary import TakeSummary
 from ..core.suspects import find_suspects
-from ..core.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Points
+from ..core.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Points, Suspect
 from ..io.labels import POINT_KEYS, LabelWriter
 from ..io.models import open_model
 from ..io.points import FilePoints, read_points
@@ -62,9 +64,7 @@ def label_points(job: LabelJob) -> Generator[Progress, None, Labelled]:
             _write_labels(files[".labels.csv"], take, rows, chunk.labels, model.markerset)
             write_points(_labelled_take(take, labels.marker, motion, model.markerset), files)
             if job.blend:
-                seen = (_no_blobs(motion.frames), replace(chunk, labels=_no_labels()))
-                name = job.source.stem
-                save_blend(files[".blend"], name, job.source, take.rate, no_cameras(), model.markerset, [seen])
+                _save_blend(job, files[".blend"], take, model.markerset, rows, chunk)
         report = _report(job, summary, model, method, take, clock, chunk, files)
     return Labelled(report, [(rows, chunk)] if job.keep else [])
 
@@ -99,7 +99,23 @@ def _named(job: LabelJob, model: Model, method: str, take: FilePoints, clock):
     clock["label"] = perf_counter() - begin
     changed = renamed(decided.marker, piece, model.markerset.markers, take.first_frame)
     labels = Labels(decided.marker, np.where(decided.marker == NO_MARKER, 0, step), decided.confidence)
-    return labels, decided.suspects + changed
+    return labels, by_file_number(decided.suspects + changed, take.columns)
+
+
+def by_file_number(suspects: Sequence[Suspect], columns: np.ndarray) -> tuple[Suspect, ...]:
+    """The suspects with trajectories called as in label files: by their index in the file, `columns` (P,)."""
+
+    def called(match: re.Match) -> str:
+        return f"trajectory {columns[int(match[1])]}"
+
+    return tuple(replace(suspect, reason=re.sub(r"\btrajectory (\d+)", called, suspect.reason)) for suspect in suspects)
+
+
+def _save_blend(job: LabelJob, path: Path, take: FilePoints, markerset: MarkerSet, rows: Blobs, chunk: LabelledChunk):
+    """Saves the take with all its points, named and unnamed, as Blender shows it when it labels them itself."""
+    points = take.xyz[rows.frame, rows.camera]
+    seen = (replace(rows, camera=take.columns[rows.camera]), chunk)
+    save_blend(path, job.source.stem, job.source, take.rate, no_cameras(), markerset, [seen], points)
 
 
 def _as_chunk(take: FilePoints, labels: Labels, motion: Motion, suspects) -> tuple[Blobs, LabelledChunk]:
@@ -143,13 +159,3 @@ def _report(job: LabelJob, summary: TakeSummary, model: Model, method: str, take
 def no_cameras() -> Cameras:
     """Nobody's cameras: points come without any."""
     return Cameras((), *(np.zeros((0, *shape)) for shape in ((2,), (3, 3), (5,), (3, 3), (3,))))
-
-
-def _no_blobs(frames: np.ndarray) -> Blobs:
-    none = np.zeros(0, int)
-    return Blobs(frames, none, none, np.zeros((0, 2)), np.zeros(0))
-
-
-def _no_labels() -> Labels:
-    none = np.zeros(0, int)
-    return Labels(none, none, np.zeros(0))

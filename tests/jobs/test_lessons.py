@@ -77,6 +77,15 @@ def test_takes_that_cannot_be_used(tmp_path, make, words):
     assert caught.value.file == str(tmp_path / "take.c3d")
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_take_whose_markers_are_all_missing_is_said_without_a_warning(tmp_path):
+    xyz = np.random.default_rng(1).uniform(0.1, 1.7, (30, 6, 3))
+    xyz[:, :5] = np.nan
+    write_c3d(tmp_path / "gone.c3d", Points((*NAMES, ""), xyz, np.zeros((30, 6)), 100.0, 1))
+    with pytest.raises(InputError, match="none of its named markers in any frame"):
+        read_takes([tmp_path / "gone.c3d"], ())
+
+
 def test_no_marker_in_common_names_both_takes(tmp_path):
     takes = read_takes([write(tmp_path / "one.c3d"), write(tmp_path / "two.c3d", tuple("VWXYZ"))], ())
     with pytest.raises(InputError, match=r"no marker in common \(one.c3d: A, B, C, D, …; two.c3d: V, W, X, Y, …\)"):

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A take of points from file to files, with a naming that is known: what is said of which trajectory, what is saved."""
+
+import csv
+import json
+import re
+
+import ezc3d
+import numpy as np
+import pytest
+
+from addon.blendfile import has_blender
+from addon.core.body import BodyModel
+from addon.core.takes import NO_MARKER, Points
+from addon.io.markersets import open_markerset
+from addon.io.points import read_points, write_c3d
+from addon.jobs import LabelJob, label_file
+from addon.jobs import points as job
+from addon.jobs.naming import NamedFrames
+
+FRAMES = 60
+OUTPUTS = 3  # points before the markers that a model computed
+
+
+@pytest.fixture
+def source(tmp_path):
+    """A C3D file of somebody who stands there in gait15 behind three joint angles, and a ghost at the end."""
+    markerset = open_markerset("gait15")
+    model = BodyModel(markerset)
+    markers = model.pose(model.rest(FRAMES, 1.7)).markers
+    ghost = np.tile([1.0, 1.0, 1.0], (FRAMES, 1, 1))
+    xyz = np.concatenate([np.zeros((FRAMES, OUTPUTS, 3)) + 0.3, markers, ghost], axis=1)
+    names = ("LHJC", "RHJC", "CentreOfMass", *[""] * 16)
+    path = tmp_path / "walk.c3d"
+    write_c3d(path, Points(names, xyz, np.zeros(xyz.shape[:2]), 100.0, 11))
+    assert read_points(path).columns.tolist() == list(range(OUTPUTS, 19))
+    return path
+
+
+@pytest.fixture
+def of_two_minds(monkeypatch):
+    """A naming by which the first marker's trajectory goes over to the second, and back from it, half way."""
+
+    def name_frames(model, method, points, rate, options):
+        marker = np.tile(np.r_[np.arange(15), NO_MARKER], (FRAMES, 1))
+        marker[FRAMES // 2 :, :2] = 1, 0
+        sure = np.where(marker == NO_MARKER, 0.0, 0.9999)
+        yield NamedFrames(marker, sure, sure)
+
+    monkeypatch.setattr(job, "name_frames", name_frames)
+
+
+def label(source, **more):
+    for _ in label_file(LabelJob(source, None, "gait15", source.parent / "out", **more)):
+        pass
+    return source.parent / "out"
+
+
+def test_suspects_call_a_trajectory_as_the_labels_do(source, of_two_minds):
+    out = label(source)
+    report = json.loads((out / "walk.report.json").read_text())
+    said = [row["reason"] for row in report["suspect"] if "goes over" in row["reason"]]
+    assert {int(number) for reason in said for number in re.findall(r"trajectory (\d+)", reason)} == {3, 4}
+    with (out / "walk.labels.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["point"] for row in rows} == {str(number) for number in range(3, 19)}
+    assert {row["marker"] for row in rows if row["point"] == "3"} == {"SACR", "RASI"}
+    labels = ezc3d.c3d(str(source))["parameters"]["POINT"]["LABELS"]["value"]
+    assert labels[:3] == ["LHJC", "RHJC", "CentreOfMass"]
+
+
+@pytest.mark.blender
+@pytest.mark.skipif(not has_blender(), reason="needs bpy")
+def test_a_saved_file_shows_what_stayed_unnamed(source, of_two_minds):
+    import bpy
+
+    from addon.scene.cloud import cloud_points
+    from addon.scene.take import stored_take, takes_of
+
+    out = label(source, blend=True)
+    bpy.ops.wm.open_mainfile(filepath=str(out / "walk.blend"))
+    [collection] = takes_of(bpy.context.scene)
+    [cloud] = [thing for thing in collection.all_objects if thing.modifiers]
+    np.testing.assert_allclose(cloud_points(cloud.data), np.ones((FRAMES, 3)), atol=1e-5)
+    stored = stored_take(collection, bpy.context.scene)
+    assert stored.points.shape == (16 * FRAMES, 3)
+    assert set(stored.blobs.camera.tolist()) == set(range(3, 19))
+    assert (stored.labels.marker == NO_MARKER).sum() == FRAMES
