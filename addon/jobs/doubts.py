@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Takes that a model is not for: another marker set, or two subjects at once. Said, instead of garbled."""
+"""Takes that a model is not for: another marker set, or two subjects at once. Said, instead of garbled.
+
+What tells them is what single frames say on their own. Trajectories that vote would make a name even of what no frame
+was sure about, and of another marker set they vote as one for wrong names.
+"""
 
 import numpy as np
 
@@ -7,40 +11,121 @@ from ..core.errors import JobError
 from ..core.models import Model
 from ..core.pipeline import Options
 from ..core.takes import NO_MARKER
-from .naming import name_frames
+from .naming import NamedFrames, joined, name_frames
 
-SAMPLE = 40  # frames
-LEAST_NAMED = 0.25  # share of the markers that a take of the model's must have been given
+SAMPLE = 40  # frames, spread over the take
+FEWEST = 4  # points of a frame that can be told apart
+SURE = 0.999  # part of the labels like it that is right, of a label that counts; or, as a model that was trained on
+CONFIDENT = 0.99  # little may never promise so much, its confidence
+LEAST_SURE = 0.12  # share of the markers whose labels count, in a take of the model's
+LEAST_SURE_PLATES = 0.2  # the same of a set on plates, of which there is often one that any body seems to wear
+LEFT_SURE = 0.3  # the same of the points that one subject leaves over, where they are another: spare markers are not
+LEAST_NAMED = 0.25  # share of the markers that such a take is given in the end
 CROWDED = 1.6  # times as many points as markers, at least, where there may be two subjects
-OFTEN = 0.3  # share of the frames that are so
-SECOND = 0.7  # share of the markers that the points left over make where there is a second subject
-SURE = 0.9  # confidence of a name that counts
+SECOND = 0.5  # share of the markers that a second subject's points must be enough for
+OFTEN = 0.4  # share of the frames that are so
 
 
-def refuse_second_subject(model: Model, method: str, points: np.ndarray, marker: np.ndarray, options: Options):
-    """Raises JobError where what points (T, P, 3), named (T, P) frame by frame, leave over is another subject."""
-    name, size = model.markerset.name, len(model.markerset)
-    present = np.isfinite(points).all(axis=2)
-    crowded = np.flatnonzero(present.sum(axis=1) >= CROWDED * size)
-    if method == "fit" or len(crowded) < OFTEN * len(points):
+def refuse_others(model: Model, method: str, points: np.ndarray, options: Options):
+    """Looks at some frames of points (T, P, 3) m, NaN where missing, before all of them are named.
+
+    Raises JobError where frames on their own are not sure of the model's markers, or of two subjects' at once. The
+    fitted body needs its frames in a row, so what `refuse_strangers` can say must do for it.
+    """
+    if method == "fit":
         return
-    frames = crowded[:: max(len(crowded) // SAMPLE, 1)][:SAMPLE]
-    left = np.where((marker[frames] == NO_MARKER)[..., None], points[frames], np.nan)
-    again = list(name_frames(model, method, left, 100.0, options))
-    counts = np.concatenate([(part.confidence >= SURE).sum(axis=1) for part in again])
-    if np.median(counts) >= SECOND * size:
-        raise JobError(f"shows two subjects that wear {name}; expected a take of one, so export them one by one")
+    evidence = model.markerset.evidence
+    count = np.isfinite(points).all(axis=2).sum(axis=1)
+    frames = np.flatnonzero(count >= min(FEWEST, len(model.markerset)))
+    if not len(frames):
+        raise JobError("has no frame with enough points to tell markers apart; expected four or more at a time")
+    some = points[frames[np.unique(np.linspace(0, len(frames) - 1, SAMPLE).round().astype(int))]]
+    first = _named(model, method, some, options)
+    alone = sure_share(first, some, len(model.markerset))
+    least = LEAST_SURE if evidence is None or evidence.plates is None else LEAST_SURE_PLATES
+    found = alone >= least
+    wanted = LEFT_SURE if found else least
+    others = [part for part in _seconds(model, some, first, found) if _sure(model, method, part, options) >= wanted]
+    if len(others) + found >= 2:
+        raise JobError(
+            f"shows two subjects or more that wear {model.markerset.name}; expected a take of one, so export them one "
+            "by one"
+        )
+    if not found:
+        raise _stranger(model, some, alone)
 
 
 def refuse_strangers(model: Model, points: np.ndarray, given: np.ndarray):
     """Raises JobError where the labels given (T, P) are so few that points (T, P, 3) are of another marker set."""
+    share = (given != NO_MARKER).sum() / _possible(points, len(model.markerset))
+    if share < LEAST_NAMED:
+        raise _stranger(model, points, share)
+
+
+def sure_share(named: NamedFrames, points: np.ndarray, markers: int) -> float:
+    """The share of the markers, or of the points (T, P, 3) if they are fewer, that frames alone are sure of."""
+    counts = (named.rate >= SURE) | (named.confidence >= CONFIDENT)
+    return float(counts.sum() / _possible(points, markers))
+
+
+def _seconds(model: Model, points: np.ndarray, first: NamedFrames, found: bool) -> list[np.ndarray]:
+    """The points (T, P, 3) of each who may be a subject beside the one that was named, if one was; NaN elsewhere."""
+    size = len(model.markerset)
+    crowded = np.isfinite(points).all(axis=2).sum(axis=1) >= CROWDED * size
+    if crowded.mean() < OFTEN:
+        return []
+    if found:
+        return [np.where((first.marker == NO_MARKER)[..., None], points, np.nan)]
+    if model.markerset.evidence is None:
+        return []
+    groups = [_groups(frame, model.markerset.evidence.shape.radius, SECOND * size) for frame in points]
+    apart = np.array([len(own) >= 2 for own in groups])
+    if apart.mean() < OFTEN:
+        return []
+    chosen = [(frame, own) for frame, own in zip(points, groups, strict=True) if len(own) >= 2]
+    return [np.array([np.where(own[place][:, None], frame, np.nan) for frame, own in chosen]) for place in (0, 1)]
+
+
+def _groups(points: np.ndarray, gap: float, least: float) -> list[np.ndarray]:
+    """(P,) which of points (P, 3) m are together, for every group of `least` or more; the largest first."""
+    from scipy.cluster.hierarchy import fcluster, linkage
+
+    there = np.flatnonzero(np.isfinite(points).all(axis=1))
+    if len(there) < FEWEST:
+        return []
+    number = fcluster(linkage(points[there], "single"), gap, "distance")
+    found = []
+    for group in np.unique(number):
+        own = np.zeros(len(points), dtype=bool)
+        own[there[number == group]] = True
+        found.append(own)
+    return sorted((own for own in found if own.sum() >= least), key=lambda own: -own.sum())
+
+
+def _sure(model: Model, method: str, points: np.ndarray, options: Options) -> float:
+    """How sure the frames of points (T, P, 3) are of the model's markers, 0 where there are seldom enough points."""
+    size = len(model.markerset)
+    enough = np.isfinite(points).all(axis=2).sum(axis=1) >= SECOND * size
+    if enough.mean() < OFTEN:
+        return 0.0
+    return sure_share(_named(model, method, points[enough], options), points[enough], size)
+
+
+def _named(model: Model, method: str, points: np.ndarray, options: Options) -> NamedFrames:
+    return joined(list(name_frames(model, method, points, 100.0, options)))
+
+
+def _possible(points: np.ndarray, markers: int) -> int:
+    """How many labels could be given, all frames together."""
+    return max(int(np.minimum(np.isfinite(points).all(axis=2).sum(axis=1), markers).sum()), 1)
+
+
+def _stranger(model: Model, points: np.ndarray, share: float) -> JobError:
     name, size = model.markerset.name, len(model.markerset)
     present = np.isfinite(points).all(axis=2).sum(axis=1)
-    share = (given != NO_MARKER).sum() / np.minimum(present, size).sum()
-    if share < LEAST_NAMED:
-        many = f" or of several subjects at once ({int(present.max())} points, {size} markers)"
-        several = many if np.median(present) >= CROWDED * size else ""
-        raise JobError(
-            f"does not look like a take of model {name}{several}: {share:.0%} of its markers were recognised for sure; "
-            "expected a take of that marker set, so choose its model or train one"
-        )
+    many = f" or of several subjects at once ({int(present.max())} points, {size} markers)"
+    several = many if np.median(present) >= CROWDED * size else ""
+    return JobError(
+        f"does not look like a take of model {name}{several}: {share:.0%} of its markers were recognised for sure; "
+        "expected a take of that marker set, so choose its model or train one"
+    )

@@ -26,7 +26,7 @@ from ..io.labels import POINT_KEYS, LabelWriter
 from ..io.models import open_model
 from ..io.points import FilePoints, read_points
 from ..progress import Progress
-from .doubts import refuse_second_subject, refuse_strangers
+from .doubts import refuse_others, refuse_strangers
 from .job import LabelJob, Labelled, finish_report, open_files, timed, write_points
 from .naming import chosen_method, consistent, decide, joined, name_frames
 from .placing import moved
@@ -85,12 +85,12 @@ def _named(job: LabelJob, model: Model, method: str, take: FilePoints, clock):
     parts, done = [], 0
     options = Options(hints=Hints(job.height, job.facing))
     begin = perf_counter()
+    refuse_others(model, method, take.xyz, options)
     for part in name_frames(model, method, take.xyz, take.rate, options):
         parts.append(part)
         done += len(part.marker)
         yield Progress(0.75 * done / len(take.xyz), f"frame {take.first_frame + done - 1}")
     named = joined(parts)
-    refuse_second_subject(model, method, take.xyz, named.marker, options)
     piece = cut(take.xyz, take.rate)
     decided = decide(named, piece, model.markerset.markers, job.target, take.first_frame)
     decided = consistent(decided, take.xyz, model.markerset.evidence, take.first_frame)

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Naming clouds of anonymous 3D points frame by frame, by likelihood: learned from labelled takes of any marker set."""
 
-from .checks import check_take
 from .labels import TARGET, Named, label_frames
 from .learn import learn_evidence
 from .model import Evidence, Trust
 
-__all__ = ["TARGET", "Evidence", "Named", "Trust", "check_take", "label_frames", "learn_evidence"]
+__all__ = ["TARGET", "Evidence", "Named", "Trust", "label_frames", "learn_evidence"]

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Takes that a model is not for are told from those that it is for: with plates and without, one subject and two."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from addon.core import rotations
+from addon.core.body import BodyModel
+from addon.core.errors import JobError
+from addon.core.evidence import learn_evidence
+from addon.core.models import Model
+from addon.core.pipeline import Options
+from addon.core.segments import segment_markerset
+from addon.core.takes import NO_MARKER
+from addon.core.virtual import Act, draw_person, perform
+from addon.io.markersets import open_markerset
+from addon.io.models import open_model
+from addon.jobs.doubts import refuse_others, refuse_strangers
+
+PLATES = 3  # of four markers each
+FRAMES = 60
+
+
+def person(seed: int, at=(0.0, 0.0)) -> np.ndarray:
+    """(T, 15, 3) m: a virtual person in gait15 who walks."""
+    markerset = open_markerset("gait15")
+    model, generator = BodyModel(markerset), np.random.default_rng(seed)
+    bodies = perform(model, draw_person(markerset, generator), [Act(FRAMES / 60)], rate=60)
+    markers = model.pose(bodies).markers[:FRAMES]
+    return markers + np.array([*at, 0]) + generator.normal(0, 0.0005, markers.shape)
+
+
+def robot(seed: int, frames: int = 300, form: int = 7) -> np.ndarray:
+    """(T, 12, 3) m: three rigid plates of four markers that turn about each other."""
+    shape, chance = np.random.default_rng(form), np.random.default_rng(seed)
+    time = np.arange(frames)[:, None] / 50
+    parts = []
+    for plate in range(PLATES):
+        flat = shape.uniform(-0.12, 0.12, (4, 3))
+        swing = rotations.exponential(
+            np.column_stack([0.3 * np.sin(time + seed), 0.4 * np.sin(2 * time + plate), time])
+        )[0]
+        parts.append(np.einsum("fij,mj->fmi", swing, flat) + np.array([0.35 * plate - 0.35, 0, 0.5 + 0.3 * plate]))
+    whole = np.concatenate(parts, axis=1)
+    return whole + chance.normal(0, 0.0004, whole.shape)
+
+
+@pytest.fixture(scope="module")
+def gait() -> Model:
+    return open_model("gait15")
+
+
+@pytest.fixture(scope="module")
+def plated() -> Model:
+    """A model of the robot, whose markers are all on plates."""
+    names = tuple(f"M{index}" for index in range(4 * PLATES))
+    evidence = learn_evidence([(robot(1), "one")], names)
+    assert evidence.plates is not None
+    return Model(replace(segment_markerset([robot(1)], names, "robot"), evidence=evidence))
+
+
+def refused(model: Model, points: np.ndarray) -> str:
+    with pytest.raises(JobError) as caught:
+        refuse_others(model, "evidence", points, Options())
+    return caught.value.message
+
+
+def test_what_the_model_is_for_passes(gait, plated):
+    ghosts = np.tile(np.random.default_rng(2).uniform(-1, 1, (3, 3)), (FRAMES, 1, 1))
+    refuse_others(gait, "evidence", np.concatenate([person(1), ghosts], axis=1), Options())
+    refuse_others(plated, "evidence", robot(2), Options())
+    half = robot(3)
+    half[:, ::4] = np.nan
+    refuse_others(plated, "evidence", half, Options())
+
+
+def test_another_marker_set_is_said_so(gait, plated):
+    other = np.random.default_rng(5)
+    chaos = np.tile(other.uniform([-0.4, -0.4, 0], [0.4, 0.4, 1.7], (20, 3)), (FRAMES, 1, 1))
+    for points in (robot(1), chaos, other.normal(0, 1, (FRAMES, 15, 3))):
+        assert "does not look like a take of model gait15" in refused(gait, points)
+    for points in (person(1), chaos, robot(1, form=8)):
+        assert "does not look like a take of model robot" in refused(plated, points)
+
+
+@pytest.mark.parametrize("apart", [1.5, 4.0])
+def test_two_subjects_are_said_so(gait, apart):
+    both = np.concatenate([person(1), person(2, at=(0.3, apart))], axis=1)
+    said = refused(gait, both)
+    assert "two subjects" in said or "several subjects at once" in said
+
+
+def test_two_on_plates_are_said_so(plated):
+    both = np.concatenate([robot(1), robot(2) + np.array([2.5, 0, 0])], axis=1)
+    assert "shows two subjects or more that wear robot" in refused(plated, both)
+
+
+def test_too_few_points_are_said_so(gait):
+    few = np.full((FRAMES, 20, 3), np.nan)
+    few[:, :3] = person(1)[:, :3]
+    assert "no frame with enough points" in refused(gait, few)
+
+
+def test_few_labels_in_the_end_are_said_so(gait):
+    points, given = person(1), np.full((FRAMES, 15), NO_MARKER)
+    given[:, :3] = [0, 1, 2]
+    with pytest.raises(JobError, match="20% of its markers were recognised for sure"):
+        refuse_strangers(gait, points, given)
+    given[:, :5] = np.arange(5)
+    refuse_strangers(gait, points, given)
