@@ -1,0 +1,248 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which markers are taken for each other: symmetric sets against others, the algebra, and whether advice helps."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from addon.core.ambiguity import advise, judge, separation, worn
+from addon.core.ambiguity.overlap import covariance_of, pair_overlaps, renaming_overlap
+from addon.core.ambiguity.surface import nearby
+from addon.core.ambiguity.worn import Worn
+from addon.core.body import BodyModel
+from addon.core.errors import InputError
+from addon.core.evidence.shape import Shape
+from addon.core.evidence.upright import turned
+from addon.core.markersets import Capsules, MarkerSet, Skeleton, Spread
+
+from .toybody import toy_markerset
+
+SQUARE = np.array([[0.2, 0.2, 0], [-0.2, 0.2, 0], [-0.2, -0.2, 0], [0.2, -0.2, 0]])
+KITE = np.array([[0.3, 0.1, 0], [-0.1, 0.25, 0.05], [-0.2, -0.1, 0.1], [0.05, -0.3, -0.1]])
+
+
+def prop(places: np.ndarray) -> MarkerSet:
+    """A stiff thing with markers on it."""
+    count = len(places)
+    return MarkerSet(
+        name="prop",
+        description="",
+        markers=tuple(f"P{number}" for number in range(count)),
+        aliases={},
+        skeleton=Skeleton(("prop",), np.array([-1]), np.array([[0.0, 0.0, 0.5]])),
+        attachment=np.zeros(count, dtype=int),
+        offsets=places,
+        capsules=Capsules(np.zeros(0, dtype=int), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)),
+        spread=Spread(1.0, 0.02, np.zeros((0, 1 + count, 3)), np.full(count, 0.01), np.zeros((1, 3)), np.zeros((3, 3))),
+        source={},
+    )
+
+
+def random_shape(seed: int = 0, markers: int = 7) -> Shape:
+    generator = np.random.default_rng(seed)
+    mean = generator.standard_normal((markers, 3)) * [0.1, 0.1, 0.2]
+    return Shape(mean, 0.04 * generator.standard_normal((markers, 3, 3)), generator.uniform(2e-4, 8e-4, markers))
+
+
+def as_worn(shape: Shape) -> Worn:
+    """Worn by a thing that has as many markers."""
+    made = worn(prop(shape.mean))
+    return replace(made, shape=shape)
+
+
+def test_a_square_is_bad_and_a_kite_is_good():
+    square, kite = judge(worn(prop(SQUARE))), judge(worn(prop(KITE)))
+    assert separation(square.symmetry) < 1.5
+    assert separation(square.seen[square.worst()[0]]) < 1
+    assert separation(kite.symmetry) > 5
+    assert separation(kite.seen[kite.worst()[0]]) > 5
+    assert square.total > 3 * kite.total
+
+
+def test_a_square_that_is_exact_is_the_same_from_four_sides():
+    exact = judge(as_worn(Shape(SQUARE, np.zeros((4, 3, 1)), np.full(4, 1e-4))))
+    assert sorted(renaming.yaw for renaming in exact.whole) == pytest.approx([np.pi / 2, np.pi, 3 * np.pi / 2])
+    np.testing.assert_allclose(exact.overlaps, 1, atol=1e-9)
+    assert separation(exact.seen)[0, 1] == pytest.approx(0, abs=1e-3)
+
+
+def test_a_body_with_the_same_markers_on_both_sides_is_told_apart_worse_than_one_without():
+    toy = toy_markerset()
+    one = toy.markers.index("LANK")
+    offsets = toy.offsets.copy()
+    offsets[one] += [0.0, 0.0, 0.09]
+    lopsided = replace(toy, offsets=offsets)
+    assert judge(worn(lopsided)).symmetry < judge(worn(toy)).symmetry
+
+
+def test_the_closed_form_of_pairs_is_that_of_whole_gaussians():
+    shape = random_shape()
+    covariance, seen = covariance_of(shape), np.array([1, 1, 1, 0, 1, 1, 1], dtype=bool)
+    swap, move = pair_overlaps(shape, covariance, seen)
+    order = np.arange(7)
+    order[[1, 4]] = 4, 1
+    assert swap[1, 4] == pytest.approx(renaming_overlap(shape, covariance, order, seen), rel=1e-6)
+    assert (swap[3] == 0).all()
+    # The points of the rest and one more, which is the one marker's or the other's.
+    rest = [0, 2, 5, 6]
+    cloud = covariance.reshape(7, 3, 7, 3)
+    covariances = [cloud[np.ix_([*rest, last], range(3), [*rest, last], range(3))].reshape(15, 15) for last in (1, 4)]
+    means = [shape.mean[[*rest, last]].ravel() for last in (1, 4)]
+    half, away = sum(covariances) / 2, means[1] - means[0]
+    logs = [np.linalg.slogdet(part)[1] for part in (*covariances, half)]
+    expected = np.exp(-away @ np.linalg.solve(half, away) / 8 + (logs[0] + logs[1]) / 4 - logs[2] / 2)
+    assert move[1, 4] == pytest.approx(expected, rel=1e-6)
+
+
+def test_the_overlap_bounds_how_often_the_likelier_naming_is_wrong():
+    generator, shape = np.random.default_rng(3), random_shape(5)
+    shape = replace(shape, noise=shape.noise * 12)
+    covariance = covariance_of(shape)
+    drawn = generator.multivariate_normal(shape.mean.ravel(), covariance, 4000).reshape(-1, 7, 3)
+    precision = np.linalg.inv(covariance)
+
+    def cost(points):
+        away = (points - shape.mean).reshape(len(points), -1)
+        return np.einsum("ni,ij,nj->n", away, precision, away)
+
+    swap, _ = pair_overlaps(shape, covariance, np.ones(7, dtype=bool))
+    for one, two in ((0, 1), (2, 5), (3, 4)):
+        exchanged = drawn.copy()
+        exchanged[:, [one, two]] = drawn[:, [two, one]]
+        wrong = (cost(exchanged) < cost(drawn)).mean()
+        assert wrong <= swap[one, two] / 2 + 0.02
+        assert wrong >= swap[one, two] ** 2 / 4 - 0.02
+
+
+def test_other_names_give_the_same_table_in_their_order():
+    shape = random_shape()
+    order = np.random.default_rng(1).permutation(7)
+    seen = np.array([1, 1, 0, 1, 1, 1, 1], dtype=bool)
+    other = Shape(shape.mean[order], shape.modes[order], shape.noise[order])
+    for mine, theirs in zip(
+        pair_overlaps(shape, covariance_of(shape), seen),
+        pair_overlaps(other, covariance_of(other), seen[order]),
+        strict=True,
+    ):
+        np.testing.assert_allclose(theirs, mine[np.ix_(order, order)], rtol=1e-6, atol=1e-12)
+
+
+def test_where_the_subject_stands_and_faces_changes_nothing():
+    shape = random_shape()
+    mean = np.array([3.0, -2.0, 1.0]) + turned(shape.mean, np.array(0.7))
+    modes = np.moveaxis(turned(np.moveaxis(shape.modes, 2, 0), np.full(3, 0.7)), 0, 2)
+    here, there = judge(as_worn(shape), whole=[]), judge(as_worn(Shape(mean, modes, shape.noise)), whole=[])
+    np.testing.assert_allclose(there.hidden, here.hidden, rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(there.seen, here.seen, rtol=1e-5, atol=1e-9)
+
+
+def test_noise_and_hidden_markers_only_make_it_worse():
+    shape, everyone = random_shape(), np.ones(7, dtype=bool)
+    clear = pair_overlaps(shape, covariance_of(shape), everyone)
+    noisy = replace(shape, noise=shape.noise * 2)
+    blurred = pair_overlaps(noisy, covariance_of(noisy), everyone)
+    some = everyone.copy()
+    some[[2, 6]] = False
+    fewer = pair_overlaps(shape, covariance_of(shape), some)
+    pairs = np.ix_(np.flatnonzero(some), np.flatnonzero(some))
+    for one, two, three in zip(clear, blurred, fewer, strict=True):
+        assert (two >= one - 1e-12).all()
+        assert (three[pairs] >= one[pairs] - 1e-12).all()
+
+
+def test_separation_is_that_of_two_bell_curves():
+    assert separation(np.exp(-(3.0**2) / 8)) == pytest.approx(3)
+    assert separation(1.0) == 0
+    assert np.isfinite(separation(0.0))
+
+
+def test_a_moved_marker_goes_where_its_segment_carries_it():
+    toy = toy_markerset()
+    made, model = worn(toy), BodyModel(toy)
+    marker = toy.markers.index("LTHI")
+    place = toy.offsets[marker] + [0.02, 0.0, 0.03]
+    # The same change made to the set itself, whose cloud is then drawn anew.
+    offsets = toy.offsets.copy()
+    offsets[marker] = place
+    anew = worn(replace(toy, offsets=offsets))
+    moved = made.moved(marker, place)
+    assert moved.markerset.offsets[marker] == pytest.approx(place)
+    between = moved.shape.mean - moved.shape.mean.mean(axis=0) - anew.shape.mean + anew.shape.mean.mean(axis=0)
+    assert np.abs(between).max() < 0.002
+    step = (moved.shape.mean - made.shape.mean)[marker]
+    assert np.linalg.norm(step) == pytest.approx(1.7 * np.hypot(0.02, 0.03), rel=0.05)
+    assert model.marker_count == len(toy)
+
+
+def test_an_edited_set_keeps_what_was_learned_of_its_base():
+    toy = toy_markerset()
+    drawn = worn(toy, seed=4)
+    toy = replace(toy, evidence=SimpleNamespace(markers=toy.markers, shape=drawn.shape))
+    offsets = toy.offsets.copy()
+    offsets[3] += [0.0, 0.02, 0.0]
+    keep = [0, *range(2, len(toy))]
+    edited = replace(
+        toy,
+        markers=(*(toy.markers[index] for index in keep), "EXTRA"),
+        attachment=np.append(toy.attachment[keep], toy.attachment[5]),
+        offsets=np.concatenate([offsets[keep], toy.offsets[[5]] + 0.01]),
+        spread=replace(
+            toy.spread,
+            modes=np.zeros((0, len(toy.skeleton) + len(toy), 3)),
+            marker_sd=np.full(len(toy), 0.004),
+        ),
+    )
+    found = worn(edited, base=toy)
+    assert found.markerset is edited
+    np.testing.assert_allclose(found.shape.mean[0], drawn.shape.mean[0])
+    assert np.linalg.norm(found.shape.mean[2] - drawn.shape.mean[3]) == pytest.approx(0.034, rel=0.1)
+    assert np.linalg.norm(found.shape.mean[-1] - drawn.shape.mean[5]) == pytest.approx(0.017 * 3**0.5, rel=0.1)
+
+
+def test_places_nearby_lie_on_the_surface():
+    toy = toy_markerset()
+    marker = toy.markers.index("LTHI")
+    places = nearby(toy, marker, 0.02)
+    assert len(places) == 8
+    radius = np.linalg.norm(toy.offsets[marker][:2])
+    np.testing.assert_allclose(np.linalg.norm(places[:, :2], axis=1), radius)
+    assert np.linalg.norm(places - toy.offsets[marker], axis=1) == pytest.approx(0.02, rel=0.05)
+
+
+def test_advice_makes_the_worst_pair_clearer_and_nothing_worse():
+    toy = toy_markerset()
+    offsets = toy.offsets.copy()
+    offsets[toy.markers.index("LTHI")] = [0.0, 0.047, -0.22]
+    made = worn(replace(toy, offsets=offsets))
+    before = judge(made)
+    assert {before.markers[index] for index in before.worst()[0]} == {"LTHI", "LKNE"}
+    [(advice, after)] = advise(made, goal=5, steps=1, keep=["LKNE"])
+    assert (advice.kind, advice.marker) == ("move", "LTHI")
+    assert advice.after > advice.before + 1
+    assert "move LTHI on thigh.L by" in advice.in_words(made.markerset)
+    assert 0.009 < np.linalg.norm(advice.shift(made.markerset)) < 0.061
+    assert judge(after).total < before.total
+
+
+def test_where_nothing_may_be_moved_a_marker_is_added():
+    toy = toy_markerset()
+    offsets = toy.offsets.copy()
+    offsets[toy.markers.index("LTHI")] = [0.0, 0.047, -0.22]
+    made = worn(replace(toy, offsets=offsets))
+    found = list(advise(made, goal=5, steps=1, keep=toy.markers))
+    assert [advice.kind for advice, _ in found] == ["add"]
+    advice, after = found[0]
+    assert len(after.markerset) == len(toy) + 1
+    assert after.markerset.markers[-1] == advice.marker
+    assert advice.after > advice.before
+
+
+def test_a_good_set_needs_no_advice():
+    assert list(advise(worn(prop(KITE)), goal=0.5)) == []
+
+
+def test_two_markers_are_too_few():
+    with pytest.raises(InputError, match="2 markers; expected 3 or more"):
+        worn(prop(SQUARE[:2]))
