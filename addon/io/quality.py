@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is said of the placement of a marker set's markers, as JSON: the command line's report, and Blender's memory."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ..core.ambiguity import Advice, Ambiguity, Worn, separation
+from ..core.ambiguity.renamings import TURN
+from ..core.markersets import MarkerSet
+
+CLEAR = 8.0  # standard deviations; pairs farther apart are not listed
+DIGITS = 2
+
+
+def quality_report(worn: Worn, found: Ambiguity, advice: Sequence[Advice], goal: float) -> dict:
+    """What was found of a worn marker set; separations in standard deviations, lengths in millimetres."""
+    markerset, evidence = worn.markerset, worn.markerset.evidence
+    return {
+        "model": markerset.name,
+        "goal": goal,
+        "subjects": None if evidence is None else evidence.subjects,
+        "markers": {
+            name: {"separation": _rounded(found.of_markers[index]), "rival": _rival(found, index)}
+            for index, name in enumerate(found.markers)
+        },
+        "pairs": [
+            {
+                "markers": [found.markers[one], found.markers[two]],
+                "separation": _rounded(found.hidden[one, two]),
+                "all_seen": _rounded(found.seen[one, two]),
+            }
+            for one, two in found.worst()
+            if separation(found.hidden[one, two]) < CLEAR
+        ],
+        "whole": [
+            {
+                "kind": renaming.kind,
+                "turn_deg": round(float(np.degrees(renaming.yaw))) if renaming.kind == TURN else None,
+                "markers": [found.markers[index] for index in renaming.moved],
+                "separation": _rounded(overlap),
+            }
+            for renaming, overlap in sorted(zip(found.whole, found.overlaps, strict=True), key=lambda row: -row[1])
+        ],
+        "advice": [_advice(one, markerset) for one in advice],
+    }
+
+
+def quality_text(report: dict) -> str:
+    """The report as the text of a file."""
+    return json.dumps(report, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def write_quality(path: Path, report: dict):
+    """Writes a report."""
+    Path(path).write_text(quality_text(report), encoding="utf-8", newline="\n")
+
+
+def _advice(advice: Advice, markerset: MarkerSet) -> dict:
+    return {
+        "do": advice.kind,
+        "marker": advice.marker,
+        "anchor": advice.anchor,
+        "segment": markerset.skeleton.segments[advice.segment],
+        "shift_mm": [round(float(value), 1) for value in 1000 * advice.shift(markerset)],
+        "offset": [round(float(value), 6) for value in advice.new],
+        "for": list(advice.pair),
+        "before": round(advice.before, DIGITS),
+        "after": round(advice.after, DIGITS),
+        "words": advice.in_words(markerset),
+    }
+
+
+def _rival(found: Ambiguity, index: int) -> str:
+    return found.markers[int(found.hidden[index].argmax())]
+
+
+def _rounded(overlap: float) -> float:
+    return round(float(separation(overlap)), DIGITS)
