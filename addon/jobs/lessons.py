@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..core.contradictions import contradictions, leads
 from ..core.errors import InputError, UserError
 from ..core.models import Lessons
 from ..io.points import FilePoints, marker_columns, read_points
@@ -154,6 +155,27 @@ def gathered(takes: Sequence[Take], markers: Sequence[str]) -> dict[str, np.ndar
         points = np.where((columns >= 0)[:, None], take.xyz[:, columns], np.nan)
         parts.setdefault(take.subject, []).append(points[np.isfinite(points).all(axis=2).any(axis=1)])
     return {subject: np.concatenate(own) for subject, own in parts.items()}
+
+
+def contradicted(takes: Sequence[Take], markers: Sequence[str], before: Sequence[Lessons] = ()) -> list[str]:
+    """Takes whose labels contradict those of the others, or what a model learned `before`, in sentences."""
+    whose = [take.path.name for take in takes]
+    points = [next(iter(gathered([take], markers).values())) for take in takes]
+    for lesson in before:
+        whose.append(f"what is known of {lesson.subject}")
+        points.append(lesson.points.astype(float))
+    there = [index for index, own in enumerate(points) if len(own)]
+    found = contradictions([leads(points[index]) for index in there])
+    said = {}
+    for index, groups in zip(there, found, strict=True):
+        for group in groups:
+            names = " and ".join(markers[place] for place in group)
+            where = f"{whose[index]}, if the others are right"
+            if len(there) == 2:
+                # Each contradicts the other, and nobody can tell which of them is wrong.
+                where = f"one of {whose[there[0]]} and {whose[there[1]]}"
+            said[f"{names} have each other's names in {where}: look at them, and train again if so"] = None
+    return list(said)
 
 
 def lessons_of(takes: Sequence[Take], subjects: dict[str, np.ndarray]) -> list[Lessons]:

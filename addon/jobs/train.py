@@ -27,7 +27,7 @@ from ..progress import Progress
 from ..version import version
 from .background import in_background
 from .job import timed
-from .lessons import Take, chosen_markers, gathered, joined, lessons_of, read_takes
+from .lessons import Take, chosen_markers, contradicted, gathered, joined, lessons_of, read_takes
 
 MOST_FOR_ENSEMBLE = 40  # markers; beyond, partial solvers are trained only when a search is asked for
 ENSEMBLE_FRAMES = 6000
@@ -85,6 +85,7 @@ def train_file(job: TrainJob) -> Generator[Progress, None, dict]:
             subjects = gathered(takes, markers)
             lessons = joined(base.lessons if base else (), lessons_of(takes, subjects))
             everyone = _everyone(base, subjects, lessons)
+            doubts = [*_doubled(takes), *contradicted(takes, markers, base.lessons if base else ())]
         yield Progress(SHARES["body"], "find the body")
         with timed(clock, "body"):
             name = job.name or (base.markerset.name if base else job.out.name.removesuffix(SUFFIX).partition(".")[0])
@@ -95,7 +96,8 @@ def train_file(job: TrainJob) -> Generator[Progress, None, dict]:
         yield Progress(SHARES["write"], "write the model")
         markerset = replace(markerset, evidence=evidence, source=_source(lessons))
         write_model(files[0], Model(markerset, ensemble, lessons if job.keep else ()))
-        report = _report(job, takes, markerset, ensemble, lessons, kind, residual, clock)
+        doubts += _doubts(markerset, lessons, residual, ensemble)
+        report = _report(job, takes, markerset, ensemble, lessons, kind, residual, clock, doubts)
         if job.report:
             write_training_report(files[1], report)
     return report
@@ -195,7 +197,7 @@ def _source(lessons: Sequence[Lessons]) -> dict[str, str]:
     return {"learned": f"by mocap-autolabel train {version()}", "takes": counts, **whose}
 
 
-def _report(job, takes: Sequence[Take], markerset: MarkerSet, ensemble, lessons, kind: str, residual, clock) -> dict:
+def _report(job, takes: Sequence[Take], markerset, ensemble, lessons, kind: str, residual, clock, doubts) -> dict:
     segments = markerset.skeleton.segments
     on = {name: [] for name in segments}
     for name, segment in zip(markerset.markers, markerset.attachment, strict=True):
@@ -222,7 +224,7 @@ def _report(job, takes: Sequence[Take], markerset: MarkerSet, ensemble, lessons,
             name: None if np.isnan(value) else round(1000 * float(value), 2)
             for name, value in zip(markerset.markers, residual, strict=True)
         },
-        "doubts": [*_doubled(takes), *_doubts(markerset, lessons, residual, ensemble)],
+        "doubts": doubts,
         "evidence": {"subjects": markerset.evidence.subjects, "plates": markerset.evidence.plates is not None},
         "ensemble": solvers,
         "seconds": {part: round(seconds, 2) for part, seconds in clock.items()},

@@ -112,6 +112,17 @@ def test_training_on_keeps_what_was_known(trained, takes, run, tmp_path):
     assert "would forget them" in run("train", takes[2], "--from", lean, "--out", tmp_path / "x.markerset.json").reason
 
 
+def test_a_take_that_contradicts_the_others_is_said(takes, run, tmp_path):
+    names = [*NAMES[1::-1], *NAMES[2:]]
+    wrong = write(tmp_path / "wrong.c3d", creature(1), names)
+    words = ("--out", tmp_path / "m.markerset.json", "--search", "none", "--overwrite")
+    answer = run("train", takes[0], wrong, takes[2], *words)
+    assert answer.status == 0
+    assert "doubtful            BODY1 and BODY2 have each other's names in wrong.c3d" in answer.out
+    assert "in one of walk0.c3d and wrong.c3d" in run("train", takes[0], wrong, *words).out
+    assert "each other's names" not in run("train", *takes, *words).out
+
+
 def test_what_cannot_be_trained_is_said_and_leaves_nothing(takes, run, tmp_path):
     out = tmp_path / "m.markerset.json"
     assert "ends in .markerset.json" in run("train", takes[0], "--out", tmp_path / "m.json").reason
