@@ -141,7 +141,9 @@ def as_line(report: dict) -> str:
     count, named = report[things], report[things] - report["unlabelled"]
     speed = report["timing"]["frames_per_second"]
     pace = "" if speed is None else f", {speed:.0f} frames/s"
-    return f"{report['take']}: {report['frames']} frames, {named} of {count} {things} named{pace}"
+    unit = f", no unit in the file, taken for {report['unit_assumed']}" if "unit_assumed" in report else ""
+    first = ", frames in the .c3d from 0" if "c3d_first_frame" in report else ""
+    return f"{report['take']}: {report['frames']} frames, {named} of {count} {things} named{pace}{unit}{first}"
 
 
 def _answers(arguments, progress: ProgressLine) -> Iterator[tuple[Path, dict | UserError]]:

@@ -41,5 +41,7 @@ def run(arguments) -> int:
     well = f"residual {result['residual_mm']:.2f} mm, noise {result['noise_px']:.2f} px"
     pace = f"{result['frames'] / max(result['seconds'], 1e-9):.0f} frames/s"
     lines = [f"{result['out']}: {result['frames']} frames, {many}", f"{explained}, {well}, {pace}"]
+    if "c3d_first_frame" in result:
+        lines.append("the first frame is negative, which a .c3d cannot say: its frames are numbered from 0")
     print_results(lines, result, arguments.json)
     return 0

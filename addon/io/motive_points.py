@@ -48,6 +48,9 @@ def read_motive(path: Path) -> TextTake:
         rows.append((number, fields))
     if not rows:
         raise InputError("has no frames; expected at least one", path)
+    promised = settings.get("total exported frames", "").strip()
+    if promised.isascii() and promised.isdigit() and int(promised) > len(rows):
+        raise InputError(f"has {len(rows)} of {promised} frames; expected all of them (is the file cut off?)", path)
     frames, xyz = rows_to_xyz(rows, columns, path)
     return TextTake(labels, xyz, settings.get("length units", "").strip().lower(), rate, int(frames[0]))
 

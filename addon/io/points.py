@@ -30,9 +30,11 @@ class FilePoints(Points):
     """Points out of a file.
 
     columns  (P,) the 0-based index of each trajectory in the file, what label files call `point`
+    assumed  the unit that the points were taken to be in, where the file names none that is known; else empty
     """
 
     columns: np.ndarray = None
+    assumed: str = ""
 
 
 def holds_points(path: Path) -> bool:
@@ -57,10 +59,11 @@ def read_points(path: Path, everything: bool = False) -> FilePoints:
             raise InputError("there is no such file; expected the path of a take", path)
         raise InputError(f"is of a kind that is not known ({suffix or 'no suffix'}); {EXPECTED}", path)
     take = read_trc(path) if suffix == ".trc" else read_motive(path)
-    xyz = _metres(take.xyz, take.unit, path)
+    xyz, assumed = _metres(take.xyz, take.unit, path)
     xyz = xyz @ up_rotation(take.up or guess_up(xyz, likely="+Y")).T
     residual = np.full(xyz.shape[:2], np.nan)
-    return FilePoints(_named(take.labels), xyz, residual, take.rate, take.first_frame, np.arange(len(take.labels)))
+    columns = np.arange(len(take.labels))
+    return FilePoints(_named(take.labels), xyz, residual, take.rate, take.first_frame, columns, assumed)
 
 
 def _from_c3d(take: C3dTake, path: Path, everything: bool) -> FilePoints:
@@ -68,22 +71,23 @@ def _from_c3d(take: C3dTake, path: Path, everything: bool) -> FilePoints:
     if not len(columns):
         raise InputError("has no markers among its points; expected a take with markers", path)
     unit = next(iter(take.texts.get("POINT:UNITS", [])), "").lower()
-    measured = _metres(take.xyz[:, columns], unit, path)
-    scale = UNITS.get(unit) or UNITS[guess_unit(take.xyz[:, columns])]
+    measured, assumed = _metres(take.xyz[:, columns], unit, path)
     screen = next(iter(take.texts.get("POINT:Y_SCREEN", [])), "").upper()
     up = screen if re.fullmatch(r"[+-][XYZ]", screen) else "+Z"
     # Many programs write +Y without meaning it, so there the data have their say; nobody writes +Z by mistake.
     if up == "+Y" or up != screen:
         up = guess_up(measured, likely=up)
-    residual = take.residual[:, columns] * scale
+    residual = take.residual[:, columns] * UNITS[assumed or unit]
     names = _named([take.labels[index] for index in columns])
-    return FilePoints(names, measured @ up_rotation(up).T, residual, take.rate, take.first_frame, columns)
+    return FilePoints(names, measured @ up_rotation(up).T, residual, take.rate, take.first_frame, columns, assumed)
 
 
-def _metres(xyz: np.ndarray, unit: str, path: Path) -> np.ndarray:
+def _metres(xyz: np.ndarray, unit: str, path: Path) -> tuple[np.ndarray, str]:
+    """The points in metres, and the unit that was assumed where `unit` is none that is known."""
     if not np.isfinite(xyz).any():
         raise InputError("has no point that is present in any frame; expected a take with markers", path)
-    return xyz * (UNITS.get(unit) or UNITS[guess_unit(xyz)])
+    assumed = "" if unit in UNITS else guess_unit(xyz)
+    return xyz * UNITS[assumed or unit], assumed
 
 
 def _named(labels: Sequence[str]) -> tuple[str, ...]:

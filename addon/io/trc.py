@@ -18,7 +18,8 @@ Z_UP = "Z_UP"
 
 def read_trc(path: Path) -> TextTake:
     """Raises InputError with the line where the file is not as the format says."""
-    lines = decode(read_bytes(path), path, KIND).splitlines()
+    text = decode(read_bytes(path), path, KIND)
+    lines, ended = text.splitlines(), text.endswith(("\n", "\r"))
     if len(lines) < 5 or not lines[0].lstrip().lower().startswith("pathfiletype"):
         raise InputError(f"does not begin with PathFileType; expected {KIND}", path, 1)
     head = dict(zip(lines[1].split(), lines[2].split(), strict=False))
@@ -39,13 +40,21 @@ def read_trc(path: Path) -> TextTake:
         fields = line.split("\t")
         if len(fields) > widest and any(field.strip() for field in fields[widest:]):
             raise InputError(f"has {len(fields)} fields; expected {widest} as the names in line 4 say", path, number)
-        if len(fields) < 3 and number == len(lines):
+        if number == len(lines) and (len(fields) < 3 or (not ended and rows and len(fields) < len(rows[-1][1]))):
             raise InputError(f"ends in the middle of a row; expected {widest} fields", path, number)
         rows.append((number, fields))
     if not rows:
         raise InputError("has no frames; expected at least one", path)
     frames, xyz = rows_to_xyz(rows, columns, path)
+    _refuse_cut_off(head, len(frames), int(frames[0]), path)
     return TextTake(labels, xyz, head.get("Units", "").lower(), rate, int(frames[0]), "+Z" if Z_UP in lines[0] else "")
+
+
+def _refuse_cut_off(head: dict[str, str], frames: int, first: int, path: Path):
+    """InputError where the head promises more frames; one that begins later is a part that somebody took out."""
+    promised, begins = head.get("NumFrames", ""), head.get("OrigDataStartFrame", "")
+    if promised.isascii() and promised.isdigit() and int(promised) > frames and begins == str(first):
+        raise InputError(f"has {frames} of {promised} frames; expected all of them (is the file cut off?)", path)
 
 
 def _number(text: str | None, what: str, path: Path) -> float:

@@ -62,11 +62,11 @@ def label_blobs(job: LabelJob) -> Generator[Progress, None, Labelled]:
         clock["load"] += source.seconds
         with timed(clock, "write"):
             labels.file.flush()
-            write_points(motion.points(), files)
+            more = write_points(motion.points(), files)
             if job.blend:
                 save_blend(files[".blend"], job.source.stem, job.source, job.frame_rate, cameras, markerset, chunks)
         counts = dict(zip(steps[1:], summary.steps.values(), strict=True))
-        more = {"method": method, "rate_assumed": job.rate is None, "steps": counts}
+        more |= {"method": method, "rate_assumed": job.rate is None, "steps": counts}
         report = finish_report(job, summary, markerset.name, job.frame_rate, clock, files[".report.json"], **more)
     return Labelled(report, chunks if job.keep else [])
 

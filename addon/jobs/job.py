@@ -77,11 +77,17 @@ def open_files(job: LabelJob, stack: ExitStack) -> dict[str, Path]:
     return dict(zip(endings, parts, strict=True))
 
 
-def write_points(points: Points, files: dict[str, Path]):
-    """Writes the markers to those of the files that hold them."""
+def write_points(points: Points, files: dict[str, Path]) -> dict:
+    """Writes the markers to those of the files that hold them; what the report must say of that."""
     write_c3d(files[".c3d"], points)
     if ".trc" in files:
         write_trc(files[".trc"], points)
+    return renumbered(points)
+
+
+def renumbered(points: Points) -> dict:
+    """What a report says where a C3D file cannot number frames as the source does: it has no room for a sign."""
+    return {"c3d_first_frame": 0} if points.first_frame < 0 else {}
 
 
 def finish_report(

@@ -23,13 +23,13 @@ LOOKED_AT = 4000  # of which those are chosen
 
 @dataclass(frozen=True, eq=False)
 class Take:
-    """One labelled take: its file, whose it is, names P, points (T, P, 3) m, and labels that it has twice."""
+    """One labelled take: its file, whose it is, names P, points (T, P, 3) m, and what is doubtful, in sentences."""
 
     path: Path
     subject: str
     names: tuple[str, ...]
     xyz: np.ndarray
-    doubled: tuple[str, ...]
+    doubts: tuple[str, ...]
 
 
 def read_takes(paths: Sequence[Path], subjects: Sequence[tuple[str, str]]) -> list[Take]:
@@ -67,7 +67,10 @@ def _read(path: Path, subjects: Sequence[tuple[str, str]], by_folder: bool) -> T
         )
     folder = path.resolve().parent.name if by_folder else "subject"
     subject = next((name for name, glob in subjects if _suits(path, glob)), folder)
-    return Take(path, subject, names, xyz, doubled)
+    doubts = [f"{path.name} has the label {name} twice, so it was left out there" for name in doubled]
+    if points.assumed:
+        doubts.append(f"{path.name} names no unit, so it was taken to be in {points.assumed}")
+    return Take(path, subject, names, xyz, tuple(doubts))
 
 
 def _suits(path: Path, glob: str) -> bool:

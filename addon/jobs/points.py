@@ -62,10 +62,10 @@ def label_points(job: LabelJob) -> Generator[Progress, None, Labelled]:
         summary.add(rows, chunk)
         with timed(clock, "write"):
             _write_labels(files[".labels.csv"], take, rows, chunk.labels, model.markerset)
-            write_points(_labelled_take(take, labels.marker, motion, model.markerset), files)
+            more = write_points(_labelled_take(take, labels.marker, motion, model.markerset), files)
             if job.blend:
                 _save_blend(job, files[".blend"], take, model.markerset, rows, chunk)
-        report = _report(job, summary, model, method, take, clock, chunk, files)
+        report = _report(job, summary, model, method, take, clock, chunk, files, more)
     return Labelled(report, [(rows, chunk)] if job.keep else [])
 
 
@@ -144,9 +144,11 @@ def _labelled_take(take: FilePoints, marker: np.ndarray, motion: Motion, markers
     return Points(names, xyz, np.concatenate([motion.residual, residual], axis=1), take.rate, take.first_frame)
 
 
-def _report(job: LabelJob, summary: TakeSummary, model: Model, method: str, take, clock, chunk, files) -> dict:
+def _report(job: LabelJob, summary: TakeSummary, model: Model, method: str, take, clock, chunk, files, more) -> dict:
     steps = np.bincount(chunk.labels.step, minlength=len(STEPS))
-    more = {
+    if take.assumed:
+        more["unit_assumed"] = take.assumed
+    more |= {
         "points": summary.blobs,
         "trajectories": take.xyz.shape[1],
         "method": method,

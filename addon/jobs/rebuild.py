@@ -20,7 +20,7 @@ from ..io.blobs import BlobRows, read_blobs
 from ..io.points import write_c3d, write_trc
 from ..io.whole import whole_file
 from ..progress import Progress
-from .job import USUAL_RATE
+from .job import USUAL_RATE, renumbered
 from .spool import TrajectoryFile
 
 WRITERS = {".c3d": write_c3d, ".trc": write_trc}
@@ -81,6 +81,7 @@ def rebuild_file(job: RebuildJob) -> Generator[Progress, None, dict]:
         "frames": len(spool.counts),
         "trajectories": len(points.names),
         **tally.as_dict(),
+        **(renumbered(points) if write is write_c3d else {}),
         "seconds": round(perf_counter() - begin, 3),
     }
 

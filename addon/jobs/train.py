@@ -85,7 +85,8 @@ def train_file(job: TrainJob) -> Generator[Progress, None, dict]:
             subjects = gathered(takes, markers)
             lessons = joined(base.lessons if base else (), lessons_of(takes, subjects))
             everyone = _everyone(base, subjects, lessons)
-            doubts = [*_doubled(takes), *contradicted(takes, markers, base.lessons if base else ())]
+            doubts = [doubt for take in takes for doubt in take.doubts]
+            doubts += contradicted(takes, markers, base.lessons if base else ())
         yield Progress(SHARES["body"], "find the body")
         with timed(clock, "body"):
             name = job.name or (base.markerset.name if base else job.out.name.removesuffix(SUFFIX).partition(".")[0])
@@ -229,15 +230,6 @@ def _report(job, takes: Sequence[Take], markerset, ensemble, lessons, kind: str,
         "ensemble": solvers,
         "seconds": {part: round(seconds, 2) for part, seconds in clock.items()},
     }
-
-
-def _doubled(takes: Sequence[Take]) -> list[str]:
-    """Labels that takes have twice, in sentences."""
-    return [
-        f"{take.path.name} has the label {name} twice, so it was left out there"
-        for take in takes
-        for name in take.doubled
-    ]
 
 
 def _doubts(markerset: MarkerSet, lessons: Sequence[Lessons], residual: np.ndarray, ensemble) -> list[str]:
