@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Operators: thin, each one thing that a person does."""
 
-from . import exporting, importing, labelling, markersets, training, viewing
+from . import exporting, importing, labelling, markersets, quality, training, viewing
 
 CLASSES = (
     *importing.CLASSES,
     *markersets.CLASSES,
+    *quality.CLASSES,
     *training.CLASSES,
     *labelling.CLASSES,
     *viewing.CLASSES,

@@ -6,15 +6,16 @@ from contextlib import ExitStack
 import bpy
 
 from ..scene.opened import opened
-from . import handlers, overlay, panels
+from . import handlers, overlay, panels, quality
 
-CLASSES = panels.CLASSES
+CLASSES = (*panels.CLASSES, *quality.CLASSES)
 
 
 def add_handlers(stack: ExitStack):
     """Adds the overlay and what listens to Blender; each brings its way back to `stack`."""
-    drawing = bpy.types.SpaceView3D.draw_handler_add(overlay.draw, (), "WINDOW", "POST_PIXEL")
-    stack.callback(bpy.types.SpaceView3D.draw_handler_remove, drawing, "WINDOW")
+    for draw in (overlay.draw, quality.draw):
+        drawing = bpy.types.SpaceView3D.draw_handler_add(draw, (), "WINDOW", "POST_PIXEL")
+        stack.callback(bpy.types.SpaceView3D.draw_handler_remove, drawing, "WINDOW")
     stack.callback(opened.forget)
     events = bpy.app.handlers
     for listeners, function in (

@@ -17,7 +17,7 @@ from .renamings import renamings
 from .surface import all_over, nearby
 from .worn import Worn
 
-GOAL = 3.0  # standard deviations
+GOAL = 4.0  # standard deviations
 STEPS = 3
 STRIDE, FARTHEST = 0.01, 0.06  # m between places tried, and the farthest of them
 PROMISING = 2  # directions that are followed up

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Whether markers are well placed: the marker set that is laid out is judged, and advice is taken."""
+
+from collections.abc import Callable, Generator
+
+import bpy
+from bpy.props import IntProperty
+
+from ..core.ambiguity import GOAL, advise, judge, worn
+from ..core.markersets import MarkerSet
+from ..io.markersets import open_markerset
+from ..io.quality import quality_report, quality_text
+from ..jobs.background import in_background
+from ..scene import naming
+from ..scene.markerset_edit import edited_collection, read_markerset
+from ..scene.quality import keep_report, locked_markers, take_advice
+from .reporting import reports_trouble
+from .stepping import WorksInSteps
+
+STEPS = 3
+
+
+class Laid:
+    """Needs a marker set that is laid out."""
+
+    @classmethod
+    def poll(cls, context):
+        if edited_collection(context.scene) is None:
+            cls.poll_message_set("Show a marker set first")
+            return False
+        return True
+
+
+class MOCAP_AUTOLABEL_OT_judge_markers(Laid, WorksInSteps, bpy.types.Operator):
+    """Find out which markers are easily taken for each other, and what to move; a locked location stays as it is."""
+
+    bl_idname = "mocap_autolabel.judge_markers"
+    bl_label = "Judge Placement"
+    bl_options = {"REGISTER", "UNDO"}
+
+    doing = "Judging the markers"
+
+    def steps(self, context):
+        """The judging, and the search for better places."""
+        return judge_steps(context.scene)
+
+    def _show(self, context, result: dict) -> set[str]:
+        keep_report(edited_collection(context.scene), quality_text(result))
+        poor = sum(pair["separation"] < result["goal"] for pair in result["pairs"])
+        self.report({"INFO"}, f"{poor} ambiguous pairs, {len(result['advice'])} changes advised")
+        return {"FINISHED"}
+
+
+def judge_steps(scene: bpy.types.Scene) -> Generator[float, None, dict]:
+    """Judges the marker set that is laid out, yielding how much is done (0 to 1); returns the report."""
+    collection = edited_collection(scene)
+    base = open_markerset(bpy.path.abspath(collection[naming.EDITED]))
+    markerset, keep = read_markerset(collection, base, base.name), locked_markers(collection)
+    return in_background(lambda tell: _judge(markerset, base, keep, tell))
+
+
+def _judge(markerset: MarkerSet, base: MarkerSet, keep: list[str], tell: Callable[[float], None]) -> dict:
+    made = worn(markerset, base)
+    found, advice = judge(made), []
+    tell(0.1)
+    for one, _ in advise(made, GOAL, STEPS, keep):
+        advice.append(one)
+        tell(0.1 + 0.9 * len(advice) / STEPS)
+    return quality_report(made, found, advice, GOAL)
+
+
+class MOCAP_AUTOLABEL_OT_take_advice(Laid, bpy.types.Operator):
+    """Put the marker where it is advised to be."""
+
+    bl_idname = "mocap_autolabel.take_advice"
+    bl_label = "Put It There"
+    bl_options = {"REGISTER", "UNDO"}
+
+    number: IntProperty(name="Number", description="Which advice of the list", default=1, min=1)
+
+    @reports_trouble
+    def execute(self, context):
+        take_advice(edited_collection(context.scene), self.number)
+        return {"FINISHED"}
+
+
+CLASSES = (MOCAP_AUTOLABEL_OT_judge_markers, MOCAP_AUTOLABEL_OT_take_advice)

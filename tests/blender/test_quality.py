@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Placement quality in Blender: the marker set that is laid out is judged, advice is shown and taken."""
+
+import importlib
+
+import bpy
+import numpy as np
+import pytest
+
+from addon.io.markersets import open_markerset
+
+
+@pytest.fixture
+def laid(extension, empty):
+    """gait15 laid out, its collection, and the extension's own module of the scene's side."""
+    empty.scene.mocap_autolabel.markerset = "gait15"
+    assert bpy.ops.mocap_autolabel.edit_markerset() == {"FINISHED"}
+    empty.view_layer.update()
+    quality = importlib.import_module(f"{extension}.addon.scene.quality")
+    edit = importlib.import_module(f"{extension}.addon.scene.markerset_edit")
+    return quality, edit, edit.edited_collection(empty.scene)
+
+
+@pytest.fixture
+def judged(laid):
+    assert bpy.ops.mocap_autolabel.judge_markers() == {"FINISHED"}
+    return laid
+
+
+def test_nothing_is_judged_before_something_is_laid_out(extension, empty):
+    with pytest.raises(RuntimeError, match="Show a marker set first"):
+        bpy.ops.mocap_autolabel.judge_markers()
+
+
+def test_the_set_that_is_laid_out_is_judged_as_it_was_learned(judged):
+    quality, _, collection = judged
+    report = quality.kept_report(collection)
+    core = importlib.import_module("addon.core.ambiguity")
+    found = core.judge(core.worn(open_markerset("gait15")))
+    one, two = found.worst()[0]
+    assert set(report["pairs"][0]["markers"]) == {found.markers[one], found.markers[two]}
+    assert report["pairs"][0]["separation"] == pytest.approx(float(core.separation(found.hidden[one, two])), abs=0.02)
+    assert not quality.changed_since(collection)
+
+
+def test_advice_is_shown_where_it_goes_and_taken(judged, empty):
+    quality, edit, collection = judged
+    report = quality.kept_report(collection)
+    shown = quality.targets(collection)
+    assert [target.number for target in shown] == list(range(1, len(report["advice"]) + 1))
+    first, row = shown[0], report["advice"][0]
+    assert np.linalg.norm(first.end - first.begin) == pytest.approx(np.linalg.norm(row["shift_mm"]) / 1000, abs=2e-4)
+    assert bpy.ops.mocap_autolabel.take_advice(number=1) == {"FINISHED"}
+    empty.view_layer.update()
+    item = quality.marker_items(collection)[row["marker"]]
+    np.testing.assert_allclose(item.matrix_world.translation, first.end, atol=1e-5)
+    assert quality.changed_since(collection)
+    assert 1 not in [target.number for target in quality.targets(collection)]
+    base = open_markerset("gait15")
+    read = edit.read_markerset(collection, base, "mine")
+    np.testing.assert_allclose(read.offsets[read.markers.index(row["marker"])], row["offset"], atol=1e-5)
+
+
+def test_judged_again_the_pair_is_clearer(judged, empty):
+    quality, _, collection = judged
+    row = quality.kept_report(collection)["advice"][0]
+    bpy.ops.mocap_autolabel.take_advice(number=1)
+    empty.view_layer.update()
+    bpy.ops.mocap_autolabel.judge_markers()
+    report = quality.kept_report(collection)
+    assert not quality.changed_since(collection)
+    [after] = [pair["separation"] for pair in report["pairs"] if set(pair["markers"]) == set(row["for"])]
+    assert after == pytest.approx(row["after"], abs=0.1)
+
+
+def test_a_locked_marker_stays(laid):
+    quality, _, collection = laid
+    for name, item in quality.marker_items(collection).items():
+        item.lock_location = (name.endswith(("ANK", "HEE")),) * 3
+    bpy.ops.mocap_autolabel.judge_markers()
+    moved = {row["marker"] for row in quality.kept_report(collection)["advice"] if row["do"] == "move"}
+    assert not {name for name in moved if name.endswith(("ANK", "HEE"))}
+
+
+def test_an_added_marker_is_a_marker_of_its_own(judged, empty):
+    quality, edit, collection = judged
+    report = quality.kept_report(collection)
+    segment = collection.all_objects["LTHI"].parent_bone
+    report["advice"][:] = [{**report["advice"][0], "do": "add", "marker": "NEW1", "anchor": "LTHI", "segment": segment}]
+    [target] = quality.targets(collection)
+    assert bpy.ops.mocap_autolabel.take_advice(number=1) == {"FINISHED"}
+    empty.view_layer.update()
+    item = quality.marker_items(collection)["NEW1"]
+    np.testing.assert_allclose(item.matrix_world.translation, target.end, atol=1e-5)
+    assert len(edit.read_markerset(collection, open_markerset("gait15"), "mine")) == 16
+    with pytest.raises(RuntimeError, match="NEW1 was added already"):
+        bpy.ops.mocap_autolabel.take_advice(number=1)
+    with pytest.raises(RuntimeError, match="no advice 9"):
+        bpy.ops.mocap_autolabel.take_advice(number=9)
+
+
+def test_colours_go_from_red_over_orange_to_green(extension):
+    drawn = importlib.import_module(f"{extension}.addon.ui.quality")
+    marks = importlib.import_module(f"{extension}.addon.ui.marks")
+    np.testing.assert_allclose(drawn.clearness(0, 3), marks.RED)
+    np.testing.assert_allclose(drawn.clearness(3, 3), marks.ORANGE)
+    np.testing.assert_allclose(drawn.clearness(60, 3), marks.GREEN)
