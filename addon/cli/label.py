@@ -102,6 +102,9 @@ def check(arguments):
         results = [arguments.out / (path.stem + ending) for ending in (".c3d", ".trc")]
         if path.resolve() in [result.resolve() for result in results]:
             raise InputError("would be replaced by its own result; expected another folder for --out", path)
+    for path in arguments.inputs:
+        if path.is_dir():
+            raise InputError("is a folder; expected takes, such as folder/*.c3d", path)
     blobs = [path for path in arguments.inputs if not holds_points(path)]
     if arguments.cameras is None and blobs:
         raise InputError(
@@ -143,7 +146,8 @@ def as_line(report: dict) -> str:
     pace = "" if speed is None else f", {speed:.0f} frames/s"
     unit = f", no unit in the file, taken for {report['unit_assumed']}" if "unit_assumed" in report else ""
     first = ", frames in the .c3d from 0" if "c3d_first_frame" in report else ""
-    return f"{report['take']}: {report['frames']} frames, {named} of {count} {things} named{pace}{unit}{first}"
+    frames = f"{report['frames']} frame" + ("" if report["frames"] == 1 else "s")
+    return f"{report['take']}: {frames}, {named} of {count} {things} named{pace}{unit}{first}"
 
 
 def _answers(arguments, progress: ProgressLine) -> Iterator[tuple[Path, dict | UserError]]:

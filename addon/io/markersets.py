@@ -48,7 +48,12 @@ def read_markerset(path: Path) -> MarkerSet:
         raise InputError("is not JSON that can be read; expected a marker set", path) from None
     reader = Reader(path)
     top = reader.mapping(document, "the file")
-    if top.get(VERSION_KEY) != VERSION:
+    version = top.get(VERSION_KEY)
+    if isinstance(version, int) and version > VERSION:
+        raise InputError(
+            f"is a marker set of version {version}; expected {VERSION}, so a newer Mocap Autolabel is needed", path
+        )
+    if version != VERSION:
         raise InputError(f'has no "{VERSION_KEY}": {VERSION}; expected a marker set of that version', path)
     skeleton = _skeleton(reader, top)
     markers, aliases, attachment, offsets, marker_sd = _markers(reader, top, skeleton)
@@ -88,12 +93,17 @@ def _skeleton(reader: Reader, top: dict) -> Skeleton:
     return Skeleton(tuple(names), np.array(parents), np.array(offsets))
 
 
+def can_be_named(name: str) -> bool:
+    """Whether a marker can have this name: label files need some signs for themselves."""
+    return not any(sign in name for sign in '|,"\r\n') and not name.startswith("*")
+
+
 def _markers(reader: Reader, top: dict, skeleton: Skeleton) -> tuple:
     rows = reader.rows(top, "markers")
     names = [reader.text(row, "name", where) for where, row in rows]
     reader.unique(names, "markers")
     for name in names:
-        if any(sign in name for sign in '|,"\r\n') or name.startswith("*"):
+        if not can_be_named(name):
             reader.fail(
                 f'marker {name!r} has a sign that label files need; expected a name without | , " or a leading *'
             )

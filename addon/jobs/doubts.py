@@ -14,6 +14,7 @@ from ..core.takes import NO_MARKER
 from .naming import NamedFrames, joined, name_frames
 
 SAMPLE = 40  # frames, spread over the take
+MOST_POINTS = 400  # of a frame; more are no marker system's, and would fill the memory
 FEWEST = 4  # points of a frame that can be told apart
 SURE = 0.999  # part of the labels like it that is right, of a label that counts; or, as a model that was trained on
 CONFIDENT = 0.99  # little may never promise so much, its confidence
@@ -29,13 +30,15 @@ OFTEN = 0.4  # share of the frames that are so
 def refuse_others(model: Model, method: str, points: np.ndarray, options: Options):
     """Looks at some frames of points (T, P, 3) m, NaN where missing, before all of them are named.
 
-    Raises JobError where frames on their own are not sure of the model's markers, or of two subjects' at once. The
-    fitted body needs its frames in a row, so what `refuse_strangers` can say must do for it.
+    Raises JobError where there are too many points, or frames on their own are not sure of the model's markers, or are
+    of two subjects' at once. The fitted body needs its frames in a row, so for it `refuse_strangers` must do.
     """
+    count = np.isfinite(points).all(axis=2).sum(axis=1)
+    if count.max(initial=0) > MOST_POINTS:
+        raise JobError(f"has {int(count.max())} points in one frame; expected the markers of a subject and some ghosts")
     if method == "fit":
         return
     evidence = model.markerset.evidence
-    count = np.isfinite(points).all(axis=2).sum(axis=1)
     frames = np.flatnonzero(count >= min(FEWEST, len(model.markerset)))
     if not len(frames):
         raise JobError("has no frame with enough points to tell markers apart; expected four or more at a time")

@@ -12,6 +12,7 @@ import numpy as np
 from ..core.contradictions import contradictions, leads
 from ..core.errors import InputError, UserError
 from ..core.models import Lessons
+from ..io.markersets import can_be_named
 from ..io.points import FilePoints, marker_columns, read_points
 
 FEWEST = 4  # markers that can be told apart at all
@@ -134,6 +135,13 @@ def chosen_markers(takes: Sequence[Take], wanted: Sequence[str] | None, base: Se
                 f"{', '.join(two.names[:4])}, …); expected takes of one marker set, or --markers",
                 two.path,
             )
+    odd = next((name for name in markers if not can_be_named(name)), None)
+    if odd is not None:
+        raise InputError(
+            f'has a marker {odd!r}, which has a sign that label files need; expected names without | , " or a leading *, '
+            "or others chosen with --markers",
+            takes[0].path,
+        )
     if len(markers) < FEWEST:
         raise InputError(f"{len(markers)} markers are too few to be told apart; expected {FEWEST} or more")
     return markers

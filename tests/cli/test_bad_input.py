@@ -135,6 +135,17 @@ def test_arguments(run, words):
     assert answer.out == ""
 
 
+def test_a_model_of_a_later_version_and_a_folder_are_said_so(run, room, tmp_path):
+    later = tmp_path / "later.markerset.json"
+    later.write_text('{"mocap_autolabel": 2, "name": "later"}')
+    answer = run("label", room.c3d, "--out", tmp_path / "out", "--model", later)
+    assert answer.status == 2
+    assert "version 2; expected 1, so a newer Mocap Autolabel is needed" in answer.reason
+    answer = run("label", room.folder, "--out", tmp_path / "out", "--model", "gait15")
+    assert answer.status == 2
+    assert "is a folder; expected takes" in answer.reason
+
+
 def test_a_fault_of_our_own_is_one_sentence_too(run, monkeypatch):
     monkeypatch.setattr("addon.cli.models.builtin_markersets", lambda: 1 / 0)
     answer = run("models")

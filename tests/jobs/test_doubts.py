@@ -110,3 +110,9 @@ def test_few_labels_in_the_end_are_said_so(gait):
         refuse_strangers(gait, points, given)
     given[:, :5] = np.arange(5)
     refuse_strangers(gait, points, given)
+
+
+def test_a_flood_of_points_is_refused_before_it_fills_the_memory(gait):
+    assert "has 16000 points in one frame" in refused(gait, np.zeros((3, 16000, 3)))
+    with pytest.raises(JobError, match="500 points in one frame"):
+        refuse_others(gait, "fit", np.zeros((3, 500, 3)), Options())

@@ -42,6 +42,10 @@ def test_markers_are_those_in_common_or_those_asked_for(tmp_path):
     assert chosen_markers(takes, ["B", "C", "X", "A"]) == ("B", "C", "X", "A")
     with pytest.raises(InputError, match="no take has a marker Z"):
         chosen_markers(takes, ["A", "B", "C", "Z"])
+    odd = read_takes([write(tmp_path / "3.c3d", (*NAMES, "a,b"))], ())
+    with pytest.raises(InputError, match="'a,b', which has a sign that label files need"):
+        chosen_markers(odd, None)
+    assert chosen_markers(odd, NAMES) == NAMES
     with pytest.raises(InputError, match="too few to be told apart"):
         chosen_markers(takes, ["A", "B"])
     points = gathered(takes, ("X", "A", "Y"))["subject"]
