@@ -92,19 +92,7 @@ def run(arguments) -> int:
 
 def check(arguments):
     """Everything that can be known to be wrong before any work; raises InputError."""
-    stems: dict[str, Path] = {}
-    for path in arguments.inputs:
-        # Windows and macOS keep walk.csv and Walk.csv in one place.
-        other = stems.setdefault(path.stem.casefold(), path)
-        if other is not path:
-            raise InputError(f"would have the same results as {other}; expected inputs with different names", path)
-    for path in arguments.inputs:
-        results = [arguments.out / (path.stem + ending) for ending in (".c3d", ".trc")]
-        if path.resolve() in [result.resolve() for result in results]:
-            raise InputError("would be replaced by its own result; expected another folder for --out", path)
-    for path in arguments.inputs:
-        if path.is_dir():
-            raise InputError("is a folder; expected takes, such as folder/*.c3d", path)
+    _check_inputs(arguments)
     blobs = [path for path in arguments.inputs if not holds_points(path)]
     if arguments.cameras is None and blobs:
         raise InputError(
@@ -117,6 +105,21 @@ def check(arguments):
     open_model(arguments.model)
     if blobs:
         open_cameras(arguments.cameras)
+
+
+def _check_inputs(arguments):
+    """Raises InputError where inputs are no files, or results would take each other's or an input's place."""
+    stems: dict[str, Path] = {}
+    for path in arguments.inputs:
+        if path.is_dir():
+            raise InputError("is a folder; expected takes, such as folder/*.c3d", path)
+        # Windows and macOS keep walk.csv and Walk.csv in one place.
+        other = stems.setdefault(path.stem.casefold(), path)
+        if other is not path:
+            raise InputError(f"would have the same results as {other}; expected inputs with different names", path)
+        results = [arguments.out / (path.stem + ending) for ending in (".c3d", ".trc")]
+        if path.resolve() in [result.resolve() for result in results]:
+            raise InputError("would be replaced by its own result; expected another folder for --out", path)
 
 
 def as_job(arguments, path: Path) -> jobs.LabelJob:

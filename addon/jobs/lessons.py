@@ -138,8 +138,8 @@ def chosen_markers(takes: Sequence[Take], wanted: Sequence[str] | None, base: Se
     odd = next((name for name in markers if not can_be_named(name)), None)
     if odd is not None:
         raise InputError(
-            f'has a marker {odd!r}, which has a sign that label files need; expected names without | , " or a leading *, '
-            "or others chosen with --markers",
+            f"has a marker {odd!r}, which has a sign that label files need; "
+            'expected names without | , " or a leading *, or others chosen with --markers',
             takes[0].path,
         )
     if len(markers) < FEWEST:

@@ -109,7 +109,8 @@ TOO_LONG = [[0.0] * (index + 1) for index in range(3)]
 @pytest.mark.parametrize(
     ("keys", "value", "words"),
     [
-        (("mocap_autolabel",), 2, 'has no "mocap_autolabel": 1'),
+        (("mocap_autolabel",), 0, 'has no "mocap_autolabel": 1'),
+        (("mocap_autolabel",), 2, "of version 2; expected 1"),
         (("name",), "", 'no "name"'),
         (("source",), ["x"], '"source" is not an object of texts'),
         (("segments",), [], '"segments" is missing or empty'),
