@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The methods that are compared, each learned from some people's frames and asked for names at several target rates."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from addon.core.ensemble.label import Labeller
+from addon.core.ensemble.model import FUNCTIONS, PAPER_FUNCTIONS, Ensemble, Solver
+from addon.core.ensemble.training import Study, Training
+from addon.core.evidence import label_frames, learn_evidence
+
+Takes = Sequence[tuple[np.ndarray, str]]  # frames (T, M, 3) m, and whose they are
+FAITHFUL = {"paper": PAPER_FUNCTIONS, "turn": FUNCTIONS}
+METHODS = (*FAITHFUL, "ours")
+HIDES = range(11)
+PATTERNS = 1000
+
+
+class Remembering(Study):
+    """A study that boosts each solver once, though ensembles for several targets take it."""
+
+    def __init__(self, points: np.ndarray, options: Training):
+        super().__init__(points, options)
+        self._made: dict[int, Solver] = {}
+
+    def solver(self, subset: int) -> Solver:
+        """The partial solver of a subset; which targets it reaches depends on the targets now asked for."""
+        if subset not in self._made:
+            self._made[subset] = super().solver(subset)
+        made = self._made[subset]
+        reached = made.record.reaches(self.targets[made.markers], self.options.ambiguous)
+        return replace(made, reached=reached)
+
+
+class Faithful:
+    """The paper's method: one ensemble of partial solvers for each target, made when it is first asked for."""
+
+    def __init__(self, takes: Takes, names: tuple[str, ...], options: Training):
+        began = time.perf_counter()
+        self._names = names
+        self.study = Remembering(np.concatenate([frames for frames, _ in takes]), options)
+        for _ in self.study.survey():
+            pass
+        self._ensembles: dict[float, Ensemble] = {}
+        self._labellers: dict[float, Labeller] = {}
+        self.facts: dict = {"survey": time.perf_counter() - began, "frames": self.study.frames, "ensembles": {}}
+
+    def names(self, points: np.ndarray, targets: Sequence[float]) -> dict[float, np.ndarray]:
+        """The markers (N, P) of points (N, P, 3) m for each target, -1 where unnamed."""
+        return {target: self._labeller(target)(points)[0] for target in targets}
+
+    def _labeller(self, target: float) -> Labeller:
+        if target not in self._labellers:
+            began = time.perf_counter()
+            steps = self.study.ensemble(self._names, target)
+            while True:
+                try:
+                    next(steps)
+                except StopIteration as end:
+                    ensemble = end.value
+                    break
+            self._labellers[target] = Labeller(ensemble)
+            self.facts["ensembles"][str(target)] = {
+                "seconds": time.perf_counter() - began,
+                "sizes": [len(solver.markers) for solver in ensemble.solvers],
+                "covered": (ensemble.covered > 0).tolist(),
+                "alive": alive(ensemble),
+            }
+        return self._labellers[target]
+
+
+def alive(ensemble: Ensemble) -> list[list[float]]:
+    """For 0 to 10 hidden markers: the share of solvers that still have all their markers, and of the markers that are
+    there the share for which such a solver votes."""
+    generator = np.random.default_rng(0)
+    count = len(ensemble.markers)
+    whole, votes = np.zeros((2, len(ensemble), count), dtype=bool)
+    for row, solver in enumerate(ensemble.solvers):
+        whole[row, solver.markers] = True
+        votes[row, solver.markers[solver.reached]] = True
+    rows = []
+    for hide in HIDES:
+        hidden = generator.random((PATTERNS, count)).argsort(axis=1).argsort(axis=1) < hide
+        lives = ~(hidden[:, None] & whole).any(axis=2)
+        told = (lives[..., None] & votes).any(axis=1)
+        rows.append([float(lives.mean()) if len(ensemble) else 0.0, float(told[~hidden].mean())])
+    return rows
+
+
+class Ours:
+    """Our own method: names are given once, with the rate at which labels as confident are right."""
+
+    def __init__(self, takes: Takes, names: tuple[str, ...]):
+        began = time.perf_counter()
+        self._evidence = learn_evidence(takes, names)
+        frames = sum(len(frames) for frames, _ in takes)
+        self.facts: dict = {"training": time.perf_counter() - began, "frames": frames}
+
+    def names(self, points: np.ndarray, targets: Sequence[float]) -> dict[float, np.ndarray]:
+        """The markers (N, P) of points (N, P, 3) m for each target, -1 where unnamed."""
+        parts = list(label_frames(self._evidence, points))
+        return {target: np.concatenate([part.sure(target) for part in parts]) for target in targets}
+
+    def confident(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The likeliest markers (N, P), -1 where none, and the confidence in each."""
+        parts = list(label_frames(self._evidence, points))
+        return np.concatenate([part.marker for part in parts]), np.concatenate([part.confidence for part in parts])
+
+
+def learn(method: str, takes: Takes, names: tuple[str, ...], options: Training) -> Faithful | Ours:
+    """The method, one of METHODS, learned from takes."""
+    if method == "ours":
+        return Ours(takes, names)
+    return Faithful(takes, names, replace(options, functions=FAITHFUL[method]))

@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Goes through methods, people and studies, and keeps every result in a file of its own, so that parts can be run at
+different times and nothing that was measured is measured again unless asked."""
+
+import json
+import os
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from addon.core.ensemble.training import Training
+
+from .. import people
+from . import solvers, speed
+from .methods import FAITHFUL, Takes, learn
+from .studies import STUDIES, Test, whole_body
+
+SETS = {"gait15": people.GAIT15, "body26": people.BODY26}
+SAME = "same"
+SPEED = "speed.json"
+# Of the paper's solvers, of the solver of all markers, of another marker set, of the built-in models.
+OTHERS = ("solvers", "optimal", "body26", "speed")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to measure.
+
+    methods  of `methods.METHODS`
+    studies  of `studies.STUDIES`, and those of `OTHERS`
+    groups   in how many groups people are left out: {method: count}
+    most     how many of those groups are tested
+    frames   test clouds for each cell of the paper's tables, over all people; fewer, for the other studies
+    again    measure also what is there already
+    """
+
+    results: Path
+    methods: tuple[str, ...]
+    studies: tuple[str, ...]
+    targets: tuple[float, ...]
+    groups: dict[str, int]
+    most: int
+    frames: int
+    fewer: int
+    options: Training
+    again: bool = False
+
+
+def takes_of(names: tuple[str, ...], persons=None) -> Takes:
+    """Frames and owner of every take of some people, or of all."""
+    return [(recording.pick(names), recording.person) for recording in people.takes(persons)]
+
+
+def splits(plan: Plan, method: str) -> Iterator[tuple[str, list[str], list[str]]]:
+    """Of each training its name, whom it learns from and who is tested."""
+    everyone = list(people.everyone())
+    yield SAME, everyone, everyone
+    for group in people.folds(plan.groups[method])[: plan.most]:
+        yield "+".join(group), [person for person in everyone if person not in group], list(group)
+
+
+def run(plan: Plan):
+    """Measures everything in the plan that is not there yet."""
+    plan.results.mkdir(parents=True, exist_ok=True)
+    order = [(at, method, split) for method in plan.methods for at, split in enumerate(splits(plan, method))]
+    # All methods' first training, then all their second: what is there after an hour can be compared.
+    for _, method, split in sorted(order, key=lambda item: item[0]):
+        measure(plan, method, *split)
+    if "speed" in plan.studies and (plan.again or not (plan.results / SPEED).exists()):
+        keep(plan.results / SPEED, {"rows": speed.timed(), "load": os.getloadavg()[0]})
+
+
+def measure(plan: Plan, method: str, split: str, learned: list[str], tested: list[str]):
+    """One training and all studies of it that are not there yet."""
+    path = plan.results / f"{method}.{split}.json"
+    found = read(path)
+    wanted = [name for name in plan.studies if name in STUDIES or (name == "solvers" and split == SAME)]
+    wanted = [name for name in wanted if plan.again or name not in found]
+    if method == "ours":
+        wanted = [name for name in wanted if name != "solvers"]
+    if wanted:
+        trained = learn(method, takes_of(people.GAIT15, learned), people.GAIT15, plan.options)
+        test = _test(plan, people.GAIT15, tested)
+        for name in wanted:
+            found[name] = solvers.claims(trained, test) if name == "solvers" else STUDIES[name](trained, test)
+            found["facts"] = {**found.get("facts", {}), **trained.facts}
+            keep(path, found)
+            print(f"{method}, {split}: {name}", file=sys.stderr, flush=True)
+    if method != "ours" and split == SAME and "optimal" in plan.studies and (plan.again or "optimal" not in found):
+        options = replace(plan.options, functions=FAITHFUL[method])
+        frames = {name: np.concatenate([part for part, _ in takes_of(names)]) for name, names in SETS.items()}
+        found["optimal"] = {name: solvers.optimal(every, options) for name, every in frames.items()}
+        keep(path, found)
+    if method == "ours" and split != SAME and "body26" in plan.studies and (plan.again or "body26" not in found):
+        trained = learn(method, takes_of(people.BODY26, learned), people.BODY26, plan.options)
+        found["body26"] = whole_body(trained, _test(plan, people.BODY26, tested))
+        keep(path, found)
+        print(f"{method}, {split}: body26", file=sys.stderr, flush=True)
+
+
+def _test(plan: Plan, names: tuple[str, ...], tested: list[str]) -> Test:
+    everyone = people.everyone()
+    share = len(tested) / len(everyone)
+    frames = np.concatenate([frames for frames, _ in takes_of(names, tested)])
+    count, fewer = (int(np.ceil(total * share)) for total in (plan.frames, plan.fewer))
+    return Test(frames, names, count, fewer, plan.targets, everyone.index(tested[0]))
+
+
+def read(path: Path) -> dict:
+    """The results in a file; none when it is not there."""
+    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+
+
+def keep(path: Path, found: dict):
+    """Writes the file whole."""
+    beside = path.with_suffix(".part")
+    beside.write_text(json.dumps(found), encoding="utf-8")
+    beside.replace(path)

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How fast the built-in models, and one of 62 markers on plates, name clouds on one core."""
+
+from collections.abc import Callable
+from functools import partial
+from time import perf_counter
+
+import numpy as np
+
+from addon.core.ensemble.label import Labeller
+from addon.core.evidence import label_frames, learn_evidence
+from addon.io.models import open_model
+from addon.io.points import read_points
+
+from .. import people
+from .clouds import Trouble, drawn, spoilt
+
+CASES = (Trouble(), Trouble(4), Trouble(5, 3), Trouble(10), Trouble(0, 10), Trouble(10, 10))
+FRAMES = 640  # named in one go, for the rate
+ALONE = 120  # named one by one, for the delay
+PLATES = people.DATA / "people" / "clouthier"
+Namer = Callable[[np.ndarray], object]
+
+
+def timed() -> list[list]:
+    """Method, markers, hidden, ghosts, frames a second, median and 99th percentile of the delay of one frame, ms."""
+    rows = []
+    for name, names in (("gait15", people.GAIT15), ("body26", people.BODY26)):
+        frames = np.concatenate([recording.pick(names) for recording in people.takes()])
+        model = open_model(name)
+        rows += [["ours", name, *row] for row in _rows(partial(_drained, model.markerset.evidence), frames)]
+        if model.ensemble is not None:
+            rows += [["ensemble", name, *row] for row in _rows(Labeller(model.ensemble), frames)]
+    if PLATES.is_dir():
+        (learned, names), (tested, _) = _plates("KneeltoProne01"), _plates("PronetoRun01")
+        evidence = learn_evidence([(learned, "one")], names)
+        rows += [["ours", f"{len(names)} on plates", *row] for row in _rows(partial(_drained, evidence), tested)]
+    return rows
+
+
+def _plates(stem: str) -> tuple[np.ndarray, tuple[str, ...]]:
+    take = read_points(PLATES / f"{stem}.c3d")
+    return take.xyz, take.names
+
+
+def _drained(evidence, points: np.ndarray) -> list:
+    return list(label_frames(evidence, points))
+
+
+def _rows(namer: Namer, frames: np.ndarray) -> list[list]:
+    rows = []
+    namer(frames[:64])
+    for at, trouble in enumerate(CASES):
+        generator = np.random.default_rng([8, at])
+        clouds = spoilt(drawn(frames, FRAMES, generator), trouble, generator).points
+        began = perf_counter()
+        namer(clouds)
+        rate = len(clouds) / (perf_counter() - began)
+        delays = np.empty(ALONE)
+        for frame in range(ALONE):
+            began = perf_counter()
+            namer(clouds[frame : frame + 1])
+            delays[frame] = perf_counter() - began
+        rows.append(
+            [
+                trouble.hide,
+                trouble.ghosts,
+                rate,
+                1000 * float(np.median(delays)),
+                1000 * float(np.quantile(delays, 0.99)),
+            ]
+        )
+    return rows
