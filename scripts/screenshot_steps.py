@@ -66,6 +66,13 @@ def steps() -> Iterator[float]:
     bpy.ops.mocap_autolabel.edit_markerset()
     look_at((0, 0, 0.9), distance=3.2)
     yield from window.screenshot("marker-set")
+
+    bpy.data.batch_remove([*laid_out().all_objects, laid_out()])
+    settings.markerset = "gait15"
+    bpy.ops.mocap_autolabel.edit_markerset()
+    look_at((0, 0, 0.45), distance=1.7)
+    yield from judge()
+    yield from window.screenshot("placement-quality")
     (OUT / "done").touch()
 
 
@@ -75,6 +82,19 @@ def label() -> Iterator[float]:
     until = time.monotonic() + PATIENCE
     while bpy.context.scene.mocap_autolabel.take is None and time.monotonic() < until:
         yield 0.5
+
+
+def judge() -> Iterator[float]:
+    """Press the button and wait for the report."""
+    bpy.ops.mocap_autolabel.judge_markers("INVOKE_DEFAULT")
+    until = time.monotonic() + PATIENCE
+    while "mocap_quality" not in laid_out() and time.monotonic() < until:
+        yield 0.5
+
+
+def laid_out() -> bpy.types.Collection:
+    """The marker set that is laid out."""
+    return next(one for one in bpy.context.scene.collection.children if "mocap_edited_markerset" in one)
 
 
 def look_at(place: tuple[float, float, float], distance: float) -> None:

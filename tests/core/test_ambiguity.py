@@ -9,7 +9,7 @@ import pytest
 
 from addon.core.ambiguity import advise, judge, separation, worn
 from addon.core.ambiguity.overlap import covariance_of, pair_overlaps, renaming_overlap
-from addon.core.ambiguity.surface import nearby
+from addon.core.ambiguity.surface import all_over, in_view, nearby
 from addon.core.ambiguity.worn import Worn
 from addon.core.body import BodyModel
 from addon.core.errors import InputError
@@ -205,10 +205,20 @@ def test_places_nearby_lie_on_the_surface():
     toy = toy_markerset()
     marker = toy.markers.index("LTHI")
     places = nearby(toy, marker, 0.02)
-    assert len(places) == 8
+    assert 4 <= len(places) <= 8
     radius = np.linalg.norm(toy.offsets[marker][:2])
     np.testing.assert_allclose(np.linalg.norm(places[:, :2], axis=1), radius)
     assert np.linalg.norm(places - toy.offsets[marker], axis=1) == pytest.approx(0.02, rel=0.05)
+
+
+def test_places_that_the_body_hides_are_no_places():
+    toy = toy_markerset()
+    thigh = toy.skeleton.segments.index("thigh.L")
+    outside, inside = in_view(toy, thigh, np.array([[0.0, 0.05, -0.05], [0.0, -0.046, -0.05]]))
+    assert outside > 0.5 > inside
+    places = all_over(toy, thigh)
+    assert len(places) > 4
+    assert (in_view(toy, thigh, places) >= 0.45).all()
 
 
 def test_advice_makes_the_worst_pair_clearer_and_nothing_worse():

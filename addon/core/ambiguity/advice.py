@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What would make a marker set less ambiguous: for its worst pairs, one marker to move on its segment, or to add.
 
-Only one of a left and right pair is moved, as laboratories do with their thigh markers: what is not the same on both
-sides tells the sides apart.
+Left and right are never moved alike, as laboratories do with their thigh markers: what is not the same on both sides
+tells the sides apart.
 """
 
 from collections.abc import Iterator, Sequence
