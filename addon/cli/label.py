@@ -34,8 +34,9 @@ def add_parser(verbs):
         "--method",
         choices=jobs.METHODS,
         default="auto",
-        help="fit: a body fitted frame after frame; ensemble: partial solvers, each frame on its own; auto (default): "
-        "the best for the input, fit for blobs and the model's evidence for points",
+        help="fit: a body fitted frame after frame; evidence: likelihood, and ensemble: partial solvers, each frame on "
+        "its own, blobs by way of the points that they make; both: blobs by fit, checked by their points; auto "
+        "(default): the best for the input, fit for blobs and the model's evidence for points",
     )
     parser.add_argument(
         "--target",
@@ -147,6 +148,8 @@ def as_line(report: dict) -> str:
     count, named = report[things], report[things] - report["unlabelled"]
     speed = report["timing"]["frames_per_second"]
     pace = "" if speed is None else f", {speed:.0f} frames/s"
+    if "agreement" in report:
+        pace += f", {report['agreement']['different']} otherwise by their points"
     unit = f", no unit in the file, taken for {report['unit_assumed']}" if "unit_assumed" in report else ""
     first = ", frames in the .c3d from 0" if "c3d_first_frame" in report else ""
     frames = f"{report['frames']} frame" + ("" if report["frames"] == 1 else "s")

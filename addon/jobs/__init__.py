@@ -3,6 +3,7 @@
 
 from collections.abc import Generator
 
+from ..core.errors import InputError
 from ..io.points import holds_points
 from ..progress import Progress
 from .job import METHODS, USUAL_RATE, LabelJob, Labelled
@@ -14,6 +15,8 @@ def label_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
     Raises UserError with the file where it can be told.
     """
     if holds_points(job.source):
+        if job.method == "both":
+            raise InputError("holds points, and the method both is for blobs; expected another method", job.source)
         from .points import label_points
 
         return label_points(job)

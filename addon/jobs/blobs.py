@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A take of blobs from file to files, chunk by chunk: named by a fitted body, or by the points that they make."""
+"""A take of blobs from file to files, chunk by chunk: named by a fitted body, by the points that they make, or both."""
 
 import tempfile
 from collections import deque
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack
+from itertools import tee
 from pathlib import Path
 from time import perf_counter
 from typing import Self
@@ -13,15 +14,17 @@ import numpy as np
 
 from ..blendfile import open_cameras, save_blend
 from ..core.cameras import Cameras
+from ..core.errors import InputError
+from ..core.models import Model
 from ..core.pipeline import Options, label_take
 from ..core.search import Hints
 from ..core.summary import TakeSummary
-from ..core.takes import STEPS, Blobs, Motion, Points
+from ..core.takes import STEPS, Blobs, LabelledChunk, Motion, Points
 from ..io.blobs import BlobRows, read_blobs
 from ..io.labels import LabelWriter
 from ..io.models import open_model
 from ..progress import Progress
-from . import by_points
+from . import both_ways, by_points
 from .job import LabelJob, Labelled, finish_report, open_files, timed, write_points
 from .naming import chosen_method
 
@@ -33,8 +36,9 @@ def label_blobs(job: LabelJob) -> Generator[Progress, None, Labelled]:
     """
     begin = perf_counter()
     model, cameras = open_model(job.model), open_cameras(job.cameras)
-    method = "fit" if job.method == "auto" else chosen_method(model, job.method)
-    markerset, steps = model.markerset, STEPS if method == "fit" else by_points.STEPS
+    method = "fit" if job.method == "auto" else job.method
+    ways = _ways(job, model, cameras)
+    markerset, agreement = model.markerset, both_ways.Agreement()
     with ExitStack() as stack:
         files = open_files(job, stack)
         folder = tempfile.TemporaryDirectory(prefix="mocap-autolabel-", ignore_cleanup_errors=True)
@@ -45,17 +49,23 @@ def label_blobs(job: LabelJob) -> Generator[Progress, None, Labelled]:
         source = Source(job, cameras)
         chunks = []
         clock = {"load": perf_counter() - begin, "write": 0.0}
-        if method == "fit":
-            work = label_take(source.blobs(), cameras, markerset, job.frame_rate, options(job))
+        if len(ways) == 2:
+            steps = both_ways.ALL_STEPS
+            blobs, *each = tee(source.blobs(), 3)
+            work = both_ways.label_both_ways(
+                blobs, *(way(part) for way, part in zip(ways, each, strict=True)), markerset.markers, agreement
+            )
         else:
-            hints = (job.frame_rate, options(job), job.target)
-            work = by_points.label_by_points(source.blobs(), cameras, model, method, *hints)
+            steps = STEPS if method == "fit" else by_points.STEPS
+            work = ways[0](source.blobs())
+        given = np.zeros(len(steps), np.int64)
         for chunk in work:
             row = source.taken.popleft()
             with timed(clock, "write"):
                 labels.write(row.keys, chunk.labels, steps)
                 motion.append(chunk.motion)
             summary.add(row.blobs, chunk)
+            given += np.bincount(chunk.labels.step, minlength=len(steps))
             if job.keep or job.blend:
                 chunks.append((row.blobs, chunk))
             yield Progress(row.fraction, f"frame {row.blobs.frames[-1]}")
@@ -65,10 +75,32 @@ def label_blobs(job: LabelJob) -> Generator[Progress, None, Labelled]:
             more = write_points(motion.points(), files)
             if job.blend:
                 save_blend(files[".blend"], job.source.stem, job.source, job.frame_rate, cameras, markerset, chunks)
-        counts = dict(zip(steps[1:], summary.steps.values(), strict=True))
+        counts = dict(zip(steps[1:], given[1:].tolist(), strict=True))
+        if len(ways) == 2:
+            more["agreement"] = agreement.as_dict()
         more |= {"method": method, "rate_assumed": job.rate is None, "steps": counts}
         report = finish_report(job, summary, markerset.name, job.frame_rate, clock, files[".report.json"], **more)
     return Labelled(report, chunks if job.keep else [])
+
+
+def _ways(job: LabelJob, model: Model, cameras: Cameras) -> list[Callable[[Iterator[Blobs]], Iterator[LabelledChunk]]]:
+    """The ways in which the job wants blobs named; InputError where the model does not know how."""
+
+    def fit(chunks: Iterator[Blobs]) -> Iterator[LabelledChunk]:
+        return label_take(chunks, cameras, model.markerset, job.frame_rate, options(job))
+
+    if job.method in ("auto", "fit"):
+        return [fit]
+    method = chosen_method(model, "auto" if job.method == "both" else job.method)
+    if method == "fit":
+        raise InputError(
+            f"model {model.markerset.name} has nothing to name points by; expected one made by train, or --method fit"
+        )
+
+    def points(chunks: Iterator[Blobs]) -> Iterator[LabelledChunk]:
+        return by_points.label_by_points(chunks, cameras, model, method, job.frame_rate, options(job), job.target)
+
+    return [fit, points] if job.method == "both" else [points]
 
 
 def options(job: LabelJob) -> Options:

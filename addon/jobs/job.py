@@ -16,7 +16,7 @@ from ..io.whole import whole_files
 from ..version import version
 
 USUAL_RATE = 100.0
-METHODS = ("auto", "fit", "ensemble", "evidence")
+METHODS = ("auto", "fit", "ensemble", "evidence", "both")
 
 
 @dataclass(frozen=True)

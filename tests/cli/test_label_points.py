@@ -134,6 +134,30 @@ def test_blobs_named_by_their_points_agree_with_the_fitted_body(trained, room, r
     assert np.mean([one == two for one, two in both]) > 0.99
 
 
+def test_blobs_named_both_ways_say_where_the_ways_agree(trained, room, run, tmp_path):
+    words = ("label", room.blobs, "--cameras", room.cameras, "--model", trained, "--rate", "60", "--method", "both")
+    answer = run(*words, "--out", tmp_path / "both", "--json")
+    assert (answer.status, answer.err) == (0, "")
+    [report] = json.loads(answer.out)["takes"]
+    agreement = report["agreement"]
+    assert agreement["same"] > 1000
+    assert agreement["different"] < 0.01 * agreement["same"]
+    named = agreement["same"] + agreement["different"] + agreement["only_fit"]
+    assert named == report["blobs"] - report["unlabelled"] == sum(report["steps"].values())
+    assert len(rows_of(tmp_path / "both" / "walk.labels.csv")) == report["blobs"] + 1
+    figures = json.loads(run("evaluate", tmp_path / "both" / "walk.labels.csv", room.truth, "--json").out)
+    assert figures["precision"] > 0.99
+
+
+def test_both_ways_need_blobs_and_what_names_points(run, room, label, tmp_path):
+    assert "the method both is for blobs" in label("--method", "both").reason
+    words = ("label", room.blobs, "--cameras", room.cameras, "--out", tmp_path / "o", "--model", "body39")
+    for method in ("both", "evidence", "ensemble"):
+        answer = run(*words, "--method", method)
+        assert answer.status == 2
+        assert "model body39 has no" in answer.reason
+
+
 def test_reconstructed_points_are_named(trained, room, run, tmp_path):
     points = tmp_path / "points.c3d"
     assert run("reconstruct", room.blobs, "--cameras", room.cameras, "--out", points, "--rate", "60").status == 0
