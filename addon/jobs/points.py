@@ -30,6 +30,7 @@ from .doubts import refuse_others, refuse_strangers
 from .job import LabelJob, Labelled, finish_report, open_files, timed, write_points
 from .naming import chosen_method, consistent, decide, joined, name_frames
 from .placing import moved
+from .wearer import checked, find_wearer
 
 # How the label of a point came about; the index is what `Labels.step` holds.
 STEPS = ("", "evidence", "ensemble", "fit", "trajectory")
@@ -85,15 +86,18 @@ def _named(job: LabelJob, model: Model, method: str, take: FilePoints, clock):
     parts, done = [], 0
     options = Options(hints=Hints(job.height, job.facing))
     begin = perf_counter()
+    piece = cut(take.xyz, take.rate)
+    wearer = find_wearer(model, method, take.xyz, piece, take.rate)
+    model = wearer.model
     refuse_others(model, method, take.xyz, options)
     for part in name_frames(model, method, take.xyz, take.rate, options):
         parts.append(part)
         done += len(part.marker)
         yield Progress(0.75 * done / len(take.xyz), f"frame {take.first_frame + done - 1}")
     named = joined(parts)
-    piece = cut(take.xyz, take.rate)
     decided = decide(named, piece, model.markerset.markers, job.target, take.first_frame)
     decided = consistent(decided, take.xyz, model.markerset.evidence, take.first_frame)
+    decided = checked(decided, wearer, take.first_frame)
     refuse_strangers(model, take.xyz, decided.marker)
     step = np.where(decided.alone, STEPS.index(method), STEPS.index("trajectory"))
     clock["label"] = perf_counter() - begin
