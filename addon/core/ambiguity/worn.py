@@ -128,18 +128,17 @@ def _follows(markerset: MarkerSet, base: MarkerSet) -> bool:
 
 def _edited(found: Worn, markerset: MarkerSet) -> Worn:
     """The base's shape with every marker where the edited set has it."""
-    base = found.markerset
+    base, rows = found.markerset, []
     for index, name in enumerate(markerset.markers):
         segment, offset = int(markerset.attachment[index]), markerset.offsets[index]
-        if name in base.markers and base.attachment[base.markers.index(name)] == segment:
-            marker = base.markers.index(name)
-            if np.abs(offset - base.offsets[marker]).max() > SAME_PLACE:
-                found = found.moved(marker, offset)
-        else:
-            found = found.added(f"{name} ", segment, offset)
-    names = [name.rstrip() if index >= len(base) else name for index, name in enumerate(found.markerset.markers)]
-    last = {name: index for index, name in enumerate(names)}
-    rows = [last[name] for name in markerset.markers]
+        known = base.markers.index(name) if name in base.markers else -1
+        if known < 0 or base.attachment[known] != segment:
+            rows.append(len(found.markerset))
+            found = found.added(name, segment, offset)
+            continue
+        rows.append(known)
+        if np.abs(offset - base.offsets[known]).max() > SAME_PLACE:
+            found = found.moved(known, offset)
     shape = Shape(found.shape.mean[rows], found.shape.modes[rows], found.shape.noise[rows])
     return Worn(markerset, shape, found.turns)
 
