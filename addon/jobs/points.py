@@ -20,7 +20,7 @@ from ..core.pieces import cut, renamed
 from ..core.pipeline import Options
 from ..core.search import Hints
 from ..core.summary import TakeSummary
-from ..core.suspects import find_suspects
+from ..core.suspects import find_suspects, summarised
 from ..core.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Points, Suspect
 from ..io.labels import POINT_KEYS, LabelWriter
 from ..io.models import open_model
@@ -56,9 +56,8 @@ def label_points(job: LabelJob) -> Generator[Progress, None, Labelled]:
             frames = take.first_frame + np.arange(len(take.xyz))
             motion = moved(take.xyz, take.residual, labels.marker, labels.confidence, model.markerset, frames)
         yield Progress(0.9, "write")
-        rows, chunk = _as_chunk(
-            take, labels, motion, suspects + find_suspects(motion, model.markerset.markers, take.rate)
-        )
+        doubtful = find_suspects(motion, model.markerset.markers, take.rate)
+        rows, chunk = _as_chunk(take, labels, motion, summarised(suspects + doubtful, take.rate))
         summary = TakeSummary(model.markerset.markers)
         summary.add(rows, chunk)
         with timed(clock, "write"):

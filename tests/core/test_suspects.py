@@ -3,8 +3,8 @@
 
 import numpy as np
 
-from addon.core.suspects import find_suspects
-from addon.core.takes import Motion
+from addon.core.suspects import MOST, find_suspects, summarised
+from addon.core.takes import Motion, Suspect
 
 RATE = 100.0
 
@@ -42,3 +42,34 @@ def test_a_jump_is_found_where_it_happens_and_a_gap_is_none():
     found = find_suspects(motion_of(markers, markers), ("A", "B"), RATE)
     assert {s.reason for s in found} == {"A jumps"}
     assert found[0].first <= 30 <= found[0].last
+
+
+def test_findings_with_one_reason_that_are_close_are_one():
+    found = summarised([Suspect(30, 31, "A jumps"), Suspect(10, 12, "A jumps"), Suspect(40, 40, "B jumps")], RATE)
+    assert found == (Suspect(10, 31, "A jumps"), Suspect(40, 40, "B jumps"))
+
+
+def test_many_findings_with_one_reason_are_one_that_counts_them():
+    found = summarised([Suspect(first, first + 1, "A jumps") for first in range(0, 1000, 100)], RATE)
+    assert found == (Suspect(0, 901, "A jumps, in 10 places"),)
+
+
+def test_a_list_stays_short_and_names_those_it_is_about_and_what_is_of_the_whole_take_is_first():
+    many = [Suspect(index, index, f"M{index:03} jumps") for index in range(200)]
+    few = [Suspect(5, 9, "trajectory 3 goes over from A to B"), Suspect(0, 999, "10 trajectories stand still")]
+    found = summarised(many + few, RATE)
+    assert len(found) == 3 <= MOST
+    assert found[0].reason == "10 trajectories stand still"
+    assert found[1] == Suspect(0, 199, "M000 M001 M002 M003 M004 M005 M006 M007 and 192 more: jumps")
+    assert found[2] in few
+
+
+def test_trajectories_of_one_kind_are_listed_by_number():
+    many = [Suspect(index, index + 900, f"trajectory {index} goes over from A to M{index}") for index in range(100)]
+    (found,) = summarised(many, RATE)
+    assert found.reason.startswith("trajectories 0 1 2 3 4 5 6 7 and 92 more: as trajectory 0 goes over from A to M0")
+    assert (found.first, found.last) == (0, 999)
+
+
+def test_nothing_to_say_stays_nothing():
+    assert summarised([], RATE) == ()
