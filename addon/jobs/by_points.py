@@ -4,7 +4,9 @@
 The second paper after the first one's cameras: it checks the fitted body, which goes the other way round.
 """
 
+import re
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -14,7 +16,8 @@ from ..core.models import Model
 from ..core.pipeline import Options
 from ..core.reconstruction import Reconstructed, Reconstructor
 from ..core.suspects import find_suspects
-from ..core.takes import NO_MARKER, Blobs, LabelledChunk, Labels
+from ..core.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Suspect
+from .doubts import LEAST_SURE, sure_share
 from .naming import consistent, decide, joined, name_frames
 from .placing import moved
 from .spool import SHORTEST
@@ -67,11 +70,19 @@ def _labelled(waiting, cameras, model, method, rate, options, target, seconds) -
     residual[frame[lasting], column[lasting]] = np.concatenate([part.residual for _, part in waiting])[lasting]
     piece = np.where(np.isfinite(xyz).all(axis=2), np.arange(shape[1]), -1)
     found = joined(list(name_frames(model, method, xyz, rate, options)))
+    strange = sure_share(found, xyz, len(markerset)) < LEAST_SURE
+    if strange:
+        found = replace(found, marker=np.full(shape, NO_MARKER), confidence=np.zeros(shape), rate=np.zeros(shape))
     decided = decide(found, piece, markerset.markers, target, int(frames[0]))
     decided = consistent(decided, xyz, markerset.evidence, int(frames[0]))
     named = perf_counter()
     motion = moved(xyz, residual, decided.marker, decided.confidence, markerset, frames)
-    suspects = decided.suspects + find_suspects(motion, markerset.markers, rate)
+    suspects = tuple(_without_number(suspect) for suspect in decided.suspects)
+    suspects += find_suspects(motion, markerset.markers, rate)
+    if strange and np.isfinite(xyz).any():
+        suspects += (
+            Suspect(int(frames[0]), int(frames[-1]), f"no subject that wears {markerset.name} was recognised"),
+        )
     spent = {"place": seconds, "label": named - begin, "fit": perf_counter() - named}
     step = np.where(decided.alone, STEPS.index(method), STEPS.index("trajectory"))
     given = [array[frame, column] for array in (decided.marker, decided.confidence, step)]
@@ -83,6 +94,11 @@ def _labelled(waiting, cameras, model, method, rate, options, target, seconds) -
         mine = tuple(s for s in suspects if blobs.frames[0] <= s.first <= blobs.frames[-1])
         yield LabelledChunk(labels, type(motion)(**{**fields, "residual_px": px}), mine, spent)
         first, spent = last, {}
+
+
+def _without_number(suspect: Suspect) -> Suspect:
+    """The suspect without the number of its trajectory, which is in no file here."""
+    return replace(suspect, reason=re.sub(r"^trajectory \d+", "a trajectory of points", suspect.reason))
 
 
 def _of_blobs(blobs: Blobs, part: Reconstructed, cameras: Cameras, marker, confidence, step, markers: int):

@@ -149,6 +149,14 @@ def test_blobs_named_both_ways_say_where_the_ways_agree(trained, room, run, tmp_
     assert figures["precision"] > 0.99
 
 
+def test_blobs_of_another_marker_set_are_not_named_by_their_points(room, run, tmp_path):
+    words = ("label", room.blobs, "--cameras", room.cameras, "--model", "gait15", "--rate", "60")
+    answer = run(*words, "--method", "evidence", "--out", tmp_path / "other", "--json")
+    [report] = json.loads(answer.out)["takes"]
+    assert report["unlabelled"] == report["blobs"]
+    assert any("no subject that wears gait15" in row["reason"] for row in report["suspect"])
+
+
 def test_both_ways_need_blobs_and_what_names_points(run, room, label, tmp_path):
     assert "the method both is for blobs" in label("--method", "both").reason
     words = ("label", room.blobs, "--cameras", room.cameras, "--out", tmp_path / "o", "--model", "body39")
