@@ -112,5 +112,6 @@ def disturbed(results: Results, plt):
         right.set(xlabel=title, ylabel="recall, %", ylim=(0, 101))
         for axis in (wrong, right):
             axis.grid(alpha=0.3)
-    axes[0, 0].legend(fontsize=8)
+    if axes[0, 0].lines:
+        axes[0, 0].legend(fontsize=8)
     return figure

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What the replication page's figures rest on: the clouds that are tested, the counts, the claims about solvers."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,8 @@ from addon.core.ensemble.training import Training, train_ensemble
 from addon.core.figures import Figures
 from tests.accuracy.partial import pages
 from tests.accuracy.partial.clouds import Clouds, Trouble, drawn, mirrored, other_side, spoilt, together
-from tests.accuracy.partial.results import added, best_at
+from tests.accuracy.partial.report import BLOCKS
+from tests.accuracy.partial.results import Results, added, best_at
 from tests.accuracy.partial.scores import in_the_mirror, score, swaps, sweep
 from tests.accuracy.partial.solvers import Purse, growth
 from tests.core.ensemble.toys import moving
@@ -173,6 +176,15 @@ def test_a_spent_purse_refuses_what_it_was_not_asked_before():
 def test_results_add_up_wherever_they_stand():
     one, other = {"a": [1, [2, 3]], "b": {"c": 4}}, {"a": [10, [20, 30]], "b": {"c": 40}}
     assert added(one, other) == {"a": [11, [22, 33]], "b": {"c": 44}}
+
+
+@pytest.mark.parametrize("name", sorted(set(BLOCKS) - {"conditions"}))
+def test_blocks_can_be_printed_before_all_is_measured(name, tmp_path):
+    results = {"facts": {"training": 7.0, "frames": 900}, "crowd": {"0.999": [9, 1, 0, 3]}}
+    (tmp_path / "ours.ANN.json").write_text(json.dumps(results), encoding="utf-8")
+    text = BLOCKS[name](Results(tmp_path))
+    assert ("11.11 %" in text) == (name == "crowd")
+    assert ("7 s" in text) == (name in ("training", "aims"))
 
 
 def test_only_named_blocks_of_a_page_are_written():
