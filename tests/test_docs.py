@@ -93,7 +93,7 @@ def options_of(verb: str) -> set[str]:
     return {flag for action in parser._actions for flag in action.option_strings if flag.startswith("--")} - {"--help"}
 
 
-@pytest.mark.parametrize("verb", ["label", "simulate", "evaluate", "models", "demo"])
+@pytest.mark.parametrize("verb", ["label", "train", "reconstruct", "simulate", "evaluate", "models", "demo"])
 def test_the_guide_tells_every_option_that_people_see(verb):
     guide = (ROOT / "docs" / "user-guide.md").read_text(encoding="utf-8")
     hidden = {"--result"}

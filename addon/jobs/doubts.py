@@ -7,6 +7,7 @@ was sure about, and of another marker set they vote as one for wrong names.
 
 import numpy as np
 
+from ..core.apart import groups_apart
 from ..core.errors import JobError
 from ..core.models import Model
 from ..core.pipeline import Options
@@ -81,28 +82,12 @@ def _seconds(model: Model, points: np.ndarray, first: NamedFrames, found: bool) 
         return [np.where((first.marker == NO_MARKER)[..., None], points, np.nan)]
     if model.markerset.evidence is None:
         return []
-    groups = [_groups(frame, model.markerset.evidence.shape.radius, SECOND * size) for frame in points]
+    groups = [groups_apart(frame, model.markerset.evidence.shape.radius, SECOND * size) for frame in points]
     apart = np.array([len(own) >= 2 for own in groups])
     if apart.mean() < OFTEN:
         return []
     chosen = [(frame, own) for frame, own in zip(points, groups, strict=True) if len(own) >= 2]
     return [np.array([np.where(own[place][:, None], frame, np.nan) for frame, own in chosen]) for place in (0, 1)]
-
-
-def _groups(points: np.ndarray, gap: float, least: float) -> list[np.ndarray]:
-    """(P,) which of points (P, 3) m are together, for every group of `least` or more; the largest first."""
-    from scipy.cluster.hierarchy import fcluster, linkage
-
-    there = np.flatnonzero(np.isfinite(points).all(axis=1))
-    if len(there) < FEWEST:
-        return []
-    number = fcluster(linkage(points[there], "single"), gap, "distance")
-    found = []
-    for group in np.unique(number):
-        own = np.zeros(len(points), dtype=bool)
-        own[there[number == group]] = True
-        found.append(own)
-    return sorted((own for own in found if own.sum() >= least), key=lambda own: -own.sum())
 
 
 def _sure(model: Model, method: str, points: np.ndarray, options: Options) -> float:
