@@ -28,18 +28,23 @@ SECOND = 0.5  # share of the markers that a second subject's points must be enou
 OFTEN = 0.4  # share of the frames that are so
 
 
+def refuse_floods(points: np.ndarray):
+    """Raises JobError where a frame of points (T, P, 3), NaN where missing, has more than can be worked with."""
+    most = int(np.isfinite(points).all(axis=2).sum(axis=1).max(initial=0))
+    if most > MOST_POINTS:
+        raise JobError(f"has {most} points in one frame; expected the markers of a subject and some ghosts")
+
+
 def refuse_others(model: Model, method: str, points: np.ndarray, options: Options):
     """Looks at some frames of points (T, P, 3) m, NaN where missing, before all of them are named.
 
-    Raises JobError where there are too many points, or frames on their own are not sure of the model's markers, or are
-    of two subjects' at once. The fitted body needs its frames in a row, so for it `refuse_strangers` must do.
+    Raises JobError where frames on their own are not sure of the model's markers, or are of two
+    subjects' at once. The fitted body needs its frames in a row, so for it `refuse_strangers` must do.
     """
-    count = np.isfinite(points).all(axis=2).sum(axis=1)
-    if count.max(initial=0) > MOST_POINTS:
-        raise JobError(f"has {int(count.max())} points in one frame; expected the markers of a subject and some ghosts")
     if method == "fit":
         return
     evidence = model.markerset.evidence
+    count = np.isfinite(points).all(axis=2).sum(axis=1)
     frames = np.flatnonzero(count >= min(FEWEST, len(model.markerset)))
     if not len(frames):
         raise JobError("has no frame with enough points to tell markers apart; expected four or more at a time")

@@ -26,7 +26,7 @@ from ..io.labels import POINT_KEYS, LabelWriter
 from ..io.models import open_model
 from ..io.points import FilePoints, read_points
 from ..progress import Progress
-from .doubts import refuse_others, refuse_strangers
+from .doubts import refuse_floods, refuse_others, refuse_strangers
 from .job import LabelJob, Labelled, finish_report, open_files, timed, write_points
 from .naming import chosen_method, consistent, decide, joined, name_frames
 from .placing import moved
@@ -46,6 +46,7 @@ def label_points(job: LabelJob) -> Generator[Progress, None, Labelled]:
         model = open_model(job.model)
         method = chosen_method(model, job.method)
         take = _of_frames(read_points(job.source), job.frames)
+        refuse_floods(take.xyz)
     with ExitStack() as stack:
         files = open_files(job, stack)
         stack.enter_context(threadpool_limits(1, user_api="blas"))

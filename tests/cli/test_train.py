@@ -10,7 +10,7 @@ from addon.core import rotations
 from addon.core.takes import Points
 from addon.io.labels import POINT_KEYS, TruthWriter
 from addon.io.models import read_model
-from addon.io.points import write_c3d
+from addon.io.points import read_points, write_c3d
 
 NAMES = tuple(f"{part}{number}" for part in ("BODY", "HEAD") for number in range(1, 6))
 
@@ -92,6 +92,26 @@ def test_the_model_names_a_creature_that_it_has_never_seen(trained, anonymous, r
     figures = json.loads(said.out)
     assert figures["precision"] > 0.99
     assert figures["recall"] > least
+
+
+def test_a_prop_that_was_only_turned_about_the_vertical_is_known_in_any_pose(run, tmp_path):
+    form, names = np.random.default_rng(3).uniform(-0.25, 0.25, (6, 3)), [f"P{index}" for index in range(6)]
+    time, chance = np.arange(300)[:, None] / 100, np.random.default_rng(4)
+    upright = rotations.exponential(np.column_stack([0 * time, 0 * time, time]))[0]
+    tumbling = rotations.exponential(np.cumsum(chance.normal(0, 0.05, (300, 3)), axis=0))[0]
+    known, raw = (
+        np.einsum("fij,mj->fmi", turn, form) + np.array([0, 0, 1.2]) + chance.normal(0, 0.0005, (300, 6, 3))
+        for turn in (upright, tumbling)
+    )
+    model = tmp_path / "prop.markerset.json"
+    assert run("train", write(tmp_path / "prop.c3d", known, names), "--out", model, "--search", "none").status == 0
+    for frame in range(0, 300, 30):
+        raw[frame : frame + 30, chance.permutation(6)[: chance.integers(0, 3)]] = np.nan
+    order = chance.permutation(6)
+    anonymous = write(tmp_path / "raw.c3d", raw[:, order], [""] * 6)
+    assert run("label", anonymous, "--model", model, "--out", tmp_path / "out").status == 0
+    found = read_points(tmp_path / "out" / "raw.c3d")
+    np.testing.assert_allclose(found.xyz[:, [found.names.index(name) for name in names]], raw, atol=1e-5)
 
 
 def test_training_on_keeps_what_was_known(trained, takes, run, tmp_path):

@@ -17,7 +17,8 @@ from addon.core.takes import NO_MARKER
 from addon.core.virtual import Act, draw_person, perform
 from addon.io.markersets import open_markerset
 from addon.io.models import open_model
-from addon.jobs.doubts import refuse_others, refuse_strangers
+from addon.io.points import read_points
+from addon.jobs.doubts import refuse_floods, refuse_others, refuse_strangers
 
 PLATES = 3  # of four markers each
 FRAMES = 60
@@ -112,7 +113,31 @@ def test_few_labels_in_the_end_are_said_so(gait):
     refuse_strangers(gait, points, given)
 
 
-def test_a_flood_of_points_is_refused_before_it_fills_the_memory(gait):
-    assert "has 16000 points in one frame" in refused(gait, np.zeros((3, 16000, 3)))
-    with pytest.raises(JobError, match="500 points in one frame"):
-        refuse_others(gait, "fit", np.zeros((3, 500, 3)), Options())
+def test_a_flood_of_points_is_refused_before_it_fills_the_memory():
+    with pytest.raises(JobError, match="has 16000 points in one frame"):
+        refuse_floods(np.zeros((3, 16000, 3)))
+    refuse_floods(np.zeros((3, 100, 3)))
+
+
+@pytest.mark.parametrize(
+    ("take", "model", "words"),
+    [
+        ("clouthier/KneeltoProne01.c3d", "body26", "does not look like a take of model body26"),
+        ("tennis/duplicate_labels.c3d", "body26", "does not look like a take of model body26"),
+        ("tennis/kinematics_tennis_serve_2players.c3d", "body26", "subjects"),
+    ],
+)
+def test_recorded_takes_that_the_built_in_models_are_not_for(shared_data, take, model, words):
+    assert words in refused(open_model(model), read_points(shared_data / "people" / take).xyz)
+
+
+@pytest.mark.parametrize(
+    ("take", "model"),
+    [
+        ("mcgill/HC044A/HC044A15.c3d", "body26"),
+        ("mcgill/HC031A/HC031A06.c3d", "gait15"),
+        ("tennis/kinematics_tennis_serve.c3d", "body26"),
+    ],
+)
+def test_recorded_takes_with_many_more_markers_pass(shared_data, take, model):
+    refuse_others(open_model(model), "evidence", read_points(shared_data / "people" / take).xyz, Options())
