@@ -24,6 +24,7 @@ PROMISING = 2  # directions that are followed up
 SMALL = 0.0025  # m; a part of a move that is smaller goes without saying
 WAYS = (("forward", "back"), ("to the left", "to the right"), ("up", "down"))
 WORTH = 0.25  # standard deviations of the pair's separation for which it is worth to move anything
+LOSS = 0.1  # standard deviations that another pair, short of the goal, may lose
 MOST_PAIRS = 12  # that are looked at
 MOVE, ADD = "move", "add"
 EXTRA = "NEW"
@@ -130,14 +131,20 @@ class _Search:
 
     def best(self, goal: float) -> _Try | None:
         """The nearest place that reaches the goal, else the change that does most."""
-        # A change that mends one pair and spoils the rest is none.
-        moves = [found for marker in self.free for found in self._moves(marker) if found.found.total < self.now.total]
+        moves = [found for marker in self.free for found in self._moves(marker) if not self._spoils(found, goal)]
         enough = [found for found in moves if found.apart(self.pair) >= goal]
         if enough:
             return min(enough, key=lambda found: (round(self._length(found), 4), found.found.total))
         best = max([*moves, *self._additions()], key=lambda found: found.apart(self.pair), default=None)
         before = separation(self.now.hidden[self.pair])
         return best if best is not None and best.apart(self.pair) >= before + WORTH else None
+
+    def _spoils(self, found: _Try, goal: float) -> bool:
+        """Whether a change mends the pair at the cost of another that then is short of the goal, or of the whole."""
+        before, after = separation(self.now.hidden), separation(found.found.hidden)
+        worse = after < np.minimum(before, goal) - LOSS
+        worse[self.pair] = worse[self.pair[::-1]] = False
+        return bool(worse.any()) or found.found.total >= self.now.total
 
     def _moves(self, marker: int) -> Iterator[_Try]:
         """A marker in all directions, and then at all distances in the directions that help most."""
