@@ -8,7 +8,9 @@ import numpy as np
 from ..core.groups import Person, learn_structure, recognise
 from ..core.models import Model
 from ..core.takes import NO_MARKER, Suspect
-from .naming import Decided
+from .naming import Decided, once
+
+MOVES = 0.99  # confidence of a name that only the motion of the whole take tells
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,25 +49,40 @@ def checked(decided: Decided, wearer: Wearer, first_frame: int) -> Decided:
         return decided
     if not wearer.stranger:
         return replace(decided, suspects=_of_props(person, first_frame) + decided.suspects)
-    found = np.zeros(len(names) + 1, dtype=bool)
-    found[np.flatnonzero(person.sure)] = True
-    found[person.lone[person.lone >= 0]] = True
-    unsure = ~found[decided.marker]
-    other = (person.marker >= 0) & (decided.marker != NO_MARKER) & (person.marker != decided.marker)
-    gone = unsure | other
-    marker = np.where(gone, NO_MARKER, decided.marker)
+    found = _found(person)
+    other = (person.marker != NO_MARKER) & (decided.marker != NO_MARKER) & (person.marker != decided.marker)
+    kept = np.append(found, True)[decided.marker] & ~other
+    # What only moves like a marker has its name from that; a plate needs three markers to be known by its form.
+    moves = (decided.marker == NO_MARKER) & (person.marker != NO_MARKER)
+    sure = np.where(kept, decided.confidence, 0.0) + np.where(moves, MOVES, 0.0)
+    marker = np.where(moves, person.marker, np.where(kept, decided.marker, NO_MARKER))
+    marker = once(marker, sure, len(names))
+    alone = decided.alone & (marker == decided.marker)
+    named = found.copy()
+    named[person.marker[person.marker != NO_MARKER]] = True
     suspects = (
-        _of_stranger(person, wearer.model, found[:-1], first_frame)
+        _of_stranger(person, names, named, first_frame)
         + _of_props(person, first_frame)
         + _of_contradictions(person, np.where(other, decided.marker, NO_MARKER), names, first_frame)
         + decided.suspects
     )
-    return replace(decided, marker=marker, confidence=np.where(gone, 0.0, decided.confidence), suspects=suspects)
+    return Decided(marker, np.where(marker == NO_MARKER, 0.0, sure), alone, suspects)
 
 
-def _of_stranger(person: Person, model: Model, found: np.ndarray, first_frame: int) -> tuple[Suspect, ...]:
+def _found(person: Person) -> np.ndarray:
+    """(M,) True for markers that single frames may name: on a plate of known form, or with a place of their own."""
+    found = np.zeros(len(person.sure), dtype=bool)
+    found[[marker for group in person.plates.groups for marker in group]] = True
+    found[person.lone[person.lone != NO_MARKER]] = True
+    # Beside a plate whose form is known, such as an ankle at its foot.
+    for marker in np.flatnonzero(person.sure):
+        mates = person.sure & (person.placed.plate == person.placed.plate[marker])
+        found[marker] |= found[mates].any()
+    return found
+
+
+def _of_stranger(person: Person, names, found: np.ndarray, first_frame: int) -> tuple[Suspect, ...]:
     """What holds for the whole take of a subject in other plates than the model's."""
-    names = model.markerset.markers
     plates = len(person.group)
     sure = int((person.group >= 0).sum())
     recognised = f"{sure} of {plates} were recognised by how they move, and their forms taken from this take"

@@ -52,8 +52,8 @@ def cut_up(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Anonymous trajectories (T, P, 3) m of a labelled take (T, M, 3), and the marker (P,) of each, -1 for ghosts."""
     frames, markers = labelled.shape[:2]
-    seen = np.isfinite(labelled[..., 0]) & ~_hidden(frames, markers, hidden, rng)
     cuts = rng.multinomial(max(pieces - markers, 0), np.full(markers, 1 / markers))
+    seen = np.isfinite(labelled[..., 0]) & ~_hidden(frames, markers, hidden, rng)
     columns, truth = [], []
     for marker in range(markers):
         inside = np.sort(rng.choice(np.arange(MARGIN, frames - MARGIN), cuts[marker], replace=False))
@@ -73,7 +73,8 @@ def _hidden(frames: int, markers: int, most: int, rng: np.random.Generator) -> n
     first = 0
     while most and first < frames:
         length = rng.integers(*HIDDEN_FRAMES)
-        gone[first : first + length, rng.permutation(markers)[: rng.integers(0, most + 1)]] = True
+        many = rng.integers(0, most + 1)
+        gone[first : first + length, rng.permutation(markers)[:many]] = True
         first += length
     return gone
 
