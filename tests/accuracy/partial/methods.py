@@ -44,7 +44,6 @@ class Faithful:
         self.study = Remembering(np.concatenate([frames for frames, _ in takes]), options)
         for _ in self.study.survey():
             pass
-        self._ensembles: dict[float, Ensemble] = {}
         self._labellers: dict[float, Labeller] = {}
         self.facts: dict = {"survey": time.process_time() - began, "frames": self.study.frames, "ensembles": {}}
 

@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -73,32 +74,41 @@ def run(plan: Plan):
         keep(plan.results / SPEED, {"rows": speed.timed(), "load": os.getloadavg()[0]})
 
 
+def applies(study: str, method: str, split: str) -> bool:
+    """Whether a study says anything of a method and those who are tested."""
+    ours, same = method == "ours", split == SAME
+    special = {"curve": ours, "solvers": same and not ours, "optimal": same and not ours, "body26": ours and not same}
+    return special.get(study, study in STUDIES)
+
+
 def measure(plan: Plan, method: str, split: str, learned: list[str], tested: list[str]):
-    """One training and all studies of it that are not there yet."""
+    """All studies of a method on some people that are not there yet; trains at most once for each marker set."""
     path = plan.results / f"{method}.{split}.json"
     found = read(path)
-    wanted = [name for name in plan.studies if name in STUDIES or (name == "solvers" and split == SAME)]
-    wanted = [name for name in wanted if plan.again or name not in found]
-    if method == "ours":
-        wanted = [name for name in wanted if name != "solvers"]
-    if wanted:
-        trained = learn(method, takes_of(people.GAIT15, learned), people.GAIT15, plan.options)
-        test = _test(plan, people.GAIT15, tested)
-        for name in wanted:
-            found[name] = solvers.claims(trained, test) if name == "solvers" else STUDIES[name](trained, test)
-            found["facts"] = {**found.get("facts", {}), **trained.facts}
-            keep(path, found)
-            print(f"{method}, {split}: {name}", file=sys.stderr, flush=True)
-    if method != "ours" and split == SAME and "optimal" in plan.studies and (plan.again or "optimal" not in found):
-        options = replace(plan.options, functions=FAITHFUL[method])
-        frames = {name: np.concatenate([part for part, _ in takes_of(names)]) for name, names in SETS.items()}
-        found["optimal"] = {name: solvers.optimal(every, options) for name, every in frames.items()}
+    missing = [study for study in plan.studies if applies(study, method, split) and (plan.again or study not in found)]
+    gait, body = (partial(learn, method, takes_of(names, learned), names, plan.options) for names in SETS.values())
+    trained = gait() if {*missing} - {"optimal", "body26"} else None
+    for study in missing:
+        if study == "optimal":
+            found[study] = _optimal(replace(plan.options, functions=FAITHFUL[method]))
+        elif study == "body26":
+            found[study] = whole_body(body(), _test(plan, people.BODY26, tested))
+        else:
+            ask = solvers.claims if study == "solvers" else STUDIES[study]
+            found[study] = ask(trained, _test(plan, people.GAIT15, tested))
+            found["facts"] = merged(found.get("facts", {}), trained.facts)
         keep(path, found)
-    if method == "ours" and split != SAME and "body26" in plan.studies and (plan.again or "body26" not in found):
-        trained = learn(method, takes_of(people.BODY26, learned), people.BODY26, plan.options)
-        found["body26"] = whole_body(trained, _test(plan, people.BODY26, tested))
-        keep(path, found)
-        print(f"{method}, {split}: body26", file=sys.stderr, flush=True)
+        print(f"{method}, {split}: {study}", file=sys.stderr, flush=True)
+
+
+def merged(before: dict, now: dict) -> dict:
+    """What was known of a training and what is known now, of all ensembles."""
+    return {**before, **now, "ensembles": {**before.get("ensembles", {}), **now.get("ensembles", {})}}
+
+
+def _optimal(options: Training) -> dict[str, list[int]]:
+    frames = {name: np.concatenate([part for part, _ in takes_of(names)]) for name, names in SETS.items()}
+    return {name: solvers.optimal(every, options) for name, every in frames.items()}
 
 
 def _test(plan: Plan, names: tuple[str, ...], tested: list[str]) -> Test:
