@@ -23,6 +23,8 @@ LEAST_SURE = 0.12  # share of the markers whose labels count, in a take of the m
 LEAST_SURE_PLATES = 0.2  # the same of a set on plates, of which there is often one that any body seems to wear
 LEFT_SURE = 0.3  # the same of the points that one subject leaves over, where they are another: spare markers are not
 LEAST_NAMED = 0.25  # share of the markers that such a take is given in the end
+LEAST_FITTED = 0.6  # the same of a fitted body, which makes do with any points that are near enough
+APART = 0.6  # m between two subjects, where nothing is known of how far one reaches
 CROWDED = 1.6  # times as many points as markers, at least, where there may be two subjects
 SECOND = 0.5  # share of the markers that a second subject's points must be enough for
 OFTEN = 0.4  # share of the frames that are so
@@ -39,9 +41,12 @@ def refuse_others(model: Model, method: str, points: np.ndarray, options: Option
     """Looks at some frames of points (T, P, 3) m, NaN where missing, before all of them are named.
 
     Raises JobError where frames on their own are not sure of the model's markers, or are of two
-    subjects' at once. The fitted body needs its frames in a row, so for it `refuse_strangers` must do.
+    subjects' at once. The fitted body needs its frames in a row: for it two groups of points are two subjects, and the
+    rest is for `refuse_strangers`.
     """
     if method == "fit":
+        if _apart(points[:: max(len(points) // SAMPLE, 1)], APART, SECOND * len(model.markerset)):
+            raise _two_subjects(model)
         return
     evidence = model.markerset.evidence
     count = np.isfinite(points).all(axis=2).sum(axis=1)
@@ -56,18 +61,15 @@ def refuse_others(model: Model, method: str, points: np.ndarray, options: Option
     wanted = LEFT_SURE if found else least
     others = [part for part in _seconds(model, some, first, found) if _sure(model, method, part, options) >= wanted]
     if len(others) + found >= 2:
-        raise JobError(
-            f"shows two subjects or more that wear {model.markerset.name}; expected a take of one, so export them one "
-            "by one"
-        )
+        raise _two_subjects(model)
     if not found:
         raise _stranger(model, some, alone)
 
 
-def refuse_strangers(model: Model, points: np.ndarray, given: np.ndarray):
+def refuse_strangers(model: Model, method: str, points: np.ndarray, given: np.ndarray):
     """Raises JobError where the labels given (T, P) are so few that points (T, P, 3) are of another marker set."""
     share = (given != NO_MARKER).sum() / _possible(points, len(model.markerset))
-    if share < LEAST_NAMED:
+    if share < (LEAST_FITTED if method == "fit" else LEAST_NAMED):
         raise _stranger(model, points, share)
 
 
@@ -87,12 +89,17 @@ def _seconds(model: Model, points: np.ndarray, first: NamedFrames, found: bool) 
         return [np.where((first.marker == NO_MARKER)[..., None], points, np.nan)]
     if model.markerset.evidence is None:
         return []
-    groups = [groups_apart(frame, model.markerset.evidence.shape.radius, SECOND * size) for frame in points]
-    apart = np.array([len(own) >= 2 for own in groups])
-    if apart.mean() < OFTEN:
+    chosen = _apart(points, model.markerset.evidence.shape.radius, SECOND * size)
+    if not chosen:
         return []
-    chosen = [(frame, own) for frame, own in zip(points, groups, strict=True) if len(own) >= 2]
     return [np.array([np.where(own[place][:, None], frame, np.nan) for frame, own in chosen]) for place in (0, 1)]
+
+
+def _apart(points: np.ndarray, gap: float, least: float) -> list[tuple[np.ndarray, list[np.ndarray]]]:
+    """The frames of points (T, P, 3) that show two groups of `least` points or more, with them; none where few do."""
+    groups = [groups_apart(frame, gap, least) for frame in points]
+    chosen = [(frame, own) for frame, own in zip(points, groups, strict=True) if len(own) >= 2]
+    return chosen if len(chosen) >= OFTEN * len(points) else []
 
 
 def _sure(model: Model, method: str, points: np.ndarray, options: Options) -> float:
@@ -111,6 +118,11 @@ def _named(model: Model, method: str, points: np.ndarray, options: Options) -> N
 def _possible(points: np.ndarray, markers: int) -> int:
     """How many labels could be given, all frames together."""
     return max(int(np.minimum(np.isfinite(points).all(axis=2).sum(axis=1), markers).sum()), 1)
+
+
+def _two_subjects(model: Model) -> JobError:
+    name = model.markerset.name
+    return JobError(f"shows two subjects or more that wear {name}; expected a take of one, so export them one by one")
 
 
 def _stranger(model: Model, points: np.ndarray, share: float) -> JobError:

@@ -98,7 +98,7 @@ def _named(job: LabelJob, model: Model, method: str, take: FilePoints, clock):
     decided = decide(named, piece, model.markerset.markers, job.target, take.first_frame)
     decided = consistent(decided, take.xyz, model.markerset.evidence, take.first_frame)
     decided = checked(decided, wearer, take.first_frame)
-    refuse_strangers(model, take.xyz, decided.marker)
+    refuse_strangers(model, method, take.xyz, decided.marker)
     step = np.where(decided.alone, STEPS.index(method), STEPS.index("trajectory"))
     clock["label"] = perf_counter() - begin
     changed = renamed(decided.marker, piece, model.markerset.markers, take.first_frame)

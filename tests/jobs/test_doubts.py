@@ -93,6 +93,14 @@ def test_two_subjects_are_said_so(gait, apart):
     assert "two subjects" in said or "several subjects at once" in said
 
 
+def test_two_subjects_are_too_many_for_a_fitted_body(gait):
+    both = np.concatenate([person(1), person(2, at=(0.3, 2.5))], axis=1)
+    with pytest.raises(JobError, match="shows two subjects or more that wear gait15"):
+        refuse_others(gait, "fit", both, Options())
+    ghosts = np.tile(np.random.default_rng(2).uniform(1, 1.2, (5, 3)), (FRAMES, 1, 1))
+    refuse_others(gait, "fit", np.concatenate([person(1), ghosts], axis=1), Options())
+
+
 def test_two_on_plates_are_said_so(plated):
     both = np.concatenate([robot(1), robot(2) + np.array([2.5, 0, 0])], axis=1)
     assert "shows two subjects or more that wear robot" in refused(plated, both)
@@ -108,9 +116,13 @@ def test_few_labels_in_the_end_are_said_so(gait):
     points, given = person(1), np.full((FRAMES, 15), NO_MARKER)
     given[:, :3] = [0, 1, 2]
     with pytest.raises(JobError, match="20% of its markers were recognised for sure"):
-        refuse_strangers(gait, points, given)
+        refuse_strangers(gait, "evidence", points, given)
     given[:, :5] = np.arange(5)
-    refuse_strangers(gait, points, given)
+    refuse_strangers(gait, "evidence", points, given)
+    with pytest.raises(JobError, match="33% of its markers"):
+        refuse_strangers(gait, "fit", points, given)
+    given[:, :11] = np.arange(11)
+    refuse_strangers(gait, "fit", points, given)
 
 
 def test_a_flood_of_points_is_refused_before_it_fills_the_memory():
