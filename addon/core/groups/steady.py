@@ -90,8 +90,8 @@ def sampled(points: np.ndarray, piece: np.ndarray, rate: float) -> Sampled:
 
 def find_groups(seen: Sampled) -> tuple[list[Group], list[Group]]:
     """Groups of three markers or more that move with the subject, and those that stand about in the room."""
-    spread, weight = _steadiness(seen.points)
-    found = [_laid(seen, np.array(cluster)) for cluster in _clusters(spread, weight)]
+    spread, weight, mean = _steadiness(seen.points)
+    found = [_laid(seen, np.array(cluster), mean) for cluster in _clusters(spread, weight)]
     groups = [group for group in found if group is not None]
     still = _stand_still(groups)
     return (
@@ -116,10 +116,10 @@ def _extent(place: np.ndarray) -> float:
     return float(known.std(axis=0).max()) if len(known) else 0.0
 
 
-def _steadiness(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(N, N) m mean absolute deviation of every distance, and (N, N) how many frames tell it; 0 where none or far."""
+def _steadiness(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(N, N) m mean absolute deviation of every distance, (N, N) how many frames tell it, and (N, N) m its mean."""
     count = points.shape[1]
-    spread, weight = np.zeros((2, count, count))
+    spread, weight, usual = np.zeros((3, count, count))
     for one in range(count):
         distance = np.linalg.norm(points - points[:, one : one + 1], axis=-1)
         known = np.isfinite(distance)
@@ -130,8 +130,9 @@ def _steadiness(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         spread[one] = (off + DOUBT * DOUBTFUL_FRAMES) / (frames + DOUBTFUL_FRAMES)
         spread[one, mean > REACH] = 1.0
         weight[one] = frames
+        usual[one] = np.where(frames > 0, mean, np.nan)
     np.fill_diagonal(weight, 0)
-    return spread, weight
+    return spread, weight, usual
 
 
 def _clusters(spread: np.ndarray, weight: np.ndarray) -> list[list[int]]:
@@ -155,9 +156,39 @@ def _clusters(spread: np.ndarray, weight: np.ndarray) -> list[list[int]]:
     return [cluster for cluster in members if len(cluster) >= FEWEST]
 
 
-def _laid(seen: Sampled, cluster: np.ndarray) -> Group | None:
+def _strung(points: np.ndarray, distance: np.ndarray) -> list[list[int]]:
+    """Pieces (F, n, 3) of a group, with their mean distances (n, n), strung to markers: one leaves off, one begins.
+
+    Known by being equally far from two markers or more that both were seen with.
+    """
+    there = np.isfinite(points[..., 0])
+    frames = there.sum(axis=0)
+    strings: list[list[int]] = []
+    for index in np.argsort(-frames, kind="stable"):
+        best, nearest = None, SAME / 2
+        for one in strings:
+            both = (there[:, one].any(axis=1) & there[:, index]).sum()
+            off = np.abs(distance[one] - distance[index])
+            off = off[:, np.isfinite(off).any(axis=0)]
+            if both <= SHARED * frames[index] and off.shape[1] >= FEWEST - 1 and np.nanmax(off) < nearest:
+                best, nearest = one, float(np.nanmax(off))
+        if best is None:
+            strings.append([int(index)])
+        else:
+            best.append(int(index))
+    return strings
+
+
+def _first_seen(points: np.ndarray) -> np.ndarray:
+    """(F, 3) in each frame the first of points (F, n, 3) that is there; NaN where none is."""
+    place = np.isfinite(points[..., 0]).argmax(axis=1)
+    return points[np.arange(len(points)), place]
+
+
+def _laid(seen: Sampled, cluster: np.ndarray, distance: np.ndarray) -> Group | None:
     """The group that a cluster of pieces makes; None where fewer than three markers hold together."""
-    points = seen.points[:, cluster]
+    strings = _strung(seen.points[:, cluster], distance[np.ix_(cluster, cluster)])
+    points = np.stack([_first_seen(seen.points[:, cluster[one]]) for one in strings], axis=1)
     form = points[np.isfinite(points[..., 0]).sum(axis=1).argmax()]
     for _ in range(ROUNDS):
         turn, place = laid_on(form, points)
@@ -178,7 +209,9 @@ def _laid(seen: Sampled, cluster: np.ndarray) -> Group | None:
         return None
     middle = np.array([form[fine[one]].mean(axis=0) for one in merged])
     centre = middle.mean(axis=0)
-    pieces = tuple(tuple(int(seen.number[cluster[fine[index]]]) for index in one) for one in merged)
+    pieces = tuple(
+        tuple(int(seen.number[cluster[piece]]) for index in one for piece in strings[fine[index]]) for one in merged
+    )
     return Group(middle - centre, pieces, turn, place + turn @ centre)
 
 
