@@ -8,16 +8,18 @@ import numpy as np
 
 from ..errors import InputError
 from .assembling import assemble
-from .latent import Latent
-from .model import Evidence
-from .plates import Plates
+from .model import Evidence, Known
+from .naming import FEW
+from .rows import put_rows, rows_of
 from .solving import Solved, solve
-from .starts import guess
-from .ties import Ties
+from .starts import YAWS, guess
 from .trust import chance, features
 
 CHUNK = 64  # frames that are worked on at once; small enough for the processor's own memory
 TARGET = 0.999
+LOOK = 3  # guesses a frame that are followed to the end, and
+LONG_LOOK = 6  # where there are many more points than markers, or the outcome is strange
+STRANGE = 0.5  # misfit from which it is
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +57,7 @@ def label_frames(evidence: Evidence, points: np.ndarray, chunk: int = CHUNK) -> 
 def label_some(evidence: Evidence, points: np.ndarray) -> Named:
     """The names of a few frames of points (F, P, 3) m at once."""
     packed, place = _packed(points)
-    solved = solve_frames(evidence.coarse, evidence.fine, evidence.ties, evidence.plates, packed)
+    solved = solve_frames(evidence.known, packed)
     labels = labels_given(solved, packed)
     confidence = chance(evidence.trust.weights, labels.described)
     rate = evidence.trust.rate(confidence)
@@ -66,11 +68,25 @@ def label_some(evidence: Evidence, points: np.ndarray) -> Named:
     return Named(marker, sure, rates, solved.misfit)
 
 
-def solve_frames(coarse: Latent, fine: Latent, ties: Ties, plates: Plates | None, points: np.ndarray) -> Solved:
+def solve_frames(known: Known, points: np.ndarray) -> Solved:
     """The best naming of frames of points (F, P, 3) m, NaN where there is none; by plates where the set has them."""
-    if plates is not None:
-        return assemble(plates, points)
-    return solve(fine, ties, guess(coarse, fine, points), np.isfinite(points[..., 0]))
+    if known.plates is not None:
+        return assemble(known.plates, points)
+    present = np.isfinite(points[..., 0])
+    crowded = (present.sum(axis=1) > len(known.fine) + FEW).any()
+    solved = _solved(known, points, LONG_LOOK if crowded else LOOK)
+    strange = np.flatnonzero(solved.misfit > STRANGE)
+    if len(strange):
+        again = _solved(known, points[strange], LONG_LOOK, np.pi / YAWS)
+        better = again.score > solved.score[strange]
+        put_rows(solved, rows_of(again, better), strange[better])
+    return solved
+
+
+def _solved(known: Known, points: np.ndarray, guesses: int, first: float = 0.0) -> Solved:
+    """The best naming that any of so many guesses leads to, the first of them looked for from the yaw `first`, rad."""
+    found = guess(known.coarse, known.fine, points, guesses, first)
+    return solve(known.fine, known.ties, known.exchanges, found, np.isfinite(points[..., 0]))
 
 
 @dataclass(frozen=True, eq=False)

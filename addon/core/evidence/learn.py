@@ -7,12 +7,10 @@ import numpy as np
 
 from ..errors import InputError
 from .labels import labels_given, solve_frames
-from .latent import Latent
-from .model import Evidence, Trust
+from .model import Evidence, Known, Trust
 from .plates import Plates, learn_plates
 from .shape import Shape, learn_shape
 from .sides import mirrored
-from .starts import COARSE_MODES
 from .ties import Ties, learn_ties
 from .trials import Trial, make_trial
 from .trust import learn_trust
@@ -81,24 +79,23 @@ def _learn_trust(subjects: list[np.ndarray], markers: tuple[str, ...], seed: int
     for done, fold in enumerate(folds):
         rest = [piece for index, piece in enumerate(pieces) if index not in fold]
         learned = _learn(rest if len(subjects) > 1 else [np.concatenate(rest)], markers, seed)
+        known = Known.of(markers, *learned)
         tested = np.concatenate([pieces[index] for index in fold])
         tested = tested[rng.permutation(len(tested))[:TRIAL_FRAMES]]
         for ghosts in (0, MOST_GHOSTS):
             half = tested[ghosts > 0 :: 2]
             trial = make_trial(half, (0, round(len(markers) * HIDDEN_PART)), (0, ghosts), rng)
-            found += _tried(learned, trial)
+            found += _tried(known, trial)
         if progress is not None:
             progress((done + 1) / len(folds))
     return learn_trust(*(np.concatenate(column) for column in zip(*found, strict=True)))
 
 
-def _tried(learned: tuple[Shape, Ties, Plates | None], trial: Trial) -> list[tuple[np.ndarray, ...]]:
+def _tried(known: Known, trial: Trial) -> list[tuple[np.ndarray, ...]]:
     """Of all labels given in a trial what their chances depend on, and whether each is right."""
-    shape, ties, plates = learned
-    coarse, fine = Latent(shape, COARSE_MODES), Latent(shape)
     found = []
     for first in range(0, len(trial.points), CHUNK):
         points, truth = trial.points[first : first + CHUNK], trial.truth[first : first + CHUNK]
-        given = labels_given(solve_frames(coarse, fine, ties, plates, points), points)
+        given = labels_given(solve_frames(known, points), points)
         found.append((given.described, truth[given.frame, given.point] == given.marker))
     return found

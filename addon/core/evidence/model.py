@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from .latent import Latent
+from .limbs import limb_exchanges
 from .plates import Plates
 from .shape import Shape
 from .starts import COARSE_MODES
@@ -54,11 +55,27 @@ class Evidence:
         return len(self.markers)
 
     @cached_property
-    def coarse(self) -> Latent:
-        """The shape with few modes, for the first steps from nothing."""
-        return Latent(self.shape, COARSE_MODES)
+    def known(self) -> "Known":
+        """The same made ready for use."""
+        return Known.of(self.markers, self.shape, self.ties, self.plates)
 
-    @cached_property
-    def fine(self) -> Latent:
-        """The shape with all its modes."""
-        return Latent(self.shape)
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What frames are solved with.
+
+    coarse, fine  the shape with few modes, for the first steps from nothing, and with all
+    ties, plates  as in `Evidence`
+    exchanges     (X, M) limbs that may be taken for the other side's, as `limbs.limb_exchanges` has them
+    """
+
+    coarse: Latent
+    fine: Latent
+    ties: Ties
+    plates: Plates | None
+    exchanges: np.ndarray
+
+    @classmethod
+    def of(cls, markers: tuple[str, ...], shape: Shape, ties: Ties, plates: Plates | None) -> "Known":
+        """Everything made ready."""
+        return cls(Latent(shape, COARSE_MODES), Latent(shape), ties, plates, limb_exchanges(markers, shape.mean))

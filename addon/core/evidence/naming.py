@@ -2,7 +2,8 @@
 """How well a naming explains a frame: its exact likelihood, and what each marker is expected to do given the others.
 
 A naming's likelihood is that of all its named points at once under the shape, with place, yaw, person and pose
-integrated out; every unnamed point is a ghost of constant density, every unnamed marker hidden at a constant price.
+integrated out; every unnamed point is a ghost, of a density that the number of points in the frame tells; every unnamed
+marker is hidden at a constant price.
 """
 
 from dataclasses import dataclass
@@ -10,9 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from .latent import Latent, yaw_absorbed
-from .ties import Pulls, Ties, pulls
+from .ties import Pulls, Ties, pulls, told_by
 
 GHOSTS = 0.02  # ghosts in a cube of one radius
+FEW = 3  # points more than markers that are nothing unusual;
+ROOM = 15.0  # the points beyond are in so many such cubes, as when more of the body is marked than the set knows
 HIDDEN = 0.25  # chance that a marker is hidden
 NO_POINT = -1
 IMPOSSIBLE = -1e6
@@ -24,6 +27,7 @@ class Settled:
 
     points    (N, P, 3) m in the model's frame
     present   (N, P)
+    worth     (N,) what a name is worth beside its density, as `name_worth`
     naming    (N, M) index of the point, NO_POINT where hidden
     score     (N,) log likelihood ratio against all points being ghosts and all markers hidden
     expected  (N, M, 3) m, each marker's mean given all named points
@@ -34,6 +38,7 @@ class Settled:
 
     points: np.ndarray
     present: np.ndarray
+    worth: np.ndarray
     naming: np.ndarray
     score: np.ndarray
     expected: np.ndarray
@@ -49,6 +54,23 @@ class Settled:
 
 def settle(model: Latent, ties: Ties, points: np.ndarray, present: np.ndarray, naming: np.ndarray) -> Settled:
     """What follows from namings (N, M) of points (N, P, 3) m that are nearly in the model's frame."""
+    worth = name_worth(model, present)
+    points, offset, latent, covariance, score = _weighed(model, points, worth, naming)
+    told = pulls(ties, points, naming)
+    expected = model.positions(latent)
+    shared = ((model.flat @ covariance) @ model.flat.T).reshape(-1, len(model), 3, len(model), 3)
+    left = np.where((naming >= 0)[..., None], offset + model.mean - expected, 0)
+    return Settled(points, present, worth, naming, score + told.total, expected, shared, left, told)
+
+
+def score_of(model: Latent, ties: Ties, points: np.ndarray, worth: np.ndarray, naming: np.ndarray) -> np.ndarray:
+    """(N,) the score alone, as `settle` gives it."""
+    points, _, _, _, score = _weighed(model, points, worth, naming)
+    return score + told_by(ties, points, naming)
+
+
+def _weighed(model: Latent, points: np.ndarray, worth: np.ndarray, naming: np.ndarray):
+    """Points with the yaw taken up, the named ones' offsets from the mean, latent vectors, their covariance, score."""
     named = naming >= 0
     normal = model.normal(named / model.noise)
     covariance = np.linalg.inv(normal)
@@ -58,12 +80,8 @@ def settle(model: Latent, ties: Ties, points: np.ndarray, present: np.ndarray, n
     latent = (covariance @ side[..., None])[..., 0]
     misfit = (offset**2 / model.noise[:, None]).sum(axis=(1, 2)) - (side * latent).sum(axis=1)
     spread = np.linalg.slogdet(normal)[1] + named @ (3 * np.log(model.noise))
-    score = -0.5 * (misfit + spread) + named.sum(axis=1) * name_worth(model)
-    told = pulls(ties, points, naming)
-    expected = model.positions(latent)
-    shared = ((model.flat @ covariance) @ model.flat.T).reshape(-1, len(model), 3, len(model), 3)
-    left = np.where(named[..., None], offset + model.mean - expected, 0)
-    return Settled(points, present, naming, score + told.total, expected, shared, left, told)
+    score = -0.5 * (misfit + spread) + named.sum(axis=1) * worth
+    return points, offset, latent, covariance, score
 
 
 def _pull(model: Latent, points: np.ndarray, naming: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -77,10 +95,11 @@ def picked(points: np.ndarray, naming: np.ndarray) -> np.ndarray:
     return np.take_along_axis(points, np.maximum(naming, 0)[..., None], axis=1)
 
 
-def name_worth(model: Latent) -> float:
-    """What a name is worth beside its density: a ghost less, a marker seen."""
-    ghost = np.log(GHOSTS / model.radius**3)
-    return float(np.log((1 - HIDDEN) / HIDDEN) - ghost - 1.5 * np.log(2 * np.pi))
+def name_worth(model: Latent, present: np.ndarray) -> np.ndarray:
+    """(N,) what a name is worth beside its density in frames of points present (N, P): a ghost less, a marker seen."""
+    extra = np.maximum(present.sum(axis=1) - len(model) - FEW, 0)
+    ghost = np.log((GHOSTS + extra / ROOM) / model.radius**3)
+    return np.log((1 - HIDDEN) / HIDDEN) - ghost - 1.5 * np.log(2 * np.pi)
 
 
 def own_blocks(shared: np.ndarray) -> np.ndarray:
@@ -110,14 +129,15 @@ def name_odds(model: Latent, settled: Settled) -> np.ndarray:
     variance = np.where(named, noise**2 * own, shared + noise * np.eye(3))
     without = settled.expected - np.where(named, shared @ own @ settled.left[..., None], 0)[..., 0]
     between = settled.points[:, None] - without[:, :, None]
-    return density_odds(model, variance, between, settled.present[:, None]) + settled.pulls.at
+    odds = density_odds(settled.worth[:, None, None], variance, between, settled.present[:, None])
+    return odds + settled.pulls.at
 
 
-def density_odds(model: Latent, variance, between, present) -> np.ndarray:
+def density_odds(worth: np.ndarray, variance, between, present) -> np.ndarray:
     """Log odds (..., P) of points `between` (..., P, 3) m off where markers of variance (..., 3, 3) are expected."""
     precision, determinant = inverse3(variance)
     square = ((between @ precision) * between).sum(axis=-1)
-    return np.where(present, name_worth(model) - 0.5 * (np.log(determinant)[..., None] + square), IMPOSSIBLE)
+    return np.where(present, worth - 0.5 * (np.log(determinant)[..., None] + square), IMPOSSIBLE)
 
 
 def one_to_one(odds: np.ndarray) -> np.ndarray:

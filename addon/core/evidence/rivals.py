@@ -66,7 +66,7 @@ def _moves(model: Latent, ties: Ties, settled: Settled, odds: np.ndarray) -> np.
     left = np.where(held[:, None], at[row, new] - expected, 0)
     expected = expected - ((shared @ own) @ left[..., None])[..., 0]
     there = np.stack([at[row, old], at[row, new]], axis=1) - expected[:, None]
-    odd = density_odds(model, variance, there, True)
+    odd = density_odds(settled.worth[row, None], variance, there, True)
     odd += _without_tie(ties, settled, row, old, new)
     gain = odd[:, 0] - np.where(held, odd[:, 1], 0)
     gains[row, old, new] = gain - own_odds(settled, odds)[row, old]

@@ -15,8 +15,9 @@ from .upright import upright_aligned
 
 FRAMES = 400  # of each subject
 MOST_MODES = 20
-BETWEEN = 1.6  # a handful of subjects shows less than the true spread between people
-SHRINKAGE = 0.3  # of the covariance between subjects towards its own diagonal
+BETWEEN = 1.3  # a handful of subjects shows less than the true spread between people
+POSES = 3.0  # times their variance: a few short takes show less than the poses that there are
+SHRINKAGE = 0.25  # of the covariance between subjects towards its own diagonal
 STRANGER = 0.05  # standard deviation of subjects' size where only one was recorded
 FLOOR = 0.016  # of the radius: what a marker does that no mode explains
 ROUNDS = 4
@@ -78,7 +79,7 @@ def _moments(filled: np.ndarray, owner: np.ndarray, floor: float) -> tuple[np.nd
     mean = centres.mean(axis=0)
     within = filled - centres[owner]
     weight = 1 / (np.bincount(owner)[owner] * subjects)
-    covariance = (within * weight[:, None]).T @ within
+    covariance = POSES * (within * weight[:, None]).T @ within
     if subjects > 1:
         strays = (centres - mean) / np.sqrt(subjects - 1)
         between = strays.T @ strays

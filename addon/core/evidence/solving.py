@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .latent import FIRST_MODE, Latent
-from .naming import IMPOSSIBLE, NO_POINT, Settled, name_odds, names_of_points, one_to_one, settle
+from .naming import IMPOSSIBLE, NO_POINT, Settled, name_odds, names_of_points, one_to_one, score_of, settle
 from .rivals import Rivals, best_neighbour, own_odds, rivals
 from .rows import put_rows, rows_of
 from .starts import Guesses
@@ -16,6 +16,7 @@ SURE = 0.5  # share of a point from which a guess names it
 ROUNDS = 2  # of naming anew by everyone's conditional odds
 CLIMBS = 6  # moves and swaps that may follow each other
 FAR_BEHIND, BEHIND = 60.0, 25.0  # log likelihood behind the frame's best from which a guess is followed no further
+EXCHANGE_BEHIND = 12.0  # the same for a frame's best with a limb exchanged
 ENOUGH = 0.05  # gain in log likelihood worth another round
 
 
@@ -36,8 +37,21 @@ class Solved:
     misfit: np.ndarray
 
 
-def solve(model: Latent, ties: Ties, guesses: Guesses, present: np.ndarray) -> Solved:
-    """The best naming of every frame that any of its guesses leads to."""
+@dataclass(frozen=True, eq=False)
+class Others:
+    """A namings of each of F frames that were tried beside the best: naming (F, A, M) and score (F, A)."""
+
+    naming: np.ndarray
+    score: np.ndarray
+
+    def against(self, winner: Settled) -> np.ndarray:
+        """(F, M) log of their summed likelihood against the winner's own, of those without each of its names."""
+        behind = (self.score - winner.score[:, None])[..., None]
+        return log_sum(np.where(self.naming == winner.naming[:, None], -np.inf, behind), axis=1)
+
+
+def solve(model: Latent, ties: Ties, exchanges: np.ndarray, guesses: Guesses, present: np.ndarray) -> Solved:
+    """The best naming of every frame that any of its guesses leads to, limbs exchanged (X, M) included."""
     frames, each, _, count = guesses.share.shape
     points = guesses.points.reshape(-1, count, 3).astype(float)
     share = guesses.share.reshape(len(points), -1, count)
@@ -53,13 +67,38 @@ def solve(model: Latent, ties: Ties, guesses: Guesses, present: np.ndarray) -> S
     followed = np.full(len(points), -np.inf)
     followed[hopeful] = better.score
     best = np.arange(frames) * each + followed.reshape(frames, each).argmax(axis=1)
-    named = settled.naming.reshape(frames, each, -1)
-    winner = rows_of(settled, best)
-    against = _against(winner, rows_of(found, np.searchsorted(hopeful, best)))
-    behind = np.where(named == winner.naming[:, None], -np.inf, (score - winner.score[:, None])[..., None])
-    against = np.logaddexp(against, log_sum(behind, axis=1))
+    winner, near = rows_of(settled, best), rows_of(found, np.searchsorted(hopeful, best))
+    tried = [Others(settled.naming.reshape(frames, each, -1), score)]
+    tried += _exchanged(model, ties, exchanges, winner, near)
+    against = _against(winner, near)
+    for others in tried:
+        against = np.logaddexp(against, others.against(winner))
     margin = np.where(winner.named, -against, 0)
     return Solved(winner.naming, winner.score, margin, _misfit(model, winner))
+
+
+def _exchanged(model: Latent, ties: Ties, exchanges: np.ndarray, winner: Settled, near: Rivals) -> list[Others]:
+    """All exchanges of limbs tried on the frames' best; where one leads to a better naming, that wins, in place."""
+    if not len(exchanges):
+        return []
+    frames = len(winner.naming)
+    naming = winner.naming[:, exchanges]
+    points = np.repeat(winner.points, len(exchanges), axis=0)
+    worth = np.repeat(winner.worth, len(exchanges))
+    score = score_of(model, ties, points, worth, naming.reshape(-1, len(model))).reshape(frames, -1)
+    score[((naming != winner.naming[:, None]) & (naming >= 0)).sum(axis=2) == 0] = -np.inf
+    best = score.argmax(axis=1)
+    rows = np.flatnonzero(score[np.arange(frames), best] > winner.score - EXCHANGE_BEHIND)
+    before = Others(winner.naming[:, None].copy(), winner.score[:, None].copy())
+    after = Others(before.naming.copy(), before.score.copy())
+    if len(rows):
+        start = settle(model, ties, winner.points[rows], winner.present[rows], naming[rows, best[rows]])
+        ended, found = _climbed(model, ties, _reassigned(model, ties, start))
+        after.naming[rows, 0], after.score[rows, 0] = ended.naming, ended.score
+        better = ended.score > winner.score[rows] + ENOUGH
+        put_rows(winner, rows_of(ended, better), rows[better])
+        put_rows(near, rows_of(found, better), rows[better])
+    return [Others(naming, score), before, after]
 
 
 def _reassigned(model: Latent, ties: Ties, settled: Settled) -> Settled:

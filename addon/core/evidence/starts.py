@@ -10,17 +10,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from .latent import FIRST_MODE, Latent, yaw_absorbed
+from .naming import FEW, ROOM
 from .upright import turned
 
 YAWS = 8
 COARSE_MODES = 6
-KEPT = 3  # guesses a frame that are followed to the end
 # Per step: the part of the modes' spread that still counts as noise, and the softness, radii².
 COARSE = ((0.5, 0.08), (0.3, 0.04), (0.15, 0.04), (0.08, 0.02))
 FINE = ((0.03, 0.012), (0.01, 0.006), (0.003, 0.003), (0.0, 0.0015), (0.0, 0.001))
 SAME_YAW = 0.4  # rad; solutions that face less far apart are taken for one
 TWIN = 1e6
-STRAY = 0.4  # density of points that are no marker, 1/radius³ (and (2π)^-3/2)
+STRAY = 0.025  # density of points that are no marker, 1/radius³
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,28 +37,54 @@ class Guesses:
     latent: np.ndarray
 
 
-def guess(coarse: Latent, fine: Latent, points: np.ndarray) -> Guesses:
-    """Soft solutions for frames of points (F, P, 3) m, NaN where there is none."""
+def guess(coarse: Latent, fine: Latent, points: np.ndarray, kept: int, first: float = 0.0) -> Guesses:
+    """Soft solutions for frames of points (F, P, 3) m, NaN where there is none.
+
+    `kept` are followed to the end, of those that start from yaws all around, the first of them as given, rad.
+    """
     frames, count = points.shape[:2]
     present = np.isfinite(points[..., 0])
-    middle = np.where(present[..., None], points, 0).sum(axis=1) / np.maximum(present.sum(axis=1), 1)[:, None]
-    centred = np.where(present[..., None], points - middle[:, None], 0).astype(np.float32)
-    yaws = (2 * np.pi / YAWS * np.arange(YAWS)).astype(np.float32)
-    around = turned(np.repeat(centred[:, None], YAWS, axis=1), np.broadcast_to(yaws, (frames, YAWS)))
+    middle = _middles(coarse, points, present)
+    places = middle.shape[1]
+    centred = np.where(present[:, None, :, None], points[:, None] - middle[:, :, None], 0).astype(np.float32)
+    yaws = np.tile(first + 2 * np.pi / YAWS * np.arange(YAWS), places).astype(np.float32)
+    starts = len(yaws)
+    around = turned(np.repeat(centred, YAWS, axis=1), np.broadcast_to(yaws, (frames, starts)))
     around = around.reshape(-1, count, 3)
     latent = np.zeros((len(around), coarse.size))
-    ended, latent, _, fitness = _softly(coarse, around, np.repeat(present, YAWS, axis=0), latent, COARSE)
-    turn = _turn(around, ended).reshape(frames, YAWS) + yaws
-    kept = _distinct(fitness.reshape(frames, YAWS), turn)
-    rows = (np.arange(frames)[:, None] * YAWS + kept).ravel()
-    around = ended
+    ended, latent, _, fitness = _softly(coarse, around, np.repeat(present, starts, axis=0), latent, COARSE)
+    turn = _turn(around, ended).reshape(frames, starts) + yaws
+    best = _distinct(fitness.reshape(frames, starts), turn, np.repeat(np.arange(places), YAWS), kept)
+    rows = (np.arange(frames)[:, None] * starts + best).ravel()
     wide = np.zeros((len(rows), fine.size))
     wide[:, : coarse.size] = latent[rows]
-    followed = np.repeat(present, kept.shape[1], axis=0)
-    around, latent, share, fitness = _softly(fine, around[rows], followed, wide, FINE)
+    around, latent, share, fitness = _softly(fine, ended[rows], np.repeat(present, kept, axis=0), wide, FINE)
     order = np.argsort(-fitness.reshape(frames, -1), axis=1)
     rows = np.arange(frames)[:, None] * order.shape[1] + order
     return Guesses(around[rows], share[rows], latent[rows])
+
+
+def _middles(model: Latent, points: np.ndarray, present: np.ndarray) -> np.ndarray:
+    """(F, S, 3) m where the subject's middle may be.
+
+    That of all points or, where there are many more of them than markers, also that of the lowest and of the highest
+    part of the cloud as high as the subject.
+    """
+    middle = _mean(points, present)
+    if (present.sum(axis=1) <= len(model) + FEW).all():
+        return middle[:, None]
+    low, high = model.mean[:, 2].min(), model.mean[:, 2].max()
+    height = np.where(present, points[..., 2], np.nan)
+    floor, top = np.nanmin(height, axis=1, keepdims=True), np.nanmax(height, axis=1, keepdims=True)
+    below = _mean(points, present & (height <= floor + (high - low)))
+    above = _mean(points, present & (height >= top - (high - low)))
+    below[:, 2], above[:, 2] = floor[:, 0] - low, top[:, 0] - high
+    return np.stack([middle, below, above], axis=1)
+
+
+def _mean(points: np.ndarray, which: np.ndarray) -> np.ndarray:
+    """(F, 3) of the points (F, P, 3) that are meant (F, P)."""
+    return np.where(which[..., None], points, 0).sum(axis=1) / np.maximum(which.sum(axis=1), 1)[:, None]
 
 
 def _turn(before: np.ndarray, after: np.ndarray) -> np.ndarray:
@@ -68,17 +94,17 @@ def _turn(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     return np.arctan2(across, along)
 
 
-def _distinct(fitness: np.ndarray, turn: np.ndarray) -> np.ndarray:
-    """(F, KEPT) the fittest of solutions (F, Y), one of those that face nearly the same way."""
+def _distinct(fitness: np.ndarray, turn: np.ndarray, place: np.ndarray, count: int) -> np.ndarray:
+    """(F, count) the fittest of solutions (F, Y), one of those that face nearly the same way from a `place` (Y,)."""
     left = fitness.copy()
-    kept = np.empty((len(left), KEPT), dtype=int)
+    best = np.empty((len(left), count), dtype=int)
     rows = np.arange(len(left))
-    for place in range(KEPT):
-        kept[:, place] = left.argmax(axis=1)
-        apart = np.abs((turn - turn[rows, kept[:, place], None] + np.pi) % (2 * np.pi) - np.pi)
-        left[apart < SAME_YAW] -= TWIN
-        left[rows, kept[:, place]] = -np.inf
-    return kept
+    for rank in range(count):
+        best[:, rank] = left.argmax(axis=1)
+        apart = np.abs((turn - turn[rows, best[:, rank], None] + np.pi) % (2 * np.pi) - np.pi)
+        left[(apart < SAME_YAW) & (place == place[best[:, rank], None])] -= TWIN
+        left[rows, best[:, rank]] = -np.inf
+    return best
 
 
 def _softly(model: Latent, points, present, latent, schedule):
@@ -86,7 +112,8 @@ def _softly(model: Latent, points, present, latent, schedule):
     mean, flat = model.mean.astype(np.float32), model.flat.T.astype(np.float32)
     spread = ((model.columns[..., FIRST_MODE:] ** 2).sum(axis=(1, 2)) / 3).astype(np.float32)
     there = present.astype(np.float32)[:, None]
-    stray = np.float32(STRAY / model.radius**3)
+    extra = np.maximum(present.sum(axis=1) - len(model) - FEW, 0)
+    stray = ((STRAY + extra / ROOM) * (2 * np.pi) ** 1.5 / model.radius**3).astype(np.float32)[:, None]
     for loose, softness in schedule:
         variance = (model.noise + loose * spread + softness * model.radius**2).astype(np.float32)
         expected = mean + (latent.astype(np.float32) @ flat).reshape(len(latent), -1, 3)

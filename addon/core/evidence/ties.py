@@ -7,15 +7,17 @@ distances know better: a tie adds to a naming's log likelihood how well the dist
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
-STIFF = 0.025  # radii: largest standard deviation of a tie's length in one subject
+STIFF = 0.05  # radii: largest standard deviation of a tie's length in one subject
 LEAST_SD = 0.006  # radii
 STRANGE = 1.3  # a handful of subjects shows less than the true spread between people
 STRANGER = 0.03  # of a length, spread between subjects where only one was recorded
-LIMIT = 4.0  # the most a broken tie costs, before trust
-TRUST = 0.4  # a marker has many ties, and they say partly the same
+LIMIT = 6.0  # the most a broken tie costs, before trust
+TRUST = 0.5  # the most that a tie counts, and
+SAID = 4.0  # ties that all of a marker's count for together: they say partly the same
 WILD = 0.4  # log ratio from which a distance says nothing of the subject's size
 LEAST_SIZE_SD = 0.05
 FEWEST = 20  # frames that a length is learned from
@@ -38,9 +40,23 @@ class Ties:
     def __len__(self) -> int:
         return len(self.length)
 
+    @cached_property
+    def trust(self) -> np.ndarray:
+        """(E,) how much each tie counts."""
+        ends = np.bincount(self.pair.ravel())[self.pair] if len(self) else np.ones((0, 2))
+        return np.minimum(TRUST, SAID / np.sqrt(ends.prod(axis=1)))
+
     def fit(self, distance: np.ndarray, tie: np.ndarray) -> np.ndarray:
         """What distances, m for a subject of mean size, add to the log likelihood of naming the ends of these ties."""
-        return TRUST * np.maximum(0.5 - 0.5 * ((distance - self.length[tie]) / self.sd[tie]) ** 2, -LIMIT)
+        told = distance - self.length[tie]
+        # In place and in few passes: with many ties most of the time is spent here.
+        told /= self.sd[tie]
+        told *= told
+        told *= -0.5
+        told += 0.5
+        np.maximum(told, -LIMIT, out=told)
+        told *= self.trust[tie]
+        return told
 
     def size(self, points: np.ndarray, naming: np.ndarray) -> np.ndarray:
         """(N,) the size of the subject of each naming (N, M) of points (N, P, 3) m; 1 is the mean."""
@@ -116,10 +132,20 @@ def pulls(ties: Ties, points: np.ndarray, naming: np.ndarray) -> Pulls:
     distance = _distances(points) / ties.size(points, naming)[:, None, None]
     rows = np.arange(len(naming))[:, None]
     told = ties.fit(distance[rows, np.maximum(naming[:, other], 0)], tie[:, None])
-    told = np.where((naming[:, other] >= 0)[..., None], told, 0)
-    at = (one == np.arange(markers)[:, None]).astype(float) @ told
+    told *= (naming[:, other] >= 0)[..., None]
+    at = (one == np.arange(markers)[:, None]).astype(told.dtype) @ told
     own = np.take_along_axis(at, np.maximum(naming, 0)[..., None], axis=2)[..., 0]
     return Pulls(0.5 * np.where(naming >= 0, own, 0).sum(axis=1), at, joined, distance)
+
+
+def told_by(ties: Ties, points: np.ndarray, naming: np.ndarray) -> np.ndarray:
+    """(N,) what all ties with both ends named say of namings (N, M) of points (N, P, 3) m."""
+    ends = naming[:, ties.pair]
+    first, second = (
+        np.take_along_axis(points, np.maximum(end, 0)[..., None], axis=1) for end in np.moveaxis(ends, 2, 0)
+    )
+    distance = np.linalg.norm(first - second, axis=-1) / ties.size(points, naming)[:, None]
+    return (ties.fit(distance, np.arange(len(ties))) * (ends >= 0).all(axis=2)).sum(axis=1)
 
 
 def _distances(points: np.ndarray) -> np.ndarray:

@@ -48,7 +48,7 @@ def test_score_is_the_dense_gaussian(scene):
     offset = (found.points[0, :5] - model.mean[:5]).ravel()
     block = covariance[known, known]
     expected = -0.5 * offset @ np.linalg.solve(block, offset) - 0.5 * np.linalg.slogdet(block)[1]
-    expected += 5 * name_worth(model) + found.pulls.total[0]
+    expected += 5 * name_worth(model, found.present)[0] + found.pulls.total[0]
     assert found.score[0] == pytest.approx(expected, abs=1e-4)
 
 
