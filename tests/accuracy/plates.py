@@ -7,6 +7,8 @@ on other people made of the test take; and on a raw take of which nobody knows t
 
 import argparse
 import tempfile
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +16,7 @@ import numpy as np
 from addon.cli import main as command
 from addon.core.groups import learn_structure
 from addon.core.models import Model
-from addon.core.pieces import cut
+from addon.core.pieces import cut, vote_pieces
 from addon.core.pipeline import Options
 from addon.io.models import open_model
 from addon.io.points import read_points
@@ -42,8 +44,10 @@ def trained(takes: list[Path]) -> Model:
     """A model of labelled takes, trained as the command line does."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "plates.markerset.json"
-        if command(["train", *map(str, takes), "--out", str(path)]) != 0:
-            raise RuntimeError(f"{takes} could not be trained on")
+        with redirect_stdout(StringIO()) as said:
+            status = command(["train", *map(str, takes), "--out", str(path)])
+        if status != 0:
+            raise RuntimeError(f"{takes} could not be trained on: {said.getvalue()}")
         return open_model(str(path))
 
 
@@ -133,7 +137,9 @@ def same_subject(model: Model) -> str:
         if wearer.stranger:
             what += " (taken for another subject)"
         size = len(model.markerset)
-        rows.append(_row(f"{what}: trajectories vote", decided.marker, truth, size))
+        voted = vote_pieces(named.marker, named.confidence, cut(points, take.rate), model.markerset.markers)
+        rows.append(_row(f"{what}: trajectories vote, every name", voted.marker, truth, size))
+        rows.append(_row(f"{what}: what the product gives", decided.marker, truth, size))
         rows.append(_row(f"{what}: frames alone, every name", named.marker, truth, size))
         sure = np.where(named.rate >= TARGET, named.marker, -1)
         rows.append(_row(f"{what}: frames alone, names that are right {TARGET:.1%}", sure, truth, size))
@@ -210,14 +216,12 @@ def main(arguments: list[str] | None = None):
     given = parser.parse_args(arguments)
     model = trained([TRAINED]) if {"same", "others"} & set(given.only) else None
     if "same" in given.only:
-        print(f"Trained on {TRAINED.stem}, tested on {TESTED.stem}:\n\n{same_subject(model)}\n", flush=True)
+        print(f"### Trained on {TRAINED.stem}, tested on {TESTED.stem}\n\n{same_subject(model)}\n", flush=True)
     if "others" in given.only:
-        print(
-            f"Trained on {TRAINED.stem}, tested on other people:\n\n{other_people(model, given.people)}\n", flush=True
-        )
+        print(f"### Trained on {TRAINED.stem}, tested on other people\n\n{other_people(model, given.people)}\n", flush=True)
     if "raw" in given.only:
         model = trained([TRAINED, TESTED])
-        print(f"Trained on both, {RAW.stem}:\n\n{raw_take(model)}", flush=True)
+        print(f"### Trained on both, {RAW.stem}\n\n{raw_take(model)}", flush=True)
 
 
 if __name__ == "__main__":
