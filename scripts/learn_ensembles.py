@@ -18,11 +18,12 @@ if str(ROOT) not in sys.path:
 
 from threadpoolctl import threadpool_limits
 
+from addon.core import anatomy
 from addon.core.ensemble.model import FUNCTIONS
 from addon.core.ensemble.training import Training, train_ensemble
 from addon.io.markersets import SUFFIX
 from addon.io.models import read_model, write_model
-from scripts.learn_markersets import WALKERS_WEAR, read_takes
+from scripts.learn_markersets import read_takes
 
 HIT_RATE = 0.9999
 
@@ -32,7 +33,7 @@ def main(arguments: list[str] | None = None):
     parser = argparse.ArgumentParser(description="Trains the ensembles of the built-in models.")
     parser.add_argument("--data", type=Path, default=ROOT.parent / "shared" / "data" / "people")
     parser.add_argument("--out", type=Path, default=ROOT / "assets")
-    parser.add_argument("--sets", nargs="*", default=list(WALKERS_WEAR), choices=list(WALKERS_WEAR))
+    parser.add_argument("--sets", nargs="*", default=list(anatomy.SETS), choices=list(anatomy.SETS))
     given = parser.parse_args(arguments)
     for name in given.sets:
         began = time.perf_counter()

@@ -23,9 +23,8 @@ from addon.io.markersets import SUFFIX, write_markerset
 
 STANDING_FRAMES, MOVING_FRAMES = 12, 14
 EVERY = 2  # frames of a take for each that the evidence for naming points is learned from
-WALKERS_WEAR = ("gait15", "body26")  # sets of which the walkers wear every marker, so that points can be learned
 # One player: the second one in the take of two has the first one's body to the millimetre.
-TENNIS = "kinematics_tennis_serve.c3d"
+TENNIS, PLAYER = "kinematics_tennis_serve.c3d", "Derrick"
 HEAD_TURNED = {"LFHD": "LBHD", "LBHD": "LFHD", "RFHD": "RBHD", "RBHD": "RFHD"}
 HEAD_MIRRORED = {"LFHD": "RFHD", "RFHD": "LFHD", "LBHD": "RBHD", "RBHD": "LBHD"}
 LEFT_WRIST, RIGHT_WRIST = {"LWRA": "LWRB", "LWRB": "LWRA"}, {"RWRA": "RWRB", "RWRB": "RWRA"}
@@ -69,7 +68,10 @@ def read_walker(folder: Path) -> learning.Person:
 
 
 def read_takes(data: Path, markers, leave_out=()) -> list[tuple[np.ndarray, str]]:
-    """Every walker's takes whole: points (T, M, 3) m of `markers`, NaN where a take has none, and who it is."""
+    """Every walker's takes whole: points (T, M, 3) m of `markers`, NaN where a take has none, and who it is.
+
+    And the player's, where he wears all of them.
+    """
     takes = []
     for folder in sorted((data / "mcgill").glob("HC*")):
         for file in sorted(folder.glob("*.c3d")) if folder.name not in leave_out else ():
@@ -77,6 +79,10 @@ def read_takes(data: Path, markers, leave_out=()) -> list[tuple[np.ndarray, str]
             worn = [names.index(name) if name in names else -1 for name in markers]
             picked = np.where(np.array(worn)[None, :, None] >= 0, points[:, worn], np.nan)
             takes.append((picked[np.isfinite(picked).any(axis=(1, 2))][::EVERY], folder.name))
+    names, points, _ = read_c3d(data / "tennis" / TENNIS, prefixes=True)
+    worn = [f"{PLAYER}:{name}" for name in markers]
+    if PLAYER not in leave_out and set(worn) <= set(names):
+        takes.append((points[::EVERY, [names.index(name) for name in worn]], PLAYER))
     return takes
 
 
@@ -139,9 +145,8 @@ def main(arguments: list[str] | None = None):
     for name in given.sets:
         began = time.perf_counter()
         markerset = learn_set(people, name)
-        if name in WALKERS_WEAR:
-            evidence = learn_evidence(read_takes(given.data, markerset.markers, given.leave_out), markerset.markers)
-            markerset = replace(markerset, evidence=evidence)
+        evidence = learn_evidence(read_takes(given.data, markerset.markers, given.leave_out), markerset.markers)
+        markerset = replace(markerset, evidence=evidence)
         write_markerset(given.out / f"{name}{SUFFIX}", markerset)
         print(f"{name}: {len(markerset)} markers, {time.perf_counter() - began:.1f} s")
 

@@ -73,22 +73,43 @@ def _learn(subjects: list[np.ndarray], markers: tuple[str, ...], seed: int) -> t
 def _learn_trust(subjects: list[np.ndarray], markers: tuple[str, ...], seed: int, progress) -> Trust:
     """Trust from naming each subject with what the others teach; a single subject's take is split in time instead."""
     rng = np.random.default_rng(seed)
-    pieces = subjects if len(subjects) > 1 else [np.array(part) for part in np.array_split(subjects[0], FOLDS)]
-    folds = [range(first, len(pieces), min(FOLDS, len(pieces))) for first in range(min(FOLDS, len(pieces)))]
     found: list[tuple[np.ndarray, ...]] = []
-    for done, fold in enumerate(folds):
-        rest = [piece for index, piece in enumerate(pieces) if index not in fold]
-        learned = _learn(rest if len(subjects) > 1 else [np.concatenate(rest)], markers, seed)
-        known = Known.of(markers, *learned)
-        tested = np.concatenate([pieces[index] for index in fold])
+    splits = _splits(subjects)
+    for done, (rest, tested) in enumerate(splits):
+        known = Known.of(markers, *_learn(rest, markers, seed))
         tested = tested[rng.permutation(len(tested))[:TRIAL_FRAMES]]
         for ghosts in (0, MOST_GHOSTS):
             half = tested[ghosts > 0 :: 2]
             trial = make_trial(half, (0, round(len(markers) * HIDDEN_PART)), (0, ghosts), rng)
             found += _tried(known, trial)
         if progress is not None:
-            progress((done + 1) / len(folds))
+            progress((done + 1) / len(splits))
     return learn_trust(*(np.concatenate(column) for column in zip(*found, strict=True)))
+
+
+def _splits(subjects: list[np.ndarray]) -> list[tuple[list[np.ndarray], np.ndarray]]:
+    """What is learned from and the frames (T, M, 3) that are tested then, so that every subject is tested once.
+
+    But those who alone show a marker: nobody else could teach it.
+    """
+    shown = np.array([np.isfinite(points[..., 0]).any(axis=0) for points in subjects])
+    tested = np.flatnonzero(~(shown & (shown.sum(axis=0) == 1)).any(axis=1))
+    if not len(tested):
+        parts = [np.array_split(points, FOLDS) for points in subjects]
+        whole = [np.concatenate(fold) for fold in zip(*parts, strict=True)]
+        return [
+            ([np.concatenate(own[:fold] + own[fold + 1 :]) for own in parts], whole[fold])
+            for fold in range(FOLDS)
+            if len(whole[fold])
+        ]
+    folds = [tested[first :: min(FOLDS, len(tested))] for first in range(min(FOLDS, len(tested)))]
+    return [
+        (
+            [points for index, points in enumerate(subjects) if index not in fold],
+            np.concatenate([subjects[index] for index in fold]),
+        )
+        for fold in folds
+    ]
 
 
 def _tried(known: Known, trial: Trial) -> list[tuple[np.ndarray, ...]]:
