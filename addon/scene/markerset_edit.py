@@ -19,6 +19,7 @@ from . import naming
 from .body import END, RADIUS, START, add_body
 
 MARKER_SIZE = 0.015
+UNMOVED = 0.002  # of the subject's height: a marker nearer to its place than that was not moved
 
 
 def show_markerset(context: bpy.types.Context, markerset: MarkerSet, source: str) -> bpy.types.Collection:
@@ -77,6 +78,7 @@ def read_markerset(collection: bpy.types.Collection, base: MarkerSet, name: str,
     markers = (*(m for m in base.markers if m in empties), *sorted(m for m in empties if m not in base.markers))
     attachment = np.array([_segment_of(empties[m], armature, skeleton) for m in markers])
     places = np.array([_in_armature(empties[m], armature).translation for m in markers], dtype=float) / height
+    offsets = places - skeleton.rest_joints[attachment]
     return replace(
         base,
         name=name,
@@ -85,11 +87,19 @@ def read_markerset(collection: bpy.types.Collection, base: MarkerSet, name: str,
         aliases={alias: marker for alias, marker in base.aliases.items() if marker in empties and alias not in empties},
         skeleton=skeleton,
         attachment=attachment,
-        offsets=places - skeleton.rest_joints[attachment],
+        offsets=offsets,
         capsules=_read_capsules(collection, armature, skeleton, height),
         spread=_carried_over(base, markers, attachment),
+        evidence=base.evidence if _unmoved(base, markers, attachment, offsets) else None,
         source={**base.source, "edited": f"from {base.name}, by hand in Blender"},
     )
+
+
+def _unmoved(base: MarkerSet, markers: tuple[str, ...], attachment: np.ndarray, offsets: np.ndarray) -> bool:
+    """Whether the markers are still where the evidence for naming points was learned."""
+    if markers != base.markers or (attachment != base.attachment).any():
+        return False
+    return bool((np.linalg.norm(offsets - base.offsets, axis=1) < UNMOVED).all())
 
 
 def _add_marker(collection, armature: bpy.types.Object, name: str, segment: str, place: np.ndarray):

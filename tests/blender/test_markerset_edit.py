@@ -70,6 +70,19 @@ def test_a_marker_moved_by_hand(empty, laid_out):
     assert np.abs(np.delete(moved, markerset.index("LKNE"), axis=0)).max() < 1e-6
 
 
+def test_what_was_learned_of_markers_is_kept_only_while_they_are_where_they_were(empty):
+    markerset = open_markerset("gait15")
+    collection = markerset_edit.show_markerset(empty, markerset, "gait15")
+    empty.view_layer.update()
+    assert markerset_edit.read_markerset(collection, markerset, "mine").evidence is markerset.evidence
+    item = marker(collection, "LKNE")
+    item.matrix_world.translation += type(item.location)((0.017, 0, 0.034))
+    empty.view_layer.update()
+    assert markerset_edit.read_markerset(collection, markerset, "moved").evidence is None
+    bpy.data.objects.remove(item)
+    assert markerset_edit.read_markerset(collection, markerset, "fewer").evidence is None
+
+
 def test_a_marker_attached_to_another_segment_stays_where_it_stands(empty, laid_out):
     markerset, collection = laid_out
     item, armature = marker(collection, "LKNE"), markerset_edit.skeleton_of(collection)
