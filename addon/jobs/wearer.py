@@ -48,7 +48,8 @@ def checked(decided: Decided, wearer: Wearer, first_frame: int) -> Decided:
     if person is None:
         return decided
     if not wearer.stranger:
-        return replace(decided, suspects=_of_props(person, first_frame) + decided.suspects)
+        said = _of_form_alone(person, first_frame) + _of_props(person, first_frame)
+        return replace(decided, suspects=said + decided.suspects)
     found = _found(person)
     other = (person.marker != NO_MARKER) & (decided.marker != NO_MARKER) & (person.marker != decided.marker)
     kept = np.append(found, True)[decided.marker] & ~other
@@ -91,6 +92,18 @@ def _of_stranger(person: Person, names, found: np.ndarray, first_frame: int) -> 
     if missing:
         said.append(f"not found for sure, so unnamed in the whole take: {' '.join(missing)}")
     return tuple(Suspect(first_frame, first_frame + len(person.part) - 1, words) for words in said)
+
+
+def _of_form_alone(person: Person, first_frame: int) -> tuple[Suspect, ...]:
+    """That nobody checked whether the plates are on the limbs of the training, where the motion does not tell."""
+    if person.known is not None:
+        return ()
+    sure = int((person.group >= 0).sum())
+    words = (
+        f"how the plates move tells only {sure} of {len(person.group)}, so names rest on the plates' forms alone: look "
+        "whether each is on its limb"
+    )
+    return (Suspect(first_frame, first_frame + len(person.part) - 1, words),)
 
 
 def _of_props(person: Person, first_frame: int) -> tuple[Suspect, ...]:

@@ -109,3 +109,12 @@ def test_models_that_cannot_tell_are_left_as_they_are(model):
         assert wearer.model is given
         assert wearer.person is None
         assert checked(named_by(right_of(points)), wearer, 0).suspects == ()
+
+
+def test_where_the_motion_does_not_tell_it_is_said_that_forms_alone_do(model):
+    points = walk(body(), 5, liveliness=0.003)
+    wearer = wearer_of(model, points)
+    assert wearer.model is model
+    decided = checked(named_by(right_of(points)), wearer, FIRST_FRAME)
+    assert (decided.marker == right_of(points)).all()
+    assert any("rest on the plates' forms alone" in suspect.reason for suspect in decided.suspects)

@@ -163,14 +163,20 @@ def test_next_to_nothing_is_nothing(learned, columns):
     assert not person.sure.any()
 
 
-def test_a_raw_take_of_somebody_else_is_named_as_anatomy_has_it(shared_data):
-    folder = shared_data / "people" / "clouthier"
-    takes = [read_points(folder / f"{name}.c3d") for name in ("KneeltoProne01", "PronetoRun01")]
-    names = takes[0].names
+@pytest.fixture(scope="module")
+def recorded(shared_data):
+    """The folder of recorded people, and what two labelled takes of a set on plates teach: names, structure, plates."""
+    folder = shared_data / "people"
+    takes = [read_points(folder / "clouthier" / f"{name}.c3d") for name in ("KneeltoProne01", "PronetoRun01")]
     labelled = np.concatenate([take.xyz for take in takes])
     plates = learn_plates([labelled], float(np.sqrt(np.nanmean(np.nanvar(labelled, axis=1).sum(axis=1)))))
-    raw = read_points(folder / "S09_KneeltoRun02.c3d")
-    person = recognise(learn_structure(plates, [labelled]), plates, raw.xyz, cut(raw.xyz, raw.rate), raw.rate)
+    return folder, takes[0].names, (learn_structure(plates, [labelled]), plates)
+
+
+def test_a_raw_take_of_other_plates_is_named_as_anatomy_has_it(recorded):
+    folder, names, learned = recorded
+    raw = read_points(folder / "clouthier" / "S09_KneeltoRun02.c3d")
+    person = recognise(*learned, raw.xyz, cut(raw.xyz, raw.rate), raw.rate)
     assert person.known is False
     assert (person.group != NO_GROUP).sum() == 13
     placed = np.full((len(raw.xyz), len(names), 3), np.nan)
@@ -180,3 +186,10 @@ def test_a_raw_take_of_somebody_else_is_named_as_anatomy_has_it(shared_data):
     for what, held in anatomical.statements(placed, names, raw.rate)[1:]:
         part, whole = map(int, held.split(" of "))
         assert part == whole > 0, what
+
+
+@pytest.mark.parametrize("take", ["mcgill/HC031A/HC031A01.c3d", "tennis/kinematics_tennis_serve.c3d"])
+def test_people_in_another_marker_set_are_nobody_whose_plates_it_could_learn(recorded, take):
+    folder, _, learned = recorded
+    other = read_points(folder / take)
+    assert recognise(*learned, other.xyz, cut(other.xyz, other.rate), other.rate).known is None
