@@ -19,6 +19,7 @@ FEWEST = 3
 ALIKE = 0.003  # m, root mean square, that lengths of a plate that is the model's own differ by
 MOST = 0.8  # part of the sure plates that must be the model's own for the take to be of a subject it knows
 ENOUGH = 0.5  # part of all plates that must be sure to say so, or otherwise
+FEW = 3  # sure plates that are enough to say that the subject is another, if none is the model's own
 STRANGER_LENGTH, STRANGER_SHARE = 0.03, 0.06  # m, and of a distance: how its range differs between people
 
 
@@ -169,5 +170,6 @@ def _known(plates: Plates, structure: Structure, groups, group, placed: Placed, 
         lengths = np.linalg.norm(form[:, None] - form[None], axis=-1)
         alike.append(np.sqrt(((lengths - plates.lengths(own)) ** 2).mean()) < ALIKE)
     if len(alike) < ENOUGH * len(structure):
-        return None
+        # Of a few plates some may be taken for others; that none of them is the model's own is no chance.
+        return False if len(alike) >= FEW and not any(alike) else None
     return bool(np.mean(alike) >= MOST)
