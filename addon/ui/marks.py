@@ -16,6 +16,7 @@ GREEN, CYAN, MAGENTA, GREY = (
     (0.55, 0.55, 0.55, 0.9),
 )
 SURE = 0.99  # confidence below which a name is doubtful
+CALLED = re.compile(r"\btrajector(?:y|ies)((?: \d+)+)")  # trajectories in a reason, one or a list of them
 ORANGE, RED = (1.0, 0.75, 0.2, 1.0), (1.0, 0.15, 0.2, 1.0)
 BLACK, WHITE = (0.02, 0.02, 0.02, 1.0), (1.0, 1.0, 1.0, 1.0)
 
@@ -89,12 +90,8 @@ class PointMarks:
 def point_marks(stored: Stored, index: int) -> PointMarks:
     """What there is in frame `index`: doubtful is what has little confidence or is named among the suspects."""
     frame = stored.motion.frames[index] if len(stored.motion.frames) else 0
-    words = {
-        word
-        for suspect in stored.suspects
-        if suspect.first <= frame <= suspect.last
-        for word in re.findall(r"[^\s,;]+", suspect.reason)
-    }
+    reasons = [suspect.reason for suspect in stored.suspects if suspect.first <= frame <= suspect.last]
+    words = {word.rstrip(":") for reason in reasons for word in re.findall(r"[^\s,;]+", reason)}
     doubtful = np.array([name in words for name in stored.names], dtype=bool)
     markers, labels = stored.motion.markers[index], stored.labels
     if stored.points is None:
@@ -104,7 +101,9 @@ def point_marks(stored: Stored, index: int) -> PointMarks:
     doubtful[marker[(marker != NO_MARKER) & (confidence < SURE)]] = True
     left = first + np.flatnonzero(marker == NO_MARKER)
     numbers = stored.blobs.camera[left].tolist()
-    asked = {row: f"trajectory {number}" for row, number in enumerate(numbers) if str(number) in words}
+    # Reasons count things as well, so a number is a trajectory's only where they call it one.
+    called = {number for reason in reasons for found in CALLED.findall(reason) for number in map(int, found.split())}
+    asked = {row: f"trajectory {number}" for row, number in enumerate(numbers) if number in called}
     return PointMarks(markers, doubtful, stored.points[left], asked)
 
 

@@ -201,23 +201,28 @@ def test_what_is_cancelled_ends_soon_and_leaves_no_files(imported, extension, mo
 def test_doubtful_points_are_told_from_sure_ones(extension):
     marks = importlib.import_module(f"{extension}.addon.ui.marks")
     takes = importlib.import_module(f"{extension}.addon.core.takes")
-    motion = SimpleNamespace(frames=np.array([5, 6]), markers=np.zeros((2, 3, 3)))
+    motion = SimpleNamespace(frames=np.array([5, 6, 7]), markers=np.zeros((3, 3, 3)))
     stored = SimpleNamespace(
         names=("A", "B", "C"),
         motion=motion,
         suspects=(
             takes.Suspect(6, 9, "B jumps"),
-            takes.Suspect(1, 9, "trajectory 41 may be C2 or D and stays unnamed"),
+            takes.Suspect(1, 5, "trajectory 41 may be C2 or D and stays unnamed"),
+            takes.Suspect(1, 9, "the plates sit elsewhere: 4 of 13 were recognised by how they move"),
+            takes.Suspect(7, 9, "trajectories 4 41: as trajectory 4 goes over from A to B"),
+            takes.Suspect(7, 9, "A B: jumps"),
         ),
-        blobs=SimpleNamespace(frame=np.array([0, 0, 0, 1]), camera=np.array([3, 4, 41, 4])),
-        labels=SimpleNamespace(marker=np.array([0, 2, -1, -1]), confidence=np.array([1.0, 0.9, 0, 0])),
-        points=np.arange(12.0).reshape(4, 3),
+        blobs=SimpleNamespace(frame=np.array([0, 0, 0, 1, 2, 2]), camera=np.array([3, 4, 41, 4, 4, 41])),
+        labels=SimpleNamespace(marker=np.array([0, 2, -1, -1, -1, -1]), confidence=np.array([1.0, 0.9, 0, 0, 0, 0])),
+        points=np.arange(18.0).reshape(6, 3),
     )
-    first, second = marks.point_marks(stored, 0), marks.point_marks(stored, 1)
+    first, second, third = (marks.point_marks(stored, index) for index in range(3))
     assert first.doubtful.tolist() == [False, False, True]
     assert second.doubtful.tolist() == [False, True, False]
     assert first.asked == {0: "trajectory 41"}
     assert (len(first.unnamed), len(second.unnamed), second.asked) == (1, 1, {})
+    assert third.doubtful.tolist() == [True, True, False]
+    assert third.asked == {0: "trajectory 4", 1: "trajectory 41"}
 
 
 def test_trouble_is_one_sentence_and_leaves_nothing(extension, empty, files, tmp_path):
