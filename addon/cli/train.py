@@ -22,8 +22,10 @@ def add_parser(verbs):
     parser.add_argument("takes", metavar="TAKE", nargs="+", type=Path, help="a labelled take")
     parser.add_argument("--out", required=True, type=Path, metavar="MODEL", help=f"the file to write, NAME{SUFFIX}")
     parser.add_argument("--from", dest="base", metavar="MODEL", help="train this model on, with what it keeps")
-    parser.add_argument("--markers", type=names, metavar="A,B,…", help="default: the markers that all takes have")
-    parser.add_argument("--name", help="the model's name; default: the file's")
+    parser.add_argument(
+        "--markers", type=names, metavar="A,B,…", help="default: those of --from, or that all takes have"
+    )
+    parser.add_argument("--name", help="the model's name; default: that of --from, or the file's")
     parser.add_argument(
         "--subject",
         dest="subjects",
@@ -31,7 +33,7 @@ def add_parser(verbs):
         default=[],
         type=subject,
         metavar="ID=GLOB",
-        help="whose takes are whose, such as ann='*/ann_*.c3d'; default: a subject is a folder",
+        help="whose takes are whose, such as ann='*/ann_*.c3d'; default: a subject is a folder, by its name",
     )
     parser.add_argument(
         "--hit-rate",

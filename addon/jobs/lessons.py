@@ -3,7 +3,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
@@ -36,9 +36,11 @@ class Take:
 def read_takes(paths: Sequence[Path], subjects: Sequence[tuple[str, str]]) -> list[Take]:
     """The labelled takes, each with its subject: the first of `subjects` (id, glob) that its path suits, or its folder.
 
+    Folders of one name are one subject.
+
     Raises InputError with the file where one cannot be learned from.
     """
-    takes = [_read(path, subjects, len({path.resolve().parent for path in paths}) > 1) for path in paths]
+    takes = [_read(path, subjects) for path in paths]
     unused = [glob for _, glob in subjects if not any(_suits(path, glob) for path in paths)]
     if unused:
         raise InputError(f"no take suits the subject {unused[0]!r}; expected a pattern such as '*/ann_*.c3d'")
@@ -54,7 +56,7 @@ def read_takes(paths: Sequence[Path], subjects: Sequence[tuple[str, str]]) -> li
     return takes
 
 
-def _read(path: Path, subjects: Sequence[tuple[str, str]], by_folder: bool) -> Take:
+def _read(path: Path, subjects: Sequence[tuple[str, str]]) -> Take:
     try:
         points = read_points(path)
         names, xyz, doubled = _named(points)
@@ -66,7 +68,7 @@ def _read(path: Path, subjects: Sequence[tuple[str, str]], by_folder: bool) -> T
             "markers moving",
             path,
         )
-    folder = path.resolve().parent.name if by_folder else "subject"
+    folder = path.resolve().parent.name or "subject"  # of a drive there is no name
     subject = next((name for name, glob in subjects if _suits(path, glob)), folder)
     doubts = [f"{path.name} has the label {name} twice, so it was left out there" for name in doubled]
     if points.assumed:
@@ -112,13 +114,14 @@ def _size(xyz: np.ndarray) -> float:
 def chosen_markers(takes: Sequence[Take], wanted: Sequence[str] | None, base: Sequence[str] = ()) -> tuple[str, ...]:
     """The markers to learn: `wanted`, or those of the model that is trained on, or those that all takes have.
 
-    Raises InputError where a wanted one is nowhere, or too few are common.
+    Raises InputError where a wanted one is nowhere, too few are common, or the takes have few of the model's.
     """
     if wanted or base:
         markers = tuple(dict.fromkeys(wanted or base))
         lacking = [name for name in markers if not any(_has(take, name) for take in takes)]
-        if lacking and not base:
-            raise InputError(f"no take has a marker {lacking[0]}; expected some of {', '.join(takes[0].names[:12])}, …")
+        unknown = [name for name in lacking if name not in base]
+        if unknown:
+            raise InputError(f"no take has a marker {unknown[0]}; expected some of {', '.join(takes[0].names[:12])}, …")
         if base and len(lacking) > len(markers) / 2:
             raise InputError(
                 f"has few of the model's markers ({', '.join(base[:6])}, …); expected takes that wear them",
@@ -196,6 +199,15 @@ def lessons_of(takes: Sequence[Take], subjects: dict[str, np.ndarray]) -> list[L
         names = tuple(take.path.name for take in takes if take.subject == subject)
         kept.append(Lessons(subject, names, len(points), most_different(points).astype(np.float32)))
     return kept
+
+
+def of_markers(lessons: Sequence[Lessons], known: Sequence[str], markers: Sequence[str]) -> list[Lessons]:
+    """Lessons about the markers `known` as lessons about `markers`: what was not known is missing."""
+    columns = marker_columns(known, markers)
+    return [
+        replace(lesson, points=np.where((columns >= 0)[:, None], lesson.points[:, columns], np.float32(np.nan)))
+        for lesson in lessons
+    ]
 
 
 def joined(old: Sequence[Lessons], new: Sequence[Lessons]) -> tuple[Lessons, ...]:

@@ -27,7 +27,7 @@ from ..progress import Progress
 from ..version import version
 from .background import in_background
 from .job import timed
-from .lessons import Take, chosen_markers, contradicted, gathered, joined, lessons_of, read_takes
+from .lessons import Take, chosen_markers, contradicted, gathered, joined, lessons_of, of_markers, read_takes
 
 MOST_FOR_ENSEMBLE = 40  # markers; beyond, partial solvers are trained only when a search is asked for
 ENSEMBLE_FRAMES = 6000
@@ -45,7 +45,7 @@ class TrainJob:
     takes     files of labelled points
     out       the model's file
     markers   their names, None for those that all takes have
-    name      the model's, None for that of the file
+    name      the model's, None for that of `base`, or of the file
     hit_rate  asked of the ensemble's partial solvers
     search    how those are found, "none" for no ensemble; None for what suits the number of markers
     paper     give them the paper's four functions only, none of which tells left from right
@@ -83,10 +83,11 @@ def train_file(job: TrainJob) -> Generator[Progress, None, dict]:
             takes = read_takes(job.takes, job.subjects)
             markers = chosen_markers(takes, job.markers, base.markerset.markers if base else ())
             subjects = gathered(takes, markers)
-            lessons = joined(base.lessons if base else (), lessons_of(takes, subjects))
-            everyone = _everyone(base, subjects, lessons)
+            before = of_markers(base.lessons, base.markerset.markers, markers) if base else []
+            lessons = joined(before, lessons_of(takes, subjects))
+            everyone = _everyone(before, subjects, lessons)
             doubts = [doubt for take in takes for doubt in take.doubts]
-            doubts += contradicted(takes, markers, base.lessons if base else ())
+            doubts += contradicted(takes, markers, before)
         yield Progress(SHARES["body"], "find the body")
         with timed(clock, "body"):
             name = job.name or (base.markerset.name if base else job.out.name.removesuffix(SUFFIX).partition(".")[0])
@@ -117,9 +118,11 @@ def _base(job: TrainJob) -> Model | None:
     return base
 
 
-def _everyone(base: Model | None, subjects: dict[str, np.ndarray], lessons: Sequence[Lessons]) -> dict[str, np.ndarray]:
-    """All frames of the new takes, with what is kept of the old ones."""
-    old = {lesson.subject: lesson.points.astype(float) for lesson in base.lessons} if base else {}
+def _everyone(
+    before: Sequence[Lessons], subjects: dict[str, np.ndarray], lessons: Sequence[Lessons]
+) -> dict[str, np.ndarray]:
+    """All frames of the new takes, with what is kept of those `before`."""
+    old = {lesson.subject: lesson.points.astype(float) for lesson in before}
     whole = {}
     for lesson in lessons:
         parts = [part[lesson.subject] for part in (old, subjects) if lesson.subject in part]

@@ -126,6 +126,14 @@ def test_training_on_keeps_what_was_known(trained, takes, run, tmp_path):
     assert report["trained_on"] == str(model)
     assert report["ensemble"] is None
     assert read_model(out).markerset.evidence.subjects == 3
+    fewer = ",".join([*NAMES[6:], *NAMES[:4]])
+    words = ("--markers", fewer, "--search", "none", "--json")
+    answer = run("train", takes[2], "--from", model, "--out", tmp_path / "fewer.markerset.json", *words)
+    assert (answer.status, ",".join(json.loads(answer.out)["markers"])) == (0, fewer)
+    assert (
+        "no take has a marker BODY9"
+        in run("train", takes[2], "--from", model, "--out", out, "--overwrite", "--markers", f"{fewer},BODY9").reason
+    )
     lean = tmp_path / "lean.markerset.json"
     assert run("train", *takes[:2], "--out", lean, "--search", "none", "--lean").status == 0
     assert not read_model(lean).lessons

@@ -11,7 +11,7 @@ from addon.core.errors import InputError
 from addon.core.models import Lessons
 from addon.core.takes import Points
 from addon.io.points import write_c3d
-from addon.jobs.lessons import chosen_markers, gathered, joined, most_different, read_takes
+from addon.jobs.lessons import chosen_markers, gathered, joined, most_different, of_markers, read_takes
 
 NAMES = ("A", "B", "C", "D", "E")
 
@@ -29,7 +29,7 @@ def test_folders_or_patterns_tell_the_subjects(tmp_path):
     paths = [write(tmp_path / "ann" / "1.c3d"), write(tmp_path / "bob" / "1.c3d"), write(tmp_path / "bob" / "2.c3d")]
     assert [take.subject for take in read_takes(paths, ())] == ["ann", "bob", "bob"]
     assert [take.subject for take in read_takes(paths, [("x", "*/bob/*"), ("y", "1.c3d")])] == ["y", "x", "x"]
-    assert [take.subject for take in read_takes(paths[1:], ())] == ["subject", "subject"]
+    assert [take.subject for take in read_takes(paths[1:], ())] == ["bob", "bob"]
     with pytest.raises(InputError, match="no take suits the subject"):
         read_takes(paths, [("x", "*.trc")])
 
@@ -48,7 +48,7 @@ def test_markers_are_those_in_common_or_those_asked_for(tmp_path):
     assert chosen_markers(odd, NAMES) == NAMES
     with pytest.raises(InputError, match="too few to be told apart"):
         chosen_markers(takes, ["A", "B"])
-    points = gathered(takes, ("X", "A", "Y"))["subject"]
+    [points] = gathered(takes, ("X", "A", "Y")).values()
     assert points.shape == (60, 3, 3)
     assert np.isfinite(points[:, 1]).all()
     assert np.isnan(points[30:, 0]).all()
@@ -59,6 +59,16 @@ def test_a_model_that_is_trained_on_keeps_its_markers(tmp_path):
     assert chosen_markers(takes, None, NAMES) == NAMES
     with pytest.raises(InputError, match="few of the model's markers"):
         chosen_markers(takes, None, tuple("VWXYZA"))
+    assert chosen_markers(takes, ["E", "B", "A", "C"], NAMES) == ("E", "B", "A", "C")
+    with pytest.raises(InputError, match="no take has a marker Z"):
+        chosen_markers(takes, ["A", "B", "C", "Z"], NAMES)
+
+
+def test_what_is_known_is_put_in_the_order_of_other_markers():
+    points = np.arange(12, dtype=np.float32).reshape(1, 4, 3)
+    [found] = of_markers([Lessons("ann", ("1",), 9, points)], NAMES[:4], ("C", "E", "A"))
+    np.testing.assert_array_equal(found.points[0], [points[0, 2], [np.nan] * 3, points[0, 0]])
+    assert (found.subject, found.takes, found.frames, found.points.dtype) == ("ann", ("1",), 9, np.float32)
 
 
 @pytest.mark.parametrize(
