@@ -15,9 +15,10 @@ CHUNK_ROWS = 50_000
 
 @dataclass
 class Agreement:
-    """The figures of a comparison, how many rows of labels there were and how many of them have no known truth."""
+    """The figures of a comparison, of what (in words), how many rows of labels and how many of them without truth."""
 
     figures: Figures
+    things: str
     rows: int = 0
     unknown: int = 0
 
@@ -30,8 +31,8 @@ def compare(
     A row of truth that the labels lack is an InputError: a labelling cannot win by leaving rows out. So are files of
     different kinds and whatever is no such file.
     """
-    agreement = Agreement(figures)
     with LabelFile(labels) as ours, LabelFile(truth, "truth") as known:
+        agreement = Agreement(figures, ours.kind)
         if ours.keys != known.keys:
             raise InputError(
                 f"has truth of {known.kind}, but the labels are of {ours.kind}; expected the same kind", truth, 1

@@ -51,7 +51,7 @@ def as_lines(agreement: Agreement) -> list[str]:
     given = f"{figures['right']} right of {figures['labels']} labels given"
     lines = [
         f"precision           {percent(figures['precision'])}   {given}",
-        f"recall              {percent(figures['recall'])}   of {figures['marker_blobs']} blobs of real markers",
+        f"recall              {percent(figures['recall'])}   of {figures['marker_blobs']} {agreement.things} of real markers",
         f"f1                  {percent(figures['f1'])}",
         f"false assignments   {percent(figures['false_assignments'])}   {figures['wrong']} labels",
         f"false occlusions    {percent(figures['false_occlusions'])}",

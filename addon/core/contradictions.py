@@ -19,9 +19,7 @@ LIKELY = 0.15  # of the way from as it should be to exchanged, from where a pair
 EXCHANGED = 0.7  # of that way, from where it is said so
 MOST_TRIED = 24  # pairs that are tried two at a time
 MOST_ROUNDS = 8  # exchanges in one take that are put right one after the other
-GOOD = (
-    1.5  # variances, on average, that leads are off at most once they are right; those of an unusual subject are more
-)
+GOOD = 1.5  # variances, on average, that leads are off at most once they are right; an unusual subject's are off more
 HALF, FIFTH = 0.5, 0.2  # of what they were off before, which they must come below, and of an unusual subject's
 MOST_ODD = 9.0  # variances, the most that one lead counts
 
@@ -104,8 +102,8 @@ def _fits(group: tuple[int, ...], mean: np.ndarray, right: np.ndarray, usual: np
     if not known.any():
         return True
     before, after = (
-        float((weight[one, two, known] * (leads_[one, two, known] - usual[one, two, known]) ** 2).mean())
-        for leads_ in (mean, right)
+        float((weight[one, two, known] * (told[one, two, known] - usual[one, two, known]) ** 2).mean())
+        for told in (mean, right)
     )
     return after < (HALF if after < GOOD else FIFTH) * before
 
@@ -136,9 +134,8 @@ def _usual(others: Sequence[Leads]) -> tuple[np.ndarray, np.ndarray]:
     spread = np.zeros(seen.shape, np.float32)
     usual[seen] = np.nanmedian(means[:, seen], axis=0)
     spread[seen] = SPREAD * np.nanmedian(np.abs(means[:, seen] - usual[seen]), axis=0)
-    within = np.where(known, np.stack([other.var for other in others]), 0).sum(axis=0) / np.maximum(
-        known.sum(axis=0), 1
-    )
+    variance = np.where(known, np.stack([other.var for other in others]), 0)
+    within = variance.sum(axis=0) / np.maximum(known.sum(axis=0), 1)
     return usual, np.where(seen, 1 / (within + spread**2 + LEAST_SD**2), 0)
 
 

@@ -47,6 +47,7 @@ def test_figures_are_the_contracts(evaluate):
 def test_figures_for_people(evaluate):
     out = evaluate().out
     assert "precision             25.000%   1 right of 4 labels given" in out
+    assert "of 4 blobs of real markers" in out
     assert " and " in next(line for line in out.splitlines() if line.startswith("swapped"))
 
 

@@ -67,12 +67,12 @@ def learn_intervals(clouds: Tables, kind: np.ndarray, points: np.ndarray) -> Cla
     return Classifiers(kind[shown], points[shown], low[shown], high[shown])
 
 
-def wrong_labellings(whole: np.ndarray, markers: int, count: int, generator: np.random.Generator) -> WrongLabellings:
-    """`count` wrong labellings: 2 to `markers` labels exchanged, each with another's point; severities equally likely.
+def wrong_labellings(frames: np.ndarray, markers: int, count: int, generator: np.random.Generator) -> WrongLabellings:
+    """`count` wrong labellings: 2 to `markers` labels go round among each other's points; severities equally likely.
 
-    whole: indices of the frames to draw from, in which every marker is there.
+    frames: indices of those to draw from. In one that lacks a marker fewer classifiers can be evaluated.
     """
-    frame = generator.choice(whole, count)
+    frame = generator.choice(frames, count)
     severity = generator.integers(2, markers + 1, count)
     order = generator.random((count, markers)).argsort(axis=1)
     labelling = np.tile(np.arange(markers), (count, 1))

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
+from ..takes import NO_MARKER
 from .features import tables
 from .masks import Masks
 from .matrix import resolve
@@ -61,7 +62,7 @@ class Labeller:
         suggested, confidence = self._suggested(np.take_along_axis(points, front[..., None], axis=1))
         compact = resolve(suggested)
         sure = np.take_along_axis(confidence, np.maximum(compact, 0)[..., None], axis=2)[..., 0]
-        marker = np.full(there.shape, -1)
+        marker = np.full(there.shape, NO_MARKER)
         certainty = np.zeros(there.shape)
         np.put_along_axis(marker, front, compact, axis=1)
         np.put_along_axis(certainty, front, np.where(compact >= 0, sure, 0.0), axis=1)
