@@ -49,9 +49,10 @@ def as_lines(agreement: Agreement) -> list[str]:
     """The figures as a short table for people."""
     figures = agreement.figures.as_dict()
     given = f"{figures['right']} right of {figures['labels']} labels given"
+    there = f"{figures['marker_blobs']} {agreement.things} of real markers"
     lines = [
         f"precision           {percent(figures['precision'])}   {given}",
-        f"recall              {percent(figures['recall'])}   of {figures['marker_blobs']} {agreement.things} of real markers",
+        f"recall              {percent(figures['recall'])}   of {there}",
         f"f1                  {percent(figures['f1'])}",
         f"false assignments   {percent(figures['false_assignments'])}   {figures['wrong']} labels",
         f"false occlusions    {percent(figures['false_occlusions'])}",

@@ -101,9 +101,8 @@ def _with_markers(body: MarkerSet, chosen: np.ndarray) -> MarkerSet:
 
 def _thinned(points: np.ndarray, here: np.ndarray) -> np.ndarray:
     good = np.flatnonzero(np.isfinite(points[:, here]).all(axis=2).sum(axis=1) >= max(FEWEST, len(here) / 2))
-    return (
-        points[good[np.unique(np.linspace(0, len(good) - 1, FRAMES).round().astype(int))]] if len(good) else points[:0]
-    )
+    chosen = np.unique(np.linspace(0, len(good) - 1, min(FRAMES, len(good))).round().astype(int))
+    return points[good[chosen]]
 
 
 def _in_segments(model: BodyModel, points: np.ndarray, here: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:

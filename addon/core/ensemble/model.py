@@ -7,8 +7,8 @@ import numpy as np
 
 # The geometric functions; the index is what `Classifiers.kind` holds. The first four are the paper's table 1, g1 to g4.
 # None of them can tell a scene from its mirror image, so left and right are told by what is lopsided or not at all. The
-# table gives them as examples: "turn" is one more of its kind that can. It is ours, and in an ensemble only where it was
-# asked for, as `train` does unless told to keep to the paper.
+# table gives them as examples: "turn" is one more of its kind that can. It is ours, and in an ensemble only where it
+# was asked for, as `train` does unless told to keep to the paper.
 FUNCTIONS = ("angle", "distance", "ratio", "height", "turn")
 ANGLE, DISTANCE, RATIO, HEIGHT, TURN = range(len(FUNCTIONS))
 PAPER_FUNCTIONS = FUNCTIONS[:4]
