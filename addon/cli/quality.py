@@ -3,22 +3,22 @@
 
 from pathlib import Path
 
-from ..core.ambiguity import GOAL, advise, judge, worn
+from ..core.ambiguity import GOAL, STEPS
 from ..core.ambiguity.renamings import TURN
 from ..core.errors import InputError
 from ..core.markersets import MarkerSet
 from ..io.markersets import open_markerset
-from ..io.quality import quality_report, write_quality
+from ..io.quality import write_quality
 from ..io.whole import whole_file
-from ..progress import Progress
+from ..jobs.quality import judge_placement
 from .console import ProgressLine, print_results
 from .parser import add_overwrite, names, number, whole
 
 DESCRIPTION = """Judges where the markers of a model sit, before anybody wears them. How far two names stand apart is
 told in standard deviations, with a quarter of the markers hidden: at 2 the likelier of the two is wrong in up to 16 %
 of the frames, at 4 in 2.3 %, at 6 in 0.1 %. For the worst pairs it says which marker to move, or where to add one."""
-STEPS, MOST = 3, 10
-SHOWN = 8
+MOST = 10  # changes that can be asked for
+SHOWN = 8  # pairs
 
 
 def add_parser(verbs):
@@ -50,26 +50,15 @@ def run(arguments) -> int:
     markerset = open_markerset(arguments.model)
     keep = [_marker(markerset, name, arguments.model) for name in arguments.keep]
     line = ProgressLine(arguments.progress)
+    steps = judge_placement(markerset, goal=arguments.goal, steps=arguments.advice, keep=keep)
     if arguments.report is None:
-        report = line.drain(_steps(markerset, arguments, keep), markerset.name)
+        report = line.drain(steps, markerset.name)
     else:
         with whole_file(arguments.report, arguments.overwrite) as temporary:
-            report = line.drain(_steps(markerset, arguments, keep), markerset.name)
+            report = line.drain(steps, markerset.name)
             write_quality(temporary, report)
     print_results(as_lines(report), report, arguments.json)
     return 0
-
-
-def _steps(markerset: MarkerSet, arguments, keep: list[str]):
-    """The work, with its progress; returns the report."""
-    yield Progress(0.0, "judging")
-    made = worn(markerset)
-    found, advice = judge(made), []
-    yield Progress(0.1, "looking for better places")
-    for one, _ in advise(made, arguments.goal, arguments.advice, keep):
-        advice.append(one)
-        yield Progress(0.1 + 0.9 * len(advice) / arguments.advice, "looking for better places")
-    return quality_report(made, found, advice, arguments.goal)
 
 
 def _marker(markerset: MarkerSet, name: str, model: str) -> str:

@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Work that tells its progress by calling a function, as a generator that can be stepped."""
+"""Work that tells its progress by calling a function, as a generator that can be stepped, and the other way round."""
 
 import queue
 import threading
 from collections.abc import Callable, Generator
+from contextlib import closing
 from typing import Any
+
+from ..progress import Progress
 
 DONE = object()
 PATIENCE = 0.2  # s; so long a step waits for news
@@ -50,6 +53,17 @@ def in_background(work: Callable[[Callable[[float], None]], Any]) -> Generator[f
     if "error" in outcome:
         raise outcome["error"]
     return outcome["result"]
+
+
+def drained(steps: Generator[Progress, None, Any], tell: Callable[[float], None]) -> Any:
+    """What a job returns, having told how far it is all the way; a `tell` that raises ends it."""
+    with closing(steps):
+        while True:
+            try:
+                progress = next(steps)
+            except StopIteration as done:
+                return done.value
+            tell(progress.fraction)
 
 
 class _StoppedError(Exception):

@@ -3,10 +3,8 @@
 
 import tempfile
 from collections.abc import Callable, Generator
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import bpy
 import numpy as np
@@ -15,8 +13,7 @@ from ..core.errors import UserError
 from ..io.markersets import open_markerset
 from ..io.points import read_points
 from ..jobs import LabelJob, Labelled, label_file
-from ..jobs.background import in_background
-from ..progress import Progress
+from ..jobs.background import drained, in_background
 from ..props import SceneSettings, chosen_model, frames_wanted
 from ..scene.cameras import NO_CAMERAS
 from ..scene.take import Take
@@ -53,17 +50,6 @@ def _label(job: LabelJob, name: str, tell: Callable[[float], None]) -> Take:
         return _take_of(labelled, job, name)
     except UserError as error:
         raise error if error.file else type(error)(error.message, job.source) from error
-
-
-def drained(steps: Generator[Progress, None, Any], tell: Callable[[float], None]) -> Any:
-    """What a job returns, having told how far it is all the way; a `tell` that raises ends it."""
-    with closing(steps):
-        while True:
-            try:
-                progress = next(steps)
-            except StopIteration as done:
-                return done.value
-            tell(progress.fraction)
 
 
 def _take_of(labelled: Labelled, job: LabelJob, name: str) -> Take:

@@ -1,23 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Whether markers are well placed: the marker set that is laid out is judged, and advice is taken."""
 
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 
 import bpy
 from bpy.props import IntProperty
 
-from ..core.ambiguity import GOAL, advise, judge, worn
-from ..core.markersets import MarkerSet
 from ..io.markersets import open_markerset
-from ..io.quality import quality_report, quality_text
-from ..jobs.background import in_background
+from ..io.quality import quality_text
+from ..jobs.background import drained, in_background
+from ..jobs.quality import judge_placement
 from ..scene import naming
 from ..scene.markerset_edit import edited_collection, read_markerset
 from ..scene.quality import keep_report, locked_markers, take_advice
 from .reporting import reports_trouble
 from .stepping import WorksInSteps
-
-STEPS = 3
 
 
 class Laid:
@@ -56,17 +53,7 @@ def judge_steps(scene: bpy.types.Scene) -> Generator[float, None, dict]:
     collection = edited_collection(scene)
     base = open_markerset(bpy.path.abspath(collection[naming.EDITED]))
     markerset, keep = read_markerset(collection, base, base.name), locked_markers(collection)
-    return in_background(lambda tell: _judge(markerset, base, keep, tell))
-
-
-def _judge(markerset: MarkerSet, base: MarkerSet, keep: list[str], tell: Callable[[float], None]) -> dict:
-    made = worn(markerset, base)
-    found, advice = judge(made), []
-    tell(0.1)
-    for one, _ in advise(made, GOAL, STEPS, keep):
-        advice.append(one)
-        tell(0.1 + 0.9 * len(advice) / STEPS)
-    return quality_report(made, found, advice, GOAL)
+    return in_background(lambda tell: drained(judge_placement(markerset, base, keep=keep), tell))
 
 
 class MOCAP_AUTOLABEL_OT_take_advice(Laid, bpy.types.Operator):

@@ -12,11 +12,10 @@ from bpy_extras.io_utils import ImportHelper
 from ..core.errors import InputError
 from ..io.markersets import SUFFIX
 from ..io.points import read_points
-from ..jobs.background import in_background
+from ..jobs.background import drained, in_background
 from ..prefs import markerset_folder
 from ..props import SceneSettings, choose_own, own_model
 from .importing import POINTS
-from .point_steps import drained
 from .reporting import reports_trouble
 from .stepping import WorksInSteps
 
