@@ -32,8 +32,6 @@ def steps() -> Iterator[float]:
     bpy.ops.mocap_autolabel.import_blobs(filepath=task["blobs"])
     settings = bpy.context.scene.mocap_autolabel
     settings.markerset, settings.rate = "body26", 60
-    look_at((0, 0, 1.0), distance=11)
-    yield from window.screenshot("imported")
     yield from look_through_first()
     yield from window.screenshot("blobs-through-camera")
 
@@ -46,7 +44,6 @@ def steps() -> Iterator[float]:
     look_at((middle.x, middle.y, 1.0), distance=6.5)
     yield from window.screenshot("labelled")
     look_at((middle.x, middle.y, 1.0), distance=3.2)
-    yield from window.screenshot("body")
     yield from window.scroll_sidebar()
     yield from window.screenshot("review")
 
