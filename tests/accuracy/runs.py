@@ -11,6 +11,7 @@ from addon.core import rotations
 from addon.core.body import Bodies, BodyModel
 from addon.core.occlusion import CapsuleOcclusion
 from addon.core.simulate import CaptureOptions
+from addon.jobs.naming import NothingInTheWay
 
 from .captures import Score, Trial
 from .models import Labeller, left_out_model
@@ -45,14 +46,6 @@ class Plan:
     def people(self) -> str:
         """Who is tested, for a table's caption."""
         return f"{sum(map(len, self.folds))} left-out people, seed {self.seed}"
-
-
-class NothingInTheWay:
-    """No occlusion test at all (the paper says that many cameras can do without)."""
-
-    def hidden(self, rotations, joints, scale, markers, centres) -> np.ndarray:
-        """See `addon.core.occlusion.Occlusion`."""
-        return np.zeros((len(markers), len(centres), markers.shape[1]), dtype=bool)
 
 
 TrialsOf = Callable[[tuple[str, ...], tuple[str, ...], int, int], Iterator[Trial]]
