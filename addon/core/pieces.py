@@ -53,7 +53,21 @@ def vote_pieces(
         part = _vote_window(marker[frames], confidence[frames], piece[frames], names, first_frame + first)
         voted[frames], sure[frames] = part.marker, part.confidence
         suspects += part.suspects
+        suspects += _gone_over(voted, piece, first, names, first_frame)
     return Voted(voted, sure, tuple(sorted(suspects, key=lambda suspect: suspect.first)))
+
+
+def _gone_over(marker, piece, frame: int, names: Sequence[str], first_frame: int) -> list[Suspect]:
+    """Pieces that two windows, of which the second begins at `frame`, gave two names."""
+    if frame == 0:
+        return []
+    before, after = marker[frame - 1], marker[frame]
+    changed = (piece[frame - 1] == piece[frame]) & (before != after) & (before != NO_MARKER) & (after != NO_MARKER)
+    at = frame + first_frame
+    return [
+        Suspect(at - 1, at, f"trajectory {column} goes over from {names[before[column]]} to {names[after[column]]}")
+        for column in np.flatnonzero(changed)
+    ]
 
 
 def renamed(marker: np.ndarray, piece: np.ndarray, names: Sequence[str], first_frame: int = 0) -> tuple[Suspect, ...]:

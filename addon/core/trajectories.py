@@ -17,7 +17,7 @@ MOST_SAID = 4.0  # log odds that one frame can say
 GHOST_SAID = 1.0  # log odds that a frame without a name says for a ghost
 INDEPENDENT = 0.1  # a frame is worth this part of an independent one: neighbours err together
 SWAP_COST = 10.0  # log odds a trajectory must speak for another name before it is believed to have swapped
-CANDIDATE = 0.05  # part of a trajectory's frames that a name must have to be considered at all
+CANDIDATE = 0.05  # part of a trajectory's frames that a name must have to be considered, unless it can pay for a swap
 MAJORITY = 0.5  # of what was said, for the name that wins
 OVERLAP = 2  # frames that two trajectories of one marker may share: trackers end one late and start the other early
 
@@ -83,7 +83,8 @@ def _stretches(point: int, marker, weight, present, markers: int) -> list[Stretc
         return []
     said, worth = marker[frames], weight[frames]
     counts = np.bincount(said[said >= 0], minlength=markers)
-    candidates = np.flatnonzero(counts > CANDIDATE * len(frames))
+    paid = np.bincount(said[said >= 0], weights=worth[said >= 0], minlength=markers) * INDEPENDENT > SWAP_COST
+    candidates = np.flatnonzero((counts > CANDIDATE * len(frames)) | paid)
     state = np.zeros(len(frames), dtype=int)
     if len(candidates) > 1:
         state = _most_likely(np.where(said[:, None] == candidates, worth[:, None], 0) * INDEPENDENT)

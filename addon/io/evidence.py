@@ -10,7 +10,7 @@ from ..core.evidence.model import Evidence, Trust
 from ..core.evidence.plates import Plates
 from ..core.evidence.shape import Shape
 from ..core.evidence.ties import Ties
-from ..core.evidence.trust import FEATURES
+from ..core.evidence.trust import FEATURES, PARTS
 from .markerset_fields import Reader, finite
 
 DIGITS = 6
@@ -27,8 +27,8 @@ def evidence_text(evidence: Evidence, indent: int = 2) -> str:
         "size_sd": _number(ties.size_sd),
         "ties": _rows(np.column_stack([ties.pair, ties.length, ties.sd]), indent + 2),
         "trust": _row(trust.weights),
-        "confidence": _row(trust.confidence),
-        "right": _row(trust.right),
+        "rates": _row(trust.rates),
+        "least": _rows(trust.least, indent + 2),
     }
     if evidence.plates is not None:
         lines["plates"] = json.dumps([list(map(int, group)) for group in evidence.plates.groups])
@@ -45,7 +45,7 @@ def read_evidence(reader: Reader, value: object, markers: tuple[str, ...]) -> Ev
     count = len(markers)
     modes = _table(reader, part, "modes", columns=3 * count)
     ties = _table(reader, part, "ties", columns=4)
-    confidence = _list(reader, part, "confidence")
+    rates = _list(reader, part, "rates")
     weights = _list(reader, part, "trust", FEATURES)
     if ((ties[:, :2] < 0) | (ties[:, :2] >= count)).any() or (ties[:, 2:] <= 0).any():
         reader.fail("evidence ties name a marker that is not there or a length below 0; expected two indices, m and m")
@@ -67,8 +67,8 @@ def read_evidence(reader: Reader, value: object, markers: tuple[str, ...]) -> Ev
         ),
         trust=Trust(
             weights=weights,
-            confidence=confidence,
-            right=_list(reader, part, "right", len(confidence)),
+            rates=rates,
+            least=_table(reader, part, "least", len(PARTS) + 1, len(rates)),
         ),
         subjects=int(reader.number(part, "subjects", "evidence", low=1)),
         plates=_plates(reader, part, count) if "plates" in part else None,

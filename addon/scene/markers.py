@@ -19,7 +19,8 @@ def add_markers(
 ) -> list[bpy.types.Object]:
     """Adds one empty for each of the M `names` to `collection`, keyed in `action` at Blender's `frames` (F,).
 
-    A marker that was never seen has no keys and stands where the body would carry it.
+    A marker that was never seen has no keys, stands where the body would carry it at first, and is hidden: standing
+    still in the moving body it would look like a wrong name.
     """
     empties = []
     for index, name in enumerate(names):
@@ -29,8 +30,9 @@ def add_markers(
         empty[naming.MARKER] = name
         collection.objects.link(empty)
         seen = motion.markers[:, index]
-        start = _first_finite(seen) if np.isfinite(seen).any() else _first_finite(motion.expected[:, index])
-        empty.location = start
+        unseen = not np.isfinite(seen).any()
+        empty.location = _first_finite(motion.expected[:, index] if unseen else seen)
+        empty.hide_viewport = empty.hide_render = unseen
         animation.key(animation.bind(empty, action), "location", frames, seen, name)
         empties.append(empty)
     return empties

@@ -2,6 +2,7 @@
 """Trajectories in pieces: where they are cut, and how pieces vote."""
 
 import numpy as np
+import pytest
 
 from addon.core.pieces import WINDOW, cut, renamed, vote_pieces
 from addon.core.takes import NO_MARKER
@@ -70,3 +71,16 @@ def test_doubts_name_the_column_of_the_file():
     [swap] = voted.suspects
     assert swap.reason == "trajectory 2 goes over from B to C"
     assert abs(swap.first - 64) <= 2
+
+
+@pytest.mark.parametrize("frame", [WINDOW, WINDOW - 100, WINDOW * 2 + 300 - 90])
+def test_a_swap_at_a_window_s_border_or_late_in_it_is_followed_and_said(frame):
+    piece = cut(straight(WINDOW * 2 + 300, 2), RATE)
+    marker = np.tile([1, 0], (len(piece), 1))
+    marker[frame:] = [0, 1]
+    voted = vote_pieces(marker, np.full(piece.shape, 0.99), piece, ["A", "B"])
+    np.testing.assert_array_equal(voted.marker, marker)
+    reasons = {(suspect.last, suspect.reason) for suspect in voted.suspects}
+    assert reasons == {
+        (frame, f"trajectory {at} goes over from {old} to {new}") for at, old, new in ((0, "B", "A"), (1, "A", "B"))
+    }

@@ -29,7 +29,7 @@ def test_reading_and_writing_again_changes_nothing(rigid):
     again = read_evidence(Reader("model"), json.loads(text), NAMES)
     assert evidence_text(again) == text
     assert np.allclose(again.shape.modes, evidence.shape.modes, rtol=1e-5, atol=1e-12)
-    assert np.allclose(again.trust.right, evidence.trust.right, rtol=1e-5)
+    assert np.allclose(again.trust.least, evidence.trust.least, rtol=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -39,7 +39,8 @@ def test_reading_and_writing_again_changes_nothing(rigid):
         ("noise", [0.1] * 7 + [-1]),
         ("modes", [[1, 2]]),
         ("ties", [[0, 99, 0.1, 0.1]]),
-        ("right", [1.0, "all"]),
+        ("rates", [1.0, "all"]),
+        ("least", [[1.0]]),
         ("subjects", "two"),
         ("plates", [[0, 0, 1]]),
     ],

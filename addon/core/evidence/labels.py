@@ -13,7 +13,7 @@ from .naming import FEW
 from .rows import put_rows, rows_of
 from .solving import Solved, solve
 from .starts import YAWS, guess
-from .trust import chance, features
+from .trust import chance, features, kinds, log_odds
 
 CHUNK = 64  # frames that are worked on at once; small enough for the processor's own memory
 TARGET = 0.999
@@ -28,7 +28,7 @@ class Named:
 
     marker      (F, P) the most likely marker, -1 where the point is more likely a ghost
     confidence  (F, P) the chance that it is right; 0 where unnamed
-    rate        (F, P) of all labels at least so confident, the part that is right
+    rate        (F, P) of all labels at least so confident in frames as hard, the part that is right
     misfit      (F,) how strange the named points are for the model: about 1 or less for subjects like those learned
     """
 
@@ -59,8 +59,8 @@ def label_some(evidence: Evidence, points: np.ndarray) -> Named:
     packed, place = _packed(points)
     solved = solve_frames(evidence.known, packed)
     labels = labels_given(solved, packed)
-    confidence = chance(evidence.trust.weights, labels.described)
-    rate = evidence.trust.rate(confidence)
+    odds = log_odds(evidence.trust.weights, labels.described)
+    confidence, rate = chance(odds), evidence.trust.rate(odds, kinds(labels.described))
     marker = np.full(points.shape[:2], -1)
     sure, rates = np.zeros(points.shape[:2]), np.zeros(points.shape[:2])
     at = labels.frame, place[labels.frame, labels.point]

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Learning to name points from labelled takes of any subjects: people, animals or props."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from .plates import Plates, learn_plates
 from .shape import Shape, learn_shape
 from .sides import mirrored
 from .ties import Ties, learn_ties
-from .trials import Trial, make_trial
+from .trials import Trial, crowded, make_trial
 from .trust import learn_trust
 
 FOLDS = 5
@@ -20,7 +20,9 @@ TRIAL_FRAMES = 1000  # frames of each fold that are named to see how far margins
 HIDDEN_PART = 1 / 3  # up to this part of the markers is hidden in a trial
 ON_PLATES = 0.7  # part of the markers that must be on plates for a set to be named by them
 MOST_GHOSTS = 3
-FEWEST_MARKERS = 4
+CROWDED = 4  # one frame in so many is tried with many more points too,
+CROWD = 3  # times as many as there are markers at most
+FEWEST_MARKERS, FEWEST_FRAMES = 4, 10
 CHUNK = 64
 
 
@@ -56,6 +58,9 @@ def _by_subject(takes, markers: tuple[str, ...]) -> dict[str, np.ndarray]:
     subjects = {subject: points for subject, points in subjects.items() if len(points)}
     if not subjects:
         raise InputError("no frame shows half of the markers together; expected labelled takes of this marker set")
+    frames = sum(map(len, subjects.values()))
+    if frames < FEWEST_FRAMES:
+        raise InputError(f"only {frames} frames show half of the markers together; expected {FEWEST_FRAMES} or more")
     everything = np.concatenate([np.isfinite(points[..., 0]).any(axis=0)[None] for points in subjects.values()])
     unseen = [name for name, seen in zip(markers, everything.any(axis=0), strict=True) if not seen]
     if unseen:
@@ -77,23 +82,37 @@ def _learn_trust(subjects: list[np.ndarray], markers: tuple[str, ...], seed: int
     splits = _splits(subjects)
     for done, (rest, tested) in enumerate(splits):
         known = Known.of(markers, *_learn(rest, markers, seed))
-        tested = tested[rng.permutation(len(tested))[:TRIAL_FRAMES]]
-        for ghosts in (0, MOST_GHOSTS):
-            half = tested[ghosts > 0 :: 2]
-            trial = make_trial(half, (0, round(len(markers) * HIDDEN_PART)), (0, ghosts), rng)
-            found += _tried(known, trial)
+        tested = tested[rng.choice(len(tested), TRIAL_FRAMES, replace=len(tested) < TRIAL_FRAMES)]
+        for trial, usual in _trials(tested, known, rng):
+            found += _tried(known, trial, usual)
         if progress is not None:
             progress((done + 1) / len(splits))
+    if not sum(len(right) for _, right, _ in found):
+        raise InputError("in no frame could a marker be told from the others; expected takes that show more of them")
     return learn_trust(*(np.concatenate(column) for column in zip(*found, strict=True)))
+
+
+def _trials(tested: np.ndarray, known: Known, rng: np.random.Generator) -> Iterator[tuple[Trial, bool]]:
+    """What the frames (T, M, 3) are tried as, and whether that is usual: without ghosts, with a few, in a crowd."""
+    hidden = 0, round(tested.shape[1] * HIDDEN_PART)
+    for ghosts in (0, MOST_GHOSTS):
+        half = tested[ghosts > 0 :: 2]
+        if len(half):
+            yield make_trial(half, hidden, (0, ghosts), rng), True
+    some = tested[::CROWDED]
+    if known.plates is None:
+        yield crowded(make_trial(some, hidden, (0, 0), rng), some, CROWD * tested.shape[1], rng), False
 
 
 def _splits(subjects: list[np.ndarray]) -> list[tuple[list[np.ndarray], np.ndarray]]:
     """What is learned from and the frames (T, M, 3) that are tested then, so that every subject is tested once.
 
-    But those who alone show a marker: nobody else could teach it.
+    But those without whom too few frames are left, or who alone show a marker: nobody else could teach it.
     """
     shown = np.array([np.isfinite(points[..., 0]).any(axis=0) for points in subjects])
-    tested = np.flatnonzero(~(shown & (shown.sum(axis=0) == 1)).any(axis=1))
+    frames = np.array([len(points) for points in subjects])
+    needed = (shown & (shown.sum(axis=0) == 1)).any(axis=1) | (frames.sum() - frames < FEWEST_FRAMES)
+    tested = np.flatnonzero(~needed)
     if not len(tested):
         parts = [np.array_split(points, FOLDS) for points in subjects]
         whole = [np.concatenate(fold) for fold in zip(*parts, strict=True)]
@@ -102,7 +121,8 @@ def _splits(subjects: list[np.ndarray]) -> list[tuple[list[np.ndarray], np.ndarr
             for fold in range(FOLDS)
             if len(whole[fold])
         ]
-    folds = [tested[first :: min(FOLDS, len(tested))] for first in range(min(FOLDS, len(tested)))]
+    count = min(FOLDS, len(tested))
+    folds = [tested[first::count] for first in range(count)]
     return [
         (
             [points for index, points in enumerate(subjects) if index not in fold],
@@ -112,11 +132,12 @@ def _splits(subjects: list[np.ndarray]) -> list[tuple[list[np.ndarray], np.ndarr
     ]
 
 
-def _tried(known: Known, trial: Trial) -> list[tuple[np.ndarray, ...]]:
-    """Of all labels given in a trial what their chances depend on, and whether each is right."""
+def _tried(known: Known, trial: Trial, usual: bool) -> list[tuple[np.ndarray, ...]]:
+    """Of all labels given in a trial what their chances depend on, and whether each is right and of a usual frame."""
     found = []
     for first in range(0, len(trial.points), CHUNK):
         points, truth = trial.points[first : first + CHUNK], trial.truth[first : first + CHUNK]
         given = labels_given(solve_frames(known, points), points)
-        found.append((given.described, truth[given.frame, given.point] == given.marker))
+        right = truth[given.frame, given.point] == given.marker
+        found.append((given.described, right, np.full(len(right), usual)))
     return found

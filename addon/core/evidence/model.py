@@ -18,18 +18,24 @@ from .ties import Ties
 class Trust:
     """How margins become chances, measured on subjects that were left out of the training.
 
-    weights     logit of the chance to be right, for each of `trust.features`
-    confidence  (K,) ascending confidences, and right (K,) how many of all labels at least so confident were right
+    weights  logit of the chance to be right, for each of `trust.features`
+    rates    (K,) ascending parts of labels that are right
+    least    (S, K) the least log odds of labels of which that part is right, for frames of each of the S kinds of
+             `trust.kinds`; beyond all odds where no labels are
     """
 
     weights: np.ndarray
-    confidence: np.ndarray
-    right: np.ndarray
+    rates: np.ndarray
+    least: np.ndarray
 
-    def rate(self, confidence: np.ndarray) -> np.ndarray:
-        """(N,) the part that is right of all labels at least as confident (N,)."""
-        place = np.searchsorted(self.confidence, confidence, side="right") - 1
-        return np.where(place >= 0, self.right[np.maximum(place, 0)], 0)
+    def rate(self, odds: np.ndarray, kind: np.ndarray) -> np.ndarray:
+        """(N,) the part that is right of all labels with at least such log odds (N,) in frames of that kind (N,)."""
+        found = np.zeros(len(odds))
+        for index, least in enumerate(self.least):
+            mine = kind == index
+            place = np.searchsorted(least, odds[mine], side="right") - 1
+            found[mine] = np.where(place >= 0, self.rates[np.maximum(place, 0)], 0)
+        return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ import numpy as np
 from .latent import Latent, yaw_absorbed
 from .ties import Pulls, Ties, pulls, told_by
 
-GHOSTS = 0.02  # ghosts in a cube of one radius
+GHOSTS = 0.01  # ghosts in a cube of one radius
 FEW = 3  # points more than markers that are nothing unusual;
 ROOM = 15.0  # the points beyond are in so many such cubes, as when more of the body is marked than the set knows
 HIDDEN = 0.25  # chance that a marker is hidden

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 AROUND = 0.5  # radii beyond the subject's own box where ghosts still appear
+BESIDE = 0.25  # radii, standard deviation of where a marker of another set sits about one of this
+BEYOND = 1.5  # how far along the line through two markers others may sit, in parts of their distance
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,6 +20,26 @@ class Trial:
 
     points: np.ndarray
     truth: np.ndarray
+
+
+def crowded(trial: Trial, labelled: np.ndarray, most: int, rng: np.random.Generator) -> Trial:
+    """The trial of labelled clouds (F, M, 3) m with up to `most` points more a frame, as markers that the set lacks.
+
+    Half of them sit beside markers, as on a foot that is marked all over; half anywhere along the line through two, as
+    those on a part of the body that the set leaves out.
+    """
+    frames, markers = labelled.shape[:2]
+    radius = np.sqrt(np.nanmean(np.nanvar(labelled, axis=1).sum(axis=1)))
+    one, other = np.moveaxis(rng.integers(0, markers, (frames, most, 2)), 2, 0)
+    rows = np.arange(frames)[:, None]
+    part = np.where(np.arange(most) % 2, rng.uniform(1 - BEYOND, BEYOND, (frames, most)), 0)
+    extra = labelled[rows, one] + part[..., None] * (labelled[rows, other] - labelled[rows, one])
+    extra += BESIDE * radius * rng.standard_normal(extra.shape)
+    extra[np.arange(most) >= rng.integers(0, most + 1, (frames, 1))] = np.nan
+    return Trial(
+        np.concatenate([trial.points, extra], axis=1),
+        np.concatenate([trial.truth, np.full((frames, most), -1)], axis=1),
+    )
 
 
 def make_trial(

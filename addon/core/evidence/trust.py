@@ -12,7 +12,11 @@ STEPS = 30
 CAUTION = 1.0  # wrong labels that are added, so that few trials promise little
 LEVELS = 200
 ERRORS = 1e-5, 0.3  # parts wrong between which the levels lie
-FEATURES = 5 + len(KNEES)
+FEATURES = 6 + len(KNEES)
+HIDDEN = FEATURES - 2  # the feature that is the part of the markers without a name
+PARTS = 0.7, 0.87  # of the markers that are named, between which frames are of one kind
+ENOUGH = 3000  # labels that a kind of frame needs for a count of its own
+SUREST, NEVER = 30.0, 100.0
 
 
 def features(margin: np.ndarray, strays: np.ndarray, named: np.ndarray, misfit: np.ndarray) -> np.ndarray:
@@ -24,36 +28,59 @@ def features(margin: np.ndarray, strays: np.ndarray, named: np.ndarray, misfit: 
     margin = np.clip(margin, -MOST, MOST)
     bent = [np.minimum(margin - knee, 0) for knee in KNEES]
     return np.stack(
-        [np.ones(len(margin)), margin, *bent, np.minimum(strays, 4), 1 - named, np.log(misfit + 0.1)], axis=1
+        [np.ones(len(margin)), margin, *bent, np.minimum(strays, 4), np.log1p(strays), 1 - named, np.log(misfit + 0.1)],
+        axis=1,
     )
 
 
-def chance(weights: np.ndarray, described: np.ndarray) -> np.ndarray:
-    """(N,) the chance that labels described by `features` are right."""
-    return 1 / (1 + np.exp(-np.clip(described @ weights, -30, 30)))
+def log_odds(weights: np.ndarray, described: np.ndarray) -> np.ndarray:
+    """(N,) the log odds that labels described by `features` are right."""
+    return np.clip(described @ weights, -SUREST, SUREST)
 
 
-def learn_trust(described: np.ndarray, right: np.ndarray) -> Trust:
-    """Trust from labels described (N, FEATURES) that are known to be right or not (N,)."""
+def chance(odds: np.ndarray) -> np.ndarray:
+    """(N,) the chance of log odds (N,)."""
+    return 1 / (1 + np.exp(-odds))
+
+
+def kinds(described: np.ndarray) -> np.ndarray:
+    """(N,) the kind of frame of labels described (N, FEATURES): the more markers are named, the higher."""
+    return np.searchsorted(PARTS, 1 - described[:, HIDDEN] + 1e-9, side="right")
+
+
+def learn_trust(described: np.ndarray, right: np.ndarray, usual: np.ndarray) -> Trust:
+    """Trust from labels described (N, FEATURES) that are known to be right or not (N,).
+
+    All teach what the chance depends on; what part of the labels is right is counted among the usual ones (N,), for
+    each kind of frame apart: else the many labels of easy frames would pay for wrong ones in hard frames.
+    """
     weights = _logistic(described, right)
-    confidence = chance(weights, described)
-    order = np.argsort(-confidence)
+    described, right = described[usual], right[usual]
+    odds, kind = log_odds(weights, described), kinds(described)
+    rates = 1 - np.geomspace(*ERRORS, LEVELS)[::-1]
+    least = []
+    for index in range(len(PARTS) + 1):
+        mine = kind == index if (kind == index).sum() >= ENOUGH else np.ones(len(kind), dtype=bool)
+        least.append(_least(odds[mine], right[mine], rates))
+    return Trust(weights, rates, np.array(least))
+
+
+def _least(odds: np.ndarray, right: np.ndarray, rates: np.ndarray) -> np.ndarray:
+    """(K,) the least log odds of labels of which the parts `rates` (K,) are right; NEVER where none are."""
+    order = np.argsort(-odds)
     count = np.arange(1, len(order) + 1)
     wrong = np.cumsum(~right[order]) + CAUTION * count / len(order)
     # Accepting less must never look worse than accepting more.
-    rates = np.maximum.accumulate((1 - wrong / count)[::-1])[::-1]
-    # Levels where the part that is wrong changes, not where labels are many: almost all labels are almost sure.
-    wanted = 1 - np.geomspace(*ERRORS, LEVELS)
-    places = np.unique(np.append(np.searchsorted(-rates, -wanted, side="right") - 1, len(order) - 1))
-    places = places[places >= 0]
-    return Trust(weights, confidence[order][places][::-1], rates[places][::-1])
+    reached = np.maximum.accumulate((1 - wrong / count)[::-1])[::-1]
+    last = np.searchsorted(-reached, -rates, side="right") - 1
+    return np.where(last >= 0, odds[order][np.maximum(last, 0)], NEVER)
 
 
 def _logistic(described: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Weights by Newton's method with a small ridge."""
     weights = np.zeros(described.shape[1])
     for _ in range(STEPS):
-        expected = chance(weights, described)
+        expected = chance(log_odds(weights, described))
         curve = (described * (expected * (1 - expected))[:, None]).T @ described
         slope = described.T @ (right - expected) - RIDGE * weights
         step = np.linalg.solve(curve + RIDGE * np.eye(len(weights)), slope)
