@@ -19,7 +19,7 @@ subjects make it better. The model keeps some frames of every take, so that --fr
 def add_parser(verbs):
     """Adds the verb to the command line's grammar."""
     parser = verbs.add_parser("train", help="make a model from labelled takes", description=DESCRIPTION)
-    parser.add_argument("takes", metavar="TAKE", nargs="+", type=Path, help="a labelled take")
+    parser.add_argument("takes", metavar="TAKE", nargs="*", type=Path, help="a labelled take")
     parser.add_argument("--out", required=True, type=Path, metavar="MODEL", help=f"the file to write, NAME{SUFFIX}")
     parser.add_argument("--from", dest="base", metavar="MODEL", help="train this model on, with what it keeps")
     parser.add_argument(
@@ -29,9 +29,10 @@ def add_parser(verbs):
     parser.add_argument(
         "--subject",
         dest="subjects",
-        action="append",
+        action="extend",
+        nargs="+",
         default=[],
-        type=subject,
+        type=subject_or_take,
         metavar="ID=GLOB",
         help="whose takes are whose, such as ann='*/ann_*.c3d'; default: a subject is a folder, by its name",
     )
@@ -66,19 +67,27 @@ def subject(text: str) -> tuple[str, str]:
     return name.strip(), glob
 
 
+def subject_or_take(text: str) -> tuple[str, str] | Path:
+    """`ID=GLOB`, or a take that follows the subjects on the command line."""
+    return Path(text) if "=" not in text and Path(text).exists() else subject(text)
+
+
 def run(arguments) -> int:
     """Trains one model."""
+    takes = [*arguments.takes, *(given for given in arguments.subjects if isinstance(given, Path))]
+    if not takes:
+        raise InputError("no take was given; expected one labelled take or more: train TAKE… --out MODEL")
     if not arguments.out.name.endswith(SUFFIX):
         raise InputError(f"is no name for a model; expected one that ends in {SUFFIX}", arguments.out)
     job = TrainJob(
-        takes=tuple(dict.fromkeys(arguments.takes)),
+        takes=tuple(dict.fromkeys(takes)),
         out=arguments.out,
         markers=tuple(arguments.markers) if arguments.markers else None,
         name=arguments.name,
         hit_rate=arguments.hit_rate,
         search=arguments.search,
         paper=arguments.paper,
-        subjects=tuple(arguments.subjects),
+        subjects=tuple(given for given in arguments.subjects if not isinstance(given, Path)),
         base=arguments.base,
         keep=not arguments.lean,
         report=arguments.report,

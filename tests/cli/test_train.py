@@ -2,6 +2,7 @@
 """`train`: a model of a made-up creature from its labelled takes, which then names takes without names."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -46,6 +47,7 @@ def takes(tmp_path_factory):
 def trained(takes, tmp_path_factory):
     """A model of two of the creatures, with its report."""
     from addon.cli import main
+from addon.cli.parser import build_parser
 
     folder = tmp_path_factory.mktemp("model")
     model, report = folder / "dog.markerset.json", folder / "report.json"
@@ -117,9 +119,8 @@ def test_a_prop_that_was_only_turned_about_the_vertical_is_known_in_any_pose(run
 def test_training_on_keeps_what_was_known(trained, takes, run, tmp_path):
     model, _ = trained
     out = tmp_path / "more.markerset.json"
-    answer = run(
-        "train", takes[2], "--from", model, "--out", out, "--subject", "c2=*.c3d", "--search", "none", "--json"
-    )
+    options = ("--from", model, "--out", out, "--search", "none", "--json")
+    answer = run("train", *options, "--subject", "c2=*.c3d", takes[2])
     assert answer.status == 0
     report = json.loads(answer.out)
     assert [row["subject"] for row in report["subjects"]] == ["c0", "c1", "c2"]
@@ -155,6 +156,7 @@ def test_what_cannot_be_trained_is_said_and_leaves_nothing(takes, run, tmp_path)
     out = tmp_path / "m.markerset.json"
     assert "ends in .markerset.json" in run("train", takes[0], "--out", tmp_path / "m.json").reason
     assert "is no subject" in run("train", takes[0], "--out", out, "--subject", "ann").reason
+    assert "no take was given" in run("train", "--out", out, "--subject", "ann=*").reason
     one = write(tmp_path / "one.c3d", creature(0, 1))
     assert "one.c3d: has 1 frame" in run("train", one, "--out", out).reason
     other = write(tmp_path / "other.c3d", creature(1), [f"X{index}" for index in range(10)])
@@ -162,3 +164,8 @@ def test_what_cannot_be_trained_is_said_and_leaves_nothing(takes, run, tmp_path)
     missing = write(tmp_path / "missing.c3d", np.full((20, 10, 3), np.nan))
     assert "no point that is present in any frame" in run("train", missing, "--out", out).reason
     assert not out.exists()
+
+
+def test_several_subjects_may_follow_one_option_and_takes_may_follow_them(takes):
+    given = build_parser().parse_args(["train", "--out", "a", "--subject", "ann=a*", "bob=b*", str(takes[0]), "--lean"])
+    assert given.subjects == [("ann", "a*"), ("bob", "b*"), Path(takes[0])]
