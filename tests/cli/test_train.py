@@ -47,7 +47,6 @@ def takes(tmp_path_factory):
 def trained(takes, tmp_path_factory):
     """A model of two of the creatures, with its report."""
     from addon.cli import main
-from addon.cli.parser import build_parser
 
     folder = tmp_path_factory.mktemp("model")
     model, report = folder / "dog.markerset.json", folder / "report.json"
@@ -167,5 +166,7 @@ def test_what_cannot_be_trained_is_said_and_leaves_nothing(takes, run, tmp_path)
 
 
 def test_several_subjects_may_follow_one_option_and_takes_may_follow_them(takes):
+    from addon.cli.parser import build_parser
+
     given = build_parser().parse_args(["train", "--out", "a", "--subject", "ann=a*", "bob=b*", str(takes[0]), "--lean"])
     assert given.subjects == [("ann", "a*"), ("bob", "b*"), Path(takes[0])]
