@@ -26,6 +26,8 @@ from addon.io.models import read_model, write_model
 from scripts.learn_markersets import read_takes
 
 HIT_RATE = 0.9999
+MANY = 30  # markers from which a search is made smaller, so that it ends within half an hour
+SMALLER = {"survey_frames": 64, "most_features": 20_000, "most_solvers": 8}
 
 
 def main(arguments: list[str] | None = None):
@@ -40,8 +42,9 @@ def main(arguments: list[str] | None = None):
         path = given.out / f"{name}{SUFFIX}"
         model = read_model(path)
         points = np.concatenate([points for points, _ in read_takes(given.data, model.markerset.markers)])
+        options = Training(functions=FUNCTIONS, **SMALLER if len(model.markerset) >= MANY else {})
         with threadpool_limits(1, user_api="blas"):
-            ensemble = train_ensemble(points, model.markerset.markers, HIT_RATE, Training(functions=FUNCTIONS))
+            ensemble = train_ensemble(points, model.markerset.markers, HIT_RATE, options)
         write_model(path, replace(model, ensemble=ensemble))
         print(f"{name}: {len(ensemble)} partial solvers, {time.perf_counter() - began:.0f} s")
 
