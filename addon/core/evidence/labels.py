@@ -16,6 +16,7 @@ from .starts import YAWS, guess
 from .trust import chance, features, kinds, log_odds
 
 CHUNK = 64  # frames that are worked on at once; small enough for the processor's own memory
+PAIRS = 700_000  # pairs of points that are worked on at once; more would fill the memory
 TARGET = 0.999
 LOOK = 3  # guesses a frame that are followed to the end, and
 LONG_LOOK = 6  # where there are many more points than markers, or the outcome is strange
@@ -43,13 +44,15 @@ class Named:
 
 
 def label_frames(evidence: Evidence, points: np.ndarray, chunk: int = CHUNK) -> Iterator[Named]:
-    """Names frames of points (T, P, 3) m, z up, NaN where there is none, `chunk` frames at a time.
+    """Names frames of points (T, P, 3) m, z up, NaN where there is none, `chunk` frames at a time, fewer of many points.
 
     Each frame is named on its own. What to accept is for the caller: see `Named.sure`.
     Raises InputError when the array is not one of points.
     """
     if points.ndim != 3 or points.shape[2] != 3:
         raise InputError(f"points have the shape {points.shape}; expected frames × points × 3")
+    most = max(int(np.isfinite(points[..., 0]).sum(axis=1).max(initial=0)), 1)
+    chunk = min(chunk, max(PAIRS // most**2, 1))
     for first in range(0, len(points), chunk):
         yield label_some(evidence, points[first : first + chunk])
 
