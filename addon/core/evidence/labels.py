@@ -44,7 +44,7 @@ class Named:
 
 
 def label_frames(evidence: Evidence, points: np.ndarray, chunk: int = CHUNK) -> Iterator[Named]:
-    """Names frames of points (T, P, 3) m, z up, NaN where there is none, `chunk` frames at a time, fewer of many points.
+    """Names frames of points (T, P, 3) m, z up, NaN where there is none, at most `chunk` frames at a time.
 
     Each frame is named on its own. What to accept is for the caller: see `Named.sure`.
     Raises InputError when the array is not one of points.
