@@ -79,7 +79,7 @@ def _labelled(waiting, cameras, model, method, rate, options, target, seconds) -
     motion = moved(xyz, residual, decided.marker, decided.confidence, markerset, frames)
     suspects = tuple(_without_number(suspect) for suspect in decided.suspects)
     suspects += find_suspects(motion, markerset.markers, rate)
-    if strange and np.isfinite(xyz).any():
+    if strange:
         suspects += (
             Suspect(int(frames[0]), int(frames[-1]), f"no subject that wears {markerset.name} was recognised"),
         )
