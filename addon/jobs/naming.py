@@ -20,6 +20,8 @@ CHUNK = 256
 VIEWS = 6  # virtual cameras around the points, when a body is fitted to them
 RADIUS, MARGIN = 6.0, 1.5  # m
 SIZE = (2000, 2000)  # px
+CROWD = 2.0  # times as many points as markers are a crowd, where
+BACKED = 0.5  # of a piece's frames must be sure of its name on their own
 AGREED = 0.5  # share of the virtual cameras that must give a point the same name
 
 
@@ -77,9 +79,24 @@ def decide(named: NamedFrames, piece: np.ndarray, markers: Sequence[str], target
     voted = vote_pieces(named.marker, named.confidence, piece, markers, first_frame)
     alone = voted.marker == named.marker
     chance = np.where(alone, np.maximum(voted.confidence, named.confidence), voted.confidence)
-    enough = (voted.confidence >= target) | (alone & (named.rate >= target))
+    sure = alone & (named.rate >= target)
+    enough = (voted.confidence >= target) & _backed(sure, piece, len(markers)) | sure
     marker = once(np.where(enough, voted.marker, NO_MARKER), chance, len(markers))
     return Decided(marker, np.where(marker == NO_MARKER, 0.0, chance), alone, voted.suspects)
+
+
+def _backed(sure: np.ndarray, piece: np.ndarray, markers: int) -> np.ndarray:
+    """(T, P) True where the vote of a piece counts: among many more points than markers, frames must be sure too.
+
+    There a point that is no marker sits like one through the whole take, so that frames err together; sure (T, P) says
+    which frames name the piece as the vote does and are sure of it on their own.
+    """
+    present = piece >= 0
+    if present.sum() < CROWD * markers * len(piece):
+        return np.ones(piece.shape, dtype=bool)
+    frames = np.bincount(piece[present])
+    share = np.bincount(piece[present], weights=sure[present]) / np.maximum(frames, 1)
+    return present & (share[np.maximum(piece, 0)] >= BACKED)
 
 
 def consistent(decided: Decided, points: np.ndarray, evidence: Evidence | None, first_frame: int) -> Decided:
