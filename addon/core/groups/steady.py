@@ -12,10 +12,8 @@ SHORTEST = 0.1  # s, of a piece that is looked at
 GAP = 0.02  # s without a point after which a trajectory may go on with another marker
 REACH = 0.4  # m, the widest that a plate is
 STEADY = 0.006  # m that distances within a group vary by, in the mean
-DOUBT, DOUBTFUL_FRAMES = (
-    0.02,
-    10,
-)  # m and frames: what is taken for granted of two pieces that were hardly seen together
+# What is taken for granted of two pieces that were hardly seen together, m and frames.
+DOUBT, DOUBTFUL_FRAMES = 0.02, 10
 ROUNDS = 6
 FITS = 0.01  # m, root mean square, that a piece may be off its place in the group
 SAME = 0.012  # m between places of pieces that are one marker's
@@ -196,7 +194,7 @@ def _laid(seen: Sampled, cluster: np.ndarray, distance: np.ndarray) -> Group | N
         known = np.isfinite(local[..., 0])
         count = np.maximum(known.sum(axis=0), 1)
         mean = np.where(known[..., None], local, 0).sum(axis=0) / count[:, None]
-        off = np.sqrt(np.where(known[..., None], local - mean, 0) ** 2).sum(axis=2).sum(axis=0) / count
+        off = np.sqrt((np.where(known[..., None], local - mean, 0) ** 2).sum(axis=(0, 2)) / count)
         form = np.where((known.any(axis=0) & (off < FITS))[:, None], mean, np.nan)
         if np.isfinite(form[:, 0]).sum() < FEWEST:
             return None

@@ -193,3 +193,15 @@ def test_people_in_another_marker_set_are_nobody_whose_plates_it_could_learn(rec
     folder, _, learned = recorded
     other = read_points(folder / take)
     assert recognise(*learned, other.xyz, cut(other.xyz, other.rate), other.rate).known is None
+
+
+@pytest.mark.parametrize(("wobble", "markers"), [(0.012, 6), (0.026, 5)])
+@pytest.mark.parametrize("turn", [(0, 0, 0), (0, 54.7356, 45)])
+def test_how_loose_a_marker_may_be_does_not_depend_on_where_the_plate_faces(wobble, markers, turn):
+    around = np.linspace(0, 2 * np.pi, 5, endpoint=False)
+    flat = np.stack([*np.column_stack([np.cos(around), np.sin(around), 0 * around]) * 0.15, np.zeros(3)])
+    points = np.tile(flat, (200, 1, 1))
+    points[:, 5, 2] += wobble * np.sin(np.arange(200))
+    points = points @ Rotation.from_euler("zyx", turn, degrees=True).as_matrix().T
+    moving, still = find_groups(sampled(points, unbroken(cut(points, RATE), RATE), RATE))
+    assert [len(group.form) for group in moving + still] == [markers]
