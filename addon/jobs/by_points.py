@@ -17,9 +17,9 @@ from ..core.pipeline import Options
 from ..core.reconstruction import Reconstructed, Reconstructor
 from ..core.suspects import find_suspects
 from ..core.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Suspect
-from .doubts import LEAST_SURE, sure_share
 from .naming import consistent, decide, joined, name_frames
 from .placing import moved
+from .refusals import LEAST_SURE, sure_share
 from .spool import SHORTEST
 
 # How the label of a blob came about, by index into `Labels.step`.

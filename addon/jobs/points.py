@@ -26,10 +26,10 @@ from ..io.labels import POINT_KEYS, LabelWriter
 from ..io.models import open_model
 from ..io.points import FilePoints, read_points
 from ..progress import Progress
-from .doubts import refuse_floods, refuse_others, refuse_strangers
 from .job import LabelJob, Labelled, finish_report, open_files, timed, write_points
 from .naming import chosen_method, consistent, decide, joined, name_frames
 from .placing import moved
+from .refusals import refuse_floods, refuse_others, refuse_strangers
 from .wearer import checked, find_wearer
 
 # How the label of a point came about; the index is what `Labels.step` holds.

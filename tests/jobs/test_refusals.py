@@ -18,7 +18,7 @@ from addon.core.virtual import Act, draw_person, perform
 from addon.io.markersets import open_markerset
 from addon.io.models import open_model
 from addon.io.points import read_points
-from addon.jobs.doubts import refuse_floods, refuse_others, refuse_strangers
+from addon.jobs.refusals import refuse_floods, refuse_others, refuse_strangers
 
 PLATES = 3  # of four markers each
 FRAMES = 60
