@@ -41,9 +41,10 @@ def add_parser(verbs):
     parser.add_argument(
         "--target",
         type=number(0.5, 0.999999, "share"),
-        default=0.999,
+        default=jobs.USUAL_TARGET,
         metavar="P",
-        help="of points: the share of labels that must be right; less sure ones are left out (default 0.999)",
+        help="of points: the share of labels that must be right; less sure ones are left out "
+        f"(default {jobs.USUAL_TARGET:g})",
     )
     parser.add_argument(
         "--rate",

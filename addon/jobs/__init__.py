@@ -6,7 +6,7 @@ from collections.abc import Generator
 from ..core.errors import InputError
 from ..io.points import holds_points
 from ..progress import Progress
-from .job import METHODS, USUAL_RATE, LabelJob, Labelled
+from .job import METHODS, USUAL_RATE, USUAL_TARGET, LabelJob, Labelled
 
 
 def label_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
@@ -25,4 +25,4 @@ def label_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
     return label_blobs(job)
 
 
-__all__ = ["METHODS", "USUAL_RATE", "LabelJob", "Labelled", "label_file"]
+__all__ = ["METHODS", "USUAL_RATE", "USUAL_TARGET", "LabelJob", "Labelled", "label_file"]

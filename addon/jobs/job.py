@@ -16,6 +16,7 @@ from ..io.whole import whole_files
 from ..version import version
 
 USUAL_RATE = 100.0
+USUAL_TARGET = 0.999
 METHODS = ("auto", "fit", "ensemble", "evidence", "both")
 
 
@@ -42,7 +43,7 @@ class LabelJob:
     out: Path
     frames: tuple[int | None, int | None] | None = None
     method: str = "auto"
-    target: float = 0.999
+    target: float = USUAL_TARGET
     rate: float | None = None
     height: float | None = None
     facing: float | None = None

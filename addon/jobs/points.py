@@ -26,11 +26,11 @@ from ..io.labels import POINT_KEYS, LabelWriter
 from ..io.models import open_model
 from ..io.points import FilePoints, read_points
 from ..progress import Progress
-from .job import LabelJob, Labelled, finish_report, open_files, timed, write_points
-from .naming import chosen_method, consistent, decide, joined, name_frames
+from .job import USUAL_TARGET, LabelJob, Labelled, finish_report, open_files, timed, write_points
+from .naming import Decided, NamedFrames, chosen_method, consistent, decide, joined, name_frames
 from .placing import moved
 from .refusals import refuse_floods, refuse_others, refuse_strangers
-from .wearer import checked, find_wearer
+from .wearer import Wearer, checked, find_wearer
 
 # How the label of a point came about; the index is what `Labels.step` holds.
 STEPS = ("", "evidence", "ensemble", "fit", "trajectory")
@@ -95,15 +95,23 @@ def _named(job: LabelJob, model: Model, method: str, take: FilePoints, clock):
         done += len(part.marker)
         yield Progress(0.75 * done / len(take.xyz), f"frame {take.first_frame + done - 1}")
     named = joined(parts)
-    decided = decide(named, piece, model.markerset.markers, job.target, take.first_frame)
-    decided = consistent(decided, take.xyz, model.markerset.evidence, take.first_frame)
-    decided = checked(decided, wearer, take.first_frame)
-    refuse_strangers(model, method, take.xyz, decided.marker)
+    decided = _decided(named, piece, wearer, take, job.target)
+    # Who asks for surer labels gets fewer, and the take is no stranger's for that.
+    usual = decided if job.target == USUAL_TARGET else _decided(named, piece, wearer, take, USUAL_TARGET)
+    refuse_strangers(model, method, take.xyz, usual.marker)
     step = np.where(decided.alone, STEPS.index(method), STEPS.index("trajectory"))
     clock["label"] = perf_counter() - begin
     changed = renamed(decided.marker, piece, model.markerset.markers, take.first_frame)
     labels = Labels(decided.marker, np.where(decided.marker == NO_MARKER, 0, step), decided.confidence)
     return labels, by_file_number(decided.suspects + changed, take.columns)
+
+
+def _decided(named: NamedFrames, piece: np.ndarray, wearer: Wearer, take: FilePoints, target: float) -> Decided:
+    """The names that trajectories, the rest of the take and its motion bear out, sure enough for the target."""
+    markerset = wearer.model.markerset
+    decided = decide(named, piece, markerset.markers, target, take.first_frame)
+    decided = consistent(decided, take.xyz, markerset.evidence, take.first_frame)
+    return checked(decided, wearer, take.first_frame)
 
 
 def by_file_number(suspects: Sequence[Suspect], columns: np.ndarray) -> tuple[Suspect, ...]:

@@ -67,7 +67,10 @@ def refuse_others(model: Model, method: str, points: np.ndarray, options: Option
 
 
 def refuse_strangers(model: Model, method: str, points: np.ndarray, given: np.ndarray):
-    """Raises JobError where the labels given (T, P) are so few that points (T, P, 3) are of another marker set."""
+    """Raises JobError where the labels given (T, P) are so few that points (T, P, 3) are of another marker set.
+
+    The labels are those of the usual target: of a stricter one there are few in any take.
+    """
     share = (given != NO_MARKER).sum() / _possible(points, len(model.markerset))
     if share < (LEAST_FITTED if method == "fit" else LEAST_NAMED):
         raise _stranger(model, points, share)

@@ -11,6 +11,7 @@ import pytest
 
 from addon.blendfile import has_blender
 from addon.core.body import BodyModel
+from addon.core.errors import JobError
 from addon.core.takes import NO_MARKER, Points
 from addon.io.markersets import open_markerset
 from addon.io.points import read_points, write_c3d
@@ -86,3 +87,32 @@ def test_a_saved_file_shows_what_stayed_unnamed(source, of_two_minds):
     assert stored.points.shape == (16 * FRAMES, 3)
     assert set(stored.blobs.camera.tolist()) == set(range(3, 19))
     assert (stored.labels.marker == NO_MARKER).sum() == FRAMES
+
+
+@pytest.fixture
+def fairly_sure(monkeypatch):
+    """A naming that is right in every frame, and no surer than one in two thousand."""
+
+    def name_frames(model, method, points, rate, options):
+        marker = np.tile(np.r_[np.arange(15), NO_MARKER], (len(points), 1))
+        sure = np.where(marker == NO_MARKER, 0.0, 0.9995)
+        yield NamedFrames(marker, sure, sure)
+
+    monkeypatch.setattr(job, "name_frames", name_frames)
+
+
+@pytest.mark.parametrize(("target", "named"), [(0.999, 15 * 15), (0.99999, 0)])
+def test_a_strict_target_leaves_names_out_and_refuses_no_take(source, fairly_sure, target, named):
+    report = json.loads((label(source, frames=(11, 25), target=target) / "walk.report.json").read_text())
+    assert report["points"] - report["unlabelled"] == named
+
+
+def test_a_lax_target_makes_no_take_the_model_s(source, monkeypatch):
+    def name_frames(model, method, points, rate, options):
+        marker = np.tile(np.r_[np.arange(15), NO_MARKER], (len(points), 1))
+        sure = np.where(marker == NO_MARKER, 0.0, 0.6)
+        yield NamedFrames(marker, sure, sure)
+
+    monkeypatch.setattr(job, "name_frames", name_frames)
+    with pytest.raises(JobError, match="does not look like a take of model gait15"):
+        label(source, frames=(11, 25), target=0.5)
