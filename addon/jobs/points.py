@@ -34,6 +34,8 @@ from .wearer import Wearer, checked, find_wearer
 
 # How the label of a point came about; the index is what `Labels.step` holds.
 STEPS = ("", "evidence", "ensemble", "fit", "trajectory")
+# How far along the work is when each part begins.
+SHARES = {"wearer": 0.0, "others": 0.05, "name": 0.1, "vote": 0.75, "pose": 0.8, "write": 0.9}
 
 
 def label_points(job: LabelJob) -> Generator[Progress, None, Labelled]:
@@ -50,13 +52,12 @@ def label_points(job: LabelJob) -> Generator[Progress, None, Labelled]:
     with ExitStack() as stack:
         files = open_files(job, stack)
         stack.enter_context(threadpool_limits(1, user_api="blas"))
-        named = yield from _named(job, model, method, take, clock)
-        labels, suspects = named
-        yield Progress(0.8, "pose the body")
+        labels, suspects = yield from _named(job, model, method, take, clock)
+        yield Progress(SHARES["pose"], "pose the body")
         with timed(clock, "fit"):
             frames = take.first_frame + np.arange(len(take.xyz))
             motion = moved(take.xyz, take.residual, labels.marker, labels.confidence, model.markerset, frames)
-        yield Progress(0.9, "write")
+        yield Progress(SHARES["write"], "write")
         doubtful = find_suspects(motion, model.markerset.markers, take.rate)
         rows, chunk = _as_chunk(take, labels, motion, summarised(suspects + doubtful, take.rate))
         summary = TakeSummary(model.markerset.markers)
@@ -83,18 +84,16 @@ def _of_frames(take: FilePoints, frames: tuple[int | None, int | None] | None) -
 
 def _named(job: LabelJob, model: Model, method: str, take: FilePoints, clock):
     """Labels (T, P) after the vote, and what is doubtful about them."""
-    parts, done = [], 0
     options = Options(hints=Hints(job.height, job.facing))
     begin = perf_counter()
+    yield Progress(SHARES["wearer"], "look who wears the markers")
     piece = cut(take.xyz, take.rate)
     wearer = find_wearer(model, method, take.xyz, piece, take.rate)
     model = wearer.model
+    yield Progress(SHARES["others"], "look whether the model is for this take")
     refuse_others(model, method, take.xyz, options)
-    for part in name_frames(model, method, take.xyz, take.rate, options):
-        parts.append(part)
-        done += len(part.marker)
-        yield Progress(0.75 * done / len(take.xyz), f"frame {take.first_frame + done - 1}")
-    named = joined(parts)
+    named = yield from _frame_by_frame(model, method, take, options)
+    yield Progress(SHARES["vote"], "let trajectories vote")
     decided = _decided(named, piece, wearer, take, job.target)
     # Who asks for surer labels gets fewer, and the take is no stranger's for that.
     usual = decided if job.target == USUAL_TARGET else _decided(named, piece, wearer, take, USUAL_TARGET)
@@ -104,6 +103,20 @@ def _named(job: LabelJob, model: Model, method: str, take: FilePoints, clock):
     changed = renamed(decided.marker, piece, model.markerset.markers, take.first_frame)
     labels = Labels(decided.marker, np.where(decided.marker == NO_MARKER, 0, step), decided.confidence)
     return labels, by_file_number(decided.suspects + changed, take.columns)
+
+
+def _frame_by_frame(
+    model: Model, method: str, take: FilePoints, options: Options
+) -> Generator[Progress, None, NamedFrames]:
+    """What every frame says on its own."""
+    parts, done = [], 0
+    yield Progress(SHARES["name"], f"frame {take.first_frame}")
+    for part in name_frames(model, method, take.xyz, take.rate, options):
+        parts.append(part)
+        done += len(part.marker)
+        share = SHARES["name"] + (SHARES["vote"] - SHARES["name"]) * done / len(take.xyz)
+        yield Progress(share, f"frame {take.first_frame + done - 1}")
+    return joined(parts)
 
 
 def _decided(named: NamedFrames, piece: np.ndarray, wearer: Wearer, take: FilePoints, target: float) -> Decided:

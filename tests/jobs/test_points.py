@@ -116,3 +116,23 @@ def test_a_lax_target_makes_no_take_the_model_s(source, monkeypatch):
     monkeypatch.setattr(job, "name_frames", name_frames)
     with pytest.raises(JobError, match="does not look like a take of model gait15"):
         label(source, frames=(11, 25), target=0.5)
+
+
+def test_progress_is_told_from_the_first_look_at_the_take(source, of_two_minds, monkeypatch):
+    said = []
+    looks = job.refuse_others, job.find_wearer
+    monkeypatch.setattr(job, "refuse_others", lambda *given: said.append("refuse_others") or looks[0](*given))
+    monkeypatch.setattr(job, "find_wearer", lambda *given: said.append("find_wearer") or looks[1](*given))
+    fractions = []
+    for progress in label_file(LabelJob(source, None, "gait15", source.parent / "out")):
+        said.append(progress.note)
+        fractions.append(progress.fraction)
+    before = said[: said.index("frame 11")]
+    assert before == [
+        "look who wears the markers",
+        "find_wearer",
+        "look whether the model is for this take",
+        "refuse_others",
+    ]
+    assert fractions == sorted(fractions)
+    assert 0 == fractions[0] < fractions[1] < fractions[-1] < 1
