@@ -46,10 +46,12 @@ def save_blend(
     markerset: MarkerSet,
     chunks: Chunks,
     points: np.ndarray | None = None,
+    residual: np.ndarray | None = None,
 ):
     """Saves a Blender file with nothing in it but the take. What was open in this Blender is gone.
 
-    points (N, 3) m are given where the rows of `chunks` are points; those without a name are there as one object.
+    points (N, 3) m with their residual (N,) m are given where the rows of `chunks` are points; those without a name are
+    there as one object.
     """
     import bpy
 
@@ -57,7 +59,7 @@ def save_blend(
 
     labels, motion, suspects = scenes.join_labelled([chunk for _, chunk in chunks])
     blobs = scenes.join_blobs(blobs for blobs, _ in chunks)
-    take = scenes.Take(name, rate, cameras, markerset, blobs, labels, motion, suspects, str(source), points)
+    take = scenes.Take(name, rate, cameras, markerset, blobs, labels, motion, suspects, str(source), points, residual)
     with silenced():
         bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
         scenes.show_take(bpy.context, take, unnamed=points is not None)

@@ -138,9 +138,9 @@ def by_file_number(suspects: Sequence[Suspect], columns: np.ndarray) -> tuple[Su
 
 def _save_blend(job: LabelJob, path: Path, take: FilePoints, markerset: MarkerSet, rows: Blobs, chunk: LabelledChunk):
     """Saves the take with all its points, named and unnamed, as Blender shows it when it labels them itself."""
-    points = take.xyz[rows.frame, rows.camera]
+    points, residual = (array[rows.frame, rows.camera] for array in (take.xyz, take.residual))
     seen = (replace(rows, camera=take.columns[rows.camera]), chunk)
-    save_blend(path, job.source.stem, job.source, take.rate, no_cameras(), markerset, [seen], points)
+    save_blend(path, job.source.stem, job.source, take.rate, no_cameras(), markerset, [seen], points, residual)
 
 
 def _as_chunk(take: FilePoints, labels: Labels, motion: Motion, suspects) -> tuple[Blobs, LabelledChunk]:

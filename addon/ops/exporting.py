@@ -100,20 +100,25 @@ def points_of(stored: Stored) -> Points:
     motion = stored.motion
     xyz, residual, names = motion.markers, motion.residual, stored.names
     if stored.points is not None:
-        rest = unnamed_trajectories(stored)
-        xyz = np.concatenate([xyz, rest], axis=1)
-        residual = np.concatenate([residual, np.full(rest.shape[:2], np.nan)], axis=1)
+        rest, off = unnamed_trajectories(stored)
+        xyz, residual = np.concatenate([xyz, rest], axis=1), np.concatenate([residual, off], axis=1)
         names = (*names, *[""] * rest.shape[1])
     return Points(names, xyz, residual, stored.rate, int(motion.frames[0]))
 
 
-def unnamed_trajectories(stored: Stored) -> np.ndarray:
-    """(F, U, 3) m the points without a name, a trajectory of the file a column; NaN elsewhere."""
+def unnamed_trajectories(stored: Stored) -> tuple[np.ndarray, np.ndarray]:
+    """(F, U, 3) m the points without a name, a trajectory of the file a column, and (F, U) m their residuals.
+
+    NaN where there is none; residuals are NaN too where the take was labelled before they were kept.
+    """
     rows = np.flatnonzero(stored.labels.marker == NO_MARKER)
     columns, column = np.unique(stored.blobs.camera[rows], return_inverse=True)
-    xyz = np.full((len(stored.motion.frames), len(columns), 3), np.nan)
+    shape = (len(stored.motion.frames), len(columns))
+    xyz, residual = np.full((*shape, 3), np.nan), np.full(shape, np.nan)
     xyz[stored.blobs.frame[rows], column] = stored.points[rows]
-    return xyz
+    if stored.residual is not None:
+        residual[stored.blobs.frame[rows], column] = stored.residual[rows]
+    return xyz, residual
 
 
 def write_point_labels(path: Path, stored: Stored):

@@ -53,10 +53,10 @@ def _label(job: LabelJob, name: str, tell: Callable[[float], None]) -> Take:
 
 
 def _take_of(labelled: Labelled, job: LabelJob, name: str) -> Take:
-    """The take as the scene shows it; its points come from the file, which the labelling does not hand on."""
+    """The take as the scene shows it; points and residuals come from the file, for the labelling does not hand them on."""
     [(rows, chunk)] = labelled.chunks
     file = read_points(job.source)
-    points = file.xyz[rows.frames[rows.frame] - file.first_frame, rows.camera]
+    at = rows.frames[rows.frame] - file.first_frame, rows.camera
     return Take(
         name,
         file.rate,
@@ -67,5 +67,6 @@ def _take_of(labelled: Labelled, job: LabelJob, name: str) -> Take:
         chunk.motion,
         chunk.suspects,
         str(job.source),
-        points,
+        file.xyz[at],
+        file.residual[at],
     )

@@ -28,7 +28,7 @@ RATE, SHIFT, SUSPECTS, SOURCE, NAMES = (
     "mocap_source",
     "mocap_names",
 )
-POINT = "point"
+POINT, RESIDUAL = "point", "point_residual"
 LAST_FRAME = 1048574  # Blender's last frame
 
 
@@ -46,6 +46,7 @@ class Take:
     suspects   ranges of frames to look at
     source     the file of the take, empty if there is none
     points     (N, 3) m, where the points are; None for blobs
+    residual   (N,) m, by how much the file says that they may be off, NaN where it does not; None where nobody kept it
     """
 
     name: str
@@ -58,6 +59,7 @@ class Take:
     suspects: tuple[Suspect, ...] = ()
     source: str = ""
     points: np.ndarray | None = None
+    residual: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +80,7 @@ class Stored:
     source: str
     shift: int
     points: np.ndarray | None = None
+    residual: np.ndarray | None = None
 
 
 def join_blobs(chunks: Iterable[Blobs]) -> Blobs:
@@ -162,7 +165,7 @@ def stored_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> Sto
     """A take as the file keeps it, in any session after the one that labelled it."""
     blobs, frames = storage.read_table(collection[BLOBS]), storage.read_table(collection[FRAMES])
     names = tuple(json.loads(collection[NAMES]))
-    numbers, points = frames["number"], blobs.get(POINT)
+    numbers = frames["number"]
     cameras = collection.get(naming.CAMERAS)
     return Stored(
         str(collection[naming.TAKE]),
@@ -175,7 +178,8 @@ def stored_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> Sto
         tuple(Suspect(*row) for row in json.loads(collection[SUSPECTS])),
         str(collection[SOURCE]),
         int(collection[SHIFT]),
-        points,
+        blobs.get(POINT),
+        blobs.get(RESIDUAL),
     )
 
 
@@ -185,6 +189,8 @@ def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Coll
     columns |= {f.name: getattr(labels, f.name) for f in fields(Labels)}
     if take.points is not None:
         columns[POINT] = take.points
+    if take.residual is not None:
+        columns[RESIDUAL] = take.residual
     collection[BLOBS] = storage.store_table(f"{title} blobs", columns)
     flat = {
         "markers": motion.markers.reshape(-1, 3),

@@ -39,7 +39,7 @@ def files(tmp_path_factory, made):
     ghosts = np.tile(rng.uniform(-2, 2, (GHOSTS, 3)), (30, 1, 1))
     xyz = np.concatenate([motion.markers, ghosts], axis=1)
     order = rng.permutation(xyz.shape[1])
-    residual = np.where(np.isfinite(xyz[:, order, 0]), 0.0, np.nan)
+    residual = np.where(np.isfinite(xyz[:, order, 0]), 0.0002 + 0.0001 * np.arange(len(order)), np.nan)
     take = Points(("",) * len(order), xyz[:, order], residual, 59.94, 101)
     write_c3d(folder / "walk.c3d", take)
     write_trc(folder / "walk.trc", take)
@@ -170,6 +170,8 @@ def test_the_exports_are_what_the_command_line_writes(imported, files, naming_kn
     assert ours.names == theirs.names == trc.names
     assert (ours.first_frame, ours.rate) == (theirs.first_frame, theirs.rate)
     np.testing.assert_allclose(ours.xyz, theirs.xyz, atol=1e-6)
+    assert np.nanmin(ours.residual) == pytest.approx(0.0002)
+    np.testing.assert_allclose(ours.residual, theirs.residual, atol=1e-6)
     np.testing.assert_allclose(trc.xyz, theirs.xyz, atol=1e-5)
 
 

@@ -33,7 +33,7 @@ def source(tmp_path):
     xyz = np.concatenate([np.zeros((FRAMES, OUTPUTS, 3)) + 0.3, markers, ghost], axis=1)
     names = ("LHJC", "RHJC", "CentreOfMass", *[""] * 16)
     path = tmp_path / "walk.c3d"
-    write_c3d(path, Points(names, xyz, np.zeros(xyz.shape[:2]), 100.0, 11))
+    write_c3d(path, Points(names, xyz, np.full(xyz.shape[:2], 0.0015), 100.0, 11))
     assert read_points(path).columns.tolist() == list(range(OUTPUTS, 19))
     return path
 
@@ -85,6 +85,7 @@ def test_a_saved_file_shows_what_stayed_unnamed(source, of_two_minds):
     np.testing.assert_allclose(cloud_points(cloud.data), np.ones((FRAMES, 3)), atol=1e-5)
     stored = stored_take(collection, bpy.context.scene)
     assert stored.points.shape == (16 * FRAMES, 3)
+    np.testing.assert_allclose(stored.residual, 0.0015, rtol=1e-5)
     assert set(stored.blobs.camera.tolist()) == set(range(3, 19))
     assert (stored.labels.marker == NO_MARKER).sum() == FRAMES
 
