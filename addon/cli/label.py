@@ -50,9 +50,15 @@ def add_parser(verbs):
         "--rate",
         type=number(0.1, 100_000, "rate"),
         metavar="HZ",
-        help=f"frames a second, which a blob file does not say (default {jobs.USUAL_RATE:g}, and the report says so)",
+        help=f"frames a second, which a blob file does not say (default {jobs.USUAL_RATE:g}, and the report says so); "
+        "files of 3D points do",
     )
-    parser.add_argument("--height", type=number(0.3, 3, "height"), metavar="M", help="the subject's height, if known")
+    parser.add_argument(
+        "--height",
+        type=number(0.3, 3, "height"),
+        metavar="M",
+        help="the subject's height, if known; like --facing a hint for the fitted body",
+    )
     parser.add_argument(
         "--facing",
         type=number(-360, 360, "angle"),
@@ -72,6 +78,9 @@ def add_parser(verbs):
 def run(arguments) -> int:
     """Labels every take; one that fails does not stop the others."""
     check(arguments)
+    if not arguments.result:  # whoever started this process side by side with others has said it already
+        for words in unused(arguments):
+            complain(words)
     reports, failures = [], []
     progress = ProgressLine(arguments.progress)
     for path, answer in _answers(arguments, progress):
@@ -107,6 +116,31 @@ def check(arguments):
     open_model(arguments.model)
     if blobs:
         open_cameras(arguments.cameras)
+
+
+def unused(arguments) -> list[str]:
+    """What is given and makes no difference to some of the takes, a sentence each; they are labelled all the same."""
+    kinds = {holds_points(path) for path in arguments.inputs}
+    said = []
+    if arguments.rate is not None and True in kinds:
+        said.append("--rate is not looked at for 3D points, whose files say their own rate")
+    hints = [f"--{name}" for name in ("height", "facing") if getattr(arguments, name) is not None]
+    if hints:
+        deaf = [kind for kind in sorted(kinds) if not _fits(arguments, kind)]
+        what = " and ".join("3D points" if kind else "blobs" for kind in deaf)
+        verb = "is" if len(hints) == 1 else "are"
+        if deaf:
+            said.append(f"{' and '.join(hints)} {verb} not looked at for {what}: that needs --method fit here")
+    return said
+
+
+def _fits(arguments, points: bool) -> bool:
+    """Whether takes of 3D points, or of blobs, are named by a body that is fitted to them, which takes hints."""
+    if arguments.method != "auto" or not points:
+        return arguments.method in ("auto", "fit", "both")
+    from ..jobs.naming import chosen_method
+
+    return chosen_method(open_model(arguments.model), "auto") == "fit"
 
 
 def _check_inputs(arguments):

@@ -53,7 +53,7 @@ def _label(job: LabelJob, name: str, tell: Callable[[float], None]) -> Take:
 
 
 def _take_of(labelled: Labelled, job: LabelJob, name: str) -> Take:
-    """The take as the scene shows it; points and residuals come from the file, for the labelling does not hand them on."""
+    """The take as the scene shows it; points and residuals come from the file, for the labelling hands none on."""
     [(rows, chunk)] = labelled.chunks
     file = read_points(job.source)
     at = rows.frames[rows.frame] - file.first_frame, rows.camera

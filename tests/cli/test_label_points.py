@@ -204,3 +204,22 @@ def test_reconstructed_points_are_named(trained, room, run, tmp_path):
 
 def test_a_model_without_an_ensemble_or_evidence_says_so(trained, room, label):
     assert "has no ensemble" in label("--method", "ensemble", model=trained).reason
+
+
+def test_what_makes_no_difference_to_points_is_said(trained, room, label, run, tmp_path):
+    answer = label("--rate", "60", "--height", "1.7", "--facing", "0", model=trained)
+    assert answer.status == 0
+    assert answer.err.splitlines() == [
+        "mocap-autolabel: --rate is not looked at for 3D points, whose files say their own rate",
+        "mocap-autolabel: --height and --facing are not looked at for 3D points: that needs --method fit here",
+    ]
+    [report] = [json.loads(path.read_text()) for path in (tmp_path / "out").glob("*.report.json")]
+    assert report["rate"] == pytest.approx(59.94, abs=0.1)
+
+
+def test_a_hint_that_is_followed_is_not_said_to_be_without_use(room, label, run, tmp_path):
+    assert label("--method", "fit", "--height", "1.7").err == ""
+    words = ("label", room.blobs, "--cameras", room.cameras, "--rate", "60", "--out", tmp_path / "blobs")
+    assert run(*words, "--model", MODEL, "--height", "1.7").err == ""
+    answer = run(*words, "--model", "gait15", "--method", "evidence", "--facing", "0", "--overwrite")
+    assert answer.err == "mocap-autolabel: --facing is not looked at for blobs: that needs --method fit here\n"
