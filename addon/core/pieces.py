@@ -5,6 +5,7 @@ A column of a file may hold several trajectories one after the other, and a poin
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -65,8 +66,8 @@ def _gone_over(marker, piece, frame: int, names: Sequence[str], first_frame: int
     changed = (piece[frame - 1] == piece[frame]) & (before != after) & (before != NO_MARKER) & (after != NO_MARKER)
     at = frame + first_frame
     return [
-        Suspect(at - 1, at, f"trajectory {column} goes over from {names[before[column]]} to {names[after[column]]}")
-        for column in np.flatnonzero(changed)
+        Suspect(at - 1, at, f"goes over from {names[before[column]]} to {names[after[column]]}", column)
+        for column in np.flatnonzero(changed).tolist()
     ]
 
 
@@ -80,8 +81,8 @@ def renamed(marker: np.ndarray, piece: np.ndarray, names: Sequence[str], first_f
         frames = np.flatnonzero(marker[:, column] != NO_MARKER)
         own, part = marker[frames, column], piece[frames, column]
         for at in np.flatnonzero((np.diff(own) != 0) & (np.diff(part) != 0)):
-            reason = f"trajectory {column} is {names[own[at]]} and, behind a gap or a leap, {names[own[at + 1]]}"
-            found.append(Suspect(int(frames[at]) + first_frame, int(frames[at + 1]) + first_frame, reason))
+            words = f"is {names[own[at]]} and, behind a gap or a leap, {names[own[at + 1]]}"
+            found.append(Suspect(int(frames[at]) + first_frame, int(frames[at + 1]) + first_frame, words, column))
     return tuple(found)
 
 
@@ -98,10 +99,5 @@ def _vote_window(marker, confidence, piece, names, first_frame) -> Voted:
     result = vote(said, worth, present, names, first_frame)
     voted, sure = np.full(marker.shape, NO_MARKER), np.zeros(marker.shape)
     voted[frame, column], sure[frame, column] = result.marker[frame, place], result.confidence[frame, place]
-    return Voted(voted, sure, tuple(_of_column(suspect, owner) for suspect in result.suspects))
-
-
-def _of_column(suspect: Suspect, owner: np.ndarray) -> Suspect:
-    """The suspect with its trajectory by the column of the file instead of the piece."""
-    head, number, rest = suspect.reason.split(" ", 2)
-    return Suspect(suspect.first, suspect.last, f"{head} {owner[int(number)]} {rest}")
+    # Every suspect of a vote is about one piece; a person knows it by the column of the file.
+    return Voted(voted, sure, tuple(replace(one, trajectory=int(owner[one.trajectory])) for one in result.suspects))

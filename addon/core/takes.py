@@ -76,11 +76,21 @@ class Motion:
 
 @dataclass(frozen=True)
 class Suspect:
-    """A range of frames (the source's numbers, both included) that a person should look at, and why."""
+    """A range of frames (the source's numbers, both included) that a person should look at, and why.
+
+    words       what is the matter; of one trajectory only what it does, such as "goes over from A to B"
+    trajectory  the number of that trajectory, None where it is about something else
+    """
 
     first: int
     last: int
-    reason: str
+    words: str
+    trajectory: int | None = None
+
+    @property
+    def reason(self) -> str:
+        """Why to look, for a person to read."""
+        return self.words if self.trajectory is None else f"trajectory {self.trajectory} {self.words}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -145,7 +145,8 @@ def _swaps(stretches, given, names, first_frame) -> list[Suspect]:
                 Suspect(
                     before.last + first_frame,
                     after.first + first_frame,
-                    f"trajectory {before.point} goes over from {names[old]} to {names[new]}",
+                    f"goes over from {names[old]} to {names[new]}",
+                    before.point,
                 )
             )
     return suspects
@@ -162,7 +163,8 @@ def _doubts(stretches, given, names, first_frame) -> list[Suspect]:
                 Suspect(
                     stretch.first + first_frame,
                     stretch.last + first_frame,
-                    f"trajectory {stretch.point} may be {words} and stays unnamed",
+                    f"may be {words} and stays unnamed",
+                    stretch.point,
                 )
             )
     return suspects

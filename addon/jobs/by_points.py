@@ -4,7 +4,6 @@
 The second paper after the first one's cameras: it checks the fitted body, which goes the other way round.
 """
 
-import re
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from time import perf_counter
@@ -98,7 +97,9 @@ def _labelled(waiting, cameras, model, method, rate, options, target, seconds) -
 
 def _without_number(suspect: Suspect) -> Suspect:
     """The suspect without the number of its trajectory, which is in no file here."""
-    return replace(suspect, reason=re.sub(r"^trajectory \d+", "a trajectory of points", suspect.reason))
+    if suspect.trajectory is None:
+        return suspect
+    return replace(suspect, words=f"a trajectory of points {suspect.words}", trajectory=None)
 
 
 def _of_blobs(blobs: Blobs, part: Reconstructed, cameras: Cameras, marker, confidence, step, markers: int):

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A take of 3D points from file to files: name frame by frame, let trajectories vote, pose the body, write."""
 
-import re
 from collections.abc import Generator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -129,11 +128,9 @@ def _decided(named: NamedFrames, piece: np.ndarray, wearer: Wearer, take: FilePo
 
 def by_file_number(suspects: Sequence[Suspect], columns: np.ndarray) -> tuple[Suspect, ...]:
     """The suspects with trajectories called as in label files: by their index in the file, `columns` (P,)."""
-
-    def called(match: re.Match) -> str:
-        return f"trajectory {columns[int(match[1])]}"
-
-    return tuple(replace(suspect, reason=re.sub(r"\btrajectory (\d+)", called, suspect.reason)) for suspect in suspects)
+    return tuple(
+        one if one.trajectory is None else replace(one, trajectory=int(columns[one.trajectory])) for one in suspects
+    )
 
 
 def _save_blend(job: LabelJob, path: Path, take: FilePoints, markerset: MarkerSet, rows: Blobs, chunk: LabelledChunk):

@@ -118,9 +118,9 @@ def _of_props(person: Person, first_frame: int) -> tuple[Suspect, ...]:
 def _of_contradictions(person: Person, said: np.ndarray, names, first_frame: int) -> tuple[Suspect, ...]:
     """Trajectories that moved as one marker and were named as another, (T, P) where they lost their names."""
     found = []
-    for column in np.flatnonzero((said != NO_MARKER).any(axis=0)):
+    for column in np.flatnonzero((said != NO_MARKER).any(axis=0)).tolist():
         frames = np.flatnonzero(said[:, column] != NO_MARKER)
         moves, looks = names[person.marker[frames[0], column]], names[said[frames[0], column]]
-        words = f"trajectory {column} moves as {moves} and looks like {looks}, so it stays unnamed"
-        found.append(Suspect(int(frames[0]) + first_frame, int(frames[-1]) + first_frame, words))
+        words = f"moves as {moves} and looks like {looks}, so it stays unnamed"
+        found.append(Suspect(int(frames[0]) + first_frame, int(frames[-1]) + first_frame, words, column))
     return tuple(found)

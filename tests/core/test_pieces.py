@@ -69,7 +69,7 @@ def test_doubts_name_the_column_of_the_file():
     marker[:60, 2], marker[60:, 2] = 1, 2
     voted = vote_pieces(marker, np.full(piece.shape, 0.99), piece, ["A", "B", "C"], first_frame=5)
     [swap] = voted.suspects
-    assert swap.reason == "trajectory 2 goes over from B to C"
+    assert (swap.trajectory, swap.reason) == (2, "trajectory 2 goes over from B to C")
     assert abs(swap.first - 64) <= 2
 
 

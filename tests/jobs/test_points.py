@@ -12,7 +12,7 @@ import pytest
 from addon.blendfile import has_blender
 from addon.core.body import BodyModel
 from addon.core.errors import JobError
-from addon.core.takes import NO_MARKER, Points
+from addon.core.takes import NO_MARKER, Points, Suspect
 from addon.io.markersets import open_markerset
 from addon.io.points import read_points, write_c3d
 from addon.jobs import LabelJob, label_file
@@ -137,3 +137,11 @@ def test_progress_is_told_from_the_first_look_at_the_take(source, of_two_minds, 
     ]
     assert fractions == sorted(fractions)
     assert 0 == fractions[0] < fractions[1] < fractions[-1] < 1
+
+
+def test_only_the_number_of_a_trajectory_is_made_the_file_s():
+    said = (Suspect(1, 2, "goes over from trajectory 1 to B", 1), Suspect(1, 2, "trajectory 1 jumps"))
+    assert [suspect.reason for suspect in job.by_file_number(said, np.array([0, 7]))] == [
+        "trajectory 7 goes over from trajectory 1 to B",
+        "trajectory 1 jumps",
+    ]
