@@ -12,9 +12,9 @@ from ..io.cameras import write_cameras
 from ..io.markersets import open_markerset
 from ..io.whole import whole_file
 from ..scoring import compare
+from .arguments import add_overwrite
 from .console import ProgressLine, print_results
 from .evaluate import as_lines, as_result, percent
-from .parser import add_overwrite
 
 DESCRIPTION = """Labels a take that the project makes by itself: a virtual person in a virtual room of eight cameras,
 with noise, occlusion, merged blobs and ghosts. Prints how right the labels are, and writes everything to DIR: the

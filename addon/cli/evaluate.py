@@ -6,8 +6,8 @@ from pathlib import Path
 from ..core.figures import Figures
 from ..io.markersets import open_markerset
 from ..scoring import Agreement, compare
+from .arguments import add_frames
 from .console import print_results
-from .parser import add_frames
 
 DESCRIPTION = """Compares labels with the truth, row by row in any order within a frame, and prints precision, recall
 and the other figures. Rows of LABELS that TRUTH does not have are left out: their truth is not known."""

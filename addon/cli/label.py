@@ -13,8 +13,8 @@ from ..blendfile import has_blender, open_cameras
 from ..core.errors import InputError, UserError
 from ..io.models import open_model
 from ..io.points import holds_points
+from .arguments import add_frames, add_overwrite, number, whole
 from .console import ProgressLine, complain, print_results
-from .parser import add_frames, add_overwrite, number, whole
 from .workers import side_by_side
 
 DESCRIPTION = """Names the markers of one or more takes. INPUT: camera blobs, a CSV file with the header

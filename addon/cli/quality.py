@@ -11,8 +11,8 @@ from ..io.markersets import open_markerset
 from ..io.quality import write_quality
 from ..io.whole import whole_file
 from ..jobs.quality import judge_placement
+from .arguments import add_overwrite, names, number, whole
 from .console import ProgressLine, print_results
-from .parser import add_overwrite, names, number, whole
 
 DESCRIPTION = """Judges where the markers of a model sit, before anybody wears them. How far two names stand apart is
 told in standard deviations, with a quarter of the markers hidden: at 2 the likelier of the two is wrong in up to 16 %

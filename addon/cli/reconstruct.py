@@ -5,8 +5,8 @@ from pathlib import Path
 
 from ..jobs.job import USUAL_RATE
 from ..jobs.rebuild import RebuildJob, rebuild_file
+from .arguments import add_frames, add_overwrite, number
 from .console import ProgressLine, print_results
-from .parser import add_frames, add_overwrite, number
 
 DESCRIPTION = """Finds the points in space that the unnamed blobs of several cameras show, and joins them into unnamed
 trajectories *1, *2, … with gaps: what `label` takes when only 3D points are known. Residuals are in the file."""

@@ -10,8 +10,8 @@ from ..core.errors import InputError, UserError
 from ..core.simulate import CaptureOptions
 from ..io.markersets import builtin_markersets, open_markerset
 from ..io.points import marker_columns, read_points
+from .arguments import add_frames, add_overwrite, names, number, whole
 from .console import ProgressLine, print_results
-from .parser import add_frames, add_overwrite, names, number, whole
 
 DESCRIPTION = """A virtual capture of a labelled take (.c3d or .trc): what the cameras would see, with a body in the
 way, noise, merged blobs, dropouts and ghosts. Writes the blobs to BLOBS and their true names to BLOBS.truth.csv (the

@@ -8,8 +8,8 @@ from ..core.ensemble.training import SEARCHES
 from ..core.errors import InputError
 from ..io.markersets import SUFFIX
 from ..jobs.train import TrainJob, train_file
+from .arguments import add_overwrite, names, number
 from .console import ProgressLine, print_results
-from .parser import add_overwrite, names, number
 
 DESCRIPTION = """Makes a model from labelled takes (.c3d, .trc, Motive .csv) of people, animals or props: its markers, a
 skeleton and a body, and what names them in takes without names. One take is enough to begin with; more takes of more
