@@ -5,7 +5,7 @@ The second paper after the first one's cameras: it checks the fitted body, which
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
@@ -16,7 +16,7 @@ from ..core.pipeline import Options
 from ..core.reconstruction import Reconstructed, Reconstructor
 from ..core.suspects import find_suspects
 from ..core.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Suspect
-from .naming import consistent, decide, joined, name_frames
+from .naming import Decided, consistent, decide, joined, name_frames
 from .placing import moved
 from .refusals import LEAST_SURE, sure_share
 from .spool import SHORTEST
@@ -24,6 +24,41 @@ from .spool import SHORTEST
 # How the label of a blob came about, by index into `Labels.step`.
 STEPS = ("", "evidence", "ensemble", "trajectory")
 WINDOW = 1024  # frames, about, whose trajectories vote together
+
+
+@dataclass(frozen=True, eq=False)
+class _Way:
+    """How blobs are named, the same from window to window: arguments of `label_by_points`."""
+
+    cameras: Cameras
+    model: Model
+    method: str
+    rate: float
+    options: Options
+    target: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Window:
+    """The Q points that some chunks make, as P trajectories over their T frames.
+
+    frames         (T,) the source's numbers
+    starts         for each chunk where its frames begin, and where the last ones end
+    frame, column  (Q,) frame and trajectory of each point
+    xyz, residual  (T, P, 3) and (T, P) m, NaN where missing; trajectories too short to trust are left out
+    """
+
+    frames: np.ndarray
+    starts: np.ndarray
+    frame: np.ndarray
+    column: np.ndarray
+    xyz: np.ndarray
+    residual: np.ndarray
+
+    @property
+    def piece(self) -> np.ndarray:
+        """(T, P) the number of the trajectory of each point that is there, -1 elsewhere."""
+        return np.where(np.isfinite(self.xyz).all(axis=2), np.arange(self.xyz.shape[1]), -1)
 
 
 def label_by_points(
@@ -39,6 +74,7 @@ def label_by_points(
 
     Raises JobError when there are fewer than two cameras, or a frame has more blobs than any capture.
     """
+    way = _Way(cameras, model, method, rate, options, target)
     reconstructor = Reconstructor(cameras, rate)
     waiting: list[tuple[Blobs, Reconstructed]] = []
     seconds = 0.0
@@ -47,16 +83,35 @@ def label_by_points(
         waiting.append((blobs, reconstructor.reconstruct(blobs)))
         seconds += perf_counter() - begin
         if sum(len(part.frames) for part, _ in waiting) >= WINDOW:
-            yield from _labelled(waiting, cameras, model, method, rate, options, target, seconds)
+            yield from _labelled(way, waiting, seconds)
             waiting, seconds = [], 0.0
     if waiting:
-        yield from _labelled(waiting, cameras, model, method, rate, options, target, seconds)
+        yield from _labelled(way, waiting, seconds)
 
 
-def _labelled(waiting, cameras, model, method, rate, options, target, seconds) -> Iterator[LabelledChunk]:
-    """The chunks of one window."""
+def _labelled(way: _Way, waiting: list[tuple[Blobs, Reconstructed]], seconds: float) -> Iterator[LabelledChunk]:
+    """The chunks of one window, which took `seconds` to reconstruct."""
     begin = perf_counter()
-    markerset = model.markerset
+    markerset, window = way.model.markerset, _window(waiting)
+    decided = _decided(way, window)
+    named = perf_counter()
+    motion = moved(window.xyz, window.residual, decided.marker, decided.confidence, markerset, window.frames)
+    suspects = decided.suspects + find_suspects(motion, markerset.markers, way.rate)
+    spent = {"place": seconds, "label": named - begin, "fit": perf_counter() - named}
+    step = np.where(decided.alone, STEPS.index(way.method), STEPS.index("trajectory"))
+    given = [array[window.frame, window.column] for array in (decided.marker, decided.confidence, step)]
+    first = 0
+    for index, (blobs, part) in enumerate(waiting):
+        here, last = slice(*window.starts[index : index + 2]), first + len(part.points)
+        labels, px = _of_blobs(blobs, part, way.cameras, *(array[first:last] for array in given), len(markerset))
+        fields = {name: getattr(motion, name)[here] for name in vars(motion)}
+        mine = tuple(s for s in suspects if blobs.frames[0] <= s.first <= blobs.frames[-1])
+        yield LabelledChunk(labels, type(motion)(**{**fields, "residual_px": px}), mine, spent)
+        first, spent = last, {}
+
+
+def _window(waiting: list[tuple[Blobs, Reconstructed]]) -> _Window:
+    """The points of all chunks as trajectories."""
     frames = np.concatenate([blobs.frames for blobs, _ in waiting])
     starts = np.cumsum([0, *(len(blobs.frames) for blobs, _ in waiting)])
     frame = np.concatenate([start + part.frame for start, (_, part) in zip(starts, waiting, strict=False)])
@@ -67,32 +122,20 @@ def _labelled(waiting, cameras, model, method, rate, options, target, seconds) -
     lasting = (lengths >= min(SHORTEST, len(frames)))[column]
     xyz[frame[lasting], column[lasting]] = np.concatenate([part.points for _, part in waiting])[lasting]
     residual[frame[lasting], column[lasting]] = np.concatenate([part.residual for _, part in waiting])[lasting]
-    piece = np.where(np.isfinite(xyz).all(axis=2), np.arange(shape[1]), -1)
-    found = joined(list(name_frames(model, method, xyz, rate, options)))
-    strange = sure_share(found, xyz, len(markerset)) < LEAST_SURE
-    if strange:
+    return _Window(frames, starts, frame, column, xyz, residual)
+
+
+def _decided(way: _Way, window: _Window) -> Decided:
+    """The names of a window's points; none, and why, where nobody in the model's markers is there."""
+    markerset, first, shape = way.model.markerset, int(window.frames[0]), window.residual.shape
+    found = joined(list(name_frames(way.model, way.method, window.xyz, way.rate, way.options)))
+    said = ()
+    if sure_share(found, window.xyz, len(markerset)) < LEAST_SURE:
         found = replace(found, marker=np.full(shape, NO_MARKER), confidence=np.zeros(shape), rate=np.zeros(shape))
-    decided = decide(found, piece, markerset.markers, target, int(frames[0]))
-    decided = consistent(decided, xyz, markerset.evidence, int(frames[0]))
-    named = perf_counter()
-    motion = moved(xyz, residual, decided.marker, decided.confidence, markerset, frames)
-    suspects = tuple(_without_number(suspect) for suspect in decided.suspects)
-    suspects += find_suspects(motion, markerset.markers, rate)
-    if strange:
-        suspects += (
-            Suspect(int(frames[0]), int(frames[-1]), f"no subject that wears {markerset.name} was recognised"),
-        )
-    spent = {"place": seconds, "label": named - begin, "fit": perf_counter() - named}
-    step = np.where(decided.alone, STEPS.index(method), STEPS.index("trajectory"))
-    given = [array[frame, column] for array in (decided.marker, decided.confidence, step)]
-    first = 0
-    for index, (blobs, part) in enumerate(waiting):
-        here, last = slice(starts[index], starts[index + 1]), first + len(part.points)
-        labels, px = _of_blobs(blobs, part, cameras, *(array[first:last] for array in given), len(markerset))
-        fields = {name: getattr(motion, name)[here] for name in vars(motion)}
-        mine = tuple(s for s in suspects if blobs.frames[0] <= s.first <= blobs.frames[-1])
-        yield LabelledChunk(labels, type(motion)(**{**fields, "residual_px": px}), mine, spent)
-        first, spent = last, {}
+        said = (Suspect(first, int(window.frames[-1]), f"no subject that wears {markerset.name} was recognised"),)
+    decided = decide(found, window.piece, markerset.markers, way.target, first)
+    decided = consistent(decided, window.xyz, markerset.evidence, first)
+    return replace(decided, suspects=tuple(_without_number(one) for one in decided.suspects) + said)
 
 
 def _without_number(suspect: Suspect) -> Suspect:
