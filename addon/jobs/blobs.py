@@ -3,7 +3,7 @@
 
 import tempfile
 from collections import deque
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack
 from itertools import tee
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import Self
 
 import numpy as np
 
-from ..blendfile import open_cameras, save_blend
+from ..blendfile import Chunks, open_cameras, save_blend
 from ..core.cameras import Cameras
 from ..core.errors import InputError
 from ..core.models import Model
@@ -28,6 +28,8 @@ from . import both_ways, by_points
 from .job import LabelJob, Labelled, finish_report, open_files, timed, write_points
 from .naming import chosen_method
 
+Way = Callable[[Iterator[Blobs]], Iterator[LabelledChunk]]
+
 
 def label_blobs(job: LabelJob) -> Generator[Progress, None, Labelled]:
     """Labels the take and writes its files, which appear together or not at all. Memory does not grow with the take.
@@ -36,60 +38,56 @@ def label_blobs(job: LabelJob) -> Generator[Progress, None, Labelled]:
     """
     begin = perf_counter()
     model, cameras = open_model(job.model), open_cameras(job.cameras)
-    method = "fit" if job.method == "auto" else job.method
-    ways = _ways(job, model, cameras)
-    markerset, agreement = model.markerset, both_ways.Agreement()
+    ways, markerset, agreement = _ways(job, model, cameras), model.markerset, both_ways.Agreement()
     with ExitStack() as stack:
         files = open_files(job, stack)
-        folder = tempfile.TemporaryDirectory(prefix="mocap-autolabel-", ignore_cleanup_errors=True)
-        scratch = Path(stack.enter_context(folder))
-        motion = stack.enter_context(MotionFile(scratch, markerset.markers, job.frame_rate))
-        labels = stack.enter_context(LabelWriter(files[".labels.csv"], markerset.markers))
-        summary = TakeSummary(markerset.markers)
         source = Source(job, cameras)
-        chunks = []
+        steps, work = _work(job, ways, source.blobs(), markerset.markers, agreement)
+        results = Results(job, files, markerset.markers, steps, stack)
         clock = {"load": perf_counter() - begin, "write": 0.0}
-        if len(ways) == 2:
-            steps = both_ways.ALL_STEPS
-            blobs, *each = tee(source.blobs(), 3)
-            work = both_ways.label_both_ways(
-                blobs, *(way(part) for way, part in zip(ways, each, strict=True)), markerset.markers, agreement
-            )
-        else:
-            steps = STEPS if method == "fit" else by_points.STEPS
-            work = ways[0](source.blobs())
-        given = np.zeros(len(steps), np.int64)
         for chunk in work:
             row = source.taken.popleft()
             with timed(clock, "write"):
-                labels.write(row.keys, chunk.labels, steps)
-                motion.append(chunk.motion)
-            summary.add(row.blobs, chunk)
-            given += np.bincount(chunk.labels.step, minlength=len(steps))
-            if job.keep or job.blend:
-                chunks.append((row.blobs, chunk))
+                results.add(row, chunk)
             yield Progress(row.fraction, f"frame {row.blobs.frames[-1]}")
         clock["load"] += source.seconds
+        chunks = results.chunks
         with timed(clock, "write"):
-            labels.file.flush()
-            more = write_points(motion.points(), files)
+            results.labels.file.flush()
+            more = write_points(results.motion.points(), files)
             if job.blend:
                 save_blend(files[".blend"], job.source.stem, job.source, job.frame_rate, cameras, markerset, chunks)
-        counts = dict(zip(steps[1:], given[1:].tolist(), strict=True))
         if len(ways) == 2:
             more["agreement"] = agreement.as_dict()
-        more |= {"method": method, "rate_assumed": job.rate is None, "steps": counts}
-        report = finish_report(job, summary, markerset.name, job.frame_rate, clock, files[".report.json"], **more)
+        more |= {"method": _method(job), "rate_assumed": job.rate is None, "steps": results.counts()}
+        path = files[".report.json"]
+        report = finish_report(job, results.summary, markerset.name, job.frame_rate, clock, path, **more)
     return Labelled(report, chunks if job.keep else [])
 
 
-def _ways(job: LabelJob, model: Model, cameras: Cameras) -> list[Callable[[Iterator[Blobs]], Iterator[LabelledChunk]]]:
+def _method(job: LabelJob) -> str:
+    """The method that "auto" stands for, or the one that was wanted."""
+    return "fit" if job.method == "auto" else job.method
+
+
+def _work(
+    job: LabelJob, ways: Sequence[Way], blobs: Iterator[Blobs], markers: tuple[str, ...], agreement: both_ways.Agreement
+) -> tuple[tuple[str, ...], Iterator[LabelledChunk]]:
+    """The steps by which blobs get their names, and the naming, one way or both; then `agreement` is added to."""
+    if len(ways) == 1:
+        return STEPS if _method(job) == "fit" else by_points.STEPS, ways[0](blobs)
+    own, *each = tee(blobs, 3)
+    named = (way(part) for way, part in zip(ways, each, strict=True))
+    return both_ways.ALL_STEPS, both_ways.label_both_ways(own, *named, markers, agreement)
+
+
+def _ways(job: LabelJob, model: Model, cameras: Cameras) -> list[Way]:
     """The ways in which the job wants blobs named; InputError where the model does not know how."""
 
     def fit(chunks: Iterator[Blobs]) -> Iterator[LabelledChunk]:
         return label_take(chunks, cameras, model.markerset, job.frame_rate, options(job))
 
-    if job.method in ("auto", "fit"):
+    if _method(job) == "fit":
         return [fit]
     method = chosen_method(model, "auto" if job.method == "both" else job.method)
     if method == "fit":
@@ -131,6 +129,42 @@ class Source:
                 return
             self.taken.append(rows)
             yield rows.blobs
+
+
+class Results:
+    """What becomes of a take, chunk by chunk; its files are open for as long as `stack` is.
+
+    chunks  the chunks, where the job keeps them
+    """
+
+    def __init__(
+        self,
+        job: LabelJob,
+        files: dict[str, Path],
+        markers: tuple[str, ...],
+        steps: tuple[str, ...],
+        stack: ExitStack,
+    ):
+        self.steps, self.kept = steps, job.keep or job.blend
+        folder = tempfile.TemporaryDirectory(prefix="mocap-autolabel-", ignore_cleanup_errors=True)
+        self.motion = stack.enter_context(MotionFile(Path(stack.enter_context(folder)), markers, job.frame_rate))
+        self.labels = stack.enter_context(LabelWriter(files[".labels.csv"], markers))
+        self.summary = TakeSummary(markers)
+        self.chunks: Chunks = []
+        self._given = np.zeros(len(steps), np.int64)
+
+    def add(self, row: BlobRows, chunk: LabelledChunk):
+        """Writes the labels and keeps what the end needs."""
+        self.labels.write(row.keys, chunk.labels, self.steps)
+        self.motion.append(chunk.motion)
+        self.summary.add(row.blobs, chunk)
+        self._given += np.bincount(chunk.labels.step, minlength=len(self.steps))
+        if self.kept:
+            self.chunks.append((row.blobs, chunk))
+
+    def counts(self) -> dict[str, int]:
+        """How many labels came about by each step."""
+        return dict(zip(self.steps[1:], self._given[1:].tolist(), strict=True))
 
 
 class MotionFile:
