@@ -6,8 +6,9 @@ all weak classifiers of a subset together accept, so here the searches ask what 
 subsets at once, and only the solvers that are kept are boosted; what they then do is measured anew and recorded.
 """
 
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -117,6 +118,18 @@ def _check(points: np.ndarray, markers, options: Training):
         raise InputError("fewer than two frames with labelled markers; expected takes that show the markers moving")
 
 
+def _heirs(found: Iterable[int], markers: int, good: searches.Good) -> Callable[[int], list[int]]:
+    """For a solver that does not hold, the good ones with one marker more that nobody has come by yet."""
+    seen = set(found)
+
+    def heirs(subset: int) -> list[int]:
+        larger = {subset | 1 << place for place in range(markers)} - seen
+        seen.update(larger)
+        return [other for other in sorted(larger) if good(other)]
+
+    return heirs
+
+
 class Study:
     """Labelled frames, the weak classifiers learned from them, and what solvers made of those can do.
 
@@ -207,36 +220,38 @@ class Study:
         """
         known = self.surveyed.get(None, self.surveyed.get(own))
         ground = Ground(known.group if known else list(range(self.markers)), own)
-        seems = known and self._hopeful(known)
+        good = self._promising(ground, known)
+        found: set[int] = set()
+        for step in self._run(ground, good, self._fitness(ground, known)):
+            found = step
+            yield
+        genetic = self.options.search == "genetic"
+        heirs = (lambda _: ()) if genetic else _heirs(found, len(ground.group), good)
+        limits = (self.hidden(ground), self.options.most_solvers, self.options.least_gain)
+        for taken in searches.covering(sorted(found), partial(self._holds, ground), heirs, *limits):
+            self.found = {ground.outside(subset) for subset in taken}
+            yield
 
-        def holds(subset: int) -> bool:
-            return self._good(self._checked_flags(ground.outside(subset))[ground.group], subset, ground.own)
+    def _holds(self, ground: "Ground", subset: int) -> bool:
+        """Whether a solver is good on the frames for checking."""
+        return self._good(self._checked_flags(ground.outside(subset))[ground.group], subset, ground.own)
 
-        def good(subset: int) -> bool:
-            return self._good(seems[subset], subset, ground.own) if known else holds(subset)
+    def _promising(self, ground: "Ground", known: Survey | None) -> searches.Good:
+        """Whether a solver may be good, by the survey where there is one, so that few must be measured."""
+        if known is None:
+            return partial(self._holds, ground)
+        seems = self._hopeful(known)
+        return lambda subset: self._good(seems[subset], subset, ground.own)
+
+    def _fitness(self, ground: "Ground", known: Survey | None) -> Callable[[int], float]:
+        """What the genetic algorithm makes the most of: the hit rate of the search's own marker, or of any."""
 
         def fitness(subset: int) -> float:
             places = searches.members(subset)
             rates = np.nan_to_num((known.record(places) if known else self.record(subset)).rates)
-            return float(rates.max() if own is None else rates[places.index(ground.own)])
+            return float(rates.max() if ground.own is None else rates[places.index(ground.own)])
 
-        found: set[int] = set()
-        for step in self._run(ground, good, fitness):
-            found = step
-            yield
-
-        seen = set(found)
-
-        def heirs(subset: int) -> list[int]:
-            larger = {subset | 1 << place for place in range(len(ground.group))} - seen
-            seen.update(larger)
-            return [other for other in sorted(larger) if good(other)]
-
-        limits = (self.hidden(ground), self.options.most_solvers, self.options.least_gain)
-        genetic = self.options.search == "genetic"
-        for taken in searches.covering(sorted(found), holds, (lambda _: ()) if genetic else heirs, *limits):
-            self.found = {ground.outside(subset) for subset in taken}
-            yield
+        return fitness
 
     def _run(self, ground: "Ground", good: searches.Good, fitness: Callable[[int], float]) -> Iterator[set[int]]:
         markers = len(ground.group)
