@@ -30,6 +30,19 @@ def add_parser(verbs):
     parser.add_argument("--cameras", type=Path, metavar="CAMERAS", help="the calibration; blobs need it")
     parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="the folder for the results")
     add_frames(parser)
+    _add_naming(parser)
+    parser.add_argument("--blend", action="store_true", help="also save DIR/walk.blend: armature, body, keyed markers")
+    parser.add_argument("--trc", action="store_true", help="also write DIR/walk.trc")
+    parser.add_argument(
+        "--jobs", type=whole(1, 256, "number of jobs"), default=1, metavar="N", help="takes side by side"
+    )
+    add_overwrite(parser)
+    parser.add_argument("--result", type=Path, help=argparse.SUPPRESS)
+    parser.set_defaults(run=run)
+
+
+def _add_naming(parser: argparse.ArgumentParser):
+    """How names are found, and what may be known of the take."""
     parser.add_argument(
         "--method",
         choices=jobs.METHODS,
@@ -65,14 +78,6 @@ def add_parser(verbs):
         metavar="DEG",
         help="where the subject faces at first, if known: counter-clockwise from world +x, seen from above",
     )
-    parser.add_argument("--blend", action="store_true", help="also save DIR/walk.blend: armature, body, keyed markers")
-    parser.add_argument("--trc", action="store_true", help="also write DIR/walk.trc")
-    parser.add_argument(
-        "--jobs", type=whole(1, 256, "number of jobs"), default=1, metavar="N", help="takes side by side"
-    )
-    add_overwrite(parser)
-    parser.add_argument("--result", type=Path, help=argparse.SUPPRESS)
-    parser.set_defaults(run=run)
 
 
 def run(arguments) -> int:
