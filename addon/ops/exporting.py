@@ -20,7 +20,12 @@ from .reporting import reports_trouble
 
 
 class ExportsTake(ExportHelper):
-    """What the exports share: they need a labelled take, and name the file after it."""
+    """What the exports share: they need a labelled take, and name the file after it.
+
+    They differ in `write`, which writes a take to a path; UserError if it cannot.
+    """
+
+    bl_options = {"REGISTER"}
 
     @classmethod
     def poll(cls, context):
@@ -47,13 +52,11 @@ class ExportsTake(ExportHelper):
         return {"FINISHED"}
 
 
-class MOCAP_AUTOLABEL_OT_export_labels(bpy.types.Operator, ExportsTake):
+class MOCAP_AUTOLABEL_OT_export_labels(ExportsTake, bpy.types.Operator):
     """Write the name of every blob or point, row for row with the file they are from."""
 
     bl_idname = "mocap_autolabel.export_labels"
     bl_label = "Export Labels"
-    bl_options = {"REGISTER"}
-
     filename_ext = ".labels.csv"
     filter_glob: StringProperty(default="*.labels.csv", options={"HIDDEN"})
 
@@ -65,34 +68,30 @@ class MOCAP_AUTOLABEL_OT_export_labels(bpy.types.Operator, ExportsTake):
             write_point_labels(path, stored)
 
 
-class MOCAP_AUTOLABEL_OT_export_c3d(bpy.types.Operator, ExportsTake):
+class ExportsPoints(ExportsTake):
+    """The exports of the points of the take; they differ in `write_points`, which writes those to a path."""
+
+    def write(self, path: Path, stored: Stored):
+        """Writes the points of the take."""
+        self.write_points(path, points_of(stored))
+
+
+class MOCAP_AUTOLABEL_OT_export_c3d(ExportsPoints, bpy.types.Operator):
     """Write the named markers in space as C3D, gaps left empty."""
 
     bl_idname = "mocap_autolabel.export_c3d"
     bl_label = "Export C3D"
-    bl_options = {"REGISTER"}
-
-    filename_ext = ".c3d"
+    filename_ext, write_points = ".c3d", staticmethod(write_c3d)
     filter_glob: StringProperty(default="*.c3d", options={"HIDDEN"})
 
-    def write(self, path: Path, stored: Stored):
-        """Writes the points of the take."""
-        write_c3d(path, points_of(stored))
 
-
-class MOCAP_AUTOLABEL_OT_export_trc(bpy.types.Operator, ExportsTake):
+class MOCAP_AUTOLABEL_OT_export_trc(ExportsPoints, bpy.types.Operator):
     """Write the named markers in space as TRC, for OpenSim."""
 
     bl_idname = "mocap_autolabel.export_trc"
     bl_label = "Export TRC"
-    bl_options = {"REGISTER"}
-
-    filename_ext = ".trc"
+    filename_ext, write_points = ".trc", staticmethod(write_trc)
     filter_glob: StringProperty(default="*.trc", options={"HIDDEN"})
-
-    def write(self, path: Path, stored: Stored):
-        """Writes the points of the take."""
-        write_trc(path, points_of(stored))
 
 
 def points_of(stored: Stored) -> Points:

@@ -24,8 +24,12 @@ CALIBRATIONS = ".toml;.xcp;.txt;.xml;.qca;.mcal;.yml;.yaml;.cal;.rad;.blend"
 
 
 class ImportsFile(ImportHelper):
-    """What the imports share: a file that was dropped, or named by a script, is read at once; else one is asked for."""
+    """What the imports share: a file that was dropped, or named by a script, is read at once; else one is asked for.
 
+    They differ in `take_in`, which makes a file part of the scene and says what is in it; UserError if it cannot.
+    """
+
+    bl_options = {"REGISTER", "UNDO"}
     filepath: StringProperty(name="File", description="The file to read", subtype="FILE_PATH", options={"SKIP_SAVE"})
 
     def invoke(self, context, event):
@@ -33,25 +37,27 @@ class ImportsFile(ImportHelper):
             return self.execute(context)
         return ImportHelper.invoke(self, context, event)
 
+    @reports_trouble
+    def execute(self, context):
+        self.report({"INFO"}, self.take_in(context, Path(self.filepath)))
+        return {"FINISHED"}
 
-class MOCAP_AUTOLABEL_OT_import_cameras(bpy.types.Operator, ImportsFile):
+
+class MOCAP_AUTOLABEL_OT_import_cameras(ImportsFile, bpy.types.Operator):
     """Read a camera calibration and add its cameras to the scene."""
 
     bl_idname = "mocap_autolabel.import_cameras"
     bl_label = "Import Calibration"
-    bl_options = {"REGISTER", "UNDO"}
-
     filter_glob: StringProperty(
         default=";".join(f"*{suffix}" for suffix in CALIBRATIONS.split(";")), options={"HIDDEN"}, maxlen=255
     )
 
-    @reports_trouble
-    def execute(self, context):
-        cameras = read_cameras(Path(self.filepath), read_blend=scene_cameras.cameras_of_blend)
+    def take_in(self, context, path: Path) -> str:
+        """Adds the cameras, or finds those that are there."""
+        cameras = read_cameras(path, read_blend=scene_cameras.cameras_of_blend)
         collection = scene_cameras.find_or_add_cameras(context.scene, cameras)
         context.scene.mocap_autolabel.cameras = collection
-        self.report({"INFO"}, f"{len(cameras)} cameras: {', '.join(cameras.names)}")
-        return {"FINISHED"}
+        return f"{len(cameras)} cameras: {', '.join(cameras.names)}"
 
 
 class MOCAP_AUTOLABEL_OT_use_cameras(bpy.types.Operator):
@@ -76,13 +82,11 @@ class MOCAP_AUTOLABEL_OT_use_cameras(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class MOCAP_AUTOLABEL_OT_import_blobs(bpy.types.Operator, ImportsFile):
+class MOCAP_AUTOLABEL_OT_import_blobs(ImportsFile, bpy.types.Operator):
     """Choose the file of the blobs to label, and look at them through the cameras."""
 
     bl_idname = "mocap_autolabel.import_blobs"
     bl_label = "Import Blobs"
-    bl_options = {"REGISTER", "UNDO"}
-
     filter_glob: StringProperty(default=BLOBS, options={"HIDDEN"})
 
     @classmethod
@@ -92,44 +96,35 @@ class MOCAP_AUTOLABEL_OT_import_blobs(bpy.types.Operator, ImportsFile):
         cls.poll_message_set("Import the calibration of the cameras first")
         return False
 
-    @reports_trouble
-    def execute(self, context):
-        path = Path(self.filepath)
+    def take_in(self, context, path: Path) -> str:
+        """Takes blobs only."""
         if holds_points(path):
             raise InputError("holds 3D points; expected blobs, or Import 3D Points", path)
-        self.report({"INFO"}, take_blobs(context, path))
-        return {"FINISHED"}
+        return take_blobs(context, path)
 
 
-class MOCAP_AUTOLABEL_OT_import_points(bpy.types.Operator, ImportsFile):
+class MOCAP_AUTOLABEL_OT_import_points(ImportsFile, bpy.types.Operator):
     """Choose a take of 3D points to label, C3D, TRC or Motive CSV, and see its points. Needs no cameras."""
 
     bl_idname = "mocap_autolabel.import_points"
     bl_label = "Import 3D Points"
-    bl_options = {"REGISTER", "UNDO"}
-
     filter_glob: StringProperty(default=POINTS, options={"HIDDEN"})
 
-    @reports_trouble
-    def execute(self, context):
-        self.report({"INFO"}, take_points(context, Path(self.filepath)))
-        return {"FINISHED"}
+    def take_in(self, context, path: Path) -> str:
+        """Takes points only."""
+        return take_points(context, path)
 
 
-class MOCAP_AUTOLABEL_OT_import_take(bpy.types.Operator, ImportsFile):
+class MOCAP_AUTOLABEL_OT_import_take(ImportsFile, bpy.types.Operator):
     """Read a take to label, whether it holds blobs or 3D points."""
 
     bl_idname = "mocap_autolabel.import_take"
     bl_label = "Import Take"
-    bl_options = {"REGISTER", "UNDO"}
-
     filter_glob: StringProperty(default=POINTS, options={"HIDDEN"})
 
-    @reports_trouble
-    def execute(self, context):
-        path = Path(self.filepath)
-        self.report({"INFO"}, take_points(context, path) if holds_points(path) else take_blobs(context, path))
-        return {"FINISHED"}
+    def take_in(self, context, path: Path) -> str:
+        """Takes either, as the file holds it."""
+        return take_points(context, path) if holds_points(path) else take_blobs(context, path)
 
 
 def take_blobs(context: bpy.types.Context, path: Path) -> str:
@@ -175,7 +170,15 @@ def _set_frames(context: bpy.types.Context, frames: np.ndarray):
     set_time(context.scene, settings.rate, frames + frame_shift(frames))
 
 
-class MOCAP_AUTOLABEL_FH_cameras(bpy.types.FileHandler):
+class DropsIntoView:
+    """What is dropped goes into a 3D view."""
+
+    @classmethod
+    def poll_drop(cls, context):
+        return in_view(context)
+
+
+class MOCAP_AUTOLABEL_FH_cameras(DropsIntoView, bpy.types.FileHandler):
     """Drop a calibration into the 3D view."""
 
     bl_idname = "MOCAP_AUTOLABEL_FH_cameras"
@@ -183,22 +186,14 @@ class MOCAP_AUTOLABEL_FH_cameras(bpy.types.FileHandler):
     bl_import_operator = "mocap_autolabel.import_cameras"
     bl_file_extensions = ".toml;.xcp;.txt;.xml;.qca;.mcal;.yml;.yaml;.cal;.rad"
 
-    @classmethod
-    def poll_drop(cls, context):
-        return in_view(context)
 
-
-class MOCAP_AUTOLABEL_FH_take(bpy.types.FileHandler):
+class MOCAP_AUTOLABEL_FH_take(DropsIntoView, bpy.types.FileHandler):
     """Drop blobs or 3D points into the 3D view; what a `.csv` holds is told from its first line."""
 
     bl_idname = "MOCAP_AUTOLABEL_FH_take"
     bl_label = "Mocap: take to label"
     bl_import_operator = "mocap_autolabel.import_take"
     bl_file_extensions = ".csv;.c3d;.trc"
-
-    @classmethod
-    def poll_drop(cls, context):
-        return in_view(context)
 
 
 def cameras_at_hand(scene: bpy.types.Scene) -> bool:

@@ -27,6 +27,17 @@ def _segment_items(_self, context) -> list[tuple[str, str, str]]:
     return _kept_segments
 
 
+class Laid:
+    """Needs a marker set that is laid out."""
+
+    @classmethod
+    def poll(cls, context):
+        if edited_collection(context.scene) is None:
+            cls.poll_message_set("Show a marker set first")
+            return False
+        return True
+
+
 class MOCAP_AUTOLABEL_OT_open_markerset(bpy.types.Operator, ImportHelper):
     """Choose a marker set file of your own."""
 
@@ -103,7 +114,7 @@ class MOCAP_AUTOLABEL_OT_reattach(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class MOCAP_AUTOLABEL_OT_save_markerset(bpy.types.Operator, ExportHelper):
+class MOCAP_AUTOLABEL_OT_save_markerset(Laid, ExportHelper, bpy.types.Operator):
     """Save the marker set that is laid out as one of your own, and choose it."""
 
     bl_idname = "mocap_autolabel.save_markerset"
@@ -112,13 +123,6 @@ class MOCAP_AUTOLABEL_OT_save_markerset(bpy.types.Operator, ExportHelper):
 
     filename_ext = SUFFIX
     filter_glob: StringProperty(default=f"*{SUFFIX}", options={"HIDDEN"})
-
-    @classmethod
-    def poll(cls, context):
-        if edited_collection(context.scene) is None:
-            cls.poll_message_set("Show a marker set first")
-            return False
-        return True
 
     def invoke(self, context, event):
         if not self.filepath:

@@ -13,19 +13,9 @@ from ..jobs.quality import judge_placement
 from ..scene import naming
 from ..scene.markerset_edit import edited_collection, read_markerset
 from ..scene.quality import keep_report, locked_markers, take_advice
+from .markersets import Laid
 from .reporting import reports_trouble
 from .stepping import WorksInSteps
-
-
-class Laid:
-    """Needs a marker set that is laid out."""
-
-    @classmethod
-    def poll(cls, context):
-        if edited_collection(context.scene) is None:
-            cls.poll_message_set("Show a marker set first")
-            return False
-        return True
 
 
 class MOCAP_AUTOLABEL_OT_judge_markers(Laid, WorksInSteps, bpy.types.Operator):
