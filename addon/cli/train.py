@@ -110,4 +110,5 @@ def as_lines(report: dict) -> list[str]:
     ]
     if report["ensemble"]:
         lines.append(f"ensemble            {report['ensemble']['partial_solvers']} partial solvers")
+    lines += [f"replaces            {row['take']} of {row['subject']} as it was" for row in report["replaced"]]
     return [*lines, *(f"doubtful            {doubt}" for doubt in report["doubts"])]

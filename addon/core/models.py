@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A model: a marker set, an ensemble of partial solvers for it, and what both were learned from."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,10 +12,11 @@ from .markersets import MarkerSet
 
 @dataclass(frozen=True, eq=False)
 class Lessons:
-    """What a model keeps of the takes of one subject, so that it can be trained on with others.
+    """What a model keeps of a take, so that it can be trained on with others.
 
-    subject  the subject's id
-    takes    names of the takes, and frames how many labelled frames they had together
+    subject  the subject's id; several takes may be of one
+    takes    the take's name; several names where a model did not tell their frames apart
+    frames   how many labelled frames it had
     points   (F, M, 3) m, the most different of those frames, NaN where a marker is missing
     """
 
@@ -30,9 +32,22 @@ class Model:
 
     markerset  names, skeleton, body, and the evidence for naming points
     ensemble   of partial solvers; None where it was not trained
-    lessons    what it was trained on, a subject each; empty where that was left out
+    lessons    what it was trained on, a take each; empty where that was left out
     """
 
     markerset: MarkerSet
     ensemble: Ensemble | None = None
     lessons: tuple[Lessons, ...] = ()
+
+    @property
+    def subjects(self) -> dict[str, np.ndarray]:
+        """What is kept of each subject, (F, M, 3) m."""
+        return by_subject(self.lessons)
+
+
+def by_subject(lessons: Iterable[Lessons]) -> dict[str, np.ndarray]:
+    """The frames of each subject's takes after one another, (F, M, 3) m."""
+    parts: dict[str, list[np.ndarray]] = {}
+    for lesson in lessons:
+        parts.setdefault(lesson.subject, []).append(lesson.points.astype(float))
+    return {subject: np.concatenate(own) for subject, own in parts.items()}

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..core.contradictions import contradictions, leads
 from ..core.errors import InputError, UserError
-from ..core.models import Lessons
+from ..core.models import Lessons, by_subject
 from ..io.markersets import can_be_named
 from ..io.points import FilePoints, marker_columns, read_points
 
@@ -20,6 +20,9 @@ LEAST_FRAMES = 10
 OTHER_UNIT = 5.0  # times larger or smaller than the other takes: a unit was taken for another
 KEPT = 600  # frames of a subject that a model keeps
 LOOKED_AT = 4000  # of which those are chosen
+COMPARED = 9  # frames of an earlier take that are looked for in the one that may take its place
+CELL = 0.002  # m, by which points are the same
+CELLS = 1 << 20  # of that size along each axis
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,19 +168,24 @@ def gathered(takes: Sequence[Take], markers: Sequence[str]) -> dict[str, np.ndar
     """The points (T, M, 3) m of every subject, all takes after one another, NaN where missing."""
     parts: dict[str, list[np.ndarray]] = {}
     for take in takes:
-        columns = marker_columns(take.names, markers, take.path)
-        points = np.where((columns >= 0)[:, None], take.xyz[:, columns], np.nan)
-        parts.setdefault(take.subject, []).append(points[np.isfinite(points).all(axis=2).any(axis=1)])
+        parts.setdefault(take.subject, []).append(_points(take, markers))
     return {subject: np.concatenate(own) for subject, own in parts.items()}
+
+
+def _points(take: Take, markers: Sequence[str]) -> np.ndarray:
+    """The points (T, M, 3) m of a take in the frames that show any."""
+    columns = marker_columns(take.names, markers, take.path)
+    points = np.where((columns >= 0)[:, None], take.xyz[:, columns], np.nan)
+    return points[np.isfinite(points).all(axis=2).any(axis=1)]
 
 
 def contradicted(takes: Sequence[Take], markers: Sequence[str], before: Sequence[Lessons] = ()) -> list[str]:
     """Takes whose labels contradict those of the others, or what a model learned `before`, in sentences."""
     whose = [take.path.name for take in takes]
-    points = [next(iter(gathered([take], markers).values())) for take in takes]
-    for lesson in before:
-        whose.append(f"what is known of {lesson.subject}")
-        points.append(lesson.points.astype(float))
+    points = [_points(take, markers) for take in takes]
+    for subject, kept in by_subject(before).items():
+        whose.append(f"what is known of {subject}")
+        points.append(kept)
     there = [index for index, own in enumerate(points) if len(own)]
     found = contradictions([leads(points[index]) for index in there])
     said = {}
@@ -192,13 +200,60 @@ def contradicted(takes: Sequence[Take], markers: Sequence[str], before: Sequence
     return list(said)
 
 
-def lessons_of(takes: Sequence[Take], subjects: dict[str, np.ndarray]) -> list[Lessons]:
-    """What a model keeps of these takes."""
+def lessons_of(takes: Sequence[Take], markers: Sequence[str]) -> list[Lessons]:
+    """What a model keeps of these takes: of each subject the most different frames, a row a take."""
     kept = []
-    for subject, points in subjects.items():
-        names = tuple(take.path.name for take in takes if take.subject == subject)
-        kept.append(Lessons(subject, names, len(points), most_different(points).astype(np.float32)))
+    for subject in dict.fromkeys(take.subject for take in takes):
+        own = [take for take in takes if take.subject == subject]
+        parts = [_points(take, markers) for take in own]
+        points, ends = np.concatenate(parts), np.cumsum([len(part) for part in parts])
+        chosen = most_different(points)
+        for take, part, rows in zip(own, parts, np.split(chosen, np.searchsorted(chosen, ends[:-1])), strict=True):
+            kept.append(Lessons(subject, (take.path.name,), len(part), points[rows].astype(np.float32)))
     return kept
+
+
+def without_replaced(
+    before: Sequence[Lessons], takes: Sequence[Take]
+) -> tuple[list[Lessons], list[Lessons], list[str]]:
+    """What a model keeps of earlier takes, without those that are given again with other labels: left, gone, doubts.
+
+    A take is given again where its name and subject are the same and its points are, whatever they are called.
+    """
+    left, gone, doubts = [], [], []
+    for lesson in before:
+        again = [take for take in takes if (take.subject, (take.path.name,)) == (lesson.subject, lesson.takes)]
+        if any(_same_points(lesson.points, take.xyz) for take in again):
+            gone.append(lesson)
+            continue
+        left.append(lesson)
+        if again:
+            doubts.append(
+                f"{again[0].path.name} of {lesson.subject} is another take than the one that the model knows by that "
+                "name, so both are kept"
+            )
+    return left, gone, doubts
+
+
+def _same_points(kept: np.ndarray, points: np.ndarray) -> bool:
+    """Whether kept frames (F, M, 3) m show what frames of points (T, P, 3) m show, in any order of the points."""
+    shown = kept[np.isfinite(kept).all(axis=2).any(axis=1)]
+    if not len(shown):
+        return False
+    cells, found = _cells(points), 0
+    some = shown[np.unique(np.linspace(0, len(shown) - 1, COMPARED).round().astype(int))]
+    for frame in some:
+        own = _cells(frame[np.isfinite(frame).all(axis=1)])
+        # A label that was corrected may hide a point or two, and a point may lie at the border of its cell.
+        found += np.isin(cells, own).sum(axis=1).max() > len(own) / 2
+    return found > len(some) / 2
+
+
+def _cells(points: np.ndarray) -> np.ndarray:
+    """(…,) the number of the cell of space that points (…, 3) m lie in, -1 where missing."""
+    there = np.isfinite(points).all(axis=-1)
+    place = np.floor(np.where(there[..., None], points, 0) / CELL).astype(np.int64) + CELLS // 2
+    return np.where(there, (place[..., 0] * CELLS + place[..., 1]) * CELLS + place[..., 2], -1)
 
 
 def of_markers(lessons: Sequence[Lessons], known: Sequence[str], markers: Sequence[str]) -> list[Lessons]:
@@ -210,24 +265,12 @@ def of_markers(lessons: Sequence[Lessons], known: Sequence[str], markers: Sequen
     ]
 
 
-def joined(old: Sequence[Lessons], new: Sequence[Lessons]) -> tuple[Lessons, ...]:
-    """Both, those of the same subject as one."""
-    whole = {lesson.subject: lesson for lesson in old}
-    for lesson in new:
-        before = whole.get(lesson.subject)
-        if before is not None:
-            points = np.concatenate([before.points, lesson.points])
-            lesson = Lessons(lesson.subject, before.takes + lesson.takes, before.frames + lesson.frames, points)
-        whole[lesson.subject] = lesson
-    return tuple(whole.values())
-
-
 def most_different(points: np.ndarray, count: int = KEPT) -> np.ndarray:
-    """Up to `count` of the frames (T, M, 3), in their order: half of them evenly spread, half the least alike."""
+    """Which frames of (T, M, 3), in their order, up to `count`: half of them evenly spread, half the least alike."""
     even = np.unique(np.linspace(0, len(points) - 1, min(LOOKED_AT, len(points))).round().astype(int))
     points = points[even]
     if len(points) <= count:
-        return points
+        return even
     flat = np.nan_to_num(points - np.nanmean(points, axis=1, keepdims=True)).reshape(len(points), -1).astype(np.float32)
     chosen = list(np.unique(np.linspace(0, len(points) - 1, count // 2).round().astype(int)))
     nearest = np.full(len(points), np.inf)
@@ -237,4 +280,4 @@ def most_different(points: np.ndarray, count: int = KEPT) -> np.ndarray:
         index = int(nearest.argmax())
         chosen.append(index)
         nearest = np.minimum(nearest, np.square(flat - flat[index]).sum(axis=1))
-    return points[np.sort(chosen)]
+    return even[np.sort(chosen)]

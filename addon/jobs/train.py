@@ -17,7 +17,7 @@ from ..core.ensemble.training import SEARCHES, Training, training
 from ..core.errors import InputError
 from ..core.evidence import Evidence, learn_evidence
 from ..core.markersets import MarkerSet
-from ..core.models import Lessons, Model
+from ..core.models import Lessons, Model, by_subject
 from ..core.posing import fit_points
 from ..core.segments import segment_markerset
 from ..io.markersets import SUFFIX, builtin_markersets, open_markerset
@@ -27,7 +27,7 @@ from ..progress import Progress
 from ..version import version
 from .background import in_background
 from .job import timed
-from .lessons import Take, chosen_markers, contradicted, gathered, joined, lessons_of, of_markers, read_takes
+from .lessons import Take, chosen_markers, contradicted, gathered, lessons_of, of_markers, read_takes, without_replaced
 
 MOST_FOR_ENSEMBLE = 40  # markers; beyond, partial solvers are trained only when a search is asked for
 ENSEMBLE_FRAMES = 6000
@@ -84,9 +84,10 @@ def train_file(job: TrainJob) -> Generator[Progress, None, dict]:
             markers = chosen_markers(takes, job.markers, base.markerset.markers if base else ())
             subjects = gathered(takes, markers)
             before = of_markers(base.lessons, base.markerset.markers, markers) if base else []
-            lessons = joined(before, lessons_of(takes, subjects))
-            everyone = _everyone(before, subjects, lessons)
-            doubts = [doubt for take in takes for doubt in take.doubts]
+            before, replaced, doubts = without_replaced(before, takes)
+            lessons = (*before, *lessons_of(takes, markers))
+            everyone = _everyone(before, subjects)
+            doubts += [doubt for take in takes for doubt in take.doubts]
             doubts += contradicted(takes, markers, before)
         yield Progress(SHARES["body"], "find the body")
         with timed(clock, "body"):
@@ -100,6 +101,7 @@ def train_file(job: TrainJob) -> Generator[Progress, None, dict]:
         write_model(files[0], Model(markerset, ensemble, lessons if job.keep else ()))
         doubts += _doubts(markerset, lessons, residual, ensemble)
         report = _report(job, takes, markerset, ensemble, lessons, kind, residual, clock, doubts)
+        report["replaced"] = [{"take": " ".join(gone.takes), "subject": gone.subject} for gone in replaced]
         if job.report:
             write_training_report(files[1], report)
     return report
@@ -118,15 +120,11 @@ def _base(job: TrainJob) -> Model | None:
     return base
 
 
-def _everyone(
-    before: Sequence[Lessons], subjects: dict[str, np.ndarray], lessons: Sequence[Lessons]
-) -> dict[str, np.ndarray]:
+def _everyone(before: Sequence[Lessons], subjects: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """All frames of the new takes, with what is kept of those `before`."""
-    old = {lesson.subject: lesson.points.astype(float) for lesson in before}
-    whole = {}
-    for lesson in lessons:
-        parts = [part[lesson.subject] for part in (old, subjects) if lesson.subject in part]
-        whole[lesson.subject] = np.concatenate(parts)
+    whole = by_subject(before)
+    for subject, points in subjects.items():
+        whole[subject] = np.concatenate([whole[subject], points]) if subject in whole else points
     return whole
 
 
@@ -196,9 +194,20 @@ def _source(lessons: Sequence[Lessons]) -> dict[str, str]:
     """Where the numbers come from, for people to read."""
     frames = sum(lesson.frames for lesson in lessons)
     takes = sum(len(lesson.takes) for lesson in lessons)
-    counts = f"{len(lessons)} subjects, {takes} takes, {frames} frames"
-    whose = {f"subject {lesson.subject}": ", ".join(lesson.takes) for lesson in lessons}
+    known = _subjects(lessons)
+    counts = f"{len(known)} subjects, {takes} takes, {frames} frames"
+    whose = {f"subject {row['subject']}": ", ".join(row["takes"]) for row in known}
     return {"learned": f"by mocap-autolabel train {version()}", "takes": counts, **whose}
+
+
+def _subjects(lessons: Sequence[Lessons]) -> list[dict]:
+    """What a model was trained on, a row a subject."""
+    rows: dict[str, dict] = {}
+    for lesson in lessons:
+        row = rows.setdefault(lesson.subject, {"subject": lesson.subject, "takes": [], "frames": 0})
+        row["takes"] += lesson.takes
+        row["frames"] += lesson.frames
+    return list(rows.values())
 
 
 def _report(job, takes: Sequence[Take], markerset, ensemble, lessons, kind: str, residual, clock, doubts) -> dict:
@@ -222,7 +231,7 @@ def _report(job, takes: Sequence[Take], markerset, ensemble, lessons, kind: str,
         "markers": list(markerset.markers),
         "takes": [{"take": t.path.name, "subject": t.subject, "frames": len(t.xyz)} for t in takes],
         "trained_on": job.base,
-        "subjects": [{"subject": e.subject, "takes": list(e.takes), "frames": e.frames} for e in lessons],
+        "subjects": _subjects(lessons),
         "body": {"how": kind, "height": round(markerset.spread.height, 3), "segments": on},
         "residual_mm": {
             name: None if np.isnan(value) else round(1000 * float(value), 2)
@@ -238,7 +247,7 @@ def _report(job, takes: Sequence[Take], markerset, ensemble, lessons, kind: str,
 def _doubts(markerset: MarkerSet, lessons: Sequence[Lessons], residual: np.ndarray, ensemble) -> list[str]:
     """What a person should know of the model, in sentences."""
     doubts = []
-    if len(lessons) == 1:
+    if len({lesson.subject for lesson in lessons}) == 1:
         doubts.append("learned from one subject: how others differ is a guess; labels of others will be fewer")
     usual = np.nanmedian(residual)
     for name, value in zip(markerset.markers, residual, strict=True):

@@ -34,7 +34,7 @@ def find_wearer(model: Model, method: str, points: np.ndarray, piece: np.ndarray
     evidence = model.markerset.evidence
     if method != "evidence" or evidence is None or evidence.plates is None or not model.lessons:
         return Wearer(model)
-    structure = learn_structure(evidence.plates, [lesson.points.astype(float) for lesson in model.lessons])
+    structure = learn_structure(evidence.plates, list(model.subjects.values()))
     person = recognise(structure, evidence.plates, points, piece, rate)
     if person.known is not False:
         return Wearer(model, person)

@@ -97,7 +97,8 @@ class MOCAP_AUTOLABEL_OT_train(WorksInSteps, bpy.types.Operator):
         for doubt in result["doubts"]:
             doubts.add().name = doubt
         segments = len(result["body"]["segments"])
-        self.report({"INFO"}, f"{result['model']}: {len(result['markers'])} markers on {segments} segments")
+        again = f", {len(result['replaced'])} corrected takes replaced" if result["replaced"] else ""
+        self.report({"INFO"}, f"{result['model']}: {len(result['markers'])} markers on {segments} segments{again}")
         return {"FINISHED"}
 
 

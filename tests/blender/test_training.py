@@ -87,7 +87,8 @@ def test_a_job_is_what_the_list_says(listed, files, own_folder, extension, monke
         given.append(job)
         yield SimpleNamespace(fraction=0.5)
         body = {"segments": {"all": list(files.markers)}}
-        return {"out": str(job.out), "model": "mine", "markers": files.markers, "body": body, "doubts": ["one subject"]}
+        known = {"out": str(job.out), "model": "mine", "markers": files.markers, "body": body}
+        return {**known, "doubts": ["one subject"], "replaced": []}
 
     monkeypatch.setattr(importlib.import_module(f"{extension}.addon.jobs.train"), "train_file", train_file)
     settings = listed.scene.mocap_autolabel

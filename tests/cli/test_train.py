@@ -140,6 +140,26 @@ def test_training_on_keeps_what_was_known(trained, takes, run, tmp_path):
     assert "would forget them" in run("train", takes[2], "--from", lean, "--out", tmp_path / "x.markerset.json").reason
 
 
+def test_a_corrected_take_replaces_what_was_learned_from_it(takes, run, tmp_path):
+    exchanged = [*NAMES[1::-1], *NAMES[2:]]
+    for name in ("first", "corrected"):
+        (tmp_path / name / "c1").mkdir(parents=True)
+    wrong = write(tmp_path / "first" / "c1" / "walk1.c3d", creature(1), exchanged)
+    right = write(tmp_path / "corrected" / "c1" / "walk1.c3d", creature(1))
+    model, better = tmp_path / "m.markerset.json", tmp_path / "better.markerset.json"
+    assert "each other's names" in run("train", takes[0], wrong, takes[2], "--out", model, "--search", "none").out
+    said = run("train", right, "--from", model, "--out", better, "--search", "none").out.splitlines()
+    assert [line for line in said if line.startswith("replaces")] == ["replaces            walk1.c3d of c1 as it was"]
+    assert not any("each other's names" in line for line in said)
+    assert [(row.subject, row.takes) for row in read_model(better).lessons] == [
+        ("c0", ("walk0.c3d",)),
+        ("c2", ("walk2.c3d",)),
+        ("c1", ("walk1.c3d",)),
+    ]
+    kept = read_model(better).subjects["c1"]
+    np.testing.assert_allclose(kept, read_points(right).xyz, atol=1e-5)
+
+
 def test_a_take_that_contradicts_the_others_is_said(takes, run, tmp_path):
     names = [*NAMES[1::-1], *NAMES[2:]]
     wrong = write(tmp_path / "wrong.c3d", creature(1), names)

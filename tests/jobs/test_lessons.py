@@ -8,10 +8,19 @@ import numpy as np
 import pytest
 
 from addon.core.errors import InputError
-from addon.core.models import Lessons
+from addon.core.models import Lessons, by_subject
 from addon.core.takes import Points
-from addon.io.points import write_c3d
-from addon.jobs.lessons import chosen_markers, gathered, joined, most_different, of_markers, read_takes
+from addon.io.points import read_points, write_c3d
+from addon.jobs.lessons import (
+    KEPT,
+    chosen_markers,
+    gathered,
+    lessons_of,
+    most_different,
+    of_markers,
+    read_takes,
+    without_replaced,
+)
 
 NAMES = ("A", "B", "C", "D", "E")
 
@@ -112,17 +121,58 @@ def test_a_take_in_another_unit_is_found_by_its_size(tmp_path):
         read_takes([*paths, write(tmp_path / "big.c3d", size=10.0)], ())
 
 
-def test_what_is_kept_is_the_most_different_and_grows_by_subject():
+def test_what_is_kept_is_the_most_different():
     points = np.zeros((500, 4, 3))
     points[:, 0, 0] = np.linspace(0, 0.01, 500)
     points[[100, 321], 1, 2] = 3.0, -3.0
-    kept = most_different(points, 20)
+    kept = points[most_different(points, 20)]
     assert len(kept) == 20
     assert {3.0, -3.0} <= set(kept[:, 1, 2].tolist())
-    assert len(most_different(points[:7], 20)) == 7
-    ann, bob = (Lessons(name, ("1",), 9, np.zeros((2, 4, 3))) for name in ("ann", "bob"))
-    both = joined([ann], [Lessons("ann", ("2",), 5, np.ones((3, 4, 3))), bob])
-    assert [(lesson.subject, lesson.takes, lesson.frames, len(lesson.points)) for lesson in both] == [
-        ("ann", ("1", "2"), 14, 5),
-        ("bob", ("1",), 9, 2),
+    assert most_different(points[:7], 20).tolist() == list(range(7))
+
+
+def test_a_row_is_kept_of_every_take_and_a_subject_has_its_takes_together(tmp_path):
+    paths = [write(tmp_path / who / f"{take}.c3d", seed=take) for who, take in (("ann", 1), ("bob", 2), ("ann", 3))]
+    kept = lessons_of(read_takes(paths, ()), NAMES)
+    assert [(row.subject, row.takes, row.frames) for row in kept] == [
+        ("ann", ("1.c3d",), 30),
+        ("ann", ("3.c3d",), 30),
+        ("bob", ("2.c3d",), 30),
     ]
+    for row, path in zip(kept, (paths[0], paths[2], paths[1]), strict=True):
+        np.testing.assert_allclose(row.points, read_points(path).xyz, atol=1e-6)
+    whole = by_subject(kept)
+    assert list(whole) == ["ann", "bob"]
+    np.testing.assert_array_equal(whole["ann"], np.concatenate([row.points for row in kept[:2]]))
+
+
+def test_frames_of_long_takes_are_shared_out_and_stay_their_own(tmp_path):
+    paths = [write(tmp_path / "ann" / f"{take}.c3d", frames=700, seed=take) for take in (1, 2)]
+    takes = read_takes(paths, ())
+    kept = lessons_of(takes, NAMES)
+    assert sum(len(row.points) for row in kept) == KEPT
+    for row, take in zip(kept, takes, strict=True):
+        assert row.frames == 700
+        own = {frame.tobytes() for frame in take.xyz.astype(np.float32)}
+        assert {frame.tobytes() for frame in row.points} <= own
+
+
+def test_a_take_that_is_given_again_with_other_labels_takes_its_own_place(tmp_path):
+    paths = [write(tmp_path / who / f"{take}.c3d", seed=take) for who, take in (("ann", 1), ("ann", 2), ("bob", 1))]
+    before = lessons_of(read_takes(paths, ()), NAMES)
+    again = write(tmp_path / "corrected" / "1.c3d", names=("B", "A", "C", "", "E"), seed=1)
+    left, gone, doubts = without_replaced(before, read_takes([again], [("ann", "*corrected*")]))
+    assert [(row.subject, row.takes) for row in gone] == [("ann", ("1.c3d",))]
+    assert [(row.subject, row.takes) for row in left] == [("ann", ("2.c3d",)), ("bob", ("1.c3d",))]
+    assert doubts == []
+
+
+def test_another_take_of_the_same_name_is_added_and_said(tmp_path):
+    before = lessons_of(read_takes([write(tmp_path / "ann" / "1.c3d", seed=1)], ()), NAMES)
+    other = read_takes([write(tmp_path / "monday" / "1.c3d", seed=9)], [("ann", "*")])
+    left, gone, doubts = without_replaced(before, other)
+    assert (left, gone) == (before, [])
+    assert doubts == [
+        "1.c3d of ann is another take than the one that the model knows by that name, so both are kept",
+    ]
+    assert without_replaced(before, read_takes([write(tmp_path / "bob" / "1.c3d", seed=1)], ())) == (before, [], [])
