@@ -9,19 +9,19 @@ from ..errors import InputError
 from .labels import labels_given, solve_frames
 from .model import Evidence, Known, Trust
 from .plates import Plates, learn_plates
-from .shape import Shape, learn_shape
+from .shape import Shape, as_strangers, learn_shape
 from .sides import mirrored
 from .ties import Ties, learn_ties
 from .trials import Trial, crowded, make_trial
 from .trust import learn_trust
 
 FOLDS = 5
-TRIAL_FRAMES = 1000  # frames of each fold that are named to see how far margins can be trusted
+TRIAL_FRAMES = 1000  # frames of each fold, at most, that are named to see how far margins can be trusted
+TRIAL_LABELS = 26000  # that are enough of it
 HIDDEN_PART = 1 / 3  # up to this part of the markers is hidden in a trial
-ON_PLATES = 0.7  # part of the markers that must be on plates for a set to be named by them
 MOST_GHOSTS = 3
 CROWDED = 4  # one frame in so many is tried with many more points too,
-CROWD = 3  # times as many as there are markers at most
+CROWD, MOST_CROWDED = 3, 80  # times as many as there are markers at most, and points at most
 FEWEST_MARKERS, FEWEST_FRAMES = 4, 10
 CHUNK = 64
 
@@ -69,20 +69,27 @@ def _by_subject(takes, markers: tuple[str, ...]) -> dict[str, np.ndarray]:
 
 
 def _learn(subjects: list[np.ndarray], markers: tuple[str, ...], seed: int) -> tuple[Shape, Ties, Plates | None]:
-    both = [*subjects, *mirrored(subjects, markers)]
-    shape = learn_shape(both, seed)
-    plates = learn_plates(subjects, shape.radius)
-    return shape, learn_ties(both, shape.radius), plates if plates.covered >= ON_PLATES else None
+    images = mirrored(subjects, markers)
+    shape = learn_shape(subjects, seed, images)
+    return shape, learn_ties(subjects, shape.radius, images), learn_plates(subjects, shape.radius)
 
 
 def _learn_trust(subjects: list[np.ndarray], markers: tuple[str, ...], seed: int, progress) -> Trust:
-    """Trust from naming each subject with what the others teach; a single subject's take is split in time instead."""
+    """Trust from naming each subject with what the others teach.
+
+    A single subject's frames are split in time instead, and named as if they were of other subjects: of those nothing
+    is known but how much subjects differ in general.
+    """
     rng = np.random.default_rng(seed)
     found: list[tuple[np.ndarray, ...]] = []
     splits = _splits(subjects)
+    count = min(TRIAL_FRAMES, TRIAL_LABELS // len(markers))
     for done, (rest, tested) in enumerate(splits):
-        known = Known.of(markers, *_learn(rest, markers, seed))
-        tested = tested[rng.choice(len(tested), TRIAL_FRAMES, replace=len(tested) < TRIAL_FRAMES)]
+        shape, ties, plates = _learn(rest, markers, seed)
+        known = Known.of(markers, shape, ties, plates)
+        tested = tested[rng.choice(len(tested), count, replace=len(tested) < count)]
+        if len(subjects) == 1 and plates is None:
+            tested = as_strangers(shape, tested, rng)
         for trial, usual in _trials(tested, known, rng):
             found += _tried(known, trial, usual)
         if progress is not None:
@@ -101,7 +108,8 @@ def _trials(tested: np.ndarray, known: Known, rng: np.random.Generator) -> Itera
             yield make_trial(half, hidden, (0, ghosts), rng), True
     some = tested[::CROWDED]
     if known.plates is None:
-        yield crowded(make_trial(some, hidden, (0, 0), rng), some, CROWD * tested.shape[1], rng), False
+        most = min(CROWD * tested.shape[1], MOST_CROWDED)
+        yield crowded(make_trial(some, hidden, (0, 0), rng), some, most, rng), False
 
 
 def _splits(subjects: list[np.ndarray]) -> list[tuple[list[np.ndarray], np.ndarray]]:

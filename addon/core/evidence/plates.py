@@ -13,6 +13,11 @@ from itertools import combinations
 import numpy as np
 
 RIGID = 0.015  # radii: standard deviation of a distance within a plate
+APART = 4.0  # times as much must distances to markers off a plate vary: in a few steps a whole limb keeps its form too
+STEADIEST = 0.001  # m, that any distance is taken to vary by
+ON_PLATES = 0.85  # part of the markers that must be on plates for a set to be one on plates
+PROP = 0.003  # m that distances of a prop, on which all markers are one plate, vary by
+MOVED = 0.03  # m, standard deviation of where it is: who stands still keeps his form too
 FEWEST = 3
 MOST_BASES = 8
 NOISE = 0.0007  # m, of a measured distance
@@ -42,11 +47,6 @@ class Plates:
         """(M, M) m, how softly the range of a distance ends."""
         return SLACK * (self.high - self.low) + SLACK_LENGTH
 
-    @property
-    def covered(self) -> float:
-        """The part of all markers that is on a plate."""
-        return sum(map(len, self.groups)) / len(self.form)
-
     def lengths(self, group: np.ndarray) -> np.ndarray:
         """(n, n) m, the distances within a plate."""
         form = self.form[group]
@@ -70,8 +70,11 @@ class Plates:
         return np.maximum(np.maximum(low - distance, distance - high), 0) / slack
 
 
-def learn_plates(subjects: Sequence[np.ndarray], radius: float) -> Plates:
-    """The plates of labelled clouds, one array (T, M, 3) m a subject, NaN where missing; `radius` is the shape's."""
+def learn_plates(subjects: Sequence[np.ndarray], radius: float) -> Plates | None:
+    """The plates of labelled clouds, one array (T, M, 3) m a subject, NaN where missing; `radius` is the shape's.
+
+    None for a set that is not worn on plates, as its markers move against each other or none at all.
+    """
     markers = subjects[0].shape[1]
     everyone = np.concatenate(subjects)
     spread, low, high = np.full((3, markers, markers), np.nan)
@@ -84,21 +87,50 @@ def learn_plates(subjects: Sequence[np.ndarray], radius: float) -> Plates:
     never = ~np.isfinite(low)
     spread[never] = np.inf
     low[never], high[never] = 0, ANYWHERE
-    groups = _rigid_groups(spread, RIGID * radius)
+    tree = _tree(spread)
+    if not _prop(tree, everyone) and _part_apart(tree, markers, RIGID * radius) < ON_PLATES:
+        return None
+    groups = _rigid_groups(tree, RIGID * radius)
     form = np.zeros((markers, 3))
     for group in groups:
         form[group] = _form(everyone[:, group])
     return Plates(tuple(groups), form, low, high)
 
 
-def _rigid_groups(spread: np.ndarray, limit: float) -> list[np.ndarray]:
-    """Groups in which every distance is steady, grown by complete linkage."""
-    from scipy.cluster.hierarchy import fcluster, linkage
+def _tree(spread: np.ndarray) -> np.ndarray:
+    """Markers grown together by complete linkage of how much their distances vary, (M, M) m, as SciPy has it."""
+    from scipy.cluster.hierarchy import linkage
 
-    condensed = np.minimum(spread, 10.0)[np.triu_indices(len(spread), 1)]
-    cluster = fcluster(linkage(condensed, "complete"), limit, "distance")
+    return linkage(np.minimum(spread, 10.0)[np.triu_indices(len(spread), 1)], "complete")
+
+
+def _rigid_groups(tree: np.ndarray, limit: float) -> list[np.ndarray]:
+    """Groups in which every distance is steady."""
+    from scipy.cluster.hierarchy import fcluster
+
+    cluster = fcluster(tree, limit, "distance")
     groups = [np.flatnonzero(cluster == index) for index in np.unique(cluster)]
     return [group for group in groups if len(group) >= FEWEST]
+
+
+def _prop(tree: np.ndarray, points: np.ndarray) -> bool:
+    """Whether the markers, points (T, M, 3) m, are all one rigid thing that was moved about."""
+    return bool(tree[-1, 2] < PROP and np.nanstd(points, axis=0).max() > MOVED)
+
+
+def _part_apart(tree: np.ndarray, markers: int, limit: float) -> float:
+    """The part of the markers that is in groups much steadier within than towards any other."""
+    members = [[index] for index in range(markers)]
+    height = [0.0] * markers
+    on_plate = np.zeros(markers, dtype=bool)
+    for one, two, varies, _ in tree:
+        for group in (int(one), int(two)):
+            steady = height[group] < limit and varies >= APART * max(height[group], STEADIEST)
+            if steady and len(members[group]) >= FEWEST:
+                on_plate[members[group]] = True
+        members.append(members[int(one)] + members[int(two)])
+        height.append(varies)
+    return float(on_plate.mean())
 
 
 def _form(points: np.ndarray) -> np.ndarray:

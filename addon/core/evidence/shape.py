@@ -18,7 +18,9 @@ MOST_MODES = 20
 BETWEEN = 1.3  # a handful of subjects shows less than the true spread between people
 POSES = 3.0  # times their variance: a few short takes show less than the poses that there are
 SHRINKAGE = 0.25  # of the covariance between subjects towards its own diagonal
-STRANGER = 0.05  # standard deviation of subjects' size where only one was recorded
+SIZES = 0.08  # standard deviation of subjects' size, and
+BUILDS = 0.04  # radii, of where else a marker sits on another subject: taken for granted as if
+GUESSED = 1.0  # so many more subjects had shown it
 FLOOR = 0.016  # of the radius: what a marker does that no mode explains
 ROUNDS = 4
 FACTOR_ROUNDS = 12
@@ -43,13 +45,13 @@ class Shape:
         return float(np.sqrt((self.mean**2).sum(axis=1).mean()))
 
 
-def learn_shape(subjects: Sequence[np.ndarray], seed: int = 0) -> Shape:
-    """The shape of labelled clouds, one array (T, M, 3) m a subject, NaN where missing.
+def learn_shape(subjects: Sequence[np.ndarray], seed: int = 0, images: Sequence[np.ndarray] = ()) -> Shape:
+    """The shape of labelled clouds, one array (T, M, 3) m a subject, NaN where missing; of their mirror images too.
 
     At least one frame must show every marker that any frame shows.
     """
     rng = np.random.default_rng(seed)
-    thinned = [points[np.sort(rng.permutation(len(points))[:FRAMES])] for points in subjects]
+    thinned = [points[np.sort(rng.permutation(len(points))[:FRAMES])] for points in (*subjects, *images)]
     owner = np.repeat(np.arange(len(thinned)), [len(points) for points in thinned])
     clouds = np.concatenate(thinned)
     best = clouds[np.isfinite(clouds[..., 0]).sum(axis=1).argmax()]
@@ -60,11 +62,18 @@ def learn_shape(subjects: Sequence[np.ndarray], seed: int = 0) -> Shape:
     template = template - template.mean(axis=0)
     flat = upright_aligned(clouds, template).reshape(len(clouds), -1)
     floor = FLOOR * np.sqrt((template**2).sum(axis=1).mean())
-    mean, covariance = _moments(np.where(np.isnan(flat), template.ravel(), flat), owner, floor)
+    mean, covariance = _moments(np.where(np.isnan(flat), template.ravel(), flat), owner, len(subjects), floor)
     for _ in range(ROUNDS if np.isnan(flat).any() else 0):
-        mean, covariance = _moments(_imputed(flat, mean, covariance), owner, floor)
+        mean, covariance = _moments(_imputed(flat, mean, covariance), owner, len(subjects), floor)
     modes, noise = _factors(covariance, floor)
     return Shape(mean.reshape(-1, 3), modes, noise)
+
+
+def as_strangers(shape: Shape, points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Labelled clouds (F, M, 3) m, each as if of a subject who differs as much as is taken for granted of others."""
+    size = SIZES * rng.standard_normal((len(points), 1, 1))
+    builds = BUILDS * shape.radius * rng.standard_normal(points.shape)
+    return upright_aligned(points, shape.mean) + size * shape.mean + builds
 
 
 def _mean_known(clouds: np.ndarray, fallback: np.ndarray) -> np.ndarray:
@@ -72,21 +81,20 @@ def _mean_known(clouds: np.ndarray, fallback: np.ndarray) -> np.ndarray:
     return np.where(count > 0, np.nansum(clouds, axis=0) / np.maximum(count, 1), fallback)
 
 
-def _moments(filled: np.ndarray, owner: np.ndarray, floor: float) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (3M,) and covariance (3M, 3M) with every subject counting the same."""
-    subjects = owner.max() + 1
-    centres = np.array([filled[owner == index].mean(axis=0) for index in range(subjects)])
+def _moments(filled: np.ndarray, owner: np.ndarray, subjects: int, floor: float) -> tuple[np.ndarray, np.ndarray]:
+    """Mean (3M,) and covariance (3M, 3M), every owner counting the same; `subjects` is how many are no mirror image."""
+    owners = owner.max() + 1
+    centres = np.array([filled[owner == index].mean(axis=0) for index in range(owners)])
     mean = centres.mean(axis=0)
     within = filled - centres[owner]
-    weight = 1 / (np.bincount(owner)[owner] * subjects)
+    weight = 1 / (np.bincount(owner)[owner] * owners)
     covariance = POSES * (within * weight[:, None]).T @ within
-    if subjects > 1:
-        strays = (centres - mean) / np.sqrt(subjects - 1)
-        between = strays.T @ strays
-        between = (1 - SHRINKAGE) * between + SHRINKAGE * np.diag(np.diag(between))
-        covariance += BETWEEN**2 * between
-    else:
-        covariance += STRANGER**2 * np.outer(mean, mean)
+    strays = (centres - mean) / np.sqrt(max(owners - 1, 1))
+    between = strays.T @ strays
+    between = BETWEEN**2 * ((1 - SHRINKAGE) * between + SHRINKAGE * np.diag(np.diag(between)))
+    radius = np.sqrt((mean.reshape(-1, 3) ** 2).sum(axis=1).mean())
+    guess = SIZES**2 * np.outer(mean, mean) + (BUILDS * radius) ** 2 * np.eye(len(mean))
+    covariance += ((subjects - 1) * between + GUESSED * guess) / (subjects - 1 + GUESSED)
     return mean, covariance + floor**2 * np.eye(len(mean))
 
 

@@ -14,13 +14,15 @@ import numpy as np
 STIFF = 0.05  # radii: largest standard deviation of a tie's length in one subject
 LEAST_SD = 0.006  # radii
 STRANGE = 1.3  # a handful of subjects shows less than the true spread between people
-STRANGER = 0.03  # of a length, spread between subjects where only one was recorded
+BUILDS, BUILDS_SHARE = 0.04, 0.03  # radii, and of a length, that others differ by, size apart: taken for granted as if
+GUESSED = 1.0  # so many more subjects had shown it
 LIMIT = 6.0  # the most a broken tie costs, before trust
 TRUST = 0.5  # the most that a tie counts, and
 SAID = 4.0  # ties that all of a marker's count for together: they say partly the same
 WILD = 0.4  # log ratio from which a distance says nothing of the subject's size
 LEAST_SIZE_SD = 0.05
 FEWEST = 20  # frames that a length is learned from
+ENOUGH = 12  # ties of a marker, the surest, beyond which more say the same again
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,10 +73,13 @@ class Ties:
         return np.exp((weight * ratio).sum(axis=1) / (weight.sum(axis=1) + self.size_sd**-2))
 
 
-def learn_ties(subjects: Sequence[np.ndarray], radius: float) -> Ties:
-    """The ties of labelled clouds, one array (T, M, 3) m a subject, NaN where missing; `radius` is the shape's."""
+def learn_ties(subjects: Sequence[np.ndarray], radius: float, images: Sequence[np.ndarray] = ()) -> Ties:
+    """The ties of labelled clouds, one array (T, M, 3) m a subject, NaN where missing; of their mirror images too.
+
+    `radius` is the shape's.
+    """
     pair = np.array(np.triu_indices(subjects[0].shape[1], 1)).T
-    lengths, spreads = np.array([_lengths(points, pair) for points in subjects]).transpose(1, 0, 2)
+    lengths, spreads = np.array([_lengths(points, pair) for points in (*subjects, *images)]).transpose(1, 0, 2)
     count = np.isfinite(lengths).sum(axis=0)
     within = np.sqrt(_mean_seen(spreads))
     stiff = (count > 0) & (within < STIFF * radius)
@@ -83,10 +88,23 @@ def learn_ties(subjects: Sequence[np.ndarray], radius: float) -> Ties:
     size = np.array([np.median(row[np.isfinite(row)]) if np.isfinite(row).any() else 0.0 for row in ratio])
     sized = lengths / np.exp(size)[:, None]
     length = _mean_seen(sized)
-    between = np.sqrt(_mean_seen((sized - length) ** 2) * count / np.maximum(count - 1, 1))
-    between = np.where(count > 1, STRANGE * between, STRANGER * length)
-    sd = np.sqrt(within**2 + between**2 + (LEAST_SD * radius) ** 2)
-    return Ties(pair, length, sd, max(float(np.std(size)), LEAST_SIZE_SD))
+    between = _mean_seen((sized - length) ** 2) * count / np.maximum(count - 1, 1)
+    # Mirror images tell of no other subject.
+    others = np.maximum(count * len(subjects) / (len(subjects) + len(images)) - 1, 0)
+    guess = (BUILDS * radius) ** 2 + (BUILDS_SHARE * length) ** 2
+    between = (others * STRANGE**2 * between + GUESSED * guess) / (others + GUESSED)
+    sd = np.sqrt(within**2 + between + (LEAST_SD * radius) ** 2)
+    kept = _surest(pair, sd)
+    return Ties(pair[kept], length[kept], sd[kept], max(float(np.std(size)), LEAST_SIZE_SD))
+
+
+def _surest(pair: np.ndarray, sd: np.ndarray) -> np.ndarray:
+    """Indices of the ties that are among the ENOUGH surest of one of their ends."""
+    order = np.argsort(sd, kind="stable")
+    kept = np.zeros(len(sd), dtype=bool)
+    for marker in np.unique(pair):
+        kept[order[(pair[order] == marker).any(axis=1)][:ENOUGH]] = True
+    return np.flatnonzero(kept)
 
 
 def _mean_seen(values: np.ndarray) -> np.ndarray:

@@ -10,7 +10,8 @@ from .loners import find_loners
 from .match import NO_GROUP, Matched, match
 from .steady import Group, Sampled, find_groups, sampled, unbroken
 from .structure import Structure, unseen_is_nan
-from .within import ABSENT, Placed, place_markers
+from .ways import ABSENT
+from .within import Placed, place_markers
 
 SURE_PLATE = 3.0  # log odds by which a plate's group must lead
 SURE_MARKER = 5.0  # log odds by which a marker's point must lead within the plate

@@ -10,17 +10,15 @@ import numpy as np
 from .match import NO_GROUP, Matched, mirror_odds
 from .steady import Group
 from .structure import LEAST_TURN, LINKED, Inner, Joints, Structure, farther, find_joints, plate_volumes, triples
+from .ways import ABSENT, spread_of, ways_of
 
-MOST = 7  # points of a group that are tried, those nearest to its middle
 AWAY_SD = 0.015  # m that people differ by in how much farther one marker is than its plate
 SWING = 0.4  # rad that a plate may be turned further than in training, in the mean over a take
-FORM_SD, FORM_SHARE = 0.012, 0.15  # m, and of a length, that lengths within a plate differ by
 INCOMPLETE = 6.0  # what a marker of the plate costs that no point is
 FAR_OFF = 8.0
 TOLD = 3  # plates that say all there is of where a marker is; more say partly the same
 SIDES_TOLD = 6
 TELLING = 1.0  # standard deviations of a volume's mean from 0 that make it worth asking
-ABSENT = -1
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,28 +60,17 @@ def _one_plate(
 ) -> tuple[np.ndarray, np.ndarray]:
     """For each marker of the plate its point in the group, and the lead of that."""
     inner = structure.inner[plate]
-    near = np.argsort(np.linalg.norm(group.form, axis=1), kind="stable")[:MOST]
-    ways = _ways(len(inner.members), len(near))
-    points = group.markers[:, near]
+    ways = ways_of(inner.form, group.form)
+    points = group.markers
     others = np.arange(len(structure)) != plate
-    score = _form_fit(inner, group.form[near], ways)
+    score = _form_fit(inner, group.form, ways)
     score += _away_fit(inner, points, middles, others, ways)
-    score += _joint_fit(structure, plate, group.form[near], joints, ways)
+    score += _joint_fit(structure, plate, group.form, joints, ways)
     score += _side_fit(inner, points, middles, others, ways)
     best = int(score.argmax())
     chosen = ways[best]
     rivals = np.where(ways != chosen, score[:, None], -np.inf).max(axis=0)
-    return np.where(chosen >= 0, near[chosen], ABSENT), np.where(chosen >= 0, score[best] - rivals, 0.0)
-
-
-def _ways(markers: int, points: int) -> np.ndarray:
-    """(W, n) all ways to give n markers a point each, ABSENT for some where the points are too few."""
-    if points >= markers:
-        return np.array(list(permutations(range(points), markers)))
-    taken = np.array(list(permutations(range(markers), points)))
-    ways = np.full((len(taken), markers), ABSENT)
-    np.put_along_axis(ways, taken, np.arange(points)[None], axis=1)
-    return ways
+    return chosen, np.where(chosen >= 0, score[best] - rivals, 0.0)
 
 
 def _form_fit(inner: Inner, form: np.ndarray, ways: np.ndarray) -> np.ndarray:
@@ -91,7 +78,7 @@ def _form_fit(inner: Inner, form: np.ndarray, ways: np.ndarray) -> np.ndarray:
     wanted = np.linalg.norm(inner.form[:, None] - inner.form[None], axis=-1)
     lengths = np.linalg.norm(form[:, None] - form[None], axis=-1)
     there = (ways[:, :, None] >= 0) & (ways[:, None] >= 0)
-    off = (lengths[ways[:, :, None], ways[:, None]] - wanted) / np.hypot(FORM_SD, FORM_SHARE * wanted)
+    off = (lengths[ways[:, :, None], ways[:, None]] - wanted) / spread_of(wanted)
     cost = np.where(there, np.minimum(0.5 * off**2, FAR_OFF), 0).sum(axis=(1, 2)) / 2
     pairs = (there.sum(axis=(1, 2)) - (ways >= 0).sum(axis=1)) / 2
     return -cost * TOLD / np.maximum(pairs, TOLD) - INCOMPLETE * (ways[:, : inner.core] < 0).sum(axis=1)

@@ -59,6 +59,17 @@ def test_a_stranger_is_named_with_markers_hidden_and_ghosts_about(evidence):
     assert recall > 0.97
 
 
+def test_one_labelled_take_names_another_person():
+    """How others differ is taken for granted; who was recorded, and the mirror image of that, say nothing of it."""
+    alone = learn_evidence([(walker(0), "only one")], NAMES)
+    assert alone.plates is None
+    for seed in (60, 61, 62):
+        trial = make_trial(walker(seed), (0, 3), (0, 2), np.random.default_rng(seed))
+        _, wrong, recall = named(alone, trial, target=0.999)
+        assert wrong < 0.01
+        assert recall > 0.7
+
+
 def test_no_marker_is_given_twice_in_a_frame(evidence):
     trial = make_trial(walker(78), (0, 4), (3, 6), np.random.default_rng(2))
     marker, _, _ = named(evidence, trial, target=0)
