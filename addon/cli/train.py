@@ -103,7 +103,8 @@ def as_lines(report: dict) -> list[str]:
     frames = sum(row["frames"] for row in report["subjects"])
     seconds = sum(report["seconds"].values())
     segments = report["body"]["segments"]
-    counts = f"{len(report['markers'])} markers, {len(report['subjects'])} subjects, {frames} frames"
+    many = len(report["subjects"])
+    counts = f"{len(report['markers'])} markers, {many} {'subject' if many == 1 else 'subjects'}, {frames} frames"
     lines = [
         f"{report['out']}: {counts}, {seconds:.0f} s",
         f"body                {len(segments)} segments, {report['body']['how']}",

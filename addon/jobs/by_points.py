@@ -133,7 +133,7 @@ def _decided(way: _Way, window: _Window) -> Decided:
     if sure_share(found, window.xyz, len(markerset)) < LEAST_SURE:
         found = replace(found, marker=np.full(shape, NO_MARKER), confidence=np.zeros(shape), rate=np.zeros(shape))
         said = (Suspect(first, int(window.frames[-1]), f"no subject that wears {markerset.name} was recognised"),)
-    decided = decide(found, window.piece, markerset.markers, way.target, first)
+    decided = decide(found, window.piece, way.model, way.target, first)
     decided = consistent(decided, window.xyz, markerset.evidence, first)
     return replace(decided, suspects=tuple(_without_number(one) for one in decided.suspects) + said)
 

@@ -21,7 +21,8 @@ VIEWS = 6  # virtual cameras around the points, when a body is fitted to them
 RADIUS, MARGIN = 6.0, 1.5  # m
 SIZE = (2000, 2000)  # px
 CROWD = 2.0  # times as many points as markers are a crowd, where
-BACKED = 0.5  # of a piece's frames must be sure of its name on their own
+BACKED = 0.5  # of a piece's frames must be sure of its name on their own,
+BACKED_ALONE = 0.25  # and so many where one subject is all that the model has seen
 AGREED = 0.5  # share of the virtual cameras that must give a point the same name
 
 
@@ -74,29 +75,39 @@ class Decided:
     suspects: tuple[Suspect, ...]
 
 
-def decide(named: NamedFrames, piece: np.ndarray, markers: Sequence[str], target: float, first_frame: int) -> Decided:
+def decide(named: NamedFrames, piece: np.ndarray, model: Model, target: float, first_frame: int) -> Decided:
     """Lets the pieces (T, P) of trajectories vote and keeps what is sure enough that a part `target` of it is right."""
+    markers = model.markerset.markers
     voted = vote_pieces(named.marker, named.confidence, piece, markers, first_frame)
     alone = voted.marker == named.marker
     chance = np.where(alone, np.maximum(voted.confidence, named.confidence), voted.confidence)
     sure = alone & (named.rate >= target)
-    enough = (voted.confidence >= target) & _backed(sure, piece, len(markers)) | sure
-    marker = once(np.where(enough, voted.marker, NO_MARKER), chance, len(markers))
+    backed = _part_sure(sure, piece) >= _needed(model, piece)
+    marker = np.where((voted.confidence >= target) & backed | sure, voted.marker, NO_MARKER)
+    marker = once(marker, chance, len(markers))
     return Decided(marker, np.where(marker == NO_MARKER, 0.0, chance), alone, voted.suspects)
 
 
-def _backed(sure: np.ndarray, piece: np.ndarray, markers: int) -> np.ndarray:
-    """(T, P) True where the vote of a piece counts: among many more points than markers, frames must be sure too.
+def _needed(model: Model, piece: np.ndarray) -> float:
+    """The part of a piece's frames that must be sure of its name for its vote to count.
 
-    There a point that is no marker sits like one through the whole take, so that frames err together; sure (T, P) says
-    which frames name the piece as the vote does and are sure of it on their own.
+    A vote takes frames for so many witnesses. They are not where they err together: among many more points than
+    markers one that is no marker sits like one through the whole take, and a model of one subject knows nothing of how
+    the next one differs.
     """
+    evidence, markers = model.markerset.evidence, len(model.markerset)
+    if (piece >= 0).sum() >= CROWD * markers * len(piece):
+        return BACKED
+    few = evidence is not None and evidence.subjects == 1 and evidence.plates is None
+    return BACKED_ALONE if few else 0.0
+
+
+def _part_sure(sure: np.ndarray, piece: np.ndarray) -> np.ndarray:
+    """(T, P) of each point the part of its piece's frames that are sure (T, P) of its name; 0 where there is none."""
     present = piece >= 0
-    if present.sum() < CROWD * markers * len(piece):
-        return np.ones(piece.shape, dtype=bool)
     frames = np.bincount(piece[present])
-    share = np.bincount(piece[present], weights=sure[present]) / np.maximum(frames, 1)
-    return present & (share[np.maximum(piece, 0)] >= BACKED)
+    part = np.bincount(piece[present], weights=sure[present]) / np.maximum(frames, 1)
+    return np.where(present, np.append(part, 0.0)[piece], 0.0)
 
 
 def consistent(decided: Decided, points: np.ndarray, evidence: Evidence | None, first_frame: int) -> Decided:

@@ -121,7 +121,7 @@ def _frame_by_frame(
 def _decided(named: NamedFrames, piece: np.ndarray, wearer: Wearer, take: FilePoints, target: float) -> Decided:
     """The names that trajectories, the rest of the take and its motion bear out, sure enough for the target."""
     markerset = wearer.model.markerset
-    decided = decide(named, piece, markerset.markers, target, take.first_frame)
+    decided = decide(named, piece, wearer.model, target, take.first_frame)
     decided = consistent(decided, take.xyz, markerset.evidence, take.first_frame)
     return checked(decided, wearer, take.first_frame)
 

@@ -195,7 +195,7 @@ def _source(lessons: Sequence[Lessons]) -> dict[str, str]:
     frames = sum(lesson.frames for lesson in lessons)
     takes = sum(len(lesson.takes) for lesson in lessons)
     known = _subjects(lessons)
-    counts = f"{len(known)} subjects, {takes} takes, {frames} frames"
+    counts = f"subjects: {len(known)}, takes: {takes}, frames: {frames}"
     whose = {f"subject {row['subject']}": ", ".join(row["takes"]) for row in known}
     return {"learned": f"by mocap-autolabel train {version()}", "takes": counts, **whose}
 

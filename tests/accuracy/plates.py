@@ -104,7 +104,7 @@ def labelled_as_product(model: Model, points: np.ndarray, rate: float) -> tuple[
     wearer = find_wearer(model, "evidence", points, piece, rate)
     model = wearer.model
     named = joined(list(name_frames(model, "evidence", points, rate, Options())))
-    decided = decide(named, piece, model.markerset.markers, TARGET, 0)
+    decided = decide(named, piece, model, TARGET, 0)
     decided = consistent(decided, points, model.markerset.evidence, 0)
     return named, checked(decided, wearer, 0), wearer
 

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a model knows of others that has seen one person, or two: python -m tests.accuracy.few.
+
+One person's model is learned from one take. All takes of three other people are named, frame by frame and as the
+product does, in which trajectories vote; each marker is hidden twice for a while.
+"""
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from addon.core.evidence import learn_evidence
+from addon.core.markersets import MarkerSet
+from addon.core.models import Model
+from addon.io.models import open_model
+
+from . import people
+from .plates import TARGET, labelled_as_product
+from .points import SEED, Counts
+from .tables import share, table
+
+RATE = 100.0  # a second
+EVERY = 3  # one of so many people is trained on,
+OTHERS = (1, 4, 6)  # and those so far behind are tested
+FRAMES = 150  # of a take
+GAPS, GAP_FRAMES = 2, (5, 40)  # of each marker, and how long they are
+
+
+def trained(markerset: MarkerSet, persons: list[str]) -> Model:
+    """The built-in model as it would be had only these people been recorded; a single one in a single take."""
+    takes = [(take.pick(markerset.markers), take.person) for take in people.takes() if take.person in persons]
+    if len(persons) == 1:
+        whole = [take for take in takes if np.isfinite(take[0][..., 0]).any(axis=0).all()]
+        takes = [max(whole, key=lambda take: len(take[0]))]
+    evidence = learn_evidence(takes, markerset.markers)
+    return Model(replace(markerset, evidence=evidence))
+
+
+def tested(markerset: MarkerSet, persons: list[str]) -> Iterator[np.ndarray]:
+    """Takes (T, M, 3) m of these people, with gaps."""
+    for take in people.takes():
+        if take.person in persons:
+            rng = np.random.default_rng(SEED)
+            points = take.pick(markerset.markers)[:FRAMES].copy()
+            for marker in np.repeat(np.arange(points.shape[1]), GAPS):
+                first = rng.integers(0, len(points))
+                points[first : first + rng.integers(*GAP_FRAMES), marker] = np.nan
+            yield points
+
+
+def rows(name: str, count: int) -> list[list[str]]:
+    """Of a set learned from `count` people, what comes of others."""
+    everyone, markerset = people.everyone(), open_model(name).markerset
+    frames, product = Counts(), Counts()
+    for first in range(0, len(everyone), EVERY):
+        own = [everyone[(first + place) % len(everyone)] for place in range(count)]
+        others = [everyone[(first + count - 1 + place) % len(everyone)] for place in OTHERS]
+        model = trained(markerset, own)
+        for points in tested(markerset, others):
+            truth = np.where(np.isfinite(points[..., 0]), np.arange(points.shape[1]), -1)
+            found, decided, _ = labelled_as_product(model, points, RATE)
+            frames.add(np.where(found.rate >= TARGET, found.marker, -1), truth, len(markerset))
+            product.add(decided.marker, truth, len(markerset))
+    learned = "one, in one take" if count == 1 else str(count)
+    return [
+        [
+            name,
+            learned,
+            how,
+            share(counts.wrong, counts.given, 3),
+            f"{100 * (counts.given - counts.wrong) / counts.there:.1f} %",
+        ]
+        for how, counts in (("frames alone", frames), ("trajectories vote", product))
+    ]
+
+
+def main():
+    """Prints the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--sets", nargs="*", default=["gait15", "body26"])
+    given = parser.parse_args()
+    found = [row for name in given.sets for count in (1, 2) for row in rows(name, count)]
+    print(table(["set", "people learned from", "of others", "wrong labels", "recall"], found))
+
+
+if __name__ == "__main__":
+    main()
