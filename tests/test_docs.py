@@ -86,14 +86,18 @@ def test_command_lines_are_the_programs(text):
         assert build_parser().parse_args(shlex.split(line)[1:]).run
 
 
+def verbs() -> dict:
+    """Every verb of the command line and its parser."""
+    return next(action for action in build_parser()._actions if action.choices).choices
+
+
 def options_of(verb: str) -> set[str]:
     """The long options of a verb, without --help."""
-    verbs = next(action for action in build_parser()._actions if action.choices)
-    parser = verbs.choices[verb]
+    parser = verbs()[verb]
     return {flag for action in parser._actions for flag in action.option_strings if flag.startswith("--")} - {"--help"}
 
 
-@pytest.mark.parametrize("verb", ["label", "train", "reconstruct", "simulate", "evaluate", "models", "demo"])
+@pytest.mark.parametrize("verb", sorted(verbs()))
 def test_the_guide_tells_every_option_that_people_see(verb):
     guide = (ROOT / "docs" / "user-guide.md").read_text(encoding="utf-8")
     hidden = {"--result"}
