@@ -83,10 +83,11 @@ def _learn_trust(subjects: list[np.ndarray], markers: tuple[str, ...], seed: int
     rng = np.random.default_rng(seed)
     found: list[tuple[np.ndarray, ...]] = []
     splits = _splits(subjects)
-    count = min(TRIAL_FRAMES, TRIAL_LABELS // len(markers))
     for done, (rest, tested) in enumerate(splits):
         shape, ties, plates = _learn(rest, markers, seed)
         known = Known.of(markers, shape, ties, plates)
+        # On plates frames are named several times as fast.
+        count = TRIAL_FRAMES if plates is not None else min(TRIAL_FRAMES, TRIAL_LABELS // len(markers))
         tested = tested[rng.choice(len(tested), count, replace=len(tested) < count)]
         if len(subjects) == 1 and plates is None:
             tested = as_strangers(shape, tested, rng)
