@@ -2,9 +2,11 @@
 """What is worn on plates, and what only keeps its form for a while."""
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
 from addon.core.evidence.plates import learn_plates
+from addon.io.points import read_points
 
 RADIUS = 0.5
 FRAMES = 100
@@ -56,3 +58,16 @@ def test_who_stands_still_is_no_prop():
     rng = np.random.default_rng(1)
     still = rng.normal(0, 0.4, (15, 3)) + rng.normal(0, 0.001, (FRAMES, 1, 3)) + rng.normal(0, 0.0005, (FRAMES, 15, 3))
     assert learn_plates([still], RADIUS) is None
+
+
+@pytest.mark.parametrize("takes", [["KneeltoProne01"], ["PronetoRun01"], ["KneeltoProne01", "PronetoRun01"]])
+def test_a_recorded_set_on_plates_is_one_whatever_takes_teach_it(shared_data, takes):
+    recorded = [read_points(shared_data / "people" / "clouthier" / f"{name}.c3d").xyz for name in takes]
+    plates = learn_plates([np.concatenate(recorded)], RADIUS)
+    assert plates is not None and len(plates.groups) == 13
+
+
+@pytest.mark.parametrize("take", ["HC038A/HC038A11", "HC044A/HC044A15", "HC030A/HC030A05"])
+def test_a_recorded_walk_in_markers_on_the_skin_is_no_set_on_plates(shared_data, take):
+    points = read_points(shared_data / "people" / "mcgill" / f"{take}.c3d").xyz
+    assert learn_plates([points[:, np.isfinite(points[..., 0]).mean(axis=0) > 0.5]], RADIUS) is None
