@@ -17,7 +17,8 @@ NAMES = tuple("abcdefgh")
 def learned(rigid: bool):
     rng = np.random.default_rng(0)
     base = rng.normal(size=(8, 3))
-    takes = [(base * size + (0.001 if rigid else 0.03) * rng.normal(size=(120, 8, 3)), str(size)) for size in (1, 1.02)]
+    noise, way = (0.001, np.linspace(0, 1, 120)) if rigid else (0.03, np.zeros(120))
+    takes = [(base * size + way[:, None, None] + noise * rng.normal(size=(120, 8, 3)), str(size)) for size in (1, 1.02)]
     return learn_evidence(takes[:1] if rigid else takes, NAMES)
 
 
