@@ -15,8 +15,8 @@ from .solving import Solved, solve
 from .starts import YAWS, guess
 from .trust import chance, features, kinds, log_odds
 
-CHUNK = 64  # frames that are worked on at once; small enough for the processor's own memory
-PAIRS = 700_000  # pairs of points that are worked on at once; more would fill the memory
+# Frames that are worked on at once, and pairs of their points: small enough for the processor's own memory.
+CHUNK, FEWEST, PAIRS = 64, 4, 40_000
 TARGET = 0.999
 LOOK = 3  # guesses a frame that are followed to the end, and
 LONG_LOOK = 6  # where there are many more points than markers, or the outcome is strange
@@ -43,18 +43,24 @@ class Named:
         return np.where(self.rate >= target, self.marker, -1)
 
 
-def label_frames(evidence: Evidence, points: np.ndarray, chunk: int = CHUNK) -> Iterator[Named]:
-    """Names frames of points (T, P, 3) m, z up, NaN where there is none, at most `chunk` frames at a time.
+def label_frames(evidence: Evidence, points: np.ndarray) -> Iterator[Named]:
+    """Names frames of points (T, P, 3) m, z up, NaN where there is none, some frames at a time.
 
     Each frame is named on its own. What to accept is for the caller: see `Named.sure`.
     Raises InputError when the array is not one of points.
     """
     if points.ndim != 3 or points.shape[2] != 3:
         raise InputError(f"points have the shape {points.shape}; expected frames × points × 3")
+    for frames in chunks(points):
+        yield label_some(evidence, points[frames])
+
+
+def chunks(points: np.ndarray) -> Iterator[slice]:
+    """The frames of points (T, P, 3) that are best worked on at once."""
     most = max(int(np.isfinite(points[..., 0]).sum(axis=1).max(initial=0)), 1)
-    chunk = min(chunk, max(PAIRS // most**2, 1))
-    for first in range(0, len(points), chunk):
-        yield label_some(evidence, points[first : first + chunk])
+    size = int(np.clip(PAIRS // most**2, FEWEST, CHUNK))
+    for first in range(0, len(points), size):
+        yield slice(first, first + size)
 
 
 def label_some(evidence: Evidence, points: np.ndarray) -> Named:

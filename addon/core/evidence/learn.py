@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from ..errors import InputError
-from .labels import labels_given, solve_frames
+from .labels import chunks, labels_given, solve_frames
 from .model import Evidence, Known, Trust
 from .plates import Plates, learn_plates
 from .shape import Shape, as_strangers, learn_shape
@@ -23,7 +23,6 @@ MOST_GHOSTS = 3
 CROWDED = 4  # one frame in so many is tried with many more points too,
 CROWD, MOST_CROWDED = 3, 80  # times as many as there are markers at most, and points at most
 FEWEST_MARKERS, FEWEST_FRAMES = 4, 10
-CHUNK = 64
 
 
 def learn_evidence(
@@ -144,8 +143,8 @@ def _splits(subjects: list[np.ndarray]) -> list[tuple[list[np.ndarray], np.ndarr
 def _tried(known: Known, trial: Trial, usual: bool) -> list[tuple[np.ndarray, ...]]:
     """Of all labels given in a trial what their chances depend on, and whether each is right and of a usual frame."""
     found = []
-    for first in range(0, len(trial.points), CHUNK):
-        points, truth = trial.points[first : first + CHUNK], trial.truth[first : first + CHUNK]
+    for frames in chunks(trial.points):
+        points, truth = trial.points[frames], trial.truth[frames]
         given = labels_given(solve_frames(known, points), points)
         right = truth[given.frame, given.point] == given.marker
         found.append((given.described, right, np.full(len(right), usual)))
