@@ -39,7 +39,7 @@ def learn_evidence(
     markers = tuple(markers)
     subjects = _by_subject(takes, markers)
     shape, ties, plates = _learn(list(subjects.values()), markers, seed)
-    trust = _learn_trust(list(subjects.values()), markers, seed, progress)
+    trust = _learn_trust(list(subjects.values()), markers, plates, seed, progress)
     return Evidence(markers, shape, ties, trust, len(subjects), plates)
 
 
@@ -73,17 +73,21 @@ def _learn(subjects: list[np.ndarray], markers: tuple[str, ...], seed: int) -> t
     return shape, learn_ties(subjects, shape.radius, images), learn_plates(subjects, shape.radius)
 
 
-def _learn_trust(subjects: list[np.ndarray], markers: tuple[str, ...], seed: int, progress) -> Trust:
+def _learn_trust(
+    subjects: list[np.ndarray], markers: tuple[str, ...], whole: Plates | None, seed: int, progress
+) -> Trust:
     """Trust from naming each subject with what the others teach.
 
     A single subject's frames are split in time instead, and named as if they were of other subjects: of those nothing
-    is known but how much subjects differ in general.
+    is known but how much subjects differ in general. Where all that was learned has plates, so has every part, and else
+    none: a few of the takes may look otherwise.
     """
     rng = np.random.default_rng(seed)
     found: list[tuple[np.ndarray, ...]] = []
     splits = _splits(subjects)
     for done, (rest, tested) in enumerate(splits):
         shape, ties, plates = _learn(rest, markers, seed)
+        plates = None if whole is None else whole if plates is None else plates
         known = Known.of(markers, shape, ties, plates)
         # On plates frames are named several times as fast.
         count = TRIAL_FRAMES if plates is not None else min(TRIAL_FRAMES, TRIAL_LABELS // len(markers))

@@ -14,7 +14,7 @@ import numpy as np
 
 RIGID = 0.015  # radii: standard deviation of a distance within a plate
 APART = 5.0  # times as much must distances to markers off a plate vary: in a few steps a whole limb keeps its form too
-KEPT = 0.012  # m that distances within what stands apart so vary by: a plate with what is worn right beside it
+KEPT = 0.021  # radii that distances within what stands apart so vary by: a plate with what is worn right beside it
 STEADIEST = 0.001  # m, that any distance is taken to vary by
 ON_PLATES = 0.85  # part of the markers that must be on plates for a set to be one on plates
 PROP = 0.003  # m that distances of a prop, on which all markers are one plate, vary by
@@ -89,9 +89,10 @@ def learn_plates(subjects: Sequence[np.ndarray], radius: float) -> Plates | None
     spread[never] = np.inf
     low[never], high[never] = 0, ANYWHERE
     tree = _tree(spread)
-    if not _prop(tree, everyone) and _part_apart(tree, markers) < ON_PLATES:
-        return None
     groups = _rigid_groups(tree, RIGID * radius)
+    on_plates = _prop(tree, everyone) or _part_apart(tree, markers, KEPT * radius) >= ON_PLATES
+    if not groups or not on_plates:
+        return None
     form = np.zeros((markers, 3))
     for group in groups:
         form[group] = _form(everyone[:, group])
@@ -119,14 +120,14 @@ def _prop(tree: np.ndarray, points: np.ndarray) -> bool:
     return bool(tree[-1, 2] < PROP and np.nanstd(points, axis=0).max() > MOVED)
 
 
-def _part_apart(tree: np.ndarray, markers: int) -> float:
+def _part_apart(tree: np.ndarray, markers: int, limit: float) -> float:
     """The part of the markers that is in groups much steadier within than towards any other."""
     members = [[index] for index in range(markers)]
     height = [0.0] * markers
     on_plate = np.zeros(markers, dtype=bool)
     for one, two, varies, _ in tree:
         for group in (int(one), int(two)):
-            steady = height[group] < KEPT and varies >= APART * max(height[group], STEADIEST)
+            steady = height[group] < limit and varies >= APART * max(height[group], STEADIEST)
             if steady and len(members[group]) >= FEWEST:
                 on_plate[members[group]] = True
         members.append(members[int(one)] + members[int(two)])

@@ -71,3 +71,12 @@ def test_a_recorded_set_on_plates_is_one_whatever_takes_teach_it(shared_data, ta
 def test_a_recorded_walk_in_markers_on_the_skin_is_no_set_on_plates(shared_data, take):
     points = read_points(shared_data / "people" / "mcgill" / f"{take}.c3d").xyz
     assert learn_plates([points[:, np.isfinite(points[..., 0]).mean(axis=0) > 0.5]], RADIUS) is None
+
+
+@pytest.mark.parametrize("radius", [0.03, 0.1, 0.2])
+def test_what_is_apart_but_not_rigid_for_its_size_is_no_set_on_plates(radius):
+    """Of a small creature millimetres are a lot: without a group that is rigid there is no plate to know it by."""
+    rng = np.random.default_rng(4)
+    points = things(3, 4) + rng.normal(0, 0.002, (FRAMES, 12, 3))
+    plates = learn_plates([points], radius)
+    assert plates is None or plates.groups
