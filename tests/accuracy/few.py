@@ -17,8 +17,7 @@ from addon.core.models import Model
 from addon.io.models import open_model
 
 from . import people
-from .plates import TARGET, labelled_as_product
-from .points import SEED, Counts
+from .points import SEED, TARGET, Counts, labelled_as_product
 from .tables import share, table
 
 RATE = 100.0  # a second

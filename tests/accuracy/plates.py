@@ -17,22 +17,19 @@ from addon.cli import main as command
 from addon.core.groups import learn_structure
 from addon.core.models import Model
 from addon.core.pieces import cut, vote_pieces
-from addon.core.pipeline import Options
 from addon.io.models import open_model
 from addon.io.points import read_points
-from addon.jobs.naming import Decided, NamedFrames, consistent, decide, joined, name_frames
-from addon.jobs.wearer import Wearer, checked, find_wearer
+from addon.jobs.wearer import Wearer
 
 from . import anatomical, others
 from .people import DATA
-from .points import Counts
+from .points import TARGET, Counts, labelled_as_product
 from .tables import table
 
 TAKES = DATA / "people" / "clouthier"
 TRAINED, TESTED, RAW = (TAKES / f"{name}.c3d" for name in ("KneeltoProne01", "PronetoRun01", "S09_KneeltoRun02"))
 # Pieces that the take is cut into, markers hidden at once at most, and ghosts.
 CUTS = ((62, 0, 0), (278, 5, 30), (453, 10, 60))
-TARGET = 0.999
 SEED = 1
 PEOPLE = 6
 HIDDEN_FRAMES = (10, 60)  # that a marker is hidden for
@@ -96,17 +93,6 @@ def _ghost(labelled: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     column = np.full((frames, 3), np.nan)
     column[here] = path
     return column
-
-
-def labelled_as_product(model: Model, points: np.ndarray, rate: float) -> tuple[NamedFrames, Decided, Wearer]:
-    """Trajectories (T, P, 3) m by frames alone, by the steps of the job that labels takes, and who was found there."""
-    piece = cut(points, rate)
-    wearer = find_wearer(model, "evidence", points, piece, rate)
-    model = wearer.model
-    named = joined(list(name_frames(model, "evidence", points, rate, Options())))
-    decided = decide(named, piece, model, TARGET, 0)
-    decided = consistent(decided, points, model.markerset.evidence, 0)
-    return named, checked(decided, wearer, 0), wearer
 
 
 def _row(what: str, marker: np.ndarray, truth: np.ndarray, markers: int) -> tuple[str, ...]:

@@ -6,8 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from addon.core.evidence import Evidence, label_frames
+from addon.core.models import Model
+from addon.core.pieces import cut
+from addon.core.pipeline import Options
+from addon.jobs.naming import Decided, NamedFrames, consistent, decide, joined, name_frames
+from addon.jobs.wearer import Wearer, checked, find_wearer
 
 SEED = 5
+TARGET = 0.999  # the share of right labels that the product asks for
 
 
 @dataclass
@@ -40,3 +46,14 @@ def named(evidence: Evidence, points: np.ndarray) -> tuple[np.ndarray, np.ndarra
     """Markers and rates (F, P) of all frames."""
     chunks = list(label_frames(evidence, points))
     return np.concatenate([chunk.marker for chunk in chunks]), np.concatenate([chunk.rate for chunk in chunks])
+
+
+def labelled_as_product(model: Model, points: np.ndarray, rate: float) -> tuple[NamedFrames, Decided, Wearer]:
+    """Trajectories (T, P, 3) m by frames alone, by the steps of the job that labels takes, and who was found there."""
+    piece = cut(points, rate)
+    wearer = find_wearer(model, "evidence", points, piece, rate)
+    model = wearer.model
+    named = joined(list(name_frames(model, "evidence", points, rate, Options())))
+    decided = decide(named, piece, model, TARGET, 0)
+    decided = consistent(decided, points, model.markerset.evidence, 0)
+    return named, checked(decided, wearer, 0), wearer

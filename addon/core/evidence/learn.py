@@ -38,7 +38,8 @@ def learn_evidence(
     """
     markers = tuple(markers)
     subjects = _by_subject(takes, markers)
-    shape, ties, plates = _learn(list(subjects.values()), markers, seed)
+    shape, ties = _learn(list(subjects.values()), markers, seed)
+    plates = learn_plates(list(subjects.values()), shape.radius)
     trust = _learn_trust(list(subjects.values()), markers, plates, seed, progress)
     return Evidence(markers, shape, ties, trust, len(subjects), plates)
 
@@ -67,10 +68,10 @@ def _by_subject(takes, markers: tuple[str, ...]) -> dict[str, np.ndarray]:
     return subjects
 
 
-def _learn(subjects: list[np.ndarray], markers: tuple[str, ...], seed: int) -> tuple[Shape, Ties, Plates | None]:
+def _learn(subjects: list[np.ndarray], markers: tuple[str, ...], seed: int) -> tuple[Shape, Ties]:
     images = mirrored(subjects, markers)
     shape = learn_shape(subjects, seed, images)
-    return shape, learn_ties(subjects, shape.radius, images), learn_plates(subjects, shape.radius)
+    return shape, learn_ties(subjects, shape.radius, images)
 
 
 def _learn_trust(
@@ -86,8 +87,8 @@ def _learn_trust(
     found: list[tuple[np.ndarray, ...]] = []
     splits = _splits(subjects)
     for done, (rest, tested) in enumerate(splits):
-        shape, ties, plates = _learn(rest, markers, seed)
-        plates = None if whole is None else whole if plates is None else plates
+        shape, ties = _learn(rest, markers, seed)
+        plates = None if whole is None else learn_plates(rest, shape.radius) or whole
         known = Known.of(markers, shape, ties, plates)
         # On plates frames are named several times as fast.
         count = TRIAL_FRAMES if plates is not None else min(TRIAL_FRAMES, TRIAL_LABELS // len(markers))

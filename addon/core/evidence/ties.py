@@ -11,11 +11,12 @@ from functools import cached_property
 
 import numpy as np
 
+from .shape import BUILDS, GUESSED
+
 STIFF = 0.05  # radii: largest standard deviation of a tie's length in one subject
 LEAST_SD = 0.006  # radii
 STRANGE = 1.3  # a handful of subjects shows less than the true spread between people
-BUILDS, BUILDS_SHARE = 0.04, 0.03  # radii, and of a length, that others differ by, size apart: taken for granted as if
-GUESSED = 1.0  # so many more subjects had shown it
+BUILDS_SHARE = 0.03  # of a length, that others differ by besides where their markers sit: taken for granted too
 LIMIT = 6.0  # the most a broken tie costs, before trust
 TRUST = 0.5  # the most that a tie counts, and
 SAID = 4.0  # ties that all of a marker's count for together: they say partly the same

@@ -68,12 +68,8 @@ def _bases(form: np.ndarray) -> np.ndarray:
 def _on_points(form: np.ndarray, points: np.ndarray, base: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """Rotation and place that lay a triple of markers on every triple of points with sides alike, the best KEPT."""
     triples = np.array(list(permutations(range(len(points)), 3)), int).reshape(-1, 3)
-    sides = [
-        np.linalg.norm(points[triples[:, a]] - points[triples[:, b]], axis=1) - np.linalg.norm(form[i] - form[j])
-        for (a, b), (i, j) in zip(((0, 1), (1, 2), (2, 0)), (base[:2], base[1:], base[[2, 0]]), strict=True)
-    ]
-    wanted = np.linalg.norm(form[base] - form[np.roll(base, -1)], axis=1)
-    off = np.abs(np.stack(sides, axis=1)) / spread_of(wanted)
+    wanted = _sides(form[base])
+    off = np.abs(_sides(points[triples]) - wanted) / spread_of(wanted)
     fits = np.flatnonzero((off < WITHIN).all(axis=1))
     turn, place = laid_on(form[base], points[triples[fits]])
     # Sorted by how near the other markers come to any point.
@@ -81,6 +77,11 @@ def _on_points(form: np.ndarray, points: np.ndarray, base: np.ndarray) -> list[t
     nearest = np.linalg.norm(moved[:, :, None] - points, axis=-1).min(axis=2)
     best = np.argsort(nearest.sum(axis=1), kind="stable")[:KEPT]
     return list(zip(turn[best], place[best], strict=True))
+
+
+def _sides(corners: np.ndarray) -> np.ndarray:
+    """(…, 3) m, the sides of triangles (…, 3, 3) m."""
+    return np.linalg.norm(corners - np.roll(corners, -1, axis=-2), axis=-1)
 
 
 def _assigned(form: np.ndarray, points: np.ndarray, turn: np.ndarray, place: np.ndarray) -> tuple[float, np.ndarray]:
