@@ -16,9 +16,10 @@ ROOT = Path(__file__).resolve().parents[1]
 if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
-from addon.core import anatomy, learning
-from addon.core.evidence import learn_evidence
-from addon.core.markersets import MarkerSet
+from addon.core.body import anatomy
+from addon.core.data.markersets import MarkerSet
+from addon.core.points.likelihood import learn_evidence
+from addon.core.training import learning
 from addon.io.markersets import SUFFIX, write_markerset
 
 STANDING_FRAMES, MOVING_FRAMES = 12, 14

@@ -9,7 +9,7 @@ import sys
 import traceback
 
 from ..blendfile import drop_banner
-from ..core.errors import UserError
+from ..core.data.errors import UserError
 from .console import complain, open_streams, stoppable
 from .parser import build_parser
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from .. import capturing
 from ..blendfile import open_cameras
-from ..core.errors import InputError, UserError
-from ..core.simulate import CaptureOptions
+from ..core.data.errors import InputError, UserError
+from ..core.simulation.simulate import CaptureOptions
 from ..io.markersets import builtin_markersets, open_markerset
 from ..io.points import marker_columns, read_points
 from .arguments import add_frames, add_overwrite, names, number, whole

@@ -4,8 +4,8 @@
 import argparse
 from pathlib import Path
 
-from ..core.ensemble.training import SEARCHES
-from ..core.errors import InputError
+from ..core.data.errors import InputError
+from ..core.points.partial_solvers.training import SEARCHES
 from ..io.markersets import SUFFIX
 from ..jobs.train import TrainJob, train_file
 from .arguments import add_overwrite, names, number

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from ..core.errors import InputError, JobError, UserError
+from ..core.data.errors import InputError, JobError, UserError
 
 ROOT = Path(__file__).resolve().parents[2]
 EXTENSION = "mocap_autolabel"

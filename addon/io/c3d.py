@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.errors import InputError
+from ..core.data.errors import InputError
 from .source import read_bytes
 
 KIND = "a C3D file"

@@ -4,8 +4,8 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from ..core.cameras import Cameras
-from ..core.errors import InputError
+from ..core.data.errors import InputError
+from ..core.geometry.cameras import Cameras
 from .motive_cameras import read_mcal
 from .opencv import read_yml
 from .qualisys import read_qca

@@ -6,11 +6,11 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ..core.evidence.model import Evidence, Trust
-from ..core.evidence.plates import Plates
-from ..core.evidence.shape import Shape
-from ..core.evidence.ties import Ties
-from ..core.evidence.trust import FEATURES, PARTS
+from ..core.points.likelihood.calibration import FEATURES, PARTS
+from ..core.points.likelihood.distances import Ties
+from ..core.points.likelihood.model import Evidence, Trust
+from ..core.points.likelihood.shape import Shape
+from ..core.points.rigid_bodies.plates import Plates
 from .markerset_fields import Reader, finite
 
 DIGITS = 6

@@ -8,7 +8,7 @@ from typing import NoReturn
 
 import numpy as np
 
-from ..core.errors import InputError
+from ..core.data.errors import InputError
 
 # Heights, metres and square radians of a body are all far below this.
 LARGEST = 1e3

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.errors import InputError
-from ..core.markersets import Capsules, MarkerSet, Skeleton, Spread
+from ..core.data.errors import InputError
+from ..core.data.markersets import Capsules, MarkerSet, Skeleton, Spread
 from .evidence import evidence_text, read_evidence
 from .markerset_fields import Reader, finite
 from .source import read_text

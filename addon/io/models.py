@@ -4,9 +4,9 @@
 import json
 from pathlib import Path
 
-from ..core.ensemble.model import Ensemble
-from ..core.errors import InputError
-from ..core.models import Lessons, Model
+from ..core.data.errors import InputError
+from ..core.data.models import Lessons, Model
+from ..core.points.partial_solvers.model import Ensemble
 from .markersets import builtin_markersets, markerset_text, open_markerset, read_markerset
 from .packed import pack, unpack
 from .source import read_text

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.ambiguity import Advice, Ambiguity, Worn, separation
-from ..core.ambiguity.renamings import TURN
-from ..core.markersets import MarkerSet
+from ..core.data.markersets import MarkerSet
+from ..core.placement_quality import Advice, Ambiguity, Worn, separation
+from ..core.placement_quality.renamings import TURN
 
 CLEAR = 8.0  # standard deviations; pairs farther apart are not listed
 DIGITS = 2

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.cameras import Cameras
-from ..core.errors import InputError
+from ..core.data.errors import InputError
+from ..core.geometry.cameras import Cameras
 
 COLUMNS = ("frame", "camera", "x", "y")
 

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.cameras import Cameras, distort
-from ..core.errors import InputError
+from ..core.data.errors import InputError
+from ..core.geometry.cameras import Cameras, distort
 from .rig import RigCamera, rig
 from .source import numbers, read_text
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.errors import InputError
+from ..core.data.errors import InputError
 
 # Beyond this no coordinate is one, in any unit.
 LARGEST = 1e9

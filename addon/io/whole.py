@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from ..core.errors import InputError, JobError
+from ..core.data.errors import InputError, JobError
 
 PART, TOKEN = ".part-", 12  # how the name of a temporary begins, and how many letters tell one job's from another's
 

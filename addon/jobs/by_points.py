@@ -10,12 +10,12 @@ from time import perf_counter
 
 import numpy as np
 
-from ..core.cameras import Cameras
-from ..core.models import Model
-from ..core.pipeline import Options
-from ..core.reconstruction import Reconstructed, Reconstructor
-from ..core.suspects import find_suspects
-from ..core.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Suspect
+from ..core.blobs.pipeline import Options
+from ..core.data.models import Model
+from ..core.data.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Suspect
+from ..core.geometry.cameras import Cameras
+from ..core.reconstruction.trajectories import Reconstructed, Reconstructor
+from ..core.review.suspects import find_suspects
 from .naming import Decided, consistent, decide, joined, name_frames
 from .placing import moved
 from .refusals import LEAST_SURE, sure_share

@@ -8,8 +8,8 @@ from pathlib import Path
 from time import perf_counter
 
 from ..blendfile import Chunks
-from ..core.summary import TakeSummary
-from ..core.takes import Points
+from ..core.data.takes import Points
+from ..core.review.summary import TakeSummary
 from ..io.points import write_c3d, write_trc
 from ..io.report import take_report, write_report
 from ..io.whole import whole_files

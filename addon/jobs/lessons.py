@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.contradictions import contradictions, leads
-from ..core.errors import InputError, UserError
-from ..core.models import Lessons, by_subject
+from ..core.data.errors import InputError, UserError
+from ..core.data.models import Lessons, by_subject
+from ..core.training.contradictions import contradictions, leads
 from ..io.markersets import can_be_named
 from ..io.points import FilePoints, marker_columns, read_points
 

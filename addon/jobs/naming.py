@@ -6,15 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.cameras import Cameras
-from ..core.consistency import stray_suspects, strays
-from ..core.errors import InputError
-from ..core.evidence import Evidence
-from ..core.models import Model
-from ..core.pieces import vote_pieces
-from ..core.pipeline import Options, label_take
-from ..core.rigs import ring_rig
-from ..core.takes import NO_MARKER, Blobs, Suspect
+from ..core.blobs.pipeline import Options, label_take
+from ..core.data.errors import InputError
+from ..core.data.models import Model
+from ..core.data.takes import NO_MARKER, Blobs, Suspect
+from ..core.geometry.cameras import Cameras
+from ..core.points.consistency import stray_suspects, strays
+from ..core.points.likelihood import Evidence
+from ..core.points.tracklets import vote_pieces
+from ..core.simulation.rigs import ring_rig
 
 CHUNK = 256
 VIEWS = 6  # virtual cameras around the points, when a body is fitted to them
@@ -143,14 +143,14 @@ def once(marker: np.ndarray, sure: np.ndarray, markers: int) -> np.ndarray:
 
 
 def _by_evidence(model: Model, points: np.ndarray) -> Iterator[NamedFrames]:
-    from ..core.evidence import label_frames
+    from ..core.points.likelihood import label_frames
 
     for named in label_frames(model.markerset.evidence, points):
         yield NamedFrames(named.marker, named.confidence, named.rate)
 
 
 def _by_ensemble(model: Model, points: np.ndarray) -> Iterator[NamedFrames]:
-    from ..core.ensemble.label import Labeller
+    from ..core.points.partial_solvers.label import Labeller
 
     parts = (points[first : first + CHUNK] for first in range(0, len(points), CHUNK))
     for marker, confidence in Labeller(model.ensemble).chunks(parts):

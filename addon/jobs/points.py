@@ -11,16 +11,16 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..blendfile import save_blend
-from ..core.cameras import Cameras
-from ..core.errors import InputError
-from ..core.markersets import MarkerSet
-from ..core.models import Model
-from ..core.pieces import cut, renamed
-from ..core.pipeline import Options
-from ..core.search import Hints
-from ..core.summary import TakeSummary
-from ..core.suspects import find_suspects, summarised
-from ..core.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Points, Suspect
+from ..core.blobs.pipeline import Options
+from ..core.blobs.search import Hints
+from ..core.data.errors import InputError
+from ..core.data.markersets import MarkerSet
+from ..core.data.models import Model
+from ..core.data.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Points, Suspect
+from ..core.geometry.cameras import Cameras
+from ..core.points.tracklets import cut, renamed
+from ..core.review.summary import TakeSummary
+from ..core.review.suspects import find_suspects, summarised
 from ..io.labels import POINT_KEYS, LabelWriter
 from ..io.models import open_model
 from ..io.points import FilePoints, read_points

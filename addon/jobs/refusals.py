@@ -7,11 +7,11 @@ was sure about, and of another marker set they vote as one for wrong names.
 
 import numpy as np
 
-from ..core.apart import groups_apart
-from ..core.errors import JobError
-from ..core.models import Model
-from ..core.pipeline import Options
-from ..core.takes import NO_MARKER
+from ..core.blobs.pipeline import Options
+from ..core.data.errors import JobError
+from ..core.data.models import Model
+from ..core.data.takes import NO_MARKER
+from ..core.points.apart import groups_apart
 from .naming import NamedFrames, joined, name_frames
 
 SAMPLE = 40  # frames, spread over the take

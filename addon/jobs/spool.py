@@ -6,8 +6,8 @@ from typing import Self
 
 import numpy as np
 
-from ..core.reconstruction import Reconstructed
-from ..core.takes import Points
+from ..core.data.takes import Points
+from ..core.reconstruction.trajectories import Reconstructed
 
 SHORTEST = 5  # points; a shorter trajectory is a passing coincidence of rays
 MOST_COLUMNS = 255  # beyond this, trajectories that are far apart in time share a column

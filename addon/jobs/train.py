@@ -10,16 +10,16 @@ from time import perf_counter
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ..core.body import BodyModel
-from ..core.dressing import dressed, known_body
-from ..core.ensemble.model import FUNCTIONS, PAPER_FUNCTIONS, Ensemble
-from ..core.ensemble.training import SEARCHES, Training, training
-from ..core.errors import InputError
-from ..core.evidence import Evidence, learn_evidence
-from ..core.markersets import MarkerSet
-from ..core.models import Lessons, Model, by_subject
-from ..core.posing import fit_points
-from ..core.segments import segment_markerset
+from ..core.body.bodies import BodyModel
+from ..core.body.posing import fit_points
+from ..core.data.errors import InputError
+from ..core.data.markersets import MarkerSet
+from ..core.data.models import Lessons, Model, by_subject
+from ..core.points.likelihood import Evidence, learn_evidence
+from ..core.points.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS, Ensemble
+from ..core.points.partial_solvers.training import SEARCHES, Training, training
+from ..core.training.segments import segment_markerset
+from ..core.training.transfer import dressed, known_body
 from ..io.markersets import SUFFIX, builtin_markersets, open_markerset
 from ..io.models import open_model, write_model
 from ..io.whole import whole_files

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..core.groups import Person, learn_structure, recognise
-from ..core.models import Model
-from ..core.takes import NO_MARKER, Suspect
+from ..core.data.models import Model
+from ..core.data.takes import NO_MARKER, Suspect
+from ..core.points.rigid_bodies import Person, learn_structure, recognise
 from .naming import Decided, once
 
 MOVES = 0.99  # confidence of a name that only the motion of the whole take tells

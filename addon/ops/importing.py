@@ -8,7 +8,7 @@ import numpy as np
 from bpy.props import StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from ..core.errors import InputError
+from ..core.data.errors import InputError
 from ..io.blobs import read_blobs
 from ..io.cameras import read_cameras
 from ..io.points import holds_points, read_points

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import bpy
 
-from ..core.cameras import Cameras
-from ..core.errors import InputError
-from ..core.markersets import MarkerSet
-from ..core.occlusion import Occlusion
-from ..core.pipeline import Options, label_take
-from ..core.search import Hints
-from ..core.takes import Blobs
+from ..core.blobs.pipeline import Options, label_take
+from ..core.blobs.search import Hints
+from ..core.body.occlusion import Occlusion
+from ..core.data.errors import InputError
+from ..core.data.markersets import MarkerSet
+from ..core.data.takes import Blobs
+from ..core.geometry.cameras import Cameras
 from ..io.blobs import read_blobs
 from ..props import chosen_markerset, frames_wanted, refresh_review, take_name
 from ..scene import cameras as scene_cameras

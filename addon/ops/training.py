@@ -9,7 +9,7 @@ import bpy
 from bpy.props import CollectionProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from ..core.errors import InputError
+from ..core.data.errors import InputError
 from ..io.markersets import SUFFIX
 from ..io.points import read_points
 from ..jobs.background import drained, in_background

@@ -12,8 +12,8 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
-from ..core.errors import InputError
-from ..core.markersets import Capsules, MarkerSet, Skeleton, Spread
+from ..core.data.errors import InputError
+from ..core.data.markersets import Capsules, MarkerSet, Skeleton, Spread
 from . import armature as armatures
 from . import naming
 from .body import END, RADIUS, START, add_body

@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from addon.core.ambiguity import GOAL, Advice, advise, judge, separation, worn
-from addon.core.ambiguity.advice import ADD
-from addon.core.body import BodyModel
-from addon.core.evidence import Evidence, learn_evidence
-from addon.core.evidence.trials import make_trial
-from addon.core.markersets import MarkerSet
-from addon.core.posing import fit_points
+from addon.core.body.bodies import BodyModel
+from addon.core.body.posing import fit_points
+from addon.core.data.markersets import MarkerSet
+from addon.core.placement_quality import GOAL, Advice, advise, judge, separation, worn
+from addon.core.placement_quality.advice import ADD
+from addon.core.points.likelihood import Evidence, learn_evidence
+from addon.core.points.likelihood.trials import make_trial
 from addon.io.markersets import open_markerset
 
 from . import people

@@ -11,9 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from addon.core.evidence import learn_evidence
-from addon.core.markersets import MarkerSet
-from addon.core.models import Model
+from addon.core.data.markersets import MarkerSet
+from addon.core.data.models import Model
+from addon.core.points.likelihood import learn_evidence
 from addon.io.models import open_model
 
 from . import people

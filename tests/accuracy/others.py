@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from addon.core.groups.structure import Structure, find_joints
-from addon.core.rigid import laid_on
+from addon.core.geometry.rigid import laid_on
+from addon.core.points.rigid_bodies.structure import Structure, find_joints
 
 MIRROR = np.array([1.0, -1.0, 1.0])
 

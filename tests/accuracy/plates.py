@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from addon.cli import main as command
-from addon.core.groups import learn_structure
-from addon.core.models import Model
-from addon.core.pieces import cut, vote_pieces
+from addon.core.data.models import Model
+from addon.core.points.rigid_bodies import learn_structure
+from addon.core.points.tracklets import cut, vote_pieces
 from addon.io.models import open_model
 from addon.io.points import read_points
 from addon.jobs.wearer import Wearer

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from addon.core.evidence import Evidence, label_frames
-from addon.core.models import Model
-from addon.core.pieces import cut
-from addon.core.pipeline import Options
+from addon.core.blobs.pipeline import Options
+from addon.core.data.models import Model
+from addon.core.points.likelihood import Evidence, label_frames
+from addon.core.points.tracklets import cut
 from addon.jobs.naming import Decided, NamedFrames, consistent, decide, joined, name_frames
 from addon.jobs.wearer import Wearer, checked, find_wearer
 

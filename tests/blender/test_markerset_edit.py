@@ -5,7 +5,7 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.core.errors import InputError
+from addon.core.data.errors import InputError
 from addon.io.markersets import builtin_markersets, open_markerset
 from addon.scene import markerset_edit, naming
 

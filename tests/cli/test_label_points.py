@@ -9,7 +9,7 @@ import ezc3d
 import numpy as np
 import pytest
 
-from addon.core.takes import Points
+from addon.core.data.takes import Points
 from addon.demo.take import MODEL
 from addon.io.labels import POINT_KEYS, TruthWriter
 from addon.io.markersets import SUFFIX, open_markerset, write_markerset

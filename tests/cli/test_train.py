@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from addon.core import rotations
-from addon.core.takes import Points
+from addon.core.data.takes import Points
+from addon.core.geometry import rotations
 from addon.io.labels import POINT_KEYS, TruthWriter
 from addon.io.models import read_model
 from addon.io.points import read_points, write_c3d

@@ -3,8 +3,8 @@
 
 import numpy as np
 
-from addon.core.consistency import stray_suspects, strays
-from addon.core.evidence.ties import Ties
+from addon.core.points.consistency import stray_suspects, strays
+from addon.core.points.likelihood.distances import Ties
 
 TIES = Ties(np.array(np.triu_indices(4, 1)).T, np.full(6, 0.2), np.full(6, 0.004), 0.05)
 

@@ -4,9 +4,9 @@
 import numpy as np
 import pytest
 
-from addon.core.body import BodyModel
-from addon.core.contradictions import contradictions, leads
-from addon.core.virtual import Act, draw_person, perform
+from addon.core.body.bodies import BodyModel
+from addon.core.simulation.virtual import Act, draw_person, perform
+from addon.core.training.contradictions import contradictions, leads
 from addon.io.markersets import open_markerset
 
 MARKERS = open_markerset("body26").markers

@@ -6,9 +6,9 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from addon.core.body import BodyModel
-from addon.core.evidence import label_frames
-from addon.core.virtual import Act, draw_person, perform
+from addon.core.body.bodies import BodyModel
+from addon.core.points.likelihood import label_frames
+from addon.core.simulation.virtual import Act, draw_person, perform
 from addon.io.markersets import open_markerset
 
 TARGET = 0.999

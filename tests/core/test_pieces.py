@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 
-from addon.core.pieces import WINDOW, cut, renamed, vote_pieces
-from addon.core.takes import NO_MARKER
+from addon.core.data.takes import NO_MARKER
+from addon.core.points.tracklets import WINDOW, cut, renamed, vote_pieces
 
 RATE = 100.0
 

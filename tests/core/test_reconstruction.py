@@ -6,13 +6,13 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from addon.core.errors import JobError
-from addon.core.linking import Links
-from addon.core.matching import APART
-from addon.core.reconstruction import Reconstructor, reconstruct_take
-from addon.core.rigs import ring_rig
-from addon.core.simulate import CaptureOptions, capture, joined
-from addon.core.takes import Blobs
+from addon.core.data.errors import JobError
+from addon.core.data.takes import Blobs
+from addon.core.reconstruction.linking import Links
+from addon.core.reconstruction.matching import APART
+from addon.core.reconstruction.trajectories import Reconstructor, reconstruct_take
+from addon.core.simulation.rigs import ring_rig
+from addon.core.simulation.simulate import CaptureOptions, capture, joined
 
 RATE = 100.0
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from addon.core.cameras import Cameras
-from addon.core.takes import Points
+from addon.core.data.takes import Points
+from addon.core.geometry.cameras import Cameras
 from addon.io.cameras import write_cameras
 from addon.io.points import write_c3d, write_trc
 from addon.io.rig import Z_UP_FROM_Y_UP

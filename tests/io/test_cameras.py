@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addon.core.errors import InputError
+from addon.core.data.errors import InputError
 from addon.io.cameras import read_cameras, write_cameras
 from addon.io.rig import nearest_rotation, rotation_from_quaternion, rotation_from_vector
 from addon.io.vicon import forward_lens

@@ -6,8 +6,8 @@ import json
 import numpy as np
 import pytest
 
-from addon.core.errors import InputError
-from addon.core.evidence import learn_evidence
+from addon.core.data.errors import InputError
+from addon.core.points.likelihood import learn_evidence
 from addon.io.evidence import evidence_text, read_evidence
 from addon.io.markerset_fields import Reader
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from addon.core.errors import InputError
-from addon.core.takes import Points
+from addon.core.data.errors import InputError
+from addon.core.data.takes import Points
 from addon.io.blobs import read_blobs
 from addon.io.cameras import read_cameras
 from addon.io.labels import LabelFile

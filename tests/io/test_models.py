@@ -6,9 +6,9 @@ import json
 import numpy as np
 import pytest
 
-from addon.core.ensemble.model import Classifiers, Ensemble, Record, Solver, Strong
-from addon.core.errors import InputError
-from addon.core.models import Lessons, Model
+from addon.core.data.errors import InputError
+from addon.core.data.models import Lessons, Model
+from addon.core.points.partial_solvers.model import Classifiers, Ensemble, Record, Solver, Strong
 from addon.io.markersets import read_markerset
 from addon.io.models import open_model, read_model, write_model
 from tests.core.toybody import toy_markerset

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from addon.core.errors import InputError, JobError
+from addon.core.data.errors import InputError, JobError
 from addon.io.whole import whole_file, whole_files
 
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from addon.core.errors import InputError
-from addon.core.models import Lessons, by_subject
-from addon.core.takes import Points
+from addon.core.data.errors import InputError
+from addon.core.data.models import Lessons, by_subject
+from addon.core.data.takes import Points
 from addon.io.points import read_points, write_c3d
 from addon.jobs.lessons import (
     KEPT,

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from addon.core.takes import NO_MARKER
+from addon.core.data.takes import NO_MARKER
 from addon.io.models import open_model
 from addon.jobs.naming import NamedFrames, decide
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from addon.blendfile import has_blender
-from addon.core.body import BodyModel
-from addon.core.errors import JobError
-from addon.core.takes import NO_MARKER, Points, Suspect
+from addon.core.body.bodies import BodyModel
+from addon.core.data.errors import JobError
+from addon.core.data.takes import NO_MARKER, Points, Suspect
 from addon.io.markersets import open_markerset
 from addon.io.points import read_points, write_c3d
 from addon.jobs import LabelJob, label_file

@@ -6,15 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from addon.core import rotations
-from addon.core.body import BodyModel
-from addon.core.errors import JobError
-from addon.core.evidence import learn_evidence
-from addon.core.models import Model
-from addon.core.pipeline import Options
-from addon.core.segments import segment_markerset
-from addon.core.takes import NO_MARKER
-from addon.core.virtual import Act, draw_person, perform
+from addon.core.blobs.pipeline import Options
+from addon.core.body.bodies import BodyModel
+from addon.core.data.errors import JobError
+from addon.core.data.models import Model
+from addon.core.data.takes import NO_MARKER
+from addon.core.geometry import rotations
+from addon.core.points.likelihood import learn_evidence
+from addon.core.simulation.virtual import Act, draw_person, perform
+from addon.core.training.segments import segment_markerset
 from addon.io.markersets import open_markerset
 from addon.io.models import open_model
 from addon.io.points import read_points

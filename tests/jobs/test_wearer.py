@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from addon.core.evidence.model import Evidence
-from addon.core.evidence.plates import learn_plates
-from addon.core.models import Lessons, Model
-from addon.core.pieces import cut
-from addon.core.takes import NO_MARKER
+from addon.core.data.models import Lessons, Model
+from addon.core.data.takes import NO_MARKER
+from addon.core.points.likelihood.model import Evidence
+from addon.core.points.rigid_bodies.plates import learn_plates
+from addon.core.points.tracklets import cut
 from addon.jobs.naming import Decided
 from addon.jobs.wearer import checked, find_wearer
 from tests.core.groups.plated import NAMES, RATE, body, walk

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from addon.core.ensemble.label import Labeller
-from addon.core.ensemble.model import FUNCTIONS, PAPER_FUNCTIONS, Ensemble, Solver
-from addon.core.ensemble.training import Study, Training
-from addon.core.evidence import label_frames, learn_evidence
+from addon.core.points.likelihood import label_frames, learn_evidence
+from addon.core.points.partial_solvers.label import Labeller
+from addon.core.points.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS, Ensemble, Solver
+from addon.core.points.partial_solvers.training import Study, Training
 
 Takes = Sequence[tuple[np.ndarray, str]]  # frames (T, M, 3) m, and whose they are
 FAITHFUL = {"paper": PAPER_FUNCTIONS, "turn": FUNCTIONS}

@@ -4,13 +4,13 @@
 import numpy as np
 import pytest
 
-from addon.core.ensemble.assess import Occlusions, assess, draw_occlusions
-from addon.core.ensemble.features import tables
-from addon.core.ensemble.masks import Masks
-from addon.core.ensemble.model import PAPER_FUNCTIONS, Record
-from addon.core.ensemble.search import members
-from addon.core.ensemble.solver import TreeSearch
-from addon.core.ensemble.survey import survey
+from addon.core.points.partial_solvers.assess import Occlusions, assess, draw_occlusions
+from addon.core.points.partial_solvers.features import tables
+from addon.core.points.partial_solvers.masks import Masks
+from addon.core.points.partial_solvers.model import PAPER_FUNCTIONS, Record
+from addon.core.points.partial_solvers.search import members
+from addon.core.points.partial_solvers.solver import TreeSearch
+from addon.core.points.partial_solvers.survey import survey
 from tests.core.ensemble.toys import moving, pool_of
 
 

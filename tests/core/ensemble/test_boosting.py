@@ -6,9 +6,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from addon.core.ensemble.boosting import Boosting, boost, learn_intervals, rejections, wrong_labellings
-from addon.core.ensemble.features import all_features, tables
-from addon.core.ensemble.model import FUNCTIONS, Strong
+from addon.core.points.partial_solvers.boosting import Boosting, boost, learn_intervals, rejections, wrong_labellings
+from addon.core.points.partial_solvers.features import all_features, tables
+from addon.core.points.partial_solvers.model import FUNCTIONS, Strong
 from tests.core.ensemble.toys import moving, pool_of
 
 

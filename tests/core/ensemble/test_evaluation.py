@@ -6,11 +6,11 @@ import json
 import numpy as np
 import pytest
 
-from addon.core.ensemble.features import all_features
-from addon.core.ensemble.label import label_frames
-from addon.core.ensemble.model import FUNCTIONS, PAPER_FUNCTIONS
-from addon.core.ensemble.training import Training, train_ensemble
-from addon.core.figures import Figures
+from addon.core.evaluation.figures import Figures
+from addon.core.points.partial_solvers.features import all_features
+from addon.core.points.partial_solvers.label import label_frames
+from addon.core.points.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS
+from addon.core.points.partial_solvers.training import Training, train_ensemble
 from tests.accuracy.partial import pages
 from tests.accuracy.partial.clouds import Clouds, Trouble, drawn, mirrored, other_side, spoilt, together
 from tests.accuracy.partial.report import BLOCKS

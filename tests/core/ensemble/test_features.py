@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from addon.core.ensemble import features
-from addon.core.ensemble.model import ANGLE, DISTANCE, DOMAIN, FUNCTIONS, HEIGHT, NO_POINT, RATIO, TURN
+from addon.core.points.partial_solvers import features
+from addon.core.points.partial_solvers.model import ANGLE, DISTANCE, DOMAIN, FUNCTIONS, HEIGHT, NO_POINT, RATIO, TURN
 
 ONE = {ANGLE: features.angle, DISTANCE: features.distance, RATIO: features.ratio, HEIGHT: features.height}
 ONE[TURN] = features.turn

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addon.core.ensemble.search import (
+from addon.core.points.partial_solvers.search import (
     Genetics,
     addition,
     bottom_up,

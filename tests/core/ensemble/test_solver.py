@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from addon.core.ensemble import solver as solver_module
-from addon.core.ensemble.boosting import learn_intervals
-from addon.core.ensemble.features import all_features, tables
-from addon.core.ensemble.masks import Masks
-from addon.core.ensemble.model import FUNCTIONS, PAPER_FUNCTIONS, Classifiers
-from addon.core.ensemble.solver import TreeSearch, accepts, search_one
+from addon.core.points.partial_solvers import solver as solver_module
+from addon.core.points.partial_solvers.boosting import learn_intervals
+from addon.core.points.partial_solvers.features import all_features, tables
+from addon.core.points.partial_solvers.masks import Masks
+from addon.core.points.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS, Classifiers
+from addon.core.points.partial_solvers.solver import TreeSearch, accepts, search_one
 from tests.core.ensemble.toys import moving, pool_of
 
 

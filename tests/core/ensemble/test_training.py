@@ -6,16 +6,16 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from addon.core.ensemble.assess import Occlusions, assess, draw_occlusions
-from addon.core.ensemble.boosting import rejections
-from addon.core.ensemble.features import tables
-from addon.core.ensemble.label import Labeller, label_frames
-from addon.core.ensemble.masks import Masks
-from addon.core.ensemble.model import FUNCTIONS
-from addon.core.ensemble.search import Genetics
-from addon.core.ensemble.solver import TreeSearch
-from addon.core.ensemble.training import SEARCHES, Training, train_ensemble
-from addon.core.errors import InputError
+from addon.core.data.errors import InputError
+from addon.core.points.partial_solvers.assess import Occlusions, assess, draw_occlusions
+from addon.core.points.partial_solvers.boosting import rejections
+from addon.core.points.partial_solvers.features import tables
+from addon.core.points.partial_solvers.label import Labeller, label_frames
+from addon.core.points.partial_solvers.masks import Masks
+from addon.core.points.partial_solvers.model import FUNCTIONS
+from addon.core.points.partial_solvers.search import Genetics
+from addon.core.points.partial_solvers.solver import TreeSearch
+from addon.core.points.partial_solvers.training import SEARCHES, Training, train_ensemble
 from tests.core.ensemble.toys import moving
 
 NAMES = tuple("ABCDEFG")

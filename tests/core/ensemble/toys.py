@@ -3,9 +3,9 @@
 
 import numpy as np
 
-from addon.core.ensemble.boosting import learn_intervals
-from addon.core.ensemble.features import all_features, tables
-from addon.core.ensemble.model import FUNCTIONS
+from addon.core.points.partial_solvers.boosting import learn_intervals
+from addon.core.points.partial_solvers.features import all_features, tables
+from addon.core.points.partial_solvers.model import FUNCTIONS
 
 
 def moving(markers: int = 6, frames: int = 200, sway: float = 0.04, seed: int = 0) -> np.ndarray:

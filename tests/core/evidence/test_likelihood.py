@@ -4,12 +4,12 @@
 import numpy as np
 import pytest
 
-from addon.core.evidence import naming, rivals
-from addon.core.evidence.latent import Latent
-from addon.core.evidence.naming import NO_POINT, name_worth, one_to_one, settle
-from addon.core.evidence.shape import learn_shape
-from addon.core.evidence.ties import Ties, learn_ties
-from addon.core.evidence.upright import turned, upright_aligned
+from addon.core.geometry.upright import turned, upright_aligned
+from addon.core.points.likelihood import naming, swaps
+from addon.core.points.likelihood.distances import Ties, learn_ties
+from addon.core.points.likelihood.latent import Latent
+from addon.core.points.likelihood.naming import NO_POINT, name_worth, one_to_one, settle
+from addon.core.points.likelihood.shape import learn_shape
 
 MARKERS = 7
 NAMING = [0, 1, 2, 3, 4, NO_POINT, NO_POINT]
@@ -27,7 +27,7 @@ def scene(monkeypatch):
     assert len(ties) > 0
     monkeypatch.setattr(naming, "yaw_absorbed", lambda points, latent: (points, latent))
     monkeypatch.setattr(Ties, "size", lambda self, points, named: np.ones(len(named)))
-    monkeypatch.setattr("addon.core.evidence.ties.LIMIT", 1e9)
+    monkeypatch.setattr("addon.core.points.likelihood.distances.LIMIT", 1e9)
     monkeypatch.setattr(rivals, "REACH", 20.0)
     points = upright_aligned(clouds[:1], shape.mean)
     points = np.concatenate([points, rng.normal(size=(1, 3, 3))], axis=1)
@@ -58,7 +58,7 @@ def test_dropping_replacing_and_adding_gain_what_trying_gains(scene, marker, poi
     before = settled(NAMING)
     tried = list(NAMING)
     tried[marker] = point
-    odds = rivals.rivals(model, ties, before).odds[0, marker]
+    odds = swaps.rivals(model, ties, before).odds[0, marker]
     gain = (odds[point] if point >= 0 else 0) - (odds[NAMING[marker]] if NAMING[marker] >= 0 else 0)
     assert gain == pytest.approx(settled(tried).score[0] - before.score[0], abs=1e-4)
 
@@ -69,7 +69,7 @@ def test_moving_gains_what_trying_gains(scene, old, new):
     before = settled(NAMING)
     tried = list(NAMING)
     tried[new], tried[old] = tried[old], NO_POINT
-    gain = rivals.rivals(model, ties, before).move[0, old, new]
+    gain = swaps.rivals(model, ties, before).move[0, old, new]
     assert gain == pytest.approx(settled(tried).score[0] - before.score[0], abs=1e-4)
 
 
@@ -79,7 +79,7 @@ def test_swapping_gains_what_trying_gains(scene, one, other):
     before = settled(NAMING)
     tried = list(NAMING)
     tried[one], tried[other] = tried[other], tried[one]
-    gain = rivals.rivals(model, ties, before).swap[0, one, other]
+    gain = swaps.rivals(model, ties, before).swap[0, one, other]
     assert gain == pytest.approx(settled(tried).score[0] - before.score[0], rel=1e-6)
 
 

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from addon.core.errors import InputError
-from addon.core.evidence import label_frames, learn_evidence
-from addon.core.evidence.labels import label_some
-from addon.core.evidence.trials import make_trial
-from addon.core.evidence.upright import turned
+from addon.core.data.errors import InputError
+from addon.core.geometry.upright import turned
+from addon.core.points.likelihood import label_frames, learn_evidence
+from addon.core.points.likelihood.labels import label_some
+from addon.core.points.likelihood.trials import make_trial
 
 NAMES = ("LHIP", "RHIP", "SACR", "LKNE", "RKNE", "LANK", "RANK", "LTOE", "RTOE", "C7", "LSHO", "RSHO")
 PELVIS = [[0.1, 0.13, 0.95], [0.1, -0.13, 0.95], [-0.1, 0, 1.0]]

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from addon.core.evidence.plates import learn_plates
+from addon.core.points.rigid_bodies.plates import learn_plates
 from addon.io.points import read_points
 
 RADIUS = 0.5

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from addon.core.evidence.plates import learn_plates
-from addon.core.groups import learn_structure, recognise
-from addon.core.groups.match import NO_GROUP
-from addon.core.groups.steady import find_groups, sampled, unbroken
-from addon.core.groups.structure import find_joints, signed_volumes
-from addon.core.pieces import cut
-from addon.core.takes import NO_MARKER
+from addon.core.data.takes import NO_MARKER
+from addon.core.points.rigid_bodies import learn_structure, recognise
+from addon.core.points.rigid_bodies.match import NO_GROUP
+from addon.core.points.rigid_bodies.plates import learn_plates
+from addon.core.points.rigid_bodies.steady import find_groups, sampled, unbroken
+from addon.core.points.rigid_bodies.structure import find_joints, signed_volumes
+from addon.core.points.tracklets import cut
 from addon.io.points import read_points
 from tests.accuracy import anatomical
 

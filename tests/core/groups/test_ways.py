@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from addon.core.groups.ways import ABSENT, MOST, ways_of
+from addon.core.points.rigid_bodies.ways import ABSENT, MOST, ways_of
 
 
 @pytest.mark.parametrize(("markers", "points", "ways"), [(3, 3, 6), (3, 5, 60), (4, 3, 24), (3, 12, 210)])
