@@ -17,11 +17,11 @@ DIGITS = 2
 
 def quality_report(worn: Worn, found: Ambiguity, advice: Sequence[Advice], goal: float) -> dict:
     """What was found of a worn marker set; separations in standard deviations, lengths in millimetres."""
-    markerset, evidence = worn.markerset, worn.markerset.evidence
+    markerset, likelihood = worn.markerset, worn.markerset.likelihood
     return {
         "model": markerset.name,
         "goal": goal,
-        "subjects": None if evidence is None else evidence.subjects,
+        "subjects": None if likelihood is None else likelihood.subjects,
         "markers": {
             name: {"separation": _rounded(found.of_markers[index]), "rival": _rival(found, index)}
             for index, name in enumerate(found.markers)

@@ -179,7 +179,7 @@ def test_a_moved_marker_goes_where_its_segment_carries_it():
 def test_an_edited_set_keeps_what_was_learned_of_its_base():
     toy = toy_markerset()
     drawn = worn(toy, seed=4)
-    toy = replace(toy, evidence=SimpleNamespace(markers=toy.markers, shape=drawn.shape))
+    toy = replace(toy, likelihood=SimpleNamespace(markers=toy.markers, shape=drawn.shape))
     offsets = toy.offsets.copy()
     offsets[3] += [0.0, 0.02, 0.0]
     keep = [0, *range(2, len(toy))]

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from addon.core.data.errors import InputError
-from addon.core.data.models import Lessons, Model
-from addon.core.points.partial_solvers.model import Classifiers, Ensemble, Record, Solver, Strong
+from addon.core.data.models import Model, TrainingTake
+from addon.core.points.partial_solvers.model import Classifiers, PartialSolvers, Record, Solver, Strong
 from addon.io.markersets import read_markerset
 from addon.io.models import open_model, read_model, write_model
 from tests.core.toybody import toy_markerset
@@ -20,10 +20,12 @@ def toy_model() -> Model:
     classifiers = Classifiers(np.array([1, 3]), np.array([[0, 1, -1, -1], [1, 2, -1, -1]]), np.zeros(2), np.ones(2) / 3)
     record = Record(np.array([3.0, 2]), np.array([0.0, 1]), np.array([3.0, 3]), 4)
     solver = Solver(np.array([0, 1]), Strong(np.array([0]), np.array([0.5])), record, np.array([True, False]))
-    ensemble = Ensemble(markerset.markers, classifiers, (solver,), np.full(count, 0.9999), "top-down", 3, 17)
+    partial_solvers = PartialSolvers(
+        markerset.markers, classifiers, (solver,), np.full(count, 0.9999), "top-down", 3, 17
+    )
     points = np.random.default_rng(0).normal(size=(4, count, 3)).astype(np.float32)
     points[1, 0] = np.nan
-    return Model(markerset, ensemble, (Lessons("Ann", ("walk ü", "run"), 900, points),))
+    return Model(markerset, partial_solvers, (TrainingTake("Ann", ("walk ü", "run"), 900, points),))
 
 
 def test_models_come_back(tmp_path):
@@ -31,14 +33,18 @@ def test_models_come_back(tmp_path):
     write_model(path, model)
     found = read_model(path)
     assert found.markerset.markers == read_markerset(path).markers == model.markerset.markers
-    [solver], [wanted] = found.ensemble.solvers, model.ensemble.solvers
+    [solver], [wanted] = found.partial_solvers.solvers, model.partial_solvers.solvers
     np.testing.assert_array_equal(solver.reached, wanted.reached)
     np.testing.assert_array_equal(solver.record.rates, wanted.record.rates)
-    np.testing.assert_array_equal(found.ensemble.classifiers.high, model.ensemble.classifiers.high)
-    assert (found.ensemble.search, found.ensemble.seed, found.ensemble.frames) == ("top-down", 3, 17)
-    [lessons] = found.lessons
-    assert (lessons.subject, lessons.takes, lessons.frames) == ("Ann", ("walk ü", "run"), 900)
-    np.testing.assert_array_equal(lessons.points, model.lessons[0].points)
+    np.testing.assert_array_equal(found.partial_solvers.classifiers.high, model.partial_solvers.classifiers.high)
+    assert (found.partial_solvers.search, found.partial_solvers.seed, found.partial_solvers.frames) == (
+        "top-down",
+        3,
+        17,
+    )
+    [training_takes] = found.training_takes
+    assert (training_takes.subject, training_takes.takes, training_takes.frames) == ("Ann", ("walk ü", "run"), 900)
+    np.testing.assert_array_equal(training_takes.points, model.training_takes[0].points)
     write_model(tmp_path / "again.markerset.json", found)
     assert (tmp_path / "again.markerset.json").read_bytes() == path.read_bytes()
 

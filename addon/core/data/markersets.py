@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..points.likelihood.model import Evidence
+from ..points.likelihood.model import Likelihood
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +98,7 @@ class MarkerSet:
     capsules           the body
     spread             variation over people and poses
     source             where the numbers come from: people, dates, counts (free text by key)
-    evidence           what was learned for naming 3D points, if anything
+    likelihood           what was learned for naming 3D points, if anything
     """
 
     name: str
@@ -111,7 +111,7 @@ class MarkerSet:
     capsules: Capsules
     spread: Spread
     source: dict[str, str]
-    evidence: Evidence | None = None
+    likelihood: Likelihood | None = None
 
     def __len__(self) -> int:
         return len(self.markers)

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..points.partial_solvers.model import Ensemble
+from ..points.partial_solvers.model import PartialSolvers
 from .markersets import MarkerSet
 
 
 @dataclass(frozen=True, eq=False)
-class Lessons:
+class TrainingTake:
     """What a model keeps of a take, so that it can be trained on with others.
 
     subject  the subject's id; several takes may be of one
@@ -31,23 +31,23 @@ class Model:
     """What a model file holds.
 
     markerset  names, skeleton, body, and the evidence for naming points
-    ensemble   of partial solvers; None where it was not trained
-    lessons    what it was trained on, a take each; empty where that was left out
+    partial_solvers   of partial solvers; None where it was not trained
+    training_takes    what it was trained on, a take each; empty where that was left out
     """
 
     markerset: MarkerSet
-    ensemble: Ensemble | None = None
-    lessons: tuple[Lessons, ...] = ()
+    partial_solvers: PartialSolvers | None = None
+    training_takes: tuple[TrainingTake, ...] = ()
 
     @property
     def subjects(self) -> dict[str, np.ndarray]:
         """What is kept of each subject, (F, M, 3) m."""
-        return by_subject(self.lessons)
+        return by_subject(self.training_takes)
 
 
-def by_subject(lessons: Iterable[Lessons]) -> dict[str, np.ndarray]:
+def by_subject(training_takes: Iterable[TrainingTake]) -> dict[str, np.ndarray]:
     """The frames of each subject's takes after one another, (F, M, 3) m."""
     parts: dict[str, list[np.ndarray]] = {}
-    for lesson in lessons:
-        parts.setdefault(lesson.subject, []).append(lesson.points.astype(float))
+    for training_take in training_takes:
+        parts.setdefault(training_take.subject, []).append(training_take.points.astype(float))
     return {subject: np.concatenate(own) for subject, own in parts.items()}

@@ -67,7 +67,7 @@ class Worn:
                 modes=np.concatenate([spread.modes, spread.modes[:, [len(old.skeleton) + near]]], axis=1),
                 marker_sd=np.append(spread.marker_sd, np.median(spread.marker_sd)),
             ),
-            evidence=None,
+            likelihood=None,
         )
         noise = np.append(shape.noise, max(shape.noise[near], float(np.median(shape.noise))))
         twin = Shape(
@@ -97,7 +97,7 @@ class Worn:
         offsets[marker] = offset
         return replace(
             self,
-            markerset=replace(self.markerset, offsets=offsets, evidence=None),
+            markerset=replace(self.markerset, offsets=offsets, likelihood=None),
             shape=Shape(means, all_modes, noise),
         )
 
@@ -111,11 +111,11 @@ def worn(markerset: MarkerSet, base: MarkerSet | None = None, seed: int = 0) -> 
     if len(markerset) < FEWEST:
         raise InputError(f"{markerset.name} has {len(markerset)} markers; expected {FEWEST} or more to compare")
     known = base if base is not None and _follows(markerset, base) else markerset
-    if known.evidence is None or known.evidence.markers != known.markers:
+    if known.likelihood is None or known.likelihood.markers != known.markers:
         known = markerset
     clouds, rotations = _drawn(known, seed)
-    learned = known.evidence is not None and known.evidence.markers == known.markers
-    shape = known.evidence.shape if learned else learn_shape(list(clouds), seed)
+    learned = known.likelihood is not None and known.likelihood.markers == known.markers
+    shape = known.likelihood.shape if learned else learn_shape(list(clouds), seed)
     found = Worn(known, shape, _turns(shape, clouds, rotations))
     return found if known is markerset else _edited(found, markerset)
 

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from ..data.takes import Suspect
-from .likelihood.distances import Ties
+from .likelihood.distances import DistanceConstraints
 
 LOOSE = 4.0  # standard deviations of a tie's length that are no contradiction
 LEAST = 0.015  # m
@@ -19,11 +19,11 @@ SEEN = 20  # frames that tell a distance
 BRIDGED = 5  # frames between two findings that are one
 
 
-def strays(markers: np.ndarray, ties: Ties) -> np.ndarray:
+def strays(markers: np.ndarray, constraints: DistanceConstraints) -> np.ndarray:
     """(T, M) True where a marker of (T, M, 3) m, NaN where missing, is off most of those that it moves with."""
     count, size = markers.shape[:2]
     broken, known = np.zeros((2, count, size))
-    for (one, two), sd in zip(ties.pair.tolist(), ties.sd.tolist(), strict=True):
+    for (one, two), sd in zip(constraints.pair.tolist(), constraints.sd.tolist(), strict=True):
         distance = np.linalg.norm(markers[:, one] - markers[:, two], axis=1)
         there = np.isfinite(distance)
         if there.sum() < min(SEEN, count):

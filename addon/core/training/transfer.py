@@ -66,7 +66,7 @@ def dressed(body: MarkerSet, subjects: Sequence[np.ndarray], markers: Sequence[s
         attachment=attachment,
         offsets=offsets,
         spread=replace(bare.spread, modes=modes, marker_sd=sd),
-        evidence=None,
+        likelihood=None,
     )
 
 
@@ -95,7 +95,7 @@ def _with_markers(body: MarkerSet, chosen: np.ndarray) -> MarkerSet:
         attachment=body.attachment[chosen],
         offsets=body.offsets[chosen],
         spread=spread,
-        evidence=None,
+        likelihood=None,
     )
 
 

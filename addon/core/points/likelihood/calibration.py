@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from .model import Trust
+from .model import Calibration
 
 KNEES = (0.0, 2.0, 5.0)  # margins at which the line may bend
 MOST = 12.0  # margins beyond are taken for this
@@ -48,7 +48,7 @@ def kinds(described: np.ndarray) -> np.ndarray:
     return np.searchsorted(PARTS, 1 - described[:, HIDDEN] + 1e-9, side="right")
 
 
-def learn_trust(described: np.ndarray, right: np.ndarray, usual: np.ndarray) -> Trust:
+def learn_calibration(described: np.ndarray, right: np.ndarray, usual: np.ndarray) -> Calibration:
     """Trust from labels described (N, FEATURES) that are known to be right or not (N,).
 
     All teach what the chance depends on; what part of the labels is right is counted among the usual ones (N,), for
@@ -62,7 +62,7 @@ def learn_trust(described: np.ndarray, right: np.ndarray, usual: np.ndarray) -> 
     for index in range(len(PARTS) + 1):
         mine = kind == index if (kind == index).sum() >= ENOUGH else np.ones(len(kind), dtype=bool)
         least.append(_least(odds[mine], right[mine], rates))
-    return Trust(weights, rates, np.array(least))
+    return Calibration(weights, rates, np.array(least))
 
 
 def _least(odds: np.ndarray, right: np.ndarray, rates: np.ndarray) -> np.ndarray:

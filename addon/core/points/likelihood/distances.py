@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Ties: pairs of markers whose distance a subject's movement hardly changes, such as two on one bone.
+"""Distance constraints: pairs of markers whose distance a subject's movement hardly changes, such as two on one bone.
 
 The shape's Gaussian is linear, so a head or a foot that turns far looks to it like one that changes its form. The
-distances know better: a tie adds to a naming's log likelihood how well the distance between its two points fits.
+distances know better: a distance constraint adds to a naming's log likelihood how well the distance between its two points fits.
 """
 
 from collections.abc import Sequence
@@ -13,22 +13,22 @@ import numpy as np
 
 from .shape import BUILDS, GUESSED
 
-STIFF = 0.05  # radii: largest standard deviation of a tie's length in one subject
+STIFF = 0.05  # radii: largest standard deviation of a distance constraint's length in one subject
 LEAST_SD = 0.006  # radii
 STRANGE = 1.3  # a handful of subjects shows less than the true spread between people
 BUILDS_SHARE = 0.03  # of a length, that others differ by besides where their markers sit: taken for granted too
-LIMIT = 6.0  # the most a broken tie costs, before trust
-TRUST = 0.5  # the most that a tie counts, and
-SAID = 4.0  # ties that all of a marker's count for together: they say partly the same
+LIMIT = 6.0  # the most a broken distance constraint costs, before trust
+TRUST = 0.5  # the most that a distance constraint counts, and
+SAID = 4.0  # distance constraints that all of a marker's count for together: they say partly the same
 WILD = 0.4  # log ratio from which a distance says nothing of the subject's size
 LEAST_SIZE_SD = 0.05
 FEWEST = 20  # frames that a length is learned from
-ENOUGH = 12  # ties of a marker, the surest, beyond which more say the same again
+ENOUGH = 12  # distance constraints of a marker, the surest, beyond which more say the same again
 
 
 @dataclass(frozen=True, eq=False)
-class Ties:
-    """E ties of a subject of mean size.
+class DistanceConstraints:
+    """E distance constraints of a subject of mean size.
 
     pair    (E, 2) markers
     length  (E,) m, and its standard deviation sd (E,) m on a subject never seen, size apart
@@ -44,21 +44,21 @@ class Ties:
         return len(self.length)
 
     @cached_property
-    def trust(self) -> np.ndarray:
-        """(E,) how much each tie counts."""
+    def weight(self) -> np.ndarray:
+        """(E,) how much each distance constraint counts."""
         ends = np.bincount(self.pair.ravel())[self.pair] if len(self) else np.ones((0, 2))
         return np.minimum(TRUST, SAID / np.sqrt(ends.prod(axis=1)))
 
-    def fit(self, distance: np.ndarray, tie: np.ndarray) -> np.ndarray:
-        """What distances, m for a subject of mean size, add to the log likelihood of naming the ends of these ties."""
-        told = distance - self.length[tie]
-        # In place and in few passes: with many ties most of the time is spent here.
-        told /= self.sd[tie]
+    def fit(self, distance: np.ndarray, constraint: np.ndarray) -> np.ndarray:
+        """What distances, m for a subject of mean size, add to the log likelihood of naming the ends of these distance constraints."""
+        told = distance - self.length[constraint]
+        # In place and in few passes: with many distance constraints most of the time is spent here.
+        told /= self.sd[constraint]
         told *= told
         told *= -0.5
         told += 0.5
         np.maximum(told, -LIMIT, out=told)
-        told *= self.trust[tie]
+        told *= self.weight[constraint]
         return told
 
     def size(self, points: np.ndarray, naming: np.ndarray) -> np.ndarray:
@@ -69,13 +69,15 @@ class Ties:
         )
         ratio = np.log(np.maximum(np.linalg.norm(first - second, axis=-1), 1e-6) / self.length)
         weight = np.where((ends >= 0).all(axis=2) & (np.abs(ratio) < WILD), (self.length / self.sd) ** 2, 0)
-        # A marker is in several ties, so these are not as many measurements as they look.
+        # A marker is in several distance constraints, so these are not as many measurements as they look.
         weight = weight * (2 / points.shape[1])
         return np.exp((weight * ratio).sum(axis=1) / (weight.sum(axis=1) + self.size_sd**-2))
 
 
-def learn_ties(subjects: Sequence[np.ndarray], radius: float, images: Sequence[np.ndarray] = ()) -> Ties:
-    """The ties of labelled clouds, one array (T, M, 3) m a subject, NaN where missing; of their mirror images too.
+def learn_constraints(
+    subjects: Sequence[np.ndarray], radius: float, images: Sequence[np.ndarray] = ()
+) -> DistanceConstraints:
+    """The distance constraints of labelled clouds, one array (T, M, 3) m a subject, NaN where missing; of their mirror images too.
 
     `radius` is the shape's.
     """
@@ -96,11 +98,11 @@ def learn_ties(subjects: Sequence[np.ndarray], radius: float, images: Sequence[n
     between = (others * STRANGE**2 * between + GUESSED * guess) / (others + GUESSED)
     sd = np.sqrt(within**2 + between + (LEAST_SD * radius) ** 2)
     kept = _surest(pair, sd)
-    return Ties(pair[kept], length[kept], sd[kept], max(float(np.std(size)), LEAST_SIZE_SD))
+    return DistanceConstraints(pair[kept], length[kept], sd[kept], max(float(np.std(size)), LEAST_SIZE_SD))
 
 
 def _surest(pair: np.ndarray, sd: np.ndarray) -> np.ndarray:
-    """Indices of the ties that are among the ENOUGH surest of one of their ends."""
+    """Indices of the distance constraints that are among the ENOUGH surest of one of their ends."""
     order = np.argsort(sd, kind="stable")
     kept = np.zeros(len(sd), dtype=bool)
     for marker in np.unique(pair):
@@ -127,11 +129,11 @@ def _lengths(points: np.ndarray, pair: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 @dataclass(frozen=True, eq=False)
 class Pulls:
-    """What the ties say of N namings.
+    """What the distance constraints say of N namings.
 
-    total   (N,) of all ties with both ends named
-    at      (N, M, P) of each marker's ties if it were at each point, its other ends as they are named
-    joined  (M, M) index of the tie between two markers, -1 without one
+    total   (N,) of all distance constraints with both ends named
+    at      (N, M, P) of each marker's distance constraints if it were at each point, its other ends as they are named
+    joined  (M, M) index of the distance constraint between two markers, -1 without one
     apart   (N, P, P) the points' distances, m for a subject of mean size
     """
 
@@ -141,30 +143,32 @@ class Pulls:
     apart: np.ndarray
 
 
-def pulls(ties: Ties, points: np.ndarray, naming: np.ndarray) -> Pulls:
-    """What the ties say of namings (N, M) of points (N, P, 3) m."""
+def pulls(constraints: DistanceConstraints, points: np.ndarray, naming: np.ndarray) -> Pulls:
+    """What the distance constraints say of namings (N, M) of points (N, P, 3) m."""
     markers = naming.shape[1]
     joined = np.full((markers, markers), -1)
-    joined[ties.pair[:, 0], ties.pair[:, 1]] = joined[ties.pair[:, 1], ties.pair[:, 0]] = np.arange(len(ties))
-    one, other = np.concatenate([ties.pair, ties.pair[:, ::-1]]).T
-    tie = np.tile(np.arange(len(ties)), 2)
-    distance = _distances(points) / ties.size(points, naming)[:, None, None]
+    joined[constraints.pair[:, 0], constraints.pair[:, 1]] = joined[constraints.pair[:, 1], constraints.pair[:, 0]] = (
+        np.arange(len(constraints))
+    )
+    one, other = np.concatenate([constraints.pair, constraints.pair[:, ::-1]]).T
+    constraint = np.tile(np.arange(len(constraints)), 2)
+    distance = _distances(points) / constraints.size(points, naming)[:, None, None]
     rows = np.arange(len(naming))[:, None]
-    told = ties.fit(distance[rows, np.maximum(naming[:, other], 0)], tie[:, None])
+    told = constraints.fit(distance[rows, np.maximum(naming[:, other], 0)], constraint[:, None])
     told *= (naming[:, other] >= 0)[..., None]
     at = (one == np.arange(markers)[:, None]).astype(told.dtype) @ told
     own = np.take_along_axis(at, np.maximum(naming, 0)[..., None], axis=2)[..., 0]
     return Pulls(0.5 * np.where(naming >= 0, own, 0).sum(axis=1), at, joined, distance)
 
 
-def told_by(ties: Ties, points: np.ndarray, naming: np.ndarray) -> np.ndarray:
-    """(N,) what all ties with both ends named say of namings (N, M) of points (N, P, 3) m."""
-    ends = naming[:, ties.pair]
+def told_by(constraints: DistanceConstraints, points: np.ndarray, naming: np.ndarray) -> np.ndarray:
+    """(N,) what all distance constraints with both ends named say of namings (N, M) of points (N, P, 3) m."""
+    ends = naming[:, constraints.pair]
     first, second = (
         np.take_along_axis(points, np.maximum(end, 0)[..., None], axis=1) for end in np.moveaxis(ends, 2, 0)
     )
-    distance = np.linalg.norm(first - second, axis=-1) / ties.size(points, naming)[:, None]
-    return (ties.fit(distance, np.arange(len(ties))) * (ends >= 0).all(axis=2)).sum(axis=1)
+    distance = np.linalg.norm(first - second, axis=-1) / constraints.size(points, naming)[:, None]
+    return (constraints.fit(distance, np.arange(len(constraints))) * (ends >= 0).all(axis=2)).sum(axis=1)
 
 
 def _distances(points: np.ndarray) -> np.ndarray:

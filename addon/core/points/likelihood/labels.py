@@ -9,7 +9,7 @@ import numpy as np
 from ...data.errors import InputError
 from ..rigid_bodies.assembling import assemble
 from .calibration import chance, features, kinds, log_odds
-from .model import Evidence, Known
+from .model import Known, Likelihood
 from .naming import FEW
 from .rows import put_rows, rows_of
 from .solving import Solved, solve
@@ -43,7 +43,7 @@ class Named:
         return np.where(self.rate >= target, self.marker, -1)
 
 
-def label_frames(evidence: Evidence, points: np.ndarray) -> Iterator[Named]:
+def label_frames(likelihood: Likelihood, points: np.ndarray) -> Iterator[Named]:
     """Names frames of points (T, P, 3) m, z up, NaN where there is none, some frames at a time.
 
     Each frame is named on its own. What to accept is for the caller: see `Named.sure`.
@@ -52,7 +52,7 @@ def label_frames(evidence: Evidence, points: np.ndarray) -> Iterator[Named]:
     if points.ndim != 3 or points.shape[2] != 3:
         raise InputError(f"points have the shape {points.shape}; expected frames × points × 3")
     for frames in chunks(points):
-        yield label_some(evidence, points[frames])
+        yield label_some(likelihood, points[frames])
 
 
 def chunks(points: np.ndarray) -> Iterator[slice]:
@@ -63,13 +63,13 @@ def chunks(points: np.ndarray) -> Iterator[slice]:
         yield slice(first, first + size)
 
 
-def label_some(evidence: Evidence, points: np.ndarray) -> Named:
+def label_some(likelihood: Likelihood, points: np.ndarray) -> Named:
     """The names of a few frames of points (F, P, 3) m at once."""
     packed, place = _packed(points)
-    solved = solve_frames(evidence.known, packed)
+    solved = solve_frames(likelihood.known, packed)
     labels = labels_given(solved, packed)
-    odds = log_odds(evidence.trust.weights, labels.described)
-    confidence, rate = chance(odds), evidence.trust.rate(odds, kinds(labels.described))
+    odds = log_odds(likelihood.calibration.weights, labels.described)
+    confidence, rate = chance(odds), likelihood.calibration.rate(odds, kinds(labels.described))
     marker = np.full(points.shape[:2], -1)
     sure, rates = np.zeros(points.shape[:2]), np.zeros(points.shape[:2])
     at = labels.frame, place[labels.frame, labels.point]
@@ -78,9 +78,9 @@ def label_some(evidence: Evidence, points: np.ndarray) -> Named:
 
 
 def solve_frames(known: Known, points: np.ndarray) -> Solved:
-    """The best naming of frames of points (F, P, 3) m, NaN where there is none; by plates where the set has them."""
-    if known.plates is not None:
-        return assemble(known.plates, points)
+    """The best naming of frames of points (F, P, 3) m, NaN where there is none; by rigid bodies where the set has them."""
+    if known.rigid_bodies is not None:
+        return assemble(known.rigid_bodies, points)
     present = np.isfinite(points[..., 0])
     crowded = (present.sum(axis=1) > len(known.fine) + FEW).any()
     solved = _solved(known, points, LONG_LOOK if crowded else LOOK)
@@ -95,7 +95,7 @@ def solve_frames(known: Known, points: np.ndarray) -> Solved:
 def _solved(known: Known, points: np.ndarray, guesses: int, first: float = 0.0) -> Solved:
     """The best naming that any of so many guesses leads to, the first of them looked for from the yaw `first`, rad."""
     found = guess(known.coarse, known.fine, points, guesses, first)
-    return solve(known.fine, known.ties, known.exchanges, found, np.isfinite(points[..., 0]))
+    return solve(known.fine, known.constraints, known.exchanges, found, np.isfinite(points[..., 0]))
 
 
 @dataclass(frozen=True, eq=False)

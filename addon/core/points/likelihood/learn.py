@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from ...data.errors import InputError
-from ..rigid_bodies.plates import Plates, learn_plates
-from .calibration import learn_trust
-from .distances import Ties, learn_ties
+from ..rigid_bodies.model import RigidBodies, learn_rigid_bodies
+from .calibration import learn_calibration
+from .distances import DistanceConstraints, learn_constraints
 from .labels import chunks, labels_given, solve_frames
-from .model import Evidence, Known, Trust
+from .model import Calibration, Known, Likelihood
 from .shape import Shape, as_strangers, learn_shape
 from .sides import mirrored
 from .trials import Trial, crowded, make_trial
@@ -25,12 +25,12 @@ CROWD, MOST_CROWDED = 3, 80  # times as many as there are markers at most, and p
 FEWEST_MARKERS, FEWEST_FRAMES = 4, 10
 
 
-def learn_evidence(
+def learn_likelihood(
     takes: Sequence[tuple[np.ndarray, str]],
     markers: Sequence[str],
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
-) -> Evidence:
+) -> Likelihood:
     """Evidence from labelled takes: points (T, M, 3) m, z up, NaN where missing, each with the id of its subject.
 
     `progress` is told the part that is done. The same seed gives the same evidence.
@@ -38,10 +38,10 @@ def learn_evidence(
     """
     markers = tuple(markers)
     subjects = _by_subject(takes, markers)
-    shape, ties = _learn(list(subjects.values()), markers, seed)
-    plates = learn_plates(list(subjects.values()), shape.radius)
-    trust = _learn_trust(list(subjects.values()), markers, plates, seed, progress)
-    return Evidence(markers, shape, ties, trust, len(subjects), plates)
+    shape, constraints = _learn(list(subjects.values()), markers, seed)
+    rigid_bodies = learn_rigid_bodies(list(subjects.values()), shape.radius)
+    calibration = _learn_calibration(list(subjects.values()), markers, rigid_bodies, seed, progress)
+    return Likelihood(markers, shape, constraints, calibration, len(subjects), rigid_bodies)
 
 
 def _by_subject(takes, markers: tuple[str, ...]) -> dict[str, np.ndarray]:
@@ -68,32 +68,32 @@ def _by_subject(takes, markers: tuple[str, ...]) -> dict[str, np.ndarray]:
     return subjects
 
 
-def _learn(subjects: list[np.ndarray], markers: tuple[str, ...], seed: int) -> tuple[Shape, Ties]:
+def _learn(subjects: list[np.ndarray], markers: tuple[str, ...], seed: int) -> tuple[Shape, DistanceConstraints]:
     images = mirrored(subjects, markers)
     shape = learn_shape(subjects, seed, images)
-    return shape, learn_ties(subjects, shape.radius, images)
+    return shape, learn_constraints(subjects, shape.radius, images)
 
 
-def _learn_trust(
-    subjects: list[np.ndarray], markers: tuple[str, ...], whole: Plates | None, seed: int, progress
-) -> Trust:
+def _learn_calibration(
+    subjects: list[np.ndarray], markers: tuple[str, ...], whole: RigidBodies | None, seed: int, progress
+) -> Calibration:
     """Trust from naming each subject with what the others teach.
 
     A single subject's frames are split in time instead, and named as if they were of other subjects: of those nothing
-    is known but how much subjects differ in general. Where all that was learned has plates, so has every part, and else
+    is known but how much subjects differ in general. Where all that was learned has rigid bodies, so has every part, and else
     none: a few of the takes may look otherwise.
     """
     rng = np.random.default_rng(seed)
     found: list[tuple[np.ndarray, ...]] = []
     splits = _splits(subjects)
     for done, (rest, tested) in enumerate(splits):
-        shape, ties = _learn(rest, markers, seed)
-        plates = None if whole is None else learn_plates(rest, shape.radius) or whole
-        known = Known.of(markers, shape, ties, plates)
-        # On plates frames are named several times as fast.
-        count = TRIAL_FRAMES if plates is not None else min(TRIAL_FRAMES, TRIAL_LABELS // len(markers))
+        shape, constraints = _learn(rest, markers, seed)
+        rigid_bodies = None if whole is None else learn_rigid_bodies(rest, shape.radius) or whole
+        known = Known.of(markers, shape, constraints, rigid_bodies)
+        # On rigid bodies frames are named several times as fast.
+        count = TRIAL_FRAMES if rigid_bodies is not None else min(TRIAL_FRAMES, TRIAL_LABELS // len(markers))
         tested = tested[rng.choice(len(tested), count, replace=len(tested) < count)]
-        if len(subjects) == 1 and plates is None:
+        if len(subjects) == 1 and rigid_bodies is None:
             tested = as_strangers(shape, tested, rng)
         for trial, usual in _trials(tested, known, rng):
             found += _tried(known, trial, usual)
@@ -101,7 +101,7 @@ def _learn_trust(
             progress((done + 1) / len(splits))
     if not sum(len(right) for _, right, _ in found):
         raise InputError("in no frame could a marker be told from the others; expected takes that show more of them")
-    return learn_trust(*(np.concatenate(column) for column in zip(*found, strict=True)))
+    return learn_calibration(*(np.concatenate(column) for column in zip(*found, strict=True)))
 
 
 def _trials(tested: np.ndarray, known: Known, rng: np.random.Generator) -> Iterator[tuple[Trial, bool]]:
@@ -112,7 +112,7 @@ def _trials(tested: np.ndarray, known: Known, rng: np.random.Generator) -> Itera
         if len(half):
             yield make_trial(half, hidden, (0, ghosts), rng), True
     some = tested[::CROWDED]
-    if known.plates is None:
+    if known.rigid_bodies is None:
         most = min(CROWD * tested.shape[1], MOST_CROWDED)
         yield crowded(make_trial(some, hidden, (0, 0), rng), some, most, rng), False
 

@@ -6,8 +6,8 @@ from functools import cached_property
 
 import numpy as np
 
-from ..rigid_bodies.plates import Plates
-from .distances import Ties
+from ..rigid_bodies.model import RigidBodies
+from .distances import DistanceConstraints
 from .latent import Latent
 from .limbs import limb_exchanges
 from .shape import Shape
@@ -15,7 +15,7 @@ from .starts import COARSE_MODES
 
 
 @dataclass(frozen=True, eq=False)
-class Trust:
+class Calibration:
     """How margins become chances, measured on subjects that were left out of the training.
 
     weights  logit of the chance to be right, for each of `trust.features`
@@ -39,23 +39,23 @@ class Trust:
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class Likelihood:
     """Everything that naming points takes.
 
     markers   M names
     shape     of the whole upright cloud
-    ties      distances that stay
-    trust     what margins are worth
+    distance constraints      distances that stay
+    calibration     what margins are worth
     subjects  how many subjects it was learned from
-    plates    the rigid groups of a set that has most of its markers on such; None for others
+    rigid bodies    the rigid groups of a set that has most of its markers on such; None for others
     """
 
     markers: tuple[str, ...]
     shape: Shape
-    ties: Ties
-    trust: Trust
+    constraints: DistanceConstraints
+    calibration: Calibration
     subjects: int
-    plates: Plates | None = None
+    rigid_bodies: RigidBodies | None = None
 
     def __len__(self) -> int:
         return len(self.markers)
@@ -63,7 +63,7 @@ class Evidence:
     @cached_property
     def known(self) -> "Known":
         """The same made ready for use."""
-        return Known.of(self.markers, self.shape, self.ties, self.plates)
+        return Known.of(self.markers, self.shape, self.constraints, self.rigid_bodies)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,17 +71,21 @@ class Known:
     """What frames are solved with.
 
     coarse, fine  the shape with few modes, for the first steps from nothing, and with all
-    ties, plates  as in `Evidence`
+    distance constraints, rigid bodies  as in `Likelihood`
     exchanges     (X, M) limbs that may be taken for the other side's, as `limbs.limb_exchanges` has them
     """
 
     coarse: Latent
     fine: Latent
-    ties: Ties
-    plates: Plates | None
+    constraints: DistanceConstraints
+    rigid_bodies: RigidBodies | None
     exchanges: np.ndarray
 
     @classmethod
-    def of(cls, markers: tuple[str, ...], shape: Shape, ties: Ties, plates: Plates | None) -> "Known":
+    def of(
+        cls, markers: tuple[str, ...], shape: Shape, constraints: DistanceConstraints, rigid_bodies: RigidBodies | None
+    ) -> "Known":
         """Everything made ready."""
-        return cls(Latent(shape, COARSE_MODES), Latent(shape), ties, plates, limb_exchanges(markers, shape.mean))
+        return cls(
+            Latent(shape, COARSE_MODES), Latent(shape), constraints, rigid_bodies, limb_exchanges(markers, shape.mean)
+        )

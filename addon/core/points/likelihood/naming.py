@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .distances import Pulls, Ties, pulls, told_by
+from .distances import DistanceConstraints, Pulls, pulls, told_by
 from .latent import Latent, yaw_absorbed
 
 GHOSTS = 0.01  # ghosts in a cube of one radius
@@ -33,7 +33,7 @@ class Settled:
     expected  (N, M, 3) m, each marker's mean given all named points
     shared    (N, M, 3, M, 3) m², covariance of the expected positions, without the markers' own noise
     left      (N, M, 3) m, named point minus expected; 0 where hidden
-    pulls     what the ties say
+    pulls     what the distance constraints say
     """
 
     points: np.ndarray
@@ -52,21 +52,25 @@ class Settled:
         return self.naming >= 0
 
 
-def settle(model: Latent, ties: Ties, points: np.ndarray, present: np.ndarray, naming: np.ndarray) -> Settled:
+def settle(
+    model: Latent, constraints: DistanceConstraints, points: np.ndarray, present: np.ndarray, naming: np.ndarray
+) -> Settled:
     """What follows from namings (N, M) of points (N, P, 3) m that are nearly in the model's frame."""
     worth = name_worth(model, present)
     points, offset, latent, covariance, score = _weighed(model, points, worth, naming)
-    told = pulls(ties, points, naming)
+    told = pulls(constraints, points, naming)
     expected = model.positions(latent)
     shared = ((model.flat @ covariance) @ model.flat.T).reshape(-1, len(model), 3, len(model), 3)
     left = np.where((naming >= 0)[..., None], offset + model.mean - expected, 0)
     return Settled(points, present, worth, naming, score + told.total, expected, shared, left, told)
 
 
-def score_of(model: Latent, ties: Ties, points: np.ndarray, worth: np.ndarray, naming: np.ndarray) -> np.ndarray:
+def score_of(
+    model: Latent, constraints: DistanceConstraints, points: np.ndarray, worth: np.ndarray, naming: np.ndarray
+) -> np.ndarray:
     """(N,) the score alone, as `settle` gives it."""
     points, _, _, _, score = _weighed(model, points, worth, naming)
-    return score + told_by(ties, points, naming)
+    return score + told_by(constraints, points, naming)
 
 
 def _weighed(model: Latent, points: np.ndarray, worth: np.ndarray, naming: np.ndarray):

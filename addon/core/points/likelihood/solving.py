@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .distances import Ties
+from .distances import DistanceConstraints
 from .latent import FIRST_MODE, Latent
 from .naming import IMPOSSIBLE, NO_POINT, Settled, name_odds, names_of_points, one_to_one, score_of, settle
 from .rows import put_rows, rows_of
 from .starts import Guesses
-from .swaps import Rivals, best_neighbour, own_odds, rivals
+from .swaps import Alternatives, alternatives, best_neighbour, own_odds
 
 SURE = 0.5  # share of a point from which a guess names it
 ROUNDS = 2  # of naming anew by everyone's conditional odds
@@ -50,18 +50,20 @@ class Others:
         return log_sum(np.where(self.naming == winner.naming[:, None], -np.inf, behind), axis=1)
 
 
-def solve(model: Latent, ties: Ties, exchanges: np.ndarray, guesses: Guesses, present: np.ndarray) -> Solved:
+def solve(
+    model: Latent, constraints: DistanceConstraints, exchanges: np.ndarray, guesses: Guesses, present: np.ndarray
+) -> Solved:
     """The best naming of every frame that any of its guesses leads to, limbs exchanged (X, M) included."""
     frames, each, _, count = guesses.share.shape
     points = guesses.points.reshape(-1, count, 3).astype(float)
     share = guesses.share.reshape(len(points), -1, count)
     naming = np.where(share.max(axis=2) > SURE, share.argmax(axis=2), NO_POINT)
     there = np.repeat(present, each, axis=0)
-    settled = settle(model, ties, points, there, naming)
+    settled = settle(model, constraints, points, there, naming)
     hopeful = _hopeful(settled, frames, FAR_BEHIND)
-    put_rows(settled, _reassigned(model, ties, rows_of(settled, hopeful)), hopeful)
+    put_rows(settled, _reassigned(model, constraints, rows_of(settled, hopeful)), hopeful)
     hopeful = _hopeful(settled, frames, BEHIND)
-    better, found = _climbed(model, ties, rows_of(settled, hopeful))
+    better, found = _climbed(model, constraints, rows_of(settled, hopeful))
     put_rows(settled, better, hopeful)
     score = settled.score.reshape(frames, each)
     followed = np.full(len(points), -np.inf)
@@ -69,7 +71,7 @@ def solve(model: Latent, ties: Ties, exchanges: np.ndarray, guesses: Guesses, pr
     best = np.arange(frames) * each + followed.reshape(frames, each).argmax(axis=1)
     winner, near = rows_of(settled, best), rows_of(found, np.searchsorted(hopeful, best))
     tried = [Others(settled.naming.reshape(frames, each, -1), score)]
-    tried += _exchanged(model, ties, exchanges, winner, near)
+    tried += _exchanged(model, constraints, exchanges, winner, near)
     against = _against(winner, near)
     for others in tried:
         against = np.logaddexp(against, others.against(winner))
@@ -77,7 +79,9 @@ def solve(model: Latent, ties: Ties, exchanges: np.ndarray, guesses: Guesses, pr
     return Solved(winner.naming, winner.score, margin, _misfit(model, winner))
 
 
-def _exchanged(model: Latent, ties: Ties, exchanges: np.ndarray, winner: Settled, near: Rivals) -> list[Others]:
+def _exchanged(
+    model: Latent, constraints: DistanceConstraints, exchanges: np.ndarray, winner: Settled, near: Alternatives
+) -> list[Others]:
     """All exchanges of limbs tried on the frames' best; where one leads to a better naming, that wins, in place."""
     if not len(exchanges):
         return []
@@ -85,15 +89,15 @@ def _exchanged(model: Latent, ties: Ties, exchanges: np.ndarray, winner: Settled
     naming = winner.naming[:, exchanges]
     points = np.repeat(winner.points, len(exchanges), axis=0)
     worth = np.repeat(winner.worth, len(exchanges))
-    score = score_of(model, ties, points, worth, naming.reshape(-1, len(model))).reshape(frames, -1)
+    score = score_of(model, constraints, points, worth, naming.reshape(-1, len(model))).reshape(frames, -1)
     score[((naming != winner.naming[:, None]) & (naming >= 0)).sum(axis=2) == 0] = -np.inf
     best = score.argmax(axis=1)
     rows = np.flatnonzero(score[np.arange(frames), best] > winner.score - EXCHANGE_BEHIND)
     before = Others(winner.naming[:, None].copy(), winner.score[:, None].copy())
     after = Others(before.naming.copy(), before.score.copy())
     if len(rows):
-        start = settle(model, ties, winner.points[rows], winner.present[rows], naming[rows, best[rows]])
-        ended, found = _climbed(model, ties, _reassigned(model, ties, start))
+        start = settle(model, constraints, winner.points[rows], winner.present[rows], naming[rows, best[rows]])
+        ended, found = _climbed(model, constraints, _reassigned(model, constraints, start))
         after.naming[rows, 0], after.score[rows, 0] = ended.naming, ended.score
         better = ended.score > winner.score[rows] + ENOUGH
         put_rows(winner, rows_of(ended, better), rows[better])
@@ -101,12 +105,12 @@ def _exchanged(model: Latent, ties: Ties, exchanges: np.ndarray, winner: Settled
     return [Others(naming, score), before, after]
 
 
-def _reassigned(model: Latent, ties: Ties, settled: Settled) -> Settled:
+def _reassigned(model: Latent, constraints: DistanceConstraints, settled: Settled) -> Settled:
     """Each naming changed for the better by everyone's conditional odds at once."""
     rows = np.arange(len(settled.naming))
     for _ in range(ROUNDS):
         tried = one_to_one(name_odds(model, rows_of(settled, rows)))
-        rows = _try(model, ties, settled, rows, tried)
+        rows = _try(model, constraints, settled, rows, tried)
         if not len(rows):
             break
     return settled
@@ -123,34 +127,36 @@ def _hopeful(settled: Settled, frames: int, behind: float) -> np.ndarray:
     return np.flatnonzero(hopeful)
 
 
-def _climbed(model: Latent, ties: Ties, settled: Settled) -> tuple[Settled, Rivals]:
+def _climbed(model: Latent, constraints: DistanceConstraints, settled: Settled) -> tuple[Settled, Alternatives]:
     """Each naming changed for the better by single moves and swaps until none is one, and its neighbours then."""
-    found = rivals(model, ties, settled)
+    found = alternatives(model, constraints, settled)
     rows = np.arange(len(settled.naming))
     for _ in range(CLIMBS):
         tried, gain = best_neighbour(rows_of(settled, rows), rows_of(found, rows))
         promising = gain > ENOUGH
-        rows = _try(model, ties, settled, rows[promising], tried[promising])
+        rows = _try(model, constraints, settled, rows[promising], tried[promising])
         if not len(rows):
             break
-        _try(model, ties, settled, rows, one_to_one(name_odds(model, rows_of(settled, rows))))
-        put_rows(found, rivals(model, ties, rows_of(settled, rows)), rows)
+        _try(model, constraints, settled, rows, one_to_one(name_odds(model, rows_of(settled, rows))))
+        put_rows(found, alternatives(model, constraints, rows_of(settled, rows)), rows)
     return settled, found
 
 
-def _try(model: Latent, ties: Ties, settled: Settled, rows: np.ndarray, naming: np.ndarray) -> np.ndarray:
+def _try(
+    model: Latent, constraints: DistanceConstraints, settled: Settled, rows: np.ndarray, naming: np.ndarray
+) -> np.ndarray:
     """Takes over the namings (N, M) for these rows where they are better, in place; which rows those are."""
     changed = (naming != settled.naming[rows]).any(axis=1)
     rows = rows[changed]
     if not len(rows):
         return rows
-    tried = settle(model, ties, settled.points[rows], settled.present[rows], naming[changed])
+    tried = settle(model, constraints, settled.points[rows], settled.present[rows], naming[changed])
     better = tried.score > settled.score[rows] + ENOUGH
     put_rows(settled, rows_of(tried, better), rows[better])
     return rows[better]
 
 
-def _against(settled: Settled, found: Rivals) -> np.ndarray:
+def _against(settled: Settled, found: Alternatives) -> np.ndarray:
     """(N, M) log of the summed likelihood, against the naming's own, of its neighbours without each marker's name."""
     own = own_odds(settled, found.odds)
     free = settled.present & (names_of_points(settled.naming, settled.present.shape[1]) < 0)

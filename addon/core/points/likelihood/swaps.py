@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .distances import Ties
+from .distances import DistanceConstraints
 from .latent import Latent
 from .naming import IMPOSSIBLE, NO_POINT, Settled, density_odds, inverse3, name_odds, own_blocks, picked
 
@@ -22,7 +22,7 @@ REACH = 0.8  # radii a point may be from where a marker is expected to be tried 
 
 
 @dataclass(frozen=True, eq=False)
-class Rivals:
+class Alternatives:
     """Gains in log likelihood of N namings' neighbours; IMPOSSIBLE where there is none.
 
     odds  (N, M, P) as `name_odds`: drop and replace follow from it
@@ -35,10 +35,10 @@ class Rivals:
     swap: np.ndarray
 
 
-def rivals(model: Latent, ties: Ties, settled: Settled) -> Rivals:
+def alternatives(model: Latent, constraints: DistanceConstraints, settled: Settled) -> Alternatives:
     """All neighbours of settled namings."""
     odds = name_odds(model, settled)
-    return Rivals(odds, _moves(model, ties, settled, odds), _swaps(model, ties, settled))
+    return Alternatives(odds, _moves(model, constraints, settled, odds), _swaps(model, constraints, settled))
 
 
 def own_odds(settled: Settled, odds: np.ndarray) -> np.ndarray:
@@ -47,7 +47,7 @@ def own_odds(settled: Settled, odds: np.ndarray) -> np.ndarray:
     return np.where(settled.named, own, 0)
 
 
-def _moves(model: Latent, ties: Ties, settled: Settled, odds: np.ndarray) -> np.ndarray:
+def _moves(model: Latent, constraints: DistanceConstraints, settled: Settled, odds: np.ndarray) -> np.ndarray:
     at = picked(settled.points, settled.naming)
     gains = np.full((*settled.naming.shape, len(model)), IMPOSSIBLE)
     far = ((at[:, :, None] - settled.expected[:, None]) ** 2).sum(axis=-1) > (REACH * model.radius) ** 2
@@ -67,24 +67,24 @@ def _moves(model: Latent, ties: Ties, settled: Settled, odds: np.ndarray) -> np.
     expected = expected - ((shared @ own) @ left[..., None])[..., 0]
     there = np.stack([at[row, old], at[row, new]], axis=1) - expected[:, None]
     odd = density_odds(settled.worth[row, None], variance, there, True)
-    odd += _without_tie(ties, settled, row, old, new)
+    odd += _without_constraint(constraints, settled, row, old, new)
     gain = odd[:, 0] - np.where(held, odd[:, 1], 0)
     gains[row, old, new] = gain - own_odds(settled, odds)[row, old]
     return gains
 
 
-def _without_tie(ties: Ties, settled: Settled, row, old, new) -> np.ndarray:
-    """(K, 2) what the ties of marker `new` but that with `old` say of the points that the two have."""
-    tie = settled.pulls.joined[old, new]
+def _without_constraint(constraints: DistanceConstraints, settled: Settled, row, old, new) -> np.ndarray:
+    """(K, 2) what the distance constraints of marker `new` but that with `old` say of the points that the two have."""
+    constraint = settled.pulls.joined[old, new]
     points = np.maximum(np.stack([settled.naming[row, old], settled.naming[row, new]], axis=1), 0)
     whole = settled.pulls.at[row[:, None], new[:, None], points]
-    if not len(ties):
+    if not len(constraints):
         return whole
     apart = settled.pulls.apart[row[:, None], points[:, :1], points]
-    return whole - np.where((tie >= 0)[:, None], ties.fit(apart, tie[:, None]), 0)
+    return whole - np.where((constraint >= 0)[:, None], constraints.fit(apart, constraint[:, None]), 0)
 
 
-def _swaps(model: Latent, ties: Ties, settled: Settled) -> np.ndarray:
+def _swaps(model: Latent, constraints: DistanceConstraints, settled: Settled) -> np.ndarray:
     at = picked(settled.points, settled.naming)
     between = at[:, None] - at[:, :, None]
     noise = model.noise
@@ -95,24 +95,24 @@ def _swaps(model: Latent, ties: Ties, settled: Settled) -> np.ndarray:
     slope = slope[:, :, None] - slope[:, None]
     gains = -0.5 * ((curve @ between[..., None])[..., 0] * between).sum(axis=-1) - (slope * between).sum(axis=-1)
     both = settled.named[:, :, None] & settled.named[:, None] & np.tri(len(model), k=-1, dtype=bool)
-    return np.where(both, gains + _swapped_ties(ties, settled), IMPOSSIBLE)
+    return np.where(both, gains + _swapped_constraints(constraints, settled), IMPOSSIBLE)
 
 
-def _swapped_ties(ties: Ties, settled: Settled) -> np.ndarray:
-    """(N, M, M) what the ties gain when two markers exchange points; the tie between the two stays as it is."""
+def _swapped_constraints(constraints: DistanceConstraints, settled: Settled) -> np.ndarray:
+    """(N, M, M) what the distance constraints gain when two markers exchange points; the distance constraint between the two stays as it is."""
     rows = np.arange(len(settled.naming))[:, None, None]
     point = np.maximum(settled.naming, 0)
     crossed = settled.pulls.at[rows, np.arange(point.shape[1])[:, None], point[:, None]]
     own = np.einsum("nii->ni", crossed)
     gain = crossed + crossed.swapaxes(1, 2) - own[:, :, None] - own[:, None]
-    if not len(ties):
+    if not len(constraints):
         return gain
-    tie = settled.pulls.joined
-    kept = ties.fit(settled.pulls.apart[rows, point[:, :, None], point[:, None]], tie)
-    return gain + np.where(tie >= 0, 2 * (kept - ties.fit(np.zeros(1), tie)), 0)
+    constraint = settled.pulls.joined
+    kept = constraints.fit(settled.pulls.apart[rows, point[:, :, None], point[:, None]], constraint)
+    return gain + np.where(constraint >= 0, 2 * (kept - constraints.fit(np.zeros(1), constraint)), 0)
 
 
-def best_neighbour(settled: Settled, found: Rivals) -> tuple[np.ndarray, np.ndarray]:
+def best_neighbour(settled: Settled, found: Alternatives) -> tuple[np.ndarray, np.ndarray]:
     """The namings (N, M) with the best single move or swap made, and its gain (N,)."""
     count = settled.naming.shape[1]
     gains = np.concatenate([found.move.reshape(len(found.move), -1), found.swap.reshape(len(found.swap), -1)], axis=1)

@@ -12,7 +12,7 @@ from ...data.takes import NO_MARKER
 from .features import tables
 from .masks import Masks
 from .matrix import resolve
-from .model import Ensemble
+from .model import PartialSolvers
 from .solver import TreeSearch
 
 # Of look-up tables, in one go; about two numbers and a few dozen bit masks for every pair of points.
@@ -26,15 +26,15 @@ class Labeller:
     spoil right suggestions of better solvers, and give wrong ones where no better solver answers.
     """
 
-    def __init__(self, ensemble: Ensemble, every_vote: bool = False):
-        self.markers = len(ensemble.markers)
+    def __init__(self, partial_solvers: PartialSolvers, every_vote: bool = False):
+        self.markers = len(partial_solvers.markers)
         self._solvers = []
-        for solver in ensemble.solvers:
+        for solver in partial_solvers.solvers:
             voted = np.flatnonzero(solver.reached | every_vote)
             record = solver.record
             # Laplace's rule of succession: a rate of one from few answers is not yet a certainty.
             sure = ((record.hits + 1) / (record.answers + 2))[voted]
-            search = TreeSearch(solver.markers, ensemble.classifiers[solver.strong.chosen])
+            search = TreeSearch(solver.markers, partial_solvers.classifiers[solver.strong.chosen])
             self._solvers.append((search, voted, solver.markers[voted], sure))
 
     def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -57,7 +57,7 @@ class Labeller:
                 yield self._part(points[part], there[part], most)
 
     def _part(self, points: np.ndarray, there: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
-        # Trajectories are many and mostly missing when a take is in pieces: only points that are there are tried.
+        # Trajectories are many and mostly missing when a take is in tracklets: only points that are there are tried.
         front = np.argsort(~there, axis=1, kind="stable")[:, :most]
         suggested, confidence = self._suggested(np.take_along_axis(points, front[..., None], axis=1))
         compact = resolve(suggested)
@@ -81,6 +81,8 @@ class Labeller:
         return suggested, confidence
 
 
-def label_frames(ensemble: Ensemble, points: np.ndarray, every_vote: bool = False) -> tuple[np.ndarray, np.ndarray]:
+def label_frames(
+    partial_solvers: PartialSolvers, points: np.ndarray, every_vote: bool = False
+) -> tuple[np.ndarray, np.ndarray]:
     """Marker (T, P) and confidence (T, P) of points (T, P, 3) m, as `Labeller` gives them."""
-    return Labeller(ensemble, every_vote)(points)
+    return Labeller(partial_solvers, every_vote)(points)

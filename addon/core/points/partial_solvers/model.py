@@ -136,7 +136,7 @@ class Solver:
 
 
 @dataclass(frozen=True, eq=False)
-class Ensemble:
+class PartialSolvers:
     """Partial solvers Φ that together cover a marker set.
 
     markers      M names

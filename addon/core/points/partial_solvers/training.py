@@ -18,7 +18,7 @@ from .assess import Occlusions, assess, draw_occlusions
 from .boosting import Boosting, boost, learn_intervals, rejections, wrong_labellings
 from .features import all_features, tables
 from .masks import Masks
-from .model import DISTANCE, PAPER_FUNCTIONS, Classifiers, Ensemble, Record, Solver, Strong
+from .model import DISTANCE, PAPER_FUNCTIONS, Classifiers, PartialSolvers, Record, Solver, Strong
 from .search import Genetics
 from .solver import TreeSearch
 from .survey import Survey, survey
@@ -71,7 +71,7 @@ def train_ensemble(
     targets: float | np.ndarray = 0.9999,
     options: Training | None = None,
     progress: Callable[[float, str], None] | None = None,
-) -> Ensemble:
+) -> PartialSolvers:
     """The ensemble of labelled frames (T, M, 3) m, z up, NaN where missing, of one or many people.
 
     targets: τ, for all markers or (M,). Raises InputError when there are too few frames or markers to learn from.
@@ -88,7 +88,7 @@ def train_ensemble(
 
 def training(
     points: np.ndarray, markers, targets: float | np.ndarray = 0.9999, options: Training | None = None
-) -> Generator[tuple[float, str], None, Ensemble]:
+) -> Generator[tuple[float, str], None, PartialSolvers]:
     """The same as a generator of (share done, what is being done); the ensemble is what it returns."""
     options = options or Training()
     points = np.asarray(points, dtype=float)
@@ -98,7 +98,7 @@ def training(
     study = Study(points, options)
     for share in study.survey():
         yield 0.05 + 0.5 * share, "surveying partial solvers"
-    steps = study.ensemble(tuple(markers), targets)
+    steps = study.partial_solvers(tuple(markers), targets)
     while True:
         try:
             share, words = next(steps)
@@ -186,9 +186,9 @@ class Study:
         others = self.pool.points[pairs[telling], :2].sum(axis=1) - own
         return [own, *(int(other) for other in others[: GROUP - 1])]
 
-    def ensemble(
+    def partial_solvers(
         self, markers: tuple[str, ...], targets: float | np.ndarray
-    ) -> Generator[tuple[float, str], None, Ensemble]:
+    ) -> Generator[tuple[float, str], None, PartialSolvers]:
         """Searches and boosts the solvers for these targets, one or (M,); yields the share done and words for it."""
         self.targets = np.broadcast_to(np.asarray(targets, dtype=float), self.markers).copy()
         self._checked = {}
@@ -383,7 +383,7 @@ class Ground:
         return searches.subset_of(self.group[place] for place in searches.members(subset))
 
 
-def _joined(solvers: list[Solver], study: Study, markers: tuple[str, ...]) -> Ensemble:
+def _joined(solvers: list[Solver], study: Study, markers: tuple[str, ...]) -> PartialSolvers:
     """The ensemble, with only those weak classifiers that some solver uses."""
     useful = [solver for solver in solvers if solver.reached.any()]
     used = np.unique(np.concatenate([np.empty(0, dtype=int), *(solver.strong.chosen for solver in useful)]))
@@ -391,7 +391,7 @@ def _joined(solvers: list[Solver], study: Study, markers: tuple[str, ...]) -> En
         replace(solver, strong=replace(solver.strong, chosen=np.searchsorted(used, solver.strong.chosen)))
         for solver in useful
     ]
-    return Ensemble(
+    return PartialSolvers(
         markers,
         study.pool[used],
         tuple(renumbered),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which group of trajectories is which plate: the likeliest assignment of all, and how far it leads."""
+"""Which group of trajectories is which rigid body: the likeliest assignment of all, and how far it leads."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,10 +13,10 @@ from .structure import LEAST_TURN, Structure, find_joints, signed_volumes
 NO_GROUP = -1
 BEAM = 2000
 QUANTILES = np.linspace(2, 98, 9)  # of a distance over the take
-FAR_OFF = 8.0  # the most that one piece of evidence costs
-UNSEEN = -9.0  # log likelihood of a plate that the take does not show as a group
+FAR_OFF = 8.0  # the most that one tracklet of evidence costs
+UNSEEN = -9.0  # log likelihood of a rigid body that the take does not show as a group
 TOLD = 3  # distances, and volumes, that say all there is; more say partly the same
-FORM_SD = 0.012  # m that sorted distances within a plate differ by between people's plates
+FORM_SD = 0.012  # m that sorted distances within a rigid body differ by between people's rigid bodies
 ODD_MARKER = 0.7  # what a marker more or fewer costs
 WIDEST = 12  # markers of a group that is looked at
 MIRRORED = 2.5  # the most that one volume says against: limbs cross over now and then
@@ -27,10 +27,10 @@ MISS_SHARE, MISS_SD = 1.5, 0.01  # of the model's miss, m
 
 @dataclass(frozen=True, eq=False)
 class Matched:
-    """Which group is which plate.
+    """Which group is which rigid body.
 
-    group   (K,) index of each plate's group, NO_GROUP where none is
-    margin  (K,) how much less likely all is when the plate has another group, log odds
+    group   (K,) index of each rigid body's group, NO_GROUP where none is
+    margin  (K,) how much less likely all is when the rigid body has another group, log odds
     """
 
     group: np.ndarray
@@ -39,7 +39,7 @@ class Matched:
 
 @dataclass(frozen=True, eq=False)
 class _Likeness:
-    """Log likelihoods: `own` (K, G) of a plate being a group, `pair` (K, K, G, G) of two, `volume` (G, G, G, G)."""
+    """Log likelihoods: `own` (K, G) of a rigid body being a group, `pair` (K, K, G, G) of two, `volume` (G, G, G, G)."""
 
     own: np.ndarray
     pair: np.ndarray
@@ -47,26 +47,28 @@ class _Likeness:
 
 
 def match(structure: Structure, groups: Sequence[Group]) -> Matched:
-    """The likeliest assignment of groups to plates, found by a beam search over the plates, the best linked first."""
+    """The likeliest assignment of groups to rigid bodies, found by a beam search over the rigid bodies, the best linked first."""
     count = len(structure)
     if not len(groups):
         return Matched(np.full(count, NO_GROUP), np.zeros(count))
     states, score = _search(structure, _likeness(structure, groups))
     best = states[0]
-    rivals = np.where(states != best, score[:, None], score.min()).max(axis=0)
-    return Matched(best, np.where(best == NO_GROUP, 0.0, score[0] - rivals))
+    alternatives = np.where(states != best, score[:, None], score.min()).max(axis=0)
+    return Matched(best, np.where(best == NO_GROUP, 0.0, score[0] - alternatives))
 
 
 def _likeness(structure: Structure, groups: Sequence[Group]) -> _Likeness:
     turn, place = (np.stack([getattr(group, name) for group in groups], axis=1) for name in ("turn", "place"))
-    own = np.array([[_form_fit(structure, plate, group) for group in groups] for plate in range(len(structure))])
+    own = np.array(
+        [[_form_fit(structure, rigid_body, group) for group in groups] for rigid_body in range(len(structure))]
+    )
     pair = _distance_fit(structure, place) + _joint_fit(structure, turn, place)
     return _Likeness(own, pair, _volumes(place))
 
 
-def _form_fit(structure: Structure, plate: int, group: Group) -> float:
-    """How well a group's distances could be a plate's, whatever marker is which."""
-    form = structure.inner[plate].form[: structure.inner[plate].core]
+def _form_fit(structure: Structure, rigid_body: int, group: Group) -> float:
+    """How well a group's distances could be a rigid body's, whatever marker is which."""
+    form = structure.inner[rigid_body].form[: structure.inner[rigid_body].core]
     small, large = sorted((form, group.form), key=len)
     if len(large) > WIDEST:
         return -FAR_OFF
@@ -95,7 +97,7 @@ def _distance_fit(structure: Structure, place: np.ndarray) -> np.ndarray:
 
 
 def _joint_fit(structure: Structure, turn: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """(K, K, G, G) what joints say: plates that have one need it, where it is in training."""
+    """(K, K, G, G) what joints say: rigid bodies that have one need it, where it is in training."""
     seen = find_joints(turn, place)
     known = np.isfinite(seen.miss) & (seen.turn > LEAST_TURN)
     fit = np.zeros((len(structure), len(structure), *seen.miss.shape))
@@ -125,13 +127,13 @@ def _volumes(place: np.ndarray) -> np.ndarray:
 
 
 def _order(structure: Structure) -> list[int]:
-    """The plates, each next to one before it."""
+    """The rigid bodies, each next to one before it."""
     width = structure.high - structure.low + np.where(structure.linked, 0, 1.0)
     np.fill_diagonal(width, np.inf)
     order = [int(np.argmin(np.sort(width, axis=1)[:, :2].sum(axis=1)))]
     while len(order) < len(structure):
-        rest = [plate for plate in range(len(structure)) if plate not in order]
-        order.append(min(rest, key=lambda plate: width[plate, order].min()))
+        rest = [rigid_body for rigid_body in range(len(structure)) if rigid_body not in order]
+        order.append(min(rest, key=lambda rigid_body: width[rigid_body, order].min()))
     return order
 
 
@@ -142,10 +144,10 @@ def _search(structure: Structure, likeness: _Likeness) -> tuple[np.ndarray, np.n
     latest = place[structure.quads].max(axis=1) if len(structure.quads) else np.zeros(0, int)
     states, score = np.full((1, len(order)), NO_GROUP), np.zeros(1)
     groups = likeness.own.shape[1]
-    for step, plate in enumerate(order):
-        told = _told_by_pairs(likeness, states, plate, order[:step])
-        told += _told_by_volumes(structure, likeness, states, plate, np.flatnonzero(latest == step))
-        told += likeness.own[plate]
+    for step, rigid_body in enumerate(order):
+        told = _told_by_pairs(likeness, states, rigid_body, order[:step])
+        told += _told_by_volumes(structure, likeness, states, rigid_body, np.flatnonzero(latest == step))
+        told += likeness.own[rigid_body]
         for other in order[:step]:
             taken = np.flatnonzero(states[:, other] >= 0)
             told[taken, states[taken, other]] = -np.inf
@@ -154,29 +156,31 @@ def _search(structure: Structure, likeness: _Likeness) -> tuple[np.ndarray, np.n
         kept = kept[np.isfinite(total[kept])]
         states, score = states[kept // (groups + 1)].copy(), total[kept]
         choice = kept % (groups + 1)
-        states[:, plate] = np.where(choice < groups, choice, NO_GROUP)
+        states[:, rigid_body] = np.where(choice < groups, choice, NO_GROUP)
     return states, score
 
 
-def _told_by_pairs(likeness: _Likeness, states: np.ndarray, plate: int, earlier: list[int]) -> np.ndarray:
-    """(B, G) what the groups of earlier plates say of the groups that the next may be."""
+def _told_by_pairs(likeness: _Likeness, states: np.ndarray, rigid_body: int, earlier: list[int]) -> np.ndarray:
+    """(B, G) what the groups of earlier rigid bodies say of the groups that the next may be."""
     told = np.zeros((len(states), likeness.own.shape[1]))
     known = np.zeros((len(states), 1))
     for other in earlier:
         there = states[:, other]
-        told += np.where((there >= 0)[:, None], likeness.pair[plate, other][:, np.maximum(there, 0)].T, 0)
+        told += np.where((there >= 0)[:, None], likeness.pair[rigid_body, other][:, np.maximum(there, 0)].T, 0)
         known += (there >= 0)[:, None]
     return told * TOLD / np.maximum(known, TOLD)
 
 
-def _told_by_volumes(structure: Structure, likeness: _Likeness, states, plate: int, rows: np.ndarray) -> np.ndarray:
-    """(B, G) log odds against the mirror image, of the quads in `rows`, whose last plate is the next."""
+def _told_by_volumes(
+    structure: Structure, likeness: _Likeness, states, rigid_body: int, rows: np.ndarray
+) -> np.ndarray:
+    """(B, G) log odds against the mirror image, of the quads in `rows`, whose last rigid body is the next."""
     size = len(states), likeness.own.shape[1]
     told, known = np.zeros(size), np.zeros(size)
     for row in rows:
         corners = [
             np.broadcast_to(np.arange(size[1]), size)
-            if other == plate
+            if other == rigid_body
             else np.broadcast_to(states[:, other, None], size)
             for other in structure.quads[row]
         ]

@@ -1,24 +1,24 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where a plate may be: every set of points in a frame that has its form, three markers or more of it."""
+"""Where a rigid body may be: every set of points in a frame that has its form, three markers or more of it."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..likelihood.naming import NO_POINT
-from .plates import NOISE, STRETCH, Plates
+from .model import NOISE, STRETCH, RigidBodies
 
 GATE = 6.0  # standard deviations of a length
 LEAST_GATE = 0.005  # m
 NEAR = 0.012  # m that a further marker may be from where the first three put it
 WORTH = 7.0  # log likelihood of one more point that fits
-BENT = 4.0  # the most that a bent plate costs, for every number that fixes it
-KEPT = 10  # placements of a plate in a frame
+BENT = 4.0  # the most that a bent rigid body costs, for every number that fixes it
+KEPT = 10  # placements of a rigid body in a frame
 
 
 @dataclass(frozen=True, eq=False)
 class Placements:
-    """K placements of a plate of n markers in each of F frames.
+    """K placements of a rigid body of n markers in each of F frames.
 
     points  (F, K, n) index of the point, NO_POINT where the marker is hidden
     score   (F, K) log likelihood, -inf where there are fewer placements
@@ -40,12 +40,12 @@ def distances(points: np.ndarray) -> np.ndarray:
     return apart
 
 
-def place(plates: Plates, group: np.ndarray, points: np.ndarray, apart: np.ndarray) -> Placements:
-    """The likeliest placements of a plate in frames of points (F, P, 3) m whose distances are `apart` (F, P, P)."""
-    lengths = plates.lengths(group)
-    form = plates.form[group]
+def place(rigid_bodies: RigidBodies, group: np.ndarray, points: np.ndarray, apart: np.ndarray) -> Placements:
+    """The likeliest placements of a rigid body in frames of points (F, P, 3) m whose distances are `apart` (F, P, P)."""
+    lengths = rigid_bodies.lengths(group)
+    form = rigid_bodies.form[group]
     rows, scores = [], []
-    for base in plates.bases(group):
+    for base in rigid_bodies.bases(group):
         frame, corners = _triangles(lengths, base, apart)
         if len(frame):
             found = _completed(form, base, points, frame, corners)
@@ -87,7 +87,7 @@ def _axes(corners: np.ndarray) -> np.ndarray:
 
 
 def _completed(form, base, points, frame, corners) -> np.ndarray:
-    """(K, n) the points of whole plates on triangles: the nearest to where each further marker must be."""
+    """(K, n) the points of whole rigid bodies on triangles: the nearest to where each further marker must be."""
     at = points[frame[:, None], corners]
     local = (form - form[list(base)].mean(axis=0)) @ _axes(form[list(base)]).T
     expected = local @ _axes(at) + at.mean(axis=1, keepdims=True)

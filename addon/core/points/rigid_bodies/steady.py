@@ -8,16 +8,16 @@ import numpy as np
 from ...geometry.rigid import FEWEST, laid_on
 
 MOST_FRAMES = 500  # that a take is looked at in
-SHORTEST = 0.1  # s, of a piece that is looked at
+SHORTEST = 0.1  # s, of a tracklet that is looked at
 GAP = 0.02  # s without a point after which a trajectory may go on with another marker
-REACH = 0.4  # m, the widest that a plate is
+REACH = 0.4  # m, the widest that a rigid body is
 STEADY = 0.006  # m that distances within a group vary by, in the mean
-# What is taken for granted of two pieces that were hardly seen together, m and frames.
+# What is taken for granted of two tracklets that were hardly seen together, m and frames.
 DOUBT, DOUBTFUL_FRAMES = 0.02, 10
 ROUNDS = 6
-FITS = 0.01  # m, root mean square, that a piece may be off its place in the group
-SAME = 0.012  # m between places of pieces that are one marker's
-SHARED = 0.05  # part of its frames that a piece may share with another of the same marker
+FITS = 0.01  # m, root mean square, that a tracklet may be off its place in the group
+SAME = 0.012  # m between places of tracklets that are one marker's
+SHARED = 0.05  # part of its frames that a tracklet may share with another of the same marker
 OFTEN = 0.1  # part of a group's frames that a marker of it must be seen in
 STILL = 0.02  # m that what stands about in the room moves by
 MOVES = 0.1  # m that half of the groups must move by before others are said to stand still
@@ -28,12 +28,12 @@ class Group:
     """n markers that move as one in F frames.
 
     form          (n, 3) m, the markers in the group's own axes, their middle at 0
-    pieces        for each marker, the pieces of trajectories that are its
+    tracklets        for each marker, the tracklets that are its
     turn, place   (F, 3, 3) and (F, 3) m, a marker is at turn @ form + place; NaN where too few are seen
     """
 
     form: np.ndarray
-    pieces: tuple[tuple[int, ...], ...]
+    tracklets: tuple[tuple[int, ...], ...]
     turn: np.ndarray
     place: np.ndarray
 
@@ -45,11 +45,11 @@ class Group:
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """Pieces of trajectories in some of the take's frames.
+    """Tracklets of trajectories in some of the take's frames.
 
     frames  (F,) which, 0-based
-    number  (N,) the pieces' numbers
-    points  (F, N, 3) m, NaN where a piece is not there
+    number  (N,) the tracklets' numbers
+    points  (F, N, 3) m, NaN where a tracklet is not there
     """
 
     frames: np.ndarray
@@ -57,24 +57,24 @@ class Sampled:
     points: np.ndarray
 
 
-def unbroken(piece: np.ndarray, rate: float) -> np.ndarray:
-    """(T, P) pieces of trajectories (T, P), -1 where there is no point, cut again at every gap."""
-    parts = np.full(piece.shape, -1)
+def unbroken(tracklet: np.ndarray, rate: float) -> np.ndarray:
+    """(T, P) tracklets (T, P), -1 where there is no point, cut again at every gap."""
+    parts = np.full(tracklet.shape, -1)
     count = 0
-    for column in range(piece.shape[1]):
-        frames = np.flatnonzero(piece[:, column] >= 0)
+    for column in range(tracklet.shape[1]):
+        frames = np.flatnonzero(tracklet[:, column] >= 0)
         if not len(frames):
             continue
-        ends = (np.diff(frames) > max(GAP * rate, 1)) | (np.diff(piece[frames, column]) != 0)
+        ends = (np.diff(frames) > max(GAP * rate, 1)) | (np.diff(tracklet[frames, column]) != 0)
         parts[frames, column] = count + np.concatenate([[0], np.cumsum(ends)])
         count = int(parts[frames[-1], column]) + 1
     return parts
 
 
-def sampled(points: np.ndarray, piece: np.ndarray, rate: float) -> Sampled:
-    """The longer pieces of a take: points (T, P, 3) m with the number of the piece of each (T, P), -1 for none."""
-    frame, column = np.nonzero(piece >= 0)
-    number, place, count = np.unique(piece[frame, column], return_inverse=True, return_counts=True)
+def sampled(points: np.ndarray, tracklet: np.ndarray, rate: float) -> Sampled:
+    """The longer tracklets of a take: points (T, P, 3) m with the number of the tracklet of each (T, P), -1 for none."""
+    frame, column = np.nonzero(tracklet >= 0)
+    number, place, count = np.unique(tracklet[frame, column], return_inverse=True, return_counts=True)
     long = count >= SHORTEST * rate
     frames = np.unique(np.linspace(0, len(points) - 1, min(MOST_FRAMES, len(points))).round().astype(int))
     row = np.full(len(points), -1)
@@ -134,7 +134,7 @@ def _steadiness(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def _clusters(spread: np.ndarray, weight: np.ndarray) -> list[list[int]]:
-    """Pieces grown together by mean linkage over the pairs that were seen together."""
+    """Tracklets grown together by mean linkage over the pairs that were seen together."""
     total, known = spread * weight, weight.copy()
     members = [[index] for index in range(len(spread))]
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -155,7 +155,7 @@ def _clusters(spread: np.ndarray, weight: np.ndarray) -> list[list[int]]:
 
 
 def _strung(points: np.ndarray, distance: np.ndarray) -> list[list[int]]:
-    """Pieces (F, n, 3) of a group, with their mean distances (n, n), strung to markers: one leaves off, one begins.
+    """Tracklets (F, n, 3) of a group, with their mean distances (n, n), strung to markers: one leaves off, one begins.
 
     Known by being equally far from two markers or more that both were seen with.
     """
@@ -184,7 +184,7 @@ def _first_seen(points: np.ndarray) -> np.ndarray:
 
 
 def _laid(seen: Sampled, cluster: np.ndarray, distance: np.ndarray) -> Group | None:
-    """The group that a cluster of pieces makes; None where fewer than three markers hold together."""
+    """The group that a cluster of tracklets makes; None where fewer than three markers hold together."""
     strings = _strung(seen.points[:, cluster], distance[np.ix_(cluster, cluster)])
     points = np.stack([_first_seen(seen.points[:, cluster[one]]) for one in strings], axis=1)
     form = points[np.isfinite(points[..., 0]).sum(axis=1).argmax()]
@@ -207,14 +207,15 @@ def _laid(seen: Sampled, cluster: np.ndarray, distance: np.ndarray) -> Group | N
         return None
     middle = np.array([form[fine[one]].mean(axis=0) for one in merged])
     centre = middle.mean(axis=0)
-    pieces = tuple(
-        tuple(int(seen.number[cluster[piece]]) for index in one for piece in strings[fine[index]]) for one in merged
+    tracklets = tuple(
+        tuple(int(seen.number[cluster[tracklet]]) for index in one for tracklet in strings[fine[index]])
+        for one in merged
     )
-    return Group(middle - centre, pieces, turn, place + turn @ centre)
+    return Group(middle - centre, tracklets, turn, place + turn @ centre)
 
 
 def _merged(form: np.ndarray, there: np.ndarray) -> list[list[int]]:
-    """Pieces (n, 3) in one place at different times, (F, n) where each is there, are one marker's."""
+    """Tracklets (n, 3) in one place at different times, (F, n) where each is there, are one marker's."""
     made: list[list[int]] = []
     frames = there.sum(axis=0)
     for index in np.argsort(-frames):

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is learned of how plates lie on a body that holds for other people too: not the form of a plate, but its place.
+"""What is learned of how rigid bodies lie on a body that holds for other people too: not the form of a rigid body, but its place.
 
-How far plates are from each other, which meet in a joint and how far from it, and which way round the body is.
+How far rigid bodies are from each other, which meet in a joint and how far from it, and which way round the body is.
 """
 
 import warnings
@@ -12,7 +12,7 @@ from itertools import combinations
 import numpy as np
 
 from ...geometry.rigid import FEWEST, laid_on
-from .plates import Plates
+from .model import RigidBodies
 
 FRAMES = 300  # of a subject that are learned from
 ENDS = 1.0  # per cent of a distance's range left out at either end
@@ -20,14 +20,14 @@ SLACK_LENGTH, SLACK_SHARE, SLACK_RANGE = 0.025, 0.08, 0.2  # m, of the distance,
 LEAST_VOLUME_SD = 0.05
 PLACED_SD = 0.004  # m by which a marker put on elsewhere changes the volumes of its triples, in their sides
 TELLING = 1.5  # standard deviations from 0 of a volume that tells a body from its mirror image
-LINKED = 0.025  # m that plates with a joint between them may be off it, root mean square
-LEAST_TURN = 0.15  # rad, about, that plates must turn against each other to tell a joint
-JOINT_PULL = 0.05  # draws a joint to its plates along axes about which nothing turns
+LINKED = 0.025  # m that rigid bodies with a joint between them may be off it, root mean square
+LEAST_TURN = 0.15  # rad, about, that rigid bodies must turn against each other to tell a joint
+JOINT_PULL = 0.05  # draws a joint to its rigid bodies along axes about which nothing turns
 JOINT_KEPT = 0.9  # part of the frames that a joint is found from
 LEAST_FRAMES = 20
-FIRM, FIRMER = 0.004, 3.0  # m, and times the usual, that a plate's own markers may move against each other
-BESIDE = 0.03  # m that a marker on no plate may move against one, root mean square, to be looked for on it
-MOST_MEMBERS = 7  # markers of a plate with those beside it
+FIRM, FIRMER = 0.004, 3.0  # m, and times the usual, that a rigid body's own markers may move against each other
+BESIDE = 0.03  # m that a marker on no rigid body may move against one, root mean square, to be looked for on it
+MOST_MEMBERS = 7  # markers of a rigid body with those beside it
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,11 +51,11 @@ class Joints:
 
 @dataclass(frozen=True, eq=False)
 class Inner:
-    """How n markers lie on a plate: its own `core` first, then those beside it that hardly move against it.
+    """How n markers lie on a rigid body: its own `core` first, then those beside it that hardly move against it.
 
     members        (n,) which markers
-    form           (n, 3) m, in the plate's axes, the middle of the core at 0
-    away, away_sd  (n, K) m, how far they are from the middles of the plates, and how much that changes
+    form           (n, 3) m, in the rigid body's axes, the middle of the core at 0
+    away, away_sd  (n, K) m, how far they are from the middles of the rigid bodies, and how much that changes
     side, side_sd  (C, K) signed volumes of three of them, in the order of `triples`, with those middles
     """
 
@@ -70,12 +70,12 @@ class Inner:
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """How K plates lie on a body.
+    """How K rigid bodies lie on a body.
 
-    low, high    (K, K) m, the range of the distance between the middles of two plates, and slack (K, K) m beyond
-    quads        (Q, 4) plates whose middles tell left from right, with mean and sd (Q,) of their signed volume
-    joints       between the plates; `linked` (K, K) is True where there is one
-    inner        what is known within each plate
+    low, high    (K, K) m, the range of the distance between the middles of two rigid bodies, and slack (K, K) m beyond
+    quads        (Q, 4) rigid bodies whose middles tell left from right, with mean and sd (Q,) of their signed volume
+    joints       between the rigid bodies; `linked` (K, K) is True where there is one
+    inner        what is known within each rigid body
     markers      M, of the set
     """
 
@@ -99,16 +99,18 @@ def unseen_is_nan() -> warnings.catch_warnings:
     return warnings.catch_warnings(action="ignore", category=RuntimeWarning)
 
 
-def learn_structure(plates: Plates, subjects: Sequence[np.ndarray]) -> Structure:
+def learn_structure(rigid_bodies: RigidBodies, subjects: Sequence[np.ndarray]) -> Structure:
     """The structure of labelled frames of each subject, (F, M, 3) m, NaN where missing."""
     with unseen_is_nan():
-        return _learn(plates, subjects)
+        return _learn(rigid_bodies, subjects)
 
 
-def _learn(plates: Plates, subjects: Sequence[np.ndarray]) -> Structure:
+def _learn(rigid_bodies: RigidBodies, subjects: Sequence[np.ndarray]) -> Structure:
     frames = np.concatenate([points[:: max(len(points) // FRAMES, 1)] for points in subjects])
-    groups = [_firm(group, frames) for group in plates.groups]
-    poses = [laid_on(plates.form[group] - plates.form[group].mean(axis=0), frames[:, group]) for group in groups]
+    groups = [_firm(group, frames) for group in rigid_bodies.groups]
+    poses = [
+        laid_on(rigid_bodies.form[group] - rigid_bodies.form[group].mean(axis=0), frames[:, group]) for group in groups
+    ]
     turn, place = (np.stack(part, axis=1) for part in zip(*poses, strict=True))
     distance = np.linalg.norm(place[:, :, None] - place[:, None], axis=-1)
     low, high = np.nanpercentile(distance, [ENDS, 100 - ENDS], axis=0)
@@ -119,7 +121,7 @@ def _learn(plates: Plates, subjects: Sequence[np.ndarray]) -> Structure:
     joints = find_joints(turn, place)
     lone = np.setdiff1d(np.arange(frames.shape[1]), np.concatenate(groups))
     inner = [
-        _learn_inner(plates, group, lone, frames, turn[:, index], place[:, index], place)
+        _learn_inner(rigid_bodies, group, lone, frames, turn[:, index], place[:, index], place)
         for index, group in enumerate(groups)
     ]
     return Structure(
@@ -137,7 +139,7 @@ def _learn(plates: Plates, subjects: Sequence[np.ndarray]) -> Structure:
 
 
 def _firm(group: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    """The markers of a plate without those that move against the rest, such as one on the joint below."""
+    """The markers of a rigid body without those that move against the rest, such as one on the joint below."""
     markers = frames[:, group]
     spread = np.nanstd(np.linalg.norm(markers[:, :, None] - markers[:, None], axis=-1), axis=0)
     loose = np.median(spread, axis=0)
@@ -154,7 +156,7 @@ def signed_volumes(one: np.ndarray, two: np.ndarray, three: np.ndarray, four: np
 
 
 def triples(count: int) -> np.ndarray:
-    """(C, 3) all triples of a plate's markers."""
+    """(C, 3) all triples of a rigid body's markers."""
     return np.array(list(combinations(range(count), 3)))
 
 
@@ -183,7 +185,7 @@ def _joint(turn, place, other_turn, other_place) -> tuple[float, np.ndarray, np.
         right = np.einsum("fji,fj->i", matrix[kept], apart[kept]) / kept.sum()
         point = np.linalg.solve(normal + JOINT_PULL**2 * np.eye(6), right)
         off = np.linalg.norm(matrix @ point - apart, axis=1)
-        # A trajectory that goes astray takes its whole plate with it; the joint is what most frames say.
+        # A trajectory that goes astray takes its whole rigid body with it; the joint is what most frames say.
         kept = off <= np.quantile(off, JOINT_KEPT)
     miss = np.sqrt((off[kept] ** 2).mean())
     bend = np.sqrt(max(3 - np.linalg.norm(between.mean(axis=0)) ** 2, 0.0))
@@ -195,18 +197,18 @@ def farther(markers: np.ndarray, place: np.ndarray) -> np.ndarray:
     return np.linalg.norm(markers[:, :, None] - place[:, None], axis=-1)
 
 
-def _learn_inner(plates: Plates, group: np.ndarray, lone: np.ndarray, frames, turn, place, middles) -> Inner:
-    """What is known within one plate, `group`, with pose (F, 3, 3) and (F, 3), and those of the `lone` beside it."""
+def _learn_inner(rigid_bodies: RigidBodies, group: np.ndarray, lone: np.ndarray, frames, turn, place, middles) -> Inner:
+    """What is known within one rigid body, `group`, with pose (F, 3, 3) and (F, 3), and those of the `lone` beside it."""
     local = np.einsum("fji,fnj->fni", turn, frames[:, lone] - place[:, None])
     spread = np.sqrt(np.nanvar(local, axis=0).sum(axis=1)) if len(lone) else np.zeros(0)
     order = np.argsort(spread)
     beside = order[spread[order] < BESIDE][: max(MOST_MEMBERS - len(group), 0)]
     members = np.concatenate([group, lone[beside]]).astype(int)
-    form = plates.form[group] - plates.form[group].mean(axis=0)
+    form = rigid_bodies.form[group] - rigid_bodies.form[group].mean(axis=0)
     markers = frames[:, members]
     distance = farther(markers, middles)
-    volumes = plate_volumes(markers, triples(len(members)), middles)
-    # Of the whole plate: that one marker's distance hardly changed says more of the takes than of the body.
+    volumes = rigid_body_volumes(markers, triples(len(members)), middles)
+    # Of the whole rigid body: that one marker's distance hardly changed says more of the takes than of the body.
     change = np.nanvar(distance - np.nanmean(distance, axis=1, keepdims=True), axis=0).mean(axis=0, keepdims=True)
     return Inner(
         members,
@@ -228,7 +230,7 @@ def _placement(markers: np.ndarray) -> np.ndarray:
     return np.hypot(LEAST_VOLUME_SD, PLACED_SD / np.nanmean(sides, axis=(0, 1)))
 
 
-def plate_volumes(markers: np.ndarray, chosen: np.ndarray, place: np.ndarray) -> np.ndarray:
+def rigid_body_volumes(markers: np.ndarray, chosen: np.ndarray, place: np.ndarray) -> np.ndarray:
     """(F, C, K) signed volumes of triples (C, 3) of markers (F, n, 3) with the middles (F, K, 3)."""
     one, two, three = (markers[:, chosen[:, corner], None] for corner in range(3))
     return signed_volumes(one, two, three, place[:, None])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The ways in which the points of a group may be the markers of a plate: all of a small one, the likely of a large."""
+"""The ways in which the points of a group may be the markers of a rigid body: all of a small one, the likely of a large."""
 
 from itertools import combinations, permutations
 
@@ -8,17 +8,17 @@ import numpy as np
 from ...geometry.rigid import laid_on
 
 ABSENT = -1
-MOST = 7  # markers of a plate, or points of a group, of which all ways are tried
-FORM_SD, FORM_SHARE = 0.012, 0.15  # m, and of a length, that lengths within a plate differ by
-BASES = 8  # triples of markers that a large plate is laid by
+MOST = 7  # markers of a rigid body, or points of a group, of which all ways are tried
+FORM_SD, FORM_SHARE = 0.012, 0.15  # m, and of a length, that lengths within a rigid body differ by
+BASES = 8  # triples of markers that a large rigid body is laid by
 WITHIN = 2.0  # standard deviations that a side of such a triple may be off
-KEPT = 30  # ways of laying a large plate that are looked at more closely
+KEPT = 30  # ways of laying a large rigid body that are looked at more closely
 
 
 def ways_of(form: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(W, n) indices of points (p, 3) m for the markers (n, 3) m of a plate, ABSENT where a marker has none.
+    """(W, n) indices of points (p, 3) m for the markers (n, 3) m of a rigid body, ABSENT where a marker has none.
 
-    All ways where the plate has MOST markers at most: of the points those nearest to their middle. There are millions
+    All ways where the rigid body has MOST markers at most: of the points those nearest to their middle. There are millions
     of ways for a larger one, and its form tells which are worth a look.
     """
     if len(form) > MOST:
@@ -29,7 +29,7 @@ def ways_of(form: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def spread_of(lengths: np.ndarray) -> np.ndarray:
-    """The standard deviation, m, of lengths, m, within a plate, from one subject's to another's."""
+    """The standard deviation, m, of lengths, m, within a rigid body, from one subject's to another's."""
     return np.hypot(FORM_SD, FORM_SHARE * lengths)
 
 
@@ -85,7 +85,7 @@ def _sides(corners: np.ndarray) -> np.ndarray:
 
 
 def _assigned(form: np.ndarray, points: np.ndarray, turn: np.ndarray, place: np.ndarray) -> tuple[float, np.ndarray]:
-    """How far, m, a plate that is laid so is from points in all, and the point of each marker that makes it least."""
+    """How far, m, a rigid body that is laid so is from points in all, and the point of each marker that makes it least."""
     from scipy.optimize import linear_sum_assignment
 
     apart = np.linalg.norm((form @ turn.T + place)[:, None] - points, axis=-1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which point of a group is which marker of its plate: the likeliest of all ways to put them, and how far it leads."""
+"""Which point of a group is which marker of its rigid body: the likeliest of all ways to put them, and how far it leads."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,14 +9,14 @@ import numpy as np
 
 from .match import NO_GROUP, Matched, mirror_odds
 from .steady import Group
-from .structure import LEAST_TURN, LINKED, Inner, Joints, Structure, farther, find_joints, plate_volumes, triples
+from .structure import LEAST_TURN, LINKED, Inner, Joints, Structure, farther, find_joints, rigid_body_volumes, triples
 from .ways import ABSENT, spread_of, ways_of
 
-AWAY_SD = 0.015  # m that people differ by in how much farther one marker is than its plate
-SWING = 0.4  # rad that a plate may be turned further than in training, in the mean over a take
-INCOMPLETE = 6.0  # what a marker of the plate costs that no point is
+AWAY_SD = 0.015  # m that people differ by in how much farther one marker is than its rigid body
+SWING = 0.4  # rad that a rigid body may be turned further than in training, in the mean over a take
+INCOMPLETE = 6.0  # what a marker of the rigid body costs that no point is
 FAR_OFF = 8.0
-TOLD = 3  # plates that say all there is of where a marker is; more say partly the same
+TOLD = 3  # rigid bodies that say all there is of where a marker is; more say partly the same
 SIDES_TOLD = 6
 TELLING = 1.0  # standard deviations of a volume's mean from 0 that make it worth asking
 
@@ -25,56 +25,58 @@ TELLING = 1.0  # standard deviations of a volume's mean from 0 that make it wort
 class Placed:
     """Which point of which group each marker is.
 
-    plate, point  (M,) the plate and the index of the point in the plate's group, ABSENT where there is none
-    margin        (M,) how much less likely the plate is where the marker is another point, log odds
+    rigid body, point  (M,) the rigid body and the index of the point in the rigid body's group, ABSENT where there is none
+    margin        (M,) how much less likely the rigid body is where the marker is another point, log odds
     """
 
-    plate: np.ndarray
+    rigid_body: np.ndarray
     point: np.ndarray
     margin: np.ndarray
 
 
 def place_markers(structure: Structure, groups: Sequence[Group], matched: Matched) -> Placed:
-    """The markers of every plate that has a group, and those beside it."""
+    """The markers of every rigid body that has a group, and those beside it."""
     markers = structure.markers
     placed = Placed(np.full(markers, ABSENT), np.full(markers, ABSENT), np.zeros(markers))
     named = np.flatnonzero(matched.group != NO_GROUP)
     frames = len(groups[0].place) if groups else 0
     middles = np.full((frames, len(structure), 3), np.nan)
     turns = np.full((frames, len(structure), 3, 3), np.nan)
-    for plate in named:
-        middles[:, plate], turns[:, plate] = (getattr(groups[matched.group[plate]], name) for name in ("place", "turn"))
+    for rigid_body in named:
+        middles[:, rigid_body], turns[:, rigid_body] = (
+            getattr(groups[matched.group[rigid_body]], name) for name in ("place", "turn")
+        )
     joints = find_joints(turns, middles)
-    for plate in named:
-        members = structure.inner[plate].members
-        point, margin = _one_plate(structure, plate, groups[matched.group[plate]], middles, joints)
-        # A marker beside two plates is where it is surer.
+    for rigid_body in named:
+        members = structure.inner[rigid_body].members
+        point, margin = _one_plate(structure, rigid_body, groups[matched.group[rigid_body]], middles, joints)
+        # A marker beside two rigid bodies is where it is surer.
         better = (point != ABSENT) & (margin > placed.margin[members])
-        placed.plate[members[better]], placed.point[members[better]] = plate, point[better]
+        placed.rigid_body[members[better]], placed.point[members[better]] = rigid_body, point[better]
         placed.margin[members[better]] = margin[better]
     return placed
 
 
 def _one_plate(
-    structure: Structure, plate: int, group: Group, middles, joints: Joints
+    structure: Structure, rigid_body: int, group: Group, middles, joints: Joints
 ) -> tuple[np.ndarray, np.ndarray]:
-    """For each marker of the plate its point in the group, and the lead of that."""
-    inner = structure.inner[plate]
+    """For each marker of the rigid body its point in the group, and the lead of that."""
+    inner = structure.inner[rigid_body]
     ways = ways_of(inner.form, group.form)
     points = group.markers
-    others = np.arange(len(structure)) != plate
+    others = np.arange(len(structure)) != rigid_body
     score = _form_fit(inner, group.form, ways)
     score += _away_fit(inner, points, middles, others, ways)
-    score += _joint_fit(structure, plate, group.form, joints, ways)
+    score += _joint_fit(structure, rigid_body, group.form, joints, ways)
     score += _side_fit(inner, points, middles, others, ways)
     best = int(score.argmax())
     chosen = ways[best]
-    rivals = np.where(ways != chosen, score[:, None], -np.inf).max(axis=0)
-    return chosen, np.where(chosen >= 0, score[best] - rivals, 0.0)
+    alternatives = np.where(ways != chosen, score[:, None], -np.inf).max(axis=0)
+    return chosen, np.where(chosen >= 0, score[best] - alternatives, 0.0)
 
 
 def _form_fit(inner: Inner, form: np.ndarray, ways: np.ndarray) -> np.ndarray:
-    """(W,) how well the lengths between points fit the plate's own, and how much of the plate there is."""
+    """(W,) how well the lengths between points fit the rigid body's own, and how much of the rigid body there is."""
     wanted = np.linalg.norm(inner.form[:, None] - inner.form[None], axis=-1)
     lengths = np.linalg.norm(form[:, None] - form[None], axis=-1)
     there = (ways[:, :, None] >= 0) & (ways[:, None] >= 0)
@@ -87,7 +89,7 @@ def _form_fit(inner: Inner, form: np.ndarray, ways: np.ndarray) -> np.ndarray:
 def _away_fit(
     inner: Inner, points: np.ndarray, middles: np.ndarray, others: np.ndarray, ways: np.ndarray
 ) -> np.ndarray:
-    """(W,) how well the points lie nearer to and farther from the other plates."""
+    """(W,) how well the points lie nearer to and farther from the other rigid bodies."""
     distance = farther(points, middles)
     seen = others & np.isfinite(distance).any(axis=(0, 1))
     away = np.nanmean(distance[:, :, seen], axis=0)
@@ -106,18 +108,18 @@ def _misfit(found: np.ndarray, wanted: np.ndarray, spread: np.ndarray, ways: np.
     return np.where(there, np.minimum(0.5 * ((found - wanted) / spread) ** 2, FAR_OFF), 0).sum(axis=1)
 
 
-def _joint_fit(structure: Structure, plate: int, form: np.ndarray, joints: Joints, ways: np.ndarray) -> np.ndarray:
-    """(W,) how well the points lie towards the joints of the plate, which no pose changes."""
-    known = structure.linked[plate] & (joints.miss[plate] < LINKED) & (joints.turn[plate] > LEAST_TURN)
-    wanted = farther(structure.inner[plate].form[None], structure.joints.at[plate][None, known])[0]
-    found = farther(form[None], joints.at[plate][None, known])[0]
+def _joint_fit(structure: Structure, rigid_body: int, form: np.ndarray, joints: Joints, ways: np.ndarray) -> np.ndarray:
+    """(W,) how well the points lie towards the joints of the rigid body, which no pose changes."""
+    known = structure.linked[rigid_body] & (joints.miss[rigid_body] < LINKED) & (joints.turn[rigid_body] > LEAST_TURN)
+    wanted = farther(structure.inner[rigid_body].form[None], structure.joints.at[rigid_body][None, known])[0]
+    found = farther(form[None], joints.at[rigid_body][None, known])[0]
     return -_misfit(found, wanted, np.array(AWAY_SD), ways).sum(axis=1)
 
 
 def _side_fit(
     inner: Inner, points: np.ndarray, middles: np.ndarray, others: np.ndarray, ways: np.ndarray
 ) -> np.ndarray:
-    """(W,) log odds against the mirror image of the plate."""
+    """(W,) log odds against the mirror image of the rigid body."""
     chosen = triples(len(inner.members))
     score, told = np.zeros(len(ways)), np.zeros(len(ways))
     volume = _all_volumes(points, middles)
@@ -139,7 +141,7 @@ def _all_volumes(points: np.ndarray, middles: np.ndarray) -> np.ndarray:
     if count < 3:
         return table
     chosen = triples(count)
-    volume = np.nanmedian(plate_volumes(points, chosen, middles), axis=0)
+    volume = np.nanmedian(rigid_body_volumes(points, chosen, middles), axis=0)
     for order in permutations(range(3)):
         sign = np.linalg.det(np.eye(3)[list(order)])
         table[tuple(chosen[:, order].T)] = sign * volume

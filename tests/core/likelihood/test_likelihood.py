@@ -6,7 +6,7 @@ import pytest
 
 from addon.core.geometry.upright import turned, upright_aligned
 from addon.core.points.likelihood import naming, swaps
-from addon.core.points.likelihood.distances import Ties, learn_ties
+from addon.core.points.likelihood.distances import DistanceConstraints, learn_constraints
 from addon.core.points.likelihood.latent import Latent
 from addon.core.points.likelihood.naming import NO_POINT, name_worth, one_to_one, settle
 from addon.core.points.likelihood.shape import learn_shape
@@ -23,20 +23,20 @@ def scene(monkeypatch):
     swing = 0.1 * rng.normal(size=(200, 1, 3)) * rng.normal(size=(MARKERS, 3))
     clouds = base + swing + 0.02 * rng.normal(size=(200, MARKERS, 3))
     shape = learn_shape([clouds])
-    ties = learn_ties([clouds], shape.radius)
-    assert len(ties) > 0
+    constraints = learn_constraints([clouds], shape.radius)
+    assert len(constraints) > 0
     monkeypatch.setattr(naming, "yaw_absorbed", lambda points, latent: (points, latent))
-    monkeypatch.setattr(Ties, "size", lambda self, points, named: np.ones(len(named)))
+    monkeypatch.setattr(DistanceConstraints, "size", lambda self, points, named: np.ones(len(named)))
     monkeypatch.setattr("addon.core.points.likelihood.distances.LIMIT", 1e9)
-    monkeypatch.setattr(rivals, "REACH", 20.0)
+    monkeypatch.setattr(swaps, "REACH", 20.0)
     points = upright_aligned(clouds[:1], shape.mean)
     points = np.concatenate([points, rng.normal(size=(1, 3, 3))], axis=1)
     model = Latent(shape)
 
     def settled(named):
-        return settle(model, ties, points, np.ones((1, MARKERS + 3), dtype=bool), np.array([named]))
+        return settle(model, constraints, points, np.ones((1, MARKERS + 3), dtype=bool), np.array([named]))
 
-    return model, ties, settled
+    return model, constraints, settled
 
 
 def test_score_is_the_dense_gaussian(scene):
@@ -54,32 +54,32 @@ def test_score_is_the_dense_gaussian(scene):
 
 @pytest.mark.parametrize(("marker", "point"), [(2, NO_POINT), (2, 8), (5, 7), (6, 9)])
 def test_dropping_replacing_and_adding_gain_what_trying_gains(scene, marker, point):
-    model, ties, settled = scene
+    model, constraints, settled = scene
     before = settled(NAMING)
     tried = list(NAMING)
     tried[marker] = point
-    odds = swaps.rivals(model, ties, before).odds[0, marker]
+    odds = swaps.alternatives(model, constraints, before).odds[0, marker]
     gain = (odds[point] if point >= 0 else 0) - (odds[NAMING[marker]] if NAMING[marker] >= 0 else 0)
     assert gain == pytest.approx(settled(tried).score[0] - before.score[0], abs=1e-4)
 
 
 @pytest.mark.parametrize(("old", "new"), [(2, 5), (0, 6), (2, 1), (3, 4), (0, 3)])
 def test_moving_gains_what_trying_gains(scene, old, new):
-    model, ties, settled = scene
+    model, constraints, settled = scene
     before = settled(NAMING)
     tried = list(NAMING)
     tried[new], tried[old] = tried[old], NO_POINT
-    gain = swaps.rivals(model, ties, before).move[0, old, new]
+    gain = swaps.alternatives(model, constraints, before).move[0, old, new]
     assert gain == pytest.approx(settled(tried).score[0] - before.score[0], abs=1e-4)
 
 
 @pytest.mark.parametrize(("one", "other"), [(3, 1), (4, 3), (4, 0), (2, 0)])
 def test_swapping_gains_what_trying_gains(scene, one, other):
-    model, ties, settled = scene
+    model, constraints, settled = scene
     before = settled(NAMING)
     tried = list(NAMING)
     tried[one], tried[other] = tried[other], tried[one]
-    gain = swaps.rivals(model, ties, before).swap[0, one, other]
+    gain = swaps.alternatives(model, constraints, before).swap[0, one, other]
     assert gain == pytest.approx(settled(tried).score[0] - before.score[0], rel=1e-6)
 
 

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from addon.core.data.takes import NO_MARKER
 from addon.core.points.rigid_bodies import learn_structure, recognise
 from addon.core.points.rigid_bodies.match import NO_GROUP
-from addon.core.points.rigid_bodies.plates import learn_plates
+from addon.core.points.rigid_bodies.model import learn_rigid_bodies
 from addon.core.points.rigid_bodies.steady import find_groups, sampled, unbroken
 from addon.core.points.rigid_bodies.structure import find_joints, signed_volumes
 from addon.core.points.tracklets import cut
@@ -25,8 +25,8 @@ ALL = np.arange(len(NAMES))
 @pytest.fixture(scope="module")
 def learned():
     takes = np.concatenate([walk(body()), walk(body(), 1)])
-    plates = learn_plates([takes], RADIUS)
-    return learn_structure(plates, [takes]), plates
+    rigid_bodies = learn_rigid_bodies([takes], RADIUS)
+    return learn_structure(rigid_bodies, [takes]), rigid_bodies
 
 
 def who(learned, points: np.ndarray):
@@ -40,8 +40,8 @@ def plates_right(person, columns: np.ndarray) -> list[bool | None]:
         if group == NO_GROUP:
             found.append(None)
             continue
-        pieces = [piece for own in person.groups[group].pieces for piece in own]
-        markers = columns[np.unique(np.nonzero(np.isin(person.part, pieces))[1])]
+        tracklets = [tracklet for own in person.groups[group].tracklets for tracklet in own]
+        markers = columns[np.unique(np.nonzero(np.isin(person.part, tracklets))[1])]
         found.append(len({NAMES[marker][:-1] for marker in markers if marker >= 0}) == 1 and (markers >= 0).all())
     return found
 
@@ -61,16 +61,16 @@ def test_what_moves_as_one_is_a_group_whatever_trajectories_it_is_cut_into_and_w
     groups, props = find_groups(seen)
     assert sorted(len(group.form) for group in groups) == [4] * len(SEGMENTS)
     assert [len(prop.form) for prop in props] == [3]
-    # The pieces before and behind the gap are one marker's.
-    assert sum(len(pieces) == 2 for group in groups for pieces in group.pieces) == sum(ALL[:44] % 3 == 0)
+    # The tracklets before and behind the gap are one marker's.
+    assert sum(len(tracklets) == 2 for group in groups for tracklets in group.tracklets) == sum(ALL[:44] % 3 == 0)
 
 
 def test_a_group_is_where_its_markers_are():
     points = walk(body())
     groups, _ = find_groups(sampled(points, unbroken(cut(points, RATE), RATE), RATE))
     for group in groups:
-        (piece, *_), *_ = group.pieces
-        seen = points[np.linspace(0, len(points) - 1, len(group.place)).round().astype(int), piece]
+        (tracklet, *_), *_ = group.tracklets
+        seen = points[np.linspace(0, len(points) - 1, len(group.place)).round().astype(int), tracklet]
         assert np.abs(group.markers[:, 0] - seen).max() < 0.003
 
 
@@ -116,13 +116,18 @@ def test_other_people_in_other_plates_are_recognised_side_by_side(learned, seed,
 def test_the_forms_and_distances_are_the_persons_own(learned):
     points = walk(body(2, **OTHER), 12)
     person = who(learned, points)
-    assert len(person.plates.groups) >= 9
-    for group in person.plates.groups:
+    assert len(person.rigid_bodies.groups) >= 9
+    for group in person.rigid_bodies.groups:
         own = np.linalg.norm(points[:, group, None] - points[:, None, group], axis=-1).mean(axis=0)
-        assert np.abs(person.plates.lengths(group) - own).max() < 0.002
-    one, two = person.plates.groups[0][0], person.plates.groups[1][0]
+        assert np.abs(person.rigid_bodies.lengths(group) - own).max() < 0.002
+    one, two = person.rigid_bodies.groups[0][0], person.rigid_bodies.groups[1][0]
     distance = np.linalg.norm(points[:, one] - points[:, two], axis=1)
-    assert distance.min() - 0.01 <= person.plates.low[one, two] <= person.plates.high[one, two] <= distance.max() + 0.01
+    assert (
+        distance.min() - 0.01
+        <= person.rigid_bodies.low[one, two]
+        <= person.rigid_bodies.high[one, two]
+        <= distance.max() + 0.01
+    )
 
 
 def test_a_plate_that_is_not_there_is_not_taken_for_another(learned):
@@ -169,8 +174,8 @@ def recorded(shared_data):
     folder = shared_data / "people"
     takes = [read_points(folder / "clouthier" / f"{name}.c3d") for name in ("KneeltoProne01", "PronetoRun01")]
     labelled = np.concatenate([take.xyz for take in takes])
-    plates = learn_plates([labelled], float(np.sqrt(np.nanmean(np.nanvar(labelled, axis=1).sum(axis=1)))))
-    return folder, takes[0].names, (learn_structure(plates, [labelled]), plates)
+    rigid_bodies = learn_rigid_bodies([labelled], float(np.sqrt(np.nanmean(np.nanvar(labelled, axis=1).sum(axis=1)))))
+    return folder, takes[0].names, (learn_structure(rigid_bodies, [labelled]), rigid_bodies)
 
 
 def test_a_raw_take_of_other_plates_is_named_as_anatomy_has_it(recorded):

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from addon.core.data.errors import InputError
 from addon.core.geometry.upright import turned
-from addon.core.points.likelihood import label_frames, learn_evidence
+from addon.core.points.likelihood import label_frames, learn_likelihood
 from addon.core.points.likelihood.labels import label_some
 from addon.core.points.likelihood.trials import make_trial
 
@@ -37,12 +37,12 @@ def walker(seed: int, frames: int = 150) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def evidence():
-    return learn_evidence([(walker(seed), f"person {seed}") for seed in range(5)], NAMES)
+def likelihood():
+    return learn_likelihood([(walker(seed), f"person {seed}") for seed in range(5)], NAMES)
 
 
-def named(evidence, trial, target=0.99):
-    chunks = list(label_frames(evidence, trial.points))
+def named(likelihood, trial, target=0.99):
+    chunks = list(label_frames(likelihood, trial.points))
     marker = np.concatenate([chunk.sure(target) for chunk in chunks])
     given = marker >= 0
     return (
@@ -52,17 +52,17 @@ def named(evidence, trial, target=0.99):
     )
 
 
-def test_a_stranger_is_named_with_markers_hidden_and_ghosts_about(evidence):
+def test_a_stranger_is_named_with_markers_hidden_and_ghosts_about(likelihood):
     trial = make_trial(walker(77), (0, 3), (0, 2), np.random.default_rng(1))
-    _, wrong, recall = named(evidence, trial)
+    _, wrong, recall = named(likelihood, trial)
     assert wrong < 0.01
     assert recall > 0.97
 
 
 def test_one_labelled_take_names_another_person():
     """How others differ is taken for granted; who was recorded, and the mirror image of that, say nothing of it."""
-    alone = learn_evidence([(walker(0), "only one")], NAMES)
-    assert alone.plates is None
+    alone = learn_likelihood([(walker(0), "only one")], NAMES)
+    assert alone.rigid_bodies is None
     for seed in (60, 61, 62):
         trial = make_trial(walker(seed), (0, 3), (0, 2), np.random.default_rng(seed))
         _, wrong, recall = named(alone, trial, target=0.999)
@@ -70,39 +70,39 @@ def test_one_labelled_take_names_another_person():
         assert recall > 0.7
 
 
-def test_no_marker_is_given_twice_in_a_frame(evidence):
+def test_no_marker_is_given_twice_in_a_frame(likelihood):
     trial = make_trial(walker(78), (0, 4), (3, 6), np.random.default_rng(2))
-    marker, _, _ = named(evidence, trial, target=0)
+    marker, _, _ = named(likelihood, trial, target=0)
     for row in marker:
         given = row[row >= 0]
         assert len(np.unique(given)) == len(given)
 
 
-def test_frames_know_nothing_of_each_other(evidence):
+def test_frames_know_nothing_of_each_other(likelihood):
     trial = make_trial(walker(79), (0, 3), (0, 2), np.random.default_rng(3))
-    whole = label_some(evidence, trial.points)
+    whole = label_some(likelihood, trial.points)
     broken = trial.points.copy()
     broken[10] = np.random.default_rng(4).normal(size=broken[10].shape)
-    again = label_some(evidence, broken)
+    again = label_some(likelihood, broken)
     others = np.arange(len(broken)) != 10
     assert (again.marker[others] == whole.marker[others]).all()
     assert np.allclose(again.confidence[others], whole.confidence[others])
 
 
-def test_the_order_of_points_and_the_way_one_faces_do_not_matter(evidence):
+def test_the_order_of_points_and_the_way_one_faces_do_not_matter(likelihood):
     trial = make_trial(walker(80)[:40], (0, 2), (0, 1), np.random.default_rng(5))
     order = np.random.default_rng(6).permutation(trial.points.shape[1])
     turn = turned(trial.points, np.full(40, 2.5)) + np.array([4.0, -2.0, 0.0])
-    plain, other = label_some(evidence, trial.points), label_some(evidence, turn[:, order])
+    plain, other = label_some(likelihood, trial.points), label_some(likelihood, turn[:, order])
     sure = (plain.confidence > 0.99)[:, order]
     assert (other.marker[sure] == plain.marker[:, order][sure]).mean() > 0.999
 
 
 def test_training_is_the_same_for_the_same_seed():
     takes = [(walker(seed, 60), str(seed)) for seed in range(3)]
-    one, other = learn_evidence(takes, NAMES, seed=4), learn_evidence(takes, NAMES, seed=4)
+    one, other = learn_likelihood(takes, NAMES, seed=4), learn_likelihood(takes, NAMES, seed=4)
     assert np.array_equal(one.shape.modes, other.shape.modes)
-    assert np.array_equal(one.trust.weights, other.trust.weights)
+    assert np.array_equal(one.calibration.weights, other.calibration.weights)
 
 
 def plate_chain(seed: int, frames: int = 200) -> np.ndarray:
@@ -114,22 +114,22 @@ def plate_chain(seed: int, frames: int = 200) -> np.ndarray:
     turn = rng.normal(size=(5, 3, 2))
     for frame in range(frames):
         at, rows = base, []
-        for plate in range(5):
-            angle = turn[plate] @ [np.sin(0.05 * frame + plate), np.cos(0.03 * frame)]
+        for rigid_body in range(5):
+            angle = turn[rigid_body] @ [np.sin(0.05 * frame + rigid_body), np.cos(0.03 * frame)]
             rotation = Rotation.from_rotvec(angle).as_matrix()
-            rows.append(form[plate] @ rotation.T + at)
+            rows.append(form[rigid_body] @ rotation.T + at)
             at = at + rotation @ np.array([0, 0, -0.25])
         clouds.append(np.concatenate(rows))
     return np.array(clouds) + 0.0004 * rng.normal(size=(frames, 20, 3))
 
 
 def test_plates_are_found_in_poses_that_were_never_seen():
-    names = tuple(f"P{plate}{corner}" for plate in range(5) for corner in "abcd")
-    evidence = learn_evidence([(plate_chain(1), "limb")], names)
-    assert evidence.plates is not None
-    assert sorted(map(len, evidence.plates.groups)) == [4] * 5
+    names = tuple(f"P{rigid_body}{corner}" for rigid_body in range(5) for corner in "abcd")
+    likelihood = learn_likelihood([(plate_chain(1), "limb")], names)
+    assert likelihood.rigid_bodies is not None
+    assert sorted(map(len, likelihood.rigid_bodies.groups)) == [4] * 5
     trial = make_trial(plate_chain(2), (0, 4), (0, 6), np.random.default_rng(3))
-    _, wrong, recall = named(evidence, trial)
+    _, wrong, recall = named(likelihood, trial)
     assert wrong < 0.01
     assert recall > 0.9
 
@@ -138,14 +138,14 @@ def test_training_says_what_is_wrong_with_takes():
     with pytest.raises(InputError, match="no take shows RTOE"):
         gone = walker(1)
         gone[:, NAMES.index("RTOE")] = np.nan
-        learn_evidence([(gone, "a")], NAMES)
+        learn_likelihood([(gone, "a")], NAMES)
     with pytest.raises(InputError, match="no frame shows half"):
-        learn_evidence([(np.full((5, 12, 3), np.nan), "a")], NAMES)
+        learn_likelihood([(np.full((5, 12, 3), np.nan), "a")], NAMES)
     with pytest.raises(InputError, match="too few"):
-        learn_evidence([(np.zeros((5, 3, 3)), "a")], NAMES[:3])
+        learn_likelihood([(np.zeros((5, 3, 3)), "a")], NAMES[:3])
 
 
-def test_frames_without_points_get_no_names(evidence):
-    chunk = next(label_frames(evidence, np.full((3, 5, 3), np.nan)))
+def test_frames_without_points_get_no_names(likelihood):
+    chunk = next(label_frames(likelihood, np.full((3, 5, 3), np.nan)))
     assert (chunk.marker == -1).all()
     assert (chunk.confidence == 0).all()

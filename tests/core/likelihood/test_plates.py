@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from addon.core.points.rigid_bodies.plates import learn_plates
+from addon.core.points.rigid_bodies.model import learn_rigid_bodies
 from addon.io.points import read_points
 
 RADIUS = 0.5
@@ -40,37 +40,37 @@ def limbs(markers: int, seed: int = 0) -> np.ndarray:
 
 
 def test_rigid_things_that_move_against_each_other_are_plates():
-    plates = learn_plates([things(3, 4)], RADIUS)
-    assert sorted(group.tolist() for group in plates.groups) == [[0, 1, 2, 3], [4, 5, 6, 7], [8, 9, 10, 11]]
+    rigid_bodies = learn_rigid_bodies([things(3, 4)], RADIUS)
+    assert sorted(group.tolist() for group in rigid_bodies.groups) == [[0, 1, 2, 3], [4, 5, 6, 7], [8, 9, 10, 11]]
 
 
 def test_limbs_that_keep_their_form_roughly_are_no_plates():
     """In a short walk the markers of a shank keep together within millimetres: on another person they sit otherwise."""
-    assert learn_plates([limbs(5)], RADIUS) is None
+    assert learn_rigid_bodies([limbs(5)], RADIUS) is None
 
 
 def test_a_prop_is_one_plate():
-    plates = learn_plates([things(1, 5)], RADIUS)
-    assert [group.tolist() for group in plates.groups] == [[0, 1, 2, 3, 4]]
+    rigid_bodies = learn_rigid_bodies([things(1, 5)], RADIUS)
+    assert [group.tolist() for group in rigid_bodies.groups] == [[0, 1, 2, 3, 4]]
 
 
 def test_who_stands_still_is_no_prop():
     rng = np.random.default_rng(1)
     still = rng.normal(0, 0.4, (15, 3)) + rng.normal(0, 0.001, (FRAMES, 1, 3)) + rng.normal(0, 0.0005, (FRAMES, 15, 3))
-    assert learn_plates([still], RADIUS) is None
+    assert learn_rigid_bodies([still], RADIUS) is None
 
 
 @pytest.mark.parametrize("takes", [["KneeltoProne01"], ["PronetoRun01"], ["KneeltoProne01", "PronetoRun01"]])
 def test_a_recorded_set_on_plates_is_one_whatever_takes_teach_it(shared_data, takes):
     recorded = [read_points(shared_data / "people" / "clouthier" / f"{name}.c3d").xyz for name in takes]
-    plates = learn_plates([np.concatenate(recorded)], RADIUS)
-    assert plates is not None and len(plates.groups) == 13
+    rigid_bodies = learn_rigid_bodies([np.concatenate(recorded)], RADIUS)
+    assert rigid_bodies is not None and len(rigid_bodies.groups) == 13
 
 
 @pytest.mark.parametrize("take", ["HC038A/HC038A11", "HC044A/HC044A15", "HC030A/HC030A05"])
 def test_a_recorded_walk_in_markers_on_the_skin_is_no_set_on_plates(shared_data, take):
     points = read_points(shared_data / "people" / "mcgill" / f"{take}.c3d").xyz
-    assert learn_plates([points[:, np.isfinite(points[..., 0]).mean(axis=0) > 0.5]], RADIUS) is None
+    assert learn_rigid_bodies([points[:, np.isfinite(points[..., 0]).mean(axis=0) > 0.5]], RADIUS) is None
 
 
 @pytest.mark.parametrize("radius", [0.03, 0.1, 0.2])
@@ -78,5 +78,5 @@ def test_what_is_apart_but_not_rigid_for_its_size_is_no_set_on_plates(radius):
     """Of a small creature millimetres are a lot: without a group that is rigid there is no plate to know it by."""
     rng = np.random.default_rng(4)
     points = things(3, 4) + rng.normal(0, 0.002, (FRAMES, 12, 3))
-    plates = learn_plates([points], radius)
-    assert plates is None or plates.groups
+    rigid_bodies = learn_rigid_bodies([points], radius)
+    assert rigid_bodies is None or rigid_bodies.groups

@@ -7,80 +7,80 @@ from collections.abc import Iterable
 import numpy as np
 
 from ..core.points.likelihood.calibration import FEATURES, PARTS
-from ..core.points.likelihood.distances import Ties
-from ..core.points.likelihood.model import Evidence, Trust
+from ..core.points.likelihood.distances import DistanceConstraints
+from ..core.points.likelihood.model import Calibration, Likelihood
 from ..core.points.likelihood.shape import Shape
-from ..core.points.rigid_bodies.plates import Plates
+from ..core.points.rigid_bodies.model import RigidBodies
 from .markerset_fields import Reader, finite
 
 DIGITS = 6
 
 
-def evidence_text(evidence: Evidence, indent: int = 2) -> str:
+def likelihood_text(likelihood: Likelihood, indent: int = 2) -> str:
     """The JSON text of evidence: one mode, tie or row of a table a line."""
-    shape, ties, trust = evidence.shape, evidence.ties, evidence.trust
+    shape, constraints, calibration = likelihood.shape, likelihood.constraints, likelihood.calibration
     lines = {
-        "subjects": str(evidence.subjects),
+        "subjects": str(likelihood.subjects),
         "mean": _rows(shape.mean, indent + 2),
         "noise": _row(shape.noise),
         "modes": _rows(np.moveaxis(shape.modes, 2, 0).reshape(shape.modes.shape[2], -1), indent + 2),
-        "size_sd": _number(ties.size_sd),
-        "ties": _rows(np.column_stack([ties.pair, ties.length, ties.sd]), indent + 2),
-        "trust": _row(trust.weights),
-        "rates": _row(trust.rates),
-        "least": _rows(trust.least, indent + 2),
+        "size_sd": _number(constraints.size_sd),
+        "ties": _rows(np.column_stack([constraints.pair, constraints.length, constraints.sd]), indent + 2),
+        "trust": _row(calibration.weights),
+        "rates": _row(calibration.rates),
+        "least": _rows(calibration.least, indent + 2),
     }
-    if evidence.plates is not None:
-        lines["plates"] = json.dumps([list(map(int, group)) for group in evidence.plates.groups])
-        lines["form"] = _rows(evidence.plates.form, indent + 2)
-        lines["low"] = _rows(_lower(evidence.plates.low), indent + 2)
-        lines["high"] = _rows(_lower(evidence.plates.high), indent + 2)
+    if likelihood.rigid_bodies is not None:
+        lines["plates"] = json.dumps([list(map(int, group)) for group in likelihood.rigid_bodies.groups])
+        lines["form"] = _rows(likelihood.rigid_bodies.form, indent + 2)
+        lines["low"] = _rows(_lower(likelihood.rigid_bodies.low), indent + 2)
+        lines["high"] = _rows(_lower(likelihood.rigid_bodies.high), indent + 2)
     space = " " * indent
     return "{\n" + ",\n".join(f"{space}  {json.dumps(key)}: {value}" for key, value in lines.items()) + f"\n{space}}}"
 
 
-def read_evidence(reader: Reader, value: object, markers: tuple[str, ...]) -> Evidence:
+def read_likelihood(reader: Reader, value: object, markers: tuple[str, ...]) -> Likelihood:
     """Evidence about these markers, checked in every part; raises InputError naming what is not as expected."""
     part = reader.mapping(value, "evidence")
     count = len(markers)
     modes = _table(reader, part, "modes", columns=3 * count)
-    ties = _table(reader, part, "ties", columns=4)
+    constraints = _table(reader, part, "ties", columns=4)
     rates = _list(reader, part, "rates")
     weights = _list(reader, part, "trust", FEATURES)
-    if ((ties[:, :2] < 0) | (ties[:, :2] >= count)).any() or (ties[:, 2:] <= 0).any():
+    if ((constraints[:, :2] < 0) | (constraints[:, :2] >= count)).any() or (constraints[:, 2:] <= 0).any():
         reader.fail("evidence ties name a marker that is not there or a length below 0; expected two indices, m and m")
     noise = _list(reader, part, "noise", count)
     if (noise <= 0).any():
         reader.fail("evidence noise is not above 0; expected a variance for each marker")
-    return Evidence(
+    return Likelihood(
         markers=markers,
         shape=Shape(
             mean=_table(reader, part, "mean", count, 3),
             modes=np.moveaxis(modes.reshape(-1, count, 3), 0, 2),
             noise=noise,
         ),
-        ties=Ties(
-            pair=ties[:, :2].astype(int),
-            length=ties[:, 2],
-            sd=ties[:, 3],
+        constraints=DistanceConstraints(
+            pair=constraints[:, :2].astype(int),
+            length=constraints[:, 2],
+            sd=constraints[:, 3],
             size_sd=reader.number(part, "size_sd", "evidence", low=1e-6),
         ),
-        trust=Trust(
+        calibration=Calibration(
             weights=weights,
             rates=rates,
             least=_table(reader, part, "least", len(PARTS) + 1, len(rates)),
         ),
         subjects=int(reader.number(part, "subjects", "evidence", low=1)),
-        plates=_plates(reader, part, count) if "plates" in part else None,
+        rigid_bodies=_rigid_bodies(reader, part, count) if "plates" in part else None,
     )
 
 
-def _plates(reader: Reader, part: dict, count: int) -> Plates:
+def _rigid_bodies(reader: Reader, part: dict, count: int) -> RigidBodies:
     groups = part["plates"]
     flat = [index for group in groups for index in group] if _is_lists(groups) else [None]
     if any(type(index) is not int or not 0 <= index < count for index in flat) or len(set(flat)) != len(flat):
         reader.fail("evidence plates are not lists of different markers' indices; expected [[0, 1, 2], …]")
-    return Plates(
+    return RigidBodies(
         groups=tuple(np.array(group, dtype=int) for group in groups),
         form=_table(reader, part, "form", count, 3),
         low=_symmetric(reader, part, "low", count),

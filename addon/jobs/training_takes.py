@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..core.data.errors import InputError, UserError
-from ..core.data.models import Lessons, by_subject
+from ..core.data.models import TrainingTake, by_subject
 from ..core.training.contradictions import contradictions, leads
 from ..io.markersets import can_be_named
 from ..io.points import FilePoints, marker_columns, read_points
@@ -179,7 +179,7 @@ def _points(take: Take, markers: Sequence[str]) -> np.ndarray:
     return points[np.isfinite(points).all(axis=2).any(axis=1)]
 
 
-def contradicted(takes: Sequence[Take], markers: Sequence[str], before: Sequence[Lessons] = ()) -> list[str]:
+def contradicted(takes: Sequence[Take], markers: Sequence[str], before: Sequence[TrainingTake] = ()) -> list[str]:
     """Takes whose labels contradict those of the others, or what a model learned `before`, in sentences."""
     whose = [take.path.name for take in takes]
     points = [_points(take, markers) for take in takes]
@@ -200,7 +200,7 @@ def contradicted(takes: Sequence[Take], markers: Sequence[str], before: Sequence
     return list(said)
 
 
-def lessons_of(takes: Sequence[Take], markers: Sequence[str]) -> list[Lessons]:
+def training_takes_of(takes: Sequence[Take], markers: Sequence[str]) -> list[TrainingTake]:
     """What a model keeps of these takes: of each subject the most different frames, a row a take."""
     kept = []
     for subject in dict.fromkeys(take.subject for take in takes):
@@ -209,27 +209,29 @@ def lessons_of(takes: Sequence[Take], markers: Sequence[str]) -> list[Lessons]:
         points, ends = np.concatenate(parts), np.cumsum([len(part) for part in parts])
         chosen = most_different(points)
         for take, part, rows in zip(own, parts, np.split(chosen, np.searchsorted(chosen, ends[:-1])), strict=True):
-            kept.append(Lessons(subject, (take.path.name,), len(part), points[rows].astype(np.float32)))
+            kept.append(TrainingTake(subject, (take.path.name,), len(part), points[rows].astype(np.float32)))
     return kept
 
 
 def without_replaced(
-    before: Sequence[Lessons], takes: Sequence[Take]
-) -> tuple[list[Lessons], list[Lessons], list[str]]:
+    before: Sequence[TrainingTake], takes: Sequence[Take]
+) -> tuple[list[TrainingTake], list[TrainingTake], list[str]]:
     """What a model keeps of earlier takes, without those that are given again with other labels: left, gone, doubts.
 
     A take is given again where its name and subject are the same and its points are, whatever they are called.
     """
     left, gone, doubts = [], [], []
-    for lesson in before:
-        again = [take for take in takes if (take.subject, (take.path.name,)) == (lesson.subject, lesson.takes)]
-        if any(_same_points(lesson.points, take.xyz) for take in again):
-            gone.append(lesson)
+    for training_take in before:
+        again = [
+            take for take in takes if (take.subject, (take.path.name,)) == (training_take.subject, training_take.takes)
+        ]
+        if any(_same_points(training_take.points, take.xyz) for take in again):
+            gone.append(training_take)
             continue
-        left.append(lesson)
+        left.append(training_take)
         if again:
             doubts.append(
-                f"{again[0].path.name} of {lesson.subject} is another take than the one that the model knows by that "
+                f"{again[0].path.name} of {training_take.subject} is another take than the one that the model knows by that "
                 "name, so both are kept"
             )
     return left, gone, doubts
@@ -256,12 +258,17 @@ def _cells(points: np.ndarray) -> np.ndarray:
     return np.where(there, (place[..., 0] * CELLS + place[..., 1]) * CELLS + place[..., 2], -1)
 
 
-def of_markers(lessons: Sequence[Lessons], known: Sequence[str], markers: Sequence[str]) -> list[Lessons]:
+def of_markers(
+    training_takes: Sequence[TrainingTake], known: Sequence[str], markers: Sequence[str]
+) -> list[TrainingTake]:
     """Lessons about the markers `known` as lessons about `markers`: what was not known is missing."""
     columns = marker_columns(known, markers)
     return [
-        replace(lesson, points=np.where((columns >= 0)[:, None], lesson.points[:, columns], np.float32(np.nan)))
-        for lesson in lessons
+        replace(
+            training_take,
+            points=np.where((columns >= 0)[:, None], training_take.points[:, columns], np.float32(np.nan)),
+        )
+        for training_take in training_takes
     ]
 
 

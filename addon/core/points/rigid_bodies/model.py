@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Plates: groups of three or more markers that move as one rigid thing, and how far apart any two markers ever are.
+"""Rigid bodies: groups of three or more markers that move as one rigid thing, and how far apart any two markers ever are.
 
-Where most markers are on plates, a pose that was never seen is no trouble: each plate is found by its own form, and
-plates are put together by what the distances between their markers allow.
+Where most markers are on rigid bodies, a pose that was never seen is no trouble: each rigid body is found by its own form, and
+rigid bodies are put together by what the distances between their markers allow.
 """
 
 from collections.abc import Sequence
@@ -12,12 +12,14 @@ from itertools import combinations
 
 import numpy as np
 
-RIGID = 0.015  # radii: standard deviation of a distance within a plate
-APART = 5.0  # times as much must distances to markers off a plate vary: in a few steps a whole limb keeps its form too
-KEPT = 0.021  # radii that distances within what stands apart so vary by: a plate with what is worn right beside it
+RIGID = 0.015  # radii: standard deviation of a distance within a rigid body
+APART = (
+    5.0  # times as much must distances to markers off a rigid body vary: in a few steps a whole limb keeps its form too
+)
+KEPT = 0.021  # radii that distances within what stands apart so vary by: a rigid body with what is worn right beside it
 STEADIEST = 0.001  # m, that any distance is taken to vary by
-ON_PLATES = 0.85  # part of the markers that must be on plates for a set to be one on plates
-PROP = 0.003  # m that distances of a prop, on which all markers are one plate, vary by
+ON_PLATES = 0.85  # part of the markers that must be on rigid bodies for a set to be one on rigid bodies
+PROP = 0.003  # m that distances of a prop, on which all markers are one rigid body, vary by
 MOVED = 0.03  # m, standard deviation of where it is: who stands still keeps his form too
 FEWEST = 3
 MOST_BASES = 8
@@ -30,11 +32,11 @@ OUTLIERS = 0.5  # per cent at either end of a distance's range that are left out
 
 
 @dataclass(frozen=True, eq=False)
-class Plates:
+class RigidBodies:
     """Rigid groups of M markers, and the distances between all.
 
-    groups  for each plate the indices (n,) of its markers
-    form    (M, 3) m, each marker in its plate's own axes; 0 for markers on none
+    groups  for each rigid body the indices (n,) of its markers
+    form    (M, 3) m, each marker in its rigid body's own axes; 0 for markers on none
     low, high  (M, M) m, the range of every distance
     """
 
@@ -49,12 +51,12 @@ class Plates:
         return SLACK * (self.high - self.low) + SLACK_LENGTH
 
     def lengths(self, group: np.ndarray) -> np.ndarray:
-        """(n, n) m, the distances within a plate."""
+        """(n, n) m, the distances within a rigid body."""
         form = self.form[group]
         return np.linalg.norm(form[:, None] - form[None], axis=-1)
 
     def bases(self, group: np.ndarray) -> list[tuple[int, int, int]]:
-        """Triples of places in a plate to recognise it by, the largest triangles first, the longest side first."""
+        """Triples of places in a rigid body to recognise it by, the largest triangles first, the longest side first."""
         form = self.form[group]
         scored = []
         for triple in combinations(range(len(group)), 3):
@@ -71,10 +73,10 @@ class Plates:
         return np.maximum(np.maximum(low - distance, distance - high), 0) / slack
 
 
-def learn_plates(subjects: Sequence[np.ndarray], radius: float) -> Plates | None:
-    """The plates of labelled clouds, one array (T, M, 3) m a subject, NaN where missing; `radius` is the shape's.
+def learn_rigid_bodies(subjects: Sequence[np.ndarray], radius: float) -> RigidBodies | None:
+    """The rigid bodies of labelled clouds, one array (T, M, 3) m a subject, NaN where missing; `radius` is the shape's.
 
-    None for a set that is not worn on plates, as its markers move against each other or none at all.
+    None for a set that is not worn on rigid bodies, as its markers move against each other or none at all.
     """
     markers = subjects[0].shape[1]
     everyone = np.concatenate(subjects)
@@ -96,7 +98,7 @@ def learn_plates(subjects: Sequence[np.ndarray], radius: float) -> Plates | None
     form = np.zeros((markers, 3))
     for group in groups:
         form[group] = _form(everyone[:, group])
-    return Plates(tuple(groups), form, low, high)
+    return RigidBodies(tuple(groups), form, low, high)
 
 
 def _tree(spread: np.ndarray) -> np.ndarray:
@@ -136,7 +138,7 @@ def _part_apart(tree: np.ndarray, markers: int, limit: float) -> float:
 
 
 def _form(points: np.ndarray) -> np.ndarray:
-    """(n, 3) the mean form of a plate seen as points (T, n, 3), by rotating every frame onto the mean so far."""
+    """(n, 3) the mean form of a rigid body seen as points (T, n, 3), by rotating every frame onto the mean so far."""
     whole = points[np.isfinite(points).all(axis=(1, 2))]
     if not len(whole):
         whole = np.nanmean(points, axis=0)[None]

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from addon.core.data.errors import InputError
-from addon.core.points.likelihood import learn_evidence
-from addon.io.evidence import evidence_text, read_evidence
+from addon.core.points.likelihood import learn_likelihood
+from addon.io.likelihood import likelihood_text, read_likelihood
 from addon.io.markerset_fields import Reader
 
 NAMES = tuple("abcdefgh")
@@ -19,18 +19,18 @@ def learned(rigid: bool):
     base = rng.normal(size=(8, 3))
     noise, way = (0.001, np.linspace(0, 1, 120)) if rigid else (0.03, np.zeros(120))
     takes = [(base * size + way[:, None, None] + noise * rng.normal(size=(120, 8, 3)), str(size)) for size in (1, 1.02)]
-    return learn_evidence(takes[:1] if rigid else takes, NAMES)
+    return learn_likelihood(takes[:1] if rigid else takes, NAMES)
 
 
 @pytest.mark.parametrize("rigid", [True, False])
 def test_reading_and_writing_again_changes_nothing(rigid):
-    evidence = learned(rigid)
-    assert (evidence.plates is not None) == rigid
-    text = evidence_text(evidence)
-    again = read_evidence(Reader("model"), json.loads(text), NAMES)
-    assert evidence_text(again) == text
-    assert np.allclose(again.shape.modes, evidence.shape.modes, rtol=1e-5, atol=1e-12)
-    assert np.allclose(again.trust.least, evidence.trust.least, rtol=1e-5)
+    likelihood = learned(rigid)
+    assert (likelihood.rigid_bodies is not None) == rigid
+    text = likelihood_text(likelihood)
+    again = read_likelihood(Reader("model"), json.loads(text), NAMES)
+    assert likelihood_text(again) == text
+    assert np.allclose(again.shape.modes, likelihood.shape.modes, rtol=1e-5, atol=1e-12)
+    assert np.allclose(again.calibration.least, likelihood.calibration.least, rtol=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -47,7 +47,7 @@ def test_reading_and_writing_again_changes_nothing(rigid):
     ],
 )
 def test_a_part_that_is_not_as_expected_is_named(key, value):
-    document = json.loads(evidence_text(learned(True)))
+    document = json.loads(likelihood_text(learned(True)))
     document[key] = value
     with pytest.raises(InputError, match=key):
-        read_evidence(Reader("model"), document, NAMES)
+        read_likelihood(Reader("model"), document, NAMES)
