@@ -9,15 +9,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
 
-import numpy as np
-
 from .core.data.errors import JobError
 from .core.data.markersets import MarkerSet
-from .core.data.takes import Blobs, LabelledChunk
+from .core.data.takes import Blobs, LabelledChunk, PointRows
 from .core.geometry.cameras import Cameras
 from .io.cameras import read_cameras
 
-Chunks = list[tuple[Blobs, LabelledChunk]]
+# The rows that were labelled, and what is said of them.
+Chunks = list[tuple[Blobs | PointRows, LabelledChunk]]
 
 
 def has_blender() -> bool:
@@ -37,32 +36,21 @@ def _read_blend(path: Path) -> Cameras:
         return cameras_of_blend(path)
 
 
-def save_blend(
-    path: Path,
-    name: str,
-    source: Path,
-    rate: float,
-    cameras: Cameras,
-    markerset: MarkerSet,
-    chunks: Chunks,
-    points: np.ndarray | None = None,
-    residual: np.ndarray | None = None,
-):
+def save_blend(path: Path, source: Path, rate: float, markerset: MarkerSet, chunks: Chunks, cameras: Cameras):
     """Saves a Blender file with nothing in it but the take. What was open in this Blender is gone.
 
-    points (N, 3) m with their residual (N,) m are given where the rows of `chunks` are points; those without a name are
-    there as one object.
+    Of points those without a name are there as one object.
     """
     import bpy
 
     from .scene import take as scenes
 
     labels, motion, suspects = scenes.join_labelled([chunk for _, chunk in chunks])
-    blobs = scenes.join_blobs(blobs for blobs, _ in chunks)
-    take = scenes.Take(name, rate, cameras, markerset, blobs, labels, motion, suspects, str(source), points, residual)
+    rows = scenes.join_rows([rows for rows, _ in chunks])
+    take = scenes.Take(source.stem, rate, cameras, markerset, rows, labels, motion, suspects, str(source))
     with silenced():
         bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-        scenes.show_take(bpy.context, take, unnamed=points is not None)
+        scenes.show_take(bpy.context, take, unnamed=True)
         try:
             bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True, copy=True, relative_remap=False)
         except RuntimeError as error:  # Blender's way of saying that a disk is full or a folder gone

@@ -12,6 +12,7 @@ from .core.body.occlusion import CapsuleOcclusion
 from .core.body.posing import FEWEST, fit_points
 from .core.data.errors import InputError, JobError
 from .core.data.markersets import MarkerSet
+from .core.data.progress import Progress
 from .core.data.takes import Points
 from .core.geometry.cameras import Cameras
 from .core.simulation.simulate import CaptureOptions, PosedBody, capture
@@ -19,7 +20,6 @@ from .io.blobs import BlobWriter
 from .io.labels import TruthWriter
 from .io.points import marker_columns
 from .io.whole import whole_files
-from .progress import Progress
 
 LEAST_WORN = 0.5  # share of a model's markers that a take must have to be said to wear it
 

@@ -118,11 +118,13 @@ class SceneSettings(bpy.types.PropertyGroup):
     )
     method: EnumProperty(
         name="Method",
-        description="How the names of 3D points are found",
+        description="How names are found",
         items=(
-            ("auto", "Automatic", "The best that the marker set allows"),
+            ("auto", "Automatic", "The best that the take and the marker set allow"),
             ("fit", "Body", "Fit the marker set's body, frame after frame"),
-            ("ensemble", "Partial Solvers", "An ensemble of partial solvers, each frame on its own"),
+            ("ensemble", "Partial Solvers", "An ensemble of partial solvers, each frame of points on its own"),
+            ("likelihood", "Likelihood", "How likely it is that points are markers, each frame on its own"),
+            ("both", "Both", "Blobs by the body, checked by the points that they make"),
         ),
     )
     target: FloatProperty(

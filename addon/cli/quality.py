@@ -7,7 +7,7 @@ from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet
 from ..core.placement_quality import GOAL, STEPS
 from ..core.placement_quality.renamings import TURN
-from ..io.markersets import open_markerset
+from ..io.models import open_model
 from ..io.quality import write_quality
 from ..io.whole import whole_file
 from ..jobs.quality import judge_placement
@@ -47,10 +47,11 @@ def add_parser(verbs):
 
 def run(arguments) -> int:
     """Judges one model."""
-    markerset = open_markerset(arguments.model)
+    model = open_model(arguments.model)
+    markerset = model.markerset
     keep = [_marker(markerset, name, arguments.model) for name in arguments.keep]
     line = ProgressLine(arguments.progress)
-    steps = judge_placement(markerset, goal=arguments.goal, steps=arguments.advice, keep=keep)
+    steps = judge_placement(markerset, learned=model.likelihood, goal=arguments.goal, steps=arguments.advice, keep=keep)
     if arguments.report is None:
         report = line.drain(steps, markerset.name)
     else:

@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 
 from ..core.data.errors import InputError
-from ..core.data.takes import STEPS, Labels
+from ..core.data.takes import STEPS, Labels, PointRows
 from .blobs import csv_field
 from .source import open_binary
 
@@ -44,15 +44,22 @@ class LabelWriter(_RowWriter):
         # The last name is that of NO_MARKER, -1.
         self.markers = [*map(csv_field, markers), ""]
 
-    def write(self, keys: Sequence[str], labels: Labels, steps: Sequence[str] = STEPS):
+    def write(self, keys: Sequence[str], labels: Labels):
         """Appends a row for each of `keys`, each the text of its own row, and what `labels` says of it."""
         markers = self.markers
         thousandths = np.clip(np.rint(np.nan_to_num(labels.confidence) * 1000), 0, 1000).astype(int).tolist()
         rows = zip(keys, labels.marker.tolist(), labels.step.tolist(), thousandths, strict=True)
         self.file.writelines(
-            f"{key},{markers[marker]},{steps[step]},{_CONFIDENCE[confidence]}\n" if marker >= 0 else f"{key},,,0\n"
+            f"{key},{markers[marker]},{STEPS[step]},{_CONFIDENCE[confidence]}\n" if marker >= 0 else f"{key},,,0\n"
             for key, marker, step, confidence in rows
         )
+
+
+def write_point_labels(path: Path, rows: PointRows, labels: Labels, markers: tuple[str, ...]):
+    """Writes the labels (N,) of a take of points, a row for every point that is there."""
+    frames, trajectories = rows.frames[rows.frame].tolist(), rows.trajectory.tolist()
+    with LabelWriter(path, markers, POINT_KEYS) as writer:
+        writer.write([f"{frame},{point}" for frame, point in zip(frames, trajectories, strict=True)], labels)
 
 
 class TruthWriter(_RowWriter):

@@ -9,7 +9,6 @@ import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.data.markersets import Capsules, MarkerSet, Skeleton, Spread
-from .likelihood import likelihood_text, read_likelihood
 from .markerset_fields import Reader, finite
 from .source import read_text
 
@@ -39,6 +38,11 @@ def open_markerset(name: str | Path) -> MarkerSet:
 
 def read_markerset(path: Path) -> MarkerSet:
     """A marker set, checked in every part; unknown keys are let be. Raises InputError that names the part."""
+    return markerset_in(*open_document(path))
+
+
+def open_document(path: Path) -> tuple[Reader, dict]:
+    """The JSON of a marker set's or a model's file, of a version that is known; InputError where it is none."""
     text = read_text(path, "a marker set")
     try:
         document = json.loads(text)
@@ -55,6 +59,11 @@ def read_markerset(path: Path) -> MarkerSet:
         )
     if version != VERSION:
         raise InputError(f'has no "{VERSION_KEY}": {VERSION}; expected a marker set of that version', path)
+    return reader, top
+
+
+def markerset_in(reader: Reader, top: dict) -> MarkerSet:
+    """The marker set of a file's JSON, checked in every part. Raises InputError that names the part."""
     skeleton = _skeleton(reader, top)
     markers, aliases, attachment, offsets, marker_sd = _markers(reader, top, skeleton)
     return MarkerSet(
@@ -68,7 +77,6 @@ def read_markerset(path: Path) -> MarkerSet:
         capsules=_capsules(reader, top, skeleton),
         spread=_spread(reader, top, skeleton, markers, marker_sd),
         source=reader.texts(top.get("source", {}), "source"),
-        likelihood=read_likelihood(reader, top["evidence"], markers) if "evidence" in top else None,
     )
 
 
@@ -173,8 +181,6 @@ def markerset_text(markerset: MarkerSet) -> str:
         ),
         "pose": _object(mean=_named(segments, spread.pose_mean, 4), covariance=_triangle(spread.pose_covariance)),
     }
-    if markerset.likelihood is not None:
-        parts["evidence"] = likelihood_text(markerset.likelihood)
     return "{\n" + ",\n".join(f"  {_text(key)}: {value}" for key, value in parts.items()) + "\n}\n"
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Models, `*.markerset.json`: a marker set as readable text, and after it its ensemble and what it was trained on."""
+"""Models, `*.markerset.json`: a marker set as readable text, then what its markers are named by, and training takes."""
 
 import json
 from pathlib import Path
@@ -7,11 +7,12 @@ from pathlib import Path
 from ..core.data.errors import InputError
 from ..core.data.models import Model, TrainingTake
 from ..core.points.partial_solvers.model import PartialSolvers
-from .markersets import builtin_markersets, markerset_text, open_markerset, read_markerset
+from .likelihood import likelihood_text, read_likelihood
+from .markersets import builtin_markersets, markerset_in, markerset_text, open_document, open_markerset
 from .packed import pack, unpack
-from .source import read_text
 
-ENSEMBLE, TRAINING_TAKES = "ensemble", "lessons"
+# What the parts are called in the file, as they were from the first version on.
+LIKELIHOOD, PARTIAL_SOLVERS, TRAINING_TAKES = "evidence", "ensemble", "lessons"
 
 
 def open_model(name: str | Path) -> Model:
@@ -24,25 +25,27 @@ def open_model(name: str | Path) -> Model:
 
 def read_model(path: Path) -> Model:
     """A model, checked in every part. Raises InputError that names the part."""
-    markerset = read_markerset(path)
-    top = json.loads(read_text(path, "a model"))
-    partial_solvers = unpack(PartialSolvers, top[ENSEMBLE], ENSEMBLE, path) if ENSEMBLE in top else None
-    if partial_solvers is not None and partial_solvers.markers != markerset.markers:
+    reader, top = open_document(path)
+    markerset = markerset_in(reader, top)
+    likelihood = read_likelihood(reader, top[LIKELIHOOD], markerset.markers) if LIKELIHOOD in top else None
+    solvers = unpack(PartialSolvers, top[PARTIAL_SOLVERS], PARTIAL_SOLVERS, path) if PARTIAL_SOLVERS in top else None
+    if solvers is not None and solvers.markers != markerset.markers:
         raise InputError("has an ensemble for other markers than its own; expected it as it was trained", path)
     rows = top.get(TRAINING_TAKES, [])
     if not isinstance(rows, list):
         raise InputError(f"has damaged {TRAINING_TAKES}; expected a list", path)
-    return Model(markerset, partial_solvers, tuple(unpack(TrainingTake, row, TRAINING_TAKES, path) for row in rows))
+    takes = tuple(unpack(TrainingTake, row, TRAINING_TAKES, path) for row in rows)
+    return Model(markerset, likelihood, solvers, takes)
 
 
 def write_model(path: Path, model: Model):
-    """Writes a model; ensemble and lessons come back exactly, the rest with six significant digits."""
+    """Writes a model; partial solvers and training takes come back exactly, the rest with six significant digits."""
     rows = [markerset_text(model.markerset).rstrip().removesuffix("}").rstrip()]
+    if model.likelihood is not None:
+        rows.append(f"  {json.dumps(LIKELIHOOD)}: {likelihood_text(model.likelihood)}")
     if model.partial_solvers is not None:
-        rows.append(f"  {json.dumps(ENSEMBLE)}: {json.dumps(pack(model.partial_solvers))}")
+        rows.append(f"  {json.dumps(PARTIAL_SOLVERS)}: {json.dumps(pack(model.partial_solvers))}")
     if model.training_takes:
-        training_takes = ",\n".join(
-            f"    {json.dumps(pack(training_take), ensure_ascii=False)}" for training_take in model.training_takes
-        )
-        rows.append(f"  {json.dumps(TRAINING_TAKES)}: [\n{training_takes}\n  ]")
+        takes = ",\n".join(f"    {json.dumps(pack(take), ensure_ascii=False)}" for take in model.training_takes)
+        rows.append(f"  {json.dumps(TRAINING_TAKES)}: [\n{takes}\n  ]")
     Path(path).write_text(",\n".join(rows) + "\n}\n", encoding="utf-8", newline="\n")

@@ -8,20 +8,20 @@ from pathlib import Path
 import numpy as np
 
 from ..core.data.markersets import MarkerSet
-from ..core.placement_quality import Advice, Ambiguity, Worn, separation
+from ..core.placement_quality import Advice, Ambiguity, MarkerLayout, separation
 from ..core.placement_quality.renamings import TURN
 
 CLEAR = 8.0  # standard deviations; pairs farther apart are not listed
 DIGITS = 2
 
 
-def quality_report(worn: Worn, found: Ambiguity, advice: Sequence[Advice], goal: float) -> dict:
-    """What was found of a worn marker set; separations in standard deviations, lengths in millimetres."""
-    markerset, likelihood = worn.markerset, worn.markerset.likelihood
+def quality_report(layout: MarkerLayout, found: Ambiguity, advice: Sequence[Advice], goal: float) -> dict:
+    """What was found of the layout of a marker set; separations in standard deviations, lengths in millimetres."""
+    markerset = layout.markerset
     return {
         "model": markerset.name,
         "goal": goal,
-        "subjects": None if likelihood is None else likelihood.subjects,
+        "subjects": layout.subjects,
         "markers": {
             name: {"separation": _rounded(found.of_markers[index]), "rival": _rival(found, index)}
             for index, name in enumerate(found.markers)

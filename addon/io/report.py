@@ -25,7 +25,7 @@ def take_report(
         "rate": rate,
         "frames": summary.frames,
         "frames_without_person": summary.lost,
-        "blobs": summary.blobs,
+        "blobs": summary.rows,
         "unlabelled": summary.unlabelled,
         "steps": summary.steps,
         "markers": summary.of_markers(),

@@ -4,9 +4,11 @@
 from collections.abc import Generator
 
 from ..core.data.errors import InputError
+from ..core.data.progress import Progress
+from ..core.pipelines.points import USUAL_TARGET
+from ..core.points.naming import METHODS
 from ..io.points import holds_points
-from ..progress import Progress
-from .job import METHODS, USUAL_RATE, USUAL_TARGET, LabelJob, Labelled
+from .job import USUAL_RATE, LabelJob, Labelled
 
 
 def label_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
@@ -17,12 +19,12 @@ def label_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
     if holds_points(job.source):
         if job.method == "both":
             raise InputError("holds points, and the method both is for blobs; expected another method", job.source)
-        from .points import label_points
+        from .points import label_point_file
 
-        return label_points(job)
-    from .blobs import label_blobs
+        return label_point_file(job)
+    from .blobs import label_blob_file
 
-    return label_blobs(job)
+    return label_blob_file(job)
 
 
 __all__ = ["METHODS", "USUAL_RATE", "USUAL_TARGET", "LabelJob", "Labelled", "label_file"]

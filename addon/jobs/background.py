@@ -7,7 +7,7 @@ from collections.abc import Callable, Generator
 from contextlib import closing
 from typing import Any
 
-from ..progress import Progress
+from ..core.data.progress import Progress
 
 DONE = object()
 PATIENCE = 0.2  # s; so long a step waits for news

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A take of blobs from file to files, chunk by chunk: named by a fitted body, by the points that they make, or both."""
+"""A take of blobs from file to files, chunk by chunk: read it, step through its labelling, write what came of it."""
 
 import tempfile
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator
 from contextlib import ExitStack
-from itertools import tee
 from pathlib import Path
 from time import perf_counter
 from typing import Self
@@ -13,37 +12,32 @@ from typing import Self
 import numpy as np
 
 from ..blendfile import Chunks, open_cameras, save_blend
-from ..core.blobs.pipeline import Options, label_take
-from ..core.blobs.search import Hints
-from ..core.data.errors import InputError
-from ..core.data.models import Model
+from ..core.data.progress import Progress
 from ..core.data.takes import STEPS, Blobs, LabelledChunk, Motion, Points
 from ..core.geometry.cameras import Cameras
+from ..core.pipelines.blobs import BlobOptions, blob_method, label_blobs, steps_of
+from ..core.pipelines.cross_check import Agreement
 from ..core.review.summary import TakeSummary
 from ..io.blobs import BlobRows, read_blobs
 from ..io.labels import LabelWriter
 from ..io.models import open_model
-from ..progress import Progress
-from . import both_ways, by_points
 from .job import LabelJob, Labelled, finish_report, open_files, timed, write_points
-from .naming import chosen_method
-
-Way = Callable[[Iterator[Blobs]], Iterator[LabelledChunk]]
 
 
-def label_blobs(job: LabelJob) -> Generator[Progress, None, Labelled]:
+def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
     """Labels the take and writes its files, which appear together or not at all. Memory does not grow with the take.
 
     Raises UserError with the file where it can be told.
     """
     begin = perf_counter()
-    model, cameras = open_model(job.model), open_cameras(job.cameras)
-    ways, markerset, agreement = _ways(job, model, cameras), model.markerset, both_ways.Agreement()
+    model, cameras = open_model(job.model), _cameras(job)
+    settings, agreement = BlobOptions(job.method, job.frame_rate, job.target, job.options, job.body), Agreement()
+    method, markerset = blob_method(settings), model.markerset
     with ExitStack() as stack:
         files = open_files(job, stack)
         source = Source(job, cameras)
-        steps, work = _work(job, ways, source.blobs(), markerset.markers, agreement)
-        results = Results(job, files, markerset.markers, steps, stack)
+        work = label_blobs(source.blobs(), cameras, model, settings, agreement)
+        results = Results(job, files, markerset.markers, stack)
         clock = {"load": perf_counter() - begin, "write": 0.0}
         for chunk in work:
             row = source.taken.popleft()
@@ -51,59 +45,20 @@ def label_blobs(job: LabelJob) -> Generator[Progress, None, Labelled]:
                 results.add(row, chunk)
             yield Progress(row.fraction, f"frame {row.blobs.frames[-1]}")
         clock["load"] += source.seconds
-        chunks = results.chunks
         with timed(clock, "write"):
             results.labels.file.flush()
             more = write_points(results.motion.points(), files)
             if job.blend:
-                save_blend(files[".blend"], job.source.stem, job.source, job.frame_rate, cameras, markerset, chunks)
-        if len(ways) == 2:
+                save_blend(files[".blend"], job.source, job.frame_rate, markerset, results.chunks, cameras)
+        if method == "both":
             more["agreement"] = agreement.as_dict()
-        more |= {"method": _method(job), "rate_assumed": job.rate is None, "steps": results.counts()}
-        path = files[".report.json"]
-        report = finish_report(job, results.summary, markerset.name, job.frame_rate, clock, path, **more)
-    return Labelled(report, chunks if job.keep else [])
+        more |= {"method": method, "rate_assumed": job.rate is None, "steps": results.counts(method)}
+        report = finish_report(job, results.summary, markerset.name, job.frame_rate, clock, files, more)
+    return Labelled(report, results.chunks if job.keep else [])
 
 
-def _method(job: LabelJob) -> str:
-    """The method that "auto" stands for, or the one that was wanted."""
-    return "fit" if job.method == "auto" else job.method
-
-
-def _work(
-    job: LabelJob, ways: Sequence[Way], blobs: Iterator[Blobs], markers: tuple[str, ...], agreement: both_ways.Agreement
-) -> tuple[tuple[str, ...], Iterator[LabelledChunk]]:
-    """The steps by which blobs get their names, and the naming, one way or both; then `agreement` is added to."""
-    if len(ways) == 1:
-        return STEPS if _method(job) == "fit" else by_points.STEPS, ways[0](blobs)
-    own, *each = tee(blobs, 3)
-    named = (way(part) for way, part in zip(ways, each, strict=True))
-    return both_ways.ALL_STEPS, both_ways.label_both_ways(own, *named, markers, agreement)
-
-
-def _ways(job: LabelJob, model: Model, cameras: Cameras) -> list[Way]:
-    """The ways in which the job wants blobs named; InputError where the model does not know how."""
-
-    def fit(chunks: Iterator[Blobs]) -> Iterator[LabelledChunk]:
-        return label_take(chunks, cameras, model.markerset, job.frame_rate, options(job))
-
-    if _method(job) == "fit":
-        return [fit]
-    method = chosen_method(model, "auto" if job.method == "both" else job.method)
-    if method == "fit":
-        raise InputError(
-            f"model {model.markerset.name} has nothing to name points by; expected one made by train, or --method fit"
-        )
-
-    def points(chunks: Iterator[Blobs]) -> Iterator[LabelledChunk]:
-        return by_points.label_by_points(chunks, cameras, model, method, job.frame_rate, options(job), job.target)
-
-    return [fit, points] if job.method == "both" else [points]
-
-
-def options(job: LabelJob) -> Options:
-    """The user's hints as the labelling takes them."""
-    return Options(hints=Hints(job.height, job.facing))
+def _cameras(job: LabelJob) -> Cameras:
+    return job.cameras if isinstance(job.cameras, Cameras) else open_cameras(job.cameras)
 
 
 class Source:
@@ -137,34 +92,25 @@ class Results:
     chunks  the chunks, where the job keeps them
     """
 
-    def __init__(
-        self,
-        job: LabelJob,
-        files: dict[str, Path],
-        markers: tuple[str, ...],
-        steps: tuple[str, ...],
-        stack: ExitStack,
-    ):
-        self.steps, self.kept = steps, job.keep or job.blend
+    def __init__(self, job: LabelJob, files: dict[str, Path], markers: tuple[str, ...], stack: ExitStack):
+        self.kept = job.keep or job.blend
         folder = tempfile.TemporaryDirectory(prefix="mocap-autolabel-", ignore_cleanup_errors=True)
         self.motion = stack.enter_context(MotionFile(Path(stack.enter_context(folder)), markers, job.frame_rate))
         self.labels = stack.enter_context(LabelWriter(files[".labels.csv"], markers))
         self.summary = TakeSummary(markers)
         self.chunks: Chunks = []
-        self._given = np.zeros(len(steps), np.int64)
 
     def add(self, row: BlobRows, chunk: LabelledChunk):
         """Writes the labels and keeps what the end needs."""
-        self.labels.write(row.keys, chunk.labels, self.steps)
+        self.labels.write(row.keys, chunk.labels)
         self.motion.append(chunk.motion)
-        self.summary.add(row.blobs, chunk)
-        self._given += np.bincount(chunk.labels.step, minlength=len(self.steps))
+        self.summary.add(chunk)
         if self.kept:
             self.chunks.append((row.blobs, chunk))
 
-    def counts(self) -> dict[str, int]:
-        """How many labels came about by each step."""
-        return dict(zip(self.steps[1:], self._given[1:].tolist(), strict=True))
+    def counts(self, method: str) -> dict[str, int]:
+        """How many labels came about by each step that the method has."""
+        return {STEPS[step]: self.summary.steps[STEPS[step]] for step in steps_of(method)}
 
 
 class MotionFile:

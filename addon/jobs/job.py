@@ -8,7 +8,12 @@ from pathlib import Path
 from time import perf_counter
 
 from ..blendfile import Chunks
+from ..core.blobs.pipeline import Options
+from ..core.blobs.search import Hints
+from ..core.body.occlusion import Occlusion
 from ..core.data.takes import Points
+from ..core.geometry.cameras import Cameras
+from ..core.pipelines.points import USUAL_TARGET
 from ..core.review.summary import TakeSummary
 from ..io.points import write_c3d, write_trc
 from ..io.report import take_report, write_report
@@ -16,8 +21,6 @@ from ..io.whole import whole_files
 from ..version import version
 
 USUAL_RATE = 100.0
-USUAL_TARGET = 0.999
-METHODS = ("auto", "fit", "ensemble", "evidence", "both")
 
 
 @dataclass(frozen=True)
@@ -25,20 +28,21 @@ class LabelJob:
     """What to label and what to make of it.
 
     source    the file of blobs or 3D points; `out` gets files named after its stem
-    cameras   the calibration; None for points
+    cameras   the calibration, a file or what was read of one; None for points
     model     a built-in model's name or the path of one
     frames    first and last frame to label, both included, None for the take's own
     method    how names are found: one of METHODS
     rate      frames a second, None where nobody knows: then USUAL_RATE, and the report says that it was assumed
     target    the part of the labels of points that must be right; what is less sure is left unnamed
     height    the subject's height, m, and facing, rad, where known
+    body      what asks whether the body hides a marker of blobs; None for the marker set's capsules
     trc       write STEM.trc too
     blend     save STEM.blend too; needs Blender
     keep      give the labelled chunks back as well: memory then grows with the take
     """
 
     source: Path
-    cameras: Path | None
+    cameras: Path | Cameras | None
     model: str
     out: Path
     frames: tuple[int | None, int | None] | None = None
@@ -47,6 +51,7 @@ class LabelJob:
     rate: float | None = None
     height: float | None = None
     facing: float | None = None
+    body: Occlusion | None = None
     trc: bool = False
     blend: bool = False
     overwrite: bool = False
@@ -56,6 +61,11 @@ class LabelJob:
     def frame_rate(self) -> float:
         """Frames a second, given or assumed."""
         return USUAL_RATE if self.rate is None else self.rate
+
+    @property
+    def options(self) -> Options:
+        """The user's hints as the labelling takes them."""
+        return Options(hints=Hints(self.height, self.facing))
 
     def path(self, ending: str) -> Path:
         """The file of this take with an ending such as `.c3d`."""
@@ -92,13 +102,13 @@ def renumbered(points: Points) -> dict:
 
 
 def finish_report(
-    job: LabelJob, summary: TakeSummary, model: str, rate: float, clock: dict[str, float], path: Path, **more
+    job: LabelJob, summary: TakeSummary, model: str, rate: float, clock: dict[str, float], files: dict, more: dict
 ) -> dict:
     """Writes the report, with `more` in it, and gives it back."""
     report = {**take_report(summary, job.source.stem, model, rate, version(), clock), **more}
     if "points" in report:
         del report["blobs"]
-    write_report(path, report)
+    write_report(files[".report.json"], report)
     return report
 
 

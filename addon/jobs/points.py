@@ -1,73 +1,67 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A take of 3D points from file to files: name frame by frame, let trajectories vote, pose the body, write."""
+"""A take of 3D points from file to files: read it, step through its labelling, write what came of it."""
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator
 from contextlib import ExitStack
 from dataclasses import replace
-from pathlib import Path
-from time import perf_counter
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from ..blendfile import save_blend
-from ..core.blobs.pipeline import Options
-from ..core.blobs.search import Hints
 from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet
 from ..core.data.models import Model
-from ..core.data.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Points, Suspect
-from ..core.geometry.cameras import Cameras
-from ..core.points.tracklets import cut, renamed
+from ..core.data.progress import Progress
+from ..core.data.takes import STEPS, LabelledChunk, Labels, PointRows, Points
+from ..core.geometry.cameras import NO_CAMERAS
+from ..core.pipelines.points import PointOptions, label_points
+from ..core.points.naming import chosen_method
 from ..core.review.summary import TakeSummary
-from ..core.review.suspects import find_suspects, summarised
-from ..io.labels import POINT_KEYS, LabelWriter
+from ..io.labels import write_point_labels
 from ..io.models import open_model
 from ..io.points import FilePoints, read_points
-from ..progress import Progress
-from .job import USUAL_TARGET, LabelJob, Labelled, finish_report, open_files, timed, write_points
-from .naming import Decided, NamedFrames, chosen_method, consistent, decide, joined, name_frames
-from .placing import moved
-from .refusals import refuse_floods, refuse_others, refuse_strangers
-from .wearer import Wearer, checked, find_wearer
+from .job import LabelJob, Labelled, finish_report, open_files, timed, write_points
 
-# How the label of a point came about; the index is what `Labels.step` holds.
-STEPS = ("", "evidence", "ensemble", "fit", "trajectory")
-# How far along the work is when each part begins.
-SHARES = {"wearer": 0.0, "others": 0.05, "name": 0.1, "vote": 0.75, "pose": 0.8, "write": 0.9}
+NAMED = 0.95  # of the work is naming; the rest is writing
 
 
-def label_points(job: LabelJob) -> Generator[Progress, None, Labelled]:
+def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
     """Labels the take and writes its files, which appear together or not at all.
 
     Raises UserError with the file where it can be told.
     """
-    clock: dict[str, float] = {"load": 0.0}
+    clock: dict[str, float] = {}
     with timed(clock, "load"):
         model = open_model(job.model)
-        method = chosen_method(model, job.method)
         take = _of_frames(read_points(job.source), job.frames)
-        refuse_floods(take.xyz)
+        method = chosen_method(model, job.method)
     with ExitStack() as stack:
         files = open_files(job, stack)
-        stack.enter_context(threadpool_limits(1, user_api="blas"))
-        labels, suspects = yield from _named(job, model, method, take, clock)
-        yield Progress(SHARES["pose"], "pose the body")
-        with timed(clock, "fit"):
-            frames = take.first_frame + np.arange(len(take.xyz))
-            motion = moved(take.xyz, take.residual, labels.marker, labels.confidence, model.markerset, frames)
-        yield Progress(SHARES["write"], "write")
-        doubtful = find_suspects(motion, model.markerset.markers, take.rate)
-        rows, chunk = _as_chunk(take, labels, motion, summarised(suspects + doubtful, take.rate))
-        summary = TakeSummary(model.markerset.markers)
-        summary.add(rows, chunk)
+        labelled = yield from _scaled(label_points(take, model, PointOptions(method, job.target, job.options)))
+        yield Progress(NAMED, "write")
+        rows = PointRows.of(take)
+        given = labelled.labels[np.nonzero(take.present)]
         with timed(clock, "write"):
-            _write_labels(files[".labels.csv"], take, rows, chunk.labels, model.markerset)
-            more = write_points(_labelled_take(take, labels.marker, motion, model.markerset), files)
+            write_point_labels(files[".labels.csv"], rows, given, model.markerset.markers)
+            more = write_points(labelled_take(take, labelled, model.markerset), files)
+            shown = replace(labelled, labels=given)
             if job.blend:
-                _save_blend(job, files[".blend"], take, model.markerset, rows, chunk)
-        report = _report(job, summary, model, method, take, clock, chunk, files, more)
-    return Labelled(report, [(rows, chunk)] if job.keep else [])
+                save_blend(files[".blend"], job.source, take.rate, model.markerset, [(rows, shown)], NO_CAMERAS)
+        more |= _facts(take, given, method, job)
+        report = finish_report(
+            job, _summary(labelled, given, model), model.markerset.name, take.rate, clock, files, more
+        )
+    return Labelled(report, [(rows, shown)] if job.keep else [])
+
+
+def _scaled(steps: Generator[Progress, None, LabelledChunk]) -> Generator[Progress, None, LabelledChunk]:
+    """The same steps as a part of the whole job."""
+    while True:
+        try:
+            step = next(steps)
+        except StopIteration as end:
+            return end.value
+        yield Progress(NAMED * step.fraction, step.note)
 
 
 def _of_frames(take: FilePoints, frames: tuple[int | None, int | None] | None) -> FilePoints:
@@ -81,83 +75,10 @@ def _of_frames(take: FilePoints, frames: tuple[int | None, int | None] | None) -
     return replace(take, xyz=take.xyz[part], residual=take.residual[part], first_frame=take.first_frame + start)
 
 
-def _named(job: LabelJob, model: Model, method: str, take: FilePoints, clock):
-    """Labels (T, P) after the vote, and what is doubtful about them."""
-    options = Options(hints=Hints(job.height, job.facing))
-    begin = perf_counter()
-    yield Progress(SHARES["wearer"], "look who wears the markers")
-    tracklet = cut(take.xyz, take.rate)
-    wearer = find_wearer(model, method, take.xyz, tracklet, take.rate)
-    model = wearer.model
-    yield Progress(SHARES["others"], "look whether the model is for this take")
-    refuse_others(model, method, take.xyz, options)
-    named = yield from _frame_by_frame(model, method, take, options)
-    yield Progress(SHARES["vote"], "let trajectories vote")
-    decided = _decided(named, tracklet, wearer, take, job.target)
-    # Who asks for surer labels gets fewer, and the take is no stranger's for that.
-    usual = decided if job.target == USUAL_TARGET else _decided(named, tracklet, wearer, take, USUAL_TARGET)
-    refuse_strangers(model, method, take.xyz, usual.marker)
-    step = np.where(decided.alone, STEPS.index(method), STEPS.index("trajectory"))
-    clock["label"] = perf_counter() - begin
-    changed = renamed(decided.marker, tracklet, model.markerset.markers, take.first_frame)
-    labels = Labels(decided.marker, np.where(decided.marker == NO_MARKER, 0, step), decided.confidence)
-    return labels, by_file_number(decided.suspects + changed, take.columns)
-
-
-def _frame_by_frame(
-    model: Model, method: str, take: FilePoints, options: Options
-) -> Generator[Progress, None, NamedFrames]:
-    """What every frame says on its own."""
-    parts, done = [], 0
-    yield Progress(SHARES["name"], f"frame {take.first_frame}")
-    for part in name_frames(model, method, take.xyz, take.rate, options):
-        parts.append(part)
-        done += len(part.marker)
-        share = SHARES["name"] + (SHARES["vote"] - SHARES["name"]) * done / len(take.xyz)
-        yield Progress(share, f"frame {take.first_frame + done - 1}")
-    return joined(parts)
-
-
-def _decided(named: NamedFrames, tracklet: np.ndarray, wearer: Wearer, take: FilePoints, target: float) -> Decided:
-    """The names that trajectories, the rest of the take and its motion bear out, sure enough for the target."""
-    markerset = wearer.model.markerset
-    decided = decide(named, tracklet, wearer.model, target, take.first_frame)
-    decided = consistent(decided, take.xyz, markerset.likelihood, take.first_frame)
-    return checked(decided, wearer, take.first_frame)
-
-
-def by_file_number(suspects: Sequence[Suspect], columns: np.ndarray) -> tuple[Suspect, ...]:
-    """The suspects with trajectories called as in label files: by their index in the file, `columns` (P,)."""
-    return tuple(
-        one if one.trajectory is None else replace(one, trajectory=int(columns[one.trajectory])) for one in suspects
-    )
-
-
-def _save_blend(job: LabelJob, path: Path, take: FilePoints, markerset: MarkerSet, rows: Blobs, chunk: LabelledChunk):
-    """Saves the take with all its points, named and unnamed, as Blender shows it when it labels them itself."""
-    points, residual = (array[rows.frame, rows.camera] for array in (take.xyz, take.residual))
-    seen = (replace(rows, camera=take.columns[rows.camera]), chunk)
-    save_blend(path, job.source.stem, job.source, take.rate, no_cameras(), markerset, [seen], points, residual)
-
-
-def _as_chunk(take: FilePoints, labels: Labels, motion: Motion, suspects) -> tuple[Blobs, LabelledChunk]:
-    """The points that are there, frame by frame as rows, and what is said of them; `camera` is the column."""
-    frame, column = np.nonzero(np.isfinite(take.xyz).all(axis=2))
-    rows = Blobs(motion.frames, frame, column, np.zeros((len(frame), 2)), np.full(len(frame), np.nan))
-    flat = Labels(*(getattr(labels, name)[frame, column] for name in ("marker", "step", "confidence")))
-    return rows, LabelledChunk(flat, motion, tuple(sorted(suspects, key=lambda suspect: suspect.first)))
-
-
-def _write_labels(path, take: FilePoints, rows: Blobs, labels: Labels, markerset: MarkerSet):
-    with LabelWriter(path, markerset.markers, POINT_KEYS) as writer:
-        frames, columns = rows.frames[rows.frame].tolist(), take.columns[rows.camera].tolist()
-        keys = [f"{frame},{column}" for frame, column in zip(frames, columns, strict=True)]
-        writer.write(keys, labels, STEPS)
-
-
-def _labelled_take(take: FilePoints, marker: np.ndarray, motion: Motion, markerset: MarkerSet) -> Points:
+def labelled_take(take: Points, labelled: LabelledChunk, markerset: MarkerSet) -> Points:
     """The model's markers in its order, then what stays unlabelled."""
-    left = np.isfinite(take.xyz).all(axis=2) & (marker == NO_MARKER)
+    motion = labelled.motion
+    left = take.present & ~labelled.labels.named
     columns = np.flatnonzero(left.any(axis=0))
     rest = np.where(left[:, columns, None], take.xyz[:, columns], np.nan)
     residual = np.where(left[:, columns], take.residual[:, columns], np.nan)
@@ -166,20 +87,20 @@ def _labelled_take(take: FilePoints, marker: np.ndarray, motion: Motion, markers
     return Points(names, xyz, np.concatenate([motion.residual, residual], axis=1), take.rate, take.first_frame)
 
 
-def _report(job: LabelJob, summary: TakeSummary, model: Model, method: str, take, clock, chunk, files, more) -> dict:
-    steps = np.bincount(chunk.labels.step, minlength=len(STEPS))
-    if take.assumed:
-        more["unit_assumed"] = take.assumed
-    more |= {
-        "points": summary.blobs,
+def _summary(labelled: LabelledChunk, given: Labels, model: Model) -> TakeSummary:
+    summary = TakeSummary(model.markerset.markers)
+    summary.add(replace(labelled, labels=given))
+    return summary
+
+
+def _facts(take: FilePoints, given: Labels, method: str, job: LabelJob) -> dict:
+    """What the report of points says beside what every report says."""
+    steps = np.bincount(given.step, minlength=len(STEPS))
+    facts = {"unit_assumed": take.assumed} if take.assumed else {}
+    return facts | {
+        "points": len(given.marker),
         "trajectories": take.xyz.shape[1],
         "method": method,
         "target": job.target,
         "steps": {step: int(count) for step, count in zip(STEPS, steps, strict=True) if step and count},
     }
-    return finish_report(job, summary, model.markerset.name, take.rate, clock, files[".report.json"], **more)
-
-
-def no_cameras() -> Cameras:
-    """Nobody's cameras: points come without any."""
-    return Cameras((), *(np.zeros((0, *shape)) for shape in ((2,), (3, 3), (5,), (3, 3), (3,))))

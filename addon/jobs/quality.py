@@ -4,10 +4,10 @@
 from collections.abc import Generator, Sequence
 
 from ..core.data.markersets import MarkerSet
-from ..core.placement_quality import GOAL, STEPS, advise, judge
-from ..core.placement_quality import layout as worn
+from ..core.data.progress import Progress
+from ..core.placement_quality import GOAL, STEPS, advise, judge, marker_layout
+from ..core.points.likelihood import Likelihood
 from ..io.quality import quality_report
-from ..progress import Progress
 
 JUDGED = 0.1  # of the work; the rest is the search
 
@@ -15,16 +15,19 @@ JUDGED = 0.1  # of the work; the rest is the search
 def judge_placement(
     markerset: MarkerSet,
     base: MarkerSet | None = None,
+    learned: Likelihood | None = None,
     goal: float = GOAL,
     steps: int = STEPS,
     keep: Sequence[str] = (),
 ) -> Generator[Progress, None, dict]:
-    """The report of a marker set, with up to `steps` pieces of advice; `base` is the set that it was edited from.
+    """The report of a marker set, with up to `steps` pieces of advice.
 
-    `goal` and `keep` are as in `core.ambiguity.advise`. Raises InputError for a set of too few markers.
+    `base` is the set that it was edited from, `learned` what its model, or that of `base`, has learned.
+
+    `goal` and `keep` are as in `core.placement_quality.advise`. Raises InputError for a set of too few markers.
     """
     yield Progress(0.0, "judging")
-    made = worn(markerset, base)
+    made = marker_layout(markerset, base, learned)
     found, advice = judge(made), []
     yield Progress(JUDGED, "looking for better places")
     for one, _ in advise(made, goal, steps, keep):

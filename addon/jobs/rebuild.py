@@ -14,12 +14,12 @@ from threadpoolctl import threadpool_limits
 
 from ..blendfile import open_cameras
 from ..core.data.errors import InputError, JobError
+from ..core.data.progress import Progress
 from ..core.data.takes import Blobs
 from ..core.reconstruction.trajectories import reconstruct_take
 from ..io.blobs import BlobRows, read_blobs
 from ..io.points import write_c3d, write_trc
 from ..io.whole import whole_file
-from ..progress import Progress
 from .job import USUAL_RATE, renumbered
 from .spool import TrajectoryFile
 

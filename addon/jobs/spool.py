@@ -7,9 +7,8 @@ from typing import Self
 import numpy as np
 
 from ..core.data.takes import Points
-from ..core.reconstruction.trajectories import Reconstructed
+from ..core.reconstruction.trajectories import SHORTEST, Reconstructed
 
-SHORTEST = 5  # points; a shorter trajectory is a passing coincidence of rays
 MOST_COLUMNS = 255  # beyond this, trajectories that are far apart in time share a column
 REST = 1.0  # s between two trajectories of one column
 

@@ -15,6 +15,7 @@ from ..core.body.posing import fit_points
 from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet
 from ..core.data.models import Model, TrainingTake, by_subject
+from ..core.data.progress import Progress
 from ..core.points.likelihood import Likelihood, learn_likelihood
 from ..core.points.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS, PartialSolvers
 from ..core.points.partial_solvers.training import SEARCHES, Training, training
@@ -23,7 +24,6 @@ from ..core.training.transfer import dressed, known_body
 from ..io.markersets import SUFFIX, builtin_markersets, open_markerset
 from ..io.models import open_model, write_model
 from ..io.whole import whole_files
-from ..progress import Progress
 from ..version import version
 from .background import in_background
 from .job import timed
@@ -106,10 +106,11 @@ def train_file(job: TrainJob) -> Generator[Progress, None, dict]:
         likelihood = yield from _likelihood(everyone, markers, clock)
         partial_solvers = yield from _partial_solvers(job, everyone, markers, clock)
         yield Progress(SHARES["write"], "write the model")
-        markerset = replace(markerset, likelihood=likelihood, source=_source(training_takes))
-        write_model(files[0], Model(markerset, partial_solvers, training_takes if job.keep else ()))
+        markerset = replace(markerset, source=_source(training_takes))
+        model = Model(markerset, likelihood, partial_solvers, training_takes if job.keep else ())
+        write_model(files[0], model)
         doubts += _doubts(markerset, training_takes, residual, partial_solvers)
-        report = _report(job, takes, markerset, partial_solvers, training_takes, kind, residual, clock, doubts)
+        report = _report(job, takes, model, training_takes, kind, residual, clock, doubts)
         report["replaced"] = [{"take": " ".join(gone.takes), "subject": gone.subject} for gone in replaced]
         if job.report:
             write_training_report(files[1], report)
@@ -219,9 +220,8 @@ def _subjects(training_takes: Sequence[TrainingTake]) -> list[dict]:
     return list(rows.values())
 
 
-def _report(
-    job, takes: Sequence[Take], markerset, partial_solvers, training_takes, kind: str, residual, clock, doubts
-) -> dict:
+def _report(job, takes: Sequence[Take], model: Model, training_takes, kind: str, residual, clock, doubts) -> dict:
+    markerset, likelihood, partial_solvers = model.markerset, model.likelihood, model.partial_solvers
     segments = markerset.skeleton.segments
     on = {name: [] for name in segments}
     for name, segment in zip(markerset.markers, markerset.attachment, strict=True):
@@ -250,8 +250,8 @@ def _report(
         },
         "doubts": doubts,
         "evidence": {
-            "subjects": markerset.likelihood.subjects,
-            "plates": markerset.likelihood.rigid_bodies is not None,
+            "subjects": likelihood.subjects,
+            "plates": likelihood.rigid_bodies is not None,
         },
         "ensemble": solvers,
         "seconds": {part: round(seconds, 2) for part, seconds in clock.items()},

@@ -9,9 +9,9 @@ from bpy.props import StringProperty
 from bpy_extras.io_utils import ExportHelper
 
 from ..core.data.errors import InputError, JobError
-from ..core.data.takes import NO_MARKER, Labels, Points
+from ..core.data.takes import PointRows, Points
 from ..io.blobs import read_blobs
-from ..io.labels import POINT_KEYS, LabelWriter
+from ..io.labels import LabelWriter, write_point_labels
 from ..io.points import write_c3d, write_trc
 from ..io.whole import whole_file
 from ..scene.opened import opened
@@ -62,10 +62,10 @@ class MOCAP_AUTOLABEL_OT_export_labels(ExportsTake, bpy.types.Operator):
 
     def write(self, path: Path, stored: Stored):
         """Writes the labels; beside those of blobs is each row's own text, which only the file of the blobs has."""
-        if stored.points is None:
-            write_labels(path, stored)
+        if isinstance(stored.rows, PointRows):
+            write_point_labels(path, stored.rows, stored.labels, stored.names)
         else:
-            write_point_labels(path, stored)
+            write_labels(path, stored)
 
 
 class ExportsPoints(ExportsTake):
@@ -98,7 +98,7 @@ def points_of(stored: Stored) -> Points:
     """The take as points: a trajectory a marker, then those that stay unnamed where it came as points."""
     motion = stored.motion
     xyz, residual, names = motion.markers, motion.residual, stored.names
-    if stored.points is not None:
+    if isinstance(stored.rows, PointRows):
         rest, off = unnamed_trajectories(stored)
         xyz, residual = np.concatenate([xyz, rest], axis=1), np.concatenate([residual, off], axis=1)
         names = (*names, *[""] * rest.shape[1])
@@ -110,25 +110,14 @@ def unnamed_trajectories(stored: Stored) -> tuple[np.ndarray, np.ndarray]:
 
     NaN where there is none; residuals are NaN too where the take was labelled before they were kept.
     """
-    rows = np.flatnonzero(stored.labels.marker == NO_MARKER)
-    columns, column = np.unique(stored.blobs.camera[rows], return_inverse=True)
+    rows, kept = stored.rows, np.flatnonzero(~stored.labels.named)
+    columns, column = np.unique(rows.trajectory[kept], return_inverse=True)
     shape = (len(stored.motion.frames), len(columns))
     xyz, residual = np.full((*shape, 3), np.nan), np.full(shape, np.nan)
-    xyz[stored.blobs.frame[rows], column] = stored.points[rows]
-    if stored.residual is not None:
-        residual[stored.blobs.frame[rows], column] = stored.residual[rows]
+    xyz[rows.frame[kept], column] = rows.xyz[kept]
+    if rows.residual is not None:
+        residual[rows.frame[kept], column] = rows.residual[kept]
     return xyz, residual
-
-
-def write_point_labels(path: Path, stored: Stored):
-    """Writes the labels of a take of points, a row for every point that is there."""
-    from ..jobs.points import STEPS  # with all that can name points, which nobody who starts Blender waits for
-
-    blobs = stored.blobs
-    frames, trajectories = blobs.frames[blobs.frame].tolist(), blobs.camera.tolist()
-    keys = [f"{frame},{trajectory}" for frame, trajectory in zip(frames, trajectories, strict=True)]
-    with LabelWriter(path, stored.names, POINT_KEYS) as writer:
-        writer.write(keys, stored.labels, STEPS)
 
 
 def write_labels(path: Path, stored: Stored):
@@ -141,12 +130,11 @@ def write_labels(path: Path, stored: Stored):
         for part in read_blobs(source, stored.cameras, (int(frames[0]), int(frames[-1]))):
             last = first + len(part.keys)
             rows = slice(first, last)
-            if last > len(stored.blobs) or not np.allclose(part.blobs.xy, stored.blobs.xy[rows], rtol=1e-5, atol=1e-2):
+            if last > len(stored.rows) or not np.allclose(part.blobs.xy, stored.rows.xy[rows], rtol=1e-5, atol=1e-2):
                 break
-            labels = stored.labels
-            writer.write(part.keys, Labels(labels.marker[rows], labels.step[rows], labels.confidence[rows]))
+            writer.write(part.keys, stored.labels[rows])
             first = last
-    if first != len(stored.blobs):
+    if first != len(stored.rows):
         raise JobError("holds other blobs than those that were labelled; expected the file as it was", str(source))
 
 

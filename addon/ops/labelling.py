@@ -1,112 +1,83 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The one button: names blobs or points, a little at a time, and shows the take when all of it is done."""
+"""The one button: names blobs or points by the command line's own job, and shows the take when all of it is done."""
 
-from collections.abc import Generator, Iterator
-from dataclasses import dataclass
+import tempfile
+from collections.abc import Callable, Generator
+from dataclasses import replace
 from pathlib import Path
 
 import bpy
 
-from ..core.blobs.pipeline import Options, label_take
-from ..core.blobs.search import Hints
 from ..core.body.occlusion import Occlusion
-from ..core.data.errors import InputError
-from ..core.data.markersets import MarkerSet
+from ..core.data.errors import InputError, UserError
 from ..core.data.takes import Blobs
-from ..core.geometry.cameras import Cameras
-from ..io.blobs import read_blobs
-from ..props import chosen_markerset, frames_wanted, refresh_review, take_name
+from ..core.geometry.cameras import NO_CAMERAS
+from ..io.markersets import open_markerset
+from ..jobs import LabelJob, Labelled, label_file
+from ..jobs.background import drained, in_background
+from ..props import chosen_model, frames_wanted, refresh_review, take_name
 from ..scene import cameras as scene_cameras
 from ..scene.occlusion import meshes_on, occlusion_of
-from ..scene.take import Take, join_blobs, join_labelled, show_take
+from ..scene.take import Take, join_labelled, join_rows, show_take
 from .importing import cameras_at_hand
-from .point_steps import label_point_steps, point_job_of
 from .stepping import WorksInSteps
 
-CHUNK_FRAMES = 64  # a fraction of a second of work, so that the window answers in between
 
-
-@dataclass(frozen=True, eq=False)
-class Request:
-    """Everything that a labelling needs, taken out of Blender before it begins."""
-
-    name: str
-    path: Path
-    cameras: Cameras
-    markerset: MarkerSet
-    rate: float
-    options: Options
-    frames: tuple[int, int] | None
-    occlusion: Occlusion | None
-
-
-def request_of(context: bpy.types.Context) -> Request:
-    """What the scene's settings ask for; InputError when something is missing."""
+def job_of(context: bpy.types.Context) -> LabelJob:
+    """What the scene's settings ask for, of blobs or of points; InputError when something is missing."""
     settings = context.scene.mocap_autolabel
-    if not settings.blobs_path:
+    points = bool(settings.points_path)
+    if not points and not settings.blobs_path:
         raise InputError("no blobs are chosen; expected a file of camera blobs")
-    markerset = chosen_markerset(settings)
-    hints = Hints(
-        height=settings.height if settings.use_height else None, facing=settings.facing if settings.use_facing else None
-    )
-    return Request(
-        take_name(settings),
-        Path(bpy.path.abspath(settings.blobs_path)),
-        scene_cameras.cameras_of(settings.cameras, context.scene),
-        markerset,
-        settings.rate,
-        Options(hints=hints),
-        frames_wanted(settings),
-        _body_in_the_way(context, settings.body, markerset),
+    model = chosen_model(settings)
+    return LabelJob(
+        source=Path(bpy.path.abspath(settings.points_path or settings.blobs_path)),
+        cameras=None if points else scene_cameras.cameras_of(settings.cameras, context.scene),
+        model=model,
+        out=Path(),
+        frames=frames_wanted(settings),
+        method=settings.method,
+        target=settings.target,
+        rate=None if points else settings.rate,
+        height=settings.height if settings.use_height else None,
+        facing=settings.facing if settings.use_facing else None,
+        body=None if points else _body_in_the_way(context, settings.body, model),
+        keep=True,
     )
 
 
-def _body_in_the_way(context, armature: bpy.types.Object | None, markerset: MarkerSet) -> Occlusion | None:
+def _body_in_the_way(context, armature: bpy.types.Object | None, model: str) -> Occlusion | None:
     """The meshes on the skeleton that the user named; None for the marker set's own capsules."""
     if armature is None:
         return None
-    return occlusion_of(context, armature, meshes_on(armature, context.scene), markerset)
+    return occlusion_of(context, armature, meshes_on(armature, context.scene), open_markerset(model))
 
 
-def label_steps(request: Request) -> Generator[float, None, Take]:
-    """Labels chunk by chunk, yielding how much is done (0 to 1), and returns the take. Touches nothing of Blender."""
-    chunks: list[Blobs] = []
-    fraction = 0.0
+def label_steps(job: LabelJob, name: str) -> Generator[float, None, Take]:
+    """Labels the take, yielding how much is done (0 to 1), and returns it. Touches nothing of Blender.
 
-    def feed() -> Iterator[Blobs]:
-        nonlocal fraction
-        for part in read_blobs(request.path, request.cameras, request.frames, CHUNK_FRAMES):
-            chunks.append(part.blobs)
-            fraction = part.fraction
-            yield part.blobs
-
-    labelled = []
-    steps = label_take(
-        feed(), request.cameras, request.markerset, request.rate, request.options, occlusion=request.occlusion
-    )
-    for chunk in steps:
-        labelled.append(chunk)
-        yield fraction
-    labels, motion, suspects = join_labelled(labelled)
-    return Take(
-        request.name,
-        request.rate,
-        request.cameras,
-        request.markerset,
-        join_blobs(chunks),
-        labels,
-        motion,
-        suspects,
-        str(request.path),
-    )
+    The job goes on beside the window, with its files in a folder that goes. Raises UserError with the file where it
+    can be told.
+    """
+    return in_background(lambda tell: _label(job, name, tell))
 
 
-def steps_of(context: bpy.types.Context) -> Generator[float, None, Take]:
-    """The labelling that the scene's settings ask for, of blobs or of points; InputError when something is missing."""
-    settings = context.scene.mocap_autolabel
-    if settings.points_path:
-        return label_point_steps(point_job_of(settings), take_name(settings))
-    return label_steps(request_of(context))
+def _label(job: LabelJob, name: str, tell: Callable[[float], None]) -> Take:
+    try:
+        with tempfile.TemporaryDirectory(prefix="mocap-autolabel-", ignore_cleanup_errors=True) as folder:
+            labelled = drained(label_file(replace(job, out=Path(folder))), tell)
+        return _take_of(labelled, job, name)
+    except UserError as error:
+        raise error if error.file else type(error)(error.message, job.source) from error
+
+
+def _take_of(labelled: Labelled, job: LabelJob, name: str) -> Take:
+    """The take as the scene shows it."""
+    labels, motion, suspects = join_labelled([chunk for _, chunk in labelled.chunks])
+    rows = join_rows([rows for rows, _ in labelled.chunks])
+    cameras = job.cameras or NO_CAMERAS
+    markerset, rate = open_markerset(job.model), labelled.report["rate"]
+    return Take(name, rate, cameras, markerset, rows, labels, motion, suspects, str(job.source))
 
 
 class MOCAP_AUTOLABEL_OT_label(WorksInSteps, bpy.types.Operator):
@@ -135,15 +106,15 @@ class MOCAP_AUTOLABEL_OT_label(WorksInSteps, bpy.types.Operator):
 
     def steps(self, context):
         """The labelling."""
-        return steps_of(context)
+        return label_steps(job_of(context), take_name(context.scene.mocap_autolabel))
 
     def _show(self, context, take: Take) -> set[str]:
         settings = context.scene.mocap_autolabel
         settings.take = show_take(context, take, settings.keep_unnamed)
         refresh_review(context.window_manager, context.scene)
-        named = int((take.labels.marker >= 0).sum())
-        things = "blobs" if take.points is None else "points"
-        self.report({"INFO"}, f"{named} of {len(take.blobs)} {things} named in {len(take.motion.frames)} frames")
+        things = "blobs" if isinstance(take.rows, Blobs) else "points"
+        named, frames = int(take.labels.named.sum()), len(take.motion.frames)
+        self.report({"INFO"}, f"{named} of {len(take.rows)} {things} named in {frames} frames")
         return {"FINISHED"}
 
 

@@ -8,12 +8,14 @@ from bpy.props import EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper, ImportHelper
 
 from ..core.data.errors import InputError
-from ..io.markersets import SUFFIX, open_markerset, write_markerset
+from ..core.data.models import Model
+from ..io.markersets import SUFFIX, open_markerset
+from ..io.models import open_model, write_model
 from ..io.whole import whole_file
 from ..prefs import markerset_folder
 from ..props import OWN_FILE, chosen_markerset
 from ..scene import naming
-from ..scene.markerset_edit import edited_collection, read_markerset, reattach, show_markerset, skeleton_of
+from ..scene.markerset_edit import edited_collection, is_unmoved, read_markerset, reattach, show_markerset, skeleton_of
 from .reporting import reports_trouble
 
 # Blender keeps no reference to the texts of a dynamic enumeration.
@@ -141,9 +143,11 @@ class MOCAP_AUTOLABEL_OT_save_markerset(Laid, ExportHelper, bpy.types.Operator):
         name = path.name.removesuffix(SUFFIX)
         if not name:
             raise InputError(f"the marker set has no name; expected a file such as mine{SUFFIX}")
-        base = open_markerset(bpy.path.abspath(collection[naming.EDITED]))
+        base = open_model(bpy.path.abspath(collection[naming.EDITED]))
+        markerset = read_markerset(collection, base.markerset, name)
+        learned = base.likelihood if is_unmoved(markerset, base.markerset) else None
         with whole_file(path, overwrite=True) as temporary:
-            write_markerset(temporary, read_markerset(collection, base, name))
+            write_model(temporary, Model(markerset, learned))
         settings = context.scene.mocap_autolabel
         settings.markerset, settings.markerset_path = OWN_FILE, str(path)
         self.report({"INFO"}, f"Saved {path}")

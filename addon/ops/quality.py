@@ -6,7 +6,7 @@ from collections.abc import Generator
 import bpy
 from bpy.props import IntProperty
 
-from ..io.markersets import open_markerset
+from ..io.models import open_model
 from ..io.quality import quality_text
 from ..jobs.background import drained, in_background
 from ..jobs.quality import judge_placement
@@ -41,9 +41,10 @@ class MOCAP_AUTOLABEL_OT_judge_markers(Laid, WorksInSteps, bpy.types.Operator):
 def judge_steps(scene: bpy.types.Scene) -> Generator[float, None, dict]:
     """Judges the marker set that is laid out, yielding how much is done (0 to 1); returns the report."""
     collection = edited_collection(scene)
-    base = open_markerset(bpy.path.abspath(collection[naming.EDITED]))
-    markerset, keep = read_markerset(collection, base, base.name), locked_markers(collection)
-    return in_background(lambda tell: drained(judge_placement(markerset, base, keep=keep), tell))
+    model = open_model(bpy.path.abspath(collection[naming.EDITED]))
+    base, keep = model.markerset, locked_markers(collection)
+    markerset = read_markerset(collection, base, base.name)
+    return in_background(lambda tell: drained(judge_placement(markerset, base, model.likelihood, keep=keep), tell))
 
 
 class MOCAP_AUTOLABEL_OT_take_advice(Laid, bpy.types.Operator):

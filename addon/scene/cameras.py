@@ -20,7 +20,6 @@ SENSOR_WIDTH = 36.0  # mm; only its ratio to the focal length matters
 SIZE, ASPECT, SKEW, DISTORTION = "mocap_size", "mocap_aspect", "mocap_skew", "mocap_distortion"
 DISPLAY_SIZE = 0.25
 SAME_CAMERA = 1e-4  # relative: what single precision does to a calibration and back
-NO_CAMERAS = Cameras((), *(np.zeros((0, *row)) for row in ((2,), (3, 3), (5,), (3, 3), (3,))))
 
 # A camera of computer vision looks along +z with y down, Blender's along -z with y up.
 FLIP = np.diag([1.0, -1.0, -1.0])

@@ -90,16 +90,15 @@ def read_markerset(collection: bpy.types.Collection, base: MarkerSet, name: str,
         offsets=offsets,
         capsules=_read_capsules(collection, armature, skeleton, height),
         spread=_carried_over(base, markers, attachment),
-        likelihood=base.likelihood if _unmoved(base, markers, attachment, offsets) else None,
         source={**base.source, "edited": f"from {base.name}, by hand in Blender"},
     )
 
 
-def _unmoved(base: MarkerSet, markers: tuple[str, ...], attachment: np.ndarray, offsets: np.ndarray) -> bool:
-    """Whether the markers are still where the evidence for naming points was learned."""
-    if markers != base.markers or (attachment != base.attachment).any():
+def is_unmoved(markerset: MarkerSet, base: MarkerSet) -> bool:
+    """Whether the markers are still where they were in the base, so that what was learned of it still holds."""
+    if markerset.markers != base.markers or (markerset.attachment != base.attachment).any():
         return False
-    return bool((np.linalg.norm(offsets - base.offsets, axis=1) < UNMOVED).all())
+    return bool((np.linalg.norm(markerset.offsets - base.offsets, axis=1) < UNMOVED).all())
 
 
 def _add_marker(collection, armature: bpy.types.Object, name: str, segment: str, place: np.ndarray):

@@ -2,14 +2,14 @@
 """Blobs and points before they are labelled, kept in the file so that they can be looked at."""
 
 import json
+from dataclasses import replace
 
 import bpy
 import numpy as np
 
-from ..core.data.takes import NO_MARKER, NO_STEP, Blobs, Labels, Motion, Points
-from ..core.geometry.cameras import Cameras
+from ..core.data.takes import Blobs, Labels, Motion, PointRows, Points
+from ..core.geometry.cameras import NO_CAMERAS, Cameras
 from . import naming, storage
-from .cameras import NO_CAMERAS
 from .cloud import FRAME, add_cloud, cloud_points, cloud_table
 from .take import Stored, frame_shift
 
@@ -35,18 +35,16 @@ def read_preview(mesh: bpy.types.Mesh, cameras: Cameras) -> Stored:
     frames = np.arange(number[0], number[-1] + 1) if len(number) else np.zeros(0, dtype=int)
     count, rows = len(frames), int(there.sum())
     blobs = Blobs(frames, number - number[:1].sum(), camera[there], table["xy"][there], np.full(rows, np.nan))
-    labels = Labels(np.full(rows, NO_MARKER), np.full(rows, NO_STEP), np.zeros(rows))
     shift = frame_shift(frames)
-    return Stored(mesh.name, 0.0, cameras, (), blobs, labels, _no_motion(frames, count), (), "", shift)
+    return Stored(mesh.name, 0.0, cameras, (), blobs, Labels.none(rows), _no_motion(frames, count), (), "", shift)
 
 
 def show_points(scene: bpy.types.Scene, name: str, take: Points) -> bpy.types.Mesh:
     """Adds the points of an unlabelled take to a scene as one object, and returns the mesh that keeps them."""
-    frame, trajectory = np.nonzero(np.isfinite(take.xyz).all(axis=2))
-    frames = take.first_frame + np.arange(len(take.xyz))
-    shift = frame_shift(frames)
+    rows = PointRows.of(replace(take, columns=None))
+    shift = frame_shift(rows.frames)
     title = naming.title(name, "points")
-    mesh = cloud_table(title, frames[frame] + shift, take.xyz[frame, trajectory], trajectory=trajectory)
+    mesh = cloud_table(title, rows.frames[rows.frame] + shift, rows.xyz, trajectory=rows.trajectory)
     mesh[SHIFT] = shift
     add_cloud(scene.collection, mesh)
     return mesh
@@ -62,11 +60,9 @@ def read_points_preview(mesh: bpy.types.Mesh) -> Stored:
     table, shift = storage.read_table(mesh), int(mesh[SHIFT])
     number = table[FRAME] - shift
     frames = np.arange(number[0], number[-1] + 1)
-    count = len(number)
-    blobs = Blobs(frames, number - number[0], table["trajectory"], np.zeros((count, 2)), np.full(count, np.nan))
-    labels = Labels(np.full(count, NO_MARKER), np.full(count, NO_STEP), np.zeros(count))
+    rows = PointRows(frames, number - number[0], table["trajectory"], cloud_points(mesh), None)
     motion = _no_motion(frames, len(frames))
-    return Stored(mesh.name, 0.0, NO_CAMERAS, (), blobs, labels, motion, (), "", shift, cloud_points(mesh))
+    return Stored(mesh.name, 0.0, NO_CAMERAS, (), rows, Labels.none(len(rows)), motion, (), "", shift)
 
 
 def hide_preview(mesh: bpy.types.Mesh | None, hidden: bool):

@@ -2,7 +2,7 @@
 """A labelled take as a whole: gathered from the labelling, shown in a scene, kept in the file and read back."""
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 
 import bpy
@@ -10,9 +10,9 @@ import numpy as np
 
 from ..core.data.errors import JobError
 from ..core.data.markersets import MarkerSet
-from ..core.data.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Suspect
+from ..core.data.takes import STEPS, Blobs, LabelledChunk, Labels, Motion, PointRows, Suspect
 from ..core.geometry import rotations
-from ..core.geometry.cameras import Cameras
+from ..core.geometry.cameras import NO_CAMERAS, Cameras
 from . import armature as armatures
 from . import cameras as scene_cameras
 from . import markers as scene_markers
@@ -20,7 +20,7 @@ from . import naming, storage
 from .body import add_body
 from .cloud import add_cloud, cloud_table
 
-BLOBS, MOTION, POSE, FRAMES = "mocap_blobs", "mocap_motion", "mocap_pose", "mocap_frames"
+ROWS, MOTION, POSE, FRAMES = "mocap_blobs", "mocap_motion", "mocap_pose", "mocap_frames"
 RATE, SHIFT, SUSPECTS, SOURCE, NAMES = (
     "mocap_rate",
     "mocap_frame_shift",
@@ -28,7 +28,10 @@ RATE, SHIFT, SUSPECTS, SOURCE, NAMES = (
     "mocap_source",
     "mocap_names",
 )
-POINT, RESIDUAL = "point", "point_residual"
+STEP_NAMES = "mocap_steps"
+# What the first version, which did not keep them, called the steps of points.
+POINT_STEPS_OF_VERSION_1 = ("", "evidence", "ensemble", "fit", "trajectory")
+TRAJECTORY, POINT, RESIDUAL = "trajectory", "point", "point_residual"
 LAST_FRAME = 1048574  # Blender's last frame
 
 
@@ -40,26 +43,22 @@ class Take:
     rate       frames a second
     cameras    that saw it; none where the take came as points
     markerset  whose markers were named
-    blobs      all N of them, in the order of their file; of points, `camera` is the trajectory's index in the file
-    labels     row for row with `blobs`; of points, `step` is an index into the steps of the points' job
-    motion     frame for frame with `blobs.frames`
+    rows       all N blobs or points of the take, in the order of their file
+    labels     row for row with `rows`
+    motion     frame for frame with `rows.frames`
     suspects   ranges of frames to look at
     source     the file of the take, empty if there is none
-    points     (N, 3) m, where the points are; None for blobs
-    residual   (N,) m, by how much the file says that they may be off, NaN where it does not; None where nobody kept it
     """
 
     name: str
     rate: float
     cameras: Cameras
     markerset: MarkerSet
-    blobs: Blobs
+    rows: Blobs | PointRows
     labels: Labels
     motion: Motion
     suspects: tuple[Suspect, ...] = ()
     source: str = ""
-    points: np.ndarray | None = None
-    residual: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,14 +72,20 @@ class Stored:
     rate: float
     cameras: Cameras
     names: tuple[str, ...]
-    blobs: Blobs
+    rows: Blobs | PointRows
     labels: Labels
     motion: Motion
     suspects: tuple[Suspect, ...]
     source: str
     shift: int
-    points: np.ndarray | None = None
-    residual: np.ndarray | None = None
+
+
+def join_rows(chunks: Sequence[Blobs] | Sequence[PointRows]) -> Blobs | PointRows:
+    """Consecutive chunks of a take as one; points are one chunk always."""
+    if isinstance(chunks[0], PointRows):
+        [rows] = chunks
+        return rows
+    return join_blobs(chunks)
 
 
 def join_blobs(chunks: Iterable[Blobs]) -> Blobs:
@@ -100,7 +105,7 @@ def join_labelled(chunks: list[LabelledChunk]) -> tuple[Labels, Motion, tuple[Su
     """Labels, motion and suspects of consecutive chunks as one; suspects that touch and agree become one range."""
     if not chunks:
         raise JobError("the take holds no frames; expected at least one frame with blobs")
-    labels = Labels(*(np.concatenate([getattr(c.labels, f.name) for c in chunks]) for f in fields(Labels)))
+    labels = Labels.join(chunk.labels for chunk in chunks)
     motion = Motion(*(np.concatenate([getattr(c.motion, f.name) for c in chunks]) for f in fields(Motion)))
     return labels, motion, _merged(suspect for chunk in chunks for suspect in chunk.suspects)
 
@@ -131,9 +136,9 @@ def show_take(context: bpy.types.Context, take: Take, unnamed: bool = False) -> 
     add_body(_child(collection, f"{collection.name} body"), armature, take.markerset, build.scale)
     empties = _child(collection, f"{collection.name} markers")
     scene_markers.add_markers(empties, action, take.markerset.markers, take.motion, frames)
-    left = take.labels.marker == NO_MARKER
-    if unnamed and take.points is not None and left.any():
-        table = cloud_table(f"{take.name} unnamed", frames[take.blobs.frame[left]], take.points[left])
+    left = ~take.labels.named
+    if unnamed and isinstance(take.rows, PointRows) and left.any():
+        table = cloud_table(f"{take.name} unnamed", frames[take.rows.frame[left]], take.rows.xyz[left])
         add_cloud(collection, table)
     _store(collection, take, camera_collection, shift)
     set_time(scene, take.rate, frames)
@@ -152,7 +157,7 @@ def is_take(collection: bpy.types.Collection | None) -> bool:
 
 def remove_take(collection: bpy.types.Collection):
     """Removes a take with everything that was made for it; its cameras stay."""
-    kept = [collection.get(key) for key in (BLOBS, MOTION, POSE, FRAMES)]
+    kept = [collection.get(key) for key in (ROWS, MOTION, POSE, FRAMES)]
     items = list(collection.all_objects)
     actions = {item.animation_data.action for item in items if item.animation_data and item.animation_data.action}
     data = {item.data for item in items if item.data is not None}
@@ -163,35 +168,46 @@ def remove_take(collection: bpy.types.Collection):
 
 def stored_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
     """A take as the file keeps it, in any session after the one that labelled it."""
-    blobs, frames = storage.read_table(collection[BLOBS]), storage.read_table(collection[FRAMES])
+    rows, frames = storage.read_table(collection[ROWS]), storage.read_table(collection[FRAMES])
     names = tuple(json.loads(collection[NAMES]))
     numbers = frames["number"]
     cameras = collection.get(naming.CAMERAS)
     return Stored(
         str(collection[naming.TAKE]),
         float(collection[RATE]),
-        scene_cameras.cameras_of(cameras, scene) if cameras else scene_cameras.NO_CAMERAS,
+        scene_cameras.cameras_of(cameras, scene) if cameras else NO_CAMERAS,
         names,
-        Blobs(numbers, *(blobs[f.name] for f in fields(Blobs)[1:])),
-        Labels(blobs["marker"], blobs["step"], blobs["confidence"]),
+        _read_rows(rows, numbers),
+        Labels(rows["marker"], _read_steps(collection, rows), rows["confidence"]),
         _read_motion(collection, frames, len(names)),
         tuple(Suspect(*row) for row in json.loads(collection[SUSPECTS])),
         str(collection[SOURCE]),
         int(collection[SHIFT]),
-        blobs.get(POINT),
-        blobs.get(RESIDUAL),
     )
 
 
+def _read_rows(table: dict[str, np.ndarray], frames: np.ndarray) -> Blobs | PointRows:
+    """The blobs or points of a stored take."""
+    if POINT not in table:
+        return Blobs(frames, *(table[field.name] for field in fields(Blobs)[1:]))
+    # The first version kept points as blobs, whose camera was the trajectory.
+    trajectory = table[TRAJECTORY] if TRAJECTORY in table else table["camera"]
+    return PointRows(frames, table["frame"], trajectory, table[POINT], table.get(RESIDUAL))
+
+
+def _read_steps(collection: bpy.types.Collection, table: dict[str, np.ndarray]) -> np.ndarray:
+    """(N,) how the labels came about, as an index into STEPS."""
+    known = json.loads(collection[STEP_NAMES]) if STEP_NAMES in collection else POINT_STEPS_OF_VERSION_1
+    if STEP_NAMES not in collection and POINT not in table:
+        return table["step"]
+    return np.array([STEPS.index(step) for step in known])[table["step"]]
+
+
 def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Collection | None, shift: int):
-    title, blobs, labels, motion = collection.name, take.blobs, take.labels, take.motion
-    columns = {f.name: getattr(blobs, f.name) for f in fields(Blobs) if f.name != "frames"}
-    columns |= {f.name: getattr(labels, f.name) for f in fields(Labels)}
-    if take.points is not None:
-        columns[POINT] = take.points
-    if take.residual is not None:
-        columns[RESIDUAL] = take.residual
-    collection[BLOBS] = storage.store_table(f"{title} blobs", columns)
+    title, labels, motion = collection.name, take.labels, take.motion
+    columns = _row_columns(take.rows) | {"marker": labels.marker, "step": labels.step, "confidence": labels.confidence}
+    collection[ROWS] = storage.store_table(f"{title} rows", columns)
+    collection[STEP_NAMES] = json.dumps(STEPS)
     flat = {
         "markers": motion.markers.reshape(-1, 3),
         "expected": motion.expected.reshape(-1, 3),
@@ -211,6 +227,14 @@ def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Coll
     collection[NAMES] = json.dumps(take.markerset.markers)
     collection[RATE], collection[SHIFT], collection[SOURCE] = float(take.rate), shift, take.source
     collection[SUSPECTS] = json.dumps([[int(s.first), int(s.last), s.reason] for s in take.suspects])
+
+
+def _row_columns(rows: Blobs | PointRows) -> dict[str, np.ndarray]:
+    """Blobs or points as the columns of a table."""
+    if isinstance(rows, Blobs):
+        return {field.name: getattr(rows, field.name) for field in fields(Blobs)[1:]}
+    columns = {"frame": rows.frame, TRAJECTORY: rows.trajectory, POINT: rows.xyz}
+    return columns if rows.residual is None else columns | {RESIDUAL: rows.residual}
 
 
 def _read_motion(collection: bpy.types.Collection, frames: dict[str, np.ndarray], markers: int) -> Motion:

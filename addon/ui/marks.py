@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.data.takes import CONFLICT, EXCLUSIVE, NO_MARKER, NO_STEP, REMAINING
+from ..core.data.takes import CONFLICT, EXCLUSIVE, NO_MARKER, REMAINING, STEPS, PointRows
 from ..scene.take import Stored
 
 GREEN, CYAN, MAGENTA, GREY = (
@@ -21,8 +21,8 @@ ORANGE, RED = (1.0, 0.75, 0.2, 1.0), (1.0, 0.15, 0.2, 1.0)
 BLACK, WHITE = (0.02, 0.02, 0.02, 1.0), (1.0, 1.0, 1.0, 1.0)
 
 # Of a link's two ends, the blob and the body's marker, by the step that named the blob: the paper's figure 5.
-STEP_COLOURS = np.empty((4, 2, 4))
-STEP_COLOURS[NO_STEP] = GREY, GREY
+# What names points colours no link.
+STEP_COLOURS = np.tile(np.array(GREY), (len(STEPS), 2, 1))
 STEP_COLOURS[EXCLUSIVE] = GREEN, GREEN
 STEP_COLOURS[CONFLICT] = CYAN, MAGENTA
 STEP_COLOURS[REMAINING] = BLACK, WHITE
@@ -53,7 +53,7 @@ def frame_index(stored: Stored, frame: int) -> int:
 
 def camera_marks(stored: Stored, index: int, camera: int, pose: np.ndarray) -> CameraMarks:
     """What camera number `camera` saw in frame `index`; `pose` (4, 4) is the Blender camera's, which looks along -z."""
-    blobs, labels = stored.blobs, stored.labels
+    blobs, labels = stored.rows, stored.labels
     first, last = np.searchsorted(blobs.frame, [index, index + 1])
     rows = first + np.flatnonzero(blobs.camera[first:last] == camera)
     image = stored.cameras.undistort(blobs.xy[rows], blobs.camera[rows])
@@ -94,17 +94,17 @@ def point_marks(stored: Stored, index: int) -> PointMarks:
     words = {word.rstrip(":") for reason in reasons for word in re.findall(r"[^\s,;]+", reason)}
     doubtful = np.array([name in words for name in stored.names], dtype=bool)
     markers, labels = stored.motion.markers[index], stored.labels
-    if stored.points is None:
+    if not isinstance(stored.rows, PointRows):
         return PointMarks(markers, doubtful, np.empty((0, 3)), {})
-    first, last = np.searchsorted(stored.blobs.frame, [index, index + 1])
+    first, last = np.searchsorted(stored.rows.frame, [index, index + 1])
     marker, confidence = labels.marker[first:last], labels.confidence[first:last]
     doubtful[marker[(marker != NO_MARKER) & (confidence < SURE)]] = True
     left = first + np.flatnonzero(marker == NO_MARKER)
-    numbers = stored.blobs.camera[left].tolist()
+    numbers = stored.rows.trajectory[left].tolist()
     # Reasons count things as well, so a number is a trajectory's only where they call it one.
     called = {number for reason in reasons for found in CALLED.findall(reason) for number in map(int, found.split())}
     asked = {row: f"trajectory {number}" for row, number in enumerate(numbers) if number in called}
-    return PointMarks(markers, doubtful, stored.points[left], asked)
+    return PointMarks(markers, doubtful, stored.rows.xyz[left], asked)
 
 
 def room_for_words(places: np.ndarray, widths: np.ndarray, height: float, gap: float) -> np.ndarray:

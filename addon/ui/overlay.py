@@ -7,7 +7,7 @@ import gpu
 import numpy as np
 from gpu_extras.batch import batch_for_shader
 
-from ..core.data.takes import NO_MARKER
+from ..core.data.takes import NO_MARKER, PointRows
 from ..ops.importing import cameras_at_hand
 from ..scene import naming
 from ..scene.cameras import camera_name, is_mocap_camera
@@ -175,7 +175,7 @@ def draw_markers(canvas: Canvas, stored: Stored, index: int, settings):
     if settings.show_names:
         words = [*stored.names, *seen.asked.values()]
         canvas.names(words, np.concatenate([places, others[asked]]))
-    if stored.points is not None:
+    if isinstance(stored.rows, PointRows):
         found = int(np.isfinite(seen.named).all(axis=1).sum())
         draw_point_legend(canvas, found, found + len(others), bool(stored.names))
 

@@ -171,9 +171,10 @@ class MOCAP_AUTOLABEL_PT_hints(Step, bpy.types.Panel):
         value.active = settings.use_range
         value.prop(settings, "range_first", text="")
         value.prop(settings, "range_last", text="")
-        if settings.points_path:
-            layout.prop(settings, "method")
+        layout.prop(settings, "method")
+        if settings.points_path or settings.method not in ("auto", "fit"):
             layout.prop(settings, "target")
+        if settings.points_path:
             layout.prop(settings, "keep_unnamed")
         else:
             layout.prop(settings, "body")

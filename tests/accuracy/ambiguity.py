@@ -8,14 +8,14 @@ markers of all people are moved as is advised from the others' shape, and the co
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from addon.core.body.bodies import BodyModel
 from addon.core.body.posing import fit_points
 from addon.core.data.markersets import MarkerSet
-from addon.core.placement_quality import GOAL, Advice, advise, judge, separation, worn
+from addon.core.placement_quality import GOAL, Advice, advise, judge, marker_layout, separation
 from addon.core.placement_quality.advice import ADD
 from addon.core.points.likelihood import Likelihood, learn_likelihood
 from addon.core.points.likelihood.trials import make_trial
@@ -79,7 +79,7 @@ def predicted_and_measured(markerset: MarkerSet, frames: int) -> tuple[str, str]
     pairs, markers, counts = 0.0, 0.0, np.zeros((len(markerset), len(markerset)), dtype=int)
     for left_out in groups:
         likelihood = learn_likelihood(takes.without(left_out), takes.names)
-        found = judge(worn(replace(markerset, likelihood=likelihood)))
+        found = judge(marker_layout(markerset, learned=likelihood))
         pairs, markers = pairs + found.hidden / len(groups), markers + found.of_markers / len(groups)
         counts += confusion(likelihood, takes, left_out, frames)
     one, two = np.triu_indices(len(markerset), 1)
@@ -131,7 +131,7 @@ def advice_taken(markerset: MarkerSet, frames: int, groups: int, goal: float, st
     takes, rows, total = recorded(markerset), [], [np.zeros(2), np.zeros(2)]
     for left_out in people.folds()[:groups]:
         likelihood = learn_likelihood(takes.without(left_out), takes.names)
-        made = worn(replace(markerset, likelihood=likelihood))
+        made = marker_layout(markerset, learned=likelihood)
         advice = [one for one, _ in advise(made, goal, steps)]
         new = taken(takes, markerset, advice)
         again = learn_likelihood(new.without(left_out), new.names)

@@ -12,6 +12,7 @@ from io import StringIO
 from pathlib import Path
 
 import numpy as np
+from addon.jobs.wearer import Wearer
 
 from addon.cli import main as command
 from addon.core.data.models import Model
@@ -19,7 +20,6 @@ from addon.core.points.rigid_bodies import learn_structure
 from addon.core.points.tracklets import cut, vote_tracklets
 from addon.io.models import open_model
 from addon.io.points import read_points
-from addon.jobs.wearer import Wearer
 
 from . import anatomical, others
 from .people import DATA

@@ -4,13 +4,13 @@
 from dataclasses import dataclass
 
 import numpy as np
+from addon.jobs.naming import Decided, NamedFrames, consistent, decide, joined, name_frames
+from addon.jobs.wearer import Wearer, checked, find_wearer
 
 from addon.core.blobs.pipeline import Options
 from addon.core.data.models import Model
 from addon.core.points.likelihood import Likelihood, label_frames
 from addon.core.points.tracklets import cut
-from addon.jobs.naming import Decided, NamedFrames, consistent, decide, joined, name_frames
-from addon.jobs.wearer import Wearer, checked, find_wearer
 
 SEED = 5
 TARGET = 0.999  # the share of right labels that the product asks for

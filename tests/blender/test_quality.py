@@ -36,7 +36,7 @@ def test_the_set_that_is_laid_out_is_judged_as_it_was_learned(judged):
     quality, _, collection = judged
     report = quality.kept_report(collection)
     core = importlib.import_module("addon.core.placement_quality")
-    found = core.judge(core.worn(open_markerset("gait15")))
+    found = core.judge(core.marker_layout(open_markerset("gait15")))
     one, two = found.worst()[0]
     assert set(report["pairs"][0]["markers"]) == {found.markers[one], found.markers[two]}
     assert report["pairs"][0]["separation"] == pytest.approx(float(core.separation(found.hidden[one, two])), abs=0.02)

@@ -11,8 +11,8 @@ from addon.core.body.bodies import BodyModel
 from addon.core.data.errors import InputError
 from addon.core.data.markersets import Capsules, MarkerSet, Skeleton, Spread
 from addon.core.geometry.upright import turned
-from addon.core.placement_quality import advise, judge, separation, worn
-from addon.core.placement_quality.layout import Worn
+from addon.core.placement_quality import advise, judge, marker_layout, separation
+from addon.core.placement_quality.layout import MarkerLayout
 from addon.core.placement_quality.overlap import covariance_of, pair_overlaps, renaming_overlap
 from addon.core.placement_quality.surface import all_over, in_view, nearby
 from addon.core.points.likelihood.shape import Shape
@@ -46,14 +46,14 @@ def random_shape(seed: int = 0, markers: int = 7) -> Shape:
     return Shape(mean, 0.04 * generator.standard_normal((markers, 3, 3)), generator.uniform(2e-4, 8e-4, markers))
 
 
-def as_worn(shape: Shape) -> Worn:
-    """Worn by a thing that has as many markers."""
-    made = worn(prop(shape.mean))
+def as_worn(shape: Shape) -> MarkerLayout:
+    """MarkerLayout by a thing that has as many markers."""
+    made = marker_layout(prop(shape.mean))
     return replace(made, shape=shape)
 
 
 def test_a_square_is_bad_and_a_kite_is_good():
-    square, kite = judge(worn(prop(SQUARE))), judge(worn(prop(KITE)))
+    square, kite = judge(marker_layout(prop(SQUARE))), judge(marker_layout(prop(KITE)))
     assert separation(square.symmetry) < 1.5
     assert separation(square.seen[square.worst()[0]]) < 1
     assert separation(kite.symmetry) > 5
@@ -74,7 +74,7 @@ def test_a_body_with_the_same_markers_on_both_sides_is_told_apart_worse_than_one
     offsets = toy.offsets.copy()
     offsets[one] += [0.0, 0.0, 0.09]
     lopsided = replace(toy, offsets=offsets)
-    assert judge(worn(lopsided)).symmetry < judge(worn(toy)).symmetry
+    assert judge(marker_layout(lopsided)).symmetry < judge(marker_layout(toy)).symmetry
 
 
 def test_the_closed_form_of_pairs_is_that_of_whole_gaussians():
@@ -160,13 +160,13 @@ def test_separation_is_that_of_two_bell_curves():
 
 def test_a_moved_marker_goes_where_its_segment_carries_it():
     toy = toy_markerset()
-    made, model = worn(toy), BodyModel(toy)
+    made, model = marker_layout(toy), BodyModel(toy)
     marker = toy.markers.index("LTHI")
     place = toy.offsets[marker] + [0.02, 0.0, 0.03]
     # The same change made to the set itself, whose cloud is then drawn anew.
     offsets = toy.offsets.copy()
     offsets[marker] = place
-    anew = worn(replace(toy, offsets=offsets))
+    anew = marker_layout(replace(toy, offsets=offsets))
     moved = made.moved(marker, place)
     assert moved.markerset.offsets[marker] == pytest.approx(place)
     between = moved.shape.mean - moved.shape.mean.mean(axis=0) - anew.shape.mean + anew.shape.mean.mean(axis=0)
@@ -178,8 +178,8 @@ def test_a_moved_marker_goes_where_its_segment_carries_it():
 
 def test_an_edited_set_keeps_what_was_learned_of_its_base():
     toy = toy_markerset()
-    drawn = worn(toy, seed=4)
-    toy = replace(toy, likelihood=SimpleNamespace(markers=toy.markers, shape=drawn.shape))
+    drawn = marker_layout(toy, seed=4)
+    learned = SimpleNamespace(markers=toy.markers, shape=drawn.shape, subjects=3)
     offsets = toy.offsets.copy()
     offsets[3] += [0.0, 0.02, 0.0]
     keep = [0, *range(2, len(toy))]
@@ -194,7 +194,7 @@ def test_an_edited_set_keeps_what_was_learned_of_its_base():
             marker_sd=np.full(len(toy), 0.004),
         ),
     )
-    found = worn(edited, base=toy)
+    found = marker_layout(edited, toy, learned)
     assert found.markerset is edited
     np.testing.assert_allclose(found.shape.mean[0], drawn.shape.mean[0])
     assert np.linalg.norm(found.shape.mean[2] - drawn.shape.mean[3]) == pytest.approx(0.034, rel=0.1)
@@ -225,7 +225,7 @@ def test_advice_makes_the_worst_pair_clearer_and_nothing_worse():
     toy = toy_markerset()
     offsets = toy.offsets.copy()
     offsets[toy.markers.index("LTHI")] = [0.0, 0.047, -0.22]
-    made = worn(replace(toy, offsets=offsets))
+    made = marker_layout(replace(toy, offsets=offsets))
     before = judge(made)
     assert {before.markers[index] for index in before.worst()[0]} == {"LTHI", "LKNE"}
     [(advice, after)] = advise(made, goal=5, steps=1, keep=["LKNE"])
@@ -240,7 +240,7 @@ def test_where_nothing_may_be_moved_a_marker_is_added():
     toy = toy_markerset()
     offsets = toy.offsets.copy()
     offsets[toy.markers.index("LTHI")] = [0.0, 0.047, -0.22]
-    made = worn(replace(toy, offsets=offsets))
+    made = marker_layout(replace(toy, offsets=offsets))
     found = list(advise(made, goal=5, steps=1, keep=toy.markers))
     assert [advice.kind for advice, _ in found] == ["add"]
     advice, after = found[0]
@@ -250,9 +250,9 @@ def test_where_nothing_may_be_moved_a_marker_is_added():
 
 
 def test_a_good_set_needs_no_advice():
-    assert list(advise(worn(prop(KITE)), goal=0.5)) == []
+    assert list(advise(marker_layout(prop(KITE)), goal=0.5)) == []
 
 
 def test_two_markers_are_too_few():
     with pytest.raises(InputError, match="2 markers; expected 3 or more"):
-        worn(prop(SQUARE[:2]))
+        marker_layout(prop(SQUARE[:2]))

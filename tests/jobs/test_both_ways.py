@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from addon.core.data.takes import NO_MARKER, STEPS, Blobs, LabelledChunk, Labels, Motion, Suspect
-from addon.jobs.both_ways import ALL_STEPS, Agreement, label_both_ways
+from addon.core.pipelines.cross_check import Agreement, label_both_ways
 
 NAMES = ("A", "B", "C")
 FRAMES, CAMERAS = 30, 3
@@ -62,8 +62,8 @@ def test_where_the_body_found_nobody_the_points_have_the_say(blobs):
     made, counts = both(blobs, chunk(body, 1, 1.0, nobody, ~lost), chunk(truth, 3, 2.0))
     assert counts == {"same": 9 * 18, "different": 0, "only_fit": 0, "only_points": 9 * 12}
     assert (made.labels.marker == truth).all()
-    assert {ALL_STEPS[step] for step in made.labels.step[lost[blobs.frame]]} == {"trajectory"}
-    assert {ALL_STEPS[step] for step in made.labels.step[~lost[blobs.frame]]} == {STEPS[1]}
+    assert {STEPS[step] for step in made.labels.step[lost[blobs.frame]]} == {"trajectory"}
+    assert {STEPS[step] for step in made.labels.step[~lost[blobs.frame]]} == {STEPS[1]}
     assert made.suspects == ()
     assert (made.motion.markers[lost] == 2.0).all()
     assert (made.motion.markers[~lost] == 1.0).all()

@@ -8,6 +8,7 @@ import re
 import ezc3d
 import numpy as np
 import pytest
+from addon.jobs.naming import NamedFrames
 
 from addon.blendfile import has_blender
 from addon.core.body.bodies import BodyModel
@@ -17,7 +18,6 @@ from addon.io.markersets import open_markerset
 from addon.io.points import read_points, write_c3d
 from addon.jobs import LabelJob, label_file
 from addon.jobs import points as job
-from addon.jobs.naming import NamedFrames
 
 FRAMES = 60
 OUTPUTS = 3  # points before the markers that a model computed

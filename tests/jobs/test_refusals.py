@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from addon.core.points.refusals import refuse_floods, refuse_others, refuse_strangers
 
 from addon.core.blobs.pipeline import Options
 from addon.core.body.bodies import BodyModel
@@ -18,7 +19,6 @@ from addon.core.training.segments import segment_markerset
 from addon.io.markersets import open_markerset
 from addon.io.models import open_model
 from addon.io.points import read_points
-from addon.jobs.refusals import refuse_floods, refuse_others, refuse_strangers
 
 PLATES = 3  # of four markers each
 FRAMES = 60

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 from addon.core.data.models import Model, TrainingTake
-from addon.core.data.takes import NO_MARKER
+from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, Labels, Verdict
 from addon.core.points.likelihood.model import Likelihood
+from addon.core.points.rigid_bodies.adaptation import adapt, borne_out
 from addon.core.points.rigid_bodies.model import learn_rigid_bodies
 from addon.core.points.tracklets import cut
-from addon.jobs.naming import Decided
-from addon.jobs.wearer import checked, find_wearer
 from tests.core.rigid_bodies.plated import NAMES, RATE, body, walk
 from tests.core.toybody import toy_markerset
 
@@ -23,23 +22,24 @@ FIRST_FRAME = 100
 def model():
     takes = np.concatenate([walk(body()), walk(body(), 1)])
     likelihood = Likelihood(NAMES, None, None, None, 1, learn_rigid_bodies([takes], 0.5))
-    markerset = replace(toy_markerset(), markers=NAMES, likelihood=likelihood)
-    return Model(markerset, training_takes=(TrainingTake("somebody", ("take",), len(takes), takes),))
+    markerset = replace(toy_markerset(), markers=NAMES)
+    return Model(markerset, likelihood, training_takes=(TrainingTake("somebody", ("take",), len(takes), takes),))
 
 
-def wearer_of(model, points):
-    return find_wearer(model, "evidence", points, cut(points, RATE), RATE)
+def adapted_to(model, points):
+    return adapt(model, points, cut(points, RATE), RATE)
 
 
-def named_by(marker: np.ndarray) -> Decided:
+def named_by(marker: np.ndarray) -> Verdict:
     """What frames and votes may have said: these markers (T, P), for sure."""
-    return Decided(marker, np.where(marker == NO_MARKER, 0.0, 1.0), marker != NO_MARKER, ())
+    named = marker != NO_MARKER
+    return Verdict(Labels(marker, np.where(named, BY_LIKELIHOOD, 0), named * 1.0))
 
 
 @pytest.fixture(scope="module")
 def other(model):
     points = walk(body(2, limb=0.06, form=0.006, place=0.015), 12)
-    return points, wearer_of(model, points)
+    return points, adapted_to(model, points)
 
 
 def right_of(points: np.ndarray) -> np.ndarray:
@@ -48,55 +48,55 @@ def right_of(points: np.ndarray) -> np.ndarray:
 
 def test_the_subject_of_the_training_needs_nothing_else(model):
     points = walk(body(), 5)
-    wearer = wearer_of(model, points)
-    assert wearer.model is model
-    assert not wearer.stranger
-    assert (checked(named_by(right_of(points)), wearer, FIRST_FRAME).marker == right_of(points)).all()
+    adaptation = adapted_to(model, points)
+    assert adaptation.model is model
+    assert not adaptation.stranger
+    assert (borne_out(named_by(right_of(points)), adaptation, FIRST_FRAME).labels.marker == right_of(points)).all()
 
 
 def test_somebody_else_is_named_with_plates_of_their_own_and_the_report_begins_with_it(model, other):
-    points, wearer = other
-    assert wearer.stranger
-    assert wearer.model.markerset.likelihood.rigid_bodies is wearer.person.rigid_bodies
-    assert model.markerset.likelihood.rigid_bodies is not wearer.person.rigid_bodies
-    decided = checked(named_by(right_of(points)), wearer, FIRST_FRAME)
+    points, adaptation = other
+    assert adaptation.stranger
+    assert adaptation.model.likelihood.rigid_bodies is adaptation.person.rigid_bodies
+    assert model.likelihood.rigid_bodies is not adaptation.person.rigid_bodies
+    decided = borne_out(named_by(right_of(points)), adaptation, FIRST_FRAME)
     assert decided.suspects[0].reason.startswith("the plates are not those of the training")
     assert (decided.suspects[0].first, decided.suspects[0].last) == (FIRST_FRAME, FIRST_FRAME + len(points) - 1)
-    unnamed = {NAMES[index] for index in np.flatnonzero((decided.marker == NO_MARKER).all(axis=0))}
+    unnamed = {NAMES[index] for index in np.flatnonzero((decided.labels.marker == NO_MARKER).all(axis=0))}
     (missing,) = [s.reason for s in decided.suspects if s.reason.startswith("not found for sure")]
     assert unnamed == set(missing.split(": ")[1].split())
 
 
 def test_a_name_that_the_motion_contradicts_is_taken_back_and_said(other):
-    points, wearer = other
+    points, adaptation = other
     marker = right_of(points).copy()
-    sure = np.flatnonzero((wearer.person.marker == right_of(points)).all(axis=0))
+    sure = np.flatnonzero((adaptation.person.marker == right_of(points)).all(axis=0))
     one, two = sure[0], sure[5]
     marker[20:60, [one, two]] = marker[20:60, [two, one]]
-    decided = checked(named_by(marker), wearer, FIRST_FRAME)
-    assert (decided.marker[20:60, [one, two]] == NO_MARKER).all()
-    assert (decided.marker[:20, one] == one).all()
+    decided = borne_out(named_by(marker), adaptation, FIRST_FRAME)
+    assert (decided.labels.marker[20:60, [one, two]] == NO_MARKER).all()
+    assert (decided.labels.marker[:20, one] == one).all()
     words = f"trajectory {one} moves as {NAMES[one]} and looks like {NAMES[two]}, so it stays unnamed"
     assert [(s.first, s.last) for s in decided.suspects if s.reason == words] == [(FIRST_FRAME + 20, FIRST_FRAME + 59)]
 
 
 def test_what_only_motion_tells_is_named_by_it(other):
-    points, wearer = other
-    decided = checked(named_by(np.full(points.shape[:2], NO_MARKER)), wearer, FIRST_FRAME)
-    named = decided.marker != NO_MARKER
+    points, adaptation = other
+    decided = borne_out(named_by(np.full(points.shape[:2], NO_MARKER)), adaptation, FIRST_FRAME)
+    named = decided.labels.marker != NO_MARKER
     assert named.mean() > 0.7
-    assert (decided.marker == right_of(points))[named].all()
-    assert not decided.alone[named].any()
-    assert (decided.confidence[named] > 0.9).all()
+    assert (decided.labels.marker == right_of(points))[named].all()
+    assert not decided.labels.step[named].any()
+    assert (decided.labels.confidence[named] > 0.9).all()
 
 
 def test_things_that_stand_about_are_said_to(model):
     points = walk(body(), 5)
     table = np.array([[2.0, 2, 0.7], [2.3, 2, 0.7], [2.1, 2.2, 0.7]])
     table = table + np.random.default_rng(0).normal(0, 0.0003, (len(points), 3, 3))
-    wearer = wearer_of(model, np.concatenate([points, table], axis=1))
+    adaptation = adapted_to(model, np.concatenate([points, table], axis=1))
     marker = np.concatenate([right_of(points), np.full((len(points), 3), NO_MARKER)], axis=1)
-    decided = checked(named_by(marker), wearer, FIRST_FRAME)
+    decided = borne_out(named_by(marker), adaptation, FIRST_FRAME)
     assert [s.reason.split(" stand")[0] for s in decided.suspects] == ["3 trajectories"]
 
 
@@ -105,16 +105,16 @@ def test_models_that_cannot_tell_are_left_as_they_are(model):
     forgetful = replace(model, training_takes=())
     bare = replace(model, markerset=replace(model.markerset, likelihood=None))
     for given, method in ((forgetful, "evidence"), (bare, "evidence"), (model, "fit")):
-        wearer = find_wearer(given, method, points, cut(points, RATE), RATE)
-        assert wearer.model is given
-        assert wearer.person is None
-        assert checked(named_by(right_of(points)), wearer, 0).suspects == ()
+        adaptation = find_adaptation(given, method, points, cut(points, RATE), RATE)
+        assert adaptation.model is given
+        assert adaptation.person is None
+        assert borne_out(named_by(right_of(points)), adaptation, 0).suspects == ()
 
 
 def test_where_the_motion_does_not_tell_it_is_said_that_forms_alone_do(model):
     points = walk(body(), 5, liveliness=0.003)
-    wearer = wearer_of(model, points)
-    assert wearer.model is model
-    decided = checked(named_by(right_of(points)), wearer, FIRST_FRAME)
-    assert (decided.marker == right_of(points)).all()
+    adaptation = adapted_to(model, points)
+    assert adaptation.model is model
+    decided = borne_out(named_by(right_of(points)), adaptation, FIRST_FRAME)
+    assert (decided.labels.marker == right_of(points)).all()
     assert any("rest on the plates' forms alone" in suspect.reason for suspect in decided.suspects)

@@ -10,8 +10,6 @@ from functools import cached_property
 
 import numpy as np
 
-from ..points.likelihood.model import Likelihood
-
 
 @dataclass(frozen=True, eq=False)
 class Skeleton:
@@ -98,7 +96,6 @@ class MarkerSet:
     capsules           the body
     spread             variation over people and poses
     source             where the numbers come from: people, dates, counts (free text by key)
-    likelihood           what was learned for naming 3D points, if anything
     """
 
     name: str
@@ -111,7 +108,6 @@ class MarkerSet:
     capsules: Capsules
     spread: Spread
     source: dict[str, str]
-    likelihood: Likelihood | None = None
 
     def __len__(self) -> int:
         return len(self.markers)

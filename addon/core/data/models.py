@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A model: a marker set, an ensemble of partial solvers for it, and what both were learned from."""
+"""A model: a marker set, what was learned to name its markers by, and the takes that it was learned from."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
+from ..points.likelihood.model import Likelihood
 from ..points.partial_solvers.model import PartialSolvers
+from ..points.rigid_bodies.model import RigidBodies
 from .markersets import MarkerSet
 
 
@@ -30,14 +32,21 @@ class TrainingTake:
 class Model:
     """What a model file holds.
 
-    markerset  names, skeleton, body, and the evidence for naming points
-    partial_solvers   of partial solvers; None where it was not trained
-    training_takes    what it was trained on, a take each; empty where that was left out
+    markerset        names, skeleton, body
+    likelihood       what was learned to name points by; None where nothing was
+    partial_solvers  the same as an ensemble of partial solvers; None where they were not trained
+    training_takes   what it was trained on, a take each; empty where that was left out
     """
 
     markerset: MarkerSet
+    likelihood: Likelihood | None = None
     partial_solvers: PartialSolvers | None = None
     training_takes: tuple[TrainingTake, ...] = ()
+
+    @property
+    def rigid_bodies(self) -> RigidBodies | None:
+        """The rigid bodies that most of the markers are on; None for other sets."""
+        return None if self.likelihood is None else self.likelihood.rigid_bodies
 
     @property
     def subjects(self) -> dict[str, np.ndarray]:

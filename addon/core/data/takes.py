@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What goes into the labelling and what comes out of it: blobs, labels and the motion of the markers."""
+"""What goes into the labelling and what comes out of it: blobs, points, labels and the motion of the markers."""
 
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass, field, fields
+from typing import Self
 
 import numpy as np
 
-# How a blob came by its name: the three steps of the first paper's algorithm 1. The index is what `Labels.step` holds.
-STEPS = ("", "exclusive", "conflict", "remaining")
-NO_STEP, EXCLUSIVE, CONFLICT, REMAINING = range(len(STEPS))
+# How a blob or a point came by its name, in the words of label files: the three steps of the first paper's algorithm 1,
+# then what names points. The index is what `Labels.step` holds.
+STEPS = ("", "exclusive", "conflict", "remaining", "evidence", "ensemble", "fit", "trajectory")
+NO_STEP, EXCLUSIVE, CONFLICT, REMAINING, BY_LIKELIHOOD, BY_PARTIAL_SOLVERS, BY_FIT, BY_TRAJECTORY = range(len(STEPS))
 NO_MARKER = -1
 
 
@@ -34,16 +37,64 @@ class Blobs:
 
 @dataclass(frozen=True, eq=False)
 class Labels:
-    """The names of N blobs, row for row.
+    """The names of blobs or of points: arrays of one shape, N rows or P trajectories over T frames.
 
-    marker      (N,) index into the marker set's markers, NO_MARKER where unnamed
-    step        (N,) index into STEPS
-    confidence  (N,) 0 to 1; 0 where unnamed
+    marker      index into the marker set's markers, NO_MARKER where unnamed
+    step        index into STEPS, NO_STEP where unnamed
+    confidence  0 to 1; 0 where unnamed
+    rate        the part of labels like this one that is right, where that was measured; else None
     """
 
     marker: np.ndarray
     step: np.ndarray
     confidence: np.ndarray
+    rate: np.ndarray | None = None
+
+    @classmethod
+    def none(cls, *shape: int) -> Self:
+        """Nothing named."""
+        return cls(np.full(shape, NO_MARKER), np.full(shape, NO_STEP), np.zeros(shape))
+
+    @classmethod
+    def join(cls, parts: Iterable[Self]) -> Self:
+        """Several parts one after the other."""
+        return cls(*(_joined(column) for column in zip(*(part._columns for part in parts), strict=True)))
+
+    def __getitem__(self, index) -> Self:
+        """Some of the labels, by any index that arrays take."""
+        return type(self)(*(None if column is None else column[index] for column in self._columns))
+
+    @property
+    def named(self) -> np.ndarray:
+        """True where there is a name."""
+        return self.marker != NO_MARKER
+
+    def kept(self, where: np.ndarray) -> Self:
+        """The same names where `where` is True, and none elsewhere."""
+        rate = None if self.rate is None else np.where(where, self.rate, 0.0)
+        return type(self)(
+            np.where(where, self.marker, NO_MARKER),
+            np.where(where, self.step, NO_STEP),
+            np.where(where, self.confidence, 0.0),
+            rate,
+        )
+
+    def replaced(self, where: np.ndarray, other: Self) -> Self:
+        """The labels of `other` where `where` is True, and these elsewhere; without rates."""
+        names = ("marker", "step", "confidence")
+        return type(self)(*(np.where(where, getattr(other, name), getattr(self, name)) for name in names))
+
+    def sure(self, target: float) -> np.ndarray:
+        """The markers to accept so that a part `target` of them is right, NO_MARKER elsewhere."""
+        return np.where(self.rate >= target, self.marker, NO_MARKER)
+
+    @property
+    def _columns(self) -> tuple[np.ndarray | None, ...]:
+        return tuple(getattr(self, one.name) for one in fields(self))
+
+
+def _joined(column: tuple[np.ndarray | None, ...]) -> np.ndarray | None:
+    return None if any(part is None for part in column) else np.concatenate(column)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,8 +145,22 @@ class Suspect:
 
 
 @dataclass(frozen=True, eq=False)
+class Verdict:
+    """What is said of the points of a take: their labels (T, P), and what a person should look at."""
+
+    labels: Labels
+    suspects: tuple[Suspect, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
 class LabelledChunk:
-    """What the labelling says of one chunk of blobs: `labels` row for row with it, `motion` frame for frame."""
+    """What the labelling says of a chunk of blobs, or of a take of points.
+
+    labels    row for row with the blobs, or (T, P) like the points
+    motion    frame for frame
+    suspects  what a person should look at
+    seconds   time by stage
+    """
 
     labels: Labels
     motion: Motion
@@ -112,6 +177,7 @@ class Points:
     residual     (T, P) m, NaN where missing or unknown
     rate         frames a second
     first_frame  the source's number of the first frame
+    columns      (P,) the index of each trajectory in its file, what label files call `point`; None where there is none
     """
 
     names: tuple[str, ...]
@@ -119,3 +185,42 @@ class Points:
     residual: np.ndarray
     rate: float
     first_frame: int
+    columns: np.ndarray | None = None
+
+    @property
+    def frames(self) -> np.ndarray:
+        """(T,) the source's frame numbers."""
+        return self.first_frame + np.arange(len(self.xyz))
+
+    @property
+    def present(self) -> np.ndarray:
+        """(T, P) True where there is a point."""
+        return np.isfinite(self.xyz).all(axis=2)
+
+
+@dataclass(frozen=True, eq=False)
+class PointRows:
+    """The points of F frames, N in all, one after the other as label files have them.
+
+    frames      (F,) the source's own frame numbers
+    frame       (N,) index into `frames`
+    trajectory  (N,) the index of the point's trajectory in its file
+    xyz         (N, 3) m
+    residual    (N,) m, NaN where unknown; None where nobody kept it
+    """
+
+    frames: np.ndarray
+    frame: np.ndarray
+    trajectory: np.ndarray
+    xyz: np.ndarray
+    residual: np.ndarray | None
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    @classmethod
+    def of(cls, take: Points) -> Self:
+        """All points of a take that are there, frame by frame."""
+        frame, column = np.nonzero(take.present)
+        trajectory = column if take.columns is None else take.columns[column]
+        return cls(take.frames, frame, trajectory, take.xyz[frame, column], take.residual[frame, column])

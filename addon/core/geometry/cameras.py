@@ -198,3 +198,7 @@ def _solve2(jacobian: tuple[np.ndarray, ...], right: np.ndarray) -> np.ndarray:
     return np.stack(
         [(d * right[..., 0] - b * right[..., 1]) / det, (a * right[..., 1] - c * right[..., 0]) / det], axis=-1
     )
+
+
+# Of a take that came as points.
+NO_CAMERAS = Cameras((), *(np.zeros((0, *row)) for row in ((2,), (3, 3), (5,), (3, 3), (3,))))

@@ -3,6 +3,6 @@
 
 from .advice import GOAL, STEPS, Advice, advise
 from .judging import Ambiguity, judge, separation
-from .layout import Worn, worn
+from .layout import MarkerLayout, marker_layout
 
-__all__ = ["GOAL", "STEPS", "Advice", "Ambiguity", "Worn", "advise", "judge", "separation", "worn"]
+__all__ = ["GOAL", "STEPS", "Advice", "Ambiguity", "MarkerLayout", "advise", "judge", "marker_layout", "separation"]

@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from ..data.markersets import MarkerSet
 from .judging import TRIALS, Ambiguity, judged, separation
-from .layout import Worn
+from .layout import MarkerLayout
 from .renamings import renamings
 from .surface import all_over, nearby
 
@@ -77,7 +77,7 @@ class _Try:
 
     kind: str
     marker: int
-    worn: Worn
+    layout: MarkerLayout
     found: Ambiguity
 
     def apart(self, pair: tuple[int, int]) -> float:
@@ -89,8 +89,8 @@ class _Try:
 
 
 def advise(
-    worn: Worn, goal: float = GOAL, steps: int = STEPS, keep: Sequence[str] = ()
-) -> Iterator[tuple[Advice, Worn]]:
+    layout: MarkerLayout, goal: float = GOAL, steps: int = STEPS, keep: Sequence[str] = ()
+) -> Iterator[tuple[Advice, MarkerLayout]]:
     """Up to `steps` changes, each on top of those before it, and the set with it; ends when all pairs reach `goal`.
 
     Markers that `keep` names stay where they are: those on bones that something else is measured by.
@@ -98,17 +98,19 @@ def advise(
     tried: set[tuple[str, str]] = set()
     for _ in range(steps):
         with threadpool_limits(1, user_api="blas"):
-            found = _next(worn, goal, set(keep), tried)
+            found = _next(layout, goal, set(keep), tried)
         if found is None:
             return
         yield found
-        worn = found[1]
+        layout = found[1]
 
 
-def _next(worn: Worn, goal: float, keep: set[str], tried: set[tuple[str, str]]) -> tuple[Advice, Worn] | None:
+def _next(
+    layout: MarkerLayout, goal: float, keep: set[str], tried: set[tuple[str, str]]
+) -> tuple[Advice, MarkerLayout] | None:
     """What to do about the worst pair for which something can be done; `tried` are those that had their turn."""
-    whole = renamings(worn.markerset, worn.shape)
-    now = judged(worn, TRIALS, 0, whole)
+    whole = renamings(layout.markerset, layout.shape)
+    now = judged(layout, TRIALS, 0, whole)
     for pair in now.worst():
         names = now.markers[pair[0]], now.markers[pair[1]]
         if separation(now.hidden[pair]) >= goal or len(tried) >= MOST_PAIRS:
@@ -116,17 +118,17 @@ def _next(worn: Worn, goal: float, keep: set[str], tried: set[tuple[str, str]]) 
         if names in tried:
             continue
         tried.add(names)
-        found = _Search(worn, now, pair, keep).best(goal)
+        found = _Search(layout, now, pair, keep).best(goal)
         if found is not None:
-            return _as_advice(worn, now, found, pair), found.worn
+            return _as_advice(layout, now, found, pair), found.layout
     return None
 
 
 class _Search:
-    """All that can be done about one pair of a worn set."""
+    """All that can be done about one pair of a set."""
 
-    def __init__(self, worn: Worn, now: Ambiguity, pair: tuple[int, int], keep: set[str]):
-        self.worn, self.now, self.pair = worn, now, pair
+    def __init__(self, layout: MarkerLayout, now: Ambiguity, pair: tuple[int, int], keep: set[str]):
+        self.layout, self.now, self.pair = layout, now, pair
         self.free = [marker for marker in pair if now.markers[marker] not in keep]
 
     def best(self, goal: float) -> _Try | None:
@@ -148,51 +150,51 @@ class _Search:
 
     def _moves(self, marker: int) -> Iterator[_Try]:
         """A marker in all directions, and then at all distances in the directions that help most."""
-        old, size = self.worn.markerset.offsets[marker], self.worn.markerset.spread.height
+        old, size = self.layout.markerset.offsets[marker], self.layout.markerset.spread.height
         first = [
             self._moved(marker, place)
             for distance in (FARTHEST, FARTHEST / 2)
-            for place in nearby(self.worn.markerset, marker, distance / size)
+            for place in nearby(self.layout.markerset, marker, distance / size)
         ]
         yield from first
         for found in sorted(first, key=lambda found: -found.apart(self.pair))[:PROMISING]:
-            way = found.worn.markerset.offsets[marker] - old
+            way = found.layout.markerset.offsets[marker] - old
             for distance in np.arange(STRIDE, FARTHEST - STRIDE / 2, STRIDE) / size:
-                places = nearby(self.worn.markerset, marker, distance)
+                places = nearby(self.layout.markerset, marker, distance)
                 if len(places):
                     yield self._moved(marker, places[((places - old) @ way).argmax()])
 
     def _moved(self, marker: int, place: np.ndarray) -> _Try:
-        changed = self.worn.moved(marker, place)
+        changed = self.layout.moved(marker, place)
         return _Try(MOVE, marker, changed, judged(changed, TRIALS, 0, self.now.whole))
 
     def _additions(self) -> Iterator[_Try]:
         """One more marker anywhere on the segments of the pair."""
-        markerset = self.worn.markerset
+        markerset = self.layout.markerset
         name = next(f"{EXTRA}{n}" for n in range(1, 1000) if f"{EXTRA}{n}" not in markerset.markers)
         whole = [renaming.widened() for renaming in self.now.whole]
         for segment in sorted({int(markerset.attachment[marker]) for marker in self.pair}):
             for place in all_over(markerset, segment):
-                wider = self.worn.added(name, segment, place)
+                wider = self.layout.added(name, segment, place)
                 yield _Try(ADD, len(markerset), wider, judged(wider, TRIALS, 0, whole))
 
     def _length(self, found: _Try) -> float:
         return float(
-            np.linalg.norm(found.worn.markerset.offsets[found.marker] - self.worn.markerset.offsets[found.marker])
+            np.linalg.norm(found.layout.markerset.offsets[found.marker] - self.layout.markerset.offsets[found.marker])
         )
 
 
-def _as_advice(worn: Worn, now: Ambiguity, found: _Try, pair: tuple[int, int]) -> Advice:
-    markerset = found.worn.markerset
+def _as_advice(layout: MarkerLayout, now: Ambiguity, found: _Try, pair: tuple[int, int]) -> Advice:
+    markerset = found.layout.markerset
     segment, new = int(markerset.attachment[found.marker]), markerset.offsets[found.marker]
-    anchor = found.marker if found.kind == MOVE else worn.anchor(segment, new)
+    anchor = found.marker if found.kind == MOVE else layout.anchor(segment, new)
     return Advice(
         found.kind,
         markerset.markers[found.marker],
         segment,
-        worn.markerset.offsets[anchor],
+        layout.markerset.offsets[anchor],
         new,
-        worn.markerset.markers[anchor],
+        layout.markerset.markers[anchor],
         (now.markers[pair[0]], now.markers[pair[1]]),
         float(separation(now.hidden[pair])),
         found.apart(pair),

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from .layout import Worn
+from .layout import MarkerLayout
 from .overlap import covariance_of, pair_overlaps, renaming_overlap
 from .renamings import Renaming, renamings
 
@@ -59,18 +59,20 @@ class Ambiguity:
         return list(zip(one[order].tolist(), two[order].tolist(), strict=True))
 
 
-def judge(worn: Worn, trials: int = TRIALS, seed: int = 0, whole: Sequence[Renaming] | None = None) -> Ambiguity:
-    """How ambiguous a worn marker set is; the same every time for the same seed.
+def judge(
+    layout: MarkerLayout, trials: int = TRIALS, seed: int = 0, whole: Sequence[Renaming] | None = None
+) -> Ambiguity:
+    """How ambiguous the layout of a marker set is; the same every time for the same seed.
 
     `whole` are the renamings of limbs and of the whole body to judge, those of `renamings` unless given.
     """
     with threadpool_limits(1, user_api="blas"):
-        return judged(worn, trials, seed, renamings(worn.markerset, worn.shape) if whole is None else whole)
+        return judged(layout, trials, seed, renamings(layout.markerset, layout.shape) if whole is None else whole)
 
 
-def judged(worn: Worn, trials: int, seed: int, whole: Sequence[Renaming]) -> Ambiguity:
+def judged(layout: MarkerLayout, trials: int, seed: int, whole: Sequence[Renaming]) -> Ambiguity:
     """The same with as many threads as there are: for who judges many sets, and sees to that once."""
-    shape, count = worn.shape, len(worn.markerset)
+    shape, count = layout.shape, len(layout.markerset)
     covariance = covariance_of(shape)
 
     def limbs(there: np.ndarray) -> np.ndarray:
@@ -93,7 +95,7 @@ def judged(worn: Worn, trials: int, seed: int, whole: Sequence[Renaming]) -> Amb
     hidden = 1 - (1 - swapped / met) * (1 - passed / met) * _left(whole, part, count)
     for table in (seen, hidden):
         np.fill_diagonal(table, 0)
-    return Ambiguity(worn.markerset.markers, seen, hidden, tuple(whole), overlaps)
+    return Ambiguity(layout.markerset.markers, seen, hidden, tuple(whole), overlaps)
 
 
 def trials_of(count: int, trials: int, seed: int) -> list[np.ndarray]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A marker set as it is worn: what its cloud looks like, and what becomes of that when a marker is moved or added.
+"""The layout of a marker set on a body: what its cloud looks like, and what becomes of that when a marker is moved or added.
 
 A marker that sits elsewhere on its segment is its old place plus the segment's rotation times a fixed vector. How the
 segments turn is told, linearly, by where the markers are; so the moved marker is a Gaussian like all the others.
@@ -13,6 +13,7 @@ from ..body.bodies import BodyModel
 from ..data.errors import InputError
 from ..data.markersets import MarkerSet
 from ..geometry.upright import turned
+from ..points.likelihood.model import Likelihood
 from ..points.likelihood.shape import Shape, learn_shape
 from ..simulation.virtual import draw_person
 
@@ -41,18 +42,22 @@ class Turns:
 
 
 @dataclass(frozen=True, eq=False)
-class Worn:
-    """A marker set, the shape of its cloud, and how its segments turn."""
+class MarkerLayout:
+    """A marker set, the shape of its cloud, and how its segments turn.
+
+    subjects  how many the shape was learned from; None where it was drawn from the set's own spread
+    """
 
     markerset: MarkerSet
     shape: Shape
     turns: Turns
+    subjects: int | None = None
 
-    def moved(self, marker: int, offset: np.ndarray) -> "Worn":
+    def moved(self, marker: int, offset: np.ndarray) -> "MarkerLayout":
         """The same with a marker at another offset (3,) of its segment, heights."""
         return self._with(marker, self._at(marker, offset), offset)
 
-    def added(self, name: str, segment: int, offset: np.ndarray) -> "Worn":
+    def added(self, name: str, segment: int, offset: np.ndarray) -> "MarkerLayout":
         """The same with one more marker on a segment that has one already; InputError where it has none."""
         near = self.anchor(segment, offset)
         old, spread = self.markerset, self.markerset.spread
@@ -67,7 +72,6 @@ class Worn:
                 modes=np.concatenate([spread.modes, spread.modes[:, [len(old.skeleton) + near]]], axis=1),
                 marker_sd=np.append(spread.marker_sd, np.median(spread.marker_sd)),
             ),
-            likelihood=None,
         )
         noise = np.append(shape.noise, max(shape.noise[near], float(np.median(shape.noise))))
         twin = Shape(
@@ -87,7 +91,7 @@ class Worn:
         away = (offset - self.markerset.offsets[marker]) * self.markerset.spread.height
         return self.turns.carry(int(self.markerset.attachment[marker]), away)
 
-    def _with(self, marker: int, carried, offset: np.ndarray) -> "Worn":
+    def _with(self, marker: int, carried, offset: np.ndarray) -> "MarkerLayout":
         shape, (mean, modes, left) = self.shape, carried
         means, all_modes, noise = shape.mean.copy(), shape.modes.copy(), shape.noise.copy()
         means[marker] += mean
@@ -97,26 +101,30 @@ class Worn:
         offsets[marker] = offset
         return replace(
             self,
-            markerset=replace(self.markerset, offsets=offsets, likelihood=None),
+            markerset=replace(self.markerset, offsets=offsets),
             shape=Shape(means, all_modes, noise),
         )
 
 
-def worn(markerset: MarkerSet, base: MarkerSet | None = None, seed: int = 0) -> Worn:
-    """A marker set with the shape of its cloud: learned from takes where it was, else drawn from its own spread.
+def marker_layout(
+    markerset: MarkerSet, base: MarkerSet | None = None, learned: Likelihood | None = None, seed: int = 0
+) -> MarkerLayout:
+    """A marker set with the shape of its cloud: as `learned` from takes, else drawn from the set's own spread.
 
-    With `base` the set is one that was edited: markers of `base` that were moved, added or taken away since.
+    With `base` the set is one that was edited: markers of `base` that were moved, added or taken away since; what was
+    learned is then of the base.
     Raises InputError for a set of fewer than three markers.
     """
     if len(markerset) < FEWEST:
         raise InputError(f"{markerset.name} has {len(markerset)} markers; expected {FEWEST} or more to compare")
-    known = base if base is not None and _follows(markerset, base) else markerset
-    if known.likelihood is None or known.likelihood.markers != known.markers:
-        known = markerset
+    source = markerset if base is None else base
+    if learned is not None and (learned.markers != source.markers or not _follows(markerset, source)):
+        learned = None
+    known = markerset if learned is None else source
     clouds, rotations = _drawn(known, seed)
-    learned = known.likelihood is not None and known.likelihood.markers == known.markers
-    shape = known.likelihood.shape if learned else learn_shape(list(clouds), seed)
-    found = Worn(known, shape, _turns(shape, clouds, rotations))
+    shape = learn_shape(list(clouds), seed) if learned is None else learned.shape
+    subjects = None if learned is None else learned.subjects
+    found = MarkerLayout(known, shape, _turns(shape, clouds, rotations), subjects)
     return found if known is markerset else _edited(found, markerset)
 
 
@@ -126,7 +134,7 @@ def _follows(markerset: MarkerSet, base: MarkerSet) -> bool:
     return same and set(markerset.attachment.tolist()) <= set(np.asarray(base.attachment).tolist())
 
 
-def _edited(found: Worn, markerset: MarkerSet) -> Worn:
+def _edited(found: MarkerLayout, markerset: MarkerSet) -> MarkerLayout:
     """The base's shape with every marker where the edited set has it."""
     base, rows = found.markerset, []
     for index, name in enumerate(markerset.markers):
@@ -140,7 +148,7 @@ def _edited(found: Worn, markerset: MarkerSet) -> Worn:
         if np.abs(offset - base.offsets[known]).max() > SAME_PLACE:
             found = found.moved(known, offset)
     shape = Shape(found.shape.mean[rows], found.shape.modes[rows], found.shape.noise[rows])
-    return Worn(markerset, shape, found.turns)
+    return MarkerLayout(markerset, shape, found.turns, found.subjects)
 
 
 def _drawn(markerset: MarkerSet, seed: int) -> tuple[np.ndarray, np.ndarray]:

@@ -10,8 +10,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..data.takes import NO_MARKER, Suspect
-from .votes import Voted, vote
+from ..data.takes import BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Suspect, Verdict
+from .votes import vote
 
 LONGEST_GAP = 0.5  # s without a point, beyond which a column may hold another trajectory
 FASTEST = 12.0  # m/s; no marker moves faster
@@ -36,26 +36,25 @@ def cut(points: np.ndarray, rate: float) -> np.ndarray:
     return tracklet
 
 
-def vote_tracklets(
-    marker: np.ndarray, confidence: np.ndarray, tracklet: np.ndarray, names: Sequence[str], first_frame: int = 0
-) -> Voted:
+def vote_tracklets(labels: Labels, tracklet: np.ndarray, names: Sequence[str], first_frame: int = 0) -> Verdict:
     """One name for each tracklet, or part of one that swapped; frames as they are where tracklets are too short to vote.
 
-    marker, confidence and tracklet are (T, P); names the M markers; first_frame the source's number of the first frame.
+    labels and tracklet are (T, P); names the M markers; first_frame the source's number of the first frame.
     """
     lengths = np.bincount(tracklet[tracklet >= 0]) if (tracklet >= 0).any() else np.zeros(0, int)
     if not len(lengths) or np.median(np.repeat(lengths, lengths)) < LEAST_LENGTH:
-        return Voted(marker, confidence, ())
-    voted, sure = np.full(marker.shape, NO_MARKER), np.zeros(marker.shape)
+        return Verdict(labels)
+    voted, sure = np.full(labels.marker.shape, NO_MARKER), np.zeros(labels.marker.shape)
     suspects: list[Suspect] = []
-    edges = [*range(0, max(len(marker) - WINDOW // 2, 1), WINDOW), len(marker)]
+    edges = [*range(0, max(len(voted) - WINDOW // 2, 1), WINDOW), len(voted)]
     for first, after in pairwise(edges):
         frames = slice(first, after)
-        part = _vote_window(marker[frames], confidence[frames], tracklet[frames], names, first_frame + first)
-        voted[frames], sure[frames] = part.marker, part.confidence
+        part = _vote_window(labels[frames], tracklet[frames], names, first_frame + first)
+        voted[frames], sure[frames] = part.labels.marker, part.labels.confidence
         suspects += part.suspects
         suspects += _gone_over(voted, tracklet, first, names, first_frame)
-    return Voted(voted, sure, tuple(sorted(suspects, key=lambda suspect: suspect.first)))
+    step = np.where(voted == NO_MARKER, NO_STEP, BY_TRAJECTORY)
+    return Verdict(Labels(voted, step, sure), tuple(sorted(suspects, key=lambda suspect: suspect.first)))
 
 
 def _gone_over(marker, tracklet, frame: int, names: Sequence[str], first_frame: int) -> list[Suspect]:
@@ -90,18 +89,20 @@ def renamed(
     return tuple(found)
 
 
-def _vote_window(marker, confidence, tracklet, names, first_frame) -> Voted:
+def _vote_window(labels: Labels, tracklet: np.ndarray, names: Sequence[str], first_frame: int) -> Verdict:
     """The same for a few frames: every tracklet a column of its own."""
     frame, column = np.nonzero(tracklet >= 0)
     number, place = np.unique(tracklet[frame, column], return_inverse=True)
-    shape = (len(marker), len(number))
-    said, worth, present = np.full(shape, NO_MARKER), np.zeros(shape), np.zeros(shape, bool)
-    said[frame, place], worth[frame, place] = marker[frame, column], confidence[frame, column]
+    present = np.zeros((len(tracklet), len(number)), bool)
     present[frame, place] = True
+    said = Labels.none(*present.shape)
+    said.marker[frame, place] = labels.marker[frame, column]
+    said.confidence[frame, place] = labels.confidence[frame, column]
     owner = np.zeros(len(number), int)
     owner[place] = column
-    result = vote(said, worth, present, names, first_frame)
-    voted, sure = np.full(marker.shape, NO_MARKER), np.zeros(marker.shape)
-    voted[frame, column], sure[frame, column] = result.marker[frame, place], result.confidence[frame, place]
+    result = vote(said.marker, said.confidence, present, names, first_frame)
+    voted = Labels.none(*labels.marker.shape)
+    voted.marker[frame, column] = result.labels.marker[frame, place]
+    voted.confidence[frame, column] = result.labels.confidence[frame, place]
     # Every suspect of a vote is about one tracklet; a person knows it by the column of the file.
-    return Voted(voted, sure, tuple(replace(one, trajectory=int(owner[one.trajectory])) for one in result.suspects))
+    return Verdict(voted, tuple(replace(one, trajectory=int(owner[one.trajectory])) for one in result.suspects))

@@ -11,7 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..data.takes import NO_MARKER, Suspect
+from ..data.takes import BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Suspect, Verdict
 
 MOST_SAID = 4.0  # log odds that one frame can say
 GHOST_SAID = 1.0  # log odds that a frame without a name says for a ghost
@@ -37,21 +37,7 @@ class Stretch:
     silent: float
 
 
-@dataclass(frozen=True, eq=False)
-class Voted:
-    """The names after the vote.
-
-    marker      (T, P) index of the marker, NO_MARKER where unnamed
-    confidence  (T, P) chance that it is right; 0 where unnamed
-    suspects    trajectories that changed names or were of two minds
-    """
-
-    marker: np.ndarray
-    confidence: np.ndarray
-    suspects: tuple[Suspect, ...]
-
-
-def vote(marker, confidence, present, names: Sequence[str], first_frame: int = 0) -> Voted:
+def vote(marker, confidence, present, names: Sequence[str], first_frame: int = 0) -> Verdict:
     """One name for each trajectory, or for each part of one that swapped.
 
     marker (T, P) and confidence (T, P) are what frames said on their own, present (T, P) where a trajectory has a
@@ -73,7 +59,8 @@ def vote(marker, confidence, present, names: Sequence[str], first_frame: int = 0
             voted[frames, stretch.point] = np.where(here, name, NO_MARKER)
             sure[frames, stretch.point] = np.where(here, chance, 0)
     suspects = _swaps(stretches, given, names, first_frame) + _doubts(stretches, given, names, first_frame)
-    return Voted(voted, sure, tuple(sorted(suspects, key=lambda suspect: suspect.first)))
+    step = np.where(voted == NO_MARKER, NO_STEP, BY_TRAJECTORY)
+    return Verdict(Labels(voted, step, sure), tuple(sorted(suspects, key=lambda suspect: suspect.first)))
 
 
 def _stretches(point: int, marker, weight, present, markers: int) -> list[Stretch]:

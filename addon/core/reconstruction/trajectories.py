@@ -14,6 +14,7 @@ from ..geometry.cameras import Cameras
 from .linking import Links
 from .matching import Circumstances, Expected, FrameMatcher, FramePoints
 
+SHORTEST = 5  # points; a shorter trajectory is a passing coincidence of rays
 TRIED_PIXELS = (0.4, 0.8, 1.6, 3.2)  # px; the take shows which of them is nearest to its own noise
 WORTHWHILE = 0.05  # a coarser one must explain this much more of the blobs
 LEAST_PIXEL, MOST_PIXEL = 0.05, 4.0

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..data.takes import NO_MARKER, STEPS, Blobs, LabelledChunk, Suspect
+from ..data.takes import STEPS, LabelledChunk, Suspect
 
 MILLIMETRES = 1000.0
 
@@ -13,7 +13,7 @@ MILLIMETRES = 1000.0
 class TakeSummary:
     """Counts and means over all chunks of one take, marker by marker.
 
-    frames, blobs, unlabelled  numbers of them so far; unlabelled are blobs without a name
+    frames, rows, unlabelled   numbers of them so far; rows are blobs or points, unlabelled those without a name
     lost                       frames in which nobody was found
     steps                      labels given by each step
     seconds                    time by stage, as the chunks tell it
@@ -22,7 +22,7 @@ class TakeSummary:
 
     def __init__(self, markers: Sequence[str]):
         self.markers = tuple(markers)
-        self.frames = self.blobs = self.unlabelled = self.lost = 0
+        self.frames = self.rows = self.unlabelled = self.lost = 0
         self.steps = dict.fromkeys(STEPS[1:], 0)
         self.seconds: dict[str, float] = {}
         self.suspects: list[Suspect] = []
@@ -35,16 +35,15 @@ class TakeSummary:
         self._residual = _Means(count)
         self._residual_px = _Means(count)
 
-    def add(self, blobs: Blobs, chunk: LabelledChunk):
-        """Adds a chunk, which follows the last without a break."""
+    def add(self, chunk: LabelledChunk):
+        """Adds a chunk, whose labels are row for row, and which follows the last without a break."""
         motion, labels = chunk.motion, chunk.labels
         self.frames += len(motion.frames)
-        self.blobs += len(blobs)
-        self.unlabelled += int((labels.marker == NO_MARKER).sum())
+        self.rows += len(labels.marker)
+        self.unlabelled += int((~labels.named).sum())
         self.lost += int((motion.confidence == 0).sum())
-        for step, count in zip(STEPS, np.bincount(labels.step, minlength=len(STEPS)), strict=False):
-            if step:
-                self.steps[step] += int(count)
+        for step, count in zip(STEPS[1:], np.bincount(labels.step, minlength=len(STEPS))[1:], strict=True):
+            self.steps[step] += int(count)
         self._add_gaps(np.isfinite(motion.markers).all(axis=2))
         self._conflicts += motion.conflicts.sum(axis=0, dtype=np.int64)
         self._residual.add(motion.residual)

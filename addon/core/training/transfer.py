@@ -66,7 +66,6 @@ def dressed(body: MarkerSet, subjects: Sequence[np.ndarray], markers: Sequence[s
         attachment=attachment,
         offsets=offsets,
         spread=replace(bare.spread, modes=modes, marker_sd=sd),
-        likelihood=None,
     )
 
 
@@ -95,7 +94,6 @@ def _with_markers(body: MarkerSet, chosen: np.ndarray) -> MarkerSet:
         attachment=body.attachment[chosen],
         offsets=body.offsets[chosen],
         spread=spread,
-        likelihood=None,
     )
 
 

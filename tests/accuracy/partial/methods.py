@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from addon.core.points.likelihood import label_frames, learn_likelihood
-from addon.core.points.partial_solvers.label import Labeller
+from addon.core.points.partial_solvers.frames import Labeller
 from addon.core.points.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS, PartialSolvers, Solver
 from addon.core.points.partial_solvers.training import Study, Training
 

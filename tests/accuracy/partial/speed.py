@@ -8,7 +8,7 @@ from time import perf_counter
 import numpy as np
 
 from addon.core.points.likelihood import label_frames, learn_likelihood
-from addon.core.points.partial_solvers.label import Labeller
+from addon.core.points.partial_solvers.frames import Labeller
 from addon.io.models import open_model
 from addon.io.points import read_points
 

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from addon.core.data.errors import InputError
 from addon.core.geometry.upright import turned
 from addon.core.points.likelihood import label_frames, learn_likelihood
-from addon.core.points.likelihood.labels import label_some
+from addon.core.points.likelihood.frames import label_some
 from addon.core.points.likelihood.trials import make_trial
 
 NAMES = ("LHIP", "RHIP", "SACR", "LKNE", "RKNE", "LANK", "RANK", "LTOE", "RTOE", "C7", "LSHO", "RSHO")

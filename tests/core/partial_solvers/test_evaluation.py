@@ -8,7 +8,7 @@ import pytest
 
 from addon.core.evaluation.figures import Figures
 from addon.core.points.partial_solvers.features import all_features
-from addon.core.points.partial_solvers.label import label_frames
+from addon.core.points.partial_solvers.frames import label_frames
 from addon.core.points.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS
 from addon.core.points.partial_solvers.training import Training, train_ensemble
 from tests.accuracy.partial import pages

@@ -10,7 +10,7 @@ from addon.core.data.errors import InputError
 from addon.core.points.partial_solvers.assess import Occlusions, assess, draw_occlusions
 from addon.core.points.partial_solvers.boosting import rejections
 from addon.core.points.partial_solvers.features import tables
-from addon.core.points.partial_solvers.label import Labeller, label_frames
+from addon.core.points.partial_solvers.frames import Labeller, label_frames
 from addon.core.points.partial_solvers.masks import Masks
 from addon.core.points.partial_solvers.model import FUNCTIONS
 from addon.core.points.partial_solvers.search import Genetics

@@ -9,7 +9,7 @@ from ...data.errors import InputError
 from ..rigid_bodies.model import RigidBodies, learn_rigid_bodies
 from .calibration import learn_calibration
 from .distances import DistanceConstraints, learn_constraints
-from .labels import chunks, labels_given, solve_frames
+from .frames import chunks, labels_given, solve_frames
 from .model import Calibration, Known, Likelihood
 from .shape import Shape, as_strangers, learn_shape
 from .sides import mirrored

@@ -1,73 +1,77 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Who wears the marker set in a take: somebody the model knows, or somebody whose plates the take itself must tell."""
+"""The model adapted to the subject of a take: one that it knows, or one whose rigid bodies the take itself must tell."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..core.data.models import Model
-from ..core.data.takes import NO_MARKER, Suspect
-from ..core.points.rigid_bodies import Person, learn_structure, recognise
-from .naming import Decided, once
+from ...data.models import Model
+from ...data.takes import BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Suspect, Verdict
+from ..deciding import once
+from .person import Person, recognise
+from .structure import learn_structure
 
 MOVES = 0.99  # confidence of a name that only the motion of the whole take tells
 
 
 @dataclass(frozen=True, eq=False)
-class Wearer:
-    """The model as it is for this take, and what the take itself says; `person` is None where the model must do."""
+class Adaptation:
+    """The model as it is for a take, and what the take itself says; `person` is None where the model must do."""
 
     model: Model
     person: Person | None = None
 
     @property
     def stranger(self) -> bool:
-        """Whether the plates in the take are not the model's own."""
+        """Whether the rigid bodies in the take are not the model's own."""
         return self.person is not None and self.person.known is False
 
 
-def find_wearer(model: Model, method: str, points: np.ndarray, tracklet: np.ndarray, rate: float) -> Wearer:
+def adapt(model: Model, points: np.ndarray, tracklet: np.ndarray, rate: float) -> Adaptation:
     """Looks at how the points (T, P, 3) m of a take move together, with the tracklet (T, P) of each.
 
-    Only a set on plates can be looked at so, and only a model that keeps what it was trained on.
+    Only a set on rigid bodies can be looked at so, and only a model that keeps what it was trained on.
     """
-    likelihood = model.markerset.likelihood
-    if method != "evidence" or likelihood is None or likelihood.rigid_bodies is None or not model.training_takes:
-        return Wearer(model)
+    likelihood = model.likelihood
+    if likelihood is None or likelihood.rigid_bodies is None or not model.training_takes:
+        return Adaptation(model)
     structure = learn_structure(likelihood.rigid_bodies, list(model.subjects.values()))
     person = recognise(structure, likelihood.rigid_bodies, points, tracklet, rate)
     if person.known is not False:
-        return Wearer(model, person)
-    own = replace(model.markerset, likelihood=replace(likelihood, rigid_bodies=person.rigid_bodies))
-    return Wearer(replace(model, markerset=own), person)
+        return Adaptation(model, person)
+    own = replace(likelihood, rigid_bodies=person.rigid_bodies)
+    return Adaptation(replace(model, likelihood=own), person)
 
 
-def checked(decided: Decided, wearer: Wearer, first_frame: int) -> Decided:
+def borne_out(verdict: Verdict, adaptation: Adaptation, first_frame: int) -> Verdict:
     """The names (T, P) without those that the motion of the whole take does not bear out, and what to say of that."""
-    person, names = wearer.person, wearer.model.markerset.markers
+    person, names, labels = adaptation.person, adaptation.model.markerset.markers, verdict.labels
     if person is None:
-        return decided
-    if not wearer.stranger:
+        return verdict
+    if not adaptation.stranger:
         said = _of_form_alone(person, first_frame) + _of_props(person, first_frame)
-        return replace(decided, suspects=said + decided.suspects)
+        return Verdict(labels, said + verdict.suspects)
     found = _found(person)
-    other = (person.marker != NO_MARKER) & (decided.marker != NO_MARKER) & (person.marker != decided.marker)
-    kept = np.append(found, True)[decided.marker] & ~other
-    # What only moves like a marker has its name from that; a plate needs three markers to be known by its form.
-    moves = (decided.marker == NO_MARKER) & (person.marker != NO_MARKER)
-    sure = np.where(kept, decided.confidence, 0.0) + np.where(moves, MOVES, 0.0)
-    marker = np.where(moves, person.marker, np.where(kept, decided.marker, NO_MARKER))
+    moving = person.marker != NO_MARKER
+    other = moving & labels.named & (person.marker != labels.marker)
+    kept = np.append(found, True)[labels.marker] & ~other
+    # What only moves like a marker has its name from that; a rigid body needs three markers to be known by its form.
+    moves = ~labels.named & moving
+    sure = np.where(kept, labels.confidence, 0.0) + np.where(moves, MOVES, 0.0)
+    marker = np.where(moves, person.marker, np.where(kept, labels.marker, NO_MARKER))
     marker = once(marker, sure, len(names))
-    alone = decided.alone & (marker == decided.marker)
+    step = np.where(marker == labels.marker, labels.step, BY_TRAJECTORY)
+    given = marker != NO_MARKER
+    checked = Labels(marker, np.where(given, step, NO_STEP), np.where(given, sure, 0.0))
     named = found.copy()
-    named[person.marker[person.marker != NO_MARKER]] = True
+    named[person.marker[moving]] = True
     suspects = (
         _of_stranger(person, names, named, first_frame)
         + _of_props(person, first_frame)
-        + _of_contradictions(person, np.where(other, decided.marker, NO_MARKER), names, first_frame)
-        + decided.suspects
+        + _of_contradictions(person, np.where(other, labels.marker, NO_MARKER), names, first_frame)
+        + verdict.suspects
     )
-    return Decided(marker, np.where(marker == NO_MARKER, 0.0, sure), alone, suspects)
+    return Verdict(checked, suspects)
 
 
 def _found(person: Person) -> np.ndarray:

@@ -11,11 +11,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..core.data.takes import NO_MARKER, STEPS, Blobs, LabelledChunk, Labels, Motion, Suspect
-from . import by_points
+from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Suspect
 
-# How the label of a blob came about, by index into `Labels.step`: the fitted body's steps, then those of the points.
-ALL_STEPS = (*STEPS, *by_points.STEPS[1:])
 BRIDGED = 10  # frames between two disagreements that are one
 LEAST_CAMERAS = 2  # that must show one; a single blob may be two markers' at once
 
@@ -66,10 +63,7 @@ def label_both_ways(
 
 def _filled(blobs: Blobs, body: LabelledChunk, points: LabelledChunk, nobody: np.ndarray) -> tuple[Labels, Motion]:
     """What the body says, and in frames (F,) where it found nobody what the points say."""
-    rows = nobody[blobs.frame]
-    offset = np.where(points.labels.step > 0, len(STEPS) - 1, 0)
-    other = Labels(points.labels.marker, points.labels.step + offset, points.labels.confidence)
-    labels = Labels(*(np.where(rows, getattr(other, f.name), getattr(body.labels, f.name)) for f in fields(Labels)))
+    labels = body.labels.replaced(nobody[blobs.frame], points.labels)
     values = {}
     for field in fields(Motion):
         ours, theirs = getattr(body.motion, field.name), getattr(points.motion, field.name)

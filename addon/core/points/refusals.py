@@ -7,14 +7,14 @@ was sure about, and of another marker set they vote as one for wrong names.
 
 import numpy as np
 
-from ..core.blobs.pipeline import Options
-from ..core.data.errors import JobError
-from ..core.data.models import Model
-from ..core.data.takes import NO_MARKER
-from ..core.points.apart import groups_apart
-from .naming import NamedFrames, joined, name_frames
+from ..data.errors import JobError
+from ..data.models import Model
+from ..data.takes import BY_FIT, Labels
+from .apart import groups_apart
+from .naming import Namer, name_all
 
 SAMPLE = 40  # frames, spread over the take
+SAMPLE_RATE = 100.0  # frames a second that they are said to have: single frames have none
 MOST_POINTS = 400  # of a frame; more are no marker system's, and would fill the memory
 FEWEST = 4  # points of a frame that can be told apart
 SURE = 0.999  # part of the labels like it that is right, of a label that counts; or, as a model that was trained on
@@ -37,62 +37,61 @@ def refuse_floods(points: np.ndarray):
         raise JobError(f"has {most} points in one frame; expected the markers of a subject and some ghosts")
 
 
-def refuse_others(model: Model, method: str, points: np.ndarray, options: Options):
+def refuse_others(model: Model, namer: Namer, points: np.ndarray):
     """Looks at some frames of points (T, P, 3) m, NaN where missing, before all of them are named.
 
     Raises JobError where frames on their own are not sure of the model's markers, or are of two
     subjects' at once. The fitted body needs its frames in a row: for it two groups of points are two subjects, and the
     rest is for `refuse_strangers`.
     """
-    if method == "fit":
+    if namer.step == BY_FIT:
         if _apart(points[:: max(len(points) // SAMPLE, 1)], APART, SECOND * len(model.markerset)):
             raise _two_subjects(model)
         return
-    likelihood = model.markerset.likelihood
     count = np.isfinite(points).all(axis=2).sum(axis=1)
     frames = np.flatnonzero(count >= min(FEWEST, len(model.markerset)))
     if not len(frames):
         raise JobError("has no frame with enough points to tell markers apart; expected four or more at a time")
     some = points[frames[np.unique(np.linspace(0, len(frames) - 1, SAMPLE).round().astype(int))]]
-    first = _named(model, method, some, options)
+    first = name_all(namer, some, SAMPLE_RATE)
     alone = sure_share(first, some, len(model.markerset))
-    least = LEAST_SURE if likelihood is None or likelihood.rigid_bodies is None else LEAST_SURE_PLATES
+    least = LEAST_SURE if model.rigid_bodies is None else LEAST_SURE_PLATES
     found = alone >= least
     wanted = LEFT_SURE if found else least
-    others = [part for part in _seconds(model, some, first, found) if _sure(model, method, part, options) >= wanted]
+    others = [part for part in _seconds(model, some, first, found) if _sure(model, namer, part) >= wanted]
     if len(others) + found >= 2:
         raise _two_subjects(model)
     if not found:
         raise _stranger(model, some, alone)
 
 
-def refuse_strangers(model: Model, method: str, points: np.ndarray, given: np.ndarray):
+def refuse_strangers(model: Model, namer: Namer, points: np.ndarray, given: Labels):
     """Raises JobError where the labels given (T, P) are so few that points (T, P, 3) are of another marker set.
 
     The labels are those of the usual target: of a stricter one there are few in any take.
     """
-    share = (given != NO_MARKER).sum() / _possible(points, len(model.markerset))
-    if share < (LEAST_FITTED if method == "fit" else LEAST_NAMED):
+    share = given.named.sum() / _possible(points, len(model.markerset))
+    if share < (LEAST_FITTED if namer.step == BY_FIT else LEAST_NAMED):
         raise _stranger(model, points, share)
 
 
-def sure_share(named: NamedFrames, points: np.ndarray, markers: int) -> float:
+def sure_share(named: Labels, points: np.ndarray, markers: int) -> float:
     """The share of the markers, or of the points (T, P, 3) if they are fewer, that frames alone are sure of."""
     counts = (named.rate >= SURE) | (named.confidence >= CONFIDENT)
     return float(counts.sum() / _possible(points, markers))
 
 
-def _seconds(model: Model, points: np.ndarray, first: NamedFrames, found: bool) -> list[np.ndarray]:
+def _seconds(model: Model, points: np.ndarray, first: Labels, found: bool) -> list[np.ndarray]:
     """The points (T, P, 3) of each who may be a subject beside the one that was named, if one was; NaN elsewhere."""
     size = len(model.markerset)
     crowded = np.isfinite(points).all(axis=2).sum(axis=1) >= CROWDED * size
     if crowded.mean() < OFTEN:
         return []
     if found:
-        return [np.where((first.marker == NO_MARKER)[..., None], points, np.nan)]
-    if model.markerset.likelihood is None:
+        return [np.where(~first.named[..., None], points, np.nan)]
+    if model.likelihood is None:
         return []
-    chosen = _apart(points, model.markerset.likelihood.shape.radius, SECOND * size)
+    chosen = _apart(points, model.likelihood.shape.radius, SECOND * size)
     if not chosen:
         return []
     return [np.array([np.where(own[place][:, None], frame, np.nan) for frame, own in chosen]) for place in (0, 1)]
@@ -105,17 +104,13 @@ def _apart(points: np.ndarray, gap: float, least: float) -> list[tuple[np.ndarra
     return chosen if len(chosen) >= OFTEN * len(points) else []
 
 
-def _sure(model: Model, method: str, points: np.ndarray, options: Options) -> float:
-    """How sure the frames of points (T, P, 3) are of the model's markers, 0 where there are seldom enough points."""
+def _sure(model: Model, namer: Namer, points: np.ndarray) -> float:
+    """How sure the frames of points (T, P, 3) m are of the model's markers, 0 where there are seldom enough points."""
     size = len(model.markerset)
     enough = np.isfinite(points).all(axis=2).sum(axis=1) >= SECOND * size
     if enough.mean() < OFTEN:
         return 0.0
-    return sure_share(_named(model, method, points[enough], options), points[enough], size)
-
-
-def _named(model: Model, method: str, points: np.ndarray, options: Options) -> NamedFrames:
-    return joined(list(name_frames(model, method, points, 100.0, options)))
+    return sure_share(name_all(namer, points[enough], SAMPLE_RATE), points[enough], size)
 
 
 def _possible(points: np.ndarray, markers: int) -> int:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blobs named by the points that they make: reconstructed without names, named in space, and back to the images.
+"""Blobs named through the points that they make: reconstructed without names, named in space, and back to the images.
 
 The second paper after the first one's cameras: it checks the fitted body, which goes the other way round.
 """
@@ -10,31 +10,28 @@ from time import perf_counter
 
 import numpy as np
 
-from ..core.blobs.pipeline import Options
-from ..core.data.models import Model
-from ..core.data.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Suspect
-from ..core.geometry.cameras import Cameras
-from ..core.reconstruction.trajectories import Reconstructed, Reconstructor
-from ..core.review.suspects import find_suspects
-from .naming import Decided, consistent, decide, joined, name_frames
-from .placing import moved
-from .refusals import LEAST_SURE, sure_share
-from .spool import SHORTEST
+from ..blobs.pipeline import Options
+from ..data.models import Model
+from ..data.takes import Blobs, LabelledChunk, Labels, Suspect, Verdict
+from ..geometry.cameras import Cameras
+from ..points.deciding import consistent, decide
+from ..points.motion import motion_of
+from ..points.naming import Namer, name_all, namer_of
+from ..points.refusals import LEAST_SURE, sure_share
+from ..reconstruction.trajectories import SHORTEST, Reconstructed, Reconstructor
+from ..review.suspects import find_suspects
 
-# How the label of a blob came about, by index into `Labels.step`.
-STEPS = ("", "evidence", "ensemble", "trajectory")
 WINDOW = 1024  # frames, about, whose trajectories vote together
 
 
 @dataclass(frozen=True, eq=False)
 class _Way:
-    """How blobs are named, the same from window to window: arguments of `label_by_points`."""
+    """How blobs are named, the same from window to window: arguments of `label_through_points`."""
 
     cameras: Cameras
     model: Model
-    method: str
+    namer: Namer
     rate: float
-    options: Options
     target: float
 
 
@@ -61,7 +58,7 @@ class _Window:
         return np.where(np.isfinite(self.xyz).all(axis=2), np.arange(self.xyz.shape[1]), -1)
 
 
-def label_by_points(
+def label_through_points(
     chunks: Iterable[Blobs],
     cameras: Cameras,
     model: Model,
@@ -70,11 +67,11 @@ def label_by_points(
     options: Options,
     target: float,
 ) -> Iterator[LabelledChunk]:
-    """Names the blobs of a take as `core.pipeline.label_take` does: one `LabelledChunk` for each chunk, in their order.
+    """Names the blobs of a take as `blobs.pipeline.label_take` does: one `LabelledChunk` for each chunk, in their order.
 
     Raises JobError when there are fewer than two cameras, or a frame has more blobs than any capture.
     """
-    way = _Way(cameras, model, method, rate, options, target)
+    way = _Way(cameras, model, namer_of(model, method, options), rate, target)
     reconstructor = Reconstructor(cameras, rate)
     waiting: list[tuple[Blobs, Reconstructed]] = []
     seconds = 0.0
@@ -93,17 +90,16 @@ def _labelled(way: _Way, waiting: list[tuple[Blobs, Reconstructed]], seconds: fl
     """The chunks of one window, which took `seconds` to reconstruct."""
     begin = perf_counter()
     markerset, window = way.model.markerset, _window(waiting)
-    decided = _decided(way, window)
+    verdict = _decided(way, window)
     named = perf_counter()
-    motion = moved(window.xyz, window.residual, decided.marker, decided.confidence, markerset, window.frames)
-    suspects = decided.suspects + find_suspects(motion, markerset.markers, way.rate)
+    motion = motion_of(window.xyz, window.residual, verdict.labels, markerset, window.frames)
+    suspects = verdict.suspects + find_suspects(motion, markerset.markers, way.rate)
     spent = {"place": seconds, "label": named - begin, "fit": perf_counter() - named}
-    step = np.where(decided.alone, STEPS.index(way.method), STEPS.index("trajectory"))
-    given = [array[window.frame, window.column] for array in (decided.marker, decided.confidence, step)]
+    given = verdict.labels[window.frame, window.column]
     first = 0
     for index, (blobs, part) in enumerate(waiting):
         here, last = slice(*window.starts[index : index + 2]), first + len(part.points)
-        labels, px = _of_blobs(blobs, part, way.cameras, *(array[first:last] for array in given), len(markerset))
+        labels, px = _of_blobs(blobs, part, way.cameras, given[first:last], len(markerset))
         fields = {name: getattr(motion, name)[here] for name in vars(motion)}
         mine = tuple(s for s in suspects if blobs.frames[0] <= s.first <= blobs.frames[-1])
         yield LabelledChunk(labels, type(motion)(**{**fields, "residual_px": px}), mine, spent)
@@ -125,17 +121,17 @@ def _window(waiting: list[tuple[Blobs, Reconstructed]]) -> _Window:
     return _Window(frames, starts, frame, column, xyz, residual)
 
 
-def _decided(way: _Way, window: _Window) -> Decided:
+def _decided(way: _Way, window: _Window) -> Verdict:
     """The names of a window's points; none, and why, where nobody in the model's markers is there."""
-    markerset, first, shape = way.model.markerset, int(window.frames[0]), window.residual.shape
-    found = joined(list(name_frames(way.model, way.method, window.xyz, way.rate, way.options)))
+    markerset, first = way.model.markerset, int(window.frames[0])
+    found = name_all(way.namer, window.xyz, way.rate)
     said = ()
     if sure_share(found, window.xyz, len(markerset)) < LEAST_SURE:
-        found = replace(found, marker=np.full(shape, NO_MARKER), confidence=np.zeros(shape), rate=np.zeros(shape))
+        found = found.kept(np.zeros(found.marker.shape, bool))
         said = (Suspect(first, int(window.frames[-1]), f"no subject that wears {markerset.name} was recognised"),)
-    decided = decide(found, window.tracklet, way.model, way.target, first)
-    decided = consistent(decided, window.xyz, markerset.likelihood, first)
-    return replace(decided, suspects=tuple(_without_number(one) for one in decided.suspects) + said)
+    verdict = decide(found, window.tracklet, way.model, way.target, first)
+    verdict = consistent(verdict, window.xyz, way.model.likelihood, first)
+    return Verdict(verdict.labels, tuple(_without_number(one) for one in verdict.suspects) + said)
 
 
 def _without_number(suspect: Suspect) -> Suspect:
@@ -145,15 +141,15 @@ def _without_number(suspect: Suspect) -> Suspect:
     return replace(suspect, words=f"a trajectory of points {suspect.words}", trajectory=None)
 
 
-def _of_blobs(blobs: Blobs, part: Reconstructed, cameras: Cameras, marker, confidence, step, markers: int):
+def _of_blobs(blobs: Blobs, part: Reconstructed, cameras: Cameras, given: Labels, markers: int):
     """The labels of a chunk's blobs from those of its points, and (F, M) px how far they are from their points."""
-    labels = Labels(np.full(len(blobs), NO_MARKER), np.zeros(len(blobs), int), np.zeros(len(blobs)))
-    point, camera = np.nonzero((part.rows >= 0) & (marker != NO_MARKER)[:, None])
-    rows = part.rows[point, camera]
-    labels.marker[rows], labels.step[rows], labels.confidence[rows] = marker[point], step[point], confidence[point]
+    labels = Labels.none(len(blobs))
+    point, camera = np.nonzero((part.rows >= 0) & given.named[:, None])
+    rows, marker = part.rows[point, camera], given.marker[point]
+    labels.marker[rows], labels.step[rows], labels.confidence[rows] = marker, given.step[point], given.confidence[point]
     off = blobs.xy[rows] - cameras.project(part.points)[camera, point]
     total, count = np.zeros((2, len(blobs.frames), markers))
-    at = part.frame[point], marker[point]
+    at = part.frame[point], marker
     np.add.at(total, at, np.einsum("ni,ni->n", off, off))
     np.add.at(count, at, 1)
     with np.errstate(invalid="ignore", divide="ignore"):

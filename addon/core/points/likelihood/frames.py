@@ -2,11 +2,12 @@
 """Frames of anonymous points in, names and their confidence out; no frame knows of another."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...data.errors import InputError
+from ...data.takes import BY_LIKELIHOOD, Labels
 from ..rigid_bodies.assembling import assemble
 from .calibration import chance, features, kinds, log_odds
 from .model import Known, Likelihood
@@ -24,29 +25,22 @@ STRANGE = 0.5  # misfit from which it is
 
 
 @dataclass(frozen=True, eq=False)
-class Named:
-    """The names of F frames of P points.
+class LikelihoodNamer:
+    """Names points by what was learned of a marker set, each frame on its own; see `naming.Namer`."""
 
-    marker      (F, P) the most likely marker, -1 where the point is more likely a ghost
-    confidence  (F, P) the chance that it is right; 0 where unnamed
-    rate        (F, P) of all labels at least so confident in frames as hard, the part that is right
-    misfit      (F,) how strange the named points are for the model: about 1 or less for subjects like those learned
-    """
+    likelihood: Likelihood
+    step: int = BY_LIKELIHOOD
 
-    marker: np.ndarray
-    confidence: np.ndarray
-    rate: np.ndarray
-    misfit: np.ndarray
-
-    def sure(self, target: float) -> np.ndarray:
-        """(F, P) the markers to accept so that a part `target` of them is right, -1 elsewhere."""
-        return np.where(self.rate >= target, self.marker, -1)
+    def name(self, points: np.ndarray, rate: float) -> Iterator[Labels]:  # noqa: ARG002 - as Namer has it
+        """See `naming.Namer`."""
+        return label_frames(self.likelihood, points)
 
 
-def label_frames(likelihood: Likelihood, points: np.ndarray) -> Iterator[Named]:
+def label_frames(likelihood: Likelihood, points: np.ndarray) -> Iterator[Labels]:
     """Names frames of points (T, P, 3) m, z up, NaN where there is none, some frames at a time.
 
-    Each frame is named on its own. What to accept is for the caller: see `Named.sure`.
+    Each frame is named on its own, and each label has the `rate` at which labels like it are right. What to accept is
+    for the caller: see `Labels.sure`.
     Raises InputError when the array is not one of points.
     """
     if points.ndim != 3 or points.shape[2] != 3:
@@ -63,18 +57,18 @@ def chunks(points: np.ndarray) -> Iterator[slice]:
         yield slice(first, first + size)
 
 
-def label_some(likelihood: Likelihood, points: np.ndarray) -> Named:
+def label_some(likelihood: Likelihood, points: np.ndarray) -> Labels:
     """The names of a few frames of points (F, P, 3) m at once."""
     packed, place = _packed(points)
     solved = solve_frames(likelihood.known, packed)
     labels = labels_given(solved, packed)
     odds = log_odds(likelihood.calibration.weights, labels.described)
     confidence, rate = chance(odds), likelihood.calibration.rate(odds, kinds(labels.described))
-    marker = np.full(points.shape[:2], -1)
-    sure, rates = np.zeros(points.shape[:2]), np.zeros(points.shape[:2])
+    found = Labels.none(*points.shape[:2])
+    rates = np.zeros(points.shape[:2])
     at = labels.frame, place[labels.frame, labels.point]
-    marker[at], sure[at], rates[at] = labels.marker, confidence, rate
-    return Named(marker, sure, rates, solved.misfit)
+    found.marker[at], found.step[at], found.confidence[at], rates[at] = labels.marker, BY_LIKELIHOOD, confidence, rate
+    return replace(found, rate=rates)
 
 
 def solve_frames(known: Known, points: np.ndarray) -> Solved:

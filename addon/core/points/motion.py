@@ -5,32 +5,26 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..core.body.bodies import Bodies, BodyModel
-from ..core.body.posing import FEWEST, fit_points
-from ..core.data.markersets import MarkerSet
-from ..core.data.takes import NO_MARKER, Motion
+from ..body.bodies import Bodies, BodyModel
+from ..body.posing import FEWEST, fit_points
+from ..data.markersets import MarkerSet
+from ..data.takes import Labels, Motion
 
 FITTED = 2000  # frames posed at once
 
 
-def moved(
-    points: np.ndarray,
-    residual: np.ndarray,
-    marker: np.ndarray,
-    sure: np.ndarray,
-    markerset: MarkerSet,
-    frames: np.ndarray,
-) -> Motion:
+def motion_of(points: np.ndarray, residual: np.ndarray, labels: Labels, markerset: MarkerSet, frames) -> Motion:
     """The named markers and the body posed on them.
 
-    points (T, P, 3) m and residual (T, P) m, with the marker and the confidence (T, P) of each; frames (T,) the
-    source's numbers.
+    points (T, P, 3) m and residual (T, P) m with their labels (T, P); frames (T,) the source's numbers.
     """
     count, size = len(points), len(markerset)
     xyz, off = np.full((count, size, 3), np.nan), np.full((count, size), np.nan)
-    frame, column = np.nonzero(marker != NO_MARKER)
-    xyz[frame, marker[frame, column]] = points[frame, column]
-    off[frame, marker[frame, column]] = residual[frame, column]
+    named = labels.named
+    frame, column = np.nonzero(named)
+    marker = labels.marker[frame, column]
+    xyz[frame, marker] = points[frame, column]
+    off[frame, marker] = residual[frame, column]
     model = BodyModel(markerset)
     if (np.isfinite(xyz[..., 0]).sum(axis=1) >= FEWEST).any():
         bodies = fit_points(model, xyz)
@@ -39,8 +33,7 @@ def moved(
         bodies = replace(nobody, translation=np.full_like(nobody.translation, np.nan))
     found = np.isfinite(bodies.translation).all(axis=1)
     expected, joints, turns, scale = _posed(model, bodies, found)
-    named = marker != NO_MARKER
-    mean = np.where(named, sure, 0).sum(axis=1) / np.maximum(named.sum(axis=1), 1)
+    mean = np.where(named, labels.confidence, 0).sum(axis=1) / np.maximum(named.sum(axis=1), 1)
     nothing, conflicts = np.full((count, size), np.nan), np.zeros((count, size), int)
     confidence = np.where(found, mean, 0.0)
     return Motion(frames, xyz, off, nothing, conflicts, expected, joints, turns, scale, confidence)

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Whatever names points: by likelihood, by partial solvers or by a fitted body, all behind one small interface."""
+
+from collections.abc import Iterator
+from typing import Protocol
+
+import numpy as np
+
+from ..blobs.pipeline import Options
+from ..data.errors import InputError
+from ..data.models import Model
+from ..data.takes import BY_FIT, BY_LIKELIHOOD, BY_PARTIAL_SOLVERS, Labels
+
+# What the user may ask for; "evidence" is what likelihood was called at first.
+METHODS = ("auto", "fit", "ensemble", "likelihood", "both", "evidence")
+
+
+class Namer(Protocol):
+    """What names points.
+
+    step  index into STEPS of the labels that it gives
+    """
+
+    step: int
+
+    def name(self, points: np.ndarray, rate: float) -> Iterator[Labels]:
+        """The labels of points (T, P, 3) m, z up, NaN where missing, `rate` frames a second; some frames at a time."""
+
+
+def chosen_method(model: Model, wanted: str) -> str:
+    """The method that "auto" stands for, or the one that was wanted; InputError where the model cannot do it."""
+    if wanted == "auto":
+        return "likelihood" if model.likelihood is not None else "fit" if model.partial_solvers is None else "ensemble"
+    name = model.markerset.name
+    if wanted in ("likelihood", "evidence"):
+        if model.likelihood is None:
+            raise InputError(f"model {name} has learned nothing to name points by; expected one made by train")
+        return "likelihood"
+    if wanted == "ensemble" and model.partial_solvers is None:
+        raise InputError(f"model {name} has no partial solvers; expected one that was trained with --search")
+    return wanted
+
+
+def namer_of(model: Model, method: str, options: Options) -> Namer:
+    """What names points by a method that `chosen_method` gave."""
+    if method == "likelihood":
+        from .likelihood.frames import LikelihoodNamer
+
+        return LikelihoodNamer(model.likelihood)
+    if method == "ensemble":
+        from .partial_solvers.frames import SolversNamer
+
+        return SolversNamer(model.partial_solvers)
+    from .fitted_body import FittedBodyNamer
+
+    return FittedBodyNamer(model.markerset, options)
+
+
+STEP_OF_METHOD = {"likelihood": BY_LIKELIHOOD, "ensemble": BY_PARTIAL_SOLVERS, "fit": BY_FIT}
+
+
+def name_all(namer: Namer, points: np.ndarray, rate: float) -> Labels:
+    """The labels (T, P) of all frames at once."""
+    return Labels.join(namer.name(points, rate))
