@@ -4,7 +4,7 @@
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -43,14 +43,32 @@ def holds_points(path: Path) -> bool:
     return suffix in (".c3d", ".trc") or (suffix == ".csv" and is_motive(path))
 
 
-def read_points(path: Path, everything: bool = False) -> FilePoints:
+Frames = tuple[int | None, int | None] | None  # first and last, both included; None for the take's own
+
+
+def read_points(path: Path, everything: bool = False, frames: Frames = None) -> FilePoints:
     """A take of 3D points, told by its suffix: markers only, unless `everything` is asked for.
 
     Left out are the model outputs, axes of segments and joint centres that Vicon mixes among the markers.
 
-    Raises InputError for whatever cannot be used.
+    Raises InputError for whatever cannot be used, and where no point is in the frames asked for.
     """
     path = Path(path)
+    take = _read(path, everything)
+    return take if frames is None else _of_frames(take, frames, path)
+
+
+def _of_frames(take: FilePoints, frames: Frames, path: Path) -> FilePoints:
+    first, last = frames
+    start = 0 if first is None else max(first - take.first_frame, 0)
+    stop = len(take.xyz) if last is None else max(last - take.first_frame + 1, 0)
+    part = slice(start, stop)
+    if not np.isfinite(take.xyz[part]).any():
+        raise InputError("has no point that is present in these frames; expected frames with markers", path)
+    return replace(take, xyz=take.xyz[part], residual=take.residual[part], first_frame=take.first_frame + start)
+
+
+def _read(path: Path, everything: bool) -> FilePoints:
     suffix = path.suffix.lower()
     if suffix == ".c3d":
         return _from_c3d(read_c3d(path), path, everything)

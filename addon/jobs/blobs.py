@@ -11,7 +11,7 @@ from typing import Self
 
 import numpy as np
 
-from ..blendfile import Chunks, open_cameras, save_blend
+from ..blendfile import Chunks, open_cameras
 from ..core.data.progress import Progress
 from ..core.data.takes import STEPS, Blobs, LabelledChunk, Motion, Points
 from ..core.geometry.cameras import Cameras
@@ -21,7 +21,7 @@ from ..core.review.summary import TakeSummary
 from ..io.blobs import BlobRows, read_blobs
 from ..io.labels import LabelWriter
 from ..io.models import open_model
-from .job import LabelJob, Labelled, finish_report, open_files, timed, write_points
+from .job import LabelJob, Labelled, Outcome, open_files, timed, write_take
 
 
 def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
@@ -45,15 +45,12 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
                 results.add(row, chunk)
             yield Progress(row.fraction, f"frame {row.blobs.frames[-1]}")
         clock["load"] += source.seconds
-        with timed(clock, "write"):
-            results.labels.file.flush()
-            more = write_points(results.motion.points(), files)
-            if job.blend:
-                save_blend(files[".blend"], job.source, job.frame_rate, markerset, results.chunks, cameras)
+        results.labels.file.flush()
+        facts = {"method": method, "rate_assumed": job.rate is None, "steps": results.counts(method)}
         if method == "both":
-            more["agreement"] = agreement.as_dict()
-        more |= {"method": method, "rate_assumed": job.rate is None, "steps": results.counts(method)}
-        report = finish_report(job, results.summary, markerset.name, job.frame_rate, clock, files, more)
+            facts["agreement"] = agreement.as_dict()
+        made = Outcome(results.motion.points(), results.chunks, cameras, results.summary, facts)
+        report = write_take(job, files, markerset, made, clock)
     return Labelled(report, results.chunks if job.keep else [])
 
 

@@ -7,14 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 
-from ..blendfile import Chunks
+from ..blendfile import Chunks, save_blend
 from ..core.blobs.pipeline import Options
 from ..core.blobs.search import Hints
 from ..core.body.occlusion import Occlusion
-from ..core.data.takes import Points
+from ..core.data.markersets import MarkerSet
+from ..core.data.takes import PointRows, Points
 from ..core.geometry.cameras import Cameras
 from ..core.pipelines.points import USUAL_TARGET
 from ..core.review.summary import TakeSummary
+from ..io.labels import write_point_labels
 from ..io.points import write_c3d, write_trc
 from ..io.report import take_report, write_report
 from ..io.whole import whole_files
@@ -88,28 +90,46 @@ def open_files(job: LabelJob, stack: ExitStack) -> dict[str, Path]:
     return dict(zip(endings, parts, strict=True))
 
 
-def write_points(points: Points, files: dict[str, Path]) -> dict:
-    """Writes the markers to those of the files that hold them; what the report must say of that."""
-    write_c3d(files[".c3d"], points)
-    if ".trc" in files:
-        write_trc(files[".trc"], points)
-    return renumbered(points)
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What the labelling made of a take, to be written.
+
+    points   the markers in space, then what stays unnamed of points
+    chunks   rows and what is said of them; of blobs only where the job keeps them
+    cameras  that saw it; none for points
+    summary  for the report, and `facts` that only some reports say
+    """
+
+    points: Points
+    chunks: Chunks
+    cameras: Cameras
+    summary: TakeSummary
+    facts: dict
+
+
+def write_take(job: LabelJob, files: dict[str, Path], markerset: MarkerSet, made: Outcome, clock: dict) -> dict:
+    """Writes all files of a take but the labels of blobs, which are written chunk by chunk; gives the report."""
+    rate = made.points.rate
+    with timed(clock, "write"):
+        for rows, chunk in made.chunks:
+            if isinstance(rows, PointRows):
+                write_point_labels(files[".labels.csv"], rows, chunk.labels, markerset.markers)
+        write_c3d(files[".c3d"], made.points)
+        if job.trc:
+            write_trc(files[".trc"], made.points)
+        if job.blend:
+            save_blend(files[".blend"], job.source, rate, markerset, made.chunks, made.cameras)
+    report = take_report(made.summary, job.source.stem, markerset.name, rate, version(), clock)
+    report |= renumbered(made.points) | made.facts
+    if "points" in report:
+        del report["blobs"]
+    write_report(files[".report.json"], report)
+    return report
 
 
 def renumbered(points: Points) -> dict:
     """What a report says where a C3D file cannot number frames as the source does: it has no room for a sign."""
     return {"c3d_first_frame": 0} if points.first_frame < 0 else {}
-
-
-def finish_report(
-    job: LabelJob, summary: TakeSummary, model: str, rate: float, clock: dict[str, float], files: dict, more: dict
-) -> dict:
-    """Writes the report, with `more` in it, and gives it back."""
-    report = {**take_report(summary, job.source.stem, model, rate, version(), clock), **more}
-    if "points" in report:
-        del report["blobs"]
-    write_report(files[".report.json"], report)
-    return report
 
 
 @contextmanager

@@ -8,7 +8,7 @@ import numpy as np
 from ..body.bodies import Bodies, BodyModel
 from ..body.posing import FEWEST, fit_points
 from ..data.markersets import MarkerSet
-from ..data.takes import Labels, Motion
+from ..data.takes import LabelledChunk, Labels, Motion, Points
 
 FITTED = 2000  # frames posed at once
 
@@ -52,3 +52,15 @@ def _posed(model: BodyModel, bodies: Bodies, found: np.ndarray) -> tuple[np.ndar
         for array, value in zip(whole, values, strict=True):
             array[frames] = value
     return tuple(whole)
+
+
+def labelled_points(take: Points, labelled: LabelledChunk, markerset: MarkerSet) -> Points:
+    """A labelled take as points: the model's markers in its order, then what stays unlabelled."""
+    motion = labelled.motion
+    left = take.present & ~labelled.labels.named
+    columns = np.flatnonzero(left.any(axis=0))
+    rest = np.where(left[:, columns, None], take.xyz[:, columns], np.nan)
+    residual = np.where(left[:, columns], take.residual[:, columns], np.nan)
+    names = (*markerset.markers, *[""] * len(columns))
+    xyz = np.concatenate([motion.markers, rest], axis=1)
+    return Points(names, xyz, np.concatenate([motion.residual, residual], axis=1), take.rate, take.first_frame)
