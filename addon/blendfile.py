@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the command line asks of Blender, where there is one: cameras out of a `.blend`, a take saved as one."""
+"""What jobs ask of Blender, where there is one: cameras of a `.blend`, rays cast at meshes, a take saved."""
 
 import ctypes
 import importlib.util
@@ -9,7 +9,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
 
-from .core.data.errors import JobError
+from .core.body.occlusion import Occlusion
+from .core.data.errors import InputError, JobError
 from .core.data.markersets import MarkerSet
 from .core.data.takes import Blobs, LabelledChunk, PointRows
 from .core.geometry.cameras import Cameras
@@ -34,6 +35,17 @@ def _read_blend(path: Path) -> Cameras:
 
     with silenced():
         return cameras_of_blend(path)
+
+
+def mesh_occlusion(markerset: MarkerSet) -> Occlusion:
+    """Rays cast at the meshes of a marker set's capsules; InputError where there is no Blender."""
+    if not has_blender():
+        raise InputError("--occlusion bvh needs Blender or the bpy package, and neither is here; expected one of them")
+    import bpy  # noqa: F401 - mathutils comes with it
+
+    from .scene.occlusion import capsule_meshes
+
+    return capsule_meshes(markerset)
 
 
 def save_blend(path: Path, source: Path, rate: float, markerset: MarkerSet, chunks: Chunks, cameras: Cameras):

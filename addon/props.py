@@ -141,10 +141,18 @@ class SceneSettings(bpy.types.PropertyGroup):
         description="Show the points that stay without a name as an object of their own",
         default=True,
     )
+    occlusion: EnumProperty(
+        name="Body in the Way",
+        description="What asks whether the body hides a marker from a camera",
+        items=(
+            ("bvh", "Meshes", "Cast rays at meshes: those of the marker set's capsules, or your own character's"),
+            ("capsules", "Capsules", "The marker set's capsules, in closed form"),
+        ),
+    )
     body: PointerProperty(
-        name="Body",
+        name="Own Meshes",
         description="Let the meshes on this skeleton be the body in the way, such as your own character's; "
-        "empty for the marker set's capsules",
+        "empty for those of the marker set's capsules",
         type=bpy.types.Object,
         poll=_is_skeleton,
     )

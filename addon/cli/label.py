@@ -47,9 +47,16 @@ def _add_naming(parser: argparse.ArgumentParser):
         "--method",
         choices=jobs.METHODS,
         default="auto",
-        help="fit: a body fitted frame after frame; evidence: likelihood, and ensemble: partial solvers, each frame on "
-        "its own, blobs by way of the points that they make; both: blobs by fit, checked by their points; auto "
-        "(default): the best for the input, fit for blobs and the model's evidence for points",
+        help="fit: a body fitted frame after frame; likelihood (also called evidence), and ensemble: partial solvers, each "
+        "frame on its own, blobs by way of the points that they make; both: blobs by fit, checked by their points; auto "
+        "(default): the best for the input, fit for blobs and likelihood for points",
+    )
+    parser.add_argument(
+        "--occlusion",
+        choices=jobs.OCCLUSIONS,
+        default="auto",
+        help="of blobs, what asks whether the body hides a marker: bvh casts rays at its meshes, which takes Blender or "
+        "the bpy package; capsules is the closed form; auto (default) is bvh where that is here",
     )
     parser.add_argument(
         "--target",
@@ -175,6 +182,7 @@ def as_job(arguments, path: Path) -> jobs.LabelJob:
         frames=arguments.frames,
         rate=arguments.rate,
         height=arguments.height,
+        occlusion=arguments.occlusion,
         facing=None if arguments.facing is None else math.radians(arguments.facing),
         trc=arguments.trc,
         blend=arguments.blend,
@@ -221,7 +229,10 @@ def _side_by_side(arguments, progress: ProgressLine) -> Iterator[tuple[Path, dic
 def _command(arguments, path: Path) -> list[str]:
     """The command line that labels one of the inputs alone."""
     command = ["label", f"--model={arguments.model}", f"--out={arguments.out}"]
-    known = {name: getattr(arguments, name) for name in ("cameras", "rate", "height", "facing", "method", "target")}
+    known = {
+        name: getattr(arguments, name)
+        for name in ("cameras", "rate", "height", "facing", "method", "occlusion", "target")
+    }
     command += [f"--{name}={value}" for name, value in known.items() if value is not None]
     if arguments.frames:
         command.append("--frames=" + ":".join("" if end is None else str(end) for end in arguments.frames))

@@ -11,7 +11,9 @@ from typing import Self
 
 import numpy as np
 
-from ..blendfile import Chunks, open_cameras
+from ..blendfile import Chunks, has_blender, mesh_occlusion, open_cameras
+from ..core.body.occlusion import Occlusion
+from ..core.data.models import Model
 from ..core.data.progress import Progress
 from ..core.data.takes import STEPS, Blobs, LabelledChunk, Motion, Points
 from ..core.geometry.cameras import Cameras
@@ -31,7 +33,10 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
     """
     begin = perf_counter()
     model, cameras = open_model(job.model), _cameras(job)
-    settings, agreement = BlobOptions(job.method, job.frame_rate, job.target, job.options, job.body), Agreement()
+    settings, agreement = (
+        BlobOptions(job.method, job.frame_rate, job.target, job.options, _occlusion(job, model)),
+        Agreement(),
+    )
     method, markerset = blob_method(settings), model.markerset
     with ExitStack() as stack:
         files = open_files(job, stack)
@@ -46,12 +51,31 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
             yield Progress(row.fraction, f"frame {row.blobs.frames[-1]}")
         clock["load"] += source.seconds
         results.labels.file.flush()
-        facts = {"method": method, "rate_assumed": job.rate is None, "steps": results.counts(method)}
+        facts = {
+            "method": method,
+            "occlusion": _casts(job),
+            "rate_assumed": job.rate is None,
+            "steps": results.counts(method),
+        }
         if method == "both":
             facts["agreement"] = agreement.as_dict()
         made = Outcome(results.motion.points(), results.chunks, cameras, results.summary, facts)
         report = write_take(job, files, markerset, made, clock)
     return Labelled(report, results.chunks if job.keep else [])
+
+
+def _casts(job: LabelJob) -> str:
+    """What asks whether the body hides a marker: "bvh" or "capsules"."""
+    if job.occlusion != "auto":
+        return job.occlusion
+    return "bvh" if has_blender() else "capsules"
+
+
+def _occlusion(job: LabelJob, model: Model) -> Occlusion | None:
+    """The body in the way; None for the closed form. InputError where rays are wanted and there is no Blender."""
+    if _casts(job) == "capsules":
+        return None
+    return mesh_occlusion(model.markerset) if job.body is None else job.body
 
 
 def _cameras(job: LabelJob) -> Cameras:

@@ -23,6 +23,8 @@ from ..io.whole import whole_files
 from ..version import version
 
 USUAL_RATE = 100.0
+# Rays cast at meshes, which takes Blender, or the closed form for capsules; "auto" is the first where Blender is here.
+OCCLUSIONS = ("auto", "bvh", "capsules")
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,8 @@ class LabelJob:
     rate      frames a second, None where nobody knows: then USUAL_RATE, and the report says that it was assumed
     target    the part of the labels of points that must be right; what is less sure is left unnamed
     height    the subject's height, m, and facing, rad, where known
-    body      what asks whether the body hides a marker of blobs; None for the marker set's capsules
+    occlusion one of OCCLUSIONS: what asks whether the body hides a marker of blobs
+    body      meshes of the user's own for that; None for those of the marker set's capsules
     trc       write STEM.trc too
     blend     save STEM.blend too; needs Blender
     keep      give the labelled chunks back as well: memory then grows with the take
@@ -53,6 +56,7 @@ class LabelJob:
     rate: float | None = None
     height: float | None = None
     facing: float | None = None
+    occlusion: str = "auto"
     body: Occlusion | None = None
     trc: bool = False
     blend: bool = False

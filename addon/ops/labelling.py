@@ -15,7 +15,7 @@ from ..core.geometry.cameras import NO_CAMERAS
 from ..io.markersets import open_markerset
 from ..jobs import LabelJob, Labelled, label_file
 from ..jobs.background import drained, in_background
-from ..props import chosen_model, frames_wanted, refresh_review, take_name
+from ..props import SceneSettings, chosen_model, frames_wanted, refresh_review, take_name
 from ..scene import cameras as scene_cameras
 from ..scene.occlusion import meshes_on, occlusion_of
 from ..scene.take import Take, join_labelled, join_rows, show_take
@@ -41,16 +41,17 @@ def job_of(context: bpy.types.Context) -> LabelJob:
         rate=None if points else settings.rate,
         height=settings.height if settings.use_height else None,
         facing=settings.facing if settings.use_facing else None,
-        body=None if points else _body_in_the_way(context, settings.body, model),
+        occlusion=settings.occlusion,
+        body=None if points else _body_in_the_way(context, settings, model),
         keep=True,
     )
 
 
-def _body_in_the_way(context, armature: bpy.types.Object | None, model: str) -> Occlusion | None:
-    """The meshes on the skeleton that the user named; None for the marker set's own capsules."""
-    if armature is None:
+def _body_in_the_way(context: bpy.types.Context, settings: SceneSettings, model: str) -> Occlusion | None:
+    """The meshes on the skeleton that the user named; None for those of the marker set's capsules."""
+    if settings.body is None or settings.occlusion != "bvh":
         return None
-    return occlusion_of(context, armature, meshes_on(armature, context.scene), open_markerset(model))
+    return occlusion_of(context, settings.body, meshes_on(settings.body, context.scene), open_markerset(model))
 
 
 def label_steps(job: LabelJob, name: str) -> Generator[float, None, Take]:

@@ -50,7 +50,7 @@ def add_capsule(
     collection: bpy.types.Collection, armature: bpy.types.Object, segment: str, capsule: Capsule
 ) -> bpy.types.Object:
     """Adds one capsule on the bone `segment`. Its origin is its middle, its z axis runs from start to end."""
-    place, half = _place(capsule)
+    place, half = capsule_place(capsule)
     item = bpy.data.objects.new(f"{segment} capsule", capsule_mesh(half, capsule.radius))
     item[naming.CAPSULE] = segment
     item[START], item[END], item[RADIUS] = [0.0, 0.0, -half], [0.0, 0.0, half], capsule.radius
@@ -60,9 +60,18 @@ def add_capsule(
 
 
 def capsule_mesh(half: float, radius: float) -> bpy.types.Mesh:
-    """A closed mesh of the points within `radius` m of the z axis between -half and +half m.
+    """A closed mesh of the points within `radius` m of the z axis between -half and +half m."""
+    vertices, faces = capsule_shape(half, radius)
+    mesh = bpy.data.meshes.new("Capsule")
+    mesh.from_pydata(vertices.tolist(), [], faces)
+    mesh.shade_smooth()
+    return mesh
 
-    Its corners lie on the capsule, so the mesh is inside it by at most `radius` times 1 - cos(π / 24), under 1 %.
+
+def capsule_shape(half: float, radius: float) -> tuple[np.ndarray, list[tuple[int, ...]]]:
+    """Corners (V, 3) m and faces of that mesh.
+
+    The corners lie on the capsule, so the mesh is inside it by at most `radius` times 1 - cos(π / 24), under 1 %.
     """
     lift = np.linspace(0, np.pi / 2, RINGS + 1)
     bottom = np.column_stack([np.sin(lift), -np.cos(lift)])[1:]
@@ -76,11 +85,7 @@ def capsule_mesh(half: float, radius: float) -> bpy.types.Mesh:
         ],
         axis=-1,
     ).reshape(-1, 3)
-    vertices = np.concatenate([rings, [[0, 0, -half - radius], [0, 0, half + radius]]])
-    mesh = bpy.data.meshes.new("Capsule")
-    mesh.from_pydata(vertices.tolist(), [], _faces(len(profile)))
-    mesh.shade_smooth()
-    return mesh
+    return np.concatenate([rings, [[0, 0, -half - radius], [0, 0, half + radius]]]), _faces(len(profile))
 
 
 def _faces(rings: int) -> list[tuple[int, ...]]:
@@ -97,7 +102,7 @@ def _faces(rings: int) -> list[tuple[int, ...]]:
     return faces
 
 
-def _place(capsule: Capsule) -> tuple[np.ndarray, float]:
+def capsule_place(capsule: Capsule) -> tuple[np.ndarray, float]:
     """Where a capsule's own axes sit in its segment (4, 4), and half the length between its ends."""
     along = capsule.end - capsule.start
     length = np.linalg.norm(along)

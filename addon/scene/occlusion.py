@@ -11,10 +11,11 @@ import bpy
 import numpy as np
 from mathutils.bvhtree import BVHTree
 
-from ..core.body.occlusion import SIDE_UNKNOWN, STANDOFF
+from ..core.body.occlusion import SHRINK, SIDE_UNKNOWN, STANDOFF, segment_distance2
 from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet
 from .armature import SCALE
+from .body import capsule_in_metres, capsule_place, capsule_shape
 
 BALL_STEPS = 8
 FACETS = 0.97  # a ball in a mesh of flat faces touches them this much nearer than in the round body they stand for
@@ -23,48 +24,77 @@ TINY = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Volume:
-    """A mesh fixed to segment `segment`, in its axes from its joint, m; a ball around it for quick answers."""
+    """A mesh fixed to segment `segment`, in its axes from its joint, m, and a capsule around it for quick answers.
+
+    start, axis  (3,) m, the line in the middle of that capsule; radius m
+    """
 
     segment: int
     tree: BVHTree
-    centre: np.ndarray
+    start: np.ndarray
+    axis: np.ndarray
     radius: float
 
 
 class MeshOcclusion:
     """Meshes on a skeleton as the volume in the way: an `addon.core.body.occlusion.Occlusion`.
 
-    volumes  the meshes
+    volumes  the meshes, each with a tree built once in its segment's own axes: rays are brought there
     scale    (3,) m for one unit of the marker set, of the body that the meshes were made for; other bodies stretch them
     """
 
     def __init__(self, volumes: list[Volume], scale: np.ndarray):
         self.volumes = volumes
         self.scale = np.asarray(scale, dtype=float)
+        self._segment = np.array([volume.segment for volume in volumes])
+        self._start = np.array([volume.start for volume in volumes])
+        self._axis = np.array([volume.axis for volume in volumes])
+        self._radius = np.array([volume.radius for volume in volumes])
 
     def hidden(
         self, rotations: np.ndarray, joints: np.ndarray, scale: np.ndarray, markers: np.ndarray, centres: np.ndarray
     ) -> np.ndarray:
         """See `addon.core.body.occlusion.Occlusion.hidden`: (B, C, M)."""
         found = np.zeros((len(markers), len(centres), markers.shape[1]), dtype=bool)
-        standoff = STANDOFF * float(self.scale.mean())
         for body in range(len(markers)):
-            if not np.isfinite(joints[body]).all():
-                continue
-            seen = np.flatnonzero(np.isfinite(markers[body]).all(axis=1))
-            stretch = scale[body] / self.scale
-            for volume in self.volumes:
-                turn, joint = rotations[body, volume.segment], joints[body, volume.segment]
-                points = (markers[body, seen] - joint) @ turn / stretch
-                eyes = (centres - joint) @ turn / stretch
-                found[body][:, seen] |= _volume_hides(volume, points, eyes, standoff)
+            if np.isfinite(joints[body]).all():
+                stretch = scale[body] / self.scale
+                self._hide(found[body], rotations[body], joints[body], stretch, markers[body], centres)
         return found
+
+    def _hide(self, found: np.ndarray, rotations, joints, stretch: np.ndarray, markers, centres: np.ndarray):
+        """Marks in `found` (C, M) what one body hides."""
+        standoff = STANDOFF * float(self.scale.mean())
+        turn, joint = rotations[self._segment], joints[self._segment]
+        seen = np.flatnonzero(np.isfinite(markers).all(axis=1))
+        points = (markers[seen] - joint[:, None]) @ turn / stretch
+        eyes = (centres - joint[:, None]) @ turn / stretch
+        near = self._near(points, eyes, standoff)
+        for index, point in np.argwhere(near.any(axis=1)).tolist():
+            cameras = np.flatnonzero(near[index, :, point] & ~found[:, seen[point]])
+            if len(cameras):
+                tree = self.volumes[index].tree
+                hides = _hides(tree, points[index, point], eyes[index, cameras], standoff)
+                found[cameras, seen[point]] = hides
+
+    def _near(self, points: np.ndarray, eyes: np.ndarray, standoff: float) -> np.ndarray:
+        """(K, C, N) True where the line from a point (K, N, 3) to an eye (K, C, 3) comes near enough to a volume."""
+        length2 = np.maximum(np.einsum("kx,kx->k", self._axis, self._axis), TINY)
+        # Every volume has axes of its own here, so each is a body of one capsule.
+        gap2 = segment_distance2(self._start[:, None], self._axis[:, None], length2[:, None], points[:, :, None], eyes)
+        return gap2[..., 0] <= ((self._radius + standoff) ** 2)[:, None, None]
 
 
 def occlusion_of(
-    context: bpy.types.Context, armature: bpy.types.Object, items: list[bpy.types.Object], markerset: MarkerSet
+    context: bpy.types.Context,
+    armature: bpy.types.Object,
+    items: list[bpy.types.Object],
+    markerset: MarkerSet,
+    shrink: float = SHRINK,
 ) -> MeshOcclusion:
     """The occlusion test of mesh objects on an armature made for `markerset`; modifiers count, the pose does not.
+
+    Below 1 `shrink` makes the meshes thinner, as it does capsules: a body that fits badly hides less.
 
     Raises InputError when there is no mesh, the armature lacks a bone of the marker set, or a mesh hangs on no bone,
     neither by parenting nor by vertex groups.
@@ -81,11 +111,24 @@ def occlusion_of(
     context.view_layer.update()
     try:
         depsgraph = context.evaluated_depsgraph_get()
-        volumes = [piece for item in items for piece in _volumes(item, armature, markerset, depsgraph)]
+        volumes = [one for item in items for one in _volumes(item, armature, markerset, depsgraph, shrink)]
     finally:
         armature.data.pose_position = before
         context.view_layer.update()
     return MeshOcclusion(volumes, np.array(armature[SCALE], dtype=float))
+
+
+def capsule_meshes(markerset: MarkerSet, shrink: float = SHRINK) -> MeshOcclusion:
+    """The occlusion test of the meshes that `body.add_body` makes of a marker set's capsules, without making objects."""
+    scale, volumes = np.full(3, markerset.spread.height), []
+    for index, segment in enumerate(markerset.capsules.segment):
+        capsule = capsule_in_metres(markerset, index, scale)
+        place, half = capsule_place(capsule)
+        corners, faces = capsule_shape(half, capsule.radius * shrink)
+        placed = corners @ place[:3, :3].T + place[:3, 3]
+        tree = BVHTree.FromPolygons(placed.tolist(), faces)
+        volumes.append(Volume(int(segment), tree, capsule.start, capsule.end - capsule.start, capsule.radius * shrink))
+    return MeshOcclusion(volumes, scale)
 
 
 def meshes_on(armature: bpy.types.Object, scene: bpy.types.Scene) -> list[bpy.types.Object]:
@@ -99,28 +142,15 @@ def _skinned(item: bpy.types.Object, armature: bpy.types.Object) -> bool:
     return any(modifier.type == "ARMATURE" and modifier.object == armature for modifier in item.modifiers)
 
 
-def _volume_hides(volume: Volume, points: np.ndarray, eyes: np.ndarray, standoff: float) -> np.ndarray:
-    """(C, N) True where the volume stands between points (N, 3) and eyes (C, 3), both in its segment's axes."""
-    hides = np.zeros((len(eyes), len(points)), dtype=bool)
-    near = _crosses_ball(volume, points, eyes, standoff)
-    for index in np.flatnonzero(near.any(axis=0)):
-        start = _outside(volume.tree, points[index], standoff)
-        if start is None:
-            continue
-        ahead = eyes[near[:, index]] - start
-        reach = np.linalg.norm(ahead, axis=1)
-        rows = zip((ahead / reach[:, None]).tolist(), reach.tolist(), strict=True)
-        hides[near[:, index], index] = [volume.tree.ray_cast(start, way, far)[0] is not None for way, far in rows]
-    return hides
-
-
-def _crosses_ball(volume: Volume, points: np.ndarray, eyes: np.ndarray, standoff: float) -> np.ndarray:
-    """(C, N) True where the line from a point to an eye comes so near that the volume could be in the way."""
-    ray = eyes[:, None] - points[None]
-    to_ball = volume.centre - points
-    along = np.einsum("cnx,nx->cn", ray, to_ball) / np.maximum(np.einsum("cnx,cnx->cn", ray, ray), TINY)
-    miss = to_ball[None] - np.clip(along, 0, 1)[..., None] * ray
-    return np.einsum("cnx,cnx->cn", miss, miss) <= (volume.radius + standoff) ** 2
+def _hides(tree: BVHTree, point: np.ndarray, eyes: np.ndarray, standoff: float) -> list[bool] | bool:
+    """Whether a mesh stands between a point (3,) and each of the eyes (C, 3), all in the axes of the mesh."""
+    start = _outside(tree, point, standoff)
+    if start is None:
+        return False
+    ahead = eyes - start
+    reach = np.linalg.norm(ahead, axis=1)
+    rows = zip((ahead / reach[:, None]).tolist(), reach.tolist(), strict=True)
+    return [tree.ray_cast(start, way, far)[0] is not None for way, far in rows]
 
 
 def _outside(tree: BVHTree, point: np.ndarray, standoff: float) -> list[float] | None:
@@ -159,8 +189,10 @@ def _ball_radius(tree: BVHTree, surface: np.ndarray, outward: np.ndarray) -> flo
     return radius
 
 
-def _volumes(item: bpy.types.Object, armature: bpy.types.Object, markerset: MarkerSet, depsgraph) -> list[Volume]:
-    """The pieces of one mesh object, one for each segment that carries some of it."""
+def _volumes(
+    item: bpy.types.Object, armature: bpy.types.Object, markerset: MarkerSet, depsgraph, shrink
+) -> list[Volume]:
+    """The volumes of one mesh object, one for each segment that carries some of it."""
     evaluated = item.evaluated_get(depsgraph)
     mesh = evaluated.to_mesh()
     try:
@@ -176,20 +208,48 @@ def _volumes(item: bpy.types.Object, armature: bpy.types.Object, markerset: Mark
     placed = points.reshape(-1, 3).astype(float) @ to_armature[:3, :3].T + to_armature[:3, 3]
     if np.linalg.det(to_armature[:3, :3]) < 0:
         triangles = triangles[:, ::-1]
-    pieces = []
+    found = []
     for segment in np.unique(owner):
         joint = np.array(armature.data.bones[markerset.skeleton.segments[segment]].head_local, dtype=float)
-        pieces.append(_volume(int(segment), placed - joint, triangles[owner == segment]))
-    return pieces
+        found.append(_volume(int(segment), placed - joint, triangles[owner == segment], shrink))
+    return found
 
 
-def _volume(segment: int, points: np.ndarray, triangles: np.ndarray) -> Volume:
+def _volume(segment: int, points: np.ndarray, triangles: np.ndarray, shrink: float) -> Volume:
     used, rows = np.unique(triangles, return_inverse=True)
-    points = points[used]
-    centre = (points.min(axis=0) + points.max(axis=0)) / 2
-    radius = float(np.linalg.norm(points - centre, axis=1).max())
-    tree = BVHTree.FromPolygons(points.tolist(), rows.reshape(-1, 3).tolist(), all_triangles=True)
-    return Volume(segment, tree, centre, radius)
+    points, rows = points[used], rows.reshape(-1, 3).tolist()
+    tree = BVHTree.FromPolygons(points.tolist(), rows, all_triangles=True)
+    if shrink < 1:
+        points = _shrunk(points, np.array(rows), tree, shrink)
+        tree = BVHTree.FromPolygons(points.tolist(), rows, all_triangles=True)
+    return Volume(segment, tree, *_around(points))
+
+
+def _shrunk(points: np.ndarray, triangles: np.ndarray, tree: BVHTree, shrink: float) -> np.ndarray:
+    """Every corner (V, 3) of a mesh moved inwards by a part of how thick the body is there, as a capsule's radius is."""
+    corners = points[triangles]
+    faces = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = np.zeros_like(points)
+    for corner in range(3):
+        np.add.at(normals, triangles[:, corner], faces)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), TINY)
+    thick = np.array([_ball_radius(tree, point, normal) for point, normal in zip(points, normals, strict=True)])
+    # Where a mesh is open there is no far wall, and nothing to shrink towards.
+    return points - normals * np.where(np.isfinite(thick), (1 - shrink) * thick, 0)[:, None]
+
+
+def _around(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """A capsule around points (V, 3), along the way in which they reach farthest: start, axis (3,) and radius."""
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    _, vectors = np.linalg.eigh(np.cov((points - middle).T))
+    along = (points - middle) @ vectors[:, 2]
+    radius = float(np.linalg.norm(points - middle - np.outer(along, vectors[:, 2]), axis=1).max())
+    # The ends are round: a corner near one is within the radius of a shorter axis already.
+    low, high = min(along.min() + radius, 0.0), max(along.max() - radius, 0.0)
+    axis = vectors[:, 2] * (high - low)
+    start = middle + vectors[:, 2] * low
+    place = np.clip((points - start) @ axis / max(axis @ axis, TINY), 0, 1)
+    return start, axis, float(np.linalg.norm(points - start - np.outer(place, axis), axis=1).max())
 
 
 def _owners(item, armature, mesh, triangles: np.ndarray, markerset: MarkerSet) -> np.ndarray:

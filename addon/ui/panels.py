@@ -143,7 +143,16 @@ class MOCAP_AUTOLABEL_PT_label(Step, bpy.types.Panel):
     bl_label = "4. Label"
 
     def draw(self, context):
-        layout = self.layout
+        layout, settings = self.layout, context.scene.mocap_autolabel
+        layout.prop(settings, "method")
+        if settings.points_path or settings.method not in ("auto", "fit"):
+            layout.prop(settings, "target")
+        if settings.points_path:
+            layout.prop(settings, "keep_unnamed")
+        else:
+            layout.prop(settings, "occlusion")
+            if settings.occlusion == "bvh":
+                layout.prop(settings, "body")
         row = layout.row()
         row.scale_y = 1.6
         row.operator("mocap_autolabel.label", icon="PLAY")
@@ -171,13 +180,6 @@ class MOCAP_AUTOLABEL_PT_hints(Step, bpy.types.Panel):
         value.active = settings.use_range
         value.prop(settings, "range_first", text="")
         value.prop(settings, "range_last", text="")
-        layout.prop(settings, "method")
-        if settings.points_path or settings.method not in ("auto", "fit"):
-            layout.prop(settings, "target")
-        if settings.points_path:
-            layout.prop(settings, "keep_unnamed")
-        else:
-            layout.prop(settings, "body")
 
 
 class MOCAP_AUTOLABEL_PT_review(Step, bpy.types.Panel):

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.bodies import Bodies, BodyModel, Posed
-from ..body.occlusion import CapsuleOcclusion, Occlusion
+from ..body.occlusion import SHRINK, CapsuleOcclusion, Occlusion
 from ..body.prior import Prior
 from ..data.markersets import MarkerSet
 from ..geometry.cameras import Cameras
@@ -19,7 +19,6 @@ from .views import Sight, View
 
 SKIN = 0.006  # m by which skin lets a marker move against its segment, standard deviation
 LEAST_NOISE, MOST_NOISE = 0.25, 3.0  # px
-SHRINK = 0.9  # of the capsules: a marker believed hidden can take no part in the fit
 
 
 @dataclass(frozen=True, eq=False)

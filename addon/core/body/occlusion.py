@@ -13,6 +13,8 @@ from ..data.markersets import MarkerSet
 
 # How far a marker's centre stands off the skin that carries it, heights: the radius of a 14 mm marker and its base.
 STANDOFF = 0.005
+# Of the body while it is fitted: a marker that is believed hidden can take no part in the fit.
+SHRINK = 0.9
 # Nearer to a capsule's axis than this part of its radius, nobody can tell on which side of the body a marker sits.
 SIDE_UNKNOWN = 0.25
 # Rays against capsules that are worked on at once: enough to keep NumPy busy, few enough for the processor's cache.
@@ -94,7 +96,7 @@ def capsules_hide(
     starts, points, eyes = start - origin, markers - origin, centres[None] - origin
     length2 = np.maximum(np.einsum("bkx,bkx->bk", axis, axis), TINY)
     points, side_known = _pushed_out(starts, axis, length2, radius, points, standoff)
-    distance2 = _segment_distance2(starts, axis, length2, points, eyes)
+    distance2 = segment_distance2(starts, axis, length2, points, eyes)
     inside = distance2 < (radius * radius)[:, None, None, :]
     return (inside & side_known[:, None]).any(axis=-1)
 
@@ -111,7 +113,7 @@ def _pushed_out(starts, axis, length2, radius, points, standoff) -> tuple[np.nda
     return pushed, distance > SIDE_UNKNOWN * radius[:, None]
 
 
-def _segment_distance2(starts, axis, length2, points, eyes) -> np.ndarray:
+def segment_distance2(starts, axis, length2, points, eyes) -> np.ndarray:
     """(B, C, M, K) squared distance between the line from a point (B, M, K, 3) to an eye (B, C, 3) and an axis.
 
     The nearest points of two segments, with only dot products as large as the result (Ericson, Real-Time Collision
