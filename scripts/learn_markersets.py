@@ -18,12 +18,14 @@ if str(ROOT) not in sys.path:
 
 from addon.core.body import anatomy
 from addon.core.data.markersets import MarkerSet
+from addon.core.data.models import Model
 from addon.core.points.likelihood import learn_likelihood
 from addon.core.training import learning
-from addon.io.markersets import SUFFIX, write_markerset
+from addon.io.markersets import SUFFIX
+from addon.io.models import write_model
 
 STANDING_FRAMES, MOVING_FRAMES = 12, 14
-EVERY = 2  # frames of a take for each that the evidence for naming points is learned from
+EVERY = 2  # frames of a take for each that the likelihood of points is learned from
 # One player: the second one in the take of two has the first one's body to the millimetre.
 TENNIS, PLAYER = "kinematics_tennis_serve.c3d", "Derrick"
 HEAD_TURNED = {"LFHD": "LBHD", "LBHD": "LFHD", "RFHD": "RBHD", "RBHD": "RFHD"}
@@ -147,8 +149,7 @@ def main(arguments: list[str] | None = None):
         began = time.perf_counter()
         markerset = learn_set(people, name)
         likelihood = learn_likelihood(read_takes(given.data, markerset.markers, given.leave_out), markerset.markers)
-        markerset = replace(markerset, likelihood=likelihood)
-        write_markerset(given.out / f"{name}{SUFFIX}", markerset)
+        write_model(given.out / f"{name}{SUFFIX}", Model(markerset, likelihood))
         print(f"{name}: {len(markerset)} markers, {time.perf_counter() - began:.1f} s")
 
 

@@ -7,7 +7,6 @@ product does, in which trajectories vote; each marker is hidden twice for a whil
 
 import argparse
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
@@ -34,7 +33,7 @@ def trained(markerset: MarkerSet, persons: list[str]) -> Model:
         whole = [take for take in takes if np.isfinite(take[0][..., 0]).any(axis=0).all()]
         takes = [max(whole, key=lambda take: len(take[0]))]
     likelihood = learn_likelihood(takes, markerset.markers)
-    return Model(replace(markerset, likelihood=likelihood))
+    return Model(markerset, likelihood)
 
 
 def tested(markerset: MarkerSet, persons: list[str]) -> Iterator[np.ndarray]:

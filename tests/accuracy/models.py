@@ -18,7 +18,12 @@ from . import people
 from .captures import LabelFunction
 
 CACHE = Path(tempfile.gettempdir()) / "mocap-autolabel-accuracy"
-LEARNED_BY = ("addon/core/anatomy.py", "addon/core/learning.py", "addon/core/posing.py", "scripts/learn_markersets.py")
+LEARNED_BY = (
+    "addon/core/body/anatomy.py",
+    "addon/core/training/learning.py",
+    "addon/core/body/posing.py",
+    "scripts/learn_markersets.py",
+)
 
 
 def left_out_model(set_name: str, left_out: tuple[str, ...]) -> MarkerSet:

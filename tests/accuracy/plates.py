@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """How well a set of plates is named: python -m tests.accuracy.plates prints what docs/measurements.md shows.
 
-Trained on one take and tested on another of the same subject, whole and cut into tracklets with markers hidden and ghosts;
-on other people made of the test take; and on a raw take of which nobody knows the truth, by what anatomy says of it.
+Trained on one take and tested on another of the same subject, whole and cut into tracklets with markers hidden and
+ghosts; on other people made of the test take; and on a raw take of which nobody knows the truth, by what anatomy says
+of it.
 """
 
 import argparse
@@ -12,11 +13,11 @@ from io import StringIO
 from pathlib import Path
 
 import numpy as np
-from addon.jobs.wearer import Wearer
 
 from addon.cli import main as command
 from addon.core.data.models import Model
 from addon.core.points.rigid_bodies import learn_structure
+from addon.core.points.rigid_bodies.adaptation import Adaptation
 from addon.core.points.tracklets import cut, vote_tracklets
 from addon.io.models import open_model
 from addon.io.points import read_points
@@ -114,20 +115,20 @@ def same_subject(model: Model) -> str:
     for tracklets, hidden, ghosts in CUTS:
         points, column = cut_up(take.xyz, tracklets, hidden, ghosts, np.random.default_rng(SEED))
         truth = np.where(np.isfinite(points[..., 0]), column, -1)
-        named, decided, wearer = labelled_as_product(model, points, take.rate)
+        named, decided, adaptation = labelled_as_product(model, points, take.rate)
         what = (
             "whole trajectories"
             if tracklets == take.xyz.shape[1]
             else f"{tracklets} pieces, ≤ {hidden} hidden, {ghosts} ghosts"
         )
-        if wearer.stranger:
+        if adaptation.stranger:
             what += " (taken for another subject)"
         size = len(model.markerset)
-        voted = vote_tracklets(named.marker, named.confidence, cut(points, take.rate), model.markerset.markers)
+        voted = vote_tracklets(named, cut(points, take.rate), model.markerset.markers).labels
         rows.append(_row(f"{what}: trajectories vote, every name", voted.marker, truth, size))
         rows.append(_row(f"{what}: what the product gives", decided.marker, truth, size))
         rows.append(_row(f"{what}: frames alone, every name", named.marker, truth, size))
-        sure = np.where(named.rate >= TARGET, named.marker, -1)
+        sure = named.sure(TARGET)
         rows.append(_row(f"{what}: frames alone, names that are right {TARGET:.1%}", sure, truth, size))
     return table(("trajectories", "F1", "recall", "wrong labels"), rows)
 
@@ -137,18 +138,16 @@ def other_people(model: Model, count: int) -> str:
     take = read_points(TESTED)
     names = model.markerset.markers
     source = np.stack([take.xyz[:, take.names.index(name)] for name in names], axis=1)
-    structure = learn_structure(
-        model.markerset.likelihood.rigid_bodies, [training_take.points for training_take in model.training_takes]
-    )
+    structure = learn_structure(model.rigid_bodies, [training_take.points for training_take in model.training_takes])
     rows, total, rigid_bodies = [], Counts(), np.zeros(3, int)
     for person in range(count):
         rng = np.random.default_rng(person)
         points = others.other_person(source, structure, rng, others.Differs())
         points = others.mirrored(points, names) if person % 2 else points
         truth = np.where(np.isfinite(points[..., 0]), np.arange(len(names)), -1)
-        named, decided, wearer = labelled_as_product(model, points, take.rate)
+        named, decided, adaptation = labelled_as_product(model, points, take.rate)
         total.add(decided.marker, truth, len(names))
-        right, wrong = _plates_found(structure, wearer)
+        right, wrong = _plates_found(structure, adaptation)
         rigid_bodies += right, wrong, len(structure)
         who = f"person {person + 1}{', mirrored' if person % 2 else ''}"
         what = f"{who}: {right} of {len(structure)} plates, {wrong} wrong"
@@ -160,9 +159,9 @@ def other_people(model: Model, count: int) -> str:
     return f"{table(('made of the test take', 'F1', 'recall', 'wrong labels'), rows)}\n\n{summary}"
 
 
-def _plates_found(structure, wearer: Wearer) -> tuple[int, int]:
+def _plates_found(structure, adaptation: Adaptation) -> tuple[int, int]:
     """How many plates are the group of their own markers, and how many another; column m is marker m's."""
-    person = wearer.person
+    person = adaptation.person
     right = wrong = 0
     for rigid_body, group in enumerate(person.group):
         if group < 0:
@@ -178,18 +177,18 @@ def _plates_found(structure, wearer: Wearer) -> tuple[int, int]:
 def raw_take(model: Model) -> str:
     """The raw take of somebody else: how much got a name, and what anatomy says of the names."""
     take = read_points(RAW)
-    _, decided, wearer = labelled_as_product(model, take.xyz, take.rate)
+    _, decided, adaptation = labelled_as_product(model, take.xyz, take.rate)
     names = model.markerset.markers
     placed = np.full((len(take.xyz), len(names), 3), np.nan)
     frame, column = np.nonzero(decided.marker >= 0)
     placed[frame, decided.marker[frame, column]] = take.xyz[frame, column]
     there = np.isfinite(take.xyz[..., 0])
     missing = [name for index, name in enumerate(names) if not np.isfinite(placed[:, index, 0]).any()]
-    prop = wearer.person.prop & there
+    prop = adaptation.person.prop & there
     worn = there & ~prop
     rows = [
-        ("plates recognised", f"{int((wearer.person.group >= 0).sum())} of {len(wearer.person.group)}"),
-        ("least margin of a plate, log odds", f"{wearer.person.margin.min():.1f}"),
+        ("plates recognised", f"{int((adaptation.person.group >= 0).sum())} of {len(adaptation.person.group)}"),
+        ("least margin of a plate, log odds", f"{adaptation.person.margin.min():.1f}"),
         ("trajectories of things that stand about", f"{int(prop.any(axis=0).sum())}"),
         ("other points that are named", f"{100 * (decided.marker >= 0)[worn].mean():.1f} %"),
         ("markers that are not found", " ".join(missing) or "none"),

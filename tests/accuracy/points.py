@@ -4,12 +4,14 @@
 from dataclasses import dataclass
 
 import numpy as np
-from addon.jobs.naming import Decided, NamedFrames, consistent, decide, joined, name_frames
-from addon.jobs.wearer import Wearer, checked, find_wearer
 
-from addon.core.blobs.pipeline import Options
 from addon.core.data.models import Model
+from addon.core.data.takes import Labels
+from addon.core.points.deciding import consistent, decide
 from addon.core.points.likelihood import Likelihood, label_frames
+from addon.core.points.likelihood.frames import LikelihoodNamer
+from addon.core.points.naming import name_all
+from addon.core.points.rigid_bodies.adaptation import Adaptation, adapt, borne_out
 from addon.core.points.tracklets import cut
 
 SEED = 5
@@ -44,16 +46,16 @@ class Counts:
 
 def named(likelihood: Likelihood, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Markers and rates (F, P) of all frames."""
-    chunks = list(label_frames(likelihood, points))
-    return np.concatenate([chunk.marker for chunk in chunks]), np.concatenate([chunk.rate for chunk in chunks])
+    found = Labels.join(label_frames(likelihood, points))
+    return found.marker, found.rate
 
 
-def labelled_as_product(model: Model, points: np.ndarray, rate: float) -> tuple[NamedFrames, Decided, Wearer]:
-    """Trajectories (T, P, 3) m by frames alone, by the steps of the job that labels takes, and who was found there."""
+def labelled_as_product(model: Model, points: np.ndarray, rate: float) -> tuple[Labels, Labels, Adaptation]:
+    """Trajectories (T, P, 3) m by frames alone, by the steps of the pipeline of points, and who was found there."""
     tracklet = cut(points, rate)
-    wearer = find_wearer(model, "evidence", points, tracklet, rate)
-    model = wearer.model
-    named = joined(list(name_frames(model, "evidence", points, rate, Options())))
+    adaptation = adapt(model, points, tracklet, rate)
+    model = adaptation.model
+    named = name_all(LikelihoodNamer(model.likelihood), points, rate)
     decided = decide(named, tracklet, model, TARGET, 0)
-    decided = consistent(decided, points, model.markerset.likelihood, 0)
-    return named, checked(decided, wearer, 0), wearer
+    decided = consistent(decided, points, model.likelihood, 0)
+    return named, borne_out(decided, adaptation, 0).labels, adaptation

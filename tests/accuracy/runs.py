@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
-from addon.jobs.naming import NothingInTheWay
 
 from addon.core.body.bodies import Bodies, BodyModel
 from addon.core.body.occlusion import CapsuleOcclusion
 from addon.core.geometry import rotations
+from addon.core.points.fitted_body import NothingInTheWay
 from addon.core.simulation.simulate import CaptureOptions
 
 from .captures import Score, Trial

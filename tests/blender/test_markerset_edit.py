@@ -74,13 +74,13 @@ def test_what_was_learned_of_markers_is_kept_only_while_they_are_where_they_were
     markerset = open_markerset("gait15")
     collection = markerset_edit.show_markerset(empty, markerset, "gait15")
     empty.view_layer.update()
-    assert markerset_edit.read_markerset(collection, markerset, "mine").likelihood is markerset.likelihood
+    assert markerset_edit.is_unmoved(markerset_edit.read_markerset(collection, markerset, "mine"), markerset)
     item = marker(collection, "LKNE")
     item.matrix_world.translation += type(item.location)((0.017, 0, 0.034))
     empty.view_layer.update()
-    assert markerset_edit.read_markerset(collection, markerset, "moved").likelihood is None
+    assert not markerset_edit.is_unmoved(markerset_edit.read_markerset(collection, markerset, "moved"), markerset)
     bpy.data.objects.remove(item)
-    assert markerset_edit.read_markerset(collection, markerset, "fewer").likelihood is None
+    assert not markerset_edit.is_unmoved(markerset_edit.read_markerset(collection, markerset, "fewer"), markerset)
 
 
 def test_a_marker_attached_to_another_segment_stays_where_it_stands(empty, laid_out):

@@ -5,11 +5,11 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.core.body.occlusion import CapsuleOcclusion
+from addon.core.body.occlusion import SHRINK, CapsuleOcclusion
 from addon.core.data.errors import InputError
 from addon.scene.armature import add_armature, mean_build
 from addon.scene.body import add_body
-from addon.scene.occlusion import occlusion_of
+from addon.scene.occlusion import capsule_meshes, occlusion_of
 
 
 @pytest.fixture
@@ -27,19 +27,20 @@ def arguments(motion, centres, markers=None):
     return motion.rotations[there], motion.joints[there], motion.scale[there], markers[there], centres
 
 
-def test_meshes_agree_with_the_closed_form_on_capsules(empty, made, body):
+@pytest.mark.parametrize("shrink", [1.0, SHRINK])
+def test_meshes_agree_with_the_closed_form_on_capsules(empty, made, body, shrink):
     markerset, armature, meshes = body
     motion = made.motion(markerset, 60)
     scattered = motion.expected + np.random.default_rng(1).normal(0, 0.1, motion.expected.shape)
-    occlusion = occlusion_of(empty, armature, meshes, markerset)
+    occlusion, unmade = occlusion_of(empty, armature, meshes, markerset, shrink), capsule_meshes(markerset, shrink)
     for markers, least in ((motion.expected, 0.999), (scattered, 0.995)):
         given = arguments(motion, made.cameras().centres, markers)
-        wide, narrow = (CapsuleOcclusion(markerset, shrink).hidden(*given) for shrink in (1.0, 0.985))
-        found = occlusion.hidden(*given)
-        assert found.shape == wide.shape
-        assert 0.1 < found.mean() < 0.9
+        wide, narrow = (CapsuleOcclusion(markerset, shrink * part).hidden(*given) for part in (1.0, 0.985))
         clear = wide == narrow  # a mesh of 24 sides is up to 1 % thinner than its capsule
-        assert (found == wide)[clear].mean() > least
+        for found in (occlusion.hidden(*given), unmade.hidden(*given)):
+            assert found.shape == wide.shape
+            assert 0.1 < found.mean() < 0.9
+            assert (found == wide)[clear].mean() > least
 
 
 def test_a_marker_on_its_own_skin_is_seen_from_its_side_only(empty, made, body):

@@ -2,6 +2,10 @@
 """From files to named markers with the extension's own operators, and what happens when something is wrong."""
 
 import importlib
+import tempfile
+import threading
+import time
+from functools import partial
 from types import SimpleNamespace
 
 import bpy
@@ -65,22 +69,38 @@ def ready(extension, empty, files):
 
 
 @pytest.fixture
-def labelling(extension, monkeypatch, made):
-    """The module of the label operator, with a labelling that is quick and known: the truth of `made.take`."""
+def labelling(extension, monkeypatch, made, tmp_path_factory):
+    """The module of the label operator, with a labelling that is quick and known: the truth of `made.take`.
+
+    The job's files go into `folder`. While `gate` is closed, the labelling waits behind its first chunk.
+    """
     module = importlib.import_module(f"{extension}.addon.ops.labelling")
+    pipeline = importlib.import_module(f"{extension}.addon.core.pipelines.blobs")
     takes = importlib.import_module(f"{extension}.addon.core.data.takes")
-    given = []
+    given, gate = [], threading.Event()
+    gate.set()
+    folder = tmp_path_factory.mktemp("files-of-the-job")
 
     def label_take(chunks, cameras, markerset, rate, options, occlusion=None):
         for blobs in chunks:
+            if given:
+                assert gate.wait(10)
             given.append(SimpleNamespace(cameras=cameras, rate=rate, options=options, occlusion=occlusion, blobs=blobs))
             motion = made.motion(made.markerset(), len(blobs.frames))
             labels = takes.Labels(np.arange(len(blobs)) % 3, np.arange(len(blobs)) % 4, np.full(len(blobs), 0.8))
             yield takes.LabelledChunk(labels, motion, (takes.Suspect(104, 105, "nobody found"),))
 
-    monkeypatch.setattr(module, "label_take", label_take)
-    stepping = importlib.import_module(f"{extension}.addon.ops.stepping")
-    return SimpleNamespace(module=module, stepping=stepping, given=given)
+    monkeypatch.setattr(pipeline, "label_take", label_take)
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    return SimpleNamespace(module=module, pipeline=pipeline, given=given, gate=gate, folder=folder)
+
+
+@pytest.fixture
+def in_fives(extension, labelling, monkeypatch):
+    """The job's blobs come five frames at a time, and a look at the keyboard after every step."""
+    job = importlib.import_module(f"{extension}.addon.jobs.blobs")
+    monkeypatch.setattr(job, "read_blobs", partial(job.read_blobs, chunk_frames=5))
+    monkeypatch.setattr(importlib.import_module(f"{extension}.addon.ops.stepping"), "BUDGET", 0.0)
 
 
 def test_files_become_named_markers(ready, files):
@@ -108,16 +128,25 @@ def test_the_operator_hands_on_what_was_chosen(ready, files, labelling):
     assert given.options.hints.height == pytest.approx(1.6)
     assert given.options.hints.facing == pytest.approx(1.5)
     assert given.blobs.frames.tolist() == [105, 106, 107, 108, 109, 110]
-    assert given.occlusion is None
+    capsules = open_markerset(files.markerset).capsules
+    assert [volume.segment for volume in given.occlusion.volumes] == capsules.segment.tolist()
     assert given.cameras.names == ("cam 0", "cam 1", "cam 2", "cam 3")
+
+
+def test_the_closed_form_is_in_the_way_when_it_is_chosen(ready, labelling):
+    ready.scene.mocap_autolabel.occlusion = "capsules"
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    assert labelling.given[0].occlusion is None
 
 
 def test_a_body_of_ones_own_is_in_the_way(ready, labelling):
     bpy.ops.mocap_autolabel.edit_markerset()
     armature = next(item for item in ready.scene.objects if item.type == "ARMATURE")
+    own = [item for item in armature.children if item.type == "MESH"]
+    bpy.data.objects.remove(own.pop())  # else it has as many as the capsules that stand in for it
     ready.scene.mocap_autolabel.body = armature
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
-    assert len(labelling.given[0].occlusion.volumes) == 9
+    assert len(labelling.given[0].occlusion.volumes) == len(own) == 8
 
 
 def test_importing_remembers_and_shows_what_there_is(ready, files):
@@ -253,25 +282,34 @@ def window(ready, labelling):
     return SimpleNamespace(context=context, manager=manager, status=status, operator=Modal(labelling.module))
 
 
-def test_escape_leaves_nothing_behind(ready, labelling, window, monkeypatch):
-    monkeypatch.setattr(labelling.module, "CHUNK_FRAMES", 5)
-    monkeypatch.setattr(labelling.stepping, "BUDGET", 0.0)
+def gone(folder) -> bool:
+    """Whether a folder becomes empty soon: the job ends beside the window, and its files go with it."""
+    until = time.monotonic() + 10
+    while list(folder.iterdir()) and time.monotonic() < until:
+        time.sleep(0.01)
+    return not list(folder.iterdir())
+
+
+def test_escape_leaves_nothing_behind(ready, labelling, in_fives, window):
+    labelling.gate.clear()
     before = counts()
     operator, context = window.operator, window.context
     assert operator._begin(context) == {"RUNNING_MODAL"}
-    assert operator.modal(context, SimpleNamespace(type="TIMER")) == {"RUNNING_MODAL"}
+    while not labelling.given:
+        assert operator.modal(context, SimpleNamespace(type="TIMER")) == {"RUNNING_MODAL"}
+    assert list(labelling.folder.iterdir()), "the job writes its files"
     assert operator.modal(context, SimpleNamespace(type="MOUSEMOVE")) == {"RUNNING_MODAL"}
     assert (window.manager.timers, window.manager.bars) == (1, 1)
     assert operator.modal(context, SimpleNamespace(type="ESC")) == {"CANCELLED"}
     assert (window.manager.timers, window.manager.bars, window.status[-1]) == (0, 0, None)
     assert counts() == before
     assert ready.scene.mocap_autolabel.take is None
-    assert len(labelling.given) == 1
+    labelling.gate.set()
+    assert gone(labelling.folder)
+    assert len(labelling.given) <= 2, "it stopped before its end"
 
 
-def test_ticks_come_to_an_end_with_the_take_shown(ready, labelling, window, monkeypatch):
-    monkeypatch.setattr(labelling.module, "CHUNK_FRAMES", 5)
-    monkeypatch.setattr(labelling.stepping, "BUDGET", 0.0)
+def test_ticks_come_to_an_end_with_the_take_shown(ready, labelling, in_fives, window):
     operator, context = window.operator, window.context
     answer = operator._begin(context)
     before, ticks = counts(), 0
@@ -280,30 +318,39 @@ def test_ticks_come_to_an_end_with_the_take_shown(ready, labelling, window, monk
         answer = operator.modal(context, SimpleNamespace(type="TIMER"))
         ticks += 1
     assert answer == {"FINISHED"}
-    assert ticks == 30 / 5 + 1
+    assert len(labelling.given) == 30 / 5
+    assert ticks >= 30 / 5 + 1
+    assert not list(labelling.folder.iterdir()), "the job's files are gone"
     assert ready.scene.mocap_autolabel.take.name == "Mocap: walk"
     assert (window.manager.timers, window.manager.bars, window.status[-1]) == (0, 0, None)
     assert window.manager.told == sorted(window.manager.told)
 
 
 @pytest.mark.parametrize("ours", [True, False])
-def test_trouble_on_the_way_gives_everything_back(extension, labelling, window, monkeypatch, ours):
+def test_trouble_on_the_way_gives_everything_back(extension, files, labelling, window, monkeypatch, ours):
     errors = importlib.import_module(f"{extension}.addon.core.data.errors")
 
     def label_take(*_, **__):
         raise RuntimeError("a fault of ours") if ours else errors.JobError("nobody is here; expected a person")
         yield
 
-    monkeypatch.setattr(labelling.module, "label_take", label_take)
+    monkeypatch.setattr(labelling.pipeline, "label_take", label_take)
     operator, context = window.operator, window.context
     operator._begin(context)
     before = counts()
+
+    def work():
+        answer = {"RUNNING_MODAL"}
+        while answer == {"RUNNING_MODAL"}:
+            answer = operator.modal(context, SimpleNamespace(type="TIMER"))
+        return answer
+
     if ours:
         with pytest.raises(RuntimeError, match="a fault of ours"):
-            operator.modal(context, SimpleNamespace(type="TIMER"))
+            work()
     else:
-        assert operator.modal(context, SimpleNamespace(type="TIMER")) == {"CANCELLED"}
-        assert operator.reports == [("ERROR", "nobody is here; expected a person")]
+        assert work() == {"CANCELLED"}
+        assert operator.reports == [("ERROR", f"{files.blobs}: nobody is here; expected a person")]
     assert (window.manager.timers, window.manager.bars, window.status[-1]) == (0, 0, None)
     assert counts() == before
 

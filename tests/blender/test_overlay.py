@@ -94,14 +94,14 @@ def test_words_never_lie_on_each_other(marks):
 
 def test_blobs_can_be_looked_at_before_they_are_labelled(empty, made, marks):
     take = made.take()
-    mesh = store_preview("walk", take.blobs, take.cameras)
+    mesh = store_preview("walk", take.rows, take.cameras)
     stored = read_preview(mesh, take.cameras)
-    np.testing.assert_array_equal(stored.blobs.frames, take.blobs.frames)
-    np.testing.assert_array_equal(stored.blobs.frame, take.blobs.frame)
-    np.testing.assert_allclose(stored.blobs.xy, take.blobs.xy, atol=1e-4)
+    np.testing.assert_array_equal(stored.rows.frames, take.rows.frames)
+    np.testing.assert_array_equal(stored.rows.frame, take.rows.frame)
+    np.testing.assert_allclose(stored.rows.xy, take.rows.xy, atol=1e-4)
     assert len(marks.camera_marks(stored, 4, 0, np.eye(4)).blobs) == 1
     fewer = read_preview(mesh, take.cameras.select([1, 2]))
-    assert len(fewer.blobs) == np.isin(take.blobs.camera, [1, 2]).sum()
+    assert len(fewer.rows) == np.isin(take.rows.camera, [1, 2]).sum()
 
 
 @pytest.mark.skipif(bpy.app.version < (5, 0, 0), reason="this Blender draws nothing without a window")
@@ -144,9 +144,9 @@ def test_it_draws(extension, empty, made, monkeypatch):
 
     stored = overlay.shown(empty.scene)
     picture = drawn(lambda: overlay.draw_camera(Canvas(None), stored, 10, camera, settings))
-    rows = np.flatnonzero((take.blobs.frame == 10) & (take.blobs.camera == 1) & (take.labels.step == 1))
+    rows = np.flatnonzero((take.rows.frame == 10) & (take.rows.camera == 1) & (take.labels.step == 1))
     assert len(rows)
-    for x, y in take.blobs.xy[rows]:
+    for x, y in take.rows.xy[rows]:
         red, green, blue, _ = picture[round(size[1] - y), round(x)]
         assert green > 0.5 > max(red, blue), "an exclusive blob is green"
     plain = drawn(lambda: overlay.draw_markers(Canvas(None), stored, 10, settings))

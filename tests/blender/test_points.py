@@ -63,17 +63,19 @@ def imported(extension, empty, files):
 @pytest.fixture
 def naming_known(extension, monkeypatch, files):
     """The job with a naming that knows the truth."""
-    jobs = importlib.import_module(f"{extension}.addon.jobs.points")
-    named = importlib.import_module(f"{extension}.addon.jobs.naming")
+    pipeline = importlib.import_module(f"{extension}.addon.core.pipelines.points")
+    takes = importlib.import_module(f"{extension}.addon.core.data.takes")
 
-    def name_frames(model, method, points, rate, options):
+    def name(points, rate):
         for first in range(0, len(points), 10):
             there = np.isfinite(points[first : first + 10]).all(axis=2)
             marker = np.where(there, files.truth, NO_MARKER)
-            sure = np.where(marker != NO_MARKER, 1.0, 0.0)
-            yield named.NamedFrames(marker, sure, sure)
+            named = marker != NO_MARKER
+            yield takes.Labels(marker, np.where(named, takes.BY_FIT, takes.NO_STEP), named * 1.0, named * 1.0)
 
-    monkeypatch.setattr(jobs, "name_frames", name_frames)
+    namer = SimpleNamespace(step=takes.BY_FIT, name=name)
+    monkeypatch.setattr(pipeline, "namer_of", lambda model, method, hints: namer)
+    return namer
 
 
 def visible_points() -> int:
@@ -177,18 +179,17 @@ def test_the_exports_are_what_the_command_line_writes(imported, files, naming_kn
 
 def test_what_is_cancelled_ends_soon_and_leaves_no_files(imported, extension, monkeypatch, naming_known, tmp_path):
     module = importlib.import_module(f"{extension}.addon.ops.labelling")
-    jobs = importlib.import_module(f"{extension}.addon.jobs.points")
-    known, counts = jobs.name_frames, []
+    known, counts = naming_known.name, []
 
-    def slowly(*arguments):
-        for part in known(*arguments):
+    def slowly(points, rate):
+        for part in known(points, rate):
             counts.append(len(part.marker))
             time.sleep(0.3)
             yield part
 
-    monkeypatch.setattr(jobs, "name_frames", slowly)
+    naming_known.name = slowly
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    steps = module.steps_of(imported)
+    steps = module.label_steps(module.job_of(imported), "walk")
     while not counts:
         assert 0 <= next(steps) < 1
     assert list(tmp_path.iterdir())
@@ -214,9 +215,14 @@ def test_doubtful_points_are_told_from_sure_ones(extension):
             takes.Suspect(7, 9, "trajectories 4 41: as trajectory 4 goes over from A to B"),
             takes.Suspect(7, 9, "A B: jumps"),
         ),
-        blobs=SimpleNamespace(frame=np.array([0, 0, 0, 1, 2, 2]), camera=np.array([3, 4, 41, 4, 4, 41])),
+        rows=takes.PointRows(
+            motion.frames,
+            np.array([0, 0, 0, 1, 2, 2]),
+            np.array([3, 4, 41, 4, 4, 41]),
+            np.arange(18.0).reshape(6, 3),
+            None,
+        ),
         labels=SimpleNamespace(marker=np.array([0, 2, -1, -1, -1, -1]), confidence=np.array([1.0, 0.9, 0, 0, 0, 0])),
-        points=np.arange(18.0).reshape(6, 3),
     )
     first, second, third = (marks.point_marks(stored, index) for index in range(3))
     assert first.doubtful.tolist() == [False, False, True]
@@ -251,5 +257,6 @@ def test_a_saved_file_opens_with_its_points(imported, naming_known, tmp_path):
     settings = bpy.context.scene.mocap_autolabel
     takes = importlib.import_module("addon.scene.take")
     stored = takes.stored_take(settings.take, bpy.context.scene)
-    assert stored.points.shape == (len(stored.blobs), 3)
+    assert stored.rows.xyz.shape == (len(stored.rows), 3)
+    assert len(stored.rows) > 13 * 25
     assert len(bpy.context.window_manager.mocap_autolabel.markers) == 13

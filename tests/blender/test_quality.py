@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from addon.io.markersets import open_markerset
+from addon.io.models import open_model
 
 
 @pytest.fixture
@@ -36,7 +37,8 @@ def test_the_set_that_is_laid_out_is_judged_as_it_was_learned(judged):
     quality, _, collection = judged
     report = quality.kept_report(collection)
     core = importlib.import_module("addon.core.placement_quality")
-    found = core.judge(core.marker_layout(open_markerset("gait15")))
+    known = open_model("gait15")
+    found = core.judge(core.marker_layout(known.markerset, learned=known.likelihood))
     one, two = found.worst()[0]
     assert set(report["pairs"][0]["markers"]) == {found.markers[one], found.markers[two]}
     assert report["pairs"][0]["separation"] == pytest.approx(float(core.separation(found.hidden[one, two])), abs=0.02)

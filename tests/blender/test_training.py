@@ -68,7 +68,7 @@ def test_what_was_learned_is_saved_chosen_and_names_points(listed, files, own_fo
     assert Path(settings.markerset) == Path(settings.markerset_path) == path
     model = open_model(path)
     assert model.markerset.markers == files.markers
-    assert {lesson.subject for lesson in model.lessons} == {files.folder.name, "bob"}
+    assert {row.subject for row in model.training_takes} == {files.folder.name, "bob"}
     with pytest.raises(RuntimeError, match=r"ours\.markerset\.json: is there already"):
         bpy.ops.mocap_autolabel.train()
 
@@ -77,7 +77,7 @@ def test_what_was_learned_is_saved_chosen_and_names_points(listed, files, own_fo
     take = importlib.import_module("addon.scene.take").stored_take(settings.take, listed.scene)
     named = take.labels.marker >= 0
     assert named.mean() > 0.8
-    assert (take.labels.marker[named] == take.blobs.camera[named]).all()
+    assert (take.labels.marker[named] == take.rows.trajectory[named]).all()
 
 
 def test_a_job_is_what_the_list_says(listed, files, own_folder, extension, monkeypatch):

@@ -63,7 +63,7 @@ def test_the_report_says_what_was_learned(trained):
     assert set(report["ensemble"]["of_marker"]) == set(NAMES)
     assert {"read", "body", "evidence", "ensemble"} <= set(report["seconds"])
     found = read_model(model)
-    assert found.markerset.likelihood.subjects == 2
+    assert found.likelihood.subjects == 2
     assert [training_take.subject for training_take in found.training_takes] == ["c0", "c1"]
     assert found.markerset.source["subject c1"] == "walk1.c3d"
 
@@ -125,7 +125,7 @@ def test_training_on_keeps_what_was_known(trained, takes, run, tmp_path):
     assert [row["subject"] for row in report["subjects"]] == ["c0", "c1", "c2"]
     assert report["trained_on"] == str(model)
     assert report["ensemble"] is None
-    assert read_model(out).markerset.likelihood.subjects == 3
+    assert read_model(out).likelihood.subjects == 3
     fewer = ",".join([*NAMES[6:], *NAMES[:4]])
     words = ("--markers", fewer, "--search", "none", "--json")
     answer = run("train", takes[2], "--from", model, "--out", tmp_path / "fewer.markerset.json", *words)

@@ -4,20 +4,22 @@
 import csv
 import json
 import re
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import ezc3d
 import numpy as np
 import pytest
-from addon.jobs.naming import NamedFrames
 
 from addon.blendfile import has_blender
 from addon.core.body.bodies import BodyModel
 from addon.core.data.errors import JobError
-from addon.core.data.takes import NO_MARKER, Points, Suspect
+from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, NO_STEP, Labels, PointRows, Points, Suspect, Verdict
+from addon.core.pipelines import points as pipeline
+from addon.core.points.likelihood.frames import LikelihoodNamer
 from addon.io.markersets import open_markerset
 from addon.io.points import read_points, write_c3d
 from addon.jobs import LabelJob, label_file
-from addon.jobs import points as job
 
 FRAMES = 60
 OUTPUTS = 3  # points before the markers that a model computed
@@ -38,17 +40,45 @@ def source(tmp_path):
     return path
 
 
+@dataclass(frozen=True)
+class Known:
+    """A namer of which every answer is known: the markers `said` of a number of frames, all of them equally sure."""
+
+    said: Callable[[int], np.ndarray]
+    sure: float
+    step: int = BY_LIKELIHOOD
+
+    def name(self, points, rate):
+        marker = self.said(len(points))
+        named = marker != NO_MARKER
+        sure = np.where(named, self.sure, 0.0)
+        yield Labels(marker, np.where(named, self.step, NO_STEP), sure, sure)
+
+
+def right(frames: int) -> np.ndarray:
+    """The truth of the markers and the ghost, frame by frame."""
+    return np.tile(np.r_[np.arange(15), NO_MARKER], (frames, 1))
+
+
+def use(monkeypatch, namer):
+    """Lets the pipeline name the take by this; the first look at some frames stays the model's own."""
+    look = pipeline.refuse_others
+    monkeypatch.setattr(pipeline, "namer_of", lambda model, method, hints: namer)
+    monkeypatch.setattr(
+        pipeline, "refuse_others", lambda model, _, points: look(model, LikelihoodNamer(model.likelihood), points)
+    )
+
+
 @pytest.fixture
 def of_two_minds(monkeypatch):
     """A naming by which the first marker's trajectory goes over to the second, and back from it, half way."""
 
-    def name_frames(model, method, points, rate, options):
-        marker = np.tile(np.r_[np.arange(15), NO_MARKER], (FRAMES, 1))
+    def said(frames: int) -> np.ndarray:
+        marker = right(frames)
         marker[FRAMES // 2 :, :2] = 1, 0
-        sure = np.where(marker == NO_MARKER, 0.0, 0.9999)
-        yield NamedFrames(marker, sure, sure)
+        return marker
 
-    monkeypatch.setattr(job, "name_frames", name_frames)
+    use(monkeypatch, Known(said, 0.9999))
 
 
 def label(source, **more):
@@ -84,9 +114,10 @@ def test_a_saved_file_shows_what_stayed_unnamed(source, of_two_minds):
     [cloud] = [thing for thing in collection.all_objects if thing.modifiers]
     np.testing.assert_allclose(cloud_points(cloud.data), np.ones((FRAMES, 3)), atol=1e-5)
     stored = stored_take(collection, bpy.context.scene)
-    assert stored.points.shape == (16 * FRAMES, 3)
-    np.testing.assert_allclose(stored.residual, 0.0015, rtol=1e-5)
-    assert set(stored.blobs.camera.tolist()) == set(range(3, 19))
+    assert isinstance(stored.rows, PointRows)
+    assert stored.rows.xyz.shape == (16 * FRAMES, 3)
+    np.testing.assert_allclose(stored.rows.residual, 0.0015, rtol=1e-5)
+    assert set(stored.rows.trajectory.tolist()) == set(range(3, 19))
     assert (stored.labels.marker == NO_MARKER).sum() == FRAMES
 
 
@@ -94,12 +125,7 @@ def test_a_saved_file_shows_what_stayed_unnamed(source, of_two_minds):
 def fairly_sure(monkeypatch):
     """A naming that is right in every frame, and no surer than one in two thousand."""
 
-    def name_frames(model, method, points, rate, options):
-        marker = np.tile(np.r_[np.arange(15), NO_MARKER], (len(points), 1))
-        sure = np.where(marker == NO_MARKER, 0.0, 0.9995)
-        yield NamedFrames(marker, sure, sure)
-
-    monkeypatch.setattr(job, "name_frames", name_frames)
+    use(monkeypatch, Known(right, 0.9995))
 
 
 @pytest.mark.parametrize(("target", "named"), [(0.999, 15 * 15), (0.99999, 0)])
@@ -109,21 +135,16 @@ def test_a_strict_target_leaves_names_out_and_refuses_no_take(source, fairly_sur
 
 
 def test_a_lax_target_makes_no_take_the_model_s(source, monkeypatch):
-    def name_frames(model, method, points, rate, options):
-        marker = np.tile(np.r_[np.arange(15), NO_MARKER], (len(points), 1))
-        sure = np.where(marker == NO_MARKER, 0.0, 0.6)
-        yield NamedFrames(marker, sure, sure)
-
-    monkeypatch.setattr(job, "name_frames", name_frames)
+    use(monkeypatch, Known(right, 0.6))
     with pytest.raises(JobError, match="does not look like a take of model gait15"):
         label(source, frames=(11, 25), target=0.5)
 
 
 def test_progress_is_told_from_the_first_look_at_the_take(source, of_two_minds, monkeypatch):
     said = []
-    looks = job.refuse_others, job.find_wearer
-    monkeypatch.setattr(job, "refuse_others", lambda *given: said.append("refuse_others") or looks[0](*given))
-    monkeypatch.setattr(job, "find_wearer", lambda *given: said.append("find_wearer") or looks[1](*given))
+    looks = pipeline.refuse_others, pipeline.adapt
+    monkeypatch.setattr(pipeline, "refuse_others", lambda *given: said.append("refuse_others") or looks[0](*given))
+    monkeypatch.setattr(pipeline, "adapt", lambda *given: said.append("adapt") or looks[1](*given))
     fractions = []
     for progress in label_file(LabelJob(source, None, "gait15", source.parent / "out")):
         said.append(progress.note)
@@ -131,7 +152,7 @@ def test_progress_is_told_from_the_first_look_at_the_take(source, of_two_minds, 
     before = said[: said.index("frame 11")]
     assert before == [
         "look who wears the markers",
-        "find_wearer",
+        "adapt",
         "look whether the model is for this take",
         "refuse_others",
     ]
@@ -139,9 +160,12 @@ def test_progress_is_told_from_the_first_look_at_the_take(source, of_two_minds, 
     assert 0 == fractions[0] < fractions[1] < fractions[-1] < 1
 
 
-def test_only_the_number_of_a_trajectory_is_made_the_file_s():
-    said = (Suspect(1, 2, "goes over from trajectory 1 to B", 1), Suspect(1, 2, "trajectory 1 jumps"))
-    assert [suspect.reason for suspect in job.by_file_number(said, np.array([0, 7]))] == [
-        "trajectory 7 goes over from trajectory 1 to B",
+def test_only_the_number_of_a_trajectory_is_made_the_file_s(source, monkeypatch):
+    said = (Suspect(12, 13, "goes over from trajectory 1 to B", 1), Suspect(12, 13, "trajectory 1 jumps"))
+    use(monkeypatch, Known(right, 0.9999))
+    monkeypatch.setattr(pipeline, "borne_out", lambda verdict, adaptation, first: Verdict(verdict.labels, said))
+    report = json.loads((label(source) / "walk.report.json").read_text())
+    assert [row["reason"] for row in report["suspect"]] == [
+        "trajectory 4 goes over from trajectory 1 to B",
         "trajectory 1 jumps",
     ]

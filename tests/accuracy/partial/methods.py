@@ -7,8 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from addon.core.data.takes import Labels
 from addon.core.points.likelihood import label_frames, learn_likelihood
-from addon.core.points.partial_solvers.frames import Labeller
+from addon.core.points.naming import name_all
+from addon.core.points.partial_solvers.frames import SolversNamer
 from addon.core.points.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS, PartialSolvers, Solver
 from addon.core.points.partial_solvers.training import Study, Training
 
@@ -17,6 +19,7 @@ FAITHFUL = {"paper": PAPER_FUNCTIONS, "turn": FUNCTIONS}
 METHODS = (*FAITHFUL, "ours")
 HIDES = range(11)
 PATTERNS = 1000
+ANY_RATE = 100.0  # frames a second; to both methods each frame is alone
 
 
 class Remembering(Study):
@@ -44,15 +47,15 @@ class Faithful:
         self.study = Remembering(np.concatenate([frames for frames, _ in takes]), options)
         for _ in self.study.survey():
             pass
-        self._labellers: dict[float, Labeller] = {}
+        self._namers: dict[float, SolversNamer] = {}
         self.facts: dict = {"survey": time.process_time() - began, "frames": self.study.frames, "ensembles": {}}
 
     def names(self, points: np.ndarray, targets: Sequence[float]) -> dict[float, np.ndarray]:
         """The markers (N, P) of points (N, P, 3) m for each target, -1 where unnamed."""
-        return {target: self._labeller(target)(points)[0] for target in targets}
+        return {target: name_all(self._namer(target), points, ANY_RATE).marker for target in targets}
 
-    def _labeller(self, target: float) -> Labeller:
-        if target not in self._labellers:
+    def _namer(self, target: float) -> SolversNamer:
+        if target not in self._namers:
             began = time.process_time()
             steps = self.study.partial_solvers(self._names, target)
             while True:
@@ -61,14 +64,14 @@ class Faithful:
                 except StopIteration as end:
                     partial_solvers = end.value
                     break
-            self._labellers[target] = Labeller(partial_solvers)
+            self._namers[target] = SolversNamer(partial_solvers)
             self.facts["ensembles"][str(target)] = {
                 "seconds": time.process_time() - began,
                 "sizes": [len(solver.markers) for solver in partial_solvers.solvers],
                 "covered": (partial_solvers.covered > 0).tolist(),
                 "alive": alive(partial_solvers),
             }
-        return self._labellers[target]
+        return self._namers[target]
 
 
 def alive(partial_solvers: PartialSolvers) -> list[list[float]]:
@@ -100,13 +103,13 @@ class Ours:
 
     def names(self, points: np.ndarray, targets: Sequence[float]) -> dict[float, np.ndarray]:
         """The markers (N, P) of points (N, P, 3) m for each target, -1 where unnamed."""
-        parts = list(label_frames(self._likelihood, points))
-        return {target: np.concatenate([part.sure(target) for part in parts]) for target in targets}
+        found = Labels.join(label_frames(self._likelihood, points))
+        return {target: found.sure(target) for target in targets}
 
     def confident(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The likeliest markers (N, P), -1 where none, and the confidence in each."""
-        parts = list(label_frames(self._likelihood, points))
-        return np.concatenate([part.marker for part in parts]), np.concatenate([part.confidence for part in parts])
+        found = Labels.join(label_frames(self._likelihood, points))
+        return found.marker, found.confidence
 
 
 def learn(method: str, takes: Takes, names: tuple[str, ...], options: Training) -> Faithful | Ours:

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """How fast the built-in models, and one of 62 markers on plates, name clouds on one core."""
 
-from collections.abc import Callable
-from functools import partial
 from time import perf_counter
 
 import numpy as np
 
-from addon.core.points.likelihood import label_frames, learn_likelihood
-from addon.core.points.partial_solvers.frames import Labeller
+from addon.core.points.likelihood import learn_likelihood
+from addon.core.points.likelihood.frames import LikelihoodNamer
+from addon.core.points.naming import Namer, name_all
+from addon.core.points.partial_solvers.frames import SolversNamer
 from addon.io.models import open_model
 from addon.io.points import read_points
 
@@ -18,8 +18,8 @@ from .clouds import Trouble, drawn, spoilt
 CASES = (Trouble(), Trouble(4), Trouble(5, 3), Trouble(10), Trouble(0, 10), Trouble(10, 10))
 FRAMES = 640  # named in one go, for the rate
 ALONE = 120  # named one by one, for the delay
+ANY_RATE = 100.0  # frames a second; to both methods each frame is alone
 PLATES = people.DATA / "people" / "clouthier"
-Namer = Callable[[np.ndarray], object]
 
 
 def timed() -> list[list]:
@@ -28,13 +28,13 @@ def timed() -> list[list]:
     for name, names in (("gait15", people.GAIT15), ("body26", people.BODY26)):
         frames = np.concatenate([recording.pick(names) for recording in people.takes()])
         model = open_model(name)
-        rows += [["ours", name, *row] for row in _rows(partial(_drained, model.markerset.likelihood), frames)]
+        rows += [["ours", name, *row] for row in _rows(LikelihoodNamer(model.likelihood), frames)]
         if model.partial_solvers is not None:
-            rows += [["ensemble", name, *row] for row in _rows(Labeller(model.partial_solvers), frames)]
+            rows += [["ensemble", name, *row] for row in _rows(SolversNamer(model.partial_solvers), frames)]
     if PLATES.is_dir():
         (learned, names), (tested, _) = _rigid_bodies("KneeltoProne01"), _rigid_bodies("PronetoRun01")
         likelihood = learn_likelihood([(learned, "one")], names)
-        rows += [["ours", f"{len(names)} on plates", *row] for row in _rows(partial(_drained, likelihood), tested)]
+        rows += [["ours", f"{len(names)} on plates", *row] for row in _rows(LikelihoodNamer(likelihood), tested)]
     return rows
 
 
@@ -43,23 +43,19 @@ def _rigid_bodies(stem: str) -> tuple[np.ndarray, tuple[str, ...]]:
     return take.xyz, take.names
 
 
-def _drained(likelihood, points: np.ndarray) -> list:
-    return list(label_frames(likelihood, points))
-
-
 def _rows(namer: Namer, frames: np.ndarray) -> list[list]:
     rows = []
-    namer(frames[:64])
+    name_all(namer, frames[:64], ANY_RATE)
     for at, trouble in enumerate(CASES):
         generator = np.random.default_rng([8, at])
         clouds = spoilt(drawn(frames, FRAMES, generator), trouble, generator).points
         began = perf_counter()
-        namer(clouds)
+        name_all(namer, clouds, ANY_RATE)
         rate = len(clouds) / (perf_counter() - began)
         delays = np.empty(ALONE)
         for frame in range(ALONE):
             began = perf_counter()
-            namer(clouds[frame : frame + 1])
+            name_all(namer, clouds[frame : frame + 1], ANY_RATE)
             delays[frame] = perf_counter() - began
         rows.append(
             [

@@ -3,6 +3,7 @@
 
 import numpy as np
 import pytest
+from tests.core.test_pipeline import RIG, ROOM, Outcome, walk
 
 from addon.core.blobs import pipeline
 from addon.core.blobs.pipeline import Options, label_take
@@ -10,7 +11,6 @@ from addon.core.blobs.search import Hints
 from addon.core.simulation.rigs import paper_rig
 from addon.core.simulation.virtual import Act
 from tests.core.scenes import act, blobs_at, built_in
-from tests.core.test_pipeline import RIG, ROOM, Outcome, walk
 
 
 @pytest.mark.parametrize("name", ["gait15", "body26"])

@@ -14,7 +14,7 @@ from addon.core.training.learning import learn
 from addon.io.markersets import open_markerset
 from scripts import learn_markersets
 
-PEOPLE = Path(__file__).resolve().parents[3] / "shared" / "data" / "people"
+PEOPLE = Path(__file__).resolve().parents[4] / "shared" / "data" / "people"
 needs_people = pytest.mark.skipif(not PEOPLE.is_dir(), reason="the recorded people are not beside the project")
 
 

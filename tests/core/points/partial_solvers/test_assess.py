@@ -11,7 +11,7 @@ from addon.core.points.partial_solvers.model import PAPER_FUNCTIONS, Record
 from addon.core.points.partial_solvers.search import members
 from addon.core.points.partial_solvers.solver import TreeSearch
 from addon.core.points.partial_solvers.survey import survey
-from tests.core.partial_solvers.toys import moving, pool_of
+from tests.core.points.partial_solvers.toys import moving, pool_of
 
 
 def bits_to_flags(removed, points):

@@ -17,7 +17,7 @@ from tests.accuracy.partial.report import BLOCKS
 from tests.accuracy.partial.results import Results, added, best_at
 from tests.accuracy.partial.scores import in_the_mirror, score, swaps, sweep
 from tests.accuracy.partial.solvers import Purse, growth
-from tests.core.partial_solvers.toys import moving
+from tests.core.points.partial_solvers.toys import moving
 
 NAMES = ("MID", "LKNE", "RKNE", "LTOE", "RTOE")
 OTHER = other_side(NAMES)
@@ -140,7 +140,7 @@ def test_a_mirror_changes_nothing_for_the_papers_functions_and_much_for_turn():
     for functions in (PAPER_FUNCTIONS, FUNCTIONS):
         options = Training(functions=functions, survey_frames=40, check_frames=120, wrong=300)
         partial_solvers = train_ensemble(points[:200], tuple("ABCDEF"), 0.95, options)
-        plain, turned = (label_frames(partial_solvers, some)[0] for some in (points[200:], mirrored(points[200:])))
+        plain, turned = (label_frames(partial_solvers, some).marker for some in (points[200:], mirrored(points[200:])))
         assert (plain >= 0).mean() > 0.5
         if functions == PAPER_FUNCTIONS:
             assert np.array_equal(plain, turned)

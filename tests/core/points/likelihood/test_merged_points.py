@@ -9,7 +9,7 @@ import pytest
 from addon.core.body.bodies import BodyModel
 from addon.core.points.likelihood import label_frames
 from addon.core.simulation.virtual import Act, draw_person, perform
-from addon.io.markersets import open_markerset
+from addon.io.models import open_model
 
 TARGET = 0.999
 NEAR = 0.12  # m; markers farther apart do not merge
@@ -18,7 +18,8 @@ FRAMES = 8
 
 @pytest.mark.parametrize("at", [0.5, 0.0])
 def test_a_point_of_two_markers_is_either_of_them_or_nobody(at):
-    markerset = open_markerset("body26")
+    known = open_model("body26")
+    markerset = known.markerset
     model, markers = BodyModel(markerset), np.arange(len(markerset))
     wrong = others = given = 0
     for seed in range(3):
@@ -32,7 +33,7 @@ def test_a_point_of_two_markers_is_either_of_them_or_nobody(at):
             merged = xyz.copy()
             merged[:, one] += at * (xyz[:, two] - xyz[:, one])
             merged[:, two] = np.nan
-            [named] = label_frames(markerset.likelihood, merged)
+            [named] = label_frames(known.likelihood, merged)
             sure = named.sure(TARGET)
             wrong += int(((sure[:, one] >= 0) & ~np.isin(sure[:, one], [one, two])).sum())
             rest = np.setdiff1d(markers, [one, two])

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from addon.core.data.models import Model, TrainingTake
-from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, Labels, Verdict
+from addon.core.data.takes import BY_LIKELIHOOD, BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Verdict
 from addon.core.points.likelihood.model import Likelihood
 from addon.core.points.rigid_bodies.adaptation import adapt, borne_out
 from addon.core.points.rigid_bodies.model import learn_rigid_bodies
 from addon.core.points.tracklets import cut
-from tests.core.rigid_bodies.plated import NAMES, RATE, body, walk
+from tests.core.points.rigid_bodies.plated import NAMES, RATE, body, walk
 from tests.core.toybody import toy_markerset
 
 FIRST_FRAME = 100
@@ -86,7 +86,7 @@ def test_what_only_motion_tells_is_named_by_it(other):
     named = decided.labels.marker != NO_MARKER
     assert named.mean() > 0.7
     assert (decided.labels.marker == right_of(points))[named].all()
-    assert not decided.labels.step[named].any()
+    assert (decided.labels.step == np.where(named, BY_TRAJECTORY, NO_STEP)).all()
     assert (decided.labels.confidence[named] > 0.9).all()
 
 
@@ -103,9 +103,10 @@ def test_things_that_stand_about_are_said_to(model):
 def test_models_that_cannot_tell_are_left_as_they_are(model):
     points = walk(body(), 5)[:50]
     forgetful = replace(model, training_takes=())
-    bare = replace(model, markerset=replace(model.markerset, likelihood=None))
-    for given, method in ((forgetful, "evidence"), (bare, "evidence"), (model, "fit")):
-        adaptation = find_adaptation(given, method, points, cut(points, RATE), RATE)
+    bare = replace(model, likelihood=None)
+    skin = replace(model, likelihood=replace(model.likelihood, rigid_bodies=None))
+    for given in (forgetful, bare, skin):
+        adaptation = adapted_to(given, points)
         assert adaptation.model is given
         assert adaptation.person is None
         assert borne_out(named_by(right_of(points)), adaptation, 0).suspects == ()

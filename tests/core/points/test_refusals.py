@@ -1,19 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Takes that a model is not for are told from those that it is for: with plates and without, one subject and two."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from addon.core.points.refusals import refuse_floods, refuse_others, refuse_strangers
 
 from addon.core.blobs.pipeline import Options
 from addon.core.body.bodies import BodyModel
 from addon.core.data.errors import JobError
 from addon.core.data.models import Model
-from addon.core.data.takes import NO_MARKER
+from addon.core.data.takes import BY_LIKELIHOOD, Labels
 from addon.core.geometry import rotations
 from addon.core.points.likelihood import learn_likelihood
+from addon.core.points.naming import Namer, namer_of
+from addon.core.points.refusals import refuse_floods, refuse_others, refuse_strangers
 from addon.core.simulation.virtual import Act, draw_person, perform
 from addon.core.training.segments import segment_markerset
 from addon.io.markersets import open_markerset
@@ -61,22 +60,37 @@ def plated() -> Model:
     names = tuple(f"M{index}" for index in range(4 * PLATES))
     likelihood = learn_likelihood([(robot(1), "one")], names)
     assert likelihood.rigid_bodies is not None
-    return Model(replace(segment_markerset([robot(1)], names, "robot"), likelihood=likelihood))
+    return Model(segment_markerset([robot(1)], names, "robot"), likelihood)
+
+
+def by_likelihood(model: Model) -> Namer:
+    return namer_of(model, "likelihood", Options())
+
+
+def by_body(model: Model) -> Namer:
+    return namer_of(model, "fit", Options())
+
+
+def first(count: int) -> Labels:
+    """Labels of a person's frames of which the first few markers are named, for sure."""
+    labels = Labels.none(FRAMES, 15)
+    labels.marker[:, :count], labels.step[:, :count], labels.confidence[:, :count] = range(count), BY_LIKELIHOOD, 1.0
+    return labels
 
 
 def refused(model: Model, points: np.ndarray) -> str:
     with pytest.raises(JobError) as caught:
-        refuse_others(model, "evidence", points, Options())
+        refuse_others(model, by_likelihood(model), points)
     return caught.value.message
 
 
 def test_what_the_model_is_for_passes(gait, plated):
     ghosts = np.tile(np.random.default_rng(2).uniform(-1, 1, (3, 3)), (FRAMES, 1, 1))
-    refuse_others(gait, "evidence", np.concatenate([person(1), ghosts], axis=1), Options())
-    refuse_others(plated, "evidence", robot(2), Options())
+    refuse_others(gait, by_likelihood(gait), np.concatenate([person(1), ghosts], axis=1))
+    refuse_others(plated, by_likelihood(plated), robot(2))
     half = robot(3)
     half[:, ::4] = np.nan
-    refuse_others(plated, "evidence", half, Options())
+    refuse_others(plated, by_likelihood(plated), half)
 
 
 def test_another_marker_set_is_said_so(gait, plated):
@@ -98,9 +112,9 @@ def test_two_subjects_are_said_so(gait, apart):
 def test_two_subjects_are_too_many_for_a_fitted_body(gait):
     both = np.concatenate([person(1), person(2, at=(0.3, 2.5))], axis=1)
     with pytest.raises(JobError, match="shows two subjects or more that wear gait15"):
-        refuse_others(gait, "fit", both, Options())
+        refuse_others(gait, by_body(gait), both)
     ghosts = np.tile(np.random.default_rng(2).uniform(1, 1.2, (5, 3)), (FRAMES, 1, 1))
-    refuse_others(gait, "fit", np.concatenate([person(1), ghosts], axis=1), Options())
+    refuse_others(gait, by_body(gait), np.concatenate([person(1), ghosts], axis=1))
 
 
 def test_two_on_plates_are_said_so(plated):
@@ -115,16 +129,13 @@ def test_too_few_points_are_said_so(gait):
 
 
 def test_few_labels_in_the_end_are_said_so(gait):
-    points, given = person(1), np.full((FRAMES, 15), NO_MARKER)
-    given[:, :3] = [0, 1, 2]
+    points = person(1)
     with pytest.raises(JobError, match="20% of its markers were recognised for sure"):
-        refuse_strangers(gait, "evidence", points, given)
-    given[:, :5] = np.arange(5)
-    refuse_strangers(gait, "evidence", points, given)
+        refuse_strangers(gait, by_likelihood(gait), points, first(3))
+    refuse_strangers(gait, by_likelihood(gait), points, first(5))
     with pytest.raises(JobError, match="33% of its markers"):
-        refuse_strangers(gait, "fit", points, given)
-    given[:, :11] = np.arange(11)
-    refuse_strangers(gait, "fit", points, given)
+        refuse_strangers(gait, by_body(gait), points, first(5))
+    refuse_strangers(gait, by_body(gait), points, first(11))
 
 
 def test_a_flood_of_points_is_refused_before_it_fills_the_memory():
@@ -154,4 +165,5 @@ def test_recorded_takes_that_the_built_in_models_are_not_for(shared_data, take, 
     ],
 )
 def test_recorded_takes_with_many_more_markers_pass(shared_data, take, model):
-    refuse_others(open_model(model), "evidence", read_points(shared_data / "people" / take).xyz, Options())
+    known = open_model(model)
+    refuse_others(known, by_likelihood(known), read_points(shared_data / "people" / take).xyz)

@@ -14,7 +14,7 @@ from addon.core.points.partial_solvers.features import all_features, tables
 from addon.core.points.partial_solvers.masks import Masks
 from addon.core.points.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS, Classifiers
 from addon.core.points.partial_solvers.solver import TreeSearch, accepts, search_one
-from tests.core.partial_solvers.toys import moving, pool_of
+from tests.core.points.partial_solvers.toys import moving, pool_of
 
 
 def by_trying(markers, classifiers, frame, clouds):

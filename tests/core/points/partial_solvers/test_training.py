@@ -7,16 +7,18 @@ import numpy as np
 import pytest
 
 from addon.core.data.errors import InputError
+from addon.core.data.takes import BY_PARTIAL_SOLVERS, NO_STEP, Labels
+from addon.core.points.partial_solvers import frames
 from addon.core.points.partial_solvers.assess import Occlusions, assess, draw_occlusions
 from addon.core.points.partial_solvers.boosting import rejections
 from addon.core.points.partial_solvers.features import tables
-from addon.core.points.partial_solvers.frames import Labeller, label_frames
+from addon.core.points.partial_solvers.frames import SolversNamer, label_frames
 from addon.core.points.partial_solvers.masks import Masks
 from addon.core.points.partial_solvers.model import FUNCTIONS
 from addon.core.points.partial_solvers.search import Genetics
 from addon.core.points.partial_solvers.solver import TreeSearch
 from addon.core.points.partial_solvers.training import SEARCHES, Training, train_ensemble
-from tests.core.partial_solvers.toys import moving
+from tests.core.points.partial_solvers.toys import moving
 
 NAMES = tuple("ABCDEFG")
 OPTIONS = Training(functions=FUNCTIONS, survey_frames=60, check_frames=200, genetics=Genetics(16, 10), wrong=400)
@@ -100,7 +102,7 @@ def test_every_search_names_points(points, search, goal):
         points, NAMES, 0.97, Training(**{**vars(OPTIONS), "search": search, "goal": goal, "survey_frames": 40})
     )
     seen, truth = shuffled(points[:60], hide=1)
-    named, _ = label_frames(partial_solvers, seen)
+    named = label_frames(partial_solvers, seen).marker
     given = named >= 0
     assert (named[given] == truth[given]).mean() > 0.97
     assert (partial_solvers.covered > 0).all() or goal == "any"
@@ -121,11 +123,14 @@ def test_each_marker_has_its_own_target(points):
 @pytest.mark.parametrize(("hide", "ghosts"), [(0, 0), (2, 0), (2, 3), (4, 0)])
 def test_named_points(partial_solvers, points, hide, ghosts):
     seen, truth = shuffled(points, seed=hide, hide=hide, ghosts=ghosts)
-    named, confidence = label_frames(partial_solvers, seen)
+    labels = label_frames(partial_solvers, seen)
+    named, confidence = labels.marker, labels.confidence
     given = named >= 0
     assert named.shape == truth.shape
     assert (named[given] == truth[given]).mean() > 0.98
     assert ((confidence > 0) == given).all()
+    assert (labels.step == np.where(given, BY_PARTIAL_SOLVERS, NO_STEP)).all()
+    assert (labels.rate == given).all()
     assert confidence.max() <= 1
     assert (named[np.isnan(seen).any(axis=2)] == -1).all()
     if hide <= 2 and not ghosts:
@@ -134,32 +139,36 @@ def test_named_points(partial_solvers, points, hide, ghosts):
 
 def test_frames_are_independent(partial_solvers, points):
     seen, _ = shuffled(points[:30], hide=1)
-    named, _ = label_frames(partial_solvers, seen)
+    named = label_frames(partial_solvers, seen).marker
     broken = seen.copy()
     broken[10] = np.random.default_rng(0).uniform(-1, 1, broken[10].shape)
-    again, _ = label_frames(partial_solvers, broken)
+    again = label_frames(partial_solvers, broken).marker
     others = np.arange(30) != 10
     assert (again[others] == named[others]).all()
-    alone, _ = label_frames(partial_solvers, seen[17:18])
+    alone = label_frames(partial_solvers, seen[17:18]).marker
     assert (alone[0] == named[17]).all()
 
 
-def test_a_take_in_pieces_and_in_chunks(partial_solvers, points):
+def test_a_take_in_pieces_and_in_chunks(partial_solvers, points, monkeypatch):
     seen, _ = shuffled(points[:40], hide=1, ghosts=1)
-    whole, _ = label_frames(partial_solvers, seen)
+    whole = label_frames(partial_solvers, seen)
     sparse = np.full((40, 200, 3), np.nan)
     columns = np.sort(np.random.default_rng(1).choice(200, 8, replace=False))
     sparse[:, columns] = seen
-    named, _ = label_frames(partial_solvers, sparse)
-    assert (named[:, columns] == whole).all()
-    parts = list(Labeller(partial_solvers).chunks([seen[:7], seen[7:]]))
-    assert (np.concatenate([part[0] for part in parts]) == whole).all()
+    named = label_frames(partial_solvers, sparse)
+    assert (named.marker[:, columns] == whole.marker).all()
+    assert named.named.sum() == whole.named.sum() > 0
+    monkeypatch.setattr(frames, "CHUNK", 7)
+    parts = list(SolversNamer(partial_solvers).name(seen, 100.0))
+    assert max(len(part.marker) for part in parts) <= 7
+    for one, other in zip(Labels.join(parts)._columns, whole._columns, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 @pytest.mark.parametrize("shape", [(0, 5, 3), (4, 0, 3), (4, 5, 3)])
 def test_nothing_to_name(partial_solvers, shape):
-    named, confidence = label_frames(partial_solvers, np.full(shape, np.nan))
-    assert named.shape == confidence.shape == shape[:2]
+    named = label_frames(partial_solvers, np.full(shape, np.nan))
+    assert named.marker.shape == named.confidence.shape == named.rate.shape == shape[:2]
     assert (named == -1).all()
 
 
@@ -174,7 +183,7 @@ def test_frames_with_gaps_can_be_learned_from(points):
     gappy = points.copy()
     gappy[np.random.default_rng(0).random(gappy.shape[:2]) < 0.05] = np.nan
     partial_solvers = train_ensemble(gappy, NAMES, 0.95, OPTIONS)
-    named, _ = label_frames(partial_solvers, points[:80])
+    named = label_frames(partial_solvers, points[:80]).marker
     given = named >= 0
     assert given.mean() > 0.6
     assert (named == np.arange(7))[given].mean() > 0.97
