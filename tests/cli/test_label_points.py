@@ -119,14 +119,14 @@ def trained(room, tmp_path_factory):
 
 def test_blobs_named_by_their_points_agree_with_the_fitted_body(trained, room, run, tmp_path):
     words = ("label", room.blobs, "--cameras", room.cameras, "--model", trained, "--rate", "60")
-    answer = run(*words, "--out", tmp_path / "points", "--method", "evidence", "--json")
+    answer = run(*words, "--out", tmp_path / "points", "--method", "likelihood", "--json")
     assert (answer.status, answer.err) == (0, "")
     assert run(*words, "--out", tmp_path / "fit").status == 0
     figures = json.loads(run("evaluate", tmp_path / "points" / "walk.labels.csv", room.truth, "--json").out)
     assert figures["precision"] > 0.98
     assert figures["recall"] > 0.9
     [report] = json.loads(answer.out)["takes"]
-    assert (report["method"], report["frames"]) == ("evidence", FRAMES[1] - FRAMES[0] + 1)
+    assert (report["method"], report["frames"]) == ("likelihood", FRAMES[1] - FRAMES[0] + 1)
     assert set(report["steps"]) == {"evidence", "ensemble", "trajectory"}
     assert 0 < report["markers"]["C7"]["mean_residual_px"] < 2
     rows = [rows_of(tmp_path / folder / "walk.labels.csv")[1:] for folder in ("points", "fit")]
@@ -181,9 +181,9 @@ def test_points_of_something_else_name_no_blobs(room, run, tmp_path):
 def test_both_ways_need_blobs_and_what_names_points(run, room, label, tmp_path):
     assert "the method both is for blobs" in label("--method", "both").reason
     bare = tmp_path / f"bare{SUFFIX}"
-    write_markerset(bare, replace(open_markerset("body26"), name="bare", likelihood=None))
+    write_markerset(bare, replace(open_markerset("body26"), name="bare"))
     words = ("label", room.blobs, "--cameras", room.cameras, "--out", tmp_path / "o", "--model", bare)
-    for method in ("both", "evidence", "ensemble"):
+    for method in ("both", "likelihood", "evidence", "ensemble"):
         answer = run(*words, "--method", method)
         assert answer.status == 2
         assert "model bare has no" in answer.reason
@@ -202,8 +202,8 @@ def test_reconstructed_points_are_named(trained, room, run, tmp_path):
     assert (off[np.isfinite(off)] < 0.02).mean() > 0.99
 
 
-def test_a_model_without_an_ensemble_or_evidence_says_so(trained, room, label):
-    assert "has no ensemble" in label("--method", "ensemble", model=trained).reason
+def test_a_model_without_partial_solvers_says_so(trained, room, label):
+    assert "has no partial solvers" in label("--method", "ensemble", model=trained).reason
 
 
 def test_what_makes_no_difference_to_points_is_said(trained, room, label, run, tmp_path):
