@@ -2,7 +2,7 @@
 """What every calibration format comes down to: one camera at a time, then the rig of them all."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +25,7 @@ class RigCamera:
     """One camera as a file gives it, already in metres, z up, and in OpenCV's sense of camera and lens.
 
     size (2,) px; matrix (3, 3) px; distortion (up to 5,) k1 k2 p1 p2 k3; rotation (3, 3) world to camera;
-    translation (3,) m
+    translation (3,) m; inverse (3,) see `Cameras`
     """
 
     name: str
@@ -34,6 +34,7 @@ class RigCamera:
     distortion: np.ndarray
     rotation: np.ndarray
     translation: np.ndarray
+    inverse: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
 
 def rig(cameras: Sequence[RigCamera], path: Path) -> Cameras:
@@ -50,6 +51,7 @@ def rig(cameras: Sequence[RigCamera], path: Path) -> Cameras:
             distortion=np.array([np.pad(camera.distortion, (0, 5 - len(camera.distortion))) for camera in cameras]),
             rotation=np.array([nearest_rotation(camera.rotation) for camera in cameras]),
             translation=np.array([camera.translation for camera in cameras]),
+            inverse=np.array([camera.inverse for camera in cameras]),
         )
     except InputError as error:
         raise InputError(error.message, path) from None
@@ -58,11 +60,9 @@ def rig(cameras: Sequence[RigCamera], path: Path) -> Cameras:
 def _check(camera: RigCamera, path: Path):
     if not camera.name.strip():
         raise InputError("has a camera without a name; expected every camera to have one", path)
+    lenses = (camera.distortion, camera.inverse)
     values = np.concatenate(
-        [
-            np.ravel(part)
-            for part in (camera.size, camera.matrix, camera.distortion, camera.rotation, camera.translation)
-        ]
+        [np.ravel(part) for part in (camera.size, camera.matrix, *lenses, camera.rotation, camera.translation)]
     )
     if not (np.abs(values) < LARGEST).all():
         raise InputError(

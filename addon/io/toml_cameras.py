@@ -9,10 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
+from ..core import inverse_lens
 from ..core.cameras import Cameras
 from ..core.errors import InputError
 from .rig import RigCamera, rig, rotation_from_vector
 from .source import read_text
+
+# Ours beside the shared keys: a lens of Vicon's kind, exact, where `distortions` can only come near it.
+INVERSE = "vicon_radial"
 
 
 def read_toml(path: Path) -> Cameras:
@@ -50,13 +54,16 @@ def _camera(key: str, table: dict, path: Path) -> RigCamera:
         raise InputError(
             f"camera {name} has a rotation of {rotation.size} numbers; expected a Rodrigues vector or 3×3", path
         )
+    exact = table.get(INVERSE) is not None
+    distortion = lens(_array(table, "distortions", name, path), name, path)
     return RigCamera(
         name=name,
         size=_array(table, "size", name, path, 2),
         matrix=_array(table, "matrix", name, path, 9).reshape(3, 3),
-        distortion=lens(_array(table, "distortions", name, path), name, path),
+        distortion=np.zeros(5) if exact else distortion,
         rotation=rotation_from_vector(rotation) if rotation.size == 3 else rotation.reshape(3, 3),
         translation=_array(table, "translation", name, path, 3),
+        inverse=_array(table, INVERSE, name, path, 3) if exact else np.zeros(3),
     )
 
 
@@ -92,12 +99,19 @@ def write_toml(path: Path, cameras: Cameras):
 
 
 def _table(cameras: Cameras, index: int) -> str:
+    distortion, inverse = cameras.distortion[index], cameras.inverse[index]
+    exact = ""
+    if inverse.any():
+        half = np.linalg.norm(cameras.size[index]) / 2 / cameras.focal[index]
+        distortion = inverse_lens.nearest_forward(inverse, half)
+        exact = f"{INVERSE} = {_row(inverse)}\n"
     return (
         f"[cam_{index + 1:02d}]\n"
         f"name = {_quoted(cameras.names[index])}\n"
         f"size = {_row(cameras.size[index])}\n"
         f"matrix = [{', '.join(_row(row) for row in cameras.matrix[index])}]\n"
-        f"distortions = {_row(cameras.distortion[index])}\n"
+        f"distortions = {_row(distortion)}\n"
+        f"{exact}"
         f"rotation = [{', '.join(_row(row) for row in cameras.rotation[index])}]\n"
         f"translation = {_row(cameras.translation[index])}\n"
         "fisheye = false\n"
