@@ -25,9 +25,12 @@ def has_blender() -> bool:
     return "bpy" in sys.modules or importlib.util.find_spec("bpy") is not None
 
 
-def open_cameras(path: Path) -> Cameras:
-    """A calibration of any kind, the cameras of a `.blend` included where Blender is here; InputError otherwise."""
-    return read_cameras(path, _read_blend if has_blender() else None)
+def open_cameras(path: Path, up: str | None = None) -> Cameras:
+    """A calibration of any kind, the cameras of a `.blend` included where Blender is here; InputError otherwise.
+
+    `up` is the axis that points up in its world, where that is known better than from the file.
+    """
+    return read_cameras(path, _read_blend if has_blender() else None, up)
 
 
 def _read_blend(path: Path) -> Cameras:

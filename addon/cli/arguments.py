@@ -5,6 +5,8 @@ import argparse
 import re
 from collections.abc import Callable
 
+from ..core.upright import AXES
+
 
 def frame_range(text: str) -> tuple[int | None, int | None]:
     """`A:B`, both included, either left out for the take's own end."""
@@ -60,4 +62,14 @@ def add_frames(parser: argparse.ArgumentParser):
         type=frame_range,
         metavar="A:B",
         help="only these frames, both included, by the source's own numbers",
+    )
+
+
+def add_up(parser: argparse.ArgumentParser):
+    """`--up AXIS`, for files that have another axis up than they say or seem to."""
+    parser.add_argument(
+        "--up",
+        choices=AXES,
+        help="the axis that points up in the files that are read (default: what they say, or else what is in them; "
+        "write --up=-y for one with a minus)",
     )

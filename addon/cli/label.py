@@ -13,7 +13,7 @@ from ..blendfile import has_blender, open_cameras
 from ..core.errors import InputError, UserError
 from ..io.models import open_model
 from ..io.points import holds_points
-from .arguments import add_frames, add_overwrite, number, whole
+from .arguments import add_frames, add_overwrite, add_up, number, whole
 from .console import ProgressLine, complain, print_results
 from .workers import side_by_side
 
@@ -30,6 +30,7 @@ def add_parser(verbs):
     parser.add_argument("--cameras", type=Path, metavar="CAMERAS", help="the calibration; blobs need it")
     parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="the folder for the results")
     add_frames(parser)
+    add_up(parser)
     _add_naming(parser)
     parser.add_argument("--blend", action="store_true", help="also save DIR/walk.blend: armature, body, keyed markers")
     parser.add_argument("--trc", action="store_true", help="also write DIR/walk.trc")
@@ -120,7 +121,7 @@ def check(arguments):
         raise InputError("is no folder; expected a folder for the results", arguments.out)
     open_model(arguments.model)
     if blobs:
-        open_cameras(arguments.cameras)
+        open_cameras(arguments.cameras, arguments.up)
 
 
 def unused(arguments) -> list[str]:
@@ -173,6 +174,7 @@ def as_job(arguments, path: Path) -> jobs.LabelJob:
         method=arguments.method,
         target=arguments.target,
         frames=arguments.frames,
+        up=arguments.up,
         rate=arguments.rate,
         height=arguments.height,
         facing=None if arguments.facing is None else math.radians(arguments.facing),
@@ -193,7 +195,8 @@ def as_line(report: dict) -> str:
     unit = f", no unit in the file, taken for {report['unit_assumed']}" if "unit_assumed" in report else ""
     first = ", frames in the .c3d from 0" if "c3d_first_frame" in report else ""
     frames = f"{report['frames']} frame" + ("" if report["frames"] == 1 else "s")
-    return f"{report['take']}: {frames}, {named} of {count} {things} named{pace}{unit}{first}"
+    more = "".join(f"; {words}" for words in report.get("calibration", []))
+    return f"{report['take']}: {frames}, {named} of {count} {things} named{pace}{unit}{first}{more}"
 
 
 def _answers(arguments, progress: ProgressLine) -> Iterator[tuple[Path, dict | UserError]]:
@@ -221,7 +224,9 @@ def _side_by_side(arguments, progress: ProgressLine) -> Iterator[tuple[Path, dic
 def _command(arguments, path: Path) -> list[str]:
     """The command line that labels one of the inputs alone."""
     command = ["label", f"--model={arguments.model}", f"--out={arguments.out}"]
-    known = {name: getattr(arguments, name) for name in ("cameras", "rate", "height", "facing", "method", "target")}
+    known = {
+        name: getattr(arguments, name) for name in ("cameras", "rate", "height", "facing", "method", "target", "up")
+    }
     command += [f"--{name}={value}" for name, value in known.items() if value is not None]
     if arguments.frames:
         command.append("--frames=" + ":".join("" if end is None else str(end) for end in arguments.frames))

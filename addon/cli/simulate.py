@@ -10,7 +10,7 @@ from ..core.errors import InputError, UserError
 from ..core.simulate import CaptureOptions
 from ..io.markersets import builtin_markersets, open_markerset
 from ..io.points import marker_columns, read_points
-from .arguments import add_frames, add_overwrite, names, number, whole
+from .arguments import add_frames, add_overwrite, add_up, names, number, whole
 from .console import ProgressLine, print_results
 
 DESCRIPTION = """A virtual capture of a labelled take (.c3d or .trc): what the cameras would see, with a body in the
@@ -33,6 +33,7 @@ def add_parser(verbs):
         "--subject", metavar="NAME", help="of a take with several, the one whose markers are NAME:LASI …"
     )
     add_frames(parser)
+    add_up(parser)
     parser.add_argument("--centre", action="store_true", help="move the take's path to the middle of the room")
     parser.add_argument("--no-body", action="store_true", help="nothing hides anything")
     _add_trouble(parser)
@@ -83,7 +84,7 @@ def _keep_inputs(arguments):
 def run(arguments) -> int:
     """Captures the take and writes both files."""
     _keep_inputs(arguments)
-    cameras = open_cameras(arguments.cameras)
+    cameras = open_cameras(arguments.cameras, arguments.up)
     progress = ProgressLine(arguments.progress)
     try:
         take = capturing.cut(capturing.labelled_markers(read_points(arguments.take)), arguments.frames)
@@ -104,11 +105,14 @@ def run(arguments) -> int:
         **asdict(captured),
         "out": [str(arguments.out), str(capturing.truth_path(arguments.out))],
     }
+    if cameras.remarks:
+        result["calibration"] = list(cameras.remarks)
     way = f", the body of {markerset.name} in the way" if body else ""
     what = f"{captured.blobs} blobs of {len(worn.names)} markers in {captured.frames} frames, {len(cameras)} cameras"
     lines = [
         f"{arguments.out}: {what}{way}",
         f"{capturing.truth_path(arguments.out)}: {captured.ghosts} ghosts, {captured.merged} merged blobs",
+        *cameras.remarks,
     ]
     print_results(lines, result, arguments.json)
     return 0

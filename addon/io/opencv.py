@@ -12,6 +12,7 @@ from .filestorage import parse_filestorage
 from .rig import RigCamera, rig, rotation_from_vector
 from .source import read_text
 from .toml_cameras import lens
+from .upright import z_up
 
 KIND = "an OpenCV .yml calibration with intrinsics and extrinsics"
 
@@ -30,7 +31,7 @@ SIZE = ("size", "image_size", "imageSize", "resolution")
 FARTHEST = 200.0
 
 
-def read_yml(path: Path) -> Cameras:
+def read_yml(path: Path, up: str = "") -> Cameras:
     """The cameras of a file, or of the pair that it belongs to (`intri.yml` beside `extri.yml`).
 
     Understood are parts with the camera's name behind (`K_01`, `dist_01`, `R_01`, `T_01`, as EasyMocap writes; also
@@ -46,7 +47,7 @@ def read_yml(path: Path) -> Cameras:
         raise InputError(f"has no camera with a matrix; expected {KIND}", path)
     if any(np.linalg.norm(camera.translation) > FARTHEST for camera in cameras):
         cameras = [RigCamera(c.name, c.size, c.matrix, c.distortion, c.rotation, c.translation / 1000) for c in cameras]
-    return rig(cameras, path)
+    return z_up(rig(cameras, path), up)
 
 
 def _files(path: Path) -> list[Path]:

@@ -15,6 +15,7 @@ from ..core.cameras import Cameras, distort
 from ..core.errors import InputError
 from .rig import RigCamera, rig
 from .source import numbers, read_text
+from .upright import z_up
 
 KIND = "a self-calibration folder with *.Pmat.cal, *.rad and Res.dat"
 
@@ -24,7 +25,7 @@ LENS_TOLERANCE_PX = 2.0
 _LENS = ("kc1", "kc2", "kc3", "kc4")
 
 
-def read_selfcal(path: Path) -> Cameras:
+def read_selfcal(path: Path, up: str = "") -> Cameras:
     """The cameras of a folder, or of the folder of a `.Pmat.cal` or `.rad` file, in the order of their numbers."""
     folder = path if path.is_dir() else path.parent
     matrices, lenses = (_numbered(folder, pattern) for pattern in ("*.Pmat.cal", "*.rad"))
@@ -40,7 +41,7 @@ def read_selfcal(path: Path) -> Cameras:
         _camera(name, matrices[number], lenses[number], size)
         for name, number, size in zip(names, order, sizes, strict=True)
     ]
-    return rig(cameras, folder)
+    return z_up(rig(cameras, folder), up)
 
 
 def _numbered(folder: Path, pattern: str) -> dict[int, Path]:

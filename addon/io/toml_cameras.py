@@ -12,15 +12,20 @@ import numpy as np
 from ..core import inverse_lens
 from ..core.cameras import Cameras
 from ..core.errors import InputError
+from ..core.upright import AXES, guess_up
 from .rig import RigCamera, rig, rotation_from_vector
 from .source import read_text
+from .upright import z_up
 
 # Ours beside the shared keys: a lens of Vicon's kind, exact, where `distortions` can only come near it.
 INVERSE = "vicon_radial"
 
 
-def read_toml(path: Path) -> Cameras:
-    """Every table with a `matrix` is a camera, at the top or inside `[cameras]`; other tables are ignored."""
+def read_toml(path: Path, up: str = "") -> Cameras:
+    """Every table with a `matrix` is a camera, at the top or inside `[cameras]`; other tables are ignored.
+
+    `up` is the axis that points up where it is known better than from the file or its cameras.
+    """
     text = read_text(path, "a .toml camera calibration")
     try:
         document = tomllib.loads(text)
@@ -33,7 +38,8 @@ def read_toml(path: Path) -> Cameras:
     tables = [(key, table) for key, table in _tables(document) if table.get("ignore") is not True]
     if not tables:
         raise InputError("has no table with a `matrix`; expected one table a camera", path)
-    return rig([_camera(key, table, path) for key, table in tables], path)
+    said = next((str(table["up"]) for _, table in tables if table.get("up") in AXES), "")
+    return z_up(rig([_camera(key, table, path) for key, table in tables], path), up or said)
 
 
 def _tables(document: dict) -> Iterator[tuple[str, dict]]:
@@ -92,9 +98,13 @@ def lens(coefficients: np.ndarray, name: str, path: Path) -> np.ndarray:
 
 
 def write_toml(path: Path, cameras: Cameras):
-    """Writes the contract's calibration: one table a camera, every number exact."""
+    """Writes the contract's calibration: one table a camera, every number exact.
+
+    Cameras that look as if another axis pointed up say that it is z.
+    """
+    up = "" if guess_up(cameras) in ("", "z") else 'up = "z"\n'
     Path(path).write_text(
-        "\n".join(_table(cameras, index) for index in range(len(cameras))), encoding="utf-8", newline="\n"
+        "\n".join(_table(cameras, index) + up for index in range(len(cameras))), encoding="utf-8", newline="\n"
     )
 
 

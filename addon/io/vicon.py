@@ -12,6 +12,7 @@ from ..core.cameras import Cameras
 from ..core.errors import InputError
 from .rig import RigCamera, rig, rotation_from_quaternion
 from .source import numbers, read_xml
+from .upright import z_up
 
 KIND = "a Vicon .xcp calibration"
 
@@ -19,16 +20,18 @@ KIND = "a Vicon .xcp calibration"
 PIXEL_COEFFICIENT = 1e-4
 
 
-def read_xcp(path: Path) -> Cameras:
+def read_xcp(path: Path, up: str = "") -> Cameras:
     """Cameras of a Vicon calibration: the last key frame of each that is calibrated.
 
-    Orientation is a quaternion x, y, z, w that turns the world into the camera, position is in mm, z is up.
+    Orientation is a quaternion x, y, z, w that turns the world into the camera, position is in mm. The file does not
+    say which axis is up: z unless the cameras tell of another, or `up` does.
     """
     root = read_xml(path, KIND)
     cameras = [camera for camera in root.iter("Camera") if camera.find("KeyFrames/KeyFrame") is not None]
     if root.tag != "Cameras" or not cameras:
         raise InputError(f"has no calibrated camera; expected {KIND}", path)
-    return rig([_camera(camera, name, path) for camera, name in zip(cameras, _names(cameras), strict=True)], path)
+    named = zip(cameras, _names(cameras), strict=True)
+    return z_up(rig([_camera(camera, name, path) for camera, name in named], path), up)
 
 
 def _names(cameras: list[Element]) -> list[str]:

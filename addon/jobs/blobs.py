@@ -37,7 +37,7 @@ def label_blobs(job: LabelJob) -> Generator[Progress, None, Labelled]:
     Raises UserError with the file where it can be told.
     """
     begin = perf_counter()
-    model, cameras = open_model(job.model), open_cameras(job.cameras)
+    model, cameras = open_model(job.model), open_cameras(job.cameras, job.up)
     ways, markerset, agreement = _ways(job, model, cameras), model.markerset, both_ways.Agreement()
     with ExitStack() as stack:
         files = open_files(job, stack)
@@ -60,6 +60,8 @@ def label_blobs(job: LabelJob) -> Generator[Progress, None, Labelled]:
         if len(ways) == 2:
             more["agreement"] = agreement.as_dict()
         more |= {"method": _method(job), "rate_assumed": job.rate is None, "steps": results.counts()}
+        if cameras.remarks:
+            more["calibration"] = list(cameras.remarks)
         path = files[".report.json"]
         report = finish_report(job, results.summary, markerset.name, job.frame_rate, clock, path, **more)
     return Labelled(report, chunks if job.keep else [])

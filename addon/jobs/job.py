@@ -28,6 +28,7 @@ class LabelJob:
     cameras   the calibration; None for points
     model     a built-in model's name or the path of one
     frames    first and last frame to label, both included, None for the take's own
+    up        the axis that points up in the files that are read, None for what they say or tell
     method    how names are found: one of METHODS
     rate      frames a second, None where nobody knows: then USUAL_RATE, and the report says that it was assumed
     target    the part of the labels of points that must be right; what is less sure is left unnamed
@@ -42,6 +43,7 @@ class LabelJob:
     model: str
     out: Path
     frames: tuple[int | None, int | None] | None = None
+    up: str | None = None
     method: str = "auto"
     target: float = USUAL_TARGET
     rate: float | None = None

@@ -35,6 +35,7 @@ class RebuildJob:
     out      the file to write, `.c3d` or `.trc`
     frames   first and last frame, both included, None for the take's own
     rate     frames a second, None where nobody knows
+    up       the axis that points up in the calibration, None for what it says or tells
     """
 
     source: Path
@@ -43,6 +44,7 @@ class RebuildJob:
     frames: tuple[int | None, int | None] | None = None
     rate: float | None = None
     overwrite: bool = False
+    up: str | None = None
 
 
 def rebuild_file(job: RebuildJob) -> Generator[Progress, None, dict]:
@@ -54,7 +56,7 @@ def rebuild_file(job: RebuildJob) -> Generator[Progress, None, dict]:
     write = WRITERS.get(job.out.suffix.lower())
     if write is None:
         raise InputError("is no file of 3D points; expected a name that ends in .c3d or .trc", job.out)
-    cameras = open_cameras(job.cameras)
+    cameras = open_cameras(job.cameras, job.up)
     rate = USUAL_RATE if job.rate is None else job.rate
     tally = _Tally()
     with ExitStack() as stack:
@@ -81,6 +83,7 @@ def rebuild_file(job: RebuildJob) -> Generator[Progress, None, dict]:
         "frames": len(spool.counts),
         "trajectories": len(points.names),
         **tally.as_dict(),
+        **({"calibration": list(cameras.remarks)} if cameras.remarks else {}),
         **(renumbered(points) if write is write_c3d else {}),
         "seconds": round(perf_counter() - begin, 3),
     }

@@ -5,10 +5,11 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-from bpy.props import StringProperty
+from bpy.props import EnumProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ..core.errors import InputError
+from ..core.upright import AXES
 from ..io.blobs import read_blobs
 from ..io.cameras import read_cameras
 from ..io.points import holds_points, read_points
@@ -20,6 +21,9 @@ from ..scene.take import frame_shift, join_blobs, set_time
 from .reporting import reports_trouble
 
 BLOBS, POINTS = "*.csv", "*.c3d;*.trc;*.csv"
+UP_ITEMS = [("AUTO", "As the File Says", "Or, where it does not say, as what is in it tells")] + [
+    (axis, axis.upper(), f"{axis.upper()} points up in the file") for axis in AXES
+]
 CALIBRATIONS = ".toml;.xcp;.txt;.xml;.qca;.mcal;.yml;.yaml;.cal;.rad;.blend"
 
 
@@ -51,13 +55,17 @@ class MOCAP_AUTOLABEL_OT_import_cameras(ImportsFile, bpy.types.Operator):
     filter_glob: StringProperty(
         default=";".join(f"*{suffix}" for suffix in CALIBRATIONS.split(";")), options={"HIDDEN"}, maxlen=255
     )
+    up: EnumProperty(
+        name="Up", description="The axis that points up in the calibration", items=UP_ITEMS, options={"SKIP_SAVE"}
+    )
 
     def take_in(self, context, path: Path) -> str:
         """Adds the cameras, or finds those that are there."""
-        cameras = read_cameras(path, read_blend=scene_cameras.cameras_of_blend)
+        up = None if self.up == "AUTO" else self.up
+        cameras = read_cameras(path, read_blend=scene_cameras.cameras_of_blend, up=up)
         collection = scene_cameras.find_or_add_cameras(context.scene, cameras)
         context.scene.mocap_autolabel.cameras = collection
-        return f"{len(cameras)} cameras: {', '.join(cameras.names)}"
+        return "; ".join([f"{len(cameras)} cameras: {', '.join(cameras.names)}", *cameras.remarks])
 
 
 class MOCAP_AUTOLABEL_OT_use_cameras(bpy.types.Operator):

@@ -132,6 +132,19 @@ def test_importing_remembers_and_shows_what_there_is(ready, files):
     assert counts() == before
 
 
+def test_the_import_turns_a_calibration_as_it_is_told(extension, empty, files):
+    assert bpy.ops.mocap_autolabel.import_cameras(filepath=files.cameras) == {"FINISHED"}
+    upright = empty.scene.mocap_autolabel.cameras
+    assert bpy.ops.mocap_autolabel.import_cameras(filepath=files.cameras, up="-y") == {"FINISHED"}
+    lying = empty.scene.mocap_autolabel.cameras
+    assert lying != upright
+    for one, other in zip(upright.objects, lying.objects, strict=True):
+        x, y, z = one.matrix_world.translation
+        assert tuple(other.matrix_world.translation) == pytest.approx((x, z, -y), abs=1e-5)
+    assert bpy.ops.mocap_autolabel.import_cameras("INVOKE_DEFAULT", filepath=files.cameras) == {"FINISHED"}
+    assert empty.scene.mocap_autolabel.cameras == upright
+
+
 def test_dropped_files_are_read_at_once(extension, empty, files):
     assert bpy.ops.mocap_autolabel.import_cameras("INVOKE_DEFAULT", filepath=files.cameras) == {"FINISHED"}
     assert bpy.ops.mocap_autolabel.import_blobs("INVOKE_DEFAULT", filepath=files.blobs) == {"FINISHED"}

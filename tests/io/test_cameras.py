@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from addon.core.errors import InputError
+from addon.core.upright import guess_up, turned
 from addon.io.cameras import read_cameras, write_cameras
 from addon.io.rig import nearest_rotation, rotation_from_quaternion, rotation_from_vector
 from tests.io.samples import mcal, opencv_matrix, qca, quaternion, ring, write_selfcal, xcp, yml
@@ -148,6 +149,69 @@ def test_a_vicon_lens_survives_our_toml_and_stands_beside_the_nearest_of_opencv(
 def test_a_lens_of_vicon_that_folds_the_image_is_refused(tmp_path):
     with pytest.raises(InputError, match="folds the image"):
         read_cameras(write(tmp_path / "a.xcp", xcp(bonitas(), (-8e-6, 0))))
+
+
+UPS = {
+    "y": [[1, 0, 0], [0, 0, 1], [0, -1, 0]], "-y": [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
+    "x": [[0, 0, 1], [1, 0, 0], [0, 1, 0]], "-x": [[0, 0, -1], [1, 0, 0], [0, -1, 0]],
+    "-z": [[1, 0, 0], [0, -1, 0], [0, 0, -1]],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("up", UPS)
+def test_a_calibration_with_another_axis_up_is_turned_and_said(tmp_path, up):
+    wanted = bonitas()
+    lying = turned(wanted, np.array(UPS[up], dtype=float))
+    axis = np.array(UPS[up])[:, 2]
+    remark = f"the cameras stand with {up} up in the calibration, which does not say: turned to z up"
+    assert axis @ np.eye(3)["xyz".index(up[-1])] == (-1 if up[0] == "-" else 1)
+    for path in (
+        write(tmp_path / "a.xcp", xcp(lying, BONITA)),
+        write(tmp_path / "a.qca.txt", qca(lying)),
+        write(tmp_path / "a.yml", yml(lying)),
+    ):
+        found = read_cameras(path)
+        assert found.remarks == (remark,)
+        assert guess_up(found) == "z"
+        np.testing.assert_allclose(found.centres[:, 2], wanted.centres[:, 2], atol=1e-9)
+        np.testing.assert_allclose(
+            np.linalg.norm(np.diff(found.centres, axis=0), axis=1),
+            np.linalg.norm(np.diff(wanted.centres, axis=0), axis=1),
+        )
+        assert np.linalg.det(found.rotation) == pytest.approx(1)
+        same, as_it_is = read_cameras(path, up=up), read_cameras(path, up="z")
+        np.testing.assert_array_equal(same.rotation, found.rotation)
+        assert same.remarks == as_it_is.remarks == ()
+        np.testing.assert_allclose(as_it_is.centres, lying.centres, atol=1e-9)
+
+
+def test_up_overrules_what_a_calibration_says(tmp_path):
+    path = write(tmp_path / "a.mcal", mcal(ring()))
+    said, overruled = read_cameras(path), read_cameras(path, up="z")
+    np.testing.assert_allclose(overruled.centres @ np.array(UPS["y"]), said.centres, atol=1e-9)
+    blend = read_cameras(tmp_path / "a.blend", lambda _: said, "y")
+    np.testing.assert_allclose(blend.centres, said.centres @ np.array(UPS["y"]), atol=1e-9)
+
+
+def test_our_own_toml_says_so_where_cameras_seem_to_lie(tmp_path):
+    lying = turned(ring(), np.array(UPS["y"], dtype=float))
+    write_cameras(tmp_path / "a.toml", lying)
+    found = read_cameras(tmp_path / "a.toml")
+    assert found.remarks == ()
+    np.testing.assert_array_equal(found.translation, lying.translation)
+    np.testing.assert_allclose(found.centres, lying.centres, atol=1e-9)
+
+
+def test_cameras_that_do_not_tell_which_way_is_up_are_left_as_they_are():
+    around = ring(8)
+    quarter = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    portraits = replace(around, rotation=quarter @ around.rotation)
+    hanging = replace(around, rotation=np.diag([-1.0, -1, 1]) @ around.rotation)
+    ceiling = replace(around, rotation=np.tile(np.diag([1.0, -1, -1]), (8, 1, 1)))
+    for rig in (portraits, portraits.select([0, 1, 2]), ceiling, ceiling.select([0, 1]), around.select([0])):
+        assert guess_up(rig) == ""
+    assert guess_up(hanging) == ""
+    assert guess_up(around) == guess_up(around.select([0, 2])) == "z"
 
 
 @pytest.mark.parametrize("text", ["nested", "listed", "vector", "no name", "ignored"])
