@@ -8,7 +8,7 @@ import numpy as np
 
 from ..core.cameras import Cameras
 from ..core.errors import InputError
-from .rig import RigCamera, rig
+from .rig import RigCamera, refuse_crowd, rig
 from .source import numbers, read_xml
 from .upright import z_up
 
@@ -29,6 +29,7 @@ def read_mcal(path: Path, up: str = "") -> Cameras:
     cameras = [camera for camera in root.iter("Camera") if camera.find("Extrinsic") is not None]
     if not cameras:
         raise InputError(f"has no calibrated camera; expected {KIND}", path)
+    refuse_crowd(len(cameras), path)
     return z_up(rig([_camera(camera, path) for camera in cameras], path), up or "y")
 
 

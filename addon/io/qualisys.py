@@ -8,7 +8,7 @@ import numpy as np
 
 from ..core.cameras import Cameras
 from ..core.errors import InputError
-from .rig import RigCamera, rig
+from .rig import RigCamera, refuse_crowd, rig
 from .source import numbers, read_xml
 from .upright import z_up
 
@@ -32,6 +32,7 @@ def read_qca(path: Path, up: str = "") -> Cameras:
     ]
     if not cameras:
         raise InputError(f"has no calibrated camera; expected {KIND}", path)
+    refuse_crowd(len(cameras), path)
     return z_up(rig([_camera(camera, path) for camera in cameras], path), up)
 
 

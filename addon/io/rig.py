@@ -16,6 +16,9 @@ Z_UP_FROM_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 # Printed rotations carry four digits or more; what is further off than this is no rotation at all.
 ROTATION_TOLERANCE = 1e-2
 
+# No room has more cameras than this.
+MOST_CAMERAS = 1000
+
 # No room, lens or sensor holds a number beyond this in m, px or lens units.
 LARGEST = 1e9
 
@@ -35,6 +38,12 @@ class RigCamera:
     rotation: np.ndarray
     translation: np.ndarray
     inverse: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+
+def refuse_crowd(count: int, path: Path):
+    """InputError where a file says it has more cameras than any room, before each of them is looked at."""
+    if count > MOST_CAMERAS:
+        raise InputError(f"has {count} cameras; expected at most {MOST_CAMERAS}", path)
 
 
 def rig(cameras: Sequence[RigCamera], path: Path) -> Cameras:

@@ -13,8 +13,8 @@ import numpy as np
 
 from ..core.cameras import Cameras, distort
 from ..core.errors import InputError
-from .rig import RigCamera, rig
-from .source import numbers, read_text
+from .rig import RigCamera, refuse_crowd, rig
+from .source import CALIBRATION_LIMIT, numbers, read_text
 from .upright import z_up
 
 KIND = "a self-calibration folder with *.Pmat.cal, *.rad and Res.dat"
@@ -34,6 +34,7 @@ def read_selfcal(path: Path, up: str = "") -> Cameras:
     missing = [number for number in matrices if number not in lenses]
     if missing:
         raise InputError(f"has no .rad file with the number {missing[0]}; expected {KIND}", folder)
+    refuse_crowd(len(matrices), folder)
     order = sorted(matrices)
     sizes = _sizes(folder, len(order))
     names = _names(folder, [matrices[number].name[: -len(".Pmat.cal")] for number in order])
@@ -65,13 +66,17 @@ def _names(folder: Path, default: list[str]) -> list[str]:
     file = folder / "camera_order.txt"
     if not file.exists():
         return default
-    names = [line.strip() for line in read_text(file, "the names of the cameras").splitlines() if line.strip()]
+    names = [
+        line.strip()
+        for line in read_text(file, "the names of the cameras", CALIBRATION_LIMIT).splitlines()
+        if line.strip()
+    ]
     return names if len(names) == len(default) else default
 
 
 def _table(path: Path, kind: str) -> np.ndarray:
     """The rows of numbers of a file of Octave, comments left out."""
-    lines = enumerate(read_text(path, kind).splitlines(), 1)
+    lines = enumerate(read_text(path, kind, CALIBRATION_LIMIT).splitlines(), 1)
     rows = [(number, line) for number, line in lines if line.strip() and not line.lstrip().startswith(("#", "%"))]
     if not rows:
         raise InputError(f"has no numbers; expected {kind}", path)
@@ -107,7 +112,7 @@ def decompose(projection: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarra
 def _lens(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Camera matrix (3, 3) and lens (5,) of a `.rad` file, which is lines of `K11 = 422.2` and `kc1 = -0.28`."""
     values = {}
-    for number, line in enumerate(read_text(path, "a .rad lens").splitlines(), 1):
+    for number, line in enumerate(read_text(path, "a .rad lens", CALIBRATION_LIMIT).splitlines(), 1):
         key, equals, value = line.partition("=")
         if equals:
             values[key.strip()] = numbers(value, 1, key.strip()[:20], path, number)[0]

@@ -13,12 +13,20 @@ from ..core import inverse_lens
 from ..core.cameras import Cameras
 from ..core.errors import InputError
 from ..core.upright import AXES, guess_up
-from .rig import RigCamera, rig, rotation_from_vector
-from .source import read_text
+from .rig import RigCamera, refuse_crowd, rig, rotation_from_vector
+from .source import CALIBRATION_LIMIT, read_text
 from .upright import z_up
 
 # Ours beside the shared keys: a lens of Vicon's kind, exact, where `distortions` can only come near it.
 INVERSE = "vicon_radial"
+
+# A camera's key is `matrix` or `cameras.0.matrix`. Every dot nests a table, and the parser goes through all of them.
+DEEPEST = 8
+_WORDS = re.compile(
+    r'''"""(?:[^"\\]|\\.|"(?!""))*(?:""")?|"(?:[^"\\\n]|\\.)*"?|'''
+    r"""'''(?:[^']|'(?!''))*(?:''')?|'[^'\n]*'?|#[^\n]*""",
+    re.DOTALL,
+)
 
 
 def read_toml(path: Path, up: str = "") -> Cameras:
@@ -26,7 +34,8 @@ def read_toml(path: Path, up: str = "") -> Cameras:
 
     `up` is the axis that points up where it is known better than from the file or its cameras.
     """
-    text = read_text(path, "a .toml camera calibration")
+    text = read_text(path, "a .toml camera calibration", CALIBRATION_LIMIT)
+    _refuse_depth(text, path)
     try:
         document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -38,8 +47,19 @@ def read_toml(path: Path, up: str = "") -> Cameras:
     tables = [(key, table) for key, table in _tables(document) if table.get("ignore") is not True]
     if not tables:
         raise InputError("has no table with a `matrix`; expected one table a camera", path)
+    refuse_crowd(len(tables), path)
     said = next((str(table["up"]) for _, table in tables if table.get("up") in AXES), "")
     return z_up(rig([_camera(key, table, path) for key, table in tables], path), up or said)
+
+
+def _refuse_depth(text: str, path: Path):
+    """InputError with the line of a key of more parts than any calibration has; texts and comments have none."""
+    plain = _WORDS.sub(lambda found: "s" + "\n" * found.group().count("\n"), text)
+    line = 1
+    for piece in re.split(r"([=,\[\]{}\n])", plain):
+        if piece.count(".") >= DEEPEST:
+            raise InputError(f"has a key of more than {DEEPEST} parts; expected a camera calibration", path, line)
+        line += piece == "\n"
 
 
 def _tables(document: dict) -> Iterator[tuple[str, dict]]:

@@ -10,7 +10,7 @@ import numpy as np
 from ..core import inverse_lens
 from ..core.cameras import Cameras
 from ..core.errors import InputError
-from .rig import RigCamera, rig, rotation_from_quaternion
+from .rig import RigCamera, refuse_crowd, rig, rotation_from_quaternion
 from .source import numbers, read_xml
 from .upright import z_up
 
@@ -30,6 +30,7 @@ def read_xcp(path: Path, up: str = "") -> Cameras:
     cameras = [camera for camera in root.iter("Camera") if camera.find("KeyFrames/KeyFrame") is not None]
     if root.tag != "Cameras" or not cameras:
         raise InputError(f"has no calibrated camera; expected {KIND}", path)
+    refuse_crowd(len(cameras), path)
     named = zip(cameras, _names(cameras), strict=True)
     return z_up(rig([_camera(camera, name, path) for camera, name in named], path), up)
 
