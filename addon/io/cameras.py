@@ -6,13 +6,13 @@ from pathlib import Path
 
 from ..core.cameras import Cameras
 from ..core.errors import InputError
+from .camera_up import z_up
 from .motive_cameras import read_mcal
 from .opencv import read_yml
 from .qualisys import read_qca
 from .selfcal import read_selfcal
 from .source import read_xml
 from .toml_cameras import read_toml, write_toml
-from .upright import z_up
 from .vicon import read_xcp
 
 EXPECTED = (

@@ -8,9 +8,9 @@ import numpy as np
 
 from ..core.cameras import Cameras
 from ..core.errors import InputError
+from .camera_up import z_up
 from .rig import RigCamera, refuse_crowd, rig
 from .source import numbers, read_xml
-from .upright import z_up
 
 KIND = "a Qualisys calibration"
 

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from ..core import inverse_lens
+from ..core.camera_up import AXES, guess_up
 from ..core.cameras import Cameras
 from ..core.errors import InputError
-from ..core.upright import AXES, guess_up
+from .camera_up import z_up
 from .rig import RigCamera, refuse_crowd, rig, rotation_from_vector
 from .source import CALIBRATION_LIMIT, read_text
-from .upright import z_up
 
 # Ours beside the shared keys: a lens of Vicon's kind, exact, where `distortions` can only come near it.
 INVERSE = "vicon_radial"

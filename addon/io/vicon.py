@@ -10,9 +10,9 @@ import numpy as np
 from ..core import inverse_lens
 from ..core.cameras import Cameras
 from ..core.errors import InputError
+from .camera_up import z_up
 from .rig import RigCamera, refuse_crowd, rig, rotation_from_quaternion
 from .source import numbers, read_xml
-from .upright import z_up
 
 KIND = "a Vicon .xcp calibration"
 

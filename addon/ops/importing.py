@@ -8,8 +8,8 @@ import numpy as np
 from bpy.props import EnumProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
+from ..core.camera_up import AXES
 from ..core.errors import InputError
-from ..core.upright import AXES
 from ..io.blobs import read_blobs
 from ..io.cameras import read_cameras
 from ..io.points import holds_points, read_points

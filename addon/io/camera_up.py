@@ -3,8 +3,8 @@
 
 from dataclasses import replace
 
+from ..core.camera_up import guess_up, turned
 from ..core.cameras import Cameras
-from ..core.upright import guess_up, turned
 from .world import up_rotation
 
 
