@@ -101,7 +101,8 @@ def run(arguments) -> int:
     if arguments.result and not failures:
         arguments.result.write_text(json.dumps(reports[0]), encoding="utf-8")
     if reports or arguments.json:
-        print_results([as_line(report) for report in reports], {"takes": reports, "failed": failed}, arguments.json)
+        lines = [line for report in reports for line in (as_line(report), *_doubts(report))]
+        print_results(lines, {"takes": reports, "failed": failed}, arguments.json)
     for _, error in failures:
         complain(error)
     return max((error.exit_status for _, error in failures), default=0)
@@ -182,6 +183,11 @@ def as_job(arguments, path: Path) -> jobs.LabelJob:
         blend=arguments.blend,
         overwrite=arguments.overwrite,
     )
+
+
+def _doubts(report: dict) -> list[str]:
+    """What is odd about the cameras of a take, a line each."""
+    return [f"{report['take']}: {words}" for words in report.get("camera_doubts", [])]
 
 
 def as_line(report: dict) -> str:

@@ -5,6 +5,7 @@ import tempfile
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from itertools import tee
 from pathlib import Path
 from time import perf_counter
@@ -16,10 +17,11 @@ from ..blendfile import Chunks, open_cameras, save_blend
 from ..core.cameras import Cameras
 from ..core.errors import InputError
 from ..core.models import Model
+from ..core.odd_cameras import CameraCheck
 from ..core.pipeline import Options, label_take
 from ..core.search import Hints
 from ..core.summary import TakeSummary
-from ..core.takes import STEPS, Blobs, LabelledChunk, Motion, Points
+from ..core.takes import STEPS, Blobs, LabelledChunk, Motion, Points, Suspect
 from ..io.blobs import BlobRows, read_blobs
 from ..io.labels import LabelWriter
 from ..io.models import open_model
@@ -43,14 +45,18 @@ def label_blobs(job: LabelJob) -> Generator[Progress, None, Labelled]:
         files = open_files(job, stack)
         source = Source(job, cameras)
         steps, work = _work(job, ways, source.blobs(), markerset.markers, agreement)
-        results = Results(job, files, markerset.markers, steps, stack)
+        results, check = Results(job, files, markerset.markers, steps, stack), CameraCheck(cameras)
         clock = {"load": perf_counter() - begin, "write": 0.0}
         for chunk in work:
             row = source.taken.popleft()
             with timed(clock, "write"):
                 results.add(row, chunk)
+            check.add(row.blobs, chunk)
             yield Progress(row.fraction, f"frame {row.blobs.frames[-1]}")
         clock["load"] += source.seconds
+        with timed(clock, "label"):
+            doubts = check.suspects()
+            results.doubt(doubts)
         chunks = results.chunks
         with timed(clock, "write"):
             results.labels.file.flush()
@@ -60,6 +66,7 @@ def label_blobs(job: LabelJob) -> Generator[Progress, None, Labelled]:
         if len(ways) == 2:
             more["agreement"] = agreement.as_dict()
         more |= {"method": _method(job), "rate_assumed": job.rate is None, "steps": results.counts()}
+        more |= {"cameras": check.of_cameras(), "camera_doubts": [doubt.reason for doubt in doubts]}
         if cameras.remarks:
             more["calibration"] = list(cameras.remarks)
         path = files[".report.json"]
@@ -163,6 +170,13 @@ class Results:
         self._given += np.bincount(chunk.labels.step, minlength=len(self.steps))
         if self.kept:
             self.chunks.append((row.blobs, chunk))
+
+    def doubt(self, suspects: tuple[Suspect, ...]):
+        """Adds what was noticed at the end of the take."""
+        self.summary.suspects += suspects
+        if self.chunks:
+            blobs, last = self.chunks[-1]
+            self.chunks[-1] = (blobs, replace(last, suspects=(*last.suspects, *suspects)))
 
     def counts(self) -> dict[str, int]:
         """How many labels came about by each step."""

@@ -11,6 +11,7 @@ from ..core.cameras import Cameras
 from ..core.errors import InputError
 from ..core.markersets import MarkerSet
 from ..core.occlusion import Occlusion
+from ..core.odd_cameras import CameraCheck
 from ..core.pipeline import Options, label_take
 from ..core.search import Hints
 from ..core.takes import Blobs
@@ -80,14 +81,16 @@ def label_steps(request: Request) -> Generator[float, None, Take]:
             fraction = part.fraction
             yield part.blobs
 
-    labelled = []
+    labelled, check = [], CameraCheck(request.cameras)
     steps = label_take(
         feed(), request.cameras, request.markerset, request.rate, request.options, occlusion=request.occlusion
     )
     for chunk in steps:
+        check.add(chunks[len(labelled)], chunk)
         labelled.append(chunk)
         yield fraction
     labels, motion, suspects = join_labelled(labelled)
+    doubts = check.suspects()
     return Take(
         request.name,
         request.rate,
@@ -96,8 +99,9 @@ def label_steps(request: Request) -> Generator[float, None, Take]:
         join_blobs(chunks),
         labels,
         motion,
-        suspects,
+        (*doubts, *suspects),
         str(request.path),
+        doubts=tuple(doubt.reason for doubt in doubts),
     )
 
 
@@ -143,6 +147,8 @@ class MOCAP_AUTOLABEL_OT_label(WorksInSteps, bpy.types.Operator):
         refresh_review(context.window_manager, context.scene)
         named = int((take.labels.marker >= 0).sum())
         things = "blobs" if take.points is None else "points"
+        for words in take.doubts:
+            self.report({"WARNING"}, words)
         self.report({"INFO"}, f"{named} of {len(take.blobs)} {things} named in {len(take.motion.frames)} frames")
         return {"FINISHED"}
 

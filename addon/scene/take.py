@@ -47,6 +47,7 @@ class Take:
     source     the file of the take, empty if there is none
     points     (N, 3) m, where the points are; None for blobs
     residual   (N,) m, by how much the file says that they may be off, NaN where it does not; None where nobody kept it
+    doubts     sentences about the whole take, said once when it is shown
     """
 
     name: str
@@ -60,6 +61,7 @@ class Take:
     source: str = ""
     points: np.ndarray | None = None
     residual: np.ndarray | None = None
+    doubts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
