@@ -22,7 +22,8 @@ LEAST_SEEN = 100  # markers in a camera's image before anything is said of it
 FEW, ALMOST_NONE = 0.5, 0.1  # of the usual share of named markers
 SURE = 0.3  # share of named markers below which a camera's name is not taken for granted
 MOVED = 0.8  # px that all blobs of a camera are off together
-STANDS_OUT = 3.0  # times the usual
+STANDS_OUT = 3.0  # times the usual, when it is left out
+FEWEST = 5  # cameras of which one can be told from the others
 NARROW = 1e4  # rays whose normal equations are worse conditioned fix no depth
 NEAR = 1.5  # px from an epipolar line to what lies on it; more where a pixel is a smaller angle
 NEAR_FOCAL = 1500.0  # px
@@ -87,19 +88,19 @@ class CameraCheck:
     @cached_property
     def figures(self) -> CameraFigures:
         """What the named blobs say of each camera; asked for when the take is at its end."""
-        seen, named = np.zeros((2, len(self.cameras)), int)
-        for frame in self.frames:
-            there = np.isfinite(frame.expected[:, 0])
-            pixels = self.cameras.project(frame.expected)
-            ideal = self.cameras.normalised(frame.expected)
-            with np.errstate(invalid="ignore"):
-                inside = ((pixels >= 0) & (pixels < self.cameras.size[:, None])).all(axis=2)
-                inside &= np.einsum("cmi,cmi->cm", ideal, ideal) < self.cameras.reach[:, None] ** 2
-            given = np.zeros(inside.shape, dtype=bool)
+        if not self.frames:
+            count = len(self.cameras)
+            return CameraFigures(np.zeros(count, int), np.zeros(count, int), np.full(count, np.nan))
+        expected = np.array([frame.expected for frame in self.frames])
+        pixels, ideal = self.cameras.project(expected), self.cameras.normalised(expected)
+        with np.errstate(invalid="ignore"):
+            inside = ((pixels >= 0) & (pixels < self.cameras.size[:, None, None])).all(axis=3)
+            inside &= np.einsum("cfmi,cfmi->cfm", ideal, ideal) < self.cameras.reach[:, None, None] ** 2
+        given = np.zeros(inside.shape, dtype=bool)
+        for index, frame in enumerate(self.frames):
             mine = frame.marker != NO_MARKER
-            given[frame.camera[mine], frame.marker[mine]] = True
-            seen += (inside & there).sum(axis=1)
-            named += (inside & given & there).sum(axis=1)
+            given[frame.camera[mine], index, frame.marker[mine]] = True
+        seen, named = inside.sum(axis=(1, 2)), (inside & given).sum(axis=(1, 2))
         return CameraFigures(seen, named, _offsets(self.cameras, self.frames))
 
     def of_cameras(self) -> dict[str, dict]:
@@ -166,7 +167,7 @@ def _cycles(order: np.ndarray) -> Iterator[list[int]]:
 def _moved(cameras: Cameras, frames: list[_Frame], offsets: np.ndarray) -> Iterator[tuple[int, float]]:
     """Cameras that are off, the farthest first; each is left out before the next is looked at, as it pulls them."""
     without: list[int] = []
-    while np.isfinite(offsets).sum() >= 3:
+    while np.isfinite(offsets).sum() >= FEWEST:
         worst = int(np.nanargmax(offsets))
         without.append(worst)
         others = _offsets(cameras, frames, without)

@@ -2,6 +2,7 @@
 """From files to named markers with the extension's own operators, and what happens when something is wrong."""
 
 import importlib
+import json
 from types import SimpleNamespace
 
 import bpy
@@ -130,6 +131,23 @@ def test_importing_remembers_and_shows_what_there_is(ready, files):
     assert bpy.ops.mocap_autolabel.import_cameras(filepath=files.cameras) == {"FINISHED"}
     assert bpy.ops.mocap_autolabel.import_blobs(filepath=files.blobs) == {"FINISHED"}
     assert counts() == before
+
+
+def test_what_is_odd_about_cameras_is_said_and_kept_with_the_take(ready, labelling, monkeypatch):
+    words, said = "cameras cam 0 and cam 2 seem to have each other's names: exchanged, their blobs fit", []
+    suspect = labelling.module.CameraCheck.suspects.__globals__["Suspect"](100, 105, words)
+    monkeypatch.setattr(labelling.module.CameraCheck, "suspects", lambda _: (suspect,))
+    steps = labelling.module.steps_of(ready)
+    with pytest.raises(StopIteration) as done:
+        while True:
+            next(steps)
+    take = done.value.value
+    assert take.doubts == (words,)
+    operator = SimpleNamespace(report=lambda level, text: said.append((level, text)))
+    assert labelling.module.MOCAP_AUTOLABEL_OT_label._show(operator, ready, take) == {"FINISHED"}
+    assert said[0] == ({"WARNING"}, words)
+    stored = json.loads(ready.scene.mocap_autolabel.take["mocap_suspects"])
+    assert [100, 105, words] in stored
 
 
 def test_the_import_turns_a_calibration_as_it_is_told(extension, empty, files):

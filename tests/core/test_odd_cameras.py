@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Cameras with another's name, or moved, are told by name; of cameras that go together nothing is said."""
 
+import csv
 from dataclasses import replace
+from itertools import islice
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,7 +13,11 @@ from addon.core.cameras import Cameras
 from addon.core.odd_cameras import CameraCheck
 from addon.core.rigs import ring_rig
 from addon.core.rotations import exponential
+from addon.core.simulate import disturbed
 from addon.core.takes import NO_MARKER, Blobs, Labels
+from addon.io.blobs import read_blobs
+from addon.io.cameras import read_cameras
+from addon.io.points import read_points
 
 FRAMES, MARKERS = 60, 30
 OTHERS, FIT = "cameras seem to have the names of others: the blobs of", " fit the calibration of"
@@ -130,6 +136,32 @@ def test_a_camera_that_shows_nothing_of_what_it_should():
     words = said(RIG, replace(blobs, xy=xy), np.where(lost, NO_MARKER, marker), markers)
     assert len(words) == 1
     assert words[0].startswith("camera cam6 shows almost none of the markers in its image (0% have a blob, ")
+
+
+@pytest.mark.parametrize("count", [4, 6])
+def test_a_calibration_that_is_a_little_off_everywhere_has_no_camera_that_moved(count):
+    for seed in range(4):
+        rig = ring_rig(count, generator=np.random.default_rng(seed))
+        blobs, marker, markers = captured(disturbed(rig, 1.0, 0.5, np.random.default_rng(seed)), seed)
+        assert said(rig, blobs, marker, markers) == []
+
+
+def test_the_cameras_that_were_really_moved(shared_data):
+    """The Qualisys take's cameras 15343 and 15344; named by its own 3D, not by a model."""
+    folder = shared_data / "blobs" / "qualisys_run"
+    cameras, take = read_cameras(folder / "room.toml"), read_points(folder / "run.c3d")
+    with (folder / "run.truth.csv").open(newline="") as file:
+        names = [row["marker"].partition("|")[0] for row in islice(csv.DictReader(file), 110_000)]
+    truth = np.array([take.names.index(name) if name in take.names else NO_MARKER for name in names])
+    check, at = CameraCheck(cameras), 0
+    for part in read_blobs(folder / "run.csv", cameras, (1, 400)):
+        marker = truth[at : at + len(part.blobs)]
+        at += len(marker)
+        motion = SimpleNamespace(expected=take.xyz[part.blobs.frames - take.first_frame])
+        check.add(part.blobs, SimpleNamespace(labels=Labels(marker, 0 * marker, 0.0 * marker), motion=motion))
+    words = [suspect.reason for suspect in check.suspects()]
+    assert [sentence.split(" seems")[0] for sentence in words] == ["camera 15343", "camera 15344"]
+    assert 1.5 < check.figures.offset[cameras.names.index("15343")] < 3
 
 
 def test_the_figures_are_those_of_the_take():
