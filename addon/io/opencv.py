@@ -38,7 +38,7 @@ def read_yml(path: Path) -> Cameras:
     is twice the principal point. Metres, or millimetres where metres cannot be.
     """
     document = {}
-    for file in _files(path):
+    for file in files_of(path):
         nodes = parse_filestorage(read_text(file, KIND), file)
         document.update({key: value for key, value in nodes.items() if key not in document or value is not None})
     cameras = list(_cameras(document, path))
@@ -49,7 +49,8 @@ def read_yml(path: Path) -> Cameras:
     return rig(cameras, path)
 
 
-def _files(path: Path) -> list[Path]:
+def files_of(path: Path) -> list[Path]:
+    """The file and the other one of its pair; InputError where that is missing."""
     for pair in PAIRS:
         if path.stem.lower() in pair:
             others = [path.with_name(name + path.suffix) for name in pair if name != path.stem.lower()]

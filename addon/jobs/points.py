@@ -25,10 +25,11 @@ from ..io.labels import POINT_KEYS, LabelWriter
 from ..io.models import open_model
 from ..io.points import FilePoints, read_points
 from ..progress import Progress
-from .job import USUAL_TARGET, LabelJob, Labelled, finish_report, open_files, timed, write_points
+from .job import REPORT, USUAL_TARGET, LabelJob, Labelled, finish_report, open_files, timed, write_points
 from .naming import Decided, NamedFrames, chosen_method, consistent, decide, joined, name_frames
 from .placing import moved
 from .refusals import refuse_floods, refuse_others, refuse_strangers
+from .resuming import made_of, may_replace, with_results
 from .wearer import Wearer, checked, find_wearer
 
 # How the label of a point came about; the index is what `Labels.step` holds.
@@ -45,11 +46,11 @@ def label_points(job: LabelJob) -> Generator[Progress, None, Labelled]:
     clock: dict[str, float] = {"load": 0.0}
     with timed(clock, "load"):
         model = open_model(job.model)
-        method = chosen_method(model, job.method)
+        method, made = chosen_method(model, job.method), made_of(job)
         take = _of_frames(read_points(job.source), job.frames)
         refuse_floods(take.xyz)
     with ExitStack() as stack:
-        files = open_files(job, stack)
+        files = open_files(job, may_replace(job), stack)
         stack.enter_context(threadpool_limits(1, user_api="blas"))
         labels, suspects = yield from _named(job, model, method, take, clock)
         yield Progress(SHARES["pose"], "pose the body")
@@ -66,7 +67,8 @@ def label_points(job: LabelJob) -> Generator[Progress, None, Labelled]:
             more = write_points(_labelled_take(take, labels.marker, motion, model.markerset), files)
             if job.blend:
                 _save_blend(job, files[".blend"], take, model.markerset, rows, chunk)
-        report = _report(job, summary, model, method, take, clock, chunk, files, more)
+            more["made_of"] = with_results(made, files)
+        report = _report(job, summary, model, method, take, clock, chunk, files[REPORT], more)
     return Labelled(report, [(rows, chunk)] if job.keep else [])
 
 
@@ -166,7 +168,9 @@ def _labelled_take(take: FilePoints, marker: np.ndarray, motion: Motion, markers
     return Points(names, xyz, np.concatenate([motion.residual, residual], axis=1), take.rate, take.first_frame)
 
 
-def _report(job: LabelJob, summary: TakeSummary, model: Model, method: str, take, clock, chunk, files, more) -> dict:
+def _report(
+    job: LabelJob, summary: TakeSummary, model: Model, method: str, take, clock, chunk, path: Path, more
+) -> dict:
     steps = np.bincount(chunk.labels.step, minlength=len(STEPS))
     if take.assumed:
         more["unit_assumed"] = take.assumed
@@ -177,7 +181,7 @@ def _report(job: LabelJob, summary: TakeSummary, model: Model, method: str, take
         "target": job.target,
         "steps": {step: int(count) for step, count in zip(STEPS, steps, strict=True) if step and count},
     }
-    return finish_report(job, summary, model.markerset.name, take.rate, clock, files[".report.json"], **more)
+    return finish_report(job, summary, model.markerset.name, take.rate, clock, path, **more)
 
 
 def no_cameras() -> Cameras:

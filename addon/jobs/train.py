@@ -20,9 +20,9 @@ from ..core.markersets import MarkerSet
 from ..core.models import Lessons, Model, by_subject
 from ..core.posing import fit_points
 from ..core.segments import segment_markerset
-from ..io.markersets import SUFFIX, builtin_markersets, open_markerset
+from ..io.markersets import SUFFIX, builtin_markersets, markerset_file, open_markerset
 from ..io.models import open_model, write_model
-from ..io.whole import whole_files
+from ..io.whole import keep_apart, whole_files
 from ..progress import Progress
 from ..version import version
 from .background import in_background
@@ -76,7 +76,10 @@ def train_file(job: TrainJob) -> Generator[Progress, None, dict]:
     """
     clock: dict[str, float] = {}
     targets = [job.out, *([job.report] if job.report else [])]
-    with whole_files(targets, job.overwrite) as files, threadpool_limits(1, user_api="blas"):
+    # A model may be trained on in its own place; all else that is read stays.
+    if job.base and job.report:
+        keep_apart([markerset_file(job.base)], [job.report])
+    with whole_files(targets, job.overwrite, job.takes) as files, threadpool_limits(1, user_api="blas"):
         yield Progress(SHARES["read"], "read the takes")
         with timed(clock, "read"):
             base = _base(job)
