@@ -25,7 +25,7 @@ from ..io.models import open_model, write_model
 from ..io.whole import keep_apart, whole_files
 from ..progress import Progress
 from ..version import version
-from .background import in_background
+from .background import in_background, within
 from .job import timed
 from .lessons import Take, chosen_markers, contradicted, gathered, lessons_of, of_markers, read_takes, without_replaced
 
@@ -164,15 +164,10 @@ def _body_residual(markerset: MarkerSet, everyone: dict[str, np.ndarray]) -> np.
 def _evidence(everyone, markers, clock) -> Generator[Progress, None, Evidence]:
     begin = perf_counter()
     takes = [(points, subject) for subject, points in everyone.items()]
-    span = SHARES["ensemble"] - SHARES["evidence"]
     work = in_background(lambda tell: learn_evidence(takes, markers, progress=tell))
-    while True:
-        try:
-            share = next(work)
-        except StopIteration as end:
-            clock["evidence"] = perf_counter() - begin
-            return end.value
-        yield Progress(SHARES["evidence"] + span * share, "learn the evidence")
+    evidence = yield from within(work, SHARES["evidence"], SHARES["ensemble"], "learn the evidence")
+    clock["evidence"] = perf_counter() - begin
+    return evidence
 
 
 def _ensemble(job: TrainJob, everyone, markers, clock) -> Generator[Progress, None, Ensemble | None]:
