@@ -133,11 +133,11 @@ def check(arguments):
         raise InputError("--blend needs Blender or the bpy package, and neither is here; expected one of them")
     if arguments.out.exists() and not arguments.out.is_dir():
         raise InputError("is no folder; expected a folder for the results", arguments.out)
+    takes = [as_job(arguments, path) for path in arguments.inputs]
+    keep_apart({path for take in takes for path in take.read}, [path for take in takes for path in take.written])
     open_model(arguments.model)
     if blobs:
         open_cameras(arguments.cameras)
-    everything = [as_job(arguments, path) for path in arguments.inputs]
-    keep_apart({path for job in everything for path in job.read}, [path for job in everything for path in job.written])
 
 
 def unused(arguments) -> list[str]:
