@@ -48,7 +48,8 @@ def run(arguments) -> int:
         overwrite=arguments.overwrite,
         keep=True,
     )
-    check_targets([room, blobs, capturing.truth_path(blobs), *job.written, picture], arguments.overwrite)
+    targets = [room, blobs, capturing.truth_path(blobs), *job.written, *([picture] if has_blender() else [])]
+    check_targets(targets, arguments.overwrite)
     markerset = open_markerset(demo_take.MODEL)
     performance = demo_take.make_performance(markerset)
     with whole_file(room, arguments.overwrite) as temporary:

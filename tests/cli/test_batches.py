@@ -250,12 +250,18 @@ def test_a_batch_that_is_killed_at_any_moment_can_be_resumed(room, takes, tempor
 
 
 @pytest.mark.skipif(not Path("/proc/self/cmdline").exists(), reason="needs /proc to find processes by")
-def test_processes_side_by_side_end_with_the_one_that_started_them(room, takes, temporary, tmp_path):
+@pytest.mark.parametrize("kind", ["SIGKILL", "SIGINT", "SIGTERM"])
+def test_processes_side_by_side_end_with_the_one_that_started_them(room, takes, temporary, tmp_path, kind):
     out = tmp_path / "out"
     words = ["label", *takes, f"--model={MODEL}", f"--cameras={room.cameras}", f"--out={out}", "--jobs", "2"]
     batch = door(*words)
     wait_for(lambda: len(at_work(out)) == 3 and out.exists())
-    batch.kill()
+    batch.send_signal(getattr(signal, kind))
     batch.wait()
     wait_for(lambda: not at_work(out), seconds=workers.PATIENCE / 2)
-    assert not [path for path in out.iterdir() if path.is_file()]
+    if kind == "SIGKILL":
+        assert [path.name[:5] for path in temporary.iterdir()] == ["mocap"]  # the next run takes it away
+    else:
+        assert batch.stderr.read().endswith("stopped before the end; nothing half-written was left\n")
+        assert not list(temporary.iterdir())
+    assert not list(out.iterdir())

@@ -42,7 +42,7 @@ def files(tmp_path, room, monkeypatch):
     """A folder with a file of every name that the commands have."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(label, "has_blender", lambda: True)
-    monkeypatch.setattr(demo, "has_blender", lambda: False)
+    monkeypatch.setattr(demo, "has_blender", lambda: True)
     for name in ("b.csv", "b.csv.truth.csv", "b.markerset.json", "b.blend", "b.trc", "intri.yml", "extri.yml"):
         (tmp_path / name).write_text(name)
     for folder, names in (("cal", ("a1.Pmat.cal", "a1.rad", "Res.dat")), ("sub", ("other.c3d",))):
