@@ -69,9 +69,11 @@ def _earlier(job: LabelJob) -> tuple[dict | None, bool]:
         return None, True
     report, missing = _read(path), False
     made = report["made_of"]
-    other = [name for name, value in made_of(job).items() if made.get(name) != value]
+    then, now = _flat(made), _flat(made_of(job))
+    other = [name for name in now | then if now.get(name) != then.get(name)]
     if other:
-        raise InputError(f"is of a run with another {' and '.join(other)}; expected the same as then, {INSTEAD}", path)
+        what = f"is of a run that differs in {', '.join(other)}"
+        raise InputError(f"{what}; expected the same as then, {INSTEAD}", path)
     for ending, digest in made["results"].items():
         file = job.path(ending)
         if not file.exists():
@@ -81,11 +83,17 @@ def _earlier(job: LabelJob) -> tuple[dict | None, bool]:
     return report, missing
 
 
+def _flat(made: dict) -> dict:
+    """What results were made of, the options beside the files."""
+    files = {name: value for name, value in made.items() if name not in ("options", "results")}
+    return files | {f"--{name}": value for name, value in made["options"].items()}
+
+
 def _read(path: Path) -> dict:
     """A report that says what it was made of."""
     try:
         report = json.loads(path.read_text(encoding="utf-8"))
-        if isinstance(report["made_of"]["results"], dict):
+        if all(isinstance(report["made_of"][part], dict) for part in ("options", "results")):
             return report
     except (OSError, ValueError, LookupError, TypeError, RecursionError):
         pass

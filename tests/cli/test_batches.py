@@ -172,14 +172,14 @@ def test_resume_replaces_nothing_that_it_did_not_make_as_it_is(label, run, takes
         assert reason in answer.reason
         assert stamps(out) == before
 
-    refused("of a run with another options", *FEW, "--rate", "50")
+    refused("differs in --rate, --height;", *FEW, "--rate", "50", "--height", "1.7")
     moved = tmp_path / "moved.toml"
     moved.write_text(room.cameras.read_text() + "\n# moved\n")
-    refused("of a run with another cameras", *FEW, cameras=moved)
+    refused("differs in cameras;", *FEW, cameras=moved)
     (out / "one.c3d").write_bytes((out / "one.c3d").read_bytes() + b"\0")
     refused("one.c3d: was changed since it was made", *FEW)
     takes[0].write_text(takes[0].read_text() + "\n")
-    refused("of a run with another input", *FEW)
+    refused("differs in input;", *FEW)
     (out / "one.report.json").write_text("{}")
     refused("does not say what it was made of", *FEW)
     (out / "one.report.json").unlink()
