@@ -7,7 +7,7 @@ from ..core.ambiguity import GOAL, STEPS
 from ..core.ambiguity.renamings import TURN
 from ..core.errors import InputError
 from ..core.markersets import MarkerSet
-from ..io.markersets import open_markerset
+from ..io.markersets import markerset_file, open_markerset
 from ..io.quality import write_quality
 from ..io.whole import whole_file
 from ..jobs.quality import judge_placement
@@ -54,7 +54,7 @@ def run(arguments) -> int:
     if arguments.report is None:
         report = line.drain(steps, markerset.name)
     else:
-        with whole_file(arguments.report, arguments.overwrite) as temporary:
+        with whole_file(arguments.report, arguments.overwrite, [markerset_file(arguments.model)]) as temporary:
             report = line.drain(steps, markerset.name)
             write_quality(temporary, report)
     print_results(as_lines(report), report, arguments.json)

@@ -8,8 +8,10 @@ from .. import capturing
 from ..blendfile import open_cameras
 from ..core.errors import InputError, UserError
 from ..core.simulate import CaptureOptions
-from ..io.markersets import builtin_markersets, open_markerset
+from ..io.cameras import calibration_files
+from ..io.markersets import builtin_markersets, markerset_file, open_markerset
 from ..io.points import marker_columns, read_points
+from ..io.whole import keep_apart
 from .arguments import add_frames, add_overwrite, add_up, names, number, whole
 from .console import ProgressLine, print_results
 
@@ -73,17 +75,11 @@ def _add_trouble(parser):
     )
 
 
-def _keep_inputs(arguments):
-    """Raises InputError when the blobs or their truth would replace what they are made from."""
-    for written in (arguments.out, capturing.truth_path(arguments.out)):
-        for read in (arguments.take, arguments.cameras):
-            if written.resolve() == read.resolve():
-                raise InputError("is read and would be written over; expected another name for --out", written)
-
-
 def run(arguments) -> int:
     """Captures the take and writes both files."""
-    _keep_inputs(arguments)
+    models = [markerset_file(arguments.model)] if arguments.model else []
+    read = [arguments.take, *calibration_files(arguments.cameras), *models]
+    keep_apart(read, [arguments.out, capturing.truth_path(arguments.out)])
     cameras = open_cameras(arguments.cameras, arguments.up)
     progress = ProgressLine(arguments.progress)
     try:
@@ -92,7 +88,9 @@ def run(arguments) -> int:
         markerset, worn, body = _dress(take, arguments)
         if arguments.centre:
             worn, body = capturing.moved(worn, body, capturing.to_centre(worn, cameras))
-        work = capturing.write_capture(worn, cameras, _options(arguments), body, arguments.out, arguments.overwrite)
+        work = capturing.write_capture(
+            worn, cameras, _options(arguments), body, arguments.out, arguments.overwrite, read
+        )
         captured = progress.drain(work, arguments.take.stem)
     except UserError as error:
         raise error if error.file else type(error)(error.message, arguments.take) from None

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from ..core.cameras import Cameras
 from ..core.errors import InputError
+from . import opencv, selfcal
 from .camera_up import z_up
 from .motive_cameras import read_mcal
 from .opencv import read_yml
@@ -20,6 +21,7 @@ EXPECTED = (
     "or a folder of *.Pmat.cal and .rad"
 )
 
+SELFCAL, YML = (".pmat.cal", ".rad"), (".yml", ".yaml")
 _BY_ROOT = {"cameras": read_xcp, "calibration": read_qca, "calibrationprofile": read_mcal}
 
 
@@ -32,13 +34,13 @@ def read_cameras(path: Path, read_blend: Callable[[Path], Cameras] | None = None
     """
     path = Path(path)
     up, suffix = up or "", path.suffix.lower()
-    if path.is_dir() or path.name.lower().endswith((".pmat.cal", ".rad")):
+    if path.is_dir() or path.name.lower().endswith(SELFCAL):
         return read_selfcal(path, up)
     if suffix == ".blend":
         if read_blend is None:
             raise InputError("is a Blender scene, which only Blender can open; expected a calibration file", path)
         return z_up(read_blend(path), up or "z")
-    readers = {".toml": read_toml, ".xcp": read_xcp, ".mcal": read_mcal, ".yml": read_yml, ".yaml": read_yml}
+    readers = {".toml": read_toml, ".xcp": read_xcp, ".mcal": read_mcal, **dict.fromkeys(YML, read_yml)}
     if suffix in readers:
         return readers[suffix](path, up)
     if suffix in (".xml", ".txt", ".qca"):
@@ -46,6 +48,14 @@ def read_cameras(path: Path, read_blend: Callable[[Path], Cameras] | None = None
     if not path.exists():
         raise InputError("there is no such file; expected the path of a camera calibration", path)
     raise InputError(f"is of a kind that is not known ({suffix or 'no suffix'}); {EXPECTED}", path)
+
+
+def calibration_files(path: Path) -> list[Path]:
+    """All files that a calibration is read from; InputError where one of a pair is missing."""
+    path = Path(path)
+    if path.is_dir() or path.name.lower().endswith(SELFCAL):
+        return selfcal.files_of(path)
+    return opencv.files_of(path) if path.suffix.lower() in YML else [path]
 
 
 def _read_by_root(path: Path, up: str) -> Cameras:

@@ -26,12 +26,14 @@ def builtin_markersets() -> dict[str, Path]:
     return {path.name.removesuffix(SUFFIX): path for path in sorted(ASSETS.glob(f"*{SUFFIX}"))}
 
 
+def markerset_file(name: str | Path) -> Path:
+    """The file of a built-in marker set or model, or the path that `name` is."""
+    return builtin_markersets().get(str(name), Path(name))
+
+
 def open_markerset(name: str | Path) -> MarkerSet:
     """A built-in marker set by name, or any by the path of its file; InputError where it is neither."""
-    builtin = builtin_markersets()
-    if str(name) in builtin:
-        return read_markerset(builtin[str(name)])
-    path = Path(name)
+    builtin, path = builtin_markersets(), markerset_file(name)
     if not path.suffix and not path.exists():
         raise InputError(f"there is no marker set {name}; expected {', '.join(builtin)} or the path of a {SUFFIX} file")
     return read_markerset(path)

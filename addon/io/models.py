@@ -7,7 +7,7 @@ from pathlib import Path
 from ..core.ensemble.model import Ensemble
 from ..core.errors import InputError
 from ..core.models import Lessons, Model
-from .markersets import builtin_markersets, markerset_text, open_markerset, read_markerset
+from .markersets import markerset_file, markerset_text, open_markerset, read_markerset
 from .packed import pack, unpack
 from .source import read_text
 
@@ -16,7 +16,7 @@ ENSEMBLE, LESSONS = "ensemble", "lessons"
 
 def open_model(name: str | Path) -> Model:
     """A built-in model by name, or any by the path of its file; InputError where it is neither."""
-    path = builtin_markersets().get(str(name), Path(name))
+    path = markerset_file(name)
     if not path.exists():
         open_markerset(name)  # says what is wrong
     return read_model(path)

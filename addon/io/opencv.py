@@ -45,7 +45,7 @@ def read_yml(path: Path, up: str = "") -> Cameras:
     is twice the principal point. Metres, or millimetres where metres cannot be.
     """
     document = {}
-    for file in _files(path):
+    for file in files_of(path):
         nodes = parse_filestorage(read_text(file, KIND, YML_LIMIT), file)
         document.update({key: value for key, value in nodes.items() if key not in document or value is not None})
     cameras = list(_cameras(document, path))
@@ -56,7 +56,8 @@ def read_yml(path: Path, up: str = "") -> Cameras:
     return z_up(rig(cameras, path), up)
 
 
-def _files(path: Path) -> list[Path]:
+def files_of(path: Path) -> list[Path]:
+    """The file and the other one of its pair; InputError where that is missing."""
     for pair in PAIRS:
         if path.stem.lower() in pair:
             others = [path.with_name(name + path.suffix) for name in pair if name != path.stem.lower()]

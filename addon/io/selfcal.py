@@ -22,6 +22,8 @@ KIND = "a self-calibration folder with *.Pmat.cal, *.rad and Res.dat"
 # How far the fitted lens may be from the given one, root mean square over the image, px.
 LENS_TOLERANCE_PX = 2.0
 
+RES, NAMES = "Res.dat", "camera_order.txt"
+
 _LENS = ("kc1", "kc2", "kc3", "kc4")
 
 
@@ -45,6 +47,12 @@ def read_selfcal(path: Path, up: str = "") -> Cameras:
     return z_up(rig(cameras, folder), up)
 
 
+def files_of(path: Path) -> list[Path]:
+    """The files of a folder, or beside a `.Pmat.cal` or `.rad` file, that are read from it."""
+    folder = path if path.is_dir() else path.parent
+    return [file for pattern in ("*.Pmat.cal", "*.rad", RES, NAMES) for file in sorted(folder.glob(pattern))]
+
+
 def _numbered(folder: Path, pattern: str) -> dict[int, Path]:
     """Files by the number in their names."""
     found = {}
@@ -56,14 +64,14 @@ def _numbered(folder: Path, pattern: str) -> dict[int, Path]:
 
 
 def _sizes(folder: Path, count: int) -> np.ndarray:
-    sizes = _table(folder / "Res.dat", KIND)
+    sizes = _table(folder / RES, KIND)
     if sizes.shape != (count, 2):
-        raise InputError(f"has {len(sizes)} rows; expected width and height of {count} cameras", folder / "Res.dat")
+        raise InputError(f"has {len(sizes)} rows; expected width and height of {count} cameras", folder / RES)
     return sizes
 
 
 def _names(folder: Path, default: list[str]) -> list[str]:
-    file = folder / "camera_order.txt"
+    file = folder / NAMES
     if not file.exists():
         return default
     names = [

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A take of blobs from file to files, chunk by chunk: named by a fitted body, by the points that they make, or both."""
 
-import tempfile
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from itertools import tee
 from pathlib import Path
@@ -25,10 +24,13 @@ from ..core.takes import STEPS, Blobs, LabelledChunk, Motion, Points, Suspect
 from ..io.blobs import BlobRows, read_blobs
 from ..io.labels import LabelWriter
 from ..io.models import open_model
+from ..io.scratch import scratch_folder, told_of
 from ..progress import Progress
 from . import both_ways, by_points
-from .job import LabelJob, Labelled, finish_report, open_files, timed, write_points
+from .job import REPORT, LabelJob, Labelled, finish_report, open_files, timed, write_points
 from .naming import chosen_method
+from .resuming import made_of, may_replace, with_results
+from .spool import append
 
 Way = Callable[[Iterator[Blobs]], Iterator[LabelledChunk]]
 
@@ -40,9 +42,10 @@ def label_blobs(job: LabelJob) -> Generator[Progress, None, Labelled]:
     """
     begin = perf_counter()
     model, cameras = open_model(job.model), open_cameras(job.cameras, job.up)
+    made = made_of(job)
     ways, markerset, agreement = _ways(job, model, cameras), model.markerset, both_ways.Agreement()
     with ExitStack() as stack:
-        files = open_files(job, stack)
+        files = open_files(job, may_replace(job), stack)
         source = Source(job, cameras)
         steps, work = _work(job, ways, source.blobs(), markerset.markers, agreement)
         results, check = Results(job, files, markerset.markers, steps, stack), CameraCheck(cameras)
@@ -69,8 +72,8 @@ def label_blobs(job: LabelJob) -> Generator[Progress, None, Labelled]:
         more |= {"cameras": check.of_cameras(), "camera_doubts": [doubt.reason for doubt in doubts]}
         if cameras.remarks:
             more["calibration"] = list(cameras.remarks)
-        path = files[".report.json"]
-        report = finish_report(job, results.summary, markerset.name, job.frame_rate, clock, path, **more)
+        more["made_of"] = with_results(made, files)
+        report = finish_report(job, results.summary, markerset.name, job.frame_rate, clock, files[REPORT], **more)
     return Labelled(report, chunks if job.keep else [])
 
 
@@ -155,8 +158,7 @@ class Results:
         stack: ExitStack,
     ):
         self.steps, self.kept = steps, job.keep or job.blend
-        folder = tempfile.TemporaryDirectory(prefix="mocap-autolabel-", ignore_cleanup_errors=True)
-        self.motion = stack.enter_context(MotionFile(Path(stack.enter_context(folder)), markers, job.frame_rate))
+        self.motion = stack.enter_context(MotionFile(stack.enter_context(scratch_folder()), markers, job.frame_rate))
         self.labels = stack.enter_context(LabelWriter(files[".labels.csv"], markers))
         self.summary = TakeSummary(markers)
         self.chunks: Chunks = []
@@ -187,29 +189,30 @@ class MotionFile:
     """The markers of a take on disk while it is labelled; use it as a context manager."""
 
     def __init__(self, folder: Path, names: tuple[str, ...], rate: float):
-        self.names, self.rate, self.first_frame = names, rate, None
+        self.folder, self.names, self.rate, self.first_frame = folder, names, rate, None
         self.paths = [folder / "xyz", folder / "residual"]
         self.files = []
 
     def __enter__(self) -> Self:
-        self.files = [path.open("w+b") for path in self.paths]
+        with told_of(self.folder):
+            self.files = [path.open("w+b") for path in self.paths]
         return self
 
     def __exit__(self, *_):
         for file in self.files:
-            file.close()
+            with suppress(OSError):  # of a full disk, which was told
+                file.close()
 
     def append(self, motion: Motion):
         """Adds the frames of the next chunk."""
         if self.first_frame is None:
             self.first_frame = int(motion.frames[0])
-        for file, part in zip(self.files, (motion.markers, motion.residual), strict=True):
-            part.astype(np.float32).tofile(file)
+        with told_of(self.folder):
+            for file, part in zip(self.files, (motion.markers, motion.residual), strict=True):
+                append(file, part.astype(np.float32))
 
     def points(self) -> Points:
         """All frames, read from disk where they are looked at."""
-        for file in self.files:
-            file.flush()
         residual = np.memmap(self.paths[1], np.float32, "r").reshape(-1, len(self.names))
         xyz = np.memmap(self.paths[0], np.float32, "r").reshape(*residual.shape, 3)
         return Points(self.names, xyz, residual, self.rate, self.first_frame)

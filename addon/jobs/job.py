@@ -10,6 +10,8 @@ from time import perf_counter
 from ..blendfile import Chunks
 from ..core.summary import TakeSummary
 from ..core.takes import Points
+from ..io.cameras import calibration_files
+from ..io.markersets import markerset_file
 from ..io.points import write_c3d, write_trc
 from ..io.report import take_report, write_report
 from ..io.whole import whole_files
@@ -17,6 +19,7 @@ from ..version import version
 
 USUAL_RATE = 100.0
 USUAL_TARGET = 0.999
+REPORT = ".report.json"  # the last of a take's files to appear: where it is the others are
 METHODS = ("auto", "fit", "ensemble", "evidence", "both")
 
 
@@ -35,6 +38,7 @@ class LabelJob:
     height    the subject's height, m, and facing, rad, where known
     trc       write STEM.trc too
     blend     save STEM.blend too; needs Blender
+    resume    go on with what a run of the same job left, and put its own files in their places again
     keep      give the labelled chunks back as well: memory then grows with the take
     """
 
@@ -52,6 +56,7 @@ class LabelJob:
     trc: bool = False
     blend: bool = False
     overwrite: bool = False
+    resume: bool = False
     keep: bool = False
 
     @property
@@ -63,6 +68,22 @@ class LabelJob:
         """The file of this take with an ending such as `.c3d`."""
         return self.out / (self.source.stem + ending)
 
+    @property
+    def endings(self) -> list[str]:
+        """Those of all files that the job writes, in the order in which they appear."""
+        more = [ending for ending, wanted in ((".trc", self.trc), (".blend", self.blend)) if wanted]
+        return [".labels.csv", ".c3d", *more, REPORT]
+
+    @property
+    def written(self) -> list[Path]:
+        """The files that the job writes."""
+        return [self.path(ending) for ending in self.endings]
+
+    @property
+    def read(self) -> list[Path]:
+        """The files that the job reads; InputError where a calibration lacks one."""
+        return [self.source, markerset_file(self.model), *(calibration_files(self.cameras) if self.cameras else ())]
+
 
 @dataclass(frozen=True, eq=False)
 class Labelled:
@@ -72,12 +93,10 @@ class Labelled:
     chunks: Chunks
 
 
-def open_files(job: LabelJob, stack: ExitStack) -> dict[str, Path]:
+def open_files(job: LabelJob, overwrite: bool, stack: ExitStack) -> dict[str, Path]:
     """Temporaries of all files that the job writes, by ending; they take their places when `stack` ends well."""
-    endings = [".labels.csv", ".c3d", ".report.json"]
-    endings += [ending for ending, wanted in ((".trc", job.trc), (".blend", job.blend)) if wanted]
-    parts = stack.enter_context(whole_files([job.path(ending) for ending in endings], job.overwrite))
-    return dict(zip(endings, parts, strict=True))
+    parts = stack.enter_context(whole_files(job.written, overwrite, job.read))
+    return dict(zip(job.endings, parts, strict=True))
 
 
 def write_points(points: Points, files: dict[str, Path]) -> dict:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """From named points to a moving body."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -20,11 +21,12 @@ def moved(
     sure: np.ndarray,
     markerset: MarkerSet,
     frames: np.ndarray,
+    progress: Callable[[float], None] | None = None,
 ) -> Motion:
     """The named markers and the body posed on them.
 
     points (T, P, 3) m and residual (T, P) m, with the marker and the confidence (T, P) of each; frames (T,) the
-    source's numbers.
+    source's numbers. `progress` is told the share that is done.
     """
     count, size = len(points), len(markerset)
     xyz, off = np.full((count, size, 3), np.nan), np.full((count, size), np.nan)
@@ -33,7 +35,7 @@ def moved(
     off[frame, marker[frame, column]] = residual[frame, column]
     model = BodyModel(markerset)
     if (np.isfinite(xyz[..., 0]).sum(axis=1) >= FEWEST).any():
-        bodies = fit_points(model, xyz)
+        bodies = fit_points(model, xyz, progress=progress)
     else:
         nobody = model.rest(count, 1.0)
         bodies = replace(nobody, translation=np.full_like(nobody.translation, np.nan))

@@ -25,16 +25,25 @@ from ..io.labels import POINT_KEYS, LabelWriter
 from ..io.models import open_model
 from ..io.points import FilePoints, read_points
 from ..progress import Progress
-from .job import USUAL_TARGET, LabelJob, Labelled, finish_report, open_files, timed, write_points
+from .background import in_background, within
+from .job import REPORT, USUAL_TARGET, LabelJob, Labelled, finish_report, open_files, timed, write_points
 from .naming import Decided, NamedFrames, chosen_method, consistent, decide, joined, name_frames
 from .placing import moved
 from .refusals import refuse_floods, refuse_others, refuse_strangers
+from .resuming import made_of, may_replace, with_results
 from .wearer import Wearer, checked, find_wearer
 
 # How the label of a point came about; the index is what `Labels.step` holds.
 STEPS = ("", "evidence", "ensemble", "fit", "trajectory")
-# How far along the work is when each part begins.
-SHARES = {"wearer": 0.0, "others": 0.05, "name": 0.1, "vote": 0.75, "pose": 0.8, "write": 0.9}
+# What each part takes, as measured: so many times as long as a frame is named in, and that again for each frame.
+COSTS = {
+    "wearer": (5, 0),
+    "others": (150, 0),
+    "name": (0, 1),
+    "vote": (2, 0.02),
+    "pose": (18, 0.12),
+    "write": (5, 0.03),
+}
 
 
 def label_points(job: LabelJob) -> Generator[Progress, None, Labelled]:
@@ -45,18 +54,20 @@ def label_points(job: LabelJob) -> Generator[Progress, None, Labelled]:
     clock: dict[str, float] = {"load": 0.0}
     with timed(clock, "load"):
         model = open_model(job.model)
-        method = chosen_method(model, job.method)
+        method, made = chosen_method(model, job.method), made_of(job)
         take = _of_frames(read_points(job.source), job.frames)
         refuse_floods(take.xyz)
     with ExitStack() as stack:
-        files = open_files(job, stack)
+        files = open_files(job, may_replace(job), stack)
         stack.enter_context(threadpool_limits(1, user_api="blas"))
         labels, suspects = yield from _named(job, model, method, take, clock)
-        yield Progress(SHARES["pose"], "pose the body")
+        shares = begins(len(take.xyz), method)
         with timed(clock, "fit"):
             frames = take.first_frame + np.arange(len(take.xyz))
-            motion = moved(take.xyz, take.residual, labels.marker, labels.confidence, model.markerset, frames)
-        yield Progress(SHARES["write"], "write")
+            given = take.xyz, take.residual, labels.marker, labels.confidence, model.markerset, frames
+            work = in_background(lambda tell: moved(*given, progress=tell))
+            motion = yield from within(work, shares["pose"], shares["write"], "pose the body")
+        yield Progress(shares["write"], "write")
         doubtful = find_suspects(motion, model.markerset.markers, take.rate)
         rows, chunk = _as_chunk(take, labels, motion, summarised(suspects + doubtful, take.rate))
         summary = TakeSummary(model.markerset.markers)
@@ -66,8 +77,16 @@ def label_points(job: LabelJob) -> Generator[Progress, None, Labelled]:
             more = write_points(_labelled_take(take, labels.marker, motion, model.markerset), files)
             if job.blend:
                 _save_blend(job, files[".blend"], take, model.markerset, rows, chunk)
-        report = _report(job, summary, model, method, take, clock, chunk, files, more)
+            more["made_of"] = with_results(made, files)
+        report = _report(job, summary, model, method, take, clock, chunk, files[REPORT], more)
     return Labelled(report, [(rows, chunk)] if job.keep else [])
+
+
+def begins(frames: int, method: str) -> dict[str, float]:
+    """How far along the work is when each of its parts begins, for a take of so many frames."""
+    costs = COSTS | ({"others": (5, 0)} if method == "fit" else {})
+    spent = np.array([fixed + each * frames for fixed, each in costs.values()])
+    return dict(zip(costs, ((np.cumsum(spent) - spent) / spent.sum()).tolist(), strict=True))
 
 
 def _of_frames(take: FilePoints, frames: tuple[int | None, int | None] | None) -> FilePoints:
@@ -83,16 +102,16 @@ def _of_frames(take: FilePoints, frames: tuple[int | None, int | None] | None) -
 
 def _named(job: LabelJob, model: Model, method: str, take: FilePoints, clock):
     """Labels (T, P) after the vote, and what is doubtful about them."""
-    options = Options(hints=Hints(job.height, job.facing))
+    options, shares = Options(hints=Hints(job.height, job.facing)), begins(len(take.xyz), method)
     begin = perf_counter()
-    yield Progress(SHARES["wearer"], "look who wears the markers")
+    yield Progress(shares["wearer"], "look who wears the markers")
     piece = cut(take.xyz, take.rate)
     wearer = find_wearer(model, method, take.xyz, piece, take.rate)
     model = wearer.model
-    yield Progress(SHARES["others"], "look whether the model is for this take")
+    yield Progress(shares["others"], "look whether the model is for this take")
     refuse_others(model, method, take.xyz, options)
     named = yield from _frame_by_frame(model, method, take, options)
-    yield Progress(SHARES["vote"], "let trajectories vote")
+    yield Progress(shares["vote"], "let trajectories vote")
     decided = _decided(named, piece, wearer, take, job.target)
     # Who asks for surer labels gets fewer, and the take is no stranger's for that.
     usual = decided if job.target == USUAL_TARGET else _decided(named, piece, wearer, take, USUAL_TARGET)
@@ -108,12 +127,12 @@ def _frame_by_frame(
     model: Model, method: str, take: FilePoints, options: Options
 ) -> Generator[Progress, None, NamedFrames]:
     """What every frame says on its own."""
-    parts, done = [], 0
-    yield Progress(SHARES["name"], f"frame {take.first_frame}")
+    parts, done, shares = [], 0, begins(len(take.xyz), method)
+    yield Progress(shares["name"], f"frame {take.first_frame}")
     for part in name_frames(model, method, take.xyz, take.rate, options):
         parts.append(part)
         done += len(part.marker)
-        share = SHARES["name"] + (SHARES["vote"] - SHARES["name"]) * done / len(take.xyz)
+        share = shares["name"] + (shares["vote"] - shares["name"]) * done / len(take.xyz)
         yield Progress(share, f"frame {take.first_frame + done - 1}")
     return joined(parts)
 
@@ -166,7 +185,9 @@ def _labelled_take(take: FilePoints, marker: np.ndarray, motion: Motion, markers
     return Points(names, xyz, np.concatenate([motion.residual, residual], axis=1), take.rate, take.first_frame)
 
 
-def _report(job: LabelJob, summary: TakeSummary, model: Model, method: str, take, clock, chunk, files, more) -> dict:
+def _report(
+    job: LabelJob, summary: TakeSummary, model: Model, method: str, take, clock, chunk, path: Path, more
+) -> dict:
     steps = np.bincount(chunk.labels.step, minlength=len(STEPS))
     if take.assumed:
         more["unit_assumed"] = take.assumed
@@ -177,7 +198,7 @@ def _report(job: LabelJob, summary: TakeSummary, model: Model, method: str, take
         "target": job.target,
         "steps": {step: int(count) for step, count in zip(STEPS, steps, strict=True) if step and count},
     }
-    return finish_report(job, summary, model.markerset.name, take.rate, clock, files[".report.json"], **more)
+    return finish_report(job, summary, model.markerset.name, take.rate, clock, path, **more)
 
 
 def no_cameras() -> Cameras:

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Unnamed 3D points from a file of unnamed blobs, as a `.c3d` or `.trc`; memory does not grow with the take."""
 
-import tempfile
 from collections import deque
 from collections.abc import Generator, Iterator
 from contextlib import ExitStack
@@ -17,7 +16,9 @@ from ..core.errors import InputError, JobError
 from ..core.reconstruction import reconstruct_take
 from ..core.takes import Blobs
 from ..io.blobs import BlobRows, read_blobs
+from ..io.cameras import calibration_files
 from ..io.points import write_c3d, write_trc
+from ..io.scratch import scratch_folder
 from ..io.whole import whole_file
 from ..progress import Progress
 from .job import USUAL_RATE, renumbered
@@ -60,9 +61,8 @@ def rebuild_file(job: RebuildJob) -> Generator[Progress, None, dict]:
     rate = USUAL_RATE if job.rate is None else job.rate
     tally = _Tally()
     with ExitStack() as stack:
-        target = stack.enter_context(whole_file(job.out, job.overwrite))
-        folder = tempfile.TemporaryDirectory(prefix="mocap-autolabel-", ignore_cleanup_errors=True)
-        spool = stack.enter_context(TrajectoryFile(Path(stack.enter_context(folder)), rate))
+        target = stack.enter_context(whole_file(job.out, job.overwrite, [job.source, *calibration_files(job.cameras)]))
+        spool = stack.enter_context(TrajectoryFile(stack.enter_context(scratch_folder()), rate))
         stack.enter_context(threadpool_limits(1, user_api="blas"))
         taken: deque[BlobRows] = deque()
         for part in reconstruct_take(_noted(read_blobs(job.source, cameras, job.frames), taken), cameras, rate):

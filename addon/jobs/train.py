@@ -20,12 +20,12 @@ from ..core.markersets import MarkerSet
 from ..core.models import Lessons, Model, by_subject
 from ..core.posing import fit_points
 from ..core.segments import segment_markerset
-from ..io.markersets import SUFFIX, builtin_markersets, open_markerset
+from ..io.markersets import SUFFIX, builtin_markersets, markerset_file, open_markerset
 from ..io.models import open_model, write_model
-from ..io.whole import whole_files
+from ..io.whole import keep_apart, whole_files
 from ..progress import Progress
 from ..version import version
-from .background import in_background
+from .background import in_background, within
 from .job import timed
 from .lessons import Take, chosen_markers, contradicted, gathered, lessons_of, of_markers, read_takes, without_replaced
 
@@ -76,7 +76,10 @@ def train_file(job: TrainJob) -> Generator[Progress, None, dict]:
     """
     clock: dict[str, float] = {}
     targets = [job.out, *([job.report] if job.report else [])]
-    with whole_files(targets, job.overwrite) as files, threadpool_limits(1, user_api="blas"):
+    # A model may be trained on in its own place; all else that is read stays.
+    if job.base and job.report:
+        keep_apart([markerset_file(job.base)], [job.report])
+    with whole_files(targets, job.overwrite, job.takes) as files, threadpool_limits(1, user_api="blas"):
         yield Progress(SHARES["read"], "read the takes")
         with timed(clock, "read"):
             base = _base(job)
@@ -161,15 +164,10 @@ def _body_residual(markerset: MarkerSet, everyone: dict[str, np.ndarray]) -> np.
 def _evidence(everyone, markers, clock) -> Generator[Progress, None, Evidence]:
     begin = perf_counter()
     takes = [(points, subject) for subject, points in everyone.items()]
-    span = SHARES["ensemble"] - SHARES["evidence"]
     work = in_background(lambda tell: learn_evidence(takes, markers, progress=tell))
-    while True:
-        try:
-            share = next(work)
-        except StopIteration as end:
-            clock["evidence"] = perf_counter() - begin
-            return end.value
-        yield Progress(SHARES["evidence"] + span * share, "learn the evidence")
+    evidence = yield from within(work, SHARES["evidence"], SHARES["ensemble"], "learn the evidence")
+    clock["evidence"] = perf_counter() - begin
+    return evidence
 
 
 def _ensemble(job: TrainJob, everyone, markers, clock) -> Generator[Progress, None, Ensemble | None]:

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The labelling of 3D points, a little at a time: the command line's own job, with its files in a folder that goes."""
 
-import tempfile
 from collections.abc import Callable, Generator
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 from ..core.errors import UserError
 from ..io.markersets import open_markerset
 from ..io.points import read_points
+from ..io.scratch import scratch_folder
 from ..jobs import LabelJob, Labelled, label_file
 from ..jobs.background import drained, in_background
 from ..props import SceneSettings, chosen_model, frames_wanted
@@ -45,8 +45,8 @@ def label_point_steps(job: LabelJob, name: str) -> Generator[float, None, Take]:
 
 def _label(job: LabelJob, name: str, tell: Callable[[float], None]) -> Take:
     try:
-        with tempfile.TemporaryDirectory(prefix="mocap-autolabel-", ignore_cleanup_errors=True) as folder:
-            labelled = drained(label_file(replace(job, out=Path(folder))), tell)
+        with scratch_folder() as folder:
+            labelled = drained(label_file(replace(job, out=folder)), tell)
         return _take_of(labelled, job, name)
     except UserError as error:
         raise error if error.file else type(error)(error.message, job.source) from error

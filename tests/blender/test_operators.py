@@ -3,6 +3,7 @@
 
 import importlib
 import json
+from pathlib import Path
 from types import SimpleNamespace
 
 import bpy
@@ -448,6 +449,20 @@ def test_exports_are_what_was_labelled(ready, labelling, files, tmp_path):
         assert points.names == stored.names
         assert (points.first_frame, len(points.xyz)) == (101, 30)
         np.testing.assert_allclose(points.xyz, stored.motion.markers, atol=1e-5)
+
+
+def test_exports_never_replace_what_the_take_was_made_of(ready, labelling, files, tmp_path):
+    copy = tmp_path / "walk.csv"
+    copy.write_text((files.folder / "walk.csv").read_text())
+    (tmp_path / "link.csv").hardlink_to(copy)
+    bpy.ops.mocap_autolabel.import_blobs(filepath=str(copy))
+    bpy.ops.mocap_autolabel.label()
+    before = {Path(path): Path(path).read_bytes() for path in (copy, files.markerset)}
+    for export in ("labels", "c3d", "trc"):
+        for path in (copy, tmp_path / "link.csv", files.markerset):
+            with pytest.raises(RuntimeError, match="would be written over"):
+                getattr(bpy.ops.mocap_autolabel, f"export_{export}")(filepath=str(path))
+    assert {path: path.read_bytes() for path in before} == before
 
 
 def test_labels_of_a_file_that_has_changed_are_not_written(ready, labelling, files, tmp_path):

@@ -145,3 +145,26 @@ def test_only_the_number_of_a_trajectory_is_made_the_file_s():
         "trajectory 7 goes over from trajectory 1 to B",
         "trajectory 1 jumps",
     ]
+
+
+def test_progress_only_grows_and_goes_on_while_the_body_is_posed(source, of_two_minds, monkeypatch):
+    monkeypatch.setattr("addon.core.posing.BATCH", 5)
+    told = list(label_file(LabelJob(source, None, "gait15", source.parent / "out")))
+    shares = [one.fraction for one in told]
+    assert shares == sorted(shares)
+    assert shares[0] == 0 and shares[-1] < 1
+    posing = [one.fraction for one in told if one.note == "pose the body"]
+    assert len(set(posing)) > 10
+    assert max(np.diff(sorted(set(posing)))) < 0.1
+
+
+def test_each_part_begins_where_the_work_before_it_is_done():
+    for method in ("evidence", "fit"):
+        for frames in (1, 100, 100_000):
+            shares = job.begins(frames, method)
+            assert list(shares) == ["wearer", "others", "name", "vote", "pose", "write"]
+            assert list(shares.values()) == sorted(shares.values())
+            assert shares["wearer"] == 0 and shares["write"] < 1
+    long = job.begins(100_000, "evidence")
+    assert long["name"] < 0.01
+    assert long["vote"] > 0.8
