@@ -116,16 +116,16 @@ def _word(said: str, usual: str, maker: str) -> tuple[str, bool]:
     if "qualisys" in maker.lower() and said == "-Z":
         return "+Z", True  # Qualisys writes it of worlds that have z up
     if said not in AXES:
-        return usual, True
+        return usual, True  # nothing, or nothing that is an axis
     return said, said == "+Y"  # many programs write that without meaning it, and nobody writes +Z by mistake
 
 
 def _told(said: str, up: str, usual: str, reasons: Sequence[str]) -> tuple[str, ...]:
-    if up == (said or usual):
+    if up == (said if said in AXES else usual):
         return ()
-    word = f"says that {said} is up" if said else "does not say which axis is up"
-    why = ", ".join(reasons) or "what is known of the program that wrote it"
-    return (f"{word}; {up} was taken, by {why}; an up axis that is given overrules that",)
+    word = f"says that {said} is up, but" if said in AXES else "does not say which axis is up, and"
+    why = " and ".join(reasons) or "what is known of the program that wrote it"
+    return (f"the file {word} {up} was taken by {why} (an up axis that is given overrules this)",)
 
 
 def _level_with(plates: np.ndarray, xyz: np.ndarray) -> str:

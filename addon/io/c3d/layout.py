@@ -95,9 +95,15 @@ def _filled(file: C3dFile, start: int, points: int, analog: int) -> Layout | Non
     fitting = [claim for claim in claims if 1 <= claim[0] <= available]
     if not fitting:
         return None
-    frames, first = max(fitting, key=lambda claim: claim[0])
+    frames, first = _likeliest(fitting, size, len(file.content) - start)
     left = len(file.content) - start - frames * size
     return Layout(start, points, analog, frames, first, left, tuple(_notes(file, points, analog, frames, claims)))
+
+
+def _likeliest(claims: list[tuple[int, int]], size: int, length: int) -> tuple[int, int]:
+    """The claim that leaves least of the data over; the commonest of those that leave what may be padding."""
+    filling = [frames for frames, _ in claims if length - frames * size < BLOCK]
+    return max(claims, key=lambda claim: (filling.count(claim[0]), claim[0]))
 
 
 def _claims(file: C3dFile) -> list[tuple[int, int]]:
@@ -119,13 +125,13 @@ def _claims(file: C3dFile) -> list[tuple[int, int]]:
 def _notes(file: C3dFile, points: int, analog: int, frames: int, claims: list[tuple[int, int]]) -> Iterator[str]:
     others = [str(claim) for claim in _distinct([claim for claim, _ in claims]) if claim > 0 and claim != frames]
     if others:
-        yield f"says in places that it has {' or '.join(others)} frames; the {frames} that fill the file were read"
+        yield f"the file says in places that it has {' or '.join(others)} frames, but {frames} fill it and were read"
     if file.word(1) and points != file.word(1):
-        yield f"says in its header that it has {file.word(1)} points; the {points} that fill the file were read"
+        yield f"the header says that there are {file.word(1)} points, but {points} fill the file and were read"
     if analog != file.word(2):
         yield (
-            f"says in its header that a frame has {file.word(2)} words of analog data; "
-            f"the {analog} that fill the file were passed over"
+            f"the header says that a frame has {file.word(2)} words of analog data, but {analog} fill the file "
+            "and were passed over"
         )
 
 
@@ -140,5 +146,5 @@ def _unfinished(file: C3dFile, start: int) -> Layout:
     if length % size or length < size or len(file.content) % BLOCK == 0:
         raise InputError(f"has data for {length // size} of {wanted} frames; expected a whole C3D file", file.path)
     frames = length // size
-    note = f"says that it has {wanted} frames and ends with frame {frames} of them; those were read"
+    note = f"the file says that it has {wanted} frames, but ends with the end of frame {frames}: those were read"
     return Layout(start, points, analog, frames, claims[0][1] if claims else 1, 0, (note,))

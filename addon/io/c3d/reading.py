@@ -65,7 +65,7 @@ def _rate(file: C3dFile, given: float | None) -> tuple[float, tuple[str, ...]]:
         raise InputError(
             f"has a rate of {claims[0]:g} frames a second; expected a rate above zero, or one that is given", file.path
         )
-    return given, (f"has a rate of {claims[0]:g} frames a second; the {given:g} that were given were taken",)
+    return given, (f"the file has a rate of {claims[0]:g} frames a second, so the {given:g} that are given were taken",)
 
 
 def _samples(file: C3dFile, layout: Layout) -> tuple[np.ndarray, np.ndarray]:
