@@ -63,6 +63,8 @@ class LessonRow(bpy.types.PropertyGroup):
     path: StringProperty(name="File", description="The file of the labelled take", subtype="FILE_PATH")
     subject: StringProperty(name="Subject", description="Who wears the markers; takes of one subject have one name")
     markers: IntProperty(name="Markers", description="Number of named markers")
+    up: StringProperty(name="Up", description="The axis that points up in the file, empty for what it says or tells")
+    rate: FloatProperty(name="Rate", description="Frames a second where the file says none; 0 where it does")
 
 
 class SceneSettings(bpy.types.PropertyGroup):
@@ -77,6 +79,9 @@ class SceneSettings(bpy.types.PropertyGroup):
     blobs_path: StringProperty(name="Blobs", description="The file of the blobs", subtype="FILE_PATH")
     points_path: StringProperty(
         name="3D Points", description="The file of the 3D points, where there is one", subtype="FILE_PATH"
+    )
+    points_up: StringProperty(
+        name="Up", description="The axis that points up in the file of the 3D points, empty for what it says or tells"
     )
     preview: PointerProperty(type=bpy.types.Mesh)
     first_frame: IntProperty(name="First", description="First frame of the take")

@@ -65,11 +65,21 @@ def add_frames(parser: argparse.ArgumentParser):
     )
 
 
-def add_up(parser: argparse.ArgumentParser):
+def add_up(parser: argparse.ArgumentParser, flag: str = "--up", where: str = "the files that are read"):
     """`--up AXIS`, for files that have another axis up than they say or seem to."""
     parser.add_argument(
-        "--up",
+        flag,
         choices=AXES,
-        help="the axis that points up in the files that are read (default: what they say, or else what is in them; "
-        "write --up=-y for one with a minus)",
+        help=f"the axis that points up in {where} (default: what is said there, or else what is in there tells; "
+        f"{flag} -y and {flag}=-y are the same)",
+    )
+
+
+def add_point_rate(parser: argparse.ArgumentParser):
+    """`--rate HZ`, for files of 3D points that say none."""
+    parser.add_argument(
+        "--rate",
+        type=number(0.1, 100_000, "rate"),
+        metavar="HZ",
+        help="frames a second, used where a .c3d file says none",
     )

@@ -75,7 +75,7 @@ def _add_naming(parser: argparse.ArgumentParser):
         type=number(0.1, 100_000, "rate"),
         metavar="HZ",
         help=f"frames a second, which a blob file does not say (default {jobs.USUAL_RATE:g}, and the report says so); "
-        "files of 3D points do",
+        "files of 3D points do, or else it is used for them too",
     )
     parser.add_argument(
         "--height",
@@ -146,7 +146,7 @@ def unused(arguments) -> list[str]:
     kinds = {holds_points(path) for path in arguments.inputs}
     said = []
     if arguments.rate is not None and True in kinds:
-        said.append("--rate is not looked at for 3D points, whose files say their own rate")
+        said.append("--rate is not looked at for 3D points whose files say their own rate")
     hints = [f"--{name}" for name in ("height", "facing") if getattr(arguments, name) is not None]
     if hints:
         deaf = [kind for kind in sorted(kinds) if not _fits(arguments, kind)]
@@ -215,7 +215,7 @@ def as_line(report: dict) -> str:
     unit = f", no unit in the file, taken for {report['unit_assumed']}" if "unit_assumed" in report else ""
     first = ", frames in the .c3d from 0" if "c3d_first_frame" in report else ""
     frames = f"{report['frames']} frame" + ("" if report["frames"] == 1 else "s")
-    more = "".join(f"; {words}" for words in report.get("calibration", []))
+    more = "".join(f"; {words}" for words in (*report.get("calibration", []), *report.get("notes", [])))
     return f"{report['take']}: {frames}, {named} of {count} {things} named{pace}{unit}{first}{more}"
 
 

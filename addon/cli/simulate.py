@@ -12,7 +12,7 @@ from ..io.cameras import calibration_files
 from ..io.markersets import builtin_markersets, markerset_file, open_markerset
 from ..io.points import marker_columns, read_points
 from ..io.whole import keep_apart
-from .arguments import add_frames, add_overwrite, add_up, names, number, whole
+from .arguments import add_frames, add_overwrite, add_point_rate, add_up, names, number, whole
 from .console import ProgressLine, print_results
 
 DESCRIPTION = """A virtual capture of a labelled take (.c3d or .trc): what the cameras would see, with a body in the
@@ -35,7 +35,9 @@ def add_parser(verbs):
         "--subject", metavar="NAME", help="of a take with several, the one whose markers are NAME:LASI …"
     )
     add_frames(parser)
-    add_up(parser)
+    add_up(parser, where="the take")
+    add_up(parser, "--cameras-up", "the calibration")
+    add_point_rate(parser)
     parser.add_argument("--centre", action="store_true", help="move the take's path to the middle of the room")
     parser.add_argument("--no-body", action="store_true", help="nothing hides anything")
     _add_trouble(parser)
@@ -80,10 +82,11 @@ def run(arguments) -> int:
     models = [markerset_file(arguments.model)] if arguments.model else []
     read = [arguments.take, *calibration_files(arguments.cameras), *models]
     keep_apart(read, [arguments.out, capturing.truth_path(arguments.out)])
-    cameras = open_cameras(arguments.cameras, arguments.up)
+    cameras = open_cameras(arguments.cameras, arguments.cameras_up)
     progress = ProgressLine(arguments.progress)
     try:
-        take = capturing.cut(capturing.labelled_markers(read_points(arguments.take)), arguments.frames)
+        points = read_points(arguments.take, up=arguments.up, rate=arguments.rate)
+        take = capturing.cut(capturing.labelled_markers(points), arguments.frames)
         take = capturing.of_subject(take, arguments.subject) if arguments.subject else take
         markerset, worn, body = _dress(take, arguments)
         if arguments.centre:
@@ -101,6 +104,8 @@ def run(arguments) -> int:
         "cameras": list(cameras.names),
         "first_frame": worn.first_frame,
         **asdict(captured),
+        "up_axis": points.up,
+        "notes": list(points.notes),
         "out": [str(arguments.out), str(capturing.truth_path(arguments.out))],
     }
     if cameras.remarks:
@@ -111,6 +116,7 @@ def run(arguments) -> int:
         f"{arguments.out}: {what}{way}",
         f"{capturing.truth_path(arguments.out)}: {captured.ghosts} ghosts, {captured.merged} merged blobs",
         *cameras.remarks,
+        *(f"{arguments.take.name}: {note}" for note in points.notes),
     ]
     print_results(lines, result, arguments.json)
     return 0

@@ -10,6 +10,7 @@ from time import perf_counter
 from ..blendfile import Chunks
 from ..core.summary import TakeSummary
 from ..core.takes import Points
+from ..io.c3d import first_number, names_in_c3d
 from ..io.cameras import calibration_files
 from ..io.markersets import markerset_file
 from ..io.points import write_c3d, write_trc
@@ -33,7 +34,8 @@ class LabelJob:
     frames    first and last frame to label, both included, None for the take's own
     up        the axis that points up in the files that are read, None for what they say or tell
     method    how names are found: one of METHODS
-    rate      frames a second, None where nobody knows: then USUAL_RATE, and the report says that it was assumed
+    rate      frames a second, None where nobody knows: then USUAL_RATE, and the report says that it was assumed; of
+              points only for files that say none
     target    the part of the labels of points that must be right; what is less sure is left unnamed
     height    the subject's height, m, and facing, rad, where known
     trc       write STEM.trc too
@@ -108,8 +110,15 @@ def write_points(points: Points, files: dict[str, Path]) -> dict:
 
 
 def renumbered(points: Points) -> dict:
-    """What a report says where a C3D file cannot number frames as the source does: it has no room for a sign."""
-    return {"c3d_first_frame": 0} if points.first_frame < 0 else {}
+    """What a report says where a C3D file cannot say what the take does: of frame numbers, and of long names."""
+    said = {}
+    first = first_number(points.first_frame, points.xyz.shape[0])
+    if first != points.first_frame:
+        said["c3d_first_frame"] = first
+    names = zip(points.names, names_in_c3d(points.names), strict=True)
+    if other := {name: fitted for name, fitted in names if name != fitted}:
+        said["c3d_names"] = other
+    return said
 
 
 def finish_report(

@@ -55,7 +55,7 @@ def label_points(job: LabelJob) -> Generator[Progress, None, Labelled]:
     with timed(clock, "load"):
         model = open_model(job.model)
         method, made = chosen_method(model, job.method), made_of(job)
-        take = _of_frames(read_points(job.source), job.frames)
+        take = _of_frames(read_points(job.source, up=job.up, rate=job.rate), job.frames)
         refuse_floods(take.xyz)
     with ExitStack() as stack:
         files = open_files(job, may_replace(job), stack)
@@ -192,6 +192,8 @@ def _report(
     if take.assumed:
         more["unit_assumed"] = take.assumed
     more |= {
+        "up_axis": take.up,
+        "notes": list(take.notes),
         "points": summary.blobs,
         "trajectories": take.xyz.shape[1],
         "method": method,

@@ -2,8 +2,8 @@
 """A model from labelled takes: marker set, skeleton, body, evidence and ensemble, in one file."""
 
 import json
-from collections.abc import Generator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Generator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
 
@@ -27,7 +27,17 @@ from ..progress import Progress
 from ..version import version
 from .background import in_background, within
 from .job import timed
-from .lessons import Take, chosen_markers, contradicted, gathered, lessons_of, of_markers, read_takes, without_replaced
+from .lessons import (
+    Known,
+    Take,
+    chosen_markers,
+    contradicted,
+    gathered,
+    lessons_of,
+    of_markers,
+    read_takes,
+    without_replaced,
+)
 
 MOST_FOR_ENSEMBLE = 40  # markers; beyond, partial solvers are trained only when a search is asked for
 ENSEMBLE_FRAMES = 6000
@@ -53,6 +63,7 @@ class TrainJob:
     base      a model to train on, with what it keeps of its own takes; None for a new one
     keep      keep frames of the takes in the model, so that it can be trained on
     report    a file for what the training has to say, None for none
+    known     of takes by their path, what is known better than from the file
     """
 
     takes: tuple[Path, ...]
@@ -67,6 +78,7 @@ class TrainJob:
     keep: bool = True
     report: Path | None = None
     overwrite: bool = False
+    known: Mapping[Path, Known] = field(default_factory=dict)
 
 
 def train_file(job: TrainJob) -> Generator[Progress, None, dict]:
@@ -83,7 +95,7 @@ def train_file(job: TrainJob) -> Generator[Progress, None, dict]:
         yield Progress(SHARES["read"], "read the takes")
         with timed(clock, "read"):
             base = _base(job)
-            takes = read_takes(job.takes, job.subjects)
+            takes = read_takes(job.takes, job.subjects, job.known)
             markers = chosen_markers(takes, job.markers, base.markerset.markers if base else ())
             subjects = gathered(takes, markers)
             before = of_markers(base.lessons, base.markerset.markers, markers) if base else []

@@ -27,6 +27,8 @@ def point_job_of(settings: SceneSettings) -> LabelJob:
         model=chosen_model(settings),
         out=Path(),
         frames=frames_wanted(settings),
+        up=settings.points_up or None,
+        rate=settings.rate,
         method=settings.method,
         target=settings.target,
         height=settings.height if settings.use_height else None,
@@ -55,7 +57,7 @@ def _label(job: LabelJob, name: str, tell: Callable[[float], None]) -> Take:
 def _take_of(labelled: Labelled, job: LabelJob, name: str) -> Take:
     """The take as the scene shows it; points and residuals come from the file, for the labelling hands none on."""
     [(rows, chunk)] = labelled.chunks
-    file = read_points(job.source)
+    file = read_points(job.source, up=job.up, rate=job.rate)
     at = rows.frames[rows.frame] - file.first_frame, rows.camera
     return Take(
         name,

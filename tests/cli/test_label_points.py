@@ -210,7 +210,7 @@ def test_what_makes_no_difference_to_points_is_said(trained, room, label, run, t
     answer = label("--rate", "60", "--height", "1.7", "--facing", "0", model=trained)
     assert answer.status == 0
     assert answer.err.splitlines() == [
-        "mocap-autolabel: --rate is not looked at for 3D points, whose files say their own rate",
+        "mocap-autolabel: --rate is not looked at for 3D points whose files say their own rate",
         "mocap-autolabel: --height and --facing are not looked at for 3D points: that needs --method fit here",
     ]
     [report] = [json.loads(path.read_text()) for path in (tmp_path / "out").glob("*.report.json")]

@@ -61,7 +61,7 @@ def test_simulate(run, room, lying, tmp_path):
     answer, seen = blobs("turned.csv", lying)
     assert SAID in answer.out
     np.testing.assert_allclose(seen, plain, atol=0.01)
-    answer, _ = blobs("told.csv", lying, "--up", "y")
+    answer, _ = blobs("told.csv", lying, "--cameras-up", "y")
     assert SAID not in answer.out
 
 
