@@ -70,6 +70,13 @@ def save_blend(
             raise JobError(f"the Blender file cannot be written: {reason}; expected a place with room", path) from error
 
 
+def refuse_long(first: int, last: int):
+    """Raises JobError where a take has more frames, `first` to `last`, than a Blender file can show."""
+    from .scene.take import frame_shift
+
+    frame_shift(np.array([first, last]))
+
+
 @contextmanager
 def silenced() -> Iterator[None]:
     """Keeps what Blender itself prints off standard output, where only results belong."""

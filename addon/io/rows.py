@@ -10,13 +10,12 @@ import numpy as np
 
 from ..core.cameras import Cameras
 from ..core.errors import InputError
+from ..core.takes import LARGEST_FRAME
 
 COLUMNS = ("frame", "camera", "x", "y")
 
-# No sensor is a million pixels wide and C3D counts no further than 2^32: beyond these a number stands in the wrong
-# column.
+# No sensor is a million pixels wide: beyond this, or LARGEST_FRAME, a number stands in the wrong column.
 LARGEST_PIXEL = 1e6
-LARGEST_FRAME = 2**32 - 1
 HEAD_BYTES = 4096  # where a file that is no text shows it; later a byte that is no text has a line of its own
 
 _FIELD = re.compile(rb'("(?:[^"]|"")*"|[^,"]*)(,|$)')
