@@ -22,6 +22,9 @@ LONGEST_LINE = 1 << 20
 # A chunk is cut short at a frame's end beyond this many rows, so that ghosts by the million do not fill the memory.
 CHUNK_ROWS = 200_000
 
+# Nobody has cameras for so many blobs at one time.
+FRAME_ROWS = 500_000
+
 # Frames that nobody saw are written as well: C3D and TRC number frames one by one. An empty room for minutes is sound,
 # also when hardly anything was seen so far; a file that is nearly all gap has a wrong column or a time for its frame.
 UNSEEN_FRAMES = 100_000
@@ -53,11 +56,11 @@ def read_blobs(
     Raises InputError with the file and line for whatever breaks that, and when there is no blob at all.
     """
     first, last = frames or (None, None)
-    pending, gaps = _Pending(chunk_frames), _Gaps(Path(path))
+    pending, tally = _Pending(chunk_frames), _Tally(Path(path))
     for rows, fraction, finished in _blocks(Path(path), cameras):
         outside = last is not None and len(rows) and rows.frame[-1] > last
         wanted_rows = rows.between(first, last)
-        gaps.check(wanted_rows)
+        tally.check(wanted_rows)
         pending.add(wanted_rows, fraction)
         finished = finished or bool(outside)
         yield from pending.ready(finished)
@@ -111,18 +114,22 @@ def _check_order(rows: Rows, previous: int | None, path: Path) -> int | None:
     return int(rows.frame[-1])
 
 
-class _Gaps:
-    """How many frames somebody saw so far and how many nobody, so that a few rows cannot stand for any number."""
+class _Tally:
+    """How many frames somebody saw so far and how many nobody, and how many blobs the last has.
+
+    So a few rows cannot stand for any number of frames, nor one frame fill the memory.
+    """
 
     def __init__(self, path: Path):
         self.path = path
         self.last: int | None = None
-        self.seen = self.unseen = 0
+        self.seen = self.unseen = self.crowd = 0
 
     def check(self, rows: Rows):
-        """Counts the next rows in; InputError with the line where too few frames of all have blobs."""
+        """Counts the next rows in; InputError with the line where too few frames of all have blobs, or one too many."""
         if not len(rows):
             return
+        self._check_crowd(rows)
         steps = np.diff(rows.frame, prepend=rows.frame[0] - 1 if self.last is None else self.last)
         seen = self.seen + np.cumsum(steps > 0)
         unseen = self.unseen + np.cumsum(np.maximum(steps - 1, 0))
@@ -137,6 +144,20 @@ class _Gaps:
                 rows.line_of(at),
             )
         self.last, self.seen, self.unseen = int(rows.frame[-1]), int(seen[-1]), int(unseen[-1])
+
+    def _check_crowd(self, rows: Rows):
+        begins = np.flatnonzero(np.diff(rows.frame, prepend=rows.frame[0] - 1))
+        counts = np.diff(begins, append=len(rows))
+        counts[0] += self.crowd if rows.frame[0] == self.last else 0
+        if counts.max() > FRAME_ROWS:
+            at = int(begins[np.argmax(counts > FRAME_ROWS)])
+            raise InputError(
+                f"has over {FRAME_ROWS} blobs in frame {rows.frame[at]}; expected one frame of a capture and then the "
+                "next",
+                self.path,
+                rows.line_of(at),
+            )
+        self.crowd = int(counts[-1])
 
 
 class _Pending:
