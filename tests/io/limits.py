@@ -15,7 +15,7 @@ _SCRIPT = """
 import resource, sys
 import numpy, addon.io.cameras, addon.io.labels, addon.io.models, addon.io.points
 from addon.core.errors import InputError
-from tests.io.{module} import READERS
+from tests.fuzz import READERS
 used = int(sum(resource.getrusage(resource.RUSAGE_SELF)[:2]))
 resource.setrlimit(resource.RLIMIT_AS, ({memory}, {memory}))
 resource.setrlimit(resource.RLIMIT_CPU, (used + {seconds} + 1, used + {seconds} + 2))
@@ -29,10 +29,10 @@ else:
 """
 
 
-def read_within(kind: str, path: Path, module: str = "test_fuzz", memory: int = MEMORY, seconds: int = SECONDS) -> str:
-    """What the reader `kind` of that test module says of a file, "read" or its error, within memory and time."""
+def read_within(kind: str, path: Path, memory: int = MEMORY, seconds: int = SECONDS) -> str:
+    """What the reader `kind` of `tests.fuzz` says of a file, "read" or its error, within memory and time."""
     pytest.importorskip("resource", reason="this system has no limits for a process")
-    script = _SCRIPT.format(module=module, kind=kind, memory=memory, seconds=seconds)
+    script = _SCRIPT.format(kind=kind, memory=memory, seconds=seconds)
     lean = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # threads take room by the gigabyte and never use it
     done = subprocess.run(
         [sys.executable, "-c", script, str(path)],

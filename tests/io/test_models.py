@@ -10,25 +10,13 @@ import numpy as np
 import pytest
 
 from addon.core.ensemble.label import Labeller
-from addon.core.ensemble.model import Classifiers, Ensemble, Record, Solver, Strong
 from addon.core.errors import InputError
-from addon.core.models import Lessons, Model, by_subject
+from addon.core.models import by_subject
 from addon.io import packed
 from addon.io.markersets import read_markerset
 from addon.io.models import open_model, read_model, write_model
 from tests.core.toybody import toy_markerset
-
-
-def toy_model() -> Model:
-    markerset = toy_markerset()
-    count = len(markerset)
-    classifiers = Classifiers(np.array([1, 3]), np.array([[0, 1, -1, -1], [1, 2, -1, -1]]), np.zeros(2), np.ones(2) / 3)
-    record = Record(np.array([3.0, 2]), np.array([0.0, 1]), np.array([3.0, 3]), 4)
-    solver = Solver(np.array([0, 1]), Strong(np.array([0]), np.array([0.5])), record, np.array([True, False]))
-    ensemble = Ensemble(markerset.markers, classifiers, (solver,), np.full(count, 0.9999), "top-down", 3, 17)
-    points = np.random.default_rng(0).normal(size=(4, count, 3)).astype(np.float32)
-    points[1, 0] = np.nan
-    return Model(markerset, ensemble, (Lessons("Ann", ("walk ü", "run"), 900, points),))
+from tests.io.samples import toy_model
 
 
 def test_models_come_back(tmp_path):
