@@ -71,6 +71,12 @@ def read_blobs(
         raise InputError(f"has no blobs{wanted}; expected at least one row", path)
 
 
+def check_header(path: Path):
+    """Raises InputError where a file does not begin as one of blobs does."""
+    with open_binary(path) as file:
+        read_header(file.read(BLOCK_BYTES), path)
+
+
 def _blocks(path: Path, cameras: Cameras) -> Iterator[tuple[Rows, float, bool]]:
     """Parsed rows of one block after the other, the fraction of the file behind them, and whether it was the last."""
     with open_binary(path) as file:

@@ -136,8 +136,9 @@ class LabelFile:
         missing = [name for name in (*self.keys, "marker") if name not in header]
         if missing:
             forms = "frame,camera,x,y,marker or frame,point,marker"
-            what = f"has no column {' or '.join(missing)}; expected {self.what} with the header {forms}"
-            raise InputError(what, self.path, 1)
+            raise InputError(
+                f"has no column {' or '.join(missing)}; expected {self.what} with the header {forms}", self.path, 1
+            )
         self._columns = [header.index(name) for name in (*self.keys, "marker")]
         self._step, self._confidence = (
             header.index(name) if name in header else None for name in ("step", "confidence")
