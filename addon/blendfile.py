@@ -16,6 +16,7 @@ from .core.errors import JobError
 from .core.markersets import MarkerSet
 from .core.takes import Blobs, LabelledChunk
 from .io.cameras import read_cameras
+from .io.names import written
 
 Chunks = list[tuple[Blobs, LabelledChunk]]
 
@@ -62,15 +63,24 @@ def save_blend(
 
     labels, motion, suspects = scenes.join_labelled([chunk for _, chunk in chunks])
     blobs = scenes.join_blobs(blobs for blobs, _ in chunks)
-    take = scenes.Take(name, rate, cameras, markerset, blobs, labels, motion, suspects, str(source), points, residual)
+    # Blender's texts are UTF-8, and the name of a file may be any bytes.
+    name, source = written(name), written(str(source))
+    take = scenes.Take(name, rate, cameras, markerset, blobs, labels, motion, suspects, source, points, residual)
     with silenced():
         bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
         scenes.show_take(bpy.context, take, unnamed=points is not None)
         try:
-            bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True, copy=True, relative_remap=False)
+            bpy.ops.wm.save_as_mainfile(filepath=os.fsencode(path), compress=True, copy=True, relative_remap=False)
         except RuntimeError as error:  # Blender's way of saying that a disk is full or a folder gone
             reason = str(error).removeprefix("Error: ").strip().rstrip(".")
             raise JobError(f"the Blender file cannot be written: {reason}; expected a place with room", path) from error
+
+
+def refuse_long(first: int, last: int):
+    """Raises JobError where a take has more frames, `first` to `last`, than a Blender file can show."""
+    from .scene.take import frame_shift
+
+    frame_shift(np.array([first, last]))
 
 
 @contextmanager

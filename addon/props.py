@@ -17,6 +17,7 @@ from bpy.props import (
 
 from .core.errors import InputError
 from .io.markersets import SUFFIX, builtin_markersets, open_markerset
+from .io.names import written
 from .prefs import markerset_folder
 from .scene.armature import SCALE
 from .scene.naming import CAMERAS
@@ -239,7 +240,7 @@ def frames_wanted(settings: SceneSettings) -> tuple[int, int] | None:
 def take_name(settings: SceneSettings) -> str:
     """What the take is called: its file, without what says that it holds blobs."""
     name = Path(settings.points_path or settings.blobs_path).stem
-    return name.removesuffix(".blobs").removesuffix("_blobs") or name
+    return written(name.removesuffix(".blobs").removesuffix("_blobs") or name)
 
 
 def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):

@@ -11,6 +11,7 @@ from pathlib import Path
 from .. import jobs
 from ..blendfile import has_blender, open_cameras
 from ..core.errors import InputError, UserError
+from ..io.blobs import check_header
 from ..io.models import open_model
 from ..io.points import holds_points
 from ..io.scratch import told_of
@@ -127,6 +128,7 @@ def check(arguments):
     _check_inputs(arguments)
     blobs = [path for path in arguments.inputs if not holds_points(path)]
     if arguments.cameras is None and blobs:
+        check_header(blobs[0])  # what holds no blobs needs no cameras
         raise InputError(
             "holds blobs, and the argument --cameras is missing; expected the calibration of their cameras", blobs[0]
         )

@@ -55,7 +55,7 @@ class Cameras:
             array.setflags(write=False)
             object.__setattr__(self, field, array)
         if len(set(self.names)) != count:
-            raise InputError("two cameras have the same name; every camera needs a name of its own")
+            raise InputError("has two cameras of the same name; expected every camera to have a name of its own")
         for index, name in enumerate(self.names):
             self._check(index, name)
 

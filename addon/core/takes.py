@@ -10,6 +10,9 @@ STEPS = ("", "exclusive", "conflict", "remaining")
 NO_STEP, EXCLUSIVE, CONFLICT, REMAINING = range(len(STEPS))
 NO_MARKER = -1
 
+# C3D files count frames no further than this, and blob files neither.
+LARGEST_FRAME = 2**32 - 1
+
 
 @dataclass(frozen=True, eq=False)
 class Blobs:

@@ -46,6 +46,8 @@ def read_evidence(reader: Reader, value: object, markers: tuple[str, ...]) -> Ev
     modes = _table(reader, part, "modes", columns=3 * count)
     ties = _table(reader, part, "ties", columns=4)
     rates = _list(reader, part, "rates")
+    if not len(rates) or (rates < 0).any() or (rates > 1).any():
+        reader.fail('evidence "rates" are not parts from 0 to 1; expected one or more')
     weights = _list(reader, part, "trust", FEATURES)
     if ((ties[:, :2] < 0) | (ties[:, :2] >= count)).any() or (ties[:, 2:] <= 0).any():
         reader.fail("evidence ties name a marker that is not there or a length below 0; expected two indices, m and m")

@@ -10,8 +10,9 @@ import numpy as np
 from ..core.errors import InputError
 from ..core.markersets import Capsules, MarkerSet, Skeleton, Spread
 from .evidence import evidence_text, read_evidence
+from .jsontext import read_json
 from .markerset_fields import Reader, finite
-from .source import read_text
+from .names import can_be_named
 
 SUFFIX = ".markerset.json"
 VERSION_KEY = "mocap_autolabel"
@@ -41,13 +42,11 @@ def open_markerset(name: str | Path) -> MarkerSet:
 
 def read_markerset(path: Path) -> MarkerSet:
     """A marker set, checked in every part; unknown keys are let be. Raises InputError that names the part."""
-    text = read_text(path, "a marker set")
-    try:
-        document = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise InputError(f"is not valid JSON ({error.msg}); expected a marker set", path, error.lineno) from None
-    except (ValueError, RecursionError):
-        raise InputError("is not JSON that can be read; expected a marker set", path) from None
+    return parse_markerset(read_json(path, "a marker set"), path)
+
+
+def parse_markerset(document: object, path: Path) -> MarkerSet:
+    """The same of a file's content, as JSON gives it."""
     reader = Reader(path)
     top = reader.mapping(document, "the file")
     version = top.get(VERSION_KEY)
@@ -61,7 +60,7 @@ def read_markerset(path: Path) -> MarkerSet:
     markers, aliases, attachment, offsets, marker_sd = _markers(reader, top, skeleton)
     return MarkerSet(
         name=reader.text(top, "name", "the file"),
-        description=reader.text(top, "description", "the file", default=""),
+        description=reader.prose(top, "description"),
         markers=markers,
         aliases=aliases,
         skeleton=skeleton,
@@ -78,26 +77,22 @@ def _skeleton(reader: Reader, top: dict) -> Skeleton:
     rows = reader.rows(top, "segments")
     names = [reader.text(row, "name", where) for where, row in rows]
     reader.unique(names, "segments")
+    place = {name: index for index, name in enumerate(names)}
     parents = []
     for index, (where, row) in enumerate(rows):
         parent = row.get("parent")
         if parent is None:
             parents.append(-1)
-        elif parent not in names:
+        elif not isinstance(parent, str) or parent not in place:
             reader.fail(f"{where} has the parent {parent!r}, which is no segment; expected the name of a segment")
         else:
-            parents.append(names.index(parent))
+            parents.append(place[parent])
         if (parents[-1] < 0) != (index == 0):
             reader.fail(f"{where} {'has no parent' if index else 'has a parent'}; expected one root, the first segment")
         if parents[-1] >= index:
             reader.fail(f"{where} comes before its parent {parent!r}, or they go in a circle; expected parents first")
     offsets = [reader.vector(row, "offset", where) for where, row in rows]
     return Skeleton(tuple(names), np.array(parents), np.array(offsets))
-
-
-def can_be_named(name: str) -> bool:
-    """Whether a marker can have this name: label files need some signs for themselves."""
-    return not any(sign in name for sign in '|,"\r\n') and not name.startswith("*")
 
 
 def _markers(reader: Reader, top: dict, skeleton: Skeleton) -> tuple:
@@ -107,15 +102,17 @@ def _markers(reader: Reader, top: dict, skeleton: Skeleton) -> tuple:
     for name in names:
         if not can_be_named(name):
             reader.fail(
-                f'marker {name!r} has a sign that label files need; expected a name without | , " or a leading *'
+                f'marker {name!r} has a sign that label files need; expected a name without | , " or a '
+                "leading *, and without blanks around it"
             )
-    aliases: dict[str, str] = {}
+    taken, aliases = set(names), {}
     for (where, row), name in zip(rows, names, strict=True):
         for alias in reader.names(row.get("aliases", []), f"{where} aliases"):
-            if alias in names or alias in aliases:
+            if alias in taken:
                 reader.fail(f"alias {alias!r} of {name} is taken already; expected every name once")
+            taken.add(alias)
             aliases[alias] = name
-    attachment = np.array([reader.segment(row, where, skeleton.segments) for where, row in rows])
+    attachment = reader.on_segments(rows, skeleton.segments)
     offsets = np.array([reader.vector(row, "offset", where) for where, row in rows])
     spread = np.array([reader.number(row, "sd", where, low=0) for where, row in rows])
     return tuple(names), aliases, attachment, offsets, spread
@@ -124,7 +121,7 @@ def _markers(reader: Reader, top: dict, skeleton: Skeleton) -> tuple:
 def _capsules(reader: Reader, top: dict, skeleton: Skeleton) -> Capsules:
     rows = reader.rows(top, "capsules", empty=True)
     return Capsules(
-        segment=np.array([reader.segment(row, where, skeleton.segments) for where, row in rows], dtype=int),
+        segment=reader.on_segments(rows, skeleton.segments),
         start=np.array([reader.vector(row, "start", where) for where, row in rows]).reshape(-1, 3),
         end=np.array([reader.vector(row, "end", where) for where, row in rows]).reshape(-1, 3),
         radius=np.array([reader.number(row, "radius", where, low=1e-9) for where, row in rows]),

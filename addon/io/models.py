@@ -7,9 +7,10 @@ from pathlib import Path
 from ..core.ensemble.model import Ensemble
 from ..core.errors import InputError
 from ..core.models import Lessons, Model
-from .markersets import markerset_file, markerset_text, open_markerset, read_markerset
-from .packed import pack, unpack
-from .source import read_text
+from .jsontext import read_json
+from .markersets import markerset_file, markerset_text, open_markerset, parse_markerset
+from .packed import LARGEST, declared_bytes, pack, unpack
+from .trained import sound_ensemble, sound_lessons
 
 ENSEMBLE, LESSONS = "ensemble", "lessons"
 
@@ -24,15 +25,34 @@ def open_model(name: str | Path) -> Model:
 
 def read_model(path: Path) -> Model:
     """A model, checked in every part. Raises InputError that names the part."""
-    markerset = read_markerset(path)
-    top = json.loads(read_text(path, "a model"))
-    ensemble = unpack(Ensemble, top[ENSEMBLE], ENSEMBLE, path) if ENSEMBLE in top else None
-    if ensemble is not None and ensemble.markers != markerset.markers:
-        raise InputError("has an ensemble for other markers than its own; expected it as it was trained", path)
+    top = read_json(path, "a model")
+    markerset = parse_markerset(top, path)
+    ensemble = _ensemble(top[ENSEMBLE], markerset.markers, path) if ENSEMBLE in top else None
     rows = top.get(LESSONS, [])
     if not isinstance(rows, list):
         raise InputError(f"has damaged {LESSONS}; expected a list", path)
-    return Model(markerset, ensemble, tuple(unpack(Lessons, row, LESSONS, path) for row in rows))
+    if declared_bytes(rows) > LARGEST:
+        raise InputError(f"has over {LARGEST >> 20} MB of {LESSONS}; expected what was trained", path)
+    lessons = tuple(unpack(Lessons, row, LESSONS, path) for row in rows)
+    if not all(sound_lessons(lesson, len(markerset)) for lesson in lessons):
+        raise InputError(
+            f"has {LESSONS} that are not about its markers in metres; expected them as they were trained", path
+        )
+    return Model(markerset, ensemble, lessons)
+
+
+def _ensemble(packed: object, markers: tuple[str, ...], path: Path) -> Ensemble:
+    """The ensemble of these markers, checked in every part."""
+    ensemble = unpack(Ensemble, packed, ENSEMBLE, path)
+    if ensemble.markers != markers:
+        raise InputError("has an ensemble for other markers than its own; expected it as it was trained", path)
+    if not sound_ensemble(ensemble):
+        raise InputError(
+            f"has an {ENSEMBLE} whose numbers do not go together; expected it as it was trained, so train the model "
+            "anew",
+            path,
+        )
+    return ensemble
 
 
 def write_model(path: Path, model: Model):

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..core.cameras import Cameras
 from ..core.errors import InputError
+from .names import is_unicode
 
 # A world with y up into ours with z up: x stays, y becomes z, z becomes -y.
 Z_UP_FROM_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
@@ -69,6 +70,8 @@ def rig(cameras: Sequence[RigCamera], path: Path) -> Cameras:
 def _check(camera: RigCamera, path: Path):
     if not camera.name.strip():
         raise InputError("has a camera without a name; expected every camera to have one", path)
+    if not is_unicode(camera.name) or any(sign in camera.name for sign in "\0\r\n"):
+        raise InputError(f"has a camera with the name {camera.name!r}; expected one line of letters", path)
     lenses = (camera.distortion, camera.inverse)
     values = np.concatenate(
         [np.ravel(part) for part in (camera.size, camera.matrix, *lenses, camera.rotation, camera.translation)]

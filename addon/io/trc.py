@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from ..core.errors import InputError
+from .names import written
 from .source import decode, read_bytes
 from .textpoints import TextTake, rows_to_xyz
 
@@ -103,7 +104,7 @@ def write_trc_file(path: Path, labels: list[str], xyz: np.ndarray, rate: float, 
     """Writes points (T, P, 3) m as mm; missing samples are empty fields."""
     frames, count = xyz.shape[:2]
     head = [
-        f"PathFileType\t4\t(X/Y/Z)\t{Path(path).name}\t{Z_UP}",
+        f"PathFileType\t4\t(X/Y/Z)\t{written(Path(path).name)}\t{Z_UP}",
         "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
         f"{rate:.6g}\t{rate:.6g}\t{frames}\t{count}\tmm\t{rate:.6g}\t{first_frame}\t{frames}",
         "Frame#\tTime\t" + "\t\t\t".join(label.replace("\t", " ") for label in labels) + "\t\t",

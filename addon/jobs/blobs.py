@@ -12,7 +12,7 @@ from typing import Self
 
 import numpy as np
 
-from ..blendfile import Chunks, open_cameras, save_blend
+from ..blendfile import Chunks, open_cameras, refuse_long, save_blend
 from ..core.cameras import Cameras
 from ..core.errors import InputError
 from ..core.models import Model
@@ -157,7 +157,7 @@ class Results:
         steps: tuple[str, ...],
         stack: ExitStack,
     ):
-        self.steps, self.kept = steps, job.keep or job.blend
+        self.steps, self.blend, self.kept = steps, job.blend, job.keep or job.blend
         self.motion = stack.enter_context(MotionFile(stack.enter_context(scratch_folder()), markers, job.frame_rate))
         self.labels = stack.enter_context(LabelWriter(files[".labels.csv"], markers))
         self.summary = TakeSummary(markers)
@@ -165,9 +165,11 @@ class Results:
         self._given = np.zeros(len(steps), np.int64)
 
     def add(self, row: BlobRows, chunk: LabelledChunk):
-        """Writes the labels and keeps what the end needs."""
+        """Writes the labels and keeps what the end needs; JobError once a `.blend` is wanted that cannot be."""
         self.labels.write(row.keys, chunk.labels, self.steps)
         self.motion.append(chunk.motion)
+        if self.blend:
+            refuse_long(self.motion.first_frame, int(row.blobs.frames[-1]))
         self.summary.add(row.blobs, chunk)
         self._given += np.bincount(chunk.labels.step, minlength=len(self.steps))
         if self.kept:

@@ -16,7 +16,7 @@ from ..core.pipeline import Options
 from ..core.reconstruction import Reconstructed, Reconstructor
 from ..core.suspects import find_suspects
 from ..core.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Suspect
-from .naming import Decided, consistent, decide, joined, name_frames
+from .naming import Decided, NamedFrames, consistent, decide, joined, name_frames
 from .placing import moved
 from .refusals import LEAST_SURE, sure_share
 from .spool import SHORTEST
@@ -128,8 +128,9 @@ def _window(waiting: list[tuple[Blobs, Reconstructed]]) -> _Window:
 def _decided(way: _Way, window: _Window) -> Decided:
     """The names of a window's points; none, and why, where nobody in the model's markers is there."""
     markerset, first, shape = way.model.markerset, int(window.frames[0]), window.residual.shape
-    found = joined(list(name_frames(way.model, way.method, window.xyz, way.rate, way.options)))
-    said = ()
+    found, said = NamedFrames(np.full(shape, NO_MARKER), np.zeros(shape), np.zeros(shape)), ()
+    if np.isfinite(window.xyz).any():
+        found = joined(list(name_frames(way.model, way.method, window.xyz, way.rate, way.options)))
     if sure_share(found, window.xyz, len(markerset)) < LEAST_SURE:
         found = replace(found, marker=np.full(shape, NO_MARKER), confidence=np.zeros(shape), rate=np.zeros(shape))
         said = (Suspect(first, int(window.frames[-1]), f"no subject that wears {markerset.name} was recognised"),)

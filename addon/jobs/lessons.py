@@ -12,7 +12,7 @@ import numpy as np
 from ..core.contradictions import contradictions, leads
 from ..core.errors import InputError, UserError
 from ..core.models import Lessons, by_subject
-from ..io.markersets import can_be_named
+from ..io.names import can_be_named, written
 from ..io.points import FilePoints, marker_columns, read_points
 
 FEWEST = 4  # markers that can be told apart at all
@@ -87,7 +87,7 @@ def _read(path: Path, subjects: Sequence[tuple[str, str]], known: Known) -> Take
     if points.assumed:
         doubts.append(f"{path.name} names no unit, so it was taken to be in {points.assumed}")
     doubts += [f"{path.name}: {note}" for note in points.notes]
-    return Take(path, subject, names, xyz, tuple(doubts))
+    return Take(path, written(subject), names, xyz, tuple(doubts))
 
 
 def _suits(path: Path, glob: str) -> bool:
@@ -220,7 +220,7 @@ def lessons_of(takes: Sequence[Take], markers: Sequence[str]) -> list[Lessons]:
         points, ends = np.concatenate(parts), np.cumsum([len(part) for part in parts])
         chosen = most_different(points)
         for take, part, rows in zip(own, parts, np.split(chosen, np.searchsorted(chosen, ends[:-1])), strict=True):
-            kept.append(Lessons(subject, (take.path.name,), len(part), points[rows].astype(np.float32)))
+            kept.append(Lessons(subject, (written(take.path.name),), len(part), points[rows].astype(np.float32)))
     return kept
 
 
@@ -233,7 +233,7 @@ def without_replaced(
     """
     left, gone, doubts = [], [], []
     for lesson in before:
-        again = [take for take in takes if (take.subject, (take.path.name,)) == (lesson.subject, lesson.takes)]
+        again = [take for take in takes if (take.subject, (written(take.path.name),)) == (lesson.subject, lesson.takes)]
         if any(_same_points(lesson.points, take.xyz) for take in again):
             gone.append(lesson)
             continue

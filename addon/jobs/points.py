@@ -10,7 +10,7 @@ from time import perf_counter
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ..blendfile import save_blend
+from ..blendfile import refuse_long, save_blend
 from ..core.cameras import Cameras
 from ..core.errors import InputError
 from ..core.markersets import MarkerSet
@@ -20,7 +20,7 @@ from ..core.pipeline import Options
 from ..core.search import Hints
 from ..core.summary import TakeSummary
 from ..core.suspects import find_suspects, summarised
-from ..core.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Points, Suspect
+from ..core.takes import LARGEST_FRAME, NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Points, Suspect
 from ..io.labels import POINT_KEYS, LabelWriter
 from ..io.models import open_model
 from ..io.points import FilePoints, read_points
@@ -57,6 +57,8 @@ def label_points(job: LabelJob) -> Generator[Progress, None, Labelled]:
         method, made = chosen_method(model, job.method), made_of(job)
         take = _of_frames(read_points(job.source, up=job.up, rate=job.rate), job.frames)
         refuse_floods(take.xyz)
+        if job.blend:
+            refuse_long(take.first_frame, take.first_frame + len(take.xyz) - 1)
     with ExitStack() as stack:
         files = open_files(job, may_replace(job), stack)
         stack.enter_context(threadpool_limits(1, user_api="blas"))
@@ -97,6 +99,9 @@ def _of_frames(take: FilePoints, frames: tuple[int | None, int | None] | None) -
     part = slice(start, stop)
     if not np.isfinite(take.xyz[part]).any():
         raise InputError("has no point that is present in these frames; expected frames with markers")
+    end = take.first_frame + min(stop, len(take.xyz)) - 1
+    if end > LARGEST_FRAME:
+        raise InputError(f"goes on to frame {end}; expected frame numbers up to {LARGEST_FRAME}")
     return replace(take, xyz=take.xyz[part], residual=take.residual[part], first_frame=take.first_frame + start)
 
 

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A model from labelled takes: marker set, skeleton, body, evidence and ensemble, in one file."""
 
-import json
 from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -22,6 +21,8 @@ from ..core.posing import fit_points
 from ..core.segments import segment_markerset
 from ..io.markersets import SUFFIX, builtin_markersets, markerset_file, open_markerset
 from ..io.models import open_model, write_model
+from ..io.names import written
+from ..io.report import compact
 from ..io.whole import keep_apart, whole_files
 from ..progress import Progress
 from ..version import version
@@ -106,8 +107,7 @@ def train_file(job: TrainJob) -> Generator[Progress, None, dict]:
             doubts += contradicted(takes, markers, before)
         yield Progress(SHARES["body"], "find the body")
         with timed(clock, "body"):
-            name = job.name or (base.markerset.name if base else job.out.name.removesuffix(SUFFIX).partition(".")[0])
-            markerset, kind = _body(everyone, markers, name)
+            markerset, kind = _body(everyone, markers, _name(job, base))
             residual = _body_residual(markerset, everyone)
         evidence = yield from _evidence(everyone, markers, clock)
         ensemble = yield from _ensemble(job, everyone, markers, clock)
@@ -141,6 +141,12 @@ def _everyone(before: Sequence[Lessons], subjects: dict[str, np.ndarray]) -> dic
     for subject, points in subjects.items():
         whole[subject] = np.concatenate([whole[subject], points]) if subject in whole else points
     return whole
+
+
+def _name(job: TrainJob, base: Model | None) -> str:
+    """The model's name, such that its file can be read: never blank, and of letters that files hold."""
+    name = job.name or (base.markerset.name if base else job.out.name.removesuffix(SUFFIX).partition(".")[0])
+    return written(name).strip() or "model"
 
 
 def _body(everyone: dict[str, np.ndarray], markers: Sequence[str], name: str) -> tuple[MarkerSet, str]:
@@ -273,5 +279,5 @@ def _doubts(markerset: MarkerSet, lessons: Sequence[Lessons], residual: np.ndarr
 
 def write_training_report(path: Path, report: dict):
     """Writes the report as JSON, a part a line."""
-    rows = ",\n".join(f"  {json.dumps(key)}: {json.dumps(value, ensure_ascii=False)}" for key, value in report.items())
+    rows = ",\n".join(f"  {compact(key)}: {compact(value)}" for key, value in report.items())
     Path(path).write_text(f"{{\n{rows}\n}}\n", encoding="utf-8", newline="\n")

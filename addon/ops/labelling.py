@@ -16,6 +16,7 @@ from ..core.pipeline import Options, label_take
 from ..core.search import Hints
 from ..core.takes import Blobs
 from ..io.blobs import read_blobs
+from ..io.names import written
 from ..props import chosen_markerset, frames_wanted, refresh_review, take_name
 from ..scene import cameras as scene_cameras
 from ..scene.occlusion import meshes_on, occlusion_of
@@ -100,7 +101,7 @@ def label_steps(request: Request) -> Generator[float, None, Take]:
         labels,
         motion,
         (*doubts, *suspects),
-        str(request.path),
+        written(str(request.path)),
         doubts=tuple(doubt.reason for doubt in doubts),
     )
 

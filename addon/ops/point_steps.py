@@ -10,6 +10,7 @@ import numpy as np
 
 from ..core.errors import UserError
 from ..io.markersets import open_markerset
+from ..io.names import written
 from ..io.points import read_points
 from ..io.scratch import scratch_folder
 from ..jobs import LabelJob, Labelled, label_file
@@ -68,7 +69,7 @@ def _take_of(labelled: Labelled, job: LabelJob, name: str) -> Take:
         chunk.labels,
         chunk.motion,
         chunk.suspects,
-        str(job.source),
+        written(str(job.source)),
         file.xyz[at],
         file.residual[at],
     )

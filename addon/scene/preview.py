@@ -47,7 +47,7 @@ def show_points(scene: bpy.types.Scene, name: str, take: Points) -> bpy.types.Me
     shift = frame_shift(frames)
     title = naming.title(name, "points")
     mesh = cloud_table(title, frames[frame] + shift, take.xyz[frame, trajectory], trajectory=trajectory)
-    mesh[SHIFT] = shift
+    mesh[SHIFT] = float(shift)
     add_cloud(scene.collection, mesh)
     return mesh
 

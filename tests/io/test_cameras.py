@@ -41,10 +41,13 @@ def test_our_own_toml_comes_back_exactly(tmp_path):
     np.testing.assert_allclose(found.rotation, cameras.rotation, atol=1e-15)
 
 
+NAMES = st.characters(exclude_categories=["Cs"], exclude_characters="\0\r\n")
+
+
 @given(
     st.integers(1, 5),
     st.lists(st.floats(-0.3, 0.3), min_size=5, max_size=5),
-    st.lists(st.text(st.characters(exclude_categories=["Cs"]), min_size=1), min_size=5, max_size=5, unique=True),
+    st.lists(st.text(NAMES, min_size=1).filter(str.strip), min_size=5, max_size=5, unique=True),
 )
 def test_any_rig_survives_the_toml(tmp_path_factory, count, lens, names):
     path = tmp_path_factory.mktemp("rig") / "cameras.toml"
@@ -363,3 +366,10 @@ def test_rotations(tmp_path):
         np.testing.assert_allclose(nearest_rotation(np.round(rotation, 4)), rotation, atol=2e-4)
     np.testing.assert_allclose(rotation_from_vector(np.array([0, 0, np.pi / 2])) @ [1, 0, 0], [0, 1, 0], atol=1e-12)
     np.testing.assert_array_equal(rotation_from_vector(np.zeros(3)), np.eye(3))
+
+
+@pytest.mark.parametrize("name", ["a\nb", "a\0b", "a\rb"])
+def test_a_camera_whose_name_no_blob_file_can_hold_is_refused(tmp_path, name):
+    write_cameras(tmp_path / "cameras.toml", ring(names=[name, "b", "c", "d"]))
+    with pytest.raises(InputError, match="expected one line of letters"):
+        read_cameras(tmp_path / "cameras.toml")
