@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from .core.cameras import Cameras
-from .core.errors import JobError
-from .core.markersets import MarkerSet
-from .core.takes import Blobs, LabelledChunk
+from .core.data.errors import JobError
+from .core.data.markersets import MarkerSet
+from .core.data.takes import Blobs, LabelledChunk
+from .core.geometry.cameras import Cameras
 from .io.cameras import read_cameras
 from .io.names import written
 

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from .core.body import BodyModel
-from .core.cameras import Cameras
-from .core.errors import InputError, JobError
-from .core.markersets import MarkerSet
-from .core.occlusion import CapsuleOcclusion
-from .core.posing import FEWEST, fit_points
-from .core.simulate import CaptureOptions, PosedBody, capture
-from .core.takes import Points
+from .core.body.bodies import BodyModel
+from .core.body.occlusion import CapsuleOcclusion
+from .core.body.posing import FEWEST, fit_points
+from .core.data.errors import InputError, JobError
+from .core.data.markersets import MarkerSet
+from .core.data.takes import Points
+from .core.geometry.cameras import Cameras
+from .core.simulation.simulate import CaptureOptions, PosedBody, capture
 from .io.blobs import BlobWriter
 from .io.labels import TruthWriter
 from .io.points import marker_columns

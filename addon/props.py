@@ -15,7 +15,7 @@ from bpy.props import (
     StringProperty,
 )
 
-from .core.errors import InputError
+from .core.data.errors import InputError
 from .io.markersets import SUFFIX, builtin_markersets, open_markerset
 from .io.names import written
 from .prefs import markerset_folder

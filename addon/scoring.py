@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from itertools import chain, groupby
 from pathlib import Path
 
-from .core.errors import InputError
-from .core.figures import Figures
+from .core.data.errors import InputError
+from .core.evaluation.figures import Figures
 from .io.labels import BLOB_KEYS, LabelFile, LabelRow
 
 CHUNK_ROWS = 50_000

@@ -18,9 +18,9 @@ if str(ROOT) not in sys.path:
 
 from threadpoolctl import threadpool_limits
 
-from addon.core import anatomy
-from addon.core.ensemble.model import FUNCTIONS
-from addon.core.ensemble.training import Training, train_ensemble
+from addon.core.body.bodies import anatomy
+from addon.core.points.partial_solvers.model import FUNCTIONS
+from addon.core.points.partial_solvers.training import Training, train_ensemble
 from addon.io.markersets import SUFFIX
 from addon.io.models import read_model, write_model
 from scripts.learn_markersets import read_takes
@@ -44,9 +44,9 @@ def main(arguments: list[str] | None = None):
         points = np.concatenate([points for points, _ in read_takes(given.data, model.markerset.markers)])
         options = Training(functions=FUNCTIONS, **SMALLER if len(model.markerset) >= MANY else {})
         with threadpool_limits(1, user_api="blas"):
-            ensemble = train_ensemble(points, model.markerset.markers, HIT_RATE, options)
-        write_model(path, replace(model, ensemble=ensemble))
-        print(f"{name}: {len(ensemble)} partial solvers, {time.perf_counter() - began:.0f} s")
+            partial_solvers = train_ensemble(points, model.markerset.markers, HIT_RATE, options)
+        write_model(path, replace(model, partial_solvers=partial_solvers))
+        print(f"{name}: {len(partial_solvers)} partial solvers, {time.perf_counter() - began:.0f} s")
 
 
 if __name__ == "__main__":

@@ -16,9 +16,10 @@ ROOT = Path(__file__).resolve().parents[1]
 if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
-from addon.core import anatomy, learning
-from addon.core.evidence import learn_evidence
-from addon.core.markersets import MarkerSet
+from addon.core.body.bodies import anatomy
+from addon.core.data.markersets import MarkerSet
+from addon.core.points.likelihood import learn_likelihood
+from addon.core.training import learning
 from addon.io.markersets import SUFFIX, write_markerset
 
 STANDING_FRAMES, MOVING_FRAMES = 12, 14
@@ -145,8 +146,8 @@ def main(arguments: list[str] | None = None):
     for name in given.sets:
         began = time.perf_counter()
         markerset = learn_set(people, name)
-        evidence = learn_evidence(read_takes(given.data, markerset.markers, given.leave_out), markerset.markers)
-        markerset = replace(markerset, evidence=evidence)
+        likelihood = learn_likelihood(read_takes(given.data, markerset.markers, given.leave_out), markerset.markers)
+        markerset = replace(markerset, likelihood=likelihood)
         write_markerset(given.out / f"{name}{SUFFIX}", markerset)
         print(f"{name}: {len(markerset)} markers, {time.perf_counter() - began:.1f} s")
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from addon import capturing
-from addon.core.takes import Points
+from addon.core.data.takes import Points
 from addon.demo.take import MODEL, TROUBLE, make_performance
 from addon.io.cameras import write_cameras
 from addon.io.markersets import open_markerset

@@ -21,7 +21,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from addon.core.errors import InputError
+from addon.core.data.errors import InputError
 from addon.io.blobs import read_blobs
 from addon.io.cameras import read_cameras
 from addon.io.labels import LabelFile

@@ -5,7 +5,7 @@ import argparse
 import re
 from collections.abc import Callable
 
-from ..core.camera_up import AXES
+from ..core.geometry.camera_up import AXES
 
 
 def frame_range(text: str) -> tuple[int | None, int | None]:

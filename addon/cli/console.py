@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.errors import JobError, UserError
+from ..core.data.errors import JobError, UserError
 
 PROGRAM = "mocap-autolabel"
 # A terminal is told often, a log file now and then, s.

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from .. import capturing, jobs
 from ..blendfile import has_blender
-from ..core.figures import Figures
+from ..core.evaluation.figures import Figures
 from ..demo import take as demo_take
 from ..demo.best_frame import best_shot
 from ..io.cameras import write_cameras

@@ -3,7 +3,7 @@
 
 from pathlib import Path
 
-from ..core.figures import Figures
+from ..core.evaluation.figures import Figures
 from ..io.markersets import open_markerset
 from ..scoring import Agreement, compare
 from .arguments import add_frames

@@ -5,7 +5,7 @@ import os
 import traceback
 from pathlib import Path
 
-from ..core.errors import InputError, JobError, UserError
+from ..core.data.errors import InputError, JobError, UserError
 
 
 def as_trouble(error: Exception, trace: bool = False) -> UserError:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from .. import jobs
 from ..blendfile import has_blender, open_cameras
-from ..core.errors import InputError, UserError
+from ..core.data.errors import InputError, UserError
 from ..io.blobs import check_header
 from ..io.models import open_model
 from ..io.points import holds_points

@@ -5,7 +5,7 @@ import argparse
 import re
 from typing import NoReturn
 
-from ..core.errors import InputError
+from ..core.data.errors import InputError
 from ..version import version
 
 DESCRIPTION = "Names the markers of optical motion capture takes."

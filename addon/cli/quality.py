@@ -3,10 +3,10 @@
 
 from pathlib import Path
 
-from ..core.ambiguity import GOAL, STEPS
-from ..core.ambiguity.renamings import TURN
-from ..core.errors import InputError
-from ..core.markersets import MarkerSet
+from ..core.data.errors import InputError
+from ..core.data.markersets import MarkerSet
+from ..core.placement_quality import GOAL, STEPS
+from ..core.placement_quality.renamings import TURN
 from ..io.markersets import markerset_file, open_markerset
 from ..io.quality import write_quality
 from ..io.whole import whole_file

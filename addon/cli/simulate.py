@@ -6,8 +6,8 @@ from pathlib import Path
 
 from .. import capturing
 from ..blendfile import open_cameras
-from ..core.errors import InputError, UserError
-from ..core.simulate import CaptureOptions
+from ..core.data.errors import InputError, UserError
+from ..core.simulation.simulate import CaptureOptions
 from ..io.cameras import calibration_files
 from ..io.markersets import builtin_markersets, markerset_file, open_markerset
 from ..io.points import marker_columns, read_points

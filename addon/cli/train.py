@@ -4,11 +4,11 @@
 import argparse
 from pathlib import Path
 
-from ..core.ensemble.training import SEARCHES
-from ..core.errors import InputError
+from ..core.data.errors import InputError
+from ..core.points.partial_solvers.training import SEARCHES
 from ..io.markersets import SUFFIX
-from ..jobs.lessons import Known
 from ..jobs.train import TrainJob, train_file
+from ..jobs.training_takes import Known
 from .arguments import add_overwrite, add_point_rate, add_up, names, number
 from .console import ProgressLine, print_results
 

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from ..core.errors import InputError, JobError, UserError
+from ..core.data.errors import InputError, JobError, UserError
 from ..io.scratch import scratch_folder, told_of
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -4,9 +4,9 @@
 import numpy as np
 
 from ..blendfile import Chunks
-from ..core.cameras import Cameras
-from ..core.markersets import MarkerSet
-from ..core.takes import Motion
+from ..core.data.markersets import MarkerSet
+from ..core.data.takes import Motion
+from ..core.geometry.cameras import Cameras
 from .picture import Shot
 from .room import Body
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.cameras import Cameras
-from ..core.markersets import MarkerSet
-from ..core.takes import EXCLUSIVE, NO_MARKER, STEPS
+from ..core.data.markersets import MarkerSet
+from ..core.data.takes import EXCLUSIVE, NO_MARKER, STEPS
+from ..core.geometry.cameras import Cameras
 from . import room
 from .room import Body
 from .sheet import Sheet, words_width

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.cameras import Cameras
+from ..core.geometry.cameras import Cameras
 from .sheet import flat_material, linear, new_nodes
 
 FLOOR = (0.085, 0.1, 0.13)

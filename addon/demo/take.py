@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..capturing import Labelled
-from ..core.body import BodyModel
-from ..core.cameras import Cameras
-from ..core.markersets import MarkerSet
-from ..core.occlusion import CapsuleOcclusion
-from ..core.rigs import ring_rig
-from ..core.simulate import CaptureOptions, PosedBody
-from ..core.virtual import DEMO, draw_person, perform
+from ..core.body.bodies import BodyModel
+from ..core.body.occlusion import CapsuleOcclusion
+from ..core.data.markersets import MarkerSet
+from ..core.geometry.cameras import Cameras
+from ..core.simulation.rigs import ring_rig
+from ..core.simulation.simulate import CaptureOptions, PosedBody
+from ..core.simulation.virtual import DEMO, draw_person, perform
 
 MODEL = "body26"
 SEED = 7

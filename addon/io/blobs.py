@@ -8,9 +8,9 @@ from typing import Self
 
 import numpy as np
 
-from ..core.cameras import Cameras
-from ..core.errors import InputError
-from ..core.takes import Blobs
+from ..core.data.errors import InputError
+from ..core.data.takes import Blobs
+from ..core.geometry.cameras import Cameras
 from .rows import Rows, parse_rows, read_header
 from .source import open_binary
 

@@ -3,8 +3,8 @@
 
 from dataclasses import replace
 
-from ..core.camera_up import guess_up, turned
-from ..core.cameras import Cameras
+from ..core.geometry.camera_up import guess_up, turned
+from ..core.geometry.cameras import Cameras
 from .world import up_rotation
 
 

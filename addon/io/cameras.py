@@ -4,8 +4,8 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from ..core.cameras import Cameras
-from ..core.errors import InputError
+from ..core.data.errors import InputError
+from ..core.geometry.cameras import Cameras
 from . import opencv, selfcal
 from .camera_up import z_up
 from .motive_cameras import read_mcal

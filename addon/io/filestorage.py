@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.errors import InputError
+from ..core.data.errors import InputError
 
 DEEPEST = 12
 KIND = "OpenCV's YAML"

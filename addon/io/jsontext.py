@@ -4,7 +4,7 @@
 import json
 from pathlib import Path
 
-from ..core.errors import InputError
+from ..core.data.errors import InputError
 from .source import read_text
 
 # Parsed, a value takes up to a hundred times the letters that it was written with, and no file of ours has a tenth of

@@ -10,8 +10,8 @@ from typing import Self
 
 import numpy as np
 
-from ..core.errors import InputError
-from ..core.takes import STEPS, Labels
+from ..core.data.errors import InputError
+from ..core.data.takes import STEPS, Labels
 from .blobs import LONGEST_LINE, csv_field
 from .source import open_binary
 

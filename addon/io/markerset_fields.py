@@ -9,7 +9,7 @@ from typing import NoReturn
 
 import numpy as np
 
-from ..core.errors import InputError
+from ..core.data.errors import InputError
 from .names import EXPECTED, can_be_written, is_unicode
 
 # Heights, metres and square radians of a body are all far below this.

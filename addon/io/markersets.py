@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.errors import InputError
-from ..core.markersets import Capsules, MarkerSet, Skeleton, Spread
-from .evidence import evidence_text, read_evidence
+from ..core.data.errors import InputError
+from ..core.data.markersets import Capsules, MarkerSet, Skeleton, Spread
 from .jsontext import read_json
+from .likelihood import likelihood_text, read_likelihood
 from .markerset_fields import Reader, finite
 from .names import can_be_named
 
@@ -69,7 +69,7 @@ def parse_markerset(document: object, path: Path) -> MarkerSet:
         capsules=_capsules(reader, top, skeleton),
         spread=_spread(reader, top, skeleton, markers, marker_sd),
         source=reader.texts(top.get("source", {}), "source"),
-        evidence=read_evidence(reader, top["evidence"], markers) if "evidence" in top else None,
+        likelihood=read_likelihood(reader, top["evidence"], markers) if "evidence" in top else None,
     )
 
 
@@ -172,8 +172,8 @@ def markerset_text(markerset: MarkerSet) -> str:
         ),
         "pose": _object(mean=_named(segments, spread.pose_mean, 4), covariance=_triangle(spread.pose_covariance)),
     }
-    if markerset.evidence is not None:
-        parts["evidence"] = evidence_text(markerset.evidence)
+    if markerset.likelihood is not None:
+        parts["evidence"] = likelihood_text(markerset.likelihood)
     return "{\n" + ",\n".join(f"  {_text(key)}: {value}" for key, value in parts.items()) + "\n}\n"
 
 

@@ -4,15 +4,15 @@
 import json
 from pathlib import Path
 
-from ..core.ensemble.model import Ensemble
-from ..core.errors import InputError
-from ..core.models import Lessons, Model
+from ..core.data.errors import InputError
+from ..core.data.models import Model, TrainingTake
+from ..core.points.partial_solvers.model import PartialSolvers
 from .jsontext import read_json
 from .markersets import markerset_file, markerset_text, open_markerset, parse_markerset
 from .packed import LARGEST, declared_bytes, pack, unpack
 from .trained import sound_ensemble, sound_lessons
 
-ENSEMBLE, LESSONS = "ensemble", "lessons"
+ENSEMBLE, TRAINING_TAKES = "ensemble", "lessons"
 
 
 def open_model(name: str | Path) -> Model:
@@ -27,40 +27,42 @@ def read_model(path: Path) -> Model:
     """A model, checked in every part. Raises InputError that names the part."""
     top = read_json(path, "a model")
     markerset = parse_markerset(top, path)
-    ensemble = _ensemble(top[ENSEMBLE], markerset.markers, path) if ENSEMBLE in top else None
-    rows = top.get(LESSONS, [])
+    partial_solvers = _partial_solvers(top[ENSEMBLE], markerset.markers, path) if ENSEMBLE in top else None
+    rows = top.get(TRAINING_TAKES, [])
     if not isinstance(rows, list):
-        raise InputError(f"has damaged {LESSONS}; expected a list", path)
+        raise InputError(f"has damaged {TRAINING_TAKES}; expected a list", path)
     if declared_bytes(rows) > LARGEST:
-        raise InputError(f"has over {LARGEST >> 20} MB of {LESSONS}; expected what was trained", path)
-    lessons = tuple(unpack(Lessons, row, LESSONS, path) for row in rows)
-    if not all(sound_lessons(lesson, len(markerset)) for lesson in lessons):
+        raise InputError(f"has over {LARGEST >> 20} MB of {TRAINING_TAKES}; expected what was trained", path)
+    training_takes = tuple(unpack(TrainingTake, row, TRAINING_TAKES, path) for row in rows)
+    if not all(sound_lessons(training_take, len(markerset)) for training_take in training_takes):
         raise InputError(
-            f"has {LESSONS} that are not about its markers in metres; expected them as they were trained", path
+            f"has {TRAINING_TAKES} that are not about its markers in metres; expected them as they were trained", path
         )
-    return Model(markerset, ensemble, lessons)
+    return Model(markerset, partial_solvers, training_takes)
 
 
-def _ensemble(packed: object, markers: tuple[str, ...], path: Path) -> Ensemble:
+def _partial_solvers(packed: object, markers: tuple[str, ...], path: Path) -> PartialSolvers:
     """The ensemble of these markers, checked in every part."""
-    ensemble = unpack(Ensemble, packed, ENSEMBLE, path)
-    if ensemble.markers != markers:
+    partial_solvers = unpack(PartialSolvers, packed, ENSEMBLE, path)
+    if partial_solvers.markers != markers:
         raise InputError("has an ensemble for other markers than its own; expected it as it was trained", path)
-    if not sound_ensemble(ensemble):
+    if not sound_ensemble(partial_solvers):
         raise InputError(
             f"has an {ENSEMBLE} whose numbers do not go together; expected it as it was trained, so train the model "
             "anew",
             path,
         )
-    return ensemble
+    return partial_solvers
 
 
 def write_model(path: Path, model: Model):
     """Writes a model; ensemble and lessons come back exactly, the rest with six significant digits."""
     rows = [markerset_text(model.markerset).rstrip().removesuffix("}").rstrip()]
-    if model.ensemble is not None:
-        rows.append(f"  {json.dumps(ENSEMBLE)}: {json.dumps(pack(model.ensemble))}")
-    if model.lessons:
-        lessons = ",\n".join(f"    {json.dumps(pack(lesson), ensure_ascii=False)}" for lesson in model.lessons)
-        rows.append(f"  {json.dumps(LESSONS)}: [\n{lessons}\n  ]")
+    if model.partial_solvers is not None:
+        rows.append(f"  {json.dumps(ENSEMBLE)}: {json.dumps(pack(model.partial_solvers))}")
+    if model.training_takes:
+        training_takes = ",\n".join(
+            f"    {json.dumps(pack(training_take), ensure_ascii=False)}" for training_take in model.training_takes
+        )
+        rows.append(f"  {json.dumps(TRAINING_TAKES)}: [\n{training_takes}\n  ]")
     Path(path).write_text(",\n".join(rows) + "\n}\n", encoding="utf-8", newline="\n")

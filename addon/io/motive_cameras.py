@@ -6,8 +6,8 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from ..core.cameras import Cameras
-from ..core.errors import InputError
+from ..core.data.errors import InputError
+from ..core.geometry.cameras import Cameras
 from .camera_up import z_up
 from .rig import RigCamera, refuse_crowd, rig
 from .source import numbers, read_xml

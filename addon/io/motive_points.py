@@ -5,7 +5,7 @@ import codecs
 import csv
 from pathlib import Path
 
-from ..core.errors import InputError
+from ..core.data.errors import InputError
 from .source import decode, open_binary, read_bytes
 from .textpoints import TextTake, rows_to_xyz
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.cameras import Cameras
-from ..core.errors import InputError
+from ..core.data.errors import InputError
+from ..core.geometry.cameras import Cameras
 from .camera_up import z_up
 from .filestorage import parse_filestorage
 from .rig import RigCamera, refuse_crowd, rig, rotation_from_vector

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.errors import InputError
+from ..core.data.errors import InputError
 
 KINDS = {f"{letter}{size}": f"<{letter}{size}" for letter in "iuf" for size in (1, 2, 4, 8)} | {"b1": "|b1"}
 LARGEST = 1 << 28  # bytes of all arrays of a file; no model comes near

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.errors import InputError
-from ..core.takes import Points
+from ..core.data.errors import InputError
+from ..core.data.takes import Points
 from .c3d import C3dTake, read_c3d, write_c3d_file
 from .motive_points import is_motive, read_motive
 from .points_up import Upright, find_up

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.ambiguity import Advice, Ambiguity, Worn, separation
-from ..core.ambiguity.renamings import TURN
-from ..core.markersets import MarkerSet
+from ..core.data.markersets import MarkerSet
+from ..core.placement_quality import Advice, Ambiguity, Worn, separation
+from ..core.placement_quality.renamings import TURN
 
 CLEAR = 8.0  # standard deviations; pairs farther apart are not listed
 DIGITS = 2
@@ -17,11 +17,11 @@ DIGITS = 2
 
 def quality_report(worn: Worn, found: Ambiguity, advice: Sequence[Advice], goal: float) -> dict:
     """What was found of a worn marker set; separations in standard deviations, lengths in millimetres."""
-    markerset, evidence = worn.markerset, worn.markerset.evidence
+    markerset, likelihood = worn.markerset, worn.markerset.likelihood
     return {
         "model": markerset.name,
         "goal": goal,
-        "subjects": None if evidence is None else evidence.subjects,
+        "subjects": None if likelihood is None else likelihood.subjects,
         "markers": {
             name: {"separation": _rounded(found.of_markers[index]), "rival": _rival(found, index)}
             for index, name in enumerate(found.markers)

@@ -5,7 +5,7 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
-from ..core.summary import TakeSummary
+from ..core.review.summary import TakeSummary
 
 # The stages that every report tells the seconds of; those that make the speed come from the labelling itself.
 STAGES = ("load", "place", "fit", "label", "write")

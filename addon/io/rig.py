@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.cameras import Cameras
-from ..core.errors import InputError
+from ..core.data.errors import InputError
+from ..core.geometry.cameras import Cameras
 from .names import is_unicode
 
 # A world with y up into ours with z up: x stays, y becomes z, z becomes -y.

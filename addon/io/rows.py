@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.cameras import Cameras
-from ..core.errors import InputError
-from ..core.takes import LARGEST_FRAME
+from ..core.data.errors import InputError
+from ..core.data.takes import LARGEST_FRAME
+from ..core.geometry.cameras import Cameras
 
 COLUMNS = ("frame", "camera", "x", "y")
 

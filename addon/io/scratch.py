@@ -16,7 +16,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
-from ..core.errors import JobError
+from ..core.data.errors import JobError
 
 if os.name == "nt":
     import msvcrt

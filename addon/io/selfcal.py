@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.cameras import Cameras, distort
-from ..core.errors import InputError
+from ..core.data.errors import InputError
+from ..core.geometry.cameras import Cameras, distort
 from .camera_up import z_up
 from .rig import RigCamera, refuse_crowd, rig
 from .source import CALIBRATION_LIMIT, numbers, read_text

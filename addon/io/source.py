@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from ..core.errors import InputError
+from ..core.data.errors import InputError
 
 # A calibration or a marker set is a few kilobytes to a few megabytes (camera masks); beyond this it is another file.
 TEXT_LIMIT = 64 * 1024 * 1024

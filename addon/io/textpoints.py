@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.errors import InputError
-from ..core.takes import LARGEST_FRAME
+from ..core.data.errors import InputError
+from ..core.data.takes import LARGEST_FRAME
 
 # Beyond this no coordinate is one, in any unit.
 LARGEST = 1e9

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core import inverse_lens
-from ..core.camera_up import AXES, guess_up
-from ..core.cameras import Cameras
-from ..core.errors import InputError
+from ..core.data.errors import InputError
+from ..core.geometry import inverse_lens
+from ..core.geometry.camera_up import AXES, guess_up
+from ..core.geometry.cameras import Cameras
 from .camera_up import z_up
 from .rig import RigCamera, refuse_crowd, rig, rotation_from_vector
 from .source import CALIBRATION_LIMIT, read_text

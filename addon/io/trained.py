@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..core.ensemble.model import DOMAIN, FUNCTIONS, NO_POINT, Classifiers, Ensemble, Record, Solver
-from ..core.models import Lessons
+from ..core.data.models import Lessons
+from ..core.points.partial_solvers.model import DOMAIN, FUNCTIONS, NO_POINT, Classifiers, Ensemble, Record, Solver
 from .names import can_be_written
 
 FARTHEST = 1e3  # m; no marker of a lesson is farther away

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.errors import InputError
+from ..core.data.errors import InputError
 from .names import written
 from .source import decode, read_bytes
 from .textpoints import TextTake, rows_to_xyz

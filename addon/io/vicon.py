@@ -7,9 +7,9 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from ..core import inverse_lens
-from ..core.cameras import Cameras
-from ..core.errors import InputError
+from ..core.data.errors import InputError
+from ..core.geometry import inverse_lens
+from ..core.geometry.cameras import Cameras
 from .camera_up import z_up
 from .rig import RigCamera, refuse_crowd, rig, rotation_from_quaternion
 from .source import numbers, read_xml

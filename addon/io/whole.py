@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from ..core.errors import InputError, JobError
+from ..core.data.errors import InputError, JobError
 from .scratch import own_folder, take_away_forsaken
 
 PART = ".part-mocap-autolabel-"

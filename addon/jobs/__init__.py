@@ -3,7 +3,7 @@
 
 from collections.abc import Generator
 
-from ..core.errors import InputError
+from ..core.data.errors import InputError
 from ..io.points import holds_points
 from ..progress import Progress
 from .job import METHODS, USUAL_RATE, USUAL_TARGET, LabelJob, Labelled

@@ -13,14 +13,14 @@ from typing import Self
 import numpy as np
 
 from ..blendfile import Chunks, open_cameras, refuse_long, save_blend
-from ..core.cameras import Cameras
-from ..core.errors import InputError
-from ..core.models import Model
-from ..core.odd_cameras import CameraCheck
-from ..core.pipeline import Options, label_take
-from ..core.search import Hints
-from ..core.summary import TakeSummary
-from ..core.takes import STEPS, Blobs, LabelledChunk, Motion, Points, Suspect
+from ..core.blobs.pipeline import Options, label_take
+from ..core.blobs.search import Hints
+from ..core.data.errors import InputError
+from ..core.data.models import Model
+from ..core.data.takes import STEPS, Blobs, LabelledChunk, Motion, Points, Suspect
+from ..core.geometry.cameras import Cameras
+from ..core.review.odd_cameras import CameraCheck
+from ..core.review.summary import TakeSummary
 from ..io.blobs import BlobRows, read_blobs
 from ..io.labels import LabelWriter
 from ..io.models import open_model

@@ -11,7 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..core.takes import NO_MARKER, STEPS, Blobs, LabelledChunk, Labels, Motion, Suspect
+from ..core.data.takes import NO_MARKER, STEPS, Blobs, LabelledChunk, Labels, Motion, Suspect
 from . import by_points
 
 # How the label of a blob came about, by index into `Labels.step`: the fitted body's steps, then those of the points.

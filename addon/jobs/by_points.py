@@ -10,12 +10,12 @@ from time import perf_counter
 
 import numpy as np
 
-from ..core.cameras import Cameras
-from ..core.models import Model
-from ..core.pipeline import Options
-from ..core.reconstruction import Reconstructed, Reconstructor
-from ..core.suspects import find_suspects
-from ..core.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Suspect
+from ..core.blobs.pipeline import Options
+from ..core.data.models import Model
+from ..core.data.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Suspect
+from ..core.geometry.cameras import Cameras
+from ..core.reconstruction.trajectories import Reconstructed, Reconstructor
+from ..core.review.suspects import find_suspects
 from .naming import Decided, NamedFrames, consistent, decide, joined, name_frames
 from .placing import moved
 from .refusals import LEAST_SURE, sure_share
@@ -56,7 +56,7 @@ class _Window:
     residual: np.ndarray
 
     @property
-    def piece(self) -> np.ndarray:
+    def tracklet(self) -> np.ndarray:
         """(T, P) the number of the trajectory of each point that is there, -1 elsewhere."""
         return np.where(np.isfinite(self.xyz).all(axis=2), np.arange(self.xyz.shape[1]), -1)
 
@@ -134,8 +134,8 @@ def _decided(way: _Way, window: _Window) -> Decided:
     if sure_share(found, window.xyz, len(markerset)) < LEAST_SURE:
         found = replace(found, marker=np.full(shape, NO_MARKER), confidence=np.zeros(shape), rate=np.zeros(shape))
         said = (Suspect(first, int(window.frames[-1]), f"no subject that wears {markerset.name} was recognised"),)
-    decided = decide(found, window.piece, way.model, way.target, first)
-    decided = consistent(decided, window.xyz, markerset.evidence, first)
+    decided = decide(found, window.tracklet, way.model, way.target, first)
+    decided = consistent(decided, window.xyz, markerset.likelihood, first)
     return replace(decided, suspects=tuple(_without_number(one) for one in decided.suspects) + said)
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from time import perf_counter
 
 from ..blendfile import Chunks
-from ..core.summary import TakeSummary
-from ..core.takes import Points
+from ..core.data.takes import Points
+from ..core.review.summary import TakeSummary
 from ..io.c3d import first_number, names_in_c3d
 from ..io.cameras import calibration_files
 from ..io.markersets import markerset_file

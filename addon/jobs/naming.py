@@ -6,22 +6,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.cameras import Cameras
-from ..core.consistency import stray_suspects, strays
-from ..core.errors import InputError
-from ..core.evidence import Evidence
-from ..core.models import Model
-from ..core.pieces import vote_pieces
-from ..core.pipeline import Options, label_take
-from ..core.rigs import ring_rig
-from ..core.takes import NO_MARKER, Blobs, Suspect
+from ..core.blobs.pipeline import Options, label_take
+from ..core.data.errors import InputError
+from ..core.data.models import Model
+from ..core.data.takes import NO_MARKER, Blobs, Suspect
+from ..core.geometry.cameras import Cameras
+from ..core.points.consistency import stray_suspects, strays
+from ..core.points.likelihood import Likelihood
+from ..core.points.tracklets import vote_tracklets
+from ..core.simulation.rigs import ring_rig
 
 CHUNK = 256
 VIEWS = 6  # virtual cameras around the points, when a body is fitted to them
 RADIUS, MARGIN = 6.0, 1.5  # m
 SIZE = (2000, 2000)  # px
 CROWD = 2.0  # times as many points as markers are a crowd, where
-BACKED = 0.5  # of a piece's frames must be sure of its name on their own,
+BACKED = 0.5  # of a tracklet's frames must be sure of its name on their own,
 BACKED_ALONE = 0.25  # and so many where one subject is all that the model has seen
 AGREED = 0.5  # share of the virtual cameras that must give a point the same name
 
@@ -42,10 +42,16 @@ class NamedFrames:
 def chosen_method(model: Model, wanted: str) -> str:
     """The method that "auto" stands for, or the one that was wanted; InputError where the model cannot do it."""
     if wanted == "auto":
-        return "evidence" if model.markerset.evidence is not None else "fit" if model.ensemble is None else "ensemble"
-    if wanted == "evidence" and model.markerset.evidence is None:
+        return (
+            "evidence"
+            if model.markerset.likelihood is not None
+            else "fit"
+            if model.partial_solvers is None
+            else "ensemble"
+        )
+    if wanted == "evidence" and model.markerset.likelihood is None:
         raise InputError(f"model {model.markerset.name} has no evidence; expected one made by train")
-    if wanted == "ensemble" and model.ensemble is None:
+    if wanted == "ensemble" and model.partial_solvers is None:
         raise InputError(f"model {model.markerset.name} has no ensemble; expected one that was trained with --search")
     return wanted
 
@@ -55,7 +61,7 @@ def name_frames(model: Model, method: str, points: np.ndarray, rate: float, opti
     if method == "evidence":
         yield from _by_evidence(model, points)
     elif method == "ensemble":
-        yield from _by_ensemble(model, points)
+        yield from _by_partial_solvers(model, points)
     else:
         yield from _by_fit(model, points, rate, options)
 
@@ -75,54 +81,54 @@ class Decided:
     suspects: tuple[Suspect, ...]
 
 
-def decide(named: NamedFrames, piece: np.ndarray, model: Model, target: float, first_frame: int) -> Decided:
-    """Lets the pieces (T, P) of trajectories vote and keeps what is sure enough that a part `target` of it is right."""
+def decide(named: NamedFrames, tracklet: np.ndarray, model: Model, target: float, first_frame: int) -> Decided:
+    """Lets the tracklets (T, P) of trajectories vote and keeps what is sure enough that a part `target` of it is right."""
     markers = model.markerset.markers
-    voted = vote_pieces(named.marker, named.confidence, piece, markers, first_frame)
+    voted = vote_tracklets(named.marker, named.confidence, tracklet, markers, first_frame)
     alone = voted.marker == named.marker
     chance = np.where(alone, np.maximum(voted.confidence, named.confidence), voted.confidence)
     sure = alone & (named.rate >= target)
-    backed = _part_sure(sure, piece) >= _needed(model, piece)
+    backed = _part_sure(sure, tracklet) >= _needed(model, tracklet)
     marker = np.where((voted.confidence >= target) & backed | sure, voted.marker, NO_MARKER)
     marker = once(marker, chance, len(markers))
     return Decided(marker, np.where(marker == NO_MARKER, 0.0, chance), alone, voted.suspects)
 
 
-def _needed(model: Model, piece: np.ndarray) -> float:
-    """The part of a piece's frames that must be sure of its name for its vote to count.
+def _needed(model: Model, tracklet: np.ndarray) -> float:
+    """The part of a tracklet's frames that must be sure of its name for its vote to count.
 
     A vote takes frames for so many witnesses. They are not where they err together: among many more points than
     markers one that is no marker sits like one through the whole take, and a model of one subject knows nothing of how
     the next one differs.
     """
-    evidence, markers = model.markerset.evidence, len(model.markerset)
-    if (piece >= 0).sum() >= CROWD * markers * len(piece):
+    likelihood, markers = model.markerset.likelihood, len(model.markerset)
+    if (tracklet >= 0).sum() >= CROWD * markers * len(tracklet):
         return BACKED
-    few = evidence is not None and evidence.subjects == 1 and evidence.plates is None
+    few = likelihood is not None and likelihood.subjects == 1 and likelihood.rigid_bodies is None
     return BACKED_ALONE if few else 0.0
 
 
-def _part_sure(sure: np.ndarray, piece: np.ndarray) -> np.ndarray:
-    """(T, P) of each point the part of its piece's frames that are sure (T, P) of its name; 0 where there is none."""
-    present = piece >= 0
-    frames = np.bincount(piece[present])
-    part = np.bincount(piece[present], weights=sure[present]) / np.maximum(frames, 1)
-    return np.where(present, np.append(part, 0.0)[piece], 0.0)
+def _part_sure(sure: np.ndarray, tracklet: np.ndarray) -> np.ndarray:
+    """(T, P) of each point the part of its tracklet's frames that are sure (T, P) of its name; 0 where there is none."""
+    present = tracklet >= 0
+    frames = np.bincount(tracklet[present])
+    part = np.bincount(tracklet[present], weights=sure[present]) / np.maximum(frames, 1)
+    return np.where(present, np.append(part, 0.0)[tracklet], 0.0)
 
 
-def consistent(decided: Decided, points: np.ndarray, evidence: Evidence | None, first_frame: int) -> Decided:
+def consistent(decided: Decided, points: np.ndarray, likelihood: Likelihood | None, first_frame: int) -> Decided:
     """Takes back names of points (T, P, 3) that contradict the rest of the take, and says so."""
-    if evidence is None:
+    if likelihood is None:
         return decided
     frame, column = np.nonzero(decided.marker != NO_MARKER)
     marker = decided.marker[frame, column]
-    placed = np.full((len(points), len(evidence), 3), np.nan)
+    placed = np.full((len(points), len(likelihood), 3), np.nan)
     placed[frame, marker] = points[frame, column]
-    stray = strays(placed, evidence.ties)
+    stray = strays(placed, likelihood.constraints)
     wrong = stray[frame, marker]
     kept, sure = decided.marker.copy(), decided.confidence.copy()
     kept[frame[wrong], column[wrong]], sure[frame[wrong], column[wrong]] = NO_MARKER, 0.0
-    suspects = decided.suspects + stray_suspects(stray, evidence.markers, first_frame)
+    suspects = decided.suspects + stray_suspects(stray, likelihood.markers, first_frame)
     return Decided(kept, sure, decided.alone, suspects)
 
 
@@ -143,17 +149,17 @@ def once(marker: np.ndarray, sure: np.ndarray, markers: int) -> np.ndarray:
 
 
 def _by_evidence(model: Model, points: np.ndarray) -> Iterator[NamedFrames]:
-    from ..core.evidence import label_frames
+    from ..core.points.likelihood import label_frames
 
-    for named in label_frames(model.markerset.evidence, points):
+    for named in label_frames(model.markerset.likelihood, points):
         yield NamedFrames(named.marker, named.confidence, named.rate)
 
 
-def _by_ensemble(model: Model, points: np.ndarray) -> Iterator[NamedFrames]:
-    from ..core.ensemble.label import Labeller
+def _by_partial_solvers(model: Model, points: np.ndarray) -> Iterator[NamedFrames]:
+    from ..core.points.partial_solvers.label import Labeller
 
     parts = (points[first : first + CHUNK] for first in range(0, len(points), CHUNK))
-    for marker, confidence in Labeller(model.ensemble).chunks(parts):
+    for marker, confidence in Labeller(model.partial_solvers).chunks(parts):
         yield NamedFrames(marker, confidence, (marker != NO_MARKER) * 1.0)
 
 

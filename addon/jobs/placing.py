@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..core.body import Bodies, BodyModel
-from ..core.markersets import MarkerSet
-from ..core.posing import FEWEST, fit_points
-from ..core.takes import NO_MARKER, Motion
+from ..core.body.bodies import Bodies, BodyModel
+from ..core.body.posing import FEWEST, fit_points
+from ..core.data.markersets import MarkerSet
+from ..core.data.takes import NO_MARKER, Motion
 
 FITTED = 2000  # frames posed at once
 

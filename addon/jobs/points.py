@@ -11,16 +11,16 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..blendfile import refuse_long, save_blend
-from ..core.cameras import Cameras
-from ..core.errors import InputError
-from ..core.markersets import MarkerSet
-from ..core.models import Model
-from ..core.pieces import cut, renamed
-from ..core.pipeline import Options
-from ..core.search import Hints
-from ..core.summary import TakeSummary
-from ..core.suspects import find_suspects, summarised
-from ..core.takes import LARGEST_FRAME, NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Points, Suspect
+from ..core.blobs.pipeline import Options
+from ..core.blobs.search import Hints
+from ..core.data.errors import InputError
+from ..core.data.markersets import MarkerSet
+from ..core.data.models import Model
+from ..core.data.takes import LARGEST_FRAME, NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Points, Suspect
+from ..core.geometry.cameras import Cameras
+from ..core.points.tracklets import cut, renamed
+from ..core.review.summary import TakeSummary
+from ..core.review.suspects import find_suspects, summarised
 from ..io.labels import POINT_KEYS, LabelWriter
 from ..io.models import open_model
 from ..io.points import FilePoints, read_points
@@ -110,20 +110,20 @@ def _named(job: LabelJob, model: Model, method: str, take: FilePoints, clock):
     options, shares = Options(hints=Hints(job.height, job.facing)), begins(len(take.xyz), method)
     begin = perf_counter()
     yield Progress(shares["wearer"], "look who wears the markers")
-    piece = cut(take.xyz, take.rate)
-    wearer = find_wearer(model, method, take.xyz, piece, take.rate)
+    tracklet = cut(take.xyz, take.rate)
+    wearer = find_wearer(model, method, take.xyz, tracklet, take.rate)
     model = wearer.model
     yield Progress(shares["others"], "look whether the model is for this take")
     refuse_others(model, method, take.xyz, options)
     named = yield from _frame_by_frame(model, method, take, options)
     yield Progress(shares["vote"], "let trajectories vote")
-    decided = _decided(named, piece, wearer, take, job.target)
+    decided = _decided(named, tracklet, wearer, take, job.target)
     # Who asks for surer labels gets fewer, and the take is no stranger's for that.
-    usual = decided if job.target == USUAL_TARGET else _decided(named, piece, wearer, take, USUAL_TARGET)
+    usual = decided if job.target == USUAL_TARGET else _decided(named, tracklet, wearer, take, USUAL_TARGET)
     refuse_strangers(model, method, take.xyz, usual.marker)
     step = np.where(decided.alone, STEPS.index(method), STEPS.index("trajectory"))
     clock["label"] = perf_counter() - begin
-    changed = renamed(decided.marker, piece, model.markerset.markers, take.first_frame)
+    changed = renamed(decided.marker, tracklet, model.markerset.markers, take.first_frame)
     labels = Labels(decided.marker, np.where(decided.marker == NO_MARKER, 0, step), decided.confidence)
     return labels, by_file_number(decided.suspects + changed, take.columns)
 
@@ -142,11 +142,11 @@ def _frame_by_frame(
     return joined(parts)
 
 
-def _decided(named: NamedFrames, piece: np.ndarray, wearer: Wearer, take: FilePoints, target: float) -> Decided:
+def _decided(named: NamedFrames, tracklet: np.ndarray, wearer: Wearer, take: FilePoints, target: float) -> Decided:
     """The names that trajectories, the rest of the take and its motion bear out, sure enough for the target."""
     markerset = wearer.model.markerset
-    decided = decide(named, piece, wearer.model, target, take.first_frame)
-    decided = consistent(decided, take.xyz, markerset.evidence, take.first_frame)
+    decided = decide(named, tracklet, wearer.model, target, take.first_frame)
+    decided = consistent(decided, take.xyz, markerset.likelihood, take.first_frame)
     return checked(decided, wearer, take.first_frame)
 
 

@@ -3,8 +3,9 @@
 
 from collections.abc import Generator, Sequence
 
-from ..core.ambiguity import GOAL, STEPS, advise, judge, worn
-from ..core.markersets import MarkerSet
+from ..core.data.markersets import MarkerSet
+from ..core.placement_quality import GOAL, STEPS, advise, judge
+from ..core.placement_quality import layout as worn
 from ..io.quality import quality_report
 from ..progress import Progress
 

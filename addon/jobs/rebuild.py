@@ -12,9 +12,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..blendfile import open_cameras
-from ..core.errors import InputError, JobError
-from ..core.reconstruction import reconstruct_take
-from ..core.takes import Blobs
+from ..core.data.errors import InputError, JobError
+from ..core.data.takes import Blobs
+from ..core.reconstruction.trajectories import reconstruct_take
 from ..io.blobs import BlobRows, read_blobs
 from ..io.cameras import calibration_files
 from ..io.points import write_c3d, write_trc

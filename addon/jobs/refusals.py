@@ -7,11 +7,11 @@ was sure about, and of another marker set they vote as one for wrong names.
 
 import numpy as np
 
-from ..core.apart import groups_apart
-from ..core.errors import JobError
-from ..core.models import Model
-from ..core.pipeline import Options
-from ..core.takes import NO_MARKER
+from ..core.blobs.pipeline import Options
+from ..core.data.errors import JobError
+from ..core.data.models import Model
+from ..core.data.takes import NO_MARKER
+from ..core.points.apart import groups_apart
 from .naming import NamedFrames, joined, name_frames
 
 SAMPLE = 40  # frames, spread over the take
@@ -48,7 +48,7 @@ def refuse_others(model: Model, method: str, points: np.ndarray, options: Option
         if _apart(points[:: max(len(points) // SAMPLE, 1)], APART, SECOND * len(model.markerset)):
             raise _two_subjects(model)
         return
-    evidence = model.markerset.evidence
+    likelihood = model.markerset.likelihood
     count = np.isfinite(points).all(axis=2).sum(axis=1)
     frames = np.flatnonzero(count >= min(FEWEST, len(model.markerset)))
     if not len(frames):
@@ -56,7 +56,7 @@ def refuse_others(model: Model, method: str, points: np.ndarray, options: Option
     some = points[frames[np.unique(np.linspace(0, len(frames) - 1, SAMPLE).round().astype(int))]]
     first = _named(model, method, some, options)
     alone = sure_share(first, some, len(model.markerset))
-    least = LEAST_SURE if evidence is None or evidence.plates is None else LEAST_SURE_PLATES
+    least = LEAST_SURE if likelihood is None or likelihood.rigid_bodies is None else LEAST_SURE_PLATES
     found = alone >= least
     wanted = LEFT_SURE if found else least
     others = [part for part in _seconds(model, some, first, found) if _sure(model, method, part, options) >= wanted]
@@ -90,9 +90,9 @@ def _seconds(model: Model, points: np.ndarray, first: NamedFrames, found: bool) 
         return []
     if found:
         return [np.where((first.marker == NO_MARKER)[..., None], points, np.nan)]
-    if model.markerset.evidence is None:
+    if model.markerset.likelihood is None:
         return []
-    chosen = _apart(points, model.markerset.evidence.shape.radius, SECOND * size)
+    chosen = _apart(points, model.markerset.likelihood.shape.radius, SECOND * size)
     if not chosen:
         return []
     return [np.array([np.where(own[place][:, None], frame, np.nan) for frame, own in chosen]) for place in (0, 1)]

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 
-from ..core.errors import InputError
+from ..core.data.errors import InputError
 from ..io.cameras import calibration_files
 from ..io.markersets import markerset_file
 from ..io.source import open_binary

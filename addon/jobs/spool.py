@@ -7,8 +7,8 @@ from typing import IO, Self
 
 import numpy as np
 
-from ..core.reconstruction import Reconstructed
-from ..core.takes import Points
+from ..core.data.takes import Points
+from ..core.reconstruction.trajectories import Reconstructed
 from ..io.scratch import told_of
 
 SHORTEST = 5  # points; a shorter trajectory is a passing coincidence of rays

@@ -9,16 +9,16 @@ from time import perf_counter
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ..core.body import BodyModel
-from ..core.dressing import dressed, known_body
-from ..core.ensemble.model import FUNCTIONS, PAPER_FUNCTIONS, Ensemble
-from ..core.ensemble.training import SEARCHES, Training, training
-from ..core.errors import InputError
-from ..core.evidence import Evidence, learn_evidence
-from ..core.markersets import MarkerSet
-from ..core.models import Lessons, Model, by_subject
-from ..core.posing import fit_points
-from ..core.segments import segment_markerset
+from ..core.body.bodies import BodyModel
+from ..core.body.posing import fit_points
+from ..core.data.errors import InputError
+from ..core.data.markersets import MarkerSet
+from ..core.data.models import Model, TrainingTake, by_subject
+from ..core.points.likelihood import Likelihood, learn_likelihood
+from ..core.points.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS, PartialSolvers
+from ..core.points.partial_solvers.training import SEARCHES, Training, training
+from ..core.training.segments import segment_markerset
+from ..core.training.transfer import dressed, known_body
 from ..io.markersets import SUFFIX, builtin_markersets, markerset_file, open_markerset
 from ..io.models import open_model, write_model
 from ..io.names import written
@@ -28,15 +28,15 @@ from ..progress import Progress
 from ..version import version
 from .background import in_background, within
 from .job import timed
-from .lessons import (
+from .training_takes import (
     Known,
     Take,
     chosen_markers,
     contradicted,
     gathered,
-    lessons_of,
     of_markers,
     read_takes,
+    training_takes_of,
     without_replaced,
 )
 
@@ -99,9 +99,9 @@ def train_file(job: TrainJob) -> Generator[Progress, None, dict]:
             takes = read_takes(job.takes, job.subjects, job.known)
             markers = chosen_markers(takes, job.markers, base.markerset.markers if base else ())
             subjects = gathered(takes, markers)
-            before = of_markers(base.lessons, base.markerset.markers, markers) if base else []
+            before = of_markers(base.training_takes, base.markerset.markers, markers) if base else []
             before, replaced, doubts = without_replaced(before, takes)
-            lessons = (*before, *lessons_of(takes, markers))
+            training_takes = (*before, *training_takes_of(takes, markers))
             everyone = _everyone(before, subjects)
             doubts += [doubt for take in takes for doubt in take.doubts]
             doubts += contradicted(takes, markers, before)
@@ -109,13 +109,13 @@ def train_file(job: TrainJob) -> Generator[Progress, None, dict]:
         with timed(clock, "body"):
             markerset, kind = _body(everyone, markers, _name(job, base))
             residual = _body_residual(markerset, everyone)
-        evidence = yield from _evidence(everyone, markers, clock)
-        ensemble = yield from _ensemble(job, everyone, markers, clock)
+        likelihood = yield from _likelihood(everyone, markers, clock)
+        partial_solvers = yield from _partial_solvers(job, everyone, markers, clock)
         yield Progress(SHARES["write"], "write the model")
-        markerset = replace(markerset, evidence=evidence, source=_source(lessons))
-        write_model(files[0], Model(markerset, ensemble, lessons if job.keep else ()))
-        doubts += _doubts(markerset, lessons, residual, ensemble)
-        report = _report(job, takes, markerset, ensemble, lessons, kind, residual, clock, doubts)
+        markerset = replace(markerset, likelihood=likelihood, source=_source(training_takes))
+        write_model(files[0], Model(markerset, partial_solvers, training_takes if job.keep else ()))
+        doubts += _doubts(markerset, training_takes, residual, partial_solvers)
+        report = _report(job, takes, markerset, partial_solvers, training_takes, kind, residual, clock, doubts)
         report["replaced"] = [{"take": " ".join(gone.takes), "subject": gone.subject} for gone in replaced]
         if job.report:
             write_training_report(files[1], report)
@@ -127,7 +127,7 @@ def _base(job: TrainJob) -> Model | None:
     if job.base is None:
         return None
     base = open_model(job.base)
-    if not base.lessons:
+    if not base.training_takes:
         raise InputError(
             f"model {base.markerset.name} keeps nothing of the takes that it was trained on, so training on would "
             "forget them; expected a model trained without --lean, or all takes together and no --from"
@@ -135,7 +135,7 @@ def _base(job: TrainJob) -> Model | None:
     return base
 
 
-def _everyone(before: Sequence[Lessons], subjects: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def _everyone(before: Sequence[TrainingTake], subjects: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """All frames of the new takes, with what is kept of those `before`."""
     whole = by_subject(before)
     for subject, points in subjects.items():
@@ -179,16 +179,16 @@ def _body_residual(markerset: MarkerSet, everyone: dict[str, np.ndarray]) -> np.
     return middle
 
 
-def _evidence(everyone, markers, clock) -> Generator[Progress, None, Evidence]:
+def _likelihood(everyone, markers, clock) -> Generator[Progress, None, Likelihood]:
     begin = perf_counter()
     takes = [(points, subject) for subject, points in everyone.items()]
-    work = in_background(lambda tell: learn_evidence(takes, markers, progress=tell))
-    evidence = yield from within(work, SHARES["evidence"], SHARES["ensemble"], "learn the evidence")
+    work = in_background(lambda tell: learn_likelihood(takes, markers, progress=tell))
+    likelihood = yield from within(work, SHARES["evidence"], SHARES["ensemble"], "learn the evidence")
     clock["evidence"] = perf_counter() - begin
-    return evidence
+    return likelihood
 
 
-def _ensemble(job: TrainJob, everyone, markers, clock) -> Generator[Progress, None, Ensemble | None]:
+def _partial_solvers(job: TrainJob, everyone, markers, clock) -> Generator[Progress, None, PartialSolvers | None]:
     if job.search == "none" or (job.search is None and len(markers) > MOST_FOR_ENSEMBLE):
         return None
     begin = perf_counter()
@@ -206,39 +206,41 @@ def _ensemble(job: TrainJob, everyone, markers, clock) -> Generator[Progress, No
         yield Progress(SHARES["ensemble"] + span * share, words)
 
 
-def _source(lessons: Sequence[Lessons]) -> dict[str, str]:
+def _source(training_takes: Sequence[TrainingTake]) -> dict[str, str]:
     """Where the numbers come from, for people to read."""
-    frames = sum(lesson.frames for lesson in lessons)
-    takes = sum(len(lesson.takes) for lesson in lessons)
-    known = _subjects(lessons)
+    frames = sum(training_take.frames for training_take in training_takes)
+    takes = sum(len(training_take.takes) for training_take in training_takes)
+    known = _subjects(training_takes)
     counts = f"subjects: {len(known)}, takes: {takes}, frames: {frames}"
     whose = {f"subject {row['subject']}": ", ".join(row["takes"]) for row in known}
     return {"learned": f"by mocap-autolabel train {version()}", "takes": counts, **whose}
 
 
-def _subjects(lessons: Sequence[Lessons]) -> list[dict]:
+def _subjects(training_takes: Sequence[TrainingTake]) -> list[dict]:
     """What a model was trained on, a row a subject."""
     rows: dict[str, dict] = {}
-    for lesson in lessons:
-        row = rows.setdefault(lesson.subject, {"subject": lesson.subject, "takes": [], "frames": 0})
-        row["takes"] += lesson.takes
-        row["frames"] += lesson.frames
+    for training_take in training_takes:
+        row = rows.setdefault(training_take.subject, {"subject": training_take.subject, "takes": [], "frames": 0})
+        row["takes"] += training_take.takes
+        row["frames"] += training_take.frames
     return list(rows.values())
 
 
-def _report(job, takes: Sequence[Take], markerset, ensemble, lessons, kind: str, residual, clock, doubts) -> dict:
+def _report(
+    job, takes: Sequence[Take], markerset, partial_solvers, training_takes, kind: str, residual, clock, doubts
+) -> dict:
     segments = markerset.skeleton.segments
     on = {name: [] for name in segments}
     for name, segment in zip(markerset.markers, markerset.attachment, strict=True):
         on[segments[segment]].append(name)
     solvers = None
-    if ensemble is not None:
+    if partial_solvers is not None:
         solvers = {
-            "search": ensemble.search,
-            "partial_solvers": len(ensemble),
-            "frames": ensemble.frames,
+            "search": partial_solvers.search,
+            "partial_solvers": len(partial_solvers),
+            "frames": partial_solvers.frames,
             "hit_rate": job.hit_rate,
-            "of_marker": dict(zip(markerset.markers, ensemble.covered.tolist(), strict=True)),
+            "of_marker": dict(zip(markerset.markers, partial_solvers.covered.tolist(), strict=True)),
         }
     return {
         "model": markerset.name,
@@ -247,23 +249,28 @@ def _report(job, takes: Sequence[Take], markerset, ensemble, lessons, kind: str,
         "markers": list(markerset.markers),
         "takes": [{"take": t.path.name, "subject": t.subject, "frames": len(t.xyz)} for t in takes],
         "trained_on": job.base,
-        "subjects": _subjects(lessons),
+        "subjects": _subjects(training_takes),
         "body": {"how": kind, "height": round(markerset.spread.height, 3), "segments": on},
         "residual_mm": {
             name: None if np.isnan(value) else round(1000 * float(value), 2)
             for name, value in zip(markerset.markers, residual, strict=True)
         },
         "doubts": doubts,
-        "evidence": {"subjects": markerset.evidence.subjects, "plates": markerset.evidence.plates is not None},
+        "evidence": {
+            "subjects": markerset.likelihood.subjects,
+            "plates": markerset.likelihood.rigid_bodies is not None,
+        },
         "ensemble": solvers,
         "seconds": {part: round(seconds, 2) for part, seconds in clock.items()},
     }
 
 
-def _doubts(markerset: MarkerSet, lessons: Sequence[Lessons], residual: np.ndarray, ensemble) -> list[str]:
+def _doubts(
+    markerset: MarkerSet, training_takes: Sequence[TrainingTake], residual: np.ndarray, partial_solvers
+) -> list[str]:
     """What a person should know of the model, in sentences."""
     doubts = []
-    if len({lesson.subject for lesson in lessons}) == 1:
+    if len({training_take.subject for training_take in training_takes}) == 1:
         doubts.append("learned from one subject: how others differ is a guess; labels of others will be fewer")
     usual = np.nanmedian(residual)
     for name, value in zip(markerset.markers, residual, strict=True):
@@ -271,7 +278,7 @@ def _doubts(markerset: MarkerSet, lessons: Sequence[Lessons], residual: np.ndarr
             doubts.append(
                 f"{name} does not keep to the body ({1000 * value:.0f} mm off): is it a marker, and one only?"
             )
-    for name, count in zip(markerset.markers, [] if ensemble is None else ensemble.covered, strict=False):
+    for name, count in zip(markerset.markers, [] if partial_solvers is None else partial_solvers.covered, strict=False):
         if not count:
             doubts.append(f"no partial solver reaches the hit rate for {name}: the ensemble never names it")
     return doubts

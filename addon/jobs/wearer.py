@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..core.groups import Person, learn_structure, recognise
-from ..core.models import Model
-from ..core.takes import NO_MARKER, Suspect
+from ..core.data.models import Model
+from ..core.data.takes import NO_MARKER, Suspect
+from ..core.points.rigid_bodies import Person, learn_structure, recognise
 from .naming import Decided, once
 
 MOVES = 0.99  # confidence of a name that only the motion of the whole take tells
@@ -26,19 +26,19 @@ class Wearer:
         return self.person is not None and self.person.known is False
 
 
-def find_wearer(model: Model, method: str, points: np.ndarray, piece: np.ndarray, rate: float) -> Wearer:
-    """Looks at how the points (T, P, 3) m of a take move together, with the piece of trajectory (T, P) of each.
+def find_wearer(model: Model, method: str, points: np.ndarray, tracklet: np.ndarray, rate: float) -> Wearer:
+    """Looks at how the points (T, P, 3) m of a take move together, with the tracklet (T, P) of each.
 
     Only a set on plates can be looked at so, and only a model that keeps what it was trained on.
     """
-    evidence = model.markerset.evidence
-    if method != "evidence" or evidence is None or evidence.plates is None or not model.lessons:
+    likelihood = model.markerset.likelihood
+    if method != "evidence" or likelihood is None or likelihood.rigid_bodies is None or not model.training_takes:
         return Wearer(model)
-    structure = learn_structure(evidence.plates, list(model.subjects.values()))
-    person = recognise(structure, evidence.plates, points, piece, rate)
+    structure = learn_structure(likelihood.rigid_bodies, list(model.subjects.values()))
+    person = recognise(structure, likelihood.rigid_bodies, points, tracklet, rate)
     if person.known is not False:
         return Wearer(model, person)
-    own = replace(model.markerset, evidence=replace(evidence, plates=person.plates))
+    own = replace(model.markerset, likelihood=replace(likelihood, rigid_bodies=person.rigid_bodies))
     return Wearer(replace(model, markerset=own), person)
 
 
@@ -73,20 +73,20 @@ def checked(decided: Decided, wearer: Wearer, first_frame: int) -> Decided:
 def _found(person: Person) -> np.ndarray:
     """(M,) True for markers that single frames may name: on a plate of known form, or with a place of their own."""
     found = np.zeros(len(person.sure), dtype=bool)
-    found[[marker for group in person.plates.groups for marker in group]] = True
+    found[[marker for group in person.rigid_bodies.groups for marker in group]] = True
     found[person.lone[person.lone != NO_MARKER]] = True
     # Beside a plate whose form is known, such as an ankle at its foot.
     for marker in np.flatnonzero(person.sure):
-        mates = person.sure & (person.placed.plate == person.placed.plate[marker])
+        mates = person.sure & (person.placed.rigid_body == person.placed.rigid_body[marker])
         found[marker] |= found[mates].any()
     return found
 
 
 def _of_stranger(person: Person, names, found: np.ndarray, first_frame: int) -> tuple[Suspect, ...]:
     """What holds for the whole take of a subject in other plates than the model's."""
-    plates = len(person.group)
+    rigid_bodies = len(person.group)
     sure = int((person.group >= 0).sum())
-    recognised = f"{sure} of {plates} were recognised by how they move, and their forms taken from this take"
+    recognised = f"{sure} of {rigid_bodies} were recognised by how they move, and their forms taken from this take"
     said = [f"the plates are not those of the training, or sit elsewhere: {recognised}"]
     missing = [names[marker] for marker in np.flatnonzero(~found)]
     if missing:

@@ -8,8 +8,8 @@ import numpy as np
 from bpy.props import StringProperty
 from bpy_extras.io_utils import ExportHelper
 
-from ..core.errors import InputError, JobError
-from ..core.takes import NO_MARKER, Labels, Points
+from ..core.data.errors import InputError, JobError
+from ..core.data.takes import NO_MARKER, Labels, Points
 from ..io.blobs import read_blobs
 from ..io.labels import POINT_KEYS, LabelWriter
 from ..io.points import write_c3d, write_trc

@@ -8,8 +8,8 @@ import numpy as np
 from bpy.props import EnumProperty, FloatProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from ..core.camera_up import AXES
-from ..core.errors import InputError
+from ..core.data.errors import InputError
+from ..core.geometry.camera_up import AXES
 from ..io.blobs import read_blobs
 from ..io.cameras import read_cameras
 from ..io.points import holds_points, read_points

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import bpy
 
-from ..core.cameras import Cameras
-from ..core.errors import InputError
-from ..core.markersets import MarkerSet
-from ..core.occlusion import Occlusion
-from ..core.odd_cameras import CameraCheck
-from ..core.pipeline import Options, label_take
-from ..core.search import Hints
-from ..core.takes import Blobs
+from ..core.blobs.pipeline import Options, label_take
+from ..core.blobs.search import Hints
+from ..core.body.occlusion import Occlusion
+from ..core.data.errors import InputError
+from ..core.data.markersets import MarkerSet
+from ..core.data.takes import Blobs
+from ..core.geometry.cameras import Cameras
+from ..core.review.odd_cameras import CameraCheck
 from ..io.blobs import read_blobs
 from ..io.names import written
 from ..props import chosen_markerset, frames_wanted, refresh_review, take_name

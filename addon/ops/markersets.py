@@ -7,7 +7,7 @@ import bpy
 from bpy.props import EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper, ImportHelper
 
-from ..core.errors import InputError
+from ..core.data.errors import InputError
 from ..io.markersets import SUFFIX, open_markerset, write_markerset
 from ..io.whole import whole_file
 from ..prefs import markerset_folder

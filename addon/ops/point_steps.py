@@ -8,7 +8,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ..core.errors import UserError
+from ..core.data.errors import UserError
 from ..io.markersets import open_markerset
 from ..io.names import written
 from ..io.points import read_points

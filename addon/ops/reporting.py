@@ -4,7 +4,7 @@
 from collections.abc import Callable
 from functools import wraps
 
-from ..core.errors import UserError
+from ..core.data.errors import UserError
 
 
 def reports_trouble(method: Callable[..., set[str]]) -> Callable[..., set[str]]:

@@ -9,7 +9,7 @@ import bpy
 from bpy.props import CollectionProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from ..core.errors import InputError
+from ..core.data.errors import InputError
 from ..io.markersets import SUFFIX
 from ..io.points import read_points
 from ..jobs.background import drained, in_background
@@ -105,8 +105,8 @@ class MOCAP_AUTOLABEL_OT_train(WorksInSteps, bpy.types.Operator):
 
 def train_steps(settings: SceneSettings) -> Generator[float, None, dict]:
     """Trains as the settings say, yielding how much is done (0 to 1); returns the report. InputError if they cannot."""
-    from ..jobs.lessons import Known
     from ..jobs.train import TrainJob, train_file  # with all that can be learned, which nobody who starts waits for
+    from ..jobs.training_takes import Known
 
     base = own_model(settings) if settings.train_on else None
     name = settings.trained_name.strip()

@@ -11,8 +11,8 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ..core.markersets import MarkerSet
-from ..core.takes import Motion
+from ..core.data.markersets import MarkerSet
+from ..core.data.takes import Motion
 from . import animation
 
 SHORTEST_BONE = 0.02  # m; Blender deletes bones without length

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ..core.markersets import MarkerSet
+from ..core.data.markersets import MarkerSet
 from . import armature as armatures
 from . import naming
 

@@ -12,8 +12,8 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ..core.cameras import Cameras
-from ..core.errors import InputError
+from ..core.data.errors import InputError
+from ..core.geometry.cameras import Cameras
 from . import naming
 
 SENSOR_WIDTH = 36.0  # mm; only its ratio to the focal length matters

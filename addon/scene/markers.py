@@ -4,7 +4,7 @@
 import bpy
 import numpy as np
 
-from ..core.takes import Motion
+from ..core.data.takes import Motion
 from . import animation, naming
 
 DISPLAY_SIZE = 0.012

@@ -12,8 +12,8 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
-from ..core.errors import InputError
-from ..core.markersets import Capsules, MarkerSet, Skeleton, Spread
+from ..core.data.errors import InputError
+from ..core.data.markersets import Capsules, MarkerSet, Skeleton, Spread
 from . import armature as armatures
 from . import naming
 from .body import END, RADIUS, START, add_body
@@ -90,7 +90,7 @@ def read_markerset(collection: bpy.types.Collection, base: MarkerSet, name: str,
         offsets=offsets,
         capsules=_read_capsules(collection, armature, skeleton, height),
         spread=_carried_over(base, markers, attachment),
-        evidence=base.evidence if _unmoved(base, markers, attachment, offsets) else None,
+        likelihood=base.likelihood if _unmoved(base, markers, attachment, offsets) else None,
         source={**base.source, "edited": f"from {base.name}, by hand in Blender"},
     )
 

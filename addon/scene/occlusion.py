@@ -11,9 +11,9 @@ import bpy
 import numpy as np
 from mathutils.bvhtree import BVHTree
 
-from ..core.errors import InputError
-from ..core.markersets import MarkerSet
-from ..core.occlusion import SIDE_UNKNOWN, STANDOFF
+from ..core.body.occlusion import SIDE_UNKNOWN, STANDOFF
+from ..core.data.errors import InputError
+from ..core.data.markersets import MarkerSet
 from .armature import SCALE
 
 BALL_STEPS = 8
@@ -32,7 +32,7 @@ class Volume:
 
 
 class MeshOcclusion:
-    """Meshes on a skeleton as the volume in the way: an `addon.core.occlusion.Occlusion`.
+    """Meshes on a skeleton as the volume in the way: an `addon.core.body.occlusion.Occlusion`.
 
     volumes  the meshes
     scale    (3,) m for one unit of the marker set, of the body that the meshes were made for; other bodies stretch them
@@ -45,7 +45,7 @@ class MeshOcclusion:
     def hidden(
         self, rotations: np.ndarray, joints: np.ndarray, scale: np.ndarray, markers: np.ndarray, centres: np.ndarray
     ) -> np.ndarray:
-        """See `addon.core.occlusion.Occlusion.hidden`: (B, C, M)."""
+        """See `addon.core.body.occlusion.Occlusion.hidden`: (B, C, M)."""
         found = np.zeros((len(markers), len(centres), markers.shape[1]), dtype=bool)
         standoff = STANDOFF * float(self.scale.mean())
         for body in range(len(markers)):

@@ -6,8 +6,8 @@ import json
 import bpy
 import numpy as np
 
-from ..core.cameras import Cameras
-from ..core.takes import NO_MARKER, NO_STEP, Blobs, Labels, Motion, Points
+from ..core.data.takes import NO_MARKER, NO_STEP, Blobs, Labels, Motion, Points
+from ..core.geometry.cameras import Cameras
 from . import naming, storage
 from .cameras import NO_CAMERAS
 from .cloud import FRAME, add_cloud, cloud_points, cloud_table

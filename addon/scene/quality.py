@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ..core.errors import InputError
+from ..core.data.errors import InputError
 from . import armature as armatures
 from . import naming
 from .markerset_edit import skeleton_of

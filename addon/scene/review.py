@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.takes import Motion
+from ..core.data.takes import Motion
 
 
 @dataclass(frozen=True)

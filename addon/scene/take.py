@@ -8,11 +8,11 @@ from dataclasses import dataclass, fields, replace
 import bpy
 import numpy as np
 
-from ..core import rotations
-from ..core.cameras import Cameras
-from ..core.errors import JobError
-from ..core.markersets import MarkerSet
-from ..core.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Suspect
+from ..core.data.errors import JobError
+from ..core.data.markersets import MarkerSet
+from ..core.data.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Suspect
+from ..core.geometry import rotations
+from ..core.geometry.cameras import Cameras
 from . import armature as armatures
 from . import cameras as scene_cameras
 from . import markers as scene_markers

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.takes import CONFLICT, EXCLUSIVE, NO_MARKER, NO_STEP, REMAINING
+from ..core.data.takes import CONFLICT, EXCLUSIVE, NO_MARKER, NO_STEP, REMAINING
 from ..scene.take import Stored
 
 GREEN, CYAN, MAGENTA, GREY = (

@@ -7,7 +7,7 @@ import gpu
 import numpy as np
 from gpu_extras.batch import batch_for_shader
 
-from ..core.takes import NO_MARKER
+from ..core.data.takes import NO_MARKER
 from ..ops.importing import cameras_at_hand
 from ..scene import naming
 from ..scene.cameras import camera_name, is_mocap_camera

@@ -12,13 +12,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from addon.core.ambiguity import GOAL, Advice, advise, judge, separation, worn
-from addon.core.ambiguity.advice import ADD
-from addon.core.body import BodyModel
-from addon.core.evidence import Evidence, learn_evidence
-from addon.core.evidence.trials import make_trial
-from addon.core.markersets import MarkerSet
-from addon.core.posing import fit_points
+from addon.core.body.bodies import BodyModel
+from addon.core.body.posing import fit_points
+from addon.core.data.markersets import MarkerSet
+from addon.core.placement_quality import GOAL, Advice, advise, judge, separation
+from addon.core.placement_quality import layout as worn
+from addon.core.placement_quality.advice import ADD
+from addon.core.points.likelihood import Likelihood, learn_likelihood
+from addon.core.points.likelihood.trials import make_trial
 from addon.io.markersets import open_markerset
 
 from . import people
@@ -51,14 +52,14 @@ def recorded(markerset: MarkerSet) -> Takes:
     return Takes(markerset.markers, clouds)
 
 
-def confusion(evidence: Evidence, takes: Takes, tested: Sequence[str], frames: int) -> np.ndarray:
+def confusion(likelihood: Likelihood, takes: Takes, tested: Sequence[str], frames: int) -> np.ndarray:
     """(M, M) how many points of each marker (row) were given each marker's name, in people left out."""
     counts = np.zeros((len(takes.names), len(takes.names)), dtype=int)
     for person in tested:
         rng = np.random.default_rng(SEED)
         clouds = takes.clouds[person]
         trial = make_trial(clouds[rng.integers(0, len(clouds), frames)], HIDDEN, GHOSTS, rng)
-        marker, _ = named(evidence, trial.points)
+        marker, _ = named(likelihood, trial.points)
         both = (trial.truth >= 0) & (marker >= 0)
         np.add.at(counts, (trial.truth[both], marker[both]), 1)
     return counts
@@ -78,10 +79,10 @@ def predicted_and_measured(markerset: MarkerSet, frames: int) -> tuple[str, str]
     takes, groups = recorded(markerset), people.folds()
     pairs, markers, counts = 0.0, 0.0, np.zeros((len(markerset), len(markerset)), dtype=int)
     for left_out in groups:
-        evidence = learn_evidence(takes.without(left_out), takes.names)
-        found = judge(worn(replace(markerset, evidence=evidence)))
+        likelihood = learn_likelihood(takes.without(left_out), takes.names)
+        found = judge(worn(replace(markerset, likelihood=likelihood)))
         pairs, markers = pairs + found.hidden / len(groups), markers + found.of_markers / len(groups)
-        counts += confusion(evidence, takes, left_out, frames)
+        counts += confusion(likelihood, takes, left_out, frames)
     one, two = np.triu_indices(len(markerset), 1)
     either, apart = (counts + counts.T)[one, two], pairs[one, two]
     wrong = (counts.sum(axis=1) - np.diag(counts)) / counts.sum(axis=1)
@@ -130,12 +131,12 @@ def advice_taken(markerset: MarkerSet, frames: int, groups: int, goal: float, st
     """How often markers are confused before and after what was advised from the other people's shape."""
     takes, rows, total = recorded(markerset), [], [np.zeros(2), np.zeros(2)]
     for left_out in people.folds()[:groups]:
-        evidence = learn_evidence(takes.without(left_out), takes.names)
-        made = worn(replace(markerset, evidence=evidence))
+        likelihood = learn_likelihood(takes.without(left_out), takes.names)
+        made = worn(replace(markerset, likelihood=likelihood))
         advice = [one for one, _ in advise(made, goal, steps)]
         new = taken(takes, markerset, advice)
-        again = learn_evidence(new.without(left_out), new.names)
-        before = confusion(evidence, takes, left_out, frames)
+        again = learn_likelihood(new.without(left_out), new.names)
+        before = confusion(likelihood, takes, left_out, frames)
         after = confusion(again, new, left_out, frames)
         who = ", ".join(left_out)
         rows += [(who, one.in_words(markerset), *_of_pair(one.pair, takes, before, new, after)) for one in advice]

@@ -67,7 +67,7 @@ def _above(value: float | None) -> bool | None:
 
 def _sides(run: _Run) -> list[bool | None]:
     pairs = [(name, "R" + name[1:]) for name in run.names if name.startswith("L") and "R" + name[1:] in run.names]
-    pairs += [(f"{plate}{row}L", f"{plate}{row}R") for plate in ("LB", "PV") for row in "UL"]
+    pairs += [(f"{rigid_body}{row}L", f"{rigid_body}{row}R") for rigid_body in ("LB", "PV") for row in "UL"]
     return [_above(_mean(run[left][:, 1] - run[right][:, 1])) for left, right in pairs]
 
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from addon.core.cameras import Cameras
-from addon.core.figures import Counts, Figures
-from addon.core.takes import Blobs
+from addon.core.data.takes import Blobs
+from addon.core.evaluation.figures import Counts, Figures
+from addon.core.geometry.cameras import Cameras
 
 # Blobs of one take and its cameras in; out: for every blob the marker's name or "", and the step that named it.
 LabelFunction = Callable[[Blobs, Cameras], tuple[np.ndarray, np.ndarray]]

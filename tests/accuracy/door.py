@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from addon.core.cameras import Cameras
-from addon.core.markersets import MarkerSet
-from addon.core.takes import Blobs
+from addon.core.data.markersets import MarkerSet
+from addon.core.data.takes import Blobs
+from addon.core.geometry.cameras import Cameras
 from addon.io.blobs import write_blobs
 from addon.io.cameras import write_cameras
 from addon.io.markersets import write_markerset

@@ -11,9 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from addon.core.evidence import learn_evidence
-from addon.core.markersets import MarkerSet
-from addon.core.models import Model
+from addon.core.data.markersets import MarkerSet
+from addon.core.data.models import Model
+from addon.core.points.likelihood import learn_likelihood
 from addon.io.models import open_model
 
 from . import people
@@ -33,8 +33,8 @@ def trained(markerset: MarkerSet, persons: list[str]) -> Model:
     if len(persons) == 1:
         whole = [take for take in takes if np.isfinite(take[0][..., 0]).any(axis=0).all()]
         takes = [max(whole, key=lambda take: len(take[0]))]
-    evidence = learn_evidence(takes, markerset.markers)
-    return Model(replace(markerset, evidence=evidence))
+    likelihood = learn_likelihood(takes, markerset.markers)
+    return Model(replace(markerset, likelihood=likelihood))
 
 
 def tested(markerset: MarkerSet, persons: list[str]) -> Iterator[np.ndarray]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from addon.core.occlusion import STANDOFF, capsules_hide
+from addon.core.body.occlusion import STANDOFF, capsules_hide
 
 HEAD_BAND_TO_STATURE = 1.06
 # The hip's centre from the middle of the front of the pelvis, in its own width: backward, to the side, down.
@@ -28,7 +28,7 @@ class Flesh:
     stature: float
 
     def hidden(self, frames: slice, markers: np.ndarray, centres: np.ndarray) -> np.ndarray:
-        """(F, C, M) as `addon.core.simulate.BodyInTheWay` has it."""
+        """(F, C, M) as `addon.core.simulation.simulate.BodyInTheWay` has it."""
         start, axis = self.start[frames], self.end[frames] - self.start[frames]
         found = np.empty((len(markers), len(centres), markers.shape[1]), dtype=bool)
         for first in range(0, len(markers), BLOCK):

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from addon.core.markersets import MarkerSet
-from addon.core.pipeline import Options, label_take
-from addon.core.takes import NO_MARKER, STEPS
+from addon.core.blobs.pipeline import Options, label_take
+from addon.core.data.markersets import MarkerSet
+from addon.core.data.takes import NO_MARKER, STEPS
 from addon.io.markersets import read_markerset, write_markerset
 from scripts import learn_markersets
 

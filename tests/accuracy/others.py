@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from addon.core.groups.structure import Structure, find_joints
-from addon.core.rigid import laid_on
+from addon.core.geometry.rigid import laid_on
+from addon.core.points.rigid_bodies.structure import Structure, find_joints
 
 MIRROR = np.array([1.0, -1.0, 1.0])
 
@@ -42,16 +42,18 @@ def other_person(points: np.ndarray, structure: Structure, rng: np.random.Genera
     middles = np.where(np.isfinite(place).all(axis=2, keepdims=True), place, np.inf)
     for marker in range(points.shape[1]):
         # A marker on no plate goes with the one that it moves with most.
-        plate = next((index for index, core in enumerate(cores) if marker in core), None)
-        if plate is None:
+        rigid_body = next((index for index, core in enumerate(cores) if marker in core), None)
+        if rigid_body is None:
             apart = np.linalg.norm(points[:, marker, None] - middles, axis=2)
-            plate = int(np.nanargmin(np.nanmean(np.where(np.isfinite(apart), apart, np.nan), axis=0)))
-        local = np.einsum("tji,tj->ti", turn[:, plate], points[:, marker] - place[:, plate])
-        made[:, marker] = np.einsum("tij,tj->ti", turn[:, plate], local) + moved[:, plate]
-    for plate, (core, form) in enumerate(zip(cores, forms, strict=True)):
+            rigid_body = int(np.nanargmin(np.nanmean(np.where(np.isfinite(apart), apart, np.nan), axis=0)))
+        local = np.einsum("tji,tj->ti", turn[:, rigid_body], points[:, marker] - place[:, rigid_body])
+        made[:, marker] = np.einsum("tij,tj->ti", turn[:, rigid_body], local) + moved[:, rigid_body]
+    for rigid_body, (core, form) in enumerate(zip(cores, forms, strict=True)):
         other = _other_plate(form, rng, differs)
         seen = np.isfinite(points[:, core, :1])
-        made[:, core] = np.where(seen, np.einsum("tij,nj->tni", turn[:, plate], other) + moved[:, plate, None], np.nan)
+        made[:, core] = np.where(
+            seen, np.einsum("tij,nj->tni", turn[:, rigid_body], other) + moved[:, rigid_body, None], np.nan
+        )
     return made * size
 
 
@@ -89,15 +91,15 @@ def _other_limbs(turn: np.ndarray, place: np.ndarray, rng: np.random.Generator, 
     done = [int(np.argmin(np.sort(miss, axis=1)[:, :3].sum(axis=1)))]
     longer = 1 + np.clip(rng.normal(0, limb, len(miss)), -2 * limb, 2 * limb)
     while len(done) < len(miss):
-        rest = [plate for plate in range(len(miss)) if plate not in done]
-        plate = min(rest, key=lambda index: miss[index, done].min())
-        parent = done[int(np.argmin(miss[plate, done]))]
-        here, there = longer[parent] * joints.at[parent, plate], longer[plate] * joints.at[plate, parent]
-        at = np.einsum("tij,j->ti", turn[:, parent], joints.at[parent, plate]) + place[:, parent]
-        own = np.einsum("tij,j->ti", turn[:, plate], joints.at[plate, parent]) + place[:, plate]
+        rest = [rigid_body for rigid_body in range(len(miss)) if rigid_body not in done]
+        rigid_body = min(rest, key=lambda index: miss[index, done].min())
+        parent = done[int(np.argmin(miss[rigid_body, done]))]
+        here, there = longer[parent] * joints.at[parent, rigid_body], longer[rigid_body] * joints.at[rigid_body, parent]
+        at = np.einsum("tij,j->ti", turn[:, parent], joints.at[parent, rigid_body]) + place[:, parent]
+        own = np.einsum("tij,j->ti", turn[:, rigid_body], joints.at[rigid_body, parent]) + place[:, rigid_body]
         joint = np.einsum("tij,j->ti", turn[:, parent], here) + moved[:, parent]
         # How the two ends of the recorded joint part, as joints of flesh do, stays as it was.
-        moved[:, plate] = joint + (own - at) - np.einsum("tij,j->ti", turn[:, plate], there)
-        moved[:, plate] = np.where(np.isfinite(moved[:, plate]), moved[:, plate], place[:, plate])
-        done.append(plate)
+        moved[:, rigid_body] = joint + (own - at) - np.einsum("tij,j->ti", turn[:, rigid_body], there)
+        moved[:, rigid_body] = np.where(np.isfinite(moved[:, rigid_body]), moved[:, rigid_body], place[:, rigid_body])
+        done.append(rigid_body)
     return moved

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """How well a set of plates is named: python -m tests.accuracy.plates prints what docs/measurements.md shows.
 
-Trained on one take and tested on another of the same subject, whole and cut into pieces with markers hidden and ghosts;
+Trained on one take and tested on another of the same subject, whole and cut into tracklets with markers hidden and ghosts;
 on other people made of the test take; and on a raw take of which nobody knows the truth, by what anatomy says of it.
 """
 
@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from addon.cli import main as command
-from addon.core.groups import learn_structure
-from addon.core.models import Model
-from addon.core.pieces import cut, vote_pieces
+from addon.core.data.models import Model
+from addon.core.points.rigid_bodies import learn_structure
+from addon.core.points.tracklets import cut, vote_tracklets
 from addon.io.models import open_model
 from addon.io.points import read_points
 from addon.jobs.wearer import Wearer
@@ -28,13 +28,13 @@ from .tables import table
 
 TAKES = DATA / "people" / "clouthier"
 TRAINED, TESTED, RAW = (TAKES / f"{name}.c3d" for name in ("KneeltoProne01", "PronetoRun01", "S09_KneeltoRun02"))
-# Pieces that the take is cut into, markers hidden at once at most, and ghosts.
+# Tracklets that the take is cut into, markers hidden at once at most, and ghosts.
 CUTS = ((62, 0, 0), (278, 5, 30), (453, 10, 60))
 SEED = 1
 PEOPLE = 6
 HIDDEN_FRAMES = (10, 60)  # that a marker is hidden for
 GHOST_FRAMES = 20  # that a ghost lasts at least
-MARGIN = 5  # frames at either end that no piece is cut in
+MARGIN = 5  # frames at either end that no tracklet is cut in
 
 
 def trained(takes: list[Path]) -> Model:
@@ -49,11 +49,11 @@ def trained(takes: list[Path]) -> Model:
 
 
 def cut_up(
-    labelled: np.ndarray, pieces: int, hidden: int, ghosts: int, rng: np.random.Generator
+    labelled: np.ndarray, tracklets: int, hidden: int, ghosts: int, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """Anonymous trajectories (T, P, 3) m of a labelled take (T, M, 3), and the marker (P,) of each, -1 for ghosts."""
     frames, markers = labelled.shape[:2]
-    cuts = rng.multinomial(max(pieces - markers, 0), np.full(markers, 1 / markers))
+    cuts = rng.multinomial(max(tracklets - markers, 0), np.full(markers, 1 / markers))
     seen = np.isfinite(labelled[..., 0]) & ~_hidden(frames, markers, hidden, rng)
     columns, truth = [], []
     for marker in range(markers):
@@ -111,19 +111,19 @@ def same_subject(model: Model) -> str:
     """The test take of the subject that the model was trained on."""
     take = read_points(TESTED)
     rows = []
-    for pieces, hidden, ghosts in CUTS:
-        points, column = cut_up(take.xyz, pieces, hidden, ghosts, np.random.default_rng(SEED))
+    for tracklets, hidden, ghosts in CUTS:
+        points, column = cut_up(take.xyz, tracklets, hidden, ghosts, np.random.default_rng(SEED))
         truth = np.where(np.isfinite(points[..., 0]), column, -1)
         named, decided, wearer = labelled_as_product(model, points, take.rate)
         what = (
             "whole trajectories"
-            if pieces == take.xyz.shape[1]
-            else f"{pieces} pieces, ≤ {hidden} hidden, {ghosts} ghosts"
+            if tracklets == take.xyz.shape[1]
+            else f"{tracklets} pieces, ≤ {hidden} hidden, {ghosts} ghosts"
         )
         if wearer.stranger:
             what += " (taken for another subject)"
         size = len(model.markerset)
-        voted = vote_pieces(named.marker, named.confidence, cut(points, take.rate), model.markerset.markers)
+        voted = vote_tracklets(named.marker, named.confidence, cut(points, take.rate), model.markerset.markers)
         rows.append(_row(f"{what}: trajectories vote, every name", voted.marker, truth, size))
         rows.append(_row(f"{what}: what the product gives", decided.marker, truth, size))
         rows.append(_row(f"{what}: frames alone, every name", named.marker, truth, size))
@@ -137,8 +137,10 @@ def other_people(model: Model, count: int) -> str:
     take = read_points(TESTED)
     names = model.markerset.markers
     source = np.stack([take.xyz[:, take.names.index(name)] for name in names], axis=1)
-    structure = learn_structure(model.markerset.evidence.plates, [lesson.points for lesson in model.lessons])
-    rows, total, plates = [], Counts(), np.zeros(3, int)
+    structure = learn_structure(
+        model.markerset.likelihood.rigid_bodies, [training_take.points for training_take in model.training_takes]
+    )
+    rows, total, rigid_bodies = [], Counts(), np.zeros(3, int)
     for person in range(count):
         rng = np.random.default_rng(person)
         points = others.other_person(source, structure, rng, others.Differs())
@@ -147,12 +149,14 @@ def other_people(model: Model, count: int) -> str:
         named, decided, wearer = labelled_as_product(model, points, take.rate)
         total.add(decided.marker, truth, len(names))
         right, wrong = _plates_found(structure, wearer)
-        plates += right, wrong, len(structure)
+        rigid_bodies += right, wrong, len(structure)
         who = f"person {person + 1}{', mirrored' if person % 2 else ''}"
         what = f"{who}: {right} of {len(structure)} plates, {wrong} wrong"
         rows.append(_row(what, decided.marker, truth, len(names)))
         rows.append(_row("its frames alone, every name", named.marker, truth, len(names)))
-    summary = f"{plates[0]} of {plates[2]} plates recognised, {plates[1]} taken for others; {total.line()}"
+    summary = (
+        f"{rigid_bodies[0]} of {rigid_bodies[2]} plates recognised, {rigid_bodies[1]} taken for others; {total.line()}"
+    )
     return f"{table(('made of the test take', 'F1', 'recall', 'wrong labels'), rows)}\n\n{summary}"
 
 
@@ -160,12 +164,12 @@ def _plates_found(structure, wearer: Wearer) -> tuple[int, int]:
     """How many plates are the group of their own markers, and how many another; column m is marker m's."""
     person = wearer.person
     right = wrong = 0
-    for plate, group in enumerate(person.group):
+    for rigid_body, group in enumerate(person.group):
         if group < 0:
             continue
-        pieces = [piece for own in person.groups[group].pieces for piece in own]
-        columns = np.unique(np.nonzero(np.isin(person.part, pieces))[1])
-        core = structure.inner[plate].members[: structure.inner[plate].core]
+        tracklets = [tracklet for own in person.groups[group].tracklets for tracklet in own]
+        columns = np.unique(np.nonzero(np.isin(person.part, tracklets))[1])
+        core = structure.inner[rigid_body].members[: structure.inner[rigid_body].core]
         found = np.isin(columns, core).mean() > 0.5
         right, wrong = right + found, wrong + (not found)
     return right, wrong

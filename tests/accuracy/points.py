@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from addon.core.evidence import Evidence, label_frames
-from addon.core.models import Model
-from addon.core.pieces import cut
-from addon.core.pipeline import Options
+from addon.core.blobs.pipeline import Options
+from addon.core.data.models import Model
+from addon.core.points.likelihood import Likelihood, label_frames
+from addon.core.points.tracklets import cut
 from addon.jobs.naming import Decided, NamedFrames, consistent, decide, joined, name_frames
 from addon.jobs.wearer import Wearer, checked, find_wearer
 
@@ -42,18 +42,18 @@ class Counts:
         )
 
 
-def named(evidence: Evidence, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def named(likelihood: Likelihood, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Markers and rates (F, P) of all frames."""
-    chunks = list(label_frames(evidence, points))
+    chunks = list(label_frames(likelihood, points))
     return np.concatenate([chunk.marker for chunk in chunks]), np.concatenate([chunk.rate for chunk in chunks])
 
 
 def labelled_as_product(model: Model, points: np.ndarray, rate: float) -> tuple[NamedFrames, Decided, Wearer]:
     """Trajectories (T, P, 3) m by frames alone, by the steps of the job that labels takes, and who was found there."""
-    piece = cut(points, rate)
-    wearer = find_wearer(model, "evidence", points, piece, rate)
+    tracklet = cut(points, rate)
+    wearer = find_wearer(model, "evidence", points, tracklet, rate)
     model = wearer.model
     named = joined(list(name_frames(model, "evidence", points, rate, Options())))
-    decided = decide(named, piece, model, TARGET, 0)
-    decided = consistent(decided, points, model.markerset.evidence, 0)
+    decided = decide(named, tracklet, model, TARGET, 0)
+    decided = consistent(decided, points, model.markerset.likelihood, 0)
     return named, checked(decided, wearer, 0), wearer

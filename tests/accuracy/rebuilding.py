@@ -7,8 +7,8 @@ from time import perf_counter
 
 import numpy as np
 
-from addon.core.reconstruction import Reconstructed, reconstruct_take
-from addon.core.takes import Blobs
+from addon.core.data.takes import Blobs
+from addon.core.reconstruction.trajectories import Reconstructed, reconstruct_take
 from addon.jobs.spool import SHORTEST
 
 from . import people

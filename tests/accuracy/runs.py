@@ -7,10 +7,10 @@ from time import perf_counter
 
 import numpy as np
 
-from addon.core import rotations
-from addon.core.body import Bodies, BodyModel
-from addon.core.occlusion import CapsuleOcclusion
-from addon.core.simulate import CaptureOptions
+from addon.core.body.bodies import Bodies, BodyModel
+from addon.core.body.occlusion import CapsuleOcclusion
+from addon.core.geometry import rotations
+from addon.core.simulation.simulate import CaptureOptions
 from addon.jobs.naming import NothingInTheWay
 
 from .captures import Score, Trial
@@ -132,9 +132,9 @@ def run_starts(plan: Plan):
 
 def converges(markerset, trial: Trial, start: Bodies) -> bool:
     """Whether the paper's fit ends at the person."""
-    from addon.core.search import fit_from
-    from addon.core.subject import Setup
-    from addon.core.views import split_views
+    from addon.core.blobs.search import fit_from
+    from addon.core.blobs.subject import Setup
+    from addon.core.blobs.views import split_views
 
     setup = Setup.of(trial.cameras, markerset)
     fit = fit_from(split_views(trial.blobs, trial.cameras)[0], start, setup)
@@ -172,7 +172,7 @@ def shaken(bodies: Bodies, turn: float, generator: np.random.Generator) -> Bodie
 
 def run_occlusion(plan: Plan):
     """How often the model's body is wrong about what is hidden, for bodies of full size and shrunk."""
-    from addon.core.posing import fit_points
+    from addon.core.body.posing import fit_points
 
     rows = []
     for set_name in plan.sets:
@@ -238,10 +238,10 @@ def run_sweeps(plan: Plan):
 
 def run_speed(plan: Plan):
     """Ten iterations of the nine-parameter fit with occlusion test, on one core."""
-    from addon.core.cost import blob_pull
-    from addon.core.fit import fit_placement
-    from addon.core.subject import Setup
-    from addon.core.views import split_views
+    from addon.core.blobs.cost import blob_pull
+    from addon.core.blobs.fit import fit_placement
+    from addon.core.blobs.subject import Setup
+    from addon.core.blobs.views import split_views
 
     rows = []
     for set_name in plan.sets:

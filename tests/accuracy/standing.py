@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from addon.core.rigs import paper_rig, ring_rig
-from addon.core.simulate import CaptureOptions, capture, joined
+from addon.core.simulation.rigs import paper_rig, ring_rig
+from addon.core.simulation.simulate import CaptureOptions, capture, joined
 
 from . import people
 from .captures import Trial

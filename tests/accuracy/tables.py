@@ -3,7 +3,7 @@
 
 from collections.abc import Iterable, Sequence
 
-from addon.core.figures import Counts
+from addon.core.evaluation.figures import Counts
 
 SCORE_COLUMNS = ("frames perfect", "wrong labels", "precision", "recall", "F1", "false occlusions")
 

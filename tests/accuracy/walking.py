@@ -8,9 +8,9 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from addon.core.cameras import Cameras
-from addon.core.rigs import ring_rig
-from addon.core.simulate import CaptureOptions, capture, joined
+from addon.core.geometry.cameras import Cameras
+from addon.core.simulation.rigs import ring_rig
+from addon.core.simulation.simulate import CaptureOptions, capture, joined
 
 from . import people
 from .captures import Trial

@@ -7,15 +7,15 @@ from functools import partial
 
 import numpy as np
 
-from addon.core import rotations
-from addon.core.body import Bodies, BodyModel
-from addon.core.occlusion import CapsuleOcclusion
-from addon.core.pipeline import label_take
-from addon.core.rigs import paper_rig, ring_rig
-from addon.core.search import PLACEMENT_STAGES, Hints, find_subject, fit_nine
-from addon.core.simulate import CaptureOptions
-from addon.core.subject import Setup
-from addon.core.virtual import Act
+from addon.core.blobs.pipeline import label_take
+from addon.core.blobs.search import PLACEMENT_STAGES, Hints, find_subject, fit_nine
+from addon.core.blobs.subject import Setup
+from addon.core.body.bodies import Bodies, BodyModel
+from addon.core.body.occlusion import CapsuleOcclusion
+from addon.core.geometry import rotations
+from addon.core.simulation.rigs import paper_rig, ring_rig
+from addon.core.simulation.simulate import CaptureOptions
+from addon.core.simulation.virtual import Act
 from tests.core.scenes import act, built_in, stand
 
 Job = Callable[[], object]

@@ -9,12 +9,12 @@ import pytest
 
 bpy = pytest.importorskip("bpy", reason="needs the bpy module")
 
-from addon.core import rotations  # noqa: E402
-from addon.core.body import BodyModel  # noqa: E402
-from addon.core.cameras import Cameras  # noqa: E402
-from addon.core.markersets import Capsules, MarkerSet, Skeleton, Spread  # noqa: E402
-from addon.core.occlusion import CapsuleOcclusion  # noqa: E402
-from addon.core.takes import CONFLICT, EXCLUSIVE, NO_MARKER, REMAINING, Blobs, Labels, Motion, Suspect  # noqa: E402
+from addon.core.body.bodies import BodyModel  # noqa: E402
+from addon.core.body.occlusion import CapsuleOcclusion  # noqa: E402
+from addon.core.data.markersets import Capsules, MarkerSet, Skeleton, Spread  # noqa: E402
+from addon.core.data.takes import CONFLICT, EXCLUSIVE, NO_MARKER, REMAINING, Blobs, Labels, Motion, Suspect  # noqa: E402
+from addon.core.geometry import rotations  # noqa: E402
+from addon.core.geometry.cameras import Cameras  # noqa: E402
 from addon.scene.take import Take  # noqa: E402
 
 REPOSITORY = Path(__file__).resolve().parents[2]

@@ -9,7 +9,7 @@ import pytest
 from bpy_extras.object_utils import world_to_camera_view
 from mathutils import Vector
 
-from addon.core.errors import InputError
+from addon.core.data.errors import InputError
 from addon.scene import cameras as scene_cameras
 
 FIELDS = ("size", "matrix", "distortion", "rotation", "translation", "inverse")

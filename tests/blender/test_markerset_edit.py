@@ -5,7 +5,7 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.core.errors import InputError
+from addon.core.data.errors import InputError
 from addon.io.markersets import builtin_markersets, open_markerset
 from addon.scene import markerset_edit, naming
 
@@ -74,13 +74,13 @@ def test_what_was_learned_of_markers_is_kept_only_while_they_are_where_they_were
     markerset = open_markerset("gait15")
     collection = markerset_edit.show_markerset(empty, markerset, "gait15")
     empty.view_layer.update()
-    assert markerset_edit.read_markerset(collection, markerset, "mine").evidence is markerset.evidence
+    assert markerset_edit.read_markerset(collection, markerset, "mine").likelihood is markerset.likelihood
     item = marker(collection, "LKNE")
     item.matrix_world.translation += type(item.location)((0.017, 0, 0.034))
     empty.view_layer.update()
-    assert markerset_edit.read_markerset(collection, markerset, "moved").evidence is None
+    assert markerset_edit.read_markerset(collection, markerset, "moved").likelihood is None
     bpy.data.objects.remove(item)
-    assert markerset_edit.read_markerset(collection, markerset, "fewer").evidence is None
+    assert markerset_edit.read_markerset(collection, markerset, "fewer").likelihood is None
 
 
 def test_a_marker_attached_to_another_segment_stays_where_it_stands(empty, laid_out):

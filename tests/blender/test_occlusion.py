@@ -5,8 +5,8 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.core.errors import InputError
-from addon.core.occlusion import CapsuleOcclusion
+from addon.core.body.occlusion import CapsuleOcclusion
+from addon.core.data.errors import InputError
 from addon.scene.armature import add_armature, mean_build
 from addon.scene.body import add_body
 from addon.scene.occlusion import occlusion_of

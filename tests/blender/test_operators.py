@@ -70,7 +70,7 @@ def ready(extension, empty, files):
 def labelling(extension, monkeypatch, made):
     """The module of the label operator, with a labelling that is quick and known: the truth of `made.take`."""
     module = importlib.import_module(f"{extension}.addon.ops.labelling")
-    takes = importlib.import_module(f"{extension}.addon.core.takes")
+    takes = importlib.import_module(f"{extension}.addon.core.data.takes")
     given = []
 
     def label_take(chunks, cameras, markerset, rate, options, occlusion=None):
@@ -320,7 +320,7 @@ def test_ticks_come_to_an_end_with_the_take_shown(ready, labelling, window, monk
 
 @pytest.mark.parametrize("ours", [True, False])
 def test_trouble_on_the_way_gives_everything_back(extension, labelling, window, monkeypatch, ours):
-    errors = importlib.import_module(f"{extension}.addon.core.errors")
+    errors = importlib.import_module(f"{extension}.addon.core.data.errors")
 
     def label_take(*_, **__):
         raise RuntimeError("a fault of ours") if ours else errors.JobError("nobody is here; expected a person")

@@ -9,7 +9,7 @@ import pytest
 from bpy_extras.object_utils import world_to_camera_view
 from mathutils import Matrix, Vector
 
-from addon.core.takes import NO_MARKER
+from addon.core.data.takes import NO_MARKER
 from addon.scene import take as takes
 from addon.scene.cameras import cameras_of, look_through
 from addon.scene.preview import read_preview, store_preview

@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.core.takes import NO_MARKER, Points
+from addon.core.data.takes import NO_MARKER, Points
 from addon.io.blobs import write_blobs
 from addon.io.cameras import write_cameras
 from addon.io.markersets import write_markerset
@@ -202,7 +202,7 @@ def test_what_is_cancelled_ends_soon_and_leaves_no_files(imported, extension, mo
 
 def test_doubtful_points_are_told_from_sure_ones(extension):
     marks = importlib.import_module(f"{extension}.addon.ui.marks")
-    takes = importlib.import_module(f"{extension}.addon.core.takes")
+    takes = importlib.import_module(f"{extension}.addon.core.data.takes")
     motion = SimpleNamespace(frames=np.array([5, 6, 7]), markers=np.zeros((3, 3, 3)))
     stored = SimpleNamespace(
         names=("A", "B", "C"),

@@ -35,7 +35,7 @@ def test_nothing_is_judged_before_something_is_laid_out(extension, empty):
 def test_the_set_that_is_laid_out_is_judged_as_it_was_learned(judged):
     quality, _, collection = judged
     report = quality.kept_report(collection)
-    core = importlib.import_module("addon.core.ambiguity")
+    core = importlib.import_module("addon.core.placement_quality")
     found = core.judge(core.worn(open_markerset("gait15")))
     one, two = found.worst()[0]
     assert set(report["pairs"][0]["markers"]) == {found.markers[one], found.markers[two]}

@@ -7,7 +7,7 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.core.takes import Blobs, LabelledChunk, Labels, Motion, Suspect
+from addon.core.data.takes import Blobs, LabelledChunk, Labels, Motion, Suspect
 from addon.scene import naming
 from addon.scene import take as takes
 from addon.scene.armature import bone_tails, build_of

@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.core.takes import Points
+from addon.core.data.takes import Points
 from addon.io.models import open_model
 from addon.io.points import write_c3d
 

@@ -9,7 +9,7 @@ import pytest
 
 from addon.capturing import cut, truth_path, write_capture
 from addon.cli import main
-from addon.core.takes import Points
+from addon.core.data.takes import Points
 from addon.demo.take import MODEL, RATE, TROUBLE, make_performance
 from addon.io.cameras import write_cameras
 from addon.io.markersets import open_markerset

@@ -13,7 +13,7 @@ from addon.demo import take as demo_take
 @pytest.fixture
 def short(monkeypatch):
     """Only the beginning of the demo's walk."""
-    from addon.core.virtual import DEMO
+    from addon.core.simulation.virtual import DEMO
 
     monkeypatch.setattr(demo_take, "DEMO", DEMO[:1])
 

@@ -9,7 +9,7 @@ import ezc3d
 import numpy as np
 import pytest
 
-from addon.core.takes import Points
+from addon.core.data.takes import Points
 from addon.demo.take import MODEL
 from addon.io.labels import POINT_KEYS, TruthWriter
 from addon.io.markersets import SUFFIX, open_markerset, write_markerset
@@ -181,7 +181,7 @@ def test_points_of_something_else_name_no_blobs(room, run, tmp_path):
 def test_both_ways_need_blobs_and_what_names_points(run, room, label, tmp_path):
     assert "the method both is for blobs" in label("--method", "both").reason
     bare = tmp_path / f"bare{SUFFIX}"
-    write_markerset(bare, replace(open_markerset("body26"), name="bare", evidence=None))
+    write_markerset(bare, replace(open_markerset("body26"), name="bare", likelihood=None))
     words = ("label", room.blobs, "--cameras", room.cameras, "--out", tmp_path / "o", "--model", bare)
     for method in ("both", "evidence", "ensemble"):
         answer = run(*words, "--method", method)

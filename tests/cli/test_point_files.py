@@ -7,11 +7,11 @@ import struct
 import numpy as np
 import pytest
 
-from addon.core.errors import InputError, JobError
-from addon.core.takes import Points
+from addon.core.data.errors import InputError, JobError
+from addon.core.data.takes import Points
 from addon.demo.take import MODEL
 from addon.io.points import read_points, write_c3d
-from addon.jobs.lessons import read_takes
+from addon.jobs.training_takes import read_takes
 
 SAID = "the file says that -Z is up, but +Z was taken by "
 NO_RATE = "the file has a rate of 0 frames a second, so the 60 that are given were taken"
@@ -103,7 +103,7 @@ def test_simulate_takes_axis_and_rate(run, room, upside_down, without_rate, tmp_
 
 
 @pytest.fixture
-def lesson(run, tmp_path, monkeypatch):
+def training_take(run, tmp_path, monkeypatch):
     """What `train` reads of a take, without the training, which takes its time."""
 
     def read(take, *words):
@@ -121,17 +121,17 @@ def lesson(run, tmp_path, monkeypatch):
     return read
 
 
-def test_train_takes_axis_and_rate(lesson, room, upside_down, without_rate):
-    plain = lesson(room.c3d)
-    found = lesson(upside_down)
+def test_train_takes_axis_and_rate(training_take, room, upside_down, without_rate):
+    plain = training_take(room.c3d)
+    found = training_take(upside_down)
     np.testing.assert_array_equal(found.xyz, plain.xyz)
     assert found.doubts[0].startswith(f"down.c3d: {SAID}")
-    found = lesson(upside_down, "--up", "-z")
+    found = training_take(upside_down, "--up", "-z")
     np.testing.assert_allclose(found.xyz[..., 2], -plain.xyz[..., 2], atol=1e-9)
     assert found.doubts == ()
     with pytest.raises(InputError, match="rate of 0"):
-        lesson(without_rate)
-    found = lesson(without_rate, "--rate", "60")
+        training_take(without_rate)
+    found = training_take(without_rate, "--rate", "60")
     np.testing.assert_array_equal(found.xyz, plain.xyz)
     assert found.doubts == (f"slow.c3d: {NO_RATE}",)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from addon.cli import main
-from addon.core.takes import Points
+from addon.core.data.takes import Points
 from addon.demo.take import MODEL
 from addon.io.markersets import open_markerset
 from addon.io.points import write_c3d, write_trc

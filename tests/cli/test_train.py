@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from addon.core import rotations
-from addon.core.takes import Points
+from addon.core.data.takes import Points
+from addon.core.geometry import rotations
 from addon.io.labels import POINT_KEYS, TruthWriter
 from addon.io.models import read_model
 from addon.io.points import read_points, write_c3d
@@ -63,8 +63,8 @@ def test_the_report_says_what_was_learned(trained):
     assert set(report["ensemble"]["of_marker"]) == set(NAMES)
     assert {"read", "body", "evidence", "ensemble"} <= set(report["seconds"])
     found = read_model(model)
-    assert found.markerset.evidence.subjects == 2
-    assert [lesson.subject for lesson in found.lessons] == ["c0", "c1"]
+    assert found.markerset.likelihood.subjects == 2
+    assert [training_take.subject for training_take in found.training_takes] == ["c0", "c1"]
     assert found.markerset.source["subject c1"] == "walk1.c3d"
 
 
@@ -125,7 +125,7 @@ def test_training_on_keeps_what_was_known(trained, takes, run, tmp_path):
     assert [row["subject"] for row in report["subjects"]] == ["c0", "c1", "c2"]
     assert report["trained_on"] == str(model)
     assert report["ensemble"] is None
-    assert read_model(out).markerset.evidence.subjects == 3
+    assert read_model(out).markerset.likelihood.subjects == 3
     fewer = ",".join([*NAMES[6:], *NAMES[:4]])
     words = ("--markers", fewer, "--search", "none", "--json")
     answer = run("train", takes[2], "--from", model, "--out", tmp_path / "fewer.markerset.json", *words)
@@ -136,7 +136,7 @@ def test_training_on_keeps_what_was_known(trained, takes, run, tmp_path):
     )
     lean = tmp_path / "lean.markerset.json"
     assert run("train", *takes[:2], "--out", lean, "--search", "none", "--lean").status == 0
-    assert not read_model(lean).lessons
+    assert not read_model(lean).training_takes
     assert "would forget them" in run("train", takes[2], "--from", lean, "--out", tmp_path / "x.markerset.json").reason
 
 
@@ -151,7 +151,7 @@ def test_a_corrected_take_replaces_what_was_learned_from_it(takes, run, tmp_path
     said = run("train", right, "--from", model, "--out", better, "--search", "none").out.splitlines()
     assert [line for line in said if line.startswith("replaces")] == ["replaces            walk1.c3d of c1 as it was"]
     assert not any("each other's names" in line for line in said)
-    assert [(row.subject, row.takes) for row in read_model(better).lessons] == [
+    assert [(row.subject, row.takes) for row in read_model(better).training_takes] == [
         ("c0", ("walk0.c3d",)),
         ("c2", ("walk2.c3d",)),
         ("c1", ("walk1.c3d",)),

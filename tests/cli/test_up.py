@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from addon.core.camera_up import turned
+from addon.core.geometry.camera_up import turned
 from addon.io.cameras import read_cameras
 from addon.io.points import read_points
 from tests.io.samples import qca

@@ -7,15 +7,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from addon.core.ambiguity import advise, judge, separation, worn
-from addon.core.ambiguity.overlap import covariance_of, pair_overlaps, renaming_overlap
-from addon.core.ambiguity.surface import all_over, in_view, nearby
-from addon.core.ambiguity.worn import Worn
-from addon.core.body import BodyModel
-from addon.core.errors import InputError
-from addon.core.evidence.shape import Shape
-from addon.core.evidence.upright import turned
-from addon.core.markersets import Capsules, MarkerSet, Skeleton, Spread
+from addon.core.body.bodies import BodyModel
+from addon.core.data.errors import InputError
+from addon.core.data.markersets import Capsules, MarkerSet, Skeleton, Spread
+from addon.core.geometry.upright import turned
+from addon.core.placement_quality import advise, judge, separation
+from addon.core.placement_quality import layout as worn
+from addon.core.placement_quality.layout import Worn
+from addon.core.placement_quality.overlap import covariance_of, pair_overlaps, renaming_overlap
+from addon.core.placement_quality.surface import all_over, in_view, nearby
+from addon.core.points.likelihood.shape import Shape
 
 from .toybody import toy_markerset
 
@@ -179,7 +180,7 @@ def test_a_moved_marker_goes_where_its_segment_carries_it():
 def test_an_edited_set_keeps_what_was_learned_of_its_base():
     toy = toy_markerset()
     drawn = worn(toy, seed=4)
-    toy = replace(toy, evidence=SimpleNamespace(markers=toy.markers, shape=drawn.shape))
+    toy = replace(toy, likelihood=SimpleNamespace(markers=toy.markers, shape=drawn.shape))
     offsets = toy.offsets.copy()
     offsets[3] += [0.0, 0.02, 0.0]
     keep = [0, *range(2, len(toy))]

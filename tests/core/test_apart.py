@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from addon.core.apart import groups_apart
+from addon.core.points.apart import groups_apart
 
 
 def test_groups_are_told_by_the_gap_between_them_and_the_largest_comes_first():

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from addon.core import rotations
-from addon.core.body import PLACEMENT, BodyModel
+from addon.core.body.bodies import PLACEMENT, BodyModel
+from addon.core.geometry import rotations
 from addon.io.markersets import open_markerset
 from tests.core.test_prior import some_bodies
 from tests.core.toybody import toy_markerset

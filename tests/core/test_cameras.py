@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from addon.core import inverse_lens
-from addon.core.cameras import Cameras, distort, lens_reach, undistort
-from addon.core.errors import InputError
-from addon.core.rigs import paper_rig, ring_rig
+from addon.core.data.errors import InputError
+from addon.core.geometry import inverse_lens
+from addon.core.geometry.cameras import Cameras, distort, lens_reach, undistort
+from addon.core.simulation.rigs import paper_rig, ring_rig
 
 
 def by_hand(cameras, camera, point):

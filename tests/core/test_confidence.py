@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from addon.core.confidence import label_confidences, swap_doubts
-from addon.core.labelling import Expectation, Frame, Naming, Rules, name_markers
-from addon.core.rigs import paper_rig
-from addon.core.rivals import Swaps
-from addon.core.takes import EXCLUSIVE
-from addon.core.views import Sight, split_views
+from addon.core.blobs.confidence import label_confidences, swap_doubts
+from addon.core.blobs.labelling import Expectation, Frame, Naming, Rules, name_markers
+from addon.core.blobs.swaps import Swaps
+from addon.core.blobs.views import Sight, split_views
+from addon.core.data.takes import EXCLUSIVE
+from addon.core.simulation.rigs import paper_rig
 from tests.core.scenes import blobs_at
 
 RIG = paper_rig()

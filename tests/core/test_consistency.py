@@ -3,20 +3,20 @@
 
 import numpy as np
 
-from addon.core.consistency import stray_suspects, strays
-from addon.core.evidence.ties import Ties
+from addon.core.points.consistency import stray_suspects, strays
+from addon.core.points.likelihood.distances import DistanceConstraints
 
-TIES = Ties(np.array(np.triu_indices(4, 1)).T, np.full(6, 0.2), np.full(6, 0.004), 0.05)
+TIES = DistanceConstraints(np.array(np.triu_indices(4, 1)).T, np.full(6, 0.2), np.full(6, 0.004), 0.05)
 
 
-def plate(frames: int = 100) -> np.ndarray:
+def rigid_body(frames: int = 100) -> np.ndarray:
     """(T, 5, 3) four markers on a plate that wanders, and one that has no ties."""
     path = np.cumsum(np.random.default_rng(0).normal(0, 0.01, (frames, 1, 3)), axis=0)
     return path + np.random.default_rng(1).uniform(-0.1, 0.1, (5, 3))
 
 
 def test_a_marker_that_leaves_its_plate_is_found_and_its_mates_are_not():
-    markers = plate()
+    markers = rigid_body()
     markers[40:46, 2] += 0.06
     markers[:, 4] += np.random.default_rng(2).normal(0, 0.2, (100, 3))
     markers[10:20, 0] = np.nan
@@ -25,12 +25,12 @@ def test_a_marker_that_leaves_its_plate_is_found_and_its_mates_are_not():
 
 
 def test_nothing_is_said_of_too_few_mates_or_frames():
-    markers = plate()
+    markers = rigid_body()
     markers[40:46, 2] += 0.06
     markers[:, :1] = np.nan
     markers[30:60, 1] = np.nan
     assert not strays(markers, TIES).any()
-    assert not strays(plate(3)[:, [0, 1, 2, 3, 4]] * np.nan, TIES).any()
+    assert not strays(rigid_body(3)[:, [0, 1, 2, 3, 4]] * np.nan, TIES).any()
 
 
 def test_ranges_bridge_short_interruptions():

@@ -4,9 +4,9 @@
 import numpy as np
 import pytest
 
-from addon.core.body import BodyModel
-from addon.core.contradictions import contradictions, leads
-from addon.core.virtual import Act, draw_person, perform
+from addon.core.body.bodies import BodyModel
+from addon.core.simulation.virtual import Act, draw_person, perform
+from addon.core.training.contradictions import contradictions, leads
 from addon.io.markersets import open_markerset
 
 MARKERS = open_markerset("body26").markers
@@ -70,7 +70,7 @@ def test_missing_markers_are_no_contradiction(takes):
 
 
 def test_the_recorded_takes_with_exchanged_names_are_found(shared_data):
-    from addon.jobs.lessons import contradicted, read_takes
+    from addon.jobs.training_takes import contradicted, read_takes
 
     said = contradicted(read_takes(sorted((shared_data / "people" / "mcgill").glob("*/*.c3d")), ()), MARKERS)
     assert [line.split(", if")[0] for line in said] == [

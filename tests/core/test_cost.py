@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addon.core.cameras import Cameras
-from addon.core.cost import blob_pull, cloud_pull, point_pull, ray_pull
-from addon.core.rigs import paper_rig
-from addon.core.views import Sight, split_views
+from addon.core.blobs.cost import blob_pull, cloud_pull, point_pull, ray_pull
+from addon.core.blobs.views import Sight, split_views
+from addon.core.geometry.cameras import Cameras
+from addon.core.simulation.rigs import paper_rig
 from tests.core.scenes import blobs_at
 
 

@@ -4,9 +4,9 @@
 import numpy as np
 import pytest
 
-from addon.core.body import BodyModel
-from addon.core.dressing import dressed, known_body
-from addon.core.posing import fit_points
+from addon.core.body.bodies import BodyModel
+from addon.core.body.posing import fit_points
+from addon.core.training.transfer import dressed, known_body
 from addon.demo.take import make_performance
 from addon.io.markersets import builtin_markersets, open_markerset
 

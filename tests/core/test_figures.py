@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from addon.core.figures import Figures
+from addon.core.evaluation.figures import Figures
 
 MARKERS = ("A", "B", "C")
 

@@ -4,11 +4,11 @@
 import numpy as np
 import pytest
 
-from addon.core import pipeline
-from addon.core.pipeline import Options, label_take
-from addon.core.rigs import paper_rig
-from addon.core.search import Hints
-from addon.core.virtual import Act
+from addon.core.blobs import pipeline
+from addon.core.blobs.pipeline import Options, label_take
+from addon.core.blobs.search import Hints
+from addon.core.simulation.rigs import paper_rig
+from addon.core.simulation.virtual import Act
 from tests.core.scenes import act, blobs_at, built_in
 from tests.core.test_pipeline import RIG, ROOM, Outcome, walk
 

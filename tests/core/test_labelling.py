@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from addon.core.labelling import (
+from addon.core.blobs.labelling import (
     FAR,
     Expectation,
     Frame,
@@ -19,9 +19,9 @@ from addon.core.labelling import (
     resolve_conflicts,
     withdraw_strangers,
 )
-from addon.core.rigs import paper_rig, ring_rig
-from addon.core.takes import CONFLICT, EXCLUSIVE, NO_STEP, REMAINING
-from addon.core.views import Sight, split_views
+from addon.core.blobs.views import Sight, split_views
+from addon.core.data.takes import CONFLICT, EXCLUSIVE, NO_STEP, REMAINING
+from addon.core.simulation.rigs import paper_rig, ring_rig
 from tests.core.scenes import blobs_at
 
 RIG = paper_rig()

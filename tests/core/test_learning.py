@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from addon.core import rotations
-from addon.core.anatomy import LOWER_SEGMENTS, SETS, other_side
-from addon.core.body import BodyModel
-from addon.core.learning import Person, learn, study
+from addon.core.body.anatomy import LOWER_SEGMENTS, SETS, other_side
+from addon.core.body.bodies import BodyModel
+from addon.core.geometry import rotations
+from addon.core.training.learning import Person, learn, study
 from addon.io.markersets import open_markerset
 
 JOINT_CENTRES = {site.name: site.landmarks[0] for site in LOWER_SEGMENTS if site.landmarks}

@@ -6,9 +6,9 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from addon.core.body import BodyModel
-from addon.core.evidence import label_frames
-from addon.core.virtual import Act, draw_person, perform
+from addon.core.body.bodies import BodyModel
+from addon.core.points.likelihood import label_frames
+from addon.core.simulation.virtual import Act, draw_person, perform
 from addon.io.markersets import open_markerset
 
 TARGET = 0.999
@@ -32,7 +32,7 @@ def test_a_point_of_two_markers_is_either_of_them_or_nobody(at):
             merged = xyz.copy()
             merged[:, one] += at * (xyz[:, two] - xyz[:, one])
             merged[:, two] = np.nan
-            [named] = label_frames(markerset.evidence, merged)
+            [named] = label_frames(markerset.likelihood, merged)
             sure = named.sure(TARGET)
             wrong += int(((sure[:, one] >= 0) & ~np.isin(sure[:, one], [one, two])).sum())
             rest = np.setdiff1d(markers, [one, two])

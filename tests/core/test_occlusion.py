@@ -6,8 +6,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from addon.core.body import BodyModel
-from addon.core.occlusion import SIDE_UNKNOWN, CapsuleOcclusion, capsules_hide
+from addon.core.body.bodies import BodyModel
+from addon.core.body.occlusion import SIDE_UNKNOWN, CapsuleOcclusion, capsules_hide
 from tests.core.toybody import toy_markerset
 
 STANDOFF = 0.008

@@ -9,12 +9,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from addon.core.cameras import Cameras
-from addon.core.odd_cameras import CameraCheck
-from addon.core.rigs import ring_rig
-from addon.core.rotations import exponential
-from addon.core.simulate import disturbed
-from addon.core.takes import NO_MARKER, Blobs, Labels
+from addon.core.data.takes import NO_MARKER, Blobs, Labels
+from addon.core.geometry.cameras import Cameras
+from addon.core.geometry.rotations import exponential
+from addon.core.review.odd_cameras import CameraCheck
+from addon.core.simulation.rigs import ring_rig
+from addon.core.simulation.simulate import disturbed
 from addon.io.blobs import read_blobs
 from addon.io.cameras import read_cameras
 from addon.io.points import read_points

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Trajectories in pieces: where they are cut, and how pieces vote."""
+"""Trajectories in tracklets: where they are cut, and how tracklets vote."""
 
 import numpy as np
 import pytest
 
-from addon.core.pieces import WINDOW, cut, renamed, vote_pieces
-from addon.core.takes import NO_MARKER
+from addon.core.data.takes import NO_MARKER
+from addon.core.points.tracklets import WINDOW, cut, renamed, vote_tracklets
 
 RATE = 100.0
 
@@ -21,53 +21,53 @@ def test_long_gaps_and_leaps_part_pieces_and_short_gaps_do_not():
     points[20:40, 0] = np.nan
     points[100:180, 0] = np.nan
     points[200:, 1] += 1.0
-    piece = cut(points, RATE)
-    assert (piece[20:40, 0] == -1).all()
-    assert set(piece[:100, 0].tolist()) == {-1, 0}
-    assert set(piece[180:, 0].tolist()) == {1}
-    assert set(piece[:200, 1].tolist()) == {2}
-    assert set(piece[200:, 1].tolist()) == {3}
+    tracklet = cut(points, RATE)
+    assert (tracklet[20:40, 0] == -1).all()
+    assert set(tracklet[:100, 0].tolist()) == {-1, 0}
+    assert set(tracklet[180:, 0].tolist()) == {1}
+    assert set(tracklet[:200, 1].tolist()) == {2}
+    assert set(tracklet[200:, 1].tolist()) == {3}
 
 
 def test_one_column_may_carry_two_markers_one_after_the_other():
-    piece = cut(np.concatenate([straight(50, 1), np.full((60, 1, 3), np.nan), straight(50, 1)]), RATE)
-    marker, confidence = np.zeros(piece.shape, int), np.full(piece.shape, 0.9)
+    tracklet = cut(np.concatenate([straight(50, 1), np.full((60, 1, 3), np.nan), straight(50, 1)]), RATE)
+    marker, confidence = np.zeros(tracklet.shape, int), np.full(tracklet.shape, 0.9)
     marker[110:] = 1
     marker[3:6], marker[120:123] = 1, 0
-    voted = vote_pieces(np.where(piece >= 0, marker, NO_MARKER), confidence, piece, ["A", "B"])
+    voted = vote_tracklets(np.where(tracklet >= 0, marker, NO_MARKER), confidence, tracklet, ["A", "B"])
     assert (voted.marker[:50] == 0).all()
     assert (voted.marker[110:] == 1).all()
     assert (voted.marker[50:110] == NO_MARKER).all()
-    [change] = renamed(voted.marker, piece, ["A", "B"], first_frame=100)
+    [change] = renamed(voted.marker, tracklet, ["A", "B"], first_frame=100)
     assert (change.first, change.last) == (149, 210)
     assert change.reason == "trajectory 0 is A and, behind a gap or a leap, B"
 
 
 def test_points_without_trajectories_keep_their_own_names():
     shuffled = np.random.default_rng(0).permuted(straight(40, 12) * [1, 4, 1], axis=1)
-    piece = cut(shuffled, RATE)
-    marker = np.random.default_rng(1).integers(0, 5, piece.shape)
-    voted = vote_pieces(marker, np.ones(piece.shape), piece, list("ABCDE"))
+    tracklet = cut(shuffled, RATE)
+    marker = np.random.default_rng(1).integers(0, 5, tracklet.shape)
+    voted = vote_tracklets(marker, np.ones(tracklet.shape), tracklet, list("ABCDE"))
     np.testing.assert_array_equal(voted.marker, marker)
 
 
 def test_windows_do_not_change_a_long_trajectory():
-    piece = cut(straight(WINDOW * 2 + 300, 2), RATE)
-    marker = np.tile([1, 0], (len(piece), 1))
+    tracklet = cut(straight(WINDOW * 2 + 300, 2), RATE)
+    marker = np.tile([1, 0], (len(tracklet), 1))
     marker[::7] = NO_MARKER
-    voted = vote_pieces(marker, np.full(piece.shape, 0.95), piece, ["A", "B"], first_frame=10)
-    np.testing.assert_array_equal(voted.marker, np.tile([1, 0], (len(piece), 1)))
+    voted = vote_tracklets(marker, np.full(tracklet.shape, 0.95), tracklet, ["A", "B"], first_frame=10)
+    np.testing.assert_array_equal(voted.marker, np.tile([1, 0], (len(tracklet), 1)))
     assert voted.suspects == ()
 
 
 def test_doubts_name_the_column_of_the_file():
     points = straight(120, 3)
     points[:, 0] = np.nan
-    piece = cut(points, RATE)
-    marker = np.full(piece.shape, NO_MARKER)
+    tracklet = cut(points, RATE)
+    marker = np.full(tracklet.shape, NO_MARKER)
     marker[:, 1] = 0
     marker[:60, 2], marker[60:, 2] = 1, 2
-    voted = vote_pieces(marker, np.full(piece.shape, 0.99), piece, ["A", "B", "C"], first_frame=5)
+    voted = vote_tracklets(marker, np.full(tracklet.shape, 0.99), tracklet, ["A", "B", "C"], first_frame=5)
     [swap] = voted.suspects
     assert (swap.trajectory, swap.reason) == (2, "trajectory 2 goes over from B to C")
     assert abs(swap.first - 64) <= 2
@@ -75,10 +75,10 @@ def test_doubts_name_the_column_of_the_file():
 
 @pytest.mark.parametrize("frame", [WINDOW, WINDOW - 100, WINDOW * 2 + 300 - 90])
 def test_a_swap_at_a_window_s_border_or_late_in_it_is_followed_and_said(frame):
-    piece = cut(straight(WINDOW * 2 + 300, 2), RATE)
-    marker = np.tile([1, 0], (len(piece), 1))
+    tracklet = cut(straight(WINDOW * 2 + 300, 2), RATE)
+    marker = np.tile([1, 0], (len(tracklet), 1))
     marker[frame:] = [0, 1]
-    voted = vote_pieces(marker, np.full(piece.shape, 0.99), piece, ["A", "B"])
+    voted = vote_tracklets(marker, np.full(tracklet.shape, 0.99), tracklet, ["A", "B"])
     np.testing.assert_array_equal(voted.marker, marker)
     reasons = {(suspect.last, suspect.reason) for suspect in voted.suspects}
     assert reasons == {

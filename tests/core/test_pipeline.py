@@ -9,14 +9,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from addon.core.clock import STAGES
-from addon.core.errors import JobError
-from addon.core.pipeline import Options, label_take
-from addon.core.rigs import paper_rig, ring_rig
-from addon.core.search import Hints
-from addon.core.simulate import CaptureOptions, disturbed
-from addon.core.takes import NO_MARKER, NO_STEP
-from addon.core.virtual import Act
+from addon.core.blobs.clock import STAGES
+from addon.core.blobs.pipeline import Options, label_take
+from addon.core.blobs.search import Hints
+from addon.core.data.errors import JobError
+from addon.core.data.takes import NO_MARKER, NO_STEP
+from addon.core.simulation.rigs import paper_rig, ring_rig
+from addon.core.simulation.simulate import CaptureOptions, disturbed
+from addon.core.simulation.virtual import Act
 from tests.core.scenes import CLEAN, RATE, act, blobs_at, built_in, cut, film, keep, stand
 
 RIG = ring_rig(6, radius=4.5, volume_radius=1.3)

@@ -7,10 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from addon.core.body import BodyModel
-from addon.core.cloud import Cloud, build_cloud
-from addon.core.errors import JobError
-from addon.core.placement import (
+from addon.core.blobs.cloud import Cloud, build_cloud
+from addon.core.blobs.placement import (
     blob_centre,
     blob_centroids,
     bounding_box_guess,
@@ -18,8 +16,10 @@ from addon.core.placement import (
     principal_guess,
     solve_translation,
 )
-from addon.core.rigs import paper_rig, ring_rig
-from addon.core.views import Sight, split_views
+from addon.core.blobs.views import Sight, split_views
+from addon.core.body.bodies import BodyModel
+from addon.core.data.errors import JobError
+from addon.core.simulation.rigs import paper_rig, ring_rig
 from tests.core.scenes import blobs_at, built_in, stand
 
 RIG = paper_rig()

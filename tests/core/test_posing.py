@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from addon.core import rotations
-from addon.core.body import Bodies, BodyModel
-from addon.core.learning import learn
-from addon.core.posing import fit_points
+from addon.core.body.bodies import Bodies, BodyModel
+from addon.core.body.posing import fit_points
+from addon.core.geometry import rotations
+from addon.core.training.learning import learn
 from addon.io.markersets import open_markerset
 from scripts import learn_markersets
 

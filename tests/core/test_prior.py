@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from addon.core import rotations
-from addon.core.body import PLACEMENT, Bodies, BodyModel
-from addon.core.prior import Prior
+from addon.core.body.bodies import PLACEMENT, Bodies, BodyModel
+from addon.core.body.prior import Prior
+from addon.core.geometry import rotations
 from tests.core.toybody import toy_markerset
 
 

@@ -6,14 +6,14 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from addon.core.errors import JobError
-from addon.core.linking import Links
-from addon.core.matching import APART
-from addon.core.reconstruction import Reconstructor, reconstruct_take
-from addon.core.rigs import ring_rig
-from addon.core.simulate import CaptureOptions, capture, joined
-from addon.core.takes import Blobs
-from addon.core.views import split_views
+from addon.core.blobs.views import split_views
+from addon.core.data.errors import JobError
+from addon.core.data.takes import Blobs
+from addon.core.reconstruction.linking import Links
+from addon.core.reconstruction.matching import APART
+from addon.core.reconstruction.trajectories import Reconstructor, reconstruct_take
+from addon.core.simulation.rigs import ring_rig
+from addon.core.simulation.simulate import CaptureOptions, capture, joined
 
 RATE = 100.0
 
@@ -158,6 +158,6 @@ def test_frames_that_nobody_saw_are_not_worked_on(monkeypatch):
     nothing = Blobs(np.arange(5, 305), none, none, np.zeros((0, 2)), np.zeros(0))
     views = split_views(nothing, cameras)
     assert {id(view) for view in views} == {id(views[0])}
-    monkeypatch.setattr("addon.core.reconstruction.FrameMatcher", None)
+    monkeypatch.setattr("addon.core.reconstruction.trajectories.FrameMatcher", None)
     part = Reconstructor(cameras, RATE).reconstruct(nothing)
     assert (len(part.frames), len(part.points), part.rows.shape) == (300, 0, (0, 4))

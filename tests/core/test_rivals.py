@@ -7,13 +7,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from addon.core.labelling import Frame, Naming
-from addon.core.prior import Prior
-from addon.core.rigs import paper_rig
-from addon.core.rivals import swap_names, try_swaps, withdraw_strangers_to_body, without_own
-from addon.core.search import Hints, find_subject, settle
-from addon.core.subject import Setup, refit
-from addon.core.takes import EXCLUSIVE
+from addon.core.blobs.labelling import Frame, Naming
+from addon.core.blobs.search import Hints, find_subject, settle
+from addon.core.blobs.subject import Setup, refit
+from addon.core.blobs.swaps import swap_names, try_swaps, withdraw_strangers_to_body, without_own
+from addon.core.body.prior import Prior
+from addon.core.data.takes import EXCLUSIVE
+from addon.core.simulation.rigs import paper_rig
 from tests.core.scenes import FLAWLESS, built_in, stand
 
 RIG = paper_rig()

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from addon.core import rotations
+from addon.core.geometry import rotations
 
 parts = st.floats(-1, 1, allow_subnormal=False)
 vectors = st.tuples(parts, parts, parts).map(np.array)

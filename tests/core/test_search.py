@@ -6,13 +6,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from addon.core.cloud import build_cloud
-from addon.core.rigs import paper_rig, ring_rig
-from addon.core.search import Hints, find_subject, first_starts
-from addon.core.simulate import CaptureOptions
-from addon.core.subject import Setup
-from addon.core.takes import CONFLICT, EXCLUSIVE, REMAINING
-from addon.core.views import split_views
+from addon.core.blobs.cloud import build_cloud
+from addon.core.blobs.search import Hints, find_subject, first_starts
+from addon.core.blobs.subject import Setup
+from addon.core.blobs.views import split_views
+from addon.core.data.takes import CONFLICT, EXCLUSIVE, REMAINING
+from addon.core.simulation.rigs import paper_rig, ring_rig
+from addon.core.simulation.simulate import CaptureOptions
 from tests.core.scenes import CLEAN, blobs_at, built_in, stand
 
 PLAIN = CaptureOptions(noise=0.3, reflections=0, flicker=0.0)

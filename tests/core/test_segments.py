@@ -4,11 +4,11 @@
 import numpy as np
 import pytest
 
-from addon.core import rotations
-from addon.core.body import BodyModel
-from addon.core.posing import fit_points
-from addon.core.rigid import centre_of_rotation, laid_on
-from addon.core.segments import find_segments, segment_markerset
+from addon.core.body.bodies import BodyModel
+from addon.core.body.posing import fit_points
+from addon.core.geometry import rotations
+from addon.core.geometry.rigid import centre_of_rotation, laid_on
+from addon.core.training.segments import find_segments, segment_markerset
 
 NAMES = [f"{part}{number}" for part in ("HIP", "SHIN", "TOE") for number in range(1, 5)]
 

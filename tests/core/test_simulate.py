@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from addon.core import simulate
-from addon.core.body import BodyModel
-from addon.core.cameras import Cameras
-from addon.core.occlusion import CapsuleOcclusion
-from addon.core.rigs import paper_rig, ring_rig
-from addon.core.simulate import CaptureOptions, PosedBody, capture, disturbed, joined
+from addon.core.body.bodies import BodyModel
+from addon.core.body.occlusion import CapsuleOcclusion
+from addon.core.geometry.cameras import Cameras
+from addon.core.simulation import simulate
+from addon.core.simulation.rigs import paper_rig, ring_rig
+from addon.core.simulation.simulate import CaptureOptions, PosedBody, capture, disturbed, joined
 from tests.core.toybody import toy_markerset
 
 PERFECT = CaptureOptions(noise=0, dropout=0, reflections=0, flicker=0, merge_gap=-100)

@@ -3,8 +3,8 @@
 
 import numpy as np
 
-from addon.core.suspects import MOST, find_suspects, summarised
-from addon.core.takes import Motion, Suspect
+from addon.core.data.takes import Motion, Suspect
+from addon.core.review.suspects import MOST, find_suspects, summarised
 
 RATE = 100.0
 

@@ -9,16 +9,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from addon.core import tracking
-from addon.core.body import BodyModel
-from addon.core.prior import Prior
-from addon.core.rigs import ring_rig
-from addon.core.search import Hints, find_subject
-from addon.core.simulate import CaptureOptions
-from addon.core.subject import Setup
-from addon.core.tracking import Anchor, Track, difference, follow
-from addon.core.views import split_views
-from addon.core.virtual import Act
+from addon.core.blobs import tracking
+from addon.core.blobs.search import Hints, find_subject
+from addon.core.blobs.subject import Setup
+from addon.core.blobs.tracking import Anchor, Track, difference, follow
+from addon.core.blobs.views import split_views
+from addon.core.body.bodies import BodyModel
+from addon.core.body.prior import Prior
+from addon.core.simulation.rigs import ring_rig
+from addon.core.simulation.simulate import CaptureOptions
+from addon.core.simulation.virtual import Act
 from tests.core.scenes import RATE, act, built_in, keep, person_of
 from tests.core.toybody import toy_markerset
 

@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from addon.core.trajectories import vote
+from addon.core.points.votes import vote
 
 NAMES = ("LTOE", "RTOE", "HEAD")
 

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addon.core.cameras import Cameras
-from addon.core.errors import JobError
-from addon.core.rigs import paper_rig, ring_rig
-from addon.core.takes import Blobs
-from addon.core.views import MOST_BLOBS, NOWHERE, Sight, split_views
+from addon.core.blobs.views import MOST_BLOBS, NOWHERE, Sight, split_views
+from addon.core.data.errors import JobError
+from addon.core.data.takes import Blobs
+from addon.core.geometry.cameras import Cameras
+from addon.core.simulation.rigs import paper_rig, ring_rig
 
 RIG = paper_rig()
 

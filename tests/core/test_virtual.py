@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 
-from addon.core.body import BodyModel
-from addon.core.virtual import DEMO, Act, draw_person, perform
+from addon.core.body.bodies import BodyModel
+from addon.core.simulation.virtual import DEMO, Act, draw_person, perform
 from tests.core.toybody import toy_markerset
 
 MARKERSET = toy_markerset()

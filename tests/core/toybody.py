@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from addon.core.markersets import Capsules, MarkerSet, Skeleton, Spread
+from addon.core.data.markersets import Capsules, MarkerSet, Skeleton, Spread
 
 SEGMENTS = (
     # name, parent, joint in the parent's axes, capsule start, capsule end, radius; all heights

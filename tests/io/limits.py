@@ -14,7 +14,7 @@ MEMORY, SECONDS = 1 << 30, 5  # what reading a file may take at most
 _SCRIPT = """
 import resource, sys
 import numpy, addon.io.cameras, addon.io.labels, addon.io.models, addon.io.points
-from addon.core.errors import InputError
+from addon.core.data.errors import InputError
 from tests.fuzz import READERS
 used = int(sum(resource.getrusage(resource.RUSAGE_SELF)[:2]))
 resource.setrlimit(resource.RLIMIT_AS, ({memory}, {memory}))

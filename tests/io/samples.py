@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from addon.core.cameras import Cameras
-from addon.core.ensemble.model import Classifiers, Ensemble, Record, Solver, Strong
-from addon.core.models import Lessons, Model
-from addon.core.takes import Points
+from addon.core.data.models import Model, TrainingTake
+from addon.core.data.takes import Points
+from addon.core.geometry.cameras import Cameras
+from addon.core.points.partial_solvers.model import Classifiers, Ensemble, Record, Solver, Strong
 from addon.io.cameras import write_cameras
 from addon.io.points import write_c3d, write_trc
 from addon.io.rig import Z_UP_FROM_Y_UP
@@ -240,7 +240,7 @@ def toy_model() -> Model:
     ensemble = Ensemble(markerset.markers, classifiers, (solver,), np.full(count, 0.9999), "top-down", 3, 17)
     points = np.random.default_rng(0).normal(size=(4, count, 3)).astype(np.float32)
     points[1, 0] = np.nan
-    return Model(markerset, ensemble, (Lessons("Ann", ("walk ü", "run"), 900, points),))
+    return Model(markerset, ensemble, (TrainingTake("Ann", ("walk ü", "run"), 900, points),))
 
 
 def write_all(folder: Path) -> dict[str, Path]:

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addon.core.errors import InputError
-from addon.core.takes import Blobs
+from addon.core.data.errors import InputError
+from addon.core.data.takes import Blobs
 from addon.io import blobs as blob_files
 from addon.io.blobs import BlobWriter, read_blobs, write_blobs
 from addon.io.rows import parse_lines, parse_plain, read_header

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from addon.core.errors import InputError
-from addon.core.takes import Points
+from addon.core.data.errors import InputError
+from addon.core.data.takes import Points
 from addon.io.c3d import first_number, read_c3d, write_c3d_file
 from addon.io.points import read_points, write_c3d
 from tests.io.c3d_layouts import BLOCK, DEC, INTEL, MIPS, SCALE, Layout

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from addon.core.errors import InputError
+from addon.core.data.errors import InputError
 from addon.io.c3d import read_c3d
 from addon.io.c3d.layout import find_layout
 from addon.io.c3d.parameters import C3dFile

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from addon.core.errors import InputError
+from addon.core.data.errors import InputError
 from addon.io.cameras import read_cameras
 from tests.io.samples import ring, yml
 
@@ -20,7 +20,7 @@ import resource, sys, time
 resource.setrlimit(resource.RLIMIT_AS, (6 << 30, 6 << 30))
 resource.setrlimit(resource.RLIMIT_CPU, (60, 60))
 from pathlib import Path
-from addon.core.errors import InputError
+from addon.core.data.errors import InputError
 from addon.io.cameras import read_cameras
 begin = time.process_time()
 try:

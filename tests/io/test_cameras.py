@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addon.core.camera_up import guess_up, turned
-from addon.core.errors import InputError
+from addon.core.data.errors import InputError
+from addon.core.geometry.camera_up import guess_up, turned
 from addon.io.cameras import read_cameras, write_cameras
 from addon.io.rig import nearest_rotation, rotation_from_quaternion, rotation_from_vector
 from tests.io.samples import mcal, opencv_matrix, qca, quaternion, ring, write_selfcal, xcp, yml

@@ -6,8 +6,8 @@ import re
 import numpy as np
 import pytest
 
-from addon.core.errors import InputError
-from addon.core.takes import Points
+from addon.core.data.errors import InputError
+from addon.core.data.takes import Points
 from addon.io.points import read_points, write_c3d, write_trc
 from addon.io.world import UNITS
 from tests.io.samples import motive, walk

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from addon.core.errors import InputError
+from addon.core.data.errors import InputError
 from addon.io.cameras import read_cameras
 from addon.io.markersets import builtin_markersets, read_markerset
 from addon.io.points import read_points

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addon.core.errors import InputError
-from addon.core.takes import CONFLICT, EXCLUSIVE, NO_MARKER, NO_STEP, REMAINING, Labels
+from addon.core.data.errors import InputError
+from addon.core.data.takes import CONFLICT, EXCLUSIVE, NO_MARKER, NO_STEP, REMAINING, Labels
 from addon.io.blobs import read_blobs
 from addon.io.labels import BLOB_KEYS, POINT_KEYS, LabelFile, LabelWriter, TruthWriter
 from tests.io.samples import BLOBS, ring

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addon.core.errors import InputError
-from addon.core.markersets import MarkerSet
+from addon.core.data.errors import InputError
+from addon.core.data.markersets import MarkerSet
 from addon.io.markersets import builtin_markersets, markerset_text, open_markerset, read_markerset, write_markerset
 from tests.core.toybody import toy_markerset
 

@@ -9,9 +9,9 @@ import zlib
 import numpy as np
 import pytest
 
-from addon.core.ensemble.label import Labeller
-from addon.core.errors import InputError
-from addon.core.models import by_subject
+from addon.core.data.errors import InputError
+from addon.core.data.models import by_subject
+from addon.core.points.partial_solvers.label import Labeller
 from addon.io import packed
 from addon.io.markersets import read_markerset
 from addon.io.models import open_model, read_model, write_model
@@ -24,14 +24,18 @@ def test_models_come_back(tmp_path):
     write_model(path, model)
     found = read_model(path)
     assert found.markerset.markers == read_markerset(path).markers == model.markerset.markers
-    [solver], [wanted] = found.ensemble.solvers, model.ensemble.solvers
+    [solver], [wanted] = found.partial_solvers.solvers, model.partial_solvers.solvers
     np.testing.assert_array_equal(solver.reached, wanted.reached)
     np.testing.assert_array_equal(solver.record.rates, wanted.record.rates)
-    np.testing.assert_array_equal(found.ensemble.classifiers.high, model.ensemble.classifiers.high)
-    assert (found.ensemble.search, found.ensemble.seed, found.ensemble.frames) == ("top-down", 3, 17)
-    [lessons] = found.lessons
-    assert (lessons.subject, lessons.takes, lessons.frames) == ("Ann", ("walk ü", "run"), 900)
-    np.testing.assert_array_equal(lessons.points, model.lessons[0].points)
+    np.testing.assert_array_equal(found.partial_solvers.classifiers.high, model.partial_solvers.classifiers.high)
+    assert (found.partial_solvers.search, found.partial_solvers.seed, found.partial_solvers.frames) == (
+        "top-down",
+        3,
+        17,
+    )
+    [training_takes] = found.training_takes
+    assert (training_takes.subject, training_takes.takes, training_takes.frames) == ("Ann", ("walk ü", "run"), 900)
+    np.testing.assert_array_equal(training_takes.points, model.training_takes[0].points)
     write_model(tmp_path / "again.markerset.json", found)
     assert (tmp_path / "again.markerset.json").read_bytes() == path.read_bytes()
 
@@ -122,8 +126,8 @@ def test_arrays_with_a_right_digest_are_sound_or_refused(tmp_path):
             refused += 1
             assert "; expected" in error.message
             continue
-        Labeller(model.ensemble)(points)
-        assert by_subject(model.lessons)["Ann"].shape[1:] == (len(model.markerset), 3)
+        Labeller(model.partial_solvers)(points)
+        assert by_subject(model.training_takes)["Ann"].shape[1:] == (len(model.markerset), 3)
     assert 200 < refused < 600
 
 

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addon.core.errors import InputError
-from addon.core.takes import Points
+from addon.core.data.errors import InputError
+from addon.core.data.takes import Points
 from addon.io.c3d import read_c3d, write_c3d_file
 from addon.io.points import holds_points, marker_columns, read_points, write_c3d, write_trc
 from addon.io.trc import read_trc

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from addon.core.takes import Points
+from addon.core.data.takes import Points
 from addon.io.cameras import read_cameras
 from addon.io.points import read_points, write_trc
 from addon.io.points_up import AXES, find_up

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addon.core.summary import TakeSummary
-from addon.core.takes import Blobs, LabelledChunk, Labels, Motion, Suspect
+from addon.core.data.takes import Blobs, LabelledChunk, Labels, Motion, Suspect
+from addon.core.review.summary import TakeSummary
 from addon.io.report import take_report, write_report
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from addon.core.errors import InputError, JobError
+from addon.core.data.errors import InputError, JobError
 from addon.io.whole import PART, finish_renaming, whole_file, whole_files
 
 ROOT = Path(__file__).resolve().parents[2]

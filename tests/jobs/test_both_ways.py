@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from addon.core.takes import NO_MARKER, STEPS, Blobs, LabelledChunk, Labels, Motion, Suspect
+from addon.core.data.takes import NO_MARKER, STEPS, Blobs, LabelledChunk, Labels, Motion, Suspect
 from addon.jobs.both_ways import ALL_STEPS, Agreement, label_both_ways
 
 NAMES = ("A", "B", "C")

@@ -7,18 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from addon.core.errors import InputError
-from addon.core.models import Lessons, by_subject
-from addon.core.takes import Points
+from addon.core.data.errors import InputError
+from addon.core.data.models import TrainingTake, by_subject
+from addon.core.data.takes import Points
 from addon.io.points import read_points, write_c3d
-from addon.jobs.lessons import (
+from addon.jobs.training_takes import (
     KEPT,
     chosen_markers,
     gathered,
-    lessons_of,
     most_different,
     of_markers,
     read_takes,
+    training_takes_of,
     without_replaced,
 )
 
@@ -75,7 +75,7 @@ def test_a_model_that_is_trained_on_keeps_its_markers(tmp_path):
 
 def test_what_is_known_is_put_in_the_order_of_other_markers():
     points = np.arange(12, dtype=np.float32).reshape(1, 4, 3)
-    [found] = of_markers([Lessons("ann", ("1",), 9, points)], NAMES[:4], ("C", "E", "A"))
+    [found] = of_markers([TrainingTake("ann", ("1",), 9, points)], NAMES[:4], ("C", "E", "A"))
     np.testing.assert_array_equal(found.points[0], [points[0, 2], [np.nan] * 3, points[0, 0]])
     assert (found.subject, found.takes, found.frames, found.points.dtype) == ("ann", ("1",), 9, np.float32)
 
@@ -133,7 +133,7 @@ def test_what_is_kept_is_the_most_different():
 
 def test_a_row_is_kept_of_every_take_and_a_subject_has_its_takes_together(tmp_path):
     paths = [write(tmp_path / who / f"{take}.c3d", seed=take) for who, take in (("ann", 1), ("bob", 2), ("ann", 3))]
-    kept = lessons_of(read_takes(paths, ()), NAMES)
+    kept = training_takes_of(read_takes(paths, ()), NAMES)
     assert [(row.subject, row.takes, row.frames) for row in kept] == [
         ("ann", ("1.c3d",), 30),
         ("ann", ("3.c3d",), 30),
@@ -149,7 +149,7 @@ def test_a_row_is_kept_of_every_take_and_a_subject_has_its_takes_together(tmp_pa
 def test_frames_of_long_takes_are_shared_out_and_stay_their_own(tmp_path):
     paths = [write(tmp_path / "ann" / f"{take}.c3d", frames=700, seed=take) for take in (1, 2)]
     takes = read_takes(paths, ())
-    kept = lessons_of(takes, NAMES)
+    kept = training_takes_of(takes, NAMES)
     assert sum(len(row.points) for row in kept) == KEPT
     for row, take in zip(kept, takes, strict=True):
         assert row.frames == 700
@@ -159,7 +159,7 @@ def test_frames_of_long_takes_are_shared_out_and_stay_their_own(tmp_path):
 
 def test_a_take_that_is_given_again_with_other_labels_takes_its_own_place(tmp_path):
     paths = [write(tmp_path / who / f"{take}.c3d", seed=take) for who, take in (("ann", 1), ("ann", 2), ("bob", 1))]
-    before = lessons_of(read_takes(paths, ()), NAMES)
+    before = training_takes_of(read_takes(paths, ()), NAMES)
     again = write(tmp_path / "corrected" / "1.c3d", names=("B", "A", "C", "", "E"), seed=1)
     left, gone, doubts = without_replaced(before, read_takes([again], [("ann", "*corrected*")]))
     assert [(row.subject, row.takes) for row in gone] == [("ann", ("1.c3d",))]
@@ -168,7 +168,7 @@ def test_a_take_that_is_given_again_with_other_labels_takes_its_own_place(tmp_pa
 
 
 def test_another_take_of_the_same_name_is_added_and_said(tmp_path):
-    before = lessons_of(read_takes([write(tmp_path / "ann" / "1.c3d", seed=1)], ()), NAMES)
+    before = training_takes_of(read_takes([write(tmp_path / "ann" / "1.c3d", seed=1)], ()), NAMES)
     other = read_takes([write(tmp_path / "monday" / "1.c3d", seed=9)], [("ann", "*")])
     left, gone, doubts = without_replaced(before, other)
     assert (left, gone) == (before, [])

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from addon.core.takes import NO_MARKER
+from addon.core.data.takes import NO_MARKER
 from addon.io.models import open_model
 from addon.jobs.naming import NamedFrames, decide
 
@@ -53,8 +53,8 @@ def test_in_a_crowd_sure_frames_carry_the_others_of_their_trajectory(model):
 
 
 def test_where_one_subject_is_all_that_the_model_has_seen_a_quarter_of_the_frames_must_be_sure(model):
-    evidence = replace(model.markerset.evidence, subjects=1)
-    alone = replace(model, markerset=replace(model.markerset, evidence=evidence))
+    likelihood = replace(model.markerset.likelihood, subjects=1)
+    alone = replace(model, markerset=replace(model.markerset, likelihood=likelihood))
     sure = np.zeros((FRAMES, 3))
     sure[: FRAMES // 2, 0] = 1
     sure[: FRAMES // 10, 1] = 1

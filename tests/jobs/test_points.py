@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from addon.blendfile import has_blender
-from addon.core.body import BodyModel
-from addon.core.errors import JobError
-from addon.core.takes import NO_MARKER, Points, Suspect
+from addon.core.body.bodies import BodyModel
+from addon.core.data.errors import JobError
+from addon.core.data.takes import NO_MARKER, Points, Suspect
 from addon.io.markersets import open_markerset
 from addon.io.points import read_points, write_c3d
 from addon.jobs import LabelJob, label_file
@@ -148,7 +148,7 @@ def test_only_the_number_of_a_trajectory_is_made_the_file_s():
 
 
 def test_progress_only_grows_and_goes_on_while_the_body_is_posed(source, of_two_minds, monkeypatch):
-    monkeypatch.setattr("addon.core.posing.BATCH", 5)
+    monkeypatch.setattr("addon.core.body.posing.BATCH", 5)
     told = list(label_file(LabelJob(source, None, "gait15", source.parent / "out")))
     shares = [one.fraction for one in told]
     assert shares == sorted(shares)

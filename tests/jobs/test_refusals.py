@@ -6,15 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from addon.core import rotations
-from addon.core.body import BodyModel
-from addon.core.errors import JobError
-from addon.core.evidence import learn_evidence
-from addon.core.models import Model
-from addon.core.pipeline import Options
-from addon.core.segments import segment_markerset
-from addon.core.takes import NO_MARKER
-from addon.core.virtual import Act, draw_person, perform
+from addon.core.blobs.pipeline import Options
+from addon.core.body.bodies import BodyModel
+from addon.core.data.errors import JobError
+from addon.core.data.models import Model
+from addon.core.data.takes import NO_MARKER
+from addon.core.geometry import rotations
+from addon.core.points.likelihood import learn_likelihood
+from addon.core.simulation.virtual import Act, draw_person, perform
+from addon.core.training.segments import segment_markerset
 from addon.io.markersets import open_markerset
 from addon.io.models import open_model
 from addon.io.points import read_points
@@ -38,12 +38,14 @@ def robot(seed: int, frames: int = 300, form: int = 7) -> np.ndarray:
     shape, chance = np.random.default_rng(form), np.random.default_rng(seed)
     time = np.arange(frames)[:, None] / 50
     parts = []
-    for plate in range(PLATES):
+    for rigid_body in range(PLATES):
         flat = shape.uniform(-0.12, 0.12, (4, 3))
         swing = rotations.exponential(
-            np.column_stack([0.3 * np.sin(time + seed), 0.4 * np.sin(2 * time + plate), time])
+            np.column_stack([0.3 * np.sin(time + seed), 0.4 * np.sin(2 * time + rigid_body), time])
         )[0]
-        parts.append(np.einsum("fij,mj->fmi", swing, flat) + np.array([0.35 * plate - 0.35, 0, 0.5 + 0.3 * plate]))
+        parts.append(
+            np.einsum("fij,mj->fmi", swing, flat) + np.array([0.35 * rigid_body - 0.35, 0, 0.5 + 0.3 * rigid_body])
+        )
     whole = np.concatenate(parts, axis=1)
     return whole + chance.normal(0, 0.0004, whole.shape)
 
@@ -57,9 +59,9 @@ def gait() -> Model:
 def plated() -> Model:
     """A model of the robot, whose markers are all on plates."""
     names = tuple(f"M{index}" for index in range(4 * PLATES))
-    evidence = learn_evidence([(robot(1), "one")], names)
-    assert evidence.plates is not None
-    return Model(replace(segment_markerset([robot(1)], names, "robot"), evidence=evidence))
+    likelihood = learn_likelihood([(robot(1), "one")], names)
+    assert likelihood.rigid_bodies is not None
+    return Model(replace(segment_markerset([robot(1)], names, "robot"), likelihood=likelihood))
 
 
 def refused(model: Model, points: np.ndarray) -> str:

@@ -5,7 +5,7 @@ import tracemalloc
 
 import numpy as np
 
-from addon.core.reconstruction import Reconstructed
+from addon.core.reconstruction.trajectories import Reconstructed
 from addon.io.points import read_points, write_c3d
 from addon.jobs import spool
 from addon.jobs.spool import TrajectoryFile

@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from addon.core.evidence.model import Evidence
-from addon.core.evidence.plates import learn_plates
-from addon.core.models import Lessons, Model
-from addon.core.pieces import cut
-from addon.core.takes import NO_MARKER
+from addon.core.data.models import Model, TrainingTake
+from addon.core.data.takes import NO_MARKER
+from addon.core.points.likelihood.model import Likelihood
+from addon.core.points.rigid_bodies.model import learn_rigid_bodies
+from addon.core.points.tracklets import cut
 from addon.jobs.naming import Decided
 from addon.jobs.wearer import checked, find_wearer
-from tests.core.groups.plated import NAMES, RATE, body, walk
+from tests.core.rigid_bodies.plated import NAMES, RATE, body, walk
 from tests.core.toybody import toy_markerset
 
 FIRST_FRAME = 100
@@ -22,9 +22,9 @@ FIRST_FRAME = 100
 @pytest.fixture(scope="module")
 def model():
     takes = np.concatenate([walk(body()), walk(body(), 1)])
-    evidence = Evidence(NAMES, None, None, None, 1, learn_plates([takes], 0.5))
-    markerset = replace(toy_markerset(), markers=NAMES, evidence=evidence)
-    return Model(markerset, lessons=(Lessons("somebody", ("take",), len(takes), takes),))
+    likelihood = Likelihood(NAMES, None, None, None, 1, learn_rigid_bodies([takes], 0.5))
+    markerset = replace(toy_markerset(), markers=NAMES, likelihood=likelihood)
+    return Model(markerset, training_takes=(TrainingTake("somebody", ("take",), len(takes), takes),))
 
 
 def wearer_of(model, points):
@@ -57,8 +57,8 @@ def test_the_subject_of_the_training_needs_nothing_else(model):
 def test_somebody_else_is_named_with_plates_of_their_own_and_the_report_begins_with_it(model, other):
     points, wearer = other
     assert wearer.stranger
-    assert wearer.model.markerset.evidence.plates is wearer.person.plates
-    assert model.markerset.evidence.plates is not wearer.person.plates
+    assert wearer.model.markerset.likelihood.rigid_bodies is wearer.person.rigid_bodies
+    assert model.markerset.likelihood.rigid_bodies is not wearer.person.rigid_bodies
     decided = checked(named_by(right_of(points)), wearer, FIRST_FRAME)
     assert decided.suspects[0].reason.startswith("the plates are not those of the training")
     assert (decided.suspects[0].first, decided.suspects[0].last) == (FIRST_FRAME, FIRST_FRAME + len(points) - 1)
@@ -102,8 +102,8 @@ def test_things_that_stand_about_are_said_to(model):
 
 def test_models_that_cannot_tell_are_left_as_they_are(model):
     points = walk(body(), 5)[:50]
-    forgetful = replace(model, lessons=())
-    bare = replace(model, markerset=replace(model.markerset, evidence=None))
+    forgetful = replace(model, training_takes=())
+    bare = replace(model, markerset=replace(model.markerset, likelihood=None))
     for given, method in ((forgetful, "evidence"), (bare, "evidence"), (model, "fit")):
         wearer = find_wearer(given, method, points, cut(points, RATE), RATE)
         assert wearer.model is given

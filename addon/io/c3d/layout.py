@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...core.errors import InputError
+from ...core.data.errors import InputError
 from .parameters import BLOCK, C3dFile
 
 SIXTEEN_BITS = 65535

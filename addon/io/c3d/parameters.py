@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...core.errors import InputError
+from ...core.data.errors import InputError
 
 KIND = "a C3D file"
 BLOCK = 512

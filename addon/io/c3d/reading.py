@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...core.errors import InputError
+from ...core.data.errors import InputError
 from ..source import read_bytes
 from .layout import Layout, find_layout
 from .parameters import C3dFile

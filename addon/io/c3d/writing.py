@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...core.errors import InputError
+from ...core.data.errors import InputError
 from .parameters import BLOCK, INTEL, MASK_KEY
 
 # 255 steps of this many mm are what the residual of a sample has room for: 0 to 12.75 mm.

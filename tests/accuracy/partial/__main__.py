@@ -20,8 +20,8 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from addon.core.ensemble.training import Training
-from addon.core.errors import InputError
+from addon.core.data.errors import InputError
+from addon.core.points.partial_solvers.training import Training
 
 from .. import people
 from . import pages

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from addon.core.ensemble.label import Labeller
-from addon.core.ensemble.model import FUNCTIONS, PAPER_FUNCTIONS, Ensemble, Solver
-from addon.core.ensemble.training import Study, Training
-from addon.core.evidence import label_frames, learn_evidence
+from addon.core.points.likelihood import label_frames, learn_likelihood
+from addon.core.points.partial_solvers.label import Labeller
+from addon.core.points.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS, PartialSolvers, Solver
+from addon.core.points.partial_solvers.training import Study, Training
 
 Takes = Sequence[tuple[np.ndarray, str]]  # frames (T, M, 3) m, and whose they are
 FAITHFUL = {"paper": PAPER_FUNCTIONS, "turn": FUNCTIONS}
@@ -54,30 +54,30 @@ class Faithful:
     def _labeller(self, target: float) -> Labeller:
         if target not in self._labellers:
             began = time.process_time()
-            steps = self.study.ensemble(self._names, target)
+            steps = self.study.partial_solvers(self._names, target)
             while True:
                 try:
                     next(steps)
                 except StopIteration as end:
-                    ensemble = end.value
+                    partial_solvers = end.value
                     break
-            self._labellers[target] = Labeller(ensemble)
+            self._labellers[target] = Labeller(partial_solvers)
             self.facts["ensembles"][str(target)] = {
                 "seconds": time.process_time() - began,
-                "sizes": [len(solver.markers) for solver in ensemble.solvers],
-                "covered": (ensemble.covered > 0).tolist(),
-                "alive": alive(ensemble),
+                "sizes": [len(solver.markers) for solver in partial_solvers.solvers],
+                "covered": (partial_solvers.covered > 0).tolist(),
+                "alive": alive(partial_solvers),
             }
         return self._labellers[target]
 
 
-def alive(ensemble: Ensemble) -> list[list[float]]:
+def alive(partial_solvers: PartialSolvers) -> list[list[float]]:
     """For 0 to 10 hidden markers: the share of solvers that still have all their markers, and of the markers that are
     there the share for which such a solver votes."""
     generator = np.random.default_rng(0)
-    count = len(ensemble.markers)
-    whole, votes = np.zeros((2, len(ensemble), count), dtype=bool)
-    for row, solver in enumerate(ensemble.solvers):
+    count = len(partial_solvers.markers)
+    whole, votes = np.zeros((2, len(partial_solvers), count), dtype=bool)
+    for row, solver in enumerate(partial_solvers.solvers):
         whole[row, solver.markers] = True
         votes[row, solver.markers[solver.reached]] = True
     rows = []
@@ -85,7 +85,7 @@ def alive(ensemble: Ensemble) -> list[list[float]]:
         hidden = generator.random((PATTERNS, count)).argsort(axis=1).argsort(axis=1) < hide
         lives = ~(hidden[:, None] & whole).any(axis=2)
         told = (lives[..., None] & votes).any(axis=1)
-        rows.append([float(lives.mean()) if len(ensemble) else 0.0, float(told[~hidden].mean())])
+        rows.append([float(lives.mean()) if len(partial_solvers) else 0.0, float(told[~hidden].mean())])
     return rows
 
 
@@ -94,18 +94,18 @@ class Ours:
 
     def __init__(self, takes: Takes, names: tuple[str, ...]):
         began = time.process_time()
-        self._evidence = learn_evidence(takes, names)
+        self._likelihood = learn_likelihood(takes, names)
         frames = sum(len(frames) for frames, _ in takes)
         self.facts: dict = {"training": time.process_time() - began, "frames": frames}
 
     def names(self, points: np.ndarray, targets: Sequence[float]) -> dict[float, np.ndarray]:
         """The markers (N, P) of points (N, P, 3) m for each target, -1 where unnamed."""
-        parts = list(label_frames(self._evidence, points))
+        parts = list(label_frames(self._likelihood, points))
         return {target: np.concatenate([part.sure(target) for part in parts]) for target in targets}
 
     def confident(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The likeliest markers (N, P), -1 where none, and the confidence in each."""
-        parts = list(label_frames(self._evidence, points))
+        parts = list(label_frames(self._likelihood, points))
         return np.concatenate([part.marker for part in parts]), np.concatenate([part.confidence for part in parts])
 
 

@@ -5,7 +5,7 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
-from addon.core.errors import InputError
+from addon.core.data.errors import InputError
 
 COMMAND = "python -m tests.accuracy.partial --show"
 

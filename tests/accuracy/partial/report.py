@@ -304,11 +304,11 @@ def training(results: Results) -> str:
             continue
         for target in TARGETS:
             mine = [(fact["survey"], fact["ensembles"].get(str(target))) for fact in facts if "survey" in fact]
-            mine = [(survey, ensemble) for survey, ensemble in mine if ensemble]
+            mine = [(survey, partial_solvers) for survey, partial_solvers in mine if partial_solvers]
             if mine:
-                sizes = [len(ensemble["sizes"]) for _, ensemble in mine]
-                covered = [sum(ensemble["covered"]) for _, ensemble in mine]
-                seconds = [survey + ensemble["seconds"] for survey, ensemble in mine]
+                sizes = [len(partial_solvers["sizes"]) for _, partial_solvers in mine]
+                covered = [sum(partial_solvers["covered"]) for _, partial_solvers in mine]
+                seconds = [survey + partial_solvers["seconds"] for survey, partial_solvers in mine]
                 words = f"{_range(sizes)} solvers; {_range(covered)} of 15 markers reach the target"
                 rows.append([column.title, rate(target), len(mine), _seconds(seconds), words])
     return table(["method, people", "target", "trainings", "processor time", "ensemble"], rows)

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from addon.core.ensemble import search as searches
-from addon.core.ensemble.features import tables
-from addon.core.ensemble.masks import Masks
-from addon.core.ensemble.search import Genetics
-from addon.core.ensemble.solver import TreeSearch
-from addon.core.ensemble.training import Ground, Study, Training
+from addon.core.points.partial_solvers import search as searches
+from addon.core.points.partial_solvers.features import tables
+from addon.core.points.partial_solvers.masks import Masks
+from addon.core.points.partial_solvers.search import Genetics
+from addon.core.points.partial_solvers.solver import TreeSearch
+from addon.core.points.partial_solvers.training import Ground, Study, Training
 
 from .methods import HIDES, Faithful
 from .studies import Test

@@ -7,8 +7,8 @@ from time import perf_counter
 
 import numpy as np
 
-from addon.core.ensemble.label import Labeller
-from addon.core.evidence import label_frames, learn_evidence
+from addon.core.points.likelihood import label_frames, learn_likelihood
+from addon.core.points.partial_solvers.label import Labeller
 from addon.io.models import open_model
 from addon.io.points import read_points
 
@@ -28,23 +28,23 @@ def timed() -> list[list]:
     for name, names in (("gait15", people.GAIT15), ("body26", people.BODY26)):
         frames = np.concatenate([recording.pick(names) for recording in people.takes()])
         model = open_model(name)
-        rows += [["ours", name, *row] for row in _rows(partial(_drained, model.markerset.evidence), frames)]
-        if model.ensemble is not None:
-            rows += [["ensemble", name, *row] for row in _rows(Labeller(model.ensemble), frames)]
+        rows += [["ours", name, *row] for row in _rows(partial(_drained, model.markerset.likelihood), frames)]
+        if model.partial_solvers is not None:
+            rows += [["ensemble", name, *row] for row in _rows(Labeller(model.partial_solvers), frames)]
     if PLATES.is_dir():
-        (learned, names), (tested, _) = _plates("KneeltoProne01"), _plates("PronetoRun01")
-        evidence = learn_evidence([(learned, "one")], names)
-        rows += [["ours", f"{len(names)} on plates", *row] for row in _rows(partial(_drained, evidence), tested)]
+        (learned, names), (tested, _) = _rigid_bodies("KneeltoProne01"), _rigid_bodies("PronetoRun01")
+        likelihood = learn_likelihood([(learned, "one")], names)
+        rows += [["ours", f"{len(names)} on plates", *row] for row in _rows(partial(_drained, likelihood), tested)]
     return rows
 
 
-def _plates(stem: str) -> tuple[np.ndarray, tuple[str, ...]]:
+def _rigid_bodies(stem: str) -> tuple[np.ndarray, tuple[str, ...]]:
     take = read_points(PLATES / f"{stem}.c3d")
     return take.xyz, take.names
 
 
-def _drained(evidence, points: np.ndarray) -> list:
-    return list(label_frames(evidence, points))
+def _drained(likelihood, points: np.ndarray) -> list:
+    return list(label_frames(likelihood, points))
 
 
 def _rows(namer: Namer, frames: np.ndarray) -> list[list]:

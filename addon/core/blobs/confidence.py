@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How sure a label is: the blob's own marker against every other marker it could have been, and against a ghost."""
+
+import numpy as np
+
+from .labelling import FAR, GATE, Naming, evidence
+from .swaps import Swaps
+
+HIDDEN = 4.0  # squared deviations by which a marker that the body hides is less likely to have made a blob
+SHADOWED = 6.0  # the same for a marker behind another one on the same line
+
+
+def label_confidences(naming: Naming, camera: np.ndarray, marker: np.ndarray) -> np.ndarray:
+    """(N,) chance that the blobs named by `camera` and `marker` (N,) are rightly named, given the placement.
+
+    Each blob is shared out among the markers that could have made it in the proportions of their likelihoods. A marker
+    that has a blob in that camera claims no other, and a merged blob is rightly named after either of its markers. Two
+    rays always meet somewhere, so a marker that only two cameras see is judged by the model as well.
+    """
+    slot = naming.slot[camera, marker]
+    misfit = evidence(naming.frame, naming)[camera, :, slot]
+    mine = np.take_along_axis(misfit, marker[:, None], axis=1)[:, 0]
+    by_model = naming.frame.misfit[camera, marker, slot]
+    few = (naming.rays >= 0).sum(axis=0)[marker] < 3
+    mine = np.where(few, np.maximum(mine, by_model), mine)
+    mine = np.where(mine < FAR, mine, GATE)[:, None]
+    taken = naming.slot[camera] >= 0
+    own = np.arange(misfit.shape[1]) == marker[:, None]
+    hidden = HIDDEN * ~naming.frame.expected.visible[camera]
+    shadowed = SHADOWED * naming.frame.in_front[camera, :, marker]
+    rivals = np.where(own | taken, FAR, misfit + hidden + shadowed)
+    partner = np.arange(misfit.shape[1]) == naming.partner[camera, marker][:, None]
+    rivals = np.where(partner, FAR, rivals)
+    odds = np.exp(np.clip((mine - rivals) / 2, -60, 30)).sum(axis=1)
+    return 1 / (1 + odds)
+
+
+def swap_doubts(swaps: Swaps, markers: int) -> np.ndarray:
+    """(M,) chance that each marker has not changed names with another, by what the exchange would have cost."""
+    sure = np.ones(markers)
+    chance = 1 / (1 + np.exp(-np.clip(swaps.loss / 2, -60, 60)))
+    moved = swaps.orders != np.arange(markers)
+    np.minimum.at(sure, np.nonzero(moved)[1], np.repeat(chance, moved.sum(axis=1)))
+    return sure

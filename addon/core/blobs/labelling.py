@@ -1,0 +1,423 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which blob is which marker, conservatively, in the three steps of the first paper's section 5 and algorithm 1.
+
+Distances are measured against how sure the fit is of each projection, so one rule serves a loose first fit and a
+tight track. Beyond the paper: a name that several cameras give must meet in one point in space, or it is withdrawn.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..data.takes import CONFLICT, EXCLUSIVE, REMAINING
+from ..geometry.triangulation import Meeting, Rays
+from .views import Sight, View
+
+GATE = 16.0  # squared deviations: 4 sigma
+MISS = 3.5  # deviations by which a ray may miss the point that it helped to make
+TAKEN = 9.0  # squared deviations within which a blob belongs to the point that it lies on
+NEAR_MODEL = 16.0  # squared deviations from the model's marker within which two rays may make it
+REACH = 5.0  # deviations by which a blob may lie off a point that other cameras made
+OVERLAP = 0.02  # m between two projections that may be one blob
+MERGED = 0.02  # m between two markers that may make one blob
+BEHIND = 0.01  # m by which one marker must be nearer to the camera than another to hide it
+FEWEST_MEETINGS = 5  # markers met in space, below which the noise stays as it was
+UNTRIMMED = 1.35  # what leaving out the worst fifth takes from a normal deviation
+UNIT = 1e-8  # m⁴, the spread whose log is nought
+FAR = 1e9
+
+
+@dataclass(frozen=True)
+class Rules:
+    """How labels are given.
+
+    pixel    px, standard deviation of a blob's position, calibration included
+    slack    m, the same in space: what the calibration adds whatever the lens
+    reach    m, no blob farther than this from a projection is considered
+    clear    how much better (in squared deviations) a blob must fit one marker than the next to be exclusive
+    """
+
+    pixel: float = 1.0
+    slack: float = 0.0005
+    reach: float = 0.12
+    clear: float = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class Expectation:
+    """Where the fit expects M markers: points (M, 3) m, covariance (M, 3, 3) m², visible (C, M)."""
+
+    points: np.ndarray
+    covariance: np.ndarray
+    visible: np.ndarray
+
+
+@dataclass(eq=False)
+class Naming:
+    """The labels of one frame, as they grow.
+
+    frame      what they are measured against
+    slot       (C, M) which blob of a camera is the marker, -1 where none
+    step       (C, M) index into takes.STEPS
+    owner      (C, K) which marker a blob is, -1 where none
+    partner    (C, M) the other marker of a merged blob, -1 where the blob is the marker's alone
+    conflicts  (M,) blobs that were in conflict over the marker
+    """
+
+    frame: "Frame"
+    slot: np.ndarray
+    step: np.ndarray
+    owner: np.ndarray
+    partner: np.ndarray
+    conflicts: np.ndarray
+    _meeting: Meeting | None = None
+    _reprojection: np.ndarray | None = None
+
+    @classmethod
+    def empty(cls, frame: "Frame") -> "Naming":
+        """Nothing named yet."""
+        shape = frame.misfit.shape[:2]
+        nobody = np.full(frame.view.real.shape, -1)
+        zeros = np.zeros(shape, int)
+        return cls(frame, zeros - 1, zeros, nobody, zeros - 1, np.zeros(shape[1], int))
+
+    @property
+    def meeting(self) -> Meeting:
+        """Where the named blobs of every marker meet."""
+        if self._meeting is None:
+            self._meeting = self.frame.rays.meet(self.rays, self.frame.depth)
+        return self._meeting
+
+    @property
+    def reprojection(self) -> np.ndarray:
+        """(C, M, K) squared deviations between blobs and the points where markers meet; FAR where far, or no point."""
+        if self._reprojection is None:
+            self._reprojection = self.frame.against_points(self.meeting.points)
+        return self._reprojection
+
+    @property
+    def open(self) -> np.ndarray:
+        """(C, M, K) True where neither the blob nor, in this camera, the marker is named."""
+        return (self.slot < 0)[..., None] & ((self.owner < 0) & self.frame.view.real)[:, None]
+
+    @property
+    def rays(self) -> np.ndarray:
+        """(C, M) the slots whose rays may be met: all named blobs but the merged ones."""
+        return np.where(self.partner >= 0, -1, self.slot)
+
+    def give(self, camera, marker, slot, step: int):
+        """Names blobs; arrays of equal length."""
+        self.slot[camera, marker] = slot
+        self.step[camera, marker] = step
+        self.owner[camera, slot] = marker
+        self._meeting = self._reprojection = None
+
+    def withdraw(self, camera, marker):
+        """Takes names back."""
+        self.owner[camera, self.slot[camera, marker]] = -1
+        self.slot[camera, marker] = -1
+        self.step[camera, marker] = 0
+        self._meeting = self._reprojection = None
+
+
+class Frame:
+    """One frame's blobs against one expectation: every distance that the three steps ask for.
+
+    misfit    (C, M, K) how badly each blob fits each marker: squared deviations plus the log of their size; FAR: never
+    metres    (C, M) m, standard deviation of a blob's position at the marker's depth
+    depth     (C, M) m
+    image     (C, M, 2) normalised image of the expected markers
+    """
+
+    def __init__(self, view: View, sight: Sight, expected: Expectation, rules: Rules):
+        self.view, self.sight, self.expected, self.rules = view, sight, expected, rules
+        self.cameras, self.markers = np.arange(len(view.image)), np.arange(len(expected.points))
+        local = sight.local(expected.points[None])
+        image = sight.image(local)
+        self.depth = np.maximum(local[0, ..., 2], 0.05)
+        self.metres = rules.pixel / sight.focal[:, None] * self.depth + rules.slack
+        self.rays = Rays(view, sight)
+        self.slope = sight.derivatives(local, image)[0]
+        self.image = image[0]
+        self.misfit = self._against(self.image, self._spread(expected.covariance), self.depth, self.metres)
+
+    @cached_property
+    def apart2(self) -> np.ndarray:
+        """(C, M, M) m², how far apart two markers look at the first one's depth."""
+        between = self.image[:, :, None] - self.image[:, None]
+        return (between[..., 0] ** 2 + between[..., 1] ** 2) * (self.depth**2)[..., None]
+
+    @cached_property
+    def in_front(self) -> np.ndarray:
+        """(C, M, M) True where the second marker stands before the first, nearer to the camera on one line."""
+        return (self.apart2 < OVERLAP**2) & (self.depth[:, None, :] < self.depth[..., None] - BEHIND)
+
+    def against_points(self, points: np.ndarray) -> np.ndarray:
+        """(C, M, K) squared deviations between blobs and known points (M, 3) m; FAR where far or the point is NaN."""
+        known = np.isfinite(points[:, 0])
+        image = self.sight.image(self.sight.local(np.where(known[:, None], points, 0)[None]))[0]
+        between = self.view.image[:, None] - image[:, :, None]
+        square = between[..., 0] ** 2 + between[..., 1] ** 2
+        square *= ((self.depth / self.metres) ** 2)[..., None]
+        return np.where((square < REACH**2) & known[None, :, None], square, FAR)
+
+    def with_ray(self, camera: np.ndarray, marker: np.ndarray, slot: np.ndarray) -> np.ndarray:
+        """(C, N, K) misfit of N markers once one camera has named them: what the model and that ray expect together.
+
+        The expectation is brought up to the ray as a Kalman filter would; what is left is the doubt along the ray.
+        """
+        slope, spread = self.slope[camera, marker], self.expected.covariance[marker]
+        gain = spread @ slope.swapaxes(-1, -2)
+        noise = (self.metres / self.depth)[camera, marker] ** 2
+        gain = gain @ np.linalg.inv(slope @ gain + noise[:, None, None] * np.eye(2))
+        off = self.view.image[camera, slot] - self.image[camera, marker]
+        moved = (gain @ off[..., None])[..., 0]
+        image = self.image[:, marker] + (self.slope[:, marker] @ moved[..., None])[..., 0]
+        spread = self._spread(spread - gain @ slope @ spread, marker)
+        return self._against(image, spread, self.depth[:, marker], self.metres[:, marker])
+
+    def _spread(self, covariance: np.ndarray, marker=slice(None)) -> np.ndarray:
+        """(C, M, 2, 2) how uncertain the images of markers of `covariance` (M, 3, 3) m² are, blobs' noise included."""
+        slope, noise = self.slope[:, marker], (self.metres / self.depth)[:, marker] ** 2
+        spread = slope @ covariance @ slope.swapaxes(-1, -2)
+        spread[..., 0, 0] += noise
+        spread[..., 1, 1] += noise
+        return spread
+
+    def _against(self, image, spread, depth, metres) -> np.ndarray:
+        """(C, M, K) misfit of every marker and blob: squared deviations and the log of the spread's size."""
+        between = self.view.image[:, None] - image[:, :, None]
+        x, y = between[..., 0], between[..., 1]
+        xx, yy, xy = spread[..., 0, 0], spread[..., 1, 1], spread[..., 0, 1]
+        det = np.maximum(xx * yy - xy * xy, (metres / depth) ** 4)
+        square = (x * x * yy[..., None] + y * y * xx[..., None] - 2 * x * y * xy[..., None]) / det[..., None]
+        distance2 = (x * x + y * y) * (depth**2)[..., None]
+        within = (square < GATE) & (distance2 < self.rules.reach**2) & self.view.real[:, None]
+        size = np.log(det * depth**4 / UNIT)
+        return np.where(within, square + size[..., None], FAR)
+
+
+def name_markers(view: View, sight: Sight, expected: Expectation, rules: Rules) -> Naming:
+    """Algorithm 1 on one frame."""
+    frame = Frame(view, sight, expected, rules)
+    naming = Naming.empty(frame)
+    claims = identify_visible(frame, naming)
+    withdraw_strangers(frame, naming)
+    if claims.any():
+        resolve_conflicts(frame, naming, claims)
+        withdraw_strangers(frame, naming)
+    if ((naming.owner < 0) & view.real).any():
+        name_remaining(frame, naming)
+        withdraw_strangers(frame, naming)
+        name_merged(frame, naming)
+    return naming
+
+
+def name_exclusive(view: View, sight: Sight, expected: Expectation, rules: Rules) -> Naming:
+    """Step 1 alone: enough to bring a tracked body up to date before the frame is named in earnest."""
+    frame = Frame(view, sight, expected, rules)
+    naming = Naming.empty(frame)
+    identify_visible(frame, naming)
+    withdraw_strangers(frame, naming)
+    return naming
+
+
+def identify_visible(frame: Frame, naming: Naming) -> np.ndarray:
+    """Step 1: maps each blob to the closest projection of a visible marker; names those that are alone and clear.
+
+    Returns claims (C, M, K): which blobs are in conflict over which marker.
+    """
+    misfit = np.where(frame.expected.visible[..., None], frame.misfit, FAR)
+    closest = misfit.argmin(axis=1)
+    best = np.take_along_axis(misfit, closest[:, None], axis=1)[:, 0]
+    second = np.partition(misfit, 1, axis=1)[:, 1] if misfit.shape[1] > 1 else np.full_like(best, FAR)
+    mapped = best < FAR
+    claims = (closest[:, None] == frame.markers[None, :, None]) & mapped[:, None]
+    unclear = mapped & (second - best < frame.rules.clear)
+    rivals = unclear[:, None] & (misfit - best[:, None] < frame.rules.clear)
+    alone = claims & ~unclear[:, None] & (claims.sum(axis=2, keepdims=True) == 1)
+    camera, marker, slot = np.nonzero(alone)
+    naming.give(camera, marker, slot, EXCLUSIVE)
+    conflicting = (claims | rivals) & (naming.slot < 0)[..., None] & (naming.owner < 0)[:, None]
+    naming.conflicts += conflicting.sum(axis=(0, 2)) * (conflicting.sum(axis=(0, 2)) > 0)
+    return conflicting
+
+
+def withdraw_strangers(frame: Frame, naming: Naming):
+    """Takes back names whose rays do not meet: the worst ray while three or more are left, both when two disagree."""
+    for _ in range(len(frame.cameras)):
+        seen = (naming.slot >= 0) & np.isfinite(naming.meeting.points[:, 0])
+        excess = np.where(seen, naming.meeting.miss / (MISS * frame.metres), 0)
+        bad = excess.max(axis=0) > 1
+        if not bad.any():
+            return
+        several = seen.sum(axis=0) >= 3
+        worst = (excess == excess.max(axis=0)) & seen & bad
+        naming.withdraw(*np.nonzero(np.where(several, worst, seen & bad)))
+
+
+def resolve_conflicts(frame: Frame, naming: Naming, claims: np.ndarray):
+    """Step 2: blobs in conflict, by what the other cameras know of the marker.
+
+    Two or more named blobs elsewhere: the blob nearest to the reprojected point. One: the blob that makes the point
+    nearest to the model's marker. None: the blob nearest to the model's projection.
+    """
+    for helpers in (2, 1, 0):
+        cost = _conflict_costs(frame, naming, claims, helpers)
+        _give_best(naming, cost, CONFLICT)
+
+
+def _conflict_costs(frame: Frame, naming: Naming, claims: np.ndarray, helpers: int) -> np.ndarray:
+    """(C, M, K) misfit of each open claim whose marker has exactly `helpers` (2: or more) named blobs elsewhere."""
+    named = (naming.slot >= 0).sum(axis=0)
+    now = named >= 2 if helpers == 2 else named == helpers
+    is_open = claims & now[None, :, None] & naming.open
+    if not is_open.any():
+        return np.full(claims.shape, FAR)
+    is_open &= ~_better_elsewhere(naming) & ~_shadowed(frame, naming)
+    if helpers == 2:
+        return np.where(is_open, naming.reprojection, FAR)
+    if helpers == 1:
+        return _one_helper_misfit(frame, naming, is_open)
+    return np.where(is_open & _undisputed(frame, is_open), frame.misfit, FAR)
+
+
+def _better_elsewhere(naming: Naming) -> np.ndarray:
+    """(C, M, K) where a blob lies on the reprojected point of another marker that its camera still lacks."""
+    misfit = np.where((naming.slot < 0)[..., None], naming.reprojection, FAR)
+    least = misfit.min(axis=1, keepdims=True)
+    return (least < TAKEN) & (misfit > least)
+
+
+def evidence(frame: Frame, naming: Naming) -> np.ndarray:
+    """(C, M, K) misfit of every blob and marker, by all that is known of the marker.
+
+    The point where its blobs meet if there is one, else the model and its only ray, else the model alone.
+    """
+    met = naming.reprojection
+    met = np.where(met < FAR, met + np.log(frame.metres**4 / UNIT)[..., None], FAR)
+    known = np.isfinite(naming.meeting.points[:, 0])
+    found = np.where(known[None, :, None], met, frame.misfit)
+    single = np.flatnonzero((naming.rays >= 0).sum(axis=0) == 1)
+    if len(single):
+        camera = (naming.rays[:, single] >= 0).argmax(axis=0)
+        found[:, single] = frame.with_ray(camera, single, naming.rays[camera, single])
+    return found
+
+
+def _shadowed(frame: Frame, naming: Naming) -> np.ndarray:
+    """(C, M, K) where a blob belongs to a marker that stands in front of this one, on the same line to the camera.
+
+    Whatever hides the nearer marker hides the farther one too, so one blob for both is the nearer one's, or both's.
+    """
+    misfit = evidence(frame, naming)
+    camera, behind, before = np.nonzero(frame.in_front)
+    fits = misfit[camera, before] < np.minimum(misfit[camera, behind] + frame.rules.clear, FAR)
+    fits &= (naming.slot[camera, before] < 0)[:, None]
+    shadowed = np.zeros(misfit.shape, dtype=bool)
+    np.logical_or.at(shadowed, (camera, behind), fits)
+    return shadowed
+
+
+def _undisputed(frame: Frame, is_open: np.ndarray) -> np.ndarray:
+    """(C, M, K) where a marker fits one blob clearly better than its other open blobs, and the blob it."""
+    misfit = np.where(is_open, frame.misfit, FAR)
+    return _clearly_least(misfit, 1, frame.rules.clear) & _clearly_least(misfit, 2, frame.rules.clear)
+
+
+def _clearly_least(misfit: np.ndarray, axis: int, margin: float) -> np.ndarray:
+    if misfit.shape[axis] == 1:
+        return misfit < FAR
+    two = np.partition(misfit, 1, axis=axis)
+    least, second = np.take(two, [0], axis=axis), np.take(two, [1], axis=axis)
+    return (misfit == least) & (second - least >= margin)
+
+
+def _one_helper_misfit(frame: Frame, naming: Naming, is_open: np.ndarray) -> np.ndarray:
+    """(C, M, K) how far the point of candidate and helper lies from the model's marker, squared deviations."""
+    cost = np.full(is_open.shape, FAR)
+    camera, marker, slot = np.nonzero(is_open)
+    helper = (naming.slot >= 0)[:, marker].argmax(axis=0)
+    pairs = np.full((len(frame.cameras), len(camera)), -1)
+    each = np.arange(len(camera))
+    pairs[camera, each] = slot
+    pairs[helper, each] = naming.slot[helper, marker]
+    met = frame.rays.meet(pairs)
+    offset = np.where(np.isfinite(met.points), met.points - frame.expected.points[marker], 1e3)
+    floor = frame.rules.slack**2 * np.eye(3)
+    whitened = np.linalg.solve(frame.expected.covariance[marker] + floor, offset[..., None])[..., 0]
+    square = np.einsum("ni,ni->n", offset, whitened)
+    fine = (met.residual < MISS * frame.metres[camera, marker]) & (square < NEAR_MODEL)
+    cost[camera, marker, slot] = np.where(fine, square, FAR)
+    return cost
+
+
+def _give_best(naming: Naming, cost: np.ndarray, step: int):
+    """Names greedily, best first, one blob a marker and one marker a blob in every camera."""
+    camera, marker, slot = np.nonzero(cost < FAR)
+    for index in np.argsort(cost[camera, marker, slot], kind="stable"):
+        c, m, k = camera[index], marker[index], slot[index]
+        if naming.slot[c, m] < 0 and naming.owner[c, k] < 0:
+            naming.give(c, m, k, step)
+
+
+def name_remaining(frame: Frame, naming: Naming):
+    """Step 3: blobs still unnamed against markers still unnamed in their camera, without the occlusion test.
+
+    Markers that other cameras have fixed in space come first; the rest go by the model's projection when it is clear.
+    What is left are false markers.
+    """
+    is_open = naming.open & ~_shadowed(frame, naming)
+    _give_best(naming, np.where(is_open, naming.reprojection, FAR), REMAINING)
+    likely = frame.misfit < FAR
+    named = (naming.slot >= 0).sum(axis=0)
+    is_open = naming.open & (named == 1)[None, :, None] & likely
+    if is_open.any():
+        _give_best(naming, _one_helper_misfit(frame, naming, is_open), REMAINING)
+    named = (naming.slot >= 0).sum(axis=0)
+    is_open = naming.open & (named == 0)[None, :, None] & likely
+    if is_open.any():
+        _give_best(naming, np.where(is_open & _undisputed(frame, is_open), frame.misfit, FAR), REMAINING)
+
+
+def name_merged(frame: Frame, naming: Naming):
+    """Blobs still unnamed that lie between two markers which look like one from there: named after the nearer one.
+
+    Two markers in one blob draw its centre between them, so it fits neither, and its ray is nobody's.
+    """
+    free = naming.slot < 0
+    near = (frame.apart2 < MERGED**2) & free[..., None] & free[:, None]
+    near &= frame.depth[..., None] <= frame.depth[:, None]
+    near[:, frame.markers, frame.markers] = False
+    camera, first, second = np.nonzero(near)
+    if not len(camera):
+        return
+    middle = (frame.image[camera, first] + frame.image[camera, second]) / 2
+    between = frame.view.image[camera] - middle[:, None]
+    square = (between[..., 0] ** 2 + between[..., 1] ** 2) * (frame.depth[camera, first] ** 2)[:, None]
+    square = np.where((naming.owner[camera] < 0) & frame.view.real[camera], square, FAR)
+    slot = square.argmin(axis=1)
+    alone = (square < MERGED**2).sum(axis=1) == 1
+    square = square[np.arange(len(slot)), slot]
+    for index in np.argsort(square):
+        c, m, k = camera[index], first[index], slot[index]
+        fits = alone[index] and square[index] < (MERGED / 2) ** 2
+        if fits and naming.slot[c, m] < 0 and naming.owner[c, k] < 0:
+            naming.give(c, m, k, REMAINING)
+            naming.partner[c, m] = second[index]
+
+
+def pixel_noise(naming: Naming, sight: Sight) -> float:
+    """px, standard deviation of the blobs' positions as the meeting rays show it; NaN when too few rays meet.
+
+    The worst fifth of the markers does not count: a wrong name or a merged blob is not noise.
+    """
+    seen = naming.rays >= 0
+    freedom = 2.0 * seen.sum(axis=0) - 3
+    usable = (freedom > 0) & np.isfinite(naming.meeting.residual)
+    if usable.sum() < FEWEST_MEETINGS:
+        return float("nan")
+    squares = ((naming.meeting.miss * sight.focal[:, None] / naming.frame.depth) ** 2 * seen).sum(axis=0)[usable]
+    order = np.argsort(squares / freedom[usable])[: int(np.ceil(0.8 * usable.sum()))]
+    return float(np.sqrt(squares[order].sum() / freedom[usable][order].sum()) * UNTRIMMED)

@@ -1,0 +1,296 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A take from end to end: find the subject, follow it through the frames, find it again when it is lost.
+
+Memory does not grow with the take: one chunk of frames is held, and of the past only the track.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from ..body.bodies import Bodies
+from ..body.occlusion import Occlusion
+from ..data.errors import JobError
+from ..data.markersets import MarkerSet
+from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Suspect
+from ..geometry.cameras import Cameras
+from ..review.suspects import find_suspects
+from .confidence import label_confidences, swap_doubts
+from .labelling import Expectation, Naming
+from .search import Found, Hints, find_subject
+from .subject import Setup
+from .swaps import exchange_loss, exchanged, swap_names
+from .tracking import Followed, Track, follow
+from .views import View, split_views
+
+FAR_APART = (0, 4, 2, 6, 1, 5, 3, 7, 8)  # the order in which parts of a chunk are searched for a lost subject
+SURE = 0.95  # a placement this sure that names enough markers is a good one
+ENOUGH = 0.8
+CONTENT = 3  # good placements after which the best of them will do
+SLOWEST = 20.0  # frames a second below which nothing is followed: every frame is looked at on its own
+REVIEW = 120  # frames between two looks at whether neighbours have changed names
+FIRST_REVIEW = 20  # the first of them, because a start that is wrong stays wrong
+SECOND_LOOK = 6  # frames before it that must say the same
+LEAST_SURE = 0.7  # a placement less sure than this names nothing
+LEAST_NAMED = 0.4
+UNSURE = 0.9  # placements below this are pointed out
+LEAST_LABEL = 0.5  # a label less sure than this is not given
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the user may say about a take.
+
+    hints  height and facing, never needed
+    """
+
+    hints: Hints = field(default_factory=Hints)
+
+
+@dataclass(frozen=True, eq=False)
+class FrameResult:
+    """One labelled frame, before it is written into the chunk's arrays."""
+
+    bodies: Bodies
+    naming: Naming
+    expected: Expectation
+    placement: float
+    sure: np.ndarray
+
+
+def label_take(
+    chunks: Iterable[Blobs],
+    cameras: Cameras,
+    markerset: MarkerSet,
+    rate: float = 100.0,
+    options: Options | None = None,
+    occlusion: Occlusion | None = None,
+) -> Iterator[LabelledChunk]:
+    """Names the blobs of a take, chunk by chunk: one `LabelledChunk` for each of `chunks`, in their order.
+
+    `rate` is frames a second, `occlusion` the body in the way (the marker set's capsules by default).
+    Raises JobError when there are fewer than two cameras, or a frame has more blobs than any capture.
+    """
+    if len(cameras) < 2:
+        raise JobError(f"{len(cameras)} camera cannot fix a position in space; expected two or more")
+    labeller = TakeLabeller(Setup.of(cameras, markerset, occlusion, rate=rate), options or Options())
+    for blobs in chunks:
+        with threadpool_limits(1, user_api="blas"):  # many threads on small matrices cost more than they bring
+            labelled = labeller.label(blobs)
+        yield labelled
+
+
+class TakeLabeller:
+    """Labels the chunks of one take in their order; between them it keeps the track."""
+
+    def __init__(self, setup: Setup, options: Options):
+        self.setup, self.hints = setup, options.hints
+        self.track: Track | None = None
+        self.placement = 0.0
+        self.sure = np.ones(setup.model.marker_count)
+
+    def label(self, blobs: Blobs) -> LabelledChunk:
+        """The labels and motion of the next chunk."""
+        chunk = _Chunk(blobs, split_views(blobs, self.setup.cameras))
+        if self.setup.rate < SLOWEST:
+            for at in range(len(chunk.views)):
+                self._find(chunk, at, at + 1)
+                self.track = None
+        else:
+            at = self._follow(chunk, 0, len(chunk.views)) if self.track else 0
+            while at < len(chunk.views):
+                at = self._find(chunk, at, len(chunk.views))
+        return chunk.labelled(self.setup)
+
+    def _follow(self, chunk: "_Chunk", first: int, end: int) -> int:
+        """Follows the track through frames `first` … until it is lost or at `end`; returns the frame to go on with."""
+        at = first
+        while at < end:
+            followed = follow(self.track, chunk.views[at], self.setup)
+            if followed.track.lost:
+                self.track = None
+                chunk.suspect(at, at, "the subject was lost")
+                return at
+            self.track = followed.track
+            chunk.results[at] = self._result(followed)
+            at += 1
+            if at == end or at - first == FIRST_REVIEW or (at - first) % REVIEW == 0:
+                self._review(chunk, first, at - 1)
+        return at
+
+    def _find(self, chunk: "_Chunk", at: int, end: int) -> int:
+        """Finds the subject among frames `at` … `end` - 1, labels from there both ways; returns where to go on."""
+        index, found = self._best_found(chunk, at, end)
+        if found is None:
+            chunk.suspect(at, end - 1, "no subject was recognised")
+            return end
+        self.hints = replace(self.hints, facing=None)
+        self.placement = found.confidence
+        self.sure = swap_doubts(found.swaps, self.setup.model.marker_count)
+        if found.confidence < UNSURE:
+            chunk.suspect(index, index, f"the placement is only {found.confidence:.0%} sure")
+        points, visible = found.naming.meeting.points, found.expected.visible
+        start = Track.begin(found.subject, points, visible, self.setup.model)
+        chunk.results[index] = FrameResult(
+            found.subject.bodies, found.naming, found.expected, found.confidence, self.sure
+        )
+        before = self._follow_back(chunk, start, index, at)
+        while at < before:
+            at = self._find(chunk, at, before)
+        self.track = start
+        return self._follow(chunk, index + 1, end)
+
+    def _follow_back(self, chunk: "_Chunk", track: Track, index: int, at: int) -> int:
+        """Labels the frames before `index`, last first, and returns the first frame that was reached."""
+        for earlier in range(index - 1, at - 1, -1):
+            followed = follow(track, chunk.views[earlier], self.setup)
+            if followed.track.lost:
+                return earlier + 1
+            track = followed.track
+            chunk.results[earlier] = self._result(followed)
+        return at
+
+    def _best_found(self, chunk: "_Chunk", at: int, end: int) -> tuple[int, Found | None]:
+        """The frame of a few spread over the range whose names suit a body best."""
+        best, best_index, tried = None, at, 0
+        for index in chunk.promising(at, end):
+            with self.setup.clock("place"):
+                found = find_subject(chunk.views[index], self.setup, self.hints)
+            if found is None or found.by_chance or found.confidence < LEAST_SURE or found.named < LEAST_NAMED:
+                continue
+            if best is None or found.misfit < best.misfit:
+                best, best_index = found, index
+            tried += found.confidence > SURE and found.named > ENOUGH
+            if tried >= CONTENT:
+                break
+        return best_index, best
+
+    def _review(self, chunk: "_Chunk", first: int, at: int):
+        """Asks whether neighbours have changed names, and gives them back from where they may have done so."""
+        earlier = at - SECOND_LOOK
+        if earlier < first:
+            return
+        with self.setup.clock("fit"):
+            found, before = (self._looks_into(exchanged, chunk, index) for index in (at, earlier))
+        order = next((order for order in found if order in before), None)
+        if order is None:
+            return
+        moved = np.flatnonzero(np.array(order) != np.arange(len(order)))
+        since = self._exchanged_since(chunk, order, earlier)
+        for index in range(since, at + 1):
+            swap_names(chunk.results[index].naming, np.array(order))
+        self.track = self.track.doubting(moved, self.setup)
+        names = ", ".join(self.setup.model.markerset.markers[marker] for marker in moved)
+        chunk.suspect(since, at, f"{names} had changed names and got them back")
+
+    def _looks_into(self, question, chunk: "_Chunk", index: int, *more):
+        """Asks `question` of a labelled frame: `rivals.exchanged` or `rivals.exchange_loss`."""
+        result = chunk.results[index]
+        subject = replace(self.track.subject, bodies=result.bodies)
+        return question(chunk.views[index], result.naming, subject, self.setup, *more)
+
+    def _exchanged_since(self, chunk: "_Chunk", order: tuple[int, ...], at: int) -> int:
+        """The first frame of this spell that asks for an exchange of names, given that frame `at` does, by halving."""
+        low = at
+        while low > 0 and chunk.results[low - 1] is not None:
+            low -= 1
+        while low < at:
+            middle = (low + at) // 2
+            if self._looks_into(exchange_loss, chunk, middle, order) < 0:
+                at = middle
+            else:
+                low = middle + 1
+        return at
+
+    def _result(self, followed: Followed) -> FrameResult:
+        bodies = followed.track.subject.bodies
+        return FrameResult(bodies, followed.naming, followed.expected, self.placement, self.sure)
+
+
+class _Chunk:
+    """One chunk while it is being labelled: its views, the results so far and what was noticed."""
+
+    def __init__(self, blobs: Blobs, views: list[View]):
+        self.blobs, self.views = blobs, views
+        self.results: list[FrameResult | None] = [None] * len(views)
+        self.suspects: list[Suspect] = []
+
+    def suspect(self, first: int, last: int, reason: str):
+        """Notes frames `first` … `last` of the chunk."""
+        self.suspects.append(Suspect(int(self.blobs.frames[first]), int(self.blobs.frames[last]), reason))
+
+    def promising(self, first: int, end: int) -> list[int]:
+        """Frames to look for a subject in: of every part of the range the one with the most blobs; far apart first."""
+        parts = np.array_split(np.arange(first, end), min(len(FAR_APART), end - first))
+        best = [int(part[np.argmax([self.views[index].count for index in part])]) for part in parts]
+        order = [part for part in FAR_APART if part < len(best)]
+        return [best[part] for part in order if self.views[best[part]].count]
+
+    def labelled(self, setup: Setup) -> LabelledChunk:
+        """Everything as it is handed out."""
+        count, markers = len(self.views), setup.model.marker_count
+        total = len(self.blobs)
+        labels = Labels(np.full(total, NO_MARKER), np.zeros(total, int), np.zeros(total))
+        points, residual = np.full((count, markers, 3), np.nan), np.full((count, markers), np.nan)
+        residual_px, conflicts = np.full((count, markers), np.nan), np.zeros((count, markers), int)
+        confidence = np.zeros(count)
+        with setup.clock("label"):
+            for index, result in enumerate(self.results):
+                if result is None:
+                    continue
+                rays = _write_labels(labels, self.views[index], result)
+                met = result.naming.meeting
+                known = rays >= 2
+                points[index, known], residual[index, known] = met.points[known], met.residual[known]
+                residual_px[index] = residual[index] * _pixels_per_metre(result, setup)
+                conflicts[index], confidence[index] = result.naming.conflicts, result.placement
+        poses = _poses(self.results, setup)
+        motion = Motion(self.blobs.frames, points, residual, residual_px, conflicts, *poses, confidence)
+        self.suspects += find_suspects(motion, setup.model.markerset.markers, setup.rate)
+        return LabelledChunk(labels, motion, tuple(self.suspects), setup.clock.take())
+
+
+def _write_labels(labels: Labels, view: View, result: FrameResult) -> np.ndarray:
+    """Gives a frame's sure labels to its blobs; returns how many rays of each marker (M,) are sure."""
+    naming = result.naming
+    camera, marker = np.nonzero(naming.slot >= 0)
+    sure = label_confidences(naming, camera, marker) * result.placement * result.sure[marker]
+    given = sure >= LEAST_LABEL
+    camera, marker, sure = camera[given], marker[given], sure[given]
+    rows = view.row[camera, naming.slot[camera, marker]]
+    labels.marker[rows] = marker
+    labels.step[rows] = naming.step[camera, marker]
+    labels.confidence[rows] = sure
+    return np.bincount(marker[naming.partner[camera, marker] < 0], minlength=naming.slot.shape[1])
+
+
+def _pixels_per_metre(result: FrameResult, setup: Setup) -> np.ndarray:
+    """(M,) px that one metre at each marker is worth, mean over the cameras that named it."""
+    depth = np.maximum(setup.sight.local(result.expected.points[None])[0, ..., 2], 0.05)
+    seen = result.naming.slot >= 0
+    return (setup.sight.focal[:, None] / depth * seen).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
+
+
+def _poses(results, setup: Setup) -> tuple[np.ndarray, ...]:
+    """Expected markers, joints, rotations and scale of every frame; NaN where nobody was found."""
+    count, model = len(results), setup.model
+    expected, joints = np.full((count, model.marker_count, 3), np.nan), np.full((count, model.joint_count, 3), np.nan)
+    turn, scale = np.full((count, model.joint_count, 3, 3), np.nan), np.full((count, 3), np.nan)
+    found = [index for index, result in enumerate(results) if result is not None]
+    if found:
+        bodies = join_bodies([results[index].bodies for index in found])
+        posed = model.pose(bodies)
+        expected[found], joints[found], turn[found], scale[found] = (
+            posed.markers,
+            posed.joints,
+            posed.rotations,
+            bodies.scale,
+        )
+    return expected, joints, turn, scale
+
+
+def join_bodies(parts: list[Bodies]) -> Bodies:
+    """Several batches of bodies as one."""
+    return Bodies(*(np.concatenate([getattr(part, name) for part in parts]) for name in Bodies.__dataclass_fields__))

@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The subject as known so far: the fitted body, its own marker offsets and how sure we are of each of them."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..body.bodies import Bodies, BodyModel, Posed
+from ..body.occlusion import CapsuleOcclusion, Occlusion
+from ..body.prior import Prior
+from ..data.markersets import MarkerSet
+from ..geometry.cameras import Cameras
+from . import cost
+from .clock import Clock
+from .exchanges import standing_exchanges
+from .fit import State, fit_body
+from .labelling import Expectation, Naming, Rules, name_exclusive, name_markers, pixel_noise
+from .views import Sight, View
+
+SKIN = 0.006  # m by which skin lets a marker move against its segment, standard deviation
+LEAST_NOISE, MOST_NOISE = 0.25, 3.0  # px
+SHRINK = 0.9  # of the capsules: a marker believed hidden can take no part in the fit
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """What stays the same through a take.
+
+    marker_sd  (M,) heights, the marker set's own
+    rate       frames a second
+    exchanges  (B, M) see `exchanges.standing_exchanges`
+    """
+
+    cameras: Cameras
+    sight: Sight
+    model: BodyModel
+    prior: Prior
+    occlusion: Occlusion
+    rules: Rules
+    marker_sd: np.ndarray
+    clock: Clock
+    rate: float
+    exchanges: np.ndarray
+
+    @classmethod
+    def of(
+        cls,
+        cameras: Cameras,
+        markerset: MarkerSet,
+        occlusion: Occlusion | None = None,
+        rules: Rules | None = None,
+        rate: float = 60.0,
+    ) -> "Setup":
+        """Everything that `cameras` and `markerset` fix; `occlusion` defaults to the marker set's capsules.
+
+        `rate` is frames a second.
+        """
+        model = BodyModel(markerset)
+        body = occlusion or CapsuleOcclusion(markerset, SHRINK)
+        return cls(
+            cameras,
+            Sight(cameras),
+            model,
+            Prior(model),
+            body,
+            rules or Rules(),
+            np.asarray(markerset.spread.marker_sd),
+            Clock(),
+            rate,
+            standing_exchanges(markerset),
+        )
+
+    @property
+    def pace(self) -> float:
+        """How much farther than at 60 frames a second the subject moves in a frame."""
+        return float(np.clip(60 / self.rate, 0.6, 4))
+
+    def visible(self, scale: np.ndarray, posed: Posed) -> np.ndarray:
+        """Which markers of posed bodies of scale (B, 3) each camera can see (B, C, M): virtual occlusion."""
+        hidden = self.occlusion.hidden(posed.rotations, posed.joints, scale, posed.markers, self.sight.centres)
+        return ~hidden & self.sight.inside(self.sight.image(self.sight.local(posed.markers)))
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """One person in one frame.
+
+    bodies    a single body
+    own_sd    (M,) m, how sure the subject's own offset of each marker is
+    pixel     px, standard deviation of a blob's position, as far as known
+    """
+
+    bodies: Bodies
+    own_sd: np.ndarray
+    pixel: float
+
+
+def slots_pull(view: View, slots: np.ndarray, noise: np.ndarray, own_sd: np.ndarray, setup: Setup):
+    """The data term of named blobs: a function markers → cost.Pull for B sets of names.
+
+    slots (B, C, M) are the named blobs, -1 where none; noise (C, M) m and own_sd (M,) m their standard deviations.
+    Several cameras of one marker share the uncertainty of its offset, so each counts for its part of it.
+    """
+    seen = slots >= 0
+    image = view.image[np.arange(len(view.image))[:, None], np.maximum(slots, 0)]
+    count = np.maximum(seen.sum(axis=1), 1)
+    deviation = np.sqrt(noise**2 + (count * own_sd**2)[:, None])
+    deviation = np.where(seen, deviation, np.inf)
+    return lambda markers: cost.ray_pull(markers, image, deviation, setup.sight)
+
+
+def named_pull(view: View, naming: Naming, subject: Subject, setup: Setup):
+    """The data term of a frame's names for its subject: a function markers → cost.Pull."""
+    return slots_pull(view, naming.rays[None], naming.frame.metres, subject.own_sd, setup)
+
+
+def refit(view: View, naming: Naming, subject: Subject, setup: Setup, steps: int, prior) -> tuple[Subject, State]:
+    """Joints, shape and placement once more, now with names instead of nearest blobs; also the state it ended in."""
+    fit = fit_body(setup.model, subject.bodies, named_pull(view, naming, subject, setup), steps, prior)
+    return replace(subject, bodies=fit.bodies), fit.state
+
+
+def learn_own(points: np.ndarray, subject: Subject, posed: Posed, setup: Setup, rate: float) -> Subject:
+    """Moves the subject's own offsets towards the markers found in space (M, 3) m, NaN where not found.
+
+    `posed` is the subject's body, `rate` the share of the remaining error that is taken over. An offset stays within
+    three deviations of the marker set's own spread, so that a wrong name cannot drag it along.
+    """
+    bodies = subject.bodies
+    known = np.isfinite(points[:, 0])
+    turn = posed.rotations[0, setup.model.attachment]
+    error = np.where(known[:, None], points - posed.markers[0], 0)
+    local = (turn.swapaxes(-1, -2) @ error[..., None])[..., 0] / bodies.scale[0]
+    own = bodies.own[0] + rate * local
+    most = 3 * setup.marker_sd[:, None]
+    length = np.sqrt((own**2).sum(axis=1, keepdims=True))
+    own = own * np.minimum(1, most / np.maximum(length, 1e-9))
+    own_sd = np.where(known, np.maximum((1 - rate) * subject.own_sd, SKIN), subject.own_sd)
+    return replace(subject, bodies=replace(bodies, own=own[None]), own_sd=own_sd)
+
+
+def expect(subject: Subject, state: State, setup: Setup) -> Expectation:
+    """Where each marker should be and how sure that is, after a fit that ended in `state`."""
+    spread = state.covariance()[0] + (subject.own_sd**2)[:, None, None] * np.eye(3)
+    return Expectation(state.posed.markers[0], spread, setup.visible(state.bodies.scale, state.posed)[0])
+
+
+def name(view: View, expected: Expectation, subject: Subject, setup: Setup, step1_only: bool = False) -> Naming:
+    """Algorithm 1, or only its first step, with the rules that the take's own noise asks for."""
+    rules = replace(setup.rules, pixel=subject.pixel)
+    return (name_exclusive if step1_only else name_markers)(view, setup.sight, expected, rules)
+
+
+def learn_noise(naming: Naming, subject: Subject, setup: Setup, rate: float) -> Subject:
+    """Takes over the share `rate` of the noise that this frame's meeting rays show."""
+    measured = pixel_noise(naming, setup.sight)
+    if not np.isfinite(measured):
+        return subject
+    pixel = (1 - rate) * subject.pixel + rate * measured
+    return replace(subject, pixel=float(np.clip(pixel, LEAST_NOISE, MOST_NOISE)))

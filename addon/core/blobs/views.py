@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the cameras saw, made ready for the fit: lens taken out, one padded array a frame."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..data.errors import JobError
+from ..data.takes import Blobs
+from ..geometry.cameras import Cameras
+
+MOST_BLOBS = 500  # of one camera in one frame; more is a broken threshold, not a capture
+NOWHERE = 1e6  # where padding lies in the normalised image: too far to be anybody's nearest
+NEAREST = 0.05  # m in front of a camera; nearer points are as good as behind it
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One frame as C cameras saw it, K being the most blobs that one of them has.
+
+    image  (C, K, 2) normalised, lens-free image coordinates; NOWHERE where a camera has fewer blobs
+    real   (C, K) True where there is a blob
+    row    (C, K) the blob's row in its chunk, -1 where there is none
+    """
+
+    image: np.ndarray
+    real: np.ndarray
+    row: np.ndarray
+
+    @cached_property
+    def across(self) -> np.ndarray:
+        """(C, 2, K) the image once more, coordinate by coordinate."""
+        return np.ascontiguousarray(self.image.swapaxes(1, 2))
+
+    @cached_property
+    def square(self) -> np.ndarray:
+        """(C, 1, K) squared distance of every blob from its image's origin."""
+        return (self.image**2).sum(axis=2)[:, None]
+
+    @property
+    def count(self) -> int:
+        """Number of blobs."""
+        return int(self.real.sum())
+
+
+def split_views(blobs: Blobs, cameras: Cameras) -> list[View]:
+    """One `View` for each of the chunk's frames.
+
+    Raises JobError when a camera has more than MOST_BLOBS blobs in one frame.
+    """
+    image = cameras.undistort(blobs.xy, blobs.camera)
+    usable = np.isfinite(image).all(axis=1)
+    rows = np.flatnonzero(usable)
+    rows = rows[np.lexsort((blobs.camera[rows], blobs.frame[rows]))]
+    cell = blobs.frame[rows] * len(cameras) + blobs.camera[rows]
+    counts = np.bincount(cell, minlength=len(blobs.frames) * len(cameras))
+    _refuse_floods(counts, blobs.frames, cameras)
+    slot = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)
+    starts = np.searchsorted(blobs.frame[rows], np.arange(len(blobs.frames) + 1))
+    widths = counts.reshape(-1, len(cameras)).max(axis=1, initial=0)
+    nothing = _view(image, rows[:0], blobs.camera[:0], slot[:0], (len(cameras), 1))
+    views = []
+    for index, width in enumerate(widths):
+        if not width:  # a gap may be thousands of frames: they share the view of nothing
+            views.append(nothing)
+            continue
+        inside = slice(starts[index], starts[index + 1])
+        views.append(_view(image, rows[inside], blobs.camera[rows[inside]], slot[inside], (len(cameras), int(width))))
+    return views
+
+
+def _view(image, rows, camera, slot, shape) -> View:
+    places = np.full((*shape, 2), NOWHERE)
+    places[camera, slot] = image[rows]
+    row = np.full(shape, -1)
+    row[camera, slot] = rows
+    return View(places, row >= 0, row)
+
+
+def _refuse_floods(counts: np.ndarray, frames: np.ndarray, cameras: Cameras):
+    flood = int(np.argmax(counts)) if len(counts) else 0
+    if len(counts) and counts[flood] > MOST_BLOBS:
+        frame, camera = frames[flood // len(cameras)], cameras.names[flood % len(cameras)]
+        raise JobError(
+            f"frame {frame} has {counts[flood]} blobs in camera {camera}; expected at most {MOST_BLOBS}, "
+            "so raise that camera's threshold or mask its reflections"
+        )
+
+
+class Sight:
+    """The cameras as the fit needs them: points to normalised images and their derivatives, without the lens."""
+
+    def __init__(self, cameras: Cameras):
+        self.count = len(cameras)
+        self.rotation = cameras.rotation
+        self.turned = np.ascontiguousarray(cameras.rotation.transpose(0, 2, 1))
+        self.translation = cameras.translation[:, None, :]
+        self.centres = cameras.centres
+        self.focal = cameras.focal
+        self.corners = _corners(cameras)
+        self.all_turned = np.ascontiguousarray(cameras.rotation.transpose(2, 0, 1).reshape(3, -1))
+        self.all_translated = cameras.translation.ravel()
+        self.across = np.ascontiguousarray(cameras.rotation[:, :2])
+        self.ahead = np.ascontiguousarray(cameras.rotation[:, 2:])
+
+    def local(self, points: np.ndarray) -> np.ndarray:
+        """(B, C, M, 3) points (B, M, 3) m in each camera's own axes."""
+        return points[:, None] @ self.turned + self.translation
+
+    def image(self, local: np.ndarray) -> np.ndarray:
+        """(..., 2) normalised image of points in camera axes (..., 3); NOWHERE's twin where behind."""
+        depth = local[..., 2:]
+        return np.where(depth > NEAREST, local[..., :2], -NOWHERE) / np.maximum(depth, NEAREST)
+
+    def derivatives(self, local: np.ndarray, image: np.ndarray) -> np.ndarray:
+        """(B, C, M, 2, 3) d image / d point."""
+        inverse = 1 / np.maximum(local[..., 2], NEAREST)
+        rows = self.rotation[None, :, None, :2] - image[..., None] * self.rotation[None, :, None, 2:]
+        return rows * inverse[..., None, None]
+
+    def looked_at(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Image (B, M, C, 2), its derivative by the point (B, M, C, 2, 3) and depth (B, M, C) m of points (B, M, 3).
+
+        Marker by marker and in one piece, for sums over cameras; points behind a camera get nonsense.
+        """
+        shape = (*points.shape[:2], self.count, 3)
+        local = (points.reshape(-1, 3) @ self.all_turned + self.all_translated).reshape(shape)
+        depth = np.maximum(local[..., 2], NEAREST)
+        inverse = (1 / depth)[..., None]
+        image = local[..., :2] * inverse
+        slope = (self.across - image[..., None] * self.ahead) * inverse[..., None]
+        return image, slope, depth
+
+    def inside(self, image: np.ndarray) -> np.ndarray:
+        """(B, C, M) True where a normalised image point falls on the camera's sensor."""
+        low, high = self.corners
+        return ((image > low[:, None]) & (image < high[:, None])).all(axis=-1)
+
+
+def _corners(cameras: Cameras) -> tuple[np.ndarray, np.ndarray]:
+    """(C, 2) the smallest and largest normalised coordinates on each sensor's edge, lens taken out.
+
+    Where the lens does not reach an edge, it is as far as the lens reaches.
+    """
+    along = np.linspace(0, 1, 9)
+    edge = np.concatenate([np.stack([along, along * 0], 1), np.stack([along, along * 0 + 1], 1)])
+    edge = np.concatenate([edge, edge[:, ::-1]])
+    pixels = edge[None] * cameras.size[:, None]
+    camera = np.repeat(np.arange(len(cameras)), len(edge))
+    image = cameras.undistort(pixels.reshape(-1, 2), camera).reshape(len(cameras), -1, 2)
+    plain = (pixels - cameras.matrix[:, None, :2, 2]) / cameras.matrix[:, None, [0, 1], [0, 1]]
+    length = np.linalg.norm(plain, axis=-1)
+    within = np.where(np.isfinite(cameras.reach), cameras.reach, length.max())[:, None]
+    image = np.where(np.isfinite(image), image, plain / length[..., None] * within[..., None])
+    return image.min(axis=1), image.max(axis=1)

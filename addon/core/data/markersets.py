@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Marker sets: a skeleton, the markers on it, a capsule body around it, and how all of that varies over people.
+
+Lengths are in units of the subject's height: 1 is from the floor to the top of the head. In the rest pose every
+segment's own axes are those of the model: x forward, y left, z up, origin on the floor below the root joint.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..points.likelihood.model import Likelihood
+
+
+@dataclass(frozen=True, eq=False)
+class Skeleton:
+    """A tree of J segments; each turns about the joint at its near end.
+
+    segments  J names, parents before children; the first is the root
+    parents   (J,) index of the parent, -1 for the root
+    offsets   (J, 3) the joint in its parent's axes at rest; for the root, its position above the floor's origin
+    """
+
+    segments: tuple[str, ...]
+    parents: np.ndarray
+    offsets: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.segments)
+
+    @cached_property
+    def rest_joints(self) -> np.ndarray:
+        """(J, 3) joint positions in the rest pose, model axes, heights."""
+        joints = np.array(self.offsets, dtype=float)
+        for index, parent in enumerate(self.parents):
+            if parent >= 0:
+                joints[index] += joints[parent]
+        return joints
+
+    @cached_property
+    def carries(self) -> np.ndarray:
+        """(J, J) True where turning joint j moves segment i: carries[i, j], j an ancestor of i or i itself."""
+        chain = np.eye(len(self), dtype=bool)
+        for index, parent in enumerate(self.parents):
+            if parent >= 0:
+                chain[index] |= chain[parent]
+        return chain
+
+
+@dataclass(frozen=True, eq=False)
+class Capsules:
+    """K capsules, each fixed to a segment: the volume within `radius` of the line from `start` to `end`.
+
+    segment (K,) index; start, end (K, 3) in the segment's axes from its joint, heights; radius (K,) heights
+    """
+
+    segment: np.ndarray
+    start: np.ndarray
+    end: np.ndarray
+    radius: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.segment)
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """How people differ from the mean of the marker set, in shape and in pose.
+
+    height           mean stature, m
+    height_sd        its standard deviation, m
+    modes            (K, J + M, 3) change of joint offsets then marker offsets for one standard deviation of each of
+                     the K main ways in which bodies and marker placements differ, heights
+    marker_sd        (M,) what the modes leave over, marker by marker, heights
+    pose_mean        (J, 3) mean rotation vector of each joint over the recorded motion; the root's is zero
+    pose_covariance  (3J, 3J) its covariance, rad²; the root's rows and columns are zero
+    """
+
+    height: float
+    height_sd: float
+    modes: np.ndarray
+    marker_sd: np.ndarray
+    pose_mean: np.ndarray
+    pose_covariance: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerSet:
+    """Everything that is known before a take is seen.
+
+    name, description  for people to read
+    markers            M names, in the order of everything that is written
+    aliases            other names of a marker: {alias: name}
+    skeleton           the tree of segments
+    attachment         (M,) the segment that carries each marker
+    offsets            (M, 3) the marker in that segment's axes from its joint, heights
+    capsules           the body
+    spread             variation over people and poses
+    source             where the numbers come from: people, dates, counts (free text by key)
+    likelihood           what was learned for naming 3D points, if anything
+    """
+
+    name: str
+    description: str
+    markers: tuple[str, ...]
+    aliases: dict[str, str]
+    skeleton: Skeleton
+    attachment: np.ndarray
+    offsets: np.ndarray
+    capsules: Capsules
+    spread: Spread
+    source: dict[str, str]
+    likelihood: Likelihood | None = None
+
+    def __len__(self) -> int:
+        return len(self.markers)
+
+    @cached_property
+    def rest_markers(self) -> np.ndarray:
+        """(M, 3) marker positions in the rest pose, model axes, heights: the paper's normalised model, X_j."""
+        return self.skeleton.rest_joints[self.attachment] + self.offsets
+
+    def index(self, name: str) -> int:
+        """Index of a marker by name or alias; KeyError when it has neither."""
+        name = self.aliases.get(name, name)
+        try:
+            return self.markers.index(name)
+        except ValueError:
+            raise KeyError(name) from None

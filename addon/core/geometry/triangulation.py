@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Markers in space from their blobs in two or more cameras."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..blobs.views import Sight, View
+
+NARROW = 1e5  # rays whose normal equations are worse conditioned than this fix no depth
+RIDGE = 1e-12
+RIDGES = RIDGE * np.eye(3)
+
+
+@dataclass(frozen=True, eq=False)
+class Meeting:
+    """Where the rays of M sets of blobs meet.
+
+    points    (M, 3) m; NaN with fewer than two rays, or rays that are parallel
+    residual  (M,) m, root mean square of `miss` over the cameras that count
+    miss      (C, M) m between the point and each ray; zero where a camera does not count
+    """
+
+    points: np.ndarray
+    residual: np.ndarray
+    miss: np.ndarray
+
+
+class Rays:
+    """The rays of every blob of a frame, ready to be met in any combination."""
+
+    def __init__(self, view: View, sight: Sight):
+        self.centres = sight.centres
+        local = np.concatenate([view.image, np.ones((*view.image.shape[:2], 1))], axis=-1)
+        direction = local @ sight.rotation
+        self.direction = direction / np.sqrt(np.einsum("cki,cki->ck", direction, direction))[..., None]
+        self.across = np.eye(3) - self.direction[..., :, None] * self.direction[..., None, :]
+        self.anchor = (self.across @ self.centres[:, None, :, None])[..., 0]
+        self.cameras = np.arange(len(self.centres))[:, None]
+
+    def meet(self, slot: np.ndarray, depth: np.ndarray | None = None) -> Meeting:
+        """Meets the blobs in slots (C, M), -1 where a camera does not count.
+
+        Every ray counts by its length, so that what is least is the reprojection error. `depth` (C, M) m says about
+        how long they are; without it the point nearest to all rays comes first.
+        """
+        seen = slot >= 0
+        index = np.maximum(slot, 0)
+        across, anchor = self.across[self.cameras, index], self.anchor[self.cameras, index]
+        if depth is None:
+            arm = _nearest(across, anchor, seen.astype(float)) - self.centres[:, None]
+            depth = np.sqrt(np.einsum("cmi,cmi->cm", arm, arm))
+        points = _nearest(across, anchor, seen / np.maximum(depth, 1e-3) ** 2)
+        arm = points - self.centres[:, None]
+        missing = (across @ arm[..., None])[..., 0]
+        miss2 = np.einsum("cmi,cmi->cm", missing, missing) * seen
+        count = seen.sum(axis=0)
+        residual = np.sqrt(miss2.sum(axis=0) / np.maximum(count, 1))
+        lost = (count < 2) | ~np.isfinite(points[:, 0])
+        points[lost], residual[lost] = np.nan, np.nan
+        return Meeting(points, residual, np.where(lost, 0, np.sqrt(miss2)))
+
+
+def _nearest(across: np.ndarray, anchor: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """(M, 3) the points nearest to their weighted rays; NaN where the rays do not fix one."""
+    normal = np.einsum("cm,cmij->mij", weight, across)
+    right = np.einsum("cm,cmi->mi", weight, anchor)
+    size = np.einsum("mii->m", normal) + RIDGE
+    inverse = np.linalg.inv(normal / size[:, None, None] + RIDGES)
+    points = (inverse @ right[..., None])[..., 0] / size[:, None]
+    points[np.einsum("mii->m", inverse) > NARROW] = np.nan
+    return points

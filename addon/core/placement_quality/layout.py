@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A marker set as it is worn: what its cloud looks like, and what becomes of that when a marker is moved or added.
+
+A marker that sits elsewhere on its segment is its old place plus the segment's rotation times a fixed vector. How the
+segments turn is told, linearly, by where the markers are; so the moved marker is a Gaussian like all the others.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..body.bodies import BodyModel
+from ..data.errors import InputError
+from ..data.markersets import MarkerSet
+from ..geometry.upright import turned
+from ..points.likelihood.shape import Shape, learn_shape
+from ..simulation.virtual import draw_person
+
+PEOPLE, POSES = 16, 50  # drawn from the marker set's spread
+RIDGE = 0.01  # m; no segment's turn is read off finer differences than this
+FEWEST = 3  # markers; with fewer there is no pair to be told apart by a third
+SAME_PLACE = 1e-6  # heights
+
+
+@dataclass(frozen=True, eq=False)
+class Turns:
+    """How J segments are turned, as linear functions of the shape's modes, in the frame of the shape's mean.
+
+    mean (J, 3, 3), modes (J, 3, 3, K) for one standard deviation, left (J, 9, 9) covariance of what the modes leave
+    """
+
+    mean: np.ndarray
+    modes: np.ndarray
+    left: np.ndarray
+
+    def carry(self, segment: int, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        """Mean (3,), modes (3, K) and left variance of an offset (3,) m that turns with a segment."""
+        spread = np.kron(np.eye(3), offset)
+        left = float(np.trace(spread @ self.left[segment] @ spread.T) / 3)
+        return self.mean[segment] @ offset, np.einsum("abk,b->ak", self.modes[segment], offset), left
+
+
+@dataclass(frozen=True, eq=False)
+class Worn:
+    """A marker set, the shape of its cloud, and how its segments turn."""
+
+    markerset: MarkerSet
+    shape: Shape
+    turns: Turns
+
+    def moved(self, marker: int, offset: np.ndarray) -> "Worn":
+        """The same with a marker at another offset (3,) of its segment, heights."""
+        return self._with(marker, self._at(marker, offset), offset)
+
+    def added(self, name: str, segment: int, offset: np.ndarray) -> "Worn":
+        """The same with one more marker on a segment that has one already; InputError where it has none."""
+        near = self.anchor(segment, offset)
+        old, spread = self.markerset, self.markerset.spread
+        shape = self.shape
+        wider = replace(
+            old,
+            markers=(*old.markers, name),
+            attachment=np.append(old.attachment, segment),
+            offsets=np.concatenate([old.offsets, old.offsets[near][None]]),
+            spread=replace(
+                spread,
+                modes=np.concatenate([spread.modes, spread.modes[:, [len(old.skeleton) + near]]], axis=1),
+                marker_sd=np.append(spread.marker_sd, np.median(spread.marker_sd)),
+            ),
+            likelihood=None,
+        )
+        noise = np.append(shape.noise, max(shape.noise[near], float(np.median(shape.noise))))
+        twin = Shape(
+            np.append(shape.mean, shape.mean[[near]], 0), np.append(shape.modes, shape.modes[[near]], 0), noise
+        )
+        return replace(self, markerset=wider, shape=twin).moved(len(old), offset)
+
+    def anchor(self, segment: int, offset: np.ndarray) -> int:
+        """The marker of a segment that is nearest to an offset (3,), heights."""
+        here = np.flatnonzero(self.markerset.attachment == segment)
+        if not len(here):
+            name = self.markerset.skeleton.segments[segment]
+            raise InputError(f"nothing is known of how {name} moves; expected a marker on it")
+        return int(here[np.linalg.norm(self.markerset.offsets[here] - offset, axis=1).argmin()])
+
+    def _at(self, marker: int, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        away = (offset - self.markerset.offsets[marker]) * self.markerset.spread.height
+        return self.turns.carry(int(self.markerset.attachment[marker]), away)
+
+    def _with(self, marker: int, carried, offset: np.ndarray) -> "Worn":
+        shape, (mean, modes, left) = self.shape, carried
+        means, all_modes, noise = shape.mean.copy(), shape.modes.copy(), shape.noise.copy()
+        means[marker] += mean
+        all_modes[marker] += modes
+        noise[marker] += left
+        offsets = self.markerset.offsets.copy()
+        offsets[marker] = offset
+        return replace(
+            self,
+            markerset=replace(self.markerset, offsets=offsets, likelihood=None),
+            shape=Shape(means, all_modes, noise),
+        )
+
+
+def worn(markerset: MarkerSet, base: MarkerSet | None = None, seed: int = 0) -> Worn:
+    """A marker set with the shape of its cloud: learned from takes where it was, else drawn from its own spread.
+
+    With `base` the set is one that was edited: markers of `base` that were moved, added or taken away since.
+    Raises InputError for a set of fewer than three markers.
+    """
+    if len(markerset) < FEWEST:
+        raise InputError(f"{markerset.name} has {len(markerset)} markers; expected {FEWEST} or more to compare")
+    known = base if base is not None and _follows(markerset, base) else markerset
+    if known.likelihood is None or known.likelihood.markers != known.markers:
+        known = markerset
+    clouds, rotations = _drawn(known, seed)
+    learned = known.likelihood is not None and known.likelihood.markers == known.markers
+    shape = known.likelihood.shape if learned else learn_shape(list(clouds), seed)
+    found = Worn(known, shape, _turns(shape, clouds, rotations))
+    return found if known is markerset else _edited(found, markerset)
+
+
+def _follows(markerset: MarkerSet, base: MarkerSet) -> bool:
+    """Whether every marker of an edited set sits on a segment where the base has one."""
+    same = markerset.skeleton.segments == base.skeleton.segments
+    return same and set(markerset.attachment.tolist()) <= set(np.asarray(base.attachment).tolist())
+
+
+def _edited(found: Worn, markerset: MarkerSet) -> Worn:
+    """The base's shape with every marker where the edited set has it."""
+    base, rows = found.markerset, []
+    for index, name in enumerate(markerset.markers):
+        segment, offset = int(markerset.attachment[index]), markerset.offsets[index]
+        known = base.markers.index(name) if name in base.markers else -1
+        if known < 0 or base.attachment[known] != segment:
+            rows.append(len(found.markerset))
+            found = found.added(name, segment, offset)
+            continue
+        rows.append(known)
+        if np.abs(offset - base.offsets[known]).max() > SAME_PLACE:
+            found = found.moved(known, offset)
+    shape = Shape(found.shape.mean[rows], found.shape.modes[rows], found.shape.noise[rows])
+    return Worn(markerset, shape, found.turns)
+
+
+def _drawn(markerset: MarkerSet, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Markers (P, F, M, 3) m of people drawn from the spread in poses drawn from it, and rotations (P, F, J, 3, 3)."""
+    generator, model, spread = np.random.default_rng(seed), BodyModel(markerset), markerset.spread
+    joints = len(markerset.skeleton)
+    values, vectors = np.linalg.eigh(spread.pose_covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0))
+    clouds, rotations = [], []
+    for _ in range(PEOPLE):
+        person = draw_person(markerset, generator).pick(np.zeros(POSES, dtype=int))
+        bends = spread.pose_mean + (generator.standard_normal((POSES, 3 * joints)) @ root.T).reshape(-1, joints, 3)
+        posed = model.pose(replace(person, bends=bends))
+        clouds.append(posed.markers)
+        rotations.append(posed.rotations)
+    return np.array(clouds), np.array(rotations)
+
+
+def _turns(shape: Shape, clouds: np.ndarray, rotations: np.ndarray) -> Turns:
+    """How segments turn, by ridge regression on the markers of drawn people."""
+    markers = clouds.reshape(-1, *clouds.shape[2:])
+    rotations = rotations.reshape(len(markers), -1, 3, 3)
+    own, goal = markers - markers.mean(axis=1, keepdims=True), shape.mean - shape.mean.mean(axis=0)
+    along = (own[..., 0] * goal[:, 0] + own[..., 1] * goal[:, 1]).sum(axis=1)
+    across = (own[..., 0] * goal[:, 1] - own[..., 1] * goal[:, 0]).sum(axis=1)
+    yaw = np.arctan2(across, along)
+    flat = turned(own, yaw).reshape(len(own), -1)
+    turn = turned(rotations.swapaxes(-1, -2), yaw[:, None].repeat(rotations.shape[1], axis=1)).swapaxes(-1, -2)
+    target = turn.reshape(len(turn), rotations.shape[1], 9)
+    middle, mean = flat.mean(axis=0), target.mean(axis=0)
+    centred, aims = flat - middle, (target - mean).reshape(len(flat), -1)
+    normal = centred.T @ centred / len(flat) + RIDGE**2 * np.eye(flat.shape[1])
+    slope = np.linalg.solve(normal, centred.T @ aims / len(flat))
+    rest = (aims - centred @ slope).reshape(len(flat), -1, 9)
+    modes = shape.modes.reshape(len(slope), -1).T @ slope
+    joints = rotations.shape[1]
+    return Turns(
+        mean.reshape(joints, 3, 3),
+        np.moveaxis(modes.reshape(-1, joints, 3, 3), 0, -1),
+        np.einsum("nja,njb->jab", rest, rest) / len(flat),
+    )

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Whole namings that a cloud may be mistaken for: a limb for the other side's, the body for itself seen from behind."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..data.markersets import MarkerSet
+from ..geometry.upright import turned
+from ..points.likelihood.shape import Shape
+from ..points.likelihood.sides import mirror_order
+
+YAWS = 24  # directions in which the whole cloud is tried
+MOST_TURNS = 4  # of them that are judged
+LEAST_TURN = np.pi / 4 - 1e-6  # a body that is turned less is the same body
+CHANGED = 0.5  # part of the markers that a turn must rename, or it is none of the whole
+SIDES, TURN = "sides", "turn"
+
+
+@dataclass(frozen=True, eq=False)
+class Renaming:
+    """Many markers that take each other's points at once.
+
+    kind   SIDES: a limb and its mirror image; TURN: the whole set, turned about the vertical
+    order  (M,) the marker whose point each marker takes, itself where nothing changes
+    yaw    rad
+    """
+
+    kind: str
+    order: np.ndarray
+    yaw: float = 0.0
+
+    def widened(self) -> "Renaming":
+        """The same for a set with one more marker, which stays what it is."""
+        return Renaming(self.kind, np.append(self.order, len(self.order)), self.yaw)
+
+    @property
+    def moved(self) -> np.ndarray:
+        """(N,) the markers that change their points."""
+        return np.flatnonzero(self.order != np.arange(len(self.order)))
+
+
+def renamings(markerset: MarkerSet, shape: Shape) -> list[Renaming]:
+    """What to try: every limb with the other side's, and the turns after which the cloud looks most like itself."""
+    return [*_limbs(markerset), *_turns(shape)]
+
+
+def _limbs(markerset: MarkerSet) -> list[Renaming]:
+    order = mirror_order(markerset.markers)
+    if order is None:
+        return []
+    carried = markerset.skeleton.carries[np.asarray(markerset.attachment)].T
+    found = {}
+    for members in map(np.flatnonzero, carried):
+        if len(members) < 2 or np.intersect1d(order[members], members).size:
+            continue
+        both = np.union1d(members, order[members])
+        changed = np.arange(len(order))
+        changed[both] = order[both]
+        found[tuple(both)] = Renaming(SIDES, changed)
+    found[tuple(range(len(order)))] = Renaming(SIDES, order)
+    return list(found.values())
+
+
+def _turns(shape: Shape) -> list[Renaming]:
+    """The turned clouds that lie best on the cloud itself, each marker on the nearest in standard deviations."""
+    from scipy.optimize import linear_sum_assignment
+
+    mean = shape.mean - shape.mean.mean(axis=0)
+    variance = shape.noise + (shape.modes**2).sum(axis=(1, 2)) / 3
+    both = variance[:, None] + variance
+    found: dict[tuple[int, ...], tuple[float, float]] = {}
+    yaws = np.arange(1, YAWS) * (2 * np.pi / YAWS)
+    for yaw in yaws[np.minimum(yaws, 2 * np.pi - yaws) >= LEAST_TURN]:
+        image = turned(mean, np.array(yaw))
+        square = ((mean[:, None] - image[None]) ** 2).sum(axis=2) / both
+        rows, columns = linear_sum_assignment(square)
+        total = float(square[rows, columns].sum())
+        key = tuple(columns.tolist())
+        if (columns != rows).mean() >= CHANGED and total < found.get(key, (np.inf, 0.0))[0]:
+            found[key] = total, float(yaw)
+    best = sorted(found.items(), key=lambda row: row[1][0])[:MOST_TURNS]
+    return [Renaming(TURN, np.array(key), yaw) for key, (_, yaw) in best]

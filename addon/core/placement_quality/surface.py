@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Places for markers on a body: around a marker along the surface of its segment, and all over a segment."""
+
+import numpy as np
+
+from ..body.occlusion import CapsuleOcclusion
+from ..data.markersets import MarkerSet
+
+DIRECTIONS = 8
+ALONG, AROUND = 3, 6  # places on a capsule: rows along it, places around each
+BEYOND = 0.1  # of a capsule's length by which a marker may leave its ends
+LEAST_RADIUS = 0.005  # heights
+ENDS = 0.1, 0.9  # of a capsule between which places are tried
+EYES, EYE_HEIGHTS, EYE_DISTANCE = 16, (0.5, 1.2), 3.0  # heights; a ring of cameras around the body at rest
+WELL_SEEN = 0.45  # part of them that should see a marker
+
+
+def in_view(markerset: MarkerSet, segment: int, places: np.ndarray) -> np.ndarray:
+    """(N,) the part of a ring of cameras that sees places (N, 3) on a segment of the body at rest."""
+    angle = 2 * np.pi * np.arange(EYES) / EYES
+    ring = np.stack([EYE_DISTANCE * np.cos(angle), EYE_DISTANCE * np.sin(angle)], axis=1)
+    eyes = np.concatenate([np.column_stack([ring, np.full(EYES, height)]) for height in EYE_HEIGHTS])
+    joints = markerset.skeleton.rest_joints
+    turns = np.tile(np.eye(3), (1, len(joints), 1, 1))
+    hidden = CapsuleOcclusion(markerset).hidden(
+        turns, joints[None], np.ones((1, 3)), (joints[segment] + places)[None], eyes
+    )
+    return 1 - hidden[0].mean(axis=0)
+
+
+def nearby(markerset: MarkerSet, marker: int, distance: float) -> np.ndarray:
+    """(N, 3) places `distance` (heights) from a marker along its segment's surface, in the segment's axes.
+
+    As far from the capsule's axis as the marker is; where the segment has no capsule, along the segment's own axes.
+    Places that the body hides more than the marker's own, and from most sides, are left out.
+    """
+    places, segment = _nearby(markerset, marker, distance), int(markerset.attachment[marker])
+    share = in_view(markerset, segment, np.concatenate([markerset.offsets[[marker]], places]))
+    return places[share[1:] >= min(share[0], WELL_SEEN)]
+
+
+def _nearby(markerset: MarkerSet, marker: int, distance: float) -> np.ndarray:
+    own = markerset.offsets[marker]
+    mine = np.flatnonzero(markerset.capsules.segment == markerset.attachment[marker])
+    if not len(mine):
+        return own + distance * np.concatenate([np.eye(3), -np.eye(3)])
+    starts, axes = _axes(markerset, mine)
+    share = np.clip(((own - starts) * axes).sum(axis=1) / np.maximum((axes**2).sum(axis=1), 1e-12), 0, 1)
+    away = own - starts - share[:, None] * axes
+    nearest = int((np.linalg.norm(away, axis=1) - markerset.capsules.radius[mine]).argmin())
+    start, axis = starts[nearest], axes[nearest]
+    length = max(np.linalg.norm(axis), 1e-9)
+    along = axis / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])
+    height = float((own - start) @ along)
+    out = own - start - height * along
+    radius = max(np.linalg.norm(out), LEAST_RADIUS)
+    first, second = _across(along, out)
+    angle = 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    heights, turns = height + distance * np.cos(angle), distance * np.sin(angle) / radius
+    low, high = min(height, -BEYOND * length), max(height, (1 + BEYOND) * length)
+    on = (heights >= low - 1e-9) & (heights <= high + 1e-9) & (np.abs(turns) <= np.pi)
+    ring = np.cos(turns)[:, None] * first + np.sin(turns)[:, None] * second
+    return (start + heights[:, None] * along + radius * ring)[on]
+
+
+def all_over(markerset: MarkerSet, segment: int) -> np.ndarray:
+    """(N, 3) places on the capsules of a segment that are well seen, in its axes, heights."""
+    mine = np.flatnonzero(markerset.capsules.segment == segment)
+    places = [np.zeros((0, 3))]
+    angle = 2 * np.pi * np.arange(AROUND) / AROUND
+    for start, axis, radius in zip(*_axes(markerset, mine), markerset.capsules.radius[mine], strict=True):
+        length = np.linalg.norm(axis)
+        first, second = _across(axis / length if length > 1e-6 else np.array([0.0, 0.0, 1.0]), np.zeros(3))
+        ring = np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second
+        places += [start + share * axis + radius * ring for share in np.linspace(*ENDS, ALONG)]
+    every = np.concatenate(places)
+    return every[in_view(markerset, segment, every) >= WELL_SEEN] if len(every) else every
+
+
+def _axes(markerset: MarkerSet, capsules: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return markerset.capsules.start[capsules], markerset.capsules.end[capsules] - markerset.capsules.start[capsules]
+
+
+def _across(along: np.ndarray, out: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two directions across an axis, the first the one that `out` has, if it has any."""
+    if np.linalg.norm(out) < 1e-9:
+        out = np.eye(3)[np.abs(along).argmin()]
+        out = out - (out @ along) * along
+    first = out / np.linalg.norm(out)
+    return first, np.cross(along, first)

@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""From nothing to a few good guesses a frame: expectation maximisation from yaws all around, softly and then sharply.
+
+Every point is shared among the markers in proportion to their likelihoods (a marker takes no more than one point in
+all), the shape is fitted to the shares, and so on while the softness falls. No frame knows of another.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...geometry.upright import turned
+from .latent import FIRST_MODE, Latent, yaw_absorbed
+from .naming import FEW, ROOM
+
+YAWS = 8
+COARSE_MODES = 6
+# Per step: the part of the modes' spread that still counts as noise, and the softness, radii².
+COARSE = ((0.5, 0.08), (0.3, 0.04), (0.15, 0.04), (0.08, 0.02))
+FINE = ((0.03, 0.012), (0.01, 0.006), (0.003, 0.003), (0.0, 0.0015), (0.0, 0.001))
+SAME_YAW = 0.4  # rad; solutions that face less far apart are taken for one
+TWIN = 1e6
+STRAY = 0.025  # density of points that are no marker, 1/radius³
+
+
+@dataclass(frozen=True, eq=False)
+class Guesses:
+    """C soft solutions of each of F frames, the best first by their own reckoning.
+
+    points  (F, C, P, 3) m, the frame's points turned and moved as the guess has it, 0 where there is none
+    share   (F, C, M, P) how far each point is each marker
+    latent  (F, C, L)
+    """
+
+    points: np.ndarray
+    share: np.ndarray
+    latent: np.ndarray
+
+
+def guess(coarse: Latent, fine: Latent, points: np.ndarray, kept: int, first: float = 0.0) -> Guesses:
+    """Soft solutions for frames of points (F, P, 3) m, NaN where there is none.
+
+    `kept` are followed to the end, of those that start from yaws all around, the first of them as given, rad.
+    """
+    frames, count = points.shape[:2]
+    present = np.isfinite(points[..., 0])
+    middle = _middles(coarse, points, present)
+    places = middle.shape[1]
+    centred = np.where(present[:, None, :, None], points[:, None] - middle[:, :, None], 0).astype(np.float32)
+    yaws = np.tile(first + 2 * np.pi / YAWS * np.arange(YAWS), places).astype(np.float32)
+    starts = len(yaws)
+    around = turned(np.repeat(centred, YAWS, axis=1), np.broadcast_to(yaws, (frames, starts)))
+    around = around.reshape(-1, count, 3)
+    latent = np.zeros((len(around), coarse.size))
+    ended, latent, _, fitness = _softly(coarse, around, np.repeat(present, starts, axis=0), latent, COARSE)
+    turn = _turn(around, ended).reshape(frames, starts) + yaws
+    best = _distinct(fitness.reshape(frames, starts), turn, np.repeat(np.arange(places), YAWS), kept)
+    rows = (np.arange(frames)[:, None] * starts + best).ravel()
+    wide = np.zeros((len(rows), fine.size))
+    wide[:, : coarse.size] = latent[rows]
+    around, latent, share, fitness = _softly(fine, ended[rows], np.repeat(present, kept, axis=0), wide, FINE)
+    order = np.argsort(-fitness.reshape(frames, -1), axis=1)
+    rows = np.arange(frames)[:, None] * order.shape[1] + order
+    return Guesses(around[rows], share[rows], latent[rows])
+
+
+def _middles(model: Latent, points: np.ndarray, present: np.ndarray) -> np.ndarray:
+    """(F, S, 3) m where the subject's middle may be.
+
+    That of all points or, where there are many more of them than markers, also that of the lowest and of the highest
+    part of the cloud as high as the subject.
+    """
+    middle = _mean(points, present)
+    if (present.sum(axis=1) <= len(model) + FEW).all():
+        return middle[:, None]
+    low, high = model.mean[:, 2].min(), model.mean[:, 2].max()
+    height = np.where(present, points[..., 2], np.nan)
+    floor, top = np.nanmin(height, axis=1, keepdims=True), np.nanmax(height, axis=1, keepdims=True)
+    below = _mean(points, present & (height <= floor + (high - low)))
+    above = _mean(points, present & (height >= top - (high - low)))
+    below[:, 2], above[:, 2] = floor[:, 0] - low, top[:, 0] - high
+    return np.stack([middle, below, above], axis=1)
+
+
+def _mean(points: np.ndarray, which: np.ndarray) -> np.ndarray:
+    """(F, 3) of the points (F, P, 3) that are meant (F, P)."""
+    return np.where(which[..., None], points, 0).sum(axis=1) / np.maximum(which.sum(axis=1), 1)[:, None]
+
+
+def _turn(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """(N,) the yaw that turned the points (N, P, 3) of before into those of after, rad."""
+    along = (before[..., 0] * after[..., 0] + before[..., 1] * after[..., 1]).sum(axis=1)
+    across = (before[..., 0] * after[..., 1] - before[..., 1] * after[..., 0]).sum(axis=1)
+    return np.arctan2(across, along)
+
+
+def _distinct(fitness: np.ndarray, turn: np.ndarray, place: np.ndarray, count: int) -> np.ndarray:
+    """(F, count) the fittest of solutions (F, Y), one of those that face nearly the same way from a `place` (Y,)."""
+    left = fitness.copy()
+    best = np.empty((len(left), count), dtype=int)
+    rows = np.arange(len(left))
+    for rank in range(count):
+        best[:, rank] = left.argmax(axis=1)
+        apart = np.abs((turn - turn[rows, best[:, rank], None] + np.pi) % (2 * np.pi) - np.pi)
+        left[(apart < SAME_YAW) & (place == place[best[:, rank], None])] -= TWIN
+        left[rows, best[:, rank]] = -np.inf
+    return best
+
+
+def _softly(model: Latent, points, present, latent, schedule):
+    """Points turned into the model's frame, latent vectors, shares (N, M, P) and fitness (N,) after all steps."""
+    mean, flat = model.mean.astype(np.float32), model.flat.T.astype(np.float32)
+    spread = ((model.columns[..., FIRST_MODE:] ** 2).sum(axis=(1, 2)) / 3).astype(np.float32)
+    there = present.astype(np.float32)[:, None]
+    extra = np.maximum(present.sum(axis=1) - len(model) - FEW, 0)
+    stray = ((STRAY + extra / ROOM) * (2 * np.pi) ** 1.5 / model.radius**3).astype(np.float32)[:, None]
+    for loose, softness in schedule:
+        variance = (model.noise + loose * spread + softness * model.radius**2).astype(np.float32)
+        expected = mean + (latent.astype(np.float32) @ flat).reshape(len(latent), -1, 3)
+        share = _closeness(expected, points, variance)
+        share *= there
+        likelihood = share.sum(axis=1) + stray
+        share /= likelihood[:, None]
+        total = share.sum(axis=2)
+        fair = 1 / np.maximum(total, 1)
+        share *= fair[..., None]
+        total *= fair
+        pull = (share @ points - total[..., None] * mean) / variance[:, None]
+        normal = model.normal((total / variance).astype(float))
+        latent = np.linalg.solve(normal, model.right_side(pull.astype(float))[..., None])[..., 0]
+        points, latent = yaw_absorbed(points, latent)
+        points = points.astype(np.float32)
+    fitness = (np.log(likelihood) * present).sum(axis=1) - 0.5 * (latent[:, FIRST_MODE:] ** 2).sum(axis=1)
+    return points, latent, share, fitness
+
+
+def _closeness(expected: np.ndarray, points: np.ndarray, variance: np.ndarray) -> np.ndarray:
+    """(N, M, P) normal densities, without their (2π)^-3/2."""
+    square = (expected**2).sum(axis=2)[:, :, None] + (points**2).sum(axis=2)[:, None]
+    square -= 2 * (expected @ points.transpose(0, 2, 1))
+    square *= (-0.5 / variance)[:, None]
+    np.exp(square, out=square)
+    square *= (variance**-1.5)[:, None]
+    return square

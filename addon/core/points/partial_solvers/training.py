@@ -1,0 +1,402 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Training an ensemble of partial solvers from labelled frames.
+
+The paper trains and assesses every solver that its searches come by. Boosting driven to its end accepts exactly what
+all weak classifiers of a subset together accept, so here the searches ask what those accept, which can be had for all
+subsets at once, and only the solvers that are kept are boosted; what they then do is measured anew and recorded.
+"""
+
+from collections.abc import Callable, Generator, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+
+from ...data.errors import InputError
+from . import search as searches
+from .assess import Occlusions, assess, draw_occlusions
+from .boosting import Boosting, boost, learn_intervals, rejections, wrong_labellings
+from .features import all_features, tables
+from .masks import Masks
+from .model import DISTANCE, PAPER_FUNCTIONS, Classifiers, PartialSolvers, Record, Solver, Strong
+from .search import Genetics
+from .solver import TreeSearch
+from .survey import Survey, survey
+
+SEARCHES = ("bottom-up", "top-down", "genetic")
+GOALS = ("own", "any", "all")
+MOST_SURVEYED = 15  # markers; above, the solvers are too many to go through them all
+GROUP = 12  # markers among which a marker's solvers are then looked for
+PATTERNS = 2000  # occlusions that are thought through when solvers are chosen
+LOOKS = (192, 800)  # frames after which a hopeless solver is given up
+
+
+@dataclass(frozen=True)
+class Training:
+    """How an ensemble is trained.
+
+    search         "bottom-up", "top-down" or "genetic"
+    goal           when a solver is good: "own", the search runs once for every marker and asks for that marker's
+                   target; "any", one run that asks for the target of any marker (algorithm 1 to the letter); "all"
+    ambiguous      as in `Record.reaches`; the paper's own words fit None as well as a share
+    functions      the geometric functions; the paper's four, or "turn" with them
+    margin         by how much each interval is widened at both ends, as a share of its width; the paper has none
+    wrong          wrong labellings drawn for the boosting
+    survey_frames  frames on which all subsets are tried; check_frames, on which good ones are measured
+    most_features  above that many, ratios are drawn by chance
+    most_solvers   kept of each run of the search: those that together answer in the most occlusions
+    least_gain     share of the occlusions in which one more solver must answer first to be kept
+    """
+
+    search: str = "top-down"
+    goal: str = "own"
+    seed: int = 0
+    ambiguous: float | None = None
+    functions: tuple[str, ...] = PAPER_FUNCTIONS
+    margin: float = 0.0
+    wrong: int = 2048
+    survey_frames: int = 128
+    check_frames: int = 2500
+    most_features: int = 60_000
+    most_solvers: int = 16
+    least_gain: float = 0.002
+    boosting: Boosting = field(default_factory=Boosting)
+    occlusions: Occlusions = field(default_factory=Occlusions)
+    genetics: Genetics = field(default_factory=Genetics)
+
+
+def train_ensemble(
+    points: np.ndarray,
+    markers,
+    targets: float | np.ndarray = 0.9999,
+    options: Training | None = None,
+    progress: Callable[[float, str], None] | None = None,
+) -> PartialSolvers:
+    """The ensemble of labelled frames (T, M, 3) m, z up, NaN where missing, of one or many people.
+
+    targets: τ, for all markers or (M,). Raises InputError when there are too few frames or markers to learn from.
+    """
+    steps = training(points, markers, targets, options)
+    while True:
+        try:
+            share, words = next(steps)
+        except StopIteration as end:
+            return end.value
+        if progress:
+            progress(share, words)
+
+
+def training(
+    points: np.ndarray, markers, targets: float | np.ndarray = 0.9999, options: Training | None = None
+) -> Generator[tuple[float, str], None, PartialSolvers]:
+    """The same as a generator of (share done, what is being done); the ensemble is what it returns."""
+    options = options or Training()
+    points = np.asarray(points, dtype=float)
+    points = points[np.isfinite(points).all(axis=-1).sum(axis=1) >= 2]
+    _check(points, markers, options)
+    yield 0.0, "learning intervals"
+    study = Study(points, options)
+    for share in study.survey():
+        yield 0.05 + 0.5 * share, "surveying partial solvers"
+    steps = study.partial_solvers(tuple(markers), targets)
+    while True:
+        try:
+            share, words = next(steps)
+        except StopIteration as end:
+            return end.value
+        yield 0.55 + 0.45 * share, words
+
+
+def _check(points: np.ndarray, markers, options: Training):
+    if options.search not in SEARCHES or options.goal not in GOALS:
+        raise ValueError(f"search {options.search!r}, goal {options.goal!r}; expected one of {SEARCHES}, {GOALS}")
+    if points.ndim != 3 or points.shape[1:] != (len(markers), 3):
+        raise ValueError(f"points {points.shape}; expected (frames, {len(markers)}, 3)")
+    if len(markers) < 3:
+        raise InputError(f"only {len(markers)} markers to learn from; expected three or more")
+    if len(points) < 2:
+        raise InputError("fewer than two frames with labelled markers; expected takes that show the markers moving")
+
+
+def _heirs(found: Iterable[int], markers: int, good: searches.Good) -> Callable[[int], list[int]]:
+    """For a solver that does not hold, the good ones with one marker more that nobody has come by yet."""
+    seen = set(found)
+
+    def heirs(subset: int) -> list[int]:
+        larger = {subset | 1 << place for place in range(markers)} - seen
+        seen.update(larger)
+        return [other for other in sorted(larger) if good(other)]
+
+    return heirs
+
+
+class Study:
+    """Labelled frames, the weak classifiers learned from them, and what solvers made of those can do.
+
+    Ensembles for different targets can be made from one study.
+
+    pool      all weak classifiers, those that reject the most wrong labellings first
+    surveyed  the records of all subsets when `survey` has been run through: one survey of all markers under None, or
+              where they are too many one under each marker, of the group that tells most about it
+    """
+
+    def __init__(self, points: np.ndarray, options: Training):
+        self.options, self.markers = options, points.shape[1]
+        self.targets = np.ones(self.markers)
+        self.frames = len(points)
+        self.surveyed: dict[int | None, Survey] = {}
+        self._generator = np.random.default_rng(options.seed)
+        clouds = tables(points)
+        learned = learn_intervals(
+            clouds, *all_features(self.markers, options.functions, options.most_features, options.seed)
+        )
+        learned = _widened(learned, options.margin)
+        wrong = wrong_labellings(np.arange(len(points)), self.markers, options.wrong, self._generator)
+        rejected = rejections(learned, wrong.frame, wrong.labelling, clouds)
+        telling = np.argsort(-rejected.sum(axis=1), kind="stable")
+        self.pool, self._rejected, self._wrong = learned[telling], rejected[telling], wrong
+        order = self._generator.permutation(len(points))
+        self._look = self._sample(points, order[: options.survey_frames])
+        checked = order[options.survey_frames :] if len(order) > 2 * options.survey_frames else order
+        checked = checked[: options.check_frames]
+        self._checks = [self._sample(points, part) for part in np.split(checked, LOOKS) if len(part)]
+        self._memory: dict[int, Record] = {}
+        self._checked: dict[int, np.ndarray] = {}
+
+    def _sample(self, points: np.ndarray, frames: np.ndarray) -> tuple[Masks, np.ndarray]:
+        masks = Masks(tables(points[frames]))
+        return masks, draw_occlusions(masks, self.options.occlusions, self._generator)
+
+    def survey(self) -> Iterator[float]:
+        """Goes through all subsets, or through those of each marker's group; yields the share done."""
+        if self.markers <= MOST_SURVEYED:
+            for share, result in survey(self.pool, *self._look):
+                self.surveyed[None] = result
+                yield share
+        elif self.options.goal == "own":
+            for own in range(self.markers):
+                for share, result in survey(self.pool, *self._look, self._group(own), rooted=True):
+                    self.surveyed[own] = result
+                    yield (own + share) / self.markers
+
+    def _group(self, own: int) -> list[int]:
+        """A marker and those whose distance from it rejects the most wrong labellings."""
+        pairs = np.flatnonzero((self.pool.kind == DISTANCE) & (self.pool.points == own).any(axis=1))
+        telling = self._rejected[pairs].sum(axis=1).argsort(kind="stable")[::-1]
+        others = self.pool.points[pairs[telling], :2].sum(axis=1) - own
+        return [own, *(int(other) for other in others[: GROUP - 1])]
+
+    def partial_solvers(
+        self, markers: tuple[str, ...], targets: float | np.ndarray
+    ) -> Generator[tuple[float, str], None, PartialSolvers]:
+        """Searches and boosts the solvers for these targets, one or (M,); yields the share done and words for it."""
+        self.targets = np.broadcast_to(np.asarray(targets, dtype=float), self.markers).copy()
+        self._checked = {}
+        found: set[int] = set()
+        owners = range(self.markers) if self.options.goal == "own" else [None]
+        for place, own in enumerate(owners):
+            for _ in self.find(own):
+                yield 0.6 * place / len(owners), "searching partial solvers"
+            found |= self.found
+        solvers = []
+        for place, subset in enumerate(sorted(found, key=lambda subset: (subset.bit_count(), subset))):
+            solvers.append(self.solver(subset))
+            yield 0.6 + 0.4 * place / len(found), "boosting partial solvers"
+        return _joined(solvers, self, markers)
+
+    def record(self, subset: int) -> Record:
+        """What all weak classifiers of a subset together do: as surveyed where all markers were, else measured."""
+        if None in self.surveyed:
+            return self.surveyed[None].record(searches.members(subset))
+        if subset not in self._memory:
+            self._memory[subset] = self._judged(searches.members(subset))
+        return self._memory[subset]
+
+    def find(self, own: int | None) -> Iterator[None]:
+        """Runs the search; `found` has its solvers at the end. Yields after every step.
+
+        What a survey of few frames took for good is measured on more. Where that fails, the greedy searches go on with
+        one marker more, as they would have had they known.
+        """
+        known = self.surveyed.get(None, self.surveyed.get(own))
+        ground = Ground(known.group if known else list(range(self.markers)), own)
+        good = self._promising(ground, known)
+        found: set[int] = set()
+        for step in self._run(ground, good, self._fitness(ground, known)):
+            found = step
+            yield
+        genetic = self.options.search == "genetic"
+        heirs = (lambda _: ()) if genetic else _heirs(found, len(ground.group), good)
+        limits = (self.hidden(ground), self.options.most_solvers, self.options.least_gain)
+        for taken in searches.covering(sorted(found), partial(self._holds, ground), heirs, *limits):
+            self.found = {ground.outside(subset) for subset in taken}
+            yield
+
+    def _holds(self, ground: "Ground", subset: int) -> bool:
+        """Whether a solver is good on the frames for checking."""
+        return self._good(self._checked_flags(ground.outside(subset))[ground.group], subset, ground.own)
+
+    def _promising(self, ground: "Ground", known: Survey | None) -> searches.Good:
+        """Whether a solver may be good, by the survey where there is one, so that few must be measured."""
+        if known is None:
+            return partial(self._holds, ground)
+        seems = self._hopeful(known)
+        return lambda subset: self._good(seems[subset], subset, ground.own)
+
+    def _fitness(self, ground: "Ground", known: Survey | None) -> Callable[[int], float]:
+        """What the genetic algorithm makes the most of: the hit rate of the search's own marker, or of any."""
+
+        def fitness(subset: int) -> float:
+            places = searches.members(subset)
+            rates = np.nan_to_num((known.record(places) if known else self.record(subset)).rates)
+            return float(rates.max() if ground.own is None else rates[places.index(ground.own)])
+
+        return fitness
+
+    def _run(self, ground: "Ground", good: searches.Good, fitness: Callable[[int], float]) -> Iterator[set[int]]:
+        markers = len(ground.group)
+        if self.options.search == "genetic":
+            generator = np.random.default_rng(
+                [self.options.seed, 0 if ground.own is None else ground.group[ground.own] + 1]
+            )
+            for _, population in searches.genetic(markers, fitness, self.options.genetics, generator, ground.own):
+                yield {subset for subset in population if good(subset)}
+            return
+        run = searches.bottom_up if self.options.search == "bottom-up" else searches.top_down
+        for _, found in run(markers, good, ground.own):
+            yield found
+
+    def _good(self, reached: np.ndarray, subset: int, own: int | None) -> bool:
+        if own is not None:
+            return bool(reached[own])
+        return bool(reached.any() if self.options.goal == "any" else reached[searches.members(subset)].all())
+
+    def _hopeful(self, known: Survey) -> np.ndarray:
+        """(2^G, G) which targets may well be reached: a survey has few frames, and may have met the unlucky ones."""
+        record, targets, frames = known.everything, self.targets[known.group], len(self._look[1])
+        unlucky = 1.0 + 2.0 * np.sqrt((1.0 - targets) * frames)
+        hits = np.minimum(record.hits + unlucky * record.answers / frames, record.answers)
+        return replace(record, hits=hits).reaches(targets, self.options.ambiguous)
+
+    def hidden(self, ground: "Ground") -> np.ndarray:
+        """(N,) random subsets of hidden markers, the search's own not among them."""
+        generator = np.random.default_rng([self.options.seed, self.markers])
+        rank = generator.random((PATTERNS, self.markers)).argsort(axis=1).argsort(axis=1)
+        hide = rank < generator.integers(0, self.options.occlusions.most + 1, PATTERNS)[:, None]
+        hide = hide[:, ground.group]
+        if ground.own is not None:
+            hide[:, ground.own] = False
+        return hide @ (1 << np.arange(len(ground.group), dtype=np.int64))
+
+    def _checked_flags(self, subset: int) -> np.ndarray:
+        """(M,) which markers' targets a solver reaches on the frames for checking."""
+        if subset not in self._checked:
+            markers = searches.members(subset)
+            self._checked[subset] = self._flags(markers, self._judged(markers))
+        return self._checked[subset]
+
+    def _judged(self, markers: list[int]) -> Record:
+        return self._measured(TreeSearch(markers, self.pool[self.pool.within(markers)]))
+
+    def _flags(self, markers, record: Record) -> np.ndarray:
+        flags = np.zeros(self.markers, dtype=bool)
+        flags[markers] = record.reaches(self.targets[markers], self.options.ambiguous)
+        return flags
+
+    def solver(self, subset: int) -> Solver:
+        """The partial solver of a subset, boosted and measured."""
+        markers = np.array(searches.members(subset))
+        rows = np.flatnonzero(self.pool.within(markers))
+        strong = self._boosted(markers, rows)
+        record = self._measured(TreeSearch(markers, self.pool[strong.chosen]), to_the_end=True)
+        return Solver(markers, strong, record, self._flags(markers, record)[markers])
+
+    def _boosted(self, markers: np.ndarray, rows: np.ndarray) -> Strong:
+        """The strong classifier of a subset's pool (rows of the whole pool); `chosen` are rows of the whole pool.
+
+        Wrong labellings come in two rounds. First those that were drawn, each with a random part of the markers
+        assigned, because the tree search judges partial labellings. Then those that the search still finds: among all
+        permutations that could be drawn, just the ones that would not be passed over.
+        """
+        assigned = self._assigned(markers)
+        severity = (self._wrong.moved & assigned).sum(axis=1)
+        no_point = np.ones((1, len(assigned)), dtype=bool)
+        judged = np.concatenate([assigned.T, no_point])[self.pool.points[rows]].all(axis=1)
+        useful = severity > 0
+        strong = boost((self._rejected[rows] & judged)[:, useful], severity[useful], self.options.boosting)
+        for masks in (masks for masks, _ in (self._look, *self._checks)):
+            strong = self._taught(markers, rows, strong, masks)
+        return Strong(rows[strong.chosen], strong.weights)
+
+    def _taught(self, markers: np.ndarray, rows: np.ndarray, strong: Strong, masks: Masks) -> Strong:
+        """Goes on boosting with the wrong labellings that the solver still finds in some clouds."""
+        cloud, chosen = TreeSearch(markers, self.pool[rows[strong.chosen]])(masks)
+        wrong = chosen != markers
+        mistaken = wrong.any(axis=1)
+        labelling = np.zeros((int(mistaken.sum()), self.markers), dtype=int)
+        labelling[:, markers] = chosen[mistaken]
+        rejected = rejections(self.pool[rows], cloud[mistaken], labelling, masks.clouds)
+        every = replace(self.options.boosting, accuracy=1.0)
+        return boost(rejected, wrong[mistaken].sum(axis=1), every, strong)
+
+    def _assigned(self, markers: np.ndarray) -> np.ndarray:
+        """(K, M) a random part of the markers, two at least, for every wrong labelling; the same every time."""
+        generator = np.random.default_rng([self.options.seed, *markers])
+        count = generator.integers(2, max(len(markers), 2) + 1, len(self._wrong))
+        rank = generator.random((len(self._wrong), len(markers))).argsort(axis=1).argsort(axis=1)
+        assigned = np.zeros((len(self._wrong), self.markers), dtype=bool)
+        assigned[:, markers] = rank < count[:, None]
+        return assigned
+
+    def _measured(self, search: TreeSearch, to_the_end: bool = False) -> Record:
+        record = None
+        for masks, removed in self._checks:
+            part = assess(search, masks, removed)
+            record = record + part if record else part
+            if not to_the_end and self._hopeless(record, search.markers):
+                break
+        return record
+
+    def _hopeless(self, record: Record, markers) -> bool:
+        """Whether no target can be reached any more, even were all that is still to come hits."""
+        to_come = sum(removed.shape[0] * removed.shape[1] for _, removed in self._checks) - record.samples
+        hoped = replace(record, hits=record.hits + to_come, answers=record.answers + to_come)
+        return not hoped.reaches(self.targets[markers], self.options.ambiguous).any()
+
+
+def _widened(classifiers: Classifiers, margin: float) -> Classifiers:
+    room = margin * (classifiers.high - classifiers.low)
+    return replace(classifiers, low=classifiers.low - room, high=classifiers.high + room)
+
+
+class Ground:
+    """Where a search moves: the subsets of a group of markers, told by their places in it.
+
+    own  place of the marker that the search is for, or None
+    """
+
+    def __init__(self, group: list[int], own: int | None):
+        self.group, self.own = group, None if own is None else group.index(own)
+
+    def outside(self, subset: int) -> int:
+        """The same subset told by the markers themselves."""
+        return searches.subset_of(self.group[place] for place in searches.members(subset))
+
+
+def _joined(solvers: list[Solver], study: Study, markers: tuple[str, ...]) -> PartialSolvers:
+    """The ensemble, with only those weak classifiers that some solver uses."""
+    useful = [solver for solver in solvers if solver.reached.any()]
+    used = np.unique(np.concatenate([np.empty(0, dtype=int), *(solver.strong.chosen for solver in useful)]))
+    renumbered = [
+        replace(solver, strong=replace(solver.strong, chosen=np.searchsorted(used, solver.strong.chosen)))
+        for solver in useful
+    ]
+    return PartialSolvers(
+        markers,
+        study.pool[used],
+        tuple(renumbered),
+        study.targets,
+        study.options.search,
+        study.options.seed,
+        study.frames,
+    )

@@ -1,0 +1,327 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The points of one frame from its unnamed blobs: epipolar matching over all cameras at once.
+
+Every set of blobs, at most one a camera, whose rays meet is a hypothesis: one marker made them all. It is weighed
+against the other story, that each of them is a ghost, and the hypotheses that hold share no blob.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..blobs.views import Sight, View
+from ..geometry.triangulation import Rays
+
+NEAR = 0.2  # m from a camera; no marker is nearer
+PARALLEL = 0.02  # sine of the angle below which two rays fix no depth
+PASS = 4.0  # deviations by which two rays of one marker may pass each other
+LOOSE = 6.0  # deviations within which a blob is tried with the crossing of two others
+FIT = 3.5  # deviations within which a blob belongs to the point that its set makes
+ROOM = 10.0  # m³, about the space in which a marker may be
+APART = 0.006  # m; nearer than this two points are one marker
+BLURRED = 0.02  # m, standard deviation along its worst axis of a point that is too uncertain to be one
+CLEAR = 1.5  # how much likelier a point of two rays must be than any other use of its blobs
+MOST_PAIRS = 20_000  # a frame; more is a room full of reflections, of which the closest pairs are tried
+COMPANY = 1.0  # m; markers are worn, so none is farther than this from all others
+ROUNDS = 40
+
+
+@dataclass(frozen=True)
+class Circumstances:
+    """What a capture is like; learned from the capture itself.
+
+    pixel  px, standard deviation of a blob's position, calibration included
+    seen   how likely a camera that has a marker in its image shows a blob of it
+    ghosts (C,) how many blobs a frame are no marker's, in each camera
+    """
+
+    pixel: float
+    seen: float
+    ghosts: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Expected:
+    """Where N points should be by their past: points (N, 3) m and radius (N,) m, three standard deviations."""
+
+    points: np.ndarray
+    radius: np.ndarray
+
+    @classmethod
+    def nothing(cls) -> "Expected":
+        """No past."""
+        return cls(np.zeros((0, 3)), np.zeros(0))
+
+
+@dataclass(frozen=True, eq=False)
+class FramePoints:
+    """The Q points of one frame.
+
+    points    (Q, 3) m
+    slots     (Q, C) which blob of each camera is the point's, -1 where none
+    residual  (Q,) m, root mean square distance of the point from its rays
+    squares   (Q,) px², sum of the squared reprojection errors
+    watching  (Q,) how many cameras have the point in their image
+    """
+
+    points: np.ndarray
+    slots: np.ndarray
+    residual: np.ndarray
+    squares: np.ndarray
+    watching: np.ndarray
+
+    @classmethod
+    def nothing(cls, cameras: int) -> "FramePoints":
+        """No points, of so many cameras."""
+        none = np.zeros(0)
+        return cls(np.zeros((0, 3)), np.zeros((0, cameras), int), none, none, np.zeros(0, int))
+
+    @property
+    def support(self) -> np.ndarray:
+        """(Q,) number of cameras whose blobs make the point."""
+        return (self.slots >= 0).sum(axis=1)
+
+
+class FrameMatcher:
+    """One frame's blobs, ready to be matched."""
+
+    def __init__(self, view: View, sight: Sight, size: np.ndarray, circumstances: Circumstances):
+        self.view, self.sight, self.size = view, sight, size
+        self.pixel, self.seen, self.ghosts = circumstances.pixel, circumstances.seen, circumstances.ghosts
+        self.rays = Rays(view, sight)
+        self.cameras = np.arange(len(view.real))
+        self.camera, self.slot = np.nonzero(view.real)
+        self.direction = self.rays.direction[self.camera, self.slot]
+        self.origin = sight.centres[self.camera]
+        self.free = view.real.copy()
+
+    def match(self, expected: Expected) -> FramePoints:
+        """The frame's points: those that the past expects first, then whatever else the blobs left over make."""
+        found = []
+        if len(expected.points):
+            found.append(self._choose(self._pairs_near(expected), expected, []))
+        found.append(self._choose(self._free_pairs(), expected, found))
+        return _in_company(joined(found))
+
+    def _pairs_near(self, expected: Expected) -> tuple[np.ndarray, np.ndarray]:
+        """Pairs of blobs in different cameras that both lie where the same point is expected."""
+        local = self.sight.local(expected.points[None])[0]
+        image = self.sight.image(local)
+        reach = expected.radius / np.maximum(local[..., 2], NEAR) + FIT * self.pixel / self.sight.focal[:, None]
+        offset = self.view.image[self.camera, self.slot][:, None] - image[self.camera]
+        near = np.einsum("bni,bni->bn", offset, offset) < reach[self.camera] ** 2
+        together = near.astype(np.float32) @ near.T.astype(np.float32) > 0
+        return np.nonzero(together & (self.camera[:, None] < self.camera))
+
+    def _free_pairs(self) -> tuple[np.ndarray, np.ndarray]:
+        """All pairs of blobs in different cameras that are not a point's yet."""
+        blobs = np.flatnonzero(self.free[self.camera, self.slot])
+        first, second = np.nonzero(self.camera[blobs][:, None] < self.camera[blobs])
+        return blobs[first], blobs[second]
+
+    def _crossings(self, first: np.ndarray, second: np.ndarray):
+        """Of pairs of blobs those whose rays pass each other closely, and the points (Q, 3) between."""
+        between = self.origin[second] - self.origin[first]
+        one, two = self.direction[first], self.direction[second]
+        cosine = np.einsum("ni,ni->n", one, two)
+        along_one, along_two = np.einsum("ni,ni->n", between, one), np.einsum("ni,ni->n", between, two)
+        sine2 = np.maximum(1 - cosine**2, PARALLEL**2)
+        near, far = (along_one - cosine * along_two) / sine2, (cosine * along_one - along_two) / sine2
+        gap = between + far[:, None] * two - near[:, None] * one
+        gap2 = np.einsum("ni,ni->n", gap, gap)
+        focal = self.sight.focal[self.camera]
+        allowed2 = PASS**2 * self.pixel**2 * ((near / focal[first]) ** 2 + (far / focal[second]) ** 2)
+        good = (near > NEAR) & (far > NEAR) & (gap2 < allowed2) & (1 - cosine**2 > PARALLEL**2)
+        kept = np.flatnonzero(good)
+        if len(kept) > MOST_PAIRS:
+            kept = kept[np.argsort(gap2[kept] / allowed2[kept])[:MOST_PAIRS]]
+        middle = self.origin[first[kept]] + near[kept, None] * one[kept] + gap[kept] / 2
+        return first[kept], second[kept], middle
+
+    def _nearest_blobs(self, points: np.ndarray, deviations: float) -> np.ndarray:
+        """(Q, C) the free blob nearest to each point's image, -1 where it is farther than `deviations`."""
+        image = self.sight.image(self.sight.local(points[None])[0])
+        offset = self.view.image[:, None] - image[:, :, None]
+        square = np.where(self.free[:, None], np.einsum("cqki,cqki->cqk", offset, offset), np.inf)
+        nearest = square.argmin(axis=2)
+        least = np.take_along_axis(square, nearest[..., None], axis=2)[..., 0]
+        return np.where(least < (deviations * self.pixel / self.sight.focal[:, None]) ** 2, nearest, -1).T
+
+    def _choose(self, pairs, expected: Expected, before: list[FramePoints]) -> FramePoints:
+        """The hypotheses from pairs of blobs that hold, best first; their blobs are not free any more."""
+        first, second, middle = self._crossings(*pairs)
+        slots = self._nearest_blobs(middle, LOOSE)
+        slots[np.arange(len(first)), self.camera[first]] = self.slot[first]
+        slots[np.arange(len(first)), self.camera[second]] = self.slot[second]
+        rivals = _Hypotheses.of(self, self._completed(slots), expected)
+        taken = [part.points for part in before]
+        chosen = []
+        for _ in range(ROUNDS):
+            winners = rivals.winners(taken)
+            if not winners.any():
+                break
+            chosen.append(rivals.pick(winners).points_of(self))
+            taken.append(chosen[-1].points)
+            for camera in self.cameras:
+                slot = chosen[-1].slots[:, camera]
+                self.free[camera, slot[slot >= 0]] = False
+            rivals = rivals.without(self, winners, expected)
+        chosen.append(rivals.pick(np.zeros(len(rivals.slots), bool)).points_of(self))
+        return joined(chosen)
+
+    def _completed(self, slots: np.ndarray) -> np.ndarray:
+        """Sets of blobs (Q, C) whose rays meet in one point, and to which no other near blob belongs; each once."""
+        for _ in range(2):
+            slots = self.agreeing(np.unique(slots, axis=0))
+            met = self.rays.meet(slots.T)
+            known = np.isfinite(met.points[:, 0])
+            more = self._nearest_blobs(met.points[known], FIT)
+            slots = np.where(slots[known] >= 0, slots[known], more)
+        return self.agreeing(np.unique(slots, axis=0))
+
+    def agreeing(self, slots: np.ndarray) -> np.ndarray:
+        """Sets of blobs (Q, C) less their worst rays, until all rays that are left meet; those with two or more."""
+        slots = slots[(slots >= 0).sum(axis=1) >= 2]
+        for _ in self.cameras:
+            miss = self.deviations(slots)
+            bad = miss.max(axis=0, initial=0) > FIT
+            if not bad.any():
+                break
+            slots = slots.copy()
+            slots[bad, miss[:, bad].argmax(axis=0)] = -1
+            slots = slots[(slots >= 0).sum(axis=1) >= 2]
+        return slots
+
+    def deviations(self, slots: np.ndarray) -> np.ndarray:
+        """(C, Q) how far the rays of sets of blobs (Q, C) miss their points, standard deviations."""
+        met = self.rays.meet(slots.T)
+        return met.miss / np.maximum(self.metres(met.points), 1e-9)
+
+    def metres(self, points: np.ndarray) -> np.ndarray:
+        """(C, Q) m, standard deviation of a blob's position at the points (Q, 3)."""
+        depth = np.nan_to_num(self.sight.local(points[None])[0, ..., 2], nan=1.0)
+        return self.pixel / self.sight.focal[:, None] * np.maximum(depth, NEAR)
+
+
+@dataclass(frozen=True, eq=False)
+class _Hypotheses:
+    """Q sets of blobs that may each be one marker.
+
+    slots  (Q, C); points (Q, 3) m; residual (Q,) m; miss (C, Q) deviations
+    score  (Q,) log of how much likelier a marker is than ghosts
+    """
+
+    slots: np.ndarray
+    points: np.ndarray
+    residual: np.ndarray
+    miss: np.ndarray
+    score: np.ndarray
+
+    @classmethod
+    def of(cls, frame: FrameMatcher, slots: np.ndarray, expected: Expected) -> "_Hypotheses":
+        met = frame.rays.meet(slots.T)
+        metres = frame.metres(met.points)
+        seen = (slots >= 0).T
+        precision = np.where(seen, 1 / metres**2, 0)
+        across = frame.rays.across[frame.cameras[:, None], np.maximum(slots.T, 0)]
+        normal = np.einsum("cq,cqij->qij", precision, across)
+        curvature = np.linalg.eigvalsh(normal)
+        sharp = np.isfinite(met.residual) & (curvature[:, 0] > BLURRED**-2)
+        miss = met.miss / metres
+        area = frame.size.prod(axis=1)
+        # One ray of a marker against one ghost somewhere in the image, and a camera that looks and sees nothing.
+        gain = np.log(frame.seen * area / (2 * np.pi * frame.pixel**2 * frame.ghosts))[:, None] - miss**2 / 2
+        watching = _watching(frame, met.points)
+        score = np.where(seen, gain, np.where(watching, np.log(1 - frame.seen), 0)).sum(axis=0)
+        # The point may be anywhere in the room: what three unknowns make of any rays is no evidence.
+        cell = (2 * np.pi) ** 1.5 / np.sqrt(np.maximum(curvature, 1e-3).prod(axis=1))
+        score += np.log(np.minimum(cell / ROOM, 1)) + _familiarity(met.points, expected)
+        kept = sharp & (score > 0)
+        return cls(slots[kept], met.points[kept], met.residual[kept], miss[:, kept], score[kept])
+
+    def pick(self, chosen: np.ndarray) -> "_Hypotheses":
+        return _Hypotheses(*(getattr(self, name)[chosen] for name in ("slots", "points", "residual")),
+                           self.miss[:, chosen], self.score[chosen])  # fmt: skip
+
+    def points_of(self, frame: FrameMatcher) -> FramePoints:
+        squares = (self.miss**2).sum(axis=0) * frame.pixel**2
+        return FramePoints(self.points, self.slots, self.residual, squares, _watching(frame, self.points).sum(axis=0))
+
+    def winners(self, taken: list[np.ndarray]) -> np.ndarray:
+        """(Q,) those that are likelier than every other one that needs one of their blobs, or the same place."""
+        count = len(self.slots)
+        if not count:
+            return np.zeros(0, bool)
+        order = np.lexsort((self.residual, -self.score))
+        rank = np.empty(count, int)
+        rank[order] = np.arange(count)
+        shares = self._shared()
+        near = _near(self.points, self.points)
+        first = ~((shares | near) & (rank[None] < rank[:, None])).any(axis=1)
+        for points in taken:
+            first &= ~_near(self.points, points).any(axis=1)
+        thin = (self.slots >= 0).sum(axis=1) == 2
+        # Where two rays are all, another partner for either blob must be clearly less likely.
+        rival = np.where(shares & ~near, self.score[None], -np.inf).max(axis=1, initial=-np.inf)
+        return first & (~thin | (self.score - rival > CLEAR))
+
+    def _shared(self) -> np.ndarray:
+        """(Q, Q) whether two sets have a blob in common."""
+        shared = np.zeros((len(self.slots), len(self.slots)), bool)
+        for slot in self.slots.T:
+            shared |= (slot[:, None] == slot) & (slot >= 0)
+        np.fill_diagonal(shared, False)
+        return shared
+
+    def without(self, frame: FrameMatcher, winners: np.ndarray, expected: Expected) -> "_Hypotheses":
+        """The other hypotheses with the blobs that are still free."""
+        slots = self.slots[~winners]
+        lost = (slots >= 0) & ~frame.free[frame.cameras, np.maximum(slots, 0)]
+        touched = lost.any(axis=1)
+        rest = self.pick(np.flatnonzero(~winners)[~touched])
+        slots = np.where(lost, -1, slots)[touched]
+        again = _Hypotheses.of(frame, frame.agreeing(np.unique(slots, axis=0)), expected)
+        fields = {
+            name: np.concatenate([getattr(rest, name), getattr(again, name)]) for name in vars(rest) if name != "miss"
+        }
+        return _Hypotheses(**fields, miss=np.concatenate([rest.miss, again.miss], axis=1))
+
+
+def joined(parts: list[FramePoints]) -> FramePoints:
+    """All points of several parts of a frame."""
+    return FramePoints(*(np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])))
+
+
+def _in_company(points: FramePoints) -> FramePoints:
+    """The points less those of two rays that are far from all better ones: reflections that stay where they are."""
+    sure = points.support >= 3
+    if sure.sum() < 3:
+        return points
+    offset = points.points[:, None] - points.points[sure]
+    near = np.einsum("qni,qni->qn", offset, offset).min(axis=1) < COMPANY**2
+    return FramePoints(*(getattr(points, name)[near] for name in vars(points)))
+
+
+def _watching(frame: FrameMatcher, points: np.ndarray) -> np.ndarray:
+    """(C, Q) which cameras have the points in their image."""
+    local = frame.sight.local(np.nan_to_num(points, nan=1e9)[None])
+    return frame.sight.inside(frame.sight.image(local))[0]
+
+
+def _familiarity(points: np.ndarray, expected: Expected) -> np.ndarray:
+    """(Q,) log of how much likelier a point is where one is expected than anywhere in the room; nought elsewhere."""
+    if not len(expected.points) or not len(points):
+        return np.zeros(len(points))
+    spread = expected.radius / 3
+    offset = np.nan_to_num(points, nan=1e9)[:, None] - expected.points
+    square = np.einsum("qni,qni->qn", offset, offset) / spread**2
+    return np.maximum(np.log(ROOM / ((2 * np.pi) ** 1.5 * spread**3)) - square / 2, 0).max(axis=1)
+
+
+def _near(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """(Q, N) which points are too close together to be two markers; never a point and itself."""
+    offset = first[:, None] - second
+    near = np.einsum("qni,qni->qn", offset, offset) < APART**2
+    if first is second:
+        np.fill_diagonal(near, False)
+    return near

@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Unnamed 3D points from unnamed blobs, as trajectories: a take from end to end, of which one chunk is held."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..blobs.labelling import UNTRIMMED
+from ..blobs.views import Sight, View, split_views
+from ..data.errors import JobError
+from ..data.takes import Blobs
+from ..geometry.cameras import Cameras
+from .linking import Links
+from .matching import Circumstances, Expected, FrameMatcher, FramePoints
+
+TRIED_PIXELS = (0.4, 0.8, 1.6, 3.2)  # px; the take shows which of them is nearest to its own noise
+WORTHWHILE = 0.05  # a coarser one must explain this much more of the blobs
+LEAST_PIXEL, MOST_PIXEL = 0.05, 4.0
+FIRST_SEEN, FIRST_GHOSTS = 0.6, 3.0
+LEAST_GHOSTS = 0.2
+SAMPLE = 12  # frames of the first chunk that the circumstances are learned from, twice
+TRIMMED = 0.8  # share of the points, best first, that the noise is told by
+FEWEST = 8  # points that must tell
+MOST_SEEN = 0.7  # as told by points of many rays, which are the ones that are seen well
+OPENING = 64  # frames at the beginning, of which the calmest is where trajectories begin
+OPENING_STRIDE = 4
+FULL = 0.8  # share of the most points that a frame has, which the calmest must have
+LARGEST_MOVE = 0.1  # m
+NEW_SHARE = 0.3  # of what a chunk says in what is believed from then on
+
+
+@dataclass(frozen=True, eq=False)
+class Reconstructed:
+    """The points of one chunk of F frames, Q in all, frame after frame.
+
+    frames      (F,) the source's own frame numbers
+    frame       (Q,) index into `frames`
+    trajectory  (Q,) number of the trajectory, from nought, the same over all chunks
+    points      (Q, 3) m
+    residual    (Q,) m, root mean square distance of the point from its rays
+    rows        (Q, C) the row of each camera's blob of the point in the chunk, -1 where it has none
+    pixel       px, standard deviation of a blob's position, as the take shows it
+    """
+
+    frames: np.ndarray
+    frame: np.ndarray
+    trajectory: np.ndarray
+    points: np.ndarray
+    residual: np.ndarray
+    rows: np.ndarray
+    pixel: float
+
+    @property
+    def support(self) -> np.ndarray:
+        """(Q,) cameras whose blobs make the point."""
+        return (self.rows >= 0).sum(axis=1)
+
+
+def reconstruct_take(chunks: Iterable[Blobs], cameras: Cameras, rate: float = 100.0) -> Iterator[Reconstructed]:
+    """Points from the blobs of a take, chunk by chunk: one `Reconstructed` for each of `chunks`, in their order.
+
+    `rate` is frames a second. Raises JobError when there are fewer than two cameras, or a frame has more blobs than
+    any capture.
+    """
+    if len(cameras) < 2:
+        raise JobError(f"{len(cameras)} camera cannot fix a point in space; expected two or more")
+    reconstructor = Reconstructor(cameras, rate)
+    for blobs in chunks:
+        yield reconstructor.reconstruct(blobs)
+
+
+class Reconstructor:
+    """Reconstructs the chunks of one take in their order; between them it keeps the trajectories' ends."""
+
+    def __init__(self, cameras: Cameras, rate: float):
+        self.cameras, self.sight, self.links = cameras, Sight(cameras), Links.at(rate)
+        ghosts = np.full(len(cameras), FIRST_GHOSTS)
+        self.circumstances = Circumstances(TRIED_PIXELS[0], FIRST_SEEN, ghosts)
+        self.learned = False
+
+    def reconstruct(self, blobs: Blobs) -> Reconstructed:
+        """The points of the next chunk."""
+        views = split_views(blobs, self.cameras)
+        linked = [] if self.learned else self._open(views)
+        linked += [self._linked(view, self.links) for view in views[len(linked) :]]
+        found, numbers = [points for points, _ in linked], [number for _, number in linked]
+        self._learn(views, found, NEW_SHARE)
+        counts = [len(points.points) for points in found]
+        columns = {name: np.concatenate([getattr(points, name) for points in found]) for name in ("points", "residual")}
+        rows = np.concatenate([_rows(view, points) for view, points in zip(views, found, strict=True)])
+        frame, trajectory = np.repeat(np.arange(len(views)), counts), np.concatenate(numbers)
+        return Reconstructed(blobs.frames, frame, trajectory, rows=rows, pixel=self.circumstances.pixel, **columns)
+
+    def _linked(self, view: View, links: Links) -> tuple[FramePoints, np.ndarray]:
+        """The points of the next frame and the numbers of their trajectories."""
+        points = self._match(view, links.expected())
+        return points, links.link(points.points)
+
+    def _match(self, view: View, expected: Expected) -> FramePoints:
+        if not view.count:
+            return FramePoints.nothing(len(self.cameras))
+        return FrameMatcher(view, self.sight, self.cameras.size, self.circumstances).match(expected)
+
+    def _open(self, views: list[View]) -> list[tuple[FramePoints, np.ndarray]]:
+        """The beginning of the take, linked forward and backward from its calmest frame.
+
+        Nothing tells the velocity of a trajectory's first point, and a foot that swings may be at its own toe's place
+        in the next frame.
+        """
+        if not self._learn_first(views):
+            return []
+        first = self._calmest(views[:OPENING])
+        middle = [self._linked(view, self.links) for view in views[first : first + 2]]
+        back = self.links.backwards(middle[0][0].points, middle[0][1])
+        before = [self._linked(view, back) for view in reversed(views[:first])]
+        self.links.begun = back.begun
+        return [*reversed(before), *middle]
+
+    def _calmest(self, views: list[View]) -> int:
+        """The frame from which the points move least to the next."""
+        starts = range(0, len(views) - 1, OPENING_STRIDE)
+        pairs = [self._matched(views[start : start + 2]) for start in starts]
+        most = max((len(one.points) for one, _ in pairs), default=0)
+        moves = [_movement(one.points, two.points) if len(one.points) > FULL * most else np.inf for one, two in pairs]
+        return starts[int(np.argmin(moves))] if most else 0
+
+    def _learn_first(self, views: list[View]) -> bool:
+        """What the capture is like, from frames spread over the first chunk, each on its own; whether they told."""
+        full = [view for view in views if view.count]
+        sample = full[:: max(len(full) // SAMPLE, 1)][:SAMPLE]
+        if not sample:
+            return False
+        self.circumstances = replace(self.circumstances, pixel=self._likely_noise(sample))
+        for _ in range(2):
+            self.learned |= self._learn(sample, self._matched(sample), 1.0)
+        return self.learned
+
+    def _likely_noise(self, sample: list[View]) -> float:
+        """The least of TRIED_PIXELS beyond which no more of the blobs belong to points."""
+        least, explained = TRIED_PIXELS[0], -1.0
+        for pixel in TRIED_PIXELS:
+            self.circumstances = replace(self.circumstances, pixel=pixel)
+            used = sum((points.slots >= 0).sum() for points in self._matched(sample))
+            share = used / sum(view.count for view in sample)
+            if share > explained + WORTHWHILE:
+                least, explained = pixel, share
+        return least
+
+    def _matched(self, views: list[View]) -> list[FramePoints]:
+        return [self._match(view, Expected.nothing()) for view in views]
+
+    def _learn(self, views: list[View], found: list[FramePoints], share: float) -> bool:
+        """Moves what is believed of the capture by `share` towards what these frames show; whether they could."""
+        support = np.concatenate([points.support for points in found]) if found else np.zeros(0, int)
+        squares = np.concatenate([points.squares for points in found]) if found else np.zeros(0)
+        watching = np.concatenate([points.watching for points in found]) if found else np.zeros(0)
+        pixel = _pixel_noise(squares, support)
+        if not np.isfinite(pixel):
+            return False
+        blobs = np.sum([view.real.sum(axis=1) for view in views], axis=0)
+        used = np.sum([(points.slots >= 0).sum(axis=0) for points in found], axis=0)
+        old = self.circumstances
+        many = support >= 3
+        seen = np.clip(support[many].sum() / max(watching[many].sum(), 1), 0.2, MOST_SEEN)
+        self.circumstances = replace(
+            old,
+            pixel=float(np.clip(old.pixel + share * (pixel - old.pixel), LEAST_PIXEL, MOST_PIXEL)),
+            seen=float(old.seen + share * (seen - old.seen)),
+            ghosts=np.maximum(old.ghosts + share * ((blobs - used) / len(views) - old.ghosts), LEAST_GHOSTS),
+        )
+        return True
+
+
+def _rows(view: View, points: FramePoints) -> np.ndarray:
+    """(Q, C) the rows of the points' blobs in their chunk, -1 where there is none."""
+    rows = view.row[np.arange(len(view.row)), np.maximum(points.slots, 0)]
+    return np.where(points.slots >= 0, rows, -1)
+
+
+def _movement(before: np.ndarray, after: np.ndarray) -> float:
+    """m², mean square of how far points (Q, 3) are from the nearest of those after them."""
+    if not len(before) or not len(after):
+        return np.inf
+    distance = np.linalg.norm(before[:, None] - after, axis=2).min(axis=1)
+    return float((np.minimum(distance, LARGEST_MOVE) ** 2).mean())
+
+
+def _pixel_noise(squares: np.ndarray, support: np.ndarray) -> float:
+    """px, standard deviation of the blobs' positions as the meeting rays show it; NaN when too few rays meet.
+
+    The worst fifth of the points does not count: a wrong set or a merged blob is not noise.
+    """
+    freedom = 2.0 * support - 3
+    many = support >= 3
+    if many.sum() < FEWEST:
+        many = support >= 2
+    if many.sum() < FEWEST:
+        return float("nan")
+    ratio = squares[many] / freedom[many]
+    order = np.argsort(ratio)[: int(np.ceil(TRIMMED * many.sum()))]
+    return float(np.sqrt(squares[many][order].sum() / freedom[many][order].sum()) * UNTRIMMED)

@@ -1,0 +1,299 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A virtual capture: the blobs that cameras would see of markers on a body, with everything that goes wrong in a room.
+
+Chunk by chunk, so that memory does not grow with the take. Every chunk draws from a generator of its own, seeded by
+the take's seed and the chunk's number: the same options give the same blobs.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from ..body.occlusion import Occlusion
+from ..data.takes import Blobs
+from ..geometry import rotations
+from ..geometry.cameras import Cameras
+
+CHUNK = 256
+# A reflection is as large in the image as a marker at some usual distance, px².
+REFLECTION_AREA = (2.0, 14.0)
+AREA_NOISE = 0.05
+# Random numbers of the take as a whole come from a stream that no chunk uses.
+TAKE_STREAM = 2**32
+
+
+@dataclass(frozen=True)
+class CaptureOptions:
+    """What goes wrong in a virtual capture, and how much of it.
+
+    seed               of everything that is random
+    noise              standard deviation of a blob's centre, px, in x and in y
+    dropout            probability that a visible marker gives no blob in a camera and frame
+    marker_radius      m; gives the blobs' areas
+    merge_gap          blobs whose edges come nearer than this are one blob, px; a negative gap lets them overlap
+    min_area           smaller blobs are not detected, px²
+    reflections        fixed ghosts in every camera
+    reflection_on      probability that a fixed ghost shows in a frame
+    flicker            mean number of ghosts a camera and frame at random places
+    calibration_mm     how far the cameras really stand from where their calibration says, mm
+    calibration_mrad   how far they are really turned from it, mrad
+    marker_offset      markers sit up to this far from where they should, each in a fixed direction for the take, m
+    """
+
+    seed: int = 0
+    noise: float = 0.3
+    dropout: float = 0.002
+    marker_radius: float = 0.007
+    merge_gap: float = 0.5
+    min_area: float = 0.5
+    reflections: int = 2
+    reflection_on: float = 0.8
+    flicker: float = 0.2
+    calibration_mm: float = 0.0
+    calibration_mrad: float = 0.0
+    marker_offset: float = 0.0
+
+
+class BodyInTheWay(Protocol):
+    """A moving body, frame for frame with the markers of a take."""
+
+    def hidden(self, frames: slice, markers: np.ndarray, centres: np.ndarray) -> np.ndarray:
+        """(F, C, M) True where the body in these frames hides markers (F, M, 3) m from cameras at centres (C, 3) m."""
+        ...
+
+    def carry(self, frames: slice, offsets: np.ndarray) -> np.ndarray:
+        """(F, M, 3) world directions of offsets (M, 3) m that are fixed to what carries each marker."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class PosedBody:
+    """A marker set's body over T frames: rotations (T, J, 3, 3), joints (T, J, 3) m, scale (T, 3), attachment (M,)."""
+
+    occlusion: Occlusion
+    attachment: np.ndarray
+    rotations: np.ndarray
+    joints: np.ndarray
+    scale: np.ndarray
+
+    def hidden(self, frames: slice, markers: np.ndarray, centres: np.ndarray) -> np.ndarray:
+        """See `BodyInTheWay.hidden`."""
+        pose = (self.rotations[frames], self.joints[frames], self.scale[frames])
+        return self.occlusion.hidden(*pose, markers, centres)
+
+    def carry(self, frames: slice, offsets: np.ndarray) -> np.ndarray:
+        """See `BodyInTheWay.carry`."""
+        return (self.rotations[frames][:, self.attachment] @ offsets[..., None])[..., 0]
+
+
+@dataclass(frozen=True, eq=False)
+class Capture:
+    """A chunk of a virtual capture: blobs, and for each the names that are right, joined with `|`; "" for a ghost."""
+
+    blobs: Blobs
+    truth: np.ndarray
+
+
+def capture(
+    markers: np.ndarray,
+    names: Sequence[str],
+    cameras: Cameras,
+    options: CaptureOptions | None = None,
+    body: BodyInTheWay | None = None,
+    first_frame: int = 1,
+) -> Iterator[Capture]:
+    """What `cameras` see of markers (T, M, 3) m, NaN where there is none, as chunks of `CHUNK` frames.
+
+    A marker is seen where `body` does not hide it and its image is within the camera's. `names` are the M markers'.
+    """
+    options = options or CaptureOptions()
+    markers = np.asarray(markers, dtype=float)
+    if markers.ndim != 3 or markers.shape[1:] != (len(names), 3):
+        raise ValueError(f"markers have shape {markers.shape}; expected (T, {len(names)}, 3)")
+    generator = np.random.default_rng([options.seed, TAKE_STREAM])
+    real = disturbed(cameras, options.calibration_mm, options.calibration_mrad, generator)
+    offsets = _in_ball(generator, len(names)) * options.marker_offset
+    size = cameras.size[:, None]
+    ghosts = generator.uniform(0, 1, (len(cameras), options.reflections, 2)) * size
+    ghost_area = generator.uniform(*REFLECTION_AREA, (len(cameras), options.reflections))
+    for number, start in enumerate(range(0, len(markers), CHUNK)):
+        part = slice(start, min(start + CHUNK, len(markers)))
+        there = markers[part]
+        there = there + (offsets if body is None else body.carry(part, offsets))
+        hidden = None if body is None else body.hidden(part, there, real.centres)
+        chunk_generator = np.random.default_rng([options.seed, number])
+        seen = _marker_images(there, real, hidden, options, chunk_generator)
+        false = _ghost_images(ghosts, ghost_area, len(there), cameras.size, options, chunk_generator)
+        images = _Images(*(np.concatenate(pair, axis=2) for pair in zip(seen, false, strict=True)))
+        frames = first_frame + np.arange(part.start, part.stop)
+        yield _read_out(images, names, frames, cameras.size, options, chunk_generator)
+
+
+def joined(captures: Iterator[Capture]) -> Capture:
+    """All chunks of a capture as one."""
+    chunks = list(captures)
+    counts = np.cumsum([0] + [len(chunk.blobs.frames) for chunk in chunks])
+    blobs = Blobs(
+        np.concatenate([chunk.blobs.frames for chunk in chunks]),
+        np.concatenate([chunk.blobs.frame + first for chunk, first in zip(chunks, counts[:-1], strict=True)]),
+        np.concatenate([chunk.blobs.camera for chunk in chunks]),
+        np.concatenate([chunk.blobs.xy for chunk in chunks]),
+        np.concatenate([chunk.blobs.area for chunk in chunks]),
+    )
+    return Capture(blobs, np.concatenate([chunk.truth for chunk in chunks]))
+
+
+def disturbed(cameras: Cameras, millimetres: float, milliradians: float, generator: np.random.Generator) -> Cameras:
+    """The cameras moved by exactly `millimetres` and turned by exactly `milliradians`, each in a random direction."""
+    shift = _directions(generator, len(cameras)) * millimetres / 1000
+    turn = rotations.exponential(_directions(generator, len(cameras)) * milliradians / 1000)[0]
+    rotation = turn @ cameras.rotation
+    translation = -np.einsum("cij,cj->ci", rotation, cameras.centres + shift)
+    return replace(cameras, rotation=rotation, translation=translation)
+
+
+@dataclass(frozen=True, eq=False)
+class _Images:
+    """Possible blobs of F frames, C cameras and N sources: centre (F, C, N, 2) px, area (F, C, N) px², there or not."""
+
+    xy: np.ndarray
+    area: np.ndarray
+    there: np.ndarray
+
+    def __iter__(self):
+        return iter((self.xy, self.area, self.there))
+
+
+def _marker_images(
+    markers: np.ndarray,
+    cameras: Cameras,
+    hidden: np.ndarray | None,
+    options: CaptureOptions,
+    generator: np.random.Generator,
+) -> _Images:
+    """The markers (F, M, 3) m as the cameras see them."""
+    ideal = cameras.normalised(markers)
+    xy = np.moveaxis(cameras.project(markers), 0, 1)
+    depth = np.moveaxis(np.einsum("cx,fmx->cfm", cameras.rotation[:, 2], markers), 0, 1)
+    depth = depth + cameras.translation[:, 2][:, None]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        area = np.pi * (cameras.focal[:, None] * options.marker_radius / depth) ** 2
+    area = area * (1 + AREA_NOISE * generator.standard_normal(area.shape))
+    there = _in_image(xy, cameras.size[:, None]) & np.moveaxis(_through_lens(ideal, cameras), 0, 1)
+    there &= generator.random(there.shape) >= options.dropout
+    if hidden is not None:
+        there &= ~hidden
+    return _Images(xy, area, there)
+
+
+def _through_lens(ideal: np.ndarray, cameras: Cameras) -> np.ndarray:
+    """(C, F, M) whether light from normalised image coordinates (C, F, M, 2) really comes through each lens.
+
+    Beyond the radius where the lens polynomial turns back, it would show inside the image what no lens shows there.
+    """
+    with np.errstate(invalid="ignore"):
+        return np.einsum("cfmi,cfmi->cfm", ideal, ideal) < cameras.reach[:, None, None] ** 2
+
+
+def _ghost_images(
+    places: np.ndarray,
+    areas: np.ndarray,
+    frames: int,
+    size: np.ndarray,
+    options: CaptureOptions,
+    generator: np.random.Generator,
+) -> _Images:
+    """Fixed reflections at places (C, G, 2) px that come and go, and random flicker, in every frame and camera."""
+    cameras = len(places)
+    slots = int(np.ceil(4 * options.flicker))
+    xy = np.broadcast_to(places, (frames, *places.shape))
+    area = np.broadcast_to(areas, (frames, *areas.shape))
+    steady = generator.random(area.shape) < options.reflection_on
+    anywhere = generator.random((frames, cameras, slots, 2)) * size[:, None]
+    flicker_area = generator.uniform(*REFLECTION_AREA, (frames, cameras, slots))
+    sudden = generator.random((frames, cameras, slots)) < options.flicker / max(slots, 1)
+    return _Images(
+        np.concatenate([xy, anywhere], axis=2),
+        np.concatenate([area, flicker_area], axis=2),
+        np.concatenate([steady, sudden], axis=2),
+    )
+
+
+def _read_out(
+    images: _Images,
+    names: Sequence[str],
+    frames: np.ndarray,
+    size: np.ndarray,
+    options: CaptureOptions,
+    generator: np.random.Generator,
+) -> Capture:
+    """Melts overlapping images into blobs, adds noise, and writes the blobs down in no particular order."""
+    frame, camera, source = np.nonzero(images.there)
+    xy, area = images.xy[frame, camera, source], images.area[frame, camera, source]
+    blob = _melted(frame, camera, xy, area, options.merge_gap)
+    count = blob.max(initial=-1) + 1
+    total = np.bincount(blob, area, count)
+    centre = np.stack([np.bincount(blob, area * xy[:, axis], count) for axis in (0, 1)], axis=1) / total[:, None]
+    first = np.zeros(count, dtype=int)
+    first[blob[::-1]] = np.arange(len(blob))[::-1]
+    frame, camera = frame[first], camera[first]
+    centre = centre + options.noise * generator.standard_normal(centre.shape)
+    truth = _true_names(blob, source, count, names)
+    found = np.flatnonzero((total >= options.min_area) & _in_image(centre, size[camera]))
+    order = found[np.lexsort([generator.random(len(found)), frame[found]])]
+    return Capture(Blobs(frames, frame[order], camera[order], centre[order], total[order]), truth[order])
+
+
+def _melted(frame: np.ndarray, camera: np.ndarray, xy: np.ndarray, area: np.ndarray, gap: float) -> np.ndarray:
+    """(N,) the number of the blob that each image is part of; images that touch, directly or in a chain, are one."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    count = len(xy)
+    if count == 0:
+        return np.zeros(0, dtype=int)
+    radius = np.sqrt(area / np.pi)
+    reach = max(2 * radius.max() + gap, 0.0)
+    # One tree for all images of the chunk: every frame and camera gets a depth of its own that nothing reaches across.
+    image = frame * (camera.max() + 1) + camera
+    tree = cKDTree(np.column_stack([xy, image * (2 * reach + 1)]))
+    near = tree.query_pairs(reach, output_type="ndarray")
+    distance = np.linalg.norm(xy[near[:, 0]] - xy[near[:, 1]], axis=1)
+    near = near[distance < radius[near[:, 0]] + radius[near[:, 1]] + gap]
+    touching = coo_array((np.ones(len(near), dtype=np.int8), (near[:, 0], near[:, 1])), shape=(count, count))
+    return connected_components(touching, directed=False)[1].astype(int)
+
+
+def _true_names(blob: np.ndarray, source: np.ndarray, count: int, names: Sequence[str]) -> np.ndarray:
+    """(count,) text: the names in each blob, in the markers' order, joined with `|`; ghosts add none."""
+    rows = np.flatnonzero(source < len(names))
+    rows = rows[np.lexsort([source[rows], blob[rows]])]
+    markers_in = np.bincount(blob[rows], minlength=count)
+    truth = np.full(count, "", dtype=object)
+    single = rows[markers_in[blob[rows]] == 1]
+    truth[blob[single]] = np.asarray(names, dtype=object)[source[single]]
+    starts = np.concatenate([[0], np.cumsum(markers_in)])
+    for several in np.flatnonzero(markers_in > 1):
+        members = source[rows[starts[several] : starts[several + 1]]]
+        truth[several] = "|".join(names[index] for index in members)
+    return truth
+
+
+def _in_image(xy: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """Whether pixels (..., 2) are within images of `size` (..., 2), pixel centres being whole numbers."""
+    with np.errstate(invalid="ignore"):
+        return ((xy >= -0.5) & (xy <= size - 0.5)).all(axis=-1)
+
+
+def _directions(generator: np.random.Generator, count: int) -> np.ndarray:
+    """(count, 3) unit vectors, evenly over the sphere."""
+    vector = generator.standard_normal((count, 3))
+    return vector / np.linalg.norm(vector, axis=1, keepdims=True)
+
+
+def _in_ball(generator: np.random.Generator, count: int) -> np.ndarray:
+    """(count, 3) vectors of length 0 to 1, evenly in length and direction."""
+    return _directions(generator, count) * generator.uniform(0, 1, (count, 1))

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A marker set for people whose markers are partly known: a known body, dressed in the markers that the takes show.
+
+The known markers pose the body; every other marker goes to the segment in whose axes it stays most constant.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..body.bodies import BodyModel
+from ..body.posing import FEWEST, fit_points
+from ..data.markersets import MarkerSet
+
+FRAMES = 120  # of a subject
+WORN = 0.6  # share of a known set's markers that must be there for its body to be taken
+KNOWN = 0.5  # share of the takes' markers that must be known
+BELIEF = 4.0  # subjects that the known marker set counts for when these say where a known marker sits
+LEAST_SD = 0.006  # heights
+STRANGE_SD = 0.015  # heights, of a marker that only one subject wore
+
+
+def known_body(markers: Sequence[str], known: Sequence[MarkerSet]) -> MarkerSet | None:
+    """The one of the known marker sets whose body suits these markers best; None where none does."""
+
+    def worn(markerset: MarkerSet) -> int:
+        return int((_places(markerset, markers) >= 0).sum())
+
+    fitting = [one for one in known if worn(one) >= max(WORN * len(one), KNOWN * len(markers))]
+    return max(fitting, key=worn) if fitting else None
+
+
+def dressed(body: MarkerSet, subjects: Sequence[np.ndarray], markers: Sequence[str], name: str) -> MarkerSet:
+    """The body of a known marker set with these markers, from labelled frames of each subject (T, M, 3) m.
+
+    Raises ValueError when no frame shows markers enough to pose it.
+    """
+    place = _places(body, markers)
+    here = np.flatnonzero(place >= 0)
+    bare = _with_markers(body, place[here])
+    model = BodyModel(bare)
+    found = [_in_segments(model, _thinned(points, here), here) for points in subjects]
+    found = [one for one in found if one is not None]
+    if not found:
+        raise ValueError("no frame shows enough of the known markers together")
+    means, spreads = np.array([mean for mean, _ in found]), np.array([spread for _, spread in found])
+    attachment = np.nanmean(spreads, axis=0).argmin(axis=1)
+    attachment[here] = bare.attachment
+    every = np.arange(len(markers))
+    offsets, sd = _placed(means[:, every, attachment])
+    count = np.isfinite(means[:, here, bare.attachment, 0]).sum(axis=0)[:, None]
+    shift = np.where(count > 0, offsets[here] - bare.offsets, 0)
+    offsets[here] = bare.offsets + shift * count / (count + BELIEF)
+    sd[here] = np.maximum(bare.spread.marker_sd, sd[here] * (count[:, 0] > 1))
+    joints = len(bare.skeleton)
+    modes = np.zeros((len(bare.spread.modes), joints + len(markers), 3))
+    modes[:, :joints], modes[:, joints + here] = bare.spread.modes[:, :joints], bare.spread.modes[:, joints:]
+    aliases = {alias: meant for alias, meant in bare.aliases.items() if meant in markers and alias not in markers}
+    return replace(
+        bare,
+        name=name,
+        description=f"{len(markers)} markers on the body of {body.name}",
+        markers=tuple(markers),
+        aliases=aliases,
+        attachment=attachment,
+        offsets=offsets,
+        spread=replace(bare.spread, modes=modes, marker_sd=sd),
+        likelihood=None,
+    )
+
+
+def _places(markerset: MarkerSet, markers: Sequence[str]) -> np.ndarray:
+    """(M,) the known marker that each of the names means, -1 for none; each known one once."""
+    found = np.full(len(markers), -1)
+    for index, name in enumerate(markers):
+        try:
+            place = markerset.index(name)
+        except KeyError:
+            continue
+        if place not in found:
+            found[index] = place
+    return found
+
+
+def _with_markers(body: MarkerSet, chosen: np.ndarray) -> MarkerSet:
+    """The marker set with only the markers `chosen`, in that order."""
+    joints = len(body.skeleton)
+    rows = np.concatenate([np.arange(joints), joints + chosen])
+    spread = replace(body.spread, modes=body.spread.modes[:, rows], marker_sd=body.spread.marker_sd[chosen])
+    names = tuple(body.markers[index] for index in chosen)
+    return replace(
+        body,
+        markers=names,
+        attachment=body.attachment[chosen],
+        offsets=body.offsets[chosen],
+        spread=spread,
+        likelihood=None,
+    )
+
+
+def _thinned(points: np.ndarray, here: np.ndarray) -> np.ndarray:
+    good = np.flatnonzero(np.isfinite(points[:, here]).all(axis=2).sum(axis=1) >= max(FEWEST, len(here) / 2))
+    chosen = np.unique(np.linspace(0, len(good) - 1, min(FRAMES, len(good))).round().astype(int))
+    return points[good[chosen]]
+
+
+def _in_segments(model: BodyModel, points: np.ndarray, here: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """Where every marker sits in the axes of every segment (M, J, 3), and how constantly (M, J); heights."""
+    if not len(points):
+        return None
+    bodies = fit_points(model, points[:, here])
+    posed = model.pose(bodies)
+    size = bodies.scale.mean(axis=1)[:, None, None, None]
+    offset = points[:, :, None] - posed.joints[:, None]
+    local = np.einsum("fjba,fmjb->fmja", posed.rotations, offset) / size
+    seen = np.isfinite(local).all(axis=3).any(axis=0)
+    mean, spread = np.full(local.shape[1:], np.nan), np.full(local.shape[1:3], np.nan)
+    mean[seen] = np.nanmedian(local[:, seen], axis=0)
+    away = np.sqrt(np.square(local - mean).sum(axis=3))
+    spread[seen] = np.nanmedian(away[:, seen], axis=0)
+    return mean, spread
+
+
+def _placed(offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean (M, 3) and standard deviation (M,) over subjects (N, M, 3), NaN where one does not wear a marker."""
+    mean = np.nanmean(offsets, axis=0)
+    worn = np.isfinite(offsets[..., 0]).sum(axis=0)
+    deviation = np.sqrt(np.nanmean(np.square(offsets - mean), axis=0).mean(axis=1) * worn / np.maximum(worn - 1, 1))
+    return mean, np.maximum(np.where(worn > 1, deviation, STRANGE_SD), LEAST_SD)

@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""From labelled clouds to names: a made-up walker and a made-up chain of plates, with hidden markers and ghosts."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from addon.core.data.errors import InputError
+from addon.core.geometry.upright import turned
+from addon.core.points.likelihood import label_frames, learn_likelihood
+from addon.core.points.likelihood.labels import label_some
+from addon.core.points.likelihood.trials import make_trial
+
+NAMES = ("LHIP", "RHIP", "SACR", "LKNE", "RKNE", "LANK", "RANK", "LTOE", "RTOE", "C7", "LSHO", "RSHO")
+PELVIS = [[0.1, 0.13, 0.95], [0.1, -0.13, 0.95], [-0.1, 0, 1.0]]
+LEGS = [[0.03, 0.12, 0.5], [0.03, -0.12, 0.5], [-0.03, 0.11, 0.1], [-0.03, -0.11, 0.1]]
+REST = [[0.15, 0.12, 0.05], [0.15, -0.12, 0.05], [-0.06, 0, 1.45], [0, 0.18, 1.4], [0, -0.18, 1.4]]
+STANCE = np.array([*PELVIS, *LEGS, *REST])
+
+
+def walker(seed: int, frames: int = 150) -> np.ndarray:
+    """A stick figure (T, 12, 3) m that swings its legs while it goes about in a circle."""
+    rng = np.random.default_rng(seed)
+    size = 1 + 0.08 * rng.normal()
+    own = STANCE * size + 0.01 * rng.normal(size=STANCE.shape)
+    phase = np.linspace(0, 6 * np.pi, frames)
+    clouds = np.repeat(own[None], frames, axis=0)
+    for side, sign in (("L", 1), ("R", -1)):
+        for name, reach in (("KNE", 0.12), ("ANK", 0.25), ("TOE", 0.27)):
+            marker = NAMES.index(side + name)
+            clouds[:, marker, 0] += sign * reach * np.sin(phase)
+            clouds[:, marker, 2] += 0.3 * reach * np.maximum(sign * np.cos(phase), 0)
+    clouds += 0.002 * rng.normal(size=clouds.shape)
+    clouds = turned(clouds, phase / 3 + seed)
+    clouds[..., :2] += np.stack([np.cos(phase / 3), np.sin(phase / 3)], axis=1)[:, None]
+    return clouds
+
+
+@pytest.fixture(scope="module")
+def likelihood():
+    return learn_likelihood([(walker(seed), f"person {seed}") for seed in range(5)], NAMES)
+
+
+def named(likelihood, trial, target=0.99):
+    chunks = list(label_frames(likelihood, trial.points))
+    marker = np.concatenate([chunk.sure(target) for chunk in chunks])
+    given = marker >= 0
+    return (
+        marker,
+        (given & (marker != trial.truth)).sum() / given.sum(),
+        (given & (marker == trial.truth)).sum() / (trial.truth >= 0).sum(),
+    )
+
+
+def test_a_stranger_is_named_with_markers_hidden_and_ghosts_about(likelihood):
+    trial = make_trial(walker(77), (0, 3), (0, 2), np.random.default_rng(1))
+    _, wrong, recall = named(likelihood, trial)
+    assert wrong < 0.01
+    assert recall > 0.97
+
+
+def test_one_labelled_take_names_another_person():
+    """How others differ is taken for granted; who was recorded, and the mirror image of that, say nothing of it."""
+    alone = learn_likelihood([(walker(0), "only one")], NAMES)
+    assert alone.rigid_bodies is None
+    for seed in (60, 61, 62):
+        trial = make_trial(walker(seed), (0, 3), (0, 2), np.random.default_rng(seed))
+        _, wrong, recall = named(alone, trial, target=0.999)
+        assert wrong < 0.01
+        assert recall > 0.7
+
+
+def test_no_marker_is_given_twice_in_a_frame(likelihood):
+    trial = make_trial(walker(78), (0, 4), (3, 6), np.random.default_rng(2))
+    marker, _, _ = named(likelihood, trial, target=0)
+    for row in marker:
+        given = row[row >= 0]
+        assert len(np.unique(given)) == len(given)
+
+
+def test_frames_know_nothing_of_each_other(likelihood):
+    trial = make_trial(walker(79), (0, 3), (0, 2), np.random.default_rng(3))
+    whole = label_some(likelihood, trial.points)
+    broken = trial.points.copy()
+    broken[10] = np.random.default_rng(4).normal(size=broken[10].shape)
+    again = label_some(likelihood, broken)
+    others = np.arange(len(broken)) != 10
+    assert (again.marker[others] == whole.marker[others]).all()
+    assert np.allclose(again.confidence[others], whole.confidence[others])
+
+
+def test_the_order_of_points_and_the_way_one_faces_do_not_matter(likelihood):
+    trial = make_trial(walker(80)[:40], (0, 2), (0, 1), np.random.default_rng(5))
+    order = np.random.default_rng(6).permutation(trial.points.shape[1])
+    turn = turned(trial.points, np.full(40, 2.5)) + np.array([4.0, -2.0, 0.0])
+    plain, other = label_some(likelihood, trial.points), label_some(likelihood, turn[:, order])
+    sure = (plain.confidence > 0.99)[:, order]
+    assert (other.marker[sure] == plain.marker[:, order][sure]).mean() > 0.999
+
+
+def test_training_is_the_same_for_the_same_seed():
+    takes = [(walker(seed, 60), str(seed)) for seed in range(3)]
+    one, other = learn_likelihood(takes, NAMES, seed=4), learn_likelihood(takes, NAMES, seed=4)
+    assert np.array_equal(one.shape.modes, other.shape.modes)
+    assert np.array_equal(one.trust.weights, other.trust.weights)
+
+
+def plate_chain(seed: int, frames: int = 200) -> np.ndarray:
+    """Five plates of four markers (T, 20, 3) m on a limb that folds any way it likes."""
+    form = np.random.default_rng(9).uniform(-0.08, 0.08, (5, 4, 3))
+    rng = np.random.default_rng(seed)
+    clouds = []
+    base = np.array([0.0, 0, 1])
+    turn = rng.normal(size=(5, 3, 2))
+    for frame in range(frames):
+        at, rows = base, []
+        for rigid_body in range(5):
+            angle = turn[rigid_body] @ [np.sin(0.05 * frame + rigid_body), np.cos(0.03 * frame)]
+            rotation = Rotation.from_rotvec(angle).as_matrix()
+            rows.append(form[rigid_body] @ rotation.T + at)
+            at = at + rotation @ np.array([0, 0, -0.25])
+        clouds.append(np.concatenate(rows))
+    return np.array(clouds) + 0.0004 * rng.normal(size=(frames, 20, 3))
+
+
+def test_plates_are_found_in_poses_that_were_never_seen():
+    names = tuple(f"P{rigid_body}{corner}" for rigid_body in range(5) for corner in "abcd")
+    likelihood = learn_likelihood([(plate_chain(1), "limb")], names)
+    assert likelihood.rigid_bodies is not None
+    assert sorted(map(len, likelihood.rigid_bodies.groups)) == [4] * 5
+    trial = make_trial(plate_chain(2), (0, 4), (0, 6), np.random.default_rng(3))
+    _, wrong, recall = named(likelihood, trial)
+    assert wrong < 0.01
+    assert recall > 0.9
+
+
+def test_training_says_what_is_wrong_with_takes():
+    with pytest.raises(InputError, match="no take shows RTOE"):
+        gone = walker(1)
+        gone[:, NAMES.index("RTOE")] = np.nan
+        learn_likelihood([(gone, "a")], NAMES)
+    with pytest.raises(InputError, match="no frame shows half"):
+        learn_likelihood([(np.full((5, 12, 3), np.nan), "a")], NAMES)
+    with pytest.raises(InputError, match="too few"):
+        learn_likelihood([(np.zeros((5, 3, 3)), "a")], NAMES[:3])
+
+
+def test_frames_without_points_get_no_names(likelihood):
+    chunk = next(label_frames(likelihood, np.full((3, 5, 3), np.nan)))
+    assert (chunk.marker == -1).all()
+    assert (chunk.confidence == 0).all()

@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Plates of people whom nobody measured, recognised by how a whole take moves; and said so where it does not tell."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from addon.core.data.takes import NO_MARKER
+from addon.core.points.rigid_bodies import learn_structure, recognise
+from addon.core.points.rigid_bodies.match import NO_GROUP
+from addon.core.points.rigid_bodies.model import learn_rigid_bodies
+from addon.core.points.rigid_bodies.steady import find_groups, sampled, unbroken
+from addon.core.points.rigid_bodies.structure import find_joints, signed_volumes
+from addon.core.points.tracklets import cut
+from addon.io.points import read_points
+from tests.accuracy import anatomical
+
+from .plated import NAMES, RATE, SEGMENTS, body, mirror_image, walk
+
+RADIUS = 0.5
+OTHER = {"limb": 0.06, "form": 0.006, "place": 0.015}
+ALL = np.arange(len(NAMES))
+
+
+@pytest.fixture(scope="module")
+def learned():
+    takes = np.concatenate([walk(body()), walk(body(), 1)])
+    rigid_bodies = learn_rigid_bodies([takes], RADIUS)
+    return learn_structure(rigid_bodies, [takes]), rigid_bodies
+
+
+def who(learned, points: np.ndarray):
+    return recognise(*learned, points, cut(points, RATE), RATE)
+
+
+def plates_right(person, columns: np.ndarray) -> list[bool | None]:
+    """Of every plate whether its group is its own markers', None where it has none; columns (P,) are their markers."""
+    found = []
+    for group in person.group:
+        if group == NO_GROUP:
+            found.append(None)
+            continue
+        tracklets = [tracklet for own in person.groups[group].tracklets for tracklet in own]
+        markers = columns[np.unique(np.nonzero(np.isin(person.part, tracklets))[1])]
+        found.append(len({NAMES[marker][:-1] for marker in markers if marker >= 0}) == 1 and (markers >= 0).all())
+    return found
+
+
+def wrong(person, columns: np.ndarray) -> int:
+    marker = person.marker
+    return int(((marker != NO_MARKER) & (marker != columns)).sum())
+
+
+def test_what_moves_as_one_is_a_group_whatever_trajectories_it_is_cut_into_and_what_stands_about_is_none():
+    points = walk(body())
+    table = np.array([[2.0, 2, 0.7], [2.3, 2, 0.7], [2.1, 2.2, 0.7]])
+    rng = np.random.default_rng(0)
+    points = np.concatenate([points, table + rng.normal(0, 0.0003, (len(points), 3, 3))], axis=1)
+    points[150:170, ::3] = np.nan
+    seen = sampled(points, unbroken(cut(points, RATE), RATE), RATE)
+    groups, props = find_groups(seen)
+    assert sorted(len(group.form) for group in groups) == [4] * len(SEGMENTS)
+    assert [len(prop.form) for prop in props] == [3]
+    # The tracklets before and behind the gap are one marker's.
+    assert sum(len(tracklets) == 2 for group in groups for tracklets in group.tracklets) == sum(ALL[:44] % 3 == 0)
+
+
+def test_a_group_is_where_its_markers_are():
+    points = walk(body())
+    groups, _ = find_groups(sampled(points, unbroken(cut(points, RATE), RATE), RATE))
+    for group in groups:
+        (tracklet, *_), *_ = group.tracklets
+        seen = points[np.linspace(0, len(points) - 1, len(group.place)).round().astype(int), tracklet]
+        assert np.abs(group.markers[:, 0] - seen).max() < 0.003
+
+
+def test_the_joint_of_two_bodies_is_where_they_meet():
+    rng = np.random.default_rng(3)
+    turn = Rotation.from_rotvec(rng.normal(0, 0.6, (200, 2, 3)).reshape(-1, 3)).as_matrix().reshape(200, 2, 3, 3)
+    near, far = np.array([0.1, 0.02, -0.2]), np.array([0.0, -0.05, 0.25])
+    place = np.zeros((200, 2, 3))
+    place[:, 1] = turn[:, 0] @ near - turn[:, 1] @ far
+    joints = find_joints(turn, place)
+    assert joints.miss[0, 1] < 0.01
+    assert np.abs(joints.at[0, 1] - near).max() < 0.01
+    assert np.abs(joints.at[1, 0] - far).max() < 0.01
+    assert np.isnan(joints.miss[0, 0])
+
+
+def test_a_mirror_image_has_the_other_sign_and_no_size():
+    corners = np.random.default_rng(1).normal(size=(4, 50, 3))
+    volume = signed_volumes(*corners)
+    assert np.allclose(signed_volumes(*(corners * [1, -1, 1])), -volume)
+    assert np.allclose(signed_volumes(*(3 * corners)), volume)
+
+
+def test_the_very_plates_of_the_training_are_known_as_such(learned):
+    person = who(learned, walk(body(), 5))
+    assert person.known is True
+    assert plates_right(person, ALL) == [True] * len(SEGMENTS)
+    assert wrong(person, ALL) == 0
+
+
+@pytest.mark.parametrize("seed", range(1, 4))
+@pytest.mark.parametrize("image", [False, True], ids=["as it is", "mirrored"])
+def test_other_people_in_other_plates_are_recognised_side_by_side(learned, seed, image):
+    points = walk(body(seed, **OTHER), 10 + seed)
+    person = who(learned, mirror_image(points) if image else points)
+    assert person.known is False
+    assert plates_right(person, ALL) == [True] * len(SEGMENTS)
+    assert wrong(person, ALL) == 0
+    assert person.sure.sum() >= 36
+    assert {NAMES[marker] for marker in person.lone[person.lone != NO_MARKER]} == {"LHAND", "RHAND"}
+
+
+def test_the_forms_and_distances_are_the_persons_own(learned):
+    points = walk(body(2, **OTHER), 12)
+    person = who(learned, points)
+    assert len(person.rigid_bodies.groups) >= 9
+    for group in person.rigid_bodies.groups:
+        own = np.linalg.norm(points[:, group, None] - points[:, None, group], axis=-1).mean(axis=0)
+        assert np.abs(person.rigid_bodies.lengths(group) - own).max() < 0.002
+    one, two = person.rigid_bodies.groups[0][0], person.rigid_bodies.groups[1][0]
+    distance = np.linalg.norm(points[:, one] - points[:, two], axis=1)
+    assert (
+        distance.min() - 0.01
+        <= person.rigid_bodies.low[one, two]
+        <= person.rigid_bodies.high[one, two]
+        <= distance.max() + 0.01
+    )
+
+
+def test_a_plate_that_is_not_there_is_not_taken_for_another(learned):
+    points = walk(body(3, **OTHER), 13)
+    gone = [index for index, name in enumerate(NAMES) if name.startswith("LSH")]
+    points[:, gone] = np.nan
+    person = who(learned, points)
+    found = plates_right(person, ALL)
+    assert found.count(None) == 1
+    assert found.count(False) == 0
+    assert wrong(person, ALL) == 0
+
+
+def test_a_thing_in_the_hand_is_no_plate(learned):
+    points = walk(body(1, **OTHER), 11)
+    own = [NAMES.index(f"RUA{corner}") for corner in "1234"]
+    middle = points[:, own].mean(axis=1, keepdims=True)
+    along = points[:, own[0], None] - points[:, own[2], None]
+    away = np.cross(points[:, own[1], None] - middle, along)
+    tool = middle - 2.5 * along + (points[:, own] - middle) * 1.2 + away * 8
+    tool = tool + 0.02 * np.sin(np.arange(len(points)) / 15)[:, None, None]
+    person = who(learned, np.concatenate([points, tool], axis=1))
+    columns = np.append(ALL, [-1] * 4)
+    assert False not in plates_right(person, columns)
+    assert wrong(person, columns) == 0
+
+
+def test_of_somebody_who_hardly_moves_nothing_is_sure(learned):
+    person = who(learned, walk(body(3, **OTHER), 3, liveliness=0.003))
+    assert person.known is None
+    assert wrong(person, ALL) == 0
+
+
+@pytest.mark.parametrize("columns", [0, 1, 3])
+def test_next_to_nothing_is_nothing(learned, columns):
+    person = who(learned, walk(body(), 5)[:, :columns])
+    assert person.known is None
+    assert not person.sure.any()
+
+
+@pytest.fixture(scope="module")
+def recorded(shared_data):
+    """The folder of recorded people, and what two labelled takes of a set on plates teach: names, structure, plates."""
+    folder = shared_data / "people"
+    takes = [read_points(folder / "clouthier" / f"{name}.c3d") for name in ("KneeltoProne01", "PronetoRun01")]
+    labelled = np.concatenate([take.xyz for take in takes])
+    rigid_bodies = learn_rigid_bodies([labelled], float(np.sqrt(np.nanmean(np.nanvar(labelled, axis=1).sum(axis=1)))))
+    return folder, takes[0].names, (learn_structure(rigid_bodies, [labelled]), rigid_bodies)
+
+
+def test_a_raw_take_of_other_plates_is_named_as_anatomy_has_it(recorded):
+    folder, names, learned = recorded
+    raw = read_points(folder / "clouthier" / "S09_KneeltoRun02.c3d")
+    person = recognise(*learned, raw.xyz, cut(raw.xyz, raw.rate), raw.rate)
+    assert person.known is False
+    assert (person.group != NO_GROUP).sum() == 13
+    placed = np.full((len(raw.xyz), len(names), 3), np.nan)
+    frame, column = np.nonzero(person.marker != NO_MARKER)
+    placed[frame, person.marker[frame, column]] = raw.xyz[frame, column]
+    assert np.isfinite(placed[..., 0]).any(axis=0).sum() >= 55
+    for what, held in anatomical.statements(placed, names, raw.rate)[1:]:
+        part, whole = map(int, held.split(" of "))
+        assert part == whole > 0, what
+
+
+@pytest.mark.parametrize("take", ["mcgill/HC031A/HC031A01.c3d", "tennis/kinematics_tennis_serve.c3d"])
+def test_people_in_another_marker_set_are_nobody_whose_plates_it_could_learn(recorded, take):
+    folder, _, learned = recorded
+    other = read_points(folder / take)
+    assert recognise(*learned, other.xyz, cut(other.xyz, other.rate), other.rate).known is None
+
+
+@pytest.mark.parametrize(("wobble", "markers"), [(0.012, 6), (0.026, 5)])
+@pytest.mark.parametrize("turn", [(0, 0, 0), (0, 54.7356, 45)])
+def test_how_loose_a_marker_may_be_does_not_depend_on_where_the_plate_faces(wobble, markers, turn):
+    around = np.linspace(0, 2 * np.pi, 5, endpoint=False)
+    flat = np.stack([*np.column_stack([np.cos(around), np.sin(around), 0 * around]) * 0.15, np.zeros(3)])
+    points = np.tile(flat, (200, 1, 1))
+    points[:, 5, 2] += wobble * np.sin(np.arange(200))
+    points = points @ Rotation.from_euler("zyx", turn, degrees=True).as_matrix().T
+    moving, still = find_groups(sampled(points, unbroken(cut(points, RATE), RATE), RATE))
+    assert [len(group.form) for group in moving + still] == [markers]
