@@ -9,12 +9,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
 
+import numpy as np
+
 from .core.body.occlusion import Occlusion
 from .core.data.errors import InputError, JobError
 from .core.data.markersets import MarkerSet
 from .core.data.takes import Blobs, LabelledChunk, PointRows
 from .core.geometry.cameras import Cameras
 from .io.cameras import read_cameras
+from .io.names import written
 
 # The rows that were labelled, and what is said of them.
 Chunks = list[tuple[Blobs | PointRows, LabelledChunk]]
@@ -25,9 +28,12 @@ def has_blender() -> bool:
     return "bpy" in sys.modules or importlib.util.find_spec("bpy") is not None
 
 
-def open_cameras(path: Path) -> Cameras:
-    """A calibration of any kind, the cameras of a `.blend` included where Blender is here; InputError otherwise."""
-    return read_cameras(path, _read_blend if has_blender() else None)
+def open_cameras(path: Path, up: str | None = None) -> Cameras:
+    """A calibration of any kind, the cameras of a `.blend` included where Blender is here; InputError otherwise.
+
+    `up` is the axis that points up in its world, where that is known better than from the file.
+    """
+    return read_cameras(path, _read_blend if has_blender() else None, up)
 
 
 def _read_blend(path: Path) -> Cameras:
@@ -59,15 +65,24 @@ def save_blend(path: Path, source: Path, rate: float, markerset: MarkerSet, chun
 
     labels, motion, suspects = scenes.join_labelled([chunk for _, chunk in chunks])
     rows = scenes.join_rows([rows for rows, _ in chunks])
-    take = scenes.Take(source.stem, rate, cameras, markerset, rows, labels, motion, suspects, str(source))
+    # Blender's texts are UTF-8, and the name of a file may be any bytes.
+    name, file = written(source.stem), written(str(source))
+    take = scenes.Take(name, rate, cameras, markerset, rows, labels, motion, suspects, file)
     with silenced():
         bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
         scenes.show_take(bpy.context, take, unnamed=True)
         try:
-            bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True, copy=True, relative_remap=False)
+            bpy.ops.wm.save_as_mainfile(filepath=os.fsencode(path), compress=True, copy=True, relative_remap=False)
         except RuntimeError as error:  # Blender's way of saying that a disk is full or a folder gone
             reason = str(error).removeprefix("Error: ").strip().rstrip(".")
             raise JobError(f"the Blender file cannot be written: {reason}; expected a place with room", path) from error
+
+
+def refuse_long(first: int, last: int):
+    """Raises JobError where a take has more frames, `first` to `last`, than a Blender file can show."""
+    from .scene.take import frame_shift
+
+    frame_shift(np.array([first, last]))
 
 
 @contextmanager

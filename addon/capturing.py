@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A virtual capture of a labelled take: the body posed on its markers, then seen by cameras, then written to files."""
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -163,10 +163,11 @@ def write_capture(
     body: PosedBody | None,
     out: Path,
     overwrite: bool = False,
+    read: Iterable[Path] = (),
 ) -> Generator[Progress, None, Captured]:
-    """Captures the take virtually and writes the blobs to `out` and their truth beside it."""
+    """Captures the take virtually and writes the blobs to `out` and their truth beside it; neither may be in `read`."""
     frames = blobs = ghosts = merged = 0
-    with whole_files([out, truth_path(out)], overwrite) as (blob_file, truth_file):
+    with whole_files([out, truth_path(out)], overwrite, read) as (blob_file, truth_file):
         with BlobWriter(blob_file, cameras) as writer, TruthWriter(truth_file) as truth:
             for part in capture(take.xyz, take.names, cameras, options, body, take.first_frame):
                 keys = writer.write(part.blobs)

@@ -17,6 +17,7 @@ from bpy.props import (
 
 from .core.data.errors import InputError
 from .io.markersets import SUFFIX, builtin_markersets, open_markerset
+from .io.names import written
 from .prefs import markerset_folder
 from .scene.armature import SCALE
 from .scene.naming import CAMERAS
@@ -63,6 +64,8 @@ class LessonRow(bpy.types.PropertyGroup):
     path: StringProperty(name="File", description="The file of the labelled take", subtype="FILE_PATH")
     subject: StringProperty(name="Subject", description="Who wears the markers; takes of one subject have one name")
     markers: IntProperty(name="Markers", description="Number of named markers")
+    up: StringProperty(name="Up", description="The axis that points up in the file, empty for what it says or tells")
+    rate: FloatProperty(name="Rate", description="Frames a second where the file says none; 0 where it does")
 
 
 class SceneSettings(bpy.types.PropertyGroup):
@@ -77,6 +80,9 @@ class SceneSettings(bpy.types.PropertyGroup):
     blobs_path: StringProperty(name="Blobs", description="The file of the blobs", subtype="FILE_PATH")
     points_path: StringProperty(
         name="3D Points", description="The file of the 3D points, where there is one", subtype="FILE_PATH"
+    )
+    points_up: StringProperty(
+        name="Up", description="The axis that points up in the file of the 3D points, empty for what it says or tells"
     )
     preview: PointerProperty(type=bpy.types.Mesh)
     first_frame: IntProperty(name="First", description="First frame of the take")
@@ -244,7 +250,7 @@ def frames_wanted(settings: SceneSettings) -> tuple[int, int] | None:
 def take_name(settings: SceneSettings) -> str:
     """What the take is called: its file, without what says that it holds blobs."""
     name = Path(settings.points_path or settings.blobs_path).stem
-    return name.removesuffix(".blobs").removesuffix("_blobs") or name
+    return written(name.removesuffix(".blobs").removesuffix("_blobs") or name)
 
 
 def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):

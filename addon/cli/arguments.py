@@ -5,6 +5,8 @@ import argparse
 import re
 from collections.abc import Callable
 
+from ..core.geometry.camera_up import AXES
+
 
 def frame_range(text: str) -> tuple[int | None, int | None]:
     """`A:B`, both included, either left out for the take's own end."""
@@ -60,4 +62,24 @@ def add_frames(parser: argparse.ArgumentParser):
         type=frame_range,
         metavar="A:B",
         help="only these frames, both included, by the source's own numbers",
+    )
+
+
+def add_up(parser: argparse.ArgumentParser, flag: str = "--up", where: str = "the files that are read"):
+    """`--up AXIS`, for files that have another axis up than they say or seem to."""
+    parser.add_argument(
+        flag,
+        choices=AXES,
+        help=f"the axis that points up in {where} (default: what is said there, or else what is in there tells; "
+        f"{flag} -y and {flag}=-y are the same)",
+    )
+
+
+def add_point_rate(parser: argparse.ArgumentParser):
+    """`--rate HZ`, for files of 3D points that say none."""
+    parser.add_argument(
+        "--rate",
+        type=number(0.1, 100_000, "rate"),
+        metavar="HZ",
+        help="frames a second, used where a .c3d file says none",
     )

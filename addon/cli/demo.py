@@ -10,7 +10,7 @@ from ..demo import take as demo_take
 from ..demo.best_frame import best_shot
 from ..io.cameras import write_cameras
 from ..io.markersets import open_markerset
-from ..io.whole import whole_file
+from ..io.whole import check_targets, whole_file
 from ..scoring import compare
 from .arguments import add_overwrite
 from .console import ProgressLine, print_results
@@ -37,14 +37,6 @@ def run(arguments) -> int:
     """Makes, labels, scores and shows the take."""
     out, progress = arguments.out, ProgressLine(arguments.progress)
     blobs, room, picture = out / f"{NAME}.csv", out / "room.toml", out / f"{NAME}.png"
-    markerset = open_markerset(demo_take.MODEL)
-    performance = demo_take.make_performance(markerset)
-    with whole_file(room, arguments.overwrite) as temporary:
-        write_cameras(temporary, performance.cameras)
-    work = capturing.write_capture(
-        performance.take, performance.cameras, demo_take.TROUBLE, performance.body, blobs, arguments.overwrite
-    )
-    captured = progress.drain(work, "capture")
     job = jobs.LabelJob(
         blobs,
         room,
@@ -56,6 +48,16 @@ def run(arguments) -> int:
         overwrite=arguments.overwrite,
         keep=True,
     )
+    targets = [room, blobs, capturing.truth_path(blobs), *job.written, *([picture] if has_blender() else [])]
+    check_targets(targets, arguments.overwrite)
+    markerset = open_markerset(demo_take.MODEL)
+    performance = demo_take.make_performance(markerset)
+    with whole_file(room, arguments.overwrite) as temporary:
+        write_cameras(temporary, performance.cameras)
+    work = capturing.write_capture(
+        performance.take, performance.cameras, demo_take.TROUBLE, performance.body, blobs, arguments.overwrite
+    )
+    captured = progress.drain(work, "capture")
     labelled = progress.drain(jobs.label_file(job), "label")
     figures = Figures(markerset.markers, markerset.aliases)
     agreement = compare(job.path(".labels.csv"), capturing.truth_path(blobs), figures)

@@ -4,18 +4,23 @@
 import argparse
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
 from pathlib import Path
 
 from .. import jobs
 from ..blendfile import has_blender, open_cameras
 from ..core.data.errors import InputError, UserError
+from ..io.blobs import check_header
 from ..io.models import open_model
 from ..io.points import holds_points
-from .arguments import add_frames, add_overwrite, number, whole
+from ..io.scratch import told_of
+from ..io.whole import finish_renaming, keep_apart
+from ..jobs.resuming import results_of
+from .arguments import add_frames, add_overwrite, add_up, number, whole
 from .console import ProgressLine, complain, print_results
-from .workers import side_by_side
+from .failures import of_take
+from .workers import end_with_parent, side_by_side
 
 DESCRIPTION = """Names the markers of one or more takes. INPUT: camera blobs, a CSV file with the header
 frame,camera,x,y and optionally area, which needs --cameras; or 3D points, a .c3d, .trc or Motive .csv, whose own names
@@ -30,6 +35,7 @@ def add_parser(verbs):
     parser.add_argument("--cameras", type=Path, metavar="CAMERAS", help="the calibration; blobs need it")
     parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="the folder for the results")
     add_frames(parser)
+    add_up(parser)
     _add_naming(parser)
     parser.add_argument("--blend", action="store_true", help="also save DIR/walk.blend: armature, body, keyed markers")
     parser.add_argument("--trc", action="store_true", help="also write DIR/walk.trc")
@@ -37,6 +43,12 @@ def add_parser(verbs):
         "--jobs", type=whole(1, 256, "number of jobs"), default=1, metavar="N", help="takes side by side"
     )
     add_overwrite(parser)
+    parser.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on with a batch that was stopped: takes whose results are there, whole and made of the same files "
+        "and options, are passed over",
+    )
     parser.add_argument("--result", type=Path, help=argparse.SUPPRESS)
     parser.set_defaults(run=run)
 
@@ -71,7 +83,7 @@ def _add_naming(parser: argparse.ArgumentParser):
         type=number(0.1, 100_000, "rate"),
         metavar="HZ",
         help=f"frames a second, which a blob file does not say (default {jobs.USUAL_RATE:g}, and the report says so); "
-        "files of 3D points do",
+        "files of 3D points do, or else it is used for them too",
     )
     parser.add_argument(
         "--height",
@@ -90,12 +102,14 @@ def _add_naming(parser: argparse.ArgumentParser):
 def run(arguments) -> int:
     """Labels every take; one that fails does not stop the others."""
     check(arguments)
-    if not arguments.result:  # whoever started this process side by side with others has said it already
+    if arguments.result:
+        end_with_parent()
+    else:  # whoever started this process side by side with others has said it already
         for words in unused(arguments):
             complain(words)
-    reports, failures = [], []
+    reports, failures, passed = [], [], set()
     progress = ProgressLine(arguments.progress)
-    for path, answer in _answers(arguments, progress):
+    for path, answer in _answers(arguments, progress, passed):
         if isinstance(answer, UserError):
             failures.append((path, answer))
             progress.tell(f"{path.name}: failed", at_once=len(arguments.inputs) > 1)
@@ -105,9 +119,12 @@ def run(arguments) -> int:
     reports.sort(key=lambda report: [path.stem for path in arguments.inputs].index(report["take"]))
     failed = [{"take": path.stem, "status": error.exit_status, "reason": str(error)} for path, error in failures]
     if arguments.result and not failures:
-        arguments.result.write_text(json.dumps(reports[0]), encoding="utf-8")
+        with told_of(arguments.result.parent):
+            arguments.result.write_text(json.dumps(reports[0]), encoding="utf-8")
     if reports or arguments.json:
-        print_results([as_line(report) for report in reports], {"takes": reports, "failed": failed}, arguments.json)
+        lines = [line for report in reports for line in (_line_of(report, passed), *_doubts(report))]
+        result = {"takes": reports, "failed": failed} | ({"passed_over": sorted(passed)} if arguments.resume else {})
+        print_results(lines, result, arguments.json)
     for _, error in failures:
         complain(error)
     return max((error.exit_status for _, error in failures), default=0)
@@ -118,6 +135,7 @@ def check(arguments):
     _check_inputs(arguments)
     blobs = [path for path in arguments.inputs if not holds_points(path)]
     if arguments.cameras is None and blobs:
+        check_header(blobs[0])  # what holds no blobs needs no cameras
         raise InputError(
             "holds blobs, and the argument --cameras is missing; expected the calibration of their cameras", blobs[0]
         )
@@ -125,9 +143,11 @@ def check(arguments):
         raise InputError("--blend needs Blender or the bpy package, and neither is here; expected one of them")
     if arguments.out.exists() and not arguments.out.is_dir():
         raise InputError("is no folder; expected a folder for the results", arguments.out)
+    takes = [as_job(arguments, path) for path in arguments.inputs]
+    keep_apart({path for take in takes for path in take.read}, [path for take in takes for path in take.written])
     open_model(arguments.model)
     if blobs:
-        open_cameras(arguments.cameras)
+        open_cameras(arguments.cameras, arguments.up)
 
 
 def unused(arguments) -> list[str]:
@@ -135,7 +155,7 @@ def unused(arguments) -> list[str]:
     kinds = {holds_points(path) for path in arguments.inputs}
     said = []
     if arguments.rate is not None and True in kinds:
-        said.append("--rate is not looked at for 3D points, whose files say their own rate")
+        said.append("--rate is not looked at for 3D points whose files say their own rate")
     hints = [f"--{name}" for name in ("height", "facing") if getattr(arguments, name) is not None]
     if hints:
         deaf = [kind for kind in sorted(kinds) if not _fits(arguments, kind)]
@@ -165,9 +185,6 @@ def _check_inputs(arguments):
         other = stems.setdefault(path.stem.casefold(), path)
         if other is not path:
             raise InputError(f"would have the same results as {other}; expected inputs with different names", path)
-        results = [arguments.out / (path.stem + ending) for ending in (".c3d", ".trc")]
-        if path.resolve() in [result.resolve() for result in results]:
-            raise InputError("would be replaced by its own result; expected another folder for --out", path)
 
 
 def as_job(arguments, path: Path) -> jobs.LabelJob:
@@ -180,6 +197,7 @@ def as_job(arguments, path: Path) -> jobs.LabelJob:
         method=arguments.method,
         target=arguments.target,
         frames=arguments.frames,
+        up=arguments.up,
         rate=arguments.rate,
         height=arguments.height,
         occlusion=arguments.occlusion,
@@ -187,7 +205,13 @@ def as_job(arguments, path: Path) -> jobs.LabelJob:
         trc=arguments.trc,
         blend=arguments.blend,
         overwrite=arguments.overwrite,
+        resume=arguments.resume,
     )
+
+
+def _doubts(report: dict) -> list[str]:
+    """What is odd about the cameras of a take, a line each."""
+    return [f"{report['take']}: {words}" for words in report.get("camera_doubts", [])]
 
 
 def as_line(report: dict) -> str:
@@ -201,29 +225,54 @@ def as_line(report: dict) -> str:
     unit = f", no unit in the file, taken for {report['unit_assumed']}" if "unit_assumed" in report else ""
     first = ", frames in the .c3d from 0" if "c3d_first_frame" in report else ""
     frames = f"{report['frames']} frame" + ("" if report["frames"] == 1 else "s")
-    return f"{report['take']}: {frames}, {named} of {count} {things} named{pace}{unit}{first}"
+    more = "".join(f"; {words}" for words in (*report.get("calibration", []), *report.get("notes", [])))
+    return f"{report['take']}: {frames}, {named} of {count} {things} named{pace}{unit}{first}{more}"
 
 
-def _answers(arguments, progress: ProgressLine) -> Iterator[tuple[Path, dict | UserError]]:
-    """Each take's report, or why there is none, as they come."""
-    if min(arguments.jobs, len(arguments.inputs)) > 1:
-        yield from _side_by_side(arguments, progress)
+def _answers(arguments, progress: ProgressLine, passed: set[str]) -> Iterator[tuple[Path, dict | UserError]]:
+    """Each take's report, or why there is none, as they come; `passed` gets those that an earlier run has done."""
+    left = list(arguments.inputs)
+    if arguments.resume:
+        finish_renaming(arguments.out)
+        for path, answer in _each(left, lambda path: results_of(as_job(arguments, path)), arguments.traceback):
+            if answer is None:
+                continue
+            left.remove(path)
+            if not isinstance(answer, UserError):
+                passed.add(path.stem)
+            yield path, answer
+    if min(arguments.jobs, len(left)) > 1:
+        yield from _side_by_side(left, arguments, progress)
         return
-    for path in arguments.inputs:
+
+    def label(path: Path) -> dict:
+        return progress.drain(jobs.label_file(as_job(arguments, path)), path.stem).report
+
+    yield from _each(left, label, arguments.traceback)
+
+
+def _line_of(report: dict, passed: set[str]) -> str:
+    return as_line(report) + (", done before" if report["take"] in passed else "")
+
+
+def _each(paths: Iterable[Path], work: Callable[[Path], dict | None], trace: bool):
+    """What comes of each path, or why nothing does: whatever happens to one, the others have their turn."""
+    for path in tuple(paths):
         try:
-            yield path, progress.drain(jobs.label_file(as_job(arguments, path)), path.stem).report
-        except UserError as error:
-            yield path, error if error.file else type(error)(error.message, path)
+            answer = work(path)
+        except Exception as error:  # noqa: BLE001 - every take is its own
+            answer = of_take(error, path, trace)
+        yield path, answer
 
 
-def _side_by_side(arguments, progress: ProgressLine) -> Iterator[tuple[Path, dict | UserError]]:
+def _side_by_side(paths: list[Path], arguments, progress: ProgressLine) -> Iterator[tuple[Path, dict | UserError]]:
     done = 0
-    commands = [_command(arguments, path) for path in arguments.inputs]
+    commands = [_command(arguments, path) for path in paths]
     with closing(side_by_side(commands, arguments.jobs)) as answers:
         for number_, answer in answers:
             done += 1
             progress.tell(f"{done} of {len(commands)} takes", at_once=True)
-            yield arguments.inputs[number_], answer
+            yield paths[number_], answer
 
 
 def _command(arguments, path: Path) -> list[str]:
@@ -231,10 +280,10 @@ def _command(arguments, path: Path) -> list[str]:
     command = ["label", f"--model={arguments.model}", f"--out={arguments.out}"]
     known = {
         name: getattr(arguments, name)
-        for name in ("cameras", "rate", "height", "facing", "method", "occlusion", "target")
+        for name in ("cameras", "rate", "height", "facing", "method", "occlusion", "target", "up")
     }
     command += [f"--{name}={value}" for name, value in known.items() if value is not None]
     if arguments.frames:
         command.append("--frames=" + ":".join("" if end is None else str(end) for end in arguments.frames))
-    command += [f"--{name}" for name in ("trc", "blend", "overwrite") if getattr(arguments, name)]
+    command += [f"--{name}" for name in ("trc", "blend", "overwrite", "resume") if getattr(arguments, name)]
     return [*command, "--", str(path)]

@@ -19,8 +19,8 @@ class Parser(argparse.ArgumentParser):
         kwargs.setdefault("allow_abbrev", False)
         kwargs.setdefault("epilog", SHARED_HELP)
         super().__init__(*args, **kwargs)
-        # So that --frames -5:10 and --facing -1e1 are read as values, as -5 is.
-        self._negative_number_matcher = re.compile(r"-\.?\d")
+        # So that --frames -5:10, --facing -1e1 and --up -z are read as values, as -5 is.
+        self._negative_number_matcher = re.compile(r"-\.?\d|-[xyz]$")
 
     def error(self, message: str) -> NoReturn:
         """What argparse calls when it cannot read the arguments."""

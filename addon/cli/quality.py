@@ -7,6 +7,7 @@ from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet
 from ..core.placement_quality import GOAL, STEPS
 from ..core.placement_quality.renamings import TURN
+from ..io.markersets import markerset_file
 from ..io.models import open_model
 from ..io.quality import write_quality
 from ..io.whole import whole_file
@@ -55,7 +56,7 @@ def run(arguments) -> int:
     if arguments.report is None:
         report = line.drain(steps, markerset.name)
     else:
-        with whole_file(arguments.report, arguments.overwrite) as temporary:
+        with whole_file(arguments.report, arguments.overwrite, [markerset_file(arguments.model)]) as temporary:
             report = line.drain(steps, markerset.name)
             write_quality(temporary, report)
     print_results(as_lines(report), report, arguments.json)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from ..jobs.job import USUAL_RATE
 from ..jobs.rebuild import RebuildJob, rebuild_file
-from .arguments import add_frames, add_overwrite, number
+from .arguments import add_frames, add_overwrite, add_up, number
 from .console import ProgressLine, print_results
 
 DESCRIPTION = """Finds the points in space that the unnamed blobs of several cameras show, and joins them into unnamed
@@ -25,6 +25,7 @@ def add_parser(verbs):
         help=f"frames a second, which a blob file does not say (default {USUAL_RATE:g})",
     )
     add_frames(parser)
+    add_up(parser)
     add_overwrite(parser)
     parser.set_defaults(run=run)
 
@@ -32,7 +33,13 @@ def add_parser(verbs):
 def run(arguments) -> int:
     """Reconstructs one take."""
     job = RebuildJob(
-        arguments.blobs, arguments.cameras, arguments.out, arguments.frames, arguments.rate, arguments.overwrite
+        arguments.blobs,
+        arguments.cameras,
+        arguments.out,
+        arguments.frames,
+        arguments.rate,
+        arguments.overwrite,
+        arguments.up,
     )
     result = ProgressLine(arguments.progress).drain(rebuild_file(job), arguments.blobs.stem)
     frames = max(result["frames"], 1)
@@ -43,5 +50,6 @@ def run(arguments) -> int:
     lines = [f"{result['out']}: {result['frames']} frames, {many}", f"{explained}, {well}, {pace}"]
     if "c3d_first_frame" in result:
         lines.append("the first frame is negative, which a .c3d cannot say: its frames are numbered from 0")
+    lines += result.get("calibration", [])
     print_results(lines, result, arguments.json)
     return 0

@@ -8,9 +8,11 @@ from .. import capturing
 from ..blendfile import open_cameras
 from ..core.data.errors import InputError, UserError
 from ..core.simulation.simulate import CaptureOptions
-from ..io.markersets import builtin_markersets, open_markerset
+from ..io.cameras import calibration_files
+from ..io.markersets import builtin_markersets, markerset_file, open_markerset
 from ..io.points import marker_columns, read_points
-from .arguments import add_frames, add_overwrite, names, number, whole
+from ..io.whole import keep_apart
+from .arguments import add_frames, add_overwrite, add_point_rate, add_up, names, number, whole
 from .console import ProgressLine, print_results
 
 DESCRIPTION = """A virtual capture of a labelled take (.c3d or .trc): what the cameras would see, with a body in the
@@ -33,6 +35,9 @@ def add_parser(verbs):
         "--subject", metavar="NAME", help="of a take with several, the one whose markers are NAME:LASI …"
     )
     add_frames(parser)
+    add_up(parser, where="the take")
+    add_up(parser, "--cameras-up", "the calibration")
+    add_point_rate(parser)
     parser.add_argument("--centre", action="store_true", help="move the take's path to the middle of the room")
     parser.add_argument("--no-body", action="store_true", help="nothing hides anything")
     _add_trouble(parser)
@@ -72,26 +77,23 @@ def _add_trouble(parser):
     )
 
 
-def _keep_inputs(arguments):
-    """Raises InputError when the blobs or their truth would replace what they are made from."""
-    for written in (arguments.out, capturing.truth_path(arguments.out)):
-        for read in (arguments.take, arguments.cameras):
-            if written.resolve() == read.resolve():
-                raise InputError("is read and would be written over; expected another name for --out", written)
-
-
 def run(arguments) -> int:
     """Captures the take and writes both files."""
-    _keep_inputs(arguments)
-    cameras = open_cameras(arguments.cameras)
+    models = [markerset_file(arguments.model)] if arguments.model else []
+    read = [arguments.take, *calibration_files(arguments.cameras), *models]
+    keep_apart(read, [arguments.out, capturing.truth_path(arguments.out)])
+    cameras = open_cameras(arguments.cameras, arguments.cameras_up)
     progress = ProgressLine(arguments.progress)
     try:
-        take = capturing.cut(capturing.labelled_markers(read_points(arguments.take)), arguments.frames)
+        points = read_points(arguments.take, up=arguments.up, rate=arguments.rate)
+        take = capturing.cut(capturing.labelled_markers(points), arguments.frames)
         take = capturing.of_subject(take, arguments.subject) if arguments.subject else take
         markerset, worn, body = _dress(take, arguments)
         if arguments.centre:
             worn, body = capturing.moved(worn, body, capturing.to_centre(worn, cameras))
-        work = capturing.write_capture(worn, cameras, _options(arguments), body, arguments.out, arguments.overwrite)
+        work = capturing.write_capture(
+            worn, cameras, _options(arguments), body, arguments.out, arguments.overwrite, read
+        )
         captured = progress.drain(work, arguments.take.stem)
     except UserError as error:
         raise error if error.file else type(error)(error.message, arguments.take) from None
@@ -102,13 +104,19 @@ def run(arguments) -> int:
         "cameras": list(cameras.names),
         "first_frame": worn.first_frame,
         **asdict(captured),
+        "up_axis": points.up,
+        "notes": list(points.notes),
         "out": [str(arguments.out), str(capturing.truth_path(arguments.out))],
     }
+    if cameras.remarks:
+        result["calibration"] = list(cameras.remarks)
     way = f", the body of {markerset.name} in the way" if body else ""
     what = f"{captured.blobs} blobs of {len(worn.names)} markers in {captured.frames} frames, {len(cameras)} cameras"
     lines = [
         f"{arguments.out}: {what}{way}",
         f"{capturing.truth_path(arguments.out)}: {captured.ghosts} ghosts, {captured.merged} merged blobs",
+        *cameras.remarks,
+        *(f"{arguments.take.name}: {note}" for note in points.notes),
     ]
     print_results(lines, result, arguments.json)
     return 0

@@ -8,7 +8,8 @@ from ..core.data.errors import InputError
 from ..core.points.partial_solvers.training import SEARCHES
 from ..io.markersets import SUFFIX
 from ..jobs.train import TrainJob, train_file
-from .arguments import add_overwrite, names, number
+from ..jobs.training_takes import Known
+from .arguments import add_overwrite, add_point_rate, add_up, names, number
 from .console import ProgressLine, print_results
 
 DESCRIPTION = """Makes a model from labelled takes (.c3d, .trc, Motive .csv) of people, animals or props: its markers, a
@@ -54,6 +55,8 @@ def add_parser(verbs):
         help="partial solvers by the paper's four functions only, none of which tells left from right",
     )
     parser.add_argument("--lean", action="store_true", help="keep no frames: the model cannot be trained on")
+    add_up(parser)
+    add_point_rate(parser)
     parser.add_argument("--report", type=Path, metavar="FILE", help="also write what was learned, as JSON")
     add_overwrite(parser)
     parser.set_defaults(run=run)
@@ -92,6 +95,7 @@ def run(arguments) -> int:
         keep=not arguments.lean,
         report=arguments.report,
         overwrite=arguments.overwrite,
+        known=dict.fromkeys(takes, Known(arguments.up, arguments.rate)),
     )
     report = ProgressLine(arguments.progress).drain(train_file(job), arguments.out.name)
     print_results(as_lines(report), report, arguments.json)

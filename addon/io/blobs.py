@@ -22,8 +22,13 @@ LONGEST_LINE = 1 << 20
 # A chunk is cut short at a frame's end beyond this many rows, so that ghosts by the million do not fill the memory.
 CHUNK_ROWS = 200_000
 
-# No camera pauses for this many frames and goes on counting; a larger jump is a wrong column or a time stamp.
-LARGEST_GAP = 100_000
+# Nobody has cameras for so many blobs at one time.
+FRAME_ROWS = 500_000
+
+# Frames that nobody saw are written as well: C3D and TRC number frames one by one. An empty room for minutes is sound,
+# also when hardly anything was seen so far; a file that is nearly all gap has a wrong column or a time for its frame.
+UNSEEN_FRAMES = 100_000
+UNSEEN_FOR_A_SEEN = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,15 +50,18 @@ def read_blobs(
 ) -> Iterator[BlobRows]:
     """The take in chunks of at most `chunk_frames` consecutive frames; `frames` keeps those from A to B, both included.
 
-    Frames without blobs between the first and the last are there as empty frames. Rows may come in any order within
-    a frame; frames ascend. Columns may come in any order and others may stand among them.
+    Frames without blobs between the first and the last are there as empty frames; of those there may be UNSEEN_FRAMES,
+    and UNSEEN_FOR_A_SEEN for every frame with blobs so far. Rows may come in any order within a frame; frames ascend.
+    Columns may come in any order and others may stand among them.
     Raises InputError with the file and line for whatever breaks that, and when there is no blob at all.
     """
     first, last = frames or (None, None)
-    pending = _Pending(chunk_frames)
+    pending, tally = _Pending(chunk_frames), _Tally(Path(path))
     for rows, fraction, finished in _blocks(Path(path), cameras):
         outside = last is not None and len(rows) and rows.frame[-1] > last
-        pending.add(rows.between(first, last), fraction)
+        wanted_rows = rows.between(first, last)
+        tally.check(wanted_rows)
+        pending.add(wanted_rows, fraction)
         finished = finished or bool(outside)
         yield from pending.ready(finished)
         if finished:
@@ -61,6 +69,12 @@ def read_blobs(
     if not pending.begun:
         wanted = "" if frames is None else f" in frames {'' if first is None else first}:{'' if last is None else last}"
         raise InputError(f"has no blobs{wanted}; expected at least one row", path)
+
+
+def check_header(path: Path):
+    """Raises InputError where a file does not begin as one of blobs does."""
+    with open_binary(path) as file:
+        read_header(file.read(BLOCK_BYTES), path)
 
 
 def _blocks(path: Path, cameras: Cameras) -> Iterator[tuple[Rows, float, bool]]:
@@ -91,20 +105,65 @@ def _blocks(path: Path, cameras: Cameras) -> Iterator[tuple[Rows, float, bool]]:
 
 
 def _check_order(rows: Rows, previous: int | None, path: Path) -> int | None:
-    """The last frame number so far; InputError where the numbers go back or leap."""
+    """The last frame number so far; InputError where the numbers go back."""
     if not len(rows):
         return previous
-    frame = rows.frame if previous is None else np.concatenate([[previous], rows.frame])
-    steps = np.diff(frame)
-    wrong = (steps < 0) | (steps > LARGEST_GAP)
-    if wrong.any():
-        at = int(np.argmax(wrong))
-        line = rows.line_of(at + (1 if previous is None else 0))
-        what, wanted = "goes back", "rows in ascending order of frames"
-        if steps[at] > 0:
-            what, wanted = "leaps", f"a gap of at most {LARGEST_GAP} frames (is the column frame a time?)"
-        raise InputError(f"{what} from frame {frame[at]} to {frame[at + 1]}; expected {wanted}", path, line)
-    return int(frame[-1])
+    back = np.diff(rows.frame, prepend=rows.frame[0] if previous is None else previous) < 0
+    if back.any():
+        at = int(np.argmax(back))
+        before = rows.frame[at - 1] if at else previous
+        raise InputError(
+            f"goes back from frame {before} to {rows.frame[at]}; expected rows in ascending order of frames",
+            path,
+            rows.line_of(at),
+        )
+    return int(rows.frame[-1])
+
+
+class _Tally:
+    """How many frames somebody saw so far and how many nobody, and how many blobs the last has.
+
+    So a few rows cannot stand for any number of frames, nor one frame fill the memory.
+    """
+
+    def __init__(self, path: Path):
+        self.path = path
+        self.last: int | None = None
+        self.seen = self.unseen = self.crowd = 0
+
+    def check(self, rows: Rows):
+        """Counts the next rows in; InputError with the line where too few frames of all have blobs, or one too many."""
+        if not len(rows):
+            return
+        self._check_crowd(rows)
+        steps = np.diff(rows.frame, prepend=rows.frame[0] - 1 if self.last is None else self.last)
+        seen = self.seen + np.cumsum(steps > 0)
+        unseen = self.unseen + np.cumsum(np.maximum(steps - 1, 0))
+        allowed = UNSEEN_FRAMES + UNSEEN_FOR_A_SEEN * seen
+        if (unseen > allowed).any():
+            at = int(np.argmax(unseen > allowed))
+            raise InputError(
+                f"leaps from frame {rows.frame[at] - steps[at]} to {rows.frame[at]}, which makes {unseen[at]} frames "
+                f"without blobs and {seen[at]} with some; expected at most {UNSEEN_FRAMES} without, and "
+                f"{UNSEEN_FOR_A_SEEN} more for each with some (is the column frame a time?)",
+                self.path,
+                rows.line_of(at),
+            )
+        self.last, self.seen, self.unseen = int(rows.frame[-1]), int(seen[-1]), int(unseen[-1])
+
+    def _check_crowd(self, rows: Rows):
+        begins = np.flatnonzero(np.diff(rows.frame, prepend=rows.frame[0] - 1))
+        counts = np.diff(begins, append=len(rows))
+        counts[0] += self.crowd if rows.frame[0] == self.last else 0
+        if counts.max() > FRAME_ROWS:
+            at = int(begins[np.argmax(counts > FRAME_ROWS)])
+            raise InputError(
+                f"has over {FRAME_ROWS} blobs in frame {rows.frame[at]}; expected one frame of a capture and then the "
+                "next",
+                self.path,
+                rows.line_of(at),
+            )
+        self.crowd = int(counts[-1])
 
 
 class _Pending:

@@ -11,8 +11,10 @@ from ..core.data.errors import InputError
 DEEPEST = 12
 KIND = "OpenCV's YAML"
 
-_ENTRY = re.compile(r"""("(?:[^"\\]|\\.)*"|'[^']*'|[^\s:#'"\[\]{}][^:#]*?)\s*:(?:\s+(.*)|$)""")
-_PIECE = re.compile(r""""(?:[^"\\]|\\.)*"|'[^']*'|[^,\[\]{}]+|[,\[\]{}]""")
+# A text that does not end goes on to the end: looked for again from every quote in it, it would take its square.
+_QUOTED = re.compile(r""""(?:[^"\\]|\\.)*"|'[^']*'""")
+_PIECE = re.compile(r""""(?:[^"\\]|\\.)*"?|'[^']*'?|[^,\[\]{}]+|[,\[\]{}]""")
+_TAGS = re.compile(r"(?:!!\S*\s*)+")
 
 
 def parse_filestorage(text: str, path: Path) -> dict:
@@ -55,11 +57,11 @@ class _Lines:
         nodes: dict = {}
         while self.position < len(self.lines) and self.lines[self.position][1] >= indent:
             _, here, content = self.lines[self.position]
-            match = _ENTRY.fullmatch(content)
-            if here != indent or match is None:
+            entry = _entry(content)
+            if here != indent or entry is None:
                 raise self.fail(f"has {content[:40]!r} where a node should be")
             self.position += 1
-            nodes[_unquoted(match.group(1))] = self._value((match.group(2) or "").strip(), indent, depth)
+            nodes[_unquoted(entry[0])] = self._value(entry[1], indent, depth)
         return _matrix(nodes, self)
 
     def _list(self, indent: int, depth: int) -> list:
@@ -69,7 +71,7 @@ class _Lines:
             if not content.startswith("-"):
                 break
             rest = content[1:].lstrip()
-            if _ENTRY.fullmatch(rest) and not rest.startswith(("[", "{")):
+            if _entry(rest) and not rest.startswith(("[", "{")):
                 # A dict whose first entry stands beside the dash.
                 self.lines[self.position] = (number, indent + len(content) - len(rest), rest)
                 items.append(self.block(indent + 1, depth + 1))
@@ -80,8 +82,8 @@ class _Lines:
 
     def _value(self, text: str, indent: int, depth: int) -> object:
         """What stands behind a name or a dash, on the same line or below it."""
-        while text.startswith("!!"):
-            text = text.partition(" ")[2].strip()
+        tags = _TAGS.match(text)
+        text = text[tags.end() :] if tags else text
         if text.startswith("#"):
             text = ""
         if not text:
@@ -105,6 +107,17 @@ class _Lines:
         return [_scalar(piece) for piece in pieces if piece and piece not in ",[]{}"]
 
 
+def _entry(content: str) -> tuple[str, str] | None:
+    """A line's name, in its quotes if it has any, and what stands behind the colon; None where it has no name."""
+    quoted = _QUOTED.match(content)
+    end = quoted.end() if quoted else content.find(":")
+    name, colon, value = content[:end], content[end:].lstrip()[:1], content[end:].lstrip()[1:]
+    plain = quoted or (name[:1] not in ("", *"#'\"[]{}") and "#" not in name)
+    if end <= 0 or not plain or colon != ":" or not (value == "" or value[0].isspace()):
+        return None
+    return name.strip(), value.strip()
+
+
 def _matrix(nodes: dict, lines: _Lines) -> object:
     """An array where the nodes are those of a matrix, else the nodes."""
     if not {"rows", "cols", "data"} <= nodes.keys():
@@ -122,7 +135,8 @@ def _matrix(nodes: dict, lines: _Lines) -> object:
 
 def _scalar(text: str) -> float | str:
     """A number where it is one, else a text; `.Nan` and `.Inf` are YAML's."""
-    text = re.sub(r"\s+#.*", "", text).strip() if text[:1] not in "\"'" else text.strip()
+    comment = re.search(r"\s#", text) if text[:1] not in "\"'" else None
+    text = (text[: comment.start()] if comment else text).strip()
     try:
         return float(text.lower().replace(".nan", "nan").replace(".inf", "inf"))
     except ValueError:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.data.takes import STEPS, Labels, PointRows
-from .blobs import csv_field
+from .blobs import LONGEST_LINE, csv_field
 from .source import open_binary
 
 BLOB_KEYS = ("frame", "camera", "x", "y")
@@ -104,6 +104,7 @@ class LabelFile:
         self.path, self.what = Path(path), what
         self.file = open_binary(path)
         self._reader = csv.reader(self._texts())
+        self._wanted = False
 
     def __enter__(self) -> Self:
         try:
@@ -142,8 +143,9 @@ class LabelFile:
         missing = [name for name in (*self.keys, "marker") if name not in header]
         if missing:
             forms = "frame,camera,x,y,marker or frame,point,marker"
-            what = f"has no column {' or '.join(missing)}; expected {self.what} with the header {forms}"
-            raise InputError(what, self.path, 1)
+            raise InputError(
+                f"has no column {' or '.join(missing)}; expected {self.what} with the header {forms}", self.path, 1
+            )
         self._columns = [header.index(name) for name in (*self.keys, "marker")]
         self._step, self._confidence = (
             header.index(name) if name in header else None for name in ("step", "confidence")
@@ -182,15 +184,23 @@ class LabelFile:
         return value
 
     def _fields(self) -> list[str] | None:
+        self._wanted = True
         try:
             return next(self._reader, None)
         except csv.Error as error:
             raise self._error(f"is no CSV file ({error}); expected {self.what}") from None
 
     def _texts(self) -> Iterator[str]:
-        for number, line in enumerate(self.file, 1):
+        number = 0
+        while line := self.file.readline(LONGEST_LINE + 1):
+            number += 1
             if b"\0" in line:
                 raise InputError(f"is a binary file; expected {self.what}", self.path, number)
+            if len(line) > LONGEST_LINE:
+                raise InputError(f"has a line of over {LONGEST_LINE >> 20} MB; expected {self.what}", self.path, number)
+            if not self._wanted:  # no name has a line's end in it, and a quote could go on to the end of the file
+                raise InputError(f"has a quote that is not closed; expected {self.what}", self.path, number - 1)
+            self._wanted = False
             yield line.decode("utf-8-sig" if number == 1 else "utf-8", "surrogateescape")
 
     def _error(self, words: str) -> InputError:

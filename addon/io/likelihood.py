@@ -46,6 +46,8 @@ def read_likelihood(reader: Reader, value: object, markers: tuple[str, ...]) -> 
     modes = _table(reader, part, "modes", columns=3 * count)
     constraints = _table(reader, part, "ties", columns=4)
     rates = _list(reader, part, "rates")
+    if not len(rates) or (rates < 0).any() or (rates > 1).any():
+        reader.fail('evidence "rates" are not parts from 0 to 1; expected one or more')
     weights = _list(reader, part, "trust", FEATURES)
     if ((constraints[:, :2] < 0) | (constraints[:, :2] >= count)).any() or (constraints[:, 2:] <= 0).any():
         reader.fail("evidence ties name a marker that is not there or a length below 0; expected two indices, m and m")

@@ -2,6 +2,7 @@
 """The checks behind a marker set file: every part is what it says, or one sentence says which is not."""
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
@@ -9,9 +10,12 @@ from typing import NoReturn
 import numpy as np
 
 from ..core.data.errors import InputError
+from .names import EXPECTED, can_be_written, is_unicode
 
 # Heights, metres and square radians of a body are all far below this.
 LARGEST = 1e3
+# A person wears a hundred markers at most and has fewer joints; a table of every pair of these still has room.
+MOST_ROWS = 1000
 
 
 def finite(value: float) -> float:
@@ -42,19 +46,35 @@ class Reader:
         value = top.get(key)
         if not isinstance(value, list) or not (value or empty):
             self.fail(f'"{key}" is missing or empty; expected a list')
+        if len(value) > MOST_ROWS:
+            self.fail(f'"{key}" has {len(value)} rows; expected at most {MOST_ROWS}')
         words = [f"{key}[{index}]" for index in range(len(value))]
         return [(where, self.mapping(row, where)) for where, row in zip(words, value, strict=True)]
 
-    def text(self, row: dict, key: str, where: str, default: str | None = None) -> str:
-        """The text under `key`; one that is not empty, unless there is a default."""
-        value = row.get(key, default)
-        if not isinstance(value, str) or (default is None and not value.strip()):
+    def text(self, row: dict, key: str, where: str) -> str:
+        """The name under `key`."""
+        value = row.get(key)
+        if not isinstance(value, str) or not value.strip():
             self.fail(f'{where} has no "{key}"; expected a text')
+        return self._writable(value, f'{where} "{key}"')
+
+    def prose(self, top: dict, key: str) -> str:
+        """The text of any length under `key`, empty where there is none."""
+        value = top.get(key, "")
+        if not isinstance(value, str) or not is_unicode(value):
+            self.fail(f'"{key}" is no text; expected one in Unicode')
         return value
+
+    def _writable(self, name: str, where: str) -> str:
+        if not can_be_written(name):
+            self.fail(f"{where} is {name!r}; {EXPECTED}")
+        return name
 
     def texts(self, value: object, where: str) -> dict[str, str]:
         """An object of texts."""
-        if not isinstance(value, dict) or not all(isinstance(text, str) for text in value.values()):
+        if not isinstance(value, dict) or not all(
+            isinstance(text, str) and is_unicode(text) for pair in value.items() for text in pair
+        ):
             self.fail(f'"{where}" is not an object of texts; expected {{"people": "…"}}')
         return value
 
@@ -62,20 +82,23 @@ class Reader:
         """A list of names."""
         if not isinstance(value, list) or not all(isinstance(name, str) and name.strip() for name in value):
             self.fail(f"{where} are not a list of names; expected texts")
-        return value
+        return [self._writable(name, where) for name in value]
 
     def unique(self, names: Sequence[str], key: str):
         """Checks that no name is there twice."""
-        doubled = next((name for name in names if names.count(name) > 1), None)
+        doubled = next((name for name, count in Counter(names).items() if count > 1), None)
         if doubled is not None:
             self.fail(f'"{key}" has {doubled!r} twice; expected every name once')
 
-    def segment(self, row: dict, where: str, segments: Sequence[str]) -> int:
-        """The index of the segment that the row is on."""
-        name = self.text(row, "segment", where)
-        if name not in segments:
-            self.fail(f"{where} is on {name!r}, which is no segment; expected one of {', '.join(segments[:8])}")
-        return segments.index(name)
+    def on_segments(self, rows: Sequence[tuple[str, dict]], segments: Sequence[str]) -> np.ndarray:
+        """(N,) the indices of the segments that N rows are on."""
+        place, found = {name: index for index, name in enumerate(segments)}, []
+        for where, row in rows:
+            name = self.text(row, "segment", where)
+            if name not in place:
+                self.fail(f"{where} is on {name!r}, which is no segment; expected one of {', '.join(segments[:8])}")
+            found.append(place[name])
+        return np.array(found, dtype=int)
 
     def number(self, row: dict, key: str, where: str, low: float = -LARGEST, high: float = LARGEST) -> float:
         """The number under `key`, within bounds."""

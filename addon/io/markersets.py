@@ -9,8 +9,9 @@ import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.data.markersets import Capsules, MarkerSet, Skeleton, Spread
+from .jsontext import read_json
 from .markerset_fields import Reader, finite
-from .source import read_text
+from .names import can_be_named
 
 SUFFIX = ".markerset.json"
 VERSION_KEY = "mocap_autolabel"
@@ -25,12 +26,14 @@ def builtin_markersets() -> dict[str, Path]:
     return {path.name.removesuffix(SUFFIX): path for path in sorted(ASSETS.glob(f"*{SUFFIX}"))}
 
 
+def markerset_file(name: str | Path) -> Path:
+    """The file of a built-in marker set or model, or the path that `name` is."""
+    return builtin_markersets().get(str(name), Path(name))
+
+
 def open_markerset(name: str | Path) -> MarkerSet:
     """A built-in marker set by name, or any by the path of its file; InputError where it is neither."""
-    builtin = builtin_markersets()
-    if str(name) in builtin:
-        return read_markerset(builtin[str(name)])
-    path = Path(name)
+    builtin, path = builtin_markersets(), markerset_file(name)
     if not path.suffix and not path.exists():
         raise InputError(f"there is no marker set {name}; expected {', '.join(builtin)} or the path of a {SUFFIX} file")
     return read_markerset(path)
@@ -43,13 +46,7 @@ def read_markerset(path: Path) -> MarkerSet:
 
 def open_document(path: Path) -> tuple[Reader, dict]:
     """The JSON of a marker set's or a model's file, of a version that is known; InputError where it is none."""
-    text = read_text(path, "a marker set")
-    try:
-        document = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise InputError(f"is not valid JSON ({error.msg}); expected a marker set", path, error.lineno) from None
-    except (ValueError, RecursionError):
-        raise InputError("is not JSON that can be read; expected a marker set", path) from None
+    document = read_json(path, "a marker set")
     reader = Reader(path)
     top = reader.mapping(document, "the file")
     version = top.get(VERSION_KEY)
@@ -68,7 +65,7 @@ def markerset_in(reader: Reader, top: dict) -> MarkerSet:
     markers, aliases, attachment, offsets, marker_sd = _markers(reader, top, skeleton)
     return MarkerSet(
         name=reader.text(top, "name", "the file"),
-        description=reader.text(top, "description", "the file", default=""),
+        description=reader.prose(top, "description"),
         markers=markers,
         aliases=aliases,
         skeleton=skeleton,
@@ -84,26 +81,22 @@ def _skeleton(reader: Reader, top: dict) -> Skeleton:
     rows = reader.rows(top, "segments")
     names = [reader.text(row, "name", where) for where, row in rows]
     reader.unique(names, "segments")
+    place = {name: index for index, name in enumerate(names)}
     parents = []
     for index, (where, row) in enumerate(rows):
         parent = row.get("parent")
         if parent is None:
             parents.append(-1)
-        elif parent not in names:
+        elif not isinstance(parent, str) or parent not in place:
             reader.fail(f"{where} has the parent {parent!r}, which is no segment; expected the name of a segment")
         else:
-            parents.append(names.index(parent))
+            parents.append(place[parent])
         if (parents[-1] < 0) != (index == 0):
             reader.fail(f"{where} {'has no parent' if index else 'has a parent'}; expected one root, the first segment")
         if parents[-1] >= index:
             reader.fail(f"{where} comes before its parent {parent!r}, or they go in a circle; expected parents first")
     offsets = [reader.vector(row, "offset", where) for where, row in rows]
     return Skeleton(tuple(names), np.array(parents), np.array(offsets))
-
-
-def can_be_named(name: str) -> bool:
-    """Whether a marker can have this name: label files need some signs for themselves."""
-    return not any(sign in name for sign in '|,"\r\n') and not name.startswith("*")
 
 
 def _markers(reader: Reader, top: dict, skeleton: Skeleton) -> tuple:
@@ -113,15 +106,17 @@ def _markers(reader: Reader, top: dict, skeleton: Skeleton) -> tuple:
     for name in names:
         if not can_be_named(name):
             reader.fail(
-                f'marker {name!r} has a sign that label files need; expected a name without | , " or a leading *'
+                f'marker {name!r} has a sign that label files need; expected a name without | , " or a '
+                "leading *, and without blanks around it"
             )
-    aliases: dict[str, str] = {}
+    taken, aliases = set(names), {}
     for (where, row), name in zip(rows, names, strict=True):
         for alias in reader.names(row.get("aliases", []), f"{where} aliases"):
-            if alias in names or alias in aliases:
+            if alias in taken:
                 reader.fail(f"alias {alias!r} of {name} is taken already; expected every name once")
+            taken.add(alias)
             aliases[alias] = name
-    attachment = np.array([reader.segment(row, where, skeleton.segments) for where, row in rows])
+    attachment = reader.on_segments(rows, skeleton.segments)
     offsets = np.array([reader.vector(row, "offset", where) for where, row in rows])
     spread = np.array([reader.number(row, "sd", where, low=0) for where, row in rows])
     return tuple(names), aliases, attachment, offsets, spread
@@ -130,7 +125,7 @@ def _markers(reader: Reader, top: dict, skeleton: Skeleton) -> tuple:
 def _capsules(reader: Reader, top: dict, skeleton: Skeleton) -> Capsules:
     rows = reader.rows(top, "capsules", empty=True)
     return Capsules(
-        segment=np.array([reader.segment(row, where, skeleton.segments) for where, row in rows], dtype=int),
+        segment=reader.on_segments(rows, skeleton.segments),
         start=np.array([reader.vector(row, "start", where) for where, row in rows]).reshape(-1, 3),
         end=np.array([reader.vector(row, "end", where) for where, row in rows]).reshape(-1, 3),
         radius=np.array([reader.number(row, "radius", where, low=1e-9) for where, row in rows]),

@@ -8,8 +8,9 @@ from ..core.data.errors import InputError
 from ..core.data.models import Model, TrainingTake
 from ..core.points.partial_solvers.model import PartialSolvers
 from .likelihood import likelihood_text, read_likelihood
-from .markersets import builtin_markersets, markerset_in, markerset_text, open_document, open_markerset
-from .packed import pack, unpack
+from .markersets import markerset_file, markerset_in, markerset_text, open_document, open_markerset
+from .packed import LARGEST, declared_bytes, pack, unpack
+from .trained import sound_ensemble, sound_lessons
 
 # What the parts are called in the file, as they were from the first version on.
 LIKELIHOOD, PARTIAL_SOLVERS, TRAINING_TAKES = "evidence", "ensemble", "lessons"
@@ -17,7 +18,7 @@ LIKELIHOOD, PARTIAL_SOLVERS, TRAINING_TAKES = "evidence", "ensemble", "lessons"
 
 def open_model(name: str | Path) -> Model:
     """A built-in model by name, or any by the path of its file; InputError where it is neither."""
-    path = builtin_markersets().get(str(name), Path(name))
+    path = markerset_file(name)
     if not path.exists():
         open_markerset(name)  # says what is wrong
     return read_model(path)
@@ -28,14 +29,35 @@ def read_model(path: Path) -> Model:
     reader, top = open_document(path)
     markerset = markerset_in(reader, top)
     likelihood = read_likelihood(reader, top[LIKELIHOOD], markerset.markers) if LIKELIHOOD in top else None
-    solvers = unpack(PartialSolvers, top[PARTIAL_SOLVERS], PARTIAL_SOLVERS, path) if PARTIAL_SOLVERS in top else None
-    if solvers is not None and solvers.markers != markerset.markers:
+    solvers = None
+    if PARTIAL_SOLVERS in top:
+        solvers = _partial_solvers(top[PARTIAL_SOLVERS], markerset.markers, path)
+    return Model(markerset, likelihood, solvers, _training_takes(top, len(markerset), path))
+
+
+def _partial_solvers(packed: object, markers: tuple[str, ...], path: Path) -> PartialSolvers:
+    """The partial solvers of these markers, checked in every part."""
+    solvers = unpack(PartialSolvers, packed, PARTIAL_SOLVERS, path)
+    if solvers.markers != markers:
         raise InputError("has an ensemble for other markers than its own; expected it as it was trained", path)
+    if not sound_ensemble(solvers):
+        words = f"has an {PARTIAL_SOLVERS} whose numbers do not go together"
+        raise InputError(f"{words}; expected it as it was trained, so train the model anew", path)
+    return solvers
+
+
+def _training_takes(top: dict, markers: int, path: Path) -> tuple[TrainingTake, ...]:
+    """What the model keeps of its training, checked in every part."""
     rows = top.get(TRAINING_TAKES, [])
     if not isinstance(rows, list):
         raise InputError(f"has damaged {TRAINING_TAKES}; expected a list", path)
+    if declared_bytes(rows) > LARGEST:
+        raise InputError(f"has over {LARGEST >> 20} MB of {TRAINING_TAKES}; expected what was trained", path)
     takes = tuple(unpack(TrainingTake, row, TRAINING_TAKES, path) for row in rows)
-    return Model(markerset, likelihood, solvers, takes)
+    if not all(sound_lessons(take, markers) for take in takes):
+        words = f"has {TRAINING_TAKES} that are not about its markers in metres"
+        raise InputError(f"{words}; expected them as they were trained", path)
+    return takes
 
 
 def write_model(path: Path, model: Model):

@@ -8,7 +8,8 @@ import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.geometry.cameras import Cameras
-from .rig import Z_UP_FROM_Y_UP, RigCamera, rig
+from .camera_up import z_up
+from .rig import RigCamera, refuse_crowd, rig
 from .source import numbers, read_xml
 
 KIND = "a Motive .mcal calibration"
@@ -19,8 +20,8 @@ TURN = np.diag([1.0, -1.0, -1.0])
 _LENS = ("k1", "k2", "TangentialX", "TangentialY", "k3")
 
 
-def read_mcal(path: Path) -> Cameras:
-    """The calibrated cameras, named by serial number; the world is turned from y up to z up.
+def read_mcal(path: Path, up: str = "") -> Cameras:
+    """The calibrated cameras, named by serial number; the world is turned from y up, or what `up` says, to z up.
 
     The lens is that of `IntrinsicStandardCameraModel`, which is OpenCV's; Motive's own model beside it is not public.
     """
@@ -28,7 +29,8 @@ def read_mcal(path: Path) -> Cameras:
     cameras = [camera for camera in root.iter("Camera") if camera.find("Extrinsic") is not None]
     if not cameras:
         raise InputError(f"has no calibrated camera; expected {KIND}", path)
-    return rig([_camera(camera, path) for camera in cameras], path)
+    refuse_crowd(len(cameras), path)
+    return z_up(rig([_camera(camera, path) for camera in cameras], path), up or "y")
 
 
 def _camera(camera: Element, path: Path) -> RigCamera:
@@ -50,8 +52,8 @@ def _camera(camera: Element, path: Path) -> RigCamera:
             )
     focal = read(intrinsic, "HorizontalFocalLength", "VerticalFocalLength")
     centre = read(intrinsic, "LensCenterX", "LensCenterY")
-    to_world = Z_UP_FROM_Y_UP @ read(extrinsic, *(f"OrientMatrix{index}" for index in range(9))).reshape(3, 3) @ TURN
-    position = Z_UP_FROM_Y_UP @ read(extrinsic, "X", "Y", "Z")
+    to_world = read(extrinsic, *(f"OrientMatrix{index}" for index in range(9))).reshape(3, 3) @ TURN
+    position = read(extrinsic, "X", "Y", "Z")
     return RigCamera(
         name=name,
         size=read(attributes, "ImagerPixelWidth", "ImagerPixelHeight"),

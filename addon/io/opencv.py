@@ -8,9 +8,10 @@ import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.geometry.cameras import Cameras
+from .camera_up import z_up
 from .filestorage import parse_filestorage
-from .rig import RigCamera, rig, rotation_from_vector
-from .source import read_text
+from .rig import RigCamera, refuse_crowd, rig, rotation_from_vector
+from .source import CALIBRATION_LIMIT, read_text
 from .toml_cameras import lens
 
 KIND = "an OpenCV .yml calibration with intrinsics and extrinsics"
@@ -26,11 +27,17 @@ TRANSLATION = ("T", "t", "translation", "translation_vector", "tvec")
 WIDTH, HEIGHT = ("W", "width", "image_width"), ("H", "height", "image_height")
 SIZE = ("size", "image_size", "imageSize", "resolution")
 
+# Beside its cameras such a file may hold the points that they were calibrated with.
+YML_LIMIT = 4 * CALIBRATION_LIMIT
+
+# Longer is no name of a matrix and its camera.
+LONGEST = 100
+
 # No room has a camera this many metres from its origin: then the file is in millimetres.
 FARTHEST = 200.0
 
 
-def read_yml(path: Path) -> Cameras:
+def read_yml(path: Path, up: str = "") -> Cameras:
     """The cameras of a file, or of the pair that it belongs to (`intri.yml` beside `extri.yml`).
 
     Understood are parts with the camera's name behind (`K_01`, `dist_01`, `R_01`, `T_01`, as EasyMocap writes; also
@@ -38,18 +45,19 @@ def read_yml(path: Path) -> Cameras:
     is twice the principal point. Metres, or millimetres where metres cannot be.
     """
     document = {}
-    for file in _files(path):
-        nodes = parse_filestorage(read_text(file, KIND), file)
+    for file in files_of(path):
+        nodes = parse_filestorage(read_text(file, KIND, YML_LIMIT), file)
         document.update({key: value for key, value in nodes.items() if key not in document or value is not None})
     cameras = list(_cameras(document, path))
     if not cameras:
         raise InputError(f"has no camera with a matrix; expected {KIND}", path)
     if any(np.linalg.norm(camera.translation) > FARTHEST for camera in cameras):
         cameras = [RigCamera(c.name, c.size, c.matrix, c.distortion, c.rotation, c.translation / 1000) for c in cameras]
-    return rig(cameras, path)
+    return z_up(rig(cameras, path), up)
 
 
-def _files(path: Path) -> list[Path]:
+def files_of(path: Path) -> list[Path]:
+    """The file and the other one of its pair; InputError where that is missing."""
     for pair in PAIRS:
         if path.stem.lower() in pair:
             others = [path.with_name(name + path.suffix) for name in pair if name != path.stem.lower()]
@@ -61,32 +69,46 @@ def _files(path: Path) -> list[Path]:
 
 
 def _cameras(document: dict, path: Path) -> Iterator[RigCamera]:
-    for name in _suffixes(document):
-        parts = {key[: -len(name)].rstrip("_"): value for key, value in document.items() if key.endswith(name)}
+    for name, parts in _parts(document, path).items():
         label = name.strip("_")
         first_of_pair = label == "1" and not any(key in parts for key in (*ROTATION, *TRANSLATION)) and "M2" in document
         if first_of_pair:
-            parts |= {"R": np.eye(3), "T": np.zeros(3)}
+            parts = {**parts, "R": np.eye(3), "T": np.zeros(3)}
         elif label == "2" and "M1" in document:
             parts = {**{key: document[key] for key in ("R", "T") if key in document}, **parts}
         yield _camera(label, {**_shared_size(document), **parts}, path)
-    for name, node in document.items():
-        if isinstance(node, dict) and any(key in node for key in MATRIX):
-            yield _camera(str(node.get("name", name)), {**_shared_size(document), **node}, path)
+    dicts = [(name, node) for name, node in document.items() if isinstance(node, dict)]
+    nodes = [(name, node) for name, node in dicts if not node.keys().isdisjoint(MATRIX)]
+    refuse_crowd(len(nodes), path)
+    for name, node in nodes:
+        yield _camera(str(node.get("name", name)), {**_shared_size(document), **node}, path)
     if any(key in document for key in MATRIX if not isinstance(document.get(key), dict)):
         yield _camera(path.stem, document, path)
 
 
+def _parts(document: dict, path: Path) -> dict[str, dict]:
+    """What belongs to each camera, by what stands behind its names, such as `_01` or `1`, in one go over all nodes."""
+    parts: dict[str, dict] = {name: {} for name in _suffixes(document)}
+    refuse_crowd(len(parts), path)
+    lengths = sorted({len(name) for name in parts})
+    for key, value in document.items():
+        for length in lengths:
+            if key[-length:] in parts:
+                parts[key[-length:]][key[:-length].rstrip("_")] = value
+    return parts
+
+
 def _suffixes(document: dict) -> list[str]:
     """What stands behind `K`, `M` or `camera_matrix` in the names of matrices, such as `_01` or `1`."""
-    found = []
+    found = {}
     for key, value in document.items():
+        if len(key) > LONGEST or not isinstance(value, np.ndarray) or value.size != 9:
+            continue
         for stem in MATRIX:
             rest = key[len(stem) :]
-            named = key.startswith(stem) and (rest[:1] == "_" or rest.isdigit()) and rest.strip("_")
-            if named and rest not in found and isinstance(value, np.ndarray) and value.size == 9:
-                found.append(rest)
-    return found
+            if key.startswith(stem) and (rest[:1] == "_" or rest.isdigit()) and rest.strip("_"):
+                found[rest] = None
+    return list(found)
 
 
 def _shared_size(document: dict) -> dict:

@@ -5,6 +5,7 @@ import base64
 import binascii
 import hashlib
 import json
+import math
 import types
 import typing
 import zlib
@@ -16,7 +17,7 @@ import numpy as np
 from ..core.data.errors import InputError
 
 KINDS = {f"{letter}{size}": f"<{letter}{size}" for letter in "iuf" for size in (1, 2, 4, 8)} | {"b1": "|b1"}
-LARGEST = 1 << 28  # bytes of one array; no model comes near
+LARGEST = 1 << 28  # bytes of all arrays of a file; no model comes near
 DIGEST = "digest"
 
 
@@ -31,13 +32,37 @@ def unpack(kind: type, packed: object, what: str, path: Path):
     broken = InputError(f"has damaged {what}; expected it as it was trained, so train the model anew", path)
     if not isinstance(packed, dict):
         raise broken
+    # What is compressed can be a thousand times as large, so nothing is unpacked before it is known to have room.
+    if declared_bytes(packed) > LARGEST:
+        raise InputError(f"has over {LARGEST >> 20} MB of {what}; expected what was trained", path)
     content = {key: value for key, value in packed.items() if key != DIGEST}
     try:
         if packed.get(DIGEST) != _digest(content):
             raise broken
         return _unpacked(kind, content)
-    except (KeyError, TypeError, ValueError, binascii.Error, zlib.error):
+    except (KeyError, TypeError, ValueError, RecursionError, binascii.Error, zlib.error):
         raise broken from None
+
+
+def declared_bytes(packed: object) -> int:
+    """The bytes that the arrays in a packed object, or in a list of them, say that they have."""
+    waiting, total = [packed], 0
+    while waiting:
+        value = waiting.pop()
+        if isinstance(value, list):
+            waiting += value
+        elif isinstance(value, dict):
+            waiting += value.values()
+            total += _size(value) if "data" in value else 0
+    return total
+
+
+def _size(packed: dict) -> int:
+    """The bytes that an array says that it has; none where it is no array, as unpacking it finds out."""
+    shape, kind = packed.get("shape"), packed.get("kind")
+    if kind not in KINDS or not isinstance(shape, list) or not all(type(one) is int and one >= 0 for one in shape):
+        return 0
+    return math.prod(shape) * np.dtype(KINDS[kind]).itemsize
 
 
 def _digest(packed: dict) -> str:
@@ -85,8 +110,11 @@ def _unpacked(kind, packed):
 
 
 def _array(packed: dict) -> np.ndarray:
+    kind, size = KINDS[packed["kind"]], _size(packed)
     unzipped = zlib.decompressobj()
-    data = unzipped.decompress(base64.b64decode(packed["data"], validate=True), LARGEST)
-    if unzipped.unconsumed_tail:
+    data = unzipped.decompress(base64.b64decode(packed["data"], validate=True), size + 1)
+    if len(data) != size:
         raise ValueError
-    return np.frombuffer(data, KINDS[packed["kind"]]).reshape(packed["shape"]).copy()
+    values = np.frombuffer(data, kind).reshape(packed["shape"]).copy()
+    # Of a byte that is neither nought nor one, nobody knows what NumPy makes.
+    return values.view("u1") > 0 if kind == KINDS["b1"] else values

@@ -13,8 +13,9 @@ from ..core.data.errors import InputError
 from ..core.data.takes import Points
 from .c3d import C3dTake, read_c3d, write_c3d_file
 from .motive_points import is_motive, read_motive
+from .points_up import Upright, find_up
 from .trc import read_trc, write_trc_file
-from .world import UNITS, guess_unit, guess_up, up_rotation
+from .world import UNITS, guess_unit, up_rotation
 
 EXPECTED = "expected a take of 3D points: .c3d, .trc or Motive .csv"
 
@@ -31,10 +32,14 @@ class FilePoints(Points):
 
     columns  (P,) the 0-based index of each trajectory in the file, what label files call `point`
     assumed  the unit that the points were taken to be in, where the file names none that is known; else empty
+    up       the axis of the file that points up, such as "+Z"
+    notes    what was taken to be otherwise than the file says, in sentences
     """
 
     columns: np.ndarray = None
     assumed: str = ""
+    up: str = "+Z"
+    notes: tuple[str, ...] = ()
 
 
 def holds_points(path: Path) -> bool:
@@ -46,15 +51,19 @@ def holds_points(path: Path) -> bool:
 Frames = tuple[int | None, int | None] | None  # first and last, both included; None for the take's own
 
 
-def read_points(path: Path, everything: bool = False, frames: Frames = None) -> FilePoints:
+def read_points(
+    path: Path, everything: bool = False, frames: Frames = None, up: str | None = None, rate: float | None = None
+) -> FilePoints:
     """A take of 3D points, told by its suffix: markers only, unless `everything` is asked for.
 
     Left out are the model outputs, axes of segments and joint centres that Vicon mixes among the markers.
+    `up` is the axis that points up in the file, one of x y z -x -y -z, where that is known better than from the file;
+    `rate` is used where a C3D file says none.
 
     Raises InputError for whatever cannot be used, and where no point is in the frames asked for.
     """
     path = Path(path)
-    take = _read(path, everything)
+    take = _read(path, everything, up, rate)
     return take if frames is None else _of_frames(take, frames, path)
 
 
@@ -68,36 +77,60 @@ def _of_frames(take: FilePoints, frames: Frames, path: Path) -> FilePoints:
     return replace(take, xyz=take.xyz[part], residual=take.residual[part], first_frame=take.first_frame + start)
 
 
-def _read(path: Path, everything: bool) -> FilePoints:
+def _read(path: Path, everything: bool, up: str | None, rate: float | None) -> FilePoints:
     suffix = path.suffix.lower()
     if suffix == ".c3d":
-        return _from_c3d(read_c3d(path), path, everything)
+        return _from_c3d(read_c3d(path, rate), path, everything, up)
     if suffix not in (".trc", ".csv"):
         if not path.exists():
             raise InputError("there is no such file; expected the path of a take", path)
         raise InputError(f"is of a kind that is not known ({suffix or 'no suffix'}); {EXPECTED}", path)
     take = read_trc(path) if suffix == ".trc" else read_motive(path)
     xyz, assumed = _metres(take.xyz, take.unit, path)
-    xyz = xyz @ up_rotation(take.up or guess_up(xyz, likely="+Y")).T
+    names = _named(take.labels)
+    upright = _given(up or take.up) or find_up("", xyz, names, take.rate, usual="+Y")
     residual = np.full(xyz.shape[:2], np.nan)
     columns = np.arange(len(take.labels))
-    return FilePoints(_named(take.labels), xyz, residual, take.rate, take.first_frame, columns, assumed)
+    xyz = xyz @ up_rotation(upright.axis).T
+    return FilePoints(names, xyz, residual, take.rate, take.first_frame, columns, assumed, upright.axis, upright.notes)
 
 
-def _from_c3d(take: C3dTake, path: Path, everything: bool) -> FilePoints:
+def _given(up: str | None) -> Upright | None:
+    """The axis that somebody named, such as "z", "-y" or "+Z"; None where nobody did."""
+    return Upright(f"{'-' if up[0] == '-' else '+'}{up[-1].upper()}") if up else None
+
+
+def _from_c3d(take: C3dTake, path: Path, everything: bool, up: str | None) -> FilePoints:
     columns = np.arange(len(take.labels)) if everything else marker_indices(take)
     if not len(columns):
         raise InputError("has no markers among its points; expected a take with markers", path)
-    unit = next(iter(take.texts.get("POINT:UNITS", [])), "").lower()
-    measured, assumed = _metres(take.xyz[:, columns], unit, path)
-    screen = next(iter(take.texts.get("POINT:Y_SCREEN", [])), "").upper()
-    up = screen if re.fullmatch(r"[+-][XYZ]", screen) else "+Z"
-    # Many programs write +Y without meaning it, so there the data have their say; nobody writes +Z by mistake.
-    if up == "+Y" or up != screen:
-        up = guess_up(measured, likely=up)
-    residual = take.residual[:, columns] * UNITS[assumed or unit]
+    measured, assumed = _metres(take.xyz[:, columns], _text(take, "POINT:UNITS").lower(), path)
+    metre = UNITS[assumed or _text(take, "POINT:UNITS").lower()]
     names = _named([take.labels[index] for index in columns])
-    return FilePoints(names, measured @ up_rotation(up).T, residual, take.rate, take.first_frame, columns, assumed)
+    upright = _given(up) or find_up(
+        _text(take, "POINT:Y_SCREEN").upper(),
+        measured,
+        names,
+        take.rate,
+        take.plates * metre,
+        maker=f"{_text(take, 'MANUFACTURER:COMPANY')} {_text(take, 'MANUFACTURER:SOFTWARE')}",
+    )
+    return FilePoints(
+        names,
+        measured @ up_rotation(upright.axis).T,
+        take.residual[:, columns] * metre,
+        take.rate,
+        take.first_frame,
+        columns,
+        assumed,
+        upright.axis,
+        take.notes + upright.notes,
+    )
+
+
+def _text(take: C3dTake, key: str) -> str:
+    """The first text of a parameter, empty where there is none."""
+    return next(iter(take.texts.get(key, [])), "")
 
 
 def _metres(xyz: np.ndarray, unit: str, path: Path) -> tuple[np.ndarray, str]:

@@ -8,7 +8,8 @@ import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.geometry.cameras import Cameras
-from .rig import RigCamera, rig
+from .camera_up import z_up
+from .rig import RigCamera, refuse_crowd, rig
 from .source import numbers, read_xml
 
 KIND = "a Qualisys calibration"
@@ -23,7 +24,7 @@ _LENS = ("radialDistortion1", "radialDistortion2", "tangentalDistortion1", "tang
 _ROTATION = tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
 
 
-def read_qca(path: Path) -> Cameras:
+def read_qca(path: Path, up: str = "") -> Cameras:
     """The active cameras, named by serial number: positions in mm, z up, rows of the rotation the camera's own axes."""
     root = read_xml(path, KIND)
     cameras = [
@@ -31,7 +32,8 @@ def read_qca(path: Path) -> Cameras:
     ]
     if not cameras:
         raise InputError(f"has no calibrated camera; expected {KIND}", path)
-    return rig([_camera(camera, path) for camera in cameras], path)
+    refuse_crowd(len(cameras), path)
+    return z_up(rig([_camera(camera, path) for camera in cameras], path), up)
 
 
 def _camera(camera: Element, path: Path) -> RigCamera:

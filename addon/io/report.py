@@ -39,14 +39,15 @@ def take_report(
 
 def write_report(path: Path, report: dict):
     """Writes a report as JSON, a marker a line."""
-    markers = ",\n".join(f"    {_compact(name)}: {_compact(row)}" for name, row in report["markers"].items())
-    parts = {key: _compact(value) for key, value in report.items()}
+    markers = ",\n".join(f"    {compact(name)}: {compact(row)}" for name, row in report["markers"].items())
+    parts = {key: compact(value) for key, value in report.items()}
     parts["markers"] = f"{{\n{markers}\n  }}"
-    text = ",\n".join(f"  {_compact(key)}: {value}" for key, value in parts.items())
+    text = ",\n".join(f"  {compact(key)}: {value}" for key, value in parts.items())
     Path(path).write_text(f"{{\n{text}\n}}\n", encoding="utf-8", newline="\n")
 
 
-def _compact(value: object) -> str:
+def compact(value: object) -> str:
+    """A value as JSON of one line."""
     text = json.dumps(value, ensure_ascii=False, allow_nan=False)
     # A file's name may hold bytes that are no letters; JSON has an escape for each.
     return text.encode("utf-8", "backslashreplace").decode("utf-8")

@@ -2,19 +2,23 @@
 """What every calibration format comes down to: one camera at a time, then the rig of them all."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.geometry.cameras import Cameras
+from .names import is_unicode
 
 # A world with y up into ours with z up: x stays, y becomes z, z becomes -y.
 Z_UP_FROM_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 # Printed rotations carry four digits or more; what is further off than this is no rotation at all.
 ROTATION_TOLERANCE = 1e-2
+
+# No room has more cameras than this.
+MOST_CAMERAS = 1000
 
 # No room, lens or sensor holds a number beyond this in m, px or lens units.
 LARGEST = 1e9
@@ -25,7 +29,7 @@ class RigCamera:
     """One camera as a file gives it, already in metres, z up, and in OpenCV's sense of camera and lens.
 
     size (2,) px; matrix (3, 3) px; distortion (up to 5,) k1 k2 p1 p2 k3; rotation (3, 3) world to camera;
-    translation (3,) m
+    translation (3,) m; inverse (3,) see `Cameras`
     """
 
     name: str
@@ -34,6 +38,13 @@ class RigCamera:
     distortion: np.ndarray
     rotation: np.ndarray
     translation: np.ndarray
+    inverse: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+
+def refuse_crowd(count: int, path: Path):
+    """InputError where a file says it has more cameras than any room, before each of them is looked at."""
+    if count > MOST_CAMERAS:
+        raise InputError(f"has {count} cameras; expected at most {MOST_CAMERAS}", path)
 
 
 def rig(cameras: Sequence[RigCamera], path: Path) -> Cameras:
@@ -50,6 +61,7 @@ def rig(cameras: Sequence[RigCamera], path: Path) -> Cameras:
             distortion=np.array([np.pad(camera.distortion, (0, 5 - len(camera.distortion))) for camera in cameras]),
             rotation=np.array([nearest_rotation(camera.rotation) for camera in cameras]),
             translation=np.array([camera.translation for camera in cameras]),
+            inverse=np.array([camera.inverse for camera in cameras]),
         )
     except InputError as error:
         raise InputError(error.message, path) from None
@@ -58,11 +70,11 @@ def rig(cameras: Sequence[RigCamera], path: Path) -> Cameras:
 def _check(camera: RigCamera, path: Path):
     if not camera.name.strip():
         raise InputError("has a camera without a name; expected every camera to have one", path)
+    if not is_unicode(camera.name) or any(sign in camera.name for sign in "\0\r\n"):
+        raise InputError(f"has a camera with the name {camera.name!r}; expected one line of letters", path)
+    lenses = (camera.distortion, camera.inverse)
     values = np.concatenate(
-        [
-            np.ravel(part)
-            for part in (camera.size, camera.matrix, camera.distortion, camera.rotation, camera.translation)
-        ]
+        [np.ravel(part) for part in (camera.size, camera.matrix, *lenses, camera.rotation, camera.translation)]
     )
     if not (np.abs(values) < LARGEST).all():
         raise InputError(

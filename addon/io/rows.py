@@ -9,14 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from ..core.data.errors import InputError
+from ..core.data.takes import LARGEST_FRAME
 from ..core.geometry.cameras import Cameras
 
 COLUMNS = ("frame", "camera", "x", "y")
 
-# No sensor is a million pixels wide and C3D counts no further than 2^32: beyond these a number stands in the wrong
-# column.
+# No sensor is a million pixels wide: beyond this, or LARGEST_FRAME, a number stands in the wrong column.
 LARGEST_PIXEL = 1e6
-LARGEST_FRAME = 2**32 - 1
 HEAD_BYTES = 4096  # where a file that is no text shows it; later a byte that is no text has a line of its own
 
 _FIELD = re.compile(rb'("(?:[^"]|"")*"|[^,"]*)(,|$)')
@@ -82,7 +81,10 @@ class Rows:
 
 def read_header(head: bytes, path: Path) -> tuple[Header, int]:
     """The columns and the offset of the first row, from the beginning of the file."""
-    expected = "expected a blob file with the header frame,camera,x,y and optionally area"
+    expected = (
+        "expected a blob file with the header frame,camera,x,y and optionally area, or a take of 3D points: .c3d, .trc "
+        "or Motive .csv"
+    )
     if not head:
         raise InputError(f"is empty; {expected}", path)
     if b"\0" in head[:HEAD_BYTES]:
@@ -94,7 +96,11 @@ def read_header(head: bytes, path: Path) -> tuple[Header, int]:
     if missing:
         what = f"has no column {' or '.join(missing)}"
         if len(missing) == len(COLUMNS):
-            what = "has semicolons between its fields" if b";" in line else "has no header"
+            what = (
+                "has semicolons between its fields"
+                if b";" in line
+                else "holds neither blobs nor 3D points, for it has no header"
+            )
         raise InputError(f"{what}; {expected}", path, 1)
     doubled = [name for name in (*COLUMNS, "area") if names.count(name) > 1]
     if doubled:

@@ -13,18 +13,21 @@ import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.geometry.cameras import Cameras, distort
-from .rig import RigCamera, rig
-from .source import numbers, read_text
+from .camera_up import z_up
+from .rig import RigCamera, refuse_crowd, rig
+from .source import CALIBRATION_LIMIT, numbers, read_text
 
 KIND = "a self-calibration folder with *.Pmat.cal, *.rad and Res.dat"
 
 # How far the fitted lens may be from the given one, root mean square over the image, px.
 LENS_TOLERANCE_PX = 2.0
 
+RES, NAMES = "Res.dat", "camera_order.txt"
+
 _LENS = ("kc1", "kc2", "kc3", "kc4")
 
 
-def read_selfcal(path: Path) -> Cameras:
+def read_selfcal(path: Path, up: str = "") -> Cameras:
     """The cameras of a folder, or of the folder of a `.Pmat.cal` or `.rad` file, in the order of their numbers."""
     folder = path if path.is_dir() else path.parent
     matrices, lenses = (_numbered(folder, pattern) for pattern in ("*.Pmat.cal", "*.rad"))
@@ -33,6 +36,7 @@ def read_selfcal(path: Path) -> Cameras:
     missing = [number for number in matrices if number not in lenses]
     if missing:
         raise InputError(f"has no .rad file with the number {missing[0]}; expected {KIND}", folder)
+    refuse_crowd(len(matrices), folder)
     order = sorted(matrices)
     sizes = _sizes(folder, len(order))
     names = _names(folder, [matrices[number].name[: -len(".Pmat.cal")] for number in order])
@@ -40,7 +44,13 @@ def read_selfcal(path: Path) -> Cameras:
         _camera(name, matrices[number], lenses[number], size)
         for name, number, size in zip(names, order, sizes, strict=True)
     ]
-    return rig(cameras, folder)
+    return z_up(rig(cameras, folder), up)
+
+
+def files_of(path: Path) -> list[Path]:
+    """The files of a folder, or beside a `.Pmat.cal` or `.rad` file, that are read from it."""
+    folder = path if path.is_dir() else path.parent
+    return [file for pattern in ("*.Pmat.cal", "*.rad", RES, NAMES) for file in sorted(folder.glob(pattern))]
 
 
 def _numbered(folder: Path, pattern: str) -> dict[int, Path]:
@@ -54,23 +64,27 @@ def _numbered(folder: Path, pattern: str) -> dict[int, Path]:
 
 
 def _sizes(folder: Path, count: int) -> np.ndarray:
-    sizes = _table(folder / "Res.dat", KIND)
+    sizes = _table(folder / RES, KIND)
     if sizes.shape != (count, 2):
-        raise InputError(f"has {len(sizes)} rows; expected width and height of {count} cameras", folder / "Res.dat")
+        raise InputError(f"has {len(sizes)} rows; expected width and height of {count} cameras", folder / RES)
     return sizes
 
 
 def _names(folder: Path, default: list[str]) -> list[str]:
-    file = folder / "camera_order.txt"
+    file = folder / NAMES
     if not file.exists():
         return default
-    names = [line.strip() for line in read_text(file, "the names of the cameras").splitlines() if line.strip()]
+    names = [
+        line.strip()
+        for line in read_text(file, "the names of the cameras", CALIBRATION_LIMIT).splitlines()
+        if line.strip()
+    ]
     return names if len(names) == len(default) else default
 
 
 def _table(path: Path, kind: str) -> np.ndarray:
     """The rows of numbers of a file of Octave, comments left out."""
-    lines = enumerate(read_text(path, kind).splitlines(), 1)
+    lines = enumerate(read_text(path, kind, CALIBRATION_LIMIT).splitlines(), 1)
     rows = [(number, line) for number, line in lines if line.strip() and not line.lstrip().startswith(("#", "%"))]
     if not rows:
         raise InputError(f"has no numbers; expected {kind}", path)
@@ -106,7 +120,7 @@ def decompose(projection: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarra
 def _lens(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Camera matrix (3, 3) and lens (5,) of a `.rad` file, which is lines of `K11 = 422.2` and `kc1 = -0.28`."""
     values = {}
-    for number, line in enumerate(read_text(path, "a .rad lens").splitlines(), 1):
+    for number, line in enumerate(read_text(path, "a .rad lens", CALIBRATION_LIMIT).splitlines(), 1):
         key, equals, value = line.partition("=")
         if equals:
             values[key.strip()] = numbers(value, 1, key.strip()[:20], path, number)[0]

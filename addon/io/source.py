@@ -13,6 +13,11 @@ from ..core.data.errors import InputError
 # A calibration or a marker set is a few kilobytes to a few megabytes (camera masks); beyond this it is another file.
 TEXT_LIMIT = 64 * 1024 * 1024
 
+# Parsed, a byte of XML takes up to 100, one of TOML up to 350; calibrations of hundreds of cameras have far
+# fewer bytes, also with the masks of their images, which only XML holds.
+XML_LIMIT = 8 * 1024 * 1024
+CALIBRATION_LIMIT = 1024 * 1024
+
 # Longer marks first: the UTF-32 one begins with the UTF-16 one.
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8"),
@@ -53,12 +58,12 @@ def read_bytes(path: Path, limit: int | None = None) -> bytes:
     return content
 
 
-def read_text(path: Path, kind: str) -> str:
+def read_text(path: Path, kind: str, limit: int = TEXT_LIMIT) -> str:
     """The text of a small file in UTF-8, or UTF-16 or -32 with its mark; InputError when it is no text.
 
-    `kind` names the format in the error, such as "a camera calibration".
+    `kind` names the format in the error, such as "a camera calibration"; `limit` is the most bytes that one has.
     """
-    return decode(read_bytes(path, TEXT_LIMIT), path, kind)
+    return decode(read_bytes(path, limit), path, kind)
 
 
 def decode(content: bytes, path: Path, kind: str) -> str:
@@ -82,7 +87,7 @@ def read_xml(path: Path, kind: str) -> ElementTree.Element:
 
     Declarations of entities are refused: no calibration has them, and a few nested ones fill the memory.
     """
-    text = read_text(path, kind)
+    text = read_text(path, kind, XML_LIMIT)
     if text.startswith("<?xml"):
         # The declared encoding is that of the bytes, not of the decoded text.
         start, end, rest = text.partition("?>")

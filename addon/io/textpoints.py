@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..core.data.errors import InputError
+from ..core.data.takes import LARGEST_FRAME
 
 # Beyond this no coordinate is one, in any unit.
 LARGEST = 1e9
@@ -58,11 +59,13 @@ def rows_to_xyz(
 def _frame(field: str, path: Path, line: int) -> int:
     try:
         value = float(field)
-        if value % 1 == 0 and abs(value) < 2**53:
-            return int(value)
     except ValueError:
-        pass
-    raise InputError(f"begins with {field.strip()[:40]!r}; expected a frame number", path, line)
+        value = np.nan
+    if value % 1 == 0 and abs(value) <= LARGEST_FRAME:
+        return int(value)
+    raise InputError(
+        f"begins with {field.strip()[:40]!r}; expected a frame number, a whole one up to {LARGEST_FRAME}", path, line
+    )
 
 
 def _value(fields: list[str], index: int, path: Path, line: int) -> float:

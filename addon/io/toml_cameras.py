@@ -10,14 +10,32 @@ from pathlib import Path
 import numpy as np
 
 from ..core.data.errors import InputError
+from ..core.geometry import inverse_lens
+from ..core.geometry.camera_up import AXES, guess_up
 from ..core.geometry.cameras import Cameras
-from .rig import RigCamera, rig, rotation_from_vector
-from .source import read_text
+from .camera_up import z_up
+from .rig import RigCamera, refuse_crowd, rig, rotation_from_vector
+from .source import CALIBRATION_LIMIT, read_text
+
+# Ours beside the shared keys: a lens of Vicon's kind, exact, where `distortions` can only come near it.
+INVERSE = "vicon_radial"
+
+# A camera's key is `matrix` or `cameras.0.matrix`. Every dot nests a table, and the parser goes through all of them.
+DEEPEST = 8
+_WORDS = re.compile(
+    r'''"""(?:[^"\\]|\\.|"(?!""))*(?:""")?|"(?:[^"\\\n]|\\.)*"?|'''
+    r"""'''(?:[^']|'(?!''))*(?:''')?|'[^'\n]*'?|#[^\n]*""",
+    re.DOTALL,
+)
 
 
-def read_toml(path: Path) -> Cameras:
-    """Every table with a `matrix` is a camera, at the top or inside `[cameras]`; other tables are ignored."""
-    text = read_text(path, "a .toml camera calibration")
+def read_toml(path: Path, up: str = "") -> Cameras:
+    """Every table with a `matrix` is a camera, at the top or inside `[cameras]`; other tables are ignored.
+
+    `up` is the axis that points up where it is known better than from the file or its cameras.
+    """
+    text = read_text(path, "a .toml camera calibration", CALIBRATION_LIMIT)
+    _refuse_depth(text, path)
     try:
         document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -29,7 +47,19 @@ def read_toml(path: Path) -> Cameras:
     tables = [(key, table) for key, table in _tables(document) if table.get("ignore") is not True]
     if not tables:
         raise InputError("has no table with a `matrix`; expected one table a camera", path)
-    return rig([_camera(key, table, path) for key, table in tables], path)
+    refuse_crowd(len(tables), path)
+    said = next((str(table["up"]) for _, table in tables if table.get("up") in AXES), "")
+    return z_up(rig([_camera(key, table, path) for key, table in tables], path), up or said)
+
+
+def _refuse_depth(text: str, path: Path):
+    """InputError with the line of a key of more parts than any calibration has; texts and comments have none."""
+    plain = _WORDS.sub(lambda found: "s" + "\n" * found.group().count("\n"), text)
+    line = 1
+    for piece in re.split(r"([=,\[\]{}\n])", plain):
+        if piece.count(".") >= DEEPEST:
+            raise InputError(f"has a key of more than {DEEPEST} parts; expected a camera calibration", path, line)
+        line += piece == "\n"
 
 
 def _tables(document: dict) -> Iterator[tuple[str, dict]]:
@@ -50,13 +80,16 @@ def _camera(key: str, table: dict, path: Path) -> RigCamera:
         raise InputError(
             f"camera {name} has a rotation of {rotation.size} numbers; expected a Rodrigues vector or 3×3", path
         )
+    exact = table.get(INVERSE) is not None
+    distortion = lens(_array(table, "distortions", name, path), name, path)
     return RigCamera(
         name=name,
         size=_array(table, "size", name, path, 2),
         matrix=_array(table, "matrix", name, path, 9).reshape(3, 3),
-        distortion=lens(_array(table, "distortions", name, path), name, path),
+        distortion=np.zeros(5) if exact else distortion,
         rotation=rotation_from_vector(rotation) if rotation.size == 3 else rotation.reshape(3, 3),
         translation=_array(table, "translation", name, path, 3),
+        inverse=_array(table, INVERSE, name, path, 3) if exact else np.zeros(3),
     )
 
 
@@ -85,19 +118,30 @@ def lens(coefficients: np.ndarray, name: str, path: Path) -> np.ndarray:
 
 
 def write_toml(path: Path, cameras: Cameras):
-    """Writes the contract's calibration: one table a camera, every number exact."""
+    """Writes the contract's calibration: one table a camera, every number exact.
+
+    Cameras that look as if another axis pointed up say that it is z.
+    """
+    up = "" if guess_up(cameras) in ("", "z") else 'up = "z"\n'
     Path(path).write_text(
-        "\n".join(_table(cameras, index) for index in range(len(cameras))), encoding="utf-8", newline="\n"
+        "\n".join(_table(cameras, index) + up for index in range(len(cameras))), encoding="utf-8", newline="\n"
     )
 
 
 def _table(cameras: Cameras, index: int) -> str:
+    distortion, inverse = cameras.distortion[index], cameras.inverse[index]
+    exact = ""
+    if inverse.any():
+        half = np.linalg.norm(cameras.size[index]) / 2 / cameras.focal[index]
+        distortion = inverse_lens.nearest_forward(inverse, half)
+        exact = f"{INVERSE} = {_row(inverse)}\n"
     return (
         f"[cam_{index + 1:02d}]\n"
         f"name = {_quoted(cameras.names[index])}\n"
         f"size = {_row(cameras.size[index])}\n"
         f"matrix = [{', '.join(_row(row) for row in cameras.matrix[index])}]\n"
-        f"distortions = {_row(cameras.distortion[index])}\n"
+        f"distortions = {_row(distortion)}\n"
+        f"{exact}"
         f"rotation = [{', '.join(_row(row) for row in cameras.rotation[index])}]\n"
         f"translation = {_row(cameras.translation[index])}\n"
         "fisheye = false\n"

@@ -6,14 +6,16 @@ from pathlib import Path
 import numpy as np
 
 from ..core.data.errors import InputError
+from .names import written
 from .source import decode, read_bytes
 from .textpoints import TextTake, rows_to_xyz
-from .whole import final_name
 
 KIND = "a .trc file"
 
 # The format has no word for the axis that points up, and most of its files have y up; ours say here that it is z.
 Z_UP = "Z_UP"
+
+WIDTH_ROWS = 1000  # rows that are looked at where nothing else says how many markers there are
 
 
 def read_trc(path: Path) -> TextTake:
@@ -26,15 +28,14 @@ def read_trc(path: Path) -> TextTake:
     rate = _number(head.get("DataRate"), "DataRate", path)
     if not 0 < rate < 1e6:
         raise InputError(f"has a DataRate of {rate:g}; expected frames a second", path, 3)
-    labels = [label.strip() for label in lines[3].rstrip("\t ").split("\t")[2:]]
-    # The name of a marker stands above the first of its three columns.
-    columns = [2 + index for index in range(0, len(labels), 3)]
-    labels = labels[::3]
+    begin = next((index for index in (4, 5) if _is_row(lines, index)), 5)
+    labels = _labels(lines[3], head.get("NumMarkers", ""), lines[begin:])
     if not labels or not any(labels):
         raise InputError(f"names no markers; expected {KIND}", path, 4)
+    columns = [2 + 3 * index for index in range(len(labels))]
     widest = 2 + 3 * len(labels)
     rows = []
-    for number, line in enumerate(lines[5:], 6):
+    for number, line in enumerate(lines[begin:], begin + 1):
         if not line.strip():
             continue
         fields = line.split("\t")
@@ -48,6 +49,41 @@ def read_trc(path: Path) -> TextTake:
     frames, xyz = rows_to_xyz(rows, columns, path)
     _refuse_cut_off(head, len(frames), int(frames[0]), path)
     return TextTake(labels, xyz, head.get("Units", "").lower(), rate, int(frames[0]), "+Z" if Z_UP in lines[0] else "")
+
+
+def _is_row(lines: list[str], index: int) -> bool:
+    """Whether a line is a row of coordinates; some programs leave out the line with X1, Y1, Z1."""
+    first = lines[index].split("\t")[0].strip() if index < len(lines) else ""
+    return first.isascii() and first.isdigit()
+
+
+def _labels(line: str, promised: str, rows: list[str]) -> list[str]:
+    """The markers' names, empty for those without one, in the order of their columns.
+
+    The format has a name above the first of a marker's three columns. Other programs put one tab or two behind a name,
+    a name above each column (`LASI_x`, `LASI_y`, `LASI_z`), or a space before the first; then it is the number of the
+    names that has to fit NumMarkers and the rows.
+    """
+    fields = [field.strip() for field in line.rstrip("\t ").split("\t")]
+    if len(fields) > 1 and fields[1].lower().startswith("time "):
+        fields[1:2] = fields[1].split(None, 1)
+    labels = fields[2:]
+    names = [label for label in labels if label]
+    said = int(promised) if promised.isascii() and promised.isdigit() else 0
+    width = max((_width(row) for row in rows[:WIDTH_ROWS]), default=0)
+    count = max(said, -((2 - width) // 3))
+    if count == len(names):
+        return names
+    stems = [name[:-1].rstrip("_. ") for name in names]
+    axes = "".join(name[-1].lower() for name in names)
+    if axes == "xyz" * count and stems[::3] == stems[1::3] == stems[2::3] and all(stems):
+        return stems[::3]
+    return labels[::3]
+
+
+def _width(row: str) -> int:
+    """The number of fields up to the last that says something."""
+    return len(row.rstrip().split("\t")) if row.strip() else 0
 
 
 def _refuse_cut_off(head: dict[str, str], frames: int, first: int, path: Path):
@@ -68,7 +104,7 @@ def write_trc_file(path: Path, labels: list[str], xyz: np.ndarray, rate: float, 
     """Writes points (T, P, 3) m as mm; missing samples are empty fields."""
     frames, count = xyz.shape[:2]
     head = [
-        f"PathFileType\t4\t(X/Y/Z)\t{final_name(path)}\t{Z_UP}",
+        f"PathFileType\t4\t(X/Y/Z)\t{written(Path(path).name)}\t{Z_UP}",
         "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
         f"{rate:.6g}\t{rate:.6g}\t{frames}\t{count}\tmm\t{rate:.6g}\t{first_frame}\t{frames}",
         "Frame#\tTime\t" + "\t\t\t".join(label.replace("\t", " ") for label in labels) + "\t\t",

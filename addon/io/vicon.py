@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Vicon's `.xcp` calibration: quaternions, millimetres, and a lens given the other way round."""
+"""Vicon's `.xcp` calibration: quaternions, millimetres, and a lens given the other way round, which is kept so."""
 
 from collections import Counter
 from pathlib import Path
@@ -8,30 +8,31 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from ..core.data.errors import InputError
+from ..core.geometry import inverse_lens
 from ..core.geometry.cameras import Cameras
-from .rig import RigCamera, rig, rotation_from_quaternion
+from .camera_up import z_up
+from .rig import RigCamera, refuse_crowd, rig, rotation_from_quaternion
 from .source import numbers, read_xml
 
 KIND = "a Vicon .xcp calibration"
-
-# What turning Vicon's lens into OpenCV's may leave, root mean square over the sensor. Real cameras leave 0.03 to
-# 0.5 px, nearly all of it in the corners: the rest is beyond three radial terms.
-LENS_TOLERANCE_PX = 2.0
 
 # Radial coefficients per square pixel are far below this, those per square focal length far above.
 PIXEL_COEFFICIENT = 1e-4
 
 
-def read_xcp(path: Path) -> Cameras:
+def read_xcp(path: Path, up: str = "") -> Cameras:
     """Cameras of a Vicon calibration: the last key frame of each that is calibrated.
 
-    Orientation is a quaternion x, y, z, w that turns the world into the camera, position is in mm, z is up.
+    Orientation is a quaternion x, y, z, w that turns the world into the camera, position is in mm. The file does not
+    say which axis is up: z unless the cameras tell of another, or `up` does.
     """
     root = read_xml(path, KIND)
     cameras = [camera for camera in root.iter("Camera") if camera.find("KeyFrames/KeyFrame") is not None]
     if root.tag != "Cameras" or not cameras:
         raise InputError(f"has no calibrated camera; expected {KIND}", path)
-    return rig([_camera(camera, name, path) for camera, name in zip(cameras, _names(cameras), strict=True)], path)
+    refuse_crowd(len(cameras), path)
+    named = zip(cameras, _names(cameras), strict=True)
+    return z_up(rig([_camera(camera, name, path) for camera, name in named], path), up)
 
 
 def _names(cameras: list[Element]) -> list[str]:
@@ -58,57 +59,41 @@ def _camera(camera: Element, name: str, path: Path) -> RigCamera:
         raise InputError(f"camera {name} has no focal length, orientation or size; expected a calibrated camera", path)
     rotation = rotation_from_quaternion(quaternion)
     position = read(frame, "POSITION", 3) / 1000
+    distortion, inverse = _lens(frame, name, focal, path)
+    _refuse_fold(inverse, _radii(size, centre, aspect) / focal, name, path)
     return RigCamera(
         name=name,
         size=size,
         matrix=np.array([[focal, 0, centre[0]], [0, focal / aspect, centre[1]], [0, 0, 1]]),
-        distortion=_lens(frame, name, focal, _radii(size, centre, aspect), path),
+        distortion=distortion,
         rotation=rotation,
         translation=-rotation @ position,
+        inverse=inverse,
     )
 
 
 def _radii(size: np.ndarray, centre: np.ndarray, aspect: float) -> np.ndarray:
-    """Distances in px from the principal point to points spread evenly over the sensor, ascending."""
+    """Distances in px from the principal point to points spread evenly over the sensor."""
     x, y = np.meshgrid(np.linspace(0, size[0], 60) - centre[0], (np.linspace(0, size[1], 60) - centre[1]) * aspect)
-    return np.sort(np.hypot(x, y).ravel())
+    return np.hypot(x, y).ravel()
 
 
-def _lens(frame: Element, name: str, focal: float, radii: np.ndarray, path: Path) -> np.ndarray:
-    if frame.get("VICON_RADIAL"):
-        return forward_lens(
-            numbers(frame.get("VICON_RADIAL"), 2, f"VICON_RADIAL of camera {name}", path), name, focal, radii, path
-        )
-    text = frame.get("VICON_RADIAL2")
-    if not text:
-        return np.zeros(5)
-    k1, k2, k3 = numbers(text.replace("ViconRadial2", ""), 5, f"VICON_RADIAL2 of camera {name}", path)[2:]
-    if abs(k1) > PIXEL_COEFFICIENT:
-        return np.array([k1, k2, 0, 0, k3])
-    return forward_lens(np.array([k1, k2, k3]), name, focal, radii, path)
+def _lens(frame: Element, name: str, focal: float, path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """OpenCV's lens (5,) and Vicon's (3,), of which one at least is zero; in units of the focal length."""
+    text = frame.get("VICON_RADIAL")
+    if text:
+        terms = np.append(numbers(text, 2, f"VICON_RADIAL of camera {name}", path), 0.0)
+    elif frame.get("VICON_RADIAL2"):
+        text = frame.get("VICON_RADIAL2").replace("ViconRadial2", "")
+        terms = numbers(text, 5, f"VICON_RADIAL2 of camera {name}", path)[2:]
+        if abs(terms[0]) > PIXEL_COEFFICIENT:
+            return np.array([terms[0], terms[1], 0, 0, terms[2]]), np.zeros(3)
+    else:
+        terms = np.zeros(3)
+    return np.zeros(5), terms * focal ** np.array([2.0, 4.0, 6.0])
 
 
-def forward_lens(inverse: np.ndarray, name: str, focal: float, radii: np.ndarray, path: Path) -> np.ndarray:
-    """OpenCV's k1 k2 p1 p2 k3 (5,) for Vicon's lens: undistorted = distorted · (1 + a r² + b r⁴ + …), r in px.
-
-    `inverse` is a, b, …; least squares over the ascending `radii` px. InputError where OpenCV's model cannot follow
-    within LENS_TOLERANCE_PX. Where the lens folds back in the last corners, only what lies before the fold counts.
-    """
-    powers = 2 * np.arange(1, len(inverse) + 1)
-    straight = radii * (1 + radii[:, None] ** powers @ inverse)
-    slope = 1 + radii[:, None] ** powers @ (inverse * (powers + 1))
-    inside = int(np.argmax(slope <= 0)) if (slope <= 0).any() else len(radii)
-    if inside < len(radii) // 2:
+def _refuse_fold(inverse: np.ndarray, radii: np.ndarray, name: str, path: Path):
+    """InputError where the lens turns back before half of the sensor: then it is no lens."""
+    if inverse_lens.fold(inverse) < np.median(radii):
         raise InputError(f"camera {name} has a lens that folds the image; expected a calibrated camera", path)
-    straight, radii = straight[:inside], radii[:inside]
-    # Scaled by the reach, the columns are near one in size and the solution keeps all its digits.
-    reach = radii[-1]
-    columns = (straight[:, None] / reach) ** (3, 5, 7)
-    solution, *_ = np.linalg.lstsq(columns, (radii - straight) / reach, rcond=None)
-    error = np.sqrt(np.mean((columns @ solution * reach - (radii - straight)) ** 2))
-    if not error < LENS_TOLERANCE_PX:
-        raise InputError(
-            f"camera {name} has a lens too strong to convert (off by {error:.2g} px); expected a moderate lens", path
-        )
-    k1, k2, k3 = solution * (focal / reach) ** np.array([2, 4, 6])
-    return np.array([k1, k2, 0, 0, k3])

@@ -1,66 +1,177 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Output files that appear whole or not at all: written beside their place, then renamed."""
+"""Output files that appear whole or not at all, together, and never in the place of what they are made from.
 
+They are written beside their place, flushed to disk, then renamed. A list of what is to be renamed is on disk before
+the first is: who is killed between two renames leaves it, and the next run in that folder finishes them.
+"""
+
+import json
 import os
 import stat
-import uuid
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+import unicodedata
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from ..core.data.errors import InputError, JobError
+from .scratch import own_folder, take_away_forsaken
 
-PART, TOKEN = ".part-", 12  # how the name of a temporary begins, and how many letters tell one job's from another's
+PART = ".part-mocap-autolabel-"
+LIST = ".mocap-autolabel.json"  # in a folder of parts: what each file to be replaced was like
 
 
 @contextmanager
-def whole_file(target: Path, overwrite: bool = False) -> Iterator[Path]:
+def whole_file(target: Path, overwrite: bool = False, read: Iterable[Path] = ()) -> Iterator[Path]:
     """Gives the temporary path to write; at success the file takes its place, at failure nothing is left.
 
-    Raises InputError when `target` exists and `overwrite` is not set, or cannot be written there.
+    Raises InputError when `target` exists and `overwrite` is not set, when it is one of the files that are `read`, or
+    cannot be written there.
     """
-    with whole_files([target], overwrite) as (temporary,):
+    with whole_files([target], overwrite, read) as (temporary,):
         yield temporary
 
 
 @contextmanager
-def whole_files(targets: Sequence[Path], overwrite: bool = False) -> Iterator[list[Path]]:
-    """The same for the several files of one job: they appear together when the block ends well.
+def whole_files(targets: Sequence[Path], overwrite: bool = False, read: Iterable[Path] = ()) -> Iterator[list[Path]]:
+    """The same for the several files of one job: they appear together when the block ends well, in their order.
 
-    The temporary paths are in the order of `targets`, in the same folders, with the same suffixes. A temporary that
-    the block did not write stands for an optional file: its target does not appear. Missing folders are made.
+    The temporary paths are in the order of `targets`, in folders within the same folders, with the same names. A
+    temporary that the block did not write stands for an optional file: its target does not appear. Missing folders are
+    made.
     """
     targets = [Path(target) for target in targets]
-    for target in targets:
-        _refuse(target, overwrite)
-    token = uuid.uuid4().hex[:TOKEN]
-    temporaries = [target.with_name(f"{PART}{token}-{target.name}") for target in targets]
+    parents = dict.fromkeys(target.parent for target in targets)
+    for parent in parents:
+        finish_renaming(parent)
+    check_targets(targets, overwrite, read)
     _make_folders(targets)
-    try:
+    with ExitStack() as stack:
+        folders = {parent: stack.enter_context(own_folder(parent, PART, _unwritable)) for parent in parents}
+        temporaries = [folders[target.parent] / target.name for target in targets]
         try:
             yield temporaries
         except OSError as error:
-            raise _unwritable(error, targets[0].parent) from error
-        written = [
-            (temporary, target) for temporary, target in zip(temporaries, targets, strict=True) if temporary.exists()
-        ]
-        for _, target in written:
+            raise _of_whom(error, targets[0].parent, list(folders.values())) from error
+        pairs = [(part, target) for part, target in zip(temporaries, targets, strict=True) if part.exists()]
+        for _, target in pairs:
             _refuse(target, overwrite)
-        for temporary, target in written:
+        _appear(pairs)
+
+
+def check_targets(targets: Sequence[Path], overwrite: bool = False, read: Iterable[Path] = ()):
+    """Raises InputError where `whole_files` would, before any work."""
+    keep_apart(read, targets)
+    for target in targets:
+        _refuse(target, overwrite)
+
+
+def keep_apart(read: Iterable[Path], written: Iterable[Path]):
+    """Raises InputError where a file that is to be written is one that is read, or is written twice.
+
+    Links are followed, hard ones too, and names that differ in case are one file, as on Windows and macOS.
+    """
+    taken: dict[object, Path] = {}
+    for path in written:
+        own = _identities(path)
+        other = next((taken[identity] for identity in own if identity in taken), None)
+        if other is not None:
+            raise InputError(f"would be written twice, also as {other}; expected different files", path)
+        taken |= dict.fromkeys(own, path)
+    for path in read:
+        for identity in _identities(path):
+            if identity in taken:
+                what = "is read" if Path(path) == Path(taken[identity]) else f"is the file {path}, which is read,"
+                raise InputError(f"{what} and would be written over; expected another name or folder", taken[identity])
+
+
+def finish_renaming(folder: Path):
+    """Finishes in a folder what a killed run had begun to rename, and takes away what it left half-written."""
+    take_away_forsaken(folder, PART, _rename_rest)
+
+
+def _identities(path: Path) -> set[object]:
+    """What a path has in common with every other one of the same file."""
+    try:
+        found: set[object] = {unicodedata.normalize("NFC", os.path.realpath(path)).casefold()}
+        status = Path(path).stat()
+    except ValueError:  # no path at all
+        return set()
+    except OSError:  # nothing is there yet
+        return found
+    if status.st_ino:
+        found.add((status.st_dev, status.st_ino))
+    return found
+
+
+def _appear(pairs: Sequence[tuple[Path, Path]]):
+    """Renames parts to their targets, all or none of them as far as the system allows."""
+    for part, target in pairs:
+        try:
+            _flush(part)
+        except OSError as error:
+            raise _unwritable(error, target) from None
+    for folder in dict.fromkeys(part.parent for part, _ in pairs):
+        states = {part.name: _state(target) for part, target in pairs if part.parent == folder}
+        try:
+            (folder / LIST).write_text(json.dumps(states), encoding="utf-8")
+            _flush(folder / LIST)
+        except OSError as error:
+            raise _unwritable(error, folder.parent) from None
+        _flush_folder(folder)
+    try:
+        _rename(pairs)
+    except KeyboardInterrupt:
+        _rename(pairs)
+        raise
+    for parent in dict.fromkeys(target.parent for _, target in pairs):
+        _flush_folder(parent)
+
+
+def _rename(pairs: Sequence[tuple[Path, Path]]):
+    for part, target in pairs:
+        if part.exists():
             try:
-                temporary.replace(target)
+                part.replace(target)
             except OSError as error:
                 raise _unwritable(error, target) from None
-    finally:
-        for temporary in temporaries:
-            with suppress(OSError):  # a name that could not be written cannot be taken away either
-                temporary.unlink(missing_ok=True)
 
 
-def final_name(path: Path) -> str:
-    """The name that a file will have when it is whole: what a format that names itself should say."""
-    name = Path(path).name
-    return name[len(PART) + TOKEN + 1 :] if name.startswith(PART) else name
+def _rename_rest(folder: Path):
+    """Renames what is left in a folder of parts whose list is whole, unless its place is not as it was."""
+    try:
+        states = json.loads((folder / LIST).read_text(encoding="utf-8"))
+    except (OSError, ValueError):  # killed while it was still at work
+        return
+    for name, state in states.items():
+        part, target = folder / name, folder.parent / name
+        if part.exists() and _state(target) == state:
+            part.replace(target)
+    _flush_folder(folder.parent)
+
+
+def _state(target: Path) -> list[int] | None:
+    """What tells a file from any other that was put in its place; None where there is none."""
+    try:
+        status = target.lstat()
+    except FileNotFoundError:
+        return None
+    return [status.st_size, status.st_mtime_ns]
+
+
+def _flush(path: Path):
+    """Waits until a file is on the disk."""
+    with path.open("r+b") as file:
+        os.fsync(file.fileno())
+
+
+def _flush_folder(folder: Path):
+    """The same for the names in a folder, where the system can."""
+    with suppress(OSError):  # Windows opens no folders
+        number = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(number)
+        finally:
+            os.close(number)
 
 
 def _refuse(target: Path, overwrite: bool):
@@ -92,6 +203,14 @@ def _make_folders(targets: Sequence[Path]):
         # Told before the work, not after it.
         if not os.access(target.parent, os.W_OK | os.X_OK):
             raise InputError("is a folder that may not be written; expected a place to write", target.parent)
+
+
+def _of_whom(error: OSError, place: Path, parts: Sequence[Path]) -> JobError:
+    """The sentence for what the system says while the block runs: of the file that it names, else of the output."""
+    named = Path(os.fsdecode(error.filename)) if isinstance(error.filename, str | bytes) else None
+    if named is None or any(named.is_relative_to(folder) for folder in parts):
+        return _unwritable(error, place)
+    return JobError(f"the system says: {error.strerror or error}; expected a path that can be used", named)
 
 
 def _unwritable(error: OSError, place: Path) -> JobError:

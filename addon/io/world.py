@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Units and axes of a take whose file does not say, told from how people stand: upright, on the floor."""
+"""Units of a take whose file does not say, and the turns from worlds with another axis up."""
 
 import warnings
 
@@ -18,13 +18,6 @@ UNITS = {
     "in": 0.0254,
     "inches": 0.0254,
 }
-
-# A standing person's markers reach from the floor, or a little off it, at least this far up, m.
-FLOOR = (-0.3, 0.4)
-LEAST_HEIGHT = 0.5
-
-# How much longer than wide the points of one frame are when they can only stand that way.
-UPRIGHT = 1.3
 
 _ROTATIONS = {
     "+Z": np.eye(3),
@@ -45,20 +38,6 @@ def guess_unit(xyz: np.ndarray) -> str:
     """mm, cm or m, whichever makes the points (T, P, 3) reach as far as people and rooms do."""
     reach = float(np.median(_extent(xyz).max(axis=1), axis=0)) if np.isfinite(xyz).any() else 0.0
     return "m" if reach < 12 else "cm" if reach < 500 and _travel(xyz) < 1500 else "mm"
-
-
-def guess_up(xyz: np.ndarray, likely: str = "+Z") -> str:
-    """+Y or +Z: the axis that the points (T, P, 3) m stand along; `likely` where they do not tell."""
-    extent = _extent(xyz)
-    if not len(extent):
-        return likely
-    reach = np.median(extent, axis=0)
-    other = "+Y" if likely == "+Z" else "+Z"
-    stands, lies = (2, 1) if other == "+Z" else (1, 2)
-    values = xyz[..., stands]
-    low = float(np.percentile(values[np.isfinite(values)], 1))
-    upright = reach[stands] > UPRIGHT * reach[lies] and reach[stands] > LEAST_HEIGHT and FLOOR[0] < low < FLOOR[1]
-    return other if upright else likely
 
 
 def _extent(xyz: np.ndarray) -> np.ndarray:

@@ -1,29 +1,34 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A take of blobs from file to files, chunk by chunk: read it, step through its labelling, write what came of it."""
 
-import tempfile
 from collections import deque
 from collections.abc import Generator, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from typing import Self
 
 import numpy as np
 
-from ..blendfile import Chunks, has_blender, mesh_occlusion, open_cameras
+from ..blendfile import Chunks, has_blender, mesh_occlusion, open_cameras, refuse_long
 from ..core.body.occlusion import Occlusion
 from ..core.data.models import Model
 from ..core.data.progress import Progress
-from ..core.data.takes import STEPS, Blobs, LabelledChunk, Motion, Points
+from ..core.data.takes import STEPS, Blobs, LabelledChunk, Motion, Points, Suspect
 from ..core.geometry.cameras import Cameras
 from ..core.pipelines.blobs import BlobOptions, blob_method, label_blobs, steps_of
 from ..core.pipelines.cross_check import Agreement
+from ..core.review.odd_cameras import CameraCheck
 from ..core.review.summary import TakeSummary
 from ..io.blobs import BlobRows, read_blobs
 from ..io.labels import LabelWriter
 from ..io.models import open_model
-from .job import LabelJob, Labelled, Outcome, open_files, timed, write_take
+from ..io.scratch import scratch_folder, told_of
+from .job import LabelJob, Labelled, open_files, timed
+from .outcome import Outcome, write_take
+from .resuming import made_of, may_replace
+from .spool import append
 
 
 def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
@@ -32,36 +37,42 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
     Raises UserError with the file where it can be told.
     """
     begin = perf_counter()
-    model, cameras = open_model(job.model), _cameras(job)
-    settings, agreement = (
-        BlobOptions(job.method, job.frame_rate, job.target, job.options, _occlusion(job, model)),
-        Agreement(),
-    )
-    method, markerset = blob_method(settings), model.markerset
+    model, cameras, inputs = open_model(job.model), _cameras(job), made_of(job)
+    settings = BlobOptions(job.method, job.frame_rate, job.target, job.options, _occlusion(job, model))
+    agreement, check = Agreement(), CameraCheck(cameras)
     with ExitStack() as stack:
-        files = open_files(job, stack)
+        files = open_files(job, may_replace(job), stack)
         source = Source(job, cameras)
         work = label_blobs(source.blobs(), cameras, model, settings, agreement)
-        results = Results(job, files, markerset.markers, stack)
+        results = Results(job, files, model.markerset.markers, stack)
         clock = {"load": perf_counter() - begin, "write": 0.0}
         for chunk in work:
             row = source.taken.popleft()
             with timed(clock, "write"):
                 results.add(row, chunk)
+            check.add(row.blobs, chunk)
             yield Progress(row.fraction, f"frame {row.blobs.frames[-1]}")
         clock["load"] += source.seconds
+        with timed(clock, "label"):
+            doubts = check.suspects()
+            results.doubt(doubts)
         results.labels.file.flush()
-        facts = {
-            "method": method,
-            "occlusion": _casts(job),
-            "rate_assumed": job.rate is None,
-            "steps": results.counts(method),
-        }
-        if method == "both":
-            facts["agreement"] = agreement.as_dict()
-        made = Outcome(results.motion.points(), results.chunks, cameras, results.summary, facts)
-        report = write_take(job, files, markerset, made, clock)
+        facts = _facts(job, blob_method(settings), cameras, results, agreement)
+        facts |= {"cameras": check.of_cameras(), "camera_doubts": [doubt.reason for doubt in doubts]}
+        made = Outcome(results.motion.points(), results.chunks, cameras, results.summary, facts, inputs)
+        report = write_take(job, files, model.markerset, made, clock)
     return Labelled(report, results.chunks if job.keep else [])
+
+
+def _facts(job: LabelJob, method: str, cameras: Cameras, results: "Results", agreement: Agreement) -> dict:
+    """What the report of blobs says beside what every report says."""
+    facts = {"method": method, "occlusion": _casts(job), "rate_assumed": job.rate is None}
+    facts["steps"] = results.counts(method)
+    if method == "both":
+        facts["agreement"] = agreement.as_dict()
+    if cameras.remarks:
+        facts["calibration"] = list(cameras.remarks)
+    return facts
 
 
 def _casts(job: LabelJob) -> str:
@@ -79,7 +90,7 @@ def _occlusion(job: LabelJob, model: Model) -> Occlusion | None:
 
 
 def _cameras(job: LabelJob) -> Cameras:
-    return job.cameras if isinstance(job.cameras, Cameras) else open_cameras(job.cameras)
+    return job.cameras if isinstance(job.cameras, Cameras) else open_cameras(job.cameras, job.up)
 
 
 class Source:
@@ -114,20 +125,28 @@ class Results:
     """
 
     def __init__(self, job: LabelJob, files: dict[str, Path], markers: tuple[str, ...], stack: ExitStack):
-        self.kept = job.keep or job.blend
-        folder = tempfile.TemporaryDirectory(prefix="mocap-autolabel-", ignore_cleanup_errors=True)
-        self.motion = stack.enter_context(MotionFile(Path(stack.enter_context(folder)), markers, job.frame_rate))
+        self.blend, self.kept = job.blend, job.keep or job.blend
+        self.motion = stack.enter_context(MotionFile(stack.enter_context(scratch_folder()), markers, job.frame_rate))
         self.labels = stack.enter_context(LabelWriter(files[".labels.csv"], markers))
         self.summary = TakeSummary(markers)
         self.chunks: Chunks = []
 
     def add(self, row: BlobRows, chunk: LabelledChunk):
-        """Writes the labels and keeps what the end needs."""
+        """Writes the labels and keeps what the end needs; JobError once a `.blend` is wanted that cannot be."""
         self.labels.write(row.keys, chunk.labels)
         self.motion.append(chunk.motion)
+        if self.blend:
+            refuse_long(self.motion.first_frame, int(row.blobs.frames[-1]))
         self.summary.add(chunk)
         if self.kept:
             self.chunks.append((row.blobs, chunk))
+
+    def doubt(self, suspects: tuple[Suspect, ...]):
+        """Adds what was noticed at the end of the take."""
+        self.summary.suspects += suspects
+        if self.chunks:
+            blobs, last = self.chunks[-1]
+            self.chunks[-1] = (blobs, replace(last, suspects=(*last.suspects, *suspects)))
 
     def counts(self, method: str) -> dict[str, int]:
         """How many labels came about by each step that the method has."""
@@ -138,29 +157,30 @@ class MotionFile:
     """The markers of a take on disk while it is labelled; use it as a context manager."""
 
     def __init__(self, folder: Path, names: tuple[str, ...], rate: float):
-        self.names, self.rate, self.first_frame = names, rate, None
+        self.folder, self.names, self.rate, self.first_frame = folder, names, rate, None
         self.paths = [folder / "xyz", folder / "residual"]
         self.files = []
 
     def __enter__(self) -> Self:
-        self.files = [path.open("w+b") for path in self.paths]
+        with told_of(self.folder):
+            self.files = [path.open("w+b") for path in self.paths]
         return self
 
     def __exit__(self, *_):
         for file in self.files:
-            file.close()
+            with suppress(OSError):  # of a full disk, which was told
+                file.close()
 
     def append(self, motion: Motion):
         """Adds the frames of the next chunk."""
         if self.first_frame is None:
             self.first_frame = int(motion.frames[0])
-        for file, part in zip(self.files, (motion.markers, motion.residual), strict=True):
-            part.astype(np.float32).tofile(file)
+        with told_of(self.folder):
+            for file, part in zip(self.files, (motion.markers, motion.residual), strict=True):
+                append(file, part.astype(np.float32))
 
     def points(self) -> Points:
         """All frames, read from disk where they are looked at."""
-        for file in self.files:
-            file.flush()
         residual = np.memmap(self.paths[1], np.float32, "r").reshape(-1, len(self.names))
         xyz = np.memmap(self.paths[0], np.float32, "r").reshape(*residual.shape, 3)
         return Points(self.names, xyz, residual, self.rate, self.first_frame)

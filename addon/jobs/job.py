@@ -7,22 +7,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 
-from ..blendfile import Chunks, save_blend
+from ..blendfile import Chunks
 from ..core.blobs.pipeline import Options
 from ..core.blobs.search import Hints
 from ..core.body.occlusion import Occlusion
-from ..core.data.markersets import MarkerSet
-from ..core.data.takes import PointRows, Points
 from ..core.geometry.cameras import Cameras
 from ..core.pipelines.points import USUAL_TARGET
-from ..core.review.summary import TakeSummary
-from ..io.labels import write_point_labels
-from ..io.points import write_c3d, write_trc
-from ..io.report import take_report, write_report
+from ..io.cameras import calibration_files
+from ..io.markersets import markerset_file
 from ..io.whole import whole_files
-from ..version import version
 
 USUAL_RATE = 100.0
+REPORT = ".report.json"  # the last of a take's files to appear: where it is the others are
 # Rays cast at meshes, which takes Blender, or the closed form for capsules; "auto" is the first where Blender is here.
 OCCLUSIONS = ("auto", "bvh", "capsules")
 
@@ -35,14 +31,17 @@ class LabelJob:
     cameras   the calibration, a file or what was read of one; None for points
     model     a built-in model's name or the path of one
     frames    first and last frame to label, both included, None for the take's own
+    up        the axis that points up in the files that are read, None for what they say or tell
     method    how names are found: one of METHODS
-    rate      frames a second, None where nobody knows: then USUAL_RATE, and the report says that it was assumed
+    rate      frames a second, None where nobody knows: then USUAL_RATE, and the report says that it was assumed; of
+              points only for files that say none
     target    the part of the labels of points that must be right; what is less sure is left unnamed
     height    the subject's height, m, and facing, rad, where known
     occlusion one of OCCLUSIONS: what asks whether the body hides a marker of blobs
     body      meshes of the user's own for that; None for those of the marker set's capsules
     trc       write STEM.trc too
     blend     save STEM.blend too; needs Blender
+    resume    go on with what a run of the same job left, and put its own files in their places again
     keep      give the labelled chunks back as well: memory then grows with the take
     """
 
@@ -51,6 +50,7 @@ class LabelJob:
     model: str
     out: Path
     frames: tuple[int | None, int | None] | None = None
+    up: str | None = None
     method: str = "auto"
     target: float = USUAL_TARGET
     rate: float | None = None
@@ -61,6 +61,7 @@ class LabelJob:
     trc: bool = False
     blend: bool = False
     overwrite: bool = False
+    resume: bool = False
     keep: bool = False
 
     @property
@@ -77,6 +78,23 @@ class LabelJob:
         """The file of this take with an ending such as `.c3d`."""
         return self.out / (self.source.stem + ending)
 
+    @property
+    def endings(self) -> list[str]:
+        """Those of all files that the job writes, in the order in which they appear."""
+        more = [ending for ending, wanted in ((".trc", self.trc), (".blend", self.blend)) if wanted]
+        return [".labels.csv", ".c3d", *more, REPORT]
+
+    @property
+    def written(self) -> list[Path]:
+        """The files that the job writes."""
+        return [self.path(ending) for ending in self.endings]
+
+    @property
+    def read(self) -> list[Path]:
+        """The files that the job reads; InputError where a calibration lacks one."""
+        cameras = calibration_files(self.cameras) if isinstance(self.cameras, Path) else []
+        return [self.source, markerset_file(self.model), *cameras]
+
 
 @dataclass(frozen=True, eq=False)
 class Labelled:
@@ -86,54 +104,10 @@ class Labelled:
     chunks: Chunks
 
 
-def open_files(job: LabelJob, stack: ExitStack) -> dict[str, Path]:
+def open_files(job: LabelJob, overwrite: bool, stack: ExitStack) -> dict[str, Path]:
     """Temporaries of all files that the job writes, by ending; they take their places when `stack` ends well."""
-    endings = [".labels.csv", ".c3d", ".report.json"]
-    endings += [ending for ending, wanted in ((".trc", job.trc), (".blend", job.blend)) if wanted]
-    parts = stack.enter_context(whole_files([job.path(ending) for ending in endings], job.overwrite))
-    return dict(zip(endings, parts, strict=True))
-
-
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """What the labelling made of a take, to be written.
-
-    points   the markers in space, then what stays unnamed of points
-    chunks   rows and what is said of them; of blobs only where the job keeps them
-    cameras  that saw it; none for points
-    summary  for the report, and `facts` that only some reports say
-    """
-
-    points: Points
-    chunks: Chunks
-    cameras: Cameras
-    summary: TakeSummary
-    facts: dict
-
-
-def write_take(job: LabelJob, files: dict[str, Path], markerset: MarkerSet, made: Outcome, clock: dict) -> dict:
-    """Writes all files of a take but the labels of blobs, which are written chunk by chunk; gives the report."""
-    rate = made.points.rate
-    with timed(clock, "write"):
-        for rows, chunk in made.chunks:
-            if isinstance(rows, PointRows):
-                write_point_labels(files[".labels.csv"], rows, chunk.labels, markerset.markers)
-        write_c3d(files[".c3d"], made.points)
-        if job.trc:
-            write_trc(files[".trc"], made.points)
-        if job.blend:
-            save_blend(files[".blend"], job.source, rate, markerset, made.chunks, made.cameras)
-    report = take_report(made.summary, job.source.stem, markerset.name, rate, version(), clock)
-    report |= renumbered(made.points) | made.facts
-    if "points" in report:
-        del report["blobs"]
-    write_report(files[".report.json"], report)
-    return report
-
-
-def renumbered(points: Points) -> dict:
-    """What a report says where a C3D file cannot number frames as the source does: it has no room for a sign."""
-    return {"c3d_first_frame": 0} if points.first_frame < 0 else {}
+    parts = stack.enter_context(whole_files(job.written, overwrite, job.read))
+    return dict(zip(job.endings, parts, strict=True))
 
 
 @contextmanager

@@ -7,8 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..blendfile import refuse_long
+from ..core.data.errors import InputError
 from ..core.data.progress import Progress
-from ..core.data.takes import STEPS, Labels, PointRows
+from ..core.data.takes import LARGEST_FRAME, STEPS, Labels, PointRows
 from ..core.geometry.cameras import NO_CAMERAS
 from ..core.pipelines.points import PointOptions, label_points
 from ..core.points.motion import labelled_points
@@ -16,9 +18,9 @@ from ..core.points.naming import chosen_method
 from ..core.review.summary import TakeSummary
 from ..io.models import open_model
 from ..io.points import FilePoints, read_points
-from .job import LabelJob, Labelled, Outcome, open_files, timed, write_take
-
-WRITING = 0.9  # how far along the work is when writing begins
+from .job import LabelJob, Labelled, open_files, timed
+from .outcome import Outcome, write_take
+from .resuming import made_of, may_replace
 
 
 def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
@@ -28,20 +30,30 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
     """
     clock: dict[str, float] = {}
     with ExitStack() as stack:
-        files = open_files(job, stack)
+        files = open_files(job, may_replace(job), stack)
         with timed(clock, "load"):
-            model, take = open_model(job.model), read_points(job.source, frames=job.frames)
+            inputs = made_of(job)  # before they are read
+            model, take = open_model(job.model), read_points(job.source, frames=job.frames, up=job.up, rate=job.rate)
+            _refuse_far(take, job)
             options = PointOptions(chosen_method(model, job.method), job.target, job.options)
         labelled = yield from label_points(take, model, options)
-        yield Progress(WRITING, "write")
         rows, markerset = PointRows.of(take), model.markerset
         chunk = replace(labelled, labels=labelled.labels[np.nonzero(take.present)])
         summary = TakeSummary(markerset.markers)
         summary.add(chunk)
         points, facts = labelled_points(take, labelled, markerset), _facts(take, chunk.labels, options)
-        made = Outcome(points, [(rows, chunk)], NO_CAMERAS, summary, facts)
+        made = Outcome(points, [(rows, chunk)], NO_CAMERAS, summary, facts, inputs)
         report = write_take(job, files, markerset, made, clock)
     return Labelled(report, made.chunks if job.keep else [])
+
+
+def _refuse_far(take: FilePoints, job: LabelJob):
+    """Raises InputError or JobError where frame numbers go on beyond what is written."""
+    last = take.first_frame + len(take.xyz) - 1
+    if last > LARGEST_FRAME:
+        raise InputError(f"goes on to frame {last}; expected frame numbers up to {LARGEST_FRAME}", job.source)
+    if job.blend:
+        refuse_long(take.first_frame, last)
 
 
 def _facts(take: FilePoints, given: Labels, options: PointOptions) -> dict:
@@ -49,6 +61,8 @@ def _facts(take: FilePoints, given: Labels, options: PointOptions) -> dict:
     steps = np.bincount(given.step, minlength=len(STEPS))
     facts = {"unit_assumed": take.assumed} if take.assumed else {}
     return facts | {
+        "up_axis": take.up,
+        "notes": list(take.notes),
         "points": len(given.marker),
         "trajectories": take.xyz.shape[1],
         "method": options.method,

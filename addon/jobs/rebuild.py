@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Unnamed 3D points from a file of unnamed blobs, as a `.c3d` or `.trc`; memory does not grow with the take."""
 
-import tempfile
 from collections import deque
 from collections.abc import Generator, Iterator
 from contextlib import ExitStack
@@ -18,9 +17,12 @@ from ..core.data.progress import Progress
 from ..core.data.takes import Blobs
 from ..core.reconstruction.trajectories import reconstruct_take
 from ..io.blobs import BlobRows, read_blobs
+from ..io.cameras import calibration_files
 from ..io.points import write_c3d, write_trc
+from ..io.scratch import scratch_folder
 from ..io.whole import whole_file
-from .job import USUAL_RATE, renumbered
+from .job import USUAL_RATE
+from .outcome import renumbered
 from .spool import TrajectoryFile
 
 WRITERS = {".c3d": write_c3d, ".trc": write_trc}
@@ -35,6 +37,7 @@ class RebuildJob:
     out      the file to write, `.c3d` or `.trc`
     frames   first and last frame, both included, None for the take's own
     rate     frames a second, None where nobody knows
+    up       the axis that points up in the calibration, None for what it says or tells
     """
 
     source: Path
@@ -43,6 +46,7 @@ class RebuildJob:
     frames: tuple[int | None, int | None] | None = None
     rate: float | None = None
     overwrite: bool = False
+    up: str | None = None
 
 
 def rebuild_file(job: RebuildJob) -> Generator[Progress, None, dict]:
@@ -54,13 +58,12 @@ def rebuild_file(job: RebuildJob) -> Generator[Progress, None, dict]:
     write = WRITERS.get(job.out.suffix.lower())
     if write is None:
         raise InputError("is no file of 3D points; expected a name that ends in .c3d or .trc", job.out)
-    cameras = open_cameras(job.cameras)
+    cameras = open_cameras(job.cameras, job.up)
     rate = USUAL_RATE if job.rate is None else job.rate
     tally = _Tally()
     with ExitStack() as stack:
-        target = stack.enter_context(whole_file(job.out, job.overwrite))
-        folder = tempfile.TemporaryDirectory(prefix="mocap-autolabel-", ignore_cleanup_errors=True)
-        spool = stack.enter_context(TrajectoryFile(Path(stack.enter_context(folder)), rate))
+        target = stack.enter_context(whole_file(job.out, job.overwrite, [job.source, *calibration_files(job.cameras)]))
+        spool = stack.enter_context(TrajectoryFile(stack.enter_context(scratch_folder()), rate))
         stack.enter_context(threadpool_limits(1, user_api="blas"))
         taken: deque[BlobRows] = deque()
         for part in reconstruct_take(_noted(read_blobs(job.source, cameras, job.frames), taken), cameras, rate):
@@ -81,6 +84,7 @@ def rebuild_file(job: RebuildJob) -> Generator[Progress, None, dict]:
         "frames": len(spool.counts),
         "trajectories": len(points.names),
         **tally.as_dict(),
+        **({"calibration": list(cameras.remarks)} if cameras.remarks else {}),
         **(renumbered(points) if write is write_c3d else {}),
         "seconds": round(perf_counter() - begin, 3),
     }

@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Trajectories on disk while a take is worked on, and as the columns of a file in the end."""
 
+from contextlib import suppress
 from pathlib import Path
-from typing import Self
+from typing import IO, Self
 
 import numpy as np
 
 from ..core.data.takes import Points
 from ..core.reconstruction.trajectories import SHORTEST, Reconstructed
+from ..io.scratch import told_of
 
 MOST_COLUMNS = 255  # beyond this, trajectories that are far apart in time share a column
 REST = 1.0  # s between two trajectories of one column
@@ -19,16 +21,18 @@ class TrajectoryFile:
     """The points of a take, row after row in a scratch file; use it as a context manager."""
 
     def __init__(self, folder: Path, rate: float):
-        self.path, self.rate, self.first_frame = folder / "trajectories", rate, 0
+        self.folder, self.path, self.rate, self.first_frame = folder, folder / "trajectories", rate, 0
         self.counts: list[int] = []
         self.spans = np.zeros((0, 3), np.int64)
 
     def __enter__(self) -> Self:
-        self.file = self.path.open("w+b")
+        with told_of(self.folder):
+            self.file = self.path.open("w+b")
         return self
 
     def __exit__(self, *_: object):
-        self.file.close()
+        with suppress(OSError):  # of a full disk, which was told
+            self.file.close()
 
     def append(self, part: Reconstructed):
         """Adds the frames of the next chunk."""
@@ -37,7 +41,8 @@ class TrajectoryFile:
         self._note(part.trajectory, len(self.counts) + part.frame)
         rows = np.empty(len(part.points), ROW)
         rows["trajectory"], rows["xyz"], rows["residual"] = part.trajectory, part.points, part.residual
-        rows.tofile(self.file)
+        with told_of(self.folder):
+            append(self.file, rows)
         self.counts += np.bincount(part.frame, minlength=len(part.frames)).tolist()
 
     def _note(self, trajectory: np.ndarray, frame: np.ndarray):
@@ -54,7 +59,6 @@ class TrajectoryFile:
 
         Trajectories shorter than SHORTEST are left out.
         """
-        self.file.flush()
         column = self._columns()
         width = int(column.max(initial=-1)) + 1
         rows = np.memmap(self.path, ROW, "r") if sum(self.counts) else np.zeros(0, ROW)
@@ -79,6 +83,12 @@ class TrajectoryFile:
             columns[index] = int(np.argmax(ends + rest < first))
             ends[columns[index]] = last
         return columns
+
+
+def append(file: IO, rows: np.ndarray):
+    """Writes an array to the end of an open file and sees that it got there, which `ndarray.tofile` does not."""
+    file.write(np.ascontiguousarray(rows).data)
+    file.flush()
 
 
 class _Columns:

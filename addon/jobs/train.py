@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A model from labelled takes: marker set, skeleton, body, evidence and ensemble, in one file."""
 
-import json
-from collections.abc import Generator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Generator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
 
@@ -12,6 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from ..core.body.bodies import BodyModel
 from ..core.body.posing import fit_points
+from ..core.data.background import in_background, within
 from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet
 from ..core.data.models import Model, TrainingTake, by_subject
@@ -21,13 +21,15 @@ from ..core.points.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS, Part
 from ..core.points.partial_solvers.training import SEARCHES, Training, training
 from ..core.training.segments import segment_markerset
 from ..core.training.transfer import dressed, known_body
-from ..io.markersets import SUFFIX, builtin_markersets, open_markerset
+from ..io.markersets import SUFFIX, builtin_markersets, markerset_file, open_markerset
 from ..io.models import open_model, write_model
-from ..io.whole import whole_files
+from ..io.names import written
+from ..io.report import compact
+from ..io.whole import keep_apart, whole_files
 from ..version import version
-from .background import in_background
 from .job import timed
 from .training_takes import (
+    Known,
     Take,
     chosen_markers,
     contradicted,
@@ -62,6 +64,7 @@ class TrainJob:
     base      a model to train on, with what it keeps of its own takes; None for a new one
     keep      keep frames of the takes in the model, so that it can be trained on
     report    a file for what the training has to say, None for none
+    known     of takes by their path, what is known better than from the file
     """
 
     takes: tuple[Path, ...]
@@ -76,6 +79,7 @@ class TrainJob:
     keep: bool = True
     report: Path | None = None
     overwrite: bool = False
+    known: Mapping[Path, Known] = field(default_factory=dict)
 
 
 def train_file(job: TrainJob) -> Generator[Progress, None, dict]:
@@ -85,11 +89,14 @@ def train_file(job: TrainJob) -> Generator[Progress, None, dict]:
     """
     clock: dict[str, float] = {}
     targets = [job.out, *([job.report] if job.report else [])]
-    with whole_files(targets, job.overwrite) as files, threadpool_limits(1, user_api="blas"):
+    # A model may be trained on in its own place; all else that is read stays.
+    if job.base and job.report:
+        keep_apart([markerset_file(job.base)], [job.report])
+    with whole_files(targets, job.overwrite, job.takes) as files, threadpool_limits(1, user_api="blas"):
         yield Progress(SHARES["read"], "read the takes")
         with timed(clock, "read"):
             base = _base(job)
-            takes = read_takes(job.takes, job.subjects)
+            takes = read_takes(job.takes, job.subjects, job.known)
             markers = chosen_markers(takes, job.markers, base.markerset.markers if base else ())
             subjects = gathered(takes, markers)
             before = of_markers(base.training_takes, base.markerset.markers, markers) if base else []
@@ -100,8 +107,7 @@ def train_file(job: TrainJob) -> Generator[Progress, None, dict]:
             doubts += contradicted(takes, markers, before)
         yield Progress(SHARES["body"], "find the body")
         with timed(clock, "body"):
-            name = job.name or (base.markerset.name if base else job.out.name.removesuffix(SUFFIX).partition(".")[0])
-            markerset, kind = _body(everyone, markers, name)
+            markerset, kind = _body(everyone, markers, _name(job, base))
             residual = _body_residual(markerset, everyone)
         likelihood = yield from _likelihood(everyone, markers, clock)
         partial_solvers = yield from _partial_solvers(job, everyone, markers, clock)
@@ -138,6 +144,12 @@ def _everyone(before: Sequence[TrainingTake], subjects: dict[str, np.ndarray]) -
     return whole
 
 
+def _name(job: TrainJob, base: Model | None) -> str:
+    """The model's name, such that its file can be read: never blank, and of letters that files hold."""
+    name = job.name or (base.markerset.name if base else job.out.name.removesuffix(SUFFIX).partition(".")[0])
+    return written(name).strip() or "model"
+
+
 def _body(everyone: dict[str, np.ndarray], markers: Sequence[str], name: str) -> tuple[MarkerSet, str]:
     """Skeleton and body, and how they were found."""
     known = known_body(markers, [open_markerset(name) for name in builtin_markersets()])
@@ -171,15 +183,10 @@ def _body_residual(markerset: MarkerSet, everyone: dict[str, np.ndarray]) -> np.
 def _likelihood(everyone, markers, clock) -> Generator[Progress, None, Likelihood]:
     begin = perf_counter()
     takes = [(points, subject) for subject, points in everyone.items()]
-    span = SHARES["ensemble"] - SHARES["evidence"]
     work = in_background(lambda tell: learn_likelihood(takes, markers, progress=tell))
-    while True:
-        try:
-            share = next(work)
-        except StopIteration as end:
-            clock["evidence"] = perf_counter() - begin
-            return end.value
-        yield Progress(SHARES["evidence"] + span * share, "learn the evidence")
+    likelihood = yield from within(work, SHARES["evidence"], SHARES["ensemble"], "learn the evidence")
+    clock["evidence"] = perf_counter() - begin
+    return likelihood
 
 
 def _partial_solvers(job: TrainJob, everyone, markers, clock) -> Generator[Progress, None, PartialSolvers | None]:
@@ -279,5 +286,5 @@ def _doubts(
 
 def write_training_report(path: Path, report: dict):
     """Writes the report as JSON, a part a line."""
-    rows = ",\n".join(f"  {json.dumps(key)}: {json.dumps(value, ensure_ascii=False)}" for key, value in report.items())
+    rows = ",\n".join(f"  {compact(key)}: {compact(value)}" for key, value in report.items())
     Path(path).write_text(f"{{\n{rows}\n}}\n", encoding="utf-8", newline="\n")

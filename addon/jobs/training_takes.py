@@ -2,7 +2,7 @@
 """Labelled takes as lessons for a model: which markers, whose, and whether they can be learned from together."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -12,7 +12,7 @@ import numpy as np
 from ..core.data.errors import InputError, UserError
 from ..core.data.models import TrainingTake, by_subject
 from ..core.training.contradictions import contradictions, leads
-from ..io.markersets import can_be_named
+from ..io.names import can_be_named, written
 from ..io.points import FilePoints, marker_columns, read_points
 
 FEWEST = 4  # markers that can be told apart at all
@@ -23,6 +23,14 @@ LOOKED_AT = 4000  # of which those are chosen
 COMPARED = 9  # frames of an earlier take that are looked for in the one that may take its place
 CELL = 0.002  # m, by which points are the same
 CELLS = 1 << 20  # of that size along each axis
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known of a take better than from its file: the axis that points up, and the rate where it says none."""
+
+    up: str | None = None
+    rate: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,14 +44,16 @@ class Take:
     doubts: tuple[str, ...]
 
 
-def read_takes(paths: Sequence[Path], subjects: Sequence[tuple[str, str]]) -> list[Take]:
+def read_takes(
+    paths: Sequence[Path], subjects: Sequence[tuple[str, str]], known: Mapping[Path, Known] | None = None
+) -> list[Take]:
     """The labelled takes, each with its subject: the first of `subjects` (id, glob) that its path suits, or its folder.
 
-    Folders of one name are one subject.
+    Folders of one name are one subject. `known` is what is known better of a take than from its file.
 
     Raises InputError with the file where one cannot be learned from.
     """
-    takes = [_read(path, subjects) for path in paths]
+    takes = [_read(path, subjects, (known or {}).get(path, Known())) for path in paths]
     unused = [glob for _, glob in subjects if not any(_suits(path, glob) for path in paths)]
     if unused:
         raise InputError(f"no take suits the subject {unused[0]!r}; expected a pattern such as '*/ann_*.c3d'")
@@ -59,9 +69,9 @@ def read_takes(paths: Sequence[Path], subjects: Sequence[tuple[str, str]]) -> li
     return takes
 
 
-def _read(path: Path, subjects: Sequence[tuple[str, str]]) -> Take:
+def _read(path: Path, subjects: Sequence[tuple[str, str]], known: Known) -> Take:
     try:
-        points = read_points(path)
+        points = read_points(path, up=known.up, rate=known.rate)
         names, xyz, doubled = _named(points)
     except UserError as error:
         raise error if error.file else type(error)(error.message, path) from None
@@ -76,7 +86,8 @@ def _read(path: Path, subjects: Sequence[tuple[str, str]]) -> Take:
     doubts = [f"{path.name} has the label {name} twice, so it was left out there" for name in doubled]
     if points.assumed:
         doubts.append(f"{path.name} names no unit, so it was taken to be in {points.assumed}")
-    return Take(path, subject, names, xyz, tuple(doubts))
+    doubts += [f"{path.name}: {note}" for note in points.notes]
+    return Take(path, written(subject), names, xyz, tuple(doubts))
 
 
 def _suits(path: Path, glob: str) -> bool:
@@ -209,7 +220,7 @@ def training_takes_of(takes: Sequence[Take], markers: Sequence[str]) -> list[Tra
         points, ends = np.concatenate(parts), np.cumsum([len(part) for part in parts])
         chosen = most_different(points)
         for take, part, rows in zip(own, parts, np.split(chosen, np.searchsorted(chosen, ends[:-1])), strict=True):
-            kept.append(TrainingTake(subject, (take.path.name,), len(part), points[rows].astype(np.float32)))
+            kept.append(TrainingTake(subject, (written(take.path.name),), len(part), points[rows].astype(np.float32)))
     return kept
 
 
@@ -223,7 +234,9 @@ def without_replaced(
     left, gone, doubts = [], [], []
     for training_take in before:
         again = [
-            take for take in takes if (take.subject, (take.path.name,)) == (training_take.subject, training_take.takes)
+            take
+            for take in takes
+            if (take.subject, (written(take.path.name),)) == (training_take.subject, training_take.takes)
         ]
         if any(_same_points(training_take.points, take.xyz) for take in again):
             gone.append(training_take)

@@ -46,10 +46,17 @@ class ExportsTake(ExportHelper):
         stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
         path = Path(self.filepath)
         # Blender's own file browser has asked already whether to overwrite.
-        with whole_file(path, overwrite=True) as temporary:
+        with whole_file(path, overwrite=True, read=read_by(context, stored)) as temporary:
             self.write(temporary, stored)
         self.report({"INFO"}, f"Saved {path}")
         return {"FINISHED"}
+
+
+def read_by(context: bpy.types.Context, stored: Stored) -> list[Path]:
+    """The files that the take and the scene come from, which no export may replace."""
+    settings = context.scene.mocap_autolabel
+    named = [stored.source, settings.blobs_path, settings.points_path, settings.markerset_path, bpy.data.filepath]
+    return [Path(bpy.path.abspath(name)) for name in named if name]
 
 
 class MOCAP_AUTOLABEL_OT_export_labels(ExportsTake, bpy.types.Operator):

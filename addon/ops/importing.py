@@ -5,10 +5,11 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-from bpy.props import StringProperty
+from bpy.props import EnumProperty, FloatProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ..core.data.errors import InputError
+from ..core.geometry.camera_up import AXES
 from ..io.blobs import read_blobs
 from ..io.cameras import read_cameras
 from ..io.points import holds_points, read_points
@@ -20,6 +21,9 @@ from ..scene.take import frame_shift, join_blobs, set_time
 from .reporting import reports_trouble
 
 BLOBS, POINTS = "*.csv", "*.c3d;*.trc;*.csv"
+UP_ITEMS = [("AUTO", "As the File Says", "Or, where it does not say, as what is in it tells")] + [
+    (axis, axis.upper(), f"{axis.upper()} points up in the file") for axis in AXES
+]
 CALIBRATIONS = ".toml;.xcp;.txt;.xml;.qca;.mcal;.yml;.yaml;.cal;.rad;.blend"
 
 
@@ -51,13 +55,17 @@ class MOCAP_AUTOLABEL_OT_import_cameras(ImportsFile, bpy.types.Operator):
     filter_glob: StringProperty(
         default=";".join(f"*{suffix}" for suffix in CALIBRATIONS.split(";")), options={"HIDDEN"}, maxlen=255
     )
+    up: EnumProperty(
+        name="Up", description="The axis that points up in the calibration", items=UP_ITEMS, options={"SKIP_SAVE"}
+    )
 
     def take_in(self, context, path: Path) -> str:
         """Adds the cameras, or finds those that are there."""
-        cameras = read_cameras(path, read_blend=scene_cameras.cameras_of_blend)
+        up = None if self.up == "AUTO" else self.up
+        cameras = read_cameras(path, read_blend=scene_cameras.cameras_of_blend, up=up)
         collection = scene_cameras.find_or_add_cameras(context.scene, cameras)
         context.scene.mocap_autolabel.cameras = collection
-        return f"{len(cameras)} cameras: {', '.join(cameras.names)}"
+        return "; ".join([f"{len(cameras)} cameras: {', '.join(cameras.names)}", *cameras.remarks])
 
 
 class MOCAP_AUTOLABEL_OT_use_cameras(bpy.types.Operator):
@@ -103,7 +111,27 @@ class MOCAP_AUTOLABEL_OT_import_blobs(ImportsFile, bpy.types.Operator):
         return take_blobs(context, path)
 
 
-class MOCAP_AUTOLABEL_OT_import_points(ImportsFile, bpy.types.Operator):
+class ReadsPoints:
+    """What is asked of whoever reads 3D points: what is known of them better than from their file."""
+
+    up: EnumProperty(
+        name="Up", description="The axis that points up in the 3D points", items=UP_ITEMS, options={"SKIP_SAVE"}
+    )
+    rate: FloatProperty(
+        name="Rate",
+        description="Frames a second of 3D points whose file says none; 0 where it does",
+        min=0.0,
+        max=100_000.0,
+        options={"SKIP_SAVE"},
+    )
+
+    @property
+    def known_up(self) -> str | None:
+        """The axis that was chosen, None for what the file says or tells."""
+        return None if self.up == UP_ITEMS[0][0] else self.up
+
+
+class MOCAP_AUTOLABEL_OT_import_points(ReadsPoints, ImportsFile, bpy.types.Operator):
     """Choose a take of 3D points to label, C3D, TRC or Motive CSV, and see its points. Needs no cameras."""
 
     bl_idname = "mocap_autolabel.import_points"
@@ -112,10 +140,10 @@ class MOCAP_AUTOLABEL_OT_import_points(ImportsFile, bpy.types.Operator):
 
     def take_in(self, context, path: Path) -> str:
         """Takes points only."""
-        return take_points(context, path)
+        return take_points(context, path, self.known_up, self.rate)
 
 
-class MOCAP_AUTOLABEL_OT_import_take(ImportsFile, bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_import_take(ReadsPoints, ImportsFile, bpy.types.Operator):
     """Read a take to label, whether it holds blobs or 3D points."""
 
     bl_idname = "mocap_autolabel.import_take"
@@ -124,7 +152,9 @@ class MOCAP_AUTOLABEL_OT_import_take(ImportsFile, bpy.types.Operator):
 
     def take_in(self, context, path: Path) -> str:
         """Takes either, as the file holds it."""
-        return take_points(context, path) if holds_points(path) else take_blobs(context, path)
+        if holds_points(path):
+            return take_points(context, path, self.known_up, self.rate)
+        return take_blobs(context, path)
 
 
 def take_blobs(context: bpy.types.Context, path: Path) -> str:
@@ -141,15 +171,19 @@ def take_blobs(context: bpy.types.Context, path: Path) -> str:
     return f"{len(blobs)} blobs in {len(blobs.frames)} frames"
 
 
-def take_points(context: bpy.types.Context, path: Path) -> str:
-    """Makes a file of 3D points the scene's take and says what is in it; InputError where it cannot be used."""
-    settings, take = context.scene.mocap_autolabel, read_points(path)
+def take_points(context: bpy.types.Context, path: Path, up: str | None = None, rate: float = 0.0) -> str:
+    """Makes a file of 3D points the scene's take and says what is in it; InputError where it cannot be used.
+
+    `up` is the axis that points up in it where the user knows, `rate` is used where the file says none.
+    """
+    settings, take = context.scene.mocap_autolabel, read_points(path, up=up, rate=rate or None)
     _forget_take(context)
     settings.preview = show_points(context.scene, path.stem, take)
     settings.points_path, settings.blob_count = str(path), len(settings.preview.vertices)
+    settings.points_up = up or ""
     settings.trajectories, settings.rate = len(take.names), take.rate
     _set_frames(context, take.first_frame + np.arange(len(take.xyz)))
-    return f"{settings.trajectories} trajectories in {len(take.xyz)} frames"
+    return "; ".join([f"{settings.trajectories} trajectories in {len(take.xyz)} frames", *take.notes])
 
 
 def _forget_take(context: bpy.types.Context):

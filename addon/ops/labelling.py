@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The one button: names blobs or points by the command line's own job, and shows the take when all of it is done."""
 
-import tempfile
 from collections.abc import Callable, Generator
 from dataclasses import replace
 from pathlib import Path
@@ -9,12 +8,14 @@ from pathlib import Path
 import bpy
 
 from ..core.body.occlusion import Occlusion
+from ..core.data.background import drained, in_background
 from ..core.data.errors import InputError, UserError
 from ..core.data.takes import Blobs
 from ..core.geometry.cameras import NO_CAMERAS
 from ..io.markersets import open_markerset
+from ..io.names import written
+from ..io.scratch import scratch_folder
 from ..jobs import LabelJob, Labelled, label_file
-from ..jobs.background import drained, in_background
 from ..props import SceneSettings, chosen_model, frames_wanted, refresh_review, take_name
 from ..scene import cameras as scene_cameras
 from ..scene.occlusion import meshes_on, occlusion_of
@@ -38,7 +39,8 @@ def job_of(context: bpy.types.Context) -> LabelJob:
         frames=frames_wanted(settings),
         method=settings.method,
         target=settings.target,
-        rate=None if points else settings.rate,
+        up=settings.points_up or None if points else None,
+        rate=settings.rate,
         height=settings.height if settings.use_height else None,
         facing=settings.facing if settings.use_facing else None,
         occlusion=settings.occlusion,
@@ -65,8 +67,8 @@ def label_steps(job: LabelJob, name: str) -> Generator[float, None, Take]:
 
 def _label(job: LabelJob, name: str, tell: Callable[[float], None]) -> Take:
     try:
-        with tempfile.TemporaryDirectory(prefix="mocap-autolabel-", ignore_cleanup_errors=True) as folder:
-            labelled = drained(label_file(replace(job, out=Path(folder))), tell)
+        with scratch_folder() as folder:
+            labelled = drained(label_file(replace(job, out=folder)), tell)
         return _take_of(labelled, job, name)
     except UserError as error:
         raise error if error.file else type(error)(error.message, job.source) from error
@@ -78,7 +80,9 @@ def _take_of(labelled: Labelled, job: LabelJob, name: str) -> Take:
     rows = join_rows([rows for rows, _ in labelled.chunks])
     cameras = job.cameras or NO_CAMERAS
     markerset, rate = open_markerset(job.model), labelled.report["rate"]
-    return Take(name, rate, cameras, markerset, rows, labels, motion, suspects, str(job.source))
+    doubts = tuple(labelled.report.get("camera_doubts", ()))
+    source = written(str(job.source))
+    return Take(name, rate, cameras, markerset, rows, labels, motion, suspects, source, doubts)
 
 
 class MOCAP_AUTOLABEL_OT_label(WorksInSteps, bpy.types.Operator):
@@ -113,6 +117,8 @@ class MOCAP_AUTOLABEL_OT_label(WorksInSteps, bpy.types.Operator):
         settings = context.scene.mocap_autolabel
         settings.take = show_take(context, take, settings.keep_unnamed)
         refresh_review(context.window_manager, context.scene)
+        for words in take.doubts:
+            self.report({"WARNING"}, words)
         things = "blobs" if isinstance(take.rows, Blobs) else "points"
         named, frames = int(take.labels.named.sum()), len(take.motion.frames)
         self.report({"INFO"}, f"{named} of {len(take.rows)} {things} named in {frames} frames")

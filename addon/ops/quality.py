@@ -6,9 +6,9 @@ from collections.abc import Generator
 import bpy
 from bpy.props import IntProperty
 
+from ..core.data.background import drained, in_background
 from ..io.models import open_model
 from ..io.quality import quality_text
-from ..jobs.background import drained, in_background
 from ..jobs.quality import judge_placement
 from ..scene import naming
 from ..scene.markerset_edit import edited_collection, read_markerset

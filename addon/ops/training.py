@@ -9,18 +9,18 @@ import bpy
 from bpy.props import CollectionProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
+from ..core.data.background import drained, in_background
 from ..core.data.errors import InputError
 from ..io.markersets import SUFFIX
 from ..io.points import read_points
-from ..jobs.background import drained, in_background
 from ..prefs import markerset_folder
 from ..props import SceneSettings, choose_own, own_model
-from .importing import POINTS
+from .importing import POINTS, ReadsPoints
 from .reporting import reports_trouble
 from .stepping import WorksInSteps
 
 
-class MOCAP_AUTOLABEL_OT_add_lessons(bpy.types.Operator, ImportHelper):
+class MOCAP_AUTOLABEL_OT_add_lessons(ReadsPoints, bpy.types.Operator, ImportHelper):
     """Choose labelled takes to learn from, C3D, TRC or Motive CSV; one is enough to begin with."""
 
     bl_idname = "mocap_autolabel.add_lessons"
@@ -36,16 +36,17 @@ class MOCAP_AUTOLABEL_OT_add_lessons(bpy.types.Operator, ImportHelper):
         lessons = context.scene.mocap_autolabel.lessons
         named = [Path(self.directory, file.name) for file in self.files if file.name]
         paths = [path for path in named or [Path(self.filepath)] if str(path) not in {row.path for row in lessons}]
-        counts = {path: _named_markers(path) for path in paths}
+        counts = {path: _named_markers(path, self.known_up, self.rate or None) for path in paths}
         for path, count in counts.items():
             row = lessons.add()
             row.name, row.path, row.markers, row.subject = path.name, str(path), count, path.resolve().parent.name
+            row.up, row.rate = self.known_up or "", self.rate
         self.report({"INFO"}, f"{len(lessons)} takes to learn from")
         return {"FINISHED"}
 
 
-def _named_markers(path: Path) -> int:
-    count = sum(bool(name) for name in read_points(path).names)
+def _named_markers(path: Path, up: str | None, rate: float | None) -> int:
+    count = sum(bool(name) for name in read_points(path, up=up, rate=rate).names)
     if not count:
         raise InputError("has no named markers; expected a labelled take", path)
     return count
@@ -105,6 +106,7 @@ class MOCAP_AUTOLABEL_OT_train(WorksInSteps, bpy.types.Operator):
 def train_steps(settings: SceneSettings) -> Generator[float, None, dict]:
     """Trains as the settings say, yielding how much is done (0 to 1); returns the report. InputError if they cannot."""
     from ..jobs.train import TrainJob, train_file  # with all that can be learned, which nobody who starts waits for
+    from ..jobs.training_takes import Known
 
     base = own_model(settings) if settings.train_on else None
     name = settings.trained_name.strip()
@@ -114,6 +116,7 @@ def train_steps(settings: SceneSettings) -> Generator[float, None, dict]:
     if out.exists() and not base:
         raise InputError("is there already; expected another name, or that marker set chosen and trained on", out)
     takes = {Path(bpy.path.abspath(row.path)): row.subject for row in settings.lessons}
+    known = {Path(bpy.path.abspath(row.path)): Known(row.up or None, row.rate or None) for row in settings.lessons}
     job = TrainJob(
         takes=tuple(takes),
         out=out,
@@ -121,6 +124,7 @@ def train_steps(settings: SceneSettings) -> Generator[float, None, dict]:
         subjects=tuple((subject, glob.escape(path.as_posix())) for path, subject in takes.items() if subject),
         base=base,
         overwrite=bool(base),
+        known=known,
     )
     return in_background(lambda tell: drained(train_file(job), tell))
 

@@ -27,7 +27,9 @@ class MOCAP_AUTOLABEL_OT_look_through(bpy.types.Operator):
     def execute(self, context):
         camera = context.scene.objects.get(self.camera)
         if not is_mocap_camera(camera):
-            self.report({"ERROR"}, f"{self.camera or 'nothing'} is not a calibrated camera of this scene")
+            self.report(
+                {"ERROR"}, f"{self.camera or 'nothing'} is not a calibrated camera of this scene; expected one of those"
+            )
             return {"CANCELLED"}
         look_through(context.scene, camera)
         if context.space_data is not None and context.space_data.type == "VIEW_3D":

@@ -18,6 +18,7 @@ from . import naming
 
 SENSOR_WIDTH = 36.0  # mm; only its ratio to the focal length matters
 SIZE, ASPECT, SKEW, DISTORTION = "mocap_size", "mocap_aspect", "mocap_skew", "mocap_distortion"
+INVERSE = "mocap_inverse"
 DISPLAY_SIZE = 0.25
 SAME_CAMERA = 1e-4  # relative: what single precision does to a calibration and back
 
@@ -34,7 +35,10 @@ def add_cameras(scene: bpy.types.Scene, cameras: Cameras) -> bpy.types.Collectio
         data = bpy.data.cameras.new(name)
         camera = bpy.data.objects.new(name, data)
         camera[naming.CAMERA] = name
-        _set_lens(data, cameras.size[index], cameras.matrix[index], cameras.distortion[index])
+        _set_lens(data, cameras.size[index], cameras.matrix[index])
+        _keep_beyond_blender(
+            data, cameras.size[index], cameras.matrix[index], cameras.distortion[index], cameras.inverse[index]
+        )
         pose = np.eye(4)
         pose[:3, :3] = cameras.rotation[index].T @ FLIP
         pose[:3, 3] = cameras.centres[index]
@@ -65,9 +69,9 @@ def adopt_cameras(scene: bpy.types.Scene) -> bpy.types.Collection:
     collection = bpy.data.collections.new(naming.title("cameras"))
     collection[naming.CAMERAS] = len(items)
     scene.collection.children.link(collection)
-    for item, (size, matrix, distortion) in zip(items, lenses, strict=True):
+    for item, lens in zip(items, lenses, strict=True):
         item[naming.CAMERA] = camera_name(item)
-        _keep_beyond_blender(item.data, size, matrix, distortion)
+        _keep_beyond_blender(item.data, *lens)
         collection.objects.link(item)
     return collection
 
@@ -136,7 +140,7 @@ def look_through(scene: bpy.types.Scene, camera: bpy.types.Object):
     render.pixel_aspect_x, render.pixel_aspect_y = max(1.0, aspect), max(1.0, 1 / aspect)
 
 
-def _set_lens(data: bpy.types.Camera, size: np.ndarray, matrix: np.ndarray, distortion: np.ndarray):
+def _set_lens(data: bpy.types.Camera, size: np.ndarray, matrix: np.ndarray):
     """Sets a Blender camera's lens from an intrinsic matrix in pixels; `size` is (width, height)."""
     width, height = size
     aspect = matrix[1, 1] / matrix[0, 0]
@@ -147,15 +151,17 @@ def _set_lens(data: bpy.types.Camera, size: np.ndarray, matrix: np.ndarray, dist
     data.shift_y = (matrix[1, 2] - height / 2) / aspect / width
     data.display_size = DISPLAY_SIZE
     data.clip_start = 0.01
-    _keep_beyond_blender(data, size, matrix, distortion)
 
 
-def _keep_beyond_blender(data: bpy.types.Camera, size: np.ndarray, matrix: np.ndarray, distortion: np.ndarray):
+def _keep_beyond_blender(
+    data: bpy.types.Camera, size: np.ndarray, matrix: np.ndarray, distortion: np.ndarray, inverse: np.ndarray
+):
     """Keeps what Blender's own settings of a camera cannot say."""
     data[SIZE] = [float(side) for side in size]
     data[ASPECT] = float(matrix[1, 1] / matrix[0, 0])
     data[SKEW] = float(matrix[0, 1])
     data[DISTORTION] = [float(value) for value in distortion]
+    data[INVERSE] = [float(value) for value in inverse]
 
 
 def _read(items: list[bpy.types.Object], scene: bpy.types.Scene) -> Cameras:
@@ -170,11 +176,12 @@ def _read(items: list[bpy.types.Object], scene: bpy.types.Scene) -> Cameras:
         np.array([row[2] for row in rows]).reshape(-1, 5),
         rotation,
         -np.einsum("cij,cj->ci", rotation, poses[:, :3, 3]),
+        np.array([row[3] for row in rows]).reshape(-1, 3),
     )
 
 
-def _read_lens(item: bpy.types.Object, scene: bpy.types.Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Image size (2,) px, intrinsic matrix (3, 3) px and distortion (5,) of one Blender camera."""
+def _read_lens(item: bpy.types.Object, scene: bpy.types.Scene) -> tuple[np.ndarray, ...]:
+    """Image size (2,) px, intrinsic matrix (3, 3) px, distortion (5,) and inverse lens (3,) of one Blender camera."""
     data, render = item.data, scene.render
     if data.type != "PERSP":
         raise InputError(f"camera {camera_name(item)} is not a perspective camera; expected one with a focal length")
@@ -192,7 +199,8 @@ def _read_lens(item: bpy.types.Object, scene: bpy.types.Scene) -> tuple[np.ndarr
     matrix = np.eye(3)
     matrix[0] = focal, float(data.get(SKEW, 0.0)), width / 2 - data.shift_x * across
     matrix[1] = 0.0, focal * aspect, height / 2 + data.shift_y * across * aspect
-    return size, matrix, np.array(data.get(DISTORTION, [0.0] * 5), dtype=float)
+    lenses = (np.array(data.get(key, [0.0] * count), dtype=float) for key, count in ((DISTORTION, 5), (INVERSE, 3)))
+    return size, matrix, *lenses
 
 
 def _orthonormal(matrix: np.ndarray) -> np.ndarray:
@@ -204,7 +212,7 @@ def _orthonormal(matrix: np.ndarray) -> np.ndarray:
 def _same(one: Cameras, other: Cameras) -> bool:
     if one.names != other.names:
         return False
-    fields = ("size", "matrix", "distortion", "rotation", "translation")
+    fields = ("size", "matrix", "distortion", "rotation", "translation", "inverse")
     return all(
         np.allclose(getattr(one, field), getattr(other, field), rtol=SAME_CAMERA, atol=SAME_CAMERA) for field in fields
     )

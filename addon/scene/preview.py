@@ -45,7 +45,7 @@ def show_points(scene: bpy.types.Scene, name: str, take: Points) -> bpy.types.Me
     shift = frame_shift(rows.frames)
     title = naming.title(name, "points")
     mesh = cloud_table(title, rows.frames[rows.frame] + shift, rows.xyz, trajectory=rows.trajectory)
-    mesh[SHIFT] = shift
+    mesh[SHIFT] = float(shift)
     add_cloud(scene.collection, mesh)
     return mesh
 

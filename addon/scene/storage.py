@@ -15,6 +15,7 @@ _FLOATS = {
     (3,): ("FLOAT_VECTOR", "vector"),
     (4,): ("QUATERNION", "value"),
 }
+FROM = "mocap_from_"  # and a column's name: what its whole numbers count from, where they need more than 32 bits
 _WIDTH = {"INT": (), "FLOAT": (), "FLOAT2": (2,), "FLOAT_VECTOR": (3,), "QUATERNION": (4,)}
 
 
@@ -28,6 +29,9 @@ def store_table(name: str, columns: dict[str, np.ndarray]) -> bpy.types.Mesh:
     for key, column in columns.items():
         if np.issubdtype(column.dtype, np.integer) or column.dtype == bool:
             kind, values, dtype = "INT", "value", np.int32
+            if len(column) and np.abs(column).max() > np.iinfo(dtype).max:
+                mesh[FROM + key] = float(column.min())
+                column = column - column.min()
         else:
             (kind, values), dtype = _FLOATS[column.shape[1:]], np.float32
         attribute = mesh.attributes.new(key, kind, "POINT")
@@ -46,5 +50,6 @@ def read_table(mesh: bpy.types.Mesh) -> dict[str, np.ndarray]:
         flat = np.empty(len(mesh.vertices) * int(np.prod(shape, dtype=int)), dtype=np.int32 if whole else np.float32)
         values = "vector" if attribute.data_type in ("FLOAT2", "FLOAT_VECTOR") else "value"
         attribute.data.foreach_get(values, flat)
-        columns[attribute.name] = flat.reshape(-1, *shape).astype(np.int64 if whole else float)
+        column = flat.reshape(-1, *shape).astype(np.int64 if whole else float)
+        columns[attribute.name] = column + int(mesh[FROM + attribute.name]) if FROM + attribute.name in mesh else column
     return columns

@@ -48,6 +48,7 @@ class Take:
     motion     frame for frame with `rows.frames`
     suspects   ranges of frames to look at
     source     the file of the take, empty if there is none
+    doubts     sentences about the whole take, said once when it is shown
     """
 
     name: str
@@ -59,6 +60,7 @@ class Take:
     motion: Motion
     suspects: tuple[Suspect, ...] = ()
     source: str = ""
+    doubts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,9 +113,17 @@ def join_labelled(chunks: list[LabelledChunk]) -> tuple[Labels, Motion, tuple[Su
 
 
 def frame_shift(frames: np.ndarray) -> int:
-    """What to add to the source's frame numbers so that Blender can show them: mostly nothing."""
+    """What to add to the source's frame numbers so that Blender can show them: mostly nothing.
+
+    Raises JobError where there are more frames than Blender counts.
+    """
     if not len(frames) or (frames[0] >= 0 and frames[-1] <= LAST_FRAME):
         return 0
+    if frames[-1] - frames[0] >= LAST_FRAME:
+        raise JobError(
+            f"goes from frame {frames[0]} to {frames[-1]}; expected at most {LAST_FRAME} frames, which is how far "
+            "Blender counts, so choose some of them"
+        )
     return int(1 - frames[0])
 
 
@@ -225,7 +235,8 @@ def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Coll
     if cameras is not None:
         collection[naming.CAMERAS] = cameras
     collection[NAMES] = json.dumps(take.markerset.markers)
-    collection[RATE], collection[SHIFT], collection[SOURCE] = float(take.rate), shift, take.source
+    # Blender's whole numbers have 32 bits, and a shift may need 33.
+    collection[RATE], collection[SHIFT], collection[SOURCE] = float(take.rate), float(shift), take.source
     collection[SUSPECTS] = json.dumps([[int(s.first), int(s.last), s.reason] for s in take.suspects])
 
 

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Blender's cameras look through the real lens, and calibrations come back out of them."""
 
+from dataclasses import replace
+
 import bpy
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from mathutils import Vector
 from addon.core.data.errors import InputError
 from addon.scene import cameras as scene_cameras
 
-FIELDS = ("size", "matrix", "distortion", "rotation", "translation")
+FIELDS = ("size", "matrix", "distortion", "rotation", "translation", "inverse")
 
 
 def test_blender_sees_points_where_the_calibration_puts_them(empty, made):
@@ -35,6 +37,23 @@ def test_calibrations_survive_blender(empty, made):
         np.testing.assert_allclose(getattr(back, field), getattr(cameras, field), rtol=1e-6, atol=1e-5)
     points = np.random.default_rng(2).uniform([-1, -1, 0], [1, 1, 2], (50, 3))
     assert np.abs(back.project(points) - cameras.project(points)).max() < 0.005
+
+
+def test_a_lens_of_vicons_kind_survives_blender(empty, made, tmp_path):
+    lenses = np.array([[0.4, 0.2, 0.0], [0.0, 0.0, 0.0], [-0.1, 0.3, 0.05], [0.65, 0.8, 0.0]])
+    cameras = replace(made.cameras(), inverse=lenses)
+    collection = scene_cameras.add_cameras(empty.scene, cameras)
+    assert scene_cameras.find_or_add_cameras(empty.scene, cameras) == collection
+    assert scene_cameras.find_or_add_cameras(empty.scene, made.cameras()) != collection
+    bpy.data.collections.remove(empty.scene.collection.children[-1])
+    path = str(tmp_path / "room.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path, copy=True)
+    points = np.random.default_rng(2).uniform([-1, -1, 0], [1, 1, 2], (50, 3))
+    for back in (scene_cameras.cameras_of(collection, empty.scene), scene_cameras.cameras_of_blend(path)):
+        found = back.select([back.names.index(name) for name in cameras.names])
+        np.testing.assert_array_equal(found.inverse[:4], lenses)
+        assert np.abs(found.project(points) - cameras.project(points)).max() < 0.005
+    assert np.abs(cameras.project(points) - made.cameras().project(points)).max() > 1
 
 
 def test_moving_a_camera_moves_its_calibration(empty, made):

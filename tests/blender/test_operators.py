@@ -2,10 +2,12 @@
 """From files to named markers with the extension's own operators, and what happens when something is wrong."""
 
 import importlib
+import json
 import tempfile
 import threading
 import time
 from functools import partial
+from pathlib import Path
 from types import SimpleNamespace
 
 import bpy
@@ -159,6 +161,37 @@ def test_importing_remembers_and_shows_what_there_is(ready, files):
     assert bpy.ops.mocap_autolabel.import_cameras(filepath=files.cameras) == {"FINISHED"}
     assert bpy.ops.mocap_autolabel.import_blobs(filepath=files.blobs) == {"FINISHED"}
     assert counts() == before
+
+
+def test_what_is_odd_about_cameras_is_said_and_kept_with_the_take(ready, labelling, monkeypatch):
+    words, said = "cameras cam 0 and cam 2 seem to have each other's names: exchanged, their blobs fit", []
+    job = importlib.import_module(labelling.module.label_file.__module__ + ".blobs")
+    suspect = job.Suspect(100, 105, words)
+    monkeypatch.setattr(job.CameraCheck, "suspects", lambda _: (suspect,))
+    steps = labelling.module.label_steps(labelling.module.job_of(ready), "walk")
+    with pytest.raises(StopIteration) as done:
+        while True:
+            next(steps)
+    take = done.value.value
+    assert take.doubts == (words,)
+    operator = SimpleNamespace(report=lambda level, text: said.append((level, text)))
+    assert labelling.module.MOCAP_AUTOLABEL_OT_label._show(operator, ready, take) == {"FINISHED"}
+    assert said[0] == ({"WARNING"}, words)
+    stored = json.loads(ready.scene.mocap_autolabel.take["mocap_suspects"])
+    assert [100, 105, words] in stored
+
+
+def test_the_import_turns_a_calibration_as_it_is_told(extension, empty, files):
+    assert bpy.ops.mocap_autolabel.import_cameras(filepath=files.cameras) == {"FINISHED"}
+    upright = empty.scene.mocap_autolabel.cameras
+    assert bpy.ops.mocap_autolabel.import_cameras(filepath=files.cameras, up="-y") == {"FINISHED"}
+    lying = empty.scene.mocap_autolabel.cameras
+    assert lying != upright
+    for one, other in zip(upright.objects, lying.objects, strict=True):
+        x, y, z = one.matrix_world.translation
+        assert tuple(other.matrix_world.translation) == pytest.approx((x, z, -y), abs=1e-5)
+    assert bpy.ops.mocap_autolabel.import_cameras("INVOKE_DEFAULT", filepath=files.cameras) == {"FINISHED"}
+    assert empty.scene.mocap_autolabel.cameras == upright
 
 
 def test_dropped_files_are_read_at_once(extension, empty, files):
@@ -464,6 +497,20 @@ def test_exports_are_what_was_labelled(ready, labelling, files, tmp_path):
         assert points.names == stored.names
         assert (points.first_frame, len(points.xyz)) == (101, 30)
         np.testing.assert_allclose(points.xyz, stored.motion.markers, atol=1e-5)
+
+
+def test_exports_never_replace_what_the_take_was_made_of(ready, labelling, files, tmp_path):
+    copy = tmp_path / "walk.csv"
+    copy.write_text((files.folder / "walk.csv").read_text())
+    (tmp_path / "link.csv").hardlink_to(copy)
+    bpy.ops.mocap_autolabel.import_blobs(filepath=str(copy))
+    bpy.ops.mocap_autolabel.label()
+    before = {Path(path): Path(path).read_bytes() for path in (copy, files.markerset)}
+    for export in ("labels", "c3d", "trc"):
+        for path in (copy, tmp_path / "link.csv", files.markerset):
+            with pytest.raises(RuntimeError, match="would be written over"):
+                getattr(bpy.ops.mocap_autolabel, f"export_{export}")(filepath=str(path))
+    assert {path: path.read_bytes() for path in before} == before
 
 
 def test_labels_of_a_file_that_has_changed_are_not_written(ready, labelling, files, tmp_path):

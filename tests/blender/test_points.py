@@ -260,3 +260,37 @@ def test_a_saved_file_opens_with_its_points(imported, naming_known, tmp_path):
     assert stored.rows.xyz.shape == (len(stored.rows), 3)
     assert len(stored.rows) > 13 * 25
     assert len(bpy.context.window_manager.mocap_autolabel.markers) == 13
+
+
+@pytest.fixture
+def upside_down(files, tmp_path):
+    """The same take, which now says that -X is up and that it has no rate."""
+    content = (files.folder / "walk.c3d").read_bytes()
+    path = tmp_path / "down.c3d"
+    path.write_bytes(content.replace(b"+Z", b"-X").replace(np.float32(59.94).tobytes(), bytes(4)))
+    return path
+
+
+def test_an_up_axis_and_a_rate_that_are_given_are_taken(extension, empty, files, upside_down):
+    with pytest.raises(RuntimeError, match="has a rate of 0 frames a second; expected"):
+        bpy.ops.mocap_autolabel.import_points(filepath=str(upside_down))
+    for importer in (bpy.ops.mocap_autolabel.import_points, bpy.ops.mocap_autolabel.import_take):
+        assert importer(filepath=str(upside_down), up="z", rate=60.0) == {"FINISHED"}
+        settings = empty.scene.mocap_autolabel
+        assert (settings.points_up, settings.rate) == ("z", 60.0)
+        heights = [vertex.co.z for vertex in settings.preview.vertices]
+        there = files.take.xyz[..., 2]
+        assert max(heights) == pytest.approx(np.nanmax(there), abs=1e-4)
+    bpy.ops.mocap_autolabel.open_markerset(filepath=files.markerset)
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    assert settings.take is not None
+    bpy.ops.mocap_autolabel.import_points(filepath=str(files.folder / "walk.c3d"))
+    assert empty.scene.mocap_autolabel.points_up == ""
+
+
+def test_what_was_decided_about_a_file_is_reported(extension, empty, files, upside_down):
+    importing = importlib.import_module(f"{extension}.addon.ops.importing")
+    said = importing.take_points(bpy.context, upside_down, "z", 60.0)
+    count, frames = len(files.take.names), len(files.take.xyz)
+    note = "the file has a rate of 0 frames a second, so the 60 that are given were taken"
+    assert said == f"{count} trajectories in {frames} frames; {note}"

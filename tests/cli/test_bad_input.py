@@ -21,7 +21,7 @@ def blob_file(folder, text: str):
             HEADER + "1,cam1,3,4\n1,cam99,3,4\n",
             r"bad\.csv:3: camera 'cam99' is not in the calibration; expected one of cam1",
         ),
-        ("1,cam1,3,4\n1,cam2,3,4\n", r"bad\.csv:1: has no header; expected .*frame,camera,x,y"),
+        ("1,cam1,3,4\n1,cam2,3,4\n", r"bad\.csv:1: holds neither blobs nor 3D points, .*; expected .*frame,camera,x,y"),
         (HEADER + "1,cam1,nan,4\n", r"bad\.csv:2: x is 'nan'; expected a finite number"),
         (HEADER + "1,cam1,3,inf\n", r"bad\.csv:2: y is 'inf'; expected a finite number"),
         (HEADER + "1,cam1,3,4\n2,cam1,3", r"bad\.csv:3: has 3 fields; expected 4"),
@@ -30,7 +30,7 @@ def blob_file(folder, text: str):
         (HEADER, r"bad\.csv: has no blobs; expected"),
         ("", r"bad\.csv: is empty; expected"),
         ("\0\1\2PK", r"bad\.csv: is a binary file; expected"),
-        ("<xml/>", r"bad\.csv:1: has no header; expected"),
+        ("<xml/>", r"bad\.csv:1: holds neither blobs nor 3D points, for it has no header; expected .*Motive"),
     ],
 )
 def test_blobs(label, tmp_path, text, reason):
@@ -38,6 +38,21 @@ def test_blobs(label, tmp_path, text, reason):
     assert answer.status == 2
     assert re.search(reason, answer.reason)
     assert not list((tmp_path / "out").glob("*")) if (tmp_path / "out").exists() else True
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("", r"bad\.csv: is empty; expected a blob file .*, or a take of 3D points"),
+        ("hello,world\n1,2\n", r"bad\.csv:1: holds neither blobs nor 3D points, .*; expected"),
+        ("frame,camera,x\n1,cam1,2\n", r"bad\.csv:1: has no column y; expected"),
+        (HEADER + "1,cam1,3,4\n", r"bad\.csv: holds blobs, and the argument --cameras is missing; expected"),
+    ],
+)
+def test_a_file_is_only_said_to_hold_blobs_when_it_does(run, tmp_path, text, reason):
+    answer = run("label", blob_file(tmp_path, text), "--model", "gait15", "--out", tmp_path / "out")
+    assert answer.status == 2
+    assert re.search(reason, answer.reason)
 
 
 def edited(room, folder, old: str, new: str):

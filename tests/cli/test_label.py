@@ -149,3 +149,23 @@ def test_blend_holds_the_take(label, tmp_path):
 def test_without_blender_no_blend(label, monkeypatch):
     monkeypatch.setattr("addon.cli.label.has_blender", lambda: False)
     assert "--blend needs Blender" in label("--blend").reason
+
+
+def test_cameras_with_each_others_names_are_named(label, room, tmp_path):
+    mixed = tmp_path / "mixed.csv"
+    other = {"cam2": "cam5", "cam5": "cam2"}
+    rows = [line.split(",") for line in room.blobs.read_text().splitlines()]
+    mixed.write_text("".join(",".join([row[0], other.get(row[1], row[1]), *row[2:]]) + "\n" for row in rows))
+    words = "cameras cam2 and cam5 seem to have each other's names: exchanged, their blobs fit"
+    answer = label("--rate", "60", blobs=[mixed])
+    assert answer.status == 0
+    assert f"mixed: {words}" in answer.out.splitlines()
+    report = json.loads((tmp_path / "out" / "mixed.report.json").read_text())
+    assert report["camera_doubts"] == [words]
+    assert {"first": 100, "last": 119, "reason": words} in report["suspect"]
+    assert report["cameras"]["cam2"]["named"] < 0.1 * report["cameras"]["cam2"]["in_image"]
+    assert label("--rate", "60").status == 0
+    report = json.loads((tmp_path / "out" / "walk.report.json").read_text())
+    assert report["camera_doubts"] == []
+    assert report["cameras"]["cam2"]["named"] > 0.4 * report["cameras"]["cam2"]["in_image"]
+    assert all(one["offset_px"] is None or one["offset_px"] < 0.5 for one in report["cameras"].values())

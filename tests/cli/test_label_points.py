@@ -97,7 +97,7 @@ def test_what_cannot_be_labelled_is_said(label, run, room, anonymous, tmp_path):
     few = read_points(anonymous / "anon.c3d")
     write_c3d(tmp_path / "few.c3d", Points(few.names[:5], few.xyz[:, :5], few.residual[:, :5], few.rate, 1))
     words = ("label", tmp_path / "few.c3d", "--model", MODEL, "--method", "fit", "--out")
-    assert "replaced by its own result" in run(*words, tmp_path, "--overwrite").reason
+    assert "would be written over" in run(*words, tmp_path, "--overwrite").reason
     answer = run(*words, tmp_path / "out")
     assert answer.status == 1
     assert "few.c3d: does not look like a take of model" in answer.reason
@@ -210,7 +210,7 @@ def test_what_makes_no_difference_to_points_is_said(trained, room, label, run, t
     answer = label("--rate", "60", "--height", "1.7", "--facing", "0", model=trained)
     assert answer.status == 0
     assert answer.err.splitlines() == [
-        "mocap-autolabel: --rate is not looked at for 3D points, whose files say their own rate",
+        "mocap-autolabel: --rate is not looked at for 3D points whose files say their own rate",
         "mocap-autolabel: --height and --facing are not looked at for 3D points: that needs --method fit here",
     ]
     [report] = [json.loads(path.read_text()) for path in (tmp_path / "out").glob("*.report.json")]

@@ -6,11 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
+from addon.core.data.models import Model, TrainingTake
 from addon.core.data.takes import Points
 from addon.core.geometry.cameras import Cameras
+from addon.core.points.partial_solvers.model import Classifiers, Ensemble, Record, Solver, Strong
 from addon.io.cameras import write_cameras
 from addon.io.points import write_c3d, write_trc
 from addon.io.rig import Z_UP_FROM_Y_UP
+from tests.core.toybody import toy_markerset
 
 TURN = np.diag([1.0, -1.0, -1.0])
 BLOBS = "frame,camera,x,y,area\n" + "".join(
@@ -225,6 +228,19 @@ def other_processor(content: bytes, processor: int) -> bytes:
         position = at + offset
     data = content[512 * (1 + blocks) :]
     return bytes(out + section) + real(data[: len(data) // 4 * 4])
+
+
+def toy_model() -> Model:
+    """A model with an ensemble of one solver and a lesson."""
+    markerset = toy_markerset()
+    count = len(markerset)
+    classifiers = Classifiers(np.array([1, 3]), np.array([[0, 1, -1, -1], [1, 2, -1, -1]]), np.zeros(2), np.ones(2) / 3)
+    record = Record(np.array([3.0, 2]), np.array([0.0, 1]), np.array([3.0, 3]), 4)
+    solver = Solver(np.array([0, 1]), Strong(np.array([0]), np.array([0.5])), record, np.array([True, False]))
+    ensemble = Ensemble(markerset.markers, classifiers, (solver,), np.full(count, 0.9999), "top-down", 3, 17)
+    points = np.random.default_rng(0).normal(size=(4, count, 3)).astype(np.float32)
+    points[1, 0] = np.nan
+    return Model(markerset, ensemble, (TrainingTake("Ann", ("walk ü", "run"), 900, points),))
 
 
 def write_all(folder: Path) -> dict[str, Path]:

@@ -101,7 +101,7 @@ def test_a_range_of_frames_keeps_both_ends(path):
         ("frame,camera,x,y\n1,cam_1,2,3\n1,cam_1,2\n", 3, "3 fields; expected 4"),
         ("frame,camera,x,y\n1,cam_1,2,3\n2,cam_1,7", 3, "3 fields; expected 4.*cut off"),
         ("frame,camera,x,y\n5,cam_1,2,3\n4,cam_1,2,3\n", 3, "goes back from frame 5 to 4"),
-        ("frame,camera,x,y\n5,cam_1,2,3\n9000000,cam_1,2,3\n", 3, "leaps from frame 5.*gap of at most"),
+        ("frame,camera,x,y\n5,cam_1,2,3\n9000000,cam_1,2,3\n", 3, "leaps from frame 5 .*at most 100000 without"),
         ('frame,camera,x,y\n5,"cam_1,2,3\n', 2, "quote"),
         ("frame,camera,x,y,area\n5,cam_1,2,3,-4\n", 2, "area is -4"),
         ("frame,camera,x,y\n", 0, "has no blobs"),
@@ -246,3 +246,26 @@ def test_what_is_written_is_read(tmp_path_factory, rows, area, chunk_frames):
     np.testing.assert_array_equal(np.concatenate([c.blobs.camera for c in chunks]), camera)
     np.testing.assert_allclose(np.concatenate([c.blobs.xy for c in chunks]), xy, atol=1e-6)
     np.testing.assert_allclose(np.concatenate([c.blobs.area for c in chunks]), size, rtol=1e-3)
+
+
+def sparse(*frames: int) -> str:
+    return "frame,camera,x,y\n" + "".join(f"{frame},cam_1,2,3\n" for frame in frames)
+
+
+def test_gaps_are_bounded_together_and_not_one_by_one(path):
+    with pytest.raises(InputError, match=r"take\.csv:4: leaps from frame 99999 to 199998, .* 3 with some; expected"):
+        read(path, sparse(*range(0, 900_000, 99_999)))
+
+
+def test_minutes_without_anybody_are_no_trouble(path):
+    pause = 5 * 60 * 240
+    chunks = read(path, sparse(7, 8, 8 + pause, 9 + pause))
+    assert sum(len(rows.blobs.frames) for rows in chunks) == pause + 3
+    seen = range(30_000)
+    again = [start + frame for start in (0, 130_000, 400_000) for frame in seen]
+    assert sum(len(rows.blobs) for rows in read(path, sparse(*again))) == 90_000
+
+
+def test_gaps_outside_the_frames_that_are_wanted_do_not_count(path):
+    (rows,) = read(path, sparse(1, 5_000_000, 5_000_002, 9_000_000), frames=(5_000_000, 5_000_010))
+    assert rows.blobs.frames.tolist() == [5_000_000, 5_000_001, 5_000_002]

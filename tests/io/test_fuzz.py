@@ -2,7 +2,10 @@
 """Whatever a file holds, a reader gives its content or one InputError: never another exception, never a hang."""
 
 import random
+import re
 import shutil
+import subprocess
+import sys
 import time
 import warnings
 from pathlib import Path
@@ -11,83 +14,19 @@ import numpy as np
 import pytest
 
 from addon.core.data.errors import InputError
-from addon.core.data.takes import Points
-from addon.io.blobs import read_blobs
 from addon.io.cameras import read_cameras
-from addon.io.labels import LabelFile
-from addon.io.markersets import builtin_markersets, read_markerset, write_markerset
+from addon.io.markersets import builtin_markersets, read_markerset
 from addon.io.points import read_points
-from tests.core.toybody import toy_markerset
-from tests.io.samples import ring, write_all
+from tests import fuzz
+from tests.fuzz import READERS, mutated, samples
 
 ROUNDS = 150
 SECONDS = 1.5
 
-TOKENS = [
-    b"nan", b"inf", b"-1e999", b"1e308", b"0", b"-1", b"999999999999", b"", b",", b"\n", b'"', b"'", b"\0", b"\xff\xfe",
-    b"[", b"]", b"{", b"}", b"<", b">", b"/>", b":", b"- ", b"  ", b"\t", b"\r", b"\xe2\x82\xac", b"true", b"null",
-    b"65536", b"\x7f", b"_", b"1_0", b"1e400", b"&amp;", b"!!opencv-matrix", b"#", b"%", b"=",
-]  # fmt: skip
-
-
-def read_all_blobs(path: Path):
-    cameras = ring()
-    return sum(len(rows.blobs) for rows in read_blobs(path, cameras))
-
-
-def read_labels(path: Path):
-    with LabelFile(path) as file:
-        return list(file.rows())
-
-
-def read_take(path: Path) -> Points:
-    read_points(path, everything=True)
-    return read_points(path)
-
-
-READERS = {
-    "toml": read_cameras, "xcp": read_cameras, "qca": read_cameras, "mcal": read_cameras, "yml": read_cameras,
-    "pmat": read_cameras, "rad": read_cameras, "res": lambda path: read_cameras(path.parent), "blobs": read_all_blobs,
-    "labels": read_labels, "c3d": read_take, "dec": read_take, "mips": read_take, "trc": read_take,
-    "motive": read_take, "markerset": read_markerset,
-}  # fmt: skip
-
-
-def mutated(content: bytes, chance: random.Random) -> bytes:
-    """`content` with one to four wounds: cuts, changed bits, doubled parts, tokens that readers stumble over."""
-    changed = bytearray(content)
-    for _ in range(chance.randint(1, 4)):
-        at = chance.randrange(len(changed) + 1)
-        kind = chance.randrange(7)
-        if kind == 0:
-            del changed[at:]
-        elif kind == 1 and changed:
-            changed[at % len(changed)] = chance.randrange(256)
-        elif kind == 2:
-            changed[at:at] = chance.choice(TOKENS)
-        elif kind == 3:
-            changed[at : at + chance.randint(1, 12)] = chance.choice(TOKENS)
-        elif kind == 4:
-            del changed[at : at + chance.randint(1, 40)]
-        elif kind == 5:
-            other = chance.randrange(len(changed) + 1)
-            changed[at:at] = changed[other : other + chance.randint(1, 60)]
-        else:
-            lines = bytes(changed).split(b"\n")
-            lines.insert(
-                chance.randrange(len(lines)), lines.pop(chance.randrange(len(lines))) if len(lines) > 1 else b""
-            )
-            changed = bytearray(b"\n".join(lines))
-    return bytes(changed)
-
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory) -> dict[str, Path]:
-    folder = tmp_path_factory.mktemp("samples")
-    files = write_all(folder)
-    files["markerset"] = folder / "toy.markerset.json"
-    write_markerset(files["markerset"], toy_markerset())
-    return files
+    return samples(tmp_path_factory.mktemp("samples"))
 
 
 @pytest.mark.parametrize("kind", READERS)
@@ -165,3 +104,59 @@ def test_the_samples_are_what_their_readers_say(files):
         assert len(read_cameras(files[kind])) == 4
     for kind in ("c3d", "dec", "mips", "trc"):
         assert np.isfinite(read_points(files[kind]).xyz).any()
+
+
+def test_the_command_finds_no_fault_in_any_reader():
+    pytest.importorskip("resource", reason="this system has no limits for a process")
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.fuzz", "--count", "20", "--seed", "1"],
+        cwd=Path(__file__).resolve().parents[2],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    told = re.findall(r"^(\w+): 20 files, \d+ refused, \d+ read, 0 faults", done.stdout, re.MULTILINE)
+    assert told == list(READERS)
+
+
+def test_a_broken_file_can_be_made_again(tmp_path):
+    pytest.importorskip("resource", reason="this system has no limits for a process")
+    for folder in ("one", "two"):
+        fuzz.main(["toml", "c3d", "model", "--seed", "3", "--case", "17", "--keep", str(tmp_path / folder)])
+    made = [sorted(path.read_bytes() for path in (tmp_path / folder).iterdir()) for folder in ("one", "two")]
+    assert made[0] == made[1]
+    assert len(made[0]) == 3
+
+
+@pytest.mark.parametrize(
+    ("answer", "said"),
+    [
+        (InputError("is odd; expected an even one", "a.csv"), "refused"),
+        (InputError("is odd", "a.csv"), "is no sentence"),
+        (InputError("is odd; expected an even one"), "names no file"),
+        (KeyError("x"), "KeyError"),
+        (MemoryError(), "takes over 1024 MB"),
+    ],
+)
+def test_whatever_is_no_sentence_is_a_fault(answer, said, tmp_path):
+    def reader(_):
+        raise answer
+
+    assert said in fuzz.trouble(reader, tmp_path)
+
+
+@pytest.mark.parametrize("way", ["os._exit(9)", "time.sleep(9)", "bytes(3 << 30)"])
+def test_readers_that_die_hang_or_fill_the_memory_are_told_and_the_rest_goes_on(way, monkeypatch, tmp_path):
+    pytest.importorskip("resource", reason="this system has no limits for a process")
+    planted = tmp_path / "planted.py"
+    planted.write_text(
+        "import itertools, os, sys, time\nimport tests.fuzz as fuzz\nfuzz.SECONDS, calls = 1, itertools.count()\n"
+        f"def reader(path):\n    if next(calls) == 4: {way}\n"
+        "fuzz.READERS['blobs'] = reader\nfuzz.main(sys.argv[1:])\n"
+    )
+    monkeypatch.setattr(fuzz, "COMMAND", [sys.executable, str(planted)])
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).resolve().parents[2]))
+    answers = dict(fuzz.results("blobs", 0, range(8)))
+    assert sorted(answers) == list(range(8))
+    assert [number for number, said in answers.items() if said] == ([3, 7] if "exit" in way else [3])

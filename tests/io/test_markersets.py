@@ -193,3 +193,38 @@ def test_a_set_that_is_not_there_is_refused_with_those_that_are(tmp_path):
         open_markerset("gait99")
     with pytest.raises(InputError, match="no such file"):
         open_markerset(tmp_path / "mine.markerset.json")
+
+
+ODD = ["LA\0SI", "LA\tSI", "LA\u2028SI", "LA\x85SI", "LA\ud800SI"]
+
+
+@pytest.mark.parametrize("name", ODD)
+@pytest.mark.parametrize(
+    "keys", [("name",), ("segments", 2, "name"), ("markers", 3, "name"), ("markers", 3, "aliases")]
+)
+def test_names_that_some_format_cannot_give_back_are_refused(tmp_path, keys, name):
+    path = tmp_path / "a.markerset.json"
+    document = json.loads(damaged(toy_markerset(), *keys, value=[name] if keys[-1] == "aliases" else name))
+    path.write_text(json.dumps(document), encoding="utf-8")
+    with pytest.raises(InputError, match="expected letters without control signs") as caught:
+        read_markerset(path)
+    str(caught.value).encode()
+
+
+@pytest.mark.parametrize(("keys", "value"), [(("description",), "a\ud800"), (("source",), {"who": "\ud800"})])
+def test_texts_that_are_no_unicode_are_refused(tmp_path, keys, value):
+    path = tmp_path / "a.markerset.json"
+    document = json.loads(damaged(toy_markerset(), *keys, value=value))
+    path.write_text(json.dumps(document), encoding="utf-8")
+    with pytest.raises(InputError, match="expected"):
+        read_markerset(path)
+
+
+@pytest.mark.parametrize("name", ["Links vorne ü", "左膝", "a b", "L\x92ASI", "नमस्ते\u200d", "L:ASI"])
+def test_names_of_all_alphabets_are_read_and_written(tmp_path, name):
+    path = tmp_path / "a.markerset.json"
+    path.write_text(damaged(toy_markerset(), "markers", 3, "name", value=name).replace('"LASI": [', f'"{name}": ['))
+    markerset = read_markerset(path)
+    assert markerset.markers[3] == name
+    write_markerset(path, markerset)
+    assert read_markerset(path).markers == markerset.markers

@@ -1,31 +1,22 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Models: ensemble and lessons come back as they were, and what is damaged is said."""
 
+import base64
 import json
+import tracemalloc
+import zlib
 
 import numpy as np
 import pytest
+from addon.core.points.partial_solvers.label import Labeller
 
 from addon.core.data.errors import InputError
-from addon.core.data.models import Model, TrainingTake
-from addon.core.points.partial_solvers.model import Classifiers, PartialSolvers, Record, Solver, Strong
+from addon.core.data.models import by_subject
+from addon.io import packed
 from addon.io.markersets import read_markerset
 from addon.io.models import open_model, read_model, write_model
 from tests.core.toybody import toy_markerset
-
-
-def toy_model() -> Model:
-    markerset = toy_markerset()
-    count = len(markerset)
-    classifiers = Classifiers(np.array([1, 3]), np.array([[0, 1, -1, -1], [1, 2, -1, -1]]), np.zeros(2), np.ones(2) / 3)
-    record = Record(np.array([3.0, 2]), np.array([0.0, 1]), np.array([3.0, 3]), 4)
-    solver = Solver(np.array([0, 1]), Strong(np.array([0]), np.array([0.5])), record, np.array([True, False]))
-    partial_solvers = PartialSolvers(
-        markerset.markers, classifiers, (solver,), np.full(count, 0.9999), "top-down", 3, 17
-    )
-    points = np.random.default_rng(0).normal(size=(4, count, 3)).astype(np.float32)
-    points[1, 0] = np.nan
-    return Model(markerset, partial_solvers, (TrainingTake("Ann", ("walk ü", "run"), 900, points),))
+from tests.io.samples import toy_model
 
 
 def test_models_come_back(tmp_path):
@@ -85,3 +76,71 @@ def test_an_ensemble_of_other_markers_is_refused(tmp_path):
     path.write_text(json.dumps(document))
     with pytest.raises(InputError, match="other markers than its own"):
         read_model(path)
+
+
+def packed_arrays(value, path=()):
+    """Where the packed arrays of a document are, as the keys that lead there."""
+    if isinstance(value, dict) and "data" in value:
+        yield path
+    elif isinstance(value, (dict, list)):
+        for key, part in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from packed_arrays(part, (*path, key))
+
+
+def other(array: np.ndarray, chance: np.random.Generator) -> np.ndarray:
+    """The array with another value, shape or kind."""
+    flat, way = array.ravel().copy(), chance.integers(7)
+    odd = [np.nan, np.inf, -1, -2, 1e300, 2**31, 7, 255]
+    if way <= 2 and flat.size and array.dtype != bool:
+        with np.errstate(all="ignore"):
+            flat[chance.integers(flat.size)] = np.array(odd)[chance.integers(len(odd))].astype(array.dtype)
+        return flat.reshape(array.shape)
+    if way == 3:
+        return flat[: chance.integers(flat.size + 1)]
+    if way == 4:
+        return np.concatenate([array, array])
+    if way == 5:
+        return array.reshape(*array.shape, 1) if array.ndim < 2 else array.T.copy()
+    return np.nan_to_num(array, posinf=0).clip(-128, 127).astype(chance.choice(["<i1", "<u1", "<i8", "<f4", "|b1"]))
+
+
+def test_arrays_with_a_right_digest_are_sound_or_refused(tmp_path):
+    path, chance = tmp_path / "toy.markerset.json", np.random.default_rng(8)
+    write_model(path, toy_model())
+    text, refused = path.read_text(), 0
+    points = chance.normal(size=(3, 5, 3))
+    for _ in range(600):
+        document = json.loads(text)
+        part = document["ensemble"] if chance.random() < 0.8 else document["lessons"][0]
+        places = list(packed_arrays(part))
+        *before, last = places[chance.integers(len(places))]
+        holder = part
+        for key in before:
+            holder = holder[key]
+        holder[last] = packed._packed(other(packed._array(holder[last]), chance))
+        part["digest"] = packed._digest({key: value for key, value in part.items() if key != "digest"})
+        path.write_text(json.dumps(document))
+        try:
+            model = read_model(path)
+        except InputError as error:
+            refused += 1
+            assert "; expected" in error.message
+            continue
+        Labeller(model.partial_solvers)(points)
+        assert by_subject(model.training_takes)["Ann"].shape[1:] == (len(model.markerset), 3)
+    assert 200 < refused < 600
+
+
+def test_arrays_that_say_that_they_are_huge_are_not_unpacked(tmp_path):
+    path = tmp_path / "toy.markerset.json"
+    write_model(path, toy_model())
+    document = json.loads(path.read_text())
+    zeros = base64.b64encode(zlib.compress(bytes(50_000_000), 9)).decode()
+    points = {"kind": "f4", "shape": [12_500_000], "data": zeros}
+    document["lessons"] = [{**document["lessons"][0], "points": points}] * 20
+    path.write_text(json.dumps(document))
+    tracemalloc.start()
+    with pytest.raises(InputError, match="over 256 MB of lessons"):
+        read_model(path)
+    assert tracemalloc.get_traced_memory()[1] < 100e6
+    tracemalloc.stop()

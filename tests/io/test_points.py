@@ -14,8 +14,9 @@ from addon.core.data.errors import InputError
 from addon.core.data.takes import Points
 from addon.io.c3d import read_c3d, write_c3d_file
 from addon.io.points import holds_points, marker_columns, read_points, write_c3d, write_trc
+from addon.io.trc import read_trc
 from addon.io.whole import whole_file
-from addon.io.world import guess_unit, guess_up, up_rotation
+from addon.io.world import guess_unit, up_rotation
 from tests.io.samples import BLOBS, motive, other_processor, walk
 
 ezc3d = pytest.importorskip("ezc3d")
@@ -236,6 +237,55 @@ def test_trc_comes_back(tmp_path):
     np.testing.assert_allclose(found.xyz, take.xyz, atol=1e-8)
 
 
+TRC_HEADS = {
+    "three tabs a name": "Frame#\tTime\tA\t\t\tB b\t\t\tC\t\t\n\t\tX1\tY1\tZ1\tX2\tY2\tZ2\tX3\tY3\tZ3\n\n",
+    "three tabs and more behind": "Frame#\tTime\tA\t\t\tB b\t\t\tC\t\t\t\t\n\t\tX1\tY1\tZ1\t\n\n",
+    "one tab a name": "Frame#\tTime\tA\tB b\tC\n\t\tX1\tY1\tZ1\tX2\tY2\tZ2\tX3\tY3\tZ3\n\n",
+    "one tab and no empty line": "Frame#\tTime\tA\tB b\tC\t\n\t\tX1\tY1\tZ1\tX2\tY2\tZ2\tX3\tY3\tZ3\n",
+    "two tabs a name": "Frame#\tTime\tA\t\tB b\t\tC\t\t\n\tX1\tY1\tZ1\tX2\tY2\tZ2\tX3\tY3\tZ3\n\n",
+    "now one tab, now two": "Frame#\tTime\tA\tB b\t\tC\n\t\tX1\tY1\tZ1\tX2\tY2\tZ2\tX3\tY3\tZ3\n\n",
+    "four tabs a name": "Frame#\tTime\tA\t\t\t\tB b\t\t\t\tC\n\t\tX1\tY1\tZ1\tX2\tY2\tZ2\tX3\tY3\tZ3\n\n",
+    "a space before the first": "Frame#\tTime A\t\t\tB b\t\t\tC\t\t\t\n\t\tX1\tY1\tZ1\n\n",
+    "a name a column": "Frame#\tTime\tA_x\tA_y\tA_z\tB b.X\tB b.Y\tB b.Z\tCX\tCY\tCZ\n",
+    "a name a column and axes": "Frame#\tTime\tA_x\tA_y\tA_z\tB b x\tB b y\tB b z\tCx\tCy\tCz\n\t\tX1\tY1\tZ1\n\n",
+}
+
+
+@pytest.mark.parametrize("head", TRC_HEADS)
+@pytest.mark.parametrize("promised", ["3", "", "2"])
+def test_trc_heads_of_other_programs(tmp_path, head, promised):
+    """OpenSim's, AddBiomechanics' and others' heads: the names stand for the same nine columns."""
+    keys = "DataRate\tCameraRate\tNumFrames\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames"
+    values = "100\t100\t2\tmm\t100\t1\t2"
+    if promised:
+        keys, values = f"{keys}\tNumMarkers", f"{values}\t{promised}"
+    path = tmp_path / "take.trc"
+    rows = "1\t0.0\t1\t2\t3\t4\t5\t6\t7\t8\t9\n2\t0.01\t1\t2\t3\t\t\t\t7\t8\t9\t\n"
+    path.write_text(f"PathFileType\t4\t(X/Y/Z)\ta.trc\n{keys}\n{values}\n{TRC_HEADS[head]}{rows}")
+    take = read_trc(path)
+    assert take.labels == ["A", "B b", "C"]
+    assert take.first_frame == 1
+    np.testing.assert_array_equal(take.xyz[0], np.arange(1, 10).reshape(3, 3))
+    np.testing.assert_array_equal(np.isnan(take.xyz[1, :, 0]), [False, True, False])
+
+
+def test_markers_called_after_axes_are_three_markers(tmp_path):
+    take = walk(points=3)
+    named = Points(("RX", "RY", "RZ"), take.xyz, take.residual, take.rate, take.first_frame)
+    write_trc(tmp_path / "take.trc", named)
+    assert read_points(tmp_path / "take.trc").names == named.names
+
+
+def test_a_trc_of_which_the_last_marker_is_never_there_keeps_its_names_in_place(tmp_path):
+    take = walk(points=4)
+    xyz = take.xyz.copy()
+    xyz[:, 3] = np.nan
+    write_trc(tmp_path / "take.trc", Points(take.names, xyz, take.residual, take.rate, take.first_frame))
+    found = read_points(tmp_path / "take.trc")
+    assert found.names == take.names == ("", "M1", "M2", "M3")
+    np.testing.assert_array_equal(np.isfinite(found.xyz), np.isfinite(xyz))
+
+
 def test_our_own_trc_keeps_a_person_who_lies_down(tmp_path):
     take = walk(points=20)
     lying = Points(take.names[:1] * 20, take.xyz[..., [2, 0, 1]] + [0, 0, 0.1], take.residual, 120, 1)
@@ -286,16 +336,10 @@ def test_takes_without_a_point_or_of_another_kind(tmp_path):
         read_points(tmp_path / "a.c3d")
 
 
-def test_units_and_up_axis_are_told_from_how_people_stand():
+def test_units_are_told_from_how_far_people_reach():
     person = walk(frames=3, points=20).xyz
     for unit, scale in (("m", 1), ("cm", 100), ("mm", 1000)):
         assert guess_unit(person * scale) == unit
-    y_up = person @ up_rotation("+Y")
-    assert guess_up(person, likely="+Y") == "+Z"
-    assert guess_up(y_up, likely="+Z") == "+Y"
-    lying = person[..., [2, 0, 1]]
-    assert guess_up(lying, likely="+Z") == "+Z"
-    assert guess_up(lying, likely="+Y") == "+Y"
 
 
 @pytest.mark.parametrize("up", ["+X", "-X", "+Y", "-Y", "+Z", "-Z"])

@@ -1,12 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Output files appear whole or not at all."""
 
+import errno
+import os
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from addon.core.data.errors import InputError, JobError
-from addon.io.whole import whole_file, whole_files
+from addon.io.whole import PART, finish_renaming, whole_file, whole_files
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_a_file_appears_only_when_the_block_ends_well(tmp_path):
@@ -14,7 +21,8 @@ def test_a_file_appears_only_when_the_block_ends_well(tmp_path):
     with whole_file(target) as temporary:
         temporary.write_text("all of it")
         assert temporary.suffix == ".c3d"
-        assert temporary.parent == target.parent
+        assert temporary.name == target.name
+        assert temporary.stat().st_dev == target.parent.stat().st_dev
         assert not target.exists()
     assert target.read_text() == "all of it"
     assert list(target.parent.iterdir()) == [target]
@@ -86,16 +94,150 @@ def test_a_device_is_never_replaced_by_a_file():
         pytest.fail("the block must not begin")
 
 
-def test_a_name_too_long_is_refused_and_the_trouble_told_in_the_end(tmp_path):
+def test_a_name_too_long_is_refused_and_one_that_just_fits_is_taken(tmp_path):
     with pytest.raises(InputError, match="expected another name"), whole_file(tmp_path / ("n" * 300)):
         pytest.fail("the block must not begin")
-    # The temporary's name is longer than the target's.
-    with pytest.raises(JobError, match="; expected"), whole_file(tmp_path / ("n" * 250)) as temporary:
+    with whole_file(tmp_path / ("n" * 250)) as temporary:
         temporary.write_text("all of it")
-    assert not list(tmp_path.iterdir())
+    assert [path.name for path in tmp_path.iterdir()] == ["n" * 250]
 
 
 def test_a_folder_that_may_not_be_written_is_told_before_the_work(tmp_path, monkeypatch):
     monkeypatch.setattr("os.access", lambda path, mode: path != tmp_path)  # nothing is forbidden to root
     with pytest.raises(InputError, match="may not be written"), whole_file(tmp_path / "take.c3d"):
         pytest.fail("the block must not begin")
+
+
+def test_links_and_letter_case_make_no_other_file(tmp_path):
+    take = tmp_path / "take.c3d"
+    take.write_text("recorded")
+    (tmp_path / "linked.c3d").symlink_to(take)
+    (tmp_path / "hard.c3d").hardlink_to(take)
+    (tmp_path / "folder").symlink_to(tmp_path)
+    around = f"../{tmp_path.name}/take.c3d"
+    for name in ("take.c3d", "linked.c3d", "hard.c3d", "TAKE.c3d", "folder/take.c3d", around):
+        with pytest.raises(InputError, match="is read"), whole_file(tmp_path / name, overwrite=True, read=[take]):
+            pytest.fail("the block must not begin")
+        with pytest.raises(InputError, match="twice"), whole_files([take, tmp_path / name], overwrite=True):
+            pytest.fail("the block must not begin")
+    with pytest.raises(InputError, match="twice"), whole_files([tmp_path / "new.c3d", tmp_path / "New.C3D"]):
+        pytest.fail("the block must not begin")
+    assert take.read_text() == "recorded"
+    assert len(list(tmp_path.iterdir())) == 4
+
+
+def test_files_are_on_disk_before_they_get_their_names_and_the_last_gets_its_name_last(tmp_path, monkeypatch):
+    said, flush, rename = [], os.fsync, Path.replace
+
+    def flushed(number):
+        said.append(Path(f"/proc/self/fd/{number}").resolve())
+        flush(number)
+
+    def renamed(part, target):
+        said.append(target)
+        return rename(part, target)
+
+    monkeypatch.setattr("os.fsync", flushed)
+    monkeypatch.setattr(Path, "replace", renamed)
+    targets = [tmp_path / name for name in ("take.labels.csv", "take.c3d", "take.report.json")]
+    with whole_files(targets) as parts:
+        for part in parts:
+            part.write_text("all of it")
+    assert [one for one in said if one in targets] == targets
+    if Path("/proc/self/fd").is_dir():
+        before = {one.name for one in said[: said.index(targets[0])]}
+        assert before >= {target.name for target in targets}
+        assert said[-1] == tmp_path
+
+
+# Writes three files and is killed when so many of them have got their names.
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[1])
+from addon.io.whole import whole_files
+folder, renamed, left, overwrite = Path(sys.argv[2]), Path.replace, int(sys.argv[3]), len(sys.argv) > 4
+def replace(part, target):
+    global left
+    if not left:
+        os.kill(os.getpid(), signal.SIGKILL)
+    left -= 1
+    return renamed(part, target)
+Path.replace = replace
+with whole_files([folder / name for name in ("1", "2", "3")], overwrite) as parts:
+    for part in parts:
+        part.write_text("new")
+    if left < 0:
+        os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def killed(folder, *words):
+    """Runs KILLED to its end."""
+    command = [sys.executable, "-c", KILLED, str(ROOT), str(folder), *map(str, words)]
+    assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs a system where a process can be killed")
+@pytest.mark.parametrize("renamed", [0, 1, 2])
+def test_who_is_killed_between_two_names_is_finished_by_the_next_run(tmp_path, renamed):
+    killed(tmp_path, renamed)
+    assert len([path for path in tmp_path.iterdir() if path.is_file()]) == renamed
+    with whole_file(tmp_path / "other") as temporary:
+        temporary.write_text("all of it")
+    held = {path.name: path.read_text() for path in tmp_path.iterdir()}
+    assert held == {**dict.fromkeys("123", "new"), "other": "all of it"}
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs a system where a process can be killed")
+def test_what_was_put_there_since_is_not_replaced_by_what_a_killed_run_left(tmp_path):
+    for name in "123":
+        (tmp_path / name).write_text("old")
+    killed(tmp_path, 1, "overwrite")
+    (tmp_path / "2").write_text("put here since")
+    finish_renaming(tmp_path)
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {
+        "1": "new",
+        "2": "put here since",
+        "3": "new",
+    }
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs a system where a process can be killed")
+def test_what_a_killed_run_left_half_written_goes_and_nothing_else(tmp_path):
+    mine = [tmp_path / name for name in (".part-mine", f"{PART}0123456789ab", f"{PART}holiday")]
+    for folder in mine:
+        folder.mkdir()
+        (folder / "picture").write_text("mine")
+    killed(tmp_path, -1)
+    assert len(list(tmp_path.iterdir())) == 4
+    with whole_file(tmp_path / "running") as temporary:
+        temporary.write_text("all of it")
+        finish_renaming(tmp_path)
+        assert temporary.read_text() == "all of it"
+    assert sorted(tmp_path.iterdir()) == sorted([*mine, tmp_path / "running"])
+    assert all((folder / "picture").read_text() == "mine" for folder in mine)
+
+
+def test_a_stop_between_two_names_is_one_after_the_last(tmp_path, monkeypatch):
+    rename, calls = Path.replace, []
+
+    def stopped(part, target):
+        calls.append(target)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return rename(part, target)
+
+    monkeypatch.setattr(Path, "replace", stopped)
+    targets = [tmp_path / name for name in "123"]
+    with pytest.raises(KeyboardInterrupt), whole_files(targets) as parts:
+        for part in parts:
+            part.write_text("new")
+    assert sorted(tmp_path.iterdir()) == targets
+
+
+def test_the_file_that_the_system_names_is_to_blame(tmp_path):
+    with pytest.raises(JobError, match="elsewhere: the system says: No space"), whole_file(tmp_path / "take.c3d"):
+        raise OSError(errno.ENOSPC, "No space left on device", "/elsewhere")
+    with pytest.raises(JobError, match=f"{tmp_path}: cannot be written"), whole_file(tmp_path / "take.c3d") as part:
+        raise OSError(errno.ENOSPC, "No space left on device", str(part))

@@ -16,6 +16,7 @@ from addon.core.body.bodies import BodyModel
 from addon.core.data.errors import JobError
 from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, NO_STEP, Labels, PointRows, Points, Suspect, Verdict
 from addon.core.pipelines import points as pipeline
+from addon.core.pipelines.points import begins
 from addon.core.points.likelihood.frames import LikelihoodNamer
 from addon.io.markersets import open_markerset
 from addon.io.points import read_points, write_c3d
@@ -169,3 +170,26 @@ def test_only_the_number_of_a_trajectory_is_made_the_file_s(source, monkeypatch)
         "trajectory 4 goes over from trajectory 1 to B",
         "trajectory 1 jumps",
     ]
+
+
+def test_progress_only_grows_and_goes_on_while_the_body_is_posed(source, of_two_minds, monkeypatch):
+    monkeypatch.setattr("addon.core.body.posing.BATCH", 5)
+    told = list(label_file(LabelJob(source, None, "gait15", source.parent / "out")))
+    shares = [one.fraction for one in told]
+    assert shares == sorted(shares)
+    assert shares[0] == 0 and shares[-1] < 1
+    posing = [one.fraction for one in told if one.note == "pose the body"]
+    assert len(set(posing)) > 10
+    assert max(np.diff(sorted(set(posing)))) < 0.1
+
+
+def test_each_part_begins_where_the_work_before_it_is_done():
+    for method in ("likelihood", "fit"):
+        for frames in (1, 100, 100_000):
+            shares = begins(frames, method)
+            assert list(shares) == ["adapt", "others", "name", "vote", "pose", "write"]
+            assert list(shares.values()) == sorted(shares.values())
+            assert shares["adapt"] == 0 and shares["write"] < 1
+    long = begins(100_000, "likelihood")
+    assert long["name"] < 0.01
+    assert long["vote"] > 0.8

@@ -59,12 +59,14 @@ def split_views(blobs: Blobs, cameras: Cameras) -> list[View]:
     slot = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)
     starts = np.searchsorted(blobs.frame[rows], np.arange(len(blobs.frames) + 1))
     widths = counts.reshape(-1, len(cameras)).max(axis=1, initial=0)
+    nothing = _view(image, rows[:0], blobs.camera[:0], slot[:0], (len(cameras), 1))
     views = []
     for index, width in enumerate(widths):
+        if not width:  # a gap may be thousands of frames: they share the view of nothing
+            views.append(nothing)
+            continue
         inside = slice(starts[index], starts[index + 1])
-        views.append(
-            _view(image, rows[inside], blobs.camera[rows[inside]], slot[inside], (len(cameras), max(int(width), 1)))
-        )
+        views.append(_view(image, rows[inside], blobs.camera[rows[inside]], slot[inside], (len(cameras), int(width))))
     return views
 
 

@@ -4,6 +4,7 @@
 Used to put the body in the way of a recorded take, and to learn marker sets.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -21,19 +22,27 @@ FEWEST = 4  # markers; a frame with fewer has no pose
 SUBJECT_FRAMES = 40  # enough to tell one subject's size and shape
 KEY_STRIDE = 8  # frames; those in between start from their neighbours' poses
 POOR = 3.0  # times the median cost; a frame that is posed worse than this is tried again
+KEY_STEPS, STEPS, AGAIN_STEPS = 15, 4, 12  # of the fit: of key frames, of all, of those that are tried again
+# What posing takes, in frames times steps: the subject's shape, as measured; and the part of the frames tried again.
+SUBJECT_WORK, RETRIED = 1500, 0.05
 BATCH = 256  # frames posed at once: large enough for NumPy, small enough for the cache
 HOLD = 1e9  # 1/m², holds a column against any data, yet is not so large that the rest is lost in rounding
 OWN_SD = 0.02  # heights, how far a subject's own markers stray from where the shape puts them
 
 
 def fit_points(
-    model: BodyModel, points: np.ndarray, *, height: float | None = None, prior: Prior | None = None
+    model: BodyModel,
+    points: np.ndarray,
+    *,
+    height: float | None = None,
+    prior: Prior | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> Bodies:
     """T bodies of one subject posed on its markers.
 
     points (T, M, 3) m, NaN where missing, in the marker set's order; `height` m, if it was measured. Scale, shape and
     own offsets are the same in every body. A frame with fewer than four markers gets NaN translation, quaternion and
-    bends. Raises ValueError when no frame has more.
+    bends. `progress` is told the share that is done. Raises ValueError when no frame has more.
     """
     seen = np.isfinite(points).all(axis=2)
     enough = np.flatnonzero(seen.sum(axis=1) >= FEWEST)
@@ -42,7 +51,8 @@ def fit_points(
     if prior is None:
         prior = Prior(model, height=height, height_sd=None if height is None else 0.03)
     subject = fit_subject(model, points[_subject_frames(seen, enough)], prior)
-    posed = pose_subject(model, subject.pick(slice(0, 1)), points[enough], prior)
+    told = _told(progress, len(enough))
+    posed = pose_subject(model, subject.pick(slice(0, 1)), points[enough], prior, told)
     return _spread_out(posed, enough, len(points))
 
 
@@ -57,16 +67,40 @@ def fit_subject(model: BodyModel, points: np.ndarray, prior: Prior, steps: int =
     return bodies
 
 
-def pose_subject(model: BodyModel, subject: Bodies, points: np.ndarray, prior: Prior) -> Bodies:
-    """One subject (a batch of 1) posed on frames (T, M, 3) m that all have enough markers; nothing else is fitted."""
+def _told(progress: Callable[[float], None] | None, frames: int) -> Callable[[int], None]:
+    """A function that is told how many frames went how many steps on, and tells `progress` the share of it all."""
+    whole = SUBJECT_WORK + frames * (KEY_STEPS / KEY_STRIDE + STEPS + RETRIED * 3 * AGAIN_STEPS)
+    done = SUBJECT_WORK
+
+    def told(work: int):
+        nonlocal done
+        done += work
+        if progress is not None:
+            progress(min(done / whole, 1.0))
+
+    told(0)
+    return told
+
+
+def pose_subject(
+    model: BodyModel,
+    subject: Bodies,
+    points: np.ndarray,
+    prior: Prior,
+    told: Callable[[int], None] = lambda _: None,
+) -> Bodies:
+    """One subject (a batch of 1) posed on frames (T, M, 3) m that all have enough markers; nothing else is fitted.
+
+    `told` is called with the number of frames times the steps that they were moved on by, batch after batch.
+    """
     stiff = BodyModel(baked(model, subject))
     held = _Held(Prior(stiff, prior.strength, height=prior.height), slice(6, PLACEMENT))
     keys = np.unique(np.append(np.arange(0, len(points), KEY_STRIDE), len(points) - 1))
     start = replace(aligned(stiff, points[keys], prior), scale=np.repeat(subject.scale, len(keys), axis=0))
-    posed = _fit_batches(stiff, start, points[keys], held, 15)
+    posed = _fit_batches(stiff, start, points[keys], held, KEY_STEPS, told)
     if len(keys) < len(points):
-        posed = _fit_batches(stiff, _between(posed, keys, len(points)), points, held, 4)
-        posed = _tried_again(stiff, posed, points, held)
+        posed = _fit_batches(stiff, _between(posed, keys, len(points)), points, held, STEPS, told)
+        posed = _tried_again(stiff, posed, points, held, told)
     return replace(
         posed,
         scale=np.repeat(subject.scale, len(points), axis=0),
@@ -219,15 +253,16 @@ class _Held:
         return cost, gradient, hessian
 
 
-def _fit_batches(model: BodyModel, start: Bodies, points: np.ndarray, prior, steps: int) -> Bodies:
+def _fit_batches(model: BodyModel, start: Bodies, points: np.ndarray, prior, steps: int, told) -> Bodies:
     parts = []
     for first in range(0, len(points), BATCH):
         chosen = slice(first, first + BATCH)
         parts.append(fit_body(model, start.pick(chosen), point_pull(points[chosen]), steps, prior).bodies)
+        told(steps * len(points[chosen]))
     return Bodies(*(np.concatenate([getattr(part, name) for part in parts]) for name in Bodies.__dataclass_fields__))
 
 
-def _tried_again(model: BodyModel, posed: Bodies, points: np.ndarray, prior: _Held) -> Bodies:
+def _tried_again(model: BodyModel, posed: Bodies, points: np.ndarray, prior: _Held, told) -> Bodies:
     """The frames that are posed worse than most, once more from where they are and from the frame before and after."""
     cost = point_pull(points)(model.pose(posed).markers).cost
     poor = np.flatnonzero(cost > POOR * np.median(cost))
@@ -235,7 +270,7 @@ def _tried_again(model: BodyModel, posed: Bodies, points: np.ndarray, prior: _He
         if not len(poor):
             break
         start = posed.pick(np.clip(poor + shift, 0, len(points) - 1))
-        again = _fit_batches(model, start, points[poor], prior, 12)
+        again = _fit_batches(model, start, points[poor], prior, AGAIN_STEPS, told)
         new = point_pull(points[poor])(model.pose(again).markers).cost
         better = new < cost[poor]
         for name in Bodies.__dataclass_fields__:

@@ -13,6 +13,9 @@ STEPS = ("", "exclusive", "conflict", "remaining", "evidence", "ensemble", "fit"
 NO_STEP, EXCLUSIVE, CONFLICT, REMAINING, BY_LIKELIHOOD, BY_PARTIAL_SOLVERS, BY_FIT, BY_TRAJECTORY = range(len(STEPS))
 NO_MARKER = -1
 
+# C3D files count frames no further than this, and blob files neither.
+LARGEST_FRAME = 2**32 - 1
+
 
 @dataclass(frozen=True, eq=False)
 class Blobs:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One camera model for everything: pinhole with the OpenCV lens (k1 k2 p1 p2 k3), over cameras and points at once."""
+"""One camera model for everything: pinhole with OpenCV's lens (k1 k2 p1 p2 k3) or Vicon's, over all points at once."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from ..data.errors import InputError
+from . import inverse_lens
 
 UNDISTORT_STEPS = 20
 UNDISTORT_TOLERANCE = 1e-13
@@ -23,6 +24,8 @@ class Cameras:
     distortion   (C, 5) k1 k2 p1 p2 k3, in OpenCV's order and sense
     rotation     (C, 3, 3) world to camera; a camera looks along its own +z, x right, y down
     translation  (C, 3) m: a point in the camera is rotation @ point + translation
+    inverse      (C, 3) a b c of lenses of Vicon's kind, see `inverse_lens`; zeros where `distortion` is the lens
+    remarks      what a person should know of how these cameras came about, a sentence each
     """
 
     names: tuple[str, ...]
@@ -31,15 +34,20 @@ class Cameras:
     distortion: np.ndarray
     rotation: np.ndarray
     translation: np.ndarray
+    inverse: np.ndarray | None = None
+    remarks: tuple[str, ...] = ()
 
     def __post_init__(self):
         count = len(self.names)
+        if self.inverse is None:
+            object.__setattr__(self, "inverse", np.zeros((count, inverse_lens.TERMS)))
         for field, shape in (
             ("size", (2,)),
             ("matrix", (3, 3)),
             ("distortion", (5,)),
             ("rotation", (3, 3)),
             ("translation", (3,)),
+            ("inverse", (inverse_lens.TERMS,)),
         ):
             array = np.array(getattr(self, field), dtype=float)
             if array.shape != (count, *shape):
@@ -47,20 +55,23 @@ class Cameras:
             array.setflags(write=False)
             object.__setattr__(self, field, array)
         if len(set(self.names)) != count:
-            raise InputError("two cameras have the same name; every camera needs a name of its own")
+            raise InputError("has two cameras of the same name; expected every camera to have a name of its own")
         for index, name in enumerate(self.names):
             self._check(index, name)
 
     def _check(self, index: int, name: str):
         """Raises InputError when camera `index` could not have taken a picture."""
         matrix, rotation = self.matrix[index], self.rotation[index]
-        values = np.concatenate([matrix.ravel(), rotation.ravel(), self.translation[index], self.distortion[index]])
+        lenses = (self.distortion[index], self.inverse[index])
+        values = np.concatenate([matrix.ravel(), rotation.ravel(), self.translation[index], *lenses])
         if not np.isfinite(values).all():
             raise InputError(f"camera {name} has a value that is not a finite number; expected a complete calibration")
         if abs(np.linalg.det(matrix)) < 1e-9 or matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
             raise InputError(f"camera {name} has a singular matrix; expected focal lengths above zero")
         if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-4) or np.linalg.det(rotation) < 0:
             raise InputError(f"camera {name} has a rotation that is not a rotation; expected an orthonormal matrix")
+        if all(lens.any() for lens in lenses):
+            raise InputError(f"camera {name} has two lenses, OpenCV's and Vicon's; expected one of them")
 
     def __len__(self) -> int:
         return len(self.names)
@@ -68,7 +79,8 @@ class Cameras:
     def select(self, indices) -> "Cameras":
         """The cameras at `indices` (a sequence of whole numbers), in that order."""
         chosen = np.asarray(indices, dtype=int)
-        arrays = {f: getattr(self, f)[chosen] for f in ("size", "matrix", "distortion", "rotation", "translation")}
+        fields = ("size", "matrix", "distortion", "rotation", "translation", "inverse")
+        arrays = {field: getattr(self, field)[chosen] for field in fields}
         return replace(self, names=tuple(self.names[i] for i in chosen), **arrays)
 
     @cached_property
@@ -88,8 +100,8 @@ class Cameras:
 
     @cached_property
     def reach(self) -> np.ndarray:
-        """(C,) see `lens_reach`."""
-        return lens_reach(self.distortion)
+        """(C,) how far from the axis a lens lets light through, normalised image without the lens; inf if anywhere."""
+        return np.minimum(lens_reach(self.distortion), inverse_lens.reach(self.inverse))
 
     def normalised(self, points: np.ndarray) -> np.ndarray:
         """Normalised image coordinates (C, ..., 2) of world points (..., 3) m; NaN behind the camera."""
@@ -103,11 +115,15 @@ class Cameras:
     def project(self, points: np.ndarray) -> np.ndarray:
         """Pixels (C, ..., 2) where each camera sees world points (..., 3) m, lens included; NaN behind the camera.
 
+        NaN also where a lens of Vicon's kind lets no light through; OpenCV's model says nonsense there, see `reach`.
         The paper's equation 6 without the model: x = P X, then the lens.
         """
         image = self.normalised(points)
         flat = image.reshape(len(self), -1, 2)
-        return self._to_pixels(distort(flat, self.distortion[:, None, :])).reshape(image.shape)
+        seen = distort(flat, self.distortion[:, None, :])
+        for index in np.flatnonzero(self.inverse.any(axis=1)):
+            seen[index] = inverse_lens.bend(flat[index], self.inverse[index])
+        return self._to_pixels(seen).reshape(image.shape)
 
     def _to_pixels(self, image: np.ndarray) -> np.ndarray:
         """(C, N, 2) px of (C, N, 2) normalised image coordinates with the lens already in them."""
@@ -116,14 +132,20 @@ class Cameras:
     def undistort(self, pixels: np.ndarray, camera: np.ndarray) -> np.ndarray:
         """Normalised, lens-free image coordinates (N, 2) of pixels (N, 2) seen by camera index `camera` (N,).
 
-        Solved by Newton's method to rounding error, not by the usual few fixed-point steps. A pixel that no light
-        reaches through its lens gives NaN.
+        OpenCV's lens is solved by Newton's method to rounding error, not by the usual few fixed-point steps. A pixel
+        that no light reaches through its lens gives NaN.
         """
         pixels, camera = np.asarray(pixels, dtype=float), np.asarray(camera, dtype=int)
         inverse = np.linalg.inv(self.matrix[:, :2, :2])
         image = np.einsum("nij,nj->ni", inverse[camera], pixels - self.matrix[camera, :2, 2])
-        lens = self.distortion[camera]
-        return undistort(image, lens, self.reach[camera]) if np.any(lens) else image
+        forward = np.flatnonzero(self.distortion.any(axis=1)[camera])
+        if len(forward):
+            bent = camera[forward]
+            image[forward] = undistort(image[forward], self.distortion[bent], self.reach[bent])
+        for index in np.flatnonzero(self.inverse.any(axis=1)):
+            seen = camera == index
+            image[seen] = inverse_lens.straighten(image[seen], self.inverse[index])
+        return image
 
 
 def distort(image: np.ndarray, lens: np.ndarray) -> np.ndarray:
@@ -142,16 +164,9 @@ def lens_reach(lens: np.ndarray) -> np.ndarray:
     """The radius (...) up to which the radial part of a lens (..., 5) rises, normalised image; inf if it always does.
 
     Beyond it the polynomial r (1 + k1 r² + k2 r⁴ + k3 r⁶) turns back, so that one pixel would show two directions; no
-    lens does that. With w = 1/r² the turning points are the roots of w³ + 3 k1 w² + 5 k2 w + 7 k3.
+    lens does that.
     """
-    lens = np.asarray(lens, dtype=float)
-    companion = np.zeros((*lens.shape[:-1], 3, 3))
-    companion[..., 0, :] = -lens[..., [0, 1, 4]] * [3.0, 5.0, 7.0]
-    companion[..., 1, 0] = companion[..., 2, 1] = 1
-    roots = np.linalg.eigvals(companion)
-    first = np.where(np.abs(roots.imag) < 1e-12, roots.real, 0).max(axis=-1)
-    with np.errstate(divide="ignore"):
-        return 1 / np.sqrt(np.maximum(first, 0) + 0.0)
+    return inverse_lens.turning_point(np.asarray(lens, dtype=float)[..., [0, 1, 4]])
 
 
 def undistort(image: np.ndarray, lens: np.ndarray, reach: np.ndarray | None = None) -> np.ndarray:

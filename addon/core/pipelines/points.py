@@ -13,6 +13,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..blobs.pipeline import Options
+from ..data.background import in_background, within
 from ..data.models import Model
 from ..data.progress import Progress
 from ..data.takes import BY_LIKELIHOOD, LabelledChunk, Labels, Points, Suspect, Verdict
@@ -25,8 +26,16 @@ from ..points.tracklets import cut, renamed
 from ..review.suspects import find_suspects, summarised
 
 USUAL_TARGET = 0.999
-# How far along the work is when each part begins.
-SHARES = {"adapt": 0.0, "others": 0.05, "name": 0.1, "vote": 0.75, "pose": 0.8, "end": 0.9}
+# What each part takes, as measured: so many times as long as a frame is named in, and that again for each frame. The
+# last is what whoever called does with the outcome.
+COSTS = {
+    "adapt": (5, 0),
+    "others": (150, 0),
+    "name": (0, 1),
+    "vote": (2, 0.02),
+    "pose": (18, 0.12),
+    "write": (5, 0.03),
+}
 
 
 @dataclass(frozen=True)
@@ -55,29 +64,38 @@ def label_points(take: Points, model: Model, options: PointOptions) -> Generator
     with threadpool_limits(1, user_api="blas"):  # many threads on small matrices cost more than they bring
         begin = perf_counter()
         verdict = yield from _named(take, model, method, options)
-        yield Progress(SHARES["pose"], "pose the body")
-        named = perf_counter()
-        motion = motion_of(take.xyz, take.residual, verdict.labels, model.markerset, take.frames)
+        named, shares = perf_counter(), begins(len(take.xyz), method)
+        given = take.xyz, take.residual, verdict.labels, model.markerset, take.frames
+        work = in_background(lambda tell: motion_of(*given, progress=tell))
+        motion = yield from within(work, shares["pose"], shares["write"], "pose the body")
         seconds = {"label": named - begin, "fit": perf_counter() - named}
-    yield Progress(SHARES["end"], "look for what is doubtful")
+    yield Progress(shares["write"], "write")
     suspects = _by_file_number(verdict.suspects, take) + find_suspects(motion, model.markerset.markers, take.rate)
     suspects = tuple(sorted(summarised(suspects, take.rate), key=lambda suspect: suspect.first))
     return LabelledChunk(verdict.labels, motion, suspects, seconds)
 
 
+def begins(frames: int, method: str) -> dict[str, float]:
+    """How far along the work is when each of its parts begins, for a take of so many frames."""
+    costs = COSTS | ({"others": (5, 0)} if method == "fit" else {})
+    spent = np.array([fixed + each * frames for fixed, each in costs.values()])
+    return dict(zip(costs, ((np.cumsum(spent) - spent) / spent.sum()).tolist(), strict=True))
+
+
 def _named(take: Points, model: Model, method: str, options: PointOptions) -> Generator[Progress, None, Verdict]:
     """What is said of every point in the end."""
-    yield Progress(SHARES["adapt"], "look who wears the markers")
+    shares = begins(len(take.xyz), method)
+    yield Progress(shares["adapt"], "look who wears the markers")
     tracklet = cut(take.xyz, take.rate)
     namer = namer_of(model, method, options.hints)
     adaptation = Adaptation(model)
     if namer.step == BY_LIKELIHOOD:
         adaptation = adapt(model, take.xyz, tracklet, take.rate)
         namer = namer_of(adaptation.model, method, options.hints)
-    yield Progress(SHARES["others"], "look whether the model is for this take")
+    yield Progress(shares["others"], "look whether the model is for this take")
     refuse_others(adaptation.model, namer, take.xyz)
-    named = yield from _frame_by_frame(namer, take)
-    yield Progress(SHARES["vote"], "let trajectories vote")
+    named = yield from _frame_by_frame(namer, take, shares)
+    yield Progress(shares["vote"], "let trajectories vote")
     decided = _decided(named, tracklet, adaptation, take, options.target)
     # Who asks for surer labels gets fewer, and the take is no stranger's for that.
     usual = decided if options.target == USUAL_TARGET else _decided(named, tracklet, adaptation, take, USUAL_TARGET)
@@ -86,14 +104,14 @@ def _named(take: Points, model: Model, method: str, options: PointOptions) -> Ge
     return Verdict(decided.labels, decided.suspects + changed)
 
 
-def _frame_by_frame(namer: Namer, take: Points) -> Generator[Progress, None, Labels]:
+def _frame_by_frame(namer: Namer, take: Points, shares: dict[str, float]) -> Generator[Progress, None, Labels]:
     """What every frame says on its own."""
     parts, done = [], 0
-    yield Progress(SHARES["name"], f"frame {take.first_frame}")
+    yield Progress(shares["name"], f"frame {take.first_frame}")
     for part in namer.name(take.xyz, take.rate):
         parts.append(part)
         done += len(part.marker)
-        share = SHARES["name"] + (SHARES["vote"] - SHARES["name"]) * done / len(take.xyz)
+        share = shares["name"] + (shares["vote"] - shares["name"]) * done / len(take.xyz)
         yield Progress(share, f"frame {take.first_frame + done - 1}")
     return Labels.join(parts)
 

@@ -124,8 +124,10 @@ def _window(waiting: list[tuple[Blobs, Reconstructed]]) -> _Window:
 def _decided(way: _Way, window: _Window) -> Verdict:
     """The names of a window's points; none, and why, where nobody in the model's markers is there."""
     markerset, first = way.model.markerset, int(window.frames[0])
-    found = name_all(way.namer, window.xyz, way.rate)
-    said = ()
+    found, said = Labels.none(*window.residual.shape), ()
+    found = replace(found, rate=np.zeros(window.residual.shape))
+    if np.isfinite(window.xyz).any():
+        found = name_all(way.namer, window.xyz, way.rate)
     if sure_share(found, window.xyz, len(markerset)) < LEAST_SURE:
         found = found.kept(np.zeros(found.marker.shape, bool))
         said = (Suspect(first, int(window.frames[-1]), f"no subject that wears {markerset.name} was recognised"),)

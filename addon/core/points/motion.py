@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """From named points to a moving body."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -13,10 +14,18 @@ from ..data.takes import LabelledChunk, Labels, Motion, Points
 FITTED = 2000  # frames posed at once
 
 
-def motion_of(points: np.ndarray, residual: np.ndarray, labels: Labels, markerset: MarkerSet, frames) -> Motion:
+def motion_of(
+    points: np.ndarray,
+    residual: np.ndarray,
+    labels: Labels,
+    markerset: MarkerSet,
+    frames: np.ndarray,
+    progress: Callable[[float], None] | None = None,
+) -> Motion:
     """The named markers and the body posed on them.
 
     points (T, P, 3) m and residual (T, P) m with their labels (T, P); frames (T,) the source's numbers.
+    `progress` is told the share that is done.
     """
     count, size = len(points), len(markerset)
     xyz, off = np.full((count, size, 3), np.nan), np.full((count, size), np.nan)
@@ -27,7 +36,7 @@ def motion_of(points: np.ndarray, residual: np.ndarray, labels: Labels, markerse
     off[frame, marker] = residual[frame, column]
     model = BodyModel(markerset)
     if (np.isfinite(xyz[..., 0]).sum(axis=1) >= FEWEST).any():
-        bodies = fit_points(model, xyz)
+        bodies = fit_points(model, xyz, progress=progress)
     else:
         nobody = model.rest(count, 1.0)
         bodies = replace(nobody, translation=np.full_like(nobody.translation, np.nan))

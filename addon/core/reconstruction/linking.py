@@ -58,6 +58,8 @@ class Links:
 
     def link(self, points: np.ndarray) -> np.ndarray:
         """(Q,) the numbers of the trajectories that the next frame's points (Q, 3) belong to; new ones begin."""
+        if not len(points) and not len(self.number):
+            return np.zeros(0, int)
         expected = self.expected()
         old, new = _nearest_pairs(expected, points)
         numbers = np.full(len(points), -1)

@@ -70,6 +70,12 @@ class FramePoints:
     squares: np.ndarray
     watching: np.ndarray
 
+    @classmethod
+    def nothing(cls, cameras: int) -> "FramePoints":
+        """No points, of so many cameras."""
+        none = np.zeros(0)
+        return cls(np.zeros((0, 3)), np.zeros((0, cameras), int), none, none, np.zeros(0, int))
+
     @property
     def support(self) -> np.ndarray:
         """(Q,) number of cameras whose blobs make the point."""

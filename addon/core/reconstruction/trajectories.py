@@ -99,6 +99,8 @@ class Reconstructor:
         return points, links.link(points.points)
 
     def _match(self, view: View, expected: Expected) -> FramePoints:
+        if not view.count:
+            return FramePoints.nothing(len(self.cameras))
         return FrameMatcher(view, self.sight, self.cameras.size, self.circumstances).match(expected)
 
     def _open(self, views: list[View]) -> list[tuple[FramePoints, np.ndarray]]:

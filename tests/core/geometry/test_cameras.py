@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from addon.core.data.errors import InputError
+from addon.core.geometry import inverse_lens
 from addon.core.geometry.cameras import Cameras, distort, lens_reach, undistort
 from addon.core.simulation.rigs import paper_rig, ring_rig
 
@@ -26,7 +27,7 @@ def by_hand(cameras, camera, point):
 
 def parts(cameras, **changes):
     """The fields of a rig, some of them changed."""
-    fields = ("names", "size", "matrix", "distortion", "rotation", "translation")
+    fields = ("names", "size", "matrix", "distortion", "rotation", "translation", "inverse")
     return {name: changes.get(name, getattr(cameras, name)) for name in fields}
 
 
@@ -166,3 +167,56 @@ def test_a_calibration_that_is_none_is_refused_in_one_sentence(fault, words):
 def test_arrays_of_the_wrong_shape_are_a_programmers_mistake():
     with pytest.raises(ValueError, match="distortion"):
         Cameras(**parts(ring_rig(3), distortion=np.zeros((3, 4))))
+
+
+@settings(deadline=None)
+@given(
+    st.floats(0.0, 0.999),
+    st.floats(0, 6.3),
+    st.tuples(st.floats(-0.5, 1.5), st.floats(-0.5, 1.5), st.floats(-0.2, 0.5)),
+)
+def test_a_lens_of_vicons_kind_is_undone_exactly(share, angle, terms):
+    lens = np.array(terms)
+    seen = np.array([np.cos(angle), np.sin(angle)]) * share * min(inverse_lens.fold(lens), 2.0)
+    straight = inverse_lens.straighten(seen[None], lens)
+    assert np.isfinite(straight).all()
+    # Near its fold a lens is flat, and a rounding error in what is straight is a larger one in what is seen.
+    assert inverse_lens.bend(straight, lens)[0] == pytest.approx(seen, abs=1e-6)
+    if share < 0.9:
+        assert inverse_lens.bend(straight, lens)[0] == pytest.approx(seen, abs=1e-11)
+
+
+def test_beyond_the_fold_of_a_lens_of_vicons_kind_there_is_nothing():
+    lens = np.array([-1 / 3, 0.0, 0.0])  # r - r³/3 turns back at 1, where it is 2/3
+    assert inverse_lens.fold(lens) == pytest.approx(1)
+    assert inverse_lens.reach(lens) == pytest.approx(2 / 3)
+    image = np.array([[0.99, 0.0], [0.0, 1.01]])
+    assert np.isfinite(inverse_lens.straighten(image, lens)).all(axis=1).tolist() == [True, False]
+    straight = np.array([[0.0, 0.0], [0.666, 0.0], [0.0, 0.667], [np.nan, 0.0]])
+    assert np.isfinite(inverse_lens.bend(straight, lens)).all(axis=1).tolist() == [True, True, False, False]
+    cameras = Cameras(**parts(ring_rig(2), distortion=np.zeros((2, 5)), inverse=np.tile(lens, (2, 1))))
+    assert cameras.reach == pytest.approx([2 / 3] * 2)
+
+
+def test_a_rig_of_both_lenses_is_undistorted_camera_by_camera():
+    mixed = np.array([[0, 0, 0], [0.4, 0.2, 0.0], [-0.1, 0.3, 0.05], [0, 0, 0]])
+    lenses = np.where(mixed.any(axis=1)[:, None], 0, paper_rig().distortion)
+    cameras = Cameras(**parts(paper_rig(), distortion=lenses, inverse=mixed))
+    points = np.random.default_rng(1).uniform([-0.8, -0.8, 0], [0.8, 0.8, 2], (200, 3))
+    pixels, ideal = cameras.project(points), cameras.normalised(points)
+    camera = np.repeat(np.arange(4), len(points))
+    assert np.abs(cameras.undistort(pixels.reshape(-1, 2), camera) - ideal.reshape(-1, 2)).max() < 1e-12
+    assert np.array_equal(cameras.select([2, 0]).inverse, mixed[[2, 0]])
+
+
+def test_a_camera_has_one_lens():
+    with pytest.raises(InputError, match="two lenses"):
+        Cameras(**parts(paper_rig(), distortion=np.full((4, 5), 0.01), inverse=np.full((4, 3), 0.01)))
+
+
+def test_points_far_aside_are_bent_too():
+    """Almost square to where a camera looks the radius has no end, and Newton's steps from there are many."""
+    straight = np.array([[1e3, 0.0], [0.0, 1e6], [1e-9, 0.0]])
+    lens = np.array([0.65, 0.8, 0.3])
+    seen = inverse_lens.bend(straight, lens)
+    assert inverse_lens.straighten(seen, lens) == pytest.approx(straight, rel=1e-9)

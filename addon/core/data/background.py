@@ -7,7 +7,7 @@ from collections.abc import Callable, Generator
 from contextlib import closing
 from typing import Any
 
-from ..core.data.progress import Progress
+from .progress import Progress
 
 DONE = object()
 PATIENCE = 0.2  # s; so long a step waits for news
@@ -53,6 +53,16 @@ def in_background(work: Callable[[Callable[[float], None]], Any]) -> Generator[f
     if "error" in outcome:
         raise outcome["error"]
     return outcome["result"]
+
+
+def within(work: Generator[float, None, Any], first: float, last: float, note: str) -> Generator[Progress, None, Any]:
+    """Part of a job, from `first` to `last` of the whole, that tells its share from 0 to 1; gives what it returns."""
+    while True:
+        try:
+            share = next(work)
+        except StopIteration as end:
+            return end.value
+        yield Progress(first + (last - first) * share, note)
 
 
 def drained(steps: Generator[Progress, None, Any], tell: Callable[[float], None]) -> Any:

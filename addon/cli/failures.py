@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What stopped a command, or one take of several, as one sentence, which the contract promises, never a traceback."""
+
+import os
+import traceback
+from pathlib import Path
+
+from ..core.data.errors import InputError, JobError, UserError
+
+
+def as_trouble(error: Exception, trace: bool = False) -> UserError:
+    """Whatever was raised as trouble with an exit status; `trace` shows where faults of our own are."""
+    if isinstance(error, UserError):
+        return error
+    if isinstance(error, BrokenPipeError):
+        return JobError("the program that reads the results went away; expected it to read them all")
+    if isinstance(error, MemoryError):
+        return JobError("the memory is full; expected fewer frames at once, see --frames, or fewer --jobs")
+    if isinstance(error, OSError):
+        kind = InputError if error.filename else JobError
+        place = os.fsdecode(error.filename) if isinstance(error.filename, str | bytes) else error.filename or ""
+        return kind(f"the system says: {error.strerror or _line(error)}; expected a path that can be used", place)
+    if trace:
+        traceback.print_exception(error)
+    return JobError(f"a fault of Mocap Autolabel itself ({type(error).__name__}: {_line(error)}); please report it")
+
+
+def of_take(error: Exception, take: Path, trace: bool = False) -> UserError:
+    """The same of one take of several, which it names unless it names another file."""
+    trouble = as_trouble(error, trace)
+    return trouble if trouble.file else type(trouble)(trouble.message, take)
+
+
+def _line(error: Exception) -> str:
+    return " ".join(str(error).split())[:300]

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the labelling made of a take, and its files."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..blendfile import Chunks, save_blend
+from ..core.data.markersets import MarkerSet
+from ..core.data.takes import PointRows, Points
+from ..core.geometry.cameras import Cameras
+from ..core.review.summary import TakeSummary
+from ..io.c3d import first_number, names_in_c3d
+from ..io.labels import write_point_labels
+from ..io.points import write_c3d, write_trc
+from ..io.report import take_report, write_report
+from ..version import version
+from .job import REPORT, LabelJob, timed
+from .resuming import with_results
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What the labelling made of a take, to be written.
+
+    points   the markers in space, then what stays unnamed of points
+    chunks   rows and what is said of them; of blobs only where the job keeps them
+    cameras  that saw it; none for points
+    summary  for the report, and `facts` that only some reports say
+    made_of  what the results come from
+    """
+
+    points: Points
+    chunks: Chunks
+    cameras: Cameras
+    summary: TakeSummary
+    facts: dict
+    made_of: dict
+
+
+def write_take(job: LabelJob, files: dict[str, Path], markerset: MarkerSet, made: Outcome, clock: dict) -> dict:
+    """Writes all files of a take but the labels of blobs, which are written chunk by chunk; gives the report."""
+    rate = made.points.rate
+    with timed(clock, "write"):
+        for rows, chunk in made.chunks:
+            if isinstance(rows, PointRows):
+                write_point_labels(files[".labels.csv"], rows, chunk.labels, markerset.markers)
+        write_c3d(files[".c3d"], made.points)
+        if job.trc:
+            write_trc(files[".trc"], made.points)
+        if job.blend:
+            save_blend(files[".blend"], job.source, rate, markerset, made.chunks, made.cameras)
+    report = take_report(made.summary, job.source.stem, markerset.name, rate, version(), clock)
+    report |= renumbered(made.points) | made.facts | {"made_of": with_results(made.made_of, files)}
+    if "points" in report:
+        del report["blobs"]
+    write_report(files[REPORT], report)
+    return report
+
+
+def renumbered(points: Points) -> dict:
+    """What a report says where a C3D file cannot say what the take does: of frame numbers, and of long names."""
+    said = {}
+    first = first_number(points.first_frame, points.xyz.shape[0])
+    if first != points.first_frame:
+        said["c3d_first_frame"] = first
+    names = zip(points.names, names_in_c3d(points.names), strict=True)
+    if other := {name: fitted for name, fitted in names if name != fitted}:
+        said["c3d_names"] = other
+    return said

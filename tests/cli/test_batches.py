@@ -1,0 +1,267 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Several takes at once: what goes wrong with one of them, and a batch that is stopped, killed and resumed."""
+
+import errno
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from addon import jobs
+from addon.cli import workers
+from addon.demo.take import MODEL
+
+ENDINGS = (".labels.csv", ".c3d", ".trc", ".report.json")
+FEW = ("--frames", "100:103", "--trc")
+KILLS = int(os.environ.get("MOCAP_KILLS", "2"))  # more by hand
+
+
+@pytest.fixture
+def takes(room, tmp_path):
+    """Three takes of the same blobs."""
+    (tmp_path / "takes").mkdir()
+    return [Path(shutil.copy(room.blobs, tmp_path / "takes" / f"{name}.csv")) for name in ("one", "two", "three")]
+
+
+@pytest.fixture
+def temporary(tmp_path, monkeypatch):
+    """A folder of the test's own for temporary files."""
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    monkeypatch.setenv("TMPDIR", str(folder))
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    return folder
+
+
+@pytest.fixture
+def poisoned(monkeypatch):
+    """Makes the labelling of the take `two` raise."""
+
+    def poison(trouble):
+        whole = jobs.label_file
+
+        def label_file(job):
+            if job.source.stem == "two":
+                raise trouble
+            return whole(job)
+
+        monkeypatch.setattr(jobs, "label_file", label_file)
+
+    return poison
+
+
+@pytest.mark.parametrize(
+    ("trouble", "reason"),
+    [
+        (MemoryError(), "two.csv: the memory is full"),
+        (RecursionError("too deep"), "two.csv: a fault of Mocap Autolabel itself (RecursionError: too deep)"),
+        (ValueError("no\nsense"), "two.csv: a fault of Mocap Autolabel itself (ValueError: no sense)"),
+        (OSError(errno.EIO, "Input/output error"), "two.csv: the system says: Input/output error"),
+    ],
+)
+def test_whatever_one_take_fails_of_the_others_are_labelled_and_printed(label, takes, poisoned, trouble, reason):
+    poisoned(trouble)
+    answer = label(*FEW, "--json", blobs=takes)
+    assert answer.status == 1
+    assert reason in answer.err.splitlines()[-1]
+    said = json.loads(answer.out)
+    assert [take["take"] for take in said["takes"]] == ["one", "three"]
+    assert [take["take"] for take in said["failed"]] == ["two"]
+
+
+def test_who_stops_a_batch_stops_it(label, takes, poisoned):
+    poisoned(KeyboardInterrupt())
+    answer = label(*FEW, blobs=takes)
+    assert (answer.status, answer.out) == (1, "")
+    assert "stopped before the end" in answer.err
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs a system where a process can be killed")
+def test_a_process_that_is_killed_names_its_take(label, takes, monkeypatch):
+    start = workers._start
+
+    def started(number, command, scratch):
+        worker = start(number, command, scratch)
+        if command[-1].endswith("two.csv"):
+            worker.process.kill()
+        return worker
+
+    monkeypatch.setattr(workers, "_start", started)
+    answer = label(*FEW, "--jobs", "2", "--json", blobs=takes[:2])
+    assert answer.status == 1
+    assert "two.csv: its process was killed (SIGKILL)" in answer.reason
+    assert [take["take"] for take in json.loads(answer.out)["takes"]] == ["one"]
+
+
+def test_a_process_that_cannot_be_started_costs_its_take_only(label, takes, monkeypatch):
+    popen = subprocess.Popen
+
+    def started(line, **more):
+        if line[-1].endswith("two.csv"):
+            raise OSError(errno.ENOMEM, os.strerror(errno.ENOMEM))
+        return popen(line, **more)
+
+    monkeypatch.setattr(subprocess, "Popen", started)
+    answer = label(*FEW, "--jobs", "2", "--json", blobs=takes[:2])
+    assert "two.csv: no process can be started for it" in answer.reason
+    assert [take["take"] for take in json.loads(answer.out)["takes"]] == ["one"]
+
+
+def test_a_full_temporary_folder_is_called_by_its_name(label, temporary, monkeypatch, tmp_path):
+    def full(_file, _rows):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("addon.jobs.blobs.append", full)
+    answer = label(*FEW)
+    assert answer.status == 1
+    assert answer.reason.startswith(f"{temporary}{os.sep}mocap-autolabel-")
+    assert (
+        "cannot hold temporary files (No space left on device); expected room there, or another TMPDIR" in answer.reason
+    )
+    assert not list(temporary.iterdir())
+    assert not list((tmp_path / "out").iterdir())
+
+
+def stamps(out):
+    return {path.name: (path.stat().st_ino, path.stat().st_mtime_ns) for path in out.iterdir()}
+
+
+def test_resume_passes_over_what_is_done_and_does_the_rest(label, takes, tmp_path):
+    out = tmp_path / "out"
+    label(*FEW, blobs=takes[:2])
+    done = stamps(out)
+    said = label(*FEW, "--resume", blobs=takes)
+    assert (said.status, said.err) == (0, "")
+    assert [line.endswith(", done before") for line in said.out.splitlines()] == [True, True, False]
+    assert {name: stamp for name, stamp in stamps(out).items() if not name.startswith("three")} == done
+    again = json.loads(label(*FEW, "--resume", "--json", "--jobs", "2", blobs=takes).out)
+    assert again["passed_over"] == ["one", "three", "two"]
+    assert [report["take"] for report in again["takes"]] == ["one", "two", "three"]
+
+
+def test_resume_makes_again_what_is_gone_of_its_own_and_only_that_take(label, takes, tmp_path):
+    out = tmp_path / "out"
+    label(*FEW, blobs=takes[:2])
+    before = {path.name: path.read_bytes() for path in out.iterdir() if not path.name.endswith(".json")}
+    done = stamps(out)
+    (out / "two.c3d").unlink()
+    assert label(*FEW, "--resume", blobs=takes[:2]).status == 0
+    assert {path.name: path.read_bytes() for path in out.iterdir() if not path.name.endswith(".json")} == before
+    assert {name: stamp for name, stamp in stamps(out).items() if name.startswith("one")} == {
+        name: stamp for name, stamp in done.items() if name.startswith("one")
+    }
+
+
+def test_resume_replaces_nothing_that_it_did_not_make_as_it_is(label, run, takes, room, tmp_path):
+    out = tmp_path / "out"
+    label(*FEW, blobs=takes[:1])
+
+    def refused(reason, *words, **more):
+        before = stamps(out)
+        answer = label(*words, "--resume", blobs=takes[:1], **more)
+        assert answer.status == 2
+        assert reason in answer.reason
+        assert stamps(out) == before
+
+    refused("differs in --rate, --height;", *FEW, "--rate", "50", "--height", "1.7")
+    moved = tmp_path / "moved.toml"
+    moved.write_text(room.cameras.read_text() + "\n# moved\n")
+    refused("differs in cameras;", *FEW, cameras=moved)
+    (out / "one.c3d").write_bytes((out / "one.c3d").read_bytes() + b"\0")
+    refused("one.c3d: was changed since it was made", *FEW)
+    takes[0].write_text(takes[0].read_text() + "\n")
+    refused("differs in input;", *FEW)
+    (out / "one.report.json").write_text("{}")
+    refused("does not say what it was made of", *FEW)
+    (out / "one.report.json").unlink()
+    refused("exists already", *FEW)
+    assert label(*FEW, "--resume", "--overwrite", blobs=takes[:1]).status == 0
+    assert label(*FEW, "--resume", "--overwrite", blobs=takes[:1]).out.endswith("done before\n")
+
+
+def door(*words):
+    """A command line in a process of its own, as its number and its arguments tell it from others."""
+    line = [sys.executable, "-c", workers.SCRIPT, str(workers.ROOT), json.dumps(sys.path), *map(str, words)]
+    return subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+
+
+def at_work(out):
+    """The processes that work for a folder."""
+    found = []
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            words = (process / "cmdline").read_bytes().split(b"\0")
+        except OSError:
+            continue
+        if os.fsencode(f"--out={out}") in words:
+            found.append(int(process.name))
+    return found
+
+
+def wait_for(what, seconds=20.0):
+    end = time.monotonic() + seconds
+    while not what():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def made(out):
+    """What a folder of results holds, but for the seconds that it took."""
+    held = {}
+    for path in out.iterdir():
+        held[path.name] = path.read_bytes()
+        if path.name.endswith(".json"):
+            held[path.name] = {**json.loads(held[path.name]), "timing": None}
+    return held
+
+
+@pytest.mark.skipif(not Path("/proc/self/cmdline").exists(), reason="needs /proc to find processes by")
+@pytest.mark.parametrize("also", ["the parent", "all processes"])
+def test_a_batch_that_is_killed_at_any_moment_can_be_resumed(room, takes, temporary, tmp_path, also):
+    words = ["label", *takes, f"--model={MODEL}", f"--cameras={room.cameras}", *FEW, "--jobs", "2"]
+    begin, chance = time.monotonic(), random.Random(also)
+    assert door(*words, f"--out={tmp_path / 'whole'}").wait() == 0
+    took, wanted = time.monotonic() - begin, made(tmp_path / "whole")
+    assert set(wanted) == {take.stem + ending for take in takes for ending in ENDINGS}
+    for number in range(max(KILLS // 2, 1)):
+        out = tmp_path / f"out{number}"
+        batch = door(*words, f"--out={out}")
+        time.sleep(chance.uniform(0.2, 1) * took)
+        for process in at_work(out) if also == "all processes" else [batch.pid]:
+            with suppress(ProcessLookupError):
+                os.kill(process, signal.SIGKILL)
+        batch.wait()
+        wait_for(lambda: not at_work(out))  # noqa: B023 - asked at once
+        left = sorted(path.name for path in out.glob("*"))
+        again = door(*words, f"--out={out}", "--resume")
+        reason = again.stderr.read()
+        assert (again.wait(), reason) == (0, ""), (number, left)
+        assert made(out) == wanted
+        assert not list(temporary.iterdir())
+
+
+@pytest.mark.skipif(not Path("/proc/self/cmdline").exists(), reason="needs /proc to find processes by")
+@pytest.mark.parametrize("kind", ["SIGKILL", "SIGINT", "SIGTERM"])
+def test_processes_side_by_side_end_with_the_one_that_started_them(room, takes, temporary, tmp_path, kind):
+    out = tmp_path / "out"
+    words = ["label", *takes, f"--model={MODEL}", f"--cameras={room.cameras}", f"--out={out}", "--jobs", "2"]
+    batch = door(*words)
+    wait_for(lambda: len(at_work(out)) == 3 and out.exists())
+    batch.send_signal(getattr(signal, kind))
+    batch.wait()
+    wait_for(lambda: not at_work(out), seconds=workers.PATIENCE / 2)
+    if kind == "SIGKILL":
+        assert [path.name[:5] for path in temporary.iterdir()] == ["mocap"]  # the next run takes it away
+    else:
+        assert batch.stderr.read().endswith("stopped before the end; nothing half-written was left\n")
+        assert not list(temporary.iterdir())
+    assert not list(out.iterdir())

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is read is never written over, and nothing is written twice: every verb says so before it works."""
+
+import pytest
+
+from addon.cli import demo, label
+from addon.io.markersets import markerset_file
+
+# The command, and what is said of it. `hard` and `soft` are links to `take.c3d`, `b.c3d` is one to `sub/other.c3d`.
+COMMANDS = {
+    "train, model and report in one": (
+        "train take.c3d --out m.markerset.json --report m.markerset.json",
+        "written twice",
+    ),
+    "train, report over a take": ("train take.c3d --out m.markerset.json --report take.c3d", "written over"),
+    "train, report over a link": ("train take.c3d --out m.markerset.json --report hard.json", "written over"),
+    "train, model over a take": ("train b.markerset.json --out b.markerset.json", "written over"),
+    "train, report over the base": (
+        "train take.c3d --from b.markerset.json --out m.markerset.json --report b.markerset.json",
+        "written over",
+    ),
+    "quality, report over the model": ("quality real.markerset.json --report real.markerset.json", "written over"),
+    "simulate, blobs over a link": ("simulate take.c3d --cameras room.toml --out soft.c3d", "written over"),
+    "simulate, truth over the room": ("simulate take.c3d --cameras b.csv.truth.csv --out b.csv", "written over"),
+    "simulate, blobs over the model": (
+        "simulate take.c3d --cameras room.toml --model b.markerset.json --out b.markerset.json",
+        "written over",
+    ),
+    "simulate, blobs over one of a pair": ("simulate take.c3d --cameras intri.yml --out extri.yml", "written over"),
+    "simulate, blobs over one of a folder": ("simulate take.c3d --cameras cal --out cal/Res.dat", "written over"),
+    "reconstruct, points over a link": ("reconstruct take.c3d --cameras room.toml --out hard.c3d", "written over"),
+    "label, take": ("label take.c3d --model body26 --out .", "written over"),
+    "label, another take": ("label b.csv sub/other.c3d --cameras room.toml --model body26 --out .", "written over"),
+    "label, scene": ("label b.csv --cameras b.blend --model body26 --out . --blend", "written over"),
+    "label, model": ("label b.csv --cameras room.toml --model b.trc --out . --trc", "written over"),
+    "demo, picture and take in one": ("demo --out .", "written twice"),
+}
+
+
+@pytest.fixture
+def files(tmp_path, room, monkeypatch):
+    """A folder with a file of every name that the commands have."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(label, "has_blender", lambda: True)
+    monkeypatch.setattr(demo, "has_blender", lambda: True)
+    for name in ("b.csv", "b.csv.truth.csv", "b.markerset.json", "b.blend", "b.trc", "intri.yml", "extri.yml"):
+        (tmp_path / name).write_text(name)
+    for folder, names in (("cal", ("a1.Pmat.cal", "a1.rad", "Res.dat")), ("sub", ("other.c3d",))):
+        (tmp_path / folder).mkdir()
+        for name in names:
+            (tmp_path / folder / name).write_text(name)
+    (tmp_path / "take.c3d").write_bytes(room.c3d.read_bytes())
+    (tmp_path / "room.toml").write_bytes(room.cameras.read_bytes())
+    (tmp_path / "real.markerset.json").write_bytes(markerset_file("gait15").read_bytes())
+    for link, of in (("hard.c3d", "take.c3d"), ("hard.json", "take.c3d"), ("b.c3d", "sub/other.c3d")):
+        (tmp_path / link).hardlink_to(tmp_path / of)
+    (tmp_path / "soft.c3d").symlink_to("take.c3d")
+    (tmp_path / "walk.png").symlink_to("walk.c3d")
+    return tmp_path
+
+
+def held(folder):
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize("overwrite", [[], ["--overwrite"]], ids=["", "overwrite"])
+@pytest.mark.parametrize("what", COMMANDS)
+def test_no_output_is_an_input_or_another_output(run, files, what, overwrite):
+    words, reason = COMMANDS[what]
+    before = held(files)
+    answer = run(*words.split(), *overwrite)
+    assert answer.status == 2
+    assert reason in answer.reason
+    assert held(files) == before
+
+
+def test_a_model_may_be_trained_on_in_its_own_place(run, files):
+    answer = run("train", "take.c3d", "--from", "b.markerset.json", "--out", "b.markerset.json", "--overwrite")
+    assert "written over" not in answer.reason

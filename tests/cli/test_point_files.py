@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""C3D files that say a wrong axis is up or have no rate, behind every verb that reads them: mended, said, overruled."""
+
+import json
+import struct
+
+import numpy as np
+import pytest
+
+from addon.core.data.errors import InputError, JobError
+from addon.core.data.takes import Points
+from addon.demo.take import MODEL
+from addon.io.points import read_points, write_c3d
+from addon.jobs.training_takes import read_takes
+
+SAID = "the file says that -Z is up, but +Z was taken by "
+NO_RATE = "the file has a rate of 0 frames a second, so the 60 that are given were taken"
+REAL = struct.Struct("<f")
+
+
+@pytest.fixture
+def upside_down(room, tmp_path):
+    """The room's take, which now says that -Z is up."""
+    path = tmp_path / "down.c3d"
+    path.write_bytes(room.c3d.read_bytes().replace(b"+Z", b"-Z"))
+    return path
+
+
+@pytest.fixture
+def without_rate(room, tmp_path):
+    """The room's take with a rate of 0 in all places."""
+    path, rate = tmp_path / "slow.c3d", REAL.pack(read_points(room.c3d).rate)
+    assert room.c3d.read_bytes().count(rate) == 2
+    path.write_bytes(room.c3d.read_bytes().replace(rate, REAL.pack(0)))
+    return path
+
+
+@pytest.fixture
+def label(run, tmp_path):
+    def call(path, *words):
+        answer = run(
+            "label", path, "--model", MODEL, "--method", "fit", "--out", tmp_path / "out", "--overwrite", *words
+        )
+        report = tmp_path / "out" / f"{path.stem}.report.json"
+        return answer, json.loads(report.read_text()) if answer.status == 0 else None
+
+    return call
+
+
+def test_label_says_which_axis_it_took(label, room, upside_down, tmp_path):
+    answer, report = label(upside_down)
+    assert answer.status == 0
+    assert SAID in answer.out
+    assert report["up_axis"] == "+Z"
+    assert report["notes"][0].startswith(SAID)
+    assert report["unlabelled"] < 0.1 * report["points"]
+    found, truth = read_points(tmp_path / "out" / "down.c3d"), read_points(room.c3d)
+    column = [found.names.index(name) for name in truth.names]
+    assert np.nanmedian(np.abs(found.xyz[:, column] - truth.xyz)) < 1e-4
+
+
+def test_label_takes_the_axis_that_is_given(label, upside_down):
+    answer, report = label(upside_down, "--up", "z")
+    assert SAID not in answer.out
+    assert (report["up_axis"], report["notes"]) == ("+Z", [])
+    for words in (["--up", "-z"], ["--up=-z"]):
+        answer, report = label(upside_down, *words)
+        assert answer.status == 1 or (report["up_axis"] == "-Z" and report["unlabelled"] > 0.9 * report["points"])
+
+
+def test_label_side_by_side_takes_the_axis_too(run, room, upside_down, tmp_path):
+    words = ("--model", MODEL, "--method", "fit", "--up", "z", "--jobs", "2", "--out", tmp_path / "out")
+    answer = run("label", upside_down, room.c3d, *words, "--json")
+    assert answer.status == 0, answer.err
+    assert [report["notes"] for report in json.loads(answer.out)["takes"]] == [[], []]
+
+
+def test_label_takes_a_rate_where_there_is_none(label, without_rate):
+    assert "has a rate of 0 frames a second; expected a rate above zero" in label(without_rate)[0].reason
+    answer, report = label(without_rate, "--rate", "60")
+    assert (report["rate"], report["notes"]) == (60, [NO_RATE])
+    assert NO_RATE in answer.out
+
+
+def test_simulate_takes_axis_and_rate(run, room, upside_down, without_rate, tmp_path):
+    def blobs(take, *words):
+        out = tmp_path / "blobs.csv"
+        answer = run("simulate", take, "--cameras", room.cameras, "--out", out, "--overwrite", *words)
+        return answer, out.read_text() if answer.status == 0 else ""
+
+    plain = blobs(room.c3d)[1]
+    answer, seen = blobs(upside_down)
+    assert seen == plain
+    assert SAID in answer.out
+    answer, seen = blobs(upside_down, "--up", "z")
+    assert seen == plain
+    assert SAID not in answer.out
+    assert blobs(upside_down, "--up", "-z")[1] != plain
+    assert "rate of 0" in blobs(without_rate)[0].reason
+    answer, seen = blobs(without_rate, "--rate", "60", "--json")
+    assert seen == plain
+    assert json.loads(answer.out)["notes"] == [NO_RATE]
+
+
+@pytest.fixture
+def training_take(run, tmp_path, monkeypatch):
+    """What `train` reads of a take, without the training, which takes its time."""
+
+    def read(take, *words):
+        jobs = []
+
+        def train_file(job):
+            jobs.append(job)
+            raise JobError("stops here; expected no more")
+
+        monkeypatch.setattr("addon.cli.train.train_file", train_file)
+        assert run("train", take, "--out", tmp_path / "ours.markerset.json", *words).status == 1
+        [found] = read_takes(jobs[0].takes, jobs[0].subjects, jobs[0].known)
+        return found
+
+    return read
+
+
+def test_train_takes_axis_and_rate(training_take, room, upside_down, without_rate):
+    plain = training_take(room.c3d)
+    found = training_take(upside_down)
+    np.testing.assert_array_equal(found.xyz, plain.xyz)
+    assert found.doubts[0].startswith(f"down.c3d: {SAID}")
+    found = training_take(upside_down, "--up", "-z")
+    np.testing.assert_allclose(found.xyz[..., 2], -plain.xyz[..., 2], atol=1e-9)
+    assert found.doubts == ()
+    with pytest.raises(InputError, match="rate of 0"):
+        training_take(without_rate)
+    found = training_take(without_rate, "--rate", "60")
+    np.testing.assert_array_equal(found.xyz, plain.xyz)
+    assert found.doubts == (f"slow.c3d: {NO_RATE}",)
+
+
+def test_a_first_frame_that_a_c3d_cannot_number_is_numbered_from_nought_and_said(label, room, tmp_path):
+    take = read_points(room.c3d)
+    last = 2**32 - 1
+    path = tmp_path / "late.c3d"
+    for first, written in ((last - len(take.xyz) + 1, None), (0, None)):
+        write_c3d(path, Points(take.names, take.xyz, take.residual, take.rate, first))
+        answer, report = label(path)
+        assert answer.status == 0, answer.err
+        assert report.get("c3d_first_frame") == written
+        assert read_points(tmp_path / "out" / "late.c3d").first_frame == first
+    # The last of 32 bits is passed within the take.
+    content = path.read_bytes()
+    for name, number in (("START", last - 2), ("END", (last - 3 + len(take.xyz)) % 2**32)):
+        at = content.index(f"ACTUAL_{name}_FIELD".encode()) + len(f"ACTUAL_{name}_FIELD") + 5
+        content = content[:at] + struct.pack("<I", number) + content[at + 4 :]
+    path.write_bytes(content[:6] + b"\xff\xff\xff\xff" + content[10:])
+    answer, report = label(path)
+    assert answer.status == 0, answer.err
+    assert report["c3d_first_frame"] == 0
+    assert ", frames in the .c3d from 0" in answer.out
+    assert read_points(tmp_path / "out" / "late.c3d").first_frame == 0

@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Cameras with another's name, or moved, are told by name; of cameras that go together nothing is said."""
+
+import csv
+from dataclasses import replace
+from itertools import islice
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from addon.core.data.takes import NO_MARKER, Blobs, Labels
+from addon.core.geometry.cameras import Cameras
+from addon.core.geometry.rotations import exponential
+from addon.core.review.odd_cameras import CameraCheck
+from addon.core.simulation.rigs import ring_rig
+from addon.core.simulation.simulate import disturbed
+from addon.io.blobs import read_blobs
+from addon.io.cameras import read_cameras
+from addon.io.points import read_points
+
+FRAMES, MARKERS = 60, 30
+OTHERS, FIT = "cameras seem to have the names of others: the blobs of", " fit the calibration of"
+RIG = ring_rig(8, generator=np.random.default_rng(5))
+
+
+def captured(true: Cameras, seed: int = 0, seen: float = 0.7, noise: float = 0.3):
+    """Blobs of markers on somebody who walks past `true`, some hidden, ghosts among them; markers and their truth."""
+    random = np.random.default_rng(seed)
+    body = random.uniform([-0.3, -0.3, 0.05], [0.3, 0.3, 1.7], (MARKERS, 3))
+    way = np.linspace([-0.5, -0.3, 0], [0.5, 0.3, 0], FRAMES)[:, None]
+    markers = body + way + 0.03 * random.standard_normal((FRAMES, MARKERS, 3))
+    pixels = np.moveaxis(true.project(markers), 0, 1)
+    there = (random.random(pixels.shape[:3]) < seen) & ((pixels > 0) & (pixels < true.size[:, None])).all(axis=3)
+    frame, camera, marker = np.nonzero(there)
+    xy = pixels[there] + noise * random.standard_normal((len(frame), 2))
+    ghosts = FRAMES * len(true) * 4
+    frame = np.append(frame, random.integers(0, FRAMES, ghosts))
+    camera = np.append(camera, random.integers(0, len(true), ghosts))
+    xy = np.concatenate([xy, random.uniform(0, 1, (ghosts, 2)) * true.size[camera[-ghosts:]]])
+    marker = np.append(marker, np.full(ghosts, NO_MARKER))
+    order = np.argsort(frame, kind="stable")
+    blobs = Blobs(np.arange(FRAMES) + 11, frame[order], camera[order], xy[order], np.full(len(frame), np.nan))
+    return blobs, marker[order], markers
+
+
+def said(cameras: Cameras, blobs: Blobs, marker: np.ndarray, expected: np.ndarray) -> list[str]:
+    """What is said of a take that is added in chunks of ten frames."""
+    check = CameraCheck(cameras)
+    for first in range(0, FRAMES, 10):
+        rows = (blobs.frame >= first) & (blobs.frame < first + 10)
+        part = Blobs(
+            blobs.frames[first : first + 10],
+            blobs.frame[rows] - first,
+            *(x[rows] for x in (blobs.camera, blobs.xy, blobs.area)),
+        )
+        labels = Labels(marker[rows], 0 * marker[rows], 0.0 * marker[rows])
+        check.add(part, SimpleNamespace(labels=labels, motion=SimpleNamespace(expected=expected[first : first + 10])))
+    suspects = check.suspects()
+    assert all((suspect.first, suspect.last) == (11, 10 + FRAMES) for suspect in suspects)
+    return [suspect.reason for suspect in suspects]
+
+
+def under(blobs: Blobs, names: dict[int, int]) -> Blobs:
+    """The blobs of camera k under the name of camera `names[k]`."""
+    new = np.arange(len(RIG))
+    new[list(names)] = list(names.values())
+    return replace(blobs, camera=new[blobs.camera])
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seen", [0.9, 0.4])
+def test_nothing_is_said_of_cameras_that_go_together(seed, seen):
+    blobs, marker, markers = captured(RIG, seed, seen)
+    assert said(RIG, blobs, marker, markers) == []
+    nowhere = np.full_like(markers, np.nan)
+    assert said(RIG, blobs, np.full_like(marker, NO_MARKER), nowhere) == []
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        ({2: 4, 4: 2}, ["cameras cam3 and cam5 seem to have each other's names: exchanged, their blobs fit"]),
+        (
+            {0: 1, 1: 0, 6: 7, 7: 6},
+            [
+                "cameras cam1 and cam2 seem to have each other's names: exchanged, their blobs fit",
+                "cameras cam7 and cam8 seem to have each other's names: exchanged, their blobs fit",
+            ],
+        ),
+        (
+            {1: 3, 3: 5, 5: 1},
+            [f"{OTHERS} cam2{FIT} cam6, those of cam6{FIT} cam4, those of cam4{FIT} cam2"],
+        ),
+    ],
+)
+@pytest.mark.parametrize("recognised", [True, False])
+def test_names_that_were_exchanged(names, words, recognised):
+    """Whether somebody was recognised by the other cameras or nobody was at all."""
+    blobs, marker, markers = captured(RIG)
+    marker = np.where(np.isin(blobs.camera, list(names)) | (not recognised), NO_MARKER, marker)
+    found = said(RIG, under(blobs, names), marker, markers if recognised else np.full_like(markers, np.nan))
+    assert found == words
+
+
+def test_names_that_all_went_on_by_one():
+    blobs, marker, markers = captured(RIG)
+    names = {index: (index + 1) % 8 for index in range(8)}
+    words = said(RIG, under(blobs, names), np.full_like(marker, NO_MARKER), np.full_like(markers, np.nan))
+    assert len(words) == 1
+    assert words[0].startswith(
+        "cameras seem to have the names of others: the blobs of cam1 fit the calibration of cam8,"
+    )
+    assert words[0].count("calibration") == 8
+
+
+@pytest.mark.parametrize("which", [[3], [3, 6]])
+def test_cameras_that_were_moved_are_named_with_how_far(which):
+    true = RIG.rotation.copy()
+    for index, angle in zip(which, (0.004, 0.002), strict=False):
+        true[index] = exponential(np.array([angle, 0, 0]))[0] @ true[index]
+    moved = replace(RIG, rotation=true, translation=-np.einsum("cij,cj->ci", true, RIG.centres))
+    blobs, marker, markers = captured(moved)
+    words = said(RIG, blobs, marker, markers)
+    assert len(words) == len(which)
+    for index, angle, sentence in zip(which, (0.004, 0.002), words, strict=False):
+        assert sentence.startswith(f"camera cam{index + 1} seems to have moved since the calibration: its blobs are ")
+        pixels = float(sentence.split(" are ")[1].split(" px")[0])
+        assert pixels == pytest.approx(angle * RIG.focal[index], rel=0.25)
+
+
+def test_a_camera_that_shows_nothing_of_what_it_should():
+    blobs, marker, markers = captured(RIG)
+    lost = blobs.camera == 5
+    xy = np.where(lost[:, None], np.random.default_rng(1).uniform(0, 1, blobs.xy.shape) * RIG.size[0], blobs.xy)
+    words = said(RIG, replace(blobs, xy=xy), np.where(lost, NO_MARKER, marker), markers)
+    assert len(words) == 1
+    assert words[0].startswith("camera cam6 shows almost none of the markers in its image (0% have a blob, ")
+
+
+@pytest.mark.parametrize("count", [4, 6])
+def test_a_calibration_that_is_a_little_off_everywhere_has_no_camera_that_moved(count):
+    for seed in range(4):
+        rig = ring_rig(count, generator=np.random.default_rng(seed))
+        blobs, marker, markers = captured(disturbed(rig, 1.0, 0.5, np.random.default_rng(seed)), seed)
+        assert said(rig, blobs, marker, markers) == []
+
+
+def test_the_cameras_that_were_really_moved(shared_data):
+    """The Qualisys take's cameras 15343 and 15344; named by its own 3D, not by a model."""
+    folder = shared_data / "blobs" / "qualisys_run"
+    cameras, take = read_cameras(folder / "room.toml"), read_points(folder / "run.c3d")
+    with (folder / "run.truth.csv").open(newline="") as file:
+        names = [row["marker"].partition("|")[0] for row in islice(csv.DictReader(file), 110_000)]
+    truth = np.array([take.names.index(name) if name in take.names else NO_MARKER for name in names])
+    check, at = CameraCheck(cameras), 0
+    for part in read_blobs(folder / "run.csv", cameras, (1, 400)):
+        marker = truth[at : at + len(part.blobs)]
+        at += len(marker)
+        motion = SimpleNamespace(expected=take.xyz[part.blobs.frames - take.first_frame])
+        check.add(part.blobs, SimpleNamespace(labels=Labels(marker, 0 * marker, 0.0 * marker), motion=motion))
+    words = [suspect.reason for suspect in check.suspects()]
+    assert [sentence.split(" seems")[0] for sentence in words] == ["camera 15343", "camera 15344"]
+    assert 1.5 < check.figures.offset[cameras.names.index("15343")] < 3
+
+
+def test_the_figures_are_those_of_the_take():
+    blobs, marker, markers = captured(RIG, seen=0.5)
+    check = CameraCheck(RIG)
+    labels = Labels(marker, 0 * marker, 0.0 * marker)
+    check.add(blobs, SimpleNamespace(labels=labels, motion=SimpleNamespace(expected=markers)))
+    figures = check.of_cameras()
+    assert list(figures) == list(RIG.names)
+    for one in figures.values():
+        assert 0.9 * FRAMES * MARKERS < one["in_image"] <= FRAMES * MARKERS
+        assert one["named"] == pytest.approx(0.5 * FRAMES * MARKERS, rel=0.1)
+        assert one["offset_px"] < 0.1
+
+
+def test_a_long_take_keeps_few_frames():
+    blobs, marker, markers = captured(RIG)
+    check = CameraCheck(RIG)
+    labels = Labels(marker, 0 * marker, 0.0 * marker)
+    for _ in range(40):
+        check.add(blobs, SimpleNamespace(labels=labels, motion=SimpleNamespace(expected=markers)))
+    assert 40 <= len(check.frames) <= 80

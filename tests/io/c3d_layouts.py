@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""C3D files in every layout that the format allows, written here word by word, and what must be read of them."""
+
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+
+BLOCK = 512
+INTEL, DEC, MIPS = 84, 85, 86
+SCALE = 0.05
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What a file looks like; `words` are put in the header or the groups instead of what is true."""
+
+    processor: int = INTEL
+    real: bool = True
+    frames: int = 7
+    points: int = 3
+    first: int = 1
+    channels: int = 0
+    samples: int = 0  # of each channel in a frame
+    rate: float = 100.0
+    residuals: str = "signed"  # or "unsigned": how a real says -1
+    blocks: int | None = None  # of parameters, as the section's head counts them
+    header: tuple[tuple[int, int], ...] = ()  # (index, word)
+    said_frames: int | None = None
+    said_points: int | None = None
+    up: str = "+Z"
+    corners: tuple = ()
+    maker: str = ""
+    cut: int = 0  # bytes that the file lacks at its end, its padding besides
+    padded: bool = True
+
+    @property
+    def order(self) -> str:
+        return ">" if self.processor == MIPS else "<"
+
+    def take(self) -> tuple[np.ndarray, np.ndarray]:
+        """Coordinates (T, P, 3) mm and fourth words (T, P): residual in the low byte, cameras in the high one."""
+        rng = np.random.default_rng(self.frames + self.points)
+        xyz = (
+            np.round(rng.uniform(-1500, 1500, (self.frames, self.points, 3)) / SCALE) * SCALE + 0.0
+        )  # no DEC has a zero below zero
+        word = rng.integers(0, 128, xyz.shape[:2]) * 256 + rng.integers(0, 256, xyz.shape[:2])
+        word[1::3, 0] = -1
+        return xyz, word
+
+    def labels(self) -> list[str]:
+        return [f"P{index:04d}" for index in range(self.points)]
+
+    def content(self, xyz: np.ndarray | None = None) -> bytes:
+        """The file, with points `xyz` (T, P, 3) mm instead of its own."""
+        own, word = self.take()
+        xyz = own if xyz is None else xyz
+        section = self._section(0)
+        blocks = -(-len(section) // BLOCK)
+        section = self._section(2 + blocks).ljust(blocks * BLOCK, b"\0")
+        head = bytes([1, 80, blocks if self.blocks is None else self.blocks, self.processor])
+        data = self._data(xyz, word)
+        if self.padded:
+            data += bytes(-len(data) % BLOCK)
+        whole = self._header(2 + blocks) + head + section[4:] + data
+        return whole[: len(whole) - self.cut]
+
+    def _header(self, start: int) -> bytes:
+        last = self.first + self.frames - 1
+        words = [self.points, self.channels * self.samples, min(self.first, 65535), min(last, 65535), 0]
+        pack = struct.Struct(f"{self.order}5H").pack(*words)
+        tail = struct.pack(f"{self.order}2H", start, self.samples)
+        content = bytes([2, 80]) + pack + self.reals([self.scale]) + tail + self.reals([self.rate])
+        content = bytearray(content.ljust(BLOCK, b"\0"))
+        for index, word in self.header:
+            struct.pack_into(f"{self.order}H", content, 2 * index, word)
+        return bytes(content)
+
+    @property
+    def scale(self) -> float:
+        return -SCALE if self.real else SCALE
+
+    def reals(self, values) -> bytes:
+        values = np.asarray(values, dtype=np.float32)
+        if self.processor == INTEL:
+            return values.astype("<f4").tobytes()
+        if self.processor == MIPS:
+            return values.astype(">f4").tobytes()
+        return (values * np.float32(4)).astype("<f4").view("<u2").reshape(-1, 2)[:, ::-1].tobytes()
+
+    def _data(self, xyz, word) -> bytes:
+        last = word if self.residuals == "signed" else word % 65536
+        whole = np.concatenate([xyz / (1 if self.real else SCALE), last[..., None]], axis=2).reshape(len(xyz), -1)
+        analog = np.full((len(xyz), self.channels * self.samples), 1234)
+        frame = np.concatenate([whole, analog], axis=1)
+        return self.reals(frame.ravel()) if self.real else np.rint(frame).astype(f"{self.order}i2").tobytes()
+
+    def _section(self, start: int) -> bytes:
+        last = self.first + self.frames - 1
+        frames = self.frames if self.said_frames is None else self.said_frames
+        records = [
+            self._group("POINT", 1),
+            self._words("USED", 1, self.points if self.said_points is None else self.said_points),
+            self._record("SCALE", 1, 4, (), self.reals([self.scale])),
+            self._record("RATE", 1, 4, (), self.reals([self.rate])),
+            self._words("DATA_START", 1, start),
+            self._words("FRAMES", 1, min(frames, 65535)),
+            self._texts("UNITS", 1, ["mm"]),
+            self._texts("Y_SCREEN", 1, [self.up]),
+        ]
+        if frames > 65535:
+            records.append(self._record("LONG_FRAMES", 1, 4, (), self.reals([frames])))
+        for part in range(0, self.points, 255):
+            number = part // 255 + 1
+            records.append(self._texts(f"LABELS{number if part else ''}", 1, self.labels()[part : part + 255]))
+        records += [
+            self._group("ANALOG", 2),
+            self._words("USED", 2, self.channels),
+            self._record("RATE", 2, 4, (), self.reals([self.rate * self.samples])),
+            self._record("GEN_SCALE", 2, 4, (), self.reals([1])),
+            self._record("SCALE", 2, 4, (self.channels,), self.reals([1] * self.channels)),
+            self._record("OFFSET", 2, 2, (self.channels,), bytes(2 * self.channels)),
+            self._texts("LABELS", 2, [f"A{index}" for index in range(self.channels)] or [""]),
+            self._group("TRIAL", 3),
+        ]
+        for name, number in (("ACTUAL_START_FIELD", self.first), ("ACTUAL_END_FIELD", last)):
+            words = [number % 65536, number // 65536 % 65536]
+            records.append(self._record(name, 3, 2, (2,), struct.pack(f"{self.order}2H", *words)))
+        if self.maker:
+            records += [self._group("MANUFACTURER", 4), self._texts("COMPANY", 4, [self.maker])]
+        if len(self.corners):
+            numbers = self.reals(np.ravel(self.corners))
+            records += [
+                self._group("FORCE_PLATFORM", 5),
+                self._words("USED", 5, len(self.corners)),
+                self._record("CORNERS", 5, 4, (3, 4, len(self.corners)), numbers),
+            ]
+        return bytes(4) + b"".join(records) + bytes(2)
+
+    def _group(self, name: str, group: int) -> bytes:
+        return struct.pack("bb", len(name), -group) + name.encode() + struct.pack(f"{self.order}HB", 3, 0)
+
+    def _record(self, name: str, group: int, kind: int, dimensions: tuple, content: bytes) -> bytes:
+        body = struct.pack("bB", kind, len(dimensions)) + bytes(dimensions) + content + b"\0"
+        return struct.pack("bb", len(name), group) + name.encode() + struct.pack(f"{self.order}H", len(body) + 2) + body
+
+    def _words(self, name: str, group: int, word: int) -> bytes:
+        return self._record(name, group, 2, (), struct.pack(f"{self.order}H", word))
+
+    def _texts(self, name: str, group: int, texts: list[str]) -> bytes:
+        width = max(map(len, texts)) or 1
+        content = "".join(text.ljust(width) for text in texts).encode()
+        return self._record(name, group, -1, (width, len(texts)), content)

@@ -1,0 +1,244 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""C3D files of every processor and layout, sound and contradicting themselves, judged by two other readers."""
+
+import re
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from addon.core.data.errors import InputError
+from addon.core.data.takes import Points
+from addon.io.c3d import first_number, read_c3d, write_c3d_file
+from addon.io.points import read_points, write_c3d
+from tests.io.c3d_layouts import BLOCK, DEC, INTEL, MIPS, SCALE, Layout
+
+ezc3d = pytest.importorskip("ezc3d")
+py_c3d = pytest.importorskip("c3d")
+
+PROCESSORS = {"intel": INTEL, "dec": DEC, "mips": MIPS}
+SHAPES = {
+    "no analog": Layout(),
+    "one analog sample a frame": Layout(channels=4, samples=1),
+    "ten analog samples a frame": Layout(channels=3, samples=10),
+    "late first frame": Layout(first=60_000),
+    "first frame beyond sixteen bits": Layout(first=70_000, channels=2, samples=2),
+    "more than 255 labels": Layout(points=600, frames=3),
+    "more than 65535 frames": Layout(frames=65_600, points=1),
+    "one frame": Layout(frames=1, points=1),
+    "residuals without a sign": Layout(residuals="unsigned"),
+}
+
+
+def layouts():
+    for shape, layout in SHAPES.items():
+        for name, processor in PROCESSORS.items():
+            for real in (True, False):
+                if real or layout.residuals == "signed":
+                    kind = "reals" if real else "integers"
+                    yield pytest.param(replace(layout, processor=processor, real=real), id=f"{name}-{kind}-{shape}")
+
+
+LAYOUTS = list(layouts())
+# ezc3d cannot read files of MIPS processors. py-c3d cannot count beyond 65535 frames or 255 labels, takes 65535 for a
+# sample that is there, and makes a huge number of a DEC's zero, such as the rate of analog data that are not there.
+FOR_EZC3D = [param for param in LAYOUTS if param.values[0].processor != MIPS]
+FOR_PY_C3D = [
+    param
+    for param in LAYOUTS
+    for layout in param.values
+    if layout.first < 65_000 and layout.frames < 65_000 and layout.points < 256 and layout.residuals == "signed"
+    and (layout.processor != DEC or layout.channels)
+]  # fmt: skip
+
+
+def written(folder, layout: Layout, **changes):
+    path = folder / "take.c3d"
+    path.write_bytes(replace(layout, **changes).content())
+    return path
+
+
+def is_read(take, layout: Layout):
+    """The points, residuals and labels of the layout are what was read."""
+    xyz, word = layout.take()
+    missing = word < 0
+    assert (take.labels, take.rate, take.first_frame) == (layout.labels(), layout.rate, layout.first)
+    np.testing.assert_array_equal(np.isnan(take.xyz).all(axis=2), missing)
+    np.testing.assert_allclose(take.xyz[~missing], xyz[~missing], atol=2e-4)
+    # The low byte in steps of the scale, whatever cameras the high byte names.
+    np.testing.assert_allclose(take.residual[~missing], (word[~missing] & 0xFF) * SCALE, rtol=1e-6)
+    assert np.isnan(take.residual[missing]).all()
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_every_layout_is_read(tmp_path, layout):
+    take = read_c3d(written(tmp_path, layout))
+    is_read(take, layout)
+    assert take.notes == ()
+
+
+@pytest.mark.parametrize("layout", FOR_EZC3D)
+def test_ezc3d_reads_the_same_but_takes_the_cameras_for_the_residual(tmp_path, layout):
+    path = written(tmp_path, layout)
+    ours, theirs = read_c3d(path), ezc3d.c3d(str(path))
+    points = theirs["data"]["points"][:3].transpose(2, 1, 0)
+    there = ~np.isnan(ours.residual)
+    assert points.shape == ours.xyz.shape
+    np.testing.assert_array_equal(points[there], ours.xyz[there])
+    parameters = theirs["parameters"]["POINT"]
+    keys = sorted(key for key in parameters if re.fullmatch(r"LABELS\d*", key))
+    assert [label for key in keys for label in parameters[key]["value"]] == ours.labels
+    if layout.first < 65_536:
+        assert theirs["header"]["points"]["first_frame"] + 1 == ours.first_frame
+    residual = theirs["data"]["meta_points"]["residuals"][0].T
+    _, word = layout.take()
+    if layout.residuals == "signed":  # ezc3d takes 65535, which is -1 without its sign, for cameras and a residual
+        assert (residual[~there] < 0).all()
+    np.testing.assert_allclose(residual[there], (word[there] >> 8) * SCALE, rtol=1e-6)
+
+
+@pytest.mark.parametrize("layout", FOR_PY_C3D)
+def test_py_c3d_reads_the_same_residuals(tmp_path, layout):
+    path = written(tmp_path, layout)
+    with warnings.catch_warnings(), path.open("rb") as file:
+        warnings.simplefilter("ignore")
+        frames = np.array([points for _, points, _ in py_c3d.Reader(file).read_frames(check_nan=False)])
+    take = read_c3d(path)
+    there = ~np.isnan(take.residual)
+    np.testing.assert_array_equal(frames[..., 3] >= 0, there)
+    np.testing.assert_allclose(frames[there, :3], take.xyz[there], rtol=1e-6)
+    np.testing.assert_allclose(frames[there, 3], take.residual[there], rtol=1e-6)
+
+
+def test_a_fourth_word_that_is_no_16_bit_number_is_no_residual(tmp_path):
+    layout = Layout()
+    content = bytearray(layout.content())
+    start = len(content) - BLOCK * -(-layout.frames * layout.points * 16 // BLOCK)
+    for place, value in ((12, 1.7e38), (28, -1e30), (44, float("nan"))):
+        content[start + place : start + place + 4] = layout.reals([value])
+    (tmp_path / "take.c3d").write_bytes(content)
+    take = read_c3d(tmp_path / "take.c3d")
+    assert np.isnan(take.residual[0]).all()
+    assert np.isfinite(take.xyz[0]).all(axis=1).tolist() == [True, False, False]
+
+
+@pytest.mark.parametrize("processor", PROCESSORS.values(), ids=PROCESSORS)
+@pytest.mark.parametrize("blocks", [0, 1, 2])
+def test_parameters_go_on_to_the_data_whatever_their_number_of_blocks(tmp_path, processor, blocks):
+    layout = Layout(processor=processor, points=200, frames=3)
+    is_read(read_c3d(written(tmp_path, layout, blocks=blocks)), layout)
+
+
+@pytest.mark.parametrize(
+    ("layout", "lie", "words"),
+    [
+        (Layout(channels=4, samples=8), {"header": ((2, 4),)}, "4 words of analog data, but 32 fill the file"),
+        (Layout(channels=4, samples=8, real=False), {"header": ((2, 4),)}, "but 32 fill"),
+        (Layout(channels=4, samples=8, frames=90), {"header": ((2, 0),)}, "0 words of analog data, but 32 fill"),
+        (Layout(frames=90), {"said_frames": 91}, "91 frames, but 90 fill it"),
+        (Layout(frames=90), {"said_frames": 50}, "50 frames, but 90 fill it"),
+        (Layout(frames=90, points=5), {"header": ((1, 9),)}, "9 points, but 5 fill the file"),
+    ],
+)
+def test_header_and_groups_that_differ_are_judged_by_what_fills_the_file(tmp_path, layout, lie, words):
+    take = read_c3d(written(tmp_path, layout, **lie))
+    is_read(take, layout)
+    [note] = take.notes
+    assert words in note
+
+
+def test_a_word_about_points_in_the_groups_alone_changes_nothing(tmp_path):
+    layout = Layout(frames=90, points=5)
+    take = read_c3d(written(tmp_path, layout, said_points=7))
+    is_read(replace_labels(take, layout), layout)
+
+
+def replace_labels(take, layout):
+    return replace(take, labels=take.labels[: layout.points])
+
+
+def test_a_file_that_ends_with_a_frame_has_the_frames_that_are_there(tmp_path):
+    layout = Layout(frames=31, points=7, padded=False)
+    path = written(tmp_path, layout, said_frames=1149, header=((4, 1149),))
+    content = path.read_bytes()
+    at = content.index(b"ACTUAL_END_FIELD") + len("ACTUAL_END_FIELD") + 5
+    path.write_bytes(content[:at] + (1149).to_bytes(4, "little") + content[at + 4 :])
+    take = read_c3d(path)
+    is_read(take, layout)
+    assert take.notes == ("the file says that it has 1149 frames, but ends with the end of frame 31: those were read",)
+    path.write_bytes(path.read_bytes()[:-1])
+    with pytest.raises(InputError, match="has data for 30 of 1149 frames; expected a whole C3D file"):
+        read_c3d(path)
+
+
+@pytest.mark.parametrize("cut", [1, 333, 5000])
+@pytest.mark.parametrize("lie", [{}, {"header": ((2, 3),)}])
+def test_a_file_that_is_cut_off_is_refused_still(tmp_path, cut, lie):
+    layout = Layout(frames=200, channels=3, samples=5, padded=False)
+    with pytest.raises(InputError, match="has data for"):
+        read_c3d(written(tmp_path, layout, cut=cut, header=()))
+    with pytest.raises(InputError, match="has data for"):
+        read_c3d(written(tmp_path, layout, cut=cut + 16 * 3 * 200, **lie))
+
+
+def test_a_rate_of_nought_is_mended_by_the_rate_that_is_given(tmp_path):
+    path = written(tmp_path, Layout(rate=0.0))
+    with pytest.raises(InputError, match="has a rate of 0 frames a second; expected"):
+        read_points(path)
+    take = read_points(path, rate=120.0)
+    assert (take.rate, take.notes[0]) == (
+        120.0,
+        "the file has a rate of 0 frames a second, so the 120 that are given were taken",
+    )
+    sound = read_points(written(tmp_path, Layout(rate=60.0)), rate=120.0)
+    assert sound.rate == 60.0
+
+
+@pytest.mark.parametrize("first", [2**31 - 3, 2**31, 2**32 - 6, 2**32 - 5, 2**32, 5_000_000_000, -1])
+def test_first_frames_past_every_limit_are_written_so_that_they_are_read(tmp_path, first):
+    xyz = np.random.default_rng(0).uniform(-1, 1, (6, 2, 3))
+    write_c3d(tmp_path / "a.c3d", Points(("A", "B"), xyz, np.zeros((6, 2)), 100.0, first))
+    take = read_points(tmp_path / "a.c3d")
+    assert take.first_frame == first_number(first, 6) == (first if 0 <= first <= 2**32 - 6 else 0)
+    assert take.xyz.shape == xyz.shape
+    assert ezc3d.c3d(str(tmp_path / "a.c3d"))["data"]["points"].shape == (4, 2, 6)
+
+
+@pytest.mark.parametrize(
+    ("names", "found"),
+    [
+        (["x" * 300], ["x" * 255]),
+        (["x" * 300 + "a", "x" * 300 + "b"], ["x" * 255, "x" * 247 + "~2"]),
+        (["é" * 200], ["é" * 127]),
+        (["𝄞" * 64, "ok"], ["𝄞" * 63, "ok"]),
+        (["a\nb", "a_b", "a\0b"], ["a_b~2", "a_b", "a_b~3"]),
+        (["\ud800x"], ["_x"]),
+    ],
+)
+def test_names_that_a_c3d_file_cannot_hold_come_back_as_near_as_can_be(tmp_path, names, found):
+    count = len(names)
+    write_c3d_file(tmp_path / "a.c3d", names, np.ones((2, count, 3)), np.zeros((2, count)), 100.0, 1)
+    assert read_c3d(tmp_path / "a.c3d").labels == found
+
+
+def test_a_letter_that_another_program_cut_in_two_costs_that_letter_only(tmp_path):
+    path = tmp_path / "a.c3d"
+    write_c3d_file(path, ["Fußspitzé"], np.ones((2, 1, 3)), np.zeros((2, 1)), 100.0, 1)
+    content = path.read_bytes()
+    path.write_bytes(content.replace("spitzé".encode(), b"spitze\xc3"))
+    assert read_c3d(path).labels == ["Fußspitze"]
+    path.write_bytes(content.replace("Fußspitzé".encode(), "Füße".encode("latin-1").ljust(11)))
+    assert read_c3d(path).labels == ["Füße"]
+
+
+def test_a_sample_with_a_negative_word_of_any_size_is_missing(tmp_path):
+    layout = Layout(frames=2, points=1)
+    for real in (True, False):
+        content = replace(layout, real=real).content(np.full((2, 1, 3), 5.0))
+        width = 4 if real else 2
+        start = len(content) - BLOCK
+        word = layout.reals([-20000]) if real else (-20000).to_bytes(2, "little", signed=True)
+        at = start + 3 * width
+        (tmp_path / "a.c3d").write_bytes(content[:at] + word + content[at + width :])
+        assert np.isnan(read_c3d(tmp_path / "a.c3d").xyz[0]).all()

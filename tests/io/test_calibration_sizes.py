@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Whatever a calibration file holds, reading it takes at most 5 s and 1 GB, and ends in cameras or in one sentence."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from addon.core.data.errors import InputError
+from addon.io.cameras import read_cameras
+from tests.io.samples import ring, yml
+
+ROOT = Path(__file__).resolve().parents[2]
+SECONDS, BYTES = 5.0, 1 << 30
+
+# Reads the file in a process that cannot take the machine with it, and says what came of it and what it took.
+READ = """
+import resource, sys, time
+resource.setrlimit(resource.RLIMIT_AS, (6 << 30, 6 << 30))
+resource.setrlimit(resource.RLIMIT_CPU, (60, 60))
+from pathlib import Path
+from addon.core.data.errors import InputError
+from addon.io.cameras import read_cameras
+begin = time.process_time()
+try:
+    said = f"{len(read_cameras(Path(sys.argv[1])))} cameras"
+except InputError as error:
+    said = str(error)
+peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+print(time.process_time() - begin, peak, said)
+"""
+
+MEGA = 1 << 20
+TABLE = "[c{0}]\nsize=[9,9]\nmatrix=[1,0,0,0,1,0,0,0,1]\ndistortions=[0]\nrotation=[0,0,0]\ntranslation=[0,0,3]\n"
+NODE = "K_{0}:\n rows: 3\n cols: 3\n data: [1,0,0,0,1,0,0,0,1]\n"
+CAMERA = (
+    '<Camera NAME="{0}" SENSOR_SIZE="9 9"><KeyFrames><KeyFrame FOCAL_LENGTH="9" PRINCIPAL_POINT="4 4" '
+    'ORIENTATION="0 0 0 1" POSITION="0 0 0"/></KeyFrames></Camera>'
+)
+
+
+def repeated(text: str, size: int) -> str:
+    return text * (size // len(text))
+
+
+def numbered(text: str, size: int) -> str:
+    return "".join(text.format(index) for index in range(size // len(text.format(size))))
+
+
+def full(content: str, size: int) -> str:
+    """`content` with as much white space behind it as makes it `size` bytes."""
+    return content + "\n" * max(size - len(content), 0)
+
+
+FILES = {
+    "dots.toml": lambda: ".".join(["a"] * 50_000) + " = 1\n",
+    "head of dots.toml": lambda: f"[{'.'.join(['a'] * 20_000)}]\n",
+    "inline dots.toml": lambda: "a = {" + ".".join(["b"] * 20_000) + " = 1}\n",
+    "dots behind texts.toml": lambda: "x = '#'\n'#\"'." + ".".join(["b"] * 20_000) + " = 1\n",
+    "deep tables.toml": lambda: numbered("[a{0}.b.b.b.b.b.b.b]\n", MEGA),
+    "tables.toml": lambda: numbered("[{0}]\n", MEGA),
+    "cameras.toml": lambda: numbered(TABLE, MEGA),
+    "brackets.toml": lambda: "a = " + "[" * MEGA,
+    "quotes.toml": lambda: "a = " + '"\\' * (MEGA // 2),
+    "lists.toml": lambda: "a = [" + repeated("[],", MEGA - 10) + "]",
+    "large.toml": lambda: full("a = 1\n", 60 * MEGA),
+    "spaces.yml": lambda: "%YAML:1.0\n---\na: 1" + " " * 300_000 + "b\n",
+    "spaces before a colon.yml": lambda: "%YAML:1.0\n---\na" + " " * 300_000 + "b\n",
+    "tags.yml": lambda: "a: " + repeated("!! ", 4 * MEGA) + "\n",
+    "quotes.yml": lambda: "a: [" + '"\\' * MEGA + "\n]",
+    "quotes and commas.yml": lambda: "a: [" + repeated('","\\', 4 * MEGA) + "\n]",
+    "entries.yml": lambda: numbered("a{0}: 1\n", 4 * MEGA),
+    "cameras.yml": lambda: numbered(NODE, 4 * MEGA),
+    "cameras and much else.yml": lambda: numbered(NODE, 65_000) + numbered("a{0}: 1\n", 3 * MEGA),
+    "pieces.yml": lambda: "a: [" + repeated("1,", 4 * MEGA - 10) + "]\n",
+    "large.yml": lambda: full("a: 1\n", 60 * MEGA),
+    "elements.xml": lambda: "<calibration>" + repeated("<a/>", 60 * MEGA) + "</calibration>",
+    "8 MB of elements.xcp": lambda: "<Cameras>" + repeated("<a/>", 8 * MEGA - 50) + "</Cameras>",
+    "8 MB of attributes.qca": lambda: "<calibration>" + repeated('<a b=""/>', 8 * MEGA - 50) + "</calibration>",
+    "deep.mcal": lambda: "<calibrationProfile>" + repeated("<a>", 8 * MEGA - 50),
+    "cameras.xcp": lambda: "<Cameras>" + numbered(CAMERA, 7 * MEGA) + "</Cameras>",
+    "large.qca.txt": lambda: full("<calibration/>", 60 * MEGA),
+    "large.mcal": lambda: full("<calibrationProfile/>", 60 * MEGA),
+    "large.Pmat.cal": lambda: full("1 0 0 0\n", 60 * MEGA),
+    "numbers.Pmat.cal": lambda: repeated("1\n", MEGA),
+}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limits for a process here")
+@pytest.mark.parametrize("name", FILES)
+def test_reading_is_bounded(tmp_path, name):
+    path = tmp_path / name
+    path.write_text(FILES[name]())
+    if name.endswith(".Pmat.cal"):
+        path.rename(tmp_path / "camera1.Pmat.cal")
+        path = tmp_path / "camera1.Pmat.cal"
+        (tmp_path / "basename1.rad").write_text("K11 = 1\n")
+        (tmp_path / "Res.dat").write_text("640 480\n")
+    command = [sys.executable, "-c", READ, str(path)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == 0, done.stderr[-1000:]
+    seconds, peak, said = done.stdout.split(" ", 2)
+    assert "; expected " in said
+    assert len(said) < 400
+    assert float(seconds) < SECONDS, said
+    assert int(peak) < BYTES, said
+
+
+@pytest.mark.parametrize("name", ["dotted.toml", "dotted50k.toml", "re3.yml"])
+def test_files_that_once_took_everything(shared_data, name):
+    with pytest.raises(InputError, match="; expected"):
+        read_cameras(shared_data / "faults" / name)
+
+
+def test_dots_that_are_no_keys_are_welcome(tmp_path):
+    path = tmp_path / "a.toml"
+    path.write_text(
+        f'# {"." * 60}\n[c]\nname = "{"a." * 60}"\nother = \'{"." * 60}\'\nlong = """{"." * 60}\n#"."{"." * 60}"""\n'
+        + TABLE.format(1).partition("\n")[2]
+    )
+    assert read_cameras(path).names == ("a." * 60,)
+    path.write_text(path.read_text() + "more = 1\na.b.c.d.e.f.g.h.i = 1\n")
+    with pytest.raises(InputError, match="more than 8 parts") as caught:
+        read_cameras(path)
+    assert caught.value.line == path.read_text().count("\n")
+
+
+def test_points_beside_the_cameras_and_comments_are_welcome(tmp_path):
+    path = tmp_path / "a.yml"
+    path.write_text(yml(ring()) + "points: [" + "1.25, " * 100_000 + "2] \nlast: 3   # a comment\n")
+    assert read_cameras(path).names == ring().names

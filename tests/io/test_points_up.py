@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which axis of 3D points is up: what a file says, what it holds, who wrote it, and who knows better."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from addon.core.data.takes import Points
+from addon.io.cameras import read_cameras
+from addon.io.points import read_points, write_trc
+from addon.io.points_up import AXES, find_up
+from addon.io.world import up_rotation
+from tests.io.c3d_layouts import Layout
+
+RATE = 100.0
+NAMES = ("LFHD", "C7", "SACR", "LASI", "LKNE", "RKNE", "LANK", "RANK", "LTOE", "RTOE")
+HEIGHTS = (1.65, 1.45, 1.0, 1.0, 0.5, 0.5, 0.1, 0.1, 0.03, 0.03)
+PLATE = np.array([[[0, 0, 0], [0.5, 0, 0], [0.5, 0.6, 0], [0, 0.6, 0]]], dtype=float)
+
+
+def person(walks: bool = True, lies: bool = False, handstand: bool = False, frames: int = 300) -> np.ndarray:
+    """(T, 10, 3) m of somebody who walks along x with feet that stand still by turns, or keeps still."""
+    time = np.arange(frames) / RATE
+    xyz = np.zeros((frames, len(NAMES), 3))
+    xyz[..., 2] = HEIGHTS
+    xyz[..., 1] = np.linspace(-0.15, 0.15, len(NAMES)) + 1.0
+    if walks:
+        xyz[..., 0] = (1.2 * time)[:, None]
+        for side in (0, 1):
+            phase = time + 0.5 * side
+            step = np.floor(phase) + np.clip(2 * (phase % 1) - 1, 0, 1)  # stands for half a second, then swings
+            xyz[:, [6 + side, 8 + side], 0] = (1.2 * (step - 0.5 * side))[:, None]
+            xyz[:, [6 + side, 8 + side], 2] += (0.1 * np.sin(np.pi * np.clip(2 * (phase % 1) - 1, 0, 1)))[:, None]
+    if handstand:
+        xyz[..., 2] = 1.75 - xyz[..., 2]
+    if lies:
+        xyz = np.stack([1.8 - xyz[..., 2], xyz[..., 1], 0.1 + 0.1 * xyz[..., 0]], axis=2)
+    return xyz
+
+
+def jump() -> np.ndarray:
+    """(T, 4, 3) m of four points far from any floor at nought that are thrown up and fall freely for 0.6 s."""
+    time = np.arange(200) / RATE
+    flight = np.clip(time - 0.7, 0, 0.6)
+    rise = 5 + 9.81 / 2 * flight * (0.6 - flight)
+    return np.stack([np.full((200, 4), 3.0), np.full((200, 4), 4.0), rise[:, None] + np.arange(4) * 0.1], axis=2)
+
+
+def turned(xyz: np.ndarray, up: str) -> np.ndarray:
+    """The same in a world in which `up` is up."""
+    return xyz @ up_rotation(up)
+
+
+@pytest.mark.parametrize("up", AXES)
+def test_a_word_that_is_right_is_believed_whatever_people_do(up):
+    for pose in ({}, {"walks": False}, {"lies": True, "walks": False}, {"handstand": True, "walks": False}):
+        for names in (NAMES, ("",) * len(NAMES)):
+            for plates in (None, turned(PLATE, up)):
+                found = find_up(up, turned(person(**pose), up), names, RATE, plates)
+                assert (found.axis, found.notes) == (up, ()), pose
+
+
+@pytest.mark.parametrize("up", AXES)
+@pytest.mark.parametrize("said", AXES)
+def test_a_word_that_is_wrong_is_not_believed_against_plates_feet_and_heads(up, said):
+    found = find_up(said, turned(person(), up), NAMES, RATE, turned(PLATE, up))
+    assert found.axis == up
+    if said != up:
+        [note] = found.notes
+        assert note.startswith(f"the file says that {said} is up, but {up} was taken by the force plates and ")
+
+
+@pytest.mark.parametrize("said", ["+Z", "-Y"])
+def test_one_witness_alone_does_not_overrule_a_word(said):
+    standing = turned(person(walks=False), "-X")
+    assert find_up(said, standing, NAMES, RATE).axis == said
+    assert find_up(said, standing, ("",) * len(NAMES), RATE, turned(PLATE, "-X")).axis == said
+
+
+@pytest.mark.parametrize("usual", ["+Z", "+Y"])
+@pytest.mark.parametrize("up", ["+Z", "+Y"])
+def test_a_file_that_says_nothing_is_judged_by_what_it_holds(up, usual):
+    for walks in (True, False):
+        found = find_up("", turned(person(walks), up), ("",) * len(NAMES), RATE, usual=usual)
+        assert found.axis == up
+        assert len(found.notes) == (up != usual)
+    assert find_up("nonsense", turned(person(), up), NAMES, RATE, usual=usual).axis == up
+
+
+@pytest.mark.parametrize("usual", ["+Z", "+Y"])
+def test_who_lies_does_not_stand(usual):
+    lying = turned(person(walks=False, lies=True), usual)
+    assert find_up("", lying, NAMES, RATE, usual=usual).axis == usual
+
+
+def test_somebody_who_walks_and_then_lies_down_has_stood_on_the_floor():
+    both = np.concatenate([person(), person(walks=False, lies=True, frames=900)])
+    for up in ("+Z", "+Y"):
+        for usual in ("+Z", "+Y"):
+            assert find_up("", turned(both, up), NAMES, RATE, usual=usual).axis == up
+
+
+@pytest.mark.parametrize("up", AXES)
+def test_what_falls_falls_down(up):
+    assert find_up("", turned(jump(), up), ("",) * 4, RATE).axis == up
+    still = turned(np.repeat(jump()[:1], 200, axis=0), up)
+    assert find_up("", still, ("",) * 4, RATE).axis == "+Z"
+
+
+def test_plates_that_differ_or_are_none_say_nothing():
+    standing = turned(person(walks=False), "+Y")
+    wall = np.concatenate([turned(PLATE, "+Y"), PLATE])
+    for plates in (wall, PLATE * np.nan, PLATE * 1e6, PLATE * 0, np.zeros((0, 4, 3))):
+        assert find_up("-X", standing, NAMES, RATE, plates).axis == "-X"
+
+
+def test_qualisys_writes_minus_z_where_z_is_up(tmp_path):
+    anybody = np.random.default_rng(0).uniform(-0.2, 0.2, (50, 10, 3))
+    found = find_up("-Z", anybody, NAMES, RATE, maker="Qualisys Qualisys Track Manager")
+    assert found.axis == "+Z"
+    assert "the program that wrote it" in found.notes[0]
+    assert find_up("-Z", anybody, NAMES, RATE, maker="Vicon Nexus").axis == "-Z"
+    hanging = turned(person(), "-Z")
+    assert find_up("-Z", hanging, NAMES, RATE, maker="Qualisys").axis == "-Z"
+
+
+def test_two_people_side_by_side_are_no_wider_than_one():
+    two = np.concatenate([person(walks=False), person(walks=False) + np.array([0, 2.5, 0])], axis=1)
+    names = [f"{who}:{name}" for who in ("Ann", "Bob") for name in ("M",) * len(NAMES)]
+    assert find_up("+Y", two, names, RATE).axis == "+Z"
+
+
+@pytest.fixture
+def upside_down(tmp_path):
+    """A C3D that says -Z although z is up, with a plate on the floor."""
+    xyz = 1000 * person()
+    layout = Layout(frames=len(xyz), points=len(NAMES), up="-Z", corners=1000 * PLATE)
+    path = tmp_path / "take.c3d"
+    path.write_bytes(layout.content(xyz))
+    return path, layout.take()[1] >= 0, xyz / 1000
+
+
+def test_a_c3d_is_not_turned_upside_down(upside_down):
+    path, there, xyz = upside_down
+    take = read_points(path)
+    np.testing.assert_allclose(take.xyz[there], xyz[there], atol=1e-5)
+    assert take.up == "+Z"
+    assert take.notes[0].startswith("the file says that -Z is up, but +Z was taken by the force plates and ")
+
+
+@pytest.mark.parametrize("up", ["x", "y", "z", "-x", "-y", "-z"])
+def test_who_knows_better_is_believed(upside_down, tmp_path, up):
+    path, there, xyz = upside_down
+    axis = ("" if up[0] == "-" else "+") + up.upper()
+    take = read_points(path, up=up)
+    np.testing.assert_allclose(take.xyz[there], (xyz @ up_rotation(axis).T)[there], atol=1e-5)
+    assert (take.up, take.notes) == (axis, ())
+    write_trc(tmp_path / "a.trc", Points(NAMES, xyz, np.zeros(xyz.shape[:2]), RATE, 1))
+    np.testing.assert_allclose(read_points(tmp_path / "a.trc", up=up).xyz, xyz @ up_rotation(axis).T, atol=1e-5)
+
+
+def test_the_samples_that_went_wrong(shared_data):
+    faults = shared_data / "faults"
+    there = read_points(shared_data / "people" / "mcgill" / "HC030A" / "HC030A05.c3d")
+    take = read_points(faults / "yscreen-minus-z.c3d")
+    np.testing.assert_array_equal(take.xyz, there.xyz)
+    assert "says that -Z is up, but +Z was taken" in take.notes[0]
+    np.testing.assert_array_equal(read_points(faults / "block-count-too-small.c3d").xyz, there.xyz)
+    assert read_points(faults / "first-frame-4294967280.c3d").first_frame == 4294967280
+
+
+def test_recorded_people_keep_the_axis_that_they_have(shared_data):
+    """All C3D and TRC of the people and rooms: those with y up are known by name, all others have z up."""
+    y_up = {"freeform.c3d", "squat.c3d", "walk_free_01.trc"}
+    paths = [path for path in sorted(shared_data.rglob("*")) if re.fullmatch(r"\.(c3d|trc)", path.suffix.lower())]
+    paths = [path for path in paths if "faults" not in path.parts]
+    assert len(paths) >= 40
+    for path in paths:
+        take = read_points(path)
+        assert take.up == ("+Y" if path.name in y_up else "+Z"), path.name
+        assert bool(take.notes) == (path.name in y_up and path.suffix == ".c3d"), (path.name, take.notes)
+
+
+def test_turned_takes_of_recorded_people_are_turned_back(shared_data):
+    """Told wrongly that it is upside down, a recorded take is mended where anybody walks in it."""
+    kinds = ("people/mcgill/*/*.c3d", "people/cmu41/*/*.c3d", "people/actors53/*/*.c3d", "people/clouthier/*.c3d")
+    mended = []
+    for path in (path for kind in kinds for path in sorted(Path(shared_data).glob(kind))):
+        take = read_points(path)
+        for up in ("+Z", "-Y"):
+            assert find_up(up, turned(take.xyz, up), take.names, take.rate).axis == up, path.name
+        mended.append(find_up("-Z", take.xyz, take.names, take.rate).axis == "+Z")
+    assert np.mean(mended) > 0.95
+
+
+def test_a_qualisys_take_and_its_own_calibration_have_the_same_axis_up(shared_data):
+    """The named points of a recorded run, seen by the cameras of its own calibration, fall on its own blobs."""
+    folder = shared_data / "blobs" / "qualisys_run"
+    take, cameras = read_points(folder / "run.c3d"), read_cameras(folder / "room.toml")
+    rows = np.genfromtxt(folder / "run.truth.csv", delimiter=",", names=True, dtype=None, encoding="utf-8")
+    rows = rows[(rows["frame"] % 50 == 0) & (rows["marker"] != "")]
+    column = {name: index for index, name in enumerate(take.names)}
+    rows = rows[[name in column for name in rows["marker"]]]
+    points = take.xyz[rows["frame"] - take.first_frame, [column[name] for name in rows["marker"]]]
+    camera = np.array([cameras.names.index(str(name)) for name in rows["camera"]])
+    assert len(rows) > 1000
+    seen = cameras.project(points)[camera, np.arange(len(rows))]
+    off = np.linalg.norm(seen - np.stack([rows["x"], rows["y"]], axis=1), axis=1)
+    assert np.nanmedian(off) < 3
+    for said in ("-Z", "+Z", ""):
+        assert find_up(said, take.xyz, take.names, take.rate, maker="Qualisys AB").axis == "+Z"
