@@ -18,7 +18,7 @@ if str(ROOT) not in sys.path:
 
 from threadpoolctl import threadpool_limits
 
-from addon.core.body.bodies import anatomy
+from addon.core.body import anatomy
 from addon.core.points.partial_solvers.model import FUNCTIONS
 from addon.core.points.partial_solvers.training import Training, train_ensemble
 from addon.io.markersets import SUFFIX

@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[1]
 if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
-from addon.core.body.bodies import anatomy
+from addon.core.body import anatomy
 from addon.core.data.markersets import MarkerSet
 from addon.core.data.models import Model
 from addon.core.points.likelihood import learn_likelihood

@@ -10,7 +10,7 @@ from ..core.points.partial_solvers.model import PartialSolvers
 from .likelihood import likelihood_text, read_likelihood
 from .markersets import markerset_file, markerset_in, markerset_text, open_document, open_markerset
 from .packed import LARGEST, declared_bytes, pack, unpack
-from .trained import sound_ensemble, sound_lessons
+from .trained import sound_partial_solvers, sound_training_take
 
 # What the parts are called in the file, as they were from the first version on.
 LIKELIHOOD, PARTIAL_SOLVERS, TRAINING_TAKES = "evidence", "ensemble", "lessons"
@@ -40,7 +40,7 @@ def _partial_solvers(packed: object, markers: tuple[str, ...], path: Path) -> Pa
     solvers = unpack(PartialSolvers, packed, PARTIAL_SOLVERS, path)
     if solvers.markers != markers:
         raise InputError("has an ensemble for other markers than its own; expected it as it was trained", path)
-    if not sound_ensemble(solvers):
+    if not sound_partial_solvers(solvers):
         words = f"has an {PARTIAL_SOLVERS} whose numbers do not go together"
         raise InputError(f"{words}; expected it as it was trained, so train the model anew", path)
     return solvers
@@ -54,7 +54,7 @@ def _training_takes(top: dict, markers: int, path: Path) -> tuple[TrainingTake, 
     if declared_bytes(rows) > LARGEST:
         raise InputError(f"has over {LARGEST >> 20} MB of {TRAINING_TAKES}; expected what was trained", path)
     takes = tuple(unpack(TrainingTake, row, TRAINING_TAKES, path) for row in rows)
-    if not all(sound_lessons(take, markers) for take in takes):
+    if not all(sound_training_take(take, markers) for take in takes):
         words = f"has {TRAINING_TAKES} that are not about its markers in metres"
         raise InputError(f"{words}; expected them as they were trained", path)
     return takes

@@ -5,35 +5,35 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..core.data.models import Lessons
-from ..core.points.partial_solvers.model import DOMAIN, FUNCTIONS, NO_POINT, Classifiers, Ensemble, Record, Solver
+from ..core.data.models import TrainingTake
+from ..core.points.partial_solvers.model import DOMAIN, FUNCTIONS, NO_POINT, Classifiers, PartialSolvers, Record, Solver
 from .names import can_be_written
 
-FARTHEST = 1e3  # m; no marker of a lesson is farther away
+FARTHEST = 1e3  # m; no marker of a training take is farther away
 
 
-def sound_ensemble(ensemble: Ensemble) -> bool:
+def sound_partial_solvers(solvers: PartialSolvers) -> bool:
     """Whether every index has its place and every number is one, so that points can be named by it."""
-    count = len(ensemble.markers)
+    count = len(solvers.markers)
     return (
-        _sound_classifiers(ensemble.classifiers, count)
-        and all(_sound_solver(solver, ensemble.classifiers, count) for solver in ensemble.solvers)
-        and _are_numbers(ensemble.targets, (count,), 0, 1)
-        and can_be_written(ensemble.search)
-        and ensemble.frames >= 0
+        _sound_classifiers(solvers.classifiers, count)
+        and all(_sound_solver(solver, solvers.classifiers, count) for solver in solvers.solvers)
+        and _are_numbers(solvers.targets, (count,), 0, 1)
+        and can_be_written(solvers.search)
+        and solvers.frames >= 0
     )
 
 
-def sound_lessons(lessons: Lessons, markers: int) -> bool:
-    """Whether a lesson is about that many markers, so that it can be trained on with others."""
-    points = lessons.points
+def sound_training_take(take: TrainingTake, markers: int) -> bool:
+    """Whether a training take is about that many markers, so that it can be trained on with others."""
+    points = take.points
     return (
         points.ndim == 3
         and points.dtype.kind == "f"
         and points.shape[1:] == (markers, 3)
         and not (np.abs(points) > FARTHEST).any()
-        and all(map(can_be_written, (lessons.subject, *lessons.takes)))
-        and lessons.frames >= 0
+        and all(map(can_be_written, (take.subject, *take.takes)))
+        and take.frames >= 0
     )
 
 

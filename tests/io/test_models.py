@@ -8,7 +8,7 @@ import zlib
 
 import numpy as np
 import pytest
-from addon.core.points.partial_solvers.label import Labeller
+from addon.core.points.partial_solvers.frames import SolversNamer
 
 from addon.core.data.errors import InputError
 from addon.core.data.models import by_subject
@@ -126,7 +126,7 @@ def test_arrays_with_a_right_digest_are_sound_or_refused(tmp_path):
             refused += 1
             assert "; expected" in error.message
             continue
-        Labeller(model.partial_solvers)(points)
+        SolversNamer(model.partial_solvers)(points)
         assert by_subject(model.training_takes)["Ann"].shape[1:] == (len(model.markerset), 3)
     assert 200 < refused < 600
 

@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from tests.core.test_pipeline import RIG, ROOM, Outcome, walk
+from tests.core.blobs.test_pipeline import RIG, ROOM, Outcome, walk
 
 from addon.core.blobs import pipeline
 from addon.core.blobs.pipeline import Options, label_take

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from addon.core.body.bodies import anatomy
+from addon.core.body import anatomy
 from addon.io.markersets import builtin_markersets, open_markerset
 
 GAIT15 = "SACR RASI LASI RTHI LTHI RKNE LKNE RTIB LTIB RANK LANK RHEE LHEE RTOE LTOE"
