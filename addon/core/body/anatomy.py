@@ -77,7 +77,7 @@ def _arm(side: str) -> tuple[SegmentSite, ...]:
     return (
         SegmentSite(f"upper_arm.{side}", "thorax", (f"{side}CLO",)),
         SegmentSite(f"forearm.{side}", f"upper_arm.{side}", (f"{side}HUO",)),
-        # One marker cannot tell where the hand turns: the wrist is held half-way between its two markers.
+        # One marker does not show how the hand turns: the wrist is held half-way between its two markers.
         SegmentSite(f"hand.{side}", f"forearm.{side}", mix=((f"{side}WRA", 0.5), (f"{side}WRB", 0.5)), sd=0.003),
     )
 

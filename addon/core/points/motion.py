@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..body.bodies import Bodies, BodyModel
-from ..body.posing import FEWEST, fit_points
+from ..body.posing import POSING, fit_points
 from ..data.markersets import MarkerSet
 from ..data.takes import LabelledChunk, Labels, Motion, Points
 
@@ -26,7 +26,7 @@ def motion_of(points: np.ndarray, residual: np.ndarray, labels: Labels, markerse
     xyz[frame, marker] = points[frame, column]
     off[frame, marker] = residual[frame, column]
     model = BodyModel(markerset)
-    if (np.isfinite(xyz[..., 0]).sum(axis=1) >= FEWEST).any():
+    if (np.isfinite(xyz[..., 0]).sum(axis=1) >= POSING.min_markers).any():
         bodies = fit_points(model, xyz)
     else:
         nobody = model.rest(count, 1.0)

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..blobs.labelling import UNTRIMMED
 from ..blobs.views import Sight, View, split_views
 from ..data.errors import JobError
 from ..data.takes import Blobs
 from ..geometry.cameras import Cameras
+from ..geometry.triangulation import trimmed_deviation
 from .linking import Links
 from .matching import Circumstances, Expected, FrameMatcher, FramePoints
 
@@ -21,7 +21,6 @@ LEAST_PIXEL, MOST_PIXEL = 0.05, 4.0
 FIRST_SEEN, FIRST_GHOSTS = 0.6, 3.0
 LEAST_GHOSTS = 0.2
 SAMPLE = 12  # frames of the first chunk that the circumstances are learned from, twice
-TRIMMED = 0.8  # share of the points, best first, that the noise is told by
 FEWEST = 8  # points that must tell
 MOST_SEEN = 0.7  # as told by points of many rays, which are the ones that are seen well
 OPENING = 64  # frames at the beginning, of which the calmest is where trajectories begin
@@ -196,6 +195,4 @@ def _pixel_noise(squares: np.ndarray, support: np.ndarray) -> float:
         many = support >= 2
     if many.sum() < FEWEST:
         return float("nan")
-    ratio = squares[many] / freedom[many]
-    order = np.argsort(ratio)[: int(np.ceil(TRIMMED * many.sum()))]
-    return float(np.sqrt(squares[many][order].sum() / freedom[many][order].sum()) * UNTRIMMED)
+    return trimmed_deviation(squares[many], freedom[many])

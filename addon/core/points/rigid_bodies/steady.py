@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...geometry.rigid import FEWEST, laid_on
+from ...geometry.rigid import MIN_POINTS, laid_on
 
 MOST_FRAMES = 500  # that a take is looked at in
 SHORTEST = 0.1  # s, of a tracklet that is looked at
@@ -151,7 +151,7 @@ def _clusters(spread: np.ndarray, weight: np.ndarray) -> list[list[int]]:
         row = np.where(known[one] > 0, total[one] / np.maximum(known[one], 1), np.inf)
         mean[one], mean[:, one] = row, row
         mean[two], mean[:, two] = np.inf, np.inf
-    return [cluster for cluster in members if len(cluster) >= FEWEST]
+    return [cluster for cluster in members if len(cluster) >= MIN_POINTS]
 
 
 def _strung(points: np.ndarray, distance: np.ndarray) -> list[list[int]]:
@@ -168,7 +168,7 @@ def _strung(points: np.ndarray, distance: np.ndarray) -> list[list[int]]:
             both = (there[:, one].any(axis=1) & there[:, index]).sum()
             off = np.abs(distance[one] - distance[index])
             off = off[:, np.isfinite(off).any(axis=0)]
-            if both <= SHARED * frames[index] and off.shape[1] >= FEWEST - 1 and np.nanmax(off) < nearest:
+            if both <= SHARED * frames[index] and off.shape[1] >= MIN_POINTS - 1 and np.nanmax(off) < nearest:
                 best, nearest = one, float(np.nanmax(off))
         if best is None:
             strings.append([int(index)])
@@ -196,14 +196,14 @@ def _laid(seen: Sampled, cluster: np.ndarray, distance: np.ndarray) -> Group | N
         mean = np.where(known[..., None], local, 0).sum(axis=0) / count[:, None]
         off = np.sqrt((np.where(known[..., None], local - mean, 0) ** 2).sum(axis=(0, 2)) / count)
         form = np.where((known.any(axis=0) & (off < FITS))[:, None], mean, np.nan)
-        if np.isfinite(form[:, 0]).sum() < FEWEST:
+        if np.isfinite(form[:, 0]).sum() < MIN_POINTS:
             return None
     fine = np.flatnonzero(np.isfinite(form[:, 0]))
     there = np.isfinite(points[:, fine, 0])
     often = OFTEN * np.isfinite(place[:, 0]).sum()
     # What is there only for moments may move with the group by chance, while nothing moves.
     merged = [one for one in _merged(form[fine], there) if there[:, one].any(axis=1).sum() >= often]
-    if len(merged) < FEWEST:
+    if len(merged) < MIN_POINTS:
         return None
     middle = np.array([form[fine[one]].mean(axis=0) for one in merged])
     centre = middle.mean(axis=0)

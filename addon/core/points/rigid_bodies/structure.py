@@ -11,7 +11,7 @@ from itertools import combinations
 
 import numpy as np
 
-from ...geometry.rigid import FEWEST, laid_on
+from ...geometry.rigid import MIN_POINTS, laid_on
 from .model import RigidBodies
 
 FRAMES = 300  # of a subject that are learned from
@@ -144,7 +144,7 @@ def _firm(group: np.ndarray, frames: np.ndarray) -> np.ndarray:
     spread = np.nanstd(np.linalg.norm(markers[:, :, None] - markers[:, None], axis=-1), axis=0)
     loose = np.median(spread, axis=0)
     firm = loose < max(FIRM, FIRMER * np.median(loose))
-    return group[firm] if firm.sum() >= FEWEST else group
+    return group[firm] if firm.sum() >= MIN_POINTS else group
 
 
 def signed_volumes(one: np.ndarray, two: np.ndarray, three: np.ndarray, four: np.ndarray) -> np.ndarray:
