@@ -146,7 +146,7 @@ class TakeLabeller:
         return at
 
     def _find(self, chunk: "_Chunk", at: int, end: int) -> int:
-        """Finds the subject among frames `at` … `end` - 1, labels from there both forwards and back; returns the next."""
+        """Finds the subject among frames `at` … `end` - 1, labels from there forwards and back; returns the next."""
         index, found = self._best_found(chunk, at, end)
         if found is None:
             chunk.suspect(at, end - 1, "no subject was recognised")
