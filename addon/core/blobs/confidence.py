@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .labelling import IMPOSSIBLE, Naming, nll_given_names
+from .labelling import TOO_FAR, Naming, nll_given_names
 from .swaps import Swaps
 
 
@@ -39,14 +39,14 @@ def label_confidences(
     by_model = naming.frame.nll[camera, marker, slot]
     few = (naming.rays >= 0).sum(axis=0)[marker] < 3
     mine = np.where(few, np.maximum(mine, by_model), mine)
-    mine = np.where(mine < IMPOSSIBLE, mine, naming.frame.rules.max_square)[:, None]
+    mine = np.where(mine < TOO_FAR, mine, naming.frame.rules.max_square)[:, None]
     taken = naming.slot[camera] >= 0
     own = np.arange(nll.shape[1]) == marker[:, None]
     hidden = options.hidden * ~naming.frame.expected.visible[camera]
     shadowed = options.shadowed * naming.frame.in_front[camera, :, marker]
-    others = np.where(own | taken, IMPOSSIBLE, nll + hidden + shadowed)
+    others = np.where(own | taken, TOO_FAR, nll + hidden + shadowed)
     partner = np.arange(nll.shape[1]) == naming.partner[camera, marker][:, None]
-    others = np.where(partner, IMPOSSIBLE, others)
+    others = np.where(partner, TOO_FAR, others)
     odds = np.exp(np.clip((mine - others) / 2, -60, 30)).sum(axis=1)
     return 1 / (1 + odds)
 

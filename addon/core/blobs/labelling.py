@@ -12,10 +12,10 @@ import numpy as np
 
 from ..data.takes import CONFLICT, EXCLUSIVE, REMAINING
 from ..geometry.triangulation import Meeting, Rays, trimmed_deviation
-from .views import VIEWS, Sight, View
+from .views import VIEWING, Sight, View
 
 SPREAD_UNIT = 1e-8  # m⁴, the spread whose log is nought
-IMPOSSIBLE = 1e9  # a cost that no blob and marker can have
+TOO_FAR = 1e9  # a cost that no blob and marker can have
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class Naming:
 
     @property
     def reprojection(self) -> np.ndarray:
-        """(C, M, K) squared deviations of blobs from where markers meet; IMPOSSIBLE where far, or no point."""
+        """(C, M, K) squared deviations of blobs from where markers meet; TOO_FAR where far, or no point."""
         if self._reprojection is None:
             self._reprojection = self.frame.against_points(self.meeting.points)
         return self._reprojection
@@ -135,7 +135,7 @@ class Frame:
     """One frame's blobs against one expectation: every distance that the three steps ask for.
 
     nll     (C, M, K) twice the negative log-likelihood of each blob under each marker, up to a constant: squared
-            deviations plus the log of their size; IMPOSSIBLE where a blob is too far off
+            deviations plus the log of their size; TOO_FAR where a blob is too far off
     metres  (C, M) m, standard deviation of a blob's position at the marker's depth
     depth   (C, M) m
     image   (C, M, 2) normalised image of the expected markers
@@ -146,7 +146,7 @@ class Frame:
         self.cameras, self.markers = np.arange(len(view.image)), np.arange(len(expected.points))
         local = sight.local(expected.points[None])
         image = sight.image(local)
-        self.depth = np.maximum(local[0, ..., 2], VIEWS.min_depth_m)
+        self.depth = np.maximum(local[0, ..., 2], VIEWING.min_depth_m)
         self.metres = rules.pixel / sight.focal[:, None] * self.depth + rules.slack_m
         self.rays = Rays(view, sight)
         self.slope = sight.derivatives(local, image)[0]
@@ -167,13 +167,13 @@ class Frame:
         )
 
     def against_points(self, points: np.ndarray) -> np.ndarray:
-        """(C, M, K) squared deviations of blobs from points (M, 3) m; IMPOSSIBLE where far or the point is NaN."""
+        """(C, M, K) squared deviations of blobs from points (M, 3) m; TOO_FAR where far or the point is NaN."""
         known = np.isfinite(points[:, 0])
         image = self.sight.image(self.sight.local(np.where(known[:, None], points, 0)[None]))[0]
         between = self.view.image[:, None] - image[:, :, None]
         square = between[..., 0] ** 2 + between[..., 1] ** 2
         square *= ((self.depth / self.metres) ** 2)[..., None]
-        return np.where((square < self.rules.max_off_point**2) & known[None, :, None], square, IMPOSSIBLE)
+        return np.where((square < self.rules.max_off_point**2) & known[None, :, None], square, TOO_FAR)
 
     def with_ray(self, camera: np.ndarray, marker: np.ndarray, slot: np.ndarray) -> np.ndarray:
         """(C, N, K) `nll` of N markers once one camera has named them: what the model and that ray expect together.
@@ -209,7 +209,7 @@ class Frame:
         within = (square < self.rules.max_square) & (distance2 < self.rules.max_distance_m**2)
         within &= self.view.real[:, None]
         size = np.log(det * depth**4 / SPREAD_UNIT)
-        return np.where(within, square + size[..., None], IMPOSSIBLE)
+        return np.where(within, square + size[..., None], TOO_FAR)
 
 
 def name_markers(view: View, sight: Sight, expected: Expectation, rules: Rules) -> Naming:
@@ -242,11 +242,11 @@ def identify_visible(frame: Frame, naming: Naming) -> np.ndarray:
 
     Returns claims (C, M, K): which blobs are in conflict over which marker.
     """
-    nll = np.where(frame.expected.visible[..., None], frame.nll, IMPOSSIBLE)
+    nll = np.where(frame.expected.visible[..., None], frame.nll, TOO_FAR)
     closest = nll.argmin(axis=1)
     best = np.take_along_axis(nll, closest[:, None], axis=1)[:, 0]
-    second = np.partition(nll, 1, axis=1)[:, 1] if nll.shape[1] > 1 else np.full_like(best, IMPOSSIBLE)
-    mapped = best < IMPOSSIBLE
+    second = np.partition(nll, 1, axis=1)[:, 1] if nll.shape[1] > 1 else np.full_like(best, TOO_FAR)
+    mapped = best < TOO_FAR
     claims = (closest[:, None] == frame.markers[None, :, None]) & mapped[:, None]
     unclear = mapped & (second - best < frame.rules.min_lead)
     candidates = unclear[:, None] & (nll - best[:, None] < frame.rules.min_lead)
@@ -288,18 +288,18 @@ def _conflict_costs(frame: Frame, naming: Naming, claims: np.ndarray, helpers: i
     now = named >= 2 if helpers == 2 else named == helpers
     is_open = claims & now[None, :, None] & naming.open
     if not is_open.any():
-        return np.full(claims.shape, IMPOSSIBLE)
+        return np.full(claims.shape, TOO_FAR)
     is_open &= ~_better_elsewhere(frame, naming) & ~_shadowed(frame, naming)
     if helpers == 2:
-        return np.where(is_open, naming.reprojection, IMPOSSIBLE)
+        return np.where(is_open, naming.reprojection, TOO_FAR)
     if helpers == 1:
         return _one_helper_cost(frame, naming, is_open)
-    return np.where(is_open & _undisputed(frame, is_open), frame.nll, IMPOSSIBLE)
+    return np.where(is_open & _undisputed(frame, is_open), frame.nll, TOO_FAR)
 
 
 def _better_elsewhere(frame: Frame, naming: Naming) -> np.ndarray:
     """(C, M, K) where a blob lies on the reprojected point of another marker that its camera still lacks."""
-    square = np.where((naming.slot < 0)[..., None], naming.reprojection, IMPOSSIBLE)
+    square = np.where((naming.slot < 0)[..., None], naming.reprojection, TOO_FAR)
     least = square.min(axis=1, keepdims=True)
     return (least < frame.rules.max_on_point) & (square > least)
 
@@ -310,7 +310,7 @@ def nll_given_names(frame: Frame, naming: Naming) -> np.ndarray:
     The point where its blobs meet if there is one, else the model and its only ray, else the model alone.
     """
     met = naming.reprojection
-    met = np.where(met < IMPOSSIBLE, met + np.log(frame.metres**4 / SPREAD_UNIT)[..., None], IMPOSSIBLE)
+    met = np.where(met < TOO_FAR, met + np.log(frame.metres**4 / SPREAD_UNIT)[..., None], TOO_FAR)
     known = np.isfinite(naming.meeting.points[:, 0])
     found = np.where(known[None, :, None], met, frame.nll)
     single = np.flatnonzero((naming.rays >= 0).sum(axis=0) == 1)
@@ -327,7 +327,7 @@ def _shadowed(frame: Frame, naming: Naming) -> np.ndarray:
     """
     nll = nll_given_names(frame, naming)
     camera, behind, before = np.nonzero(frame.in_front)
-    fits = nll[camera, before] < np.minimum(nll[camera, behind] + frame.rules.min_lead, IMPOSSIBLE)
+    fits = nll[camera, before] < np.minimum(nll[camera, behind] + frame.rules.min_lead, TOO_FAR)
     fits &= (naming.slot[camera, before] < 0)[:, None]
     shadowed = np.zeros(nll.shape, dtype=bool)
     np.logical_or.at(shadowed, (camera, behind), fits)
@@ -336,13 +336,13 @@ def _shadowed(frame: Frame, naming: Naming) -> np.ndarray:
 
 def _undisputed(frame: Frame, is_open: np.ndarray) -> np.ndarray:
     """(C, M, K) where a marker fits one blob clearly better than its other open blobs, and the blob it."""
-    nll = np.where(is_open, frame.nll, IMPOSSIBLE)
+    nll = np.where(is_open, frame.nll, TOO_FAR)
     return _clearly_least(nll, 1, frame.rules.min_lead) & _clearly_least(nll, 2, frame.rules.min_lead)
 
 
 def _clearly_least(cost: np.ndarray, axis: int, min_lead: float) -> np.ndarray:
     if cost.shape[axis] == 1:
-        return cost < IMPOSSIBLE
+        return cost < TOO_FAR
     two = np.partition(cost, 1, axis=axis)
     least, second = np.take(two, [0], axis=axis), np.take(two, [1], axis=axis)
     return (cost == least) & (second - least >= min_lead)
@@ -350,7 +350,7 @@ def _clearly_least(cost: np.ndarray, axis: int, min_lead: float) -> np.ndarray:
 
 def _one_helper_cost(frame: Frame, naming: Naming, is_open: np.ndarray) -> np.ndarray:
     """(C, M, K) how far the point of candidate and helper lies from the model's marker, squared deviations."""
-    cost = np.full(is_open.shape, IMPOSSIBLE)
+    cost = np.full(is_open.shape, TOO_FAR)
     camera, marker, slot = np.nonzero(is_open)
     helper = (naming.slot >= 0)[:, marker].argmax(axis=0)
     pairs = np.full((len(frame.cameras), len(camera)), -1)
@@ -363,13 +363,13 @@ def _one_helper_cost(frame: Frame, naming: Naming, is_open: np.ndarray) -> np.nd
     whitened = np.linalg.solve(frame.expected.covariance[marker] + floor, offset[..., None])[..., 0]
     square = np.einsum("ni,ni->n", offset, whitened)
     fine = (met.residual < frame.rules.max_miss * frame.metres[camera, marker]) & (square < frame.rules.max_off_model)
-    cost[camera, marker, slot] = np.where(fine, square, IMPOSSIBLE)
+    cost[camera, marker, slot] = np.where(fine, square, TOO_FAR)
     return cost
 
 
 def _give_best(naming: Naming, cost: np.ndarray, step: int):
     """Names greedily, best first, one blob a marker and one marker a blob in every camera."""
-    camera, marker, slot = np.nonzero(cost < IMPOSSIBLE)
+    camera, marker, slot = np.nonzero(cost < TOO_FAR)
     for index in np.argsort(cost[camera, marker, slot], kind="stable"):
         c, m, k = camera[index], marker[index], slot[index]
         if naming.slot[c, m] < 0 and naming.owner[c, k] < 0:
@@ -383,8 +383,8 @@ def name_remaining(frame: Frame, naming: Naming):
     What is left are false markers.
     """
     is_open = naming.open & ~_shadowed(frame, naming)
-    _give_best(naming, np.where(is_open, naming.reprojection, IMPOSSIBLE), REMAINING)
-    likely = frame.nll < IMPOSSIBLE
+    _give_best(naming, np.where(is_open, naming.reprojection, TOO_FAR), REMAINING)
+    likely = frame.nll < TOO_FAR
     named = (naming.slot >= 0).sum(axis=0)
     is_open = naming.open & (named == 1)[None, :, None] & likely
     if is_open.any():
@@ -392,7 +392,7 @@ def name_remaining(frame: Frame, naming: Naming):
     named = (naming.slot >= 0).sum(axis=0)
     is_open = naming.open & (named == 0)[None, :, None] & likely
     if is_open.any():
-        _give_best(naming, np.where(is_open & _undisputed(frame, is_open), frame.nll, IMPOSSIBLE), REMAINING)
+        _give_best(naming, np.where(is_open & _undisputed(frame, is_open), frame.nll, TOO_FAR), REMAINING)
 
 
 def name_merged(frame: Frame, naming: Naming):
@@ -410,7 +410,7 @@ def name_merged(frame: Frame, naming: Naming):
     middle = (frame.image[camera, first] + frame.image[camera, second]) / 2
     between = frame.view.image[camera] - middle[:, None]
     square = (between[..., 0] ** 2 + between[..., 1] ** 2) * (frame.depth[camera, first] ** 2)[:, None]
-    square = np.where((naming.owner[camera] < 0) & frame.view.real[camera], square, IMPOSSIBLE)
+    square = np.where((naming.owner[camera] < 0) & frame.view.real[camera], square, TOO_FAR)
     slot = square.argmin(axis=1)
     alone = (square < reach2).sum(axis=1) == 1
     square = square[np.arange(len(slot)), slot]

@@ -23,7 +23,7 @@ from .search import Found, Hints, find_subject
 from .subject import Setup
 from .swaps import exchange_loss, exchanged, swap_names
 from .tracking import Followed, Track, follow
-from .views import VIEWS, View, split_views
+from .views import VIEWING, View, split_views
 
 
 @dataclass(frozen=True)
@@ -295,7 +295,7 @@ def _write_labels(labels: Labels, view: View, result: FrameResult) -> np.ndarray
 
 def _pixels_per_metre(result: FrameResult, setup: Setup) -> np.ndarray:
     """(M,) px that one metre at each marker is worth, mean over the cameras that named it."""
-    depth = np.maximum(setup.sight.local(result.expected.points[None])[0, ..., 2], VIEWS.min_depth_m)
+    depth = np.maximum(setup.sight.local(result.expected.points[None])[0, ..., 2], VIEWING.min_depth_m)
     seen = result.naming.slot >= 0
     return (setup.sight.focal[:, None] / depth * seen).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
 

@@ -19,9 +19,6 @@ from .subject import Setup, Subject, expect, learn_noise, learn_own, name, named
 from .swaps import Swaps, swap_names, try_swaps, withdraw_unexpected, without_own
 from .views import View
 
-QUARTERS = 4
-PLACEMENT_STAGES = ((0.20, 0.60, 5), (0.10, 0.30, 5))
-
 
 @dataclass(frozen=True)
 class FindOptions:
@@ -229,55 +226,17 @@ def _cloud_pull(markers: np.ndarray, cloud: Cloud, softness: float, reach: float
     return cloud_pull(markers, cloud.points, cloud.weight, softness, reach)
 
 
-def fit_from(view: View, start: Bodies, setup: Setup) -> Fit:
-    """The paper's whole fit from a given start of B bodies: nine parameters first, then joints and shape as well.
-
-    Visible markers only, visibility renewed at every stage. The nine-parameter fit does not turn a body round, so every
-    start is also tried turned by a quarter, a half and three quarters, and the best of the four is kept.
-    """
-    prior = Prior(setup.model, upright_sd=FINDING.upright_sd_rad)
-    fit = fit_blobs(fit_nine(view, _turned_about(start, setup), setup).bodies, view, setup, prior)
-    best = fit.cost.reshape(QUARTERS, -1).argmin(axis=0) * len(start) + np.arange(len(start))
-    return Fit(picked(fit.state, best), fit.trace[:, best])
-
-
-def fit_nine(view: View, start: Bodies, setup: Setup) -> State:
-    """Ten iterations of the nine-parameter fit, visible markers only, visibility renewed in between."""
-    bodies, posed = start, setup.model.pose(start)
-    for softness, reach, steps in PLACEMENT_STAGES:
-        pull = _visible_pull(bodies, posed, view, setup, softness, reach)
-        state = fit_placement(setup.model, bodies, pull, steps, setup.prior).state
-        bodies, posed = state.bodies, state.posed
-    return state
-
-
-def _turned_about(start: Bodies, setup: Setup) -> Bodies:
-    """The bodies, then all of them turned by a quarter about the upright through their markers' middle, and so on."""
-    count = len(start)
-    middle = setup.model.pose(start).markers.mean(axis=1)
-    bodies = start.pick(np.tile(np.arange(count), QUARTERS))
-    angle = np.repeat(np.arange(QUARTERS), count) * (2 * np.pi / QUARTERS)
-    turn = rotations.about_z(angle)
-    arm = bodies.translation - middle[np.tile(np.arange(count), QUARTERS)]
-    swung = (rotations.quaternion_to_matrix(turn) @ arm[..., None])[..., 0]
-    return replace(
-        bodies,
-        quaternion=rotations.quaternion_product(turn, bodies.quaternion),
-        translation=bodies.translation + swung - arm,
-    )
-
-
 def fit_blobs(bodies: Bodies, view: View, setup: Setup, prior):
     """Bodies against the blobs themselves, visible markers only, visibility renewed at every stage."""
     posed = setup.model.pose(bodies)
     for softness, reach, steps in FINDING.blob_stages:
-        pull = _visible_pull(bodies, posed, view, setup, softness, reach)
+        pull = visible_pull(bodies, posed, view, setup, softness, reach)
         fit = fit_body(setup.model, bodies, pull, steps, prior)
         bodies, posed = fit.bodies, fit.state.posed
     return fit
 
 
-def _visible_pull(bodies: Bodies, posed: Posed, view: View, setup: Setup, softness: float, reach: float):
+def visible_pull(bodies: Bodies, posed: Posed, view: View, setup: Setup, softness: float, reach: float):
     """Equation 7 with the markers that are visible where the bodies are now."""
     visible = setup.visible(bodies.scale, posed)
     return lambda markers: blob_pull(markers, visible, view, setup.sight, softness, reach)

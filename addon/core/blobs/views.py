@@ -27,7 +27,7 @@ class ViewOptions:
     edge_points: int = 9
 
 
-VIEWS = ViewOptions()
+VIEWING = ViewOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ class View:
 def split_views(blobs: Blobs, cameras: Cameras) -> list[View]:
     """One `View` for each of the chunk's frames.
 
-    Raises JobError when a camera has more than `VIEWS.max_blobs` blobs in one frame.
+    Raises JobError when a camera has more than `VIEWING.max_blobs` blobs in one frame.
     """
     image = cameras.undistort(blobs.xy, blobs.camera)
     usable = np.isfinite(image).all(axis=1)
@@ -93,10 +93,10 @@ def _view(image, rows, camera, slot, shape) -> View:
 
 def _refuse_floods(counts: np.ndarray, frames: np.ndarray, cameras: Cameras):
     flood = int(np.argmax(counts)) if len(counts) else 0
-    if len(counts) and counts[flood] > VIEWS.max_blobs:
+    if len(counts) and counts[flood] > VIEWING.max_blobs:
         frame, camera = frames[flood // len(cameras)], cameras.names[flood % len(cameras)]
         raise JobError(
-            f"frame {frame} has {counts[flood]} blobs in camera {camera}; expected at most {VIEWS.max_blobs}, "
+            f"frame {frame} has {counts[flood]} blobs in camera {camera}; expected at most {VIEWING.max_blobs}, "
             "so raise that camera's threshold or mask its reflections"
         )
 
@@ -124,11 +124,11 @@ class Sight:
     def image(self, local: np.ndarray) -> np.ndarray:
         """(..., 2) normalised image of points in camera axes (..., 3); NOWHERE's twin where behind."""
         depth = local[..., 2:]
-        return np.where(depth > VIEWS.min_depth_m, local[..., :2], -NOWHERE) / np.maximum(depth, VIEWS.min_depth_m)
+        return np.where(depth > VIEWING.min_depth_m, local[..., :2], -NOWHERE) / np.maximum(depth, VIEWING.min_depth_m)
 
     def derivatives(self, local: np.ndarray, image: np.ndarray) -> np.ndarray:
         """(B, C, M, 2, 3) d image / d point."""
-        inverse = 1 / np.maximum(local[..., 2], VIEWS.min_depth_m)
+        inverse = 1 / np.maximum(local[..., 2], VIEWING.min_depth_m)
         rows = self.rotation[None, :, None, :2] - image[..., None] * self.rotation[None, :, None, 2:]
         return rows * inverse[..., None, None]
 
@@ -139,7 +139,7 @@ class Sight:
         """
         shape = (*points.shape[:2], self.count, 3)
         local = (points.reshape(-1, 3) @ self.all_turned + self.all_translated).reshape(shape)
-        depth = np.maximum(local[..., 2], VIEWS.min_depth_m)
+        depth = np.maximum(local[..., 2], VIEWING.min_depth_m)
         inverse = (1 / depth)[..., None]
         image = local[..., :2] * inverse
         slope = (self.across - image[..., None] * self.ahead) * inverse[..., None]
@@ -156,7 +156,7 @@ def _corners(cameras: Cameras) -> tuple[np.ndarray, np.ndarray]:
 
     Where the lens does not reach an edge, it is as far as the lens reaches.
     """
-    along = np.linspace(0, 1, VIEWS.edge_points)
+    along = np.linspace(0, 1, VIEWING.edge_points)
     edge = np.concatenate([np.stack([along, along * 0], 1), np.stack([along, along * 0 + 1], 1)])
     edge = np.concatenate([edge, edge[:, ::-1]])
     pixels = edge[None] * cameras.size[:, None]

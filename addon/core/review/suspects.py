@@ -39,12 +39,12 @@ class ListOptions:
     max_names: int = 8
 
 
-SUSPECTS = SuspectOptions()
+SUSPECTING = SuspectOptions()
 LISTING = ListOptions()
 
 
 def find_suspects(
-    motion: Motion, names: tuple[str, ...], rate: float, options: SuspectOptions = SUSPECTS
+    motion: Motion, names: tuple[str, ...], rate: float, options: SuspectOptions = SUSPECTING
 ) -> tuple[Suspect, ...]:
     """Ranges of frames in which a marker is doubtful, marker by marker.
 

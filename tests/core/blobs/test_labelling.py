@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from addon.core.blobs.labelling import (
-    IMPOSSIBLE,
+    TOO_FAR,
     Expectation,
     Frame,
     Naming,
@@ -104,7 +104,7 @@ def test_a_marker_without_blob_nearby_is_not_associated():
     identify_visible(frame, naming)
     assert (naming.slot[:, 0] == -1).all() and (naming.slot[:, 1:] >= 0).all()
     near = frame_of(pixels_of(away), expect_at(MARKERS, 0.5), replace(RULES, max_distance_m=0.2))
-    assert (near.nll[:, 0, 0] < IMPOSSIBLE).all()
+    assert (near.nll[:, 0, 0] < TOO_FAR).all()
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -120,7 +120,7 @@ def test_every_visible_marker_is_exclusive_or_in_conflict_or_not_associated(seed
     naming = Naming.empty(frame)
     claims = identify_visible(frame, naming)
     exclusive, conflicting = naming.step == EXCLUSIVE, claims.any(axis=2)
-    misfit = np.where(visible[..., None], frame.nll, IMPOSSIBLE)
+    misfit = np.where(visible[..., None], frame.nll, TOO_FAR)
     free = ~exclusive & ~conflicting
     assert (
         not (exclusive & conflicting).any() and not (exclusive & ~visible).any() and not (conflicting & ~visible).any()
@@ -129,7 +129,7 @@ def test_every_visible_marker_is_exclusive_or_in_conflict_or_not_associated(seed
     # A visible marker is without association only where every blob in reach is another's or clearly nearer to another.
     best = misfit.min(axis=1)
     for camera, marker in np.argwhere(free & visible):
-        slots = np.flatnonzero(misfit[camera, marker] < IMPOSSIBLE)
+        slots = np.flatnonzero(misfit[camera, marker] < TOO_FAR)
         assert all(naming.owner[camera, k] >= 0 or misfit[camera, marker, k] > best[camera, k] for k in slots)
 
 
