@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..geometry.rigid import pairwise_distances
 from .fit import State, fit_body
 from .labelling import Naming
 from .subject import Setup, Subject, refit, slots_pull
@@ -151,9 +152,10 @@ def exchange_loss(view: View, naming: Naming, subject: Subject, setup: Setup, or
 def _neighbours(naming: Naming, state: State) -> np.ndarray:
     """(B, 2) pairs of markers of which at least one is named and that are near enough to be taken for each other."""
     points = np.where(np.isfinite(naming.meeting.points), naming.meeting.points, state.posed.markers[0])
-    distance = np.linalg.norm(points[:, None] - points[None], axis=-1)
     named = (naming.slot >= 0).any(axis=0)
-    return np.argwhere(np.triu((distance < SWAPS.max_neighbour_m) & (named[:, None] | named[None]), 1))
+    return np.argwhere(
+        np.triu((pairwise_distances(points) < SWAPS.max_neighbour_m) & (named[:, None] | named[None]), 1)
+    )
 
 
 def without_own(subject: Subject, setup: Setup) -> Subject:
