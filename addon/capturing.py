@@ -9,7 +9,7 @@ import numpy as np
 
 from .core.body.bodies import BodyModel
 from .core.body.occlusion import CapsuleOcclusion
-from .core.body.posing import FEWEST, fit_points
+from .core.body.posing import POSING, fit_points
 from .core.data.errors import InputError, JobError
 from .core.data.markersets import MarkerSet
 from .core.data.progress import Progress
@@ -113,7 +113,7 @@ def posed_body(take: Labelled, markerset: MarkerSet, chosen: Sequence[int]) -> P
         bodies = fit_points(model, points)
     except ValueError:
         raise JobError(
-            f"has no frame with {FEWEST} markers of {markerset.name}; expected a take that wears it"
+            f"has no frame with {POSING.min_markers} markers of {markerset.name}; expected a take that wears it"
         ) from None
     posed = model.pose(bodies)
     attachment = [_carrier(take.xyz[:, index], index, found, markerset, posed.joints) for index in chosen]

@@ -147,10 +147,12 @@ def test_files_and_tests_that_are_named_are_there(page):
 
 def test_constants_that_the_method_names_are_there():
     text = (ROOT / "docs" / "method.md").read_text(encoding="utf-8")
-    named = re.findall(r"`(\w+)\.([A-Z_]{2,})`", text)
+    named = re.findall(r"`(\w+)\.([A-Z_]{2,})\.(\w+)`", text)
     assert named
-    for module, constant in named:
-        assert hasattr(importlib.import_module(f"addon.core.{module}"), constant), f"{module}.{constant}"
+    for module, options, field in named:
+        (file,) = (file for file in (ROOT / "addon" / "core").rglob(f"{module}.py") if options in file.read_text())
+        found = importlib.import_module(".".join(file.relative_to(ROOT).with_suffix("").parts))
+        assert hasattr(getattr(found, options), field), f"{module}.{options}.{field}"
 
 
 def documented_imports() -> dict[str, set[str]]:

@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 from mathutils.bvhtree import BVHTree
 
-from ..core.body.occlusion import SHRINK, SIDE_UNKNOWN, STANDOFF, segment_distance2
+from ..core.body.occlusion import OCCLUDING, segment_distance2
 from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet
 from .armature import SCALE
@@ -64,7 +64,7 @@ class MeshOcclusion:
 
     def _hide(self, found: np.ndarray, rotations, joints, stretch: np.ndarray, markers, centres: np.ndarray):
         """Marks in `found` (C, M) what one body hides."""
-        standoff = STANDOFF * float(self.scale.mean())
+        standoff = OCCLUDING.standoff * float(self.scale.mean())
         turn, joint = rotations[self._segment], joints[self._segment]
         seen = np.flatnonzero(np.isfinite(markers).all(axis=1))
         points = (markers[seen] - joint[:, None]) @ turn / stretch
@@ -90,7 +90,7 @@ def occlusion_of(
     armature: bpy.types.Object,
     items: list[bpy.types.Object],
     markerset: MarkerSet,
-    shrink: float = SHRINK,
+    shrink: float = OCCLUDING.fitted_shrink,
 ) -> MeshOcclusion:
     """The occlusion test of mesh objects on an armature made for `markerset`; modifiers count, the pose does not.
 
@@ -118,7 +118,7 @@ def occlusion_of(
     return MeshOcclusion(volumes, np.array(armature[SCALE], dtype=float))
 
 
-def capsule_meshes(markerset: MarkerSet, shrink: float = SHRINK) -> MeshOcclusion:
+def capsule_meshes(markerset: MarkerSet, shrink: float = OCCLUDING.fitted_shrink) -> MeshOcclusion:
     """The occlusion test of the meshes that `body.add_body` makes of a marker set's capsules, without making objects."""
     scale, volumes = np.full(3, markerset.spread.height), []
     for index, segment in enumerate(markerset.capsules.segment):
@@ -165,7 +165,7 @@ def _outside(tree: BVHTree, point: np.ndarray, standoff: float) -> list[float] |
     if not inside and distance >= standoff:
         return point.tolist()
     outward = normal if distance < TINY else away * ((-1 if inside else 1) / distance)
-    if inside and distance > (1 - SIDE_UNKNOWN) * _ball_radius(tree, surface, outward):
+    if inside and distance > (1 - OCCLUDING.min_side_share) * _ball_radius(tree, surface, outward):
         return None
     return (surface + outward * standoff).tolist()
 

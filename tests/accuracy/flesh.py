@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from addon.core.body.occlusion import STANDOFF, capsules_hide
+from addon.core.body.occlusion import OCCLUDING, capsules_hide
 
 HEAD_BAND_TO_STATURE = 1.06
 # The hip's centre from the middle of the front of the pelvis, in its own width: backward, to the side, down.
@@ -34,7 +34,7 @@ class Flesh:
         for first in range(0, len(markers), BLOCK):
             part = slice(first, first + BLOCK)
             radius = np.broadcast_to(self.radius, start[part].shape[:2])
-            standoff = np.full(len(start[part]), STANDOFF * self.stature)
+            standoff = np.full(len(start[part]), OCCLUDING.standoff * self.stature)
             found[part] = capsules_hide(start[part], axis[part], radius, markers[part], centres, standoff)
         return found
 

@@ -132,9 +132,9 @@ def run_starts(plan: Plan):
 
 def converges(markerset, trial: Trial, start: Bodies) -> bool:
     """Whether the paper's fit ends at the person."""
-    from addon.core.blobs.search import fit_from
     from addon.core.blobs.subject import Setup
     from addon.core.blobs.views import split_views
+    from tests.core.blobs.paper import fit_from
 
     setup = Setup.of(trial.cameras, markerset)
     fit = fit_from(split_views(trial.blobs, trial.cameras)[0], start, setup)

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from addon.core.blobs.pipeline import label_take
-from addon.core.blobs.search import PLACEMENT_STAGES, Hints, find_subject, fit_nine
+from addon.core.blobs.search import Hints, find_subject
 from addon.core.blobs.subject import Setup
 from addon.core.body.bodies import Bodies, BodyModel
 from addon.core.body.occlusion import CapsuleOcclusion
@@ -16,6 +16,7 @@ from addon.core.geometry import rotations
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from addon.core.simulation.simulate import CaptureOptions
 from addon.core.simulation.virtual import Act
+from tests.core.blobs.paper import PLACEMENT_STAGES, fit_nine
 from tests.core.scenes import act, built_in, stand
 
 Job = Callable[[], object]

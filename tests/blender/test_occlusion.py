@@ -5,7 +5,7 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.core.body.occlusion import SHRINK, CapsuleOcclusion
+from addon.core.body.occlusion import OCCLUDING, CapsuleOcclusion
 from addon.core.data.errors import InputError
 from addon.scene.armature import add_armature, mean_build
 from addon.scene.body import add_body
@@ -27,7 +27,7 @@ def arguments(motion, centres, markers=None):
     return motion.rotations[there], motion.joints[there], motion.scale[there], markers[there], centres
 
 
-@pytest.mark.parametrize("shrink", [1.0, SHRINK])
+@pytest.mark.parametrize("shrink", [1.0, OCCLUDING.fitted_shrink])
 def test_meshes_agree_with_the_closed_form_on_capsules(empty, made, body, shrink):
     markerset, armature, meshes = body
     motion = made.motion(markerset, 60)

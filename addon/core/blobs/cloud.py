@@ -11,11 +11,31 @@ import numpy as np
 from ..geometry.triangulation import Rays
 from .views import Sight, View
 
-MEETING = 0.012  # m between two rays of one marker at its depth, plus what the pixels add
-MEETING_PX = 3.0
-PARALLEL = 0.02  # sine of the angle below which two rays fix no depth
-MOST_CROSSINGS = 4000
-BLOCK = 100_000  # distances a camera that are worked on at once
+
+@dataclass(frozen=True)
+class CloudOptions:
+    """Which rays meet, and how much is worked on; reckoned.
+
+    max_gap_m        between two rays of one marker at its depth: most of a marker's size, for calibrations that are
+                     off, plus what the pixels add
+    max_gap_px       what they add
+    max_residual_m   root mean square distance of a point from its rays, so that chains of near misses make none
+    min_depth_m      nobody stands nearer to a camera
+    min_sine         of the angle between two rays; below it they fix no depth
+    max_crossings    of pairs of rays in a frame, the best first: more is a crowd, which would take minutes
+    distances_once   a camera that are worked on at once: few enough for the processor's cache
+    """
+
+    max_gap_m: float = 0.012
+    max_gap_px: float = 3.0
+    max_residual_m: float = 0.024
+    min_depth_m: float = 0.2
+    min_sine: float = 0.02
+    max_crossings: int = 4000
+    distances_once: int = 100_000
+
+
+CLOUD = CloudOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +75,8 @@ def _crossings(camera, direction, origin, sight):
             first, second = np.repeat(mine, len(theirs)), np.tile(theirs, len(mine))
             parts.append(_meetings(first, second, camera, direction, origin, sight))
     first, second, middle, badness = (np.concatenate(column) for column in zip(*parts, strict=True))
-    if len(first) > MOST_CROSSINGS:
-        best = np.argsort(badness)[:MOST_CROSSINGS]
+    if len(first) > CLOUD.max_crossings:
+        best = np.argsort(badness)[: CLOUD.max_crossings]
         return first[best], second[best], middle[best]
     return first, second, middle
 
@@ -67,19 +87,20 @@ def _meetings(first, second, camera, direction, origin, sight):
     cosine = np.einsum("ni,ni->n", direction[first], direction[second])
     along_first = np.einsum("ni,ni->n", between, direction[first])
     along_second = np.einsum("ni,ni->n", between, direction[second])
-    sine2 = np.maximum(1 - cosine**2, PARALLEL**2)
+    sine2 = np.maximum(1 - cosine**2, CLOUD.min_sine**2)
     near, far = (along_first - cosine * along_second) / sine2, (cosine * along_first - along_second) / sine2
     low, high = origin[first] + near[:, None] * direction[first], origin[second] + far[:, None] * direction[second]
     pixel = near / sight.focal[camera[first]] + far / sight.focal[camera[second]]
     gap = np.linalg.norm(low - high, axis=1)
-    allowed = MEETING + MEETING_PX * pixel / 2
-    kept = (near > 0.2) & (far > 0.2) & (gap < allowed) & (1 - cosine**2 > PARALLEL**2)
+    allowed = CLOUD.max_gap_m + CLOUD.max_gap_px * pixel / 2
+    kept = (near > CLOUD.min_depth_m) & (far > CLOUD.min_depth_m) & (gap < allowed)
+    kept &= 1 - cosine**2 > CLOUD.min_sine**2
     return first[kept], second[kept], ((low + high) / 2)[kept], (gap / allowed)[kept]
 
 
 def _members(points: np.ndarray, view: View, sight: Sight) -> np.ndarray:
     """(Q, C) slot of the blob nearest to each point's image where it is near enough, else -1."""
-    blocks = np.array_split(points, max(1, len(points) * view.image.shape[1] // BLOCK))
+    blocks = np.array_split(points, max(1, len(points) * view.image.shape[1] // CLOUD.distances_once))
     return np.concatenate([_block_members(block, view, sight) for block in blocks])
 
 
@@ -90,7 +111,7 @@ def _block_members(points: np.ndarray, view: View, sight: Sight) -> np.ndarray:
     distance = np.sqrt(np.einsum("cqki,cqki->cqk", offset, offset))
     nearest = distance.argmin(axis=2)
     metres = np.take_along_axis(distance, nearest[..., None], axis=2)[..., 0] * local[..., 2]
-    allowed = MEETING + MEETING_PX * local[..., 2] / sight.focal[:, None]
+    allowed = CLOUD.max_gap_m + CLOUD.max_gap_px * local[..., 2] / sight.focal[:, None]
     return np.where(metres < allowed, nearest, -1).T
 
 
@@ -99,7 +120,7 @@ def _chosen(members: np.ndarray, rays: Rays, shape: tuple[int, int]) -> Cloud:
     seen = members >= 0
     met = rays.meet(members.T)
     support = seen.sum(axis=1)
-    fine = np.isfinite(met.residual) & (met.residual < 2 * MEETING)
+    fine = np.isfinite(met.residual) & (met.residual < CLOUD.max_residual_m)
     order = np.lexsort((met.residual, -support))
     claimed = np.zeros(shape, dtype=bool)
     everyone = np.arange(shape[0])
@@ -117,7 +138,7 @@ def _chosen(members: np.ndarray, rays: Rays, shape: tuple[int, int]) -> Cloud:
 
 
 def _weights(members: np.ndarray, support: np.ndarray, shape) -> np.ndarray:
-    """A point confirmed by three cameras counts whole; rivals for one blob share it."""
+    """A point confirmed by three cameras counts whole; points that claim one blob share it."""
     claims = np.zeros(shape)
     cameras = np.broadcast_to(np.arange(shape[0]), members.shape)
     has = members >= 0

@@ -1,16 +1,32 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """How sure a label is: the blob's own marker against every other marker it could have been, and against a ghost."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from .labelling import FAR, GATE, Naming, evidence
+from .labelling import TOO_FAR, Naming, nll_given_names
 from .swaps import Swaps
 
-HIDDEN = 4.0  # squared deviations by which a marker that the body hides is less likely to have made a blob
-SHADOWED = 6.0  # the same for a marker behind another one on the same line
+
+@dataclass(frozen=True)
+class ConfidenceOptions:
+    """By how many squared deviations a marker that should not be seen is less likely to have made a blob; reckoned.
+
+    hidden    a marker that the fitted body hides: seven times less likely, as bodies are fitted well but not exactly
+    shadowed  a marker behind another one on the same line: twenty times
+    """
+
+    hidden: float = 4.0
+    shadowed: float = 6.0
 
 
-def label_confidences(naming: Naming, camera: np.ndarray, marker: np.ndarray) -> np.ndarray:
+CONFIDENCE = ConfidenceOptions()
+
+
+def label_confidences(
+    naming: Naming, camera: np.ndarray, marker: np.ndarray, options: ConfidenceOptions = CONFIDENCE
+) -> np.ndarray:
     """(N,) chance that the blobs named by `camera` and `marker` (N,) are rightly named, given the placement.
 
     Each blob is shared out among the markers that could have made it in the proportions of their likelihoods. A marker
@@ -18,20 +34,20 @@ def label_confidences(naming: Naming, camera: np.ndarray, marker: np.ndarray) ->
     rays always meet somewhere, so a marker that only two cameras see is judged by the model as well.
     """
     slot = naming.slot[camera, marker]
-    misfit = evidence(naming.frame, naming)[camera, :, slot]
-    mine = np.take_along_axis(misfit, marker[:, None], axis=1)[:, 0]
-    by_model = naming.frame.misfit[camera, marker, slot]
+    nll = nll_given_names(naming.frame, naming)[camera, :, slot]
+    mine = np.take_along_axis(nll, marker[:, None], axis=1)[:, 0]
+    by_model = naming.frame.nll[camera, marker, slot]
     few = (naming.rays >= 0).sum(axis=0)[marker] < 3
     mine = np.where(few, np.maximum(mine, by_model), mine)
-    mine = np.where(mine < FAR, mine, GATE)[:, None]
+    mine = np.where(mine < TOO_FAR, mine, naming.frame.rules.max_square)[:, None]
     taken = naming.slot[camera] >= 0
-    own = np.arange(misfit.shape[1]) == marker[:, None]
-    hidden = HIDDEN * ~naming.frame.expected.visible[camera]
-    shadowed = SHADOWED * naming.frame.in_front[camera, :, marker]
-    rivals = np.where(own | taken, FAR, misfit + hidden + shadowed)
-    partner = np.arange(misfit.shape[1]) == naming.partner[camera, marker][:, None]
-    rivals = np.where(partner, FAR, rivals)
-    odds = np.exp(np.clip((mine - rivals) / 2, -60, 30)).sum(axis=1)
+    own = np.arange(nll.shape[1]) == marker[:, None]
+    hidden = options.hidden * ~naming.frame.expected.visible[camera]
+    shadowed = options.shadowed * naming.frame.in_front[camera, :, marker]
+    others = np.where(own | taken, TOO_FAR, nll + hidden + shadowed)
+    partner = np.arange(nll.shape[1]) == naming.partner[camera, marker][:, None]
+    others = np.where(partner, TOO_FAR, others)
+    odds = np.exp(np.clip((mine - others) / 2, -60, 30)).sum(axis=1)
     return 1 / (1 + odds)
 
 

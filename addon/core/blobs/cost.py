@@ -86,15 +86,6 @@ def cloud_pull(markers: np.ndarray, points: np.ndarray, weight: np.ndarray, soft
     return Pull(-2 * (np.log(of_point) * weight).sum(axis=1), gradient, total[..., None, None] * np.eye(3))
 
 
-def point_pull(markers: np.ndarray, targets: np.ndarray, deviation: np.ndarray) -> Pull:
-    """Named points in space: targets (B, M, 3) m, NaN where unknown, with standard deviations (B, M) m."""
-    known = np.isfinite(targets[..., 0])
-    offset = np.where(known[..., None], markers - np.where(known[..., None], targets, 0), 0)
-    weight = known / deviation**2
-    cost = (weight * np.einsum("bmi,bmi->bm", offset, offset)).sum(axis=1)
-    return Pull(cost, weight[..., None] * offset, weight[..., None, None] * np.eye(3))
-
-
 def ray_pull(markers: np.ndarray, image: np.ndarray, deviation: np.ndarray, sight: Sight) -> Pull:
     """Named blobs: normalised image points (B, C, M, 2) of standard deviation (B, C, M) m at the marker's depth.
 

@@ -4,29 +4,47 @@
 An exchange is an order (M,): marker m gets the blobs that had the name of marker order[m].
 """
 
+from dataclasses import dataclass
 from itertools import permutations
 
 import numpy as np
 
 from ..data.markersets import MarkerSet
 
-MIRRORED = 0.03  # heights by which a marker may miss its mirror image
-CLUSTERS = (3, 4)  # markers on one segment of which every order is tried
+
+@dataclass(frozen=True)
+class ExchangeOptions:
+    """Which markers of a set can be taken for each other in any pose; reckoned.
+
+    max_mirror_miss   heights by which a marker may miss its mirror image: 5 cm on a grown person, as the markers of two
+                      sides are never placed quite alike
+    segment_markers   numbers of markers on one segment of which every order is tried: two are neighbours anyhow, and
+                      of five there would be 119 others
+    """
+
+    max_mirror_miss: float = 0.03
+    segment_markers: tuple[int, ...] = (3, 4)
 
 
-def standing_exchanges(markerset: MarkerSet) -> np.ndarray:
+EXCHANGES = ExchangeOptions()
+
+
+def standing_exchanges(markerset: MarkerSet, options: ExchangeOptions = EXCHANGES) -> np.ndarray:
     """(B, M) every exchange that the marker set itself allows in any pose: limb for limb, and around a segment."""
     identity = np.arange(len(markerset))
-    orders = [*_limbs(markerset, identity), *_clusters(markerset, identity)]
+    orders = [
+        *_limbs(markerset, identity, options.max_mirror_miss),
+        *_clusters(markerset, identity, options.segment_markers),
+    ]
     return np.unique(np.array(orders, dtype=int).reshape(-1, len(identity)), axis=0)
 
 
-def _limbs(markerset: MarkerSet, identity: np.ndarray):
+def _limbs(markerset: MarkerSet, identity: np.ndarray, max_miss: float):
     """For every segment off the middle: all that it carries for its mirror image on the other side."""
     rest, attachment = markerset.rest_markers, np.asarray(markerset.attachment)
-    apart = np.linalg.norm(rest[:, None] * [1, -1, 1] - rest[None], axis=-1)
-    mirror = apart.argmin(axis=1)
-    paired = (apart.min(axis=1) < MIRRORED) & (mirror[mirror] == identity) & (mirror != identity)
+    miss = np.linalg.norm(rest[:, None] * [1, -1, 1] - rest[None], axis=-1)
+    mirror = miss.argmin(axis=1)
+    paired = (miss.min(axis=1) < max_miss) & (mirror[mirror] == identity) & (mirror != identity)
     for segment in range(1, len(markerset.skeleton)):
         mine = identity[markerset.skeleton.carries[attachment, segment] & paired]
         if len(mine) and not np.isin(mirror[mine], mine).any():
@@ -35,11 +53,11 @@ def _limbs(markerset: MarkerSet, identity: np.ndarray):
             yield order
 
 
-def _clusters(markerset: MarkerSet, identity: np.ndarray):
+def _clusters(markerset: MarkerSet, identity: np.ndarray, sizes: tuple[int, ...]):
     """Every other order of the markers of a segment that carries a few."""
     for segment in range(len(markerset.skeleton)):
         own = identity[np.asarray(markerset.attachment) == segment]
-        if len(own) in CLUSTERS:
+        if len(own) in sizes:
             for places in permutations(own):
                 if list(places) != list(own):
                     order = identity.copy()

@@ -13,8 +13,29 @@ import numpy as np
 from ..body.bodies import Bodies, BodyModel, Posed
 from .cost import Pull
 
-FIRST_DAMPING = 1e-3
-LEAST_DAMPING, MOST_DAMPING = 1e-7, 1e7
+
+@dataclass(frozen=True)
+class DampingOptions:
+    """How steps are damped, as a share of the normal matrix' diagonal; reckoned, as usual for Levenberg-Marquardt.
+
+    first     of the first step: nearly undamped, as starts are near
+    smaller   factor after a step that lowered the cost
+    larger    factor after one that did not
+    lowest    below it the step is Gauss-Newton's
+    highest   above it nothing moves
+    ridge     share of the trace that keeps the covariance of parameters without data finite; the same of the
+              largest diagonal entry in a step
+    """
+
+    first: float = 1e-3
+    smaller: float = 0.2
+    larger: float = 10.0
+    lowest: float = 1e-7
+    highest: float = 1e7
+    ridge: float = 1e-9
+
+
+DAMPING = DampingOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +56,7 @@ class State:
     def covariance(self) -> np.ndarray:
         """(B, M, 3, 3) m²: how uncertain data and prior leave each marker, from the curvature of the cost."""
         width = self.normal.shape[-1]
-        ridge = 1e-9 * np.einsum("bii->b", self.normal)[:, None, None] * np.eye(width)
+        ridge = DAMPING.ridge * np.einsum("bii->b", self.normal)[:, None, None] * np.eye(width)
         spread = np.linalg.inv(self.normal + ridge)
         flat = self.columns.reshape(len(self.columns), -1, width)
         wide = (flat @ spread).reshape(self.columns.shape)
@@ -104,15 +125,16 @@ def _state(bodies: Bodies, posed: Posed, columns: np.ndarray, pull: PullOf, prio
     return State(bodies, cost, gradient, normal, posed, columns)
 
 
-def _descend(start: Bodies, state_at: Callable[[Bodies], State], steps: int) -> Fit:
+def _descend(start: Bodies, state_at: Callable[[Bodies], State], steps: int, options: DampingOptions = DAMPING) -> Fit:
     """Damped Gauss-Newton steps, each body with a damping of its own; a step that raises a body's cost is undone."""
     state = state_at(start)
-    damping = np.full(len(start), FIRST_DAMPING)
+    damping = np.full(len(start), options.first)
     trace = [state.cost]
     for _ in range(steps):
         tried = state_at(state.bodies.moved(-_damped_step(state.normal, state.gradient, damping)))
         better = tried.cost <= state.cost
-        damping = np.minimum(np.maximum(damping * np.where(better, 0.2, 10.0), LEAST_DAMPING), MOST_DAMPING)
+        damping = damping * np.where(better, options.smaller, options.larger)
+        damping = np.minimum(np.maximum(damping, options.lowest), options.highest)
         if better.all():
             state = tried
         elif better.any():
@@ -123,7 +145,7 @@ def _descend(start: Bodies, state_at: Callable[[Bodies], State], steps: int) -> 
 
 def _damped_step(normal: np.ndarray, gradient: np.ndarray, damping: np.ndarray) -> np.ndarray:
     diagonal = np.einsum("bii->bi", normal)
-    floor = 1e-9 * diagonal.max(axis=1, keepdims=True) + 1e-12
+    floor = DAMPING.ridge * diagonal.max(axis=1, keepdims=True) + 1e-12
     damped = normal.copy()
     np.einsum("bii->bi", damped)[...] += diagonal * damping[:, None] + floor
     return np.linalg.solve(damped, gradient[..., None])[..., 0]

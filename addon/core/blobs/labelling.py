@@ -11,37 +11,47 @@ from functools import cached_property
 import numpy as np
 
 from ..data.takes import CONFLICT, EXCLUSIVE, REMAINING
-from ..geometry.triangulation import Meeting, Rays
-from .views import Sight, View
+from ..geometry.triangulation import Meeting, Rays, trimmed_deviation
+from .views import VIEWING, Sight, View
 
-GATE = 16.0  # squared deviations: 4 sigma
-MISS = 3.5  # deviations by which a ray may miss the point that it helped to make
-TAKEN = 9.0  # squared deviations within which a blob belongs to the point that it lies on
-NEAR_MODEL = 16.0  # squared deviations from the model's marker within which two rays may make it
-REACH = 5.0  # deviations by which a blob may lie off a point that other cameras made
-OVERLAP = 0.02  # m between two projections that may be one blob
-MERGED = 0.02  # m between two markers that may make one blob
-BEHIND = 0.01  # m by which one marker must be nearer to the camera than another to hide it
-FEWEST_MEETINGS = 5  # markers met in space, below which the noise stays as it was
-UNTRIMMED = 1.35  # what leaving out the worst fifth takes from a normal deviation
-UNIT = 1e-8  # m⁴, the spread whose log is nought
-FAR = 1e9
+SPREAD_UNIT = 1e-8  # m⁴, the spread whose log is nought
+TOO_FAR = 1e9  # a cost that no blob and marker can have
 
 
 @dataclass(frozen=True)
 class Rules:
-    """How labels are given.
+    """How labels are given. Distances count in standard deviations of the fit and the blob; all values are reckoned.
 
-    pixel    px, standard deviation of a blob's position, calibration included
-    slack    m, the same in space: what the calibration adds whatever the lens
-    reach    m, no blob farther than this from a projection is considered
-    clear    how much better (in squared deviations) a blob must fit one marker than the next to be exclusive
+    pixel           px, standard deviation of a blob's position, calibration included, until the take shows its own
+    slack_m         the same in space: what the calibration adds whatever the lens
+    max_distance_m  no blob farther than this from a projection is considered: an arm's thickness
+    max_square      nor one of more squared deviations: four deviations, which one right blob in 3,000 exceeds
+    min_lead        squared deviations by which a blob must fit one marker better than the next to be exclusive: then
+                    the other is seven times less likely
+    max_miss        deviations by which a ray may miss the point that it helped to make
+    max_off_point   deviations by which a blob may lie off a point that other cameras made; more than a ray may miss,
+                    as the point is uncertain, too
+    max_on_point    squared deviations within which a blob belongs to the point that it lies on: three deviations
+    max_off_model   squared deviations from the model's marker within which two rays may make it
+    overlap_m       between two projections that may be one blob: larger than a marker
+    merged_m        between two markers that may make one blob
+    min_behind_m    one marker must be nearer to the camera than another by this to hide it
+    min_meetings    markers that must meet in space to show the noise; with fewer it stays as it was
     """
 
     pixel: float = 1.0
-    slack: float = 0.0005
-    reach: float = 0.12
-    clear: float = 4.0
+    slack_m: float = 0.0005
+    max_distance_m: float = 0.12
+    max_square: float = 16.0
+    min_lead: float = 4.0
+    max_miss: float = 3.5
+    max_off_point: float = 5.0
+    max_on_point: float = 9.0
+    max_off_model: float = 16.0
+    overlap_m: float = 0.02
+    merged_m: float = 0.02
+    min_behind_m: float = 0.01
+    min_meetings: int = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +87,7 @@ class Naming:
     @classmethod
     def empty(cls, frame: "Frame") -> "Naming":
         """Nothing named yet."""
-        shape = frame.misfit.shape[:2]
+        shape = frame.nll.shape[:2]
         nobody = np.full(frame.view.real.shape, -1)
         zeros = np.zeros(shape, int)
         return cls(frame, zeros - 1, zeros, nobody, zeros - 1, np.zeros(shape[1], int))
@@ -91,7 +101,7 @@ class Naming:
 
     @property
     def reprojection(self) -> np.ndarray:
-        """(C, M, K) squared deviations between blobs and the points where markers meet; FAR where far, or no point."""
+        """(C, M, K) squared deviations of blobs from where markers meet; TOO_FAR where far, or no point."""
         if self._reprojection is None:
             self._reprojection = self.frame.against_points(self.meeting.points)
         return self._reprojection
@@ -124,10 +134,11 @@ class Naming:
 class Frame:
     """One frame's blobs against one expectation: every distance that the three steps ask for.
 
-    misfit    (C, M, K) how badly each blob fits each marker: squared deviations plus the log of their size; FAR: never
-    metres    (C, M) m, standard deviation of a blob's position at the marker's depth
-    depth     (C, M) m
-    image     (C, M, 2) normalised image of the expected markers
+    nll     (C, M, K) twice the negative log-likelihood of each blob under each marker, up to a constant: squared
+            deviations plus the log of their size; TOO_FAR where a blob is too far off
+    metres  (C, M) m, standard deviation of a blob's position at the marker's depth
+    depth   (C, M) m
+    image   (C, M, 2) normalised image of the expected markers
     """
 
     def __init__(self, view: View, sight: Sight, expected: Expectation, rules: Rules):
@@ -135,35 +146,37 @@ class Frame:
         self.cameras, self.markers = np.arange(len(view.image)), np.arange(len(expected.points))
         local = sight.local(expected.points[None])
         image = sight.image(local)
-        self.depth = np.maximum(local[0, ..., 2], 0.05)
-        self.metres = rules.pixel / sight.focal[:, None] * self.depth + rules.slack
+        self.depth = np.maximum(local[0, ..., 2], VIEWING.min_depth_m)
+        self.metres = rules.pixel / sight.focal[:, None] * self.depth + rules.slack_m
         self.rays = Rays(view, sight)
         self.slope = sight.derivatives(local, image)[0]
         self.image = image[0]
-        self.misfit = self._against(self.image, self._spread(expected.covariance), self.depth, self.metres)
+        self.nll = self._against(self.image, self._spread(expected.covariance), self.depth, self.metres)
 
     @cached_property
-    def apart2(self) -> np.ndarray:
-        """(C, M, M) m², how far apart two markers look at the first one's depth."""
+    def between2(self) -> np.ndarray:
+        """(C, M, M) m², squared distance at which two markers look from each other at the first one's depth."""
         between = self.image[:, :, None] - self.image[:, None]
         return (between[..., 0] ** 2 + between[..., 1] ** 2) * (self.depth**2)[..., None]
 
     @cached_property
     def in_front(self) -> np.ndarray:
         """(C, M, M) True where the second marker stands before the first, nearer to the camera on one line."""
-        return (self.apart2 < OVERLAP**2) & (self.depth[:, None, :] < self.depth[..., None] - BEHIND)
+        return (self.between2 < self.rules.overlap_m**2) & (
+            self.depth[:, None, :] < self.depth[..., None] - self.rules.min_behind_m
+        )
 
     def against_points(self, points: np.ndarray) -> np.ndarray:
-        """(C, M, K) squared deviations between blobs and known points (M, 3) m; FAR where far or the point is NaN."""
+        """(C, M, K) squared deviations of blobs from points (M, 3) m; TOO_FAR where far or the point is NaN."""
         known = np.isfinite(points[:, 0])
         image = self.sight.image(self.sight.local(np.where(known[:, None], points, 0)[None]))[0]
         between = self.view.image[:, None] - image[:, :, None]
         square = between[..., 0] ** 2 + between[..., 1] ** 2
         square *= ((self.depth / self.metres) ** 2)[..., None]
-        return np.where((square < REACH**2) & known[None, :, None], square, FAR)
+        return np.where((square < self.rules.max_off_point**2) & known[None, :, None], square, TOO_FAR)
 
     def with_ray(self, camera: np.ndarray, marker: np.ndarray, slot: np.ndarray) -> np.ndarray:
-        """(C, N, K) misfit of N markers once one camera has named them: what the model and that ray expect together.
+        """(C, N, K) `nll` of N markers once one camera has named them: what the model and that ray expect together.
 
         The expectation is brought up to the ray as a Kalman filter would; what is left is the doubt along the ray.
         """
@@ -186,16 +199,17 @@ class Frame:
         return spread
 
     def _against(self, image, spread, depth, metres) -> np.ndarray:
-        """(C, M, K) misfit of every marker and blob: squared deviations and the log of the spread's size."""
+        """(C, M, K) `nll` of every marker and blob: squared deviations and the log of the spread's size."""
         between = self.view.image[:, None] - image[:, :, None]
         x, y = between[..., 0], between[..., 1]
         xx, yy, xy = spread[..., 0, 0], spread[..., 1, 1], spread[..., 0, 1]
         det = np.maximum(xx * yy - xy * xy, (metres / depth) ** 4)
         square = (x * x * yy[..., None] + y * y * xx[..., None] - 2 * x * y * xy[..., None]) / det[..., None]
         distance2 = (x * x + y * y) * (depth**2)[..., None]
-        within = (square < GATE) & (distance2 < self.rules.reach**2) & self.view.real[:, None]
-        size = np.log(det * depth**4 / UNIT)
-        return np.where(within, square + size[..., None], FAR)
+        within = (square < self.rules.max_square) & (distance2 < self.rules.max_distance_m**2)
+        within &= self.view.real[:, None]
+        size = np.log(det * depth**4 / SPREAD_UNIT)
+        return np.where(within, square + size[..., None], TOO_FAR)
 
 
 def name_markers(view: View, sight: Sight, expected: Expectation, rules: Rules) -> Naming:
@@ -203,13 +217,13 @@ def name_markers(view: View, sight: Sight, expected: Expectation, rules: Rules) 
     frame = Frame(view, sight, expected, rules)
     naming = Naming.empty(frame)
     claims = identify_visible(frame, naming)
-    withdraw_strangers(frame, naming)
+    withdraw_unmet(frame, naming)
     if claims.any():
         resolve_conflicts(frame, naming, claims)
-        withdraw_strangers(frame, naming)
+        withdraw_unmet(frame, naming)
     if ((naming.owner < 0) & view.real).any():
         name_remaining(frame, naming)
-        withdraw_strangers(frame, naming)
+        withdraw_unmet(frame, naming)
         name_merged(frame, naming)
     return naming
 
@@ -219,7 +233,7 @@ def name_exclusive(view: View, sight: Sight, expected: Expectation, rules: Rules
     frame = Frame(view, sight, expected, rules)
     naming = Naming.empty(frame)
     identify_visible(frame, naming)
-    withdraw_strangers(frame, naming)
+    withdraw_unmet(frame, naming)
     return naming
 
 
@@ -228,27 +242,27 @@ def identify_visible(frame: Frame, naming: Naming) -> np.ndarray:
 
     Returns claims (C, M, K): which blobs are in conflict over which marker.
     """
-    misfit = np.where(frame.expected.visible[..., None], frame.misfit, FAR)
-    closest = misfit.argmin(axis=1)
-    best = np.take_along_axis(misfit, closest[:, None], axis=1)[:, 0]
-    second = np.partition(misfit, 1, axis=1)[:, 1] if misfit.shape[1] > 1 else np.full_like(best, FAR)
-    mapped = best < FAR
+    nll = np.where(frame.expected.visible[..., None], frame.nll, TOO_FAR)
+    closest = nll.argmin(axis=1)
+    best = np.take_along_axis(nll, closest[:, None], axis=1)[:, 0]
+    second = np.partition(nll, 1, axis=1)[:, 1] if nll.shape[1] > 1 else np.full_like(best, TOO_FAR)
+    mapped = best < TOO_FAR
     claims = (closest[:, None] == frame.markers[None, :, None]) & mapped[:, None]
-    unclear = mapped & (second - best < frame.rules.clear)
-    rivals = unclear[:, None] & (misfit - best[:, None] < frame.rules.clear)
+    unclear = mapped & (second - best < frame.rules.min_lead)
+    candidates = unclear[:, None] & (nll - best[:, None] < frame.rules.min_lead)
     alone = claims & ~unclear[:, None] & (claims.sum(axis=2, keepdims=True) == 1)
     camera, marker, slot = np.nonzero(alone)
     naming.give(camera, marker, slot, EXCLUSIVE)
-    conflicting = (claims | rivals) & (naming.slot < 0)[..., None] & (naming.owner < 0)[:, None]
+    conflicting = (claims | candidates) & (naming.slot < 0)[..., None] & (naming.owner < 0)[:, None]
     naming.conflicts += conflicting.sum(axis=(0, 2)) * (conflicting.sum(axis=(0, 2)) > 0)
     return conflicting
 
 
-def withdraw_strangers(frame: Frame, naming: Naming):
+def withdraw_unmet(frame: Frame, naming: Naming):
     """Takes back names whose rays do not meet: the worst ray while three or more are left, both when two disagree."""
     for _ in range(len(frame.cameras)):
         seen = (naming.slot >= 0) & np.isfinite(naming.meeting.points[:, 0])
-        excess = np.where(seen, naming.meeting.miss / (MISS * frame.metres), 0)
+        excess = np.where(seen, naming.meeting.miss / (frame.rules.max_miss * frame.metres), 0)
         bad = excess.max(axis=0) > 1
         if not bad.any():
             return
@@ -269,36 +283,36 @@ def resolve_conflicts(frame: Frame, naming: Naming, claims: np.ndarray):
 
 
 def _conflict_costs(frame: Frame, naming: Naming, claims: np.ndarray, helpers: int) -> np.ndarray:
-    """(C, M, K) misfit of each open claim whose marker has exactly `helpers` (2: or more) named blobs elsewhere."""
+    """(C, M, K) what each open claim costs whose marker has exactly `helpers` (2: or more) named blobs elsewhere."""
     named = (naming.slot >= 0).sum(axis=0)
     now = named >= 2 if helpers == 2 else named == helpers
     is_open = claims & now[None, :, None] & naming.open
     if not is_open.any():
-        return np.full(claims.shape, FAR)
-    is_open &= ~_better_elsewhere(naming) & ~_shadowed(frame, naming)
+        return np.full(claims.shape, TOO_FAR)
+    is_open &= ~_better_elsewhere(frame, naming) & ~_shadowed(frame, naming)
     if helpers == 2:
-        return np.where(is_open, naming.reprojection, FAR)
+        return np.where(is_open, naming.reprojection, TOO_FAR)
     if helpers == 1:
-        return _one_helper_misfit(frame, naming, is_open)
-    return np.where(is_open & _undisputed(frame, is_open), frame.misfit, FAR)
+        return _one_helper_cost(frame, naming, is_open)
+    return np.where(is_open & _undisputed(frame, is_open), frame.nll, TOO_FAR)
 
 
-def _better_elsewhere(naming: Naming) -> np.ndarray:
+def _better_elsewhere(frame: Frame, naming: Naming) -> np.ndarray:
     """(C, M, K) where a blob lies on the reprojected point of another marker that its camera still lacks."""
-    misfit = np.where((naming.slot < 0)[..., None], naming.reprojection, FAR)
-    least = misfit.min(axis=1, keepdims=True)
-    return (least < TAKEN) & (misfit > least)
+    square = np.where((naming.slot < 0)[..., None], naming.reprojection, TOO_FAR)
+    least = square.min(axis=1, keepdims=True)
+    return (least < frame.rules.max_on_point) & (square > least)
 
 
-def evidence(frame: Frame, naming: Naming) -> np.ndarray:
-    """(C, M, K) misfit of every blob and marker, by all that is known of the marker.
+def nll_given_names(frame: Frame, naming: Naming) -> np.ndarray:
+    """(C, M, K) `Frame.nll` of every blob and marker, by all that is known of the marker once some blobs are named.
 
     The point where its blobs meet if there is one, else the model and its only ray, else the model alone.
     """
     met = naming.reprojection
-    met = np.where(met < FAR, met + np.log(frame.metres**4 / UNIT)[..., None], FAR)
+    met = np.where(met < TOO_FAR, met + np.log(frame.metres**4 / SPREAD_UNIT)[..., None], TOO_FAR)
     known = np.isfinite(naming.meeting.points[:, 0])
-    found = np.where(known[None, :, None], met, frame.misfit)
+    found = np.where(known[None, :, None], met, frame.nll)
     single = np.flatnonzero((naming.rays >= 0).sum(axis=0) == 1)
     if len(single):
         camera = (naming.rays[:, single] >= 0).argmax(axis=0)
@@ -311,32 +325,32 @@ def _shadowed(frame: Frame, naming: Naming) -> np.ndarray:
 
     Whatever hides the nearer marker hides the farther one too, so one blob for both is the nearer one's, or both's.
     """
-    misfit = evidence(frame, naming)
+    nll = nll_given_names(frame, naming)
     camera, behind, before = np.nonzero(frame.in_front)
-    fits = misfit[camera, before] < np.minimum(misfit[camera, behind] + frame.rules.clear, FAR)
+    fits = nll[camera, before] < np.minimum(nll[camera, behind] + frame.rules.min_lead, TOO_FAR)
     fits &= (naming.slot[camera, before] < 0)[:, None]
-    shadowed = np.zeros(misfit.shape, dtype=bool)
+    shadowed = np.zeros(nll.shape, dtype=bool)
     np.logical_or.at(shadowed, (camera, behind), fits)
     return shadowed
 
 
 def _undisputed(frame: Frame, is_open: np.ndarray) -> np.ndarray:
     """(C, M, K) where a marker fits one blob clearly better than its other open blobs, and the blob it."""
-    misfit = np.where(is_open, frame.misfit, FAR)
-    return _clearly_least(misfit, 1, frame.rules.clear) & _clearly_least(misfit, 2, frame.rules.clear)
+    nll = np.where(is_open, frame.nll, TOO_FAR)
+    return _clearly_least(nll, 1, frame.rules.min_lead) & _clearly_least(nll, 2, frame.rules.min_lead)
 
 
-def _clearly_least(misfit: np.ndarray, axis: int, margin: float) -> np.ndarray:
-    if misfit.shape[axis] == 1:
-        return misfit < FAR
-    two = np.partition(misfit, 1, axis=axis)
+def _clearly_least(cost: np.ndarray, axis: int, min_lead: float) -> np.ndarray:
+    if cost.shape[axis] == 1:
+        return cost < TOO_FAR
+    two = np.partition(cost, 1, axis=axis)
     least, second = np.take(two, [0], axis=axis), np.take(two, [1], axis=axis)
-    return (misfit == least) & (second - least >= margin)
+    return (cost == least) & (second - least >= min_lead)
 
 
-def _one_helper_misfit(frame: Frame, naming: Naming, is_open: np.ndarray) -> np.ndarray:
+def _one_helper_cost(frame: Frame, naming: Naming, is_open: np.ndarray) -> np.ndarray:
     """(C, M, K) how far the point of candidate and helper lies from the model's marker, squared deviations."""
-    cost = np.full(is_open.shape, FAR)
+    cost = np.full(is_open.shape, TOO_FAR)
     camera, marker, slot = np.nonzero(is_open)
     helper = (naming.slot >= 0)[:, marker].argmax(axis=0)
     pairs = np.full((len(frame.cameras), len(camera)), -1)
@@ -345,17 +359,17 @@ def _one_helper_misfit(frame: Frame, naming: Naming, is_open: np.ndarray) -> np.
     pairs[helper, each] = naming.slot[helper, marker]
     met = frame.rays.meet(pairs)
     offset = np.where(np.isfinite(met.points), met.points - frame.expected.points[marker], 1e3)
-    floor = frame.rules.slack**2 * np.eye(3)
+    floor = frame.rules.slack_m**2 * np.eye(3)
     whitened = np.linalg.solve(frame.expected.covariance[marker] + floor, offset[..., None])[..., 0]
     square = np.einsum("ni,ni->n", offset, whitened)
-    fine = (met.residual < MISS * frame.metres[camera, marker]) & (square < NEAR_MODEL)
-    cost[camera, marker, slot] = np.where(fine, square, FAR)
+    fine = (met.residual < frame.rules.max_miss * frame.metres[camera, marker]) & (square < frame.rules.max_off_model)
+    cost[camera, marker, slot] = np.where(fine, square, TOO_FAR)
     return cost
 
 
 def _give_best(naming: Naming, cost: np.ndarray, step: int):
     """Names greedily, best first, one blob a marker and one marker a blob in every camera."""
-    camera, marker, slot = np.nonzero(cost < FAR)
+    camera, marker, slot = np.nonzero(cost < TOO_FAR)
     for index in np.argsort(cost[camera, marker, slot], kind="stable"):
         c, m, k = camera[index], marker[index], slot[index]
         if naming.slot[c, m] < 0 and naming.owner[c, k] < 0:
@@ -369,16 +383,16 @@ def name_remaining(frame: Frame, naming: Naming):
     What is left are false markers.
     """
     is_open = naming.open & ~_shadowed(frame, naming)
-    _give_best(naming, np.where(is_open, naming.reprojection, FAR), REMAINING)
-    likely = frame.misfit < FAR
+    _give_best(naming, np.where(is_open, naming.reprojection, TOO_FAR), REMAINING)
+    likely = frame.nll < TOO_FAR
     named = (naming.slot >= 0).sum(axis=0)
     is_open = naming.open & (named == 1)[None, :, None] & likely
     if is_open.any():
-        _give_best(naming, _one_helper_misfit(frame, naming, is_open), REMAINING)
+        _give_best(naming, _one_helper_cost(frame, naming, is_open), REMAINING)
     named = (naming.slot >= 0).sum(axis=0)
     is_open = naming.open & (named == 0)[None, :, None] & likely
     if is_open.any():
-        _give_best(naming, np.where(is_open & _undisputed(frame, is_open), frame.misfit, FAR), REMAINING)
+        _give_best(naming, np.where(is_open & _undisputed(frame, is_open), frame.nll, TOO_FAR), REMAINING)
 
 
 def name_merged(frame: Frame, naming: Naming):
@@ -386,8 +400,8 @@ def name_merged(frame: Frame, naming: Naming):
 
     Two markers in one blob draw its centre between them, so it fits neither, and its ray is nobody's.
     """
-    free = naming.slot < 0
-    near = (frame.apart2 < MERGED**2) & free[..., None] & free[:, None]
+    free, reach2 = naming.slot < 0, frame.rules.merged_m**2
+    near = (frame.between2 < reach2) & free[..., None] & free[:, None]
     near &= frame.depth[..., None] <= frame.depth[:, None]
     near[:, frame.markers, frame.markers] = False
     camera, first, second = np.nonzero(near)
@@ -396,13 +410,13 @@ def name_merged(frame: Frame, naming: Naming):
     middle = (frame.image[camera, first] + frame.image[camera, second]) / 2
     between = frame.view.image[camera] - middle[:, None]
     square = (between[..., 0] ** 2 + between[..., 1] ** 2) * (frame.depth[camera, first] ** 2)[:, None]
-    square = np.where((naming.owner[camera] < 0) & frame.view.real[camera], square, FAR)
+    square = np.where((naming.owner[camera] < 0) & frame.view.real[camera], square, TOO_FAR)
     slot = square.argmin(axis=1)
-    alone = (square < MERGED**2).sum(axis=1) == 1
+    alone = (square < reach2).sum(axis=1) == 1
     square = square[np.arange(len(slot)), slot]
     for index in np.argsort(square):
         c, m, k = camera[index], first[index], slot[index]
-        fits = alone[index] and square[index] < (MERGED / 2) ** 2
+        fits = alone[index] and square[index] < reach2 / 4
         if fits and naming.slot[c, m] < 0 and naming.owner[c, k] < 0:
             naming.give(c, m, k, REMAINING)
             naming.partner[c, m] = second[index]
@@ -411,13 +425,12 @@ def name_merged(frame: Frame, naming: Naming):
 def pixel_noise(naming: Naming, sight: Sight) -> float:
     """px, standard deviation of the blobs' positions as the meeting rays show it; NaN when too few rays meet.
 
-    The worst fifth of the markers does not count: a wrong name or a merged blob is not noise.
+    See `triangulation.trimmed_deviation`.
     """
     seen = naming.rays >= 0
     freedom = 2.0 * seen.sum(axis=0) - 3
     usable = (freedom > 0) & np.isfinite(naming.meeting.residual)
-    if usable.sum() < FEWEST_MEETINGS:
+    if usable.sum() < naming.frame.rules.min_meetings:
         return float("nan")
     squares = ((naming.meeting.miss * sight.focal[:, None] / naming.frame.depth) ** 2 * seen).sum(axis=0)[usable]
-    order = np.argsort(squares / freedom[usable])[: int(np.ceil(0.8 * usable.sum()))]
-    return float(np.sqrt(squares[order].sum() / freedom[usable][order].sum()) * UNTRIMMED)
+    return trimmed_deviation(squares, freedom[usable])

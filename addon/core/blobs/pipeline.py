@@ -23,20 +23,43 @@ from .search import Found, Hints, find_subject
 from .subject import Setup
 from .swaps import exchange_loss, exchanged, swap_names
 from .tracking import Followed, Track, follow
-from .views import View, split_views
+from .views import VIEWING, View, split_views
 
-FAR_APART = (0, 4, 2, 6, 1, 5, 3, 7, 8)  # the order in which parts of a chunk are searched for a lost subject
-SURE = 0.95  # a placement this sure that names enough markers is a good one
-ENOUGH = 0.8
-CONTENT = 3  # good placements after which the best of them will do
-SLOWEST = 20.0  # frames a second below which nothing is followed: every frame is looked at on its own
-REVIEW = 120  # frames between two looks at whether neighbours have changed names
-FIRST_REVIEW = 20  # the first of them, because a start that is wrong stays wrong
-SECOND_LOOK = 6  # frames before it that must say the same
-LEAST_SURE = 0.7  # a placement less sure than this names nothing
-LEAST_NAMED = 0.4
-UNSURE = 0.9  # placements below this are pointed out
-LEAST_LABEL = 0.5  # a label less sure than this is not given
+
+@dataclass(frozen=True)
+class TakeOptions:
+    """How a take is gone through, and what is believed; reckoned.
+
+    min_rate               frames a second; below it nobody is followed, every frame is looked at on its own: a limb
+                           moves farther between two frames than it is from the next
+    search_order           in which parts of a chunk a lost subject is looked for: far from each other first
+    good_confidence        a placement this sure, that
+    good_named             names this share of the markers, is a good one
+    max_good               good placements after which the best of them will do
+    min_confidence         a placement less sure than this, or that
+    min_named              names a smaller share of the markers, names nothing
+    min_clear_confidence   placements below this are pointed out
+    review_frames          between two looks at whether neighbours have changed names, as a look is dear
+    first_review_frames    until the first of them, because a start that is wrong stays wrong
+    second_look_frames     before it is a frame that must say the same: one may be blurred
+    min_label_confidence   a label less sure than this is not given: it is as likely to be wrong
+    """
+
+    min_rate: float = 20.0
+    search_order: tuple[int, ...] = (0, 4, 2, 6, 1, 5, 3, 7, 8)
+    good_confidence: float = 0.95
+    good_named: float = 0.8
+    max_good: int = 3
+    min_confidence: float = 0.7
+    min_named: float = 0.4
+    min_clear_confidence: float = 0.9
+    review_frames: int = 120
+    first_review_frames: int = 20
+    second_look_frames: int = 6
+    min_label_confidence: float = 0.5
+
+
+TAKES = TakeOptions()
 
 
 @dataclass(frozen=True)
@@ -94,7 +117,7 @@ class TakeLabeller:
     def label(self, blobs: Blobs) -> LabelledChunk:
         """The labels and motion of the next chunk."""
         chunk = _Chunk(blobs, split_views(blobs, self.setup.cameras))
-        if self.setup.rate < SLOWEST:
+        if self.setup.rate < TAKES.min_rate:
             for at in range(len(chunk.views)):
                 self._find(chunk, at, at + 1)
                 self.track = None
@@ -116,12 +139,14 @@ class TakeLabeller:
             self.track = followed.track
             chunk.results[at] = self._result(followed)
             at += 1
-            if at == end or at - first == FIRST_REVIEW or (at - first) % REVIEW == 0:
+            followed_frames = at - first
+            due = followed_frames == TAKES.first_review_frames or followed_frames % TAKES.review_frames == 0
+            if at == end or due:
                 self._review(chunk, first, at - 1)
         return at
 
     def _find(self, chunk: "_Chunk", at: int, end: int) -> int:
-        """Finds the subject among frames `at` … `end` - 1, labels from there both ways; returns where to go on."""
+        """Finds the subject among frames `at` … `end` - 1, labels from there forwards and back; returns the next."""
         index, found = self._best_found(chunk, at, end)
         if found is None:
             chunk.suspect(at, end - 1, "no subject was recognised")
@@ -129,7 +154,7 @@ class TakeLabeller:
         self.hints = replace(self.hints, facing=None)
         self.placement = found.confidence
         self.sure = swap_doubts(found.swaps, self.setup.model.marker_count)
-        if found.confidence < UNSURE:
+        if found.confidence < TAKES.min_clear_confidence:
             chunk.suspect(index, index, f"the placement is only {found.confidence:.0%} sure")
         points, visible = found.naming.meeting.points, found.expected.visible
         start = Track.begin(found.subject, points, visible, self.setup.model)
@@ -154,22 +179,24 @@ class TakeLabeller:
 
     def _best_found(self, chunk: "_Chunk", at: int, end: int) -> tuple[int, Found | None]:
         """The frame of a few spread over the range whose names suit a body best."""
-        best, best_index, tried = None, at, 0
+        best, best_index, good = None, at, 0
         for index in chunk.promising(at, end):
             with self.setup.clock("place"):
                 found = find_subject(chunk.views[index], self.setup, self.hints)
-            if found is None or found.by_chance or found.confidence < LEAST_SURE or found.named < LEAST_NAMED:
+            if found is None or found.by_chance:
                 continue
-            if best is None or found.misfit < best.misfit:
+            if found.confidence < TAKES.min_confidence or found.named < TAKES.min_named:
+                continue
+            if best is None or found.marker_cost < best.marker_cost:
                 best, best_index = found, index
-            tried += found.confidence > SURE and found.named > ENOUGH
-            if tried >= CONTENT:
+            good += found.confidence > TAKES.good_confidence and found.named > TAKES.good_named
+            if good >= TAKES.max_good:
                 break
         return best_index, best
 
     def _review(self, chunk: "_Chunk", first: int, at: int):
         """Asks whether neighbours have changed names, and gives them back from where they may have done so."""
-        earlier = at - SECOND_LOOK
+        earlier = at - TAKES.second_look_frames
         if earlier < first:
             return
         with self.setup.clock("fit"):
@@ -186,7 +213,7 @@ class TakeLabeller:
         chunk.suspect(since, at, f"{names} had changed names and got them back")
 
     def _looks_into(self, question, chunk: "_Chunk", index: int, *more):
-        """Asks `question` of a labelled frame: `rivals.exchanged` or `rivals.exchange_loss`."""
+        """Asks `question` of a labelled frame: `swaps.exchanged` or `swaps.exchange_loss`."""
         result = chunk.results[index]
         subject = replace(self.track.subject, bodies=result.bodies)
         return question(chunk.views[index], result.naming, subject, self.setup, *more)
@@ -222,10 +249,10 @@ class _Chunk:
         self.suspects.append(Suspect(int(self.blobs.frames[first]), int(self.blobs.frames[last]), reason))
 
     def promising(self, first: int, end: int) -> list[int]:
-        """Frames to look for a subject in: of every part of the range the one with the most blobs; far apart first."""
-        parts = np.array_split(np.arange(first, end), min(len(FAR_APART), end - first))
+        """Frames to look for a subject in: the one with the most blobs of every part of the range, spread out first."""
+        parts = np.array_split(np.arange(first, end), min(len(TAKES.search_order), end - first))
         best = [int(part[np.argmax([self.views[index].count for index in part])]) for part in parts]
-        order = [part for part in FAR_APART if part < len(best)]
+        order = [part for part in TAKES.search_order if part < len(best)]
         return [best[part] for part in order if self.views[best[part]].count]
 
     def labelled(self, setup: Setup) -> LabelledChunk:
@@ -257,7 +284,7 @@ def _write_labels(labels: Labels, view: View, result: FrameResult) -> np.ndarray
     naming = result.naming
     camera, marker = np.nonzero(naming.slot >= 0)
     sure = label_confidences(naming, camera, marker) * result.placement * result.sure[marker]
-    given = sure >= LEAST_LABEL
+    given = sure >= TAKES.min_label_confidence
     camera, marker, sure = camera[given], marker[given], sure[given]
     rows = view.row[camera, naming.slot[camera, marker]]
     labels.marker[rows] = marker
@@ -268,7 +295,7 @@ def _write_labels(labels: Labels, view: View, result: FrameResult) -> np.ndarray
 
 def _pixels_per_metre(result: FrameResult, setup: Setup) -> np.ndarray:
     """(M,) px that one metre at each marker is worth, mean over the cameras that named it."""
-    depth = np.maximum(setup.sight.local(result.expected.points[None])[0, ..., 2], 0.05)
+    depth = np.maximum(setup.sight.local(result.expected.points[None])[0, ..., 2], VIEWING.min_depth_m)
     seen = result.naming.slot >= 0
     return (setup.sight.focal[:, None] / depth * seen).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
 
@@ -280,7 +307,7 @@ def _poses(results, setup: Setup) -> tuple[np.ndarray, ...]:
     turn, scale = np.full((count, model.joint_count, 3, 3), np.nan), np.full((count, 3), np.nan)
     found = [index for index, result in enumerate(results) if result is not None]
     if found:
-        bodies = join_bodies([results[index].bodies for index in found])
+        bodies = Bodies.join([results[index].bodies for index in found])
         posed = model.pose(bodies)
         expected[found], joints[found], turn[found], scale[found] = (
             posed.markers,
@@ -289,8 +316,3 @@ def _poses(results, setup: Setup) -> tuple[np.ndarray, ...]:
             bodies.scale,
         )
     return expected, joints, turn, scale
-
-
-def join_bodies(parts: list[Bodies]) -> Bodies:
-    """Several batches of bodies as one."""
-    return Bodies(*(np.concatenate([getattr(part, name) for part in parts]) for name in Bodies.__dataclass_fields__))

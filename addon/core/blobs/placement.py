@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Where does the person stand, which way do they face and how tall are they: section 3 of the first paper.
 
-From nothing but the blobs: translation by equations 1 to 5, height and facing from the cloud's bounding box or its
-principal axes, and then several starts all around, because neither box nor axes can tell front from back.
+From nothing but the blobs: translation by equations 1 to 5, height and facing from the cloud's principal axes,
+and then several starts all around, because axes do not know front from back.
 """
 
 from dataclasses import dataclass
@@ -15,17 +15,30 @@ from ..geometry import rotations
 from .cloud import Cloud
 from .views import View
 
-SHORTEST, TALLEST = 0.9, 2.2  # m
-TRIM = 0.02  # share of a cloud's weight that may be false crossings at each end of its box
+
+@dataclass(frozen=True)
+class GuessOptions:
+    """What a first guess from a cloud may be; reckoned.
+
+    min_height_m    a child of two years
+    max_height_m    hardly anybody is taller
+    trimmed_share   of a cloud's weight that may be false crossings at each end of its box
+    """
+
+    min_height_m: float = 0.9
+    max_height_m: float = 2.2
+    trimmed_share: float = 0.02
+
+
+GUESSING = GuessOptions()
 
 
 @dataclass(frozen=True)
 class Guess:
-    """A first idea of the subject: height in m, facing in rad from world +x (or its opposite), and from what."""
+    """A first idea of the subject: height in m, facing in rad from world +x (or its opposite)."""
 
     height: float
     facing: float
-    elongation: float
 
 
 def blob_centroids(view: View) -> tuple[np.ndarray, np.ndarray]:
@@ -61,40 +74,26 @@ def _least_squares(rows: np.ndarray, right: np.ndarray) -> np.ndarray:
     return solution
 
 
-def bounding_box_guess(cloud: Cloud, tallest_marker: float) -> Guess:
-    """Height and facing from the cloud's upright bounding box: a body is wider than it is deep.
-
-    `tallest_marker` is the height of the model's highest marker, heights. The narrowest of boxes turned about the
-    vertical says along which line the subject faces, not which way.
-    """
-    angles = np.arange(0, np.pi, np.pi / 36)
-    across = cloud.points[:, :2] @ np.stack([np.cos(angles), np.sin(angles)])
-    width = _range(across, cloud.weight)
-    narrowest = int(np.argmin(width))
-    widest = width[(narrowest + len(angles) // 2) % len(angles)]
-    elongation = widest / max(width[narrowest], 1e-6)
-    return Guess(_height(cloud, tallest_marker), float(angles[narrowest]), float(elongation))
-
-
 def principal_guess(cloud: Cloud, tallest_marker: float) -> Guess:
     """Height and facing from the cloud's principal components: the paper's future work, in space rather than by image.
 
-    The longer horizontal axis runs from hand to hand; the subject faces along the other, one way or its opposite.
+    The longer horizontal axis runs from hand to hand; the subject faces along the other, or against it.
     """
     weight = cloud.weight / cloud.weight.sum()
     flat = cloud.points[:, :2] - weight @ cloud.points[:, :2]
-    values, axes = np.linalg.eigh((flat * weight[:, None]).T @ flat)
+    _, axes = np.linalg.eigh((flat * weight[:, None]).T @ flat)
     facing = np.arctan2(axes[1, 0], axes[0, 0])
-    return Guess(_height(cloud, tallest_marker), float(facing), float(np.sqrt(values[1] / max(values[0], 1e-9))))
+    return Guess(stature(cloud, tallest_marker), float(facing))
 
 
-def _height(cloud: Cloud, tallest_marker: float) -> float:
-    tall = _range(cloud.points[:, 2:], cloud.weight)[0] / tallest_marker
-    return float(np.clip(tall, SHORTEST, TALLEST))
+def stature(cloud: Cloud, tallest_marker: float) -> float:
+    """Height in m of the body whose highest marker, at `tallest_marker` heights, is a cloud's highest point."""
+    tall = extent(cloud.points[:, 2:], cloud.weight)[0] / tallest_marker
+    return float(np.clip(tall, GUESSING.min_height_m, GUESSING.max_height_m))
 
 
-def _range(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """(A,) extent of each column of values (Q, A) without the outermost TRIM of the weight at each end."""
+def extent(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """(A,) extent of each column of values (Q, A) without the outermost of the weight at each end."""
     low, high = _ends(values, weight)
     return high - low
 
@@ -104,8 +103,8 @@ def _ends(values: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarra
     ranked = np.take_along_axis(values, order, axis=0)
     cumulative = np.cumsum(weight[order], axis=0)
     total = cumulative[-1]
-    low = (cumulative >= TRIM * total).argmax(axis=0)
-    high = (cumulative >= (1 - TRIM) * total).argmax(axis=0)
+    low = (cumulative >= GUESSING.trimmed_share * total).argmax(axis=0)
+    high = (cumulative >= (1 - GUESSING.trimmed_share) * total).argmax(axis=0)
     columns = np.arange(values.shape[1])
     return ranked[low, columns], ranked[high, columns]
 

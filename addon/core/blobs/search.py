@@ -13,32 +13,90 @@ from ..geometry import rotations
 from .cloud import Cloud, build_cloud
 from .cost import blob_pull, cloud_pull
 from .fit import Fit, State, body_state, fit_body, fit_placement
-from .labelling import MISS, Expectation, Naming
+from .labelling import Expectation, Naming
 from .placement import blob_centre, make_starts, principal_guess
 from .subject import Setup, Subject, expect, learn_noise, learn_own, name, named_pull, refit
-from .swaps import Swaps, swap_names, try_swaps, withdraw_strangers_to_body, without_own
+from .swaps import Swaps, swap_names, try_swaps, withdraw_unexpected, without_own
 from .views import View
 
-FACINGS = 8
-QUARTERS = 4
-CLOUD_STAGES = ((0.20, 0.60, 3, False), (0.10, 0.30, 3, True), (0.05, 0.15, 4, True))
-PLACEMENT_STAGES = ((0.20, 0.60, 5), (0.10, 0.30, 5))
-BLOB_STAGES = ((0.06, 0.25, 3), (0.03, 0.12, 3), (0.02, 0.08, 3))
-FINALISTS = 3
-ROUNDS = 2
-MOST_EXCHANGES = 3
-UPRIGHT = 0.35  # rad, how far a subject who is looked for leans, standard deviation
-HINTED_FACING = np.radians(60)  # how far off a user's idea of the facing may be
-HANDICAP = 60.0  # squared deviations that a placement against the hint must be better by
-HINTED_HEIGHT = 0.08  # m, how well a user knows the subject's height
-FEWEST_POINTS = 4
-RIVAL = 0.10  # m: two fits whose markers lie farther apart than this on average are rivals, not one solution
-CLEAR_WIN = 0.98  # a placement surer than this needs no second opinion
-UNNAMED = 12.0  # squared deviations that an unnamed blob counts for
-CROWD = 0.4  # share of a frame's blobs that a subject should have
-LUCK = 2.0  # how much better than chance the third rays of a crowd may come out by trying many placements
-CONFIRMED = 0.5  # third rays a marker that show a subject in a crowd
-TEMPER = 12.0  # by how much costs overstate their differences: blobs share their errors
+
+@dataclass(frozen=True)
+class FindOptions:
+    """How a subject is looked for in one frame; reckoned.
+
+    facings           starts all around: one is within 23° of the subject
+    min_points        of a cloud; fewer are nobody
+    upright_sd_rad    how far a subject who is looked for leans, standard deviation: somebody who walks, stands or bends
+    cloud_stages      of the fits to a cloud: softness in m, reach in m, iterations, and whether joints and shape are
+                      free; from a step's length down to a marker layout's variation
+    blob_stages       of the fits to blobs: softness in m, reach in m, iterations
+    max_finalists     of the fits to the cloud, best first, that are fitted to blobs
+    min_distance_m       two fits whose markers are farther from each other than this on average are two solutions; the
+                      finalists differ by half as much
+    temper            by how much costs overstate their differences, as blobs share their errors
+    clear_confidence  a placement surer than this needs no second opinion
+    rounds            of naming: names show how the markers sit on this subject, which sharpens the second round
+    round_steps       iterations of a round's fit to the names
+    settled_steps     iterations once exchanges of names are settled
+    noise_rate        share of the noise that a round shows which is taken over, and
+    own_rate          share of what a marker is off that its own offset takes over: nearly all, as little is known yet
+    max_exchanges     of names in a frame; more, and the placement is wrong
+    unnamed_cost      squared deviations that an unnamed blob, or a missing marker, counts for
+    """
+
+    facings: int = 8
+    min_points: int = 4
+    upright_sd_rad: float = 0.35
+    cloud_stages: tuple[tuple[float, float, int, bool], ...] = (
+        (0.20, 0.60, 3, False),
+        (0.10, 0.30, 3, True),
+        (0.05, 0.15, 4, True),
+    )
+    blob_stages: tuple[tuple[float, float, int], ...] = ((0.06, 0.25, 3), (0.03, 0.12, 3), (0.02, 0.08, 3))
+    max_finalists: int = 3
+    min_distance_m: float = 0.10
+    temper: float = 12.0
+    clear_confidence: float = 0.98
+    rounds: int = 2
+    round_steps: int = 3
+    settled_steps: int = 2
+    noise_rate: float = 0.7
+    own_rate: float = 0.9
+    max_exchanges: int = 3
+    unnamed_cost: float = 12.0
+
+
+@dataclass(frozen=True)
+class HintOptions:
+    """How well users know what they say of a subject; reckoned.
+
+    max_facing_error_rad  how far off an idea of the facing may be
+    facing_cost           squared deviations that a placement against the hint must be better by
+    height_sd_m           standard deviation of a height, with shoes or without, measured or remembered
+    """
+
+    max_facing_error_rad: float = float(np.radians(60))
+    facing_cost: float = 60.0
+    height_sd_m: float = 0.08
+
+
+@dataclass(frozen=True)
+class CrowdOptions:
+    """When a crowd of ghosts would do as well as a subject; reckoned.
+
+    min_blob_share       of a frame's blobs that a subject has where there is no crowd
+    min_confirmed        third rays a marker that show a subject in a crowd, beyond those that meet by chance
+    chance_factor        how much better than chance third rays may come out by trying many placements
+    """
+
+    min_blob_share: float = 0.4
+    min_confirmed: float = 0.5
+    chance_factor: float = 2.0
+
+
+FINDING = FindOptions()
+HINTING = HintOptions()
+CROWDING = CrowdOptions()
 
 
 @dataclass(frozen=True)
@@ -53,7 +111,7 @@ class Hints:
 class Found:
     """A subject found in a frame, with the names that follow from it.
 
-    confidence  0 to 1, against the best rival placement
+    confidence  0 to 1, against the next best placement
     trace       cost per step of the last fit, (steps + 1,)
     swaps       what exchanging neighbours would cost
     cost        of the last fit to the names, and of the blobs that it leaves unnamed
@@ -82,17 +140,18 @@ class Found:
         """
         frame = self.naming.frame
         rays = (self.naming.rays >= 0).sum(axis=0)
-        if (self.naming.owner >= 0).sum() >= CROWD * frame.view.count:
+        if (self.naming.owner >= 0).sum() >= CROWDING.min_blob_share * frame.view.count:
             return False
         low, high = frame.sight.corners
         density = frame.view.real.sum(axis=1) / (high - low).prod(axis=1)
-        chance = (density[:, None] * np.pi * (MISS * frame.metres / frame.depth) ** 2).sum()
-        return bool(np.maximum(rays - 2, 0).sum() < CONFIRMED * len(rays) + LUCK * chance)
+        chance = (density[:, None] * np.pi * (frame.rules.max_miss * frame.metres / frame.depth) ** 2).sum()
+        expected = CROWDING.min_confirmed * len(rays) + CROWDING.chance_factor * chance
+        return bool(np.maximum(rays - 2, 0).sum() < expected)
 
     @property
-    def misfit(self) -> float:
+    def marker_cost(self) -> float:
         """How badly the names suit a body, a marker: for choosing among frames of one take. Missing markers count."""
-        return self.cost / self.naming.slot.shape[1] + UNNAMED * (1 - self.named)
+        return self.cost / self.naming.slot.shape[1] + FINDING.unnamed_cost * (1 - self.named)
 
 
 def find_subject(view: View, setup: Setup, hints: Hints) -> Found | None:
@@ -101,23 +160,23 @@ def find_subject(view: View, setup: Setup, hints: Hints) -> Found | None:
     Raises JobError when the cameras cannot fix a position at all.
     """
     cloud = build_cloud(view, setup.sight)
-    if (cloud.weight > 0).sum() < FEWEST_POINTS:
+    if (cloud.weight > 0).sum() < FINDING.min_points:
         return None
     prior = _prior_for(hints, setup)
     starts = first_starts(view, cloud, setup, hints)
     bodies, cost = fit_cloud(starts, cloud, setup, prior)
-    finalists = bodies.pick(_distinct(bodies, cost, setup)[:FINALISTS])
+    finalists = bodies.pick(_distinct(bodies, cost, setup)[: FINDING.max_finalists])
     fit = fit_blobs(finalists, view, setup, prior)
-    best, rival, confidence = _judged(fit, _handicap(fit.bodies, hints))
+    best, second, confidence = _judged(fit, _handicap(fit.bodies, hints))
     found = name_found(view, picked(fit.state, [best]), setup, prior, confidence, fit.trace[:, best])
-    if rival is None or confidence > CLEAR_WIN:
+    if second is None or confidence > FINDING.clear_confidence:
         return found
-    other = name_found(view, picked(fit.state, [rival]), setup, prior, confidence, fit.trace[:, rival])
+    other = name_found(view, picked(fit.state, [second]), setup, prior, confidence, fit.trace[:, second])
     return _better_named(found, other)
 
 
 def _better_named(first: Found, second: Found) -> Found:
-    """Of two placements that the blobs could not tell apart, the one whose names make the better body."""
+    """Of two placements that the blobs could not decide between, the one whose names make the better body."""
     lead = second.cost - first.cost
     better = first if lead >= 0 else second
     return replace(better, confidence=_chance(abs(lead)))
@@ -126,17 +185,17 @@ def _better_named(first: Found, second: Found) -> Found:
 def _prior_for(hints: Hints, setup: Setup) -> Prior:
     """The marker set's prior for somebody who stands, and who is as tall as the user says."""
     if hints.height is None:
-        return Prior(setup.model, upright_sd=UPRIGHT)
-    return Prior(setup.model, upright_sd=UPRIGHT, height=hints.height, height_sd=HINTED_HEIGHT)
+        return Prior(setup.model, upright_sd=FINDING.upright_sd_rad)
+    return Prior(setup.model, upright_sd=FINDING.upright_sd_rad, height=hints.height, height_sd=HINTING.height_sd_m)
 
 
 def _handicap(bodies: Bodies, hints: Hints) -> np.ndarray:
-    """(B,) what it costs a body to face another way than the user says."""
+    """(B,) what it costs a body to face elsewhere than the user says."""
     if hints.facing is None:
         return np.zeros(len(bodies))
     ahead = rotations.quaternion_to_matrix(bodies.quaternion)[:, :2, 0]
     agreement = ahead @ np.array([np.cos(hints.facing), np.sin(hints.facing)])
-    return np.where(agreement < np.cos(HINTED_FACING), HANDICAP, 0.0)
+    return np.where(agreement < np.cos(HINTING.max_facing_error_rad), HINTING.facing_cost, 0.0)
 
 
 def first_starts(view: View, cloud: Cloud, setup: Setup, hints: Hints) -> Bodies:
@@ -146,7 +205,7 @@ def first_starts(view: View, cloud: Cloud, setup: Setup, hints: Hints) -> Bodies
         point = blob_centre(view, setup.cameras.extrinsics)
     except JobError:
         point = np.average(cloud.points, axis=0, weights=cloud.weight)
-    facings = guess.facing + np.arange(FACINGS) * 2 * np.pi / FACINGS
+    facings = guess.facing + np.arange(FINDING.facings) * 2 * np.pi / FINDING.facings
     if hints.facing is not None:
         facings = np.append(facings, hints.facing)
     return make_starts(setup.model, point, hints.height or guess.height, facings)
@@ -155,7 +214,7 @@ def first_starts(view: View, cloud: Cloud, setup: Setup, hints: Hints) -> Bodies
 def fit_cloud(starts: Bodies, cloud: Cloud, setup: Setup, prior) -> tuple[Bodies, np.ndarray]:
     """All starts against the cloud, from coarse to fine; returns the bodies and their costs (B,)."""
     bodies = starts
-    for softness, reach, steps, free in CLOUD_STAGES:
+    for softness, reach, steps, free in FINDING.cloud_stages:
         pull = partial(_cloud_pull, cloud=cloud, softness=softness, reach=reach)
         fit_some = fit_body if free else fit_placement
         fit = fit_some(setup.model, bodies, pull, steps, prior)
@@ -167,85 +226,48 @@ def _cloud_pull(markers: np.ndarray, cloud: Cloud, softness: float, reach: float
     return cloud_pull(markers, cloud.points, cloud.weight, softness, reach)
 
 
-def fit_from(view: View, start: Bodies, setup: Setup) -> Fit:
-    """The paper's whole fit from a given start of B bodies: nine parameters first, then joints and shape as well.
-
-    Visible markers only, visibility renewed at every stage. The nine-parameter fit does not turn a body round, so every
-    start is also tried turned by a quarter, a half and three quarters, and the best of the four is kept.
-    """
-    prior = Prior(setup.model, upright_sd=UPRIGHT)
-    fit = fit_blobs(fit_nine(view, _turned_about(start, setup), setup).bodies, view, setup, prior)
-    best = fit.cost.reshape(QUARTERS, -1).argmin(axis=0) * len(start) + np.arange(len(start))
-    return Fit(picked(fit.state, best), fit.trace[:, best])
-
-
-def fit_nine(view: View, start: Bodies, setup: Setup) -> State:
-    """Ten iterations of the nine-parameter fit, visible markers only, visibility renewed in between."""
-    bodies, posed = start, setup.model.pose(start)
-    for softness, reach, steps in PLACEMENT_STAGES:
-        pull = _visible_pull(bodies, posed, view, setup, softness, reach)
-        state = fit_placement(setup.model, bodies, pull, steps, setup.prior).state
-        bodies, posed = state.bodies, state.posed
-    return state
-
-
-def _turned_about(start: Bodies, setup: Setup) -> Bodies:
-    """The bodies, then all of them turned by a quarter about the upright through their markers' middle, and so on."""
-    count = len(start)
-    middle = setup.model.pose(start).markers.mean(axis=1)
-    bodies = start.pick(np.tile(np.arange(count), QUARTERS))
-    angle = np.repeat(np.arange(QUARTERS), count) * (2 * np.pi / QUARTERS)
-    turn = rotations.about_z(angle)
-    arm = bodies.translation - middle[np.tile(np.arange(count), QUARTERS)]
-    swung = (rotations.quaternion_to_matrix(turn) @ arm[..., None])[..., 0]
-    return replace(
-        bodies,
-        quaternion=rotations.quaternion_product(turn, bodies.quaternion),
-        translation=bodies.translation + swung - arm,
-    )
-
-
 def fit_blobs(bodies: Bodies, view: View, setup: Setup, prior):
     """Bodies against the blobs themselves, visible markers only, visibility renewed at every stage."""
     posed = setup.model.pose(bodies)
-    for softness, reach, steps in BLOB_STAGES:
-        pull = _visible_pull(bodies, posed, view, setup, softness, reach)
+    for softness, reach, steps in FINDING.blob_stages:
+        pull = visible_pull(bodies, posed, view, setup, softness, reach)
         fit = fit_body(setup.model, bodies, pull, steps, prior)
         bodies, posed = fit.bodies, fit.state.posed
     return fit
 
 
-def _visible_pull(bodies: Bodies, posed: Posed, view: View, setup: Setup, softness: float, reach: float):
+def visible_pull(bodies: Bodies, posed: Posed, view: View, setup: Setup, softness: float, reach: float):
     """Equation 7 with the markers that are visible where the bodies are now."""
     visible = setup.visible(bodies.scale, posed)
     return lambda markers: blob_pull(markers, visible, view, setup.sight, softness, reach)
 
 
 def name_found(view: View, state: State, setup: Setup, prior, confidence: float, trace: np.ndarray) -> Found:
-    """Names the blobs of a placed body, learns from the names where this subject wears the markers, names again."""
+    """Names the blobs of a placed body, learns this subject's marker layout from the names, names again."""
     subject = Subject(state.bodies, setup.marker_sd * float(state.bodies.scale.mean()), setup.rules.pixel)
     expected = expect(subject, state, setup)
-    for round_ in range(ROUNDS):
+    for round_ in range(FINDING.rounds):
         naming = name(view, expected, subject, setup)
-        subject = learn_noise(naming, without_own(subject, setup), setup, 0.7)
-        subject, state = refit(view, naming, subject, setup, 3, prior)
-        if round_ == ROUNDS - 1:
+        subject = learn_noise(naming, without_own(subject, setup), setup, FINDING.noise_rate)
+        subject, state = refit(view, naming, subject, setup, FINDING.round_steps, prior)
+        if round_ == FINDING.rounds - 1:
             swaps = settle(view, naming, subject, state, setup, prior)
-            subject, state = refit(view, naming, subject, setup, 2, prior)
-        withdraw_strangers_to_body(naming, state, subject, setup)
-        subject = learn_own(naming.meeting.points, subject, state.posed, setup, 0.9)
+            subject, state = refit(view, naming, subject, setup, FINDING.settled_steps, prior)
+        withdraw_unexpected(naming, state, subject, setup)
+        subject = learn_own(naming.meeting.points, subject, state.posed, setup, FINDING.own_rate)
         expected = expect(
             subject, body_state(setup.model, subject.bodies, named_pull(view, naming, subject, setup), prior), setup
         )
     naming = name(view, expected, subject, setup)
     unnamed = int((view.real & (naming.owner < 0)).sum())
-    return Found(subject, naming, expected, confidence, trace, swaps, float(state.cost[0]) + UNNAMED * unnamed)
+    cost = float(state.cost[0]) + FINDING.unnamed_cost * unnamed
+    return Found(subject, naming, expected, confidence, trace, swaps, cost)
 
 
 def settle(view: View, naming: Naming, subject: Subject, state: State, setup: Setup, prior) -> Swaps:
     """Gives neighbours each other's names for as long as that makes a better body; returns the last trial."""
     swaps = try_swaps(view, naming, subject, state, setup, prior)
-    for _ in range(MOST_EXCHANGES):
+    for _ in range(FINDING.max_exchanges):
         if not len(swaps.loss) or swaps.loss.min() >= 0:
             break
         swap_names(naming, swaps.orders[swaps.loss.argmin()])
@@ -265,25 +287,25 @@ def _distinct(bodies: Bodies, cost: np.ndarray, setup: Setup) -> np.ndarray:
     markers = setup.model.pose(bodies).markers
     kept = []
     for index in np.argsort(cost):
-        apart = np.linalg.norm(markers[kept] - markers[index], axis=-1).mean(axis=-1)
-        if (apart > RIVAL / 2).all():
+        distance = np.linalg.norm(markers[kept] - markers[index], axis=-1).mean(axis=-1)
+        if (distance > FINDING.min_distance_m / 2).all():
             kept.append(int(index))
     return np.array(kept)
 
 
 def _judged(fit: Fit, handicap: np.ndarray) -> tuple[int, int | None, float]:
-    """The best fit, its nearest rival in cost that puts the markers elsewhere (None: no rival), and how sure it is."""
+    """The best fit, the next best that puts the markers elsewhere (None: there is none), and how sure the best is."""
     cost = fit.cost + handicap
     best = int(np.argmin(cost))
     markers = fit.state.posed.markers
-    apart = np.linalg.norm(markers - markers[best], axis=-1).mean(axis=-1)
-    rivals = np.flatnonzero(apart > RIVAL)
-    if not len(rivals):
+    distance = np.linalg.norm(markers - markers[best], axis=-1).mean(axis=-1)
+    others = np.flatnonzero(distance > FINDING.min_distance_m)
+    if not len(others):
         return best, None, 1.0
-    rival = int(rivals[np.argmin(cost[rivals])])
-    return best, rival, _chance(cost[rival] - cost[best])
+    second = int(others[np.argmin(cost[others])])
+    return best, second, _chance(cost[second] - cost[best])
 
 
 def _chance(lead: float) -> float:
     """How sure a lead in cost makes."""
-    return float(1 / (1 + np.exp(-np.clip(lead / TEMPER, -50, 50))))
+    return float(1 / (1 + np.exp(-np.clip(lead / FINDING.temper, -50, 50))))

@@ -1,24 +1,74 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The subject as known so far: the fitted body, its own marker offsets and how sure we are of each of them."""
 
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from time import perf_counter
 
 import numpy as np
 
 from ..body.bodies import Bodies, BodyModel, Posed
-from ..body.occlusion import SHRINK, CapsuleOcclusion, Occlusion
+from ..body.occlusion import OCCLUDING, CapsuleOcclusion, Occlusion
 from ..body.prior import Prior
 from ..data.markersets import MarkerSet
 from ..geometry.cameras import Cameras
 from . import cost
-from .clock import Clock
 from .exchanges import standing_exchanges
 from .fit import State, fit_body
 from .labelling import Expectation, Naming, Rules, name_exclusive, name_markers, pixel_noise
 from .views import Sight, View
 
-SKIN = 0.006  # m by which skin lets a marker move against its segment, standard deviation
-LEAST_NOISE, MOST_NOISE = 0.25, 3.0  # px
+TIMED_STAGES = ("place", "fit", "label")
+
+
+@dataclass(frozen=True)
+class SubjectOptions:
+    """What is taken for granted of a subject, and what it may be found to be; reckoned.
+
+    skin_m            by which skin lets a marker move against its segment, standard deviation: however long a subject
+                      is watched, its markers are no surer than this
+    max_own           own offsets stay within so many deviations of the marker set's own spread, so that a wrong name
+                      cannot drag one along
+    min_noise_px      the blobs' noise is never taken to be less: a few frames may look better than cameras are
+    max_noise_px      nor more: beyond it names are wrong, not blobs
+    reference_rate    frames a second for which movement from frame to frame is stated elsewhere
+    min_pace          movement a frame, as a share of that at the reference rate, is never taken to be less: what the
+                      prediction misses does not shrink with the time between frames
+    max_pace          nor more: beyond it the anchor would hold nothing
+    """
+
+    skin_m: float = 0.006
+    max_own: float = 3.0
+    min_noise_px: float = 0.25
+    max_noise_px: float = 3.0
+    reference_rate: float = 60.0
+    min_pace: float = 0.6
+    max_pace: float = 4.0
+
+
+SUBJECT = SubjectOptions()
+
+
+class Clock:
+    """Adds up how long each stage of the labelling took, in seconds: `with clock("fit"): ...`."""
+
+    def __init__(self):
+        self.seconds = dict.fromkeys(TIMED_STAGES, 0.0)
+
+    @contextmanager
+    def __call__(self, stage: str):
+        """A context whose seconds count for `stage`, one of TIMED_STAGES."""
+        begin = perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[stage] += perf_counter() - begin
+
+    def take(self) -> dict[str, float]:
+        """The seconds since the last call."""
+        taken = self.seconds
+        self.seconds = dict.fromkeys(TIMED_STAGES, 0.0)
+        return taken
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +105,7 @@ class Setup:
         `rate` is frames a second.
         """
         model = BodyModel(markerset)
-        body = occlusion or CapsuleOcclusion(markerset, SHRINK)
+        body = occlusion or CapsuleOcclusion(markerset, OCCLUDING.fitted_shrink)
         return cls(
             cameras,
             Sight(cameras),
@@ -71,8 +121,8 @@ class Setup:
 
     @property
     def pace(self) -> float:
-        """How much farther than at 60 frames a second the subject moves in a frame."""
-        return float(np.clip(60 / self.rate, 0.6, 4))
+        """How much farther than at the reference rate the subject moves in a frame."""
+        return float(np.clip(SUBJECT.reference_rate / self.rate, SUBJECT.min_pace, SUBJECT.max_pace))
 
     def visible(self, scale: np.ndarray, posed: Posed) -> np.ndarray:
         """Which markers of posed bodies of scale (B, 3) each camera can see (B, C, M): virtual occlusion."""
@@ -122,8 +172,7 @@ def refit(view: View, naming: Naming, subject: Subject, setup: Setup, steps: int
 def learn_own(points: np.ndarray, subject: Subject, posed: Posed, setup: Setup, rate: float) -> Subject:
     """Moves the subject's own offsets towards the markers found in space (M, 3) m, NaN where not found.
 
-    `posed` is the subject's body, `rate` the share of the remaining error that is taken over. An offset stays within
-    three deviations of the marker set's own spread, so that a wrong name cannot drag it along.
+    `posed` is the subject's body, `rate` the share of the remaining error that is taken over.
     """
     bodies = subject.bodies
     known = np.isfinite(points[:, 0])
@@ -131,10 +180,10 @@ def learn_own(points: np.ndarray, subject: Subject, posed: Posed, setup: Setup, 
     error = np.where(known[:, None], points - posed.markers[0], 0)
     local = (turn.swapaxes(-1, -2) @ error[..., None])[..., 0] / bodies.scale[0]
     own = bodies.own[0] + rate * local
-    most = 3 * setup.marker_sd[:, None]
+    most = SUBJECT.max_own * setup.marker_sd[:, None]
     length = np.sqrt((own**2).sum(axis=1, keepdims=True))
     own = own * np.minimum(1, most / np.maximum(length, 1e-9))
-    own_sd = np.where(known, np.maximum((1 - rate) * subject.own_sd, SKIN), subject.own_sd)
+    own_sd = np.where(known, np.maximum((1 - rate) * subject.own_sd, SUBJECT.skin_m), subject.own_sd)
     return replace(subject, bodies=replace(bodies, own=own[None]), own_sd=own_sd)
 
 
@@ -156,4 +205,4 @@ def learn_noise(naming: Naming, subject: Subject, setup: Setup, rate: float) -> 
     if not np.isfinite(measured):
         return subject
     pixel = (1 - rate) * subject.pixel + rate * measured
-    return replace(subject, pixel=float(np.clip(pixel, LEAST_NOISE, MOST_NOISE)))
+    return replace(subject, pixel=float(np.clip(pixel, SUBJECT.min_noise_px, SUBJECT.max_noise_px)))

@@ -9,20 +9,38 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..geometry.rigid import pairwise_distances
 from .fit import State, fit_body
 from .labelling import Naming
 from .subject import Setup, Subject, refit, slots_pull
 from .views import View
 
-STRANGER = 12.0  # squared deviations (three of them) beyond which two blobs that meet are somebody else's
-NEIGHBOURS = 0.12  # m between markers that may have changed names
-STEPS = 4
-FITTED = 10  # exchanges that are worth a whole fit
-CERTAIN = 5.0  # squared deviations that an exchange must gain before a track is doubted
-ROOM = 1.25  # how much wider than the recorded people's a new subject's placement of markers is taken to be
+
+@dataclass(frozen=True)
+class SwapOptions:
+    """When names are thought over; all values are reckoned.
+
+    max_unexpected    squared deviations, of three of them, beyond which two blobs that meet are not the marker's: one
+                      marker in 135 is farther off
+    layout_room       how much wider than over the recorded people a new subject's marker layout is taken to vary
+    max_neighbour_m   between markers that may have changed names: a hand's or a foot's length at most
+    fit_steps         iterations of a whole fit, from a fit that is near
+    max_fits          exchanges, those that promise most, that are worth a whole fit
+    min_gain          squared deviations that an exchange must gain before a track is doubted: twelve times as likely
+    """
+
+    max_unexpected: float = 12.0
+    layout_room: float = 1.25
+    max_neighbour_m: float = 0.12
+    fit_steps: int = 4
+    max_fits: int = 10
+    min_gain: float = 5.0
 
 
-def withdraw_strangers_to_body(naming: Naming, state: State, subject: Subject, setup: Setup):
+SWAPS = SwapOptions()
+
+
+def withdraw_unexpected(naming: Naming, state: State, subject: Subject, setup: Setup, options: SwapOptions = SWAPS):
     """Takes back the names of markers that only two cameras gave and that the rest of the body would not have expected.
 
     `state` is the fit to all names of a subject without offsets of its own. What the body would say without a marker
@@ -33,12 +51,12 @@ def withdraw_strangers_to_body(naming: Naming, state: State, subject: Subject, s
     doubtful = np.isfinite(points[:, 0]) & ((naming.rays >= 0).sum(axis=0) == 2)
     if not doubtful.any():
         return
-    noise = ((ROOM * subject.own_sd) ** 2 + setup.rules.slack**2)[:, None, None] * np.eye(3)
+    noise = ((options.layout_room * subject.own_sd) ** 2 + setup.rules.slack_m**2)[:, None, None] * np.eye(3)
     spread = state.covariance()[0]
     rest = noise - np.minimum(1, 0.9 * noise[:, :1, :1] / np.einsum("mii->m", spread)[:, None, None]) * spread
     residual = np.where(doubtful[:, None], points - state.posed.markers[0], 0)
     square = np.einsum("mi,mi->m", residual, np.linalg.solve(rest, residual[..., None])[..., 0])
-    camera, marker = np.nonzero((naming.slot >= 0) & (doubtful & (square > STRANGER))[None])
+    camera, marker = np.nonzero((naming.slot >= 0) & (doubtful & (square > options.max_unexpected))[None])
     if len(camera):
         naming.withdraw(camera, marker)
 
@@ -64,7 +82,7 @@ def try_swaps(view: View, naming: Naming, subject: Subject, state: State, setup:
     orders = _orders(naming, state, setup)
     if not len(orders):
         return Swaps(orders, np.zeros(0))
-    worth = np.argsort(_first_steps(view, naming, subject, state, setup, prior, orders))[:FITTED]
+    worth = np.argsort(_first_steps(view, naming, subject, state, setup, prior, orders))[: SWAPS.max_fits]
     return Swaps(orders[worth], _losses(view, naming, subject, setup, prior, orders[worth]))
 
 
@@ -74,7 +92,7 @@ def _losses(view, naming, subject, setup, prior, orders: np.ndarray) -> np.ndarr
     slots = _exchanged_slots(naming, np.concatenate([identity, orders]))
     bodies = subject.bodies.pick(np.zeros(len(slots), dtype=int))
     pull = slots_pull(view, slots, naming.frame.metres, subject.own_sd, setup)
-    fit = fit_body(setup.model, bodies, pull, STEPS, prior)
+    fit = fit_body(setup.model, bodies, pull, SWAPS.fit_steps, prior)
     return fit.cost[1:] - fit.cost[0]
 
 
@@ -119,27 +137,28 @@ def swap_names(naming: Naming, order: np.ndarray):
 
 def exchanged(view: View, naming: Naming, subject: Subject, setup: Setup) -> list[tuple[int, ...]]:
     """Exchanges that would put one frame's names right, the best first, whatever the frames before it said."""
-    fresh, state = refit(view, naming, without_own(subject, setup), setup, STEPS, setup.prior)
+    fresh, state = refit(view, naming, without_own(subject, setup), setup, SWAPS.fit_steps, setup.prior)
     swaps = try_swaps(view, naming, fresh, state, setup, setup.prior)
     order = np.argsort(swaps.loss)
-    return [tuple(map(int, swaps.orders[index])) for index in order if swaps.loss[index] < -CERTAIN]
+    return [tuple(map(int, swaps.orders[index])) for index in order if swaps.loss[index] < -SWAPS.min_gain]
 
 
 def exchange_loss(view: View, naming: Naming, subject: Subject, setup: Setup, order: tuple[int, ...]) -> float:
     """How much worse one frame's body would be for an exchange, whatever the frames before it said."""
-    fresh, _ = refit(view, naming, without_own(subject, setup), setup, STEPS, setup.prior)
+    fresh, _ = refit(view, naming, without_own(subject, setup), setup, SWAPS.fit_steps, setup.prior)
     return float(_losses(view, naming, fresh, setup, setup.prior, np.array([order]))[0])
 
 
 def _neighbours(naming: Naming, state: State) -> np.ndarray:
     """(B, 2) pairs of markers of which at least one is named and that are near enough to be taken for each other."""
     points = np.where(np.isfinite(naming.meeting.points), naming.meeting.points, state.posed.markers[0])
-    apart = np.linalg.norm(points[:, None] - points[None], axis=-1)
     named = (naming.slot >= 0).any(axis=0)
-    return np.argwhere(np.triu((apart < NEIGHBOURS) & (named[:, None] | named[None]), 1))
+    return np.argwhere(
+        np.triu((pairwise_distances(points) < SWAPS.max_neighbour_m) & (named[:, None] | named[None]), 1)
+    )
 
 
 def without_own(subject: Subject, setup: Setup) -> Subject:
-    """The subject as if nothing were known of where it wears its markers."""
+    """The subject as if nothing were known of its own marker layout."""
     bodies = replace(subject.bodies, own=np.zeros_like(subject.bodies.own))
     return replace(subject, bodies=bodies, own_sd=setup.marker_sd * float(bodies.scale.mean()))

@@ -11,32 +11,74 @@ from .labelling import Expectation, Naming
 from .subject import Setup, Subject, expect, learn_noise, learn_own, name, refit
 from .views import View
 
-# Standard deviations of a frame's change against the prediction, at 60 frames a second.
-TRANSLATION, TURN, STRETCH, BEND, SHAPE = 0.03, 0.10, 0.002, 0.20, 0.05
-SURPRISE = 0.010  # m a marker may be off its prediction, standard deviation; it grows while the marker is not seen
-STRANGE = 8  # frames unseen that a track's first forecast counts as: nothing is known of its velocity
-FADING = 0.9  # share of a marker's lag that is left a frame after it was seen
-GROWTH = 0.004
-MOST_SURPRISE = 0.06
-OWN_RATE = 0.15
-NOISE_RATE = 0.05
-KEEP = 0.85  # share of the velocity carried on when predicting
-FEWEST = 0.35  # share of the markers that should be seen and are named, below which a frame is poor
+
+@dataclass(frozen=True)
+class AnchorOptions:
+    """Standard deviations of what a frame's body is off its prediction at `SUBJECT.reference_rate`; reckoned.
+
+    translation_m  of the root, and
+    turn_rad       its turn: what acceleration and braking add to the last velocity in a sixtieth of a second
+    stretch_m      of the scale: a size does not change, it is only known better
+    bend_rad       of every joint: hands and feet turn fastest
+    shape          in the modes' own standard deviations: known better, as the size
+    """
+
+    translation_m: float = 0.03
+    turn_rad: float = 0.10
+    stretch_m: float = 0.002
+    bend_rad: float = 0.20
+    shape: float = 0.05
+
+
+@dataclass(frozen=True)
+class TrackOptions:
+    """How a subject is followed; reckoned.
+
+    velocity_kept      share of the velocity that is carried on when predicting: limbs swing, so that they slow down
+    velocity_rate      share of a frame's change that the velocity takes over, as each frame's change has its noise
+    marker_sd_m        a marker may be off its prediction, standard deviation, and
+    marker_growth_m    it grows by this with every frame in which the marker is not seen
+    max_marker_sd_m    up to this: beyond it a neighbour's blobs would do
+    unseen_at_first    frames unseen that a track's first forecast counts as: nothing is known of its velocity
+    lag_kept           share of a marker's lag that is left a frame after it was seen
+    own_rate           share of what a marker is off that the subject's own offset takes over in a frame
+    noise_rate         share of the noise that a frame shows which is taken over: the memory is of twenty frames
+    fit_steps          iterations of a frame's fit, which starts from the prediction
+    min_named_share    of the markers that should be seen; below it the subject is lost
+    min_due            markers that should be seen are never taken to be fewer
+    """
+
+    velocity_kept: float = 0.85
+    velocity_rate: float = 0.5
+    marker_sd_m: float = 0.010
+    marker_growth_m: float = 0.004
+    max_marker_sd_m: float = 0.06
+    unseen_at_first: int = 8
+    lag_kept: float = 0.9
+    own_rate: float = 0.15
+    noise_rate: float = 0.05
+    fit_steps: int = 2
+    min_named_share: float = 0.35
+    min_due: int = 4
+
+
+ANCHORING = AnchorOptions()
+TRACKING = TrackOptions()
 
 
 class Anchor:
     """The prior of a tracked frame: the marker set's own, and that the body moved no farther than bodies move."""
 
-    def __init__(self, prior, predicted: Bodies, slack: float):
+    def __init__(self, prior, predicted: Bodies, slack: float, options: AnchorOptions = ANCHORING):
         self.prior, self.predicted = prior, predicted
         joints, modes = predicted.bends.shape[1], predicted.shape.shape[1]
         deviation = np.concatenate(
             [
-                np.full(3, TRANSLATION * slack),
-                np.full(3, TURN * slack),
-                np.full(3, STRETCH),
-                np.full(3 * (joints - 1), BEND * slack),
-                np.full(modes, SHAPE),
+                np.full(3, options.translation_m * slack),
+                np.full(3, options.turn_rad * slack),
+                np.full(3, options.stretch_m),
+                np.full(3 * (joints - 1), options.bend_rad * slack),
+                np.full(modes, options.shape),
             ]
         )
         self.weight = deviation**-2
@@ -89,15 +131,16 @@ class Track:
         points (M, 3) m are its markers, visible (C, M) says which of them each camera could see.
         """
         lag = np.nan_to_num(points - model.pose(subject.bodies).markers[0])
-        return cls(subject, np.zeros((1, model.parameters)), lag, np.full(model.marker_count, STRANGE), visible)
+        unseen = np.full(model.marker_count, TRACKING.unseen_at_first)
+        return cls(subject, np.zeros((1, model.parameters)), lag, unseen, visible)
 
     def doubting(self, markers: np.ndarray, setup: Setup) -> "Track":
-        """The track with all forgotten that it learned of some markers under each other's names."""
+        """The track without what it learned of some markers under each other's names."""
         own, own_sd = self.subject.bodies.own.copy(), self.subject.own_sd.copy()
         own[:, markers] = 0
         own_sd[markers] = setup.marker_sd[markers] * float(self.subject.bodies.scale.mean())
         lag, unseen = self.lag.copy(), self.unseen.copy()
-        lag[markers], unseen[markers] = 0, STRANGE
+        lag[markers], unseen[markers] = 0, TRACKING.unseen_at_first
         subject = replace(self.subject, bodies=replace(self.subject.bodies, own=own), own_sd=own_sd)
         return replace(self, subject=subject, lag=lag, unseen=unseen)
 
@@ -118,14 +161,14 @@ class Followed:
 
 def follow(track: Track, view: View, setup: Setup) -> Followed:
     """Names one frame, given the track up to the frame before."""
-    predicted = replace(track.subject, bodies=track.subject.bodies.moved(KEEP * track.velocity))
+    predicted = replace(track.subject, bodies=track.subject.bodies.moved(TRACKING.velocity_kept * track.velocity))
     prior = Anchor(setup.prior, predicted.bodies, setup.pace)
     with setup.clock("label"):
         naming = name(view, _forecast(predicted, track, setup), predicted, setup, step1_only=True)
     with setup.clock("fit"):
-        subject, state = refit(view, naming, predicted, setup, 2, prior)
+        subject, state = refit(view, naming, predicted, setup, TRACKING.fit_steps, prior)
         expected = expect(subject, state, setup)
-        expected = replace(expected, points=expected.points + FADING * track.lag)
+        expected = replace(expected, points=expected.points + TRACKING.lag_kept * track.lag)
     with setup.clock("label"):
         naming = name(view, expected, subject, setup)
     return Followed(_advanced(track, subject, state.posed, naming, expected, setup), naming, expected)
@@ -134,23 +177,31 @@ def follow(track: Track, view: View, setup: Setup) -> Followed:
 def _forecast(predicted: Subject, track: Track, setup: Setup) -> Expectation:
     """Where the markers should be before the frame is looked at."""
     posed = setup.model.pose(predicted.bodies)
-    deviation = np.minimum(SURPRISE * setup.pace + GROWTH * track.unseen, MOST_SURPRISE)
+    deviation = TRACKING.marker_sd_m * setup.pace + TRACKING.marker_growth_m * track.unseen
+    deviation = np.minimum(deviation, TRACKING.max_marker_sd_m)
     spread = (deviation**2)[:, None, None] * np.eye(3)
     return Expectation(posed.markers[0] + track.lag, spread, track.visible)
 
 
 def _advanced(
-    track: Track, subject: Subject, posed: Posed, naming: Naming, expected: Expectation, setup: Setup
+    track: Track,
+    subject: Subject,
+    posed: Posed,
+    naming: Naming,
+    expected: Expectation,
+    setup: Setup,
+    options: TrackOptions = TRACKING,
 ) -> Track:
     change = difference(subject.bodies, track.subject.bodies)
     change[:, 6:PLACEMENT] = 0
-    velocity = 0.5 * track.velocity + 0.5 * change
+    velocity = (1 - options.velocity_rate) * track.velocity + options.velocity_rate * change
     named = (naming.slot >= 0).any(axis=0).sum()
-    due = max(expected.visible.any(axis=0).sum(), 4)
-    poor = bool(named < FEWEST * due)
+    due = max(expected.visible.any(axis=0).sum(), options.min_due)
+    poor = bool(named < options.min_named_share * due)
     points = naming.meeting.points
     seen = np.isfinite(points[:, 0])
     unseen = np.where(seen, 0, track.unseen + 1)
-    subject = learn_own(points, learn_noise(naming, subject, setup, NOISE_RATE), posed, setup, OWN_RATE)
-    lag = np.where(seen[:, None], (1 - OWN_RATE) * (points - posed.markers[0]), FADING * track.lag)
+    subject = learn_noise(naming, subject, setup, options.noise_rate)
+    subject = learn_own(points, subject, posed, setup, options.own_rate)
+    lag = np.where(seen[:, None], (1 - options.own_rate) * (points - posed.markers[0]), options.lag_kept * track.lag)
     return Track(subject, velocity, lag, unseen, expected.visible, poor)

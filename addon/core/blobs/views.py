@@ -10,9 +10,24 @@ from ..data.errors import JobError
 from ..data.takes import Blobs
 from ..geometry.cameras import Cameras
 
-MOST_BLOBS = 500  # of one camera in one frame; more is a broken threshold, not a capture
 NOWHERE = 1e6  # where padding lies in the normalised image: too far to be anybody's nearest
-NEAREST = 0.05  # m in front of a camera; nearer points are as good as behind it
+
+
+@dataclass(frozen=True)
+class ViewOptions:
+    """What a camera may see; reckoned.
+
+    max_blobs    of one camera in one frame; more is a broken threshold, not a capture, and would fill the memory
+    min_depth_m  points that are nearer to a camera are as good as behind it
+    edge_points  on each edge of a sensor, whose directions say how far it sees
+    """
+
+    max_blobs: int = 500
+    min_depth_m: float = 0.05
+    edge_points: int = 9
+
+
+VIEWING = ViewOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +62,7 @@ class View:
 def split_views(blobs: Blobs, cameras: Cameras) -> list[View]:
     """One `View` for each of the chunk's frames.
 
-    Raises JobError when a camera has more than MOST_BLOBS blobs in one frame.
+    Raises JobError when a camera has more than `VIEWING.max_blobs` blobs in one frame.
     """
     image = cameras.undistort(blobs.xy, blobs.camera)
     usable = np.isfinite(image).all(axis=1)
@@ -80,10 +95,10 @@ def _view(image, rows, camera, slot, shape) -> View:
 
 def _refuse_floods(counts: np.ndarray, frames: np.ndarray, cameras: Cameras):
     flood = int(np.argmax(counts)) if len(counts) else 0
-    if len(counts) and counts[flood] > MOST_BLOBS:
+    if len(counts) and counts[flood] > VIEWING.max_blobs:
         frame, camera = frames[flood // len(cameras)], cameras.names[flood % len(cameras)]
         raise JobError(
-            f"frame {frame} has {counts[flood]} blobs in camera {camera}; expected at most {MOST_BLOBS}, "
+            f"frame {frame} has {counts[flood]} blobs in camera {camera}; expected at most {VIEWING.max_blobs}, "
             "so raise that camera's threshold or mask its reflections"
         )
 
@@ -111,22 +126,22 @@ class Sight:
     def image(self, local: np.ndarray) -> np.ndarray:
         """(..., 2) normalised image of points in camera axes (..., 3); NOWHERE's twin where behind."""
         depth = local[..., 2:]
-        return np.where(depth > NEAREST, local[..., :2], -NOWHERE) / np.maximum(depth, NEAREST)
+        return np.where(depth > VIEWING.min_depth_m, local[..., :2], -NOWHERE) / np.maximum(depth, VIEWING.min_depth_m)
 
     def derivatives(self, local: np.ndarray, image: np.ndarray) -> np.ndarray:
         """(B, C, M, 2, 3) d image / d point."""
-        inverse = 1 / np.maximum(local[..., 2], NEAREST)
+        inverse = 1 / np.maximum(local[..., 2], VIEWING.min_depth_m)
         rows = self.rotation[None, :, None, :2] - image[..., None] * self.rotation[None, :, None, 2:]
         return rows * inverse[..., None, None]
 
     def looked_at(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Image (B, M, C, 2), its derivative by the point (B, M, C, 2, 3) and depth (B, M, C) m of points (B, M, 3).
 
-        Marker by marker and in one piece, for sums over cameras; points behind a camera get nonsense.
+        Marker by marker and in one array, for sums over cameras; points behind a camera get nonsense.
         """
         shape = (*points.shape[:2], self.count, 3)
         local = (points.reshape(-1, 3) @ self.all_turned + self.all_translated).reshape(shape)
-        depth = np.maximum(local[..., 2], NEAREST)
+        depth = np.maximum(local[..., 2], VIEWING.min_depth_m)
         inverse = (1 / depth)[..., None]
         image = local[..., :2] * inverse
         slope = (self.across - image[..., None] * self.ahead) * inverse[..., None]
@@ -143,7 +158,7 @@ def _corners(cameras: Cameras) -> tuple[np.ndarray, np.ndarray]:
 
     Where the lens does not reach an edge, it is as far as the lens reaches.
     """
-    along = np.linspace(0, 1, 9)
+    along = np.linspace(0, 1, VIEWING.edge_points)
     edge = np.concatenate([np.stack([along, along * 0], 1), np.stack([along, along * 0 + 1], 1)])
     edge = np.concatenate([edge, edge[:, ::-1]])
     pixels = edge[None] * cameras.size[:, None]

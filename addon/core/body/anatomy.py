@@ -7,7 +7,7 @@ name and .L and .R behind a segment's, which is how Blender finds the other side
 
 from dataclasses import dataclass
 
-SIDES = ("L", "R")
+BODY_SIDES = ("L", "R")
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ def other_side(name: str) -> str:
     """The mirrored name of a marker, a joint centre or a segment; names without a side are their own."""
     if name.endswith((".L", ".R")):
         return name[:-1] + ("R" if name[-1] == "L" else "L")
-    if name in UNPAIRED or name[:1] not in SIDES:
+    if name in UNPAIRED or name[:1] not in BODY_SIDES:
         return name
     return ("R" if name[0] == "L" else "L") + name[1:]
 
@@ -77,7 +77,7 @@ def _arm(side: str) -> tuple[SegmentSite, ...]:
     return (
         SegmentSite(f"upper_arm.{side}", "thorax", (f"{side}CLO",)),
         SegmentSite(f"forearm.{side}", f"upper_arm.{side}", (f"{side}HUO",)),
-        # One marker cannot tell where the hand turns: the wrist is held half-way between its two markers.
+        # One marker does not show how the hand turns: the wrist is held half-way between its two markers.
         SegmentSite(f"hand.{side}", f"forearm.{side}", mix=((f"{side}WRA", 0.5), (f"{side}WRB", 0.5)), sd=0.003),
     )
 
@@ -209,7 +209,7 @@ _LEG_ALIASES = (
     *((f"{word}_toe", f"{side}TOE") for side, word in _SIDE_WORDS),
     *((f"{word}_met", f"{side}TOE") for side, word in _SIDE_WORDS),
 )
-_BODY_ALIASES = tuple((f"{side}FWT", f"{side}ASI") for side in SIDES)
+_BODY_ALIASES = tuple((f"{side}FWT", f"{side}ASI") for side in BODY_SIDES)
 
 SETS = {
     site.name: site
@@ -239,7 +239,7 @@ SETS = {
                 "RFRM RWRA RWRB RFIN LASI RASI LPSI RPSI LTHI LKNE LTIB LANK LHEE LTOE RTHI RKNE RTIB RANK RHEE "
                 "RTOE"
             ),
-            (*_BODY_ALIASES, *((f"{side}BWT", f"{side}PSI") for side in SIDES)),
+            (*_BODY_ALIASES, *((f"{side}BWT", f"{side}PSI") for side in BODY_SIDES)),
             whole_body=True,
         ),
     )

@@ -5,6 +5,7 @@ The paper's nine parameters (equation 6) are this body with its joints and shape
 fit with more columns. All functions work on a batch of B bodies of one marker set.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from ..data.markersets import MarkerSet
 from ..geometry import rotations
 
-PLACEMENT = 9
+PLACEMENT = 9  # parameters of a placement, which come first
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +37,11 @@ class Bodies:
 
     def __len__(self) -> int:
         return len(self.translation)
+
+    @classmethod
+    def join(cls, parts: Sequence["Bodies"]) -> "Bodies":
+        """Several batches as one."""
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in cls.__dataclass_fields__))
 
     def pick(self, index) -> "Bodies":
         """The bodies at `index` (anything NumPy takes as an index of the first axis that keeps it)."""

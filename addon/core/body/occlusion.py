@@ -5,21 +5,37 @@ A marker is hidden when the straight line from it to the camera's centre passes 
 capsules in closed form; another volume (a mesh in a scene) answers the same question behind the same `Occlusion`.
 """
 
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from ..data.markersets import MarkerSet
 
-# How far a marker's centre stands off the skin that carries it, heights: the radius of a 14 mm marker and its base.
-STANDOFF = 0.005
-# Of the body while it is fitted: a marker that is believed hidden can take no part in the fit.
-SHRINK = 0.9
-# Nearer to a capsule's axis than this part of its radius, nobody can tell on which side of the body a marker sits.
-SIDE_UNKNOWN = 0.25
-# Rays against capsules that are worked on at once: enough to keep NumPy busy, few enough for the processor's cache.
-BLOCK = 60_000
-TINY = 1e-12
+TINIEST = 1e-12  # m²: what is divided by is never less
+
+
+@dataclass(frozen=True)
+class OcclusionOptions:
+    """How a body hides markers; reckoned.
+
+    standoff        heights, how far a marker's centre is off the skin that carries it: the radius of a 14 mm marker and
+                    its base
+    min_side_share  nearer to a capsule's axis than this part of its radius, nobody knows on which side of the body a
+                    marker sits
+    fitted_shrink   of the radii of a body that is being fitted: a marker that is believed hidden can take no part in
+                    the fit
+    rays_once       rays against capsules that are worked on at once: enough to keep NumPy busy, few enough for the
+                    processor's cache
+    """
+
+    standoff: float = 0.005
+    min_side_share: float = 0.25
+    fitted_shrink: float = 0.9
+    rays_once: int = 60_000
+
+
+OCCLUDING = OcclusionOptions()
 
 
 class Occlusion(Protocol):
@@ -59,12 +75,12 @@ class CapsuleOcclusion:
     ) -> np.ndarray:
         """See `Occlusion.hidden`."""
         bodies, cameras, count = len(markers), len(centres), markers.shape[1]
-        block = max(1, BLOCK // max(1, cameras * count * len(self._segment)))
+        block = max(1, OCCLUDING.rays_once // max(1, cameras * count * len(self._segment)))
         found = np.empty((bodies, cameras, count), dtype=bool)
         for first in range(0, bodies, block):
             part = slice(first, first + block)
             start, axis, radius = self._posed(rotations[part], joints[part], scale[part])
-            standoff = STANDOFF * scale[part].mean(axis=1)
+            standoff = OCCLUDING.standoff * scale[part].mean(axis=1)
             found[part] = capsules_hide(start, axis, radius, markers[part], centres, standoff)
         return found
 
@@ -94,7 +110,7 @@ def capsules_hide(
     # Distances come out of differences of squares, so nothing may be far from the origin.
     origin = start[:, :1]
     starts, points, eyes = start - origin, markers - origin, centres[None] - origin
-    length2 = np.maximum(np.einsum("bkx,bkx->bk", axis, axis), TINY)
+    length2 = np.maximum(np.einsum("bkx,bkx->bk", axis, axis), TINIEST)
     points, side_known = _pushed_out(starts, axis, length2, radius, points, standoff)
     distance2 = segment_distance2(starts, axis, length2, points, eyes)
     inside = distance2 < (radius * radius)[:, None, None, :]
@@ -109,8 +125,8 @@ def _pushed_out(starts, axis, length2, radius, points, standoff) -> tuple[np.nda
     outward = from_start - along[..., None] * axis[:, None]
     distance = np.sqrt(np.einsum("bmkx,bmkx->bmk", outward, outward))
     missing = np.maximum((radius + standoff[:, None])[:, None] - distance, 0.0)
-    pushed = points[:, :, None] + outward * (missing / np.maximum(distance, TINY))[..., None]
-    return pushed, distance > SIDE_UNKNOWN * radius[:, None]
+    pushed = points[:, :, None] + outward * (missing / np.maximum(distance, TINIEST))[..., None]
+    return pushed, distance > OCCLUDING.min_side_share * radius[:, None]
 
 
 def segment_distance2(starts, axis, length2, points, eyes) -> np.ndarray:
@@ -133,11 +149,11 @@ def segment_distance2(starts, axis, length2, points, eyes) -> np.ndarray:
     gap2 = point2 - 2 * point_start + start2
     gap_axis = point_axis - start_axis
     axis2 = length2[:, None, None]
-    ray2 = np.maximum(eye2 - 2 * eye_point + point2, TINY)
+    ray2 = np.maximum(eye2 - 2 * eye_point + point2, TINIEST)
     ray_gap = eye_point - eye_start - point2 + point_start
     ray_axis = eye_axis - point_axis
 
-    cross = np.maximum(ray2 * axis2 - ray_axis * ray_axis, TINY * TINY)
+    cross = np.maximum(ray2 * axis2 - ray_axis * ray_axis, TINIEST * TINIEST)
     on_ray = np.minimum(np.maximum((ray_axis * gap_axis - ray_gap * axis2) / cross, 0.0), 1.0)
     on_axis = np.minimum(np.maximum((ray_axis * on_ray + gap_axis) / axis2, 0.0), 1.0)
     on_ray = np.minimum(np.maximum((ray_axis * on_axis - ray_gap) / ray2, 0.0), 1.0)

@@ -5,7 +5,7 @@ Used to put the body in the way of a recorded take, and to learn marker sets.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,21 +13,64 @@ from ..blobs.cost import Pull
 from ..blobs.fit import fit_body
 from ..data.markersets import MarkerSet
 from ..geometry import rotations
+from ..geometry.rigid import best_turns
 from .bodies import PLACEMENT, Bodies, BodyModel
 from .prior import Prior
 
-NOISE = 0.01  # m, how far a marker sits from where a well fitted body carries it: skin moves
-REACH = 0.2  # m; farther off than this a point pulls less and less, it may be labelled wrongly
-FEWEST = 4  # markers; a frame with fewer has no pose
-SUBJECT_FRAMES = 40  # enough to tell one subject's size and shape
-KEY_STRIDE = 8  # frames; those in between start from their neighbours' poses
-POOR = 3.0  # times the median cost; a frame that is posed worse than this is tried again
-KEY_STEPS, STEPS, AGAIN_STEPS = 15, 4, 12  # of the fit: of key frames, of all, of those that are tried again
-# What posing takes, in frames times steps: the subject's shape, as measured; and the part of the frames tried again.
-SUBJECT_WORK, RETRIED = 1500, 0.05
-BATCH = 256  # frames posed at once: large enough for NumPy, small enough for the cache
-HOLD = 1e9  # 1/m², holds a column against any data, yet is not so large that the rest is lost in rounding
-OWN_SD = 0.02  # heights, how far a subject's own markers stray from where the shape puts them
+
+@dataclass(frozen=True)
+class PosingOptions:
+    """How a body is posed on labelled points; reckoned.
+
+    marker_sd_m      how far a marker sits from where a well fitted body carries it: skin moves
+    reach_m          farther off than this a point pulls less and less, it may be labelled wrongly
+    height_sd_m      of a height that was measured
+    own_sd           heights, how far a subject's own markers stray from where the shape puts them
+    min_markers      a frame with fewer has no pose
+    subject_frames   which one subject's size and shape are taken from
+    key_stride       frames; those in between start from their neighbours' poses
+    batch_frames     posed at once: large enough for NumPy, small enough for the cache
+    max_cost_ratio   of a frame's cost to the median; a frame that is posed worse than this is tried again
+    min_size_ratio   of a body's first size to the prior's height: a child on a grown person's marker set
+    max_size_ratio   and a grown person on a child's
+    limb_weight      of a marker in the first alignment, for every joint between it and the root: limbs move
+    hold             1/m², holds a column against any data, yet is not so large that the rest is lost in rounding
+    free_steps       iterations of the frames' own fits, from the first alignment
+    subject_steps    iterations of the fit with shared size and shape
+    own_rounds       of own offsets, each followed by
+    own_steps        iterations of that fit
+    key_steps        iterations of a key frame
+    between_steps    iterations of a frame that starts from its neighbours
+    again_steps      iterations of a frame that is tried again
+    subject_work     what the subject's size and shape take, in frames times steps; measured, for progress only
+    again_share      of the frames, that are tried again; measured, for progress only
+    """
+
+    marker_sd_m: float = 0.01
+    reach_m: float = 0.2
+    height_sd_m: float = 0.03
+    own_sd: float = 0.02
+    min_markers: int = 4
+    subject_frames: int = 40
+    key_stride: int = 8
+    batch_frames: int = 256
+    max_cost_ratio: float = 3.0
+    min_size_ratio: float = 0.6
+    max_size_ratio: float = 1.6
+    limb_weight: float = 0.25
+    hold: float = 1e9
+    free_steps: int = 12
+    subject_steps: int = 8
+    own_rounds: int = 2
+    own_steps: int = 3
+    key_steps: int = 15
+    between_steps: int = 4
+    again_steps: int = 12
+    subject_work: int = 1500
+    again_share: float = 0.05
+
+
+POSING = PosingOptions()
 
 
 def fit_points(
@@ -41,36 +84,37 @@ def fit_points(
     """T bodies of one subject posed on its markers.
 
     points (T, M, 3) m, NaN where missing, in the marker set's order; `height` m, if it was measured. Scale, shape and
-    own offsets are the same in every body. A frame with fewer than four markers gets NaN translation, quaternion and
+    own offsets are the same in every body. A frame with too few markers gets NaN translation, quaternion and
     bends. `progress` is told the share that is done. Raises ValueError when no frame has more.
     """
     seen = np.isfinite(points).all(axis=2)
-    enough = np.flatnonzero(seen.sum(axis=1) >= FEWEST)
+    enough = np.flatnonzero(seen.sum(axis=1) >= POSING.min_markers)
     if not len(enough):
         raise ValueError("no frame has enough markers to pose a body on")
     if prior is None:
-        prior = Prior(model, height=height, height_sd=None if height is None else 0.03)
+        prior = Prior(model, height=height, height_sd=None if height is None else POSING.height_sd_m)
     subject = fit_subject(model, points[_subject_frames(seen, enough)], prior)
     told = _told(progress, len(enough))
     posed = pose_subject(model, subject.pick(slice(0, 1)), points[enough], prior, told)
     return _spread_out(posed, enough, len(points))
 
 
-def fit_subject(model: BodyModel, points: np.ndarray, prior: Prior, steps: int = 8) -> Bodies:
+def fit_subject(model: BodyModel, points: np.ndarray, prior: Prior, steps: int = POSING.subject_steps) -> Bodies:
     """Bodies (T) that share scale, shape and own offsets, on a few frames (T, M, 3) m that all have a pose."""
-    free = fit_body(model, aligned(model, points, prior), point_pull(points), 12, prior).bodies
+    free = fit_body(model, aligned(model, points, prior), point_pull(points), POSING.free_steps, prior).bodies
     bodies = replace(free, scale=_shared(free.scale), shape=_shared(free.shape))
     bodies = descend_subject(model, bodies, points, prior, steps)
-    for _ in range(2):
+    for _ in range(POSING.own_rounds):
         bodies = _with_own(model, bodies, points)
-        bodies = descend_subject(model, bodies, points, prior, 3)
+        bodies = descend_subject(model, bodies, points, prior, POSING.own_steps)
     return bodies
 
 
 def _told(progress: Callable[[float], None] | None, frames: int) -> Callable[[int], None]:
     """A function that is told how many frames went how many steps on, and tells `progress` the share of it all."""
-    whole = SUBJECT_WORK + frames * (KEY_STEPS / KEY_STRIDE + STEPS + RETRIED * 3 * AGAIN_STEPS)
-    done = SUBJECT_WORK
+    again = POSING.again_share * 3 * POSING.again_steps
+    each = POSING.key_steps / POSING.key_stride + POSING.between_steps + again
+    whole, done = POSING.subject_work + frames * each, POSING.subject_work
 
     def told(work: int):
         nonlocal done
@@ -95,11 +139,11 @@ def pose_subject(
     """
     stiff = BodyModel(baked(model, subject))
     held = _Held(Prior(stiff, prior.strength, height=prior.height), slice(6, PLACEMENT))
-    keys = np.unique(np.append(np.arange(0, len(points), KEY_STRIDE), len(points) - 1))
+    keys = np.unique(np.append(np.arange(0, len(points), POSING.key_stride), len(points) - 1))
     start = replace(aligned(stiff, points[keys], prior), scale=np.repeat(subject.scale, len(keys), axis=0))
-    posed = _fit_batches(stiff, start, points[keys], held, KEY_STEPS, told)
+    posed = _fit_batches(stiff, start, points[keys], held, POSING.key_steps, told)
     if len(keys) < len(points):
-        posed = _fit_batches(stiff, _between(posed, keys, len(points)), points, held, STEPS, told)
+        posed = _fit_batches(stiff, _between(posed, keys, len(points)), points, held, POSING.between_steps, told)
         posed = _tried_again(stiff, posed, points, held, told)
     return replace(
         posed,
@@ -109,7 +153,7 @@ def pose_subject(
     )
 
 
-def point_pull(points: np.ndarray, noise: float = NOISE, reach: float = REACH):
+def point_pull(points: np.ndarray, noise: float = POSING.marker_sd_m, reach: float = POSING.reach_m):
     """The data of a fit on labelled points (B, M, 3) m, NaN where missing: Cauchy's loss of the distances."""
     seen = np.isfinite(points).all(axis=2)
     known = np.where(seen[..., None], points, 0.0)
@@ -125,26 +169,24 @@ def point_pull(points: np.ndarray, noise: float = NOISE, reach: float = REACH):
 
 
 def aligned(model: BodyModel, points: np.ndarray, prior: Prior) -> Bodies:
-    """Bodies in the mean pose and shape, laid on points (B, M, 3) m as rigid bodies (Kabsch; Umeyama's size).
+    """Bodies in the mean pose and shape, laid on points (B, M, 3) m as rigid bodies, in Umeyama's size.
 
-    Markers count less the more joints are between them and the root: limbs move, the trunk tells where one faces.
+    Markers count less the more joints are between them and the root: limbs move, the trunk shows where one faces.
     """
     bodies = model.rest(len(points), 1.0)
     bodies.bends[:, 1:] = prior.bend_mean.reshape(-1, 3)
     shape = model.pose(bodies.pick(slice(0, 1))).markers[0]
     depth = np.bincount(model.carried[0], minlength=model.marker_count)
-    weight = np.where(np.isfinite(points).all(axis=2), 4.0**-depth, 0.0)
+    weight = np.where(np.isfinite(points).all(axis=2), POSING.limb_weight**depth, 0.0)
     weight /= weight.sum(axis=1, keepdims=True)
     known = np.where(weight[..., None] > 0, points, 0.0)
     there = np.einsum("bm,bmi->bi", weight, known)
     here = weight @ shape
     outer = np.einsum("bm,bmi,bmj->bij", weight, known - there[:, None], shape - here[:, None])
-    left, values, right = np.linalg.svd(outer)
-    values[:, 2] *= np.sign(np.linalg.det(left @ right))
-    left[:, :, 2] *= np.sign(np.linalg.det(left @ right))[:, None]
-    turn = left @ right
+    turn, values = best_turns(outer)
     variance = np.einsum("bm,bmi,bmi->b", weight, shape - here[:, None], shape - here[:, None])
-    size = np.clip(values.sum(axis=1) / np.maximum(variance, 1e-9), 0.6 * prior.height, 1.6 * prior.height)
+    size = values.sum(axis=1) / np.maximum(variance, 1e-9)
+    size = np.clip(size, POSING.min_size_ratio * prior.height, POSING.max_size_ratio * prior.height)
     vector = rotations.rotation_vector(turn)
     return replace(
         bodies,
@@ -155,7 +197,7 @@ def aligned(model: BodyModel, points: np.ndarray, prior: Prior) -> Bodies:
 
 
 def descend_subject(
-    model: BodyModel, bodies: Bodies, points: np.ndarray, prior: Prior, steps: int, noise: float = NOISE
+    model: BodyModel, bodies: Bodies, points: np.ndarray, prior: Prior, steps: int, noise: float = POSING.marker_sd_m
 ) -> Bodies:
     """Damped Gauss-Newton on all frames' poses and the shared scale and shape at once.
 
@@ -216,14 +258,14 @@ def _with_own(model: BodyModel, bodies: Bodies, points: np.ndarray) -> Bodies:
     turn = posed.rotations[:, model.attachment]
     left = (turn.swapaxes(-1, -2) @ (points - posed.markers)[..., None])[..., 0] / bodies.scale[:, None]
     count = np.isfinite(left[..., 0]).sum(axis=0)[:, None]
-    trust = 1 / (1 + (NOISE / (OWN_SD * bodies.scale.mean())) ** 2)
+    shrinkage = 1 / (1 + (POSING.marker_sd_m / (POSING.own_sd * bodies.scale.mean())) ** 2)
     mean = np.nansum(left, axis=0) / np.maximum(count, 1)
-    return replace(bodies, own=bodies.own + trust * mean)
+    return replace(bodies, own=bodies.own + shrinkage * mean)
 
 
 def _subject_frames(seen: np.ndarray, enough: np.ndarray) -> np.ndarray:
-    """Frames to tell the subject's size and shape by: spread over the take, the fullest of each stretch."""
-    stretches = np.array_split(enough, min(SUBJECT_FRAMES, len(enough)))
+    """Frames to take the subject's size and shape from: spread over the take, the fullest of each stretch."""
+    stretches = np.array_split(enough, min(POSING.subject_frames, len(enough)))
     return np.array([stretch[np.argmax(seen[stretch].sum(axis=1))] for stretch in stretches])
 
 
@@ -249,28 +291,28 @@ class _Held:
         cost, gradient, hessian = self.prior.terms(bodies)
         hessian = hessian.copy()
         held = np.arange(len(hessian))[self.columns]
-        hessian[held, held] += HOLD
+        hessian[held, held] += POSING.hold
         return cost, gradient, hessian
 
 
 def _fit_batches(model: BodyModel, start: Bodies, points: np.ndarray, prior, steps: int, told) -> Bodies:
     parts = []
-    for first in range(0, len(points), BATCH):
-        chosen = slice(first, first + BATCH)
+    for first in range(0, len(points), POSING.batch_frames):
+        chosen = slice(first, first + POSING.batch_frames)
         parts.append(fit_body(model, start.pick(chosen), point_pull(points[chosen]), steps, prior).bodies)
         told(steps * len(points[chosen]))
-    return Bodies(*(np.concatenate([getattr(part, name) for part in parts]) for name in Bodies.__dataclass_fields__))
+    return Bodies.join(parts)
 
 
 def _tried_again(model: BodyModel, posed: Bodies, points: np.ndarray, prior: _Held, told) -> Bodies:
     """The frames that are posed worse than most, once more from where they are and from the frame before and after."""
     cost = point_pull(points)(model.pose(posed).markers).cost
-    poor = np.flatnonzero(cost > POOR * np.median(cost))
+    poor = np.flatnonzero(cost > POSING.max_cost_ratio * np.median(cost))
     for shift in (0, -1, 1):
         if not len(poor):
             break
         start = posed.pick(np.clip(poor + shift, 0, len(points) - 1))
-        again = _fit_batches(model, start, points[poor], prior, AGAIN_STEPS, told)
+        again = _fit_batches(model, start, points[poor], prior, POSING.again_steps, told)
         new = point_pull(points[poor])(model.pose(again).markers).cost
         better = new < cost[poor]
         for name in Bodies.__dataclass_fields__:

@@ -4,13 +4,27 @@
 The fit adds these terms to its squared residuals, so that whatever the data does not carry stays plausible.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ..geometry import rotations
 from .bodies import PLACEMENT, Bodies, BodyModel
 
-BEND_FLOOR = 0.12  # rad; people do what nobody did in the recordings
-STRETCH_SD = 0.03  # how far S along one axis strays from its mean, parts of the height
+
+@dataclass(frozen=True)
+class PriorOptions:
+    """What people may do beyond the recordings that a marker set was learned from; reckoned.
+
+    bend_floor_rad  standard deviation added to that of every bend: people do what nobody did in the recordings
+    stretch_sd      parts of the height by which the scale along one axis strays from the mean of the three
+    """
+
+    bend_floor_rad: float = 0.12
+    stretch_sd: float = 0.03
+
+
+PRIOR = PriorOptions()
 
 
 class Prior:
@@ -31,8 +45,8 @@ class Prior:
         *,
         height: float | None = None,
         height_sd: float | None = None,
-        bend_floor: float = BEND_FLOOR,
-        stretch_sd: float = STRETCH_SD,
+        bend_floor: float = PRIOR.bend_floor_rad,
+        stretch_sd: float = PRIOR.stretch_sd,
         upright_sd: float | None = None,
     ):
         spread = model.markerset.spread

@@ -17,6 +17,11 @@ NO_MARKER = -1
 LARGEST_FRAME = 2**32 - 1
 
 
+def evenly_spread(count: int, most: int) -> np.ndarray:
+    """(N,) the indices of `most` of `count` frames, or of all if there are fewer, from the first to the last."""
+    return np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int))
+
+
 @dataclass(frozen=True, eq=False)
 class Blobs:
     """The blobs of F consecutive frames of a take, N in all, in the order of their file.

@@ -9,9 +9,24 @@ import numpy as np
 from ..data.errors import InputError
 from . import inverse_lens
 
-UNDISTORT_STEPS = 20
-UNDISTORT_TOLERANCE = 1e-13
-START = 0.8  # of a lens' reach, the farthest from the axis that undistorting begins
+
+@dataclass(frozen=True)
+class LensOptions:
+    """How the lens is taken out, in units of the normalised image; reckoned.
+
+    max_steps    of Newton's method, which doubles its digits with every step once it is near
+    tolerance    where the steps end: rounding
+    max_error    with which a point still counts as reached: a millionth of a pixel
+    first_share  of a lens' reach, the farthest from the axis that the steps begin
+    """
+
+    max_steps: int = 20
+    tolerance: float = 1e-13
+    max_error: float = 1e-9
+    first_share: float = 0.8
+
+
+UNDISTORTING = LensOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,13 +193,13 @@ def undistort(image: np.ndarray, lens: np.ndarray, reach: np.ndarray | None = No
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         # From a start below the turning point Newton's steps stay on the branch that light takes.
         radius = np.sqrt(np.einsum("...i,...i->...", image, image))
-        found = image * np.minimum(1.0, START * reach / radius)[..., None]
-        for _ in range(UNDISTORT_STEPS):
+        found = image * np.minimum(1.0, UNDISTORTING.first_share * reach / radius)[..., None]
+        for _ in range(UNDISTORTING.max_steps):
             error = distort(found, lens) - image
-            if np.nanmax(np.abs(error), initial=0.0) < UNDISTORT_TOLERANCE:
+            if np.nanmax(np.abs(error), initial=0.0) < UNDISTORTING.tolerance:
                 break
             found -= _solve2(_distort_jacobian(found, lens), error)
-        reached = np.abs(distort(found, lens) - image).max(axis=-1) < 1e-9
+        reached = np.abs(distort(found, lens) - image).max(axis=-1) < UNDISTORTING.max_error
         reached &= np.einsum("...i,...i->...", found, found) < reach**2
     found[~reached] = np.nan
     return found

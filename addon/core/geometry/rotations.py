@@ -6,9 +6,7 @@ SciPy's `Rotation` costs tens of microseconds a call and works on one axis only;
 
 import numpy as np
 
-SMALL = 1e-8
-
-
+NO_TURN = 1e-8  # rad; below it a series' first terms stand for what would divide by the angle
 CROSS_TABLE = np.array([[0.0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]])
 
 
@@ -24,10 +22,10 @@ def exponential(vector: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     square = np.einsum("...i,...i->...", vector, vector)
     angle = np.sqrt(square)
-    safe = np.where(angle < SMALL, 1.0, angle)
-    first = np.where(angle < SMALL, 1 - square / 6, np.sin(safe) / safe)
-    second = np.where(angle < SMALL, 0.5, (1 - np.cos(safe)) / safe**2)
-    third = np.where(angle < SMALL, 1 / 6, (safe - np.sin(safe)) / safe**3)
+    safe = np.where(angle < NO_TURN, 1.0, angle)
+    first = np.where(angle < NO_TURN, 1 - square / 6, np.sin(safe) / safe)
+    second = np.where(angle < NO_TURN, 0.5, (1 - np.cos(safe)) / safe**2)
+    third = np.where(angle < NO_TURN, 1 / 6, (safe - np.sin(safe)) / safe**3)
     skew = cross_matrix(vector)
     skew2 = skew @ skew
     identity = np.eye(3)
@@ -94,7 +92,7 @@ def turn_between(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     product = np.where(product[..., :1] < 0, -product, product)
     sine = np.sqrt(np.einsum("...i,...i->...", product[..., 1:], product[..., 1:]))[..., None]
     angle = 2 * np.arctan2(sine, product[..., :1])
-    return product[..., 1:] * np.where(sine < SMALL, 2.0, angle / np.where(sine < SMALL, 1.0, sine))
+    return product[..., 1:] * np.where(sine < NO_TURN, 2.0, angle / np.where(sine < NO_TURN, 1.0, sine))
 
 
 def about_z(angle: np.ndarray) -> np.ndarray:

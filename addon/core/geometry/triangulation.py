@@ -7,9 +7,27 @@ import numpy as np
 
 from ..blobs.views import Sight, View
 
-NARROW = 1e5  # rays whose normal equations are worse conditioned than this fix no depth
-RIDGE = 1e-12
-RIDGES = RIDGE * np.eye(3)
+
+@dataclass(frozen=True)
+class MeetingOptions:
+    """How rays meet; reckoned.
+
+    max_condition  rays whose normal equations are worse conditioned than this fix no depth: two that are nearer to
+                   parallel than half a degree
+    ridge          share of the equations' size that keeps parallel rays from a division by nought
+    kept_share     of the points, best first, that the noise of the blobs is taken from: a wrong name or a merged blob
+                   is not noise
+    trimmed_scale  by what leaving out the rest divides a normal deviation
+    """
+
+    max_condition: float = 1e5
+    ridge: float = 1e-12
+    kept_share: float = 0.8
+    trimmed_scale: float = 1.35
+
+
+MEETING = MeetingOptions()
+RIDGES = MEETING.ridge * np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +83,17 @@ def _nearest(across: np.ndarray, anchor: np.ndarray, weight: np.ndarray) -> np.n
     """(M, 3) the points nearest to their weighted rays; NaN where the rays do not fix one."""
     normal = np.einsum("cm,cmij->mij", weight, across)
     right = np.einsum("cm,cmi->mi", weight, anchor)
-    size = np.einsum("mii->m", normal) + RIDGE
+    size = np.einsum("mii->m", normal) + MEETING.ridge
     inverse = np.linalg.inv(normal / size[:, None, None] + RIDGES)
     points = (inverse @ right[..., None])[..., 0] / size[:, None]
-    points[np.einsum("mii->m", inverse) > NARROW] = np.nan
+    points[np.einsum("mii->m", inverse) > MEETING.max_condition] = np.nan
     return points
+
+
+def trimmed_deviation(squares: np.ndarray, freedom: np.ndarray, options: MeetingOptions = MEETING) -> float:
+    """Standard deviation of what rays miss their points by, the worst of the points left out.
+
+    squares (N,) are the sums of squares over the rays of each point, freedom (N,) how many of them are free.
+    """
+    order = np.argsort(squares / freedom)[: int(np.ceil(options.kept_share * len(squares)))]
+    return float(np.sqrt(squares[order].sum() / freedom[order].sum()) * options.trimmed_scale)

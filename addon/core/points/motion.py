@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..body.bodies import Bodies, BodyModel
-from ..body.posing import FEWEST, fit_points
+from ..body.posing import POSING, fit_points
 from ..data.markersets import MarkerSet
 from ..data.takes import LabelledChunk, Labels, Motion, Points
 
@@ -35,7 +35,7 @@ def motion_of(
     xyz[frame, marker] = points[frame, column]
     off[frame, marker] = residual[frame, column]
     model = BodyModel(markerset)
-    if (np.isfinite(xyz[..., 0]).sum(axis=1) >= FEWEST).any():
+    if (np.isfinite(xyz[..., 0]).sum(axis=1) >= POSING.min_markers).any():
         bodies = fit_points(model, xyz, progress=progress)
     else:
         nobody = model.rest(count, 1.0)

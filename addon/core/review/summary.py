@@ -7,7 +7,7 @@ import numpy as np
 
 from ..data.takes import STEPS, LabelledChunk, Suspect
 
-MILLIMETRES = 1000.0
+MM_PER_M = 1000.0
 
 
 class TakeSummary:
@@ -16,7 +16,7 @@ class TakeSummary:
     frames, rows, unlabelled   numbers of them so far; rows are blobs or points, unlabelled those without a name
     lost                       frames in which nobody was found
     steps                      labels given by each step
-    seconds                    time by stage, as the chunks tell it
+    seconds                    time by stage, as the chunks have it
     suspects                   ranges of frames with a reason; those that touch and have the same reason are one
     """
 
@@ -81,7 +81,7 @@ class TakeSummary:
         A gap is a run of frames in which the marker is not in space. Residuals are in mm and px, None where there are
         none; conflicts count the marker's blobs that were in conflict.
         """
-        residual, residual_px = self._residual.values() * MILLIMETRES, self._residual_px.values()
+        residual, residual_px = self._residual.values() * MM_PER_M, self._residual_px.values()
         return {
             name: {
                 "labelled_frames": int(self._present[index]),

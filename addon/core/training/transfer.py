@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..body.bodies import BodyModel
-from ..body.posing import FEWEST, fit_points
+from ..body.posing import POSING, fit_points
 from ..data.markersets import MarkerSet
 
 FRAMES = 120  # of a subject
@@ -98,7 +98,9 @@ def _with_markers(body: MarkerSet, chosen: np.ndarray) -> MarkerSet:
 
 
 def _thinned(points: np.ndarray, here: np.ndarray) -> np.ndarray:
-    good = np.flatnonzero(np.isfinite(points[:, here]).all(axis=2).sum(axis=1) >= max(FEWEST, len(here) / 2))
+    good = np.flatnonzero(
+        np.isfinite(points[:, here]).all(axis=2).sum(axis=1) >= max(POSING.min_markers, len(here) / 2)
+    )
     chosen = np.unique(np.linspace(0, len(good) - 1, min(FRAMES, len(good))).round().astype(int))
     return points[good[chosen]]
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addon.core.blobs.cost import blob_pull, cloud_pull, point_pull, ray_pull
+from addon.core.blobs.cost import blob_pull, cloud_pull, ray_pull
 from addon.core.blobs.views import Sight, split_views
 from addon.core.geometry.cameras import Cameras
 from addon.core.simulation.rigs import paper_rig
@@ -184,15 +184,6 @@ def test_cloud_pull_against_finite_differences(seed):
             step[0, marker, axis] = small
             slope = (pull(markers + step).cost - pull(markers - step).cost) / (2 * small)
             assert 2 * pull(markers).gradient[0, marker, axis] == pytest.approx(slope[0], abs=1e-4)
-
-
-def test_named_points_are_plain_least_squares():
-    markers = np.array([[[0.0, 0, 0], [1, 1, 1], [2, 0, 0]]])
-    targets = np.array([[[0.3, 0, 0], [1, 1, 0.5], [np.nan] * 3]])
-    pull = point_pull(markers, targets, np.array([[0.1, 0.5, 0.1]]))
-    assert pull.cost == pytest.approx([9 + 1])
-    assert pull.gradient[0] == pytest.approx(np.array([[-30, 0, 0], [0, 0, 2], [0, 0, 0]]))
-    assert pull.hessian[0] == pytest.approx(np.array([100, 4, 0])[:, None, None] * np.eye(3))
 
 
 def test_named_rays_by_hand_and_switched_off():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from addon.core.blobs.labelling import (
-    FAR,
+    TOO_FAR,
     Expectation,
     Frame,
     Naming,
@@ -17,7 +17,7 @@ from addon.core.blobs.labelling import (
     name_remaining,
     pixel_noise,
     resolve_conflicts,
-    withdraw_strangers,
+    withdraw_unmet,
 )
 from addon.core.blobs.views import Sight, split_views
 from addon.core.data.takes import CONFLICT, EXCLUSIVE, NO_STEP, REMAINING
@@ -103,8 +103,8 @@ def test_a_marker_without_blob_nearby_is_not_associated():
     naming = Naming.empty(frame)
     identify_visible(frame, naming)
     assert (naming.slot[:, 0] == -1).all() and (naming.slot[:, 1:] >= 0).all()
-    near = frame_of(pixels_of(away), expect_at(MARKERS, 0.5), replace(RULES, reach=0.2))
-    assert (near.misfit[:, 0, 0] < FAR).all()
+    near = frame_of(pixels_of(away), expect_at(MARKERS, 0.5), replace(RULES, max_distance_m=0.2))
+    assert (near.nll[:, 0, 0] < TOO_FAR).all()
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -120,7 +120,7 @@ def test_every_visible_marker_is_exclusive_or_in_conflict_or_not_associated(seed
     naming = Naming.empty(frame)
     claims = identify_visible(frame, naming)
     exclusive, conflicting = naming.step == EXCLUSIVE, claims.any(axis=2)
-    misfit = np.where(visible[..., None], frame.misfit, FAR)
+    misfit = np.where(visible[..., None], frame.nll, TOO_FAR)
     free = ~exclusive & ~conflicting
     assert (
         not (exclusive & conflicting).any() and not (exclusive & ~visible).any() and not (conflicting & ~visible).any()
@@ -129,7 +129,7 @@ def test_every_visible_marker_is_exclusive_or_in_conflict_or_not_associated(seed
     # A visible marker is without association only where every blob in reach is another's or clearly nearer to another.
     best = misfit.min(axis=1)
     for camera, marker in np.argwhere(free & visible):
-        slots = np.flatnonzero(misfit[camera, marker] < FAR)
+        slots = np.flatnonzero(misfit[camera, marker] < TOO_FAR)
         assert all(naming.owner[camera, k] >= 0 or misfit[camera, marker, k] > best[camera, k] for k in slots)
 
 
@@ -181,7 +181,7 @@ def test_conflict_case_two_is_decided_by_the_point_nearest_to_the_model():
     pixels[0] = np.vstack([RIG.project(right)[0], RIG.project(false)[0]])
     pixels[2] = RIG.project(right)[2:3]
     frame = frame_of(pixels, expect_at(point[None], 0.03))
-    assert frame.misfit[0, 0, 1] < frame.misfit[0, 0, 0]  # the model's projection alone would be wrong
+    assert frame.nll[0, 0, 1] < frame.nll[0, 0, 0]  # the model's projection alone would be wrong
     naming = consistent(label(pixels, frame.expected))
     assert naming.slot[:, 0].tolist() == [0, -1, 0, -1]
     assert naming.step[[0, 2], 0].tolist() == [CONFLICT, EXCLUSIVE]
@@ -289,7 +289,7 @@ def test_algorithm_1_by_hand():
     claims = identify_visible(frame, naming)
     assert naming.slot.tolist() == [[-1, 2, -1], [0, -1, -1], [0, -1, -1]]
     assert np.argwhere(claims).tolist() == [[0, 0, 0], [0, 0, 1], [1, 1, 1], [1, 1, 2]]
-    withdraw_strangers(frame, naming)
+    withdraw_unmet(frame, naming)
     resolve_conflicts(frame, naming, claims)
     assert naming.slot.tolist() == [[0, 2, -1], [0, 1, -1], [0, -1, -1]]
     name_remaining(frame, naming)
@@ -347,7 +347,7 @@ def test_two_cameras_that_disagree_lose_both_names():
     naming = Naming.empty(frame)
     identify_visible(frame, naming)
     assert (naming.slot[:2, 0] == 0).all()
-    withdraw_strangers(frame, naming)
+    withdraw_unmet(frame, naming)
     assert (naming.slot == -1).all() and (naming.owner == -1).all()
 
 

@@ -9,9 +9,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from addon.core.blobs.clock import STAGES
 from addon.core.blobs.pipeline import Options, label_take
 from addon.core.blobs.search import Hints
+from addon.core.blobs.subject import TIMED_STAGES
 from addon.core.data.errors import JobError
 from addon.core.data.takes import NO_MARKER, NO_STEP
 from addon.core.simulation.rigs import paper_rig, ring_rig
@@ -135,7 +135,7 @@ def test_every_chunk_is_labelled_when_it_comes():
     for number, labelled in enumerate(label_take(source(), RIG, walk().markerset, RATE), 1):
         assert len(asked) == number
         assert len(labelled.motion.frames) == asked[-1]
-        assert set(labelled.seconds) == set(STAGES) and min(labelled.seconds.values()) >= 0
+        assert set(labelled.seconds) == set(TIMED_STAGES) and min(labelled.seconds.values()) >= 0
 
 
 @pytest.mark.parametrize("size", [1000, 25])

@@ -11,7 +11,6 @@ from addon.core.blobs.cloud import Cloud, build_cloud
 from addon.core.blobs.placement import (
     blob_centre,
     blob_centroids,
-    bounding_box_guess,
     make_starts,
     principal_guess,
     solve_translation,
@@ -20,6 +19,7 @@ from addon.core.blobs.views import Sight, split_views
 from addon.core.body.bodies import BodyModel
 from addon.core.data.errors import JobError
 from addon.core.simulation.rigs import paper_rig, ring_rig
+from tests.core.blobs.paper import bounding_box_guess
 from tests.core.scenes import blobs_at, built_in, stand
 
 RIG = paper_rig()
@@ -125,7 +125,6 @@ def test_facing_up_to_its_opposite_and_height(guess, facing):
     found = guess(*body_cloud(facing))
     assert line_apart(found.facing, facing) < np.radians(10)
     assert found.height == pytest.approx(1.7, rel=0.08)
-    assert found.elongation > 1
 
 
 @pytest.mark.parametrize("guess", [bounding_box_guess, principal_guess], ids=["box", "axes"])
@@ -139,7 +138,7 @@ def test_height_survives_false_crossings(guess, height):
 def test_a_flat_or_tiny_cloud_gives_a_human_height(guess):
     cloud = Cloud(np.random.default_rng(0).normal(0, 0.01, (5, 3)), np.full(5, 3), np.ones(5))
     found = guess(cloud, 1.0)
-    assert 0.9 <= found.height <= 2.2 and np.isfinite([found.facing, found.elongation]).all()
+    assert 0.9 <= found.height <= 2.2 and np.isfinite(found.facing)
 
 
 def test_guesses_from_blobs_are_good_starts_for_most():

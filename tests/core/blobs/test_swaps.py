@@ -10,7 +10,7 @@ import pytest
 from addon.core.blobs.labelling import Frame, Naming
 from addon.core.blobs.search import Hints, find_subject, settle
 from addon.core.blobs.subject import Setup, refit
-from addon.core.blobs.swaps import swap_names, try_swaps, withdraw_strangers_to_body, without_own
+from addon.core.blobs.swaps import swap_names, try_swaps, withdraw_unexpected, without_own
 from addon.core.body.prior import Prior
 from addon.core.data.takes import EXCLUSIVE
 from addon.core.simulation.rigs import paper_rig
@@ -127,7 +127,7 @@ def test_a_name_that_the_body_would_not_expect_is_withdrawn(far):
     assert haunted.meeting.residual[marker] < 1e-6
     prior = Prior(setup.model, upright_sd=0.35)
     subject, state = refit(view, haunted, without_own(found.subject, setup), setup, 4, prior)
-    withdraw_strangers_to_body(haunted, state, subject, setup)
+    withdraw_unexpected(haunted, state, subject, setup)
     assert (consistent(haunted).slot[:, marker] == -1).all()
     kept = (haunted.slot >= 0).sum() / (naming.slot >= 0).sum()
     assert kept > 0.9
@@ -139,7 +139,7 @@ def test_what_the_body_expects_stays():
         naming = true_naming(scene, found)
         before = (naming.slot >= 0).sum()
         subject, state, _ = fitted(scene, setup, found, naming)
-        withdraw_strangers_to_body(naming, state, subject, setup)
+        withdraw_unexpected(naming, state, subject, setup)
         assert (consistent(naming).slot >= 0).sum() >= 0.95 * before
 
 

@@ -7,7 +7,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from addon.core.body.bodies import BodyModel
-from addon.core.body.occlusion import SIDE_UNKNOWN, CapsuleOcclusion, capsules_hide
+from addon.core.body.occlusion import OCCLUDING, CapsuleOcclusion, capsules_hide
 from tests.core.toybody import toy_markerset
 
 STANDOFF = 0.008
@@ -30,7 +30,7 @@ def marched(capsules, marker, eye, standoff=STANDOFF, steps=4001):
         axis = end - start
         foot = start + axis * np.clip((point - start) @ axis / max(axis @ axis, 1e-12), 0, 1)
         distance = np.linalg.norm(point - foot)
-        if distance <= SIDE_UNKNOWN * radius:
+        if distance <= OCCLUDING.min_side_share * radius:
             margins.append(np.nan)
             continue
         if distance < radius + standoff:
