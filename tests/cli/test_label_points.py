@@ -135,6 +135,31 @@ def test_blobs_named_by_their_points_agree_with_the_fitted_body(trained, room, r
     assert np.mean([one == two for one, two in both]) > 0.99
 
 
+def files_of(folder) -> dict:
+    """What a folder of results holds, by name, without what it took."""
+    found = {path.name: path.read_bytes() for path in folder.iterdir()}
+    for name in [name for name in found if name.endswith(".report.json")]:
+        found[name] = {key: value for key, value in json.loads(found[name]).items() if key != "timing"}
+    return found
+
+
+@pytest.mark.parametrize("kind", ["points", "blobs"])
+def test_evidence_is_what_likelihood_was_called_at_first(trained, anonymous, room, run, tmp_path, kind):
+    words = ("label", anonymous / "anon.c3d") if kind == "points" else ("label", room.blobs, "--cameras", room.cameras)
+    words = (*words, "--model", trained)
+    made = {}
+    for method in ("likelihood", "evidence"):
+        answer = run(*words, "--method", method, "--trc", "--out", tmp_path / method)
+        assert answer.status == 0
+        made[method] = answer.out, files_of(tmp_path / method)
+    assert len(made["likelihood"][1]) == 4
+    assert made["likelihood"][1].keys() == made["evidence"][1].keys()
+    for name, content in made["likelihood"][1].items():
+        assert made["evidence"][1][name] == content, name
+    [report] = [part for name, part in made["evidence"][1].items() if name.endswith(".report.json")]
+    assert report["method"] == "likelihood"
+
+
 def test_blobs_named_both_ways_say_where_the_ways_agree(trained, room, run, tmp_path):
     words = ("label", room.blobs, "--cameras", room.cameras, "--model", trained, "--rate", "60", "--method", "both")
     answer = run(*words, "--out", tmp_path / "both", "--json")
@@ -183,10 +208,15 @@ def test_both_ways_need_blobs_and_what_names_points(run, room, label, tmp_path):
     bare = tmp_path / f"bare{SUFFIX}"
     write_markerset(bare, replace(open_markerset("body26"), name="bare"))
     words = ("label", room.blobs, "--cameras", room.cameras, "--out", tmp_path / "o", "--model", bare)
-    for method in ("both", "likelihood", "evidence", "ensemble"):
+    for method, lack in (
+        ("both", "has nothing to name points by"),
+        ("likelihood", "has learned nothing to name points by"),
+        ("evidence", "has learned nothing to name points by"),
+        ("ensemble", "has no partial solvers"),
+    ):
         answer = run(*words, "--method", method)
         assert answer.status == 2
-        assert "model bare has no" in answer.reason
+        assert f"model bare {lack}" in answer.reason
 
 
 def test_reconstructed_points_are_named(trained, room, run, tmp_path):
