@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Models: ensemble and lessons come back as they were, and what is damaged is said."""
+"""Models: partial solvers and training takes come back as they were, and what is damaged is said."""
 
 import base64
 import json
@@ -43,6 +43,7 @@ def test_models_come_back(tmp_path):
 def test_a_marker_set_is_a_model_without_them():
     model = open_model("gait15")
     assert len(model.markerset) == 15
+    assert model.likelihood.markers == model.markerset.markers, "as it was written when it was called evidence"
     with pytest.raises(InputError, match="there is no marker set"):
         open_model("nothing")
 
