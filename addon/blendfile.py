@@ -4,7 +4,9 @@
 import ctypes
 import importlib.util
 import os
+import signal
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
@@ -37,18 +39,36 @@ def open_cameras(path: Path, up: str | None = None) -> Cameras:
 
 
 def _read_blend(path: Path) -> Cameras:
+    start_blender()
     from .scene.cameras import cameras_of_blend
 
     with silenced():
         return cameras_of_blend(path)
 
 
+def start_blender():
+    """Imports bpy, which takes a second in which it loses a Ctrl-C: that is noted, and raised behind it."""
+    if "bpy" in sys.modules:
+        return
+    if threading.current_thread() is not threading.main_thread():
+        import bpy
+
+        return
+    noted: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _: noted.append(number))
+    try:
+        import bpy  # noqa: F401
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if noted:
+        raise KeyboardInterrupt
+
+
 def mesh_occlusion(markerset: MarkerSet) -> Occlusion:
     """Rays cast at the meshes of a marker set's capsules; InputError where there is no Blender."""
     if not has_blender():
         raise InputError("--occlusion bvh needs Blender or the bpy package, and neither is here; expected one of them")
-    import bpy  # noqa: F401 - mathutils comes with it
-
+    start_blender()
     from .scene.occlusion import capsule_meshes
 
     return capsule_meshes(markerset)
@@ -59,6 +79,7 @@ def save_blend(path: Path, source: Path, rate: float, markerset: MarkerSet, chun
 
     Of points those without a name are there as one object.
     """
+    start_blender()
     import bpy
 
     from .scene import take as scenes
@@ -80,6 +101,7 @@ def save_blend(path: Path, source: Path, rate: float, markerset: MarkerSet, chun
 
 def refuse_long(first: int, last: int):
     """Raises JobError where a take has more frames, `first` to `last`, than a Blender file can show."""
+    start_blender()
     from .scene.take import frame_shift
 
     frame_shift(np.array([first, last]))
