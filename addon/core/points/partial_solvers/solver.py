@@ -2,8 +2,8 @@
 """The tree search for every labelling that a strong classifier accepts (the paper's section 3.4).
 
 One marker after another is given a point; a labelling that a weak classifier rejects is dropped at once with all that
-would follow from it. Written twice: `search_one` is the paper's depth-first search of one frame, to read and to check
-against; `TreeSearch` goes through many frames side by side, level by level, and finds the same.
+would follow from it. The paper goes depth first through one frame; this goes through many frames side by side, level by
+level, and finds the same.
 """
 
 from collections.abc import Callable, Iterator
@@ -11,50 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import features
-from .features import Tables
-from .masks import ROUNDING, Bounds, Masks, pair_bounds
-from .model import ANGLE, DOMAIN, RATIO, TURN, Classifiers
-
-MOST_ROWS = 100_000  # labellings that are followed side by side; what is beyond waits its turn
-FIRST_GROUP, GROWTH = 4, 4  # classifiers looked up in one go: few while many labellings are left, then more
-
-
-def accepts(classifiers: Classifiers, frame: int, labelling: np.ndarray, clouds: Tables) -> bool:
-    """Whether all weak classifiers accept one labelling (M,) of a frame; a marker without a point is -1.
-
-    A classifier with a point that is unassigned or missing has no vote. This is φ = 1 (equation 2): every vote counts.
-    """
-    return not any(_rejects(classifiers, row, frame, labelling, clouds) for row in range(len(classifiers)))
-
-
-def search_one(markers, classifiers: Classifiers, frame: int, clouds: Tables) -> tuple[list[tuple[int, ...]], int]:
-    """Every feasible labelling of `markers` in one frame, depth first, and the number of nodes visited.
-
-    A labelling is the tuple of points in the order of `markers`; it never leaves a marker out.
-    """
-    markers = list(markers)
-    judged = [newly_judged(classifiers, markers[: depth + 1]) for depth in range(len(markers))]
-    present = np.flatnonzero(clouds.present[frame])
-    labelling = np.full(max(int(classifiers.points.max(initial=0)), *markers) + 1, -1)
-    found, visited = [], 0
-
-    def descend(depth: int):
-        nonlocal visited
-        if depth == len(markers):
-            found.append(tuple(int(labelling[marker]) for marker in markers))
-            return
-        for point in present:
-            if (labelling == point).any():
-                continue
-            visited += 1
-            labelling[markers[depth]] = point
-            if not any(_rejects(classifiers, row, frame, labelling, clouds) for row in judged[depth]):
-                descend(depth + 1)
-            labelling[markers[depth]] = -1
-
-    descend(0)
-    return sorted(found), visited
+from .masks import TREE, Bounds, Masks, pair_bounds
+from .model import ANGLE, RATIO, TURN, Classifiers
 
 
 def newly_judged(classifiers: Classifiers, placed: list[int]) -> np.ndarray:
@@ -63,20 +21,11 @@ def newly_judged(classifiers: Classifiers, placed: list[int]) -> np.ndarray:
     return np.flatnonzero(classifiers.within(placed) & has_last)
 
 
-def _rejects(classifiers: Classifiers, row: int, frame: int, labelling: np.ndarray, clouds: Tables) -> bool:
-    kind = int(classifiers.kind[row])
-    points = labelling[classifiers.points[row, : DOMAIN[kind]]]
-    if (points < 0).any():
-        return False
-    value = features.values(kind, np.array(frame), points, clouds)
-    return bool(value < classifiers.low[row] - ROUNDING or value > classifiers.high[row] + ROUNDING)
-
-
 @dataclass(frozen=True, eq=False)
 class Level:
     """What is looked up when the marker at one depth gets its point.
 
-    pairs    (depth, bounds) of each earlier marker that a two-point classifier ties it to, earlier one first
+    pairs    (depth, bounds) of each earlier marker that a two-point classifier judges with it, earlier one first
     angles   (A, 3) rows of `Rows.sides`: the two sides of the angle and the third; angle_bounds (2, A) of cosines
     ratios   (Q, 2) likewise the two lengths; ratio_bounds (2, Q)
     turns    (U, 5) depths of the three markers, then the two sides; turn_bounds (2, U)
@@ -147,8 +96,8 @@ class TreeSearch:
         if depth == len(plan):
             yield rows
             return
-        for first in range(0, len(rows), MOST_ROWS):
-            part = rows if len(rows) <= MOST_ROWS else rows[first : first + MOST_ROWS]
+        for first in range(0, len(rows), TREE.max_rows):
+            part = rows if len(rows) <= TREE.max_rows else rows[first : first + TREE.max_rows]
             grown = judged(grow(part, allowed(part, plan[depth].pairs, masks), masks), plan[depth], masks)
             if len(grown):
                 yield from self._descend(grown, depth + 1, plan, masks)
@@ -186,11 +135,11 @@ def look_ups(classifiers: Classifiers, place: np.ndarray) -> tuple[np.ndarray, .
     pivot, near, far, _ = place[turns.points].T
     return (
         np.stack([_side(apex, one), _side(apex, other), _side(one, other)], axis=1),
-        np.stack([np.cos(angles.high) - ROUNDING, np.cos(angles.low) + ROUNDING]),
+        np.stack([np.cos(angles.high) - TREE.tolerance, np.cos(angles.low) + TREE.tolerance]),
         np.stack([_side(a, b), _side(c, d)], axis=1),
-        np.stack([ratios.low - ROUNDING, ratios.high + ROUNDING]),
+        np.stack([ratios.low - TREE.tolerance, ratios.high + TREE.tolerance]),
         np.stack([pivot, near, far, _side(pivot, near), _side(pivot, far)], axis=1),
-        np.stack([turns.low - ROUNDING, turns.high + ROUNDING]),
+        np.stack([turns.low - TREE.tolerance, turns.high + TREE.tolerance]),
     )
 
 
@@ -250,10 +199,10 @@ def judged(rows: Rows, level: Level, masks: Masks) -> Rows:
 
 def _sifted(rows: Rows, fraction: Callable[[Rows, slice], tuple[np.ndarray, ...]], count: int) -> Rows:
     """The rows for which numerator / denominator lies within low and high for all of `count` classifiers."""
-    first, size = 0, FIRST_GROUP
+    first, size = 0, TREE.first_looked
     while first < count and len(rows):
         above, below, low, high = fraction(rows, slice(first, first + size))
         kept = ((above >= low * below) & (above <= high * below)).all(axis=0)
         rows = rows if kept.all() else rows[kept]
-        first, size = first + size, size * GROWTH
+        first, size = first + size, size * TREE.growth
     return rows

@@ -11,9 +11,10 @@ from hypothesis.extra import numpy as arrays
 
 from addon.core.points.partial_solvers import features
 from addon.core.points.partial_solvers.model import ANGLE, DISTANCE, DOMAIN, FUNCTIONS, HEIGHT, NO_POINT, RATIO, TURN
+from tests.core.points.partial_solvers import plain
 
-ONE = {ANGLE: features.angle, DISTANCE: features.distance, RATIO: features.ratio, HEIGHT: features.height}
-ONE[TURN] = features.turn
+ONE = {ANGLE: plain.angle, DISTANCE: plain.distance, RATIO: plain.ratio, HEIGHT: plain.height}
+ONE[TURN] = plain.turn
 A, B, C, D = np.array([[0.0, 0, 0], [3, 0, 4], [0, 2, 0], [0, 2, 1]])
 clouds = arrays.arrays(float, (4, 3), elements=st.floats(-2, 2).map(lambda value: round(value, 3))).filter(
     lambda points: min(np.linalg.norm(points[i] - points[j]) for i in range(4) for j in range(i)) > 0.05
@@ -21,13 +22,13 @@ clouds = arrays.arrays(float, (4, 3), elements=st.floats(-2, 2).map(lambda value
 
 
 def test_closed_forms():
-    assert features.angle(A, B, C) == pytest.approx(np.pi / 2)
-    assert features.angle(A, B, 2 * B) == pytest.approx(0.0)
-    assert features.angle(A, B, -B) == pytest.approx(np.pi)
-    assert features.distance(A, B) == pytest.approx(5.0)
-    assert features.ratio(A, B, C, D) == pytest.approx(2 * (5 - 1) / (5 + 1))
-    assert features.height(B, A) == pytest.approx(4.0)
-    assert features.turn(A, B, C) == pytest.approx(3 * 2 / (5 * 2))
+    assert plain.angle(A, B, C) == pytest.approx(np.pi / 2)
+    assert plain.angle(A, B, 2 * B) == pytest.approx(0.0)
+    assert plain.angle(A, B, -B) == pytest.approx(np.pi)
+    assert plain.distance(A, B) == pytest.approx(5.0)
+    assert plain.ratio(A, B, C, D) == pytest.approx(2 * (5 - 1) / (5 + 1))
+    assert plain.height(B, A) == pytest.approx(4.0)
+    assert plain.turn(A, B, C) == pytest.approx(3 * 2 / (5 * 2))
 
 
 @given(clouds, st.floats(-3, 3), st.floats(0.2, 3))
@@ -44,13 +45,13 @@ def test_invariances(points, yaw, size):
         assert ONE[kind](*(size * points)[: DOMAIN[kind]]) == pytest.approx(value[kind], abs=1e-5)
     for kind in (ANGLE, DISTANCE, RATIO, HEIGHT):
         assert ONE[kind](*mirrored[: DOMAIN[kind]]) == pytest.approx(value[kind], abs=1e-9)
-    assert features.turn(*mirrored[:3]) == pytest.approx(-value[TURN], abs=1e-9)
+    assert plain.turn(*mirrored[:3]) == pytest.approx(-value[TURN], abs=1e-9)
 
 
 @pytest.mark.parametrize("markers", [3, 4, 7, 15])
 def test_every_combination_once(markers):
     kind, points = features.all_features(markers, FUNCTIONS)
-    counted = features.count_features(markers)
+    counted = plain.count_features(markers)
     assert {name: int((kind == index).sum()) for index, name in enumerate(FUNCTIONS)} == counted
     assert counted["ratio"] == 3 * comb(markers, 4)
     for index, domain in enumerate(DOMAIN):
@@ -65,14 +66,14 @@ def test_every_combination_once(markers):
 def test_the_pool_of_the_paper():
     kind, _ = features.all_features(15)
     assert len(kind) == 1365 + 105 + 4095 + 105
-    assert sum(features.count_features(26).values()) - features.count_features(26)["turn"] == 7800 + 325 + 44850 + 325
+    assert sum(plain.count_features(26).values()) - plain.count_features(26)["turn"] == 7800 + 325 + 44850 + 325
 
 
 def test_a_large_set_draws_its_ratios():
     kind, points = features.all_features(20, most=5000, seed=3)
     again = features.all_features(20, most=5000, seed=3)[1]
     assert len(kind) == 5000
-    assert (kind == ANGLE).sum() == features.count_features(20)["angle"]
+    assert (kind == ANGLE).sum() == plain.count_features(20)["angle"]
     assert (points == again).all()
     assert (points != features.all_features(20, most=5000, seed=4)[1]).any()
 
