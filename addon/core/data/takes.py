@@ -11,12 +11,7 @@ import numpy as np
 # then what names points. The index is what `Labels.step` holds.
 STEPS = ("", "exclusive", "conflict", "remaining", "evidence", "ensemble", "fit", "trajectory")
 NO_STEP, EXCLUSIVE, CONFLICT, REMAINING, BY_LIKELIHOOD, BY_PARTIAL_SOLVERS, BY_FIT, BY_TRAJECTORY = range(len(STEPS))
-NO_MARKER = -1
-
-
-def evenly_spread(count: int, most: int) -> np.ndarray:
-    """(N,) the indices of `most` of `count` frames, or of all if there are fewer, from the first to the last."""
-    return np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int))
+NO_MARKER = NO_POINT = -1
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,3 +224,8 @@ class PointRows:
         frame, column = np.nonzero(take.present)
         trajectory = column if take.columns is None else take.columns[column]
         return cls(take.frames, frame, trajectory, take.xyz[frame, column], take.residual[frame, column])
+
+
+def evenly_spread(count: int, most: int) -> np.ndarray:
+    """(N,) the indices of `most` of `count` frames, or of all if there are fewer, from the first to the last."""
+    return np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int))
