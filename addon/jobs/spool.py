@@ -7,7 +7,7 @@ from typing import Self
 import numpy as np
 
 from ..core.data.takes import Points
-from ..core.reconstruction.trajectories import SHORTEST, Reconstructed
+from ..core.reconstruction.trajectories import RECONSTRUCTION, Reconstructed
 
 MOST_COLUMNS = 255  # beyond this, trajectories that are far apart in time share a column
 REST = 1.0  # s between two trajectories of one column
@@ -52,7 +52,7 @@ class TrajectoryFile:
     def points(self) -> Points:
         """The whole take, a trajectory a column, in the order in which they begin; read from disk piece by piece.
 
-        Trajectories shorter than SHORTEST are left out.
+        Passing coincidences of rays are left out.
         """
         self.file.flush()
         column = self._columns()
@@ -65,7 +65,7 @@ class TrajectoryFile:
     def _columns(self) -> np.ndarray:
         """The column of every trajectory, -1 for those that are left out."""
         column = np.full(len(self.spans), -1)
-        kept = np.flatnonzero(self.spans[:, 0] >= min(SHORTEST, len(self.counts)))
+        kept = np.flatnonzero(self.spans[:, 0] >= min(RECONSTRUCTION.min_points, len(self.counts)))
         kept = kept[np.argsort(self.spans[kept, 1], kind="stable")]
         column[kept] = np.arange(len(kept)) if len(kept) <= MOST_COLUMNS else self._packed(kept)
         return column

@@ -8,8 +8,7 @@ from time import perf_counter
 import numpy as np
 
 from addon.core.data.takes import Blobs
-from addon.core.reconstruction.trajectories import Reconstructed, reconstruct_take
-from addon.jobs.spool import SHORTEST
+from addon.core.reconstruction.trajectories import RECONSTRUCTION, Reconstructed, reconstruct_take
 
 from . import people
 from .captures import Trial
@@ -60,7 +59,7 @@ class Rebuilt:
         seen = _seen_by(trial, self.markers)
         # What the command leaves out of its file does not count.
         length = np.bincount(np.concatenate([part.trajectory for part in parts]))
-        lasting = length >= min(SHORTEST, len(seen))
+        lasting = length >= min(RECONSTRUCTION.min_points, len(seen))
         last_trajectory, last_marker = {}, {}
         index = 0
         for part in parts:

@@ -14,11 +14,6 @@ NO_STEP, EXCLUSIVE, CONFLICT, REMAINING, BY_LIKELIHOOD, BY_PARTIAL_SOLVERS, BY_F
 NO_MARKER = NO_POINT = -1
 
 
-def evenly_spread(count: int, most: int) -> np.ndarray:
-    """(N,) the indices of `most` of `count` frames, or of all if there are fewer, from the first to the last."""
-    return np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int))
-
-
 @dataclass(frozen=True, eq=False)
 class Blobs:
     """The blobs of F consecutive frames of a take, N in all, in the order of their file.
@@ -237,3 +232,8 @@ class PointRows:
         frame, column = np.nonzero(take.present)
         trajectory = column if take.columns is None else take.columns[column]
         return cls(take.frames, frame, trajectory, take.xyz[frame, column], take.residual[frame, column])
+
+
+def evenly_spread(count: int, most: int) -> np.ndarray:
+    """(N,) the indices of `most` of `count` frames, or of all if there are fewer, from the first to the last."""
+    return np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int))

@@ -18,7 +18,7 @@ from ..points.deciding import consistent, decide
 from ..points.motion import motion_of
 from ..points.naming import Namer, namer_of
 from ..points.refusals import REFUSAL, sure_share
-from ..reconstruction.trajectories import SHORTEST, Reconstructed, Reconstructor
+from ..reconstruction.trajectories import RECONSTRUCTION, Reconstructed, Reconstructor
 from ..review.suspects import find_suspects
 
 
@@ -115,7 +115,7 @@ def _window(waiting: list[tuple[Blobs, Reconstructed]]) -> _Window:
     number, column, lengths = np.unique(trajectory, return_inverse=True, return_counts=True)
     shape = (len(frames), max(len(number), 1))
     xyz, residual = np.full((*shape, 3), np.nan), np.full(shape, np.nan)
-    lasting = (lengths >= min(SHORTEST, len(frames)))[column]
+    lasting = (lengths >= min(RECONSTRUCTION.min_points, len(frames)))[column]
     xyz[frame[lasting], column[lasting]] = np.concatenate([part.points for _, part in waiting])[lasting]
     residual[frame[lasting], column[lasting]] = np.concatenate([part.residual for _, part in waiting])[lasting]
     return _Window(frames, starts, frame, column, xyz, residual)

@@ -1,20 +1,38 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Points of one frame after the other joined into trajectories: the nearest to where each should be, one to one."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .matching import Expected
 
-PUSH = 120.0  # m/s², how hard a marker may change its velocity
-PLAY = 0.008  # m, by which a point may be off beside that: noise, and rays that come and go
-STRANGE = 3.0  # m/s, by which the velocity of a trajectory that has just begun may differ from its neighbours'
-WIDEST = 0.12  # m
-LONGEST_GAP = 0.12  # s without a point after which a trajectory ends
-SMOOTH = 0.6  # share of the newest step in the velocity
-SETTLED = 6  # points of a trajectory after which its velocity is trusted for others
-NEIGHBOURS = 0.4  # m within which a trajectory that begins moves as those around it do
+
+@dataclass(frozen=True)
+class LinkingOptions:
+    """How markers move, so far as it links points. All reckoned.
+
+    max_push_m_s2   how hard a marker may change its velocity
+    noise_m         by which a point may be off beside that: noise, and rays that come and go
+    max_start_m_s   by which the velocity of a trajectory that has just begun may differ from its neighbours'
+    max_reach_m     from where a point is expected
+    max_gap_s       without a point, after which a trajectory ends
+    velocity_share  of the newest step in the velocity
+    settled_points  of a trajectory after which its velocity counts for others
+    neighbour_m     within which a trajectory that begins moves as those around it do
+    """
+
+    max_push_m_s2: float = 120.0
+    noise_m: float = 0.008
+    max_start_m_s: float = 3.0
+    max_reach_m: float = 0.12
+    max_gap_s: float = 0.12
+    velocity_share: float = 0.6
+    settled_points: int = 6
+    neighbour_m: float = 0.4
+
+
+LINKING = LinkingOptions()
 
 
 @dataclass(eq=False)
@@ -31,6 +49,7 @@ class Links:
     length: np.ndarray
     missing: np.ndarray
     begun: int = 0
+    options: LinkingOptions = LINKING
 
     @classmethod
     def at(cls, rate: float) -> "Links":
@@ -44,7 +63,8 @@ class Links:
         at = np.array([place.get(number, -1) for number in numbers.tolist()], dtype=int)
         velocity = np.where((at >= 0)[:, None], -self.velocity[at], 0.0) if len(self.number) else 0 * points
         length = np.where(at >= 0, self.length[at], 1) if len(self.number) else np.ones(len(points), int)
-        return Links(self.rate, numbers.copy(), points.copy(), velocity, length, np.zeros(len(points), int), self.begun)
+        kept = {"number": numbers.copy(), "points": points.copy(), "missing": np.zeros(len(points), int)}
+        return replace(self, velocity=velocity, length=length, **kept)
 
     def expected(self) -> Expected:
         """Where the trajectories should be in the next frame."""
@@ -53,8 +73,9 @@ class Links:
     def _reach(self) -> np.ndarray:
         """(N,) m, how far from there a point may be and still be of the trajectory."""
         seconds = (1 + self.missing) / self.rate
-        reach = PLAY + PUSH / 2 * seconds**2 + np.where(self.length < 2, STRANGE * seconds, 0)
-        return np.minimum(reach, WIDEST)
+        start = np.where(self.length < 2, self.options.max_start_m_s * seconds, 0)
+        reach = self.options.noise_m + self.options.max_push_m_s2 / 2 * seconds**2 + start
+        return np.minimum(reach, self.options.max_reach_m)
 
     def link(self, points: np.ndarray) -> np.ndarray:
         """(Q,) the numbers of the trajectories that the next frame's points (Q, 3) belong to; new ones begin."""
@@ -63,7 +84,7 @@ class Links:
         numbers = np.full(len(points), -1)
         numbers[new] = self.number[old]
         step = (points[new] - self.points[old]) / (1 + self.missing[old])[:, None]
-        share = np.where(self.length[old] < 2, 1.0, SMOOTH)[:, None]
+        share = np.where(self.length[old] < 2, 1.0, self.options.velocity_share)[:, None]
         self.velocity[old] += share * (step - self.velocity[old])
         self.points[old] = points[new]
         self.length[old] += 1
@@ -71,7 +92,7 @@ class Links:
         self.missing[old] = 0
         fresh = np.flatnonzero(numbers < 0)
         numbers[fresh] = self.begun + np.arange(len(fresh))
-        self._keep(self.missing <= max(LONGEST_GAP * self.rate, 2))
+        self._keep(self.missing <= max(self.options.max_gap_s * self.rate, 2))
         self._begin(points[fresh], numbers[fresh])
         return numbers
 
@@ -89,11 +110,11 @@ class Links:
 
     def _around(self, points: np.ndarray) -> np.ndarray:
         """(Q, 3) m a frame: how the trajectories around points move, nearer ones counting more."""
-        known = self.length >= SETTLED
+        known = self.length >= self.options.settled_points
         if not known.any() or not len(points):
             return np.zeros((len(points), 3))
         distance = np.linalg.norm(points[:, None] - self.points[known], axis=2)
-        weight = np.maximum(1 - distance / NEIGHBOURS, 0) ** 4
+        weight = np.maximum(1 - distance / self.options.neighbour_m, 0) ** 4
         return weight @ self.velocity[known] / np.maximum(weight.sum(axis=1, keepdims=True), 1e-9)
 
 

@@ -12,18 +12,40 @@ import numpy as np
 from ..blobs.views import Sight, View
 from ..geometry.triangulation import Rays
 
-NEAR = 0.2  # m from a camera; no marker is nearer
-PARALLEL = 0.02  # sine of the angle below which two rays fix no depth
-PASS = 4.0  # deviations by which two rays of one marker may pass each other
-LOOSE = 6.0  # deviations within which a blob is tried with the crossing of two others
-FIT = 3.5  # deviations within which a blob belongs to the point that its set makes
-ROOM = 10.0  # m³, about the space in which a marker may be
-APART = 0.006  # m; nearer than this two points are one marker
-BLURRED = 0.02  # m, standard deviation along its worst axis of a point that is too uncertain to be one
-CLEAR = 1.5  # how much likelier a point of two rays must be than any other use of its blobs
-MOST_PAIRS = 20_000  # a frame; more is a room full of reflections, of which the closest pairs are tried
-COMPANY = 1.0  # m; markers are worn, so none is farther than this from all others
-ROUNDS = 40
+
+@dataclass(frozen=True)
+class MatchingOptions:
+    """Which blobs are taken to be one marker's. All reckoned; deviations are standard ones of a blob's position.
+
+    min_depth_m        from a camera; no marker is nearer
+    min_sine           of the angle between two rays; below it they fix no depth
+    max_pass_sds       by which two rays of one marker may pass each other
+    max_candidate_sds  within which a blob is tried with the crossing of two others
+    max_miss_sds       within which a blob belongs to the point that its set makes
+    room_m3            about the space in which a marker may be
+    min_distance_m     between two markers; nearer, two points are one
+    max_blur_m         standard deviation along its worst axis of a point; one less certain is none
+    min_lead           log likelihood by which a point of two rays must lead any other use of its blobs
+    max_pairs          a frame; more is a room full of reflections, of which the closest pairs are tried
+    max_alone_m        from all other markers, as they are on one subject
+    max_rounds         of choosing hypotheses that hold
+    """
+
+    min_depth_m: float = 0.2
+    min_sine: float = 0.02
+    max_pass_sds: float = 4.0
+    max_candidate_sds: float = 6.0
+    max_miss_sds: float = 3.5
+    room_m3: float = 10.0
+    min_distance_m: float = 0.006
+    max_blur_m: float = 0.02
+    min_lead: float = 1.5
+    max_pairs: int = 20_000
+    max_alone_m: float = 1.0
+    max_rounds: int = 40
+
+
+MATCHING = MatchingOptions()
 
 
 @dataclass(frozen=True)
@@ -79,8 +101,15 @@ class FramePoints:
 class FrameMatcher:
     """One frame's blobs, ready to be matched."""
 
-    def __init__(self, view: View, sight: Sight, size: np.ndarray, circumstances: Circumstances):
-        self.view, self.sight, self.size = view, sight, size
+    def __init__(
+        self,
+        view: View,
+        sight: Sight,
+        size: np.ndarray,
+        circumstances: Circumstances,
+        options: MatchingOptions = MATCHING,
+    ):
+        self.view, self.sight, self.size, self.options = view, sight, size, options
         self.pixel, self.seen, self.ghosts = circumstances.pixel, circumstances.seen, circumstances.ghosts
         self.rays = Rays(view, sight)
         self.cameras = np.arange(len(view.real))
@@ -95,13 +124,14 @@ class FrameMatcher:
         if len(expected.points):
             found.append(self._choose(self._pairs_near(expected), expected, []))
         found.append(self._choose(self._free_pairs(), expected, found))
-        return _in_company(joined(found))
+        return _not_alone(joined(found), self.options.max_alone_m)
 
     def _pairs_near(self, expected: Expected) -> tuple[np.ndarray, np.ndarray]:
         """Pairs of blobs in different cameras that both lie where the same point is expected."""
         local = self.sight.local(expected.points[None])[0]
         image = self.sight.image(local)
-        reach = expected.radius / np.maximum(local[..., 2], NEAR) + FIT * self.pixel / self.sight.focal[:, None]
+        reach = expected.radius / np.maximum(local[..., 2], self.options.min_depth_m)
+        reach = reach + self.options.max_miss_sds * self.pixel / self.sight.focal[:, None]
         offset = self.view.image[self.camera, self.slot][:, None] - image[self.camera]
         near = np.einsum("bni,bni->bn", offset, offset) < reach[self.camera] ** 2
         together = near.astype(np.float32) @ near.T.astype(np.float32) > 0
@@ -115,20 +145,20 @@ class FrameMatcher:
 
     def _crossings(self, first: np.ndarray, second: np.ndarray):
         """Of pairs of blobs those whose rays pass each other closely, and the points (Q, 3) between."""
-        between = self.origin[second] - self.origin[first]
+        options, between = self.options, self.origin[second] - self.origin[first]
         one, two = self.direction[first], self.direction[second]
         cosine = np.einsum("ni,ni->n", one, two)
         along_one, along_two = np.einsum("ni,ni->n", between, one), np.einsum("ni,ni->n", between, two)
-        sine2 = np.maximum(1 - cosine**2, PARALLEL**2)
+        sine2 = np.maximum(1 - cosine**2, options.min_sine**2)
         near, far = (along_one - cosine * along_two) / sine2, (cosine * along_one - along_two) / sine2
         gap = between + far[:, None] * two - near[:, None] * one
         gap2 = np.einsum("ni,ni->n", gap, gap)
         focal = self.sight.focal[self.camera]
-        allowed2 = PASS**2 * self.pixel**2 * ((near / focal[first]) ** 2 + (far / focal[second]) ** 2)
-        good = (near > NEAR) & (far > NEAR) & (gap2 < allowed2) & (1 - cosine**2 > PARALLEL**2)
-        kept = np.flatnonzero(good)
-        if len(kept) > MOST_PAIRS:
-            kept = kept[np.argsort(gap2[kept] / allowed2[kept])[:MOST_PAIRS]]
+        allowed2 = options.max_pass_sds**2 * self.pixel**2 * ((near / focal[first]) ** 2 + (far / focal[second]) ** 2)
+        good = (gap2 < allowed2) & (1 - cosine**2 > options.min_sine**2)
+        kept = np.flatnonzero(good & (near > options.min_depth_m) & (far > options.min_depth_m))
+        if len(kept) > options.max_pairs:
+            kept = kept[np.argsort(gap2[kept] / allowed2[kept])[: options.max_pairs]]
         middle = self.origin[first[kept]] + near[kept, None] * one[kept] + gap[kept] / 2
         return first[kept], second[kept], middle
 
@@ -144,23 +174,23 @@ class FrameMatcher:
     def _choose(self, pairs, expected: Expected, before: list[FramePoints]) -> FramePoints:
         """The hypotheses from pairs of blobs that hold, best first; their blobs are not free any more."""
         first, second, middle = self._crossings(*pairs)
-        slots = self._nearest_blobs(middle, LOOSE)
+        slots = self._nearest_blobs(middle, self.options.max_candidate_sds)
         slots[np.arange(len(first)), self.camera[first]] = self.slot[first]
         slots[np.arange(len(first)), self.camera[second]] = self.slot[second]
-        rivals = _Hypotheses.of(self, self._completed(slots), expected)
+        left = _Hypotheses.of(self, self._completed(slots), expected)
         taken = [part.points for part in before]
         chosen = []
-        for _ in range(ROUNDS):
-            winners = rivals.winners(taken)
+        for _ in range(self.options.max_rounds):
+            winners = left.winners(taken, self.options)
             if not winners.any():
                 break
-            chosen.append(rivals.pick(winners).points_of(self))
+            chosen.append(left.pick(winners).points_of(self))
             taken.append(chosen[-1].points)
             for camera in self.cameras:
                 slot = chosen[-1].slots[:, camera]
                 self.free[camera, slot[slot >= 0]] = False
-            rivals = rivals.without(self, winners, expected)
-        chosen.append(rivals.pick(np.zeros(len(rivals.slots), bool)).points_of(self))
+            left = left.without(self, winners, expected)
+        chosen.append(left.pick(np.zeros(len(left.slots), bool)).points_of(self))
         return joined(chosen)
 
     def _completed(self, slots: np.ndarray) -> np.ndarray:
@@ -169,7 +199,7 @@ class FrameMatcher:
             slots = self.agreeing(np.unique(slots, axis=0))
             met = self.rays.meet(slots.T)
             known = np.isfinite(met.points[:, 0])
-            more = self._nearest_blobs(met.points[known], FIT)
+            more = self._nearest_blobs(met.points[known], self.options.max_miss_sds)
             slots = np.where(slots[known] >= 0, slots[known], more)
         return self.agreeing(np.unique(slots, axis=0))
 
@@ -178,7 +208,7 @@ class FrameMatcher:
         slots = slots[(slots >= 0).sum(axis=1) >= 2]
         for _ in self.cameras:
             miss = self.deviations(slots)
-            bad = miss.max(axis=0, initial=0) > FIT
+            bad = miss.max(axis=0, initial=0) > self.options.max_miss_sds
             if not bad.any():
                 break
             slots = slots.copy()
@@ -194,7 +224,7 @@ class FrameMatcher:
     def metres(self, points: np.ndarray) -> np.ndarray:
         """(C, Q) m, standard deviation of a blob's position at the points (Q, 3)."""
         depth = np.nan_to_num(self.sight.local(points[None])[0, ..., 2], nan=1.0)
-        return self.pixel / self.sight.focal[:, None] * np.maximum(depth, NEAR)
+        return self.pixel / self.sight.focal[:, None] * np.maximum(depth, self.options.min_depth_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,16 +250,17 @@ class _Hypotheses:
         across = frame.rays.across[frame.cameras[:, None], np.maximum(slots.T, 0)]
         normal = np.einsum("cq,cqij->qij", precision, across)
         curvature = np.linalg.eigvalsh(normal)
-        sharp = np.isfinite(met.residual) & (curvature[:, 0] > BLURRED**-2)
+        sharp = np.isfinite(met.residual) & (curvature[:, 0] > frame.options.max_blur_m**-2)
         miss = met.miss / metres
         area = frame.size.prod(axis=1)
         # One ray of a marker against one ghost somewhere in the image, and a camera that looks and sees nothing.
         gain = np.log(frame.seen * area / (2 * np.pi * frame.pixel**2 * frame.ghosts))[:, None] - miss**2 / 2
         watching = _watching(frame, met.points)
         score = np.where(seen, gain, np.where(watching, np.log(1 - frame.seen), 0)).sum(axis=0)
-        # The point may be anywhere in the room: what three unknowns make of any rays is no evidence.
+        # The point may be anywhere in the room: what three unknowns make of any rays says nothing.
         cell = (2 * np.pi) ** 1.5 / np.sqrt(np.maximum(curvature, 1e-3).prod(axis=1))
-        score += np.log(np.minimum(cell / ROOM, 1)) + _familiarity(met.points, expected)
+        room = frame.options.room_m3
+        score += np.log(np.minimum(cell / room, 1)) + _familiarity(met.points, expected, room)
         kept = sharp & (score > 0)
         return cls(slots[kept], met.points[kept], met.residual[kept], miss[:, kept], score[kept])
 
@@ -241,7 +272,7 @@ class _Hypotheses:
         squares = (self.miss**2).sum(axis=0) * frame.pixel**2
         return FramePoints(self.points, self.slots, self.residual, squares, _watching(frame, self.points).sum(axis=0))
 
-    def winners(self, taken: list[np.ndarray]) -> np.ndarray:
+    def winners(self, taken: list[np.ndarray], options: MatchingOptions) -> np.ndarray:
         """(Q,) those that are likelier than every other one that needs one of their blobs, or the same place."""
         count = len(self.slots)
         if not count:
@@ -250,14 +281,14 @@ class _Hypotheses:
         rank = np.empty(count, int)
         rank[order] = np.arange(count)
         shares = self._shared()
-        near = _near(self.points, self.points)
+        near = _near(self.points, self.points, options.min_distance_m)
         first = ~((shares | near) & (rank[None] < rank[:, None])).any(axis=1)
         for points in taken:
-            first &= ~_near(self.points, points).any(axis=1)
+            first &= ~_near(self.points, points, options.min_distance_m).any(axis=1)
         thin = (self.slots >= 0).sum(axis=1) == 2
         # Where two rays are all, another partner for either blob must be clearly less likely.
-        rival = np.where(shares & ~near, self.score[None], -np.inf).max(axis=1, initial=-np.inf)
-        return first & (~thin | (self.score - rival > CLEAR))
+        other = np.where(shares & ~near, self.score[None], -np.inf).max(axis=1, initial=-np.inf)
+        return first & (~thin | (self.score - other > options.min_lead))
 
     def _shared(self) -> np.ndarray:
         """(Q, Q) whether two sets have a blob in common."""
@@ -286,13 +317,13 @@ def joined(parts: list[FramePoints]) -> FramePoints:
     return FramePoints(*(np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])))
 
 
-def _in_company(points: FramePoints) -> FramePoints:
+def _not_alone(points: FramePoints, max_distance: float) -> FramePoints:
     """The points less those of two rays that are far from all better ones: reflections that stay where they are."""
     sure = points.support >= 3
     if sure.sum() < 3:
         return points
     offset = points.points[:, None] - points.points[sure]
-    near = np.einsum("qni,qni->qn", offset, offset).min(axis=1) < COMPANY**2
+    near = np.einsum("qni,qni->qn", offset, offset).min(axis=1) < max_distance**2
     return FramePoints(*(getattr(points, name)[near] for name in vars(points)))
 
 
@@ -302,20 +333,20 @@ def _watching(frame: FrameMatcher, points: np.ndarray) -> np.ndarray:
     return frame.sight.inside(frame.sight.image(local))[0]
 
 
-def _familiarity(points: np.ndarray, expected: Expected) -> np.ndarray:
-    """(Q,) log of how much likelier a point is where one is expected than anywhere in the room; nought elsewhere."""
+def _familiarity(points: np.ndarray, expected: Expected, room: float) -> np.ndarray:
+    """(Q,) log of how much likelier a point is where one is expected than anywhere in `room` m³; nought elsewhere."""
     if not len(expected.points) or not len(points):
         return np.zeros(len(points))
     spread = expected.radius / 3
     offset = np.nan_to_num(points, nan=1e9)[:, None] - expected.points
     square = np.einsum("qni,qni->qn", offset, offset) / spread**2
-    return np.maximum(np.log(ROOM / ((2 * np.pi) ** 1.5 * spread**3)) - square / 2, 0).max(axis=1)
+    return np.maximum(np.log(room / ((2 * np.pi) ** 1.5 * spread**3)) - square / 2, 0).max(axis=1)
 
 
-def _near(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+def _near(first: np.ndarray, second: np.ndarray, min_distance: float) -> np.ndarray:
     """(Q, N) which points are too close together to be two markers; never a point and itself."""
     offset = first[:, None] - second
-    near = np.einsum("qni,qni->qn", offset, offset) < APART**2
+    near = np.einsum("qni,qni->qn", offset, offset) < min_distance**2
     if first is second:
         np.fill_diagonal(near, False)
     return near

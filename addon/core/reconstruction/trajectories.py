@@ -14,21 +14,49 @@ from ..geometry.cameras import Cameras
 from .linking import Links
 from .matching import Circumstances, Expected, FrameMatcher, FramePoints
 
-SHORTEST = 5  # points; a shorter trajectory is a passing coincidence of rays
-TRIED_PIXELS = (0.4, 0.8, 1.6, 3.2)  # px; the take shows which of them is nearest to its own noise
-WORTHWHILE = 0.05  # a coarser one must explain this much more of the blobs
-LEAST_PIXEL, MOST_PIXEL = 0.05, 4.0
-FIRST_SEEN, FIRST_GHOSTS = 0.6, 3.0
-LEAST_GHOSTS = 0.2
-SAMPLE = 12  # frames of the first chunk that the circumstances are learned from, twice
-TRIMMED = 0.8  # share of the points, best first, that the noise is told by
-FEWEST = 8  # points that must tell
-MOST_SEEN = 0.7  # as told by points of many rays, which are the ones that are seen well
-OPENING = 64  # frames at the beginning, of which the calmest is where trajectories begin
-OPENING_STRIDE = 4
-FULL = 0.8  # share of the most points that a frame has, which the calmest must have
-LARGEST_MOVE = 0.1  # m
-NEW_SHARE = 0.3  # of what a chunk says in what is believed from then on
+
+@dataclass(frozen=True)
+class ReconstructionOptions:
+    """How a capture's circumstances are learned, and where trajectories begin. All reckoned.
+
+    min_points           of a trajectory; a shorter one is a passing coincidence of rays
+    tried_px             the take shows which of these deviations of a blob's position is nearest to its own
+    min_gain             of the part of the blobs that a coarser one must explain to be taken
+    min_px, max_px       what the deviation may be
+    first_seen, first_ghosts  what is believed before anything is seen: `Circumstances.seen`, `Circumstances.ghosts`
+    min_seen, max_seen   what may be believed; points of many rays, which say it, are the ones that are seen well
+    min_ghosts           a frame, in every camera
+    sample_frames        of the first chunk that the circumstances are learned from, twice
+    noise_share          of the points, best first, that say the noise: a wrong set or a merged blob is not noise
+    min_noise_points     that must say it
+    opening_frames       at the beginning, of which the calmest is where trajectories begin
+    opening_stride       frames between those that are tried
+    min_full             of the most points that a frame has, which the calmest must have
+    max_move_m           that counts as a move between frames; farther is another point
+    new_share            of what a chunk shows in what is believed from then on
+    """
+
+    min_points: int = 5
+    tried_px: tuple[float, ...] = (0.4, 0.8, 1.6, 3.2)
+    min_gain: float = 0.05
+    min_px: float = 0.05
+    max_px: float = 4.0
+    first_seen: float = 0.6
+    first_ghosts: float = 3.0
+    min_seen: float = 0.2
+    max_seen: float = 0.7
+    min_ghosts: float = 0.2
+    sample_frames: int = 12
+    noise_share: float = 0.8
+    min_noise_points: int = 8
+    opening_frames: int = 64
+    opening_stride: int = 4
+    min_full: float = 0.8
+    max_move_m: float = 0.1
+    new_share: float = 0.3
+
+
+RECONSTRUCTION = ReconstructionOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,10 +102,10 @@ def reconstruct_take(chunks: Iterable[Blobs], cameras: Cameras, rate: float = 10
 class Reconstructor:
     """Reconstructs the chunks of one take in their order; between them it keeps the trajectories' ends."""
 
-    def __init__(self, cameras: Cameras, rate: float):
-        self.cameras, self.sight, self.links = cameras, Sight(cameras), Links.at(rate)
-        ghosts = np.full(len(cameras), FIRST_GHOSTS)
-        self.circumstances = Circumstances(TRIED_PIXELS[0], FIRST_SEEN, ghosts)
+    def __init__(self, cameras: Cameras, rate: float, options: ReconstructionOptions = RECONSTRUCTION):
+        self.cameras, self.sight, self.links, self.options = cameras, Sight(cameras), Links.at(rate), options
+        ghosts = np.full(len(cameras), options.first_ghosts)
+        self.circumstances = Circumstances(options.tried_px[0], options.first_seen, ghosts)
         self.learned = False
 
     def reconstruct(self, blobs: Blobs) -> Reconstructed:
@@ -86,7 +114,7 @@ class Reconstructor:
         linked = [] if self.learned else self._open(views)
         linked += [self._linked(view, self.links) for view in views[len(linked) :]]
         found, numbers = [points for points, _ in linked], [number for _, number in linked]
-        self._learn(views, found, NEW_SHARE)
+        self._learn(views, found, self.options.new_share)
         counts = [len(points.points) for points in found]
         columns = {name: np.concatenate([getattr(points, name) for points in found]) for name in ("points", "residual")}
         rows = np.concatenate([_rows(view, points) for view, points in zip(views, found, strict=True)])
@@ -109,7 +137,7 @@ class Reconstructor:
         """
         if not self._learn_first(views):
             return []
-        first = self._calmest(views[:OPENING])
+        first = self._calmest(views[: self.options.opening_frames])
         middle = [self._linked(view, self.links) for view in views[first : first + 2]]
         back = self.links.backwards(middle[0][0].points, middle[0][1])
         before = [self._linked(view, back) for view in reversed(views[:first])]
@@ -118,16 +146,21 @@ class Reconstructor:
 
     def _calmest(self, views: list[View]) -> int:
         """The frame from which the points move least to the next."""
-        starts = range(0, len(views) - 1, OPENING_STRIDE)
+        starts = range(0, len(views) - 1, self.options.opening_stride)
         pairs = [self._matched(views[start : start + 2]) for start in starts]
         most = max((len(one.points) for one, _ in pairs), default=0)
-        moves = [_movement(one.points, two.points) if len(one.points) > FULL * most else np.inf for one, two in pairs]
+        full = self.options.min_full * most
+        moves = [
+            _movement(one.points, two.points, self.options.max_move_m) if len(one.points) > full else np.inf
+            for one, two in pairs
+        ]
         return starts[int(np.argmin(moves))] if most else 0
 
     def _learn_first(self, views: list[View]) -> bool:
-        """What the capture is like, from frames spread over the first chunk, each on its own; whether they told."""
+        """What the capture is like, from frames spread over the first chunk, each on its own; whether they could."""
         full = [view for view in views if view.count]
-        sample = full[:: max(len(full) // SAMPLE, 1)][:SAMPLE]
+        count = self.options.sample_frames
+        sample = full[:: max(len(full) // count, 1)][:count]
         if not sample:
             return False
         self.circumstances = replace(self.circumstances, pixel=self._likely_noise(sample))
@@ -136,13 +169,13 @@ class Reconstructor:
         return self.learned
 
     def _likely_noise(self, sample: list[View]) -> float:
-        """The least of TRIED_PIXELS beyond which no more of the blobs belong to points."""
-        least, explained = TRIED_PIXELS[0], -1.0
-        for pixel in TRIED_PIXELS:
+        """The least deviation beyond which no more of the blobs belong to points."""
+        least, explained = self.options.tried_px[0], -1.0
+        for pixel in self.options.tried_px:
             self.circumstances = replace(self.circumstances, pixel=pixel)
             used = sum((points.slots >= 0).sum() for points in self._matched(sample))
             share = used / sum(view.count for view in sample)
-            if share > explained + WORTHWHILE:
+            if share > explained + self.options.min_gain:
                 least, explained = pixel, share
         return least
 
@@ -154,19 +187,19 @@ class Reconstructor:
         support = np.concatenate([points.support for points in found]) if found else np.zeros(0, int)
         squares = np.concatenate([points.squares for points in found]) if found else np.zeros(0)
         watching = np.concatenate([points.watching for points in found]) if found else np.zeros(0)
-        pixel = _pixel_noise(squares, support)
+        pixel = _pixel_noise(squares, support, self.options)
         if not np.isfinite(pixel):
             return False
         blobs = np.sum([view.real.sum(axis=1) for view in views], axis=0)
         used = np.sum([(points.slots >= 0).sum(axis=0) for points in found], axis=0)
-        old = self.circumstances
+        old, options = self.circumstances, self.options
         many = support >= 3
-        seen = np.clip(support[many].sum() / max(watching[many].sum(), 1), 0.2, MOST_SEEN)
+        seen = np.clip(support[many].sum() / max(watching[many].sum(), 1), options.min_seen, options.max_seen)
         self.circumstances = replace(
             old,
-            pixel=float(np.clip(old.pixel + share * (pixel - old.pixel), LEAST_PIXEL, MOST_PIXEL)),
+            pixel=float(np.clip(old.pixel + share * (pixel - old.pixel), options.min_px, options.max_px)),
             seen=float(old.seen + share * (seen - old.seen)),
-            ghosts=np.maximum(old.ghosts + share * ((blobs - used) / len(views) - old.ghosts), LEAST_GHOSTS),
+            ghosts=np.maximum(old.ghosts + share * ((blobs - used) / len(views) - old.ghosts), options.min_ghosts),
         )
         return True
 
@@ -177,25 +210,25 @@ def _rows(view: View, points: FramePoints) -> np.ndarray:
     return np.where(points.slots >= 0, rows, -1)
 
 
-def _movement(before: np.ndarray, after: np.ndarray) -> float:
+def _movement(before: np.ndarray, after: np.ndarray, max_move: float) -> float:
     """m², mean square of how far points (Q, 3) are from the nearest of those after them."""
     if not len(before) or not len(after):
         return np.inf
     distance = np.linalg.norm(before[:, None] - after, axis=2).min(axis=1)
-    return float((np.minimum(distance, LARGEST_MOVE) ** 2).mean())
+    return float((np.minimum(distance, max_move) ** 2).mean())
 
 
-def _pixel_noise(squares: np.ndarray, support: np.ndarray) -> float:
+def _pixel_noise(squares: np.ndarray, support: np.ndarray, options: ReconstructionOptions) -> float:
     """px, standard deviation of the blobs' positions as the meeting rays show it; NaN when too few rays meet.
 
-    The worst fifth of the points does not count: a wrong set or a merged blob is not noise.
+    The worst of the points do not count: a wrong set or a merged blob is not noise.
     """
     freedom = 2.0 * support - 3
     many = support >= 3
-    if many.sum() < FEWEST:
+    if many.sum() < options.min_noise_points:
         many = support >= 2
-    if many.sum() < FEWEST:
+    if many.sum() < options.min_noise_points:
         return float("nan")
     ratio = squares[many] / freedom[many]
-    order = np.argsort(ratio)[: int(np.ceil(TRIMMED * many.sum()))]
+    order = np.argsort(ratio)[: int(np.ceil(options.noise_share * many.sum()))]
     return float(np.sqrt(squares[many][order].sum() / freedom[many][order].sum()) * UNTRIMMED)

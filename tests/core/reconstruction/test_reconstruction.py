@@ -9,7 +9,7 @@ import pytest
 from addon.core.data.errors import JobError
 from addon.core.data.takes import Blobs
 from addon.core.reconstruction.linking import Links
-from addon.core.reconstruction.matching import APART
+from addon.core.reconstruction.matching import MATCHING
 from addon.core.reconstruction.trajectories import Reconstructor, reconstruct_take
 from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.simulate import CaptureOptions, capture, joined
@@ -134,7 +134,7 @@ def test_a_gap_is_bridged_and_a_long_one_is_not():
 def test_two_points_never_share_a_trajectory():
     links = Links.at(RATE)
     for _ in range(4):
-        assert len(set(links.link(np.array([[0.0, 0, 1], [2 * APART, 0, 1]])).tolist())) == 2
+        assert len(set(links.link(np.array([[0.0, 0, 1], [2 * MATCHING.min_distance_m, 0, 1]])).tolist())) == 2
 
 
 def test_memory_does_not_grow_with_the_take():

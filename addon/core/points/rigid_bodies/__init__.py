@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Whole trajectories named by what they do together, for subjects whose rigid bodies nobody measured before.
 
-Markers on one rigid body move rigidly together, rigid bodies on one limb meet in joints, and a body is not its mirror image: that
-says which rigid body is which even where a rigid body has another form, or sits elsewhere on the limb, than in training.
+Markers on one rigid body move as one, rigid bodies on one limb meet in joints, and a body is not its mirror image: that
+says which rigid body is which even where it has another form, or sits elsewhere on the limb, than in training.
 """
 
-from .person import Person, recognise
+from .recognition import Recognition, recognise
 from .structure import Structure, learn_structure
 
-__all__ = ["Person", "Structure", "learn_structure", "recognise"]
+__all__ = ["Recognition", "Structure", "learn_structure", "recognise"]

@@ -1,89 +1,112 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Putting rigid bodies together: one placement each at most, no point twice, distances between rigid bodies as ever seen.
+"""Putting rigid bodies together: one placement each at most, no point twice, distances between them as ever seen.
 
-A beam search over the rigid bodies, those first that are best linked to the ones before; then the markers on no rigid body, and
-those that were missed, by what their distances to the named ones allow.
+A beam search over the rigid bodies, those first that are best linked to the ones before; then the markers on no rigid
+body, and those that were missed, by what their distances to the named ones allow.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 
-from ..likelihood.naming import IMPOSSIBLE, NO_POINT, one_to_one
+from ...data.takes import NO_POINT
+from ..likelihood.naming import IMPOSSIBLE, one_to_one
 from ..likelihood.solving import Solved
-from .model import RigidBodies
+from .model import RigidBodies, linking_order
 from .placing import Placements, distances, place
 
-BEAM = 16
-LINKED = 3  # earlier rigid bodies that a rigid body is compared with
-STRETCHED = 8.0  # weight of the mean breach between two rigid bodies
-STEADY = 0.1  # m that distances between rigid bodies vary by, up to which a link counts fully
-LEAST_LINK = 0.15
-LIMIT = 4.0  # the most that one breach costs
-NEIGHBOURS = 8  # markers that a lone marker is judged by
-SURE_OF_THREE = 3.0  # distances that fix a point; more say partly the same
-LONE_WORTH = 1.0  # log odds a lone marker must have beside the number of points that it may be
-ROOM = 1.0  # side of the cube that ghosts fill, in distances between markers
-ROUNDS = 2
+
+@dataclass(frozen=True)
+class AssemblyOptions:
+    """How rigid bodies are put together in a frame, in log likelihood. All reckoned.
+
+    beam_width          namings of a frame that are followed
+    max_links           earlier rigid bodies that a rigid body is compared with
+    breach_weight       of the mean breach between two rigid bodies
+    max_breach_cost     the most that one breach costs
+    full_link_m         that distances between rigid bodies vary by, up to which a link counts fully
+    min_link_weight     that any link counts
+    neighbours          markers that a single marker is judged by
+    independent         distances that fix a point; more say partly the same
+    single_cost         log odds a single marker must have beside the number of points that it may be
+    room_ratio          side of the cube that ghosts fill, in distances between markers
+    rounds              of naming single markers, each by those that were named before
+    max_margin          log odds that a name without an alternative leads by
+    """
+
+    beam_width: int = 16
+    max_links: int = 3
+    breach_weight: float = 8.0
+    max_breach_cost: float = 4.0
+    full_link_m: float = 0.1
+    min_link_weight: float = 0.15
+    neighbours: int = 8
+    independent: float = 3.0
+    single_cost: float = 1.0
+    room_ratio: float = 1.0
+    rounds: int = 2
+    max_margin: float = 50.0
 
 
-def assemble(rigid_bodies: RigidBodies, points: np.ndarray) -> Solved:
+ASSEMBLY = AssemblyOptions()
+
+
+def assemble(rigid_bodies: RigidBodies, points: np.ndarray, options: AssemblyOptions = ASSEMBLY) -> Solved:
     """The best naming of frames of points (F, P, 3) m, NaN where there is none."""
-    apart = distances(points)
-    naming, score = _beam(rigid_bodies, points, apart)
-    best = naming[:, 0]
-    rival = np.where(naming[:, 1:] == best[:, None], -np.inf, (score[:, 1:] - score[:, :1])[..., None])
-    margin = np.where(best >= 0, -rival.max(axis=1, initial=-50.0), 0)
-    best, lone = _filled(rigid_bodies, apart, np.isfinite(points[..., 0]), best)
-    margin = np.where(np.isfinite(lone), np.minimum(lone, np.where(margin > 0, margin, 50.0)), margin)
+    distance = distances(points)
+    naming, score = _beam(rigid_bodies, points, distance, options)
+    best, most = naming[:, 0], options.max_margin
+    lead = np.where(naming[:, 1:] == best[:, None], -np.inf, (score[:, 1:] - score[:, :1])[..., None])
+    margin = np.where(best >= 0, -lead.max(axis=1, initial=-most), 0)
+    best, single = _filled(rigid_bodies, distance, np.isfinite(points[..., 0]), best, options)
+    margin = np.where(np.isfinite(single), np.minimum(single, np.where(margin > 0, margin, most)), margin)
     return Solved(best, score[:, 0], np.where(best >= 0, margin, 0), np.ones(len(best)))
 
 
-def rigid_body_order(rigid_bodies: RigidBodies) -> list[tuple[int, list[tuple[int, float]]]]:
+def rigid_body_order(
+    rigid_bodies: RigidBodies, options: AssemblyOptions = ASSEMBLY
+) -> list[tuple[int, list[tuple[int, float]]]]:
     """The rigid bodies in the order of the search, each with earlier ones to compare it with and how much each counts.
 
     Rigid bodies that share a joint say more of each other than those that do not.
     """
-    loose = np.array(
-        [
-            [
-                np.partition((rigid_bodies.high - rigid_bodies.low)[np.ix_(a, b)].ravel(), 2)[2]
-                for b in rigid_bodies.groups
-            ]
-            for a in rigid_bodies.groups
+    width, groups = rigid_bodies.high - rigid_bodies.low, rigid_bodies.groups
+    loose = np.array([[np.partition(width[np.ix_(a, b)].ravel(), 2)[2] for b in groups] for a in groups])
+    order = linking_order(loose)
+    ordered = []
+    for place_, index in enumerate(order):
+        others = sorted(order[:place_], key=lambda other: loose[index, other])[: options.max_links]
+        counts = [
+            float(np.clip(options.full_link_m / loose[index, other], options.min_link_weight, 1)) for other in others
         ]
-    )
-    order = [int(np.argmin(np.sort(loose + 1e3 * np.eye(len(loose)), axis=1)[:, :2].sum(axis=1)))]
-    while len(order) < len(loose):
-        rest = [index for index in range(len(loose)) if index not in order]
-        order.append(min(rest, key=lambda index: loose[index, order].min()))
-    links = [sorted(order[:place], key=lambda other: loose[index, other])[:LINKED] for place, index in enumerate(order)]
-    weights = [
-        [(other, float(np.clip(STEADY / loose[index, other], LEAST_LINK, 1))) for other in others]
-        for index, others in zip(order, links, strict=True)
-    ]
-    return list(zip(order, weights, strict=True))
+        ordered.append((index, list(zip(others, counts, strict=True))))
+    return ordered
 
 
-def _beam(rigid_bodies: RigidBodies, points: np.ndarray, apart: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _beam(
+    rigid_bodies: RigidBodies, points: np.ndarray, distance: np.ndarray, options: AssemblyOptions
+) -> tuple[np.ndarray, np.ndarray]:
     """Namings (F, B, M) and scores (F, B) of the best B, the best first."""
     frames, count = points.shape[:2]
     naming = np.full((frames, 1, len(rigid_bodies.form)), NO_POINT)
     score = np.zeros((frames, 1))
     used = np.zeros((frames, 1, count + 1), dtype=bool)
     rows = np.arange(frames)[:, None]
-    for index, links in rigid_body_order(rigid_bodies):
+    for index, links in rigid_body_order(rigid_bodies, options):
         group = rigid_bodies.groups[index]
-        found = place(rigid_bodies, group, points, apart)
+        found = place(rigid_bodies, group, points, distance)
         total = score[:, :, None] + found.score[:, None]
         for other, weight in links:
-            total = total + weight * _linked(rigid_bodies, group, rigid_bodies.groups[other], found, naming, apart)
+            cost = _link_cost(rigid_bodies, group, rigid_bodies.groups[other], found, naming, distance, options)
+            total = total - weight * options.breach_weight * cost
         # A hidden marker's place is the column beyond the last point, which is never used up.
         slots = np.where(found.points >= 0, found.points, count)
         taken = used[rows[..., None, None], np.arange(naming.shape[1])[:, None, None], slots[:, None]].any(axis=3)
         total = np.where(taken, -np.inf, total)
-        options = np.concatenate([total, score[:, :, None]], axis=2)
-        width = options.shape[2]
-        flat = options.reshape(frames, -1)
-        top = np.argsort(-flat, axis=1, kind="stable")[:, :BEAM]
+        choices = np.concatenate([total, score[:, :, None]], axis=2)
+        width = choices.shape[2]
+        flat = choices.reshape(frames, -1)
+        top = np.argsort(-flat, axis=1, kind="stable")[:, : options.beam_width]
         score = np.take_along_axis(flat, top, axis=1)
         parent, choice = top // width, top % width
         naming, used = naming[rows, parent], used[rows, parent]
@@ -95,36 +118,36 @@ def _beam(rigid_bodies: RigidBodies, points: np.ndarray, apart: np.ndarray) -> t
     return naming, score
 
 
-def _linked(
-    rigid_bodies: RigidBodies, group, other, found: Placements, naming: np.ndarray, apart: np.ndarray
+def _link_cost(
+    rigid_bodies: RigidBodies, group, other, found: Placements, naming: np.ndarray, distance: np.ndarray, options
 ) -> np.ndarray:
-    """(F, B, K) what the distances to another rigid body, as the namings have it, say of a rigid body's placements."""
+    """(F, B, K) mean breach of the distances of a rigid body's placements to another one, as the namings have it."""
     there = naming[:, :, other]
     frame = np.arange(len(naming))[:, None, None, None, None]
-    distance = apart[frame, np.maximum(there, 0)[:, :, None, :, None], np.maximum(found.points, 0)[:, None, :, None]]
+    ends = np.maximum(there, 0)[:, :, None, :, None], np.maximum(found.points, 0)[:, None, :, None]
     known = (there >= 0)[:, :, None, :, None] & (found.points >= 0)[:, None, :, None]
-    breach = rigid_bodies.breach(np.where(known, distance, 0), other[:, None], group[None])
-    cost = np.where(known, np.minimum(0.5 * breach**2, LIMIT), 0)
-    return -STRETCHED * cost.sum(axis=(3, 4)) / np.maximum(known.sum(axis=(3, 4)), 1)
+    breach = rigid_bodies.breach(np.where(known, distance[frame, *ends], 0), other[:, None], group[None])
+    cost = np.where(known, np.minimum(0.5 * breach**2, options.max_breach_cost), 0)
+    return cost.sum(axis=(3, 4)) / np.maximum(known.sum(axis=(3, 4)), 1)
 
 
-def _filled(rigid_bodies: RigidBodies, apart, present, naming) -> tuple[np.ndarray, np.ndarray]:
-    """The naming with lone and missed markers named, and their lead (F, M) on the next best; NaN for others."""
-    lone = np.full(naming.shape, np.nan)
+def _filled(rigid_bodies: RigidBodies, distance, present, naming, options) -> tuple[np.ndarray, np.ndarray]:
+    """The naming with single and missed markers named, and their lead (F, M) on the next best; NaN for others."""
+    single = np.full(naming.shape, np.nan)
     naming = naming.copy()
-    for _ in range(ROUNDS):
-        odds = _lone_odds(rigid_bodies, apart, present, naming)
+    for _ in range(options.rounds):
+        odds = _single_odds(rigid_bodies, distance, present, naming, options)
         added = one_to_one(odds)
         new = (added >= 0) & (naming < 0)
         chosen = np.take_along_axis(odds, np.maximum(added, 0)[..., None], axis=2)[..., 0]
         np.put_along_axis(odds, np.maximum(added, 0)[..., None], IMPOSSIBLE, axis=2)
         second = np.maximum(odds.max(axis=2), 0)
-        lone = np.where(new, chosen - second, lone)
+        single = np.where(new, chosen - second, single)
         naming = np.where(new, added, naming)
-    return naming, lone
+    return naming, single
 
 
-def _lone_odds(rigid_bodies: RigidBodies, apart, present, naming) -> np.ndarray:
+def _single_odds(rigid_bodies: RigidBodies, distance, present, naming, options) -> np.ndarray:
     """(F, M, P) log odds that a free point is an unnamed marker, from its distances to the named."""
     frames, markers = naming.shape
     count = present.shape[1]
@@ -133,21 +156,20 @@ def _lone_odds(rigid_bodies: RigidBodies, apart, present, naming) -> np.ndarray:
     np.put_along_axis(taken, np.where(naming >= 0, naming, count), True, axis=1)
     free = present & ~taken[:, :count]
     width = rigid_bodies.high - rigid_bodies.low + 2 * rigid_bodies.slack
-    scale = ROOM * np.median(rigid_bodies.high)
-    price = LONE_WORTH + np.log1p(free.sum(axis=1))
+    scale = options.room_ratio * np.median(rigid_bodies.high)
+    price = options.single_cost + np.log1p(free.sum(axis=1))
     for marker in range(markers):
         rows = np.flatnonzero(naming[:, marker] < 0)
-        near = np.argsort(width[marker] + 1e3 * (np.arange(markers) == marker))[:NEIGHBOURS]
+        near = np.argsort(width[marker] + 1e3 * (np.arange(markers) == marker))[: options.neighbours]
         if not len(rows):
             continue
         there = naming[rows][:, near]
         known = there >= 0
-        distance = apart[rows[:, None], np.maximum(there, 0)]
-        breach = rigid_bodies.breach(distance, np.array(marker), near[None, :, None])
-        gain = np.log(np.maximum(scale / width[marker, near], 1))[None, :, None] - np.minimum(
-            0.5 * breach**2, 2 * LIMIT
-        )
+        to_named = distance[rows[:, None], np.maximum(there, 0)]
+        breach = rigid_bodies.breach(to_named, np.array(marker), near[None, :, None])
+        gain = np.log(np.maximum(scale / width[marker, near], 1))[None, :, None]
+        gain = gain - np.minimum(0.5 * breach**2, 2 * options.max_breach_cost)
         total = np.where(known[..., None], gain, 0).sum(axis=1)
-        total *= np.minimum(1, SURE_OF_THREE / np.maximum(known.sum(axis=1), 1))[:, None]
+        total *= np.minimum(1, options.independent / np.maximum(known.sum(axis=1), 1))[:, None]
         odds[rows, marker] = np.where(free[rows], total - price[rows, None], IMPOSSIBLE)
     return odds

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rigid bodies: groups of three or more markers that move as one rigid thing, and how far apart any two markers ever are.
+"""Rigid bodies: groups of three or more markers that move as one, and how far from each other any two markers ever are.
 
-Where most markers are on rigid bodies, a pose that was never seen is no trouble: each rigid body is found by its own form, and
-rigid bodies are put together by what the distances between their markers allow.
+Where most markers are on rigid bodies, a pose that was never seen is no trouble: each rigid body is found by its own
+form, and rigid bodies are put together by what the distances between their markers allow.
 """
 
 from collections.abc import Sequence
@@ -12,23 +12,44 @@ from itertools import combinations
 
 import numpy as np
 
-RIGID = 0.015  # radii: standard deviation of a distance within a rigid body
-APART = (
-    5.0  # times as much must distances to markers off a rigid body vary: in a few steps a whole limb keeps its form too
-)
-KEPT = 0.021  # radii that distances within what stands apart so vary by: a rigid body with what is worn right beside it
-STEADIEST = 0.001  # m, that any distance is taken to vary by
-ON_PLATES = 0.85  # part of the markers that must be on rigid bodies for a set to be one on rigid bodies
-PROP = 0.003  # m that distances of a prop, on which all markers are one rigid body, vary by
-MOVED = 0.03  # m, standard deviation of where it is: who stands still keeps his form too
-FEWEST = 3
-MOST_BASES = 8
-NOISE = 0.0007  # m, of a measured distance
-STRETCH = 0.003  # of a length, between takes
-SLACK = 0.25  # of a distance's range, and
-SLACK_LENGTH = 0.02  # m, that it may leave the range by before it counts
-ANYWHERE = 50.0  # m, for two markers never seen together
-OUTLIERS = 0.5  # per cent at either end of a distance's range that are left out
+from ...geometry.rigid import MIN_POINTS, mean_form, pairwise_distances
+
+
+@dataclass(frozen=True)
+class RigidBodyOptions:
+    """When markers are on rigid bodies, and how far their distances may leave what was seen.
+
+    max_rigid_sd     radii, standard deviation of every distance within a rigid body; reckoned
+    min_separation   times as much as within must distances to markers off a rigid body vary: in a few steps a whole
+                     limb keeps its form too; chosen on the Clouthier takes on plates and the McGill walks on the skin
+    max_separate_sd  radii that distances may vary by within what is separate so: a rigid body with what sits right
+                     beside it; chosen on the same takes
+    min_sd_m         that any distance is taken to vary by; reckoned from how exact cameras are
+    min_marker_part  of the markers that must be on rigid bodies for the set to be; chosen on the same takes
+    max_prop_sd_m    that distances of a prop, on which all markers are one rigid body, vary by; reckoned
+    min_prop_move_m  standard deviation of where a prop is: who stands still keeps their form too; reckoned
+    max_bases        triangles that a rigid body is recognised by; reckoned: some may be hidden, all are too many
+    tail_percent     at either end of a distance's range that is left out, as outliers; reckoned
+    slack_range      of a distance's range, and
+    slack_m          that it may leave the range by before it counts; reckoned: no take shows all poses
+    unseen_m         how far apart two markers may be that were never seen together: anywhere
+    """
+
+    max_rigid_sd: float = 0.015
+    min_separation: float = 5.0
+    max_separate_sd: float = 0.021
+    min_sd_m: float = 0.001
+    min_marker_part: float = 0.85
+    max_prop_sd_m: float = 0.003
+    min_prop_move_m: float = 0.03
+    max_bases: int = 8
+    tail_percent: float = 0.5
+    slack_range: float = 0.25
+    slack_m: float = 0.02
+    unseen_m: float = 50.0
+
+
+RIGID_BODY = RigidBodyOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,12 +69,11 @@ class RigidBodies:
     @cached_property
     def slack(self) -> np.ndarray:
         """(M, M) m, how softly the range of a distance ends."""
-        return SLACK * (self.high - self.low) + SLACK_LENGTH
+        return RIGID_BODY.slack_range * (self.high - self.low) + RIGID_BODY.slack_m
 
     def lengths(self, group: np.ndarray) -> np.ndarray:
         """(n, n) m, the distances within a rigid body."""
-        form = self.form[group]
-        return np.linalg.norm(form[:, None] - form[None], axis=-1)
+        return pairwise_distances(self.form[group])
 
     def bases(self, group: np.ndarray) -> list[tuple[int, int, int]]:
         """Triples of places in a rigid body to recognise it by, the largest triangles first, the longest side first."""
@@ -65,7 +85,7 @@ class RigidBodies:
             third = next(place for place in triple if place not in (first, second))
             area = np.linalg.norm(np.cross(form[second] - form[first], form[third] - form[first]))
             scored.append((area, first, second, third))
-        return [row[1:] for row in sorted(scored, reverse=True)[:MOST_BASES]]
+        return [row[1:] for row in sorted(scored, reverse=True)[: RIGID_BODY.max_bases]]
 
     def breach(self, distance: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
         """How far distances, m, between markers lie outside what was ever seen, in slacks."""
@@ -73,27 +93,30 @@ class RigidBodies:
         return np.maximum(np.maximum(low - distance, distance - high), 0) / slack
 
 
-def learn_rigid_bodies(subjects: Sequence[np.ndarray], radius: float) -> RigidBodies | None:
+def learn_rigid_bodies(
+    subjects: Sequence[np.ndarray], radius: float, options: RigidBodyOptions = RIGID_BODY
+) -> RigidBodies | None:
     """The rigid bodies of labelled clouds, one array (T, M, 3) m a subject, NaN where missing; `radius` is the shape's.
 
-    None for a set that is not worn on rigid bodies, as its markers move against each other or none at all.
+    None for a set that is not on rigid bodies, as its markers move against each other or none at all.
     """
     markers = subjects[0].shape[1]
     everyone = np.concatenate(subjects)
     spread, low, high = np.full((3, markers, markers), np.nan)
+    tails = [options.tail_percent, 100 - options.tail_percent]
     for one in range(markers):
         distance = np.linalg.norm(everyone - everyone[:, one : one + 1], axis=-1)
         some = np.isfinite(distance).sum(axis=0) > 1
         known = distance[:, some]
         spread[one, some] = np.nanstd(known, axis=0)
-        low[one, some], high[one, some] = np.nanpercentile(known, [OUTLIERS, 100 - OUTLIERS], axis=0)
+        low[one, some], high[one, some] = np.nanpercentile(known, tails, axis=0)
     never = ~np.isfinite(low)
     spread[never] = np.inf
-    low[never], high[never] = 0, ANYWHERE
+    low[never], high[never] = 0, options.unseen_m
     tree = _tree(spread)
-    groups = _rigid_groups(tree, RIGID * radius)
-    on_plates = _prop(tree, everyone) or _part_apart(tree, markers, KEPT * radius) >= ON_PLATES
-    if not groups or not on_plates:
+    groups = _rigid_groups(tree, options.max_rigid_sd * radius)
+    separate = _separate_part(tree, markers, options.max_separate_sd * radius, options) >= options.min_marker_part
+    if not groups or not (separate or _is_prop(tree, everyone, options)):
         return None
     form = np.zeros((markers, 3))
     for group in groups:
@@ -109,44 +132,48 @@ def _tree(spread: np.ndarray) -> np.ndarray:
 
 
 def _rigid_groups(tree: np.ndarray, limit: float) -> list[np.ndarray]:
-    """Groups in which every distance is steady."""
+    """Groups in which no distance varies by more than `limit`, m."""
     from scipy.cluster.hierarchy import fcluster
 
     cluster = fcluster(tree, limit, "distance")
     groups = [np.flatnonzero(cluster == index) for index in np.unique(cluster)]
-    return [group for group in groups if len(group) >= FEWEST]
+    return [group for group in groups if len(group) >= MIN_POINTS]
 
 
-def _prop(tree: np.ndarray, points: np.ndarray) -> bool:
+def _is_prop(tree: np.ndarray, points: np.ndarray, options: RigidBodyOptions) -> bool:
     """Whether the markers, points (T, M, 3) m, are all one rigid thing that was moved about."""
-    return bool(tree[-1, 2] < PROP and np.nanstd(points, axis=0).max() > MOVED)
+    return bool(tree[-1, 2] < options.max_prop_sd_m and np.nanstd(points, axis=0).max() > options.min_prop_move_m)
 
 
-def _part_apart(tree: np.ndarray, markers: int, limit: float) -> float:
-    """The part of the markers that is in groups much steadier within than towards any other."""
+def _separate_part(tree: np.ndarray, markers: int, limit: float, options: RigidBodyOptions) -> float:
+    """The part of the markers that is in groups whose distances vary much less within than towards any other."""
     members = [[index] for index in range(markers)]
     height = [0.0] * markers
-    on_plate = np.zeros(markers, dtype=bool)
+    separate = np.zeros(markers, dtype=bool)
     for one, two, varies, _ in tree:
         for group in (int(one), int(two)):
-            steady = height[group] < limit and varies >= APART * max(height[group], STEADIEST)
-            if steady and len(members[group]) >= FEWEST:
-                on_plate[members[group]] = True
+            rigid = height[group] < limit and varies >= options.min_separation * max(height[group], options.min_sd_m)
+            if rigid and len(members[group]) >= MIN_POINTS:
+                separate[members[group]] = True
         members.append(members[int(one)] + members[int(two)])
         height.append(varies)
-    return float(on_plate.mean())
+    return float(separate.mean())
 
 
 def _form(points: np.ndarray) -> np.ndarray:
-    """(n, 3) the mean form of a rigid body seen as points (T, n, 3), by rotating every frame onto the mean so far."""
+    """(n, 3) the mean form of a rigid body seen as points (T, n, 3), its middle at 0."""
     whole = points[np.isfinite(points).all(axis=(1, 2))]
     if not len(whole):
         whole = np.nanmean(points, axis=0)[None]
     whole = whole - whole.mean(axis=1, keepdims=True)
-    form = whole[len(whole) // 2]
-    for _ in range(3):
-        left, _, right = np.linalg.svd(whole.transpose(0, 2, 1) @ form)
-        flip = np.linalg.det(left @ right)
-        left[:, :, 2] *= flip[:, None]
-        form = (whole @ (left @ right)).mean(axis=0)
-    return form
+    return mean_form(whole[len(whole) // 2], whole)
+
+
+def linking_order(loose: np.ndarray) -> list[int]:
+    """K rigid bodies from the best linked on, each next to one before it, by how loosely they are linked, (K, K)."""
+    loose = np.where(np.eye(len(loose), dtype=bool), np.inf, loose)
+    order = [int(np.argmin(np.sort(loose, axis=1)[:, :2].sum(axis=1)))]
+    while len(order) < len(loose):
+        rest = [index for index in range(len(loose)) if index not in order]
+        order.append(min(rest, key=lambda index: loose[index, order].min()))
+    return order

@@ -5,15 +5,43 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..likelihood.naming import NO_POINT
-from .model import NOISE, STRETCH, RigidBodies
+from ...data.takes import NO_POINT
+from ...geometry.rigid import pairwise_distances
+from .model import RigidBodies
 
-GATE = 6.0  # standard deviations of a length
-LEAST_GATE = 0.005  # m
-NEAR = 0.012  # m that a further marker may be from where the first three put it
-WORTH = 7.0  # log likelihood of one more point that fits
-BENT = 4.0  # the most that a bent rigid body costs, for every number that fixes it
-KEPT = 10  # placements of a rigid body in a frame
+
+@dataclass(frozen=True)
+class PlacingOptions:
+    """What a placement of a rigid body in a frame may look like, and what it is worth. All reckoned.
+
+    noise_m, noise_share  standard deviation of a measured distance, and of a length, between takes
+    max_length_sds        that a side of a triangle may be off
+    min_gate_m            that it may be off in any case
+    max_marker_m          that a further marker may be from where the first three put it
+    point_gain            log likelihood of one more point that fits
+    max_bend_cost         the most that a bent rigid body costs, for every number that fixes it
+    max_placements        of a rigid body in a frame
+    """
+
+    noise_m: float = 0.0007
+    noise_share: float = 0.003
+    max_length_sds: float = 6.0
+    min_gate_m: float = 0.005
+    max_marker_m: float = 0.012
+    point_gain: float = 7.0
+    max_bend_cost: float = 4.0
+    max_placements: int = 10
+
+    def spread(self, lengths: np.ndarray) -> np.ndarray:
+        """The standard deviation, m, of measured lengths, m."""
+        return np.hypot(self.noise_m, self.noise_share * lengths)
+
+    def gate(self, length: float) -> float:
+        """How far, m, a side of a triangle may be off its length, m."""
+        return max(self.max_length_sds * self.spread(length), self.min_gate_m)
+
+
+PLACING = PlacingOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,49 +57,47 @@ class Placements:
 
 
 def distances(points: np.ndarray) -> np.ndarray:
-    """(F, P, P) m between points (F, P, 3), infinite to where there is none."""
-    known = np.nan_to_num(points)
-    square = (known**2).sum(axis=2)
-    apart = square[:, :, None] + square[:, None] - 2 * (known @ known.transpose(0, 2, 1))
-    apart = np.sqrt(np.maximum(apart, 0))
+    """(F, P, P) m between points (F, P, 3), infinite to where there is none and from a point to itself."""
+    distance = pairwise_distances(np.nan_to_num(points))
     gone = ~np.isfinite(points[..., 0])
-    apart[np.broadcast_to(gone[:, :, None] | gone[:, None], apart.shape)] = np.inf
-    apart[:, np.arange(points.shape[1]), np.arange(points.shape[1])] = np.inf
-    return apart
+    distance[gone[:, :, None] | gone[:, None] | np.eye(points.shape[1], dtype=bool)] = np.inf
+    return distance
 
 
-def place(rigid_bodies: RigidBodies, group: np.ndarray, points: np.ndarray, apart: np.ndarray) -> Placements:
-    """The likeliest placements of a rigid body in frames of points (F, P, 3) m whose distances are `apart` (F, P, P)."""
+def place(
+    rigid_bodies: RigidBodies,
+    group: np.ndarray,
+    points: np.ndarray,
+    distance: np.ndarray,
+    options: PlacingOptions = PLACING,
+) -> Placements:
+    """The likeliest placements of a rigid body in frames of points (F, P, 3) m with such a `distance` (F, P, P)."""
     lengths = rigid_bodies.lengths(group)
     form = rigid_bodies.form[group]
-    rows, scores = [], []
+    rows = []
     for base in rigid_bodies.bases(group):
-        frame, corners = _triangles(lengths, base, apart)
+        frame, corners = _triangles(lengths, base, distance, options)
         if len(frame):
-            found = _completed(form, base, points, frame, corners)
+            found = _completed(form, base, points, frame, corners, options.max_marker_m)
             rows.append(np.concatenate([frame[:, None], found], axis=1))
     if not rows:
         return _none(len(points), len(group))
     rows = np.unique(np.concatenate(rows), axis=0)
-    scores = _scores(lengths, apart, rows[:, 0], rows[:, 1:])
-    return _best(len(points), rows, scores)
+    scores = _scores(lengths, distance, rows[:, 0], rows[:, 1:], options)
+    return _best(len(points), rows, scores, options.max_placements)
 
 
 def _none(frames: int, markers: int) -> Placements:
     return Placements(np.full((frames, 1, markers), NO_POINT), np.full((frames, 1), -np.inf))
 
 
-def _gate(length: float) -> float:
-    return max(GATE * np.hypot(NOISE, STRETCH * length), LEAST_GATE)
-
-
-def _triangles(lengths: np.ndarray, base, apart: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _triangles(lengths: np.ndarray, base, distance: np.ndarray, options) -> tuple[np.ndarray, np.ndarray]:
     """Frames (K,) and points (K, 3) of all triangles with the sides of the base."""
     first, second, third = base
     longest = lengths[first, second]
-    frame, one, two = np.nonzero(np.abs(apart - longest) < _gate(longest))
-    near = np.abs(apart[frame, one] - lengths[first, third]) < _gate(lengths[first, third])
-    near &= np.abs(apart[frame, two] - lengths[second, third]) < _gate(lengths[second, third])
+    frame, one, two = np.nonzero(np.abs(distance - longest) < options.gate(longest))
+    near = np.abs(distance[frame, one] - lengths[first, third]) < options.gate(lengths[first, third])
+    near &= np.abs(distance[frame, two] - lengths[second, third]) < options.gate(lengths[second, third])
     row, three = np.nonzero(near)
     return frame[row], np.stack([one[row], two[row], three], axis=1)
 
@@ -86,7 +112,7 @@ def _axes(corners: np.ndarray) -> np.ndarray:
     return np.stack([along, side, np.cross(along, side)], axis=-2)
 
 
-def _completed(form, base, points, frame, corners) -> np.ndarray:
+def _completed(form, base, points, frame, corners, max_distance: float) -> np.ndarray:
     """(K, n) the points of whole rigid bodies on triangles: the nearest to where each further marker must be."""
     at = points[frame[:, None], corners]
     local = (form - form[list(base)].mean(axis=0)) @ _axes(form[list(base)]).T
@@ -99,31 +125,30 @@ def _completed(form, base, points, frame, corners) -> np.ndarray:
         gap = np.linalg.norm(np.nan_to_num(points[frame], nan=np.inf) - expected[:, marker, None], axis=-1)
         nearest = gap.argmin(axis=1)
         free = (found != nearest[:, None]).all(axis=1)
-        good = free & (gap[np.arange(len(gap)), nearest] < NEAR)
+        good = free & (gap[np.arange(len(gap)), nearest] < max_distance)
         found[good, marker] = nearest[good]
     return found
 
 
-def _scores(lengths, apart, frame, found) -> np.ndarray:
+def _scores(lengths, distance, frame, found, options: PlacingOptions) -> np.ndarray:
     """(K,) how many points fit, and how well their distances do."""
     known = found >= 0
     both = known[:, :, None] & known[:, None] & ~np.eye(len(lengths), dtype=bool)
-    measured = apart[frame[:, None, None], np.maximum(found, 0)[:, :, None], np.maximum(found, 0)[:, None]]
-    spread = np.hypot(NOISE, STRETCH * lengths)
-    off = np.where(both, ((np.where(both, measured, 0) - lengths) / spread) ** 2, 0)
+    measured = distance[frame[:, None, None], np.maximum(found, 0)[:, :, None], np.maximum(found, 0)[:, None]]
+    off = np.where(both, ((np.where(both, measured, 0) - lengths) / options.spread(lengths)) ** 2, 0)
     # Skin gives way now and then: far off costs little more than off.
     mean = 2 * np.log1p(off / 2).sum(axis=(1, 2)) / both.sum(axis=(1, 2))
     count = known.sum(axis=1)
-    return WORTH * (count - 2) - 0.5 * (3 * count - 6) * np.minimum(mean, BENT)
+    return options.point_gain * (count - 2) - 0.5 * (3 * count - 6) * np.minimum(mean, options.max_bend_cost)
 
 
-def _best(frames: int, rows: np.ndarray, scores: np.ndarray) -> Placements:
+def _best(frames: int, rows: np.ndarray, scores: np.ndarray, count: int) -> Placements:
     """The best few placements of every frame out of rows (N, 1 + n) of frame and points."""
     order = np.lexsort((-scores, rows[:, 0]))
     rows, scores = rows[order], scores[order]
     starts = np.searchsorted(rows[:, 0], np.arange(frames + 1))
     rank = np.arange(len(rows)) - starts[rows[:, 0]]
-    kept = rank < KEPT
+    kept = rank < count
     rows, scores, rank = rows[kept], scores[kept], rank[kept]
     width = int(rank.max()) + 1
     points = np.full((frames, width, rows.shape[1] - 1), NO_POINT)

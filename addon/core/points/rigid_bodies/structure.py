@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is learned of how rigid bodies lie on a body that holds for other people too: not the form of a rigid body, but its place.
+"""What is learned of how rigid bodies lie on a subject that holds for others too: not their forms, but their places.
 
 How far rigid bodies are from each other, which meet in a joint and how far from it, and which way round the body is.
 """
@@ -11,23 +11,60 @@ from itertools import combinations
 
 import numpy as np
 
-from ...geometry.rigid import FEWEST, laid_on
+from ...data.takes import evenly_spread
+from ...geometry.rigid import MIN_POINTS, centre_of_rotation, in_axes, laid_on, pairwise_distances
 from .model import RigidBodies
 
-FRAMES = 300  # of a subject that are learned from
-ENDS = 1.0  # per cent of a distance's range left out at either end
-SLACK_LENGTH, SLACK_SHARE, SLACK_RANGE = 0.025, 0.08, 0.2  # m, of the distance, of its range: what people differ by
-LEAST_VOLUME_SD = 0.05
-PLACED_SD = 0.004  # m by which a marker put on elsewhere changes the volumes of its triples, in their sides
-TELLING = 1.5  # standard deviations from 0 of a volume that tells a body from its mirror image
-LINKED = 0.025  # m that rigid bodies with a joint between them may be off it, root mean square
-LEAST_TURN = 0.15  # rad, about, that rigid bodies must turn against each other to tell a joint
-JOINT_PULL = 0.05  # draws a joint to its rigid bodies along axes about which nothing turns
-JOINT_KEPT = 0.9  # part of the frames that a joint is found from
-LEAST_FRAMES = 20
-FIRM, FIRMER = 0.004, 3.0  # m, and times the usual, that a rigid body's own markers may move against each other
-BESIDE = 0.03  # m that a marker on no rigid body may move against one, root mean square, to be looked for on it
-MOST_MEMBERS = 7  # markers of a rigid body with those beside it
+
+@dataclass(frozen=True)
+class JointOptions:
+    """When two rigid bodies are taken to meet in a joint. All reckoned, from how flesh moves over bones.
+
+    max_miss_m    that rigid bodies with a joint between them may be off it, root mean square
+    min_turn_rad  about, that rigid bodies must turn against each other to tell a joint
+    pull          draws a joint to the middles of its rigid bodies along axes about which nothing turns
+    share         of the frames that a joint is found from, those that agree best: some trajectories go astray
+    min_frames    in which both must be seen
+    """
+
+    max_miss_m: float = 0.025
+    min_turn_rad: float = 0.15
+    pull: float = 0.05
+    share: float = 0.9
+    min_frames: int = 20
+
+
+@dataclass(frozen=True)
+class StructureOptions:
+    """What is learned from, and what subjects are taken to differ by. All reckoned.
+
+    sample_frames     of a subject that are learned from, evenly spread
+    tail_percent      of a distance's range left out at either end, as outliers
+    slack_m, slack_share, slack_range  that subjects differ by in a distance, of the distance, of its range
+    min_volume_sd     that a signed volume is taken to vary by, in units of its sides
+    placement_sd_m    by which a marker put on elsewhere changes the volumes of its triples, in their sides
+    min_mirror_sds    standard deviations from 0 of a volume that tells a body from its mirror image
+    max_loose_m, max_loose_ratio  and times the usual, that a rigid body's own markers may move against each other
+    max_beside_m      that a marker on no rigid body may move against one, root mean square, to be looked for on it
+    max_members       markers of a rigid body with those beside it
+    """
+
+    sample_frames: int = 300
+    tail_percent: float = 1.0
+    slack_m: float = 0.025
+    slack_share: float = 0.08
+    slack_range: float = 0.2
+    min_volume_sd: float = 0.05
+    placement_sd_m: float = 0.004
+    min_mirror_sds: float = 1.5
+    max_loose_m: float = 0.004
+    max_loose_ratio: float = 3.0
+    max_beside_m: float = 0.03
+    max_members: int = 7
+
+
+JOINT = JointOptions()
+STRUCTURE = StructureOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +84,16 @@ class Joints:
     def arm(self) -> np.ndarray:
         """(K, K) m from the middle of the first to the point."""
         return np.linalg.norm(self.at, axis=2)
+
+    @property
+    def telling(self) -> np.ndarray:
+        """(K, K) whether the two were seen together and turn enough against each other to tell a joint."""
+        return np.isfinite(self.miss) & (self.turn > JOINT.min_turn_rad)
+
+    @property
+    def sure(self) -> np.ndarray:
+        """(K, K) whether there is a joint."""
+        return (self.miss < JOINT.max_miss_m) & self.telling
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,52 +146,54 @@ def unseen_is_nan() -> warnings.catch_warnings:
     return warnings.catch_warnings(action="ignore", category=RuntimeWarning)
 
 
-def learn_structure(rigid_bodies: RigidBodies, subjects: Sequence[np.ndarray]) -> Structure:
+def learn_structure(
+    rigid_bodies: RigidBodies, subjects: Sequence[np.ndarray], options: StructureOptions = STRUCTURE
+) -> Structure:
     """The structure of labelled frames of each subject, (F, M, 3) m, NaN where missing."""
     with unseen_is_nan():
-        return _learn(rigid_bodies, subjects)
+        return _learn(rigid_bodies, subjects, options)
 
 
-def _learn(rigid_bodies: RigidBodies, subjects: Sequence[np.ndarray]) -> Structure:
-    frames = np.concatenate([points[:: max(len(points) // FRAMES, 1)] for points in subjects])
-    groups = [_firm(group, frames) for group in rigid_bodies.groups]
-    poses = [
-        laid_on(rigid_bodies.form[group] - rigid_bodies.form[group].mean(axis=0), frames[:, group]) for group in groups
-    ]
+def _learn(rigid_bodies: RigidBodies, subjects: Sequence[np.ndarray], options: StructureOptions) -> Structure:
+    frames = np.concatenate([points[evenly_spread(len(points), options.sample_frames)] for points in subjects])
+    groups = [_firm(group, frames, options) for group in rigid_bodies.groups]
+    poses = [laid_on(_centred(rigid_bodies.form[group]), frames[:, group]) for group in groups]
     turn, place = (np.stack(part, axis=1) for part in zip(*poses, strict=True))
-    distance = np.linalg.norm(place[:, :, None] - place[:, None], axis=-1)
-    low, high = np.nanpercentile(distance, [ENDS, 100 - ENDS], axis=0)
+    tails = [options.tail_percent, 100 - options.tail_percent]
+    low, high = np.nanpercentile(pairwise_distances(place), tails, axis=0)
     quads = np.array(list(combinations(range(len(poses)), 4)), int).reshape(-1, 4)
     volumes = signed_volumes(*(place[:, quads[:, corner]] for corner in range(4)))
-    mean, spread = np.nanmean(volumes, axis=0), np.hypot(np.nanstd(volumes, axis=0), LEAST_VOLUME_SD)
-    telling = np.abs(mean) > TELLING * spread
-    joints = find_joints(turn, place)
-    lone = np.setdiff1d(np.arange(frames.shape[1]), np.concatenate(groups))
+    mean, spread = np.nanmean(volumes, axis=0), np.hypot(np.nanstd(volumes, axis=0), options.min_volume_sd)
+    telling = np.abs(mean) > options.min_mirror_sds * spread
+    single = np.setdiff1d(np.arange(frames.shape[1]), np.concatenate(groups))
     inner = [
-        _learn_inner(rigid_bodies, group, lone, frames, turn[:, index], place[:, index], place)
+        _learn_inner(rigid_bodies, group, single, frames, turn[:, index], place[:, index], place, options)
         for index, group in enumerate(groups)
     ]
+    joints = find_joints(turn, place)
     return Structure(
         low,
         high,
-        SLACK_LENGTH + SLACK_SHARE * (low + high) / 2 + SLACK_RANGE * (high - low),
+        options.slack_m + options.slack_share * (low + high) / 2 + options.slack_range * (high - low),
         quads[telling],
         mean[telling],
         spread[telling],
         joints,
-        (joints.miss < LINKED) & (joints.turn > LEAST_TURN),
+        joints.sure,
         tuple(inner),
         frames.shape[1],
     )
 
 
-def _firm(group: np.ndarray, frames: np.ndarray) -> np.ndarray:
+def _centred(form: np.ndarray) -> np.ndarray:
+    return form - form.mean(axis=0)
+
+
+def _firm(group: np.ndarray, frames: np.ndarray, options: StructureOptions) -> np.ndarray:
     """The markers of a rigid body without those that move against the rest, such as one on the joint below."""
-    markers = frames[:, group]
-    spread = np.nanstd(np.linalg.norm(markers[:, :, None] - markers[:, None], axis=-1), axis=0)
-    loose = np.median(spread, axis=0)
-    firm = loose < max(FIRM, FIRMER * np.median(loose))
-    return group[firm] if firm.sum() >= FEWEST else group
+    loose = np.median(np.nanstd(pairwise_distances(frames[:, group]), axis=0), axis=0)
+    firm = loose < max(options.max_loose_m, options.max_loose_ratio * np.median(loose))
+    return group[firm] if firm.sum() >= MIN_POINTS else group
 
 
 def signed_volumes(one: np.ndarray, two: np.ndarray, three: np.ndarray, four: np.ndarray) -> np.ndarray:
@@ -160,36 +209,24 @@ def triples(count: int) -> np.ndarray:
     return np.array(list(combinations(range(count), 3)))
 
 
-def find_joints(turn: np.ndarray, place: np.ndarray) -> Joints:
+def find_joints(turn: np.ndarray, place: np.ndarray, options: JointOptions = JOINT) -> Joints:
     """The joints of K rigid things, (F, K, 3, 3) and (F, K, 3) m, NaN where not seen."""
     count = turn.shape[1]
     miss, bend = np.full((2, count, count), np.nan)
     at = np.full((count, count, 3), np.nan)
     for one, two in combinations(range(count), 2):
         seen = np.isfinite(place[:, one, 0]) & np.isfinite(place[:, two, 0])
-        if seen.sum() >= LEAST_FRAMES:
-            found = _joint(turn[seen, one], place[seen, one], turn[seen, two], place[seen, two])
-            miss[one, two], at[one, two], at[two, one], bend[one, two] = found
-            miss[two, one], bend[two, one] = miss[one, two], bend[one, two]
+        if seen.sum() < options.min_frames:
+            continue
+        both = np.ix_(seen, [one, two])
+        middles = np.zeros((2, 3))
+        (at[one, two], at[two, one]), off = centre_of_rotation(
+            turn[both], place[both], middles, options.pull, options.share
+        )
+        mean = (np.swapaxes(turn[seen, one], 1, 2) @ turn[seen, two]).mean(axis=0)
+        miss[one, two] = miss[two, one] = off
+        bend[one, two] = bend[two, one] = np.sqrt(max(3 - np.linalg.norm(mean) ** 2, 0.0))
     return Joints(miss, at, bend)
-
-
-def _joint(turn, place, other_turn, other_place) -> tuple[float, np.ndarray, np.ndarray, float]:
-    """How far the best joint is off, where it is in the axes of either, and how far the two turn; least squares."""
-    between = np.swapaxes(turn, 1, 2) @ other_turn
-    apart = np.einsum("fji,fj->fi", turn, other_place - place)
-    matrix = np.concatenate([np.broadcast_to(np.eye(3), between.shape), -between], axis=2)
-    kept = np.ones(len(apart), dtype=bool)
-    for _ in range(2):
-        normal = np.einsum("fji,fjk->ik", matrix[kept], matrix[kept]) / kept.sum()
-        right = np.einsum("fji,fj->i", matrix[kept], apart[kept]) / kept.sum()
-        point = np.linalg.solve(normal + JOINT_PULL**2 * np.eye(6), right)
-        off = np.linalg.norm(matrix @ point - apart, axis=1)
-        # A trajectory that goes astray takes its whole rigid body with it; the joint is what most frames say.
-        kept = off <= np.quantile(off, JOINT_KEPT)
-    miss = np.sqrt((off[kept] ** 2).mean())
-    bend = np.sqrt(max(3 - np.linalg.norm(between.mean(axis=0)) ** 2, 0.0))
-    return float(miss), point[:3], point[3:], float(bend)
 
 
 def farther(markers: np.ndarray, place: np.ndarray) -> np.ndarray:
@@ -197,14 +234,15 @@ def farther(markers: np.ndarray, place: np.ndarray) -> np.ndarray:
     return np.linalg.norm(markers[:, :, None] - place[:, None], axis=-1)
 
 
-def _learn_inner(rigid_bodies: RigidBodies, group: np.ndarray, lone: np.ndarray, frames, turn, place, middles) -> Inner:
-    """What is known within one rigid body, `group`, with pose (F, 3, 3) and (F, 3), and those of the `lone` beside it."""
-    local = np.einsum("fji,fnj->fni", turn, frames[:, lone] - place[:, None])
-    spread = np.sqrt(np.nanvar(local, axis=0).sum(axis=1)) if len(lone) else np.zeros(0)
+def _learn_inner(
+    rigid_bodies: RigidBodies, group: np.ndarray, single: np.ndarray, frames, turn, place, middles, options
+) -> Inner:
+    """What is known within a rigid body, `group`, with pose (F, 3, 3) and (F, 3), and of `single` markers beside it."""
+    local = in_axes(turn, place, frames[:, single])
+    spread = np.sqrt(np.nanvar(local, axis=0).sum(axis=1)) if len(single) else np.zeros(0)
     order = np.argsort(spread)
-    beside = order[spread[order] < BESIDE][: max(MOST_MEMBERS - len(group), 0)]
-    members = np.concatenate([group, lone[beside]]).astype(int)
-    form = rigid_bodies.form[group] - rigid_bodies.form[group].mean(axis=0)
+    beside = order[spread[order] < options.max_beside_m][: max(options.max_members - len(group), 0)]
+    members = np.concatenate([group, single[beside]]).astype(int)
     markers = frames[:, members]
     distance = farther(markers, middles)
     volumes = rigid_body_volumes(markers, triples(len(members)), middles)
@@ -213,21 +251,19 @@ def _learn_inner(rigid_bodies: RigidBodies, group: np.ndarray, lone: np.ndarray,
     return Inner(
         members,
         len(group),
-        np.concatenate([form, np.nanmean(local[:, beside], axis=0)]),
+        np.concatenate([_centred(rigid_bodies.form[group]), np.nanmean(local[:, beside], axis=0)]),
         np.nanmean(distance, axis=0),
         np.broadcast_to(np.sqrt(change), (len(members), middles.shape[1])),
         np.nanmean(volumes, axis=0),
-        np.hypot(np.nanstd(volumes, axis=0), _placement(markers)[:, None]),
+        np.hypot(np.nanstd(volumes, axis=0), _placement(markers, options)[:, None]),
     )
 
 
-def _placement(markers: np.ndarray) -> np.ndarray:
+def _placement(markers: np.ndarray, options: StructureOptions) -> np.ndarray:
     """(C,) how much the volumes of triples of markers (F, n, 3) change by how people put them on: small ones more."""
-    chosen = triples(markers.shape[1])
-    sides = [
-        np.linalg.norm(markers[:, chosen[:, a]] - markers[:, chosen[:, b]], axis=2) for a, b in ((0, 1), (1, 2), (2, 0))
-    ]
-    return np.hypot(LEAST_VOLUME_SD, PLACED_SD / np.nanmean(sides, axis=(0, 1)))
+    one, two, three = (markers[:, corner] for corner in triples(markers.shape[1]).T)
+    sides = [np.linalg.norm(a - b, axis=2) for a, b in ((one, two), (two, three), (three, one))]
+    return np.hypot(options.min_volume_sd, options.placement_sd_m / np.nanmean(sides, axis=(0, 1)))
 
 
 def rigid_body_volumes(markers: np.ndarray, chosen: np.ndarray, place: np.ndarray) -> np.ndarray:

@@ -50,15 +50,15 @@ def test_the_subject_of_the_training_needs_nothing_else(model):
     points = walk(body(), 5)
     adaptation = adapted_to(model, points)
     assert adaptation.model is model
-    assert not adaptation.stranger
+    assert not adaptation.other_layout
     assert (borne_out(named_by(right_of(points)), adaptation, FIRST_FRAME).labels.marker == right_of(points)).all()
 
 
 def test_somebody_else_is_named_with_plates_of_their_own_and_the_report_begins_with_it(model, other):
     points, adaptation = other
-    assert adaptation.stranger
-    assert adaptation.model.likelihood.rigid_bodies is adaptation.person.rigid_bodies
-    assert model.likelihood.rigid_bodies is not adaptation.person.rigid_bodies
+    assert adaptation.other_layout
+    assert adaptation.model.likelihood.rigid_bodies is adaptation.recognition.rigid_bodies
+    assert model.likelihood.rigid_bodies is not adaptation.recognition.rigid_bodies
     decided = borne_out(named_by(right_of(points)), adaptation, FIRST_FRAME)
     assert decided.suspects[0].reason.startswith("the plates are not those of the training")
     assert (decided.suspects[0].first, decided.suspects[0].last) == (FIRST_FRAME, FIRST_FRAME + len(points) - 1)
@@ -70,7 +70,7 @@ def test_somebody_else_is_named_with_plates_of_their_own_and_the_report_begins_w
 def test_a_name_that_the_motion_contradicts_is_taken_back_and_said(other):
     points, adaptation = other
     marker = right_of(points).copy()
-    sure = np.flatnonzero((adaptation.person.marker == right_of(points)).all(axis=0))
+    sure = np.flatnonzero((adaptation.recognition.marker == right_of(points)).all(axis=0))
     one, two = sure[0], sure[5]
     marker[20:60, [one, two]] = marker[20:60, [two, one]]
     decided = borne_out(named_by(marker), adaptation, FIRST_FRAME)
@@ -108,7 +108,7 @@ def test_models_that_cannot_tell_are_left_as_they_are(model):
     for given in (forgetful, bare, skin):
         adaptation = adapted_to(given, points)
         assert adaptation.model is given
-        assert adaptation.person is None
+        assert adaptation.recognition is None
         assert borne_out(named_by(right_of(points)), adaptation, 0).suspects == ()
 
 

@@ -7,9 +7,9 @@ from scipy.spatial.transform import Rotation
 
 from addon.core.data.takes import NO_MARKER
 from addon.core.points.rigid_bodies import learn_structure, recognise
-from addon.core.points.rigid_bodies.match import NO_GROUP
+from addon.core.points.rigid_bodies.cluster_matching import NO_CLUSTER
+from addon.core.points.rigid_bodies.clustering import find_clusters, sampled, unbroken
 from addon.core.points.rigid_bodies.model import learn_rigid_bodies
-from addon.core.points.rigid_bodies.steady import find_groups, sampled, unbroken
 from addon.core.points.rigid_bodies.structure import find_joints, signed_volumes
 from addon.core.points.tracklets import cut
 from addon.io.points import read_points
@@ -36,11 +36,11 @@ def who(learned, points: np.ndarray):
 def plates_right(person, columns: np.ndarray) -> list[bool | None]:
     """Of every plate whether its group is its own markers', None where it has none; columns (P,) are their markers."""
     found = []
-    for group in person.group:
-        if group == NO_GROUP:
+    for group in person.cluster:
+        if group == NO_CLUSTER:
             found.append(None)
             continue
-        tracklets = [tracklet for own in person.groups[group].tracklets for tracklet in own]
+        tracklets = [tracklet for own in person.clusters[group].tracklets for tracklet in own]
         markers = columns[np.unique(np.nonzero(np.isin(person.part, tracklets))[1])]
         found.append(len({NAMES[marker][:-1] for marker in markers if marker >= 0}) == 1 and (markers >= 0).all())
     return found
@@ -58,7 +58,7 @@ def test_what_moves_as_one_is_a_group_whatever_trajectories_it_is_cut_into_and_w
     points = np.concatenate([points, table + rng.normal(0, 0.0003, (len(points), 3, 3))], axis=1)
     points[150:170, ::3] = np.nan
     seen = sampled(points, unbroken(cut(points, RATE), RATE), RATE)
-    groups, props = find_groups(seen)
+    groups, props = find_clusters(seen)
     assert sorted(len(group.form) for group in groups) == [4] * len(SEGMENTS)
     assert [len(prop.form) for prop in props] == [3]
     # The tracklets before and behind the gap are one marker's.
@@ -67,7 +67,7 @@ def test_what_moves_as_one_is_a_group_whatever_trajectories_it_is_cut_into_and_w
 
 def test_a_group_is_where_its_markers_are():
     points = walk(body())
-    groups, _ = find_groups(sampled(points, unbroken(cut(points, RATE), RATE), RATE))
+    groups, _ = find_clusters(sampled(points, unbroken(cut(points, RATE), RATE), RATE))
     for group in groups:
         (tracklet, *_), *_ = group.tracklets
         seen = points[np.linspace(0, len(points) - 1, len(group.place)).round().astype(int), tracklet]
@@ -110,7 +110,7 @@ def test_other_people_in_other_plates_are_recognised_side_by_side(learned, seed,
     assert plates_right(person, ALL) == [True] * len(SEGMENTS)
     assert wrong(person, ALL) == 0
     assert person.sure.sum() >= 36
-    assert {NAMES[marker] for marker in person.lone[person.lone != NO_MARKER]} == {"LHAND", "RHAND"}
+    assert {NAMES[marker] for marker in person.single[person.single != NO_MARKER]} == {"LHAND", "RHAND"}
 
 
 def test_the_forms_and_distances_are_the_persons_own(learned):
@@ -183,7 +183,7 @@ def test_a_raw_take_of_other_plates_is_named_as_anatomy_has_it(recorded):
     raw = read_points(folder / "clouthier" / "S09_KneeltoRun02.c3d")
     person = recognise(*learned, raw.xyz, cut(raw.xyz, raw.rate), raw.rate)
     assert person.known is False
-    assert (person.group != NO_GROUP).sum() == 13
+    assert (person.cluster != NO_CLUSTER).sum() == 13
     placed = np.full((len(raw.xyz), len(names), 3), np.nan)
     frame, column = np.nonzero(person.marker != NO_MARKER)
     placed[frame, person.marker[frame, column]] = raw.xyz[frame, column]
@@ -208,5 +208,5 @@ def test_how_loose_a_marker_may_be_does_not_depend_on_where_the_plate_faces(wobb
     points = np.tile(flat, (200, 1, 1))
     points[:, 5, 2] += wobble * np.sin(np.arange(200))
     points = points @ Rotation.from_euler("zyx", turn, degrees=True).as_matrix().T
-    moving, still = find_groups(sampled(points, unbroken(cut(points, RATE), RATE), RATE))
+    moving, still = find_clusters(sampled(points, unbroken(cut(points, RATE), RATE), RATE))
     assert [len(group.form) for group in moving + still] == [markers]

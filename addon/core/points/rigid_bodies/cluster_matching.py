@@ -1,0 +1,218 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which cluster of trajectories is which rigid body: the likeliest assignment of all, and how far it leads."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations, permutations
+
+import numpy as np
+
+from ...geometry.rigid import pairwise_distances
+from .clustering import Cluster
+from .model import linking_order
+from .structure import JOINT, Structure, find_joints, signed_volumes
+
+NO_CLUSTER = -1
+
+
+@dataclass(frozen=True)
+class ClusterMatchOptions:
+    """What says that a cluster is a rigid body, in log likelihood, and how much.
+
+    Chosen with the raw take S09_KneeltoRun02 of the Clouthier recordings in sight, as docs/method.md says.
+
+    beam_width       assignments that are followed
+    percentiles      of a distance over the take that are compared with its range
+    max_cost         the most that one fact says against
+    missing_cost     of a rigid body that the take does not show as a cluster
+    independent      distances, and volumes, that say all there is; more say partly the same
+    form_sd_m        that sorted distances within a rigid body differ by between subjects
+    odd_marker_cost  what a marker more or fewer costs
+    max_markers      of a cluster that is looked at
+    max_mirror_cost  the most that one volume says against: limbs cross over now and then
+    joint_gain       what a joint is worth where it is as in training
+    arm_sd_m, arm_turn_sd_m  m, and m rad: what is known of a joint's place grows with the turn
+    miss_ratio, miss_sd_m    how far a joint may be off, times the model's, and how sharply that ends
+    """
+
+    beam_width: int = 2000
+    percentiles: tuple[float, ...] = (2, 14, 26, 38, 50, 62, 74, 86, 98)
+    max_cost: float = 8.0
+    missing_cost: float = 9.0
+    independent: int = 3
+    form_sd_m: float = 0.012
+    odd_marker_cost: float = 0.7
+    max_markers: int = 12
+    max_mirror_cost: float = 2.5
+    joint_gain: float = 2.0
+    arm_sd_m: float = 0.04
+    arm_turn_sd_m: float = 0.02
+    miss_ratio: float = 1.5
+    miss_sd_m: float = 0.01
+
+
+CLUSTER_MATCH = ClusterMatchOptions()
+
+
+@dataclass(frozen=True, eq=False)
+class Matched:
+    """Which cluster is which rigid body.
+
+    cluster  (K,) index of each rigid body's cluster, NO_CLUSTER where none is
+    margin   (K,) how much less likely all is when the rigid body has another cluster, log odds
+    """
+
+    cluster: np.ndarray
+    margin: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class _Likeness:
+    """Log likelihoods of rigid bodies being clusters, `own` (K, G), and of two being two, `pair` (K, K, G, G).
+
+    `volume` (G, G, G, G) is the signed volume of every four clusters.
+    """
+
+    own: np.ndarray
+    pair: np.ndarray
+    volume: np.ndarray
+
+
+def match_clusters(
+    structure: Structure, clusters: Sequence[Cluster], options: ClusterMatchOptions = CLUSTER_MATCH
+) -> Matched:
+    """The likeliest assignment of clusters to rigid bodies, found by a beam search, the best linked bodies first."""
+    if not len(clusters):
+        return Matched(np.full(len(structure), NO_CLUSTER), np.zeros(len(structure)))
+    states, score = _search(structure, _likeness(structure, clusters, options), options)
+    best = states[0]
+    alternatives = np.where(states != best, score[:, None], score.min()).max(axis=0)
+    return Matched(best, np.where(best == NO_CLUSTER, 0.0, score[0] - alternatives))
+
+
+def _likeness(structure: Structure, clusters: Sequence[Cluster], options: ClusterMatchOptions) -> _Likeness:
+    turn, place = (np.stack([getattr(cluster, name) for cluster in clusters], axis=1) for name in ("turn", "place"))
+    forms = [inner.form[: inner.core] for inner in structure.inner]
+    own = np.array([[_form_fit(form, cluster.form, options) for cluster in clusters] for form in forms])
+    pair = _distance_fit(structure, place, options) + _joint_fit(structure, turn, place, options)
+    return _Likeness(own, pair, _volumes(place))
+
+
+def _form_fit(form: np.ndarray, cluster: np.ndarray, options: ClusterMatchOptions) -> float:
+    """How well the distances in a cluster (n, 3) could be a rigid body's (m, 3), whatever marker is which."""
+    small, large = sorted((form, cluster), key=len)
+    if len(large) > options.max_markers:
+        return -options.max_cost
+    wanted = _sorted_lengths(small)
+    best = min(
+        ((_sorted_lengths(large[list(chosen)]) - wanted) ** 2).mean()
+        for chosen in combinations(range(len(large)), len(small))
+    )
+    odd = options.odd_marker_cost * (len(large) - len(small))
+    return -min(0.5 * best / options.form_sd_m**2, options.max_cost) - odd
+
+
+def _sorted_lengths(form: np.ndarray) -> np.ndarray:
+    return np.sort(pairwise_distances(form)[np.triu_indices(len(form), 1)])
+
+
+def _distance_fit(structure: Structure, place: np.ndarray, options: ClusterMatchOptions) -> np.ndarray:
+    """(K, K, G, G) what the distances between clusters say; 0 where never seen together."""
+    quantiles = np.nanpercentile(pairwise_distances(place), options.percentiles, axis=0)
+    low, high, slack = (table[:, :, None, None, None] for table in (structure.low, structure.high, structure.slack))
+    breach = np.maximum(np.maximum(low - quantiles, quantiles - high), 0) / slack
+    room = np.log(structure.high - structure.low + 2.5 * structure.slack)[:, :, None, None]
+    fit = -np.minimum(0.5 * breach**2, options.max_cost).mean(axis=2) - room
+    return np.where(np.isfinite(quantiles).all(axis=0), fit, 0)
+
+
+def _joint_fit(structure: Structure, turn: np.ndarray, place: np.ndarray, options: ClusterMatchOptions) -> np.ndarray:
+    """(K, K, G, G) what joints say: rigid bodies that have one need it, where it is in training."""
+    seen = find_joints(turn, place)
+    fit = np.zeros((len(structure), len(structure), *seen.miss.shape))
+    spread = np.hypot(options.arm_sd_m, options.arm_turn_sd_m / np.maximum(seen.turn, JOINT.min_turn_rad))
+    for one, two in np.argwhere(structure.linked):
+        off = seen.miss - options.miss_ratio * np.maximum(structure.joints.miss[one, two], options.miss_sd_m)
+        cost = np.minimum(0.5 * (np.maximum(off, 0) / options.miss_sd_m) ** 2, options.max_cost)
+        for arm, usual in ((seen.arm, structure.joints.arm[one, two]), (seen.arm.T, structure.joints.arm[two, one])):
+            cost = cost + np.minimum(0.5 * ((arm - usual) / spread) ** 2, options.max_cost / 2)
+        fit[one, two] = np.where(seen.telling, options.joint_gain - cost, 0)
+    return fit
+
+
+def _volumes(place: np.ndarray) -> np.ndarray:
+    """(G, G, G, G) median signed volume of every four clusters; 0 where never seen together."""
+    count = place.shape[1]
+    table = np.zeros((count,) * 4)
+    quads = np.array(list(combinations(range(count), 4)), int).reshape(-1, 4)
+    if not len(quads):
+        return table
+    volumes = signed_volumes(*(place[:, quads[:, corner]] for corner in range(4)))
+    seen = np.isfinite(volumes).any(axis=0)
+    quads, middle = quads[seen], np.nanmedian(volumes[:, seen], axis=0)
+    for order in permutations(range(4)):
+        table[tuple(quads[:, order].T)] = np.linalg.det(np.eye(4)[list(order)]) * middle
+    return table
+
+
+def _search(structure: Structure, likeness: _Likeness, options: ClusterMatchOptions) -> tuple[np.ndarray, np.ndarray]:
+    """Assignments (B, K) and their log likelihoods (B,), the best first."""
+    order = linking_order(structure.high - structure.low + np.where(structure.linked, 0, 1.0))
+    place = np.argsort(order)
+    latest = place[structure.quads].max(axis=1) if len(structure.quads) else np.zeros(0, int)
+    states, score = np.full((1, len(order)), NO_CLUSTER), np.zeros(1)
+    clusters = likeness.own.shape[1]
+    for step, rigid_body in enumerate(order):
+        said = _from_pairs(likeness, states, rigid_body, order[:step], options)
+        said += _from_volumes(structure, likeness, states, rigid_body, np.flatnonzero(latest == step), options)
+        said += likeness.own[rigid_body]
+        for other in order[:step]:
+            taken = np.flatnonzero(states[:, other] >= 0)
+            said[taken, states[taken, other]] = -np.inf
+        total = np.concatenate([score[:, None] + said, score[:, None] - options.missing_cost], axis=1).ravel()
+        kept = np.argsort(-total, kind="stable")[: options.beam_width]
+        kept = kept[np.isfinite(total[kept])]
+        states, score = states[kept // (clusters + 1)].copy(), total[kept]
+        choice = kept % (clusters + 1)
+        states[:, rigid_body] = np.where(choice < clusters, choice, NO_CLUSTER)
+    return states, score
+
+
+def _from_pairs(likeness: _Likeness, states: np.ndarray, rigid_body: int, earlier: list[int], options) -> np.ndarray:
+    """(B, G) what the clusters of earlier rigid bodies say of the clusters that the next may be."""
+    said = np.zeros((len(states), likeness.own.shape[1]))
+    known = np.zeros((len(states), 1))
+    for other in earlier:
+        there = states[:, other]
+        said += np.where((there >= 0)[:, None], likeness.pair[rigid_body, other][:, np.maximum(there, 0)].T, 0)
+        known += (there >= 0)[:, None]
+    return said * options.independent / np.maximum(known, options.independent)
+
+
+def _from_volumes(
+    structure: Structure, likeness: _Likeness, states, rigid_body: int, rows: np.ndarray, options
+) -> np.ndarray:
+    """(B, G) log odds against the mirror image, of the quads in `rows`, whose last rigid body is the next."""
+    size = len(states), likeness.own.shape[1]
+    said, known = np.zeros(size), np.zeros(size)
+    for row in rows:
+        corners = [
+            np.broadcast_to(np.arange(size[1]), size)
+            if other == rigid_body
+            else np.broadcast_to(states[:, other, None], size)
+            for other in structure.quads[row]
+        ]
+        there = np.all([corner >= 0 for corner in corners], axis=0)
+        volume = likeness.volume[tuple(np.maximum(corner, 0) for corner in corners)]
+        there &= volume != 0
+        odds = mirror_odds(volume, structure.volume[row], structure.volume_sd[row], options.max_cost)
+        said += np.where(there, np.maximum(odds, -options.max_mirror_cost), 0)
+        known += there
+    return said * options.independent / np.maximum(known, options.independent)
+
+
+def mirror_odds(volume: np.ndarray, mean: np.ndarray, spread: np.ndarray, max_cost: float) -> np.ndarray:
+    """Log likelihood of a signed volume, beside that of either it or its mirror image, each of `max_cost` at most."""
+    right = -np.minimum(0.5 * ((volume - mean) / spread) ** 2, max_cost)
+    wrong = -np.minimum(0.5 * ((volume + mean) / spread) ** 2, max_cost)
+    return right - np.logaddexp(right, wrong) + np.log(2)

@@ -1,0 +1,238 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Clusters of trajectories in an unlabelled take that move rigidly, found from how little their distances vary."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...data.takes import evenly_spread
+from ...geometry.rigid import MIN_POINTS, in_axes, laid_on, rigid_clusters
+
+
+@dataclass(frozen=True)
+class ClusteringOptions:
+    """What tracklets must do to be taken for one rigid thing. All reckoned, from how flesh and hardware move.
+
+    max_frames       that a take is looked at in; more say the same
+    min_tracklet_s   of a tracklet that is looked at
+    max_gap_s        without a point; behind a longer one a trajectory may go on with another marker
+    max_size_m       the widest that a rigid body is
+    max_deviation_m  that distances within a cluster vary by, in the mean
+    prior_m, prior_frames  what is taken for granted of two tracklets that were hardly seen together: so much
+                     variation in so many frames
+    rounds           of laying a cluster on its mean form
+    max_off_m        root mean square, that a tracklet may be off its place in the cluster
+    max_same_m       between places of tracklets that are one marker's
+    max_shared_part  of its frames that a tracklet may share with another of the same marker
+    min_seen_part    of a cluster's frames that a marker of it must be seen in
+    max_still_m      that what stands about in the room moves by
+    min_moving_m     that half of the clusters must move by before others are said to stand still
+    """
+
+    max_frames: int = 500
+    min_tracklet_s: float = 0.1
+    max_gap_s: float = 0.02
+    max_size_m: float = 0.4
+    max_deviation_m: float = 0.006
+    prior_m: float = 0.02
+    prior_frames: int = 10
+    rounds: int = 6
+    max_off_m: float = 0.01
+    max_same_m: float = 0.012
+    max_shared_part: float = 0.05
+    min_seen_part: float = 0.1
+    max_still_m: float = 0.02
+    min_moving_m: float = 0.1
+
+
+CLUSTERING = ClusteringOptions()
+
+
+@dataclass(frozen=True, eq=False)
+class Cluster:
+    """n markers that move as one in F frames.
+
+    form          (n, 3) m, the markers in the cluster's own axes, their middle at 0
+    tracklets     for each marker, the tracklets that are its
+    turn, place   (F, 3, 3) and (F, 3) m, a marker is at turn @ form + place; NaN where too few are seen
+    """
+
+    form: np.ndarray
+    tracklets: tuple[tuple[int, ...], ...]
+    turn: np.ndarray
+    place: np.ndarray
+
+    @property
+    def markers(self) -> np.ndarray:
+        """(F, n, 3) m, where the cluster has its markers, seen or not."""
+        return np.einsum("fij,nj->fni", self.turn, self.form) + self.place[:, None]
+
+
+@dataclass(frozen=True, eq=False)
+class Sampled:
+    """Tracklets of trajectories in some of the take's frames.
+
+    frames  (F,) which, 0-based
+    number  (N,) the tracklets' numbers
+    points  (F, N, 3) m, NaN where a tracklet is not there
+    """
+
+    frames: np.ndarray
+    number: np.ndarray
+    points: np.ndarray
+
+
+def unbroken(tracklet: np.ndarray, rate: float, options: ClusteringOptions = CLUSTERING) -> np.ndarray:
+    """(T, P) tracklets (T, P), -1 where there is no point, cut again at every gap."""
+    parts = np.full(tracklet.shape, -1)
+    count = 0
+    for column in range(tracklet.shape[1]):
+        frames = np.flatnonzero(tracklet[:, column] >= 0)
+        if not len(frames):
+            continue
+        ends = (np.diff(frames) > max(options.max_gap_s * rate, 1)) | (np.diff(tracklet[frames, column]) != 0)
+        parts[frames, column] = count + np.concatenate([[0], np.cumsum(ends)])
+        count = int(parts[frames[-1], column]) + 1
+    return parts
+
+
+def sampled(points: np.ndarray, tracklet: np.ndarray, rate: float, options: ClusteringOptions = CLUSTERING) -> Sampled:
+    """The longer tracklets of a take: points (T, P, 3) m with the tracklet of each (T, P), -1 for none."""
+    frame, column = np.nonzero(tracklet >= 0)
+    number, place, count = np.unique(tracklet[frame, column], return_inverse=True, return_counts=True)
+    long = count >= options.min_tracklet_s * rate
+    frames = evenly_spread(len(points), options.max_frames)
+    row = np.full(len(points), -1)
+    row[frames] = np.arange(len(frames))
+    new = np.cumsum(long) - 1
+    kept = long[place] & (row[frame] >= 0)
+    xyz = np.full((len(frames), int(long.sum()), 3), np.nan)
+    xyz[row[frame[kept]], new[place[kept]]] = points[frame[kept], column[kept]]
+    return Sampled(frames, number[long], xyz)
+
+
+def find_clusters(seen: Sampled, options: ClusteringOptions = CLUSTERING) -> tuple[list[Cluster], list[Cluster]]:
+    """Clusters of three markers or more that move with the subject, and those that stand about in the room."""
+    spread, weight, mean = _deviations(seen.points, options)
+    grown = [np.array(own) for own in rigid_clusters(spread, weight, options.max_deviation_m)]
+    laid = [_laid(seen, own, mean, options) for own in grown if len(own) >= MIN_POINTS]
+    clusters = [cluster for cluster in laid if cluster is not None]
+    still = _stand_still(clusters, options)
+    return (
+        [cluster for cluster, stands in zip(clusters, still, strict=True) if not stands],
+        [cluster for cluster, stands in zip(clusters, still, strict=True) if stands],
+    )
+
+
+def _stand_still(clusters: list[Cluster], options: ClusteringOptions) -> list[bool]:
+    """Of each cluster, whether it stands still in frames in which most others move."""
+    still = []
+    for cluster in clusters:
+        seen = np.isfinite(cluster.place[:, 0])
+        moved = np.median([_extent(other.place[seen]) for other in clusters])
+        still.append(bool(_extent(cluster.place[seen]) < options.max_still_m and moved > options.min_moving_m))
+    return still
+
+
+def _extent(place: np.ndarray) -> float:
+    """How far, m, a place (F, 3) moves."""
+    known = place[np.isfinite(place[:, 0])]
+    return float(known.std(axis=0).max()) if len(known) else 0.0
+
+
+def _deviations(points: np.ndarray, options: ClusteringOptions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(N, N) m mean absolute deviation of every distance, (N, N) how many frames show it, and (N, N) m its mean."""
+    count = points.shape[1]
+    spread, weight, usual = np.zeros((3, count, count))
+    for one in range(count):
+        distance = np.linalg.norm(points - points[:, one : one + 1], axis=-1)
+        known = np.isfinite(distance)
+        frames = known.sum(axis=0)
+        distance = np.where(known, distance, 0)
+        mean = distance.sum(axis=0) / np.maximum(frames, 1)
+        off = np.where(known, np.abs(distance - mean), 0).sum(axis=0)
+        spread[one] = (off + options.prior_m * options.prior_frames) / (frames + options.prior_frames)
+        spread[one, mean > options.max_size_m] = 1.0
+        weight[one] = frames
+        usual[one] = np.where(frames > 0, mean, np.nan)
+    np.fill_diagonal(weight, 0)
+    return spread, weight, usual
+
+
+def _strung(points: np.ndarray, distance: np.ndarray, options: ClusteringOptions) -> list[list[int]]:
+    """Tracklets (F, n, 3) of a cluster, with their mean distances (n, n), strung to markers: one ends, one begins.
+
+    Known by being equally far from two markers or more that both were seen with.
+    """
+    there = np.isfinite(points[..., 0])
+    frames = there.sum(axis=0)
+    strings: list[list[int]] = []
+    for index in np.argsort(-frames, kind="stable"):
+        best, nearest = None, options.max_same_m / 2
+        for one in strings:
+            off = np.abs(distance[one] - distance[index])
+            off = off[:, np.isfinite(off).any(axis=0)]
+            shared = _shared(there, one, index) > options.max_shared_part * frames[index]
+            if not shared and off.shape[1] >= MIN_POINTS - 1 and np.nanmax(off) < nearest:
+                best, nearest = one, float(np.nanmax(off))
+        if best is None:
+            strings.append([int(index)])
+        else:
+            best.append(int(index))
+    return strings
+
+
+def _shared(there: np.ndarray, several: list[int], one: int) -> int:
+    """In how many frames, there (F, n), one tracklet is beside any of several."""
+    return int((there[:, several].any(axis=1) & there[:, one]).sum())
+
+
+def _first_seen(points: np.ndarray) -> np.ndarray:
+    """(F, 3) in each frame the first of points (F, n, 3) that is there; NaN where none is."""
+    place = np.isfinite(points[..., 0]).argmax(axis=1)
+    return points[np.arange(len(points)), place]
+
+
+def _laid(seen: Sampled, own: np.ndarray, distance: np.ndarray, options: ClusteringOptions) -> Cluster | None:
+    """What tracklets (n,) that move as one make; None where fewer than three markers hold together."""
+    strings = _strung(seen.points[:, own], distance[np.ix_(own, own)], options)
+    points = np.stack([_first_seen(seen.points[:, own[one]]) for one in strings], axis=1)
+    form = points[np.isfinite(points[..., 0]).sum(axis=1).argmax()]
+    for _ in range(options.rounds):
+        turn, place = laid_on(form, points)
+        local = in_axes(turn, place, points)
+        known = np.isfinite(local[..., 0])
+        count = np.maximum(known.sum(axis=0), 1)
+        mean = np.where(known[..., None], local, 0).sum(axis=0) / count[:, None]
+        off = np.sqrt((np.where(known[..., None], local - mean, 0) ** 2).sum(axis=(0, 2)) / count)
+        form = np.where((known.any(axis=0) & (off < options.max_off_m))[:, None], mean, np.nan)
+        if np.isfinite(form[:, 0]).sum() < MIN_POINTS:
+            return None
+    fine = np.flatnonzero(np.isfinite(form[:, 0]))
+    there = np.isfinite(points[:, fine, 0])
+    often = options.min_seen_part * np.isfinite(place[:, 0]).sum()
+    # What is there only for moments may move with the cluster by chance, while nothing moves.
+    merged = [one for one in _merged(form[fine], there, options) if there[:, one].any(axis=1).sum() >= often]
+    if len(merged) < MIN_POINTS:
+        return None
+    middle = np.array([form[fine[one]].mean(axis=0) for one in merged])
+    centre = middle.mean(axis=0)
+    tracklets = tuple(
+        tuple(int(seen.number[own[tracklet]]) for index in one for tracklet in strings[fine[index]]) for one in merged
+    )
+    return Cluster(middle - centre, tracklets, turn, place + turn @ centre)
+
+
+def _merged(form: np.ndarray, there: np.ndarray, options: ClusteringOptions) -> list[list[int]]:
+    """Tracklets (n, 3) in one place at different times, (F, n) where each is there, are one marker's."""
+    made: list[list[int]] = []
+    frames = there.sum(axis=0)
+    for index in np.argsort(-frames):
+        for one in made:
+            near = np.linalg.norm(form[one].mean(axis=0) - form[index]) < options.max_same_m
+            if near and _shared(there, one, index) <= options.max_shared_part * frames[index]:
+                one.append(int(index))
+                break
+        else:
+            made.append([int(index)])
+    return made

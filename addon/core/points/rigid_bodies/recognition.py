@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The rigid bodies of a take's own subject: which of its clusters they are, their forms and their distances."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...data.takes import NO_POINT
+from ...geometry.rigid import MIN_POINTS, pairwise_distances
+from .cluster_matching import NO_CLUSTER, Matched, match_clusters
+from .clustering import Cluster, Sampled, find_clusters, sampled, unbroken
+from .marker_matching import Placed, place_markers
+from .model import RIGID_BODY, RigidBodies
+from .single_markers import find_single_markers
+from .structure import Structure, unseen_is_nan
+
+
+@dataclass(frozen=True)
+class RecognitionOptions:
+    """What is sure enough to be taken for known.
+
+    min_body_lead    log odds by which a rigid body's cluster must lead; chosen, as the next, on subjects made of the
+                     labelled Clouthier takes, with other limbs and rigid bodies of other forms elsewhere on them
+    min_marker_lead  log odds by which a marker's point must lead within the rigid body
+    min_seen_part    of the frames in which a distance must be seen to show its whole range; reckoned
+    max_alike_m      root mean square, that lengths of a rigid body that is the model's own differ by; reckoned
+    min_alike_part   of the sure rigid bodies that must be the model's own for the take to be of a subject it knows
+    min_sure_part    of all rigid bodies that must be sure to say so, or otherwise; reckoned, as the one before
+    min_other        sure rigid bodies that are enough to say that the subject is another, if none is the model's own:
+                     of a few some may be mistaken, that all are is no chance; reckoned
+    range_m, range_share  and of a distance: how its range differs between subjects; reckoned
+    motion_confidence     of a name that only the motion of the whole take gives; reckoned: a lead of 5 is 0.993
+    """
+
+    min_body_lead: float = 3.0
+    min_marker_lead: float = 5.0
+    min_seen_part: float = 0.8
+    max_alike_m: float = 0.003
+    min_alike_part: float = 0.8
+    min_sure_part: float = 0.5
+    min_other: int = 3
+    range_m: float = 0.03
+    range_share: float = 0.06
+    motion_confidence: float = 0.99
+
+
+RECOGNITION = RecognitionOptions()
+
+
+@dataclass(frozen=True, eq=False)
+class Recognition:
+    """What a take itself tells of the rigid bodies in it.
+
+    cluster   (K,) which of its clusters each rigid body surely is, NO_CLUSTER where none or not sure
+    margin    (K,) log odds of that
+    placed    which point of the clusters each marker is
+    sure      (M,) True where that is sure
+    clusters  those that move, and `props`, those that stand about in the room
+    part      (T, P) the number of the unbroken tracklet of each point, -1 where there is none
+    single    (N,) for each unbroken tracklet the marker on no rigid body that it surely is, -1 for most
+    rigid_bodies  the model's with the forms and distances of this subject; those that are not sure are left out
+    known     True where the rigid bodies are the model's own, False where they are others, None where nothing says
+    """
+
+    cluster: np.ndarray
+    margin: np.ndarray
+    placed: Placed
+    sure: np.ndarray
+    clusters: tuple[Cluster, ...]
+    props: tuple[Cluster, ...]
+    part: np.ndarray
+    single: np.ndarray
+    rigid_bodies: RigidBodies
+    known: bool | None
+
+    @property
+    def marker(self) -> np.ndarray:
+        """(T, P) the marker of every point, -1 where it is not surely one."""
+        names = self.single.copy()
+        for marker in np.flatnonzero(self.sure):
+            cluster = self.clusters[self.cluster[self.placed.rigid_body[marker]]]
+            names[list(cluster.tracklets[self.placed.point[marker]])] = marker
+        return np.append(names, -1)[self.part]
+
+    @property
+    def prop(self) -> np.ndarray:
+        """(T, P) True for points of things that stand about."""
+        stands = np.zeros(len(self.single) + 1, dtype=bool)
+        stands[[tracklet for cluster in self.props for tracklets in cluster.tracklets for tracklet in tracklets]] = True
+        return stands[self.part]
+
+
+def recognise(
+    structure: Structure,
+    rigid_bodies: RigidBodies,
+    points: np.ndarray,
+    tracklet: np.ndarray,
+    rate: float,
+    options: RecognitionOptions = RECOGNITION,
+) -> Recognition:
+    """Which marker is where in a take of points (T, P, 3) m, with the number of the tracklet of each (T, P).
+
+    `structure` and `rigid_bodies` are the model's.
+    """
+    with unseen_is_nan():
+        return _recognise(structure, rigid_bodies, points, unbroken(tracklet, rate), rate, options)
+
+
+def _recognise(
+    structure: Structure, rigid_bodies: RigidBodies, points: np.ndarray, part: np.ndarray, rate: float, options
+) -> Recognition:
+    seen = sampled(points, part, rate)
+    clusters, props = find_clusters(seen)
+    matched = match_clusters(structure, clusters)
+    sure = (matched.cluster != NO_CLUSTER) & (matched.margin >= options.min_body_lead)
+    cluster = np.where(sure, matched.cluster, NO_CLUSTER)
+    placed = place_markers(structure, clusters, Matched(cluster, matched.margin))
+    named = (placed.point != NO_POINT) & (placed.margin >= options.min_marker_lead)
+    at = _positions(clusters, cluster, placed, named)
+    forms = _own_forms(structure, clusters, cluster, placed, named)
+    own = _own_rigid_bodies(rigid_bodies, forms, placed, named, at, options)
+    single = np.full(int(part.max(initial=-1)) + 1, -1)
+    free = _free(seen, [*clusters, *props])
+    if len(free) and named.any():
+        found = find_single_markers(own, at, np.flatnonzero(placed.point == NO_POINT), seen.points[:, free])
+        single[seen.number[free]] = found
+        own = _with_single_markers(own, at, seen.points[:, free], found, options)
+    known = _known(rigid_bodies, forms, len(structure), options)
+    return Recognition(cluster, matched.margin, placed, named, tuple(clusters), tuple(props), part, single, own, known)
+
+
+def _positions(clusters: list[Cluster], cluster: np.ndarray, placed: Placed, sure: np.ndarray) -> np.ndarray:
+    """(F, M, 3) m, where each sure marker is by its rigid body, its own trajectory seen or not; NaN for others."""
+    at = np.full((len(clusters[0].place) if clusters else 0, len(sure), 3), np.nan)
+    whole = [one.markers for one in clusters]
+    for marker in np.flatnonzero(sure):
+        at[:, marker] = whole[cluster[placed.rigid_body[marker]]][:, placed.point[marker]]
+    return at
+
+
+def _free(seen: Sampled, clusters: list[Cluster]) -> np.ndarray:
+    """Indices of the tracklets that are in no cluster."""
+    taken = {tracklet for cluster in clusters for tracklets in cluster.tracklets for tracklet in tracklets}
+    return np.flatnonzero([number not in taken for number in seen.number.tolist()])
+
+
+def _own_forms(
+    structure: Structure, clusters: list[Cluster], cluster: np.ndarray, placed: Placed, sure: np.ndarray
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Of each sure rigid body the sure markers (n,) of its core, three or more, and their form (n, 3) m."""
+    forms = []
+    for rigid_body in np.flatnonzero(cluster != NO_CLUSTER):
+        own = structure.inner[rigid_body].members[: structure.inner[rigid_body].core]
+        own = own[sure[own] & (placed.rigid_body[own] == rigid_body)]
+        if len(own) >= MIN_POINTS:
+            forms.append((own, clusters[cluster[rigid_body]].form[placed.point[own]]))
+    return forms
+
+
+def _own_rigid_bodies(
+    rigid_bodies: RigidBodies, forms, placed: Placed, sure: np.ndarray, at: np.ndarray, options: RecognitionOptions
+) -> RigidBodies:
+    """The rigid bodies with the subject's own forms and, where `at` (F, M, 3) m shows them, distances."""
+    form = np.zeros_like(rigid_bodies.form)
+    for own, shape in forms:
+        form[own] = shape
+    wider = options.range_m + options.range_share * (rigid_bodies.low + rigid_bodies.high) / 2
+    low, high = np.maximum(rigid_bodies.low - wider, 0), rigid_bodies.high + wider
+    for marker in np.flatnonzero(sure):
+        others = np.flatnonzero(sure & (np.arange(len(sure)) > marker))
+        rigid = placed.rigid_body[others] == placed.rigid_body[marker]
+        often = np.where(rigid, 0, options.min_seen_part * len(at))
+        _set_ranges(low, high, marker, others, at[:, marker], at[:, others], often)
+    return RigidBodies(tuple(own for own, _ in forms), form, low, high)
+
+
+def _set_ranges(low, high, marker: int, others: np.ndarray, at: np.ndarray, there: np.ndarray, often: np.ndarray):
+    """Writes ranges of distances into `low` and `high`: wider than seen where that is less `often` than needed."""
+    distance = np.linalg.norm(there - at[:, None], axis=2)
+    for index, other in enumerate(others):
+        known = distance[np.isfinite(distance[:, index]), index]
+        if not len(known):
+            continue
+        ends = np.percentile(known, [RIGID_BODY.tail_percent, 100 - RIGID_BODY.tail_percent])
+        if len(known) < often[index]:
+            ends = min(ends[0], low[marker, other]), max(ends[1], high[marker, other])
+        low[marker, other], high[marker, other] = ends
+        low[other, marker], high[other, marker] = ends
+
+
+def _with_single_markers(
+    rigid_bodies: RigidBodies, at: np.ndarray, points: np.ndarray, found: np.ndarray, options: RecognitionOptions
+) -> RigidBodies:
+    """The rigid bodies with the ranges of the markers on none of them, as their tracklets (F, N, 3) show them."""
+    low, high = rigid_bodies.low.copy(), rigid_bodies.high.copy()
+    sure = np.flatnonzero(np.isfinite(at[..., 0]).any(axis=0))
+    often = np.full(len(sure), options.min_seen_part * len(at))
+    for marker in np.unique(found[found >= 0]):
+        own = points[:, found == marker]
+        place = np.where(np.isfinite(own), own, 0).sum(axis=1) / np.maximum(np.isfinite(own).sum(axis=1), 1)
+        place[~np.isfinite(own[..., 0]).any(axis=1)] = np.nan
+        _set_ranges(low, high, marker, sure, place, at[:, sure], often)
+    return RigidBodies(rigid_bodies.groups, rigid_bodies.form, low, high)
+
+
+def _known(rigid_bodies: RigidBodies, forms, count: int, options: RecognitionOptions) -> bool | None:
+    """Whether the forms of the take, of `count` rigid bodies in all, are the very ones of the model."""
+    off = [pairwise_distances(form) - rigid_bodies.lengths(own) for own, form in forms]
+    alike = [np.sqrt((one**2).mean()) < options.max_alike_m for one in off]
+    if len(alike) < options.min_sure_part * count:
+        return False if len(alike) >= options.min_other and not any(alike) else None
+    return bool(np.mean(alike) >= options.min_alike_part)

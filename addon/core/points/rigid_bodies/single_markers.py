@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Markers on no rigid body: the tracklets that keep to their distances from the rigid bodies for the whole take."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .model import RigidBodies
+
+
+@dataclass(frozen=True)
+class SingleMarkerOptions:
+    """When a tracklet is a marker on no rigid body, in log odds.
+
+    Chosen with the raw take S09_KneeltoRun02 of the Clouthier recordings in sight, as docs/method.md says.
+
+    neighbours     named markers that a tracklet is judged by
+    independent    distances that fix a point; more say partly the same
+    max_cost       the most that one distance says against
+    min_log_odds   that a tracklet must have
+    min_take_part  of the take that it must last
+    min_lead       that it must lead by, over other tracklets at the same time and over other markers
+    min_seen_part  of its frames in which its neighbours must be seen
+    room_m         over which a point that is no marker may be anywhere
+    """
+
+    neighbours: int = 8
+    independent: int = 3
+    max_cost: float = 8.0
+    min_log_odds: float = 0.5
+    min_take_part: float = 0.1
+    min_lead: float = 2.0
+    min_seen_part: float = 0.5
+    room_m: float = 0.5
+
+
+SINGLE_MARKER = SingleMarkerOptions()
+
+
+def find_single_markers(
+    rigid_bodies: RigidBodies,
+    named: np.ndarray,
+    missing: np.ndarray,
+    points: np.ndarray,
+    options: SingleMarkerOptions = SINGLE_MARKER,
+) -> np.ndarray:
+    """For each of N tracklets (F, N, 3) m the marker (N,) that it surely is, -1 for none.
+
+    `rigid_bodies` has the ranges of the subject's distances, `named` (F, M, 3) m are the markers known so far, NaN
+    where not, and `missing` the indices of those that a tracklet may be.
+    """
+    odds = _odds(rigid_bodies, named, missing, points, options)
+    there = np.isfinite(points[..., 0]).astype(float)
+    together = (there.T @ there) > 0
+    marker = np.full(points.shape[1], -1)
+    for tracklet, row in enumerate(odds.T):
+        if not np.isfinite(row).any() or there[:, tracklet].mean() < options.min_take_part:
+            continue
+        leader = int(row.argmax())
+        others = together[tracklet] & (np.arange(len(marker)) != tracklet)
+        alternatives = np.concatenate([np.delete(row, leader), odds[leader, others]])
+        if row[leader] >= options.min_log_odds and row[leader] - alternatives.max(initial=-np.inf) >= options.min_lead:
+            marker[tracklet] = leader
+    return marker
+
+
+def _odds(
+    rigid_bodies: RigidBodies, named: np.ndarray, missing: np.ndarray, points: np.ndarray, options: SingleMarkerOptions
+) -> np.ndarray:
+    """(M, N) log odds of every tracklet being every missing marker, -inf where nothing says."""
+    known = np.isfinite(named[..., 0]).any(axis=0)
+    odds = np.full((len(known), points.shape[1]), -np.inf)
+    width = rigid_bodies.high - rigid_bodies.low + 2 * rigid_bodies.slack
+    for marker in missing:
+        near = np.flatnonzero(known)
+        near = near[np.argsort(width[marker, near])[: options.neighbours]]
+        if not len(near):
+            continue
+        for tracklet in range(points.shape[1]):
+            frames = np.isfinite(points[:, tracklet, 0])
+            distance = np.linalg.norm(named[frames][:, near] - points[frames, tracklet, None], axis=-1)
+            seen = np.isfinite(distance)
+            if not seen.any(axis=1).mean() > options.min_seen_part:
+                continue
+            breach = rigid_bodies.breach(np.where(seen, distance, 0), np.array(marker), near[None])
+            gain = np.log(np.maximum(options.room_m / width[marker, near], 1))
+            odd = gain - np.minimum(0.5 * breach**2, options.max_cost)
+            mean = np.where(seen, odd, 0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
+            some = seen.any(axis=0)
+            odds[marker, tracklet] = mean[some].sum() * min(1.0, options.independent / some.sum())
+    return odds
