@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blobs named both ways at once: by a body that is fitted to them, and by the points that they make.
+"""Blobs named by both methods at once: by a body that is fitted to them, and by the points that they make.
 
 The two papers' methods share nothing but the blobs, so where they agree a name is surely right, and where they do not a
 person should look. The fitted body has the say; where it finds nobody, the points have.
@@ -29,8 +29,8 @@ DISAGREEMENT = DisagreementOptions()
 
 
 @dataclass
-class Agreement:
-    """How many blobs both ways named alike and otherwise, and how many only one of them named."""
+class MethodAgreement:
+    """How many blobs both methods named alike and otherwise, and how many only one of them named."""
 
     same: int = 0
     different: int = 0
@@ -50,14 +50,14 @@ class Agreement:
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
-def label_both_ways(
+def label_by_both(
     chunks: Iterable[Blobs],
     fitted: Iterator[LabelledChunk],
     pointed: Iterator[LabelledChunk],
     markers: tuple[str, ...],
-    agreement: Agreement,
+    agreement: MethodAgreement,
 ) -> Iterator[LabelledChunk]:
-    """One `LabelledChunk` for each of `chunks` from what the two ways say of it; `agreement` is added to."""
+    """One `LabelledChunk` for each of `chunks` from what the two methods say of it; `agreement` is added to."""
     for blobs, body, points in zip(chunks, fitted, pointed, strict=True):
         agreement.add(body.labels.marker, points.labels.marker)
         doubts = _disagreements(blobs, body.labels.marker, points.labels.marker, markers)
@@ -89,7 +89,7 @@ def _is_filled(suspect: Suspect, frames: np.ndarray, nobody: np.ndarray, motion:
 
 
 def _disagreements(blobs: Blobs, fitted: np.ndarray, pointed: np.ndarray, markers: tuple[str, ...]) -> list[Suspect]:
-    """Ranges of frames in which the two ways gave a blob different names, by the names."""
+    """Ranges of frames in which the two methods gave a blob different names, by the names."""
     rows = np.flatnonzero((fitted != NO_MARKER) & (pointed != NO_MARKER) & (fitted != pointed))
     cases, count = np.unique(np.stack([fitted[rows], pointed[rows], blobs.frame[rows]]), axis=1, return_counts=True)
     cases = cases[:, count >= DISAGREEMENT.min_cameras]

@@ -11,7 +11,7 @@ from addon.core.data.takes import Labels
 from addon.core.points.likelihood import label_frames, learn_likelihood
 from addon.core.points.partial_solvers.frames import SolversNamer
 from addon.core.points.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS, PartialSolvers, Solver
-from addon.core.points.partial_solvers.training import Study, Training
+from addon.core.points.partial_solvers.training import SolverStudy, Training
 
 Takes = Sequence[tuple[np.ndarray, str]]  # frames (T, M, 3) m, and whose they are
 FAITHFUL = {"paper": PAPER_FUNCTIONS, "turn": FUNCTIONS}
@@ -21,7 +21,7 @@ PATTERNS = 1000
 ANY_RATE = 100.0  # frames a second; to both methods each frame is alone
 
 
-class Remembering(Study):
+class Remembering(SolverStudy):
     """A study that boosts each solver once, though ensembles for several targets take it."""
 
     def __init__(self, points: np.ndarray, options: Training):

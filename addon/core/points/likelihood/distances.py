@@ -49,7 +49,7 @@ class DistanceConstraints:
     """E distance constraints of a subject of mean size.
 
     pair    (E, 2) markers
-    length  (E,) m, and its standard deviation sd (E,) m on a subject never seen, size apart
+    length  (E,) m, and its standard deviation sd (E,) m on a subject never seen, but for its size
     size_sd how much subjects differ in size, as a standard deviation of its logarithm
     """
 

@@ -10,7 +10,7 @@ from itertools import combinations
 
 import numpy as np
 
-from .model import ANGLE, DISTANCE, DOMAIN, FUNCTIONS, HEIGHT, NO_POINT, PAPER_FUNCTIONS, RATIO
+from .model import DOMAIN, FUNCTIONS, KIND_ANGLE, KIND_DISTANCE, KIND_HEIGHT, KIND_RATIO, NO_POINT, PAPER_FUNCTIONS
 
 UP = 2
 
@@ -81,18 +81,18 @@ def values(kind: int, frame: np.ndarray, points: np.ndarray, within: Tables) -> 
     NaN where a point is missing, or where points coincide so that there is no angle.
     """
     first, second = points[..., 0], points[..., 1]
-    if kind == HEIGHT:
+    if kind == KIND_HEIGHT:
         return within.height[frame, first, second]
     one = within.distance[frame, first, second]
-    if kind == DISTANCE:
+    if kind == KIND_DISTANCE:
         return one
     third = points[..., 2]
     with np.errstate(invalid="ignore", divide="ignore"):
-        if kind == RATIO:
+        if kind == KIND_RATIO:
             two = within.distance[frame, third, points[..., 3]]
             return 2.0 * (one - two) / (one + two)
         two = within.distance[frame, first, third]
-        if kind == ANGLE:
+        if kind == KIND_ANGLE:
             across = within.distance[frame, second, third]
             return np.arccos(np.clip((one**2 + two**2 - across**2) / (2.0 * one * two), -1.0, 1.0))
         apex = within.ground[frame, first]

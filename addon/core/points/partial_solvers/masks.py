@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .features import Tables
-from .model import DISTANCE, HEIGHT, Classifiers
+from .model import KIND_DISTANCE, KIND_HEIGHT, Classifiers
 
 WORD = 64  # bits
 
@@ -50,11 +50,11 @@ ANYTHING = Bounds()
 def pair_bounds(classifiers: Classifiers) -> dict[tuple[int, int], Bounds]:
     """The intervals of every pair that a two-point classifier judges, in both orders."""
     found: dict[tuple[int, int], Bounds] = {}
-    for row in np.flatnonzero(np.isin(classifiers.kind, (DISTANCE, HEIGHT))):
+    for row in np.flatnonzero(np.isin(classifiers.kind, (KIND_DISTANCE, KIND_HEIGHT))):
         pair = (int(classifiers.points[row, 0]), int(classifiers.points[row, 1]))
         before = found.get(pair, ANYTHING)
         interval = (float(classifiers.low[row]), float(classifiers.high[row]))
-        is_distance = classifiers.kind[row] == DISTANCE
+        is_distance = classifiers.kind[row] == KIND_DISTANCE
         bounds = Bounds(interval, before.height) if is_distance else Bounds(before.distance, interval)
         found[pair], found[pair[::-1]] = bounds, bounds.turned
     return found

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from .masks import TREE, Bounds, Masks, pair_bounds
-from .model import ANGLE, RATIO, TURN, Classifiers
+from .model import KIND_ANGLE, KIND_RATIO, KIND_TURN, Classifiers
 
 
 def newly_judged(classifiers: Classifiers, placed: list[int]) -> np.ndarray:
-    """Rows of the classifiers that can vote once the last of `placed` has its point."""
+    """Indices of the classifiers that can vote once the last of `placed` has its point."""
     has_last = (classifiers.points == placed[-1]).any(axis=1)
     return np.flatnonzero(classifiers.within(placed) & has_last)
 
@@ -26,7 +26,8 @@ class Level:
     """What is looked up when the marker at one depth gets its point.
 
     pairs    (depth, bounds) of each earlier marker that a two-point classifier judges with it, earlier one first
-    angles   (A, 3) rows of `Rows.sides`: the two sides of the angle and the third; angle_bounds (2, A) of cosines
+    angles   (A, 3) rows of the `sides` of `PartialLabellings`: those of the angle and the third; angle_bounds (2, A) of
+             cosines
     ratios   (Q, 2) likewise the two lengths; ratio_bounds (2, Q)
     turns    (U, 5) depths of the three markers, then the two sides; turn_bounds (2, U)
     """
@@ -41,7 +42,7 @@ class Level:
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class PartialLabellings:
     """R labellings under way at one depth d.
 
     cloud (R,), chosen (d, R) the points, used (R, W) their bits, sides (d (d - 1) / 2, R) the distances between them
@@ -55,8 +56,8 @@ class Rows:
     def __len__(self) -> int:
         return len(self.cloud)
 
-    def __getitem__(self, rows) -> "Rows":
-        return Rows(self.cloud[rows], self.chosen[:, rows], self.used[rows], self.sides[:, rows])
+    def __getitem__(self, rows) -> "PartialLabellings":
+        return PartialLabellings(self.cloud[rows], self.chosen[:, rows], self.used[rows], self.sides[:, rows])
 
 
 class TreeSearch:
@@ -86,12 +87,14 @@ class TreeSearch:
             sequence = [self.markers[place] for place in order]
             self._plans[order] = [self._level(sequence, depth) for depth in range(len(sequence))]
         cloud, point = np.nonzero(masks.clouds.present)
-        start = Rows(cloud, point[None], masks.bit[point], np.empty((0, len(cloud))))
+        start = PartialLabellings(cloud, point[None], masks.bit[point], np.empty((0, len(cloud))))
         back = np.argsort(order)
         for rows in self._descend(start, 1, self._plans[order], masks):
             yield rows.cloud, rows.chosen[back].T
 
-    def _descend(self, rows: Rows, depth: int, plan: list[Level], masks: Masks) -> Iterator[Rows]:
+    def _descend(
+        self, rows: PartialLabellings, depth: int, plan: list[Level], masks: Masks
+    ) -> Iterator[PartialLabellings]:
         """Places the markers from `depth` on."""
         if depth == len(plan):
             yield rows
@@ -129,7 +132,7 @@ class TreeSearch:
 
 def look_ups(classifiers: Classifiers, place: np.ndarray) -> tuple[np.ndarray, ...]:
     """The three- and four-point classifiers as `Level` has them; place (M,) the depth of each marker."""
-    angles, ratios, turns = (classifiers[classifiers.kind == kind] for kind in (ANGLE, RATIO, TURN))
+    angles, ratios, turns = (classifiers[classifiers.kind == kind] for kind in (KIND_ANGLE, KIND_RATIO, KIND_TURN))
     apex, one, other, _ = place[angles.points].T
     a, b, c, d = place[ratios.points].T
     pivot, near, far, _ = place[turns.points].T
@@ -144,12 +147,12 @@ def look_ups(classifiers: Classifiers, place: np.ndarray) -> tuple[np.ndarray, .
 
 
 def _side(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Where the distance between the markers at two depths stands in `Rows.sides`."""
+    """Where the distance between the markers at two depths stands in `PartialLabellings.sides`."""
     low, high = np.minimum(one, other), np.maximum(one, other)
     return high * (high - 1) // 2 + low
 
 
-def allowed(rows: Rows, pairs: list[tuple[int, Bounds]], masks: Masks) -> np.ndarray:
+def allowed(rows: PartialLabellings, pairs: list[tuple[int, Bounds]], masks: Masks) -> np.ndarray:
     """(R, W) the points left for the next marker by the two-point classifiers and by those already taken."""
     left = masks.everyone[rows.cloud] & ~rows.used
     for earlier, bounds in pairs:
@@ -157,13 +160,13 @@ def allowed(rows: Rows, pairs: list[tuple[int, Bounds]], masks: Masks) -> np.nda
     return left
 
 
-def grow(rows: Rows, left: np.ndarray, masks: Masks) -> Rows:
+def grow(rows: PartialLabellings, left: np.ndarray, masks: Masks) -> PartialLabellings:
     """Every row once for every point that is left for the next marker."""
     flags = np.unpackbits(left.view(np.uint8), axis=1, bitorder="little", count=masks.points)
     parent, point = np.nonzero(flags)
     cloud, chosen = rows.cloud[parent], rows.chosen[:, parent]
     new = masks.clouds.distance.reshape(-1)[(cloud * masks.points + point) * masks.points + chosen]
-    return Rows(
+    return PartialLabellings(
         cloud,
         np.concatenate([chosen, point[None]]),
         rows.used[parent] | masks.bit[point],
@@ -171,21 +174,21 @@ def grow(rows: Rows, left: np.ndarray, masks: Masks) -> Rows:
     )
 
 
-def judged(rows: Rows, level: Level, masks: Masks) -> Rows:
+def judged(rows: PartialLabellings, level: Level, masks: Masks) -> PartialLabellings:
     """The rows that every three- and four-point classifier of a level accepts.
 
     A feature that is a fraction is compared with both sides multiplied out; the angle by its cosine.
     """
 
-    def angles(rows: Rows, part: slice) -> tuple[np.ndarray, ...]:
+    def angles(rows: PartialLabellings, part: slice) -> tuple[np.ndarray, ...]:
         one, two, across = (rows.sides[side] for side in level.angles[part].T)
         return one * one + two * two - across * across, 2.0 * one * two, *level.angle_bounds[:, part, None]
 
-    def ratios(rows: Rows, part: slice) -> tuple[np.ndarray, ...]:
+    def ratios(rows: PartialLabellings, part: slice) -> tuple[np.ndarray, ...]:
         one, two = (rows.sides[side] for side in level.ratios[part].T)
         return 2.0 * (one - two), one + two, *level.ratio_bounds[:, part, None]
 
-    def turns(rows: Rows, part: slice) -> tuple[np.ndarray, ...]:
+    def turns(rows: PartialLabellings, part: slice) -> tuple[np.ndarray, ...]:
         pivot, near, far, one, two = level.turns[part].T
         at = masks.clouds.ground[rows.cloud, rows.chosen]
         ab, ac = at[near] - at[pivot], at[far] - at[pivot]
@@ -197,7 +200,9 @@ def judged(rows: Rows, level: Level, masks: Masks) -> Rows:
     return _sifted(rows, ratios, len(level.ratios))
 
 
-def _sifted(rows: Rows, fraction: Callable[[Rows, slice], tuple[np.ndarray, ...]], count: int) -> Rows:
+def _sifted(
+    rows: PartialLabellings, fraction: Callable[[PartialLabellings, slice], tuple[np.ndarray, ...]], count: int
+) -> PartialLabellings:
     """The rows for which numerator / denominator lies within low and high for all of `count` classifiers."""
     first, size = 0, TREE.first_looked
     while first < count and len(rows):

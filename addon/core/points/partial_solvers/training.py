@@ -18,7 +18,7 @@ from .assess import Occlusions, assess, draw_occlusions
 from .boosting import Boosting, boost, learn_intervals, rejections, wrong_labellings
 from .features import all_features, tables
 from .masks import Masks
-from .model import DISTANCE, PAPER_FUNCTIONS, Classifiers, PartialSolvers, Record, Solver, Strong
+from .model import KIND_DISTANCE, PAPER_FUNCTIONS, Classifiers, PartialSolvers, Record, Solver, Strong
 from .search import Genetics
 from .solver import TreeSearch
 from .survey import Survey, survey
@@ -99,7 +99,7 @@ def training(
     points = points[np.isfinite(points).all(axis=-1).sum(axis=1) >= 2]
     _check(points, markers, options)
     yield 0.0, "learning intervals"
-    study = Study(points, options)
+    study = SolverStudy(points, options)
     for share in study.survey():
         yield 0.05 + 0.5 * share, "surveying partial solvers"
     steps = study.partial_solvers(tuple(markers), targets)
@@ -134,7 +134,7 @@ def _heirs(found: Iterable[int], markers: int, good: searches.Good) -> Callable[
     return heirs
 
 
-class Study:
+class SolverStudy:
     """Labelled frames, the weak classifiers learned from them, and what solvers made of those can do.
 
     Ensembles for different targets can be made from one study.
@@ -185,7 +185,7 @@ class Study:
 
     def _group(self, own: int) -> list[int]:
         """A marker and those whose distance from it rejects the most wrong labellings."""
-        pairs = np.flatnonzero((self.pool.kind == DISTANCE) & (self.pool.points == own).any(axis=1))
+        pairs = np.flatnonzero((self.pool.kind == KIND_DISTANCE) & (self.pool.points == own).any(axis=1))
         telling = self._rejected[pairs].sum(axis=1).argsort(kind="stable")[::-1]
         others = self.pool.points[pairs[telling], :2].sum(axis=1) - own
         return [own, *(int(other) for other in others[: self.options.group - 1])]
@@ -387,7 +387,7 @@ class Ground:
         return searches.subset_of(self.group[place] for place in searches.members(subset))
 
 
-def _joined(solvers: list[Solver], study: Study, markers: tuple[str, ...]) -> PartialSolvers:
+def _joined(solvers: list[Solver], study: SolverStudy, markers: tuple[str, ...]) -> PartialSolvers:
     """The ensemble, with only those weak classifiers that some solver uses."""
     useful = [solver for solver in solvers if solver.reached.any()]
     used = np.unique(np.concatenate([np.empty(0, dtype=int), *(solver.strong.chosen for solver in useful)]))
