@@ -169,7 +169,7 @@ def test_a_take_in_pieces_and_in_chunks(partial_solvers, points, monkeypatch):
 def test_nothing_to_name(partial_solvers, shape):
     named = label_frames(partial_solvers, np.full(shape, np.nan))
     assert named.marker.shape == named.confidence.shape == named.rate.shape == shape[:2]
-    assert (named.marker == -1).all()
+    assert not named.named.any()
 
 
 def test_too_little_to_learn_from():
