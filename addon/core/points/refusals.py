@@ -81,7 +81,7 @@ def refuse_others(model: Model, namer: Namer, points: np.ndarray):
     if not len(frames):
         raise JobError("has no frame with enough points to tell markers apart; expected four or more at a time")
     some = points[frames[evenly_spread(len(frames), REFUSAL.sample_frames)]]
-    first = Labels.join(namer.name(some, REFUSAL.sample_rate))
+    first = _each_alone(namer, some)
     alone = sure_share(first, some, len(model.markerset))
     least = REFUSAL.min_sure if model.rigid_bodies is None else REFUSAL.min_sure_rigid
     found = alone >= least
@@ -157,7 +157,12 @@ def _sure(model: Model, namer: Namer, points: np.ndarray) -> float:
     enough = np.isfinite(points).all(axis=2).sum(axis=1) >= REFUSAL.min_second * size
     if enough.mean() < REFUSAL.min_often:
         return 0.0
-    return sure_share(Labels.join(namer.name(points[enough], REFUSAL.sample_rate)), points[enough], size)
+    return sure_share(_each_alone(namer, points[enough]), points[enough], size)
+
+
+def _each_alone(namer: Namer, points: np.ndarray) -> Labels:
+    """What single frames of points (T, P, 3) m say."""
+    return Labels.join(namer.name(points, REFUSAL.sample_rate))
 
 
 def _possible(points: np.ndarray, markers: int) -> int:
