@@ -18,7 +18,7 @@ from ..core.data.progress import Progress
 from ..core.data.takes import STEPS, Blobs, LabelledChunk, Motion, Points, Suspect
 from ..core.geometry.cameras import Cameras
 from ..core.pipelines.blobs import BlobOptions, blob_method, label_blobs, steps_of
-from ..core.pipelines.cross_check import Agreement
+from ..core.pipelines.cross_check import MethodAgreement
 from ..core.review.odd_cameras import CameraCheck
 from ..core.review.summary import TakeSummary
 from ..io.blobs import BlobRows, read_blobs
@@ -39,7 +39,7 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
     begin = perf_counter()
     model, cameras, inputs = open_model(job.model), _cameras(job), made_of(job)
     settings = BlobOptions(job.method, job.frame_rate, job.target, job.options, _occlusion(job, model))
-    agreement, check = Agreement(), CameraCheck(cameras)
+    agreement, check = MethodAgreement(), CameraCheck(cameras)
     with ExitStack() as stack:
         files = open_files(job, may_replace(job), stack)
         source = Source(job, cameras)
@@ -64,7 +64,7 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
     return Labelled(report, results.chunks if job.keep else [])
 
 
-def _facts(job: LabelJob, method: str, cameras: Cameras, results: "Results", agreement: Agreement) -> dict:
+def _facts(job: LabelJob, method: str, cameras: Cameras, results: "Results", agreement: MethodAgreement) -> dict:
     """What the report of blobs says beside what every report says."""
     facts = {"method": method, "occlusion": _casts(job), "rate_assumed": job.rate is None}
     facts["steps"] = results.counts(method)

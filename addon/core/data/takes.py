@@ -11,15 +11,10 @@ import numpy as np
 # then what names points. The index is what `Labels.step` holds.
 STEPS = ("", "exclusive", "conflict", "remaining", "evidence", "ensemble", "fit", "trajectory")
 NO_STEP, EXCLUSIVE, CONFLICT, REMAINING, BY_LIKELIHOOD, BY_PARTIAL_SOLVERS, BY_FIT, BY_TRAJECTORY = range(len(STEPS))
-NO_MARKER = -1
+NO_MARKER = NO_POINT = -1
 
 # C3D files count frames no further than this, and blob files neither.
 LARGEST_FRAME = 2**32 - 1
-
-
-def evenly_spread(count: int, most: int) -> np.ndarray:
-    """(N,) the indices of `most` of `count` frames, or of all if there are fewer, from the first to the last."""
-    return np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int))
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +147,14 @@ class Suspect:
         return self.words if self.trajectory is None else f"trajectory {self.trajectory} {self.words}"
 
 
+def suspect_ranges(frames: np.ndarray, doubtful: np.ndarray, words: str, max_break_frames: int) -> list[Suspect]:
+    """The doubtful frames (F,) as ranges of the source's numbers (F,); breaks of up to so many frames are bridged."""
+    at = np.flatnonzero(doubtful)
+    breaks = np.flatnonzero(np.diff(at) > max_break_frames)
+    firsts, lasts = (at[np.append(0, breaks + 1)], at[np.append(breaks, -1)]) if len(at) else (at, at)
+    return [Suspect(int(frames[a]), int(frames[b]), words) for a, b in zip(firsts, lasts, strict=True)]
+
+
 @dataclass(frozen=True, eq=False)
 class Verdict:
     """What is said of the points of a take: their labels (T, P), and what a person should look at."""
@@ -232,3 +235,8 @@ class PointRows:
         frame, column = np.nonzero(take.present)
         trajectory = column if take.columns is None else take.columns[column]
         return cls(take.frames, frame, trajectory, take.xyz[frame, column], take.residual[frame, column])
+
+
+def evenly_spread(count: int, most: int) -> np.ndarray:
+    """(N,) the indices of `most` of `count` frames, or of all if there are fewer, from the first to the last."""
+    return np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int))

@@ -16,16 +16,16 @@ from ..blobs.pipeline import Options
 from ..data.background import in_background, within
 from ..data.models import Model
 from ..data.progress import Progress
-from ..data.takes import BY_LIKELIHOOD, LabelledChunk, Labels, Points, Suspect, Verdict
+from ..data.takes import LabelledChunk, Labels, Points, Suspect, Verdict
 from ..points.deciding import consistent, decide
 from ..points.motion import motion_of
-from ..points.naming import Namer, chosen_method, namer_of
-from ..points.refusals import refuse_floods, refuse_others, refuse_strangers
+from ..points.naming import Namer, namer_of
+from ..points.refusals import refuse_floods, refuse_others, refuse_unrecognised
 from ..points.rigid_bodies.adaptation import Adaptation, adapt, borne_out
 from ..points.tracklets import cut, renamed
 from ..review.suspects import find_suspects, summarised
 
-USUAL_TARGET = 0.999
+USUAL_TARGET = 0.999  # the part of the labels that must be right, unless another is asked for
 # What each part takes, as measured: so many times as long as a frame is named in, and that again for each frame. The
 # last is what whoever called does with the outcome.
 COSTS = {
@@ -42,12 +42,12 @@ COSTS = {
 class PointOptions:
     """How points are named.
 
-    method  one of `naming.METHODS` but "both"
+    method  as `naming.chosen_method` gives it
     target  the part of the labels that must be right; what is less sure is left unnamed
     hints   what the user may say about the take, for the fitted body
     """
 
-    method: str = "auto"
+    method: str
     target: float = USUAL_TARGET
     hints: Options = field(default_factory=Options)
 
@@ -56,15 +56,13 @@ def label_points(take: Points, model: Model, options: PointOptions) -> Generator
     """Names the points of a take, and poses the body on them; labels are (T, P), motion frame for frame.
 
     Suspects call trajectories by their index in the file (`Points.columns`).
-    Raises JobError where the take is not of one subject in the model's markers, InputError where the model cannot do
-    what is asked.
+    Raises JobError where the take is not of one subject in the model's markers.
     """
     refuse_floods(take.xyz)
-    method = chosen_method(model, options.method)
     with threadpool_limits(1, user_api="blas"):  # many threads on small matrices cost more than they bring
         begin = perf_counter()
-        verdict = yield from _named(take, model, method, options)
-        named, shares = perf_counter(), begins(len(take.xyz), method)
+        verdict = yield from _named(take, model, options)
+        named, shares = perf_counter(), begins(len(take.xyz), options.method)
         given = take.xyz, take.residual, verdict.labels, model.markerset, take.frames
         work = in_background(lambda tell: motion_of(*given, progress=tell))
         motion = yield from within(work, shares["pose"], shares["write"], "pose the body")
@@ -82,24 +80,22 @@ def begins(frames: int, method: str) -> dict[str, float]:
     return dict(zip(costs, ((np.cumsum(spent) - spent) / spent.sum()).tolist(), strict=True))
 
 
-def _named(take: Points, model: Model, method: str, options: PointOptions) -> Generator[Progress, None, Verdict]:
+def _named(take: Points, model: Model, options: PointOptions) -> Generator[Progress, None, Verdict]:
     """What is said of every point in the end."""
-    shares = begins(len(take.xyz), method)
+    shares = begins(len(take.xyz), options.method)
     yield Progress(shares["adapt"], "look who wears the markers")
     tracklet = cut(take.xyz, take.rate)
-    namer = namer_of(model, method, options.hints)
-    adaptation = Adaptation(model)
-    if namer.step == BY_LIKELIHOOD:
-        adaptation = adapt(model, take.xyz, tracklet, take.rate)
-        namer = namer_of(adaptation.model, method, options.hints)
+    learned = options.method == "likelihood"
+    adaptation = adapt(model, take.xyz, tracklet, take.rate) if learned else Adaptation(model)
+    namer = namer_of(adaptation.model, options.method, options.hints)
     yield Progress(shares["others"], "look whether the model is for this take")
     refuse_others(adaptation.model, namer, take.xyz)
     named = yield from _frame_by_frame(namer, take, shares)
     yield Progress(shares["vote"], "let trajectories vote")
     decided = _decided(named, tracklet, adaptation, take, options.target)
-    # Who asks for surer labels gets fewer, and the take is no stranger's for that.
+    # Who asks for surer labels gets fewer, and the take is of the model's markers all the same.
     usual = decided if options.target == USUAL_TARGET else _decided(named, tracklet, adaptation, take, USUAL_TARGET)
-    refuse_strangers(adaptation.model, namer, take.xyz, usual.labels)
+    refuse_unrecognised(adaptation.model, namer, take.xyz, usual.labels)
     changed = renamed(decided.labels.marker, tracklet, model.markerset.markers, take.first_frame)
     return Verdict(decided.labels, decided.suspects + changed)
 

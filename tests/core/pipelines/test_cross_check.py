@@ -15,7 +15,7 @@ from addon.core.data.takes import (
     Motion,
     Suspect,
 )
-from addon.core.pipelines.cross_check import Agreement, label_both_ways
+from addon.core.pipelines.cross_check import MethodAgreement, label_by_both
 
 NAMES = ("A", "B", "C")
 FRAMES, CAMERAS = 30, 3
@@ -42,8 +42,8 @@ def chunk(marker: np.ndarray, step: int, place: float, suspects=(), found=True) 
 
 
 def both(blobs, body, points):
-    agreement = Agreement()
-    [made] = label_both_ways([blobs], iter([body]), iter([points]), NAMES, agreement)
+    agreement = MethodAgreement()
+    [made] = label_by_both([blobs], iter([body]), iter([points]), NAMES, agreement)
     return made, agreement.as_dict()
 
 

@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 
 from addon.core.geometry.upright import turned, upright_aligned
-from addon.core.points.likelihood import naming
-from addon.core.points.likelihood import swaps as alternatives
-from addon.core.points.likelihood.distances import DistanceConstraints, learn_constraints
+from addon.core.points.likelihood import naming, swaps
+from addon.core.points.likelihood.distances import ConstraintOptions, DistanceConstraints, learn_constraints
 from addon.core.points.likelihood.latent import Latent
 from addon.core.points.likelihood.naming import NO_POINT, name_worth, one_to_one, settle
 from addon.core.points.likelihood.shape import learn_shape
@@ -28,8 +27,8 @@ def scene(monkeypatch):
     assert len(constraints) > 0
     monkeypatch.setattr(naming, "yaw_absorbed", lambda points, latent: (points, latent))
     monkeypatch.setattr(DistanceConstraints, "size", lambda self, points, named: np.ones(len(named)))
-    monkeypatch.setattr("addon.core.points.likelihood.distances.LIMIT", 1e9)
-    monkeypatch.setattr(alternatives, "REACH", 20.0)
+    monkeypatch.setattr("addon.core.points.likelihood.distances.CONSTRAINING", ConstraintOptions(max_cost=1e9))
+    monkeypatch.setattr(swaps, "ALTERNATIVES", swaps.AlternativeOptions(max_distance_radii=20.0))
     points = upright_aligned(clouds[:1], shape.mean)
     points = np.concatenate([points, rng.normal(size=(1, 3, 3))], axis=1)
     model = Latent(shape)
@@ -59,7 +58,7 @@ def test_dropping_replacing_and_adding_gain_what_trying_gains(scene, marker, poi
     before = settled(NAMING)
     tried = list(NAMING)
     tried[marker] = point
-    odds = alternatives.alternatives(model, constraints, before).odds[0, marker]
+    odds = swaps.alternatives(model, constraints, before).odds[0, marker]
     gain = (odds[point] if point >= 0 else 0) - (odds[NAMING[marker]] if NAMING[marker] >= 0 else 0)
     assert gain == pytest.approx(settled(tried).score[0] - before.score[0], abs=1e-4)
 
@@ -70,7 +69,7 @@ def test_moving_gains_what_trying_gains(scene, old, new):
     before = settled(NAMING)
     tried = list(NAMING)
     tried[new], tried[old] = tried[old], NO_POINT
-    gain = alternatives.alternatives(model, constraints, before).move[0, old, new]
+    gain = swaps.alternatives(model, constraints, before).move[0, old, new]
     assert gain == pytest.approx(settled(tried).score[0] - before.score[0], abs=1e-4)
 
 
@@ -80,7 +79,7 @@ def test_swapping_gains_what_trying_gains(scene, one, other):
     before = settled(NAMING)
     tried = list(NAMING)
     tried[one], tried[other] = tried[other], tried[one]
-    gain = alternatives.alternatives(model, constraints, before).swap[0, one, other]
+    gain = swaps.alternatives(model, constraints, before).swap[0, one, other]
     assert gain == pytest.approx(settled(tried).score[0] - before.score[0], rel=1e-6)
 
 
