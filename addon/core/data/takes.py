@@ -11,7 +11,7 @@ import numpy as np
 # then what names points. The index is what `Labels.step` holds.
 STEPS = ("", "exclusive", "conflict", "remaining", "evidence", "ensemble", "fit", "trajectory")
 NO_STEP, EXCLUSIVE, CONFLICT, REMAINING, BY_LIKELIHOOD, BY_PARTIAL_SOLVERS, BY_FIT, BY_TRAJECTORY = range(len(STEPS))
-NO_MARKER = -1
+NO_MARKER = NO_POINT = -1
 
 
 def evenly_spread(count: int, most: int) -> np.ndarray:

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Naming clouds of anonymous 3D points frame by frame, by likelihood: learned from labelled takes of any marker set."""
 
-from .frames import TARGET, label_frames
+from .calibration import Calibration
+from .frames import label_frames
 from .learn import learn_likelihood
-from .model import Calibration, Likelihood
+from .model import Likelihood
 
-__all__ = ["TARGET", "Calibration", "Likelihood", "label_frames", "learn_likelihood"]
+__all__ = ["Calibration", "Likelihood", "label_frames", "learn_likelihood"]

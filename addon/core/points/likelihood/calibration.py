@@ -1,41 +1,96 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """From margins to chances: a logistic regression over labels given to subjects who were left out of the training."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from .model import Calibration
 
-KNEES = (0.0, 2.0, 5.0)  # margins at which the line may bend
-MOST = 12.0  # margins beyond are taken for this
-RIDGE = 1e-2
-STEPS = 30
-CAUTION = 1.0  # wrong labels that are added, so that few trials promise little
-LEVELS = 200
-ERRORS = 1e-5, 0.3  # parts wrong between which the levels lie
-FEATURES = 6 + len(KNEES)
-HIDDEN = FEATURES - 2  # the feature that is the part of the markers without a name
-PARTS = 0.7, 0.87  # of the markers that are named, between which frames are of one kind
-ENOUGH = 3000  # labels that a kind of frame needs for a count of its own
-SUREST, NEVER = 30.0, 100.0
+@dataclass(frozen=True)
+class CalibrationOptions:
+    """How the chance of a label is learned from its margin, log odds, and its frame. All reckoned.
+
+    knees          margins at which the line may bend; a model file has a weight for each
+    max_margin     margins beyond are taken for this: they are too rare to tell more
+    ridge          pull of the weights towards 0, so that trials without an error have a finite answer
+    max_rounds     Newton steps; a few are enough
+    extra_wrong    wrong labels that are added to those counted, so that few trials promise little
+    levels         rates whose least log odds are kept
+    error_range    parts wrong between which the levels lie, by even ratios: where wrong labels are
+    kind_bounds    parts of the markers that are named, between which frames are of one kind; a model file has a row
+                   for each kind
+    min_labels     labels that a kind of frame needs to be counted on its own
+    max_log_odds   beyond it trials know nothing
+    """
+
+    knees: tuple[float, ...] = (0.0, 2.0, 5.0)
+    max_margin: float = 12.0
+    ridge: float = 1e-2
+    max_rounds: int = 30
+    extra_wrong: float = 1.0
+    levels: int = 200
+    error_range: tuple[float, float] = (1e-5, 0.3)
+    kind_bounds: tuple[float, ...] = (0.7, 0.87)
+    min_labels: int = 3000
+    max_log_odds: float = 30.0
 
 
-def features(margin: np.ndarray, strays: np.ndarray, named: np.ndarray, misfit: np.ndarray) -> np.ndarray:
+CALIBRATION = CalibrationOptions()
+FEATURES = 6 + len(CALIBRATION.knees)
+KINDS = len(CALIBRATION.kind_bounds) + 1
+UNNAMED = FEATURES - 2  # the feature that is the part of the markers without a name
+NEVER = 100.0  # log odds that no label has
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """How margins become chances, measured on subjects that were left out of the training.
+
+    weights  logit of the chance to be right, for each of `features`
+    rates    (K,) ascending parts of labels that are right
+    least    (KINDS, K) the least log odds of labels of which that part is right, for frames of each of the `kinds`;
+             beyond all odds where no labels are
+    """
+
+    weights: np.ndarray
+    rates: np.ndarray
+    least: np.ndarray
+
+    def rate(self, odds: np.ndarray, kind: np.ndarray) -> np.ndarray:
+        """(N,) the part that is right of all labels with at least such log odds (N,) in frames of that kind (N,)."""
+        found = np.zeros(len(odds))
+        for index, least in enumerate(self.least):
+            mine = kind == index
+            place = np.searchsorted(least, odds[mine], side="right") - 1
+            found[mine] = np.where(place >= 0, self.rates[np.maximum(place, 0)], 0)
+        return found
+
+
+def features(margin: np.ndarray, ghosts: np.ndarray, named: np.ndarray, mean_square: np.ndarray) -> np.ndarray:
     """(N, FEATURES) what the chance of N labels depends on.
 
-    margin (N,) as in `solving.Solved`; of the label's frame, the number of points left unnamed `strays`, the part of
-    all markers `named`, and `misfit`.
+    margin (N,) as in `solving.Solved`; of the label's frame, the number of points left unnamed `ghosts`, the part of
+    all markers `named`, and `mean_square` as in `solving.Solved`.
     """
-    margin = np.clip(margin, -MOST, MOST)
-    bent = [np.minimum(margin - knee, 0) for knee in KNEES]
+    margin = np.clip(margin, -CALIBRATION.max_margin, CALIBRATION.max_margin)
+    bent = [np.minimum(margin - knee, 0) for knee in CALIBRATION.knees]
     return np.stack(
-        [np.ones(len(margin)), margin, *bent, np.minimum(strays, 4), np.log1p(strays), 1 - named, np.log(misfit + 0.1)],
+        [
+            np.ones(len(margin)),
+            margin,
+            *bent,
+            np.minimum(ghosts, 4),
+            np.log1p(ghosts),
+            1 - named,
+            np.log(mean_square + 0.1),
+        ],
         axis=1,
     )
 
 
 def log_odds(weights: np.ndarray, described: np.ndarray) -> np.ndarray:
     """(N,) the log odds that labels described by `features` are right."""
-    return np.clip(described @ weights, -SUREST, SUREST)
+    return np.clip(described @ weights, -CALIBRATION.max_log_odds, CALIBRATION.max_log_odds)
 
 
 def chance(odds: np.ndarray) -> np.ndarray:
@@ -45,45 +100,47 @@ def chance(odds: np.ndarray) -> np.ndarray:
 
 def kinds(described: np.ndarray) -> np.ndarray:
     """(N,) the kind of frame of labels described (N, FEATURES): the more markers are named, the higher."""
-    return np.searchsorted(PARTS, 1 - described[:, HIDDEN] + 1e-9, side="right")
+    return np.searchsorted(CALIBRATION.kind_bounds, 1 - described[:, UNNAMED] + 1e-9, side="right")
 
 
-def learn_calibration(described: np.ndarray, right: np.ndarray, usual: np.ndarray) -> Calibration:
-    """Trust from labels described (N, FEATURES) that are known to be right or not (N,).
+def learn_calibration(
+    described: np.ndarray, right: np.ndarray, usual: np.ndarray, options: CalibrationOptions = CALIBRATION
+) -> Calibration:
+    """The calibration by labels described (N, FEATURES) that are known to be right or not (N,).
 
-    All teach what the chance depends on; what part of the labels is right is counted among the usual ones (N,), for
-    each kind of frame apart: else the many labels of easy frames would pay for wrong ones in hard frames.
+    All teach what the chance depends on; what part of the labels is right is counted among the usual ones (N,), each
+    kind of frame on its own: else the many labels of easy frames would pay for wrong ones in hard frames.
     """
-    weights = _logistic(described, right)
+    weights = _logistic(described, right, options)
     described, right = described[usual], right[usual]
     odds, kind = log_odds(weights, described), kinds(described)
-    rates = 1 - np.geomspace(*ERRORS, LEVELS)[::-1]
+    rates = 1 - np.geomspace(*options.error_range, options.levels)[::-1]
     least = []
-    for index in range(len(PARTS) + 1):
-        mine = kind == index if (kind == index).sum() >= ENOUGH else np.ones(len(kind), dtype=bool)
-        least.append(_least(odds[mine], right[mine], rates))
+    for index in range(KINDS):
+        mine = kind == index if (kind == index).sum() >= options.min_labels else np.ones(len(kind), dtype=bool)
+        least.append(_least(odds[mine], right[mine], rates, options))
     return Calibration(weights, rates, np.array(least))
 
 
-def _least(odds: np.ndarray, right: np.ndarray, rates: np.ndarray) -> np.ndarray:
+def _least(odds: np.ndarray, right: np.ndarray, rates: np.ndarray, options: CalibrationOptions) -> np.ndarray:
     """(K,) the least log odds of labels of which the parts `rates` (K,) are right; NEVER where none are."""
     order = np.argsort(-odds)
     count = np.arange(1, len(order) + 1)
-    wrong = np.cumsum(~right[order]) + CAUTION * count / len(order)
+    wrong = np.cumsum(~right[order]) + options.extra_wrong * count / len(order)
     # Accepting less must never look worse than accepting more.
     reached = np.maximum.accumulate((1 - wrong / count)[::-1])[::-1]
     last = np.searchsorted(-reached, -rates, side="right") - 1
     return np.where(last >= 0, odds[order][np.maximum(last, 0)], NEVER)
 
 
-def _logistic(described: np.ndarray, right: np.ndarray) -> np.ndarray:
+def _logistic(described: np.ndarray, right: np.ndarray, options: CalibrationOptions) -> np.ndarray:
     """Weights by Newton's method with a small ridge."""
     weights = np.zeros(described.shape[1])
-    for _ in range(STEPS):
+    for _ in range(options.max_rounds):
         expected = chance(log_odds(weights, described))
         curve = (described * (expected * (1 - expected))[:, None]).T @ described
-        slope = described.T @ (right - expected) - RIDGE * weights
-        step = np.linalg.solve(curve + RIDGE * np.eye(len(weights)), slope)
+        slope = described.T @ (right - expected) - options.ridge * weights
+        step = np.linalg.solve(curve + options.ridge * np.eye(len(weights)), slope)
         weights = weights + step * min(1.0, 5.0 / np.abs(step).max())
         if np.abs(step).max() < 1e-6:
             break

@@ -11,17 +11,31 @@ from ...data.takes import BY_LIKELIHOOD, Labels
 from ..rigid_bodies.assembling import assemble
 from .calibration import chance, features, kinds, log_odds
 from .model import Known, Likelihood
-from .naming import FEW
-from .rows import put_rows, rows_of
+from .naming import is_crowded, put_rows, rows_of
 from .solving import Solved, solve
-from .starts import YAWS, guess
+from .starts import STARTS, guess
 
-# Frames that are worked on at once, and pairs of their points: small enough for the processor's own memory.
-CHUNK, FEWEST, PAIRS = 64, 4, 40_000
-TARGET = 0.999
-LOOK = 3  # guesses a frame that are followed to the end, and
-LONG_LOOK = 6  # where there are many more points than markers, or the outcome is strange
-STRANGE = 0.5  # misfit from which it is
+
+@dataclass(frozen=True)
+class FrameOptions:
+    """How frames are worked on. All reckoned.
+
+    min_frames, max_frames  at once
+    max_pairs               of the points of frames at once: small enough for the processor's own memory
+    guesses                 a frame that are followed to the end, and
+    more_guesses            where there are many more points than markers, or the outcome is doubtful
+    max_mean_square         from which it is
+    """
+
+    min_frames: int = 4
+    max_frames: int = 64
+    max_pairs: int = 40_000
+    guesses: int = 3
+    more_guesses: int = 6
+    max_mean_square: float = 0.5
+
+
+FRAME_NAMING = FrameOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,10 +63,10 @@ def label_frames(likelihood: Likelihood, points: np.ndarray) -> Iterator[Labels]
         yield label_some(likelihood, points[frames])
 
 
-def chunks(points: np.ndarray) -> Iterator[slice]:
+def chunks(points: np.ndarray, options: FrameOptions = FRAME_NAMING) -> Iterator[slice]:
     """The frames of points (T, P, 3) that are best worked on at once."""
     most = max(int(np.isfinite(points[..., 0]).sum(axis=1).max(initial=0)), 1)
-    size = int(np.clip(PAIRS // most**2, FEWEST, CHUNK))
+    size = int(np.clip(options.max_pairs // most**2, options.min_frames, options.max_frames))
     for first in range(0, len(points), size):
         yield slice(first, first + size)
 
@@ -71,18 +85,17 @@ def label_some(likelihood: Likelihood, points: np.ndarray) -> Labels:
     return replace(found, rate=rates)
 
 
-def solve_frames(known: Known, points: np.ndarray) -> Solved:
-    """The best naming of frames of points (F, P, 3) m, NaN where there is none; by rigid bodies where the set has them."""
+def solve_frames(known: Known, points: np.ndarray, options: FrameOptions = FRAME_NAMING) -> Solved:
+    """The best naming of frames of points (F, P, 3) m, NaN where there is none; by rigid bodies if the set has them."""
     if known.rigid_bodies is not None:
         return assemble(known.rigid_bodies, points)
-    present = np.isfinite(points[..., 0])
-    crowded = (present.sum(axis=1) > len(known.fine) + FEW).any()
-    solved = _solved(known, points, LONG_LOOK if crowded else LOOK)
-    strange = np.flatnonzero(solved.misfit > STRANGE)
-    if len(strange):
-        again = _solved(known, points[strange], LONG_LOOK, np.pi / YAWS)
-        better = again.score > solved.score[strange]
-        put_rows(solved, rows_of(again, better), strange[better])
+    crowded = is_crowded(known.fine, np.isfinite(points[..., 0])).any()
+    solved = _solved(known, points, options.more_guesses if crowded else options.guesses)
+    doubtful = np.flatnonzero(solved.mean_square > options.max_mean_square)
+    if len(doubtful):
+        again = _solved(known, points[doubtful], options.more_guesses, np.pi / STARTS.yaws)
+        better = again.score > solved.score[doubtful]
+        put_rows(solved, rows_of(again, better), doubtful[better])
     return solved
 
 
@@ -96,7 +109,7 @@ def _solved(known: Known, points: np.ndarray, guesses: int, first: float = 0.0) 
 class LabelsGiven:
     """N labels: frame, point and marker (N,) of each, and what its chance depends on.
 
-    described (N, FEATURES) is as in `trust.features`.
+    described (N, FEATURES) is as in `calibration.features`.
     """
 
     frame: np.ndarray
@@ -108,10 +121,10 @@ class LabelsGiven:
 def labels_given(solved: Solved, points: np.ndarray) -> LabelsGiven:
     """All names of solved frames of points (F, P, 3) m."""
     named = solved.naming >= 0
-    strays = np.isfinite(points[..., 0]).sum(axis=1) - named.sum(axis=1)
+    ghosts = np.isfinite(points[..., 0]).sum(axis=1) - named.sum(axis=1)
     frame, marker = np.nonzero(named)
     part = named.mean(axis=1)[frame]
-    described = features(solved.margin[frame, marker], strays[frame], part, solved.misfit[frame])
+    described = features(solved.margin[frame, marker], ghosts[frame], part, solved.mean_square[frame])
     return LabelsGiven(frame, solved.naming[frame, marker], marker, described)
 
 

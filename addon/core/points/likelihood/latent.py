@@ -1,14 +1,29 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The linear algebra of a shape with place and yaw added: weighted marker positions in, best latent vector out."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ...geometry.upright import turned
 from .shape import Shape
 
-PLACE_SD = 6.0  # radii; where the subject stands is as good as unknown
-YAW_SD = 0.5  # rad, of one step
-PLACE, YAW, FIRST_MODE = slice(0, 3), 3, 4
+PLACE, YAW, FIRST_MODE = slice(0, 3), 3, 4  # columns of a latent vector
+
+
+@dataclass(frozen=True)
+class LatentOptions:
+    """How freely a shape is placed. Both reckoned.
+
+    place_sd_radii  where the subject stands is as good as unknown
+    yaw_sd_rad      of one step; the linear yaw is good for no larger one
+    """
+
+    place_sd_radii: float = 6.0
+    yaw_sd_rad: float = 0.5
+
+
+LATENT = LatentOptions()
 
 
 class Latent:
@@ -22,8 +37,8 @@ class Latent:
         kept, left = shape.modes[..., :modes], shape.modes[..., modes:] if modes is not None else shape.modes[..., :0]
         self.mean, self.radius = shape.mean, shape.radius
         self.noise = shape.noise + (left**2).sum(axis=(1, 2)) / 3
-        place = np.broadcast_to(np.eye(3) * PLACE_SD * shape.radius, (len(shape.mean), 3, 3))
-        turn = np.stack([-shape.mean[:, 1], shape.mean[:, 0], np.zeros(len(shape.mean))], axis=-1) * YAW_SD
+        place = np.broadcast_to(np.eye(3) * LATENT.place_sd_radii * shape.radius, (len(shape.mean), 3, 3))
+        turn = np.stack([-shape.mean[:, 1], shape.mean[:, 0], np.zeros(len(shape.mean))], axis=-1) * LATENT.yaw_sd_rad
         self.columns = np.concatenate([place, turn[..., None], kept], axis=2)
         self.size = self.columns.shape[2]
         self.flat = np.ascontiguousarray(self.columns.reshape(-1, self.size))
@@ -50,7 +65,8 @@ class Latent:
 
 def yaw_absorbed(points: np.ndarray, latent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The yaw of latent vectors (N, L) put into the points (N, P, 3) instead: both turned back, the latent yaw at 0."""
-    back = -np.clip(latent[:, YAW] * YAW_SD, -YAW_SD, YAW_SD)
+    sd = LATENT.yaw_sd_rad
+    back = -np.clip(latent[:, YAW] * sd, -sd, sd)
     place = turned(latent[:, None, PLACE], back)[:, 0]
     still = np.zeros((len(latent), 1))
     return turned(points, back), np.concatenate([place, still, latent[:, FIRST_MODE:]], axis=1)

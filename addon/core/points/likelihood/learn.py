@@ -2,27 +2,49 @@
 """Learning to name points from labelled takes of any subjects: people, animals or props."""
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from ...data.errors import InputError
 from ..rigid_bodies.model import RigidBodies, learn_rigid_bodies
-from .calibration import learn_calibration
+from .calibration import Calibration, learn_calibration
 from .distances import DistanceConstraints, learn_constraints
 from .frames import chunks, labels_given, solve_frames
-from .model import Calibration, Known, Likelihood
-from .shape import Shape, as_strangers, learn_shape
+from .model import Known, Likelihood
+from .shape import Shape, as_other_subjects, learn_shape
 from .sides import mirrored
 from .trials import Trial, crowded, make_trial
 
-FOLDS = 5
-TRIAL_FRAMES = 1000  # frames of each fold, at most, that are named to see how far margins can be trusted
-TRIAL_LABELS = 26000  # that are enough of it
-HIDDEN_PART = 1 / 3  # up to this part of the markers is hidden in a trial
-MOST_GHOSTS = 3
-CROWDED = 4  # one frame in so many is tried with many more points too,
-CROWD, MOST_CROWDED = 3, 80  # times as many as there are markers at most, and points at most
-FEWEST_MARKERS, FEWEST_FRAMES = 4, 10
+
+@dataclass(frozen=True)
+class LearnOptions:
+    """What is learned from, and how a calibration is measured. All reckoned.
+
+    min_markers, min_frames  to learn from: fewer markers are all alike, fewer frames show no poses
+    folds                    that subjects or frames are split into
+    max_frames               of each fold that are named,
+    max_labels               and labels that are enough of them
+    max_hidden               part of the markers that is hidden in a trial
+    max_ghosts               in a frame of a trial
+    crowd_every              one frame in so many is tried with many more points too,
+    crowd_markers            up to so many times as there are markers,
+    max_crowd                and so many at most
+    """
+
+    min_markers: int = 4
+    min_frames: int = 10
+    folds: int = 5
+    max_frames: int = 1000
+    max_labels: int = 26000
+    max_hidden: float = 1 / 3
+    max_ghosts: int = 3
+    crowd_every: int = 4
+    crowd_markers: int = 3
+    max_crowd: int = 80
+
+
+LEARN = LearnOptions()
 
 
 def learn_likelihood(
@@ -31,9 +53,9 @@ def learn_likelihood(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Likelihood:
-    """Evidence from labelled takes: points (T, M, 3) m, z up, NaN where missing, each with the id of its subject.
+    """What labelled takes teach: points (T, M, 3) m, z up, NaN where missing, each with the id of its subject.
 
-    `progress` is told the part that is done. The same seed gives the same evidence.
+    `progress` is given the part that is done. The same seed gives the same result.
     Raises InputError when the takes do not show the markers together.
     """
     markers = tuple(markers)
@@ -46,21 +68,21 @@ def learn_likelihood(
 
 def _by_subject(takes, markers: tuple[str, ...]) -> dict[str, np.ndarray]:
     """All usable frames of every subject."""
-    if len(markers) < FEWEST_MARKERS:
-        raise InputError(f"{len(markers)} markers are too few to be told apart; expected {FEWEST_MARKERS} or more")
+    if len(markers) < LEARN.min_markers:
+        raise InputError(f"{len(markers)} markers are too few to be told apart; expected {LEARN.min_markers} or more")
     gathered: dict[str, list[np.ndarray]] = {}
     for points, subject in takes:
         if points.ndim != 3 or points.shape[1:] != (len(markers), 3):
             raise InputError(f"a take has the shape {points.shape}; expected frames × {len(markers)} markers × 3")
-        enough = np.isfinite(points[..., 0]).sum(axis=1) >= max(FEWEST_MARKERS, len(markers) / 2)
+        enough = np.isfinite(points[..., 0]).sum(axis=1) >= max(LEARN.min_markers, len(markers) / 2)
         gathered.setdefault(subject, []).append(points[enough])
     subjects = {subject: np.concatenate(parts) for subject, parts in sorted(gathered.items())}
     subjects = {subject: points for subject, points in subjects.items() if len(points)}
     if not subjects:
         raise InputError("no frame shows half of the markers together; expected labelled takes of this marker set")
     frames = sum(map(len, subjects.values()))
-    if frames < FEWEST_FRAMES:
-        raise InputError(f"only {frames} frames show half of the markers together; expected {FEWEST_FRAMES} or more")
+    if frames < LEARN.min_frames:
+        raise InputError(f"only {frames} frames show half of the markers together; expected {LEARN.min_frames} or more")
     everything = np.concatenate([np.isfinite(points[..., 0]).any(axis=0)[None] for points in subjects.values()])
     unseen = [name for name, seen in zip(markers, everything.any(axis=0), strict=True) if not seen]
     if unseen:
@@ -77,11 +99,11 @@ def _learn(subjects: list[np.ndarray], markers: tuple[str, ...], seed: int) -> t
 def _learn_calibration(
     subjects: list[np.ndarray], markers: tuple[str, ...], whole: RigidBodies | None, seed: int, progress
 ) -> Calibration:
-    """Trust from naming each subject with what the others teach.
+    """The calibration by naming each subject with what the others teach.
 
     A single subject's frames are split in time instead, and named as if they were of other subjects: of those nothing
-    is known but how much subjects differ in general. Where all that was learned has rigid bodies, so has every part, and else
-    none: a few of the takes may look otherwise.
+    is known but how much subjects differ in general. Where all that was learned has rigid bodies, so has every part,
+    and else none: a few of the takes may look otherwise.
     """
     rng = np.random.default_rng(seed)
     found: list[tuple[np.ndarray, ...]] = []
@@ -91,10 +113,12 @@ def _learn_calibration(
         rigid_bodies = None if whole is None else learn_rigid_bodies(rest, shape.radius) or whole
         known = Known.of(markers, shape, constraints, rigid_bodies)
         # On rigid bodies frames are named several times as fast.
-        count = TRIAL_FRAMES if rigid_bodies is not None else min(TRIAL_FRAMES, TRIAL_LABELS // len(markers))
+        count = LEARN.max_frames
+        if rigid_bodies is None:
+            count = min(count, LEARN.max_labels // len(markers))
         tested = tested[rng.choice(len(tested), count, replace=len(tested) < count)]
         if len(subjects) == 1 and rigid_bodies is None:
-            tested = as_strangers(shape, tested, rng)
+            tested = as_other_subjects(shape, tested, rng)
         for trial, usual in _trials(tested, known, rng):
             found += _tried(known, trial, usual)
         if progress is not None:
@@ -106,14 +130,14 @@ def _learn_calibration(
 
 def _trials(tested: np.ndarray, known: Known, rng: np.random.Generator) -> Iterator[tuple[Trial, bool]]:
     """What the frames (T, M, 3) are tried as, and whether that is usual: without ghosts, with a few, in a crowd."""
-    hidden = 0, round(tested.shape[1] * HIDDEN_PART)
-    for ghosts in (0, MOST_GHOSTS):
+    hidden = 0, round(tested.shape[1] * LEARN.max_hidden)
+    for ghosts in (0, LEARN.max_ghosts):
         half = tested[ghosts > 0 :: 2]
         if len(half):
             yield make_trial(half, hidden, (0, ghosts), rng), True
-    some = tested[::CROWDED]
+    some = tested[:: LEARN.crowd_every]
     if known.rigid_bodies is None:
-        most = min(CROWD * tested.shape[1], MOST_CROWDED)
+        most = min(LEARN.crowd_markers * tested.shape[1], LEARN.max_crowd)
         yield crowded(make_trial(some, hidden, (0, 0), rng), some, most, rng), False
 
 
@@ -124,17 +148,17 @@ def _splits(subjects: list[np.ndarray]) -> list[tuple[list[np.ndarray], np.ndarr
     """
     shown = np.array([np.isfinite(points[..., 0]).any(axis=0) for points in subjects])
     frames = np.array([len(points) for points in subjects])
-    needed = (shown & (shown.sum(axis=0) == 1)).any(axis=1) | (frames.sum() - frames < FEWEST_FRAMES)
+    needed = (shown & (shown.sum(axis=0) == 1)).any(axis=1) | (frames.sum() - frames < LEARN.min_frames)
     tested = np.flatnonzero(~needed)
     if not len(tested):
-        parts = [np.array_split(points, FOLDS) for points in subjects]
+        parts = [np.array_split(points, LEARN.folds) for points in subjects]
         whole = [np.concatenate(fold) for fold in zip(*parts, strict=True)]
         return [
             ([np.concatenate(own[:fold] + own[fold + 1 :]) for own in parts], whole[fold])
-            for fold in range(FOLDS)
+            for fold in range(LEARN.folds)
             if len(whole[fold])
         ]
-    count = min(FOLDS, len(tested))
+    count = min(LEARN.folds, len(tested))
     folds = [tested[first::count] for first in range(count)]
     return [
         (

@@ -7,47 +7,24 @@ from functools import cached_property
 import numpy as np
 
 from ..rigid_bodies.model import RigidBodies
+from .calibration import Calibration
 from .distances import DistanceConstraints
 from .latent import Latent
-from .limbs import limb_exchanges
 from .shape import Shape
-from .starts import COARSE_MODES
-
-
-@dataclass(frozen=True, eq=False)
-class Calibration:
-    """How margins become chances, measured on subjects that were left out of the training.
-
-    weights  logit of the chance to be right, for each of `trust.features`
-    rates    (K,) ascending parts of labels that are right
-    least    (S, K) the least log odds of labels of which that part is right, for frames of each of the S kinds of
-             `trust.kinds`; beyond all odds where no labels are
-    """
-
-    weights: np.ndarray
-    rates: np.ndarray
-    least: np.ndarray
-
-    def rate(self, odds: np.ndarray, kind: np.ndarray) -> np.ndarray:
-        """(N,) the part that is right of all labels with at least such log odds (N,) in frames of that kind (N,)."""
-        found = np.zeros(len(odds))
-        for index, least in enumerate(self.least):
-            mine = kind == index
-            place = np.searchsorted(least, odds[mine], side="right") - 1
-            found[mine] = np.where(place >= 0, self.rates[np.maximum(place, 0)], 0)
-        return found
+from .sides import limb_exchanges
+from .starts import STARTS
 
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:
     """Everything that naming points takes.
 
-    markers   M names
-    shape     of the whole upright cloud
-    distance constraints      distances that stay
-    calibration     what margins are worth
-    subjects  how many subjects it was learned from
-    rigid bodies    the rigid groups of a set that has most of its markers on such; None for others
+    markers       M names
+    shape         of the whole upright cloud
+    constraints   distances that stay
+    calibration   what margins are worth
+    subjects      how many subjects it was learned from
+    rigid_bodies  of a set that has most of its markers on such; None for others
     """
 
     markers: tuple[str, ...]
@@ -70,9 +47,9 @@ class Likelihood:
 class Known:
     """What frames are solved with.
 
-    coarse, fine  the shape with few modes, for the first steps from nothing, and with all
-    distance constraints, rigid bodies  as in `Likelihood`
-    exchanges     (X, M) limbs that may be taken for the other side's, as `limbs.limb_exchanges` has them
+    coarse, fine               the shape with few modes, for the first steps from nothing, and with all
+    constraints, rigid_bodies  as in `Likelihood`
+    exchanges                  (X, M) limbs that may be taken for the other side's, as `limb_exchanges` has them
     """
 
     coarse: Latent
@@ -87,5 +64,9 @@ class Known:
     ) -> "Known":
         """Everything made ready."""
         return cls(
-            Latent(shape, COARSE_MODES), Latent(shape), constraints, rigid_bodies, limb_exchanges(markers, shape.mean)
+            Latent(shape, STARTS.coarse_modes),
+            Latent(shape),
+            constraints,
+            rigid_bodies,
+            limb_exchanges(markers, shape.mean),
         )

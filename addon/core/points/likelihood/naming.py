@@ -6,19 +6,34 @@ integrated out; every unnamed point is a ghost, of a density that the number of 
 marker is hidden at a constant price.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 
 import numpy as np
 
-from .distances import DistanceConstraints, Pulls, pulls, told_by
+from ...data.takes import NO_POINT
+from .distances import DistanceConstraints, Pulls, pulls, total_fit
 from .latent import Latent, yaw_absorbed
 
-GHOSTS = 0.01  # ghosts in a cube of one radius
-FEW = 3  # points more than markers that are nothing unusual;
-ROOM = 15.0  # the points beyond are in so many such cubes, as when more of the body is marked than the set knows
-HIDDEN = 0.25  # chance that a marker is hidden
-NO_POINT = -1
-IMPOSSIBLE = -1e6
+IMPOSSIBLE = -1e6  # log odds
+
+
+@dataclass(frozen=True)
+class GhostOptions:
+    """What is known of a frame's ghosts and hidden markers before it is seen. All reckoned.
+
+    density           ghosts in a cube of one radius
+    max_usual         points more than markers that are nothing unusual
+    crowd_cubes       such cubes that the points beyond are in, as when more of the body is marked than the set knows
+    hidden_chance     that a marker is hidden
+    """
+
+    density: float = 0.01
+    max_usual: int = 3
+    crowd_cubes: float = 15.0
+    hidden_chance: float = 0.25
+
+
+GHOSTS_EXPECTED = GhostOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,11 +73,11 @@ def settle(
     """What follows from namings (N, M) of points (N, P, 3) m that are nearly in the model's frame."""
     worth = name_worth(model, present)
     points, offset, latent, covariance, score = _weighed(model, points, worth, naming)
-    told = pulls(constraints, points, naming)
+    fit = pulls(constraints, points, naming)
     expected = model.positions(latent)
     shared = ((model.flat @ covariance) @ model.flat.T).reshape(-1, len(model), 3, len(model), 3)
     left = np.where((naming >= 0)[..., None], offset + model.mean - expected, 0)
-    return Settled(points, present, worth, naming, score + told.total, expected, shared, left, told)
+    return Settled(points, present, worth, naming, score + fit.total, expected, shared, left, fit)
 
 
 def score_of(
@@ -70,7 +85,7 @@ def score_of(
 ) -> np.ndarray:
     """(N,) the score alone, as `settle` gives it."""
     points, _, _, _, score = _weighed(model, points, worth, naming)
-    return score + told_by(constraints, points, naming)
+    return score + total_fit(constraints, points, naming)
 
 
 def _weighed(model: Latent, points: np.ndarray, worth: np.ndarray, naming: np.ndarray):
@@ -82,9 +97,9 @@ def _weighed(model: Latent, points: np.ndarray, worth: np.ndarray, naming: np.nd
     points, _ = yaw_absorbed(points, (covariance @ side[..., None])[..., 0])
     offset, side = _pull(model, points, naming)
     latent = (covariance @ side[..., None])[..., 0]
-    misfit = (offset**2 / model.noise[:, None]).sum(axis=(1, 2)) - (side * latent).sum(axis=1)
+    square = (offset**2 / model.noise[:, None]).sum(axis=(1, 2)) - (side * latent).sum(axis=1)
     spread = np.linalg.slogdet(normal)[1] + named @ (3 * np.log(model.noise))
-    score = -0.5 * (misfit + spread) + named.sum(axis=1) * worth
+    score = -0.5 * (square + spread) + named.sum(axis=1) * worth
     return points, offset, latent, covariance, score
 
 
@@ -101,9 +116,20 @@ def picked(points: np.ndarray, naming: np.ndarray) -> np.ndarray:
 
 def name_worth(model: Latent, present: np.ndarray) -> np.ndarray:
     """(N,) what a name is worth beside its density in frames of points present (N, P): a ghost less, a marker seen."""
-    extra = np.maximum(present.sum(axis=1) - len(model) - FEW, 0)
-    ghost = np.log((GHOSTS + extra / ROOM) / model.radius**3)
-    return np.log((1 - HIDDEN) / HIDDEN) - ghost - 1.5 * np.log(2 * np.pi)
+    ghost = np.log((GHOSTS_EXPECTED.density + crowd_density(model, present)) / model.radius**3)
+    hidden = GHOSTS_EXPECTED.hidden_chance
+    return np.log((1 - hidden) / hidden) - ghost - 1.5 * np.log(2 * np.pi)
+
+
+def crowd_density(model: Latent, present: np.ndarray) -> np.ndarray:
+    """(N,) points in a cube of one radius that frames of points present (N, P) have beyond what is usual."""
+    extra = np.maximum(present.sum(axis=1) - len(model) - GHOSTS_EXPECTED.max_usual, 0)
+    return extra / GHOSTS_EXPECTED.crowd_cubes
+
+
+def is_crowded(model: Latent, present: np.ndarray) -> np.ndarray:
+    """(N,) whether frames of points present (N, P) have many more of them than there are markers."""
+    return present.sum(axis=1) > len(model) + GHOSTS_EXPECTED.max_usual
 
 
 def own_blocks(shared: np.ndarray) -> np.ndarray:
@@ -128,7 +154,7 @@ def name_odds(model: Latent, settled: Settled) -> np.ndarray:
     named = settled.named[..., None, None]
     noise = model.noise[:, None, None]
     shared = own_blocks(settled.shared)
-    # What the marker's own point told is taken out again; for Gaussians that is exact.
+    # What the marker's own point says is taken out again; for Gaussians that is exact.
     own, _ = inverse3(noise * np.eye(3) - np.where(named, shared, 0))
     variance = np.where(named, noise**2 * own, shared + noise * np.eye(3))
     without = settled.expected - np.where(named, shared @ own @ settled.left[..., None], 0)[..., 0]
@@ -171,3 +197,23 @@ def names_of_points(naming: np.ndarray, count: int) -> np.ndarray:
     rows = np.broadcast_to(np.arange(len(naming))[:, None], naming.shape)
     names[rows, np.where(naming >= 0, naming, count)] = np.where(naming >= 0, np.arange(naming.shape[1]), -1)
     return names[:, :count]
+
+
+def rows_of(data, rows: np.ndarray):
+    """The same dataclass with these rows only."""
+    parts = ((field, getattr(data, field.name)) for field in fields(data))
+    return type(data)(*(_cut(part, rows) if field.metadata.get("rows", True) else part for field, part in parts))
+
+
+def _cut(part, rows: np.ndarray):
+    return rows_of(part, rows) if is_dataclass(part) else part[rows]
+
+
+def put_rows(data, other, rows: np.ndarray):
+    """Writes the rows of `other` over these rows of `data`, in place."""
+    for field in fields(data):
+        part, new = getattr(data, field.name), getattr(other, field.name)
+        if is_dataclass(part):
+            put_rows(part, new, rows)
+        elif field.metadata.get("rows", True):
+            part[rows] = new

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What a whole upright cloud looks like: one Gaussian over all markers, in a frame that turns with the subject.
 
-It is made of a mean and the main ways in which people and poses stray from it.
+It is made of a mean and the main ways in which people and poses differ from it.
 Learning it is principal-axis factor analysis with one noise variance a marker; the spread between subjects and the
-spread of one subject's poses are estimated apart, because there are always few subjects and many frames.
+spread of one subject's poses are estimated one by one, because there are always few subjects and many frames.
 """
 
 from collections.abc import Sequence
@@ -13,17 +13,50 @@ import numpy as np
 
 from ...geometry.upright import upright_aligned
 
-FRAMES = 400  # of each subject
-MOST_MODES = 20
-BETWEEN = 1.3  # a handful of subjects shows less than the true spread between people
-POSES = 3.0  # times their variance: a few short takes show less than the poses that there are
-SHRINKAGE = 0.25  # of the covariance between subjects towards its own diagonal
-SIZES = 0.08  # standard deviation of subjects' size, and
-BUILDS = 0.04  # radii, of where else a marker sits on another subject: taken for granted as if
-GUESSED = 1.0  # so many more subjects had shown it
-FLOOR = 0.016  # of the radius: what a marker does that no mode explains
-ROUNDS = 4
-FACTOR_ROUNDS = 12
+
+@dataclass(frozen=True)
+class SubjectPrior:
+    """How much subjects are taken to differ, whatever a few of them show.
+
+    between           times the spread between the subjects seen, of which a handful shows less than there is; chosen on
+                      people left out of training
+    size_sd           standard deviation of size, in parts of it; as recorded people differ
+    marker_sd_radii   of where a marker sits besides; as recorded people differ
+    length_sd         of a distance between markers besides, in parts of it; reckoned
+    weight            so many more subjects it counts for; reckoned: with ten it hardly matters, with one it is all
+    """
+
+    between: float = 1.3
+    size_sd: float = 0.08
+    marker_sd_radii: float = 0.04
+    length_sd: float = 0.03
+    weight: float = 1.0
+
+
+@dataclass(frozen=True)
+class ShapeOptions:
+    """How a shape is learned.
+
+    max_frames       of each subject, drawn; reckoned: more say the same again
+    max_modes        reckoned: what is beyond is noise
+    pose_variance    times the variance of the poses seen: a few short takes show less than there are; chosen on people
+                     left out of training
+    shrinkage        of the covariance between subjects towards its own diagonal; reckoned
+    min_sd_radii     what a marker does that no mode explains; reckoned
+    rounds           of aligning, and of filling gaps in; factor_rounds of factor analysis; reckoned: all settle sooner
+    """
+
+    max_frames: int = 400
+    max_modes: int = 20
+    pose_variance: float = 3.0
+    shrinkage: float = 0.25
+    min_sd_radii: float = 0.016
+    rounds: int = 4
+    factor_rounds: int = 12
+
+
+SUBJECT_PRIOR = SubjectPrior()
+SHAPE = ShapeOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,35 +78,37 @@ class Shape:
         return float(np.sqrt((self.mean**2).sum(axis=1).mean()))
 
 
-def learn_shape(subjects: Sequence[np.ndarray], seed: int = 0, images: Sequence[np.ndarray] = ()) -> Shape:
+def learn_shape(
+    subjects: Sequence[np.ndarray], seed: int = 0, images: Sequence[np.ndarray] = (), options: ShapeOptions = SHAPE
+) -> Shape:
     """The shape of labelled clouds, one array (T, M, 3) m a subject, NaN where missing; of their mirror images too.
 
     At least one frame must show every marker that any frame shows.
     """
     rng = np.random.default_rng(seed)
-    thinned = [points[np.sort(rng.permutation(len(points))[:FRAMES])] for points in (*subjects, *images)]
+    thinned = [points[np.sort(rng.permutation(len(points))[: options.max_frames])] for points in (*subjects, *images)]
     owner = np.repeat(np.arange(len(thinned)), [len(points) for points in thinned])
     clouds = np.concatenate(thinned)
     best = clouds[np.isfinite(clouds[..., 0]).sum(axis=1).argmax()]
     template = np.where(np.isfinite(best), best, np.nanmean(best, axis=0))
-    for _ in range(ROUNDS):
+    for _ in range(options.rounds):
         aligned = upright_aligned(clouds, template)
         template = _mean_known(aligned, template)
     template = template - template.mean(axis=0)
     flat = upright_aligned(clouds, template).reshape(len(clouds), -1)
-    floor = FLOOR * np.sqrt((template**2).sum(axis=1).mean())
-    mean, covariance = _moments(np.where(np.isnan(flat), template.ravel(), flat), owner, len(subjects), floor)
-    for _ in range(ROUNDS if np.isnan(flat).any() else 0):
-        mean, covariance = _moments(_imputed(flat, mean, covariance), owner, len(subjects), floor)
-    modes, noise = _factors(covariance, floor)
+    floor = options.min_sd_radii * np.sqrt((template**2).sum(axis=1).mean())
+    mean, covariance = _moments(np.where(np.isnan(flat), template.ravel(), flat), owner, len(subjects), floor, options)
+    for _ in range(options.rounds if np.isnan(flat).any() else 0):
+        mean, covariance = _moments(_imputed(flat, mean, covariance), owner, len(subjects), floor, options)
+    modes, noise = _factors(covariance, floor, options)
     return Shape(mean.reshape(-1, 3), modes, noise)
 
 
-def as_strangers(shape: Shape, points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def as_other_subjects(shape: Shape, points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Labelled clouds (F, M, 3) m, each as if of a subject who differs as much as is taken for granted of others."""
-    size = SIZES * rng.standard_normal((len(points), 1, 1))
-    builds = BUILDS * shape.radius * rng.standard_normal(points.shape)
-    return upright_aligned(points, shape.mean) + size * shape.mean + builds
+    size = SUBJECT_PRIOR.size_sd * rng.standard_normal((len(points), 1, 1))
+    placed = SUBJECT_PRIOR.marker_sd_radii * shape.radius * rng.standard_normal(points.shape)
+    return upright_aligned(points, shape.mean) + size * shape.mean + placed
 
 
 def _mean_known(clouds: np.ndarray, fallback: np.ndarray) -> np.ndarray:
@@ -81,20 +116,24 @@ def _mean_known(clouds: np.ndarray, fallback: np.ndarray) -> np.ndarray:
     return np.where(count > 0, np.nansum(clouds, axis=0) / np.maximum(count, 1), fallback)
 
 
-def _moments(filled: np.ndarray, owner: np.ndarray, subjects: int, floor: float) -> tuple[np.ndarray, np.ndarray]:
+def _moments(
+    filled: np.ndarray, owner: np.ndarray, subjects: int, floor: float, options: ShapeOptions
+) -> tuple[np.ndarray, np.ndarray]:
     """Mean (3M,) and covariance (3M, 3M), every owner counting the same; `subjects` is how many are no mirror image."""
     owners = owner.max() + 1
     centres = np.array([filled[owner == index].mean(axis=0) for index in range(owners)])
     mean = centres.mean(axis=0)
     within = filled - centres[owner]
     weight = 1 / (np.bincount(owner)[owner] * owners)
-    covariance = POSES * (within * weight[:, None]).T @ within
-    strays = (centres - mean) / np.sqrt(max(owners - 1, 1))
-    between = strays.T @ strays
-    between = BETWEEN**2 * ((1 - SHRINKAGE) * between + SHRINKAGE * np.diag(np.diag(between)))
+    covariance = options.pose_variance * (within * weight[:, None]).T @ within
+    offsets = (centres - mean) / np.sqrt(max(owners - 1, 1))
+    between = offsets.T @ offsets
+    between = (1 - options.shrinkage) * between + options.shrinkage * np.diag(np.diag(between))
+    between = SUBJECT_PRIOR.between**2 * between
     radius = np.sqrt((mean.reshape(-1, 3) ** 2).sum(axis=1).mean())
-    guess = SIZES**2 * np.outer(mean, mean) + (BUILDS * radius) ** 2 * np.eye(len(mean))
-    covariance += ((subjects - 1) * between + GUESSED * guess) / (subjects - 1 + GUESSED)
+    prior, weight = SUBJECT_PRIOR, SUBJECT_PRIOR.weight
+    guess = prior.size_sd**2 * np.outer(mean, mean) + (prior.marker_sd_radii * radius) ** 2 * np.eye(len(mean))
+    covariance += ((subjects - 1) * between + weight * guess) / (subjects - 1 + weight)
     return mean, covariance + floor**2 * np.eye(len(mean))
 
 
@@ -112,12 +151,12 @@ def _imputed(flat: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> np.n
     return filled
 
 
-def _factors(covariance: np.ndarray, floor: float) -> tuple[np.ndarray, np.ndarray]:
+def _factors(covariance: np.ndarray, floor: float, options: ShapeOptions) -> tuple[np.ndarray, np.ndarray]:
     """Modes (M, 3, K) and noise (M,) whose sum comes closest to the covariance."""
     markers = len(covariance) // 3
-    count = min(MOST_MODES, 3 * markers - 1)
+    count = min(options.max_modes, 3 * markers - 1)
     noise = np.full(markers, floor**2)
-    for _ in range(FACTOR_ROUNDS):
+    for _ in range(options.factor_rounds):
         values, vectors = np.linalg.eigh(covariance - np.diag(np.repeat(noise, 3)))
         modes = vectors[:, ::-1][:, :count] * np.sqrt(np.maximum(values[::-1][:count], 0))
         left = np.diag(covariance - modes @ modes.T).reshape(markers, 3).mean(axis=1)

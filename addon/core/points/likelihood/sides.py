@@ -1,16 +1,34 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Left and right: which markers are each other's mirror image, so that every subject teaches twice."""
+"""Left and right: which markers are each other's mirror image, and which limbs may be taken for the other side's.
+
+So every subject teaches twice; and whole limbs are exchanged, which no single step from a naming undoes.
+"""
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from ...geometry.upright import upright_aligned
 from .shape import learn_shape
 
-PAIRED = 0.5  # part of the markers that must have another side for a set to have sides at all
-ALIKE = 0.25  # radii that the mirrored mean may differ from the mean
+
+@dataclass(frozen=True)
+class SideOptions:
+    """When a set has sides. All reckoned.
+
+    min_paired          part of the markers that must have another side for a set to have sides at all
+    max_mirrored_radii  that the mirrored mean may differ from the mean, where names mean sides
+    min_limb_markers    of one side; a single pair is a swap
+    """
+
+    min_paired: float = 0.5
+    max_mirrored_radii: float = 0.25
+    min_limb_markers: int = 2
+
+
+SIDES = SideOptions()
 MIRROR = np.array([1.0, -1.0, 1.0])
 _OTHER = {"l": "r", "r": "l", "L": "R", "R": "L", "left": "right", "right": "left", "Left": "Right", "Right": "Left"}
 _SIDE = re.compile(r"^(left|right|Left|Right)|^([LRlr])(?=[A-Z_.\- ])|(?<=[_.\- ])([LRlr])$")
@@ -24,7 +42,7 @@ def mirror_order(markers: Sequence[str]) -> np.ndarray | None:
         if other in markers:
             order[index] = markers.index(other)
     paired = (order != np.arange(len(markers))).mean()
-    return order if paired >= PAIRED and (order[order] == np.arange(len(markers))).all() else None
+    return order if paired >= SIDES.min_paired and (order[order] == np.arange(len(markers))).all() else None
 
 
 def mirrored(subjects: Sequence[np.ndarray], markers: Sequence[str]) -> list[np.ndarray]:
@@ -37,7 +55,31 @@ def mirrored(subjects: Sequence[np.ndarray], markers: Sequence[str]) -> list[np.
         return []
     mean = learn_shape(subjects).mean
     image = upright_aligned((mean[order] * MIRROR)[None], mean)[0]
-    apart = np.sqrt(((image - mean) ** 2).sum(axis=1).mean())
-    if apart > ALIKE * np.sqrt((mean**2).sum(axis=1).mean()):
+    differs = np.sqrt(((image - mean) ** 2).sum(axis=1).mean())
+    if differs > SIDES.max_mirrored_radii * np.sqrt((mean**2).sum(axis=1).mean()):
         return []
     return [points[:, order] * MIRROR for points in subjects]
+
+
+def limb_exchanges(markers: Sequence[str], mean: np.ndarray) -> np.ndarray:
+    """(X, M) for each way to exchange left with right, the marker whose point each marker takes.
+
+    Limbs are whatever lies together in the mean cloud (M, 3): a foot, foot and shank, a hand, a side. None where the
+    names have no sides.
+    """
+    from scipy.cluster.hierarchy import linkage
+
+    order = mirror_order(markers)
+    same = np.arange(len(markers))
+    side = np.flatnonzero(order > same) if order is not None else same[:0]
+    if len(side) < SIDES.min_limb_markers:
+        return np.zeros((0, len(markers)), dtype=int)
+    both = 0.5 * (mean[side] + mean[order[side]] * MIRROR)
+    limbs: list[list[int]] = [[index] for index in range(len(side))]
+    for first, second, _, _ in linkage(both, "single"):
+        limbs.append(limbs[int(first)] + limbs[int(second)])
+    found = np.tile(same, (len(limbs) - len(side), 1))
+    for row, limb in zip(found, limbs[len(side) :], strict=True):
+        own = side[limb]
+        row[own], row[order[own]] = order[own], own
+    return found

@@ -7,34 +7,63 @@ import numpy as np
 
 from .distances import DistanceConstraints
 from .latent import FIRST_MODE, Latent
-from .naming import IMPOSSIBLE, NO_POINT, Settled, name_odds, names_of_points, one_to_one, score_of, settle
-from .rows import put_rows, rows_of
+from .naming import (
+    IMPOSSIBLE,
+    NO_POINT,
+    Settled,
+    name_odds,
+    names_of_points,
+    one_to_one,
+    put_rows,
+    rows_of,
+    score_of,
+    settle,
+)
 from .starts import Guesses
 from .swaps import Alternatives, alternatives, best_neighbour, own_odds
 
-SURE = 0.5  # share of a point from which a guess names it
-ROUNDS = 2  # of naming anew by everyone's conditional odds
-CLIMBS = 6  # moves and swaps that may follow each other
-FAR_BEHIND, BEHIND = 60.0, 25.0  # log likelihood behind the frame's best from which a guess is followed no further
-EXCHANGE_BEHIND = 12.0  # the same for a frame's best with a limb exchanged
-ENOUGH = 0.05  # gain in log likelihood worth another round
+
+@dataclass(frozen=True)
+class SolvingOptions:
+    """How far guesses are followed. All reckoned; what is behind is in log likelihood.
+
+    min_share            of a point, from which a guess names it
+    rounds               of naming anew by everyone's conditional odds
+    max_climbs           moves and swaps that may follow each other
+    max_behind_guess     a frame's best, from which a guess is followed no further,
+    max_behind_named     and the same once it has been named anew
+    max_behind_exchange  the same for a frame's best with a limb exchanged
+    min_gain             worth another round
+    """
+
+    min_share: float = 0.5
+    rounds: int = 2
+    max_climbs: int = 6
+    max_behind_guess: float = 60.0
+    max_behind_named: float = 25.0
+    max_behind_exchange: float = 12.0
+    min_gain: float = 0.05
+
+
+SOLVING = SolvingOptions()
 
 
 @dataclass(frozen=True, eq=False)
 class Solved:
     """The best naming of each of F frames.
 
-    naming   (F, M) index of the point, NO_POINT where hidden
-    score    (F,) its log likelihood ratio against nothing but ghosts
-    margin   (F, M) how much likelier the name is than all namings tried without it together, log odds; 0 where hidden
-    misfit   (F,) mean square of the named points' distances from where the others expect them, in variances a degree
-             of freedom: about 1 for a subject like those of the training
+    naming       (F, M) index of the point, NO_POINT where hidden
+    score        (F,) its log likelihood ratio against nothing but ghosts
+    margin       (F, M) how much likelier the name is than all namings tried without it together, log odds; 0 where
+                 hidden
+    mean_square  (F,) of the named points' distances from where the others expect them, in variances a degree of
+                 freedom: about 1 for a subject like those of the training
     """
 
     naming: np.ndarray
     score: np.ndarray
     margin: np.ndarray
-    misfit: np.ndarray
+    mean_square: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,12 +86,12 @@ def solve(
     frames, each, _, count = guesses.share.shape
     points = guesses.points.reshape(-1, count, 3).astype(float)
     share = guesses.share.reshape(len(points), -1, count)
-    naming = np.where(share.max(axis=2) > SURE, share.argmax(axis=2), NO_POINT)
+    naming = np.where(share.max(axis=2) > SOLVING.min_share, share.argmax(axis=2), NO_POINT)
     there = np.repeat(present, each, axis=0)
     settled = settle(model, constraints, points, there, naming)
-    hopeful = _hopeful(settled, frames, FAR_BEHIND)
+    hopeful = _hopeful(settled, frames, SOLVING.max_behind_guess)
     put_rows(settled, _reassigned(model, constraints, rows_of(settled, hopeful)), hopeful)
-    hopeful = _hopeful(settled, frames, BEHIND)
+    hopeful = _hopeful(settled, frames, SOLVING.max_behind_named)
     better, found = _climbed(model, constraints, rows_of(settled, hopeful))
     put_rows(settled, better, hopeful)
     score = settled.score.reshape(frames, each)
@@ -76,7 +105,7 @@ def solve(
     for others in tried:
         against = np.logaddexp(against, others.against(winner))
     margin = np.where(winner.named, -against, 0)
-    return Solved(winner.naming, winner.score, margin, _misfit(model, winner))
+    return Solved(winner.naming, winner.score, margin, _mean_square(model, winner))
 
 
 def _exchanged(
@@ -92,14 +121,14 @@ def _exchanged(
     score = score_of(model, constraints, points, worth, naming.reshape(-1, len(model))).reshape(frames, -1)
     score[((naming != winner.naming[:, None]) & (naming >= 0)).sum(axis=2) == 0] = -np.inf
     best = score.argmax(axis=1)
-    rows = np.flatnonzero(score[np.arange(frames), best] > winner.score - EXCHANGE_BEHIND)
+    rows = np.flatnonzero(score[np.arange(frames), best] > winner.score - SOLVING.max_behind_exchange)
     before = Others(winner.naming[:, None].copy(), winner.score[:, None].copy())
     after = Others(before.naming.copy(), before.score.copy())
     if len(rows):
         start = settle(model, constraints, winner.points[rows], winner.present[rows], naming[rows, best[rows]])
         ended, found = _climbed(model, constraints, _reassigned(model, constraints, start))
         after.naming[rows, 0], after.score[rows, 0] = ended.naming, ended.score
-        better = ended.score > winner.score[rows] + ENOUGH
+        better = ended.score > winner.score[rows] + SOLVING.min_gain
         put_rows(winner, rows_of(ended, better), rows[better])
         put_rows(near, rows_of(found, better), rows[better])
     return [Others(naming, score), before, after]
@@ -108,7 +137,7 @@ def _exchanged(
 def _reassigned(model: Latent, constraints: DistanceConstraints, settled: Settled) -> Settled:
     """Each naming changed for the better by everyone's conditional odds at once."""
     rows = np.arange(len(settled.naming))
-    for _ in range(ROUNDS):
+    for _ in range(SOLVING.rounds):
         tried = one_to_one(name_odds(model, rows_of(settled, rows)))
         rows = _try(model, constraints, settled, rows, tried)
         if not len(rows):
@@ -131,9 +160,9 @@ def _climbed(model: Latent, constraints: DistanceConstraints, settled: Settled) 
     """Each naming changed for the better by single moves and swaps until none is one, and its neighbours then."""
     found = alternatives(model, constraints, settled)
     rows = np.arange(len(settled.naming))
-    for _ in range(CLIMBS):
+    for _ in range(SOLVING.max_climbs):
         tried, gain = best_neighbour(rows_of(settled, rows), rows_of(found, rows))
-        promising = gain > ENOUGH
+        promising = gain > SOLVING.min_gain
         rows = _try(model, constraints, settled, rows[promising], tried[promising])
         if not len(rows):
             break
@@ -151,7 +180,7 @@ def _try(
     if not len(rows):
         return rows
     tried = settle(model, constraints, settled.points[rows], settled.present[rows], naming[changed])
-    better = tried.score > settled.score[rows] + ENOUGH
+    better = tried.score > settled.score[rows] + SOLVING.min_gain
     put_rows(settled, rows_of(tried, better), rows[better])
     return rows[better]
 
@@ -167,8 +196,8 @@ def _against(settled: Settled, found: Alternatives) -> np.ndarray:
     return log_sum(changed, axis=2)
 
 
-def _misfit(model: Latent, settled: Settled) -> np.ndarray:
-    """(N,) from the score, which holds the misfit beside what the naming itself fixes."""
+def _mean_square(model: Latent, settled: Settled) -> np.ndarray:
+    """(N,) as `Solved` has it."""
     square = (settled.left**2 / model.noise[:, None]).sum(axis=(1, 2))
     return square / np.maximum(3 * settled.named.sum(axis=1) - FIRST_MODE, 1)
 

@@ -11,16 +11,31 @@ import numpy as np
 
 from ...geometry.upright import turned
 from .latent import FIRST_MODE, Latent, yaw_absorbed
-from .naming import FEW, ROOM
+from .naming import crowd_density, is_crowded
 
-YAWS = 8
-COARSE_MODES = 6
-# Per step: the part of the modes' spread that still counts as noise, and the softness, radii².
-COARSE = ((0.5, 0.08), (0.3, 0.04), (0.15, 0.04), (0.08, 0.02))
-FINE = ((0.03, 0.012), (0.01, 0.006), (0.003, 0.003), (0.0, 0.0015), (0.0, 0.001))
-SAME_YAW = 0.4  # rad; solutions that face less far apart are taken for one
-TWIN = 1e6
-STRAY = 0.025  # density of points that are no marker, 1/radius³
+TWIN = 1e6  # what takes a solution out of the choice
+
+
+@dataclass(frozen=True)
+class StartOptions:
+    """How guesses are sought. All reckoned.
+
+    yaws              all around from which the search starts
+    coarse_modes      of the shape that the first steps use
+    coarse, fine      per step: the part of the modes' spread that still counts as noise, and the softness, radii²
+    max_same_yaw_rad  solutions that face less far from each other are taken for one
+    ghost_density     points that are no marker, 1/radius³: more than there are, as no marker is in its place yet
+    """
+
+    yaws: int = 8
+    coarse_modes: int = 6
+    coarse: tuple[tuple[float, float], ...] = ((0.5, 0.08), (0.3, 0.04), (0.15, 0.04), (0.08, 0.02))
+    fine: tuple[tuple[float, float], ...] = ((0.03, 0.012), (0.01, 0.006), (0.003, 0.003), (0.0, 0.0015), (0.0, 0.001))
+    max_same_yaw_rad: float = 0.4
+    ghost_density: float = 0.025
+
+
+STARTS = StartOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,18 +62,18 @@ def guess(coarse: Latent, fine: Latent, points: np.ndarray, kept: int, first: fl
     middle = _middles(coarse, points, present)
     places = middle.shape[1]
     centred = np.where(present[:, None, :, None], points[:, None] - middle[:, :, None], 0).astype(np.float32)
-    yaws = np.tile(first + 2 * np.pi / YAWS * np.arange(YAWS), places).astype(np.float32)
+    yaws = np.tile(first + 2 * np.pi / STARTS.yaws * np.arange(STARTS.yaws), places).astype(np.float32)
     starts = len(yaws)
-    around = turned(np.repeat(centred, YAWS, axis=1), np.broadcast_to(yaws, (frames, starts)))
+    around = turned(np.repeat(centred, STARTS.yaws, axis=1), np.broadcast_to(yaws, (frames, starts)))
     around = around.reshape(-1, count, 3)
     latent = np.zeros((len(around), coarse.size))
-    ended, latent, _, fitness = _softly(coarse, around, np.repeat(present, starts, axis=0), latent, COARSE)
+    ended, latent, _, fitness = _softly(coarse, around, np.repeat(present, starts, axis=0), latent, STARTS.coarse)
     turn = _turn(around, ended).reshape(frames, starts) + yaws
-    best = _distinct(fitness.reshape(frames, starts), turn, np.repeat(np.arange(places), YAWS), kept)
+    best = _distinct(fitness.reshape(frames, starts), turn, np.repeat(np.arange(places), STARTS.yaws), kept)
     rows = (np.arange(frames)[:, None] * starts + best).ravel()
     wide = np.zeros((len(rows), fine.size))
     wide[:, : coarse.size] = latent[rows]
-    around, latent, share, fitness = _softly(fine, ended[rows], np.repeat(present, kept, axis=0), wide, FINE)
+    around, latent, share, fitness = _softly(fine, ended[rows], np.repeat(present, kept, axis=0), wide, STARTS.fine)
     order = np.argsort(-fitness.reshape(frames, -1), axis=1)
     rows = np.arange(frames)[:, None] * order.shape[1] + order
     return Guesses(around[rows], share[rows], latent[rows])
@@ -71,7 +86,7 @@ def _middles(model: Latent, points: np.ndarray, present: np.ndarray) -> np.ndarr
     part of the cloud as high as the subject.
     """
     middle = _mean(points, present)
-    if (present.sum(axis=1) <= len(model) + FEW).all():
+    if not is_crowded(model, present).any():
         return middle[:, None]
     low, high = model.mean[:, 2].min(), model.mean[:, 2].max()
     height = np.where(present, points[..., 2], np.nan)
@@ -101,8 +116,8 @@ def _distinct(fitness: np.ndarray, turn: np.ndarray, place: np.ndarray, count: i
     rows = np.arange(len(left))
     for rank in range(count):
         best[:, rank] = left.argmax(axis=1)
-        apart = np.abs((turn - turn[rows, best[:, rank], None] + np.pi) % (2 * np.pi) - np.pi)
-        left[(apart < SAME_YAW) & (place == place[best[:, rank], None])] -= TWIN
+        between = np.abs((turn - turn[rows, best[:, rank], None] + np.pi) % (2 * np.pi) - np.pi)
+        left[(between < STARTS.max_same_yaw_rad) & (place == place[best[:, rank], None])] -= TWIN
         left[rows, best[:, rank]] = -np.inf
     return best
 
@@ -112,14 +127,15 @@ def _softly(model: Latent, points, present, latent, schedule):
     mean, flat = model.mean.astype(np.float32), model.flat.T.astype(np.float32)
     spread = ((model.columns[..., FIRST_MODE:] ** 2).sum(axis=(1, 2)) / 3).astype(np.float32)
     there = present.astype(np.float32)[:, None]
-    extra = np.maximum(present.sum(axis=1) - len(model) - FEW, 0)
-    stray = ((STRAY + extra / ROOM) * (2 * np.pi) ** 1.5 / model.radius**3).astype(np.float32)[:, None]
+    ghost = ((STARTS.ghost_density + crowd_density(model, present)) * (2 * np.pi) ** 1.5 / model.radius**3).astype(
+        np.float32
+    )[:, None]
     for loose, softness in schedule:
         variance = (model.noise + loose * spread + softness * model.radius**2).astype(np.float32)
         expected = mean + (latent.astype(np.float32) @ flat).reshape(len(latent), -1, 3)
         share = _closeness(expected, points, variance)
         share *= there
-        likelihood = share.sum(axis=1) + stray
+        likelihood = share.sum(axis=1) + ghost
         share /= likelihood[:, None]
         total = share.sum(axis=2)
         fair = 1 / np.maximum(total, 1)

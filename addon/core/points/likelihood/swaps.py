@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Every naming that differs from a given one in one place, with its exact gain: what to try next, and what to fear.
+"""Every naming that differs from a given one in one place, with its exact gain: what to try next, and what to doubt.
 
 For Gaussians all gains follow from the settled naming in closed form. With V the shared covariance, e what is left at
 a marker and n its noise, D = n - V:
@@ -18,7 +18,18 @@ from .distances import DistanceConstraints
 from .latent import Latent
 from .naming import IMPOSSIBLE, NO_POINT, Settled, density_odds, inverse3, name_odds, own_blocks, picked
 
-REACH = 0.8  # radii a point may be from where a marker is expected to be tried there
+
+@dataclass(frozen=True)
+class AlternativeOptions:
+    """Which neighbouring namings are tried.
+
+    max_distance_radii  of a point from where a marker is expected, to be tried there; reckoned
+    """
+
+    max_distance_radii: float = 0.8
+
+
+ALTERNATIVES = AlternativeOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +61,8 @@ def own_odds(settled: Settled, odds: np.ndarray) -> np.ndarray:
 def _moves(model: Latent, constraints: DistanceConstraints, settled: Settled, odds: np.ndarray) -> np.ndarray:
     at = picked(settled.points, settled.naming)
     gains = np.full((*settled.naming.shape, len(model)), IMPOSSIBLE)
-    far = ((at[:, :, None] - settled.expected[:, None]) ** 2).sum(axis=-1) > (REACH * model.radius) ** 2
+    reach = ALTERNATIVES.max_distance_radii * model.radius
+    far = ((at[:, :, None] - settled.expected[:, None]) ** 2).sum(axis=-1) > reach**2
     row, old, new = np.nonzero(settled.named[:, :, None] & ~far & ~np.eye(len(model), dtype=bool))
     if not len(row):
         return gains
@@ -80,8 +92,8 @@ def _without_constraint(constraints: DistanceConstraints, settled: Settled, row,
     whole = settled.pulls.at[row[:, None], new[:, None], points]
     if not len(constraints):
         return whole
-    apart = settled.pulls.apart[row[:, None], points[:, :1], points]
-    return whole - np.where((constraint >= 0)[:, None], constraints.fit(apart, constraint[:, None]), 0)
+    between = settled.pulls.between[row[:, None], points[:, :1], points]
+    return whole - np.where((constraint >= 0)[:, None], constraints.fit(between, constraint[:, None]), 0)
 
 
 def _swaps(model: Latent, constraints: DistanceConstraints, settled: Settled) -> np.ndarray:
@@ -99,7 +111,7 @@ def _swaps(model: Latent, constraints: DistanceConstraints, settled: Settled) ->
 
 
 def _swapped_constraints(constraints: DistanceConstraints, settled: Settled) -> np.ndarray:
-    """(N, M, M) what the distance constraints gain when two markers exchange points; the distance constraint between the two stays as it is."""
+    """(N, M, M) what the constraints gain when two markers exchange points; the one between the two stays as it is."""
     rows = np.arange(len(settled.naming))[:, None, None]
     point = np.maximum(settled.naming, 0)
     crossed = settled.pulls.at[rows, np.arange(point.shape[1])[:, None], point[:, None]]
@@ -108,7 +120,7 @@ def _swapped_constraints(constraints: DistanceConstraints, settled: Settled) -> 
     if not len(constraints):
         return gain
     constraint = settled.pulls.joined
-    kept = constraints.fit(settled.pulls.apart[rows, point[:, :, None], point[:, None]], constraint)
+    kept = constraints.fit(settled.pulls.between[rows, point[:, :, None], point[:, None]], constraint)
     return gain + np.where(constraint >= 0, 2 * (kept - constraints.fit(np.zeros(1), constraint)), 0)
 
 

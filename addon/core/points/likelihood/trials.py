@@ -5,9 +5,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-AROUND = 0.5  # radii beyond the subject's own box where ghosts still appear
-BESIDE = 0.25  # radii, standard deviation of where a marker of another set sits about one of this
-BEYOND = 1.5  # how far along the line through two markers others may sit, in parts of their distance
+
+@dataclass(frozen=True)
+class TrialOptions:
+    """Where the points of trials lie. All reckoned.
+
+    around_radii     beyond the subject's own box where ghosts still appear
+    beside_sd_radii  standard deviation of where a marker of another set sits about one of this
+    max_along        how far along the line through two markers others may sit, in parts of their distance
+    """
+
+    around_radii: float = 0.5
+    beside_sd_radii: float = 0.25
+    max_along: float = 1.5
+
+
+TRIAL = TrialOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,9 +45,9 @@ def crowded(trial: Trial, labelled: np.ndarray, most: int, rng: np.random.Genera
     radius = np.sqrt(np.nanmean(np.nanvar(labelled, axis=1).sum(axis=1)))
     one, other = np.moveaxis(rng.integers(0, markers, (frames, most, 2)), 2, 0)
     rows = np.arange(frames)[:, None]
-    part = np.where(np.arange(most) % 2, rng.uniform(1 - BEYOND, BEYOND, (frames, most)), 0)
+    part = np.where(np.arange(most) % 2, rng.uniform(1 - TRIAL.max_along, TRIAL.max_along, (frames, most)), 0)
     extra = labelled[rows, one] + part[..., None] * (labelled[rows, other] - labelled[rows, one])
-    extra += BESIDE * radius * rng.standard_normal(extra.shape)
+    extra += TRIAL.beside_sd_radii * radius * rng.standard_normal(extra.shape)
     extra[np.arange(most) >= rng.integers(0, most + 1, (frames, 1))] = np.nan
     return Trial(
         np.concatenate([trial.points, extra], axis=1),
@@ -57,11 +70,12 @@ def make_trial(
     order = np.argsort(np.where(seen, rng.random((frames, markers)), 2), axis=1)
     kept = seen & (np.argsort(order, axis=1) >= gone[:, None])
     extra = rng.integers(ghosts[0], ghosts[1] + 1, frames)
-    low, high = np.nanmin(labelled, axis=1) - AROUND * radius, np.nanmax(labelled, axis=1) + AROUND * radius
+    room = TRIAL.around_radii * radius
+    low, high = np.nanmin(labelled, axis=1) - room, np.nanmax(labelled, axis=1) + room
     low[:, 2] = np.maximum(low[:, 2], min(0.0, np.nanmin(labelled[..., 2])))
-    strays = low[:, None] + (high - low)[:, None] * rng.random((frames, ghosts[1], 3))
-    strays[np.arange(ghosts[1]) >= extra[:, None]] = np.nan
-    cloud = np.concatenate([np.where(kept[..., None], labelled, np.nan), strays], axis=1)
+    spread = low[:, None] + (high - low)[:, None] * rng.random((frames, ghosts[1], 3))
+    spread[np.arange(ghosts[1]) >= extra[:, None]] = np.nan
+    cloud = np.concatenate([np.where(kept[..., None], labelled, np.nan), spread], axis=1)
     truth = np.concatenate([np.where(kept, np.arange(markers), -1), np.full((frames, ghosts[1]), -1)], axis=1)
     # Shuffled, with the places that hold no point last.
     shuffle = np.argsort(np.where(np.isfinite(cloud[..., 0]), rng.random(truth.shape), 2), axis=1)

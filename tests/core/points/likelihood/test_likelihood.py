@@ -6,7 +6,7 @@ import pytest
 
 from addon.core.geometry.upright import turned, upright_aligned
 from addon.core.points.likelihood import naming, swaps
-from addon.core.points.likelihood.distances import DistanceConstraints, learn_constraints
+from addon.core.points.likelihood.distances import ConstraintOptions, DistanceConstraints, learn_constraints
 from addon.core.points.likelihood.latent import Latent
 from addon.core.points.likelihood.naming import NO_POINT, name_worth, one_to_one, settle
 from addon.core.points.likelihood.shape import learn_shape
@@ -27,8 +27,8 @@ def scene(monkeypatch):
     assert len(constraints) > 0
     monkeypatch.setattr(naming, "yaw_absorbed", lambda points, latent: (points, latent))
     monkeypatch.setattr(DistanceConstraints, "size", lambda self, points, named: np.ones(len(named)))
-    monkeypatch.setattr("addon.core.points.likelihood.distances.LIMIT", 1e9)
-    monkeypatch.setattr(swaps, "REACH", 20.0)
+    monkeypatch.setattr("addon.core.points.likelihood.distances.CONSTRAINING", ConstraintOptions(max_cost=1e9))
+    monkeypatch.setattr(swaps, "ALTERNATIVES", swaps.AlternativeOptions(max_distance_radii=20.0))
     points = upright_aligned(clouds[:1], shape.mean)
     points = np.concatenate([points, rng.normal(size=(1, 3, 3))], axis=1)
     model = Latent(shape)
