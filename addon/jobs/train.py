@@ -20,7 +20,7 @@ from ..core.points.likelihood import Likelihood, learn_likelihood
 from ..core.points.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS, PartialSolvers
 from ..core.points.partial_solvers.training import SEARCHES, Training, training
 from ..core.training.segments import segment_markerset
-from ..core.training.transfer import dressed, known_body
+from ..core.training.transfer import transferred, known_body
 from ..io.markersets import SUFFIX, builtin_markersets, open_markerset
 from ..io.models import open_model, write_model
 from ..io.whole import whole_files
@@ -143,7 +143,7 @@ def _body(everyone: dict[str, np.ndarray], markers: Sequence[str], name: str) ->
     known = known_body(markers, [open_markerset(name) for name in builtin_markersets()])
     try:
         if known is not None:
-            return dressed(known, list(everyone.values()), markers, name), f"the body of {known.name}"
+            return transferred(known, list(everyone.values()), markers, name), f"the body of {known.name}"
         return segment_markerset(list(everyone.values()), markers, name), "found from how the markers move"
     except ValueError as error:
         raise InputError(f"{error}; expected takes that show the markers together") from None
