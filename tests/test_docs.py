@@ -20,6 +20,7 @@ from addon.io.cameras import read_cameras, write_cameras
 from addon.io.markersets import open_markerset, read_markerset
 
 ROOT = Path(__file__).resolve().parents[1]
+CORE = ROOT / "addon" / "core"
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
 FRAMES = (200, 219)
 BLENDERS = {"bpy", "mathutils", "gpu", "blf", "gpu_extras", "bpy_extras"}
@@ -147,10 +148,47 @@ def test_files_and_tests_that_are_named_are_there(page):
 
 def test_constants_that_the_method_names_are_there():
     text = (ROOT / "docs" / "method.md").read_text(encoding="utf-8")
-    named = re.findall(r"`(\w+)\.([A-Z_]{2,})`", text)
-    assert named
+    named = re.findall(r"`([\w.]+)\.([A-Z_]{2,})`", text)
+    assert len(named) > 10
     for module, constant in named:
         assert hasattr(importlib.import_module(f"addon.core.{module}"), constant), f"{module}.{constant}"
+
+
+def test_files_and_folders_that_the_method_names_are_there():
+    """By their path from `core`, or from `addon` for what is elsewhere; a folder's ends with a stroke."""
+    text = (ROOT / "docs" / "method.md").read_text(encoding="utf-8")
+    names = {name for name in re.findall(r"`(\w[\w/]*(?:\.py|/))`", text) if not name.startswith("tests/")}
+    assert len(names) > 40
+    for name in names:
+        found = [place / name for place in (CORE, ROOT / "addon") if (place / name).exists()]
+        assert found, f"method.md names {name}"
+        assert all(path.is_dir() == name.endswith("/") for path in found), f"method.md names {name}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_modules_and_functions_that_are_named_are_there(page):
+    """Such as `core.blobs.search.find_subject`: a file of `addon`, and what is defined in it."""
+    parts = "|".join(path.stem for path in (ROOT / "addon").iterdir() if path.is_dir())
+    for name in re.findall(rf"`((?:{parts})(?:\.\w+)+)\b", page.read_text(encoding="utf-8")):
+        place, rest = ROOT / "addon", name.split(".")
+        while rest and (place / rest[0]).is_dir():
+            place = place / rest.pop(0)
+        file = place / f"{rest.pop(0)}.py" if rest and (place / f"{rest[0]}.py").is_file() else place / "__init__.py"
+        assert file.is_file(), f"{page.name} names {name}"
+        assert set(rest[:1]) <= defined_in(file), f"{page.name} names {name}"
+
+
+def defined_in(file: Path) -> set[str]:
+    """What a file defines at its top, or hands on."""
+    found = set()
+    for node in ast.parse(file.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            found.add(node.name)
+        elif isinstance(node, ast.ImportFrom):
+            found |= {name.asname or name.name for name in node.names}
+        elif isinstance(node, ast.Assign):
+            found |= {name.id for target in node.targets for name in ast.walk(target) if isinstance(name, ast.Name)}
+    return found
 
 
 def documented_imports() -> dict[str, set[str]]:
@@ -183,9 +221,25 @@ def test_the_code_imports_what_the_architecture_allows():
         assert imports_of(path) <= allowed.get(part, set()) | free | {part}, path
 
 
-def test_every_core_file_has_its_line_in_the_architecture():
+def test_the_table_of_imports_names_parts_that_are_there():
+    for part, others in documented_imports().items():
+        known = {path.stem for path in (ROOT / "addon").iterdir() if path.suffix == ".py" or path.is_dir()}
+        assert part in known, part
+        assert others <= known | {"bpy", "scipy", "threadpoolctl"}, part
+
+
+def documented_files() -> dict[str, set[str]]:
+    """The table of architecture.md: each folder of `core`, and the files in it."""
     text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
     table = text.partition("## One idea a file: `core`")[2].partition("\n## ")[0]
-    named = set(re.findall(r"`(\w+)`", table))
-    for name in named:
-        assert (ROOT / "addon" / "core" / f"{name}.py").is_file() or (ROOT / "addon" / "core" / name).is_dir(), name
+    rows = re.findall(r"^\| `([\w/]+)` \|(.*)\|$", table, re.MULTILINE)
+    assert len({folder for folder, _ in rows}) == len(rows)
+    return {folder: set(re.findall(r"`([a-z_]+)`", files)) for folder, files in rows}
+
+
+def test_every_core_file_has_its_line_in_the_architecture():
+    there: dict[str, set[str]] = {}
+    for path in CORE.rglob("*.py"):
+        if path.name != "__init__.py":
+            there.setdefault(path.parent.relative_to(CORE).as_posix(), set()).add(path.stem)
+    assert documented_files() == there

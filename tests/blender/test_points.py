@@ -10,10 +10,15 @@ import bpy
 import numpy as np
 import pytest
 
+from addon.cli import main as command
+from addon.core.body.bodies import BodyModel
 from addon.core.data.takes import NO_MARKER, Points
+from addon.core.simulation.rigs import paper_rig
+from addon.core.simulation.simulate import CaptureOptions, capture, joined
+from addon.core.simulation.virtual import Act, draw_person, perform
 from addon.io.blobs import write_blobs
 from addon.io.cameras import write_cameras
-from addon.io.markersets import write_markerset
+from addon.io.markersets import open_markerset, write_markerset
 from addon.io.points import read_points, write_c3d, write_trc
 from addon.scene import naming
 
@@ -260,3 +265,39 @@ def test_a_saved_file_opens_with_its_points(imported, naming_known, tmp_path):
     assert stored.rows.xyz.shape == (len(stored.rows), 3)
     assert len(stored.rows) > 13 * 25
     assert len(bpy.context.window_manager.mocap_autolabel.markers) == 13
+
+
+@pytest.fixture(scope="module")
+def virtual(tmp_path_factory):
+    """A walk of a virtual person in gait15: the calibration and the blobs."""
+    folder = tmp_path_factory.mktemp("virtual")
+    markerset = open_markerset("gait15")
+    cameras, body, generator = paper_rig(), BodyModel(markerset), np.random.default_rng(1)
+    bodies = perform(body, draw_person(markerset, generator), [Act(0.5)], rate=60)
+    seen = joined(capture(body.pose(bodies).markers, markerset.markers, cameras, CaptureOptions(seed=3)))
+    write_cameras(folder / "room.toml", cameras)
+    write_blobs(folder / "walk.csv", seen.blobs, cameras)
+    return SimpleNamespace(folder=folder, cameras=folder / "room.toml", blobs=folder / "walk.csv")
+
+
+@pytest.mark.parametrize("method", ["likelihood", "both"])
+def test_blobs_get_the_labels_of_the_command_line(extension, empty, virtual, tmp_path, method):
+    words = ["label", virtual.blobs, "--cameras", virtual.cameras, "--model", "gait15", "--rate", "60"]
+    assert command([*map(str, words), "--method", method, "--out", str(tmp_path)]) == 0
+    bpy.ops.mocap_autolabel.import_cameras(filepath=str(virtual.cameras))
+    bpy.ops.mocap_autolabel.import_blobs(filepath=str(virtual.blobs))
+    settings = empty.scene.mocap_autolabel
+    settings.markerset, settings.method, settings.rate = "gait15", method, 60.0
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    bpy.ops.mocap_autolabel.export_labels(filepath=str(tmp_path / "ours.labels.csv"))
+    theirs, rows = (
+        [line.split(",") for line in (tmp_path / name).read_text().splitlines()[1:]]
+        for name in ("walk.labels.csv", "ours.labels.csv")
+    )
+    steps = {"likelihood": {"", "evidence", "trajectory"}, "both": {"", "exclusive", "conflict", "remaining"}}[method]
+    assert sum(row[4] != "" for row in rows) > 0.8 * len(rows)
+    assert {row[5] for row in rows} <= steps | {"evidence", "trajectory"}
+    assert [row[:6] for row in rows] == [row[:6] for row in theirs]
+    # Blender keeps where its cameras stand in single precision.
+    sure, known = (np.array([float(row[6] or 0) for row in found]) for found in (rows, theirs))
+    np.testing.assert_allclose(sure, known, atol=0.003)

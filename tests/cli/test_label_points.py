@@ -119,20 +119,45 @@ def trained(room, tmp_path_factory):
 
 def test_blobs_named_by_their_points_agree_with_the_fitted_body(trained, room, run, tmp_path):
     words = ("label", room.blobs, "--cameras", room.cameras, "--model", trained, "--rate", "60")
-    answer = run(*words, "--out", tmp_path / "points", "--method", "evidence", "--json")
+    answer = run(*words, "--out", tmp_path / "points", "--method", "likelihood", "--json")
     assert (answer.status, answer.err) == (0, "")
     assert run(*words, "--out", tmp_path / "fit").status == 0
     figures = json.loads(run("evaluate", tmp_path / "points" / "walk.labels.csv", room.truth, "--json").out)
     assert figures["precision"] > 0.98
     assert figures["recall"] > 0.9
     [report] = json.loads(answer.out)["takes"]
-    assert (report["method"], report["frames"]) == ("evidence", FRAMES[1] - FRAMES[0] + 1)
+    assert (report["method"], report["frames"]) == ("likelihood", FRAMES[1] - FRAMES[0] + 1)
     assert set(report["steps"]) == {"evidence", "ensemble", "trajectory"}
     assert 0 < report["markers"]["C7"]["mean_residual_px"] < 2
     rows = [rows_of(tmp_path / folder / "walk.labels.csv")[1:] for folder in ("points", "fit")]
     both = [(one[4], two[4]) for one, two in zip(*rows, strict=True) if one[4] and two[4]]
     assert len(both) > 1000
     assert np.mean([one == two for one, two in both]) > 0.99
+
+
+def files_of(folder) -> dict:
+    """What a folder of results holds, by name, without what it took."""
+    found = {path.name: path.read_bytes() for path in folder.iterdir()}
+    for name in [name for name in found if name.endswith(".report.json")]:
+        found[name] = {key: value for key, value in json.loads(found[name]).items() if key != "timing"}
+    return found
+
+
+@pytest.mark.parametrize("kind", ["points", "blobs"])
+def test_evidence_is_what_likelihood_was_called_at_first(trained, anonymous, room, run, tmp_path, kind):
+    words = ("label", anonymous / "anon.c3d") if kind == "points" else ("label", room.blobs, "--cameras", room.cameras)
+    words = (*words, "--model", trained)
+    made = {}
+    for method in ("likelihood", "evidence"):
+        answer = run(*words, "--method", method, "--trc", "--out", tmp_path / method)
+        assert answer.status == 0
+        made[method] = answer.out, files_of(tmp_path / method)
+    assert len(made["likelihood"][1]) == 4
+    assert made["likelihood"][1].keys() == made["evidence"][1].keys()
+    for name, content in made["likelihood"][1].items():
+        assert made["evidence"][1][name] == content, name
+    [report] = [part for name, part in made["evidence"][1].items() if name.endswith(".report.json")]
+    assert report["method"] == "likelihood"
 
 
 def test_blobs_named_both_ways_say_where_the_ways_agree(trained, room, run, tmp_path):
@@ -181,9 +206,9 @@ def test_points_of_something_else_name_no_blobs(room, run, tmp_path):
 def test_both_ways_need_blobs_and_what_names_points(run, room, label, tmp_path):
     assert "the method both is for blobs" in label("--method", "both").reason
     bare = tmp_path / f"bare{SUFFIX}"
-    write_markerset(bare, replace(open_markerset("body26"), name="bare", likelihood=None))
+    write_markerset(bare, replace(open_markerset("body26"), name="bare"))
     words = ("label", room.blobs, "--cameras", room.cameras, "--out", tmp_path / "o", "--model", bare)
-    for method in ("both", "evidence", "ensemble"):
+    for method in ("both", "likelihood", "evidence", "ensemble"):
         answer = run(*words, "--method", method)
         assert answer.status == 2
         assert "model bare has no" in answer.reason
@@ -202,8 +227,8 @@ def test_reconstructed_points_are_named(trained, room, run, tmp_path):
     assert (off[np.isfinite(off)] < 0.02).mean() > 0.99
 
 
-def test_a_model_without_an_ensemble_or_evidence_says_so(trained, room, label):
-    assert "has no ensemble" in label("--method", "ensemble", model=trained).reason
+def test_a_model_without_partial_solvers_says_so(trained, room, label):
+    assert "has no partial solvers" in label("--method", "ensemble", model=trained).reason
 
 
 def test_what_makes_no_difference_to_points_is_said(trained, room, label, run, tmp_path):

@@ -13,7 +13,7 @@ from addon.io.markersets import markerset_text, open_markerset
 def bare(tmp_path_factory):
     """gait15 as a file that has learned nothing of points."""
     path = tmp_path_factory.mktemp("bare") / "bare.markerset.json"
-    path.write_text(markerset_text(replace(open_markerset("gait15"), name="bare", likelihood=None)))
+    path.write_text(markerset_text(replace(open_markerset("gait15"), name="bare")))
     return path
 
 

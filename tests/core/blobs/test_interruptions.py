@@ -3,13 +3,13 @@
 
 import numpy as np
 import pytest
-from tests.core.test_pipeline import RIG, ROOM, Outcome, walk
 
 from addon.core.blobs import pipeline
 from addon.core.blobs.pipeline import Options, label_take
 from addon.core.blobs.search import Hints
 from addon.core.simulation.rigs import paper_rig
 from addon.core.simulation.virtual import Act
+from tests.core.blobs.test_pipeline import RIG, ROOM, Outcome, walk
 from tests.core.scenes import act, blobs_at, built_in
 
 

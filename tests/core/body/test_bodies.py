@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.core.test_prior import some_bodies
 
 from addon.core.body.bodies import PLACEMENT, BodyModel
 from addon.core.geometry import rotations
 from addon.io.markersets import open_markerset
+from tests.core.body.test_prior import some_bodies
 from tests.core.toybody import toy_markerset
 
 seeds = st.integers(0, 2**32 - 1)

@@ -16,8 +16,7 @@ from addon.core.placement_quality.layout import MarkerLayout
 from addon.core.placement_quality.overlap import covariance_of, pair_overlaps, renaming_overlap
 from addon.core.placement_quality.surface import all_over, in_view, nearby
 from addon.core.points.likelihood.shape import Shape
-
-from .toybody import toy_markerset
+from tests.core.toybody import toy_markerset
 
 SQUARE = np.array([[0.2, 0.2, 0], [-0.2, 0.2, 0], [-0.2, -0.2, 0], [0.2, -0.2, 0]])
 KITE = np.array([[0.3, 0.1, 0], [-0.1, 0.25, 0.05], [-0.2, -0.1, 0.1], [0.05, -0.3, -0.1]])
