@@ -19,7 +19,7 @@ from ..io.models import open_model, write_model
 from ..io.whole import whole_files
 from ..version import version
 from .job import timed
-from .training_takes import Take, chosen_markers, read_takes
+from .training_takes import TakeFile, chosen_markers, read_takes
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def _with_source(model: Model) -> Model:
     return replace(model, markerset=replace(model.markerset, source=source))
 
 
-def _report(job: TrainJob, takes: Sequence[Take], trained: Trained, clock: dict[str, float]) -> dict:
+def _report(job: TrainJob, takes: Sequence[TakeFile], trained: Trained, clock: dict[str, float]) -> dict:
     model = trained.model
     markerset, likelihood, partial_solvers = model.markerset, model.likelihood, model.partial_solvers
     segments = markerset.skeleton.segments

@@ -17,13 +17,13 @@ from ..io.points import FilePoints, read_points
 
 
 @dataclass(frozen=True, eq=False)
-class Take(LabelledTake):
+class TakeFile(LabelledTake):
     """A labelled take and where it is."""
 
     path: Path = Path()
 
 
-def read_takes(paths: Sequence[Path], subjects: Sequence[tuple[str, str]]) -> list[Take]:
+def read_takes(paths: Sequence[Path], subjects: Sequence[tuple[str, str]]) -> list[TakeFile]:
     """The labelled takes, each with its subject: the first of `subjects` (id, glob) that its path suits, or its folder.
 
     Folders of one name are one subject.
@@ -45,7 +45,7 @@ def read_takes(paths: Sequence[Path], subjects: Sequence[tuple[str, str]]) -> li
     return takes
 
 
-def _read(path: Path, subjects: Sequence[tuple[str, str]]) -> Take:
+def _read(path: Path, subjects: Sequence[tuple[str, str]]) -> TakeFile:
     try:
         points = read_points(path)
         names, xyz, doubled = _named(points)
@@ -62,7 +62,7 @@ def _read(path: Path, subjects: Sequence[tuple[str, str]]) -> Take:
     doubts = [f"{path.name} has the label {name} twice, so it was left out there" for name in doubled]
     if points.assumed:
         doubts.append(f"{path.name} names no unit, so it was taken to be in {points.assumed}")
-    return Take(path.name, subject, names, xyz, tuple(doubts), path)
+    return TakeFile(path.name, subject, names, xyz, tuple(doubts), path)
 
 
 def _suits(path: Path, glob: str) -> bool:
@@ -93,7 +93,9 @@ def _named(points: FilePoints) -> tuple[tuple[str, ...], np.ndarray, tuple[str, 
     return tuple(points.names[index].rpartition(":")[2] for index in kept), points.xyz[:, kept], tuple(doubled)
 
 
-def chosen_markers(takes: Sequence[Take], wanted: Sequence[str] | None, base: Sequence[str] = ()) -> tuple[str, ...]:
+def chosen_markers(
+    takes: Sequence[TakeFile], wanted: Sequence[str] | None, base: Sequence[str] = ()
+) -> tuple[str, ...]:
     """The markers to learn: `wanted`, or those of the model that is trained on, or those that all takes have.
 
     Raises InputError where a wanted one is nowhere, too few are common, or the takes have few of the model's.
@@ -132,11 +134,11 @@ def chosen_markers(takes: Sequence[Take], wanted: Sequence[str] | None, base: Se
     return markers
 
 
-def _has(take: Take, name: str) -> bool:
+def _has(take: TakeFile, name: str) -> bool:
     return name in take.names and bool(np.isfinite(take.xyz[:, take.names.index(name)]).any())
 
 
-def _least_alike(takes: Sequence[Take]) -> tuple[Take, Take]:
+def _least_alike(takes: Sequence[TakeFile]) -> tuple[TakeFile, TakeFile]:
     names = [set(take.names) for take in takes]
     pairs = [(one, two) for one in range(len(takes)) for two in range(one + 1, len(takes))] or [(0, 0)]
     one, two = min(pairs, key=lambda pair: len(names[pair[0]] & names[pair[1]]))
