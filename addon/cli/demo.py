@@ -42,7 +42,7 @@ def run(arguments) -> int:
         room,
         demo_take.MODEL,
         out,
-        rate=demo_take.RATE,
+        rate=demo_take.STAGE.rate,
         trc=True,
         blend=has_blender(),
         overwrite=arguments.overwrite,

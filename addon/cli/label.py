@@ -59,16 +59,16 @@ def _add_naming(parser: argparse.ArgumentParser):
         "--method",
         choices=jobs.METHODS,
         default="auto",
-        help="fit: a body fitted frame after frame; likelihood (also called evidence), and ensemble: partial solvers, each "
-        "frame on its own, blobs by way of the points that they make; both: blobs by fit, checked by their points; auto "
-        "(default): the best for the input, fit for blobs and likelihood for points",
+        help="fit: a body fitted frame after frame; likelihood (also called evidence), and ensemble: partial solvers, "
+        "each frame on its own, blobs by way of the points that they make; both: blobs by fit, checked by their "
+        "points; auto (default): the best for the input, fit for blobs and likelihood for points",
     )
     parser.add_argument(
         "--occlusion",
         choices=jobs.OCCLUSIONS,
         default="auto",
-        help="of blobs, what asks whether the body hides a marker: bvh casts rays at its meshes, which takes Blender or "
-        "the bpy package; capsules is the closed form; auto (default) is bvh where that is here",
+        help="of blobs, what asks whether the body hides a marker: bvh casts rays at its meshes, which takes Blender "
+        "or the bpy package; capsules is the closed form; auto (default) is bvh where that is here",
     )
     parser.add_argument(
         "--target",

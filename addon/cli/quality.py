@@ -5,8 +5,8 @@ from pathlib import Path
 
 from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet
-from ..core.placement_quality import GOAL, STEPS
-from ..core.placement_quality.renamings import TURN
+from ..core.placement_quality import ADVICE
+from ..core.placement_quality.renamings import TURNED_ROUND
 from ..io.markersets import markerset_file
 from ..io.models import open_model
 from ..io.quality import write_quality
@@ -29,16 +29,16 @@ def add_parser(verbs):
     parser.add_argument(
         "--goal",
         type=number(0.5, 20, "separation"),
-        default=GOAL,
+        default=ADVICE.goal,
         metavar="SD",
-        help=f"pairs nearer than this are ambiguous (default {GOAL:g})",
+        help=f"pairs nearer than this are ambiguous (default {ADVICE.goal:g})",
     )
     parser.add_argument(
         "--advice",
         type=whole(0, MOST, "number of changes"),
-        default=STEPS,
+        default=ADVICE.steps,
         metavar="N",
-        help=f"how many changes to look for, each on top of the last (default {STEPS})",
+        help=f"how many changes to look for, each on top of the last (default {ADVICE.steps})",
     )
     parser.add_argument("--keep", type=names, default=[], metavar="A,B,…", help="markers that must stay where they are")
     parser.add_argument("--report", type=Path, metavar="FILE", help="also write everything as JSON")
@@ -86,7 +86,7 @@ def as_lines(report: dict) -> list[str]:
 
 
 def _whole(row: dict) -> str:
-    if row["kind"] == TURN:
+    if row["kind"] == TURNED_ROUND:
         return f"{row['separation']:.1f}, turned round by {row['turn_deg']}°"
     return f"{row['separation']:.1f}, sides exchanged: {' '.join(row['markers'])}"
 

@@ -13,28 +13,42 @@ from . import room
 from .room import Body
 from .sheet import Sheet, words_width
 
-WIDTH, HEIGHT = 1280, 720
-LENS = 29.0
-# How far from the subject the view is taken and how much higher than its middle, m.
-EYE = (4.5, 0.9)
-# The height looked at, m: above a person's middle, to leave room for cameras under the title.
-LOOK = 1.25
-# A camera's panel is cut to the subject, but no more than this part of the image.
-CLOSEST = 0.3
-# Where the panels of the cameras begin; the room has what is left of it.
-PANELS = 850
-PAPER = (0.045, 0.055, 0.075)
-INK = (0.93, 0.95, 0.98)
-DIM = (0.56, 0.61, 0.7)
-STEP_COLOURS = {"exclusive": (0.25, 0.85, 0.77), "conflict": (0.93, 0.36, 0.83), "remaining": (1.0, 0.72, 0.28)}
-UNNAMED = (0.5, 0.53, 0.6)
-TRUNK, LEFT_ARM, RIGHT_ARM, LEFT_LEG, RIGHT_LEG = (
-    (0.98, 0.83, 0.42),
-    (0.36, 0.8, 0.98),
-    (1.0, 0.55, 0.66),
-    (0.5, 0.66, 1.0),
-    (1.0, 0.62, 0.36),
-)
+PICTURE_STEPS = {"exclusive": (0.25, 0.85, 0.77), "conflict": (0.93, 0.36, 0.83), "remaining": (1.0, 0.72, 0.28)}
+
+
+@dataclass(frozen=True)
+class PictureOptions:
+    """The picture's size, view and colours.
+
+    width, height        px
+    lens_mm              on a sensor of 36 mm
+    eye_distance_m       from the subject to where the view is taken,
+    eye_above_m          which is so much above
+    look_height_m        the height looked at: above a person's middle, to leave room for cameras under the title
+    min_panel_share      of a camera's image that its panel shows, which is cut to the subject
+    panels_px            where the panels of the cameras begin; the room has what is left of it
+    """
+
+    width: int = 1280
+    height: int = 720
+    lens_mm: float = 29.0
+    eye_distance_m: float = 4.5
+    eye_above_m: float = 0.9
+    look_height_m: float = 1.25
+    min_panel_share: float = 0.3
+    panels_px: int = 850
+    paper: tuple = (0.045, 0.055, 0.075)
+    ink: tuple = (0.93, 0.95, 0.98)
+    dim: tuple = (0.56, 0.61, 0.7)
+    unnamed: tuple = (0.5, 0.53, 0.6)
+    trunk: tuple = (0.98, 0.83, 0.42)
+    left_arm: tuple = (0.36, 0.8, 0.98)
+    right_arm: tuple = (1.0, 0.55, 0.66)
+    left_leg: tuple = (0.5, 0.66, 1.0)
+    right_leg: tuple = (1.0, 0.62, 0.36)
+
+
+PICTURE = PictureOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +78,7 @@ def draw(shot: Shot, title: str, subtitle: str, path: Path):
         kind: set(getattr(bpy.data, kind))
         for kind in ("objects", "meshes", "curves", "materials", "cameras", "lights", "worlds")
     }
-    scene = room.empty_scene(WIDTH, HEIGHT)
+    scene = room.empty_scene(PICTURE.width, PICTURE.height)
     try:
         compose(scene, shot, title, subtitle)
         scene.render.filepath = str(Path(path).resolve())
@@ -85,17 +99,17 @@ def compose(scene, shot: Shot, title: str, subtitle: str):
     room.add_body(scene, shot.body)
     room.add_markers(scene, shot.markers, colours)
     aim(scene, shot, middle)
-    sheet = Sheet(scene, WIDTH, HEIGHT)
+    sheet = Sheet(scene, PICTURE.width, PICTURE.height)
     name_markers(sheet, shot, colours, to_pixels(scene, shot.markers))
     name_cameras(sheet, shot.cameras, to_pixels(scene, shot.cameras.centres))
-    sheet.box(PANELS - 14, 0, WIDTH - PANELS + 14, HEIGHT, PAPER, 4)
-    left, width = PANELS, WIDTH - PANELS - 14
+    sheet.box(PICTURE.panels_px - 14, 0, PICTURE.width - PICTURE.panels_px + 14, PICTURE.height, PICTURE.paper, 4)
+    left, width = PICTURE.panels_px, PICTURE.width - PICTURE.panels_px - 14
     height = 318
     for row, index in enumerate(two_cameras(shot)):
         draw_panel(sheet, shot, index, left, 34 + row * (height + 24), width, height - 14)
-    draw_legend(sheet, left, HEIGHT - 12)
-    sheet.text(26, 42, title, 25, INK)
-    sheet.text(26, 66, subtitle, 14.5, DIM)
+    draw_legend(sheet, left, PICTURE.height - 12)
+    sheet.text(26, 42, title, 25, PICTURE.ink)
+    sheet.text(26, 66, subtitle, 14.5, PICTURE.dim)
     sheet.build()
 
 
@@ -106,14 +120,18 @@ def limb_colours(markerset: MarkerSet) -> list:
     colours = []
     for segment in markerset.attachment:
         if central[segment]:
-            colours.append(TRUNK)
+            colours.append(PICTURE.trunk)
             continue
         top = segment
         while not central[markerset.skeleton.parents[top]]:
             top = markerset.skeleton.parents[top]
         leg = joints[top, 2] < joints[0, 2] + 0.1
         left = joints[top, 1] > 0
-        colours.append((LEFT_LEG if left else RIGHT_LEG) if leg else (LEFT_ARM if left else RIGHT_ARM))
+        colours.append(
+            (PICTURE.left_leg if left else PICTURE.right_leg)
+            if leg
+            else (PICTURE.left_arm if left else PICTURE.right_arm)
+        )
     return colours
 
 
@@ -121,11 +139,14 @@ def aim(scene, shot: Shot, middle: np.ndarray):
     """Looks at the subject from in front and a little to the side, from the gap between two cameras."""
     ahead = shot.facing + np.radians(np.array([-58, -50, -42, -34, 34, 42, 50, 58]))
     bearing = np.arctan2(*(shot.cameras.centres - middle)[:, 1::-1].T)
-    apart = np.abs((ahead[:, None] - bearing + np.pi) % (2 * np.pi) - np.pi).min(axis=1)
-    angle = ahead[np.argmax(apart)]
-    target = np.array([middle[0], middle[1], LOOK])
-    eye = target + np.array([EYE[0] * np.cos(angle), EYE[0] * np.sin(angle), EYE[1]])
-    room.look_at(scene, eye, target, LENS, ((WIDTH - PANELS + 14) / 2 / WIDTH, 0.0))
+    nearest = np.abs((ahead[:, None] - bearing + np.pi) % (2 * np.pi) - np.pi).min(axis=1)
+    angle = ahead[np.argmax(nearest)]
+    target = np.array([middle[0], middle[1], PICTURE.look_height_m])
+    away = PICTURE.eye_distance_m
+    eye = target + np.array([away * np.cos(angle), away * np.sin(angle), PICTURE.eye_above_m])
+    room.look_at(
+        scene, eye, target, PICTURE.lens_mm, ((PICTURE.width - PICTURE.panels_px + 14) / 2 / PICTURE.width, 0.0)
+    )
 
 
 def to_pixels(scene, points: np.ndarray) -> np.ndarray:
@@ -136,11 +157,11 @@ def to_pixels(scene, points: np.ndarray) -> np.ndarray:
     world = np.array(Matrix.LocRotScale(view.location, view.rotation_euler, None).inverted())
     local = points @ world[:3, :3].T + world[:3, 3]
     depth = np.where(local[:, 2] < -0.05, -local[:, 2], np.nan)
-    scale = lens.lens / lens.sensor_width * WIDTH
+    scale = lens.lens / lens.sensor_width * PICTURE.width
     return np.stack(
         [
-            local[:, 0] / depth * scale + WIDTH / 2 - lens.shift_x * WIDTH,
-            HEIGHT / 2 - local[:, 1] / depth * scale + lens.shift_y * WIDTH,
+            local[:, 0] / depth * scale + PICTURE.width / 2 - lens.shift_x * PICTURE.width,
+            PICTURE.height / 2 - local[:, 1] / depth * scale + lens.shift_y * PICTURE.width,
         ],
         axis=1,
     )
@@ -154,7 +175,7 @@ def name_markers(sheet: Sheet, shot: Shot, colours: list, pixels: np.ndarray):
     left_edge, right_edge = pixels[seen, 0].min() - 74, pixels[seen, 0].max() + 74
     for column, edge, align, way in ((order[:half], left_edge, "RIGHT", 1), (order[half:], right_edge, "LEFT", -1)):
         column = column[np.argsort(pixels[column, 1])]
-        for marker, height in zip(column, spread_out(pixels[column, 1], 19.5, 100, HEIGHT - 40), strict=True):
+        for marker, height in zip(column, spread_out(pixels[column, 1], 19.5, 100, PICTURE.height - 40), strict=True):
             colour = colours[marker]
             sheet.text(edge - way * 6, height + 5, shot.markerset.markers[marker], 15, colour, align=align)
             knee = (edge + way * 20, height)
@@ -163,7 +184,7 @@ def name_markers(sheet: Sheet, shot: Shot, colours: list, pixels: np.ndarray):
 
 
 def spread_out(heights: np.ndarray, gap: float, top: float, bottom: float) -> np.ndarray:
-    """Heights (N,) in ascending order, moved apart to at least `gap` while staying near and within the two ends."""
+    """Heights (N,) in ascending order, moved to at least `gap` while staying near and within the two ends."""
     placed = np.array(heights, dtype=float)
     for _ in range(200):
         push = np.maximum(gap - np.diff(placed), 0) / 2
@@ -178,10 +199,10 @@ def spread_out(heights: np.ndarray, gap: float, top: float, bottom: float) -> np
 def name_cameras(sheet: Sheet, cameras: Cameras, pixels: np.ndarray):
     """Each camera's name above it, where it is in the picture."""
     for name, (x, y) in zip(cameras.names, pixels, strict=True):
-        if np.isfinite(x) and 30 < x < PANELS - 40 and 90 < y < HEIGHT - 10:
+        if np.isfinite(x) and 30 < x < PICTURE.panels_px - 40 and 90 < y < PICTURE.height - 10:
             half = words_width(name, 13) / 2
-            sheet.box(x - half - 4, y - 34, 2 * half + 8, 17, (*PAPER, 0.8), 1)
-            sheet.text(x, y - 21, name, 13, room.CAMERA, 2, "CENTER")
+            sheet.box(x - half - 4, y - 34, 2 * half + 8, 17, (*PICTURE.paper, 0.8), 1)
+            sheet.text(x, y - 21, name, 13, room.ROOM_LOOK.camera, 2, "CENTER")
 
 
 def two_cameras(shot: Shot) -> list[int]:
@@ -209,9 +230,9 @@ def draw_panel(sheet: Sheet, shot: Shot, index: int, left: float, top: float, wi
     corner = np.array([left, top])
     sheet.box(left, top, width, height, (0.085, 0.1, 0.13), 5)
     named = mine & (shot.marker != NO_MARKER)
-    sheet.text(left + 1, top - 8, shot.cameras.names[index], 14.5, INK)
-    told = f"{np.count_nonzero(named)} of {np.count_nonzero(mine)} blobs named"
-    sheet.text(left + width, top - 8, told, 13, DIM, align="RIGHT")
+    sheet.text(left + 1, top - 8, shot.cameras.names[index], 14.5, PICTURE.ink)
+    counts = f"{np.count_nonzero(named)} of {np.count_nonzero(mine)} blobs named"
+    sheet.text(left + width, top - 8, counts, 13, PICTURE.dim, align="RIGHT")
     for outline in shapes:
         clipped = clip(outline, first, last)
         if len(clipped) > 2:
@@ -222,9 +243,9 @@ def draw_panel(sheet: Sheet, shot: Shot, index: int, left: float, top: float, wi
     bounds = (left, top, left + width, top + height)
     for blob in np.flatnonzero(mine):
         if shot.marker[blob] == NO_MARKER:
-            sheet.ring(spots[blob], 3.4, 1.2, UNNAMED, 7)
+            sheet.ring(spots[blob], 3.4, 1.2, PICTURE.unnamed, 7)
             continue
-        colour = STEP_COLOURS[STEPS[shot.step[blob]]]
+        colour = PICTURE_STEPS[STEPS[shot.step[blob]]]
         sheet.disc(spots[blob], 3.2, colour, 8)
         name = shot.markerset.markers[shot.marker[blob]]
         place = free_place(spots[blob], words_width(name, 11), taken, bounds)
@@ -271,7 +292,7 @@ def window(points: np.ndarray, size: np.ndarray, shape: float) -> tuple[np.ndarr
     """First and last corner px of the part of an image that holds the points, `shape` times as wide as it is high."""
     low, high = np.clip(points.min(axis=0), 0, size), np.clip(points.max(axis=0), 0, size)
     reach = 1.2 * (high - low)
-    height = np.clip(max(reach[1], reach[0] / shape), CLOSEST * size[1], size[1])
+    height = np.clip(max(reach[1], reach[0] / shape), PICTURE.min_panel_share * size[1], size[1])
     middle = (low + high) / 2
     half = np.array([height * shape, height]) / 2
     return middle - half, middle + half
@@ -310,12 +331,12 @@ def free_place(spot, width: float, taken: list, bounds):
 def draw_legend(sheet: Sheet, left: float, baseline: float):
     """What the colours in the panels mean."""
     x = left + 2.0
-    for word, colour in [*STEP_COLOURS.items(), ("unnamed", None)]:
+    for word, colour in [*PICTURE_STEPS.items(), ("unnamed", None)]:
         if colour:
             sheet.disc((x + 4, baseline - 5), 4, colour, 8)
         else:
-            sheet.ring((x + 4, baseline - 5), 3.6, 1.3, UNNAMED, 8)
-        sheet.text(x + 13, baseline, word, 13.5, DIM)
+            sheet.ring((x + 4, baseline - 5), 3.6, 1.3, PICTURE.unnamed, 8)
+        sheet.text(x + 13, baseline, word, 13.5, PICTURE.dim)
         x += 108
 
 

@@ -8,13 +8,21 @@ import numpy as np
 from ..core.geometry.cameras import Cameras
 from .sheet import flat_material, linear, new_nodes
 
-FLOOR = (0.085, 0.1, 0.13)
-GRID = (0.2, 0.23, 0.29)
-CAMERA = (0.72, 0.78, 0.88)
-STAND = (0.27, 0.31, 0.38)
-SKIN = (0.72, 0.8, 0.93)
-MARKER_RADIUS = 0.019
-PYRAMID = 0.28
+
+@dataclass(frozen=True)
+class RoomLook:
+    """Colours as on screen, and sizes: larger than they are, so that they are seen in a small picture."""
+
+    floor: tuple = (0.085, 0.1, 0.13)
+    grid: tuple = (0.2, 0.23, 0.29)
+    camera: tuple = (0.72, 0.78, 0.88)
+    stand: tuple = (0.27, 0.31, 0.38)
+    skin: tuple = (0.72, 0.8, 0.93)
+    marker_radius_m: float = 0.019
+    pyramid_m: float = 0.28
+
+
+ROOM_LOOK = RoomLook()
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +82,7 @@ def add_floor(scene, centre: np.ndarray, half: float):
         (x + half, y + half, -0.002),
         (x - half, y + half, -0.002),
     ]
-    _mesh(scene, "Floor", corners, [(0, 1, 2, 3)], _matt(bpy, FLOOR))
+    _mesh(scene, "Floor", corners, [(0, 1, 2, 3)], _matt(bpy, ROOM_LOOK.floor))
     points, faces = [], []
     steps = np.arange(-np.floor(half), np.floor(half) + 1)
     for step in steps:
@@ -83,16 +91,20 @@ def add_floor(scene, centre: np.ndarray, half: float):
             strip = [(step - thin, -half), (step + thin, -half), (step + thin, half), (step - thin, half)]
             faces.append(tuple(range(len(points), len(points) + 4)))
             points += [(x + b, y + a, 0) if across else (x + a, y + b, 0) for a, b in strip]
-    _mesh(scene, "Grid", points, faces, flat_material(bpy, GRID))
+    _mesh(scene, "Grid", points, faces, flat_material(bpy, ROOM_LOOK.grid))
 
 
 def add_cameras(scene, cameras: Cameras):
     """Each camera as a pyramid of thin rods that opens the way it looks, on a stand from the floor."""
     import bpy
 
-    rods, stands, panes = flat_material(bpy, CAMERA), flat_material(bpy, STAND), flat_material(bpy, (*CAMERA, 0.1))
+    rods, stands, panes = (
+        flat_material(bpy, ROOM_LOOK.camera),
+        flat_material(bpy, ROOM_LOOK.stand),
+        flat_material(bpy, (*ROOM_LOOK.camera, 0.1)),
+    )
     for index, name in enumerate(cameras.names):
-        corners = pyramid(cameras, index, PYRAMID)
+        corners = pyramid(cameras, index, ROOM_LOOK.pyramid_m)
         ends = [(0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (2, 3), (3, 4), (4, 1)]
         _rods(scene, name, corners, ends, 0.009, rods)
         foot = corners[0] * [1, 1, 0]
@@ -162,7 +174,7 @@ def add_markers(scene, points: np.ndarray, colours: list):
     for colour, centres in balls.items():
         corners, faces = [], []
         for centre in centres:
-            ball, quads = capsule_mesh(centre, centre, MARKER_RADIUS, rows=6)
+            ball, quads = capsule_mesh(centre, centre, ROOM_LOOK.marker_radius_m, rows=6)
             faces += [[corner + len(corners) for corner in quad] for quad in quads]
             corners += ball.tolist()
         _mesh(scene, "Markers", corners, faces, _shiny(bpy, colour), smooth=True)
@@ -227,8 +239,8 @@ def _skin(bpy):
         nodes.new("ShaderNodeEmission"),
         nodes.new("ShaderNodeAddShader"),
     )
-    light.inputs["Color"].default_value = (*linear(SKIN), 1)
-    glow.inputs["Color"].default_value = (*linear(SKIN), 1)
+    light.inputs["Color"].default_value = (*linear(ROOM_LOOK.skin), 1)
+    glow.inputs["Color"].default_value = (*linear(ROOM_LOOK.skin), 1)
     glow.inputs["Strength"].default_value = 0.22
     mix = nodes.new("ShaderNodeMixShader")
     links.new(edge.outputs["Facing"], amount.inputs["Value"])

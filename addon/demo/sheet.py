@@ -4,15 +4,29 @@
 Pixels count from the top left corner of the picture, x to the right and y down.
 """
 
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
-DISTANCE = 0.5
-LAYER_STEP = 0.002
-ROUND = 20
-# The width of an average letter of Blender's built-in font, in units of its size.
-LETTER = 0.64
+
+@dataclass(frozen=True)
+class SheetOptions:
+    """How a drawing hangs before the camera.
+
+    distance_m    of the lowest layer
+    layer_step_m  by which the next is nearer
+    corners       of a circle
+    letter_width  of an average letter of Blender's built-in font, in units of its size
+    """
+
+    distance_m: float = 0.5
+    layer_step_m: float = 0.002
+    corners: int = 20
+    letter_width: float = 0.64
+
+
+SHEET = SheetOptions()
 
 
 class Sheet:
@@ -80,7 +94,7 @@ class Sheet:
     def _scale(self, layer: int) -> tuple[float, float]:
         """Distance of a layer from the camera and the size of a pixel there, m."""
         lens = self.scene.camera.data
-        distance = DISTANCE - layer * LAYER_STEP
+        distance = SHEET.distance_m - layer * SHEET.layer_step_m
         return distance, distance * lens.sensor_width / lens.lens / self.width
 
     def _place(self, x, y, layer: int) -> np.ndarray:
@@ -118,7 +132,7 @@ class Sheet:
 
 def words_width(words: str, size: float) -> float:
     """Roughly how many pixels the words take."""
-    return LETTER * size * len(words)
+    return SHEET.letter_width * size * len(words)
 
 
 def linear(colour) -> tuple[float, float, float]:
@@ -153,5 +167,5 @@ def new_nodes(material):
 
 
 def _circle() -> np.ndarray:
-    angle = np.linspace(0, 2 * np.pi, ROUND, endpoint=False)
+    angle = np.linspace(0, 2 * np.pi, SHEET.corners, endpoint=False)
     return np.stack([np.cos(angle), np.sin(angle)], axis=1)

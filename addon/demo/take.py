@@ -15,14 +15,31 @@ from ..core.simulation.simulate import CaptureOptions, PosedBody
 from ..core.simulation.virtual import DEMO, draw_person, perform
 
 MODEL = "body26"
-SEED = 7
-CAMERAS = 8
-SIZE = (1280, 960)
-RADIUS = 3.6
-ROOM = 1.3
-RATE = 60.0
+
+
+@dataclass(frozen=True)
+class StageOptions:
+    """Where the demo plays; chosen so that it is quick and shows what the labelling can do.
+
+    seed             of person, walk, room and everything that is random
+    cameras          in a ring,
+    size_px          of their images
+    radius_m         of the ring
+    volume_radius_m  of what all of them see whole
+    rate             frames a second
+    """
+
+    seed: int = 7
+    cameras: int = 8
+    size_px: tuple[int, int] = (1280, 960)
+    radius_m: float = 3.6
+    volume_radius_m: float = 1.3
+    rate: float = 60.0
+
+
+STAGE = StageOptions()
 # Everything that goes wrong in a good laboratory, and a little more of it.
-TROUBLE = CaptureOptions(seed=SEED, noise=0.4, dropout=0.01, reflections=2, flicker=0.3, marker_offset=0.005)
+TROUBLE = CaptureOptions(seed=STAGE.seed, noise=0.4, dropout=0.01, reflections=2, flicker=0.3, marker_offset=0.005)
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,10 +53,12 @@ class Performance:
 
 def make_performance(markerset: MarkerSet) -> Performance:
     """The same room, person and walk every time."""
-    generator = np.random.default_rng(SEED)
-    cameras = ring_rig(CAMERAS, SIZE, RADIUS, volume_radius=ROOM, generator=generator)
+    generator = np.random.default_rng(STAGE.seed)
+    cameras = ring_rig(
+        STAGE.cameras, STAGE.size_px, STAGE.radius_m, volume_radius=STAGE.volume_radius_m, generator=generator
+    )
     model = BodyModel(markerset)
-    bodies = perform(model, draw_person(markerset, generator), DEMO, RATE, SEED)
+    bodies = perform(model, draw_person(markerset, generator), DEMO, STAGE.rate, STAGE.seed)
     posed = model.pose(bodies)
     body = PosedBody(
         CapsuleOcclusion(markerset), np.asarray(markerset.attachment), posed.rotations, posed.joints, bodies.scale

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..core.data.markersets import MarkerSet
 from ..core.placement_quality import Advice, Ambiguity, MarkerLayout, separation
-from ..core.placement_quality.renamings import TURN
+from ..core.placement_quality.renamings import TURNED_ROUND
 
 CLEAR = 8.0  # standard deviations; pairs farther apart are not listed
 DIGITS = 2
@@ -38,7 +38,7 @@ def quality_report(layout: MarkerLayout, found: Ambiguity, advice: Sequence[Advi
         "whole": [
             {
                 "kind": renaming.kind,
-                "turn_deg": round(float(np.degrees(renaming.yaw))) if renaming.kind == TURN else None,
+                "turn_deg": round(float(np.degrees(renaming.yaw))) if renaming.kind == TURNED_ROUND else None,
                 "markers": [found.markers[index] for index in renaming.moved],
                 "separation": _rounded(overlap),
             }

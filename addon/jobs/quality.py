@@ -5,19 +5,19 @@ from collections.abc import Generator, Sequence
 
 from ..core.data.markersets import MarkerSet
 from ..core.data.progress import Progress
-from ..core.placement_quality import GOAL, STEPS, advise, judge, marker_layout
+from ..core.placement_quality import ADVICE, advise, judge, marker_layout
 from ..core.points.likelihood import Likelihood
 from ..io.quality import quality_report
 
-JUDGED = 0.1  # of the work; the rest is the search
+JUDGED_SHARE = 0.1  # of the work; the rest is the search
 
 
 def judge_placement(
     markerset: MarkerSet,
     base: MarkerSet | None = None,
     learned: Likelihood | None = None,
-    goal: float = GOAL,
-    steps: int = STEPS,
+    goal: float = ADVICE.goal,
+    steps: int = ADVICE.steps,
     keep: Sequence[str] = (),
 ) -> Generator[Progress, None, dict]:
     """The report of a marker set, with up to `steps` pieces of advice.
@@ -29,8 +29,8 @@ def judge_placement(
     yield Progress(0.0, "judging")
     made = marker_layout(markerset, base, learned)
     found, advice = judge(made), []
-    yield Progress(JUDGED, "looking for better places")
+    yield Progress(JUDGED_SHARE, "looking for better places")
     for one, _ in advise(made, goal, steps, keep):
         advice.append(one)
-        yield Progress(JUDGED + (1 - JUDGED) * len(advice) / steps, "looking for better places")
+        yield Progress(JUDGED_SHARE + (1 - JUDGED_SHARE) * len(advice) / steps, "looking for better places")
     return quality_report(made, found, advice, goal)

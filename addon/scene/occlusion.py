@@ -119,7 +119,7 @@ def occlusion_of(
 
 
 def capsule_meshes(markerset: MarkerSet, shrink: float = OCCLUDING.fitted_shrink) -> MeshOcclusion:
-    """The occlusion test of the meshes that `body.add_body` makes of a marker set's capsules, without making objects."""
+    """The occlusion test of the meshes that `body.add_body` makes of a marker set's capsules, without the objects."""
     scale, volumes = np.full(3, markerset.spread.height), []
     for index, segment in enumerate(markerset.capsules.segment):
         capsule = capsule_in_metres(markerset, index, scale)
@@ -226,7 +226,7 @@ def _volume(segment: int, points: np.ndarray, triangles: np.ndarray, shrink: flo
 
 
 def _shrunk(points: np.ndarray, triangles: np.ndarray, tree: BVHTree, shrink: float) -> np.ndarray:
-    """Every corner (V, 3) of a mesh moved inwards by a part of how thick the body is there, as a capsule's radius is."""
+    """Every corner (V, 3) of a mesh moved inwards by a part of how thick the body is there, as a capsule is."""
     corners = points[triangles]
     faces = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals = np.zeros_like(points)

@@ -15,7 +15,7 @@ import numpy as np
 from addon.core.body.bodies import BodyModel
 from addon.core.body.posing import fit_points
 from addon.core.data.markersets import MarkerSet
-from addon.core.placement_quality import GOAL, Advice, advise, judge, marker_layout, separation
+from addon.core.placement_quality import ADVICE, Advice, advise, judge, marker_layout, separation
 from addon.core.placement_quality.advice import ADD
 from addon.core.points.likelihood import Likelihood, learn_likelihood
 from addon.core.points.likelihood.trials import make_trial
@@ -168,7 +168,7 @@ def main(arguments: list[str] | None = None):
     parser.add_argument("--frames", type=int, default=1500, help="frames of each person")
     parser.add_argument("--advice", action="store_true", help="move markers as advised instead, and measure again")
     parser.add_argument("--groups", type=int, default=5, help="groups of people that advice is tried on")
-    parser.add_argument("--goal", type=float, default=GOAL, help="separation that advice is to reach")
+    parser.add_argument("--goal", type=float, default=ADVICE.goal, help="separation that advice is to reach")
     parser.add_argument("--steps", type=int, default=3, help="how much advice is taken")
     given = parser.parse_args(arguments)
     sets = [open_markerset(name) for name in given.set]

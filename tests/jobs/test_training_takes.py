@@ -10,17 +10,16 @@ import pytest
 from addon.core.data.errors import InputError
 from addon.core.data.models import TrainingTake, by_subject
 from addon.core.data.takes import Points
-from addon.io.points import read_points, write_c3d
-from addon.jobs.training_takes import (
-    KEPT,
-    chosen_markers,
+from addon.core.training.takes import (
+    KEEPING,
     gathered,
     most_different,
     of_markers,
-    read_takes,
     training_takes_of,
     without_replaced,
 )
+from addon.io.points import read_points, write_c3d
+from addon.jobs.training_takes import chosen_markers, read_takes
 
 NAMES = ("A", "B", "C", "D", "E")
 
@@ -150,7 +149,7 @@ def test_frames_of_long_takes_are_shared_out_and_stay_their_own(tmp_path):
     paths = [write(tmp_path / "ann" / f"{take}.c3d", frames=700, seed=take) for take in (1, 2)]
     takes = read_takes(paths, ())
     kept = training_takes_of(takes, NAMES)
-    assert sum(len(row.points) for row in kept) == KEPT
+    assert sum(len(row.points) for row in kept) == KEEPING.max_frames
     for row, take in zip(kept, takes, strict=True):
         assert row.frames == 700
         own = {frame.tobytes() for frame in take.xyz.astype(np.float32)}

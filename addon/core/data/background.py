@@ -55,16 +55,6 @@ def in_background(work: Callable[[Callable[[float], None]], Any]) -> Generator[f
     return outcome["result"]
 
 
-def within(work: Generator[float, None, Any], first: float, last: float, note: str) -> Generator[Progress, None, Any]:
-    """Part of a job, from `first` to `last` of the whole, that tells its share from 0 to 1; gives what it returns."""
-    while True:
-        try:
-            share = next(work)
-        except StopIteration as end:
-            return end.value
-        yield Progress(first + (last - first) * share, note)
-
-
 def drained(steps: Generator[Progress, None, Any], tell: Callable[[float], None]) -> Any:
     """What a job returns, having told how far it is all the way; a `tell` that raises ends it."""
     with closing(steps):

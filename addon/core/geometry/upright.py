@@ -11,6 +11,13 @@ def turned(points: np.ndarray, yaw: np.ndarray) -> np.ndarray:
     return np.stack([cosine * x - sine * y, sine * x + cosine * y, points[..., 2]], axis=-1)
 
 
+def best_yaw(points: np.ndarray, goal: np.ndarray) -> np.ndarray:
+    """(N,) rad, the yaw that turns points (N, P, 3) best onto a goal (N, P, 3) or (P, 3), in least squares."""
+    along = (points[..., 0] * goal[..., 0] + points[..., 1] * goal[..., 1]).sum(axis=1)
+    across = (points[..., 0] * goal[..., 1] - points[..., 1] * goal[..., 0]).sum(axis=1)
+    return np.arctan2(across, along)
+
+
 def upright_aligned(points: np.ndarray, template: np.ndarray) -> np.ndarray:
     """Each frame of labelled points (T, M, 3), NaN where missing, turned and moved onto template (M, 3).
 
@@ -22,8 +29,5 @@ def upright_aligned(points: np.ndarray, template: np.ndarray) -> np.ndarray:
     own = known - known.sum(axis=1, keepdims=True) / count
     goal_centre = (template * present).sum(axis=1, keepdims=True) / count
     goal = template - goal_centre
-    own_x, own_y = (own * present)[..., 0], (own * present)[..., 1]
-    along = (own_x * goal[..., 0] + own_y * goal[..., 1]).sum(axis=1)
-    across = (own_x * goal[..., 1] - own_y * goal[..., 0]).sum(axis=1)
-    aligned = turned(own, np.arctan2(across, along)) + goal_centre
+    aligned = turned(own, best_yaw(own * present, goal)) + goal_centre
     return np.where(present, aligned, np.nan)

@@ -13,9 +13,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..blobs.pipeline import Options
-from ..data.background import in_background, within
+from ..data.background import in_background
 from ..data.models import Model
-from ..data.progress import Progress
+from ..data.progress import Progress, within
 from ..data.takes import LabelledChunk, Labels, Points, Suspect, Verdict
 from ..points.deciding import consistent, decide
 from ..points.motion import motion_of

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Which markers of a marker set are easily taken for each other, and where one should sit so that they are not."""
 
-from .advice import GOAL, STEPS, Advice, advise
+from .advice import ADVICE, Advice, advise
 from .judging import Ambiguity, judge, separation
 from .layout import MarkerLayout, marker_layout
 
-__all__ = ["GOAL", "STEPS", "Advice", "Ambiguity", "MarkerLayout", "advise", "judge", "marker_layout", "separation"]
+__all__ = ["ADVICE", "Advice", "Ambiguity", "MarkerLayout", "advise", "judge", "marker_layout", "separation"]

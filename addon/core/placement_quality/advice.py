@@ -2,7 +2,7 @@
 """What would make a marker set less ambiguous: for its worst pairs, one marker to move on its segment, or to add.
 
 Left and right are never moved alike, as laboratories do with their thigh markers: what is not the same on both sides
-tells the sides apart.
+distinguishes the sides.
 """
 
 from collections.abc import Iterator, Sequence
@@ -12,22 +12,44 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..data.markersets import MarkerSet
-from .judging import TRIALS, Ambiguity, judged, separation
+from .judging import JUDGING, Ambiguity, judged, separation
 from .layout import MarkerLayout
 from .renamings import renamings
 from .surface import all_over, nearby
 
-GOAL = 4.0  # standard deviations
-STEPS = 3
-STRIDE, FARTHEST = 0.01, 0.06  # m between places tried, and the farthest of them
-PROMISING = 2  # directions that are followed up
-SMALL = 0.0025  # m; a part of a move that is smaller goes without saying
-WAYS = (("forward", "back"), ("to the left", "to the right"), ("up", "down"))
-WORTH = 0.25  # standard deviations of the pair's separation for which it is worth to move anything
-LOSS = 0.1  # standard deviations that another pair, short of the goal, may lose
-MOST_PAIRS = 12  # that are looked at
 MOVE, ADD = "move", "add"
-EXTRA = "NEW"
+ADDED_NAME = "NEW"  # of a marker that is added, with a number
+AXIS_WORDS = (("forward", "back"), ("to the left", "to the right"), ("up", "down"))
+
+
+@dataclass(frozen=True)
+class AdviceOptions:
+    """What is looked for, and where; all reckoned.
+
+    goal            standard deviations by which every pair of markers should be separate: at 4 one is taken for the
+                    other in 2.3 % of all cases
+    steps           changes that are advised
+    stride_m        between places that are tried,
+    max_move_m      and the farthest of them: farther is another place on the body
+    max_directions  that are followed up, the most promising of all
+    min_part_m      of a move along an axis, smaller goes without saying
+    min_gain        standard deviations of the pair's separation for which it is worth to move anything
+    max_loss        standard deviations that another pair, short of the goal, may lose
+    max_pairs       that are looked at
+    """
+
+    goal: float = 4.0
+    steps: int = 3
+    stride_m: float = 0.01
+    max_move_m: float = 0.06
+    max_directions: int = 2
+    min_part_m: float = 0.0025
+    min_gain: float = 0.25
+    max_loss: float = 0.1
+    max_pairs: int = 12
+
+
+ADVICE = AdviceOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,17 +80,17 @@ class Advice:
         return (self.new - self.old) * markerset.spread.height
 
     def in_words(self, markerset: MarkerSet) -> str:
-        """What to do, as half a sentence: the way as the mean person stands at rest."""
+        """What to do, as half a sentence: the direction as the mean person stands at rest."""
         shift = self.shift(markerset)
         parts = [
-            f"{1000 * abs(part):.0f} mm {ways[int(part < 0)]}"
-            for part, ways in zip(shift, WAYS, strict=True)
-            if abs(part) >= SMALL
+            f"{1000 * abs(part):.0f} mm {words[int(part < 0)]}"
+            for part, words in zip(shift, AXIS_WORDS, strict=True)
+            if abs(part) >= ADVICE.min_part_m
         ]
-        segment, way = markerset.skeleton.segments[self.segment], ", ".join(parts)
+        segment, direction = markerset.skeleton.segments[self.segment], ", ".join(parts)
         if self.kind == MOVE:
-            return f"move {self.marker} on {segment} by {1000 * np.linalg.norm(shift):.0f} mm: {way}"
-        return f"add a marker on {segment}, from {self.anchor} {way}"
+            return f"move {self.marker} on {segment} by {1000 * np.linalg.norm(shift):.0f} mm: {direction}"
+        return f"add a marker on {segment}, from {self.anchor} {direction}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +102,7 @@ class _Try:
     layout: MarkerLayout
     found: Ambiguity
 
-    def apart(self, pair: tuple[int, int]) -> float:
+    def separation_of(self, pair: tuple[int, int]) -> float:
         """The pair's separation; no more than the added marker's own, for it is no use if it is ambiguous itself."""
         overlap = self.found.hidden[pair]
         if self.kind == ADD:
@@ -89,7 +111,7 @@ class _Try:
 
 
 def advise(
-    layout: MarkerLayout, goal: float = GOAL, steps: int = STEPS, keep: Sequence[str] = ()
+    layout: MarkerLayout, goal: float = ADVICE.goal, steps: int = ADVICE.steps, keep: Sequence[str] = ()
 ) -> Iterator[tuple[Advice, MarkerLayout]]:
     """Up to `steps` changes, each on top of those before it, and the set with it; ends when all pairs reach `goal`.
 
@@ -110,10 +132,10 @@ def _next(
 ) -> tuple[Advice, MarkerLayout] | None:
     """What to do about the worst pair for which something can be done; `tried` are those that had their turn."""
     whole = renamings(layout.markerset, layout.shape)
-    now = judged(layout, TRIALS, 0, whole)
+    now = judged(layout, JUDGING.trials, 0, whole)
     for pair in now.worst():
         names = now.markers[pair[0]], now.markers[pair[1]]
-        if separation(now.hidden[pair]) >= goal or len(tried) >= MOST_PAIRS:
+        if separation(now.hidden[pair]) >= goal or len(tried) >= ADVICE.max_pairs:
             return None
         if names in tried:
             continue
@@ -134,17 +156,17 @@ class _Search:
     def best(self, goal: float) -> _Try | None:
         """The nearest place that reaches the goal, else the change that does most."""
         moves = [found for marker in self.free for found in self._moves(marker) if not self._spoils(found, goal)]
-        enough = [found for found in moves if found.apart(self.pair) >= goal]
+        enough = [found for found in moves if found.separation_of(self.pair) >= goal]
         if enough:
             return min(enough, key=lambda found: (round(self._length(found), 4), found.found.total))
-        best = max([*moves, *self._additions()], key=lambda found: found.apart(self.pair), default=None)
+        best = max([*moves, *self._additions()], key=lambda found: found.separation_of(self.pair), default=None)
         before = separation(self.now.hidden[self.pair])
-        return best if best is not None and best.apart(self.pair) >= before + WORTH else None
+        return best if best is not None and best.separation_of(self.pair) >= before + ADVICE.min_gain else None
 
     def _spoils(self, found: _Try, goal: float) -> bool:
         """Whether a change mends the pair at the cost of another that then is short of the goal, or of the whole."""
         before, after = separation(self.now.hidden), separation(found.found.hidden)
-        worse = after < np.minimum(before, goal) - LOSS
+        worse = after < np.minimum(before, goal) - ADVICE.max_loss
         worse[self.pair] = worse[self.pair[::-1]] = False
         return bool(worse.any()) or found.found.total >= self.now.total
 
@@ -153,30 +175,31 @@ class _Search:
         old, size = self.layout.markerset.offsets[marker], self.layout.markerset.spread.height
         first = [
             self._moved(marker, place)
-            for distance in (FARTHEST, FARTHEST / 2)
+            for distance in (ADVICE.max_move_m, ADVICE.max_move_m / 2)
             for place in nearby(self.layout.markerset, marker, distance / size)
         ]
         yield from first
-        for found in sorted(first, key=lambda found: -found.apart(self.pair))[:PROMISING]:
-            way = found.layout.markerset.offsets[marker] - old
-            for distance in np.arange(STRIDE, FARTHEST - STRIDE / 2, STRIDE) / size:
+        distances = np.arange(ADVICE.stride_m, ADVICE.max_move_m - ADVICE.stride_m / 2, ADVICE.stride_m)
+        for found in sorted(first, key=lambda found: -found.separation_of(self.pair))[: ADVICE.max_directions]:
+            direction = found.layout.markerset.offsets[marker] - old
+            for distance in distances / size:
                 places = nearby(self.layout.markerset, marker, distance)
                 if len(places):
-                    yield self._moved(marker, places[((places - old) @ way).argmax()])
+                    yield self._moved(marker, places[((places - old) @ direction).argmax()])
 
     def _moved(self, marker: int, place: np.ndarray) -> _Try:
         changed = self.layout.moved(marker, place)
-        return _Try(MOVE, marker, changed, judged(changed, TRIALS, 0, self.now.whole))
+        return _Try(MOVE, marker, changed, judged(changed, JUDGING.trials, 0, self.now.whole))
 
     def _additions(self) -> Iterator[_Try]:
         """One more marker anywhere on the segments of the pair."""
         markerset = self.layout.markerset
-        name = next(f"{EXTRA}{n}" for n in range(1, 1000) if f"{EXTRA}{n}" not in markerset.markers)
+        name = next(f"{ADDED_NAME}{n}" for n in range(1, 1000) if f"{ADDED_NAME}{n}" not in markerset.markers)
         whole = [renaming.widened() for renaming in self.now.whole]
         for segment in sorted({int(markerset.attachment[marker]) for marker in self.pair}):
             for place in all_over(markerset, segment):
                 wider = self.layout.added(name, segment, place)
-                yield _Try(ADD, len(markerset), wider, judged(wider, TRIALS, 0, whole))
+                yield _Try(ADD, len(markerset), wider, judged(wider, JUDGING.trials, 0, whole))
 
     def _length(self, found: _Try) -> float:
         return float(
@@ -197,5 +220,5 @@ def _as_advice(layout: MarkerLayout, now: Ambiguity, found: _Try, pair: tuple[in
         layout.markerset.markers[anchor],
         (now.markers[pair[0]], now.markers[pair[1]]),
         float(separation(now.hidden[pair])),
-        found.apart(pair),
+        found.separation_of(pair),
     )

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """How ambiguous a marker set is: for each marker, each pair and the whole, how far the true naming stands out.
 
-Three ways in which a name goes wrong are looked at: two markers exchange their points; a marker is hidden and a
+Three kinds of wrong names are looked at: two markers exchange their points; a marker is hidden and a
 neighbour's point passes for it; a whole limb, or the whole body turned round, passes for the other side's.
 """
 
@@ -15,14 +15,27 @@ from .layout import MarkerLayout
 from .overlap import covariance_of, pair_overlaps, renaming_overlap
 from .renamings import Renaming, renamings
 
-HIDDEN = 0.25  # part of the markers that is hidden in a trial
-TRIALS = 7
-FARTHEST = 40.0  # standard deviations; beyond, numbers are too small to be told from nothing
+
+@dataclass(frozen=True)
+class JudgingOptions:
+    """How a marker set is judged; reckoned.
+
+    trials          that overlaps are averaged over, all markers seen in the first
+    hidden_share    of the markers that is hidden in each of the others
+    max_separation  standard deviations; beyond, overlaps are too small for the computer's numbers
+    """
+
+    trials: int = 7
+    hidden_share: float = 0.25
+    max_separation: float = 40.0
+
+
+JUDGING = JudgingOptions()
 
 
 @dataclass(frozen=True, eq=False)
 class Ambiguity:
-    """How much namings of a set of M markers look alike, as overlaps: 0 never mistaken, 1 not to be told apart.
+    """How much namings of a set of M markers look alike, as overlaps: 0 never mistaken, 1 always.
 
     markers   M names
     seen      (M, M) with every marker seen: the pair exchanged, by itself or with the whole limb or body
@@ -60,7 +73,7 @@ class Ambiguity:
 
 
 def judge(
-    layout: MarkerLayout, trials: int = TRIALS, seed: int = 0, whole: Sequence[Renaming] | None = None
+    layout: MarkerLayout, trials: int = JUDGING.trials, seed: int = 0, whole: Sequence[Renaming] | None = None
 ) -> Ambiguity:
     """How ambiguous the layout of a marker set is; the same every time for the same seed.
 
@@ -89,9 +102,9 @@ def judged(layout: MarkerLayout, trials: int, seed: int, whole: Sequence[Renamin
             table += more
         met += there[:, None] & there
         some.append(limbs(there))
-    told = np.isfinite(some)
-    part = np.where(told, some, 0).sum(axis=0) / np.maximum(told.sum(axis=0), 1)
-    # Any of the ways will do for a wrong name, so what is left is what none of them takes.
+    known = np.isfinite(some)
+    part = np.where(known, some, 0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+    # Any of the three will do for a wrong name, so what is left is what none of them takes.
     hidden = 1 - (1 - swapped / met) * (1 - passed / met) * _left(whole, part, count)
     for table in (seen, hidden):
         np.fill_diagonal(table, 0)
@@ -101,7 +114,7 @@ def judged(layout: MarkerLayout, trials: int, seed: int, whole: Sequence[Renamin
 def trials_of(count: int, trials: int, seed: int) -> list[np.ndarray]:
     """Which of the markers (M,) are seen in each trial: all in the first, then each hidden as often as any other."""
     generator = np.random.default_rng(seed)
-    gone = min(max(round(HIDDEN * count), 1), max(count - 3, 0))
+    gone = min(max(round(JUDGING.hidden_share * count), 1), max(count - 3, 0))
     order = np.concatenate([generator.permutation(count) for _ in range(trials)])
     masks = np.ones((trials, count), dtype=bool)
     for row, mask in enumerate(masks[1:]):
@@ -114,7 +127,7 @@ def separation(overlap: np.ndarray) -> np.ndarray:
 
     Such curves are mistaken for each other in a part Φ(-d/2) of all cases: 31 % at 1, 2.3 % at 4, 0.1 % at 6.
     """
-    logs = np.log(np.clip(overlap, np.exp(-(FARTHEST**2) / 8), 1))
+    logs = np.log(np.clip(overlap, np.exp(-(JUDGING.max_separation**2) / 8), 1))
     return np.sqrt(-8 * logs) + 0.0
 
 

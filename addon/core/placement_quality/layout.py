@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The layout of a marker set on a body: what its cloud looks like, and what becomes of that when a marker is moved or added.
+"""The layout of a marker set on a body: what its cloud looks like, also when a marker is moved or added.
 
 A marker that sits elsewhere on its segment is its old place plus the segment's rotation times a fixed vector. How the
-segments turn is told, linearly, by where the markers are; so the moved marker is a Gaussian like all the others.
+segments turn follows, linearly, from where the markers are; so the moved marker is a Gaussian like all the others.
 """
 
 from dataclasses import dataclass, replace
@@ -12,15 +12,30 @@ import numpy as np
 from ..body.bodies import BodyModel
 from ..data.errors import InputError
 from ..data.markersets import MarkerSet
-from ..geometry.upright import turned
+from ..geometry.upright import best_yaw, turned
 from ..points.likelihood.model import Likelihood
 from ..points.likelihood.shape import Shape, learn_shape
 from ..simulation.virtual import draw_person
 
-PEOPLE, POSES = 16, 50  # drawn from the marker set's spread
-RIDGE = 0.01  # m; no segment's turn is read off finer differences than this
-FEWEST = 3  # markers; with fewer there is no pair to be told apart by a third
-SAME_PLACE = 1e-6  # heights
+
+@dataclass(frozen=True)
+class LayoutOptions:
+    """How the cloud of a marker set is drawn and changed; reckoned.
+
+    people, poses   drawn from the marker set's spread
+    turn_ridge_m    no segment's turn is read off finer differences than this
+    min_markers     with fewer no third one distinguishes a pair
+    same_place      heights, by which a marker may be off its place and is not moved
+    """
+
+    people: int = 16
+    poses: int = 50
+    turn_ridge_m: float = 0.01
+    min_markers: int = 3
+    same_place: float = 1e-6
+
+
+LAYING_OUT = LayoutOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,8 +130,10 @@ def marker_layout(
     learned is then of the base.
     Raises InputError for a set of fewer than three markers.
     """
-    if len(markerset) < FEWEST:
-        raise InputError(f"{markerset.name} has {len(markerset)} markers; expected {FEWEST} or more to compare")
+    if len(markerset) < LAYING_OUT.min_markers:
+        raise InputError(
+            f"{markerset.name} has {len(markerset)} markers; expected {LAYING_OUT.min_markers} or more to compare"
+        )
     source = markerset if base is None else base
     if learned is not None and (learned.markers != source.markers or not _follows(markerset, source)):
         learned = None
@@ -145,7 +162,7 @@ def _edited(found: MarkerLayout, markerset: MarkerSet) -> MarkerLayout:
             found = found.added(name, segment, offset)
             continue
         rows.append(known)
-        if np.abs(offset - base.offsets[known]).max() > SAME_PLACE:
+        if np.abs(offset - base.offsets[known]).max() > LAYING_OUT.same_place:
             found = found.moved(known, offset)
     shape = Shape(found.shape.mean[rows], found.shape.modes[rows], found.shape.noise[rows])
     return MarkerLayout(markerset, shape, found.turns, found.subjects)
@@ -158,9 +175,11 @@ def _drawn(markerset: MarkerSet, seed: int) -> tuple[np.ndarray, np.ndarray]:
     values, vectors = np.linalg.eigh(spread.pose_covariance)
     root = vectors * np.sqrt(np.maximum(values, 0))
     clouds, rotations = [], []
-    for _ in range(PEOPLE):
-        person = draw_person(markerset, generator).pick(np.zeros(POSES, dtype=int))
-        bends = spread.pose_mean + (generator.standard_normal((POSES, 3 * joints)) @ root.T).reshape(-1, joints, 3)
+    for _ in range(LAYING_OUT.people):
+        person = draw_person(markerset, generator).pick(np.zeros(LAYING_OUT.poses, dtype=int))
+        bends = spread.pose_mean + (generator.standard_normal((LAYING_OUT.poses, 3 * joints)) @ root.T).reshape(
+            -1, joints, 3
+        )
         posed = model.pose(replace(person, bends=bends))
         clouds.append(posed.markers)
         rotations.append(posed.rotations)
@@ -172,15 +191,13 @@ def _turns(shape: Shape, clouds: np.ndarray, rotations: np.ndarray) -> Turns:
     markers = clouds.reshape(-1, *clouds.shape[2:])
     rotations = rotations.reshape(len(markers), -1, 3, 3)
     own, goal = markers - markers.mean(axis=1, keepdims=True), shape.mean - shape.mean.mean(axis=0)
-    along = (own[..., 0] * goal[:, 0] + own[..., 1] * goal[:, 1]).sum(axis=1)
-    across = (own[..., 0] * goal[:, 1] - own[..., 1] * goal[:, 0]).sum(axis=1)
-    yaw = np.arctan2(across, along)
+    yaw = best_yaw(own, goal)
     flat = turned(own, yaw).reshape(len(own), -1)
     turn = turned(rotations.swapaxes(-1, -2), yaw[:, None].repeat(rotations.shape[1], axis=1)).swapaxes(-1, -2)
     target = turn.reshape(len(turn), rotations.shape[1], 9)
     middle, mean = flat.mean(axis=0), target.mean(axis=0)
     centred, aims = flat - middle, (target - mean).reshape(len(flat), -1)
-    normal = centred.T @ centred / len(flat) + RIDGE**2 * np.eye(flat.shape[1])
+    normal = centred.T @ centred / len(flat) + LAYING_OUT.turn_ridge_m**2 * np.eye(flat.shape[1])
     slope = np.linalg.solve(normal, centred.T @ aims / len(flat))
     rest = (aims - centred @ slope).reshape(len(flat), -1, 9)
     modes = shape.modes.reshape(len(slope), -1).T @ slope

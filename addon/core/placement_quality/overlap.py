@@ -3,25 +3,41 @@
 
 A shape says that points truly named lie under a Gaussian. Another naming says that they lie under the same Gaussian
 with its markers exchanged. The part that the two share, ∫ √(p q), is Bhattacharyya's coefficient (A. Bhattacharyya: On
-a measure of divergence between two multinomial populations, Sankhyā 7, 1946): 1 where nothing tells them apart, and
-half of it bounds how often the better guess is wrong. Hiding a marker or adding noise can only raise it.
+a measure of divergence between two multinomial populations, Sankhyā 7, 1946): 1 where they cannot be distinguished,
+and half of it bounds how often the better guess is wrong. Hiding a marker or adding noise can only raise it.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..geometry.upright import turned
 from ..points.likelihood.shape import Shape
 
-PLACE_SD = 6.0  # radii; where the subject stands is as good as unknown
-YAW_SD = 0.5  # rad; which way it faces is known from the rest of the cloud, or is tried all around
+
+@dataclass(frozen=True)
+class PlacementUncertainty:
+    """What is not known of where a subject stands; reckoned.
+
+    place_sd    radii; as good as nothing
+    yaw_sd_rad  which way it faces is known from the rest of the cloud, or is tried all around
+    """
+
+    place_sd: float = 6.0
+    yaw_sd_rad: float = 0.5
+
+
+PLACEMENT_UNCERTAINTY = PlacementUncertainty()
 
 
 def covariance_of(shape: Shape) -> np.ndarray:
     """(3M, 3M) m², of all markers together, with the subject's place and a turn about the vertical unknown."""
     mean, markers = shape.mean - shape.mean.mean(axis=0), len(shape.mean)
     flat = shape.modes.reshape(3 * markers, -1)
-    place = np.tile(np.eye(3), (markers, 1)) * (PLACE_SD * np.sqrt((mean**2).sum(axis=1).mean()))
-    turn = np.stack([-mean[:, 1], mean[:, 0], np.zeros(markers)], axis=1).reshape(-1, 1) * YAW_SD
+    radius = np.sqrt((mean**2).sum(axis=1).mean())
+    place = np.tile(np.eye(3), (markers, 1)) * (PLACEMENT_UNCERTAINTY.place_sd * radius)
+    turn = np.stack([-mean[:, 1], mean[:, 0], np.zeros(markers)], axis=1).reshape(-1, 1)
+    turn = turn * PLACEMENT_UNCERTAINTY.yaw_sd_rad
     columns = np.concatenate([flat, place, turn], axis=1)
     return columns @ columns.T + np.diag(np.repeat(shape.noise, 3))
 
@@ -40,16 +56,16 @@ def pair_overlaps(shape: Shape, covariance: np.ndarray, seen: np.ndarray) -> tup
     a, b, cross = within[:, :3, :3], within[:, 3:, 3:], within[:, :3, 3:]
     cloud = covariance.reshape(len(shape.mean), 3, -1, 3)
     first, second = here[one], here[two]
-    apart = (shape.mean[first] - shape.mean[second])[..., None]
-    # How far apart the two are expected, given the others, varies as far as the others tell it.
+    offset = (shape.mean[first] - shape.mean[second])[..., None]
+    # Where the two are expected from each other, given the others, varies as far as the others say it.
     between = cloud[first, :, first] + cloud[second, :, second]
     between = between - cloud[first, :, second] - cloud[second, :, first]
-    told = between - (a + b - cross - cross.swapaxes(1, 2))
+    varies = between - (a + b - cross - cross.swapaxes(1, 2))
     swap, move = np.zeros((2, len(shape.mean), len(shape.mean)))
-    swap[first, second] = swap[second, first] = _exchanged(within, a + b, cross, apart, told)
+    swap[first, second] = swap[second, first] = _exchanged(within, a + b, cross, offset, varies)
     half = (a + b) / 2
     scale = (np.linalg.det(a) * np.linalg.det(b)) ** 0.25 / np.sqrt(np.linalg.det(half))
-    passed = scale * _expected(np.linalg.inv(half) / 4, apart, told)
+    passed = scale * _expected(np.linalg.inv(half) / 4, offset, varies)
     move[first, second] = move[second, first] = np.clip(passed, 0, 1)
     return swap, move
 
@@ -61,19 +77,19 @@ def _blocks(precision: np.ndarray, one: np.ndarray, two: np.ndarray) -> np.ndarr
     return np.concatenate([top, bottom], axis=1)
 
 
-def _exchanged(within: np.ndarray, both: np.ndarray, cross: np.ndarray, apart: np.ndarray, told: np.ndarray):
+def _exchanged(within: np.ndarray, both: np.ndarray, cross: np.ndarray, offset: np.ndarray, varies: np.ndarray):
     """Overlaps (N,) of pairs that exchange their points."""
     same, cross = both / 2, (cross + cross.swapaxes(1, 2)) / 2
-    # The mean of the pair's covariance and the same exchanged falls apart into the sum and the difference of the two.
-    apart_curve = np.linalg.inv(same - cross) / 2
+    # The mean of the pair's covariance and the same exchanged splits into the sum and the difference of the two.
+    difference_curve = np.linalg.inv(same - cross) / 2
     scale = np.linalg.det(within) / (np.linalg.det(same + cross) * np.linalg.det(same - cross))
-    return np.sqrt(np.clip(scale, 0, 1)) * _expected(apart_curve, apart, told)
+    return np.sqrt(np.clip(scale, 0, 1)) * _expected(difference_curve, offset, varies)
 
 
-def _expected(curve: np.ndarray, apart: np.ndarray, told: np.ndarray) -> np.ndarray:
-    """(N,) mean of exp(-½ δᵀ curve δ) over δ of mean `apart` (N, 3, 1) and covariance `told` (N, 3, 3)."""
-    spread = np.eye(3) + told @ curve
-    square = (apart.swapaxes(1, 2) @ curve @ np.linalg.solve(spread, apart))[:, 0, 0]
+def _expected(curve: np.ndarray, offset: np.ndarray, varies: np.ndarray) -> np.ndarray:
+    """(N,) mean of exp(-½ δᵀ curve δ) over δ of mean `offset` (N, 3, 1) and covariance `varies` (N, 3, 3)."""
+    spread = np.eye(3) + varies @ curve
+    square = (offset.swapaxes(1, 2) @ curve @ np.linalg.solve(spread, offset))[:, 0, 0]
     return np.exp(-0.5 * square) / np.sqrt(np.linalg.det(spread))
 
 

@@ -10,18 +10,33 @@ from ..geometry.upright import turned
 from ..points.likelihood.shape import Shape
 from ..points.likelihood.sides import mirror_order
 
-YAWS = 24  # directions in which the whole cloud is tried
-MOST_TURNS = 4  # of them that are judged
-LEAST_TURN = np.pi / 4 - 1e-6  # a body that is turned less is the same body
-CHANGED = 0.5  # part of the markers that a turn must rename, or it is none of the whole
-SIDES, TURN = "sides", "turn"
+OTHER_SIDE, TURNED_ROUND = "sides", "turn"
+
+
+@dataclass(frozen=True)
+class RenamingOptions:
+    """Which turns of the whole cloud are tried; reckoned.
+
+    yaws               directions in which it is tried
+    max_turns          of them that are judged
+    min_turn_rad       a body that is turned less is the same body
+    min_renamed_share  of the markers that a turn must rename, or it is none of the whole
+    """
+
+    yaws: int = 24
+    max_turns: int = 4
+    min_turn_rad: float = np.pi / 4 - 1e-6
+    min_renamed_share: float = 0.5
+
+
+RENAMING = RenamingOptions()
 
 
 @dataclass(frozen=True, eq=False)
 class Renaming:
     """Many markers that take each other's points at once.
 
-    kind   SIDES: a limb and its mirror image; TURN: the whole set, turned about the vertical
+    kind   OTHER_SIDE: a limb and its mirror image; TURNED_ROUND: the whole set, turned about the vertical
     order  (M,) the marker whose point each marker takes, itself where nothing changes
     yaw    rad
     """
@@ -57,8 +72,8 @@ def _limbs(markerset: MarkerSet) -> list[Renaming]:
         both = np.union1d(members, order[members])
         changed = np.arange(len(order))
         changed[both] = order[both]
-        found[tuple(both)] = Renaming(SIDES, changed)
-    found[tuple(range(len(order)))] = Renaming(SIDES, order)
+        found[tuple(both)] = Renaming(OTHER_SIDE, changed)
+    found[tuple(range(len(order)))] = Renaming(OTHER_SIDE, order)
     return list(found.values())
 
 
@@ -70,14 +85,14 @@ def _turns(shape: Shape) -> list[Renaming]:
     variance = shape.noise + (shape.modes**2).sum(axis=(1, 2)) / 3
     both = variance[:, None] + variance
     found: dict[tuple[int, ...], tuple[float, float]] = {}
-    yaws = np.arange(1, YAWS) * (2 * np.pi / YAWS)
-    for yaw in yaws[np.minimum(yaws, 2 * np.pi - yaws) >= LEAST_TURN]:
+    yaws = np.arange(1, RENAMING.yaws) * (2 * np.pi / RENAMING.yaws)
+    for yaw in yaws[np.minimum(yaws, 2 * np.pi - yaws) >= RENAMING.min_turn_rad]:
         image = turned(mean, np.array(yaw))
         square = ((mean[:, None] - image[None]) ** 2).sum(axis=2) / both
         rows, columns = linear_sum_assignment(square)
         total = float(square[rows, columns].sum())
         key = tuple(columns.tolist())
-        if (columns != rows).mean() >= CHANGED and total < found.get(key, (np.inf, 0.0))[0]:
+        if (columns != rows).mean() >= RENAMING.min_renamed_share and total < found.get(key, (np.inf, 0.0))[0]:
             found[key] = total, float(yaw)
-    best = sorted(found.items(), key=lambda row: row[1][0])[:MOST_TURNS]
-    return [Renaming(TURN, np.array(key), yaw) for key, (_, yaw) in best]
+    best = sorted(found.items(), key=lambda row: row[1][0])[: RENAMING.max_turns]
+    return [Renaming(TURNED_ROUND, np.array(key), yaw) for key, (_, yaw) in best]

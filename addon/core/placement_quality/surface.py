@@ -1,25 +1,49 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Places for markers on a body: around a marker along the surface of its segment, and all over a segment."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ..body.occlusion import CapsuleOcclusion
 from ..data.markersets import MarkerSet
 
-DIRECTIONS = 8
-ALONG, AROUND = 3, 6  # places on a capsule: rows along it, places around each
-BEYOND = 0.1  # of a capsule's length by which a marker may leave its ends
-LEAST_RADIUS = 0.005  # heights
-ENDS = 0.1, 0.9  # of a capsule between which places are tried
-EYES, EYE_HEIGHTS, EYE_DISTANCE = 16, (0.5, 1.2), 3.0  # heights; a ring of cameras around the body at rest
-WELL_SEEN = 0.45  # part of them that should see a marker
+
+@dataclass(frozen=True)
+class SurfaceOptions:
+    """Which places on a body are tried; reckoned.
+
+    directions          around a marker
+    rows, around        places on a capsule: rows along it, places around each
+    first_row, last_row of a capsule's length, between which places are tried
+    max_overhang        of a capsule's length by which a marker may leave its ends
+    min_radius          heights, of a capsule that is walked around
+    cameras             in each ring around the body at rest, heights:
+    ring_heights        where the rings are,
+    ring_radius         and how far from the body
+    min_seen_share      of the cameras that should see a marker
+    """
+
+    directions: int = 8
+    rows: int = 3
+    around: int = 6
+    first_row: float = 0.1
+    last_row: float = 0.9
+    max_overhang: float = 0.1
+    min_radius: float = 0.005
+    cameras: int = 16
+    ring_heights: tuple[float, ...] = (0.5, 1.2)
+    ring_radius: float = 3.0
+    min_seen_share: float = 0.45
+
+
+SURFACE = SurfaceOptions()
 
 
 def in_view(markerset: MarkerSet, segment: int, places: np.ndarray) -> np.ndarray:
     """(N,) the part of a ring of cameras that sees places (N, 3) on a segment of the body at rest."""
-    angle = 2 * np.pi * np.arange(EYES) / EYES
-    ring = np.stack([EYE_DISTANCE * np.cos(angle), EYE_DISTANCE * np.sin(angle)], axis=1)
-    eyes = np.concatenate([np.column_stack([ring, np.full(EYES, height)]) for height in EYE_HEIGHTS])
+    ring = SURFACE.ring_radius * _circle(SURFACE.cameras)
+    eyes = np.concatenate([np.column_stack([ring, np.full(len(ring), height)]) for height in SURFACE.ring_heights])
     joints = markerset.skeleton.rest_joints
     turns = np.tile(np.eye(3), (1, len(joints), 1, 1))
     hidden = CapsuleOcclusion(markerset).hidden(
@@ -36,7 +60,7 @@ def nearby(markerset: MarkerSet, marker: int, distance: float) -> np.ndarray:
     """
     places, segment = _nearby(markerset, marker, distance), int(markerset.attachment[marker])
     share = in_view(markerset, segment, np.concatenate([markerset.offsets[[marker]], places]))
-    return places[share[1:] >= min(share[0], WELL_SEEN)]
+    return places[share[1:] >= min(share[0], SURFACE.min_seen_share)]
 
 
 def _nearby(markerset: MarkerSet, marker: int, distance: float) -> np.ndarray:
@@ -53,11 +77,11 @@ def _nearby(markerset: MarkerSet, marker: int, distance: float) -> np.ndarray:
     along = axis / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])
     height = float((own - start) @ along)
     out = own - start - height * along
-    radius = max(np.linalg.norm(out), LEAST_RADIUS)
+    radius = max(np.linalg.norm(out), SURFACE.min_radius)
     first, second = _across(along, out)
-    angle = 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
-    heights, turns = height + distance * np.cos(angle), distance * np.sin(angle) / radius
-    low, high = min(height, -BEYOND * length), max(height, (1 + BEYOND) * length)
+    up, aside = _circle(SURFACE.directions).T
+    heights, turns = height + distance * up, distance * aside / radius
+    low, high = min(height, -SURFACE.max_overhang * length), max(height, (1 + SURFACE.max_overhang) * length)
     on = (heights >= low - 1e-9) & (heights <= high + 1e-9) & (np.abs(turns) <= np.pi)
     ring = np.cos(turns)[:, None] * first + np.sin(turns)[:, None] * second
     return (start + heights[:, None] * along + radius * ring)[on]
@@ -67,14 +91,21 @@ def all_over(markerset: MarkerSet, segment: int) -> np.ndarray:
     """(N, 3) places on the capsules of a segment that are well seen, in its axes, heights."""
     mine = np.flatnonzero(markerset.capsules.segment == segment)
     places = [np.zeros((0, 3))]
-    angle = 2 * np.pi * np.arange(AROUND) / AROUND
+    along, across = _circle(SURFACE.around).T
+    shares = np.linspace(SURFACE.first_row, SURFACE.last_row, SURFACE.rows)
     for start, axis, radius in zip(*_axes(markerset, mine), markerset.capsules.radius[mine], strict=True):
         length = np.linalg.norm(axis)
         first, second = _across(axis / length if length > 1e-6 else np.array([0.0, 0.0, 1.0]), np.zeros(3))
-        ring = np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second
-        places += [start + share * axis + radius * ring for share in np.linspace(*ENDS, ALONG)]
+        ring = along[:, None] * first + across[:, None] * second
+        places += [start + share * axis + radius * ring for share in shares]
     every = np.concatenate(places)
-    return every[in_view(markerset, segment, every) >= WELL_SEEN] if len(every) else every
+    return every[in_view(markerset, segment, every) >= SURFACE.min_seen_share] if len(every) else every
+
+
+def _circle(count: int) -> np.ndarray:
+    """(count, 2) points around a circle of radius 1."""
+    angle = 2 * np.pi * np.arange(count) / count
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
 def _axes(markerset: MarkerSet, capsules: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,19 +1,46 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Made-up camera rigs: the first paper's four corners, and rings of any number of cameras around a volume."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ..geometry.cameras import Cameras
 
-PAPER_SIZE = (656, 491)
-PAPER_CORNER = (2.4, 2.15)
-PAPER_HEIGHT = 2.4
-# The paper's volume is 2 m tall; up to this far around its middle a person of 2 m is whole in every image.
-VOLUME_RADIUS = 0.6
-VOLUME_HEIGHT = 2.0
-MARGIN = 6.0
-# A good 6 mm lens: about three pixels of barrel at the corners.
-LENS = (-0.06, 0.03, 0.0004, -0.0003, 0.0)
+
+@dataclass(frozen=True)
+class RigOptions:
+    """Made-up rigs: the first paper's numbers, and how far a rig put up by hand is from its plan, reckoned.
+
+    size_px          of the paper's images
+    corner_m         where the paper's cameras stand from the middle of the volume
+    height_m         and how high
+    volume_radius_m  up to this far around the middle of the paper's volume a person is whole in every image,
+    volume_height_m  who is as tall as the volume
+    margin_px        at the edge of the images that stays free
+    lens             k1, k2, p1, p2, k3 of a good 6 mm lens: about three pixels of barrel at the corners
+    ring_radius_m    of a ring of cameras
+    off_m            by which a camera is off its place along either axis of the floor, and
+    off_up_share     of that in its height
+    off_target_m     by which it aims beside the middle
+    max_slack        share of the focal length that is not used
+    """
+
+    size_px: tuple[int, int] = (656, 491)
+    corner_m: tuple[float, float] = (2.4, 2.15)
+    height_m: float = 2.4
+    volume_radius_m: float = 0.6
+    volume_height_m: float = 2.0
+    margin_px: float = 6.0
+    lens: tuple[float, ...] = (-0.06, 0.03, 0.0004, -0.0003, 0.0)
+    ring_radius_m: float = 3.2
+    off_m: float = 0.3
+    off_up_share: float = 2 / 3
+    off_target_m: float = 0.1
+    max_slack: float = 0.05
+
+
+RIG = RigOptions()
 
 
 def paper_rig(generator: np.random.Generator | None = None) -> Cameras:
@@ -23,16 +50,16 @@ def paper_rig(generator: np.random.Generator | None = None) -> Cameras:
     2.6 m high, aimed and focused a little differently, the whole rig turned about the vertical.
     """
     signs = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
-    centres = np.column_stack([signs * PAPER_CORNER, np.full(4, PAPER_HEIGHT)])
-    return _rig(centres, PAPER_SIZE, generator)
+    centres = np.column_stack([signs * RIG.corner_m, np.full(4, RIG.height_m)])
+    return _rig(centres, RIG.size_px, generator)
 
 
 def ring_rig(
     count: int,
-    size: tuple[int, int] = PAPER_SIZE,
-    radius: float = 3.2,
-    height: float = PAPER_HEIGHT,
-    volume_radius: float = VOLUME_RADIUS,
+    size: tuple[int, int] = RIG.size_px,
+    radius: float = RIG.ring_radius_m,
+    height: float = RIG.height_m,
+    volume_radius: float = RIG.volume_radius_m,
     generator: np.random.Generator | None = None,
 ) -> Cameras:
     """`count` cameras of `size` px evenly on a circle of `radius` m, `height` m high, that see a cylinder whole.
@@ -43,7 +70,7 @@ def ring_rig(
     if radius <= volume_radius:
         raise ValueError(f"cameras at {radius} m cannot see a cylinder of {volume_radius} m from outside")
     # Two cameras that face each other see the same thing, and four in a square come in two such pairs: the quarter
-    # step keeps the smallest rigs apart from the person's own axes without making a difference to the others.
+    # step keeps the smallest rigs off the person's own axes without making a difference to the others.
     angle = 2 * np.pi * (np.arange(count) + 0.25) / count if count > 2 else np.pi * (0.25 + 0.5 * np.arange(count))
     centres = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(count, float(height))])
     return _rig(centres, size, generator, volume_radius)
@@ -53,30 +80,29 @@ def _rig(
     centres: np.ndarray,
     size: tuple[int, int],
     generator: np.random.Generator | None,
-    volume_radius: float = VOLUME_RADIUS,
+    volume_radius: float = RIG.volume_radius_m,
 ) -> Cameras:
     """Cameras at centres (C, 3) m that look at the volume's middle through the longest lens that still sees it all."""
     count = len(centres)
-    targets = np.tile([0.0, 0.0, VOLUME_HEIGHT / 2], (count, 1))
+    targets = np.tile([0.0, 0.0, RIG.volume_height_m / 2], (count, 1))
     slack = np.ones(count)
     if generator is not None:
         turn = generator.uniform(0, 2 * np.pi)
-        centres = centres + generator.uniform(-0.3, 0.3, (count, 3)) * [1, 1, 2 / 3]
+        centres = centres + generator.uniform(-RIG.off_m, RIG.off_m, (count, 3)) * [1, 1, RIG.off_up_share]
         centres = centres @ [[np.cos(turn), np.sin(turn), 0], [-np.sin(turn), np.cos(turn), 0], [0, 0, 1]]
-        targets = targets + generator.uniform(-0.1, 0.1, (count, 3))
-        slack = generator.uniform(0.95, 1.0, count)
+        targets = targets + generator.uniform(-RIG.off_target_m, RIG.off_target_m, (count, 3))
+        slack = generator.uniform(1 - RIG.max_slack, 1.0, count)
     rotation = np.stack([_look_at(eye, target) for eye, target in zip(centres, targets, strict=True)])
-    lens = np.array(LENS)
     angle = np.linspace(0, 2 * np.pi, 48, endpoint=False)
     rim = np.stack([volume_radius * np.cos(angle), volume_radius * np.sin(angle)], axis=1)
-    outline = np.concatenate([np.column_stack([rim, np.full(48, z)]) for z in (0.0, VOLUME_HEIGHT)])
+    outline = np.concatenate([np.column_stack([rim, np.full(48, z)]) for z in (0.0, RIG.volume_height_m)])
     middle = (np.array(size) - 1) / 2
     focal = np.empty(count)
     for index in range(count):
         local = (outline - centres[index]) @ rotation[index].T
         # The barrel only pulls inward, so fitting the pinhole image fits the real one.
         reach = np.abs(local[:, :2] / local[:, 2:]).max(axis=0)
-        focal[index] = slack[index] * ((middle - MARGIN) / reach).min()
+        focal[index] = slack[index] * ((middle - RIG.margin_px) / reach).min()
     matrix = np.zeros((count, 3, 3))
     matrix[:, 0, 0] = matrix[:, 1, 1] = focal
     matrix[:, :2, 2] = middle
@@ -85,7 +111,7 @@ def _rig(
         names=tuple(f"cam{index + 1}" for index in range(count)),
         size=np.tile(size, (count, 1)),
         matrix=matrix,
-        distortion=np.tile(lens, (count, 1)),
+        distortion=np.tile(RIG.lens, (count, 1)),
         rotation=rotation,
         translation=-np.einsum("cij,cj->ci", rotation, centres),
     )

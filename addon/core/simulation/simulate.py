@@ -16,10 +16,6 @@ from ..data.takes import Blobs
 from ..geometry import rotations
 from ..geometry.cameras import Cameras
 
-CHUNK = 256
-# A reflection is as large in the image as a marker at some usual distance, px².
-REFLECTION_AREA = (2.0, 14.0)
-AREA_NOISE = 0.05
 # Random numbers of the take as a whole come from a stream that no chunk uses.
 TAKE_STREAM = 2**32
 
@@ -40,6 +36,9 @@ class CaptureOptions:
     calibration_mm     how far the cameras really stand from where their calibration says, mm
     calibration_mrad   how far they are really turned from it, mrad
     marker_offset      markers sit up to this far from where they should, each in a fixed direction for the take, m
+    area_noise         standard deviation of a marker's area, parts of it
+    ghost_area         least and greatest area of a ghost, px²: as a marker's at some usual distance
+    chunk_frames       captured at once
     """
 
     seed: int = 0
@@ -54,6 +53,9 @@ class CaptureOptions:
     calibration_mm: float = 0.0
     calibration_mrad: float = 0.0
     marker_offset: float = 0.0
+    area_noise: float = 0.05
+    ghost_area: tuple[float, float] = (2.0, 14.0)
+    chunk_frames: int = 256
 
 
 class BodyInTheWay(Protocol):
@@ -104,7 +106,7 @@ def capture(
     body: BodyInTheWay | None = None,
     first_frame: int = 1,
 ) -> Iterator[Capture]:
-    """What `cameras` see of markers (T, M, 3) m, NaN where there is none, as chunks of `CHUNK` frames.
+    """What `cameras` see of markers (T, M, 3) m, NaN where there is none, chunk by chunk.
 
     A marker is seen where `body` does not hide it and its image is within the camera's. `names` are the M markers'.
     """
@@ -117,9 +119,9 @@ def capture(
     offsets = _in_ball(generator, len(names)) * options.marker_offset
     size = cameras.size[:, None]
     ghosts = generator.uniform(0, 1, (len(cameras), options.reflections, 2)) * size
-    ghost_area = generator.uniform(*REFLECTION_AREA, (len(cameras), options.reflections))
-    for number, start in enumerate(range(0, len(markers), CHUNK)):
-        part = slice(start, min(start + CHUNK, len(markers)))
+    ghost_area = generator.uniform(*options.ghost_area, (len(cameras), options.reflections))
+    for number, start in enumerate(range(0, len(markers), options.chunk_frames)):
+        part = slice(start, min(start + options.chunk_frames, len(markers)))
         there = markers[part]
         there = there + (offsets if body is None else body.carry(part, offsets))
         hidden = None if body is None else body.hidden(part, there, real.centres)
@@ -180,7 +182,7 @@ def _marker_images(
     depth = depth + cameras.translation[:, 2][:, None]
     with np.errstate(invalid="ignore", divide="ignore"):
         area = np.pi * (cameras.focal[:, None] * options.marker_radius / depth) ** 2
-    area = area * (1 + AREA_NOISE * generator.standard_normal(area.shape))
+    area = area * (1 + options.area_noise * generator.standard_normal(area.shape))
     there = _in_image(xy, cameras.size[:, None]) & np.moveaxis(_through_lens(ideal, cameras), 0, 1)
     there &= generator.random(there.shape) >= options.dropout
     if hidden is not None:
@@ -210,14 +212,14 @@ def _ghost_images(
     slots = int(np.ceil(4 * options.flicker))
     xy = np.broadcast_to(places, (frames, *places.shape))
     area = np.broadcast_to(areas, (frames, *areas.shape))
-    steady = generator.random(area.shape) < options.reflection_on
+    fixed = generator.random(area.shape) < options.reflection_on
     anywhere = generator.random((frames, cameras, slots, 2)) * size[:, None]
-    flicker_area = generator.uniform(*REFLECTION_AREA, (frames, cameras, slots))
+    flicker_area = generator.uniform(*options.ghost_area, (frames, cameras, slots))
     sudden = generator.random((frames, cameras, slots)) < options.flicker / max(slots, 1)
     return _Images(
         np.concatenate([xy, anywhere], axis=2),
         np.concatenate([area, flicker_area], axis=2),
-        np.concatenate([steady, sudden], axis=2),
+        np.concatenate([fixed, sudden], axis=2),
     )
 
 

@@ -18,18 +18,53 @@ from ..geometry import rotations
 HIP_FLEXION = ((0.0, 21), (0.12, 17), (0.5, -18), (0.6, -11), (0.84, 23))
 KNEE_FLEXION = ((0.0, 5), (0.13, 16), (0.38, 5), (0.5, 14), (0.6, 42), (0.71, 62), (0.95, 4))
 ANKLE_FLEXION = ((0.0, 1), (0.07, -5), (0.3, 6), (0.45, 9), (0.6, -12), (0.72, 0), (0.85, 3))
-# A foot carries from the one share of its stride to the other, and lets go within the third.
-STANCE = (0.0, 0.58, 0.06)
-HARMONICS = 5
-STRIDES_A_SECOND = 0.92  # of a person of 1.7 m; shorter legs swing faster
-EASE = 0.6  # seconds over which one act flows into the next
-ARMS_UP = 2.6  # rad
-WAIST_TO_HEAD_SWAY = 0.02  # rad
-SOLE_SOFTNESS = 0.004  # m; how far above the lowest point of the soles the floor still holds a foot
-STEP_EASE = 0.12  # seconds over which the weight goes from foot to foot
-LEAST_STRIDE = 0.15  # below it both feet carry all the time
-TINY = 1e-12
-MOST_SPREAD = 2.0  # standard deviations; beyond them bodies stop looking like people
+
+
+@dataclass(frozen=True)
+class GaitOptions:
+    """How virtual people move beside their legs' curves; reckoned, from what any textbook on gait draws.
+
+    max_spread        standard deviations; beyond them bodies stop looking like people
+    harmonics         that a curve is rounded to
+    strides_per_s     of a person of
+    stature_m         this height; shorter legs swing faster
+    act_ease_s        over which one act flows into the next
+    step_ease_s       over which the weight goes from foot to foot
+    stance_share      of its stride, from heel strike, through which a foot carries, and
+    stance_ease       within which it lets go
+    min_stride        below it both feet carry all the time
+    sole_softness_m   how far above the lowest point of the soles the floor still holds a foot
+    arms_up_rad       of an arm that is raised
+    sway_rad          how far waist, arms and head wander; nobody stands quite still,
+    sway_hz           and how fast
+    list_deg, pelvis_deg         to either side with every stride
+    arm_deg, elbow_deg, least_elbow_deg, thorax_deg, lean_deg, head_deg  of swings with every stride
+    """
+
+    max_spread: float = 2.0
+    harmonics: int = 5
+    strides_per_s: float = 0.92
+    stature_m: float = 1.7
+    act_ease_s: float = 0.6
+    step_ease_s: float = 0.12
+    stance_share: float = 0.58
+    stance_ease: float = 0.06
+    min_stride: float = 0.15
+    sole_softness_m: float = 0.004
+    arms_up_rad: float = 2.6
+    sway_rad: float = 0.02
+    sway_hz: tuple[float, float] = (0.1, 0.6)
+    list_deg: float = 3.0
+    pelvis_deg: float = 4.0
+    arm_deg: float = 20.0
+    elbow_deg: float = 14.0
+    least_elbow_deg: float = 8.0
+    thorax_deg: float = 7.0
+    lean_deg: float = 2.0
+    head_deg: float = 4.0
+
+
+GAIT = GaitOptions()
 
 
 @dataclass(frozen=True)
@@ -86,7 +121,8 @@ def perform(
     generator = np.random.default_rng(seed)
     stature = float(person.scale.mean())
     time, stride, heading, arms = _plan(acts, rate)
-    cycles = np.cumsum(np.full(len(time), STRIDES_A_SECOND * np.sqrt(1.7 / stature) / rate)) + generator.random()
+    pace = GAIT.strides_per_s * np.sqrt(GAIT.stature_m / stature) / rate
+    cycles = np.cumsum(np.full(len(time), pace)) + generator.random()
     bends, tilt = _bends(model.markerset, time, cycles, stride, arms, generator)
     turn = rotations.about_z(heading + facing)
     along = rotations.quaternion_to_matrix(turn) @ tilt[..., None]
@@ -105,8 +141,8 @@ def perform(
 
 
 def _within(generator: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
-    """Standard normal numbers, none beyond MOST_SPREAD."""
-    return np.clip(generator.standard_normal(shape), -MOST_SPREAD, MOST_SPREAD)
+    """Standard normal numbers, none beyond `max_spread`."""
+    return np.clip(generator.standard_normal(shape), -GAIT.max_spread, GAIT.max_spread)
 
 
 def _plan(acts: Sequence[Act], rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -115,7 +151,7 @@ def _plan(acts: Sequence[Act], rate: float) -> tuple[np.ndarray, np.ndarray, np.
     time = np.arange(round(ends[-1] * rate)) / rate
     which = np.minimum(np.searchsorted(ends, time, side="right"), len(acts) - 1)
     rows = np.array([(act.stride, act.turn / act.seconds, act.left, act.right) for act in acts])[which]
-    smooth = _smoothed(rows, EASE * rate)
+    smooth = _smoothed(rows, GAIT.act_ease_s * rate)
     return time, smooth[:, 0], np.cumsum(smooth[:, 1]) / rate, smooth[:, 2:]
 
 
@@ -130,9 +166,9 @@ def _cycle(keys: tuple[tuple[float, float], ...], phase: np.ndarray) -> np.ndarr
     """Radians at `phase` (strides) of a closed curve through angles (share of a stride, degrees), without corners."""
     at = np.linspace(0, 1, 100, endpoint=False)
     share, angle = np.array(keys).T
-    spectrum = np.fft.rfft(np.interp(at, share, np.radians(angle), period=1))[: HARMONICS + 1] / len(at)
-    turns = np.exp(2j * np.pi * np.outer(phase, np.arange(HARMONICS + 1)))
-    return (turns * spectrum * np.where(np.arange(HARMONICS + 1) == 0, 1, 2)).real.sum(axis=1)
+    spectrum = np.fft.rfft(np.interp(at, share, np.radians(angle), period=1))[: GAIT.harmonics + 1] / len(at)
+    turns = np.exp(2j * np.pi * np.outer(phase, np.arange(GAIT.harmonics + 1)))
+    return (turns * spectrum * np.where(np.arange(GAIT.harmonics + 1) == 0, 1, 2)).real.sum(axis=1)
 
 
 def _bends(
@@ -155,7 +191,7 @@ def _bends(
             bends[:, segments[name], axis] += angle
 
     swing = 2 * np.pi * cycles
-    listing = np.radians(3.0) * stride * np.sin(swing)
+    listing = np.radians(GAIT.list_deg) * stride * np.sin(swing)
     for side, sign, lag, raised in (("L", 1, 0.0, arms[:, 0]), ("R", -1, 0.5, arms[:, 1])):
         phase = cycles + lag
         bend(f"thigh.{side}", 1, -stride * _cycle(HIP_FLEXION, phase))
@@ -163,25 +199,24 @@ def _bends(
         bend(f"shank.{side}", 1, stride * _cycle(KNEE_FLEXION, phase))
         bend(f"foot.{side}", 1, -stride * _cycle(ANKLE_FLEXION, phase))
         away = 1 - np.clip(raised, 0, 1)
-        bend(f"upper_arm.{side}", 1, stride * away * np.radians(20) * np.cos(2 * np.pi * phase))
-        bend(f"upper_arm.{side}", 0, sign * ARMS_UP * raised)
-        bend(
-            f"forearm.{side}", 1, -np.radians(8) - stride * away * np.radians(14) * (1 - np.cos(2 * np.pi * phase)) / 2
-        )
-    bend("thorax", 2, np.radians(7) * stride * np.cos(swing))
-    bend("thorax", 1, np.radians(2) * stride)
-    bend("head", 2, -np.radians(4) * stride * np.cos(swing))
+        bend(f"upper_arm.{side}", 1, stride * away * np.radians(GAIT.arm_deg) * np.cos(2 * np.pi * phase))
+        bend(f"upper_arm.{side}", 0, sign * GAIT.arms_up_rad * raised)
+        elbow = stride * away * np.radians(GAIT.elbow_deg) * (1 - np.cos(2 * np.pi * phase)) / 2
+        bend(f"forearm.{side}", 1, -np.radians(GAIT.least_elbow_deg) - elbow)
+    bend("thorax", 2, np.radians(GAIT.thorax_deg) * stride * np.cos(swing))
+    bend("thorax", 1, np.radians(GAIT.lean_deg) * stride)
+    bend("head", 2, -np.radians(GAIT.head_deg) * stride * np.cos(swing))
     for name in ("thorax", "head", "upper_arm.L", "upper_arm.R", "forearm.L", "forearm.R"):
         for axis in range(3):
             bend(name, axis, _sway(time, generator))
     zero = np.zeros_like(time)
-    return bends, np.stack([listing, zero, -np.radians(4) * stride * np.cos(swing)], axis=1)
+    return bends, np.stack([listing, zero, -np.radians(GAIT.pelvis_deg) * stride * np.cos(swing)], axis=1)
 
 
 def _sway(time: np.ndarray, generator: np.random.Generator) -> np.ndarray:
     """A slow wander, rad: nobody stands quite still."""
-    speed, phase = generator.uniform(0.1, 0.6, 3), generator.uniform(0, 2 * np.pi, 3)
-    size = WAIST_TO_HEAD_SWAY * generator.uniform(0.2, 1.0, 3)
+    speed, phase = generator.uniform(*GAIT.sway_hz, 3), generator.uniform(0, 2 * np.pi, 3)
+    size = GAIT.sway_rad * generator.uniform(0.2, 1.0, 3)
     return (size * np.sin(2 * np.pi * speed * time[:, None] + phase)).sum(axis=1)
 
 
@@ -204,16 +239,16 @@ def _soles(model: BodyModel, bodies: Bodies, cycles: np.ndarray, stride: np.ndar
         below = np.tile(capsules.radius[chosen], 2) * bodies.scale.mean(axis=1)[:, None]
         points.append(posed.joints[:, index, None] + turned - below[..., None] * [0, 0, 1])
         stands = _stands(cycles + lag)
-        carried = 1 - np.minimum(stride / LEAST_STRIDE, 1) * (1 - stands)
+        carried = 1 - np.minimum(stride / GAIT.min_stride, 1) * (1 - stands)
         carries.append(np.repeat(carried[:, None], len(local), axis=1))
     return np.concatenate(points, axis=1), np.concatenate(carries, axis=1)
 
 
 def _stands(phase: np.ndarray) -> np.ndarray:
     """(T,) how much a foot at `phase` of its stride carries, 0 to 1."""
-    first, last, ease = STANCE
-    since = (phase - first + ease / 2) % 1
-    return np.clip(np.minimum(since, last - first + ease - since) / ease, 0, 1)
+    ease = GAIT.stance_ease
+    since = (phase + ease / 2) % 1
+    return np.clip(np.minimum(since, GAIT.stance_share + ease - since) / ease, 0, 1)
 
 
 def _way(soles: np.ndarray, carries: np.ndarray, rate: float) -> np.ndarray:
@@ -222,14 +257,14 @@ def _way(soles: np.ndarray, carries: np.ndarray, rate: float) -> np.ndarray:
     What carries stays: the body moves by what its soles on the floor would have moved the other way.
     """
     height = soles[..., 2]
-    weight = carries * np.exp(-(height - height.min(axis=1, keepdims=True)) / SOLE_SOFTNESS) + TINY
+    weight = carries * np.exp(-(height - height.min(axis=1, keepdims=True)) / GAIT.sole_softness_m) + 1e-12
     weight /= weight.sum(axis=1, keepdims=True)
     between = (weight[1:] + weight[:-1]) / 2
     steps = -(between[..., None] * np.diff(soles, axis=0)).sum(axis=1)[:, :2]
     way = np.zeros((len(soles), 3))
-    way[1:, :2] = np.cumsum(_smoothed(steps, STEP_EASE * rate), axis=0)
+    way[1:, :2] = np.cumsum(_smoothed(steps, GAIT.step_ease_s * rate), axis=0)
     lift = -(weight * height).sum(axis=1)
     # A toe that swings too low lifts the person a little instead of going through the floor.
     sunk = np.maximum(-(height.min(axis=1) + lift), 0)
-    way[:, 2] = _smoothed((lift + sunk)[:, None], STEP_EASE * rate)[:, 0]
+    way[:, 2] = _smoothed((lift + sunk)[:, None], GAIT.step_ease_s * rate)[:, 0]
     return way

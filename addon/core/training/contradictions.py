@@ -11,17 +11,45 @@ from itertools import combinations
 
 import numpy as np
 
-FRAMES = 60  # of a take
-MOST_OTHERS = 40  # takes that each is compared with
-LEAST_SD = 0.01  # sizes, what a lead may differ by between takes that agree
-SPREAD = 1.48  # a normal distribution's standard deviation is so many medians of its deviations
-LIKELY = 0.15  # of the way from as it should be to exchanged, from where a pair is tried together with another
-EXCHANGED = 0.7  # of that way, from where it is said so
-MOST_TRIED = 24  # pairs that are tried two at a time
-MOST_ROUNDS = 8  # exchanges in one take that are put right one after the other
-GOOD = 1.5  # variances, on average, that leads are off at most once they are right; an unusual subject's are off more
-HALF, FIFTH = 0.5, 0.2  # of what they were off before, which they must come below, and of an unusual subject's
-MOST_ODD = 9.0  # variances, the most that one lead counts
+from ..data.takes import evenly_spread
+
+
+@dataclass(frozen=True)
+class ContradictionOptions:
+    """When two markers of a take are said to have each other's names; reckoned.
+
+    Tried on the thirty recordings of the ten people at McGill, six of which have exchanged names.
+
+    frames            of a take, spread over it: leads hardly change within one
+    max_others        takes that each is compared with: more would say the same
+    min_lead_sd       sizes, what a lead is taken to differ by between takes that agree
+    sd_per_deviation  a normal distribution's standard deviation is so many medians of its deviations
+    min_likely_share  of the way from as it should be to exchanged, from where a pair is tried together with another
+    min_share         of that way, from where a pair is tried by itself, and two pairs together
+    max_tried_pairs   that are tried two at a time
+    max_rounds        exchanges in one take that are put right one after the other
+    good_square       variances, on average, that leads are off at most once they are right; an unusual subject's are
+                      off more
+    max_left          of what they were off before, which they must come below once they are right,
+    max_unusual_left  and those of an unusual subject
+    max_square        variances, the most that one lead counts: a single wild one proves nothing
+    """
+
+    frames: int = 60
+    max_others: int = 40
+    min_lead_sd: float = 0.01
+    sd_per_deviation: float = 1.48
+    min_likely_share: float = 0.15
+    min_share: float = 0.7
+    max_tried_pairs: int = 24
+    max_rounds: int = 8
+    good_square: float = 1.5
+    max_left: float = 0.5
+    max_unusual_left: float = 0.2
+    max_square: float = 9.0
+
+
+CONTRADICTING = ContradictionOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +66,7 @@ class Leads:
 
 def leads(points: np.ndarray) -> Leads:
     """The leads of a labelled take of points (T, M, 3) m, NaN where missing."""
-    some = points[np.unique(np.linspace(0, len(points) - 1, FRAMES).round().astype(int))]
+    some = points[evenly_spread(len(points), CONTRADICTING.frames)]
     distance = np.linalg.norm(some[:, :, None] - some[:, None], axis=-1)
     known = distance[np.isfinite(distance) & (distance > 0)]
     distance = (distance / (np.median(known) if len(known) else 1.0)).astype(np.float32)
@@ -66,7 +94,7 @@ def contradictions(takes: Sequence[Leads]) -> list[list[tuple[int, ...]]]:
     found = []
     for index, take in enumerate(takes):
         others = [other for place, other in enumerate(takes) if place != index]
-        step = -(-len(others) // MOST_OTHERS)
+        step = -(-len(others) // CONTRADICTING.max_others)
         found.append(_exchanged(take, others[::step]))
     return found
 
@@ -75,14 +103,14 @@ def _exchanged(take: Leads, others: Sequence[Leads]) -> list[tuple[int, ...]]:
     """The groups that are exchanged in `take` against `others`."""
     usual, weight = _usual(others)
     order = np.arange(len(usual))
-    least = _misfit(take.mean, usual, weight)
-    for _ in range(MOST_ROUNDS):
+    least = _chi_square(take.mean, usual, weight)
+    for _ in range(CONTRADICTING.max_rounds):
         tried = []
         for pairs in _candidates(take.mean[np.ix_(order, order, order)], usual, weight):
             changed = order.copy()
             for one, two in pairs:
                 changed[[one, two]] = changed[[two, one]]
-            tried.append((_misfit(take.mean[np.ix_(changed, changed, changed)], usual, weight), changed))
+            tried.append((_chi_square(take.mean[np.ix_(changed, changed, changed)], usual, weight), changed))
         best, changed = min(tried, key=lambda row: row[0], default=(least, order))
         if best >= least:
             break
@@ -102,16 +130,17 @@ def _fits(group: tuple[int, ...], mean: np.ndarray, right: np.ndarray, usual: np
     if not known.any():
         return True
     before, after = (
-        float((weight[one, two, known] * (told[one, two, known] - usual[one, two, known]) ** 2).mean())
-        for told in (mean, right)
+        float((weight[one, two, known] * (either[one, two, known] - usual[one, two, known]) ** 2).mean())
+        for either in (mean, right)
     )
-    return after < (HALF if after < GOOD else FIFTH) * before
+    usual_subject = after < CONTRADICTING.good_square
+    return after < (CONTRADICTING.max_left if usual_subject else CONTRADICTING.max_unusual_left) * before
 
 
-def _misfit(mean: np.ndarray, usual: np.ndarray, weight: np.ndarray) -> float:
-    """How far leads are from the usual ones on the whole; no single one counts for more than MOST_ODD."""
+def _chi_square(mean: np.ndarray, usual: np.ndarray, weight: np.ndarray) -> float:
+    """How far leads are from the usual ones on the whole; no single one counts for much."""
     known = np.isfinite(mean)
-    return float(np.minimum(weight[known] * (mean[known] - usual[known]) ** 2, MOST_ODD).sum())
+    return float(np.minimum(weight[known] * (mean[known] - usual[known]) ** 2, CONTRADICTING.max_square).sum())
 
 
 def _cycles(order: np.ndarray) -> list[tuple[int, ...]]:
@@ -133,10 +162,10 @@ def _usual(others: Sequence[Leads]) -> tuple[np.ndarray, np.ndarray]:
     usual = np.zeros(seen.shape, np.float32)
     spread = np.zeros(seen.shape, np.float32)
     usual[seen] = np.nanmedian(means[:, seen], axis=0)
-    spread[seen] = SPREAD * np.nanmedian(np.abs(means[:, seen] - usual[seen]), axis=0)
+    spread[seen] = CONTRADICTING.sd_per_deviation * np.nanmedian(np.abs(means[:, seen] - usual[seen]), axis=0)
     variance = np.where(known, np.stack([other.var for other in others]), 0)
     within = variance.sum(axis=0) / np.maximum(known.sum(axis=0), 1)
-    return usual, np.where(seen, 1 / (within + spread**2 + LEAST_SD**2), 0)
+    return usual, np.where(seen, 1 / (within + spread**2 + CONTRADICTING.min_lead_sd**2), 0)
 
 
 def _candidates(mean: np.ndarray, usual: np.ndarray, weight: np.ndarray) -> list[tuple[tuple[int, int], ...]]:
@@ -148,15 +177,23 @@ def _candidates(mean: np.ndarray, usual: np.ndarray, weight: np.ndarray) -> list
     third[np.arange(len(one)), one] = third[np.arange(len(one)), two] = False
     counts, expected = weight[one, two] * third, -2 * usual[one, two]
     along, full = (counts * expected * away[one, two]).sum(axis=1), (counts * expected**2).sum(axis=1)
-    way = np.where(full > 0, along / np.maximum(full, 1e-12), 0)
-    singles = [((int(one[pair]), int(two[pair])),) for pair in np.flatnonzero(way > EXCHANGED)]
+    share = np.where(full > 0, along / np.maximum(full, 1e-12), 0)
+    singles = [((int(one[pair]), int(two[pair])),) for pair in np.flatnonzero(share > CONTRADICTING.min_share)]
     # A head that is turned round has two pairs exchanged, of which neither alone makes it right.
-    likely = [(int(one[pair]), int(two[pair])) for pair in np.argsort(-way)[:MOST_TRIED] if way[pair] > LIKELY]
+    likely = [
+        (int(one[pair]), int(two[pair]))
+        for pair in np.argsort(-share)[: CONTRADICTING.max_tried_pairs]
+        if share[pair] > CONTRADICTING.min_likely_share
+    ]
     doubles = [pairs for pairs in combinations(likely, 2) if len({*pairs[0], *pairs[1]}) == 4]
-    return singles + [pairs for pairs in doubles if _way(pairs, away, usual, weight) > EXCHANGED]
+    return singles + [
+        pairs for pairs in doubles if _exchanged_share(pairs, away, usual, weight) > CONTRADICTING.min_share
+    ]
 
 
-def _way(pairs: tuple[tuple[int, int], ...], away: np.ndarray, usual: np.ndarray, weight: np.ndarray) -> float:
+def _exchanged_share(
+    pairs: tuple[tuple[int, int], ...], away: np.ndarray, usual: np.ndarray, weight: np.ndarray
+) -> float:
     """How far the leads of these pairs are on the way from the usual ones (0) to those of exchanged names (1)."""
     order = np.arange(len(usual))
     for one, two in pairs:

@@ -30,18 +30,53 @@ from ..body.posing import aligned, baked, descend_subject, point_pull
 from ..body.prior import Prior
 from ..data.markersets import Capsules, MarkerSet, Skeleton, Spread
 from ..geometry import rotations
+from ..points.likelihood.sides import MIRROR
 
-ROUNDS = 3
-NOISE = 0.005  # m; smaller than when posing, so that people's own offsets are hardly drawn to the mean
-MARKER_SD = 0.03  # heights, how freely a person's markers may sit
-POSE_SD = 0.6  # rad, while learning nothing is known of poses
-MOST_MODES = 8
-LEAST_MARKER_SD = 0.004  # heights
-FEW_PEOPLE = 1.2  # spreads seen on a handful of people are smaller than the truth
-POSE_SHRINKAGE = 0.1  # of the pose covariance towards its own diagonal
-LEAST_HEIGHT_SD = 0.2  # m; people are 1.1 to 2.0 m tall, whoever was recorded
-MARKER_STAND_OFF = 0.004  # heights, from the skin to a marker's centre
-MIRROR = np.array([1.0, -1.0, 1.0])
+
+@dataclass(frozen=True)
+class StudyOptions:
+    """How people are fitted with bodies of their own, and how far others may be from them; reckoned but for one.
+
+    rounds             of fits and a new mean
+    marker_sd_m        how far a marker is off its body; smaller than when posing, so that people's own offsets are
+                       hardly drawn to the mean
+    own_marker_sd      heights, how freely a person's markers may sit
+    free_pose_sd_rad   while learning nothing is known of poses
+    bend_floor_rad, stretch_sd  of the prior while learning: people's sizes are no stretch
+    height_m, height_sd_m  of people of whom it is not known
+    known_height_sd_m  of a stature that was measured, or guessed from
+    head_share         of the stature is how high head markers sit; measured on the ten people of the McGill recordings
+    start_steps, first_steps, more_steps  of the fit with the mean body, of the first free one, of each further one
+    max_modes          in which people differ
+    min_marker_sd      heights
+    few_people_factor  spreads seen on a handful of people are smaller than the truth
+    pose_shrinkage     of the pose covariance towards its own diagonal
+    min_height_sd_m    people are 1.1 to 2.0 m tall, whoever was recorded
+    marker_standoff    heights, from the skin to a marker's centre
+    """
+
+    rounds: int = 3
+    marker_sd_m: float = 0.005
+    own_marker_sd: float = 0.03
+    free_pose_sd_rad: float = 0.6
+    bend_floor_rad: float = 0.1
+    stretch_sd: float = 1e-3
+    height_m: float = 1.7
+    height_sd_m: float = 0.15
+    known_height_sd_m: float = 0.005
+    head_share: float = 0.941
+    start_steps: int = 12
+    first_steps: int = 6
+    more_steps: int = 4
+    max_modes: int = 8
+    min_marker_sd: float = 0.004
+    few_people_factor: float = 1.2
+    pose_shrinkage: float = 0.1
+    min_height_sd_m: float = 0.2
+    marker_standoff: float = 0.004
+
+
+STUDY = StudyOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +123,7 @@ class Layout:
         self.attachment = np.array([self.names.index(site.segment) for site in markers])
         self.mirror = np.array([self.names.index(other_side(name)) for name in self.names])
         self.has_mirror = np.array([name not in UNPAIRED for name in self.names])
-        self.sd = np.array([site.sd for site in segments[1:]] + [MARKER_SD] * len(markers))
+        self.sd = np.array([site.sd for site in segments[1:]] + [STUDY.own_marker_sd] * len(markers))
 
     @property
     def marker_names(self) -> list[str]:
@@ -97,7 +132,7 @@ class Layout:
 
     @property
     def above(self) -> np.ndarray:
-        """(J + M,) the segment in whose axes each offset is told; the root's joint is told in the model's own."""
+        """(J + M,) the segment in whose axes each offset is; the root's joint is in the model's own."""
         return np.concatenate([np.maximum(self.parents, 0), self.attachment])
 
 
@@ -140,7 +175,7 @@ def study(people: Sequence[Person], whole_body: bool) -> Study:
     has = np.array([np.isfinite(points[..., 0]).any(axis=0) for points in data])
     has = np.concatenate([np.ones((len(data), layout.joints), dtype=bool), has], axis=1)
     fits: list[Bodies | None] = [None] * len(data)
-    for _ in range(ROUNDS):
+    for _ in range(STUDY.rounds):
         model = _free_model(layout, mean)
         fits = [_fit_person(model, *row) for row in zip(data, people, fits, strict=True)]
         settled = [_settled(model, *row) for row in zip(fits, people, strict=True)]
@@ -201,9 +236,9 @@ def _standing_cloud(person: Person, names) -> np.ndarray | None:
 
 
 def _guessed_stature(person: Person) -> float | None:
-    """Stature from the head markers while standing: they sit at 0.941 of it (ten people of known stature)."""
+    """Stature from the head markers while standing."""
     heads = person.of(["LFHD", "RFHD", "LBHD", "RBHD"])[person.standing][..., 2]
-    return float(np.nanmedian(heads)) / 0.941 if np.isfinite(heads).any() else None
+    return float(np.nanmedian(heads)) / STUDY.head_share if np.isfinite(heads).any() else None
 
 
 def _mixed(site: SegmentSite | MarkerSite, where: dict[str, np.ndarray]) -> np.ndarray:
@@ -226,7 +261,7 @@ def _free_model(layout: Layout, mean: np.ndarray) -> BodyModel:
     modes = np.zeros((3 * len(layout.sd), len(mean), 3))
     item, axis = np.divmod(np.arange(len(modes)), 3)
     modes[np.arange(len(modes)), item + 1, axis] = layout.sd[item]
-    covariance = np.kron(np.diag([0.0] + [1.0] * (joints - 1)), np.eye(3)) * POSE_SD**2
+    covariance = np.kron(np.diag([0.0] + [1.0] * (joints - 1)), np.eye(3)) * STUDY.free_pose_sd_rad**2
     markerset = MarkerSet(
         name="free",
         description="",
@@ -245,16 +280,24 @@ def _free_model(layout: Layout, mean: np.ndarray) -> BodyModel:
 def _fit_person(model: BodyModel, points: np.ndarray, person: Person, before: Bodies | None) -> Bodies:
     """The person's own body, posed in every frame, with the measured stature or else a free one."""
     stature = person.stature or _guessed_stature(person)
-    known = {"height": stature, "height_sd": 0.005} if stature else {"height": 1.7, "height_sd": 0.15}
-    loose = {"bend_floor": 0.1, "stretch_sd": 1e-3, **known}
+    height = stature or STUDY.height_m
+    height_sd = STUDY.known_height_sd_m if stature else STUDY.height_sd_m
+    loose = {
+        "bend_floor": STUDY.bend_floor_rad,
+        "stretch_sd": STUDY.stretch_sd,
+        "height": height,
+        "height_sd": height_sd,
+    }
     prior = Prior(model, **loose)
     if before is not None:
-        return descend_subject(model, before, points, prior, 4, NOISE)
+        return descend_subject(model, before, points, prior, STUDY.more_steps, STUDY.marker_sd_m)
     mean = BodyModel(baked(model, model.rest()))
-    start = fit_body(mean, aligned(mean, points, prior), point_pull(points), 12, Prior(mean, **loose)).bodies
+    start = fit_body(
+        mean, aligned(mean, points, prior), point_pull(points), STUDY.start_steps, Prior(mean, **loose)
+    ).bodies
     scale = np.full_like(start.scale, np.median(start.scale))
     start = replace(start, scale=scale, shape=np.zeros((len(points), len(model.modes))))
-    return descend_subject(model, start, points, prior, 6, NOISE)
+    return descend_subject(model, start, points, prior, STUDY.first_steps, STUDY.marker_sd_m)
 
 
 def _settled(model: BodyModel, fit: Bodies, person: Person) -> tuple[np.ndarray, float]:
@@ -265,7 +308,7 @@ def _settled(model: BodyModel, fit: Bodies, person: Person) -> tuple[np.ndarray,
 
 
 def _rebased(layout: Layout, fit: Bodies, offsets: np.ndarray, stature: float, mean: np.ndarray) -> Bodies:
-    """The same body told against a new mean."""
+    """The same body against a new mean."""
     shape = ((offsets - mean)[1:] / layout.sd[:, None]).ravel()
     return replace(fit, shape=np.tile(shape, (len(fit), 1)), scale=np.full_like(fit.scale, stature))
 
@@ -284,13 +327,13 @@ def _symmetric_mean(offsets: np.ndarray, has: np.ndarray, before: np.ndarray, la
 
 
 def _in_rest_pose(layout, people, data, fits, mean, offsets, has, stature) -> Study:
-    """Tells everything in axes in which the mean standing pose is the rest pose."""
+    """Everything in axes in which the mean standing pose is the rest pose."""
     model = _free_model(layout, mean)
     posed = [model.pose(fit) for fit in fits]
     rest = _standing_rotations(layout, people, posed)
     turn = rest[layout.above]
-    told = (turn @ mean[..., None])[..., 0]
-    told[0] = [0, 0, _hip_height(people, posed, stature)]
+    resting = (turn @ mean[..., None])[..., 0]
+    resting[0] = [0, 0, _hip_height(people, posed, stature)]
     strays = (turn @ (offsets - mean)[..., None])[..., 0]
     strays[:, 0] = 0
     strays[~has] = 0
@@ -303,7 +346,7 @@ def _in_rest_pose(layout, people, data, fits, mean, offsets, has, stature) -> St
         left = (world[:, layout.attachment].swapaxes(-1, -2) @ (points - one.markers)[..., None])[..., 0]
         count = np.isfinite(left).sum(axis=0)
         residual.append(np.sqrt(np.where(count, np.nansum(left**2, axis=0) / np.maximum(count, 1), np.nan)))
-    return Study(layout, people, told, strays, has, stature, bends, np.array(residual))
+    return Study(layout, people, resting, strays, has, stature, bends, np.array(residual))
 
 
 def _standing_rotations(layout: Layout, people, posed) -> np.ndarray:
@@ -345,7 +388,7 @@ def markerset_of(found: Study, set_name: str) -> MarkerSet:
     pose_mean, pose_covariance = _pose_spread(found)
     spread = Spread(
         height=float(found.stature.mean()),
-        height_sd=float(max(found.stature.std(ddof=1) if len(found.people) > 1 else 0, LEAST_HEIGHT_SD)),
+        height_sd=float(max(found.stature.std(ddof=1) if len(found.people) > 1 else 0, STUDY.min_height_sd_m)),
         modes=modes,
         marker_sd=marker_sd,
         pose_mean=pose_mean,
@@ -385,22 +428,22 @@ def _shape_spread(found: Study, kept: np.ndarray, joints: int) -> tuple[np.ndarr
     count = np.maximum(3 * shown.sum(axis=(0, 2)), 1)
     over = np.sqrt((np.where(shown, left[:, joints:], 0) ** 2).sum(axis=(0, 2)) / count)
     wobble = np.nanmean(found.residual[:, kept[joints:] - joints] / found.stature[:, None, None], axis=(0, 2))
-    return _modes(both), np.maximum(np.hypot(over, wobble), LEAST_MARKER_SD)
+    return _modes(both), np.maximum(np.hypot(over, wobble), STUDY.min_marker_sd)
 
 
 def _modes(strays: np.ndarray) -> np.ndarray:
-    """(K, J + M, 3) the main ways in which bodies (N, J + M, 3) differ, one standard deviation each."""
+    """(K, J + M, 3) the main modes in which bodies (N, J + M, 3) differ, one standard deviation each."""
     flat = strays.reshape(len(strays), -1)
-    _, values, ways = np.linalg.svd(flat, full_matrices=False)
-    count = min(MOST_MODES, len(flat) // 2)
-    sd = values[:count] / np.sqrt(len(flat)) * FEW_PEOPLE
-    return (sd[:, None] * ways[:count]).reshape(count, *strays.shape[1:])
+    _, values, directions = np.linalg.svd(flat, full_matrices=False)
+    count = min(STUDY.max_modes, len(flat) // 2)
+    sd = values[:count] / np.sqrt(len(flat)) * STUDY.few_people_factor
+    return (sd[:, None] * directions[:count]).reshape(count, *strays.shape[1:])
 
 
 def _beyond(modes: np.ndarray, stray: np.ndarray) -> np.ndarray:
     """What modes (K, J + M, 3) leave of one body's strays (J + M, 3), amounts held to plausible ones."""
     flat = modes.reshape(len(modes), -1)
-    amount = np.linalg.solve(flat @ flat.T + LEAST_MARKER_SD**2 * np.eye(len(flat)), flat @ stray.ravel())
+    amount = np.linalg.solve(flat @ flat.T + STUDY.min_marker_sd**2 * np.eye(len(flat)), flat @ stray.ravel())
     return stray - np.tensordot(amount, modes, axes=1)
 
 
@@ -419,8 +462,8 @@ def _pose_spread(found: Study) -> tuple[np.ndarray, np.ndarray]:
     mean = weight @ rows
     around = rows - mean
     covariance = (around * weight[:, None]).T @ around
-    covariance = (1 - POSE_SHRINKAGE) * covariance + POSE_SHRINKAGE * np.diag(np.diag(covariance))
-    return mean.reshape(-1, 3), covariance * FEW_PEOPLE**2
+    covariance = (1 - STUDY.pose_shrinkage) * covariance + STUDY.pose_shrinkage * np.diag(np.diag(covariance))
+    return mean.reshape(-1, 3), covariance * STUDY.few_people_factor**2
 
 
 def _capsules(found: Study, table: tuple[CapsuleSite, ...]) -> Capsules:
@@ -438,7 +481,7 @@ def _capsules(found: Study, table: tuple[CapsuleSite, ...]) -> Capsules:
         own = (layout.attachment == segment[index]) & found.has[:, layout.joints :].any(axis=0)
         away = _distance(found.mean[layout.joints :][own], start[index], end[index])
         beside = away[away > site.radius / 2]
-        radius[index] = min(site.radius, beside.min(initial=np.inf) - MARKER_STAND_OFF)
+        radius[index] = min(site.radius, beside.min(initial=np.inf) - STUDY.marker_standoff)
     return Capsules(segment, start, end, radius)
 
 

@@ -11,22 +11,60 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..data.markersets import Capsules, MarkerSet, Skeleton, Spread
+from ..data.takes import evenly_spread
 from ..geometry import rotations
-from ..geometry.rigid import centre_of_rotation, laid_on
+from ..geometry.rigid import MIN_POINTS, centre_of_rotation, in_axes, laid_on, mean_form
 
-FRAMES = 400  # of a subject
-RIGID = 0.007  # of the subject's size: distances that vary less, in the mean over a group, are a segment's
-FEWEST = 3  # markers of a segment; with fewer nobody knows how it turns
-UPRIGHT = 0.95  # of the highest reach of any frame
-FLAT = 0.05  # of a segment's length; markers nearer to one line than this do not tell how it turns
-FAR = 0.05  # how much a metre from a joint to the markers of both counts against it, beside how much it moves, m
-NEAR_JOINT = 0.02  # how strongly a joint is drawn towards the markers of both segments where nothing moves
-THINNEST, THICKEST = 0.008, 0.12  # radius of a capsule, heights
-INSIDE = 0.8  # how much of the distance from a segment's axis to its markers is body
-LEAST_MARKER_SD = 0.01  # heights; other subjects' markers will sit a little elsewhere
-LEAST_HEIGHT_SD = 0.1  # of the height; other subjects will be of another size
-LEAST_BEND = 0.2  # rad; others will bend further
-LOWEST, TALLEST = 0.3, 3.0  # m, what a marker set's unit may be
+
+@dataclass(frozen=True)
+class SegmentOptions:
+    """How a skeleton is found from the motion of markers, and how far other subjects may be from it; all reckoned.
+
+    frames            of a subject, spread over those with markers enough
+    min_seen_share    of the most markers that a frame shows must be in a frame that is used
+    min_pair_frames   that two markers must be seen together in for their distance to be known
+    tail_percent      of a distance's range, left out at either end: swaps and spikes do not reach what is between
+    tail_range        standard deviations that lie between those tails of a normal distribution
+    max_rigid_sd      of the subject's size: distances that vary less, in the mean over a group, are a segment's
+    min_flatness      of a segment's length; markers nearer to one line than this do not show how it turns
+    min_full_share    of the most markers that any frame shows must be in the frame of the rest pose
+    min_upright       of the highest reach of those frames must be its own
+    reach_percent     of a subject's frames are lower than it is tall: the highest may be a jump's or a swap's
+    joint_pull        how strongly a joint is drawn towards the markers of both segments where nothing moves
+    distance_cost     m, what a metre from a joint to the markers of both counts against it, beside how much it moves
+    body_share        of the distance from a segment's axis to its markers is body
+    min_radius, max_radius  of a capsule, heights
+    min_marker_sd     heights; other subjects' markers will sit a little elsewhere
+    min_height_sd     of the height; other subjects will be of another size
+    height_sd_factor  by which sizes are taken to spread more than those of a few subjects do
+    min_bend_rad      others will bend further
+    min_height_m, max_height_m  what a marker set's unit may be
+    """
+
+    frames: int = 400
+    min_seen_share: float = 0.5
+    min_pair_frames: int = 10
+    tail_percent: float = 10.0
+    tail_range: float = 2.563
+    max_rigid_sd: float = 0.007
+    min_flatness: float = 0.05
+    min_full_share: float = 0.95
+    min_upright: float = 0.95
+    reach_percent: float = 98.0
+    joint_pull: float = 0.02
+    distance_cost: float = 0.05
+    body_share: float = 0.8
+    min_radius: float = 0.008
+    max_radius: float = 0.12
+    min_marker_sd: float = 0.01
+    min_height_sd: float = 0.1
+    height_sd_factor: float = 1.3
+    min_bend_rad: float = 0.2
+    min_height_m: float = 0.3
+    max_height_m: float = 3.0
+
+
+SEGMENTING = SegmentOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,12 +92,12 @@ def segment_markerset(subjects: Sequence[np.ndarray], markers: Sequence[str], na
     """
     thinned = [_thinned(points) for points in subjects]
     size = np.array([_height(points) for points in thinned])
-    height = float(np.clip(size.mean(), LOWEST, TALLEST))
+    height = float(np.clip(size.mean(), SEGMENTING.min_height_m, SEGMENTING.max_height_m))
     scaled = [points * (height / one) for points, one in zip(thinned, size, strict=True)]
     found = find_segments(scaled)
     joints, shape = found.joints / height, found.shape / height
     sway = _sway(scaled, found) / height
-    deviation = max(float(size.std()) * 1.3, LEAST_HEIGHT_SD * height)
+    deviation = max(float(size.std()) * SEGMENTING.height_sd_factor, SEGMENTING.min_height_sd * height)
     attachment = np.zeros(len(markers), int)
     for index, group in enumerate(found.members):
         attachment[list(group)] = index
@@ -78,7 +116,7 @@ def segment_markerset(subjects: Sequence[np.ndarray], markers: Sequence[str], na
             height=height,
             height_sd=deviation,
             modes=np.zeros((0, len(joints) + len(markers), 3)),
-            marker_sd=np.maximum(sway, LEAST_MARKER_SD),
+            marker_sd=np.maximum(sway, SEGMENTING.min_marker_sd),
             pose_mean=mean,
             pose_covariance=covariance,
         ),
@@ -101,35 +139,39 @@ def find_segments(subjects: Sequence[np.ndarray]) -> Segments:
 
 def _thinned(points: np.ndarray) -> np.ndarray:
     seen = np.isfinite(points).all(axis=2).sum(axis=1)
-    good = np.flatnonzero(seen >= max(FEWEST, 0.5 * seen.max(initial=0)))
+    good = np.flatnonzero(seen >= max(MIN_POINTS, SEGMENTING.min_seen_share * seen.max(initial=0)))
     if not len(good):
         raise ValueError("no frame shows enough markers; three or more were expected")
-    return points[good[np.unique(np.linspace(0, len(good) - 1, FRAMES).round().astype(int))]]
+    return points[good[evenly_spread(len(good), SEGMENTING.frames)]]
 
 
 def _height(points: np.ndarray) -> float:
     """m, how tall a subject is: as high as its markers reach, or half as far as across where it never stands."""
     reach = np.nanmax(points, axis=1) - np.nanmin(points, axis=1)
-    return max(float(np.percentile(reach[:, 2], 98)), float(np.median(np.linalg.norm(reach, axis=1))) / 2, 1e-3)
+    return max(
+        float(np.percentile(reach[:, 2], SEGMENTING.reach_percent)),
+        float(np.median(np.linalg.norm(reach, axis=1))) / 2,
+        1e-3,
+    )
 
 
 def _variation(points: np.ndarray) -> np.ndarray:
     """(M, M) m, standard deviation of the distance of each two markers over frames; inf where never seen together."""
     count, markers = points.shape[:2]
     table = np.full((markers, markers), np.inf)
+    tails = [SEGMENTING.tail_percent, 100 - SEGMENTING.tail_percent]
     for index in range(markers):
         distance = np.linalg.norm(points - points[:, index : index + 1], axis=2)
         there = np.isfinite(distance)
-        enough = there.sum(axis=0) >= min(10, count)
-        # The spread between the tenths is that of a normal deviation, and swaps and spikes do not reach it.
-        low, high = np.nanpercentile(np.where(enough, distance, 0), [10, 90], axis=0)
-        table[index, enough] = ((high - low) / 2.563)[enough]
+        enough = there.sum(axis=0) >= min(SEGMENTING.min_pair_frames, count)
+        low, high = np.nanpercentile(np.where(enough, distance, 0), tails, axis=0)
+        table[index, enough] = ((high - low) / SEGMENTING.tail_range)[enough]
     np.fill_diagonal(table, 0)
     return table
 
 
 def _groups(subjects: Sequence[np.ndarray]) -> list[list[int]]:
-    """Markers that keep their distances, as lists of indices; each list tells how it turns."""
+    """Markers that keep their distances, as lists of indices; each shows how it turns."""
     from scipy.cluster.hierarchy import fcluster, linkage
     from scipy.spatial.distance import squareform
 
@@ -140,12 +182,12 @@ def _groups(subjects: Sequence[np.ndarray]) -> list[list[int]]:
     table = np.where(seen.any(axis=0), table, worst)
     table = (table + table.T) / 2
     size = float(np.median([_height(points) for points in subjects]))
-    if len(table) < 2 * FEWEST:
+    if len(table) < 2 * MIN_POINTS:
         return [list(range(len(table)))]
-    found = fcluster(linkage(squareform(table, checks=False), "average"), RIGID * size, "distance")
+    found = fcluster(linkage(squareform(table, checks=False), "average"), SEGMENTING.max_rigid_sd * size, "distance")
     groups = [np.flatnonzero(found == number).tolist() for number in np.unique(found)]
     clouds = np.concatenate(subjects)
-    whole = [group for group in groups if _tells_turn(clouds, group)]
+    whole = [group for group in groups if _shows_turn(clouds, group)]
     if not whole:
         return [list(range(len(table)))]
     for lone in (group for group in groups if group not in whole):
@@ -155,24 +197,24 @@ def _groups(subjects: Sequence[np.ndarray]) -> list[list[int]]:
     return whole
 
 
-def _tells_turn(clouds: np.ndarray, group: list[int]) -> bool:
+def _shows_turn(clouds: np.ndarray, group: list[int]) -> bool:
     """Whether a group has markers enough, and off one line."""
-    if len(group) < FEWEST:
+    if len(group) < MIN_POINTS:
         return False
     there = clouds[np.isfinite(clouds[:, group]).all(axis=(1, 2))]
     if not len(there):
         return False
     middle = there[len(there) // 2][group]
     spread = np.linalg.svd(middle - middle.mean(axis=0), compute_uv=False)
-    return bool(spread[1] > FLAT * spread[0])
+    return bool(spread[1] > SEGMENTING.min_flatness * spread[0])
 
 
 def _rest_frame(clouds: np.ndarray) -> int:
     """The most usual frame of those that show most markers and in which they reach highest: the subject stands."""
     seen = np.isfinite(clouds).all(axis=2)
-    full = np.flatnonzero(seen.sum(axis=1) >= 0.95 * seen.sum(axis=1).max())
+    full = np.flatnonzero(seen.sum(axis=1) >= SEGMENTING.min_full_share * seen.sum(axis=1).max())
     reach = np.nanmax(clouds[full, :, 2], axis=1) - np.nanmin(clouds[full, :, 2], axis=1)
-    full = full[reach >= UPRIGHT * reach.max()]
+    full = full[reach >= SEGMENTING.min_upright * reach.max()]
     away = np.linalg.norm(clouds[full] - np.nanmean(clouds[full], axis=1, keepdims=True), axis=2)
     return int(full[np.nansum(np.abs(away - np.nanmedian(away, axis=0)), axis=1).argmin()])
 
@@ -182,15 +224,8 @@ def _rest_shape(clouds: np.ndarray, groups: list[list[int]], rest: int) -> np.nd
     shape = np.full(clouds.shape[1:], np.nan)
     for group in groups:
         own = clouds[:, group]
-        start = own[rest] if np.isfinite(own[rest]).all(axis=1).sum() >= FEWEST else own[_fullest(own)]
-        mean = start
-        for _ in range(3):
-            turn, move = laid_on(mean, own)
-            back = np.einsum("fji,fmj->fmi", turn, own - move[:, None])
-            seen = np.isfinite(back).all(axis=2)
-            total = np.where(seen[..., None], back, 0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)[:, None]
-            mean = np.where(seen.any(axis=0)[:, None], total, mean)
-        shape[group] = mean
+        start = own[rest] if np.isfinite(own[rest]).all(axis=1).sum() >= MIN_POINTS else own[_fullest(own)]
+        shape[group] = mean_form(start, own)
     return shape
 
 
@@ -212,9 +247,9 @@ def _tree(groups, turns: np.ndarray, places: np.ndarray, shape: np.ndarray):
     for one in range(count):
         for two in range(one + 1, count):
             likely = _between(shape[groups[one]], shape[groups[two]])
-            point, miss = centre_of_rotation(turns[:, [one, two]], places[:, [one, two]], likely, NEAR_JOINT)
+            point, miss = centre_of_rotation(turns[:, [one, two]], places[:, [one, two]], likely, SEGMENTING.joint_pull)
             away = _distance(point, shape[groups[one]]) + _distance(point, shape[groups[two]])
-            cost[one, two] = cost[two, one] = miss + FAR * away
+            cost[one, two] = cost[two, one] = miss + SEGMENTING.distance_cost * away
             meet[one, two] = meet[two, one] = point
     root = _root(groups, cost)
     order, parents, joints = [root], [-1], [middles[root]]
@@ -229,16 +264,12 @@ def _tree(groups, turns: np.ndarray, places: np.ndarray, shape: np.ndarray):
 
 def _root(groups, cost: np.ndarray) -> int:
     """The group from which the others are fewest joints away, the one with most markers of those."""
-    count = len(groups)
-    inside, hops = [0], np.full((count, count), np.inf)
-    np.fill_diagonal(hops, 0)
-    while len(inside) < count:
-        a, b = min(((a, b) for a in inside for b in range(count) if b not in inside), key=lambda pair: cost[pair])
-        for other in inside:
-            hops[b, other] = hops[other, b] = hops[a, other] + 1
-        inside.append(b)
-    farthest = hops.max(axis=1)
-    return min(range(count), key=lambda index: (farthest[index], -len(groups[index])))
+    from scipy.sparse.csgraph import minimum_spanning_tree, shortest_path
+
+    # To SciPy neither 0 nor infinity is an edge.
+    tree = minimum_spanning_tree(np.clip(cost, np.finfo(float).tiny, np.finfo(float).max))
+    farthest = shortest_path(tree, directed=False, unweighted=True).max(axis=1)
+    return min(range(len(groups)), key=lambda index: (farthest[index], -len(groups[index])))
 
 
 def _between(one: np.ndarray, two: np.ndarray) -> np.ndarray:
@@ -258,9 +289,8 @@ def _sway(subjects: Sequence[np.ndarray], found: Segments) -> np.ndarray:
     for points in subjects:
         stray = np.full(found.shape.shape, np.nan)
         for group in map(list, found.members):
-            turn, move = laid_on(found.shape[group], points[:, group])
-            back = np.einsum("fji,fmj->fmi", turn, points[:, group] - move[:, None])
-            stray[group] = np.nanmedian(back, axis=0) - found.shape[group]
+            own = in_axes(*laid_on(found.shape[group], points[:, group]), points[:, group])
+            stray[group] = np.nanmedian(own, axis=0) - found.shape[group]
         strays.append(stray)
     return np.sqrt(np.nan_to_num(np.nanmean(np.square(strays), axis=0)).mean(axis=1))
 
@@ -275,7 +305,7 @@ def _bends(found: Segments) -> tuple[np.ndarray, np.ndarray]:
     joints = len(found.members)
     mean = flat.mean(axis=0) if len(flat) else np.zeros(3 * joints)
     covariance = np.cov(flat.T).reshape(3 * joints, -1) if len(flat) > 1 else np.zeros((3 * joints, 3 * joints))
-    covariance[3:, 3:] += LEAST_BEND**2 * np.eye(3 * joints - 3)
+    covariance[3:, 3:] += SEGMENTING.min_bend_rad**2 * np.eye(3 * joints - 3)
     covariance[:3], covariance[:, :3] = 0, 0
     return mean.reshape(-1, 3), covariance
 
@@ -297,7 +327,7 @@ def _capsules(found: Segments, joints: np.ndarray, shape: np.ndarray) -> Capsule
         away = np.linalg.norm(own - first - along[:, None] * axis, axis=1)
         start.append(first - joints[index])
         end.append(last - joints[index])
-        radius.append(np.clip(INSIDE * np.median(away), THINNEST, THICKEST))
+        radius.append(np.clip(SEGMENTING.body_share * np.median(away), SEGMENTING.min_radius, SEGMENTING.max_radius))
     return Capsules(np.arange(len(radius)), np.array(start), np.array(end), np.array(radius))
 
 

@@ -1,37 +1,57 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A marker set for people whose markers are partly known: a known body, dressed in the markers that the takes show.
+"""A marker set for people whose markers are partly known: a known body with the markers that the takes show.
 
 The known markers pose the body; every other marker goes to the segment in whose axes it stays most constant.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..body.bodies import BodyModel
 from ..body.posing import POSING, fit_points
 from ..data.markersets import MarkerSet
+from ..data.takes import evenly_spread
 
-FRAMES = 120  # of a subject
-WORN = 0.6  # share of a known set's markers that must be there for its body to be taken
-KNOWN = 0.5  # share of the takes' markers that must be known
-BELIEF = 4.0  # subjects that the known marker set counts for when these say where a known marker sits
-LEAST_SD = 0.006  # heights
-STRANGE_SD = 0.015  # heights, of a marker that only one subject wore
+
+@dataclass(frozen=True)
+class TransferOptions:
+    """How a known body is taken over; reckoned.
+
+    frames               of a subject, spread over what shows it
+    min_set_share        of a known set's markers must be there for its body to be taken, and
+    min_known_share      of the takes' markers must be known
+    min_pose_share       of the known markers must be seen in a frame that is used
+    known_subjects       subjects that the known marker set counts for when these say where a known marker sits
+    min_marker_sd        heights, by which subjects' markers sit elsewhere
+    unknown_marker_sd    heights, the same of a marker that one subject only had
+    """
+
+    frames: int = 120
+    min_set_share: float = 0.6
+    min_known_share: float = 0.5
+    min_pose_share: float = 0.5
+    known_subjects: float = 4.0
+    min_marker_sd: float = 0.006
+    unknown_marker_sd: float = 0.015
+
+
+TRANSFER = TransferOptions()
 
 
 def known_body(markers: Sequence[str], known: Sequence[MarkerSet]) -> MarkerSet | None:
     """The one of the known marker sets whose body suits these markers best; None where none does."""
 
-    def worn(markerset: MarkerSet) -> int:
+    def shared(markerset: MarkerSet) -> int:
         return int((_places(markerset, markers) >= 0).sum())
 
-    fitting = [one for one in known if worn(one) >= max(WORN * len(one), KNOWN * len(markers))]
-    return max(fitting, key=worn) if fitting else None
+    least = TRANSFER.min_known_share * len(markers)
+    fitting = [one for one in known if shared(one) >= max(TRANSFER.min_set_share * len(one), least)]
+    return max(fitting, key=shared) if fitting else None
 
 
-def dressed(body: MarkerSet, subjects: Sequence[np.ndarray], markers: Sequence[str], name: str) -> MarkerSet:
+def transferred(body: MarkerSet, subjects: Sequence[np.ndarray], markers: Sequence[str], name: str) -> MarkerSet:
     """The body of a known marker set with these markers, from labelled frames of each subject (T, M, 3) m.
 
     Raises ValueError when no frame shows markers enough to pose it.
@@ -51,7 +71,7 @@ def dressed(body: MarkerSet, subjects: Sequence[np.ndarray], markers: Sequence[s
     offsets, sd = _placed(means[:, every, attachment])
     count = np.isfinite(means[:, here, bare.attachment, 0]).sum(axis=0)[:, None]
     shift = np.where(count > 0, offsets[here] - bare.offsets, 0)
-    offsets[here] = bare.offsets + shift * count / (count + BELIEF)
+    offsets[here] = bare.offsets + shift * count / (count + TRANSFER.known_subjects)
     sd[here] = np.maximum(bare.spread.marker_sd, sd[here] * (count[:, 0] > 1))
     joints = len(bare.skeleton)
     modes = np.zeros((len(bare.spread.modes), joints + len(markers), 3))
@@ -98,11 +118,9 @@ def _with_markers(body: MarkerSet, chosen: np.ndarray) -> MarkerSet:
 
 
 def _thinned(points: np.ndarray, here: np.ndarray) -> np.ndarray:
-    good = np.flatnonzero(
-        np.isfinite(points[:, here]).all(axis=2).sum(axis=1) >= max(POSING.min_markers, len(here) / 2)
-    )
-    chosen = np.unique(np.linspace(0, len(good) - 1, min(FRAMES, len(good))).round().astype(int))
-    return points[good[chosen]]
+    seen = np.isfinite(points[:, here]).all(axis=2).sum(axis=1)
+    good = np.flatnonzero(seen >= max(POSING.min_markers, TRANSFER.min_pose_share * len(here)))
+    return points[good[evenly_spread(len(good), TRANSFER.frames)]]
 
 
 def _in_segments(model: BodyModel, points: np.ndarray, here: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
@@ -123,8 +141,9 @@ def _in_segments(model: BodyModel, points: np.ndarray, here: np.ndarray) -> tupl
 
 
 def _placed(offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (M, 3) and standard deviation (M,) over subjects (N, M, 3), NaN where one does not wear a marker."""
+    """Mean (M, 3) and standard deviation (M,) over subjects (N, M, 3), NaN where one has no such marker."""
     mean = np.nanmean(offsets, axis=0)
-    worn = np.isfinite(offsets[..., 0]).sum(axis=0)
-    deviation = np.sqrt(np.nanmean(np.square(offsets - mean), axis=0).mean(axis=1) * worn / np.maximum(worn - 1, 1))
-    return mean, np.maximum(np.where(worn > 1, deviation, STRANGE_SD), LEAST_SD)
+    count = np.isfinite(offsets[..., 0]).sum(axis=0)
+    deviation = np.sqrt(np.nanmean(np.square(offsets - mean), axis=0).mean(axis=1) * count / np.maximum(count - 1, 1))
+    deviation = np.where(count > 1, deviation, TRANSFER.unknown_marker_sd)
+    return mean, np.maximum(deviation, TRANSFER.min_marker_sd)

@@ -9,7 +9,6 @@ import pytest
 from addon.core.body.bodies import BodyModel
 from addon.core.body.occlusion import CapsuleOcclusion
 from addon.core.geometry.cameras import Cameras
-from addon.core.simulation import simulate
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from addon.core.simulation.simulate import CaptureOptions, PosedBody, capture, disturbed, joined
 from tests.core.toybody import toy_markerset
@@ -63,10 +62,10 @@ def test_same_seed_same_capture_and_another_seed_another():
     assert not np.array_equal(one.blobs.xy[:50], other.blobs.xy[:50])
 
 
-def test_chunks_are_the_whole_take_in_parts(monkeypatch):
+def test_chunks_are_the_whole_take_in_parts():
     markerset, markers, body = still(50)
-    monkeypatch.setattr(simulate, "CHUNK", 20)
-    chunks = list(capture(markers, markerset.markers, paper_rig(), CaptureOptions(), body, first_frame=101))
+    options = CaptureOptions(chunk_frames=20)
+    chunks = list(capture(markers, markerset.markers, paper_rig(), options, body, first_frame=101))
     assert [len(chunk.blobs.frames) for chunk in chunks] == [20, 20, 10]
     whole = joined(iter(chunks))
     assert whole.blobs.frames.tolist() == list(range(101, 151))

@@ -70,7 +70,8 @@ def test_missing_markers_are_no_contradiction(takes):
 
 
 def test_the_recorded_takes_with_exchanged_names_are_found(shared_data):
-    from addon.jobs.training_takes import contradicted, read_takes
+    from addon.core.training.takes import contradicted
+    from addon.jobs.training_takes import read_takes
 
     said = contradicted(read_takes(sorted((shared_data / "people" / "mcgill").glob("*/*.c3d")), ()), MARKERS)
     assert [line.split(", if")[0] for line in said] == [

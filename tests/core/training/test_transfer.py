@@ -6,7 +6,7 @@ import pytest
 
 from addon.core.body.bodies import BodyModel
 from addon.core.body.posing import fit_points
-from addon.core.training.transfer import dressed, known_body
+from addon.core.training.transfer import known_body, transferred
 from addon.demo.take import make_performance
 from addon.io.markersets import builtin_markersets, open_markerset
 
@@ -43,7 +43,7 @@ def test_a_new_marker_goes_to_the_segment_that_carries_it(known, take):
     shin = body.skeleton.segments.index("shank.L")
     extra = posed.joints[:, shin] + np.einsum("fij,j->fi", posed.rotations[:, shin], [0.06, 0.02, -0.1])
     worn = np.concatenate([points, extra[:, None]], axis=1)
-    found = dressed(body, [worn, worn[::2]], [*names, "LXTRA"], "mine")
+    found = transferred(body, [worn, worn[::2]], [*names, "LXTRA"], "mine")
     assert found.markers == (*names, "LXTRA")
     assert found.skeleton.segments[found.attachment[-1]] == "shank.L"
     assert found.spread.modes.shape[1] == len(found.skeleton) + len(found.markers)
@@ -56,4 +56,4 @@ def test_a_new_marker_goes_to_the_segment_that_carries_it(known, take):
 def test_takes_without_the_known_markers_are_refused(known):
     body = known[0]
     with pytest.raises(ValueError, match="known markers"):
-        dressed(body, [np.full((5, len(body), 3), np.nan)], body.markers, "none")
+        transferred(body, [np.full((5, len(body), 3), np.nan)], body.markers, "none")

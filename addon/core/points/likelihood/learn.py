@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Learning to name points from labelled takes of any subjects: people, animals or props."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...data.errors import InputError
+from ...data.progress import finished
 from ..rigid_bodies.model import RigidBodies, learn_rigid_bodies
 from .calibration import Calibration, learn_calibration
 from .distances import DistanceConstraints, learn_constraints
@@ -51,18 +52,23 @@ def learn_likelihood(
     takes: Sequence[tuple[np.ndarray, str]],
     markers: Sequence[str],
     seed: int = 0,
-    progress: Callable[[float], None] | None = None,
 ) -> Likelihood:
     """What labelled takes teach: points (T, M, 3) m, z up, NaN where missing, each with the id of its subject.
 
-    `progress` is given the part that is done. The same seed gives the same result.
-    Raises InputError when the takes do not show the markers together.
+    The same seed gives the same result. Raises InputError when the takes do not show the markers together.
     """
+    return finished(learning(takes, markers, seed))
+
+
+def learning(
+    takes: Sequence[tuple[np.ndarray, str]], markers: Sequence[str], seed: int = 0
+) -> Generator[tuple[float, str], None, Likelihood]:
+    """The same as a generator of (share done, what is being done); the likelihood is what it returns."""
     markers = tuple(markers)
     subjects = _by_subject(takes, markers)
     shape, constraints = _learn(list(subjects.values()), markers, seed)
     rigid_bodies = learn_rigid_bodies(list(subjects.values()), shape.radius)
-    calibration = _learn_calibration(list(subjects.values()), markers, rigid_bodies, seed, progress)
+    calibration = yield from _learn_calibration(list(subjects.values()), markers, rigid_bodies, seed)
     return Likelihood(markers, shape, constraints, calibration, len(subjects), rigid_bodies)
 
 
@@ -97,8 +103,8 @@ def _learn(subjects: list[np.ndarray], markers: tuple[str, ...], seed: int) -> t
 
 
 def _learn_calibration(
-    subjects: list[np.ndarray], markers: tuple[str, ...], whole: RigidBodies | None, seed: int, progress
-) -> Calibration:
+    subjects: list[np.ndarray], markers: tuple[str, ...], whole: RigidBodies | None, seed: int
+) -> Generator[tuple[float, str], None, Calibration]:
     """The calibration by naming each subject with what the others teach.
 
     A single subject's frames are split in time instead, and named as if they were of other subjects: of those nothing
@@ -120,9 +126,8 @@ def _learn_calibration(
         if len(subjects) == 1 and rigid_bodies is None:
             tested = as_other_subjects(shape, tested, rng)
         for trial, usual in _trials(tested, known, rng):
+            yield done / len(splits), "learn the evidence"
             found += _tried(known, trial, usual)
-        if progress is not None:
-            progress((done + 1) / len(splits))
     if not sum(len(right) for _, right, _ in found):
         raise InputError("in no frame could a marker be told from the others; expected takes that show more of them")
     return learn_calibration(*(np.concatenate(column) for column in zip(*found, strict=True)))

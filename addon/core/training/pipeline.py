@@ -1,0 +1,222 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Training from end to end: labelled takes in; a model, and what is doubtful of it, out.
+
+The counterpart of the pipelines that label: compare the takes, find the body, learn the likelihood, train the partial
+solvers.
+"""
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, replace
+from time import perf_counter
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from ..body.bodies import BodyModel
+from ..body.posing import fit_points
+from ..data.errors import InputError
+from ..data.markersets import MarkerSet
+from ..data.models import Model, TrainingTake, by_subject
+from ..data.progress import Progress, within
+from ..points.likelihood.learn import learning
+from ..points.partial_solvers.model import FUNCTIONS, PartialSolvers
+from ..points.partial_solvers.training import SEARCHES, Training, training
+from .segments import segment_markerset
+from .takes import (
+    LabelledTake,
+    contradicted,
+    gathered,
+    of_markers,
+    subject_rows,
+    training_takes_of,
+    without_replaced,
+)
+from .transfer import known_body, transferred
+
+# How far along the work is when each part begins.
+TRAINING_SHARES = {"compare": 0.04, "body": 0.05, "evidence": 0.1, "ensemble": 0.5, "end": 0.98}
+
+
+@dataclass(frozen=True)
+class TrainingOptions:
+    """What a model is to be.
+
+    name           its marker set's
+    hit_rate       asked of the partial solvers
+    search         how those are found, "none" for none; None for what suits the number of markers
+    functions      the geometric functions that they are made of
+    keep           keep frames of the takes in the model, so that it can be trained on
+    max_markers    beyond, partial solvers are trained only when a search is asked for, as it takes long; reckoned
+    solver_frames  that partial solvers are trained on, of all subjects together; reckoned
+    """
+
+    name: str
+    hit_rate: float = 0.9999
+    search: str | None = None
+    functions: tuple[str, ...] = FUNCTIONS
+    keep: bool = True
+    max_markers: int = 40
+    solver_frames: int = 6000
+
+
+@dataclass(frozen=True)
+class BodyCheckOptions:
+    """When a marker is said not to keep to the body; reckoned.
+
+    frames           of each subject that the body is tried on
+    max_ratio        times the usual residual, and
+    max_residual_m   that a marker's may be
+    """
+
+    frames: int = 60
+    max_ratio: float = 4.0
+    max_residual_m: float = 0.03
+
+
+BODY_CHECK = BodyCheckOptions()
+
+
+@dataclass(frozen=True, eq=False)
+class Trained:
+    """What came of a training.
+
+    model           trained; its `source` says which takes
+    training_takes  what it was trained on, also where the model does not keep them
+    replaced        what an earlier model kept of takes that were given again with other labels
+    body            how the body was found, for people to read
+    residual        (M,) m, how far each marker is from where the posed body has it; NaN where not known
+    doubts          what a person should know of takes and model, in sentences
+    seconds         that each part took
+    """
+
+    model: Model
+    training_takes: tuple[TrainingTake, ...]
+    replaced: tuple[TrainingTake, ...]
+    body: str
+    residual: np.ndarray
+    doubts: tuple[str, ...]
+    seconds: dict[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class _Compared:
+    """What there is to learn from: all frames of each subject (T, M, 3) m, and what of the takes is worth saying."""
+
+    everyone: dict[str, np.ndarray]
+    training_takes: tuple[TrainingTake, ...]
+    replaced: tuple[TrainingTake, ...]
+    doubts: list[str]
+
+
+def train(
+    takes: Sequence[LabelledTake],
+    markers: Sequence[str],
+    options: TrainingOptions,
+    base: Model | None = None,
+    bodies: Sequence[MarkerSet] = (),
+) -> Generator[Progress, None, Trained]:
+    """Learns a model of these markers, trained on from what `base` keeps; `bodies` are the marker sets that are known.
+
+    Raises InputError where the takes do not show enough.
+    """
+    marks = [perf_counter()]
+    with threadpool_limits(1, user_api="blas"):  # many threads on small matrices cost more than they bring
+        yield Progress(TRAINING_SHARES["compare"], "compare the takes")
+        known = _compared(takes, markers, base)
+        marks.append(perf_counter())
+        yield Progress(TRAINING_SHARES["body"], "find the body")
+        markerset, how = _body(known.everyone, markers, options.name, bodies)
+        residual = _residual(markerset, known.everyone)
+        marks.append(perf_counter())
+        work = learning([(points, subject) for subject, points in known.everyone.items()], markers)
+        likelihood = yield from within(work, TRAINING_SHARES["evidence"], TRAINING_SHARES["ensemble"])
+        marks.append(perf_counter())
+        solvers = yield from _partial_solvers(known.everyone, markers, options)
+        marks.append(perf_counter())
+    markerset = replace(markerset, source=_source(known.training_takes))
+    model = Model(markerset, likelihood, solvers, known.training_takes if options.keep else ())
+    doubts = (*known.doubts, *_doubts(model, len(known.everyone), residual))
+    seconds = dict(zip(("compare", "body", "evidence", "ensemble"), np.diff(marks).tolist(), strict=True))
+    return Trained(model, known.training_takes, known.replaced, how, residual, doubts, seconds)
+
+
+def _compared(takes: Sequence[LabelledTake], markers: Sequence[str], base: Model | None) -> _Compared:
+    """The new takes with what is kept of those before them, and whether they contradict each other."""
+    subjects = gathered(takes, markers)
+    before = of_markers(base.training_takes, base.markerset.markers, markers) if base else []
+    before, replaced, doubts = without_replaced(before, takes)
+    everyone = by_subject(before)
+    for subject, points in subjects.items():
+        everyone[subject] = np.concatenate([everyone[subject], points]) if subject in everyone else points
+    doubts += [doubt for take in takes for doubt in take.doubts]
+    doubts += contradicted(takes, markers, before)
+    return _Compared(everyone, (*before, *training_takes_of(takes, markers)), tuple(replaced), doubts)
+
+
+def _body(
+    everyone: dict[str, np.ndarray], markers: Sequence[str], name: str, bodies: Sequence[MarkerSet]
+) -> tuple[MarkerSet, str]:
+    """Skeleton and body, and how they were found."""
+    known = known_body(markers, bodies)
+    try:
+        if known is not None:
+            return transferred(known, list(everyone.values()), markers, name), f"the body of {known.name}"
+        return segment_markerset(list(everyone.values()), markers, name), "found from how the markers move"
+    except ValueError as error:
+        raise InputError(f"{error}; expected takes that show the markers together") from None
+
+
+def _residual(markerset: MarkerSet, everyone: dict[str, np.ndarray]) -> np.ndarray:
+    """(M,) m, how far each marker is from where the posed body has it, in the middle."""
+    model, away = BodyModel(markerset), []
+    for points in everyone.values():
+        some = points[:: max(len(points) // BODY_CHECK.frames, 1)]
+        try:
+            posed = model.pose(fit_points(model, some))
+        except ValueError:
+            continue
+        away.append(np.linalg.norm(posed.markers - some, axis=2))
+    if not away:
+        return np.full(len(markerset), np.nan)
+    away = np.concatenate(away)
+    seen = np.isfinite(away).any(axis=0)
+    middle = np.full(len(markerset), np.nan)
+    middle[seen] = np.nanmedian(away[:, seen], axis=0)
+    return middle
+
+
+def _partial_solvers(
+    everyone: dict[str, np.ndarray], markers: Sequence[str], options: TrainingOptions
+) -> Generator[Progress, None, PartialSolvers | None]:
+    if options.search == "none" or (options.search is None and len(markers) > options.max_markers):
+        return None
+    each = max(options.solver_frames // len(everyone), 1)
+    points = np.concatenate([own[:: max(-(-len(own) // each), 1)] for own in everyone.values()])
+    how = Training(search=options.search or SEARCHES[1], functions=options.functions)
+    work = training(points, markers, options.hit_rate, how)
+    return (yield from within(work, TRAINING_SHARES["ensemble"], TRAINING_SHARES["end"]))
+
+
+def _source(training_takes: Sequence[TrainingTake]) -> dict[str, str]:
+    """Where the numbers come from, for people to read."""
+    rows = subject_rows(training_takes)
+    frames, takes = sum(row["frames"] for row in rows), sum(len(row["takes"]) for row in rows)
+    counts = f"subjects: {len(rows)}, takes: {takes}, frames: {frames}"
+    return {"takes": counts, **{f"subject {row['subject']}": ", ".join(row["takes"]) for row in rows}}
+
+
+def _doubts(model: Model, subjects: int, residual: np.ndarray) -> list[str]:
+    """What a person should know of the model, in sentences."""
+    doubts, markers, solvers = [], model.markerset.markers, model.partial_solvers
+    if subjects == 1:
+        doubts.append("learned from one subject: how others differ is a guess; labels of others will be fewer")
+    most = max(BODY_CHECK.max_ratio * np.nanmedian(residual), BODY_CHECK.max_residual_m)
+    for name, value in zip(markers, residual, strict=True):
+        if value > most:
+            doubts.append(
+                f"{name} does not keep to the body ({1000 * value:.0f} mm off): is it a marker, and one only?"
+            )
+    for name, count in zip(markers, [] if solvers is None else solvers.covered, strict=False):
+        if not count:
+            doubts.append(f"no partial solver reaches the hit rate for {name}: the ensemble never names it")
+    return doubts
