@@ -31,6 +31,7 @@ from ..body.prior import Prior
 from ..data.markersets import Capsules, MarkerSet, Skeleton, Spread
 from ..geometry import rotations
 from ..points.likelihood.sides import MIRROR
+from .segments import distance_to_axis
 
 
 @dataclass(frozen=True)
@@ -479,7 +480,7 @@ def _capsules(found: FittedPeople, table: tuple[CapsuleSite, ...]) -> Capsules:
     radius = np.array([site.radius for site in table])
     for index, site in enumerate(table):
         own = (layout.attachment == segment[index]) & found.has[:, layout.joints :].any(axis=0)
-        away = _distance(found.mean[layout.joints :][own], start[index], end[index])
+        away = distance_to_axis(found.mean[layout.joints :][own], start[index], end[index])
         beside = away[away > site.radius / 2]
         radius[index] = min(site.radius, beside.min(initial=np.inf) - STUDY.marker_standoff)
     return Capsules(segment, start, end, radius)
@@ -490,10 +491,3 @@ def _capsule_end(end, segment: str, where: dict[str, np.ndarray]) -> np.ndarray:
     mix, lift = end
     place = sum(share * where[name] for name, share in mix) + np.array(lift) * (MIRROR if is_right(segment) else 1)
     return place - where[segment]
-
-
-def _distance(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Distances of points (N, 3) from the line from start to end."""
-    line = end - start
-    along = np.clip((points - start) @ line / max(line @ line, 1e-12), 0, 1)
-    return np.linalg.norm(points - start - along[:, None] * line, axis=1)
