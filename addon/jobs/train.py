@@ -33,7 +33,7 @@ class TrainJob:
     name      the model's, None for that of `base`, or of the file
     hit_rate  asked of the ensemble's partial solvers
     search    how those are found, "none" for no ensemble; None for what suits the number of markers
-    paper     give them the paper's four functions only, none of which tells left from right
+    paper     give them the paper's four functions only, none of which distinguishes left from right
     subjects  (id, glob) pairs that say whose takes are whose
     base      a model to train on, with what it keeps of its own takes; None for a new one
     keep      keep frames of the takes in the model, so that it can be trained on
@@ -59,7 +59,7 @@ class TrainJob:
 def train_file(job: TrainJob) -> Generator[Progress, None, dict]:
     """Trains and writes the model; gives the report.
 
-    Raises UserError with the file where it can be told.
+    Raises UserError, with the file where that is known.
     """
     clock: dict[str, float] = {}
     targets = [job.out, *([job.report] if job.report else [])]
