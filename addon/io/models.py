@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 
 from ..core.data.errors import InputError
-from ..core.data.models import Model, TrainingTake
+from ..core.points.models import Model, TrainingTake
 from ..core.points.partial_solvers.model import PartialSolvers
 from .likelihood import likelihood_text, read_likelihood
 from .markersets import markerset_file, markerset_in, markerset_text, open_document, open_markerset

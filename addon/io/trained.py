@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..core.data.models import TrainingTake
+from ..core.points.models import TrainingTake
 from ..core.points.partial_solvers.model import DOMAIN, FUNCTIONS, NO_POINT, Classifiers, PartialSolvers, Record, Solver
 from .names import can_be_written
 

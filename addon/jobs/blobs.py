@@ -13,12 +13,12 @@ import numpy as np
 
 from ..blendfile import Chunks, has_blender, mesh_occlusion, open_cameras, refuse_long
 from ..core.body.occlusion import Occlusion
-from ..core.data.models import Model
 from ..core.data.progress import Progress
 from ..core.data.takes import STEPS, Blobs, LabelledChunk, Motion, Points, Suspect
 from ..core.geometry.cameras import Cameras
 from ..core.pipelines.blobs import BlobOptions, blob_method, label_blobs, steps_of
 from ..core.pipelines.cross_check import MethodAgreement
+from ..core.points.models import Model
 from ..core.review.odd_cameras import CameraCheck
 from ..core.review.summary import TakeSummary
 from ..io.blobs import BlobRows, read_blobs

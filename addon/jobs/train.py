@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from ..core.data.errors import InputError
-from ..core.data.models import Model
 from ..core.data.progress import Progress
+from ..core.points.models import Model
 from ..core.points.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS
 from ..core.training.pipeline import TRAINING_SHARES, Trained, TrainingOptions, train
 from ..core.training.takes import subject_rows

@@ -11,8 +11,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from addon.core.data.markersets import MarkerSet
-from addon.core.data.models import Model
 from addon.core.points.likelihood import learn_likelihood
+from addon.core.points.models import Model
 from addon.io.models import open_model
 
 from . import people

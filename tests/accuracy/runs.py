@@ -133,7 +133,7 @@ def run_starts(plan: Plan):
 def converges(markerset, trial: Trial, start: Bodies) -> bool:
     """Whether the paper's fit ends at the person."""
     from addon.core.blobs.subject import Setup
-    from addon.core.blobs.views import split_views
+    from addon.core.geometry.views import split_views
     from tests.core.blobs.paper import fit_from
 
     setup = Setup.of(trial.cameras, markerset)
@@ -238,10 +238,10 @@ def run_sweeps(plan: Plan):
 
 def run_speed(plan: Plan):
     """Ten iterations of the nine-parameter fit with occlusion test, on one core."""
-    from addon.core.blobs.cost import blob_pull
-    from addon.core.blobs.fit import fit_placement
     from addon.core.blobs.subject import Setup
-    from addon.core.blobs.views import split_views
+    from addon.core.body.cost import blob_pull
+    from addon.core.body.fit import fit_placement
+    from addon.core.geometry.views import split_views
 
     rows = []
     for set_name in plan.sets:

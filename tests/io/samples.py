@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from addon.core.data.models import Model, TrainingTake
 from addon.core.data.takes import Points
 from addon.core.geometry.cameras import Cameras
+from addon.core.points.models import Model, TrainingTake
 from addon.core.points.partial_solvers.model import Classifiers, PartialSolvers, Record, Solver, Strong
 from addon.io.cameras import write_cameras
 from addon.io.points import write_c3d, write_trc

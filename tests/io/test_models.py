@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from addon.core.data.errors import InputError
-from addon.core.data.models import by_subject
+from addon.core.points.models import by_subject
 from addon.core.points.partial_solvers.frames import SolversNamer
 from addon.io import packed
 from addon.io.markersets import read_markerset

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..data.takes import CONFLICT, EXCLUSIVE, REMAINING
 from ..geometry.triangulation import Meeting, Rays, trimmed_deviation
-from .views import VIEWING, Sight, View
+from ..geometry.views import VIEWING, Sight, View
 
 SPREAD_UNIT = 1e-8  # m⁴, the spread whose log is nought
 TOO_FAR = 1e9  # a cost that no blob and marker can have

@@ -7,17 +7,17 @@ from functools import partial
 import numpy as np
 
 from ..body.bodies import Bodies, Posed
+from ..body.cost import blob_pull, cloud_pull
+from ..body.fit import Fit, State, body_state, fit_body, fit_placement
 from ..body.prior import Prior
 from ..data.errors import JobError
 from ..geometry import rotations
+from ..geometry.views import View
 from .cloud import Cloud, build_cloud
-from .cost import blob_pull, cloud_pull
-from .fit import Fit, State, body_state, fit_body, fit_placement
 from .labelling import Expectation, Naming
 from .placement import blob_centre, make_starts, principal_guess
 from .subject import Setup, Subject, expect, learn_noise, learn_own, name, named_pull, refit
 from .swaps import Swaps, swap_names, try_swaps, withdraw_unexpected, without_own
-from .views import View
 
 
 @dataclass(frozen=True)

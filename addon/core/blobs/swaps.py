@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..body.fit import State, fit_body
 from ..geometry.rigid import pairwise_distances
-from .fit import State, fit_body
+from ..geometry.views import View
 from .labelling import Naming
 from .subject import Setup, Subject, refit, slots_pull
-from .views import View
 
 
 @dataclass(frozen=True)

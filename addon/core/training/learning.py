@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..blobs.fit import fit_body
 from ..body.anatomy import (
     LOWER_CAPSULES,
     LOWER_SEGMENTS,
@@ -26,6 +25,7 @@ from ..body.anatomy import (
     other_side,
 )
 from ..body.bodies import Bodies, BodyModel
+from ..body.fit import fit_body
 from ..body.posing import aligned, baked, descend_subject, point_pull
 from ..body.prior import Prior
 from ..data.markersets import Capsules, MarkerSet, Skeleton, Spread

@@ -16,9 +16,9 @@ from ..body.bodies import BodyModel
 from ..body.posing import fit_points
 from ..data.errors import InputError
 from ..data.markersets import MarkerSet
-from ..data.models import Model, TrainingTake, by_subject
 from ..data.progress import Progress, within
 from ..points.likelihood.learn import learning
+from ..points.models import Model, TrainingTake, by_subject
 from ..points.partial_solvers.model import FUNCTIONS, PartialSolvers
 from ..points.partial_solvers.training import SEARCHES, Training, training
 from .segments import segment_markerset

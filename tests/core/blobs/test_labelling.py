@@ -19,8 +19,8 @@ from addon.core.blobs.labelling import (
     resolve_conflicts,
     withdraw_unmet,
 )
-from addon.core.blobs.views import Sight, split_views
 from addon.core.data.takes import CONFLICT, EXCLUSIVE, NO_STEP, REMAINING
+from addon.core.geometry.views import Sight, split_views
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from tests.core.scenes import blobs_at
 
