@@ -85,7 +85,9 @@ def door() -> list[str]:
     blender = sys.modules["bpy"].app.binary_path if "bpy" in sys.modules else ""
     if blender:
         return [blender, "--background", "--command", EXTENSION]
-    return [sys.executable, "-c", SCRIPT, str(ROOT), json.dumps(sys.path)]
+    # Once bpy is imported, Blender's folders of scripts come first, and the bpy in them is none on its own.
+    paths = [path for path in sys.path if not (Path(path) / "bpy" / "__init__.py").is_file()]
+    return [sys.executable, "-c", SCRIPT, str(ROOT), json.dumps(paths)]
 
 
 def _start(number: int, command: list[str], scratch: Path) -> Worker:

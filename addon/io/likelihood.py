@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ..core.points.likelihood.calibration import FEATURES, KINDS, Calibration
+from ..core.points.likelihood.calibration import FEATURES, FRAME_KINDS, Calibration
 from ..core.points.likelihood.distances import DistanceConstraints
 from ..core.points.likelihood.model import Likelihood
 from ..core.points.likelihood.shape import Shape
@@ -68,7 +68,7 @@ def read_likelihood(reader: Reader, value: object, markers: tuple[str, ...]) -> 
         calibration=Calibration(
             weights=weights,
             rates=rates,
-            least=_table(reader, part, "least", KINDS, len(rates)),
+            least=_table(reader, part, "least", FRAME_KINDS, len(rates)),
         ),
         subjects=int(reader.number(part, "subjects", "evidence", low=1)),
         rigid_bodies=_rigid_bodies(reader, part, count) if "plates" in part else None,

@@ -18,7 +18,7 @@ from ..core.data.progress import Progress
 from ..core.data.takes import STEPS, Blobs, LabelledChunk, Motion, Points
 from ..core.geometry.cameras import Cameras
 from ..core.pipelines.blobs import BlobOptions, blob_method, label_blobs, steps_of
-from ..core.pipelines.cross_check import Agreement
+from ..core.pipelines.cross_check import MethodAgreement
 from ..core.review.summary import TakeSummary
 from ..io.blobs import BlobRows, read_blobs
 from ..io.labels import LabelWriter
@@ -35,7 +35,7 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
     model, cameras = open_model(job.model), _cameras(job)
     settings, agreement = (
         BlobOptions(job.method, job.frame_rate, job.target, job.options, _occlusion(job, model)),
-        Agreement(),
+        MethodAgreement(),
     )
     method, markerset = blob_method(settings), model.markerset
     with ExitStack() as stack:

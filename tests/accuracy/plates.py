@@ -121,7 +121,7 @@ def same_subject(model: Model) -> str:
             if tracklets == take.xyz.shape[1]
             else f"{tracklets} pieces, ≤ {hidden} hidden, {ghosts} ghosts"
         )
-        if adaptation.stranger:
+        if adaptation.other_layout:
             what += " (taken for another subject)"
         size = len(model.markerset)
         voted = vote_tracklets(named, cut(points, take.rate), model.markerset.markers).labels
@@ -161,12 +161,12 @@ def other_people(model: Model, count: int) -> str:
 
 def _plates_found(structure, adaptation: Adaptation) -> tuple[int, int]:
     """How many plates are the group of their own markers, and how many another; column m is marker m's."""
-    person = adaptation.person
+    person = adaptation.recognition
     right = wrong = 0
-    for rigid_body, group in enumerate(person.group):
+    for rigid_body, group in enumerate(person.cluster):
         if group < 0:
             continue
-        tracklets = [tracklet for own in person.groups[group].tracklets for tracklet in own]
+        tracklets = [tracklet for own in person.clusters[group].tracklets for tracklet in own]
         columns = np.unique(np.nonzero(np.isin(person.part, tracklets))[1])
         core = structure.inner[rigid_body].members[: structure.inner[rigid_body].core]
         found = np.isin(columns, core).mean() > 0.5
@@ -184,11 +184,11 @@ def raw_take(model: Model) -> str:
     placed[frame, decided.marker[frame, column]] = take.xyz[frame, column]
     there = np.isfinite(take.xyz[..., 0])
     missing = [name for index, name in enumerate(names) if not np.isfinite(placed[:, index, 0]).any()]
-    prop = adaptation.person.prop & there
+    prop, cluster = adaptation.recognition.prop & there, adaptation.recognition.cluster
     worn = there & ~prop
     rows = [
-        ("plates recognised", f"{int((adaptation.person.group >= 0).sum())} of {len(adaptation.person.group)}"),
-        ("least margin of a plate, log odds", f"{adaptation.person.margin.min():.1f}"),
+        ("plates recognised", f"{int((cluster >= 0).sum())} of {len(cluster)}"),
+        ("least margin of a plate, log odds", f"{adaptation.recognition.margin.min():.1f}"),
         ("trajectories of things that stand about", f"{int(prop.any(axis=0).sum())}"),
         ("other points that are named", f"{100 * (decided.marker >= 0)[worn].mean():.1f} %"),
         ("markers that are not found", " ".join(missing) or "none"),

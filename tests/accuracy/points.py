@@ -10,7 +10,6 @@ from addon.core.data.takes import Labels
 from addon.core.points.deciding import consistent, decide
 from addon.core.points.likelihood import Likelihood, label_frames
 from addon.core.points.likelihood.frames import LikelihoodNamer
-from addon.core.points.naming import name_all
 from addon.core.points.rigid_bodies.adaptation import Adaptation, adapt, borne_out
 from addon.core.points.tracklets import cut
 
@@ -55,7 +54,7 @@ def labelled_as_product(model: Model, points: np.ndarray, rate: float) -> tuple[
     tracklet = cut(points, rate)
     adaptation = adapt(model, points, tracklet, rate)
     model = adaptation.model
-    named = name_all(LikelihoodNamer(model.likelihood), points, rate)
+    named = Labels.join(LikelihoodNamer(model.likelihood).name(points, rate))
     decided = decide(named, tracklet, model, TARGET, 0)
     decided = consistent(decided, points, model.likelihood, 0)
     return named, borne_out(decided, adaptation, 0).labels, adaptation

@@ -59,6 +59,7 @@ def test_report_says_what_the_contract_asks(label, tmp_path):
     assert {"load", "place", "fit", "label", "write", "frames_per_second"} <= set(report["timing"])
     assert (report["take"], report["model"], report["frames"], report["rate"]) == ("walk", MODEL, 20, 60)
     assert not report["rate_assumed"]
+    assert set(report["steps"]) == {"exclusive", "conflict", "remaining"}
     assert json.loads(answer.out) == {"takes": [report], "failed": []}
 
 

@@ -208,10 +208,15 @@ def test_both_ways_need_blobs_and_what_names_points(run, room, label, tmp_path):
     bare = tmp_path / f"bare{SUFFIX}"
     write_markerset(bare, replace(open_markerset("body26"), name="bare"))
     words = ("label", room.blobs, "--cameras", room.cameras, "--out", tmp_path / "o", "--model", bare)
-    for method in ("both", "likelihood", "evidence", "ensemble"):
+    for method, lack in (
+        ("both", "has nothing to name points by"),
+        ("likelihood", "has learned nothing to name points by"),
+        ("evidence", "has learned nothing to name points by"),
+        ("ensemble", "has no partial solvers"),
+    ):
         answer = run(*words, "--method", method)
         assert answer.status == 2
-        assert "model bare has no" in answer.reason
+        assert f"model bare {lack}" in answer.reason
 
 
 def test_reconstructed_points_are_named(trained, room, run, tmp_path):

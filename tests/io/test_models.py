@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Models: ensemble and lessons come back as they were, and what is damaged is said."""
+"""Models: partial solvers and training takes come back as they were, and what is damaged is said."""
 
 import json
 
@@ -25,7 +25,8 @@ def toy_model() -> Model:
     )
     points = np.random.default_rng(0).normal(size=(4, count, 3)).astype(np.float32)
     points[1, 0] = np.nan
-    return Model(markerset, partial_solvers, (TrainingTake("Ann", ("walk ü", "run"), 900, points),))
+    takes = (TrainingTake("Ann", ("walk ü", "run"), 900, points),)
+    return Model(markerset, partial_solvers=partial_solvers, training_takes=takes)
 
 
 def test_models_come_back(tmp_path):
@@ -52,6 +53,7 @@ def test_models_come_back(tmp_path):
 def test_a_marker_set_is_a_model_without_them():
     model = open_model("gait15")
     assert len(model.markerset) == 15
+    assert model.likelihood.markers == model.markerset.markers, "as it was written when it was called evidence"
     with pytest.raises(InputError, match="there is no marker set"):
         open_model("nothing")
 

@@ -9,27 +9,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addon.core.data.takes import Blobs, LabelledChunk, Labels, Motion, Suspect
+from addon.core.data.takes import STEPS, LabelledChunk, Labels, Motion, Suspect
 from addon.core.review.summary import TakeSummary
 from addon.io.report import take_report, write_report
 
 
-def chunk(
-    present: np.ndarray, first: int = 0, suspects=(), labels=(0, -1), conflicts: int = 1
-) -> tuple[Blobs, LabelledChunk]:
+def chunk(present: np.ndarray, first: int = 0, suspects=(), labels=(0, -1), conflicts: int = 1) -> LabelledChunk:
     """A chunk in which `present` (F, M) says which markers are in space; residuals are 2 mm and 0.5 px."""
     frames, count = present.shape
     value = np.where(present, 1.0, np.nan)
     marker = np.array(labels)
-    blobs = Blobs(
-        np.arange(first, first + frames),
-        np.zeros(len(marker), int),
-        np.zeros(len(marker), int),
-        np.zeros((len(marker), 2)),
-        marker,
-    )
     motion = Motion(
-        frames=blobs.frames,
+        frames=np.arange(first, first + frames),
         markers=np.repeat(value[..., None], 3, axis=2),
         residual=0.002 * value,
         residual_px=0.5 * value,
@@ -41,13 +32,13 @@ def chunk(
         confidence=np.where(present.any(axis=1), 0.9, 0.0),
     )
     said = Labels(marker, np.where(marker < 0, 0, 1 + np.arange(len(marker)) % 3), np.ones(len(marker)))
-    return blobs, LabelledChunk(said, motion, tuple(suspects), {"place": 0.5, "fit": 1.0, "label": 0.5})
+    return LabelledChunk(said, motion, tuple(suspects), {"place": 0.5, "fit": 1.0, "label": 0.5})
 
 
 def test_the_report_holds_what_the_contract_lists(tmp_path):
     summary = TakeSummary(["LASI", "RASI"])
     present = np.array([[1, 0], [0, 0], [0, 0], [1, 0], [1, 0]], dtype=bool)
-    summary.add(*chunk(present, suspects=[Suspect(1, 2, "nobody is there")], labels=(0, 0, -1)))
+    summary.add(chunk(present, suspects=[Suspect(1, 2, "nobody is there")], labels=(0, 0, -1)))
     report = take_report(summary, "walk", "gait15", 100.0, "1.2.3", {"load": 0.25, "write": 0.125})
     write_report(tmp_path / "walk.report.json", report)
     assert json.loads((tmp_path / "walk.report.json").read_text()) == report
@@ -63,7 +54,7 @@ def test_the_report_holds_what_the_contract_lists(tmp_path):
     assert report["timing"] == {
         "load": 0.25, "place": 0.5, "fit": 1.0, "label": 0.5, "write": 0.125, "frames_per_second": 2.5,
     }  # fmt: skip
-    assert report["steps"] == {"exclusive": 1, "conflict": 1, "remaining": 0}
+    assert report["steps"] == {**dict.fromkeys(STEPS[1:], 0), "exclusive": 1, "conflict": 1}
 
 
 def test_no_time_means_no_speed():
@@ -78,10 +69,10 @@ def test_no_time_means_no_speed():
 def test_chunks_add_up_to_the_whole(frames, cuts):
     present = np.array(frames)
     whole, parts = TakeSummary(["A", "B"]), TakeSummary(["A", "B"])
-    whole.add(*chunk(present, labels=()))
+    whole.add(chunk(present, labels=()))
     edges = sorted({0, len(present), *(min(sum(cuts[: index + 1]), len(present)) for index in range(len(cuts)))})
     for start, stop in pairwise(edges):
-        parts.add(*chunk(present[start:stop], start, labels=()))
+        parts.add(chunk(present[start:stop], start, labels=()))
     assert parts.of_markers() == whole.of_markers()
     for index, name in enumerate("AB"):
         runs = "".join("x" if here else "." for here in present[:, index]).split("x")
@@ -104,5 +95,5 @@ def test_chunks_add_up_to_the_whole(frames, cuts):
 def test_suspects_that_touch_are_one(ranges, merged):
     summary = TakeSummary(["A"])
     for entry in ranges:
-        summary.add(*chunk(np.ones((1, 1), bool), suspects=[Suspect(*entry)], labels=()))
+        summary.add(chunk(np.ones((1, 1), bool), suspects=[Suspect(*entry)], labels=()))
     assert [(s.first, s.last, s.reason) for s in summary.suspects] == merged

@@ -17,7 +17,7 @@ class TrainingTake:
     """What a model keeps of a take, so that it can be trained on with others.
 
     subject  the subject's id; several takes may be of one
-    takes    the take's name; several names where a model did not tell their frames apart
+    takes    the take's name; several names where a model did not keep their frames by take
     frames   how many labelled frames it had
     points   (F, M, 3) m, the most different of those frames, NaN where a marker is missing
     """

@@ -14,11 +14,6 @@ NO_STEP, EXCLUSIVE, CONFLICT, REMAINING, BY_LIKELIHOOD, BY_PARTIAL_SOLVERS, BY_F
 NO_MARKER = NO_POINT = -1
 
 
-def evenly_spread(count: int, most: int) -> np.ndarray:
-    """(N,) the indices of `most` of `count` frames, or of all if there are fewer, from the first to the last."""
-    return np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int))
-
-
 @dataclass(frozen=True, eq=False)
 class Blobs:
     """The blobs of F consecutive frames of a take, N in all, in the order of their file.
@@ -149,6 +144,14 @@ class Suspect:
         return self.words if self.trajectory is None else f"trajectory {self.trajectory} {self.words}"
 
 
+def suspect_ranges(frames: np.ndarray, doubtful: np.ndarray, words: str, max_break_frames: int) -> list[Suspect]:
+    """The doubtful frames (F,) as ranges of the source's numbers (F,); breaks of up to so many frames are bridged."""
+    at = np.flatnonzero(doubtful)
+    breaks = np.flatnonzero(np.diff(at) > max_break_frames)
+    firsts, lasts = (at[np.append(0, breaks + 1)], at[np.append(breaks, -1)]) if len(at) else (at, at)
+    return [Suspect(int(frames[a]), int(frames[b]), words) for a, b in zip(firsts, lasts, strict=True)]
+
+
 @dataclass(frozen=True, eq=False)
 class Verdict:
     """What is said of the points of a take: their labels (T, P), and what a person should look at."""
@@ -229,3 +232,8 @@ class PointRows:
         frame, column = np.nonzero(take.present)
         trajectory = column if take.columns is None else take.columns[column]
         return cls(take.frames, frame, trajectory, take.xyz[frame, column], take.residual[frame, column])
+
+
+def evenly_spread(count: int, most: int) -> np.ndarray:
+    """(N,) the indices of `most` of `count` frames, or of all if there are fewer, from the first to the last."""
+    return np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A take of blobs from end to end: by a fitted body, by the points that they make, or both ways at once.
+"""A take of blobs from end to end: by a fitted body, by the points that they make, or by both methods at once.
 
 The counterpart of `pipelines.points` for blobs. Memory does not grow with the take.
 """
@@ -24,11 +24,11 @@ from ..data.takes import (
 )
 from ..geometry.cameras import Cameras
 from ..points.naming import chosen_method
-from .cross_check import Agreement, label_both_ways
+from .cross_check import MethodAgreement, label_by_both
 from .points import USUAL_TARGET
 from .through_points import label_through_points
 
-Way = Callable[[Iterable[Blobs]], Iterator[LabelledChunk]]
+Labeller = Callable[[Iterable[Blobs]], Iterator[LabelledChunk]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class BlobOptions:
 
     method     one of `naming.METHODS`
     rate       frames a second
-    target     of labels by way of points: the part that must be right; what is less sure is left unnamed
+    target     of labels through points: the part that must be right; what is less sure is left unnamed
     hints      what the user may say about the take, for the fitted body
     occlusion  the body in the way; None for the marker set's capsules
     """
@@ -61,24 +61,24 @@ def steps_of(method: str) -> tuple[int, ...]:
 
 
 def label_blobs(
-    chunks: Iterable[Blobs], cameras: Cameras, model: Model, options: BlobOptions, agreement: Agreement
+    chunks: Iterable[Blobs], cameras: Cameras, model: Model, options: BlobOptions, agreement: MethodAgreement
 ) -> Iterator[LabelledChunk]:
     """Names the blobs of a take: one `LabelledChunk` for each of `chunks`, in their order.
 
-    With both ways `agreement` is added to.
+    With both methods `agreement` is added to.
     Raises InputError where the model does not know how, JobError when there are fewer than two cameras, or a frame has
     more blobs than any capture.
     """
-    ways = _ways(cameras, model, options)
-    if len(ways) == 1:
-        return ways[0](chunks)
+    labellers = _labellers(cameras, model, options)
+    if len(labellers) == 1:
+        return labellers[0](chunks)
     own, *each = tee(chunks, 3)
-    named = (way(part) for way, part in zip(ways, each, strict=True))
-    return label_both_ways(own, *named, model.markerset.markers, agreement)
+    named = (labeller(part) for labeller, part in zip(labellers, each, strict=True))
+    return label_by_both(own, *named, model.markerset.markers, agreement)
 
 
-def _ways(cameras: Cameras, model: Model, options: BlobOptions) -> list[Way]:
-    """The ways in which blobs are to be named."""
+def _labellers(cameras: Cameras, model: Model, options: BlobOptions) -> list[Labeller]:
+    """What names the blobs, by each method that is to."""
 
     def fit(chunks: Iterable[Blobs]) -> Iterator[LabelledChunk]:
         return label_take(chunks, cameras, model.markerset, options.rate, options.hints, options.occlusion)

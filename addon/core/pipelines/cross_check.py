@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blobs named both ways at once: by a body that is fitted to them, and by the points that they make.
+"""Blobs named by both methods at once: by a body that is fitted to them, and by the points that they make.
 
 The two papers' methods share nothing but the blobs, so where they agree a name is surely right, and where they do not a
 person should look. The fitted body has the say; where it finds nobody, the points have.
@@ -7,19 +7,30 @@ person should look. The fitted body has the say; where it finds nobody, the poin
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields
-from itertools import pairwise
 
 import numpy as np
 
-from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Suspect
+from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Suspect, suspect_ranges
 
-BRIDGED = 10  # frames between two disagreements that are one
-LEAST_CAMERAS = 2  # that must show one; a single blob may be two markers' at once
+
+@dataclass(frozen=True)
+class DisagreementOptions:
+    """What counts as a disagreement. Both reckoned.
+
+    max_break_frames  between two that are one
+    min_cameras       that must show one; a single blob may be two markers' at once
+    """
+
+    max_break_frames: int = 10
+    min_cameras: int = 2
+
+
+DISAGREEMENT = DisagreementOptions()
 
 
 @dataclass
-class Agreement:
-    """How many blobs both ways named alike and otherwise, and how many only one of them named."""
+class MethodAgreement:
+    """How many blobs both methods named alike and otherwise, and how many only one of them named."""
 
     same: int = 0
     different: int = 0
@@ -39,14 +50,14 @@ class Agreement:
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
-def label_both_ways(
+def label_by_both(
     chunks: Iterable[Blobs],
     fitted: Iterator[LabelledChunk],
     pointed: Iterator[LabelledChunk],
     markers: tuple[str, ...],
-    agreement: Agreement,
+    agreement: MethodAgreement,
 ) -> Iterator[LabelledChunk]:
-    """One `LabelledChunk` for each of `chunks` from what the two ways say of it; `agreement` is added to."""
+    """One `LabelledChunk` for each of `chunks` from what the two methods say of it; `agreement` is added to."""
     for blobs, body, points in zip(chunks, fitted, pointed, strict=True):
         agreement.add(body.labels.marker, points.labels.marker)
         doubts = _disagreements(blobs, body.labels.marker, points.labels.marker, markers)
@@ -78,15 +89,13 @@ def _is_filled(suspect: Suspect, frames: np.ndarray, nobody: np.ndarray, motion:
 
 
 def _disagreements(blobs: Blobs, fitted: np.ndarray, pointed: np.ndarray, markers: tuple[str, ...]) -> list[Suspect]:
-    """Ranges of frames in which the two ways gave a blob different names, by the names."""
+    """Ranges of frames in which the two methods gave a blob different names, by the names."""
     rows = np.flatnonzero((fitted != NO_MARKER) & (pointed != NO_MARKER) & (fitted != pointed))
     cases, count = np.unique(np.stack([fitted[rows], pointed[rows], blobs.frame[rows]]), axis=1, return_counts=True)
-    cases = cases[:, count >= LEAST_CAMERAS]
+    cases = cases[:, count >= DISAGREEMENT.min_cameras]
     found = []
     for one, two in np.unique(cases[:2], axis=1).T.tolist():
-        at = cases[2, (cases[0] == one) & (cases[1] == two)]
-        edges = [0, *(np.flatnonzero(np.diff(at) > BRIDGED) + 1), len(at)]
-        reason = f"{markers[one]} by the fitted body is {markers[two]} by the points in space"
-        for first, after in pairwise(edges):
-            found.append(Suspect(int(blobs.frames[at[first]]), int(blobs.frames[at[after - 1]]), reason))
+        here = np.isin(np.arange(len(blobs.frames)), cases[2, (cases[0] == one) & (cases[1] == two)])
+        words = f"{markers[one]} by the fitted body is {markers[two]} by the points in space"
+        found += suspect_ranges(blobs.frames, here, words, DISAGREEMENT.max_break_frames)
     return found

@@ -15,30 +15,30 @@ from threadpoolctl import threadpool_limits
 from ..blobs.pipeline import Options
 from ..data.models import Model
 from ..data.progress import Progress
-from ..data.takes import BY_LIKELIHOOD, LabelledChunk, Labels, Points, Suspect, Verdict
+from ..data.takes import LabelledChunk, Labels, Points, Suspect, Verdict
 from ..points.deciding import consistent, decide
 from ..points.motion import motion_of
-from ..points.naming import Namer, chosen_method, namer_of
-from ..points.refusals import refuse_floods, refuse_others, refuse_strangers
+from ..points.naming import Namer, namer_of
+from ..points.refusals import refuse_floods, refuse_others, refuse_unrecognised
 from ..points.rigid_bodies.adaptation import Adaptation, adapt, borne_out
 from ..points.tracklets import cut, renamed
 from ..review.suspects import find_suspects, summarised
 
-USUAL_TARGET = 0.999
+USUAL_TARGET = 0.999  # the part of the labels that must be right, unless another is asked for
 # How far along the work is when each part begins.
-SHARES = {"adapt": 0.0, "others": 0.05, "name": 0.1, "vote": 0.75, "pose": 0.8, "end": 0.9}
+POINT_STAGES = {"adapt": 0.0, "others": 0.05, "name": 0.1, "vote": 0.75, "pose": 0.8, "end": 0.9}
 
 
 @dataclass(frozen=True)
 class PointOptions:
     """How points are named.
 
-    method  one of `naming.METHODS` but "both"
+    method  as `naming.chosen_method` gives it
     target  the part of the labels that must be right; what is less sure is left unnamed
     hints   what the user may say about the take, for the fitted body
     """
 
-    method: str = "auto"
+    method: str
     target: float = USUAL_TARGET
     hints: Options = field(default_factory=Options)
 
@@ -47,41 +47,37 @@ def label_points(take: Points, model: Model, options: PointOptions) -> Generator
     """Names the points of a take, and poses the body on them; labels are (T, P), motion frame for frame.
 
     Suspects call trajectories by their index in the file (`Points.columns`).
-    Raises JobError where the take is not of one subject in the model's markers, InputError where the model cannot do
-    what is asked.
+    Raises JobError where the take is not of one subject in the model's markers.
     """
     refuse_floods(take.xyz)
-    method = chosen_method(model, options.method)
     with threadpool_limits(1, user_api="blas"):  # many threads on small matrices cost more than they bring
         begin = perf_counter()
-        verdict = yield from _named(take, model, method, options)
-        yield Progress(SHARES["pose"], "pose the body")
+        verdict = yield from _named(take, model, options)
+        yield Progress(POINT_STAGES["pose"], "pose the body")
         named = perf_counter()
         motion = motion_of(take.xyz, take.residual, verdict.labels, model.markerset, take.frames)
         seconds = {"label": named - begin, "fit": perf_counter() - named}
-    yield Progress(SHARES["end"], "look for what is doubtful")
+    yield Progress(POINT_STAGES["end"], "look for what is doubtful")
     suspects = _by_file_number(verdict.suspects, take) + find_suspects(motion, model.markerset.markers, take.rate)
     suspects = tuple(sorted(summarised(suspects, take.rate), key=lambda suspect: suspect.first))
     return LabelledChunk(verdict.labels, motion, suspects, seconds)
 
 
-def _named(take: Points, model: Model, method: str, options: PointOptions) -> Generator[Progress, None, Verdict]:
+def _named(take: Points, model: Model, options: PointOptions) -> Generator[Progress, None, Verdict]:
     """What is said of every point in the end."""
-    yield Progress(SHARES["adapt"], "look who wears the markers")
+    yield Progress(POINT_STAGES["adapt"], "look who wears the markers")
     tracklet = cut(take.xyz, take.rate)
-    namer = namer_of(model, method, options.hints)
-    adaptation = Adaptation(model)
-    if namer.step == BY_LIKELIHOOD:
-        adaptation = adapt(model, take.xyz, tracklet, take.rate)
-        namer = namer_of(adaptation.model, method, options.hints)
-    yield Progress(SHARES["others"], "look whether the model is for this take")
+    learned = options.method == "likelihood"
+    adaptation = adapt(model, take.xyz, tracklet, take.rate) if learned else Adaptation(model)
+    namer = namer_of(adaptation.model, options.method, options.hints)
+    yield Progress(POINT_STAGES["others"], "look whether the model is for this take")
     refuse_others(adaptation.model, namer, take.xyz)
     named = yield from _frame_by_frame(namer, take)
-    yield Progress(SHARES["vote"], "let trajectories vote")
+    yield Progress(POINT_STAGES["vote"], "let trajectories vote")
     decided = _decided(named, tracklet, adaptation, take, options.target)
-    # Who asks for surer labels gets fewer, and the take is no stranger's for that.
+    # Who asks for surer labels gets fewer, and the take is of the model's markers all the same.
     usual = decided if options.target == USUAL_TARGET else _decided(named, tracklet, adaptation, take, USUAL_TARGET)
-    refuse_strangers(adaptation.model, namer, take.xyz, usual.labels)
+    refuse_unrecognised(adaptation.model, namer, take.xyz, usual.labels)
     changed = renamed(decided.labels.marker, tracklet, model.markerset.markers, take.first_frame)
     return Verdict(decided.labels, decided.suspects + changed)
 
@@ -89,11 +85,11 @@ def _named(take: Points, model: Model, method: str, options: PointOptions) -> Ge
 def _frame_by_frame(namer: Namer, take: Points) -> Generator[Progress, None, Labels]:
     """What every frame says on its own."""
     parts, done = [], 0
-    yield Progress(SHARES["name"], f"frame {take.first_frame}")
+    yield Progress(POINT_STAGES["name"], f"frame {take.first_frame}")
     for part in namer.name(take.xyz, take.rate):
         parts.append(part)
         done += len(part.marker)
-        share = SHARES["name"] + (SHARES["vote"] - SHARES["name"]) * done / len(take.xyz)
+        share = POINT_STAGES["name"] + (POINT_STAGES["vote"] - POINT_STAGES["name"]) * done / len(take.xyz)
         yield Progress(share, f"frame {take.first_frame + done - 1}")
     return Labels.join(parts)
 

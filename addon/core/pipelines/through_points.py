@@ -16,16 +16,14 @@ from ..data.takes import Blobs, LabelledChunk, Labels, Suspect, Verdict
 from ..geometry.cameras import Cameras
 from ..points.deciding import consistent, decide
 from ..points.motion import motion_of
-from ..points.naming import Namer, name_all, namer_of
-from ..points.refusals import LEAST_SURE, sure_share
+from ..points.naming import Namer, namer_of
+from ..points.refusals import REFUSAL, sure_share
 from ..reconstruction.trajectories import RECONSTRUCTION, Reconstructed, Reconstructor
 from ..review.suspects import find_suspects
 
-WINDOW = 1024  # frames, about, whose trajectories vote together
-
 
 @dataclass(frozen=True, eq=False)
-class _Way:
+class _Work:
     """How blobs are named, the same from window to window: arguments of `label_through_points`."""
 
     cameras: Cameras
@@ -42,7 +40,7 @@ class _Window:
     frames         (T,) the source's numbers
     starts         for each chunk where its frames begin, and where the last ones end
     frame, column  (Q,) frame and trajectory of each point
-    xyz, residual  (T, P, 3) and (T, P) m, NaN where missing; trajectories too short to trust are left out
+    xyz, residual  (T, P, 3) and (T, P) m, NaN where missing; trajectories too short to go by are left out
     """
 
     frames: np.ndarray
@@ -66,12 +64,14 @@ def label_through_points(
     rate: float,
     options: Options,
     target: float,
+    window_frames: int = 1024,
 ) -> Iterator[LabelledChunk]:
-    """Names the blobs of a take as `blobs.pipeline.label_take` does: one `LabelledChunk` for each chunk, in their order.
+    """Names the blobs of a take as `blobs.pipeline.label_take` does: a `LabelledChunk` for each chunk, in their order.
 
+    The trajectories of about `window_frames` vote together, so that memory does not grow with the take.
     Raises JobError when there are fewer than two cameras, or a frame has more blobs than any capture.
     """
-    way = _Way(cameras, model, namer_of(model, method, options), rate, target)
+    work = _Work(cameras, model, namer_of(model, method, options), rate, target)
     reconstructor = Reconstructor(cameras, rate)
     waiting: list[tuple[Blobs, Reconstructed]] = []
     seconds = 0.0
@@ -79,27 +79,27 @@ def label_through_points(
         begin = perf_counter()
         waiting.append((blobs, reconstructor.reconstruct(blobs)))
         seconds += perf_counter() - begin
-        if sum(len(part.frames) for part, _ in waiting) >= WINDOW:
-            yield from _labelled(way, waiting, seconds)
+        if sum(len(part.frames) for part, _ in waiting) >= window_frames:
+            yield from _labelled(work, waiting, seconds)
             waiting, seconds = [], 0.0
     if waiting:
-        yield from _labelled(way, waiting, seconds)
+        yield from _labelled(work, waiting, seconds)
 
 
-def _labelled(way: _Way, waiting: list[tuple[Blobs, Reconstructed]], seconds: float) -> Iterator[LabelledChunk]:
+def _labelled(work: _Work, waiting: list[tuple[Blobs, Reconstructed]], seconds: float) -> Iterator[LabelledChunk]:
     """The chunks of one window, which took `seconds` to reconstruct."""
     begin = perf_counter()
-    markerset, window = way.model.markerset, _window(waiting)
-    verdict = _decided(way, window)
+    markerset, window = work.model.markerset, _window(waiting)
+    verdict = _decided(work, window)
     named = perf_counter()
     motion = motion_of(window.xyz, window.residual, verdict.labels, markerset, window.frames)
-    suspects = verdict.suspects + find_suspects(motion, markerset.markers, way.rate)
+    suspects = verdict.suspects + find_suspects(motion, markerset.markers, work.rate)
     spent = {"place": seconds, "label": named - begin, "fit": perf_counter() - named}
     given = verdict.labels[window.frame, window.column]
     first = 0
     for index, (blobs, part) in enumerate(waiting):
         here, last = slice(*window.starts[index : index + 2]), first + len(part.points)
-        labels, px = _of_blobs(blobs, part, way.cameras, given[first:last], len(markerset))
+        labels, px = _of_blobs(blobs, part, work.cameras, given[first:last], len(markerset))
         fields = {name: getattr(motion, name)[here] for name in vars(motion)}
         mine = tuple(s for s in suspects if blobs.frames[0] <= s.first <= blobs.frames[-1])
         yield LabelledChunk(labels, type(motion)(**{**fields, "residual_px": px}), mine, spent)
@@ -121,16 +121,16 @@ def _window(waiting: list[tuple[Blobs, Reconstructed]]) -> _Window:
     return _Window(frames, starts, frame, column, xyz, residual)
 
 
-def _decided(way: _Way, window: _Window) -> Verdict:
+def _decided(work: _Work, window: _Window) -> Verdict:
     """The names of a window's points; none, and why, where nobody in the model's markers is there."""
-    markerset, first = way.model.markerset, int(window.frames[0])
-    found = name_all(way.namer, window.xyz, way.rate)
+    markerset, first = work.model.markerset, int(window.frames[0])
+    found = Labels.join(work.namer.name(window.xyz, work.rate))
     said = ()
-    if sure_share(found, window.xyz, len(markerset)) < LEAST_SURE:
+    if sure_share(found, window.xyz, len(markerset)) < REFUSAL.min_sure:
         found = found.kept(np.zeros(found.marker.shape, bool))
         said = (Suspect(first, int(window.frames[-1]), f"no subject that wears {markerset.name} was recognised"),)
-    verdict = decide(found, window.tracklet, way.model, way.target, first)
-    verdict = consistent(verdict, window.xyz, way.model.likelihood, first)
+    verdict = decide(found, window.tracklet, work.model, work.target, first)
+    verdict = consistent(verdict, window.xyz, work.model.likelihood, first)
     return Verdict(verdict.labels, tuple(_without_number(one) for one in verdict.suspects) + said)
 
 

@@ -10,8 +10,6 @@ from ..body.posing import FEWEST, fit_points
 from ..data.markersets import MarkerSet
 from ..data.takes import LabelledChunk, Labels, Motion, Points
 
-FITTED = 2000  # frames posed at once
-
 
 def motion_of(points: np.ndarray, residual: np.ndarray, labels: Labels, markerset: MarkerSet, frames) -> Motion:
     """The named markers and the body posed on them.
@@ -39,14 +37,14 @@ def motion_of(points: np.ndarray, residual: np.ndarray, labels: Labels, markerse
     return Motion(frames, xyz, off, nothing, conflicts, expected, joints, turns, scale, confidence)
 
 
-def _posed(model: BodyModel, bodies: Bodies, found: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Expected markers, joints, rotations and scale of all frames; NaN where nobody was found."""
+def _posed(model: BodyModel, bodies: Bodies, found: np.ndarray, at_once: int = 2000) -> tuple[np.ndarray, ...]:
+    """Expected markers, joints, rotations and scale of all frames, `at_once` posed at a time; NaN where nobody was."""
     count, joints = len(found), model.joint_count
     shapes = ((model.marker_count, 3), (joints, 3), (joints, 3, 3), (3,))
     whole = [np.full((count, *shape), np.nan) for shape in shapes]
     at = np.flatnonzero(found)
-    for first in range(0, len(at), FITTED):
-        frames = at[first : first + FITTED]
+    for first in range(0, len(at), at_once):
+        frames = at[first : first + at_once]
         posed = model.pose(bodies.pick(frames))
         values = (posed.markers, posed.joints, posed.rotations, bodies.scale[frames])
         for array, value in zip(whole, values, strict=True):

@@ -9,7 +9,7 @@ import numpy as np
 from ..blobs.pipeline import Options
 from ..data.errors import InputError
 from ..data.models import Model
-from ..data.takes import BY_FIT, BY_LIKELIHOOD, BY_PARTIAL_SOLVERS, Labels
+from ..data.takes import Labels
 
 # What the user may ask for; "evidence" is what likelihood was called at first.
 METHODS = ("auto", "fit", "ensemble", "likelihood", "both", "evidence")
@@ -54,11 +54,3 @@ def namer_of(model: Model, method: str, options: Options) -> Namer:
     from .fitted_body import FittedBodyNamer
 
     return FittedBodyNamer(model.markerset, options)
-
-
-STEP_OF_METHOD = {"likelihood": BY_LIKELIHOOD, "ensemble": BY_PARTIAL_SOLVERS, "fit": BY_FIT}
-
-
-def name_all(namer: Namer, points: np.ndarray, rate: float) -> Labels:
-    """The labels (T, P) of all frames at once."""
-    return Labels.join(namer.name(points, rate))

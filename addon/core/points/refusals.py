@@ -1,39 +1,66 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Takes that a model is not for: another marker set, or two subjects at once. Said, instead of garbled.
 
-What tells them is what single frames say on their own. Trajectories that vote would make a name even of what no frame
+They show in what single frames say on their own. Trajectories that vote would make a name even of what no frame
 was sure about, and of another marker set they vote as one for wrong names.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..data.errors import JobError
 from ..data.models import Model
-from ..data.takes import BY_FIT, Labels
-from .apart import groups_apart
-from .naming import Namer, name_all
+from ..data.takes import BY_FIT, Labels, evenly_spread
+from .naming import Namer
 
-SAMPLE = 40  # frames, spread over the take
-SAMPLE_RATE = 100.0  # frames a second that they are said to have: single frames have none
-MOST_POINTS = 400  # of a frame; more are no marker system's, and would fill the memory
-FEWEST = 4  # points of a frame that can be told apart
-SURE = 0.999  # part of the labels like it that is right, of a label that counts; or, as a model that was trained on
-CONFIDENT = 0.99  # little may never promise so much, its confidence
-LEAST_SURE = 0.12  # share of the markers whose labels count, in a take of the model's
-LEAST_SURE_PLATES = 0.2  # the same of a set on plates, of which there is often one that any body seems to wear
-LEFT_SURE = 0.3  # the same of the points that one subject leaves over, where they are another: spare markers are not
-LEAST_NAMED = 0.25  # share of the markers that such a take is given in the end
-LEAST_FITTED = 0.6  # the same of a fitted body, which makes do with any points that are near enough
-APART = 0.6  # m between two subjects, where nothing is known of how far one reaches
-CROWDED = 1.6  # times as many points as markers, at least, where there may be two subjects
-SECOND = 0.5  # share of the markers that a second subject's points must be enough for
-OFTEN = 0.4  # share of the frames that are so
+
+@dataclass(frozen=True)
+class RefusalOptions:
+    """When a take is refused. All reckoned; shares are of what could be given.
+
+    sample_frames           that are looked at, spread over the take,
+    sample_rate             and the frames a second that they are said to have: single frames have none
+    max_points              of a frame; more are no marker system's, and would fill the memory
+    min_points              of a frame whose markers can be told from each other
+    min_rate                at which labels like it are right, of a label that counts; or,
+    min_confidence          as a model that was trained on little may never promise so much, its confidence
+    min_sure                share of the markers whose labels count, in a take of the model's
+    min_sure_rigid          the same of a set on rigid bodies, of which there is often one that any body has
+    min_sure_rest           the same of the points that one subject leaves over, where they are another: spare markers
+                            are not
+    min_named               share of the markers that such a take is given in the end
+    min_named_fit           the same of a fitted body, which makes do with any points that are near enough
+    min_gap_m               between two subjects, where nothing is known of how far one reaches
+    crowd                   times as many points as markers, at least, where there may be two subjects
+    min_second              share of the markers that a second subject's points must be enough for,
+    min_often               in this share of the frames
+    """
+
+    sample_frames: int = 40
+    sample_rate: float = 100.0
+    max_points: int = 400
+    min_points: int = 4
+    min_rate: float = 0.999
+    min_confidence: float = 0.99
+    min_sure: float = 0.12
+    min_sure_rigid: float = 0.2
+    min_sure_rest: float = 0.3
+    min_named: float = 0.25
+    min_named_fit: float = 0.6
+    min_gap_m: float = 0.6
+    crowd: float = 1.6
+    min_second: float = 0.5
+    min_often: float = 0.4
+
+
+REFUSAL = RefusalOptions()
 
 
 def refuse_floods(points: np.ndarray):
     """Raises JobError where a frame of points (T, P, 3), NaN where missing, has more than can be worked with."""
     most = int(np.isfinite(points).all(axis=2).sum(axis=1).max(initial=0))
-    if most > MOST_POINTS:
+    if most > REFUSAL.max_points:
         raise JobError(f"has {most} points in one frame; expected the markers of a subject and some ghosts")
 
 
@@ -42,75 +69,100 @@ def refuse_others(model: Model, namer: Namer, points: np.ndarray):
 
     Raises JobError where frames on their own are not sure of the model's markers, or are of two
     subjects' at once. The fitted body needs its frames in a row: for it two groups of points are two subjects, and the
-    rest is for `refuse_strangers`.
+    rest is for `refuse_unrecognised`.
     """
     if namer.step == BY_FIT:
-        if _apart(points[:: max(len(points) // SAMPLE, 1)], APART, SECOND * len(model.markerset)):
+        some = points[evenly_spread(len(points), REFUSAL.sample_frames)]
+        if _grouped(some, REFUSAL.min_gap_m, REFUSAL.min_second * len(model.markerset)):
             raise _two_subjects(model)
         return
     count = np.isfinite(points).all(axis=2).sum(axis=1)
-    frames = np.flatnonzero(count >= min(FEWEST, len(model.markerset)))
+    frames = np.flatnonzero(count >= min(REFUSAL.min_points, len(model.markerset)))
     if not len(frames):
         raise JobError("has no frame with enough points to tell markers apart; expected four or more at a time")
-    some = points[frames[np.unique(np.linspace(0, len(frames) - 1, SAMPLE).round().astype(int))]]
-    first = name_all(namer, some, SAMPLE_RATE)
+    some = points[frames[evenly_spread(len(frames), REFUSAL.sample_frames)]]
+    first = _each_alone(namer, some)
     alone = sure_share(first, some, len(model.markerset))
-    least = LEAST_SURE if model.rigid_bodies is None else LEAST_SURE_PLATES
+    least = REFUSAL.min_sure if model.rigid_bodies is None else REFUSAL.min_sure_rigid
     found = alone >= least
-    wanted = LEFT_SURE if found else least
+    wanted = REFUSAL.min_sure_rest if found else least
     others = [part for part in _seconds(model, some, first, found) if _sure(model, namer, part) >= wanted]
     if len(others) + found >= 2:
         raise _two_subjects(model)
     if not found:
-        raise _stranger(model, some, alone)
+        raise _unrecognised(model, some, alone)
 
 
-def refuse_strangers(model: Model, namer: Namer, points: np.ndarray, given: Labels):
+def refuse_unrecognised(model: Model, namer: Namer, points: np.ndarray, given: Labels):
     """Raises JobError where the labels given (T, P) are so few that points (T, P, 3) are of another marker set.
 
     The labels are those of the usual target: of a stricter one there are few in any take.
     """
     share = given.named.sum() / _possible(points, len(model.markerset))
-    if share < (LEAST_FITTED if namer.step == BY_FIT else LEAST_NAMED):
-        raise _stranger(model, points, share)
+    if share < (REFUSAL.min_named_fit if namer.step == BY_FIT else REFUSAL.min_named):
+        raise _unrecognised(model, points, share)
 
 
 def sure_share(named: Labels, points: np.ndarray, markers: int) -> float:
     """The share of the markers, or of the points (T, P, 3) if they are fewer, that frames alone are sure of."""
-    counts = (named.rate >= SURE) | (named.confidence >= CONFIDENT)
+    counts = (named.rate >= REFUSAL.min_rate) | (named.confidence >= REFUSAL.min_confidence)
     return float(counts.sum() / _possible(points, markers))
 
 
 def _seconds(model: Model, points: np.ndarray, first: Labels, found: bool) -> list[np.ndarray]:
     """The points (T, P, 3) of each who may be a subject beside the one that was named, if one was; NaN elsewhere."""
     size = len(model.markerset)
-    crowded = np.isfinite(points).all(axis=2).sum(axis=1) >= CROWDED * size
-    if crowded.mean() < OFTEN:
+    crowded = np.isfinite(points).all(axis=2).sum(axis=1) >= REFUSAL.crowd * size
+    if crowded.mean() < REFUSAL.min_often:
         return []
     if found:
         return [np.where(~first.named[..., None], points, np.nan)]
     if model.likelihood is None:
         return []
-    chosen = _apart(points, model.likelihood.shape.radius, SECOND * size)
+    chosen = _grouped(points, model.likelihood.shape.radius, REFUSAL.min_second * size)
     if not chosen:
         return []
     return [np.array([np.where(own[place][:, None], frame, np.nan) for frame, own in chosen]) for place in (0, 1)]
 
 
-def _apart(points: np.ndarray, gap: float, least: float) -> list[tuple[np.ndarray, list[np.ndarray]]]:
+def _grouped(points: np.ndarray, gap: float, least: float) -> list[tuple[np.ndarray, list[np.ndarray]]]:
     """The frames of points (T, P, 3) that show two groups of `least` points or more, with them; none where few do."""
-    groups = [groups_apart(frame, gap, least) for frame in points]
+    groups = [far_groups(frame, gap, least) for frame in points]
     chosen = [(frame, own) for frame, own in zip(points, groups, strict=True) if len(own) >= 2]
-    return chosen if len(chosen) >= OFTEN * len(points) else []
+    return chosen if len(chosen) >= REFUSAL.min_often * len(points) else []
+
+
+def far_groups(points: np.ndarray, gap: float, least: float) -> list[np.ndarray]:
+    """(P,) which of points (P, 3) m are together, for every group of `least` points or more; the largest first.
+
+    Two groups are `gap` m from each other or more: what two subjects in one room look like before anything is named.
+    """
+    from scipy.cluster.hierarchy import fcluster, linkage
+
+    there = np.flatnonzero(np.isfinite(points).all(axis=1))
+    if len(there) < 2:
+        return []
+    number = fcluster(linkage(points[there], "single"), gap, "distance")
+    found = []
+    for group in np.unique(number):
+        own = np.zeros(len(points), dtype=bool)
+        own[there[number == group]] = True
+        found.append(own)
+    return sorted((own for own in found if own.sum() >= least), key=lambda own: -own.sum())
 
 
 def _sure(model: Model, namer: Namer, points: np.ndarray) -> float:
     """How sure the frames of points (T, P, 3) m are of the model's markers, 0 where there are seldom enough points."""
     size = len(model.markerset)
-    enough = np.isfinite(points).all(axis=2).sum(axis=1) >= SECOND * size
-    if enough.mean() < OFTEN:
+    enough = np.isfinite(points).all(axis=2).sum(axis=1) >= REFUSAL.min_second * size
+    if enough.mean() < REFUSAL.min_often:
         return 0.0
-    return sure_share(name_all(namer, points[enough], SAMPLE_RATE), points[enough], size)
+    return sure_share(_each_alone(namer, points[enough]), points[enough], size)
+
+
+def _each_alone(namer: Namer, points: np.ndarray) -> Labels:
+    """What single frames of points (T, P, 3) m say."""
+    return Labels.join(namer.name(points, REFUSAL.sample_rate))
 
 
 def _possible(points: np.ndarray, markers: int) -> int:
@@ -123,11 +175,11 @@ def _two_subjects(model: Model) -> JobError:
     return JobError(f"shows two subjects or more that wear {name}; expected a take of one, so export them one by one")
 
 
-def _stranger(model: Model, points: np.ndarray, share: float) -> JobError:
+def _unrecognised(model: Model, points: np.ndarray, share: float) -> JobError:
     name, size = model.markerset.name, len(model.markerset)
     present = np.isfinite(points).all(axis=2).sum(axis=1)
     many = f" or of several subjects at once ({int(present.max())} points, {size} markers)"
-    several = many if np.median(present) >= CROWDED * size else ""
+    several = many if np.median(present) >= REFUSAL.crowd * size else ""
     return JobError(
         f"does not look like a take of model {name}{several}: {share:.0%} of its markers were recognised for sure; "
         "expected a take of that marker set, so choose its model or train one"

@@ -2,24 +2,65 @@
 """Trajectories of a file cut into tracklets that are surely one marker's each, and the vote of every tracklet.
 
 A column of a file may hold several trajectories one after the other, and a point may leap from one marker to another.
+What frames said one by one of a tracklet's points becomes one name for as long as the point was followed, unless the
+frames say for long enough that it went over to another marker; that is reported. No two tracklets have the same marker
+at the same time.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from ..data.takes import BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Suspect, Verdict
-from .votes import vote
-
-LONGEST_GAP = 0.5  # s without a point, beyond which a column may hold another trajectory
-FASTEST = 12.0  # m/s; no marker moves faster
-WINDOW = 2048  # frames that vote together
-LEAST_LENGTH = 5  # frames of the usual tracklet; shorter ones have nothing to vote about
 
 
-def cut(points: np.ndarray, rate: float) -> np.ndarray:
+@dataclass(frozen=True)
+class CutOptions:
+    """Where a trajectory may go on as another marker's. Both reckoned.
+
+    max_gap_s    without a point, beyond which a column may hold another trajectory
+    max_speed    m/s; no marker moves faster
+    """
+
+    max_gap_s: float = 0.5
+    max_speed: float = 12.0
+
+
+@dataclass(frozen=True)
+class VoteOptions:
+    """How tracklets vote. All reckoned.
+
+    max_frame_log_odds   that one frame can say: beyond it a frame's calibration knows nothing
+    ghost_log_odds       that a frame without a name says for a ghost
+    frame_weight         part of an independent frame that a frame is worth: neighbours err together
+    swap_cost            log odds that a tracklet must speak for another name before it is believed to have swapped
+    min_part             of a tracklet's frames that a name must have to be considered, unless it can pay for a swap
+    min_majority         of what was said, for the name that wins
+    max_overlap_frames   that two tracklets of one marker may share: trackers end one late and start the other early
+    max_log_odds         that a vote is sure
+    window_frames        that vote together, so that memory does not grow with the take
+    min_length_frames    of the usual tracklet; shorter ones have nothing to vote about
+    """
+
+    max_frame_log_odds: float = 4.0
+    ghost_log_odds: float = 1.0
+    frame_weight: float = 0.1
+    swap_cost: float = 10.0
+    min_part: float = 0.05
+    min_majority: float = 0.5
+    max_overlap_frames: int = 2
+    max_log_odds: float = 30.0
+    window_frames: int = 2048
+    min_length_frames: int = 5
+
+
+CUTTING = CutOptions()
+VOTE = VoteOptions()
+
+
+def cut(points: np.ndarray, rate: float, options: CutOptions = CUTTING) -> np.ndarray:
     """(T, P) the number of the tracklet that each point (T, P, 3) m belongs to, -1 where there is none."""
     present = np.isfinite(points).all(axis=2)
     tracklet = np.full(present.shape, -1)
@@ -30,26 +71,29 @@ def cut(points: np.ndarray, rate: float) -> np.ndarray:
             continue
         gap = np.diff(frames)
         step = np.linalg.norm(np.diff(points[frames, column], axis=0), axis=1)
-        ends = (gap > LONGEST_GAP * rate) | (step > FASTEST / rate * gap)
+        ends = (gap > options.max_gap_s * rate) | (step > options.max_speed / rate * gap)
         tracklet[frames, column] = count + np.concatenate([[0], np.cumsum(ends)])
         count = int(tracklet[frames[-1], column]) + 1
     return tracklet
 
 
-def vote_tracklets(labels: Labels, tracklet: np.ndarray, names: Sequence[str], first_frame: int = 0) -> Verdict:
-    """One name for each tracklet, or part of one that swapped; frames as they are where tracklets are too short to vote.
+def vote_tracklets(
+    labels: Labels, tracklet: np.ndarray, names: Sequence[str], first_frame: int = 0, options: VoteOptions = VOTE
+) -> Verdict:
+    """One name for each tracklet, or part of one that swapped; frames as they are where tracklets are too short.
 
     labels and tracklet are (T, P); names the M markers; first_frame the source's number of the first frame.
     """
     lengths = np.bincount(tracklet[tracklet >= 0]) if (tracklet >= 0).any() else np.zeros(0, int)
-    if not len(lengths) or np.median(np.repeat(lengths, lengths)) < LEAST_LENGTH:
+    if not len(lengths) or np.median(np.repeat(lengths, lengths)) < options.min_length_frames:
         return Verdict(labels)
     voted, sure = np.full(labels.marker.shape, NO_MARKER), np.zeros(labels.marker.shape)
     suspects: list[Suspect] = []
-    edges = [*range(0, max(len(voted) - WINDOW // 2, 1), WINDOW), len(voted)]
+    size = options.window_frames
+    edges = [*range(0, max(len(voted) - size // 2, 1), size), len(voted)]
     for first, after in pairwise(edges):
         frames = slice(first, after)
-        part = _vote_window(labels[frames], tracklet[frames], names, first_frame + first)
+        part = _vote_window(labels[frames], tracklet[frames], names, first_frame + first, options)
         voted[frames], sure[frames] = part.labels.marker, part.labels.confidence
         suspects += part.suspects
         suspects += _gone_over(voted, tracklet, first, names, first_frame)
@@ -89,7 +133,9 @@ def renamed(
     return tuple(found)
 
 
-def _vote_window(labels: Labels, tracklet: np.ndarray, names: Sequence[str], first_frame: int) -> Verdict:
+def _vote_window(
+    labels: Labels, tracklet: np.ndarray, names: Sequence[str], first_frame: int, options: VoteOptions
+) -> Verdict:
     """The same for a few frames: every tracklet a column of its own."""
     frame, column = np.nonzero(tracklet >= 0)
     number, place = np.unique(tracklet[frame, column], return_inverse=True)
@@ -100,9 +146,138 @@ def _vote_window(labels: Labels, tracklet: np.ndarray, names: Sequence[str], fir
     said.confidence[frame, place] = labels.confidence[frame, column]
     owner = np.zeros(len(number), int)
     owner[place] = column
-    result = vote(said.marker, said.confidence, present, names, first_frame)
+    result = vote(said.marker, said.confidence, present, names, first_frame, options)
     voted = Labels.none(*labels.marker.shape)
     voted.marker[frame, column] = result.labels.marker[frame, place]
     voted.confidence[frame, column] = result.labels.confidence[frame, place]
     # Every suspect of a vote is about one tracklet; a person knows it by the column of the file.
     return Verdict(voted, tuple(replace(one, trajectory=int(owner[one.trajectory])) for one in result.suspects))
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """A run of frames of one tracklet that has one name.
+
+    point, first, last  the tracklet's column and its first and last frame, both included, 0-based
+    said                (M,) log odds added up over its frames; silent, the same for no name
+    """
+
+    point: int
+    first: int
+    last: int
+    said: np.ndarray
+    silent: float
+
+
+def vote(
+    marker, confidence, present, names: Sequence[str], first_frame: int = 0, options: VoteOptions = VOTE
+) -> Verdict:
+    """One name for each tracklet, a column each, or for each part of one that swapped.
+
+    marker (T, P) and confidence (T, P) are what frames said on their own, present (T, P) where a tracklet has a
+    point, names the M markers and first_frame the source's number of the first frame.
+    """
+    odds = np.log(np.maximum(confidence, 1e-6) / np.maximum(1 - confidence, 1e-6))
+    weight = np.clip(odds, 0, options.max_frame_log_odds)
+    stretches = [
+        stretch
+        for point in range(marker.shape[1])
+        for stretch in _stretches(point, marker[:, point], weight[:, point], present[:, point], len(names), options)
+    ]
+    given = _given(stretches, present, len(names), options)
+    voted = np.full(marker.shape, NO_MARKER)
+    sure = np.zeros(marker.shape)
+    for stretch, (name, chance) in zip(stretches, given, strict=True):
+        if name != NO_MARKER:
+            frames = slice(stretch.first, stretch.last + 1)
+            here = present[frames, stretch.point]
+            voted[frames, stretch.point] = np.where(here, name, NO_MARKER)
+            sure[frames, stretch.point] = np.where(here, chance, 0)
+    suspects = _swaps(stretches, given, names, first_frame)
+    suspects += _doubts(stretches, given, names, first_frame, options.max_frame_log_odds)
+    step = np.where(voted == NO_MARKER, NO_STEP, BY_TRAJECTORY)
+    return Verdict(Labels(voted, step, sure), tuple(sorted(suspects, key=lambda suspect: suspect.first)))
+
+
+def _stretches(point: int, marker, weight, present, markers: int, options: VoteOptions) -> list[Stretch]:
+    """The tracklet cut where it went over to another marker."""
+    frames = np.flatnonzero(present)
+    if not len(frames):
+        return []
+    said, worth = marker[frames], weight[frames]
+    counts = np.bincount(said[said >= 0], minlength=markers)
+    paid = np.bincount(said[said >= 0], weights=worth[said >= 0], minlength=markers) * options.frame_weight
+    candidates = np.flatnonzero((counts > options.min_part * len(frames)) | (paid > options.swap_cost))
+    state = np.zeros(len(frames), dtype=int)
+    if len(candidates) > 1:
+        gain = np.where(said[:, None] == candidates, worth[:, None], 0) * options.frame_weight
+        state = _most_likely(gain, options.swap_cost)
+    cuts = np.concatenate([[0], np.flatnonzero(np.diff(state)) + 1, [len(frames)]])
+    made = []
+    for first, after in pairwise(cuts):
+        own, how = said[first:after], worth[first:after]
+        total = np.bincount(own[own >= 0], weights=how[own >= 0], minlength=markers)
+        silent = options.ghost_log_odds * float((own < 0).sum())
+        made.append(Stretch(point, int(frames[first]), int(frames[after - 1]), total, silent))
+    return made
+
+
+def _most_likely(gain: np.ndarray, cost: float) -> np.ndarray:
+    """(T,) the sequence of states of highest total gain (T, K) when every change costs so much (Viterbi's)."""
+    frames, states = gain.shape
+    best = gain[0].copy()
+    origin = np.zeros((frames, states), dtype=int)
+    for frame in range(1, frames):
+        leader = int(best.argmax())
+        moved = best[leader] - cost > best
+        origin[frame] = np.where(moved, leader, np.arange(states))
+        best = np.where(moved, best[leader] - cost, best) + gain[frame]
+    path = np.empty(frames, dtype=int)
+    path[-1] = best.argmax()
+    for frame in range(frames - 1, 0, -1):
+        path[frame - 1] = origin[frame, path[frame]]
+    return path
+
+
+def _given(
+    stretches: list[Stretch], present: np.ndarray, markers: int, options: VoteOptions
+) -> list[tuple[int, float]]:
+    """The marker and chance of every stretch: who has most to say chooses first, and nobody takes what is taken."""
+    busy = np.zeros((markers, len(present)), dtype=bool)
+    given: list[tuple[int, float]] = [(NO_MARKER, 0.0)] * len(stretches)
+    waiting = sorted(range(len(stretches)), key=lambda index: -stretches[index].said.max(initial=0))
+    for index in waiting:
+        stretch = stretches[index]
+        frames = slice(stretch.first, stretch.last + 1)
+        here = present[frames, stretch.point]
+        allowed = (busy[:, frames] & here).sum(axis=1) <= options.max_overlap_frames
+        free = np.where(allowed, stretch.said, 0)
+        best = int(free.argmax())
+        rest = stretch.said.sum() - stretch.said[best] + stretch.silent
+        if free[best] > options.min_majority * (free[best] + rest):
+            lead = (free[best] - rest) * options.frame_weight
+            given[index] = (best, float(1 / (1 + np.exp(-min(lead, options.max_log_odds)))))
+            busy[best, frames] |= here
+    return given
+
+
+def _swaps(stretches, given, names, first_frame) -> list[Suspect]:
+    """Tracklets that went over from one marker to another."""
+    suspects = []
+    for (before, (old, _)), (after, (new, _)) in pairwise(zip(stretches, given, strict=True)):
+        if before.point == after.point and NO_MARKER not in (old, new) and old != new:
+            words = f"goes over from {names[old]} to {names[new]}"
+            suspects.append(Suspect(before.last + first_frame, after.first + first_frame, words, before.point))
+    return suspects
+
+
+def _doubts(stretches, given, names, first_frame, least: float) -> list[Suspect]:
+    """Tracklets that frames named often and for which no name won."""
+    suspects = []
+    for stretch, (name, _) in zip(stretches, given, strict=True):
+        order = np.argsort(-stretch.said)[:2]
+        if name == NO_MARKER and stretch.said[order[0]] > stretch.silent and stretch.said[order[0]] > least:
+            likely = " or ".join(names[marker] for marker in order if stretch.said[marker] > 0)
+            words = f"may be {likely} and stays unnamed"
+            suspects.append(Suspect(stretch.first + first_frame, stretch.last + first_frame, words, stretch.point))
+    return suspects

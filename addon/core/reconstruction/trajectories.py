@@ -157,7 +157,7 @@ class Reconstructor:
         return starts[int(np.argmin(moves))] if most else 0
 
     def _learn_first(self, views: list[View]) -> bool:
-        """What the capture is like, from frames spread over the first chunk, each on its own; whether they told."""
+        """What the capture is like, from frames spread over the first chunk, each on its own; whether they could."""
         full = [view for view in views if view.count]
         count = self.options.sample_frames
         sample = full[:: max(len(full) // count, 1)][:count]

@@ -9,10 +9,9 @@ import numpy as np
 
 from addon.core.data.takes import Labels
 from addon.core.points.likelihood import label_frames, learn_likelihood
-from addon.core.points.naming import name_all
 from addon.core.points.partial_solvers.frames import SolversNamer
 from addon.core.points.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS, PartialSolvers, Solver
-from addon.core.points.partial_solvers.training import Study, Training
+from addon.core.points.partial_solvers.training import SolverStudy, Training
 
 Takes = Sequence[tuple[np.ndarray, str]]  # frames (T, M, 3) m, and whose they are
 FAITHFUL = {"paper": PAPER_FUNCTIONS, "turn": FUNCTIONS}
@@ -22,7 +21,7 @@ PATTERNS = 1000
 ANY_RATE = 100.0  # frames a second; to both methods each frame is alone
 
 
-class Remembering(Study):
+class Remembering(SolverStudy):
     """A study that boosts each solver once, though ensembles for several targets take it."""
 
     def __init__(self, points: np.ndarray, options: Training):
@@ -52,7 +51,7 @@ class Faithful:
 
     def names(self, points: np.ndarray, targets: Sequence[float]) -> dict[float, np.ndarray]:
         """The markers (N, P) of points (N, P, 3) m for each target, -1 where unnamed."""
-        return {target: name_all(self._namer(target), points, ANY_RATE).marker for target in targets}
+        return {target: Labels.join(self._namer(target).name(points, ANY_RATE)).marker for target in targets}
 
     def _namer(self, target: float) -> SolversNamer:
         if target not in self._namers:

@@ -12,7 +12,7 @@ from addon.core.points.partial_solvers.features import tables
 from addon.core.points.partial_solvers.masks import Masks
 from addon.core.points.partial_solvers.search import Genetics
 from addon.core.points.partial_solvers.solver import TreeSearch
-from addon.core.points.partial_solvers.training import Ground, Study, Training
+from addon.core.points.partial_solvers.training import Ground, SolverStudy, Training
 
 from .methods import HIDES, Faithful
 from .studies import Test
@@ -98,13 +98,13 @@ def smallest(rates: np.ndarray, answers: np.ndarray, names: tuple[str, ...], lea
 
 def optimal(frames: np.ndarray, options: Training) -> list[int]:
     """B15: whole frames, and those in which the solver of all markers finds one labelling only, the right one."""
-    study, whole = Study(frames, options), frames[np.isfinite(frames).all(axis=(1, 2))]
+    study, whole = SolverStudy(frames, options), frames[np.isfinite(frames).all(axis=(1, 2))]
     cloud, chosen = TreeSearch(range(study.markers), study.pool)(Masks(tables(whole)))
     doubled = np.unique(cloud[(chosen != np.arange(study.markers)).any(axis=1)])
     return [len(whole), len(whole) - len(doubled)]
 
 
-def voters(study: Study) -> list[list]:
+def voters(study: SolverStudy) -> list[list]:
     """B30: hidden markers, weak classifiers that can still vote, and their share."""
     rows = []
     for hide in HIDES:
@@ -166,7 +166,7 @@ WAYS = {
 }
 
 
-def compared(study: Study) -> list[list]:
+def compared(study: SolverStudy) -> list[list]:
     """B17 to B19, B34: search, budget, solvers assessed, kept, their mean size, occlusions answered, s; all markers."""
     rows = []
     for budget in BUDGETS:
@@ -177,7 +177,7 @@ def compared(study: Study) -> list[list]:
     return rows
 
 
-def sensitivity(study: Study) -> list[list]:
+def sensitivity(study: SolverStudy) -> list[list]:
     """B20: the genetic search's meta-parameters, and the same columns as `compared`."""
     usual = study.options.genetics
     return [
@@ -185,7 +185,7 @@ def sensitivity(study: Study) -> list[list]:
     ]
 
 
-def searched(study: Study, run: Callable, budget: int | None, genetics: Genetics) -> list:
+def searched(study: SolverStudy, run: Callable, budget: int | None, genetics: Genetics) -> list:
     """Solvers assessed, kept, their mean size, share of occlusions in which one of a marker's is whole, seconds."""
     everything = study.surveyed[None].everything
     flags = everything.reaches(np.full(study.markers, SEARCHED))

@@ -5,9 +5,10 @@ from time import perf_counter
 
 import numpy as np
 
+from addon.core.data.takes import Labels
 from addon.core.points.likelihood import learn_likelihood
 from addon.core.points.likelihood.frames import LikelihoodNamer
-from addon.core.points.naming import Namer, name_all
+from addon.core.points.naming import Namer
 from addon.core.points.partial_solvers.frames import SolversNamer
 from addon.io.models import open_model
 from addon.io.points import read_points
@@ -45,17 +46,17 @@ def _rigid_bodies(stem: str) -> tuple[np.ndarray, tuple[str, ...]]:
 
 def _rows(namer: Namer, frames: np.ndarray) -> list[list]:
     rows = []
-    name_all(namer, frames[:64], ANY_RATE)
+    Labels.join(namer.name(frames[:64], ANY_RATE))
     for at, trouble in enumerate(CASES):
         generator = np.random.default_rng([8, at])
         clouds = spoilt(drawn(frames, FRAMES, generator), trouble, generator).points
         began = perf_counter()
-        name_all(namer, clouds, ANY_RATE)
+        Labels.join(namer.name(clouds, ANY_RATE))
         rate = len(clouds) / (perf_counter() - began)
         delays = np.empty(ALONE)
         for frame in range(ALONE):
             began = perf_counter()
-            name_all(namer, clouds[frame : frame + 1], ANY_RATE)
+            Labels.join(namer.name(clouds[frame : frame + 1], ANY_RATE))
             delays[frame] = perf_counter() - began
         rows.append(
             [

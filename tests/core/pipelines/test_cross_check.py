@@ -4,8 +4,18 @@
 import numpy as np
 import pytest
 
-from addon.core.data.takes import NO_MARKER, STEPS, Blobs, LabelledChunk, Labels, Motion, Suspect
-from addon.core.pipelines.cross_check import Agreement, label_both_ways
+from addon.core.data.takes import (
+    BY_TRAJECTORY,
+    EXCLUSIVE,
+    NO_MARKER,
+    STEPS,
+    Blobs,
+    LabelledChunk,
+    Labels,
+    Motion,
+    Suspect,
+)
+from addon.core.pipelines.cross_check import MethodAgreement, label_by_both
 
 NAMES = ("A", "B", "C")
 FRAMES, CAMERAS = 30, 3
@@ -32,8 +42,8 @@ def chunk(marker: np.ndarray, step: int, place: float, suspects=(), found=True) 
 
 
 def both(blobs, body, points):
-    agreement = Agreement()
-    [made] = label_both_ways([blobs], iter([body]), iter([points]), NAMES, agreement)
+    agreement = MethodAgreement()
+    [made] = label_by_both([blobs], iter([body]), iter([points]), NAMES, agreement)
     return made, agreement.as_dict()
 
 
@@ -44,9 +54,10 @@ def test_what_they_disagree_on_is_a_suspect_and_the_body_has_the_say(blobs):
     wrong = (blobs.frame >= 5) & (blobs.frame < 10) & (blobs.camera < 2) | (blobs.frame == 20) & (blobs.camera == 0)
     other[wrong] = np.array([1, 0, 2])[truth[wrong]]
     other[0] = NO_MARKER
-    made, counts = both(blobs, chunk(truth, 1, 1.0), chunk(other, 1, 2.0))
+    made, counts = both(blobs, chunk(truth, EXCLUSIVE, 1.0), chunk(other, BY_TRAJECTORY, 2.0))
     assert counts == {"same": 9 * FRAMES - 1 - 22, "different": 22, "only_fit": 1, "only_points": 0}
     assert (made.labels.marker == truth).all()
+    assert (made.labels.step == EXCLUSIVE).all()
     assert [(s.first, s.last, s.reason) for s in made.suspects] == [
         (105, 109, "A by the fitted body is B by the points in space"),
         (105, 109, "B by the fitted body is A by the points in space"),
@@ -59,11 +70,11 @@ def test_where_the_body_found_nobody_the_points_have_the_say(blobs):
     lost = np.arange(FRAMES) < 12
     body = np.where(lost[blobs.frame], NO_MARKER, truth)
     nobody = [Suspect(100, 111, "no subject was recognised")]
-    made, counts = both(blobs, chunk(body, 1, 1.0, nobody, ~lost), chunk(truth, 3, 2.0))
+    made, counts = both(blobs, chunk(body, EXCLUSIVE, 1.0, nobody, ~lost), chunk(truth, BY_TRAJECTORY, 2.0))
     assert counts == {"same": 9 * 18, "different": 0, "only_fit": 0, "only_points": 9 * 12}
     assert (made.labels.marker == truth).all()
     assert {STEPS[step] for step in made.labels.step[lost[blobs.frame]]} == {"trajectory"}
-    assert {STEPS[step] for step in made.labels.step[~lost[blobs.frame]]} == {STEPS[1]}
+    assert {STEPS[step] for step in made.labels.step[~lost[blobs.frame]]} == {"exclusive"}
     assert made.suspects == ()
     assert (made.motion.markers[lost] == 2.0).all()
     assert (made.motion.markers[~lost] == 1.0).all()

@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from addon.core.points.consistency import stray_suspects, strays
+from addon.core.points.deciding import stray_suspects, strays
 from addon.core.points.likelihood.distances import DistanceConstraints
 
 TIES = DistanceConstraints(np.array(np.triu_indices(4, 1)).T, np.full(6, 0.2), np.full(6, 0.004), 0.05)

@@ -12,7 +12,7 @@ from addon.core.data.takes import BY_LIKELIHOOD, Labels
 from addon.core.geometry import rotations
 from addon.core.points.likelihood import learn_likelihood
 from addon.core.points.naming import Namer, namer_of
-from addon.core.points.refusals import refuse_floods, refuse_others, refuse_strangers
+from addon.core.points.refusals import refuse_floods, refuse_others, refuse_unrecognised
 from addon.core.simulation.virtual import Act, draw_person, perform
 from addon.core.training.segments import segment_markerset
 from addon.io.markersets import open_markerset
@@ -131,11 +131,11 @@ def test_too_few_points_are_said_so(gait):
 def test_few_labels_in_the_end_are_said_so(gait):
     points = person(1)
     with pytest.raises(JobError, match="20% of its markers were recognised for sure"):
-        refuse_strangers(gait, by_likelihood(gait), points, first(3))
-    refuse_strangers(gait, by_likelihood(gait), points, first(5))
+        refuse_unrecognised(gait, by_likelihood(gait), points, first(3))
+    refuse_unrecognised(gait, by_likelihood(gait), points, first(5))
     with pytest.raises(JobError, match="33% of its markers"):
-        refuse_strangers(gait, by_body(gait), points, first(5))
-    refuse_strangers(gait, by_body(gait), points, first(11))
+        refuse_unrecognised(gait, by_body(gait), points, first(5))
+    refuse_unrecognised(gait, by_body(gait), points, first(11))
 
 
 def test_a_flood_of_points_is_refused_before_it_fills_the_memory():

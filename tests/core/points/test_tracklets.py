@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from addon.core.data.takes import BY_LIKELIHOOD, BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels
-from addon.core.points.tracklets import WINDOW, cut, renamed, vote_tracklets
+from addon.core.points.tracklets import VOTE, cut, renamed, vote_tracklets
 
 RATE = 100.0
 
@@ -59,7 +59,7 @@ def test_points_without_trajectories_keep_their_own_names():
 
 
 def test_windows_do_not_change_a_long_trajectory():
-    tracklet = cut(straight(WINDOW * 2 + 300, 2), RATE)
+    tracklet = cut(straight(VOTE.window_frames * 2 + 300, 2), RATE)
     marker = np.tile([1, 0], (len(tracklet), 1))
     marker[::7] = NO_MARKER
     voted = vote_tracklets(labelled(marker, 0.95), tracklet, ["A", "B"], first_frame=10)
@@ -81,9 +81,9 @@ def test_doubts_name_the_column_of_the_file():
     assert abs(swap.first - 64) <= 2
 
 
-@pytest.mark.parametrize("frame", [WINDOW, WINDOW - 100, WINDOW * 2 + 300 - 90])
+@pytest.mark.parametrize("frame", [VOTE.window_frames, VOTE.window_frames - 100, VOTE.window_frames * 2 + 300 - 90])
 def test_a_swap_at_a_window_s_border_or_late_in_it_is_followed_and_said(frame):
-    tracklet = cut(straight(WINDOW * 2 + 300, 2), RATE)
+    tracklet = cut(straight(VOTE.window_frames * 2 + 300, 2), RATE)
     marker = np.tile([1, 0], (len(tracklet), 1))
     marker[frame:] = [0, 1]
     voted = vote_tracklets(labelled(marker, 0.99), tracklet, ["A", "B"])

@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from addon.core.points.votes import vote
+from addon.core.points.tracklets import vote
 
 NAMES = ("LTOE", "RTOE", "HEAD")
 

@@ -37,8 +37,8 @@ class CalibrationOptions:
 
 CALIBRATION = CalibrationOptions()
 FEATURES = 6 + len(CALIBRATION.knees)
-KINDS = len(CALIBRATION.kind_bounds) + 1
-UNNAMED = FEATURES - 2  # the feature that is the part of the markers without a name
+FRAME_KINDS = len(CALIBRATION.kind_bounds) + 1
+UNNAMED_FEATURE = FEATURES - 2  # the feature that is the part of the markers without a name
 NEVER = 100.0  # log odds that no label has
 
 
@@ -48,8 +48,8 @@ class Calibration:
 
     weights  logit of the chance to be right, for each of `features`
     rates    (K,) ascending parts of labels that are right
-    least    (KINDS, K) the least log odds of labels of which that part is right, for frames of each of the `kinds`;
-             beyond all odds where no labels are
+    least    (FRAME_KINDS, K) the least log odds of labels of which that part is right, for frames of each of the
+             `kinds`; beyond all odds where no labels are
     """
 
     weights: np.ndarray
@@ -100,7 +100,7 @@ def chance(odds: np.ndarray) -> np.ndarray:
 
 def kinds(described: np.ndarray) -> np.ndarray:
     """(N,) the kind of frame of labels described (N, FEATURES): the more markers are named, the higher."""
-    return np.searchsorted(CALIBRATION.kind_bounds, 1 - described[:, UNNAMED] + 1e-9, side="right")
+    return np.searchsorted(CALIBRATION.kind_bounds, 1 - described[:, UNNAMED_FEATURE] + 1e-9, side="right")
 
 
 def learn_calibration(
@@ -116,7 +116,7 @@ def learn_calibration(
     odds, kind = log_odds(weights, described), kinds(described)
     rates = 1 - np.geomspace(*options.error_range, options.levels)[::-1]
     least = []
-    for index in range(KINDS):
+    for index in range(FRAME_KINDS):
         mine = kind == index if (kind == index).sum() >= options.min_labels else np.ones(len(kind), dtype=bool)
         least.append(_least(odds[mine], right[mine], rates, options))
     return Calibration(weights, rates, np.array(least))

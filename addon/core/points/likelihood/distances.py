@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ...geometry.rigid import pairwise_distances
 from .shape import SUBJECT_PRIOR, SubjectPrior
 
 
@@ -48,7 +49,7 @@ class DistanceConstraints:
     """E distance constraints of a subject of mean size.
 
     pair    (E, 2) markers
-    length  (E,) m, and its standard deviation sd (E,) m on a subject never seen, size apart
+    length  (E,) m, and its standard deviation sd (E,) m on a subject never seen, but for its size
     size_sd how much subjects differ in size, as a standard deviation of its logarithm
     """
 
@@ -175,7 +176,7 @@ def pulls(constraints: DistanceConstraints, points: np.ndarray, naming: np.ndarr
     one, other = np.concatenate([constraints.pair, constraints.pair[:, ::-1]]).T
     constraint = np.tile(np.arange(len(constraints)), 2)
     joined[one, other] = constraint
-    distance = _distances(points) / constraints.size(points, naming)[:, None, None]
+    distance = pairwise_distances(points) / constraints.size(points, naming)[:, None, None]
     rows = np.arange(len(naming))[:, None]
     fit = constraints.fit(distance[rows, np.maximum(naming[:, other], 0)], constraint[:, None])
     fit *= (naming[:, other] >= 0)[..., None]
@@ -192,9 +193,3 @@ def total_fit(constraints: DistanceConstraints, points: np.ndarray, naming: np.n
     )
     distance = np.linalg.norm(first - second, axis=-1) / constraints.size(points, naming)[:, None]
     return (constraints.fit(distance, np.arange(len(constraints))) * (ends >= 0).all(axis=2)).sum(axis=1)
-
-
-def _distances(points: np.ndarray) -> np.ndarray:
-    square = (points**2).sum(axis=2)
-    between = square[:, :, None] + square[:, None] - 2 * (points @ points.transpose(0, 2, 1))
-    return np.sqrt(np.maximum(between, 0))

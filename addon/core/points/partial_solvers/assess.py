@@ -60,13 +60,13 @@ def tally(markers, known: np.ndarray, cloud: np.ndarray, chosen: np.ndarray, mas
         alive = ((removed[cloud] & used[:, None]) == 0).all(axis=2)
         right = ((chosen == np.array(markers)) * marks).sum(axis=1, dtype=np.uint64)
         starts = np.flatnonzero(np.append(True, cloud[1:] != cloud[:-1]))
-        told_right = _any_of(alive, right, starts)
-        told_wrong = _any_of(alive, marks.sum(dtype=np.uint64) & ~right, starts)
+        said_right = _any_of(alive, right, starts)
+        said_wrong = _any_of(alive, marks.sum(dtype=np.uint64) & ~right, starts)
         before = whole[cloud[starts]]
-        told_right[before] = marks.sum(dtype=np.uint64)
-        hits += _per_bit(told_right & ~told_wrong, size) - before.sum()
-        failures += _per_bit(told_wrong & ~told_right, size)
-        answers += _per_bit(told_right | told_wrong, size) - before.sum()
+        said_right[before] = marks.sum(dtype=np.uint64)
+        hits += _per_bit(said_right & ~said_wrong, size) - before.sum()
+        failures += _per_bit(said_wrong & ~said_right, size)
+        answers += _per_bit(said_right | said_wrong, size) - before.sum()
     return Record(hits, failures, answers, removed.shape[0] * removed.shape[1])
 
 

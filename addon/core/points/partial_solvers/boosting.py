@@ -13,19 +13,22 @@ from . import features
 from .features import Tables
 from .model import FUNCTIONS, Classifiers, Strong
 
-CHUNK = 4_000_000  # feature values in memory at once
-
 
 @dataclass(frozen=True)
 class Boosting:
     """How strong classifiers are chosen.
 
-    accuracy  share of the wrong labellings that the strong classifier must reject before it is done
-    period    wrong labellings presented between two additions to it
+    accuracy    share of the wrong labellings that the strong classifier must reject before it is done
+    period      wrong labellings presented between two additions to it
+    max_values  of features in memory at once
     """
 
     accuracy: float = 0.9999
     period: int = 16
+    max_values: int = 4_000_000
+
+
+BOOSTING = Boosting()
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +60,7 @@ def learn_intervals(clouds: Tables, kind: np.ndarray, points: np.ndarray) -> Cla
     low, high = np.full(len(kind), np.inf), np.full(len(kind), -np.inf)
     for index in range(len(FUNCTIONS)):
         rows = np.flatnonzero(kind == index)
-        step = max(CHUNK // max(len(rows), 1), 1)
+        step = max(BOOSTING.max_values // max(len(rows), 1), 1)
         for first in range(0, len(clouds.present), step):
             frame = np.arange(first, min(first + step, len(clouds.present)))[:, None]
             seen = features.values(index, frame, points[rows][None], clouds)
@@ -90,7 +93,7 @@ def rejections(classifiers: Classifiers, frame: np.ndarray, labelling: np.ndarra
     rejected = np.zeros((len(classifiers), len(frame)), dtype=bool)
     for kind in range(len(FUNCTIONS)):
         rows = np.flatnonzero(classifiers.kind == kind)
-        step = max(CHUNK // max(len(frame), 1), 1)
+        step = max(BOOSTING.max_values // max(len(frame), 1), 1)
         for part in (rows[first : first + step] for first in range(0, len(rows), step)):
             points = labelling.T[classifiers.points[part]].transpose(0, 2, 1)
             seen = features.values(kind, frame, points, clouds)

@@ -7,55 +7,12 @@ that a search that tries many labellings of the same points only ever looks valu
 
 from dataclasses import dataclass
 from itertools import combinations
-from math import comb
 
 import numpy as np
 
-from .model import ANGLE, DISTANCE, DOMAIN, FUNCTIONS, HEIGHT, NO_POINT, PAPER_FUNCTIONS, RATIO
+from .model import DOMAIN, FUNCTIONS, KIND_ANGLE, KIND_DISTANCE, KIND_HEIGHT, KIND_RATIO, NO_POINT, PAPER_FUNCTIONS
 
 UP = 2
-
-
-def angle(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """g1: the angle at `a` between the directions to `b` and `c`, rad. Points (..., 3).
-
-    The table prints a minus sign where the dot product of AB and AC belongs.
-    """
-    ab, ac = b - a, c - a
-    lengths = np.linalg.norm(ab, axis=-1) * np.linalg.norm(ac, axis=-1)
-    return np.arccos(np.clip((ab * ac).sum(axis=-1) / lengths, -1.0, 1.0))
-
-
-def distance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """g2: how far `a` is from `b`, m. Points (..., 3)."""
-    return np.linalg.norm(b - a, axis=-1)
-
-
-def ratio(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
-    """g3: how much longer AB is than CD, over their mean; -2 to 2, whatever the size of the body. Points (..., 3)."""
-    first, second = distance(a, b), distance(c, d)
-    return 2.0 * (first - second) / (first + second)
-
-
-def height(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """g4: how much higher `a` is than `b`, m. Points (..., 3), z up (the table's axis for up is y)."""
-    return a[..., UP] - b[..., UP]
-
-
-def turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Not in the table: the turn from AB to AC seen from above, over their lengths; -1 to 1, positive to the left.
-
-    Its sign changes in a mirror, where all of the table's functions stay the same.
-    """
-    ab, ac = b - a, c - a
-    across = ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0]
-    return across / (np.linalg.norm(ab, axis=-1) * np.linalg.norm(ac, axis=-1))
-
-
-def count_features(markers: int) -> dict[str, int]:
-    """How many features each function gives over all combinations of `markers` points."""
-    triples, pairs = markers * comb(max(markers - 1, 0), 2), comb(markers, 2)
-    return {"angle": triples, "distance": pairs, "ratio": 3 * comb(markers, 4), "height": pairs, "turn": triples}
 
 
 def all_features(
@@ -124,18 +81,18 @@ def values(kind: int, frame: np.ndarray, points: np.ndarray, within: Tables) -> 
     NaN where a point is missing, or where points coincide so that there is no angle.
     """
     first, second = points[..., 0], points[..., 1]
-    if kind == HEIGHT:
+    if kind == KIND_HEIGHT:
         return within.height[frame, first, second]
     one = within.distance[frame, first, second]
-    if kind == DISTANCE:
+    if kind == KIND_DISTANCE:
         return one
     third = points[..., 2]
     with np.errstate(invalid="ignore", divide="ignore"):
-        if kind == RATIO:
+        if kind == KIND_RATIO:
             two = within.distance[frame, third, points[..., 3]]
             return 2.0 * (one - two) / (one + two)
         two = within.distance[frame, first, third]
-        if kind == ANGLE:
+        if kind == KIND_ANGLE:
             across = within.distance[frame, second, third]
             return np.arccos(np.clip((one**2 + two**2 - across**2) / (2.0 * one * two), -1.0, 1.0))
         apex = within.ground[frame, first]

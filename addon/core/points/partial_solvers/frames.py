@@ -5,19 +5,30 @@ Frames are independent. They are worked on side by side for speed only; what one
 """
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
-from ...data.takes import BY_PARTIAL_SOLVERS, NO_STEP, Labels
+from ...data.takes import BY_PARTIAL_SOLVERS, NO_MARKER, NO_STEP, Labels
 from .features import tables
 from .masks import Masks
-from .matrix import resolve
 from .model import PartialSolvers
 from .solver import TreeSearch
 
-# Of look-up tables, in one go; about two numbers and a few dozen bit masks for every pair of points.
-TABLE_NUMBERS = 400_000
-CHUNK = 256  # frames
+
+@dataclass(frozen=True)
+class TableOptions:
+    """How many frames are worked on side by side. Both reckoned, by memory.
+
+    max_pairs   of points in look-up tables; about two numbers and a few dozen bit masks for each
+    max_frames  whose points are counted at once
+    """
+
+    max_pairs: int = 400_000
+    max_frames: int = 256
+
+
+TABLES = TableOptions()
 
 
 class SolversNamer:
@@ -45,11 +56,11 @@ class SolversNamer:
 
         The confidence of a label is the measured hit rate of the best solver that suggested the name.
         """
-        for start in range(0, max(len(points), 1), CHUNK):
-            chunk = points[start : start + CHUNK]
+        for start in range(0, max(len(points), 1), TABLES.max_frames):
+            chunk = points[start : start + TABLES.max_frames]
             there = np.isfinite(chunk).all(axis=-1)
             most = int(there.sum(axis=1).max(initial=0))
-            step = max(TABLE_NUMBERS // max(most * most, 1), 1)
+            step = max(TABLES.max_pairs // max(most * most, 1), 1)
             for first in range(0, max(len(chunk), 1), step):
                 part = slice(first, first + step)
                 yield self._part(chunk[part], there[part], most)
@@ -82,3 +93,15 @@ class SolversNamer:
 def label_frames(partial_solvers: PartialSolvers, points: np.ndarray, every_vote: bool = False) -> Labels:
     """The labels (T, P) of points (T, P, 3) m, as `SolversNamer` gives them."""
     return Labels.join(SolversNamer(partial_solvers, every_vote).name(points))
+
+
+def resolve(suggested: np.ndarray) -> np.ndarray:
+    """The labelling matrix (the paper's section 4.3): what becomes of the suggestions of many solvers.
+
+    The marker of each point (T, P), NO_MARKER where none, from suggestions (T, P, M): some solver says so.
+
+    A column without a suggestion is an occluded marker. A column with several is ambiguous and counts as occluded. A
+    point with several markers leaves all of them occluded. What is alone in its row and in its column is a label.
+    """
+    alone = (suggested.sum(axis=1, keepdims=True) == 1) & (suggested.sum(axis=2, keepdims=True) == 1) & suggested
+    return np.where(alone.any(axis=2), alone.argmax(axis=2), NO_MARKER)

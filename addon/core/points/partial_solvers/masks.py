@@ -6,11 +6,29 @@ from dataclasses import dataclass
 import numpy as np
 
 from .features import Tables
-from .model import DISTANCE, HEIGHT, Classifiers
+from .model import KIND_DISTANCE, KIND_HEIGHT, Classifiers
 
-# Intervals are closed: their ends must be accepted whichever way a value was rounded on the way.
-ROUNDING = 1e-9
-WORD = 64
+WORD = 64  # bits
+
+
+@dataclass(frozen=True)
+class TreeOptions:
+    """How labellings are searched. All reckoned.
+
+    tolerance      of closed intervals, m, rad or a pure number: their ends must be accepted whichever way a value was
+                   rounded on the way
+    max_rows       labellings that are followed side by side; what is beyond waits its turn
+    first_looked   classifiers looked up in one go while many labellings are left,
+    growth         and by how much more each time after
+    """
+
+    tolerance: float = 1e-9
+    max_rows: int = 100_000
+    first_looked: int = 4
+    growth: int = 4
+
+
+TREE = TreeOptions()
 
 
 @dataclass(frozen=True)
@@ -30,13 +48,13 @@ ANYTHING = Bounds()
 
 
 def pair_bounds(classifiers: Classifiers) -> dict[tuple[int, int], Bounds]:
-    """The intervals of every pair that a two-point classifier ties together, in both orders."""
+    """The intervals of every pair that a two-point classifier judges, in both orders."""
     found: dict[tuple[int, int], Bounds] = {}
-    for row in np.flatnonzero(np.isin(classifiers.kind, (DISTANCE, HEIGHT))):
+    for row in np.flatnonzero(np.isin(classifiers.kind, (KIND_DISTANCE, KIND_HEIGHT))):
         pair = (int(classifiers.points[row, 0]), int(classifiers.points[row, 1]))
         before = found.get(pair, ANYTHING)
         interval = (float(classifiers.low[row]), float(classifiers.high[row]))
-        is_distance = classifiers.kind[row] == DISTANCE
+        is_distance = classifiers.kind[row] == KIND_DISTANCE
         bounds = Bounds(interval, before.height) if is_distance else Bounds(before.distance, interval)
         found[pair], found[pair[::-1]] = bounds, bounds.turned
     return found
@@ -70,7 +88,7 @@ class Masks:
             with np.errstate(invalid="ignore"):
                 for table, interval in ((self.clouds.distance, bounds.distance), (self.clouds.height, bounds.height)):
                     if interval is not None:
-                        inside &= (table >= interval[0] - ROUNDING) & (table <= interval[1] + ROUNDING)
+                        inside &= (table >= interval[0] - TREE.tolerance) & (table <= interval[1] + TREE.tolerance)
             self._made[bounds] = self.packed(inside), float(inside.mean()) if inside.size else 0.0
         return self._made[bounds]
 

@@ -5,16 +5,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...data.takes import NO_POINT
+
 # The geometric functions; the index is what `Classifiers.kind` holds. The first four are the paper's table 1, g1 to g4.
-# None of them can tell a scene from its mirror image, so left and right are told by what is lopsided or not at all. The
+# None of them can tell a scene from its mirror image, so left and right show in what is lopsided or not at all. The
 # table gives them as examples: "turn" is one more of its kind that can. It is ours, and in an ensemble only where it
-# was asked for, as `train` does unless told to keep to the paper.
+# was asked for, as `train` does unless it is to keep to the paper.
 FUNCTIONS = ("angle", "distance", "ratio", "height", "turn")
-ANGLE, DISTANCE, RATIO, HEIGHT, TURN = range(len(FUNCTIONS))
+KIND_ANGLE, KIND_DISTANCE, KIND_RATIO, KIND_HEIGHT, KIND_TURN = range(len(FUNCTIONS))
 PAPER_FUNCTIONS = FUNCTIONS[:4]
 # Points that each function takes.
 DOMAIN = (3, 2, 4, 2, 3)
-NO_POINT = -1
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,12 +105,13 @@ class Record:
         """(s,) whether each hit rate reaches its target (s,).
 
         ambiguous: where given, the target is asked of the answers that were not ambiguous, and at most this share of
-        all answers may have been. A marker that is told twice gets no label: that costs labels and makes none wrong.
+        all answers may have been. A marker with two answers gets no label: that costs labels and makes none wrong.
         """
         if ambiguous is None:
             return (self.answers > 0) & (self.hits >= targets * self.answers)
-        told = self.hits + self.failures
-        return (self.hits > 0) & (self.hits >= targets * told) & (self.answers - told <= ambiguous * self.answers)
+        clear = self.hits + self.failures
+        unclear = self.answers - clear
+        return (self.hits > 0) & (self.hits >= targets * clear) & (unclear <= ambiguous * self.answers)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 Good = Callable[[int], bool]
-DIE_OUT = 0.25
 
 
 def members(subset: int) -> list[int]:
@@ -133,7 +132,7 @@ class Genetics:
     population: int = 48
     generations: int = 40
     crossover: float = 0.5
-    die_out: float = DIE_OUT
+    die_out: float = 0.25
 
 
 def crossover(one: np.ndarray, other: np.ndarray, generator: np.random.Generator) -> np.ndarray:

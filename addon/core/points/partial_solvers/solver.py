@@ -2,8 +2,8 @@
 """The tree search for every labelling that a strong classifier accepts (the paper's section 3.4).
 
 One marker after another is given a point; a labelling that a weak classifier rejects is dropped at once with all that
-would follow from it. Written twice: `search_one` is the paper's depth-first search of one frame, to read and to check
-against; `TreeSearch` goes through many frames side by side, level by level, and finds the same.
+would follow from it. The paper goes depth first through one frame; this goes through many frames side by side, level by
+level, and finds the same.
 """
 
 from collections.abc import Callable, Iterator
@@ -11,73 +11,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import features
-from .features import Tables
-from .masks import ROUNDING, Bounds, Masks, pair_bounds
-from .model import ANGLE, DOMAIN, RATIO, TURN, Classifiers
-
-MOST_ROWS = 100_000  # labellings that are followed side by side; what is beyond waits its turn
-FIRST_GROUP, GROWTH = 4, 4  # classifiers looked up in one go: few while many labellings are left, then more
-
-
-def accepts(classifiers: Classifiers, frame: int, labelling: np.ndarray, clouds: Tables) -> bool:
-    """Whether all weak classifiers accept one labelling (M,) of a frame; a marker without a point is -1.
-
-    A classifier with a point that is unassigned or missing has no vote. This is φ = 1 (equation 2): every vote counts.
-    """
-    return not any(_rejects(classifiers, row, frame, labelling, clouds) for row in range(len(classifiers)))
-
-
-def search_one(markers, classifiers: Classifiers, frame: int, clouds: Tables) -> tuple[list[tuple[int, ...]], int]:
-    """Every feasible labelling of `markers` in one frame, depth first, and the number of nodes visited.
-
-    A labelling is the tuple of points in the order of `markers`; it never leaves a marker out.
-    """
-    markers = list(markers)
-    judged = [newly_judged(classifiers, markers[: depth + 1]) for depth in range(len(markers))]
-    present = np.flatnonzero(clouds.present[frame])
-    labelling = np.full(max(int(classifiers.points.max(initial=0)), *markers) + 1, -1)
-    found, visited = [], 0
-
-    def descend(depth: int):
-        nonlocal visited
-        if depth == len(markers):
-            found.append(tuple(int(labelling[marker]) for marker in markers))
-            return
-        for point in present:
-            if (labelling == point).any():
-                continue
-            visited += 1
-            labelling[markers[depth]] = point
-            if not any(_rejects(classifiers, row, frame, labelling, clouds) for row in judged[depth]):
-                descend(depth + 1)
-            labelling[markers[depth]] = -1
-
-    descend(0)
-    return sorted(found), visited
+from .masks import TREE, Bounds, Masks, pair_bounds
+from .model import KIND_ANGLE, KIND_RATIO, KIND_TURN, Classifiers
 
 
 def newly_judged(classifiers: Classifiers, placed: list[int]) -> np.ndarray:
-    """Rows of the classifiers that can vote once the last of `placed` has its point."""
+    """Indices of the classifiers that can vote once the last of `placed` has its point."""
     has_last = (classifiers.points == placed[-1]).any(axis=1)
     return np.flatnonzero(classifiers.within(placed) & has_last)
-
-
-def _rejects(classifiers: Classifiers, row: int, frame: int, labelling: np.ndarray, clouds: Tables) -> bool:
-    kind = int(classifiers.kind[row])
-    points = labelling[classifiers.points[row, : DOMAIN[kind]]]
-    if (points < 0).any():
-        return False
-    value = features.values(kind, np.array(frame), points, clouds)
-    return bool(value < classifiers.low[row] - ROUNDING or value > classifiers.high[row] + ROUNDING)
 
 
 @dataclass(frozen=True, eq=False)
 class Level:
     """What is looked up when the marker at one depth gets its point.
 
-    pairs    (depth, bounds) of each earlier marker that a two-point classifier ties it to, earlier one first
-    angles   (A, 3) rows of `Rows.sides`: the two sides of the angle and the third; angle_bounds (2, A) of cosines
+    pairs    (depth, bounds) of each earlier marker that a two-point classifier judges with it, earlier one first
+    angles   (A, 3) rows of the `sides` of `PartialLabellings`: those of the angle and the third; angle_bounds (2, A) of
+             cosines
     ratios   (Q, 2) likewise the two lengths; ratio_bounds (2, Q)
     turns    (U, 5) depths of the three markers, then the two sides; turn_bounds (2, U)
     """
@@ -92,7 +42,7 @@ class Level:
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class PartialLabellings:
     """R labellings under way at one depth d.
 
     cloud (R,), chosen (d, R) the points, used (R, W) their bits, sides (d (d - 1) / 2, R) the distances between them
@@ -106,8 +56,8 @@ class Rows:
     def __len__(self) -> int:
         return len(self.cloud)
 
-    def __getitem__(self, rows) -> "Rows":
-        return Rows(self.cloud[rows], self.chosen[:, rows], self.used[rows], self.sides[:, rows])
+    def __getitem__(self, rows) -> "PartialLabellings":
+        return PartialLabellings(self.cloud[rows], self.chosen[:, rows], self.used[rows], self.sides[:, rows])
 
 
 class TreeSearch:
@@ -137,18 +87,20 @@ class TreeSearch:
             sequence = [self.markers[place] for place in order]
             self._plans[order] = [self._level(sequence, depth) for depth in range(len(sequence))]
         cloud, point = np.nonzero(masks.clouds.present)
-        start = Rows(cloud, point[None], masks.bit[point], np.empty((0, len(cloud))))
+        start = PartialLabellings(cloud, point[None], masks.bit[point], np.empty((0, len(cloud))))
         back = np.argsort(order)
         for rows in self._descend(start, 1, self._plans[order], masks):
             yield rows.cloud, rows.chosen[back].T
 
-    def _descend(self, rows: Rows, depth: int, plan: list[Level], masks: Masks) -> Iterator[Rows]:
+    def _descend(
+        self, rows: PartialLabellings, depth: int, plan: list[Level], masks: Masks
+    ) -> Iterator[PartialLabellings]:
         """Places the markers from `depth` on."""
         if depth == len(plan):
             yield rows
             return
-        for first in range(0, len(rows), MOST_ROWS):
-            part = rows if len(rows) <= MOST_ROWS else rows[first : first + MOST_ROWS]
+        for first in range(0, len(rows), TREE.max_rows):
+            part = rows if len(rows) <= TREE.max_rows else rows[first : first + TREE.max_rows]
             grown = judged(grow(part, allowed(part, plan[depth].pairs, masks), masks), plan[depth], masks)
             if len(grown):
                 yield from self._descend(grown, depth + 1, plan, masks)
@@ -180,27 +132,27 @@ class TreeSearch:
 
 def look_ups(classifiers: Classifiers, place: np.ndarray) -> tuple[np.ndarray, ...]:
     """The three- and four-point classifiers as `Level` has them; place (M,) the depth of each marker."""
-    angles, ratios, turns = (classifiers[classifiers.kind == kind] for kind in (ANGLE, RATIO, TURN))
+    angles, ratios, turns = (classifiers[classifiers.kind == kind] for kind in (KIND_ANGLE, KIND_RATIO, KIND_TURN))
     apex, one, other, _ = place[angles.points].T
     a, b, c, d = place[ratios.points].T
     pivot, near, far, _ = place[turns.points].T
     return (
         np.stack([_side(apex, one), _side(apex, other), _side(one, other)], axis=1),
-        np.stack([np.cos(angles.high) - ROUNDING, np.cos(angles.low) + ROUNDING]),
+        np.stack([np.cos(angles.high) - TREE.tolerance, np.cos(angles.low) + TREE.tolerance]),
         np.stack([_side(a, b), _side(c, d)], axis=1),
-        np.stack([ratios.low - ROUNDING, ratios.high + ROUNDING]),
+        np.stack([ratios.low - TREE.tolerance, ratios.high + TREE.tolerance]),
         np.stack([pivot, near, far, _side(pivot, near), _side(pivot, far)], axis=1),
-        np.stack([turns.low - ROUNDING, turns.high + ROUNDING]),
+        np.stack([turns.low - TREE.tolerance, turns.high + TREE.tolerance]),
     )
 
 
 def _side(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Where the distance between the markers at two depths stands in `Rows.sides`."""
+    """Where the distance between the markers at two depths stands in `PartialLabellings.sides`."""
     low, high = np.minimum(one, other), np.maximum(one, other)
     return high * (high - 1) // 2 + low
 
 
-def allowed(rows: Rows, pairs: list[tuple[int, Bounds]], masks: Masks) -> np.ndarray:
+def allowed(rows: PartialLabellings, pairs: list[tuple[int, Bounds]], masks: Masks) -> np.ndarray:
     """(R, W) the points left for the next marker by the two-point classifiers and by those already taken."""
     left = masks.everyone[rows.cloud] & ~rows.used
     for earlier, bounds in pairs:
@@ -208,13 +160,13 @@ def allowed(rows: Rows, pairs: list[tuple[int, Bounds]], masks: Masks) -> np.nda
     return left
 
 
-def grow(rows: Rows, left: np.ndarray, masks: Masks) -> Rows:
+def grow(rows: PartialLabellings, left: np.ndarray, masks: Masks) -> PartialLabellings:
     """Every row once for every point that is left for the next marker."""
     flags = np.unpackbits(left.view(np.uint8), axis=1, bitorder="little", count=masks.points)
     parent, point = np.nonzero(flags)
     cloud, chosen = rows.cloud[parent], rows.chosen[:, parent]
     new = masks.clouds.distance.reshape(-1)[(cloud * masks.points + point) * masks.points + chosen]
-    return Rows(
+    return PartialLabellings(
         cloud,
         np.concatenate([chosen, point[None]]),
         rows.used[parent] | masks.bit[point],
@@ -222,21 +174,21 @@ def grow(rows: Rows, left: np.ndarray, masks: Masks) -> Rows:
     )
 
 
-def judged(rows: Rows, level: Level, masks: Masks) -> Rows:
+def judged(rows: PartialLabellings, level: Level, masks: Masks) -> PartialLabellings:
     """The rows that every three- and four-point classifier of a level accepts.
 
     A feature that is a fraction is compared with both sides multiplied out; the angle by its cosine.
     """
 
-    def angles(rows: Rows, part: slice) -> tuple[np.ndarray, ...]:
+    def angles(rows: PartialLabellings, part: slice) -> tuple[np.ndarray, ...]:
         one, two, across = (rows.sides[side] for side in level.angles[part].T)
         return one * one + two * two - across * across, 2.0 * one * two, *level.angle_bounds[:, part, None]
 
-    def ratios(rows: Rows, part: slice) -> tuple[np.ndarray, ...]:
+    def ratios(rows: PartialLabellings, part: slice) -> tuple[np.ndarray, ...]:
         one, two = (rows.sides[side] for side in level.ratios[part].T)
         return 2.0 * (one - two), one + two, *level.ratio_bounds[:, part, None]
 
-    def turns(rows: Rows, part: slice) -> tuple[np.ndarray, ...]:
+    def turns(rows: PartialLabellings, part: slice) -> tuple[np.ndarray, ...]:
         pivot, near, far, one, two = level.turns[part].T
         at = masks.clouds.ground[rows.cloud, rows.chosen]
         ab, ac = at[near] - at[pivot], at[far] - at[pivot]
@@ -248,12 +200,14 @@ def judged(rows: Rows, level: Level, masks: Masks) -> Rows:
     return _sifted(rows, ratios, len(level.ratios))
 
 
-def _sifted(rows: Rows, fraction: Callable[[Rows, slice], tuple[np.ndarray, ...]], count: int) -> Rows:
+def _sifted(
+    rows: PartialLabellings, fraction: Callable[[PartialLabellings, slice], tuple[np.ndarray, ...]], count: int
+) -> PartialLabellings:
     """The rows for which numerator / denominator lies within low and high for all of `count` classifiers."""
-    first, size = 0, FIRST_GROUP
+    first, size = 0, TREE.first_looked
     while first < count and len(rows):
         above, below, low, high = fraction(rows, slice(first, first + size))
         kept = ((above >= low * below) & (above <= high * below)).all(axis=0)
         rows = rows if kept.all() else rows[kept]
-        first, size = first + size, size * GROWTH
+        first, size = first + size, size * TREE.growth
     return rows

@@ -15,7 +15,7 @@ import numpy as np
 from .assess import tally
 from .masks import Masks, pair_bounds
 from .model import Classifiers, Record
-from .solver import Level, Rows, allowed, grow, judged, look_ups
+from .solver import Level, PartialLabellings, allowed, grow, judged, look_ups
 
 
 class Survey:
@@ -78,15 +78,17 @@ def survey(
     yield 1.0, result
 
 
-def _singles(masks: Masks, marker: int) -> Rows:
+def _singles(masks: Masks, marker: int) -> PartialLabellings:
     """Every wrong point for one marker."""
     cloud, point = np.nonzero(masks.clouds.present)
     wrong = point != marker
     cloud, point = cloud[wrong], point[wrong]
-    return Rows(cloud, point[None], masks.bit[point], np.empty((0, len(cloud))))
+    return PartialLabellings(cloud, point[None], masks.bit[point], np.empty((0, len(cloud))))
 
 
-def _step(rows: Rows, places: tuple[int, ...], new: int, levels: "_Levels", masks: Masks) -> Rows:
+def _step(
+    rows: PartialLabellings, places: tuple[int, ...], new: int, levels: "_Levels", masks: Masks
+) -> PartialLabellings:
     """The wrong labellings with one marker more, from `rows`: the right ones of all clouds, then the wrong ones."""
     level = levels.of(places, new)
     left = allowed(rows, level.pairs, masks)
@@ -105,12 +107,12 @@ class _Truth:
         self._clouds = np.arange(len(masks.everyone))
         self._distance = np.ascontiguousarray(masks.clouds.distance.transpose(1, 2, 0))
 
-    def joined(self, members: list[int], wrong: Rows) -> Rows:
+    def joined(self, members: list[int], wrong: PartialLabellings) -> PartialLabellings:
         """The right labelling of `members` in every cloud, then the wrong ones."""
         at = np.array(members)
         high, low = np.tril_indices(len(at), -1)
         bits = np.bitwise_or.reduce(self._masks.bit[at], axis=0)
-        return Rows(
+        return PartialLabellings(
             np.concatenate([self._clouds, wrong.cloud]),
             np.concatenate([np.repeat(at[:, None], len(self._clouds), axis=1), wrong.chosen], axis=1),
             np.concatenate([np.repeat(bits[None], len(self._clouds), axis=0), wrong.used]),

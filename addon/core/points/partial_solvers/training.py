@@ -18,17 +18,13 @@ from .assess import Occlusions, assess, draw_occlusions
 from .boosting import Boosting, boost, learn_intervals, rejections, wrong_labellings
 from .features import all_features, tables
 from .masks import Masks
-from .model import DISTANCE, PAPER_FUNCTIONS, Classifiers, PartialSolvers, Record, Solver, Strong
+from .model import KIND_DISTANCE, PAPER_FUNCTIONS, Classifiers, PartialSolvers, Record, Solver, Strong
 from .search import Genetics
 from .solver import TreeSearch
 from .survey import Survey, survey
 
 SEARCHES = ("bottom-up", "top-down", "genetic")
 GOALS = ("own", "any", "all")
-MOST_SURVEYED = 15  # markers; above, the solvers are too many to go through them all
-GROUP = 12  # markers among which a marker's solvers are then looked for
-PATTERNS = 2000  # occlusions that are thought through when solvers are chosen
-LOOKS = (192, 800)  # frames after which a hopeless solver is given up
 
 
 @dataclass(frozen=True)
@@ -43,6 +39,10 @@ class Training:
     margin         by how much each interval is widened at both ends, as a share of its width; the paper has none
     wrong          wrong labellings drawn for the boosting
     survey_frames  frames on which all subsets are tried; check_frames, on which good ones are measured
+    early_frames   of those, after which a hopeless solver is given up
+    max_surveyed   markers; above, the solvers are too many to go through them all,
+    group          and a marker's solvers are looked for among so many
+    patterns       occlusions that are thought through when solvers are chosen
     most_features  above that many, ratios are drawn by chance
     most_solvers   kept of each run of the search: those that together answer in the most occlusions
     least_gain     share of the occlusions in which one more solver must answer first to be kept
@@ -57,6 +57,10 @@ class Training:
     wrong: int = 2048
     survey_frames: int = 128
     check_frames: int = 2500
+    early_frames: tuple[int, ...] = (192, 800)
+    max_surveyed: int = 15
+    group: int = 12
+    patterns: int = 2000
     most_features: int = 60_000
     most_solvers: int = 16
     least_gain: float = 0.002
@@ -95,7 +99,7 @@ def training(
     points = points[np.isfinite(points).all(axis=-1).sum(axis=1) >= 2]
     _check(points, markers, options)
     yield 0.0, "learning intervals"
-    study = Study(points, options)
+    study = SolverStudy(points, options)
     for share in study.survey():
         yield 0.05 + 0.5 * share, "surveying partial solvers"
     steps = study.partial_solvers(tuple(markers), targets)
@@ -130,7 +134,7 @@ def _heirs(found: Iterable[int], markers: int, good: searches.Good) -> Callable[
     return heirs
 
 
-class Study:
+class SolverStudy:
     """Labelled frames, the weak classifiers learned from them, and what solvers made of those can do.
 
     Ensembles for different targets can be made from one study.
@@ -159,7 +163,7 @@ class Study:
         self._look = self._sample(points, order[: options.survey_frames])
         checked = order[options.survey_frames :] if len(order) > 2 * options.survey_frames else order
         checked = checked[: options.check_frames]
-        self._checks = [self._sample(points, part) for part in np.split(checked, LOOKS) if len(part)]
+        self._checks = [self._sample(points, part) for part in np.split(checked, options.early_frames) if len(part)]
         self._memory: dict[int, Record] = {}
         self._checked: dict[int, np.ndarray] = {}
 
@@ -169,7 +173,7 @@ class Study:
 
     def survey(self) -> Iterator[float]:
         """Goes through all subsets, or through those of each marker's group; yields the share done."""
-        if self.markers <= MOST_SURVEYED:
+        if self.markers <= self.options.max_surveyed:
             for share, result in survey(self.pool, *self._look):
                 self.surveyed[None] = result
                 yield share
@@ -181,10 +185,10 @@ class Study:
 
     def _group(self, own: int) -> list[int]:
         """A marker and those whose distance from it rejects the most wrong labellings."""
-        pairs = np.flatnonzero((self.pool.kind == DISTANCE) & (self.pool.points == own).any(axis=1))
+        pairs = np.flatnonzero((self.pool.kind == KIND_DISTANCE) & (self.pool.points == own).any(axis=1))
         telling = self._rejected[pairs].sum(axis=1).argsort(kind="stable")[::-1]
         others = self.pool.points[pairs[telling], :2].sum(axis=1) - own
-        return [own, *(int(other) for other in others[: GROUP - 1])]
+        return [own, *(int(other) for other in others[: self.options.group - 1])]
 
     def partial_solvers(
         self, markers: tuple[str, ...], targets: float | np.ndarray
@@ -281,8 +285,8 @@ class Study:
     def hidden(self, ground: "Ground") -> np.ndarray:
         """(N,) random subsets of hidden markers, the search's own not among them."""
         generator = np.random.default_rng([self.options.seed, self.markers])
-        rank = generator.random((PATTERNS, self.markers)).argsort(axis=1).argsort(axis=1)
-        hide = rank < generator.integers(0, self.options.occlusions.most + 1, PATTERNS)[:, None]
+        rank = generator.random((self.options.patterns, self.markers)).argsort(axis=1).argsort(axis=1)
+        hide = rank < generator.integers(0, self.options.occlusions.most + 1, self.options.patterns)[:, None]
         hide = hide[:, ground.group]
         if ground.own is not None:
             hide[:, ground.own] = False
@@ -370,7 +374,7 @@ def _widened(classifiers: Classifiers, margin: float) -> Classifiers:
 
 
 class Ground:
-    """Where a search moves: the subsets of a group of markers, told by their places in it.
+    """Where a search moves: the subsets of a group of markers, by their places in it.
 
     own  place of the marker that the search is for, or None
     """
@@ -379,11 +383,11 @@ class Ground:
         self.group, self.own = group, None if own is None else group.index(own)
 
     def outside(self, subset: int) -> int:
-        """The same subset told by the markers themselves."""
+        """The same subset by the markers themselves."""
         return searches.subset_of(self.group[place] for place in searches.members(subset))
 
 
-def _joined(solvers: list[Solver], study: Study, markers: tuple[str, ...]) -> PartialSolvers:
+def _joined(solvers: list[Solver], study: SolverStudy, markers: tuple[str, ...]) -> PartialSolvers:
     """The ensemble, with only those weak classifiers that some solver uses."""
     useful = [solver for solver in solvers if solver.reached.any()]
     used = np.unique(np.concatenate([np.empty(0, dtype=int), *(solver.strong.chosen for solver in useful)]))

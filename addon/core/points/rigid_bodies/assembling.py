@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..likelihood.naming import IMPOSSIBLE, NO_POINT, one_to_one
+from ...data.takes import NO_POINT
+from ..likelihood.naming import IMPOSSIBLE, one_to_one
 from ..likelihood.solving import Solved
 from .model import RigidBodies, linking_order
 from .placing import Placements, distances, place
@@ -30,7 +31,7 @@ class AssemblyOptions:
     single_cost         log odds a single marker must have beside the number of points that it may be
     room_ratio          side of the cube that ghosts fill, in distances between markers
     rounds              of naming single markers, each by those that were named before
-    max_margin          log odds; a name with no rival is as sure
+    max_margin          log odds that a name without an alternative leads by
     """
 
     beam_width: int = 16

@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How the points of a cluster may be the markers of a rigid body: all ways for a small one, the likely for a large."""
+"""How the points of a cluster may be the markers of a rigid body: all for a small one, the likely for a large."""
 
 from dataclasses import dataclass
 from itertools import combinations, permutations
 
 import numpy as np
 
+from ...data.takes import NO_POINT
 from ...geometry.rigid import laid_on
-
-NO_PLACE = -1
 
 
 @dataclass(frozen=True)
@@ -21,7 +20,7 @@ class CorrespondenceOptions:
                  with the raw take S09_KneeltoRun02 of the Clouthier recordings in sight
     bases        triples of markers that a large rigid body is laid by; reckoned
     max_side_sds standard deviations that a side of such a triple may be off; reckoned
-    kept         ways of laying a large rigid body that are looked at more closely; reckoned
+    kept         placements of a large rigid body that are looked at more closely; reckoned
     """
 
     max_all: int = 7
@@ -38,7 +37,7 @@ CORRESPONDENCE = CorrespondenceOptions()
 def correspondences(
     form: np.ndarray, points: np.ndarray, options: CorrespondenceOptions = CORRESPONDENCE
 ) -> np.ndarray:
-    """(W, n) indices of points (p, 3) m for the markers (n, 3) m of a rigid body, NO_PLACE where a marker has none.
+    """(W, n) indices of points (p, 3) m for the markers (n, 3) m of a rigid body, NO_POINT where a marker has none.
 
     All where the rigid body has `max_all` markers at most: of the points those nearest to their middle. There are
     millions for a larger one, and its form tells which are worth a look.
@@ -47,7 +46,7 @@ def correspondences(
         return _likely(form, points, options)
     near = np.argsort(np.linalg.norm(points, axis=1), kind="stable")[: options.max_all]
     chosen = _all(len(form), len(near))
-    return np.where(chosen >= 0, near[chosen], NO_PLACE)
+    return np.where(chosen >= 0, near[chosen], NO_POINT)
 
 
 def spread_of(lengths: np.ndarray, options: CorrespondenceOptions = CORRESPONDENCE) -> np.ndarray:
@@ -56,29 +55,29 @@ def spread_of(lengths: np.ndarray, options: CorrespondenceOptions = CORRESPONDEN
 
 
 def _all(markers: int, points: int) -> np.ndarray:
-    """(W, n) every way to give n markers a point each, NO_PLACE for some where the points are too few."""
+    """(W, n) all assignments of a point each to n markers, NO_POINT for some where the points are too few."""
     if points >= markers:
         return np.array(list(permutations(range(points), markers)))
     taken = np.array(list(permutations(range(markers), points)))
-    ways = np.full((len(taken), markers), NO_PLACE)
-    np.put_along_axis(ways, taken, np.arange(points)[None], axis=1)
-    return ways
+    tried = np.full((len(taken), markers), NO_POINT)
+    np.put_along_axis(tried, taken, np.arange(points)[None], axis=1)
+    return tried
 
 
 def _likely(form: np.ndarray, points: np.ndarray, options: CorrespondenceOptions) -> np.ndarray:
-    """(W, n) the ways that lay three markers on three points best, and each with any two markers exchanged."""
+    """(W, n) those that lay three markers on three points best, and each with any two markers exchanged."""
     laid = [
         _assigned(form, points, *pair)
         for base in _bases(form, options.bases)
         for pair in _on_points(form, points, base, options)
     ]
     laid.sort(key=lambda row: row[0])
-    ways = np.array([way for _, way in laid] or np.full((1, len(form)), NO_PLACE))
-    ways = ways[np.sort(np.unique(ways, axis=0, return_index=True)[1])][: options.kept]
-    exchanged = [ways]
+    tried = np.array([assigned for _, assigned in laid] or np.full((1, len(form)), NO_POINT))
+    tried = tried[np.sort(np.unique(tried, axis=0, return_index=True)[1])][: options.kept]
+    exchanged = [tried]
     for one, two in combinations(range(len(form)), 2):
-        other = ways.copy()
-        other[:, [one, two]] = ways[:, [two, one]]
+        other = tried.copy()
+        other[:, [one, two]] = tried[:, [two, one]]
         exchanged.append(other)
     return np.unique(np.concatenate(exchanged), axis=0)
 
@@ -118,6 +117,6 @@ def _assigned(form: np.ndarray, points: np.ndarray, turn: np.ndarray, place: np.
 
     distance = np.linalg.norm((form @ turn.T + place)[:, None] - points, axis=-1)
     marker, point = linear_sum_assignment(distance)
-    way = np.full(len(form), NO_PLACE)
-    way[marker] = point
-    return float(distance[marker, point].sum()), way
+    assigned = np.full(len(form), NO_POINT)
+    assigned[marker] = point
+    return float(distance[marker, point].sum()), assigned

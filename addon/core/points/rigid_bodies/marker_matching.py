@@ -7,10 +7,11 @@ from itertools import permutations
 
 import numpy as np
 
+from ...data.takes import NO_POINT
 from ...geometry.rigid import pairwise_distances
 from .cluster_matching import NO_CLUSTER, Matched, mirror_odds
 from .clustering import Cluster
-from .correspondences import NO_PLACE, correspondences, spread_of
+from .correspondences import correspondences, spread_of
 from .structure import Inner, Joints, Structure, farther, find_joints, rigid_body_volumes, triples
 
 
@@ -45,7 +46,7 @@ MARKER_MATCH = MarkerMatchOptions()
 class Placed:
     """Which point of which cluster each marker is.
 
-    rigid_body, point  (M,) the rigid body and the index of the point in its cluster, NO_PLACE where there is none
+    rigid_body, point  (M,) the rigid body and the index of the point in its cluster, NO_POINT where there is none
     margin             (M,) how much less likely the rigid body is where the marker is another point, log odds
     """
 
@@ -59,7 +60,7 @@ def place_markers(
 ) -> Placed:
     """The markers of every rigid body that has a cluster, and those beside it."""
     markers = structure.markers
-    placed = Placed(np.full(markers, NO_PLACE), np.full(markers, NO_PLACE), np.zeros(markers))
+    placed = Placed(np.full(markers, NO_POINT), np.full(markers, NO_POINT), np.zeros(markers))
     named = np.flatnonzero(matched.cluster != NO_CLUSTER)
     frames = len(clusters[0].place) if clusters else 0
     middles = np.full((frames, len(structure), 3), np.nan)
@@ -74,7 +75,7 @@ def place_markers(
         cluster = clusters[matched.cluster[rigid_body]]
         point, margin = _match_one(structure, rigid_body, cluster, middles, joints, options)
         # A marker beside two rigid bodies is where it is surer.
-        better = (point != NO_PLACE) & (margin > placed.margin[members])
+        better = (point != NO_POINT) & (margin > placed.margin[members])
         placed.rigid_body[members[better]], placed.point[members[better]] = rigid_body, point[better]
         placed.margin[members[better]] = margin[better]
     return placed

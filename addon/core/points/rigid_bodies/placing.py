@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...data.takes import NO_POINT
 from ...geometry.rigid import pairwise_distances
-from ..likelihood.naming import NO_POINT
 from .model import RigidBodies
 
 

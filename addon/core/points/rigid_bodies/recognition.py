@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...data.takes import NO_POINT
 from ...geometry.rigid import MIN_POINTS, pairwise_distances
 from .cluster_matching import NO_CLUSTER, Matched, match_clusters
 from .clustering import Cluster, Sampled, find_clusters, sampled, unbroken
-from .correspondences import NO_PLACE
 from .marker_matching import Placed, place_markers
 from .model import RIGID_BODY, RigidBodies
 from .single_markers import find_single_markers
@@ -115,14 +115,14 @@ def _recognise(
     sure = (matched.cluster != NO_CLUSTER) & (matched.margin >= options.min_body_lead)
     cluster = np.where(sure, matched.cluster, NO_CLUSTER)
     placed = place_markers(structure, clusters, Matched(cluster, matched.margin))
-    named = (placed.point != NO_PLACE) & (placed.margin >= options.min_marker_lead)
+    named = (placed.point != NO_POINT) & (placed.margin >= options.min_marker_lead)
     at = _positions(clusters, cluster, placed, named)
     forms = _own_forms(structure, clusters, cluster, placed, named)
     own = _own_rigid_bodies(rigid_bodies, forms, placed, named, at, options)
     single = np.full(int(part.max(initial=-1)) + 1, -1)
     free = _free(seen, [*clusters, *props])
     if len(free) and named.any():
-        found = find_single_markers(own, at, np.flatnonzero(placed.point == NO_PLACE), seen.points[:, free])
+        found = find_single_markers(own, at, np.flatnonzero(placed.point == NO_POINT), seen.points[:, free])
         single[seen.number[free]] = found
         own = _with_single_markers(own, at, seen.points[:, free], found, options)
     known = _known(rigid_bodies, forms, len(structure), options)

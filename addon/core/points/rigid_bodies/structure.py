@@ -11,6 +11,7 @@ from itertools import combinations
 
 import numpy as np
 
+from ...data.takes import evenly_spread
 from ...geometry.rigid import MIN_POINTS, centre_of_rotation, in_axes, laid_on, pairwise_distances
 from .model import RigidBodies
 
@@ -37,7 +38,7 @@ class JointOptions:
 class StructureOptions:
     """What is learned from, and what subjects are taken to differ by. All reckoned.
 
-    sample_frames     of a subject that are learned from, and up to twice as many
+    sample_frames     of a subject that are learned from, evenly spread
     tail_percent      of a distance's range left out at either end, as outliers
     slack_m, slack_share, slack_range  that subjects differ by in a distance, of the distance, of its range
     min_volume_sd     that a signed volume is taken to vary by, in units of its sides
@@ -154,7 +155,7 @@ def learn_structure(
 
 
 def _learn(rigid_bodies: RigidBodies, subjects: Sequence[np.ndarray], options: StructureOptions) -> Structure:
-    frames = np.concatenate([points[:: max(len(points) // options.sample_frames, 1)] for points in subjects])
+    frames = np.concatenate([points[evenly_spread(len(points), options.sample_frames)] for points in subjects])
     groups = [_firm(group, frames, options) for group in rigid_bodies.groups]
     poses = [laid_on(_centred(rigid_bodies.form[group]), frames[:, group]) for group in groups]
     turn, place = (np.stack(part, axis=1) for part in zip(*poses, strict=True))

@@ -10,10 +10,20 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from addon.core.points.partial_solvers import features
-from addon.core.points.partial_solvers.model import ANGLE, DISTANCE, DOMAIN, FUNCTIONS, HEIGHT, NO_POINT, RATIO, TURN
+from addon.core.points.partial_solvers.model import (
+    DOMAIN,
+    FUNCTIONS,
+    KIND_ANGLE,
+    KIND_DISTANCE,
+    KIND_HEIGHT,
+    KIND_RATIO,
+    KIND_TURN,
+    NO_POINT,
+)
+from tests.core.points.partial_solvers import plain
 
-ONE = {ANGLE: features.angle, DISTANCE: features.distance, RATIO: features.ratio, HEIGHT: features.height}
-ONE[TURN] = features.turn
+ONE = {KIND_ANGLE: plain.angle, KIND_DISTANCE: plain.distance, KIND_RATIO: plain.ratio, KIND_HEIGHT: plain.height}
+ONE[KIND_TURN] = plain.turn
 A, B, C, D = np.array([[0.0, 0, 0], [3, 0, 4], [0, 2, 0], [0, 2, 1]])
 clouds = arrays.arrays(float, (4, 3), elements=st.floats(-2, 2).map(lambda value: round(value, 3))).filter(
     lambda points: min(np.linalg.norm(points[i] - points[j]) for i in range(4) for j in range(i)) > 0.05
@@ -21,13 +31,13 @@ clouds = arrays.arrays(float, (4, 3), elements=st.floats(-2, 2).map(lambda value
 
 
 def test_closed_forms():
-    assert features.angle(A, B, C) == pytest.approx(np.pi / 2)
-    assert features.angle(A, B, 2 * B) == pytest.approx(0.0)
-    assert features.angle(A, B, -B) == pytest.approx(np.pi)
-    assert features.distance(A, B) == pytest.approx(5.0)
-    assert features.ratio(A, B, C, D) == pytest.approx(2 * (5 - 1) / (5 + 1))
-    assert features.height(B, A) == pytest.approx(4.0)
-    assert features.turn(A, B, C) == pytest.approx(3 * 2 / (5 * 2))
+    assert plain.angle(A, B, C) == pytest.approx(np.pi / 2)
+    assert plain.angle(A, B, 2 * B) == pytest.approx(0.0)
+    assert plain.angle(A, B, -B) == pytest.approx(np.pi)
+    assert plain.distance(A, B) == pytest.approx(5.0)
+    assert plain.ratio(A, B, C, D) == pytest.approx(2 * (5 - 1) / (5 + 1))
+    assert plain.height(B, A) == pytest.approx(4.0)
+    assert plain.turn(A, B, C) == pytest.approx(3 * 2 / (5 * 2))
 
 
 @given(clouds, st.floats(-3, 3), st.floats(0.2, 3))
@@ -38,19 +48,19 @@ def test_invariances(points, yaw, size):
     value = {kind: function(*points[: DOMAIN[kind]]) for kind, function in ONE.items()}
     for kind, function in ONE.items():
         assert function(*turned[: DOMAIN[kind]]) == pytest.approx(value[kind], abs=1e-5)
-    for kind in (ANGLE, DISTANCE, RATIO):
+    for kind in (KIND_ANGLE, KIND_DISTANCE, KIND_RATIO):
         assert ONE[kind](*tilted[: DOMAIN[kind]]) == pytest.approx(value[kind], abs=1e-5)
-    for kind in (ANGLE, RATIO, TURN):
+    for kind in (KIND_ANGLE, KIND_RATIO, KIND_TURN):
         assert ONE[kind](*(size * points)[: DOMAIN[kind]]) == pytest.approx(value[kind], abs=1e-5)
-    for kind in (ANGLE, DISTANCE, RATIO, HEIGHT):
+    for kind in (KIND_ANGLE, KIND_DISTANCE, KIND_RATIO, KIND_HEIGHT):
         assert ONE[kind](*mirrored[: DOMAIN[kind]]) == pytest.approx(value[kind], abs=1e-9)
-    assert features.turn(*mirrored[:3]) == pytest.approx(-value[TURN], abs=1e-9)
+    assert plain.turn(*mirrored[:3]) == pytest.approx(-value[KIND_TURN], abs=1e-9)
 
 
 @pytest.mark.parametrize("markers", [3, 4, 7, 15])
 def test_every_combination_once(markers):
     kind, points = features.all_features(markers, FUNCTIONS)
-    counted = features.count_features(markers)
+    counted = plain.count_features(markers)
     assert {name: int((kind == index).sum()) for index, name in enumerate(FUNCTIONS)} == counted
     assert counted["ratio"] == 3 * comb(markers, 4)
     for index, domain in enumerate(DOMAIN):
@@ -58,21 +68,21 @@ def test_every_combination_once(markers):
         assert (mine[:, domain:] == NO_POINT).all()
         assert all(len(set(row)) == domain for row in mine[:, :domain].tolist())
         assert len({tuple(row) for row in mine.tolist()}) == len(mine)
-    halves = [frozenset((frozenset(row[:2]), frozenset(row[2:]))) for row in points[kind == RATIO].tolist()]
+    halves = [frozenset((frozenset(row[:2]), frozenset(row[2:]))) for row in points[kind == KIND_RATIO].tolist()]
     assert len(set(halves)) == len(halves)
 
 
 def test_the_pool_of_the_paper():
     kind, _ = features.all_features(15)
     assert len(kind) == 1365 + 105 + 4095 + 105
-    assert sum(features.count_features(26).values()) - features.count_features(26)["turn"] == 7800 + 325 + 44850 + 325
+    assert sum(plain.count_features(26).values()) - plain.count_features(26)["turn"] == 7800 + 325 + 44850 + 325
 
 
 def test_a_large_set_draws_its_ratios():
     kind, points = features.all_features(20, most=5000, seed=3)
     again = features.all_features(20, most=5000, seed=3)[1]
     assert len(kind) == 5000
-    assert (kind == ANGLE).sum() == features.count_features(20)["angle"]
+    assert (kind == KIND_ANGLE).sum() == plain.count_features(20)["angle"]
     assert (points == again).all()
     assert (points != features.all_features(20, most=5000, seed=4)[1]).any()
 

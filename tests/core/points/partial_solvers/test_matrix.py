@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from addon.core.points.partial_solvers.matrix import resolve
+from addon.core.points.partial_solvers.frames import resolve
 
 # One row a point, one column a marker.
 CASES = {
