@@ -19,7 +19,7 @@ class Progress:
 def within(
     work: Generator[tuple[float, str], None, Result], first: float, last: float
 ) -> Generator[Progress, None, Result]:
-    """Work that yields (its share done, what it is doing), as part of a whole from `first` to `last`; gives its result."""
+    """Work that yields (share done, what it is doing), as part of a whole from `first` to `last`; gives its result."""
     while True:
         try:
             share, note = next(work)
