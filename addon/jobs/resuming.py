@@ -25,6 +25,8 @@ def made_of(job: LabelJob) -> dict:
     Raises InputError where one of them cannot be read.
     """
     options = {field.name: getattr(job, field.name) for field in fields(job) if field.name not in OUTSIDE}
+    # Names for one thing are one: what "auto" stands for here, and what likelihood was called at first.
+    options |= {"occlusion": job.casts, "method": "likelihood" if job.method == "evidence" else job.method}
     made = {
         "version": version(),
         "input": _digest([job.source]),
