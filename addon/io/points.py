@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..core.data.errors import InputError
-from ..core.data.takes import Points
+from ..core.data.takes import LARGEST_FRAME, Points
 from .c3d import C3dTake, read_c3d, write_c3d_file
 from .motive_points import is_motive, read_motive
 from .points_up import Upright, find_up
@@ -63,11 +63,15 @@ def read_points(
     Raises InputError for whatever cannot be used, and where no point is in the frames asked for.
     """
     path = Path(path)
-    take = _read(path, everything, up, rate)
-    return take if frames is None else _of_frames(take, frames, path)
+    take = _of_frames(_read(path, everything, up, rate), frames or (None, None), path)
+    end = take.first_frame + len(take.xyz) - 1
+    if end > LARGEST_FRAME:
+        raise InputError(f"goes on to frame {end}; expected frame numbers up to {LARGEST_FRAME}", path)
+    return take
 
 
 def _of_frames(take: FilePoints, frames: Frames, path: Path) -> FilePoints:
+    """The take's frames from A to B, both included."""
     first, last = frames
     start = 0 if first is None else max(first - take.first_frame, 0)
     stop = len(take.xyz) if last is None else max(last - take.first_frame + 1, 0)

@@ -41,7 +41,7 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
     settings = BlobOptions(job.method, job.frame_rate, job.target, job.options, _occlusion(job, model))
     agreement, check = MethodAgreement(), CameraCheck(cameras)
     with ExitStack() as stack:
-        files = open_files(job, may_replace(job), stack)
+        files = open_files(job, may_replace(job, inputs), stack)
         source = Source(job, cameras)
         work = label_blobs(source.blobs(), cameras, model, settings, agreement)
         results = Results(job, files, model.markerset.markers, stack)
