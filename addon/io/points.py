@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..core.data.errors import InputError
-from ..core.data.takes import LARGEST_FRAME, Points
+from ..core.data.takes import Points
 from .c3d import C3dTake, read_c3d, write_c3d_file
 from .motive_points import is_motive, read_motive
 from .points_up import Upright, find_up
@@ -63,11 +63,7 @@ def read_points(
     Raises InputError for whatever cannot be used, and where no point is in the frames asked for.
     """
     path = Path(path)
-    take = _of_frames(_read(path, everything, up, rate), frames or (None, None), path)
-    end = take.first_frame + len(take.xyz) - 1
-    if end > LARGEST_FRAME:
-        raise InputError(f"goes on to frame {end}; expected frame numbers up to {LARGEST_FRAME}", path)
-    return take
+    return _of_frames(_read(path, everything, up, rate), frames or (None, None), path)
 
 
 def _of_frames(take: FilePoints, frames: Frames, path: Path) -> FilePoints:

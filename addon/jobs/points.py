@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from ..blendfile import refuse_long
+from ..core.data.errors import InputError
 from ..core.data.progress import Progress
-from ..core.data.takes import STEPS, Labels, PointRows
+from ..core.data.takes import LARGEST_FRAME, STEPS, Labels, PointRows
 from ..core.geometry.cameras import NO_CAMERAS
 from ..core.pipelines.points import PointOptions, label_points
 from ..core.points.motion import labelled_points
@@ -33,8 +34,12 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         files = open_files(job, may_replace(job, inputs), stack)
         with timed(clock, "load"):
             model, take = open_model(job.model), read_points(job.source, frames=job.frames, up=job.up, rate=job.rate)
+            last = int(take.frames[-1])
+            if last > LARGEST_FRAME:
+                words = f"goes on to frame {last}; expected frame numbers up to {LARGEST_FRAME}"
+                raise InputError(words, job.source)
             if job.blend:
-                refuse_long(take.frames[0], take.frames[-1])
+                refuse_long(take.first_frame, last)
             options = PointOptions(chosen_method(model, job.method), job.target, job.options)
         labelled = yield from label_points(take, model, options)
         rows, markerset = PointRows.of(take), model.markerset

@@ -20,7 +20,7 @@ from ..io.report import compact
 from ..io.whole import keep_apart, whole_files
 from ..version import version
 from .job import timed
-from .training_takes import Known, TakeFile, chosen_markers, read_takes
+from .training_takes import KnownBetter, TakeFile, chosen_markers, read_takes
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class TrainJob:
     keep: bool = True
     report: Path | None = None
     overwrite: bool = False
-    known: Mapping[Path, Known] = field(default_factory=dict)
+    known: Mapping[Path, KnownBetter] = field(default_factory=dict)
 
 
 def train_file(job: TrainJob) -> Generator[Progress, None, dict]:
