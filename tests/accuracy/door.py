@@ -71,7 +71,7 @@ def here(*words: str) -> subprocess.CompletedProcess:
 
 def run_walking(plan: Plan):
     """Every walk and turn of everybody, take by take, through the command line with its defaults."""
-    rows, takes, occlusions = [], [], set()
+    rows, takes, occlusions, cameras = [], [], set(), set()
     with tempfile.TemporaryDirectory() as name:
         for set_name in plan.sets:
             for room in ROOMS:
@@ -86,13 +86,15 @@ def run_walking(plan: Plan):
                         speed = door.report["timing"]["frames_per_second"]
                         seconds += len(trial.blobs.frames) / speed
                         occlusions.add(door.report["occlusion"])
+                        cameras.add(len(trial.cameras))
                         alone = Score(markerset.markers)
                         alone.count(trial, names, steps)
                         takes.append([set_name, room, *_take_cells(trial, alone, speed)])
                 counts = score.counts
                 rows.append([set_name, room, score.takes, *score_cells(counts), f"{counts.frames / seconds:.0f}"])
                 show(plan, score)
-    print(f"\n### Walks and turns, 6 to 8 cameras, 60 Hz, ghosts ({plan.people()})\n")
+    seen_by = " or ".join(map(str, sorted(cameras)))
+    print(f"\n### Walks and turns, {seen_by} cameras, 60 Hz, ghosts ({plan.people()})\n")
     print(f"Through `mocap-autolabel label` with its defaults; the body in the way: {', '.join(sorted(occlusions))}.\n")
     print(table(("set", "room", "takes", *SCORE_COLUMNS, "frames a second"), rows))
     print("\n" + table(("set", "room", *TAKE_COLUMNS), takes))
