@@ -17,7 +17,6 @@ from .captures import Score, Trial
 from .models import Labeller, left_out_model
 from .standing import standing
 from .tables import SCORE_COLUMNS, score_cells, share, table
-from .walking import walking
 
 CLEAN = CaptureOptions(reflections=0, flicker=0.0)
 # The paper's tolerance: how far a start may be off.
@@ -32,7 +31,7 @@ class Plan:
 
     sets   marker sets
     folds  groups of left-out people, one model each
-    count  standing captures a group; whole takes are a tenth of it
+    count  standing captures a group
     seed   of everything random
     show   how many flawed takes are listed
     """
@@ -90,26 +89,6 @@ def run_standing(plan: Plan):
     print(table(("set", "ghosts", *SCORE_COLUMNS, "time a frame"), rows))
     print("\n" + table(("set", "ghosts", "step", "labels right"), steps))
     print("\n" + table(("set", "ghosts", "swapped", "times"), swaps))
-
-
-def run_walking(plan: Plan):
-    """Whole takes, followed at 60 Hz by six to eight cameras."""
-    rows = []
-    takes = max(plan.count // 10, 2)
-    for set_name in plan.sets:
-        for room in ("vicon12", "ring"):
-            score, labellers = measured(
-                plan,
-                set_name,
-                lambda markers, persons, count, seed, r=room: walking(markers, persons, count, seed, room=r),
-                takes,
-                60.0,
-            )
-            speed = 1000 / milliseconds(labellers)
-            rows.append([set_name, room, score.takes, *score_cells(score.counts), f"{speed:.0f}"])
-            show(plan, score)
-    print(f"\n### Walks and turns, 6 to 8 cameras, 60 Hz, ghosts ({plan.people()})\n")
-    print(table(("set", "room", "takes", *SCORE_COLUMNS, "frames a second"), rows))
 
 
 def run_starts(plan: Plan):
