@@ -27,7 +27,8 @@ from .tables import share, table
 CLEAN = CaptureOptions(reflections=0, flicker=0.0)
 # A fit has converged when its markers are this near to the real ones on average: less than half of what parts rivals.
 CONVERGED = 0.05
-TIMES = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0)  # the paper's box, so many times as wide
+TIMES = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0)  # the paper's box, so many times as wide
+LEAST_HEIGHT = 0.3  # m, of a start however wide the box is
 EACH = 2  # starts of a kind in a frame
 ITERATIONS = (0, 1, 2, 3, 5, 10, 20)
 LABELLED = (5, 10)
@@ -79,7 +80,7 @@ class Start:
         return replace(
             ideal,
             quaternion=rotations.turned(ideal.quaternion, turn[None]),
-            scale=ideal.scale + height,
+            scale=np.maximum(ideal.scale + height, LEAST_HEIGHT),
             translation=ideal.translation + place,
         )
 

@@ -26,7 +26,6 @@ SPEED = "speed.json"
 # another lab, of the built-in models.
 OTHERS = ("solvers", "optimal", "body26", "few", "elsewhere", "speed")
 FEW = (1, 2, 4)  # people that a model is learned from; a single one in a single take
-SERVE = people.DATA / "people" / "tennis" / "kinematics_tennis_serve.c3d"
 
 
 @dataclass(frozen=True)
@@ -108,7 +107,7 @@ def measure(plan: Plan, method: str, split: str, learned: list[str], tested: lis
             found[study] = _few(plan, method, learned, _test(plan, people.GAIT15, tested))
         elif study == "elsewhere":
             found[study] = {
-                name: few_hidden(learned_set, _test(plan, SETS[name], tested, serve_of(SETS[name])))
+                name: few_hidden(learned_set, _test(plan, SETS[name], tested, people.other_lab(SETS[name])))
                 for name, learned_set in (("gait15", trained), ("body26", body()))
             }
         else:
@@ -139,16 +138,6 @@ def _few(plan: Plan, method: str, learned: list[str], test: Test) -> dict[str, d
             takes = [max(takes, key=lambda take: np.isfinite(take[0][..., 0]).all(axis=1).sum())]
         found[str(count)] = few_hidden(learn(method, takes, test.names, plan.options), test)
     return found
-
-
-def serve_of(names: tuple[str, ...]) -> np.ndarray:
-    """(T, M, 3) m of a tennis serve in another lab, whose player wears LPSI and RPSI in place of SACR: that is NaN."""
-    worn, points, _ = people.read_c3d(SERVE)
-    picked = np.full((len(points), len(names), 3), np.nan)
-    for index, name in enumerate(names):
-        if name in worn:
-            picked[:, index] = points[:, worn.index(name)]
-    return picked
 
 
 def _test(plan: Plan, names: tuple[str, ...], tested: list[str], frames: np.ndarray | None = None) -> Test:
