@@ -23,8 +23,8 @@ from .walking import walking
 
 CLEAN = CaptureOptions(reflections=0, flicker=0.0)
 STANDING = {
-    "none": CLEAN,
-    "2 fixed, 0.2 flicker a camera": CaptureOptions(),
+    "no ghosts": CLEAN,
+    "2 ghosts fixed, 0.2 flicker a camera": CaptureOptions(),
     "the same, blobs off by 1.5 px": CaptureOptions(noise=1.5),
 }
 MOST_NOT_RIGHT = 4  # markers in a frame; more are counted together
@@ -78,29 +78,29 @@ def run_standing(plan: Plan):
     """A24, A28: single standing frames with no hints, in the paper's rig: without ghosts, with, and blurred."""
     rows, steps, frames, markers = [], [], [], []
     for set_name in plan.sets:
-        for ghosts, options in STANDING.items():
+        for title, options in STANDING.items():
             score, labellers = measured(
                 plan,
                 set_name,
                 lambda markers, persons, count, seed, o=options: standing(markers, persons, count, seed, o),
                 plan.count,
             )
-            rows.append([set_name, ghosts, *score_cells(score.counts), f"{milliseconds(labellers):.0f} ms"])
+            rows.append([set_name, title, *score_cells(score.counts), f"{milliseconds(labellers):.0f} ms"])
             figures = score.figures.as_dict()
             steps += [
-                [set_name, ghosts, name, share(step["right"], step["labels"], 3)]
+                [set_name, title, name, share(step["right"], step["labels"], 3)]
                 for name, step in figures["steps"].items()
             ]
-            frames.append([set_name, ghosts, *_by_frame(score)])
-            markers += [[set_name, ghosts, *row] for row in _by_marker(score)]
+            frames.append([set_name, title, *_by_frame(score)])
+            markers += [[set_name, title, *row] for row in _by_marker(score)]
             show(plan, score)
     print(f"\n### One standing frame, no hints, paper's rig ({plan.people()})\n")
-    print(table(("set", "ghosts", *SCORE_COLUMNS, "time a frame"), rows))
-    print("\n" + table(("set", "ghosts", "step", "labels right"), steps))
+    print(table(("set", "capture", *SCORE_COLUMNS, "time a frame"), rows))
+    print("\n" + table(("set", "capture", "step", "labels right"), steps))
     many = [f"{count} not" for count in range(1, MOST_NOT_RIGHT)] + [f"{MOST_NOT_RIGHT} or more not"]
-    print("\n" + table(("set", "ghosts", "frames", "all markers right that are seen", *many), frames))
+    print("\n" + table(("set", "capture", "frames", "all markers right that are seen", *many), frames))
     names = ("its blobs", "of them right", "unnamed", "named otherwise", "as", "its name on ghosts and others")
-    print("\n" + table(("set", "ghosts", "marker", *names), markers))
+    print("\n" + table(("set", "capture", "marker", *names), markers))
 
 
 def _by_frame(score: Score) -> list[int]:
