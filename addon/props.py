@@ -135,7 +135,8 @@ class SceneSettings(bpy.types.PropertyGroup):
     )
     target: FloatProperty(
         name="Sure",
-        description="The part of the names of 3D points that must be right; what is less sure stays unnamed",
+        description="The part of the names of 3D points that must be right; what is less sure stays unnamed. "
+        "Ghosts, another lab's markers or few people to learn from leave more wrong than is asked for",
         default=0.999,
         min=0.5,
         max=0.999999,

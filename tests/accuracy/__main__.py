@@ -11,16 +11,19 @@ Nothing here is part of the test suite: it needs the recorded people beside the 
 
 import argparse
 import sys
+from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from . import people, runs
+from . import people, runs, starts, tracking
 from .door import run_door, run_walking
 from .rebuilding import run_rebuilding
 
 RUNS = {
     "standing": runs.run_standing,
-    "starts": runs.run_starts,
+    "starts": starts.run_starts,
+    "iterations": starts.run_iterations,
+    "tracking": tracking.run_tracking,
     "speed": runs.run_speed,
     "walking": run_walking,
     "occlusion": runs.run_occlusion,
@@ -43,6 +46,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--as-recorded", action="store_true", help="keep the names that a recording has exchanged")
     parser.add_argument("--show", type=int, default=0, help="list up to this many flawed takes of each measurement")
+    parser.add_argument("--plots", type=Path, metavar="DIR", help="draw pictures into this folder, too")
     given = parser.parse_args()
     if not people.available():
         print("the recorded people are not here; expected them in ../shared/data/people", file=sys.stderr)
@@ -56,6 +60,7 @@ def main() -> int:
         given.count or (100 if given.full else 40),
         given.seed,
         given.show,
+        given.plots,
     )
     with threadpool_limits(1, user_api="blas"):
         for name in given.only or (RUNS if given.full else QUICK):

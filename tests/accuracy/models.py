@@ -17,6 +17,7 @@ from scripts import learn_markersets
 from . import people
 from .captures import LabelFunction
 
+LOST = "the subject was lost"  # what the pipeline says
 CACHE = Path(tempfile.gettempdir()) / "mocap-autolabel-accuracy"
 LEARNED_BY = (
     "addon/core/body/anatomy.py",
@@ -43,19 +44,25 @@ def _learning_version() -> str:
 
 
 class Labeller:
-    """The project's labelling as a function of blobs, with no hints; adds up the seconds that it reports."""
+    """The project's labelling as a function of blobs, with no hints; adds up the seconds that it reports.
+
+    lost    how often it said that it had lost a subject
+    nobody  frames without one
+    """
 
     def __init__(self, markerset: MarkerSet, rate: float = 100.0, options: Options | None = None, occlusion=None):
         self.markerset, self._rate, self._options, self._occlusion = markerset, rate, options, occlusion
         self._names = np.array([*markerset.markers, ""], dtype=object)
         self.seconds: dict[str, float] = {}
-        self.frames = 0
+        self.frames = self.lost = self.nobody = 0
 
     def __call__(self, blobs, cameras) -> tuple[np.ndarray, np.ndarray]:
         (chunk,) = label_take([blobs], cameras, self.markerset, self._rate, self._options, self._occlusion)
         for stage, seconds in chunk.seconds.items():
             self.seconds[stage] = self.seconds.get(stage, 0.0) + seconds
         self.frames += len(blobs.frames)
+        self.lost += sum(suspect.reason == LOST for suspect in chunk.suspects)
+        self.nobody += int(np.isnan(chunk.motion.expected[:, 0, 0]).sum())
         marker = np.where(chunk.labels.marker == NO_MARKER, len(self.markerset), chunk.labels.marker)
         return self._names[marker], np.asarray(STEPS, dtype=object)[chunk.labels.step]
 

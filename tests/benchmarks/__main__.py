@@ -2,7 +2,7 @@
 """Prints how long the labelling takes on this machine, as a Markdown table: virtual people, one core.
 
 python -m tests.benchmarks
-python -m tests.benchmarks --repeats 50 --only fit follow
+python -m tests.benchmarks --repeats 50 --only table1 follow
 
 Nothing here asserts anything: times depend on the machine, and on what else it does. The least of many repeats says
 what the code needs, the median what one gets.
@@ -22,7 +22,7 @@ from . import cases
 
 COLUMNS = ("what", "median", "least", "floor", "aim", "the paper")
 RUNS: dict[str, Callable[[int], Iterator[cases.Row]]] = {
-    "fit": cases.ten_iterations,
+    "table1": cases.table_1,
     "frame": cases.standing_frame,
     "follow": cases.following,
     "occlusion": cases.occlusion,

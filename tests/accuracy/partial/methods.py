@@ -47,11 +47,17 @@ class Faithful:
         for _ in self.study.survey():
             pass
         self._namers: dict[float, SolversNamer] = {}
+        self._ensembles: dict[float, PartialSolvers] = {}
         self.facts: dict = {"survey": time.process_time() - began, "frames": self.study.frames, "ensembles": {}}
 
     def names(self, points: np.ndarray, targets: Sequence[float]) -> dict[float, np.ndarray]:
         """The markers (N, P) of points (N, P, 3) m for each target, -1 where unnamed."""
         return {target: Labels.join(self._namer(target).name(points, ANY_RATE)).marker for target in targets}
+
+    def ensemble(self, target: float) -> PartialSolvers:
+        """The partial solvers for a target."""
+        self._namer(target)
+        return self._ensembles[target]
 
     def _namer(self, target: float) -> SolversNamer:
         if target not in self._namers:
@@ -64,6 +70,7 @@ class Faithful:
                     partial_solvers = end.value
                     break
             self._namers[target] = SolversNamer(partial_solvers)
+            self._ensembles[target] = partial_solvers
             self.facts["ensembles"][str(target)] = {
                 "seconds": time.process_time() - began,
                 "sizes": [len(solver.markers) for solver in partial_solvers.solvers],

@@ -17,13 +17,15 @@ from addon.core.points.partial_solvers.training import Training
 from .. import people
 from . import solvers, speed
 from .methods import FAITHFUL, Takes, learn
-from .studies import STUDIES, Test, whole_body
+from .studies import STUDIES, Test, few_hidden, whole_body
 
 SETS = {"gait15": people.GAIT15, "body26": people.BODY26}
 SAME = "same"
 SPEED = "speed.json"
-# Of the paper's solvers, of the solver of all markers, of another marker set, of the built-in models.
-OTHERS = ("solvers", "optimal", "body26", "speed")
+# Of the paper's solvers, of the solver of all markers, of another marker set, of few people's models, of people of
+# another lab, of the built-in models.
+OTHERS = ("solvers", "optimal", "body26", "few", "elsewhere", "speed")
+FEW = (1, 2, 4)  # people that a model is learned from; a single one in a single take
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,15 @@ def run(plan: Plan):
 def applies(study: str, method: str, split: str) -> bool:
     """Whether a study says anything of a method and those who are tested."""
     ours, same = method == "ours", split == SAME
-    special = {"curve": ours, "solvers": same and not ours, "optimal": same and not ours, "body26": ours and not same}
+    special = {
+        "curve": ours,
+        "solvers": same and not ours,
+        "cover": same and not ours,
+        "optimal": same and not ours,
+        "body26": ours and not same,
+        "few": ours and not same,
+        "elsewhere": ours and same,
+    }
     return special.get(study, study in STUDIES)
 
 
@@ -87,12 +97,19 @@ def measure(plan: Plan, method: str, split: str, learned: list[str], tested: lis
     found = read(path)
     missing = [study for study in plan.studies if applies(study, method, split) and (plan.again or study not in found)]
     gait, body = (partial(learn, method, takes_of(names, learned), names, plan.options) for names in SETS.values())
-    trained = gait() if {*missing} - {"optimal", "body26"} else None
+    trained = gait() if {*missing} - {"optimal", "body26", "few"} else None
     for study in missing:
         if study == "optimal":
             found[study] = _optimal(replace(plan.options, functions=FAITHFUL[method]))
         elif study == "body26":
             found[study] = whole_body(body(), _test(plan, people.BODY26, tested))
+        elif study == "few":
+            found[study] = _few(plan, method, learned, _test(plan, people.GAIT15, tested))
+        elif study == "elsewhere":
+            found[study] = {
+                name: few_hidden(learned_set, _test(plan, SETS[name], tested, people.other_lab(SETS[name])))
+                for name, learned_set in (("gait15", trained), ("body26", body()))
+            }
         else:
             ask = solvers.claims if study == "solvers" else STUDIES[study]
             found[study] = ask(trained, _test(plan, people.GAIT15, tested))
@@ -111,10 +128,23 @@ def _optimal(options: Training) -> dict[str, list[int]]:
     return {name: solvers.optimal(every, options) for name, every in frames.items()}
 
 
-def _test(plan: Plan, names: tuple[str, ...], tested: list[str]) -> Test:
+def _few(plan: Plan, method: str, learned: list[str], test: Test) -> dict[str, dict]:
+    """What comes of people whom a model of fewer others names: {people: counts of `few_hidden`}."""
+    found = {}
+    for count in FEW:
+        own = [learned[(test.seed + place) % len(learned)] for place in range(count)]
+        takes = takes_of(test.names, own)
+        if count == 1:
+            takes = [max(takes, key=lambda take: np.isfinite(take[0][..., 0]).all(axis=1).sum())]
+        found[str(count)] = few_hidden(learn(method, takes, test.names, plan.options), test)
+    return found
+
+
+def _test(plan: Plan, names: tuple[str, ...], tested: list[str], frames: np.ndarray | None = None) -> Test:
     everyone = people.everyone()
     share = len(tested) / len(everyone)
-    frames = np.concatenate([frames for frames, _ in takes_of(names, tested)])
+    if frames is None:
+        frames = np.concatenate([frames for frames, _ in takes_of(names, tested)])
     count, fewer = (int(np.ceil(total * share)) for total in (plan.frames, plan.fewer))
     return Test(frames, names, count, fewer, plan.targets, everyone.index(tested[0]))
 

@@ -21,36 +21,43 @@ QUARTERS = 4
 PLACEMENT_STAGES = ((0.20, 0.60, 5), (0.10, 0.30, 5))
 
 
-def fit_from(view: View, start: Bodies, setup: Setup) -> Fit:
+def stages(iterations: int) -> tuple[tuple[float, float, int], ...]:
+    """`PLACEMENT_STAGES` with another number of iterations, half of them, rounded up, in the first stage."""
+    half = -(-iterations // 2)
+    return tuple((*stage[:2], steps) for stage, steps in zip(PLACEMENT_STAGES, (half, iterations - half), strict=True))
+
+
+def fit_from(view: View, start: Bodies, setup: Setup, quarters: int = QUARTERS) -> Fit:
     """The paper's whole fit from a given start of B bodies: nine parameters first, then joints and shape as well.
 
     Visible markers only, visibility renewed at every stage. The nine-parameter fit does not turn a body round, so every
-    start is also tried turned by a quarter, a half and three quarters, and the best of the four is kept.
+    start is also tried turned by a quarter, a half and three quarters, and the best of the four is kept; with
+    `quarters` 1 it is not.
     """
     prior = Prior(setup.model, upright_sd=FINDING.upright_sd_rad)
-    fit = fit_blobs(fit_nine(view, _turned_about(start, setup), setup).bodies, view, setup, prior)
-    best = fit.cost.reshape(QUARTERS, -1).argmin(axis=0) * len(start) + np.arange(len(start))
+    fit = fit_blobs(fit_nine(view, _turned_about(start, setup, quarters), setup).bodies, view, setup, prior)
+    best = fit.cost.reshape(quarters, -1).argmin(axis=0) * len(start) + np.arange(len(start))
     return Fit(picked(fit.state, best), fit.trace[:, best])
 
 
-def fit_nine(view: View, start: Bodies, setup: Setup) -> State:
+def fit_nine(view: View, start: Bodies, setup: Setup, stages=PLACEMENT_STAGES) -> State:
     """Ten iterations of the nine-parameter fit, visible markers only, visibility renewed in between."""
     bodies, posed = start, setup.model.pose(start)
-    for softness, reach, steps in PLACEMENT_STAGES:
+    for softness, reach, steps in stages:
         pull = visible_pull(bodies, posed, view, setup, softness, reach)
         state = fit_placement(setup.model, bodies, pull, steps, setup.prior).state
         bodies, posed = state.bodies, state.posed
     return state
 
 
-def _turned_about(start: Bodies, setup: Setup) -> Bodies:
+def _turned_about(start: Bodies, setup: Setup, quarters: int) -> Bodies:
     """The bodies, then all of them turned by a quarter about the upright through their markers' middle, and so on."""
     count = len(start)
     middle = setup.model.pose(start).markers.mean(axis=1)
-    bodies = start.pick(np.tile(np.arange(count), QUARTERS))
-    angle = np.repeat(np.arange(QUARTERS), count) * (2 * np.pi / QUARTERS)
+    bodies = start.pick(np.tile(np.arange(count), quarters))
+    angle = np.repeat(np.arange(quarters), count) * (2 * np.pi / QUARTERS)
     turn = rotations.about_z(angle)
-    arm = bodies.translation - middle[np.tile(np.arange(count), QUARTERS)]
+    arm = bodies.translation - middle[np.tile(np.arange(count), quarters)]
     swung = (rotations.quaternion_to_matrix(turn) @ arm[..., None])[..., 0]
     return replace(
         bodies,

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from addon.core.blobs.cloud import build_cloud
+from addon.core.blobs.labelling import Rules
 from addon.core.blobs.search import Hints, find_subject, first_starts
 from addon.core.blobs.subject import Setup
 from addon.core.data.takes import CONFLICT, EXCLUSIVE, REMAINING
@@ -17,6 +18,7 @@ from tests.core.scenes import CLEAN, blobs_at, built_in, stand
 
 PLAIN = CaptureOptions(noise=0.3, reflections=0, flicker=0.0)
 ROOM = CaptureOptions(noise=0.5, reflections=2, flicker=0.5)
+BLURRED = CaptureOptions(noise=2.0, reflections=2, flicker=0.5)
 
 
 @cache
@@ -76,21 +78,47 @@ def test_any_number_of_cameras(cameras):
     assert right.mean() > (0.6 if cameras == 2 else 0.9)
 
 
-@pytest.mark.parametrize("name", ["gait15", "body26"])
-def test_steps_are_ever_less_sure(name):
-    """A28: exclusive labels are never wrong here, and the precision of each step is reported apart."""
-    right_of, all_of = np.zeros(4), np.zeros(4)
-    for number in range(8):
-        scene, found = found_in(name, number + 40, number * 0.8, 1.2 + 0.1 * number, options=ROOM)
+def by_step(name, options, rules=None):
+    """Labels of each step (4,), and those of them that are right, over a score of people in hand-made rigs."""
+    all_of, right_of = np.zeros((2, 4))
+    for number in range(20):
+        rig = paper_rig(np.random.default_rng(number + 40))
+        scene = stand(built_in(name), rig, number + 40, number * 0.8, 1.2 + 0.1 * (number % 8), options)
+        found = find_subject(scene.views()[0], Setup.of(rig, scene.markerset, rules=rules), Hints())
         right, _ = marked(scene, found)
         camera, marker = np.nonzero(found.naming.slot >= 0)
         rows = found.naming.frame.view.row[camera, found.naming.slot[camera, marker]]
         step = found.naming.step[camera, marker]
         np.add.at(all_of, step, 1)
         np.add.at(right_of, step, right[rows])
-    assert all_of[0] == 0 and all_of[EXCLUSIVE] > 10 * (all_of[CONFLICT] + all_of[REMAINING]) / 4
-    assert right_of[EXCLUSIVE] / all_of[EXCLUSIVE] > 0.995
-    assert right_of[1:].sum() / all_of[1:].sum() > 0.99
+    return all_of, right_of
+
+
+@pytest.mark.parametrize("name", ["gait15", "body26"])
+def test_no_step_is_wrong_in_a_plain_room(name):
+    """A28: each of the three steps on its own, and each has something to say."""
+    all_of, right_of = by_step(name, ROOM)
+    assert all_of[0] == 0 and (all_of[1:] >= 8).all()
+    assert all_of[EXCLUSIVE] > 20 * (all_of[CONFLICT] + all_of[REMAINING])
+    assert right_of[EXCLUSIVE] == all_of[EXCLUSIVE]
+    assert right_of[CONFLICT] >= 0.95 * all_of[CONFLICT]
+    assert right_of[REMAINING] >= 0.95 * all_of[REMAINING]
+
+
+@pytest.mark.parametrize("name", ["gait15", "body26"])
+def test_step_1_stays_right_where_the_later_steps_err(name):
+    """A28: with blobs off by 2 px, steps 2 and 3 are right in most cases, step 1 in all but one in 500.
+
+    What keeps it right is that it leaves to step 2 what a second marker would fit nearly as well.
+    """
+    all_of, right_of = by_step(name, BLURRED)
+    wrong = all_of - right_of
+    assert all_of[CONFLICT] >= 30 and all_of[REMAINING] >= 15
+    assert wrong[EXCLUSIVE] <= 0.002 * all_of[EXCLUSIVE]
+    assert 3 <= wrong[CONFLICT] <= 0.3 * all_of[CONFLICT]
+    assert 2 <= wrong[REMAINING] <= 0.3 * all_of[REMAINING]
+    hasty, right_of_hasty = by_step(name, BLURRED, Rules(min_lead=0.0))
+    assert (hasty - right_of_hasty)[EXCLUSIVE] > wrong[EXCLUSIVE]
 
 
 def test_ghosts_stay_unnamed():

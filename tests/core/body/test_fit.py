@@ -29,17 +29,17 @@ def setup_of(name):
     return Setup.of(RIG, built_in(name))
 
 
-def starts_around(bodies, generator, count):
-    """Rest bodies off by up to the paper's ±20°, ±0.25 m of height and ±0.2 m, jointly."""
+def starts_around(bodies, generator, count, turn=1.0, height=1.0, place=1.0):
+    """Rest bodies off by up to so many times the paper's ±20° about each axis, ±0.25 m of height, ±0.2 m along each."""
     model = setup_of("gait15").model if bodies.bends.shape[1] < 10 else setup_of("body26").model
     truth = model.pose(bodies)
     ahead = truth.rotations[0, 0, :, 0]
-    facing = np.arctan2(ahead[1], ahead[0]) + generator.uniform(-1, 1, count) * np.radians(20)
-    starts = model.rest(count)
-    height = bodies.scale.mean() + generator.uniform(-0.25, 0.25, (count, 1))
-    starts = replace(starts, quaternion=rotations.about_z(facing), scale=np.repeat(height, 3, axis=1))
+    facing = rotations.about_z(np.full(count, np.arctan2(ahead[1], ahead[0])))
+    turned = rotations.turned(facing, generator.uniform(-1, 1, (count, 3)) * np.radians(20) * turn)
+    tall = bodies.scale.mean() + generator.uniform(-0.25, 0.25, (count, 1)) * height
+    starts = replace(model.rest(count), quaternion=turned, scale=np.repeat(tall, 3, axis=1))
     foot = bodies.translation * [1, 1, 0]
-    return replace(starts, translation=foot + generator.uniform(-0.2, 0.2, (count, 3)))
+    return replace(starts, translation=foot + generator.uniform(-0.2, 0.2, (count, 3)) * place)
 
 
 def blob_fit(name, view, start, stages, prior=None) -> list[Fit]:
@@ -130,15 +130,17 @@ def test_five_and_ten_iterations_beat_the_start_and_never_rise(name):
     assert early > 10 * late
 
 
+@pytest.mark.parametrize("off_by", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1), (2, 2, 2)], ids=str)
 @pytest.mark.parametrize("name", ["gait15", "body26"])
-def test_the_whole_fit_finds_the_person_from_the_papers_box(name):
-    """A21: starts off by ±20°, ±0.25 m of height and ±0.2 m jointly end at the person."""
+def test_the_whole_fit_finds_the_person_from_the_papers_box(name, off_by):
+    """A21: starts off by ±20°, ±0.25 m of height and ±0.2 m end at the person: one by one, jointly, twice as far."""
     generator, ends = np.random.default_rng(2), []
     for seed in range(4):
         scene = stand(built_in(name), RIG, seed + 20, facing=0.7 + 1.6 * seed, height=1.2 + 0.2 * seed)
-        fit = fit_from(scene.views()[0], starts_around(scene.bodies, generator, 12), setup_of(name))
+        starts = starts_around(scene.bodies, generator, 12, *off_by)
+        fit = fit_from(scene.views()[0], starts, setup_of(name), quarters=1)
         ends.append(off(name, fit.bodies, scene))
-    assert np.mean(np.array(ends) < 0.05) >= 0.95
+    assert np.mean(np.array(ends) < 0.05) >= (0.95 if max(off_by) == 1 else 0.9)
 
 
 def test_a_far_blob_moves_nothing():

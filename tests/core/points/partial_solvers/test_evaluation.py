@@ -14,7 +14,7 @@ from addon.core.points.partial_solvers.training import Training, train_ensemble
 from tests.accuracy.partial import pages
 from tests.accuracy.partial.clouds import Clouds, Trouble, drawn, mirrored, other_side, spoilt, together
 from tests.accuracy.partial.report import BLOCKS
-from tests.accuracy.partial.results import Results, added, best_at
+from tests.accuracy.partial.results import Results, added, best_at, chosen_on_others
 from tests.accuracy.partial.scores import in_the_mirror, score, swaps, sweep
 from tests.accuracy.partial.solvers import Purse, growth
 from tests.core.points.partial_solvers.toys import moving
@@ -124,6 +124,18 @@ def test_a_sweep_is_the_score_at_every_level():
     swept = sweep(named, confidence, clouds, levels)
     assert best_at(swept, 1.0)[1] == pytest.approx(score(named, clouds).false_occlusions)
     assert best_at(swept, -1.0) is None
+
+
+def test_a_confidence_is_chosen_on_others_than_it_is_tested_on():
+    """Given, wrong, declared and missed at two levels: the second is right for whom the first would be chosen."""
+    parts = {
+        "ANN": {"1": [[100, 50], [10, 0], [10, 60], [1, 30]]},
+        "BEN": {"1": [[100, 60], [0, 0], [10, 50], [2, 20]]},
+    }
+    assert chosen_on_others(parts, 1, 0.0) == (10 / 160, 21 / 60)
+    assert best_at(added(parts["ANN"], parts["BEN"])["1"], 0.0) == (0.0, 50 / 110)
+    parts["BEN"]["1"][1] = [50, 40]
+    assert chosen_on_others(parts, 1, 0.0) is None
 
 
 def test_swaps_by_hand():
