@@ -173,7 +173,8 @@ def main(arguments: list[str] | None = None):
     given = parser.parse_args(arguments)
     sets = [open_markerset(name) for name in given.set]
     counts = f"{HIDDEN[0]} or {HIDDEN[1]} hidden, {GHOSTS[0]} to {GHOSTS[1]} ghosts"
-    print(f"{len(people.everyone())} left-out people, {given.frames} frames each, {counts}, seed {SEED}\n")
+    tested = sum(map(len, people.folds()[: given.groups if given.advice else None]))
+    print(f"{tested} left-out people, {given.frames} frames each, {counts}, seed {SEED}\n")
     if given.advice:
         for markerset in sets:
             print(advice_taken(markerset, given.frames, given.groups, given.goal, given.steps), flush=True)

@@ -395,36 +395,19 @@ def name_remaining(frame: Frame, naming: Naming):
         _give_best(naming, np.where(is_open & _undisputed(frame, is_open), frame.nll, TOO_FAR), REMAINING)
 
 
-def doubles(naming: Naming, single: bool) -> np.ndarray:
-    """(C, M) the names of a marker all of whose blobs lie on the point that more blobs made of another marker.
+def doubles(naming: Naming) -> np.ndarray:
+    """(C, M) a marker's only name, whose blob lies on the point that other cameras made of another marker.
 
     One marker in space then has two names, each in other cameras: of two neighbours of which one was never put on, the
-    model gives a part of the other's blobs to each. `single` asks for markers with one blob, otherwise with several.
+    model gives a part of the other's blobs to each.
     """
     named = naming.slot >= 0
-    count = named.sum(axis=0)
-    camera, marker = np.nonzero(named & ((count == 1) == single))
+    camera, marker = np.nonzero(named & (named.sum(axis=0) == 1))
     square = naming.reprojection[camera, :, naming.slot[camera, marker]]
     on_other = (naming.slot[camera] < 0) & (square < naming.frame.rules.max_on_point)
-    rays_on = np.zeros((len(count), len(count)), dtype=int)
-    np.add.at(rays_on, marker, on_other)
-    same = (rays_on == count[:, None]) & (rays_on > 0) & (count[:, None] < count)
-    return named & same.any(axis=1)
-
-
-def join_doubles(naming: Naming):
-    """Gives the blobs of doubles to the marker on whose point they lie.
-
-    A single ray fixes no point in space and may pass through another marker's by chance: its name stays.
-    """
-    camera, marker = np.nonzero(doubles(naming, single=False))
-    if not len(camera):
-        return
-    freed = np.zeros(naming.frame.nll.shape, dtype=bool)
-    freed[camera, :, naming.slot[camera, marker]] = True
-    naming.withdraw(camera, marker)
-    _give_best(naming, np.where(freed & naming.open, naming.reprojection, TOO_FAR), REMAINING)
-    withdraw_unmet(naming.frame, naming)
+    found = np.zeros_like(named)
+    found[camera, marker] = on_other.any(axis=1)
+    return found
 
 
 def name_merged(frame: Frame, naming: Naming):

@@ -112,9 +112,9 @@ def _orders(naming: Naming, state: State, setup: Setup) -> np.ndarray:
 def _exchanged_slots(naming: Naming, orders: np.ndarray) -> np.ndarray:
     """(B, C, M) the slots of the named blobs under each exchange.
 
-    Single rays that are doubles are left out: as witnesses they would forbid the exchange that puts names right.
+    Doubles are left out: as witnesses they would forbid the exchange that puts names right.
     """
-    return np.where(doubles(naming, single=True), -1, naming.rays)[:, orders].swapaxes(0, 1)
+    return np.where(doubles(naming), -1, naming.rays)[:, orders].swapaxes(0, 1)
 
 
 def _first_steps(view, naming, subject, state, setup, prior, orders) -> np.ndarray:
@@ -131,8 +131,8 @@ def _first_steps(view, naming, subject, state, setup, prior, orders) -> np.ndarr
 
 
 def swap_names(naming: Naming, order: np.ndarray):
-    """Exchanges names in every camera: marker m gets the blobs of marker order[m]. Doubles with one ray lose theirs."""
-    naming.withdraw(*np.nonzero(doubles(naming, single=True) & (order != np.arange(len(order)))))
+    """Exchanges names in every camera: marker m gets the blobs of marker order[m]. Doubles among them lose theirs."""
+    naming.withdraw(*np.nonzero(doubles(naming) & (order != np.arange(len(order)))))
     for array in (naming.slot, naming.step, naming.partner):
         array[:] = array[:, order]
     camera, marker = np.nonzero(naming.slot >= 0)

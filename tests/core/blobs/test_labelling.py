@@ -14,7 +14,6 @@ from addon.core.blobs.labelling import (
     Rules,
     doubles,
     identify_visible,
-    join_doubles,
     name_markers,
     name_remaining,
     pixel_noise,
@@ -386,7 +385,7 @@ def test_labels_do_not_depend_on_the_order_of_blobs():
         assert np.array_equal(back, plain.slot[camera])
 
 
-# One marker in space, one name -----------------------------------------------------------------------------------
+# One marker in space, two names ----------------------------------------------------------------------------------
 
 
 def half_seen(first: int):
@@ -399,19 +398,8 @@ def half_seen(first: int):
     return consistent(label(pixels_of([real], rig), expect_at(expected, 0.03, visible), rig=rig))
 
 
-@pytest.mark.parametrize("first", [2, 4])
-def test_a_marker_in_space_has_one_name(first):
-    """Two neighbours of which one was never put on: the name that more cameras gave has all blobs."""
+@pytest.mark.parametrize(("first", "found"), [(5, [False, True]), (1, [True, False]), (4, [False, False])])
+def test_a_single_ray_on_another_markers_point_is_a_double(first, found):
     naming = half_seen(first)
-    assert sorted((naming.slot >= 0).sum(axis=0)) == [2, 4]
-    join_doubles(naming)
-    consistent(naming)
-    assert sorted((naming.slot >= 0).sum(axis=0)) == [0, 6]
-    assert (naming.slot[:, int(first < 3)] == 0).all()
-
-
-def test_a_single_ray_keeps_its_name_and_is_no_witness():
-    naming = half_seen(5)
-    join_doubles(naming)
-    assert (naming.slot >= 0).sum(axis=0).tolist() == [5, 1]
-    assert np.array_equal(doubles(naming, single=True), (naming.slot >= 0) & [False, True])
+    assert (naming.slot >= 0).sum(axis=0).tolist() == [first, 6 - first]
+    assert np.array_equal(doubles(naming), (naming.slot >= 0) & found)
