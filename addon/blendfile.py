@@ -30,6 +30,11 @@ def has_blender() -> bool:
     return "bpy" in sys.modules or importlib.util.find_spec("bpy") is not None
 
 
+def inside_blender() -> bool:
+    """Whether this is Blender, or a Python that has started it."""
+    return "bpy" in sys.modules
+
+
 def open_cameras(path: Path, up: str | None = None) -> Cameras:
     """A calibration of any kind, the cameras of a `.blend` included where Blender is here; InputError otherwise.
 

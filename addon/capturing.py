@@ -21,11 +21,11 @@ from .io.labels import TruthWriter
 from .io.points import marker_columns
 from .io.whole import whole_files
 
-LEAST_WORN = 0.5  # share of a model's markers that a take must have to be said to wear it
+MIN_MARKER_SHARE = 0.5  # of a model's markers that a take must have for the model to fit it; reckoned
 
 
 @dataclass(frozen=True, eq=False)
-class Labelled:
+class LabelledMarkers:
     """The labelled markers of a take: names M, xyz (T, M, 3) m, and the source's number of the first frame."""
 
     names: tuple[str, ...]
@@ -43,15 +43,15 @@ class Captured:
     merged: int
 
 
-def labelled_markers(points: Points) -> Labelled:
+def labelled_markers(points: Points) -> LabelledMarkers:
     """The trajectories of a take that have a name."""
     kept = [index for index, name in enumerate(points.names) if name]
     if not kept:
         raise JobError("has no named markers; expected a labelled take")
-    return Labelled(tuple(points.names[index] for index in kept), points.xyz[:, kept], points.first_frame)
+    return LabelledMarkers(tuple(points.names[index] for index in kept), points.xyz[:, kept], points.first_frame)
 
 
-def of_subject(take: Labelled, subject: str) -> Labelled:
+def of_subject(take: LabelledMarkers, subject: str) -> LabelledMarkers:
     """Only the markers of one of several subjects, those called `subject:LASI` and so on."""
     kept = [index for index, name in enumerate(take.names) if name.partition(":")[::2] == (subject, _bare(name))]
     if not kept:
@@ -66,7 +66,7 @@ def _bare(name: str) -> str:
     return name.rpartition(":")[2]
 
 
-def cut(take: Labelled, frames: tuple[int | None, int | None] | None) -> Labelled:
+def cut(take: LabelledMarkers, frames: tuple[int | None, int | None] | None) -> LabelledMarkers:
     """The take's frames from A to B, both included, by its own numbers."""
     first, last = frames or (None, None)
     start = 0 if first is None else max(first - take.first_frame, 0)
@@ -77,7 +77,7 @@ def cut(take: Labelled, frames: tuple[int | None, int | None] | None) -> Labelle
     return replace(take, xyz=take.xyz[start:stop], first_frame=take.first_frame + start)
 
 
-def find_markers(take: Labelled, markerset: MarkerSet) -> np.ndarray:
+def find_markers(take: LabelledMarkers, markerset: MarkerSet) -> np.ndarray:
     """(M,) which of the take's markers is each of the marker set's, by name or alias; -1 where it has none."""
     found = marker_columns(take.names, markerset.markers)
     for index, name in enumerate(markerset.markers):
@@ -87,8 +87,8 @@ def find_markers(take: Labelled, markerset: MarkerSet) -> np.ndarray:
     return found
 
 
-def fitting_markerset(take: Labelled, markersets: Sequence[MarkerSet]) -> MarkerSet:
-    """The marker set that the take wears: the largest that is there whole, or else the one that is there most."""
+def fitting_markerset(take: LabelledMarkers, markersets: Sequence[MarkerSet]) -> MarkerSet:
+    """The marker set of the take: the largest that is there whole, or else the one that is there most."""
 
     def fit(markerset: MarkerSet) -> tuple[bool, float, int]:
         there = int((find_markers(take, markerset) >= 0).sum())
@@ -96,7 +96,7 @@ def fitting_markerset(take: Labelled, markersets: Sequence[MarkerSet]) -> Marker
         return whole, 0.0 if whole else there / len(markerset), there
 
     best = max(markersets, key=fit)
-    if (find_markers(take, best) >= 0).mean() < LEAST_WORN:
+    if (find_markers(take, best) >= 0).mean() < MIN_MARKER_SHARE:
         raise JobError(
             f"has too few markers of any model ({', '.join(take.names[:6])}, …); expected half of a model's markers, "
             "or --no-body with --all-markers"
@@ -104,7 +104,7 @@ def fitting_markerset(take: Labelled, markersets: Sequence[MarkerSet]) -> Marker
     return best
 
 
-def posed_body(take: Labelled, markerset: MarkerSet, chosen: Sequence[int]) -> PosedBody:
+def posed_body(take: LabelledMarkers, markerset: MarkerSet, chosen: Sequence[int]) -> PosedBody:
     """The marker set's body on the take's markers, in the way of the markers `chosen` (indices into the take's)."""
     found = find_markers(take, markerset)
     points = np.where((found >= 0)[:, None], take.xyz[:, found], np.nan)
@@ -137,7 +137,7 @@ def room_centre(cameras: Cameras) -> np.ndarray:
     return np.linalg.lstsq(across.sum(axis=0), right, rcond=None)[0]
 
 
-def to_centre(take: Labelled, cameras: Cameras) -> np.ndarray:
+def to_centre(take: LabelledMarkers, cameras: Cameras) -> np.ndarray:
     """(3,) m: how to move the take over the floor so that the middle of its path is the middle of the room."""
     seen = take.xyz[np.isfinite(take.xyz).all(axis=2)]
     if not len(seen):
@@ -146,7 +146,7 @@ def to_centre(take: Labelled, cameras: Cameras) -> np.ndarray:
     return (room_centre(cameras) - middle) * [1.0, 1.0, 0.0]
 
 
-def moved(take: Labelled, body: PosedBody | None, shift: np.ndarray) -> tuple[Labelled, PosedBody | None]:
+def moved(take: LabelledMarkers, body: PosedBody | None, shift: np.ndarray) -> tuple[LabelledMarkers, PosedBody | None]:
     """The take and the body moved by `shift` (3,) m."""
     return replace(take, xyz=take.xyz + shift), body and replace(body, joints=body.joints + shift)
 
@@ -157,7 +157,7 @@ def truth_path(blobs: Path) -> Path:
 
 
 def write_capture(
-    take: Labelled,
+    take: LabelledMarkers,
     cameras: Cameras,
     options: CaptureOptions,
     body: PosedBody | None,

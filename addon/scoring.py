@@ -10,7 +10,7 @@ from .core.data.errors import InputError
 from .core.evaluation.figures import Figures
 from .io.labels import BLOB_KEYS, LabelFile, LabelRow
 
-CHUNK_ROWS = 50_000
+SCORED_ROWS = 50_000
 
 
 @dataclass
@@ -39,7 +39,7 @@ def compare(
             )
         batch: list[tuple[LabelRow, str]] = []
         for row, name in _matched(ours, known, agreement, frames):
-            if len(batch) >= CHUNK_ROWS and row.frame != batch[-1][0].frame:
+            if len(batch) >= SCORED_ROWS and row.frame != batch[-1][0].frame:
                 _count(figures, batch, ours.keys)
                 batch = []
             batch.append((row, name))

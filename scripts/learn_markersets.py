@@ -18,8 +18,8 @@ if str(ROOT) not in sys.path:
 
 from addon.core.body import anatomy
 from addon.core.data.markersets import MarkerSet
-from addon.core.data.models import Model
 from addon.core.points.likelihood import learn_likelihood
+from addon.core.points.models import Model
 from addon.core.training import learning
 from addon.io.markersets import SUFFIX
 from addon.io.models import write_model

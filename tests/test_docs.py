@@ -245,3 +245,24 @@ def test_every_core_file_has_its_line_in_the_architecture():
         if path.name != "__init__.py":
             there.setdefault(path.parent.relative_to(CORE).as_posix(), set()).add(path.stem)
     assert documented_files() == there
+
+
+def test_folders_of_core_import_only_those_above_them_in_the_architecture():
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    table = text.partition("## One idea a file: `core`")[2].partition("\n## ")[0]
+    order = re.findall(r"^\| `([\w/]+)` \|", table, re.MULTILINE)
+    assert len(order) > 10
+    for place, folder in enumerate(order):
+        for path in sorted((CORE / folder).glob("*.py")):
+            below = {found for found in folders_imported(path) if found != folder and found not in order[:place]}
+            assert not below, f"{path.relative_to(CORE)} imports from {below}"
+
+
+def folders_imported(path: Path) -> set[str]:
+    """The folders of core that a file of it imports from, as paths from core."""
+    package, found = path.relative_to(CORE).parts[:-1], set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            target = CORE.joinpath(*package[: len(package) - node.level + 1], *(node.module or "").split("."))
+            found.add((target if target.is_dir() else target.parent).relative_to(CORE).as_posix())
+    return found

@@ -5,7 +5,7 @@ import argparse
 import re
 from collections.abc import Callable
 
-from ..core.geometry.camera_up import AXES
+from ..core.geometry.camera_up import AXIS_NAMES
 
 
 def frame_range(text: str) -> tuple[int | None, int | None]:
@@ -69,7 +69,7 @@ def add_up(parser: argparse.ArgumentParser, flag: str = "--up", where: str = "th
     """`--up AXIS`, for files that have another axis up than they say or seem to."""
     parser.add_argument(
         flag,
-        choices=AXES,
+        choices=AXIS_NAMES,
         help=f"the axis that points up in {where} (default: what is said there, or else what is in there tells; "
         f"{flag} -y and {flag}=-y are the same)",
     )

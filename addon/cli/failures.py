@@ -22,7 +22,8 @@ def as_trouble(error: Exception, trace: bool = False) -> UserError:
         return kind(f"the system says: {error.strerror or _line(error)}; expected a path that can be used", place)
     if trace:
         traceback.print_exception(error)
-    return JobError(f"a fault of Mocap Autolabel itself ({type(error).__name__}: {_line(error)}); please report it")
+    fault = f"{type(error).__name__}: {_line(error)}"
+    return JobError(f"a fault of Mocap Autolabel itself ({fault}); expected none, please report it")
 
 
 def of_take(error: Exception, take: Path, trace: bool = False) -> UserError:

@@ -68,7 +68,7 @@ def _add_naming(parser: argparse.ArgumentParser):
         choices=jobs.OCCLUSIONS,
         default="auto",
         help="of blobs, what asks whether the body hides a marker: bvh casts rays at its meshes, which takes Blender "
-        "or the bpy package; capsules is the closed form; auto (default) is bvh where that is here",
+        "or the bpy package; capsules is the closed form; auto (default) is bvh inside Blender",
     )
     parser.add_argument(
         "--target",
@@ -101,6 +101,8 @@ def _add_naming(parser: argparse.ArgumentParser):
 
 def run(arguments) -> int:
     """Labels every take; one that fails does not stop the others."""
+    # Once for all takes and processes: the first may bring Blender in.
+    arguments.occlusion = jobs.occlusion_here(arguments.occlusion)
     check(arguments)
     if arguments.result:
         end_with_parent()

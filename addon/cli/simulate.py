@@ -122,7 +122,7 @@ def run(arguments) -> int:
     return 0
 
 
-def _dress(take: capturing.Labelled, arguments):
+def _dress(take: capturing.LabelledMarkers, arguments):
     """The marker set, the take with only the markers to capture, and the body in their way."""
     if arguments.model:
         markerset = open_markerset(arguments.model)
@@ -132,10 +132,10 @@ def _dress(take: capturing.Labelled, arguments):
         markerset = capturing.fitting_markerset(take, [open_markerset(name) for name in builtin_markersets()])
     called, chosen = _choose(take, markerset, arguments)
     body = None if arguments.no_body else capturing.posed_body(take, markerset, chosen)
-    return markerset, capturing.Labelled(tuple(called), take.xyz[:, chosen], take.first_frame), body
+    return markerset, capturing.LabelledMarkers(tuple(called), take.xyz[:, chosen], take.first_frame), body
 
 
-def _choose(take: capturing.Labelled, markerset, arguments) -> tuple[list[str], list[int]]:
+def _choose(take: capturing.LabelledMarkers, markerset, arguments) -> tuple[list[str], list[int]]:
     """Names and indices of the markers to capture; the marker set's own names where it has one."""
     found = [] if markerset is None else capturing.find_markers(take, markerset)
     own = {
@@ -155,7 +155,7 @@ def _choose(take: capturing.Labelled, markerset, arguments) -> tuple[list[str], 
     return called, chosen
 
 
-def _column(own: dict[int, str], name: str, take: capturing.Labelled) -> int:
+def _column(own: dict[int, str], name: str, take: capturing.LabelledMarkers) -> int:
     """The index of the marker that the take or the model calls `name`."""
     for index, called in own.items():
         if called == name:

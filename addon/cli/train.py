@@ -8,7 +8,7 @@ from ..core.data.errors import InputError
 from ..core.points.partial_solvers.training import SEARCHES
 from ..io.markersets import SUFFIX
 from ..jobs.train import TrainJob, train_file
-from ..jobs.training_takes import Known
+from ..jobs.training_takes import KnownBetter
 from .arguments import add_overwrite, add_point_rate, add_up, names, number
 from .console import ProgressLine, print_results
 
@@ -95,7 +95,7 @@ def run(arguments) -> int:
         keep=not arguments.lean,
         report=arguments.report,
         overwrite=arguments.overwrite,
-        known=dict.fromkeys(takes, Known(arguments.up, arguments.rate)),
+        known=dict.fromkeys(takes, KnownBetter(arguments.up, arguments.rate)),
     )
     report = ProgressLine(arguments.progress).drain(train_file(job), arguments.out.name)
     print_results(as_lines(report), report, arguments.json)

@@ -58,7 +58,7 @@ class Worker:
         said = (self.folder / "stderr").read_text(encoding="utf-8", errors="replace").strip().splitlines()
         reason = next((line for line in reversed(said) if line.startswith("mocap-autolabel: ")), "")
         error = InputError if self.process.returncode == InputError.exit_status else JobError
-        return error(reason.partition(": ")[2]) if reason else JobError(self._ended(), self.take)
+        return error(reason.partition(": ")[2]) if reason else self._ended()
 
     def close(self):
         """Lets go of what leads to and from the process; where it still runs, it ends itself then."""
@@ -66,15 +66,18 @@ class Worker:
         for output in self.outputs:
             output.close()
 
-    def _ended(self) -> str:
+    def _ended(self) -> JobError:
         """How a process ended that had no last word."""
         status = self.process.returncode
         if status >= 0:
-            return f"its process ended with status {status} and said nothing; expected it to finish"
+            return JobError(
+                f"its process ended with status {status} and said nothing; expected it to finish", self.take
+            )
         with suppress(ValueError):
             status = signal.Signals(-status).name
-        return (
-            f"its process was killed ({status}), as systems do when memory is full; expected it to finish, see --jobs"
+        return JobError(
+            f"its process was killed ({status}), as systems do when memory is full; expected it to finish, see --jobs",
+            self.take,
         )
 
 

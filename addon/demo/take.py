@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..capturing import Labelled
+from ..capturing import LabelledMarkers
 from ..core.body.bodies import BodyModel
 from ..core.body.occlusion import CapsuleOcclusion
 from ..core.data.markersets import MarkerSet
@@ -47,7 +47,7 @@ class Performance:
     """The virtual take before any camera sees it: the room's cameras, the true markers and the body."""
 
     cameras: Cameras
-    take: Labelled
+    take: LabelledMarkers
     body: PosedBody
 
 
@@ -63,4 +63,4 @@ def make_performance(markerset: MarkerSet) -> Performance:
     body = PosedBody(
         CapsuleOcclusion(markerset), np.asarray(markerset.attachment), posed.rotations, posed.joints, bodies.scale
     )
-    return Performance(cameras, Labelled(markerset.markers, posed.markers, 1), body)
+    return Performance(cameras, LabelledMarkers(markerset.markers, posed.markers, 1), body)

@@ -13,7 +13,7 @@ from ..core.points.likelihood.shape import Shape
 from ..core.points.rigid_bodies.model import RigidBodies
 from .markerset_fields import Reader, finite
 
-DIGITS = 6
+LIKELIHOOD_DIGITS = 6
 
 
 def likelihood_text(likelihood: Likelihood, indent: int = 2) -> str:
@@ -149,4 +149,4 @@ def _row(values: Iterable[float]) -> str:
 
 
 def _number(value: float) -> str:
-    return json.dumps(finite(float(f"{value:.{DIGITS}g}")) + 0.0).removesuffix(".0")
+    return json.dumps(finite(float(f"{value:.{LIKELIHOOD_DIGITS}g}")) + 0.0).removesuffix(".0")

@@ -13,7 +13,7 @@ from ..core.data.errors import InputError
 from .names import EXPECTED, can_be_written, is_unicode
 
 # Heights, metres and square radians of a body are all far below this.
-LARGEST = 1e3
+LARGEST_FIELD = 1e3
 # A person wears a hundred markers at most and has fewer joints; a table of every pair of these still has room.
 MOST_ROWS = 1000
 
@@ -100,7 +100,9 @@ class Reader:
             found.append(place[name])
         return np.array(found, dtype=int)
 
-    def number(self, row: dict, key: str, where: str, low: float = -LARGEST, high: float = LARGEST) -> float:
+    def number(
+        self, row: dict, key: str, where: str, low: float = -LARGEST_FIELD, high: float = LARGEST_FIELD
+    ) -> float:
         """The number under `key`, within bounds."""
         value = row.get(key)
         if not _is_number(value) or not low <= value <= high:
@@ -141,4 +143,4 @@ class Reader:
 
 def _is_number(value: object) -> bool:
     """True for a finite JSON number of a size that a body can have; True and false are none."""
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and -LARGEST <= value <= LARGEST
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and -LARGEST_FIELD <= value <= LARGEST_FIELD

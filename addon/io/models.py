@@ -5,11 +5,11 @@ import json
 from pathlib import Path
 
 from ..core.data.errors import InputError
-from ..core.data.models import Model, TrainingTake
+from ..core.points.models import Model, TrainingTake
 from ..core.points.partial_solvers.model import PartialSolvers
 from .likelihood import likelihood_text, read_likelihood
 from .markersets import markerset_file, markerset_in, markerset_text, open_document, open_markerset
-from .packed import LARGEST, declared_bytes, pack, unpack
+from .packed import LARGEST_PACKED, declared_bytes, pack, unpack
 from .trained import sound_partial_solvers, sound_training_take
 
 # What the parts are called in the file, as they were from the first version on.
@@ -51,8 +51,8 @@ def _training_takes(top: dict, markers: int, path: Path) -> tuple[TrainingTake, 
     rows = top.get(TRAINING_TAKES, [])
     if not isinstance(rows, list):
         raise InputError(f"has damaged {TRAINING_TAKES}; expected a list", path)
-    if declared_bytes(rows) > LARGEST:
-        raise InputError(f"has over {LARGEST >> 20} MB of {TRAINING_TAKES}; expected what was trained", path)
+    if declared_bytes(rows) > LARGEST_PACKED:
+        raise InputError(f"has over {LARGEST_PACKED >> 20} MB of {TRAINING_TAKES}; expected what was trained", path)
     takes = tuple(unpack(TrainingTake, row, TRAINING_TAKES, path) for row in rows)
     if not all(sound_training_take(take, markers) for take in takes):
         words = f"has {TRAINING_TAKES} that are not about its markers in metres"

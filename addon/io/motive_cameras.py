@@ -15,9 +15,9 @@ from .source import numbers, read_xml
 KIND = "a Motive .mcal calibration"
 
 # Motive looks along its own -z with y up, we along +z with y down.
-TURN = np.diag([1.0, -1.0, -1.0])
+MOTIVE_TURN = np.diag([1.0, -1.0, -1.0])
 
-_LENS = ("k1", "k2", "TangentialX", "TangentialY", "k3")
+_MOTIVE_LENS = ("k1", "k2", "TangentialX", "TangentialY", "k3")
 
 
 def read_mcal(path: Path, up: str = "") -> Cameras:
@@ -46,19 +46,21 @@ def _camera(camera: Element, path: Path) -> RigCamera:
     intrinsic = camera.find("IntrinsicStandardCameraModel")
     if intrinsic is None:
         intrinsic = camera.find("Intrinsic")
-        if intrinsic is None or any(read(intrinsic, *(key for key in _LENS if intrinsic.get(key)), "LensCenterX")[:-1]):
+        if intrinsic is None or any(
+            read(intrinsic, *(key for key in _MOTIVE_LENS if intrinsic.get(key)), "LensCenterX")[:-1]
+        ):
             raise InputError(
                 f"camera {name} has no IntrinsicStandardCameraModel; expected a .mcal of Motive 2.2 or later", path
             )
     focal = read(intrinsic, "HorizontalFocalLength", "VerticalFocalLength")
     centre = read(intrinsic, "LensCenterX", "LensCenterY")
-    to_world = read(extrinsic, *(f"OrientMatrix{index}" for index in range(9))).reshape(3, 3) @ TURN
+    to_world = read(extrinsic, *(f"OrientMatrix{index}" for index in range(9))).reshape(3, 3) @ MOTIVE_TURN
     position = read(extrinsic, "X", "Y", "Z")
     return RigCamera(
         name=name,
         size=read(attributes, "ImagerPixelWidth", "ImagerPixelHeight"),
         matrix=np.array([[focal[0], 0, centre[0]], [0, focal[1], centre[1]], [0, 0, 1]]),
-        distortion=np.array([read(intrinsic, key)[0] if intrinsic.get(key) else 0.0 for key in _LENS]),
+        distortion=np.array([read(intrinsic, key)[0] if intrinsic.get(key) else 0.0 for key in _MOTIVE_LENS]),
         rotation=to_world.T,
         translation=-to_world.T @ position,
     )

@@ -16,8 +16,8 @@ import numpy as np
 
 from ..core.data.errors import InputError
 
-KINDS = {f"{letter}{size}": f"<{letter}{size}" for letter in "iuf" for size in (1, 2, 4, 8)} | {"b1": "|b1"}
-LARGEST = 1 << 28  # bytes of all arrays of a file; no model comes near
+ARRAY_KINDS = {f"{letter}{size}": f"<{letter}{size}" for letter in "iuf" for size in (1, 2, 4, 8)} | {"b1": "|b1"}
+LARGEST_PACKED = 1 << 28  # bytes of all arrays of a file; no model comes near
 DIGEST = "digest"
 
 
@@ -33,8 +33,8 @@ def unpack(kind: type, packed: object, what: str, path: Path):
     if not isinstance(packed, dict):
         raise broken
     # What is compressed can be a thousand times as large, so nothing is unpacked before it is known to have room.
-    if declared_bytes(packed) > LARGEST:
-        raise InputError(f"has over {LARGEST >> 20} MB of {what}; expected what was trained", path)
+    if declared_bytes(packed) > LARGEST_PACKED:
+        raise InputError(f"has over {LARGEST_PACKED >> 20} MB of {what}; expected what was trained", path)
     content = {key: value for key, value in packed.items() if key != DIGEST}
     try:
         if packed.get(DIGEST) != _digest(content):
@@ -60,9 +60,13 @@ def declared_bytes(packed: object) -> int:
 def _size(packed: dict) -> int:
     """The bytes that an array says that it has; none where it is no array, as unpacking it finds out."""
     shape, kind = packed.get("shape"), packed.get("kind")
-    if kind not in KINDS or not isinstance(shape, list) or not all(type(one) is int and one >= 0 for one in shape):
+    if (
+        kind not in ARRAY_KINDS
+        or not isinstance(shape, list)
+        or not all(type(one) is int and one >= 0 for one in shape)
+    ):
         return 0
-    return math.prod(shape) * np.dtype(KINDS[kind]).itemsize
+    return math.prod(shape) * np.dtype(ARRAY_KINDS[kind]).itemsize
 
 
 def _digest(packed: dict) -> str:
@@ -74,7 +78,7 @@ def _packed(value: object):
         return {field.name: _packed(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, np.ndarray):
         kind = value.dtype.kind + str(value.dtype.itemsize)
-        content = zlib.compress(np.ascontiguousarray(value, KINDS[kind]).tobytes(), 9)
+        content = zlib.compress(np.ascontiguousarray(value, ARRAY_KINDS[kind]).tobytes(), 9)
         data = base64.b64encode(content).decode("ascii")
         return {"kind": kind, "shape": list(value.shape), "data": data}
     if isinstance(value, tuple):
@@ -110,11 +114,11 @@ def _unpacked(kind, packed):
 
 
 def _array(packed: dict) -> np.ndarray:
-    kind, size = KINDS[packed["kind"]], _size(packed)
+    kind, size = ARRAY_KINDS[packed["kind"]], _size(packed)
     unzipped = zlib.decompressobj()
     data = unzipped.decompress(base64.b64decode(packed["data"], validate=True), size + 1)
     if len(data) != size:
         raise ValueError
     values = np.frombuffer(data, kind).reshape(packed["shape"]).copy()
     # Of a byte that is neither nought nor one, nobody knows what NumPy makes.
-    return values.view("u1") > 0 if kind == KINDS["b1"] else values
+    return values.view("u1") > 0 if kind == ARRAY_KINDS["b1"] else values

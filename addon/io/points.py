@@ -63,11 +63,11 @@ def read_points(
     Raises InputError for whatever cannot be used, and where no point is in the frames asked for.
     """
     path = Path(path)
-    take = _read(path, everything, up, rate)
-    return take if frames is None else _of_frames(take, frames, path)
+    return _of_frames(_read(path, everything, up, rate), frames or (None, None), path)
 
 
 def _of_frames(take: FilePoints, frames: Frames, path: Path) -> FilePoints:
+    """The take's frames from A to B, both included."""
     first, last = frames
     start = 0 if first is None else max(first - take.first_frame, 0)
     stop = len(take.xyz) if last is None else max(last - take.first_frame + 1, 0)

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-AXES = ("+Z", "+Y", "+X", "-Z", "-Y", "-X")
+SIGNED_AXES = ("+Z", "+Y", "+X", "-Z", "-Y", "-X")
 
 # What a file's word weighs against another axis, and against its own opposite, which nobody confuses by lying down; the
 # same where the word is there by habit, or not at all.
-WORD, WORD_OPPOSITE = 2.5, 1.5
+WORD_WEIGHT, WORD_OPPOSITE = 2.5, 1.5
 HABIT, HABIT_OPPOSITE = 0.9, 1.1
 WEIGHTS = {
     "the force plates": 2.0,
@@ -37,7 +37,7 @@ LOOKED_AT = 400  # frames
 WINDOW, WINDOWS = 500, 8  # frames in a row, and how many such rows, for what moves
 
 PLATE_AREA = (0.01, 20.0)  # m²
-LEVEL = 0.95  # cosine of a plate's normal and the axis
+LEVEL_FLOOR = 0.95  # cosine of a plate's normal and the axis
 BELOW = 0.1  # m, how far under a plate a point may be
 ABOVE = 0.9  # share of the points that are above the plates
 
@@ -83,8 +83,8 @@ def find_up(
     """
     base, doubtful = _word(said, usual, maker)
     xyz, names = _largest_subject(xyz, names)
-    votes = dict.fromkeys(AXES, 0.0)
-    reasons: dict[str, list[str]] = {axis: [] for axis in AXES}
+    votes = dict.fromkeys(SIGNED_AXES, 0.0)
+    reasons: dict[str, list[str]] = {axis: [] for axis in SIGNED_AXES}
     heard = (
         ("the force plates", _level_with(plates, xyz) if plates is not None else ""),
         ("free falls", _falls(xyz, rate)),
@@ -96,8 +96,8 @@ def find_up(
         if axis:
             votes[axis] += WEIGHTS[reason]
             reasons[axis].append(reason)
-    best = max(AXES, key=votes.get)
-    weight = (HABIT, HABIT_OPPOSITE) if doubtful else (WORD, WORD_OPPOSITE)
+    best = max(SIGNED_AXES, key=votes.get)
+    weight = (HABIT, HABIT_OPPOSITE) if doubtful else (WORD_WEIGHT, WORD_OPPOSITE)
     needed = weight[best[1] == base[1]]
     up = best if votes[best] - votes[base] > needed else base
     return Upright(up, _told(said, up, usual, reasons[up]))
@@ -115,15 +115,15 @@ def _word(said: str, usual: str, maker: str) -> tuple[str, bool]:
     """What a file says of the up axis, and whether by habit only."""
     if "qualisys" in maker.lower() and said == "-Z":
         return "+Z", True  # Qualisys writes it of worlds that have z up
-    if said not in AXES:
+    if said not in SIGNED_AXES:
         return usual, True  # nothing, or nothing that is an axis
     return said, said == "+Y"  # many programs write that without meaning it, and nobody writes +Z by mistake
 
 
 def _told(said: str, up: str, usual: str, reasons: Sequence[str]) -> tuple[str, ...]:
-    if up == (said if said in AXES else usual):
+    if up == (said if said in SIGNED_AXES else usual):
         return ()
-    word = f"says that {said} is up, but" if said in AXES else "does not say which axis is up, and"
+    word = f"says that {said} is up, but" if said in SIGNED_AXES else "does not say which axis is up, and"
     why = " and ".join(reasons) or "what is known of the program that wrote it"
     return (f"the file {word} {up} was taken by {why} (an up axis that is given overrules this)",)
 
@@ -137,7 +137,7 @@ def _level_with(plates: np.ndarray, xyz: np.ndarray) -> str:
         return ""
     normals = np.abs(normals[good]) / (2 * area[good, None])
     index = int(normals[0].argmax())
-    if (normals[:, index] < LEVEL).any():
+    if (normals[:, index] < LEVEL_FLOOR).any():
         return ""
     above = _heights(xyz, index) - plates[good][..., index].mean()
     sides = [float((sign * above > -BELOW).mean()) > ABOVE for sign in (1, -1)]
@@ -153,16 +153,16 @@ def _heights(xyz: np.ndarray, index: int) -> np.ndarray:
 def _falls(xyz: np.ndarray, rate: float) -> str:
     """The axis against which all points together fall freely; else empty."""
     half = max(round(STEP * rate), 1)
-    longest = dict.fromkeys(AXES, 0)
+    longest = dict.fromkeys(SIGNED_AXES, 0)
     for part in _windows(xyz, 2 * half + 1):
         change = part[2 * half :] - 2 * part[half:-half] + part[: -2 * half]
         there = np.isfinite(change).all(axis=2)
         mean = np.where(there[..., None], change, 0).sum(axis=1) / np.maximum(there.sum(axis=1), 1)[:, None]
         mean = np.where((there.sum(axis=1) >= LEAST_POINTS)[:, None], mean * (rate / half) ** 2, 0)
-        for axis in AXES:
+        for axis in SIGNED_AXES:
             falling = np.linalg.norm(mean + GRAVITY * _direction(axis), axis=1) < GRAVITY_ERROR
             longest[axis] = max(longest[axis], _longest_run(falling))
-    first, second = sorted(AXES, key=longest.get, reverse=True)[:2]
+    first, second = sorted(SIGNED_AXES, key=longest.get, reverse=True)[:2]
     return first if longest[first] >= max(FALL * rate, 3, 2 * longest[second]) else ""
 
 
@@ -241,7 +241,7 @@ def _feet_to_head(xyz: np.ndarray, names: Sequence[str]) -> str:
     rise = (rise[length > 0] / length[length > 0, None])[:, :3]
     if not len(rise):
         return ""
-    return next((axis for axis in AXES if (rise @ _direction(axis) > ALONG).mean() > OFTEN), "")
+    return next((axis for axis in SIGNED_AXES if (rise @ _direction(axis) > ALONG).mean() > OFTEN), "")
 
 
 def _middle(points: np.ndarray) -> np.ndarray:

@@ -18,9 +18,15 @@ KIND = "a Qualisys calibration"
 SUBPIXELS = 64
 
 # Qualisys looks along its own -z with y up, we along +z with y down.
-TURN = np.diag([1.0, -1.0, -1.0])
+QUALISYS_TURN = np.diag([1.0, -1.0, -1.0])
 
-_LENS = ("radialDistortion1", "radialDistortion2", "tangentalDistortion1", "tangentalDistortion2", "radialDistortion3")
+_QUALISYS_LENS = (
+    "radialDistortion1",
+    "radialDistortion2",
+    "tangentalDistortion1",
+    "tangentalDistortion2",
+    "radialDistortion3",
+)
 _ROTATION = tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
 
 
@@ -45,7 +51,7 @@ def _camera(camera: Element, path: Path) -> RigCamera:
     def read(element: Element, *keys: str) -> np.ndarray:
         return np.concatenate([numbers(element.get(key), 1, f"{key} of camera {name}", path) for key in keys])
 
-    rotation = TURN @ read(transform, *_ROTATION).reshape(3, 3)
+    rotation = QUALISYS_TURN @ read(transform, *_ROTATION).reshape(3, 3)
     position = read(transform, "x", "y", "z") / 1000
     focal = read(intrinsic, "focalLengthU", "focalLengthV") / SUBPIXELS
     centre = read(intrinsic, "centerPointU", "centerPointV") / SUBPIXELS
@@ -55,7 +61,7 @@ def _camera(camera: Element, path: Path) -> RigCamera:
         name=name,
         size=np.ceil((high - low + 1) / SUBPIXELS),
         matrix=np.array([[focal[0], skew, centre[0]], [0, focal[1], centre[1]], [0, 0, 1]]),
-        distortion=np.array([read(intrinsic, key)[0] if intrinsic.get(key) else 0.0 for key in _LENS]),
+        distortion=np.array([read(intrinsic, key)[0] if intrinsic.get(key) else 0.0 for key in _QUALISYS_LENS]),
         rotation=rotation,
         translation=-rotation @ position,
     )

@@ -12,7 +12,7 @@ from ..core.placement_quality import Advice, Ambiguity, MarkerLayout, separation
 from ..core.placement_quality.renamings import TURNED_ROUND
 
 CLEAR = 8.0  # standard deviations; pairs farther apart are not listed
-DIGITS = 2
+QUALITY_DIGITS = 2
 
 
 def quality_report(layout: MarkerLayout, found: Ambiguity, advice: Sequence[Advice], goal: float) -> dict:
@@ -67,8 +67,8 @@ def _advice(advice: Advice, markerset: MarkerSet) -> dict:
         "shift_mm": [round(float(value), 1) for value in 1000 * advice.shift(markerset)],
         "offset": [round(float(value), 6) for value in advice.new],
         "for": list(advice.pair),
-        "before": round(advice.before, DIGITS),
-        "after": round(advice.after, DIGITS),
+        "before": round(advice.before, QUALITY_DIGITS),
+        "after": round(advice.after, QUALITY_DIGITS),
         "words": advice.in_words(markerset),
     }
 
@@ -78,4 +78,4 @@ def _rival(found: Ambiguity, index: int) -> str:
 
 
 def _rounded(overlap: float) -> float:
-    return round(float(separation(overlap)), DIGITS)
+    return round(float(separation(overlap)), QUALITY_DIGITS)

@@ -21,7 +21,7 @@ ROTATION_TOLERANCE = 1e-2
 MOST_CAMERAS = 1000
 
 # No room, lens or sensor holds a number beyond this in m, px or lens units.
-LARGEST = 1e9
+LARGEST_NUMBER = 1e9
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def _check(camera: RigCamera, path: Path):
     values = np.concatenate(
         [np.ravel(part) for part in (camera.size, camera.matrix, *lenses, camera.rotation, camera.translation)]
     )
-    if not (np.abs(values) < LARGEST).all():
+    if not (np.abs(values) < LARGEST_NUMBER).all():
         raise InputError(
             f"camera {camera.name} has a value that is not a number of any camera; expected a complete calibration",
             path,

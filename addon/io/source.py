@@ -2,6 +2,8 @@
 """Opening what the user named: whatever the file system answers, the user reads one sentence."""
 
 import codecs
+import hashlib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import BinaryIO
 from xml.etree import ElementTree
@@ -118,3 +120,12 @@ def numbers(text: str | None, count: int, what: str, path: Path, line: int = 0) 
 
 def _reason(error: Exception) -> str:
     return getattr(error, "strerror", None) or str(error)
+
+
+def digest(files: Iterable[Path]) -> str:
+    """SHA-256 of what files hold, of several one after the other; InputError where one cannot be read."""
+    whole = hashlib.sha256()
+    for file in files:
+        with open_binary(file) as stream:
+            whole.update(hashlib.file_digest(stream, "sha256").digest())
+    return whole.hexdigest()

@@ -11,7 +11,7 @@ from ..core.data.errors import InputError
 from ..core.data.takes import LARGEST_FRAME
 
 # Beyond this no coordinate is one, in any unit.
-LARGEST = 1e9
+LARGEST_COORDINATE = 1e9
 
 # A take may leave frames out, but not nearly all of them: what it would fill the memory with is no take.
 LARGEST_GAP = 10_000
@@ -76,6 +76,6 @@ def _value(fields: list[str], index: int, path: Path, line: int) -> float:
         value = float(field)
     except ValueError:
         raise InputError(f"has {field.strip()[:40]!r} as a coordinate; expected a number", path, line) from None
-    if abs(value) > LARGEST:
+    if abs(value) > LARGEST_COORDINATE:
         raise InputError(f"has {field.strip()[:40]!r} as a coordinate; expected a position in a room", path, line)
     return value

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.geometry import inverse_lens
-from ..core.geometry.camera_up import AXES, guess_up
+from ..core.geometry.camera_up import AXIS_NAMES, guess_up
 from ..core.geometry.cameras import Cameras
 from .camera_up import z_up
 from .rig import RigCamera, refuse_crowd, rig, rotation_from_vector
@@ -48,7 +48,7 @@ def read_toml(path: Path, up: str = "") -> Cameras:
     if not tables:
         raise InputError("has no table with a `matrix`; expected one table a camera", path)
     refuse_crowd(len(tables), path)
-    said = next((str(table["up"]) for _, table in tables if table.get("up") in AXES), "")
+    said = next((str(table["up"]) for _, table in tables if table.get("up") in AXIS_NAMES), "")
     return z_up(rig([_camera(key, table, path) for key, table in tables], path), up or said)
 
 

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..core.data.models import TrainingTake
+from ..core.points.models import TrainingTake
 from ..core.points.partial_solvers.model import DOMAIN, FUNCTIONS, NO_POINT, Classifiers, PartialSolvers, Record, Solver
 from .names import can_be_written
 
-FARTHEST = 1e3  # m; no marker of a training take is farther away
+FARTHEST_MARKER = 1e3  # m; no marker of a training take is farther away
 
 
 def sound_partial_solvers(solvers: PartialSolvers) -> bool:
@@ -31,7 +31,7 @@ def sound_training_take(take: TrainingTake, markers: int) -> bool:
         points.ndim == 3
         and points.dtype.kind == "f"
         and points.shape[1:] == (markers, 3)
-        and not (np.abs(points) > FARTHEST).any()
+        and not (np.abs(points) > FARTHEST_MARKER).any()
         and all(map(can_be_written, (take.subject, *take.takes)))
         and take.frames >= 0
     )

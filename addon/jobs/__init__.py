@@ -8,7 +8,7 @@ from ..core.data.progress import Progress
 from ..core.pipelines.points import USUAL_TARGET
 from ..core.points.naming import METHODS
 from ..io.points import holds_points
-from .job import OCCLUSIONS, USUAL_RATE, LabelJob, Labelled
+from .job import OCCLUSIONS, USUAL_RATE, LabelJob, Labelled, occlusion_here
 
 
 def label_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
@@ -27,4 +27,13 @@ def label_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
     return label_blob_file(job)
 
 
-__all__ = ["METHODS", "OCCLUSIONS", "USUAL_RATE", "USUAL_TARGET", "LabelJob", "Labelled", "label_file"]
+__all__ = [
+    "METHODS",
+    "OCCLUSIONS",
+    "USUAL_RATE",
+    "USUAL_TARGET",
+    "LabelJob",
+    "Labelled",
+    "label_file",
+    "occlusion_here",
+]

@@ -11,14 +11,14 @@ from typing import Self
 
 import numpy as np
 
-from ..blendfile import Chunks, has_blender, mesh_occlusion, open_cameras, refuse_long
+from ..blendfile import Chunks, mesh_occlusion, open_cameras, refuse_long
 from ..core.body.occlusion import Occlusion
-from ..core.data.models import Model
 from ..core.data.progress import Progress
 from ..core.data.takes import STEPS, Blobs, LabelledChunk, Motion, Points, Suspect
 from ..core.geometry.cameras import Cameras
 from ..core.pipelines.blobs import BlobOptions, blob_method, label_blobs, steps_of
 from ..core.pipelines.cross_check import MethodAgreement
+from ..core.points.models import Model
 from ..core.review.odd_cameras import CameraCheck
 from ..core.review.summary import TakeSummary
 from ..io.blobs import BlobRows, read_blobs
@@ -41,7 +41,7 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
     settings = BlobOptions(job.method, job.frame_rate, job.target, job.options, _occlusion(job, model))
     agreement, check = MethodAgreement(), CameraCheck(cameras)
     with ExitStack() as stack:
-        files = open_files(job, may_replace(job), stack)
+        files = open_files(job, may_replace(job, inputs), stack)
         source = Source(job, cameras)
         work = label_blobs(source.blobs(), cameras, model, settings, agreement)
         results = Results(job, files, model.markerset.markers, stack)
@@ -66,7 +66,7 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
 
 def _facts(job: LabelJob, method: str, cameras: Cameras, results: "Results", agreement: MethodAgreement) -> dict:
     """What the report of blobs says beside what every report says."""
-    facts = {"method": method, "occlusion": _casts(job), "rate_assumed": job.rate is None}
+    facts = {"method": method, "occlusion": job.casts, "rate_assumed": job.rate is None}
     facts["steps"] = results.counts(method)
     if method == "both":
         facts["agreement"] = agreement.as_dict()
@@ -75,16 +75,9 @@ def _facts(job: LabelJob, method: str, cameras: Cameras, results: "Results", agr
     return facts
 
 
-def _casts(job: LabelJob) -> str:
-    """What asks whether the body hides a marker: "bvh" or "capsules"."""
-    if job.occlusion != "auto":
-        return job.occlusion
-    return "bvh" if has_blender() else "capsules"
-
-
 def _occlusion(job: LabelJob, model: Model) -> Occlusion | None:
     """The body in the way; None for the closed form. InputError where rays are wanted and there is no Blender."""
-    if _casts(job) == "capsules":
+    if job.casts == "capsules":
         return None
     return mesh_occlusion(model.markerset) if job.body is None else job.body
 

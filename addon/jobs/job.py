@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 
-from ..blendfile import Chunks
+from ..blendfile import Chunks, inside_blender
 from ..core.blobs.pipeline import Options
 from ..core.blobs.search import Hints
 from ..core.body.occlusion import Occlusion
@@ -19,8 +19,13 @@ from ..io.whole import whole_files
 
 USUAL_RATE = 100.0
 REPORT = ".report.json"  # the last of a take's files to appear: where it is the others are
-# Rays cast at meshes, which takes Blender, or the closed form for capsules; "auto" is the first where Blender is here.
+# Rays cast at meshes, which takes Blender, or the closed form for capsules; "auto" is the first inside Blender.
 OCCLUSIONS = ("auto", "bvh", "capsules")
+
+
+def occlusion_here(wanted: str) -> str:
+    """The one of OCCLUSIONS that "auto" stands for at this moment, or the one that was wanted."""
+    return wanted if wanted != "auto" else "bvh" if inside_blender() else "capsules"
 
 
 @dataclass(frozen=True)
@@ -68,6 +73,11 @@ class LabelJob:
     def frame_rate(self) -> float:
         """Frames a second, given or assumed."""
         return USUAL_RATE if self.rate is None else self.rate
+
+    @property
+    def casts(self) -> str:
+        """What asks whether the body hides a marker: "bvh" or "capsules"."""
+        return occlusion_here(self.occlusion)
 
     @property
     def options(self) -> Options:

@@ -13,9 +13,9 @@ from ..io.c3d import first_number, names_in_c3d
 from ..io.labels import write_point_labels
 from ..io.points import write_c3d, write_trc
 from ..io.report import take_report, write_report
+from ..io.source import digest
 from ..version import version
 from .job import REPORT, LabelJob, timed
-from .resuming import with_results
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,16 +41,17 @@ def write_take(job: LabelJob, files: dict[str, Path], markerset: MarkerSet, made
     """Writes all files of a take but the labels of blobs, which are written chunk by chunk; gives the report."""
     rate = made.points.rate
     with timed(clock, "write"):
+        if job.blend:
+            save_blend(files[".blend"], job.source, rate, markerset, made.chunks, made.cameras)
         for rows, chunk in made.chunks:
             if isinstance(rows, PointRows):
                 write_point_labels(files[".labels.csv"], rows, chunk.labels, markerset.markers)
         write_c3d(files[".c3d"], made.points)
         if job.trc:
             write_trc(files[".trc"], made.points)
-        if job.blend:
-            save_blend(files[".blend"], job.source, rate, markerset, made.chunks, made.cameras)
+        results = {ending: digest([path]) for ending, path in files.items() if ending != REPORT}
     report = take_report(made.summary, job.source.stem, markerset.name, rate, version(), clock)
-    report |= renumbered(made.points) | made.facts | {"made_of": with_results(made.made_of, files)}
+    report |= renumbered(made.points) | made.facts | {"made_of": {**made.made_of, "results": results}}
     if "points" in report:
         del report["blobs"]
     write_report(files[REPORT], report)

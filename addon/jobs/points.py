@@ -29,12 +29,17 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
     Raises UserError with the file where it can be told.
     """
     clock: dict[str, float] = {}
+    inputs = made_of(job)  # before they are read
     with ExitStack() as stack:
-        files = open_files(job, may_replace(job), stack)
+        files = open_files(job, may_replace(job, inputs), stack)
         with timed(clock, "load"):
-            inputs = made_of(job)  # before they are read
             model, take = open_model(job.model), read_points(job.source, frames=job.frames, up=job.up, rate=job.rate)
-            _refuse_far(take, job)
+            last = int(take.frames[-1])
+            if last > LARGEST_FRAME:
+                words = f"goes on to frame {last}; expected frame numbers up to {LARGEST_FRAME}"
+                raise InputError(words, job.source)
+            if job.blend:
+                refuse_long(take.first_frame, last)
             options = PointOptions(chosen_method(model, job.method), job.target, job.options)
         labelled = yield from label_points(take, model, options)
         rows, markerset = PointRows.of(take), model.markerset
@@ -45,15 +50,6 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         made = Outcome(points, [(rows, chunk)], NO_CAMERAS, summary, facts, inputs)
         report = write_take(job, files, markerset, made, clock)
     return Labelled(report, made.chunks if job.keep else [])
-
-
-def _refuse_far(take: FilePoints, job: LabelJob):
-    """Raises InputError or JobError where frame numbers go on beyond what is written."""
-    last = take.first_frame + len(take.xyz) - 1
-    if last > LARGEST_FRAME:
-        raise InputError(f"goes on to frame {last}; expected frame numbers up to {LARGEST_FRAME}", job.source)
-    if job.blend:
-        refuse_long(take.first_frame, last)
 
 
 def _facts(take: FilePoints, given: Labels, options: PointOptions) -> dict:

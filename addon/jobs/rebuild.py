@@ -60,7 +60,7 @@ def rebuild_file(job: RebuildJob) -> Generator[Progress, None, dict]:
         raise InputError("is no file of 3D points; expected a name that ends in .c3d or .trc", job.out)
     cameras = open_cameras(job.cameras, job.up)
     rate = USUAL_RATE if job.rate is None else job.rate
-    tally = _Tally()
+    tally = _RebuildTally()
     with ExitStack() as stack:
         target = stack.enter_context(whole_file(job.out, job.overwrite, [job.source, *calibration_files(job.cameras)]))
         spool = stack.enter_context(TrajectoryFile(stack.enter_context(scratch_folder()), rate))
@@ -96,7 +96,7 @@ def _noted(chunks: Iterator[BlobRows], taken: deque[BlobRows]) -> Iterator[Blobs
         yield rows.blobs
 
 
-class _Tally:
+class _RebuildTally:
     """Counts over the chunks of one take."""
 
     def __init__(self):

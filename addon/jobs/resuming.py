@@ -1,16 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What the results of a take were made of, which its report keeps, so that a batch can go on where it was stopped."""
 
-import hashlib
 import json
-from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 
 from ..core.data.errors import InputError
 from ..io.cameras import calibration_files
 from ..io.markersets import markerset_file
-from ..io.source import open_binary
+from ..io.source import digest
 from ..version import version
 from .job import REPORT, LabelJob
 
@@ -25,19 +23,16 @@ def made_of(job: LabelJob) -> dict:
     Raises InputError where one of them cannot be read.
     """
     options = {field.name: getattr(job, field.name) for field in fields(job) if field.name not in OUTSIDE}
+    # Names for one thing are one: what "auto" stands for here, and what likelihood was called at first.
+    options |= {"occlusion": job.casts, "method": "likelihood" if job.method == "evidence" else job.method}
     made = {
         "version": version(),
-        "input": _digest([job.source]),
-        "cameras": _digest(calibration_files(job.cameras)) if isinstance(job.cameras, Path) else None,
-        "model": _digest([markerset_file(job.model)]),
+        "input": digest([job.source]),
+        "cameras": digest(calibration_files(job.cameras)) if isinstance(job.cameras, Path) else None,
+        "model": digest([markerset_file(job.model)]),
         "options": options,
     }
     return json.loads(json.dumps(made, default=str))  # as it is read back
-
-
-def with_results(made: dict, files: Mapping[str, Path]) -> dict:
-    """The same, and what became of it: the digests of a job's finished files, given by ending, but for the report."""
-    return {**made, "results": {ending: _digest([path]) for ending, path in files.items() if ending != REPORT}}
 
 
 def results_of(job: LabelJob) -> dict | None:
@@ -46,7 +41,7 @@ def results_of(job: LabelJob) -> dict | None:
     Raises InputError where what is there was made otherwise, or changed since, and the job may not replace it.
     """
     try:
-        report, missing = _earlier(job)
+        report, missing = _earlier(job, made_of(job))
     except InputError:
         if job.overwrite:
             return None
@@ -54,12 +49,12 @@ def results_of(job: LabelJob) -> dict | None:
     return None if missing else report
 
 
-def may_replace(job: LabelJob) -> bool:
-    """Whether the job may replace what is there: it was told to, or it goes on with what an earlier run of it left."""
-    return job.overwrite or (job.resume and _earlier(job)[0] is not None)
+def may_replace(job: LabelJob, now: dict) -> bool:
+    """Whether a job made of this may replace what is there: it was told to, or goes on with what a run of it left."""
+    return job.overwrite or (job.resume and _earlier(job, now)[0] is not None)
 
 
-def _earlier(job: LabelJob) -> tuple[dict | None, bool]:
+def _earlier(job: LabelJob, now: dict) -> tuple[dict | None, bool]:
     """The report of an earlier run of the same job, None where there is none, and whether any of its files is gone.
 
     The report gets its name last. Raises InputError where something is there that the same job did not make.
@@ -69,16 +64,16 @@ def _earlier(job: LabelJob) -> tuple[dict | None, bool]:
         return None, True
     report, missing = _read(path), False
     made = report["made_of"]
-    then, now = _flat(made), _flat(made_of(job))
+    then, now = _flat(made), _flat(now)
     other = [name for name in now | then if now.get(name) != then.get(name)]
     if other:
         what = f"is of a run that differs in {', '.join(other)}"
         raise InputError(f"{what}; expected the same as then, {INSTEAD}", path)
-    for ending, digest in made["results"].items():
+    for ending, was in made["results"].items():
         file = job.path(ending)
         if not file.exists():
             missing = True
-        elif _digest([file]) != digest:
+        elif digest([file]) != was:
             raise InputError(f"was changed since it was made; expected it as it was, {INSTEAD}", file)
     return report, missing
 
@@ -98,12 +93,3 @@ def _read(path: Path) -> dict:
     except (OSError, ValueError, LookupError, TypeError, RecursionError):
         pass
     raise InputError(f"does not say what it was made of; expected the report of an earlier run, {INSTEAD}", path)
-
-
-def _digest(files: Sequence[Path]) -> str:
-    """SHA-256 of the files' contents, one after the other."""
-    whole = hashlib.sha256()
-    for file in files:
-        with open_binary(file) as stream:
-            whole.update(hashlib.file_digest(stream, "sha256").digest())
-    return whole.hexdigest()

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from ..core.data.errors import InputError
-from ..core.data.models import Model
 from ..core.data.progress import Progress
+from ..core.points.models import Model
 from ..core.points.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS
 from ..core.training.pipeline import TRAINING_SHARES, Trained, TrainingOptions, train
 from ..core.training.takes import subject_rows
@@ -20,7 +20,7 @@ from ..io.report import compact
 from ..io.whole import keep_apart, whole_files
 from ..version import version
 from .job import timed
-from .training_takes import Known, TakeFile, chosen_markers, read_takes
+from .training_takes import KnownBetter, TakeFile, chosen_markers, read_takes
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class TrainJob:
     name      the model's, None for that of `base`, or of the file
     hit_rate  asked of the ensemble's partial solvers
     search    how those are found, "none" for no ensemble; None for what suits the number of markers
-    paper     give them the paper's four functions only, none of which tells left from right
+    paper     give them the paper's four functions only, none of which distinguishes left from right
     subjects  (id, glob) pairs that say whose takes are whose
     base      a model to train on, with what it keeps of its own takes; None for a new one
     keep      keep frames of the takes in the model, so that it can be trained on
@@ -53,13 +53,13 @@ class TrainJob:
     keep: bool = True
     report: Path | None = None
     overwrite: bool = False
-    known: Mapping[Path, Known] = field(default_factory=dict)
+    known: Mapping[Path, KnownBetter] = field(default_factory=dict)
 
 
 def train_file(job: TrainJob) -> Generator[Progress, None, dict]:
     """Trains and writes the model; gives the report.
 
-    Raises UserError with the file where it can be told.
+    Raises UserError, with the file where that is known.
     """
     clock: dict[str, float] = {}
     targets = [job.out, *([job.report] if job.report else [])]

@@ -17,7 +17,7 @@ from ..io.points import FilePoints, read_points
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownBetter:
     """What is known of a take better than from its file: the axis that points up, and the rate where it says none."""
 
     up: str | None = None
@@ -32,7 +32,7 @@ class TakeFile(LabelledTake):
 
 
 def read_takes(
-    paths: Sequence[Path], subjects: Sequence[tuple[str, str]], known: Mapping[Path, Known] | None = None
+    paths: Sequence[Path], subjects: Sequence[tuple[str, str]], known: Mapping[Path, KnownBetter] | None = None
 ) -> list[TakeFile]:
     """The labelled takes, each with its subject: the first of `subjects` (id, glob) that its path suits, or its folder.
 
@@ -40,7 +40,7 @@ def read_takes(
 
     Raises InputError with the file where one cannot be learned from.
     """
-    takes = [_read(path, subjects, (known or {}).get(path, Known())) for path in paths]
+    takes = [_read(path, subjects, (known or {}).get(path, KnownBetter())) for path in paths]
     unused = [glob for _, glob in subjects if not any(_suits(path, glob) for path in paths)]
     if unused:
         raise InputError(f"no take suits the subject {unused[0]!r}; expected a pattern such as '*/ann_*.c3d'")
@@ -55,7 +55,7 @@ def read_takes(
     return takes
 
 
-def _read(path: Path, subjects: Sequence[tuple[str, str]], known: Known) -> TakeFile:
+def _read(path: Path, subjects: Sequence[tuple[str, str]], known: KnownBetter) -> TakeFile:
     try:
         points = read_points(path, up=known.up, rate=known.rate)
         names, xyz, doubled = _named(points)

@@ -9,7 +9,7 @@ from bpy.props import EnumProperty, FloatProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ..core.data.errors import InputError
-from ..core.geometry.camera_up import AXES
+from ..core.geometry.camera_up import AXIS_NAMES
 from ..io.blobs import read_blobs
 from ..io.cameras import read_cameras
 from ..io.points import holds_points, read_points
@@ -22,7 +22,7 @@ from .reporting import reports_trouble
 
 BLOBS, POINTS = "*.csv", "*.c3d;*.trc;*.csv"
 UP_ITEMS = [("AUTO", "As the File Says", "Or, where it does not say, as what is in it tells")] + [
-    (axis, axis.upper(), f"{axis.upper()} points up in the file") for axis in AXES
+    (axis, axis.upper(), f"{axis.upper()} points up in the file") for axis in AXIS_NAMES
 ]
 CALIBRATIONS = ".toml;.xcp;.txt;.xml;.qca;.mcal;.yml;.yaml;.cal;.rad;.blend"
 

@@ -8,7 +8,7 @@ from bpy.props import EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper, ImportHelper
 
 from ..core.data.errors import InputError
-from ..core.data.models import Model
+from ..core.points.models import Model
 from ..io.markersets import SUFFIX, open_markerset
 from ..io.models import open_model, write_model
 from ..io.whole import whole_file

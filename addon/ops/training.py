@@ -106,7 +106,7 @@ class MOCAP_AUTOLABEL_OT_train(WorksInSteps, bpy.types.Operator):
 def train_steps(settings: SceneSettings) -> Generator[float, None, dict]:
     """Trains as the settings say, yielding how much is done (0 to 1); returns the report. InputError if they cannot."""
     from ..jobs.train import TrainJob, train_file  # with all that can be learned, which nobody who starts waits for
-    from ..jobs.training_takes import Known
+    from ..jobs.training_takes import KnownBetter
 
     base = own_model(settings) if settings.train_on else None
     name = settings.trained_name.strip()
@@ -116,7 +116,9 @@ def train_steps(settings: SceneSettings) -> Generator[float, None, dict]:
     if out.exists() and not base:
         raise InputError("is there already; expected another name, or that marker set chosen and trained on", out)
     takes = {Path(bpy.path.abspath(row.path)): row.subject for row in settings.lessons}
-    known = {Path(bpy.path.abspath(row.path)): Known(row.up or None, row.rate or None) for row in settings.lessons}
+    known = {
+        Path(bpy.path.abspath(row.path)): KnownBetter(row.up or None, row.rate or None) for row in settings.lessons
+    }
     job = TrainJob(
         takes=tuple(takes),
         out=out,

@@ -17,7 +17,7 @@ from . import animation
 
 SHORTEST_BONE = 0.02  # m; Blender deletes bones without length
 SCALE = "mocap_scale"  # m for one unit of the marker set, (3,), on the armature
-MOVED = 1e-6  # m; a joint that wanders less than this against its parent needs no location keys
+MOVED_BONE = 1e-6  # m; a joint that wanders less than this against its parent needs no location keys
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +101,7 @@ def pose_armature(
         bone = armature.pose.bones[markerset.skeleton.segments[index]]
         path = f'pose.bones["{bpy.utils.escape_identifier(bone.name)}"]'
         animation.key(bag, f"{path}.rotation_quaternion", frames, quaternion, bone.name)
-        if index == 0 or np.nanmax(np.abs(location), initial=0.0) > MOVED:
+        if index == 0 or np.nanmax(np.abs(location), initial=0.0) > MOVED_BONE:
             animation.key(bag, f"{path}.location", frames, location, bone.name)
 
 

@@ -17,9 +17,9 @@ from ..core.geometry.cameras import Cameras
 from . import naming
 
 SENSOR_WIDTH = 36.0  # mm; only its ratio to the focal length matters
-SIZE, ASPECT, SKEW, DISTORTION = "mocap_size", "mocap_aspect", "mocap_skew", "mocap_distortion"
-INVERSE = "mocap_inverse"
-DISPLAY_SIZE = 0.25
+IMAGE_SIZE, ASPECT, SKEW, DISTORTION = "mocap_size", "mocap_aspect", "mocap_skew", "mocap_distortion"
+INVERSE_LENS = "mocap_inverse"
+CAMERA_DISPLAY_SIZE = 0.25
 SAME_CAMERA = 1e-4  # relative: what single precision does to a calibration and back
 
 # A camera of computer vision looks along +z with y down, Blender's along -z with y up.
@@ -132,10 +132,10 @@ def camera_name(camera: bpy.types.Object) -> str:
 def look_through(scene: bpy.types.Scene, camera: bpy.types.Object):
     """Makes `camera` the scene's camera, with its picture's size and pixel aspect, which Blender keeps per scene."""
     scene.camera = camera
-    if SIZE not in camera.data:
+    if IMAGE_SIZE not in camera.data:
         return
     render, aspect = scene.render, float(camera.data[ASPECT])
-    render.resolution_x, render.resolution_y = (round(side) for side in camera.data[SIZE])
+    render.resolution_x, render.resolution_y = (round(side) for side in camera.data[IMAGE_SIZE])
     render.resolution_percentage = 100
     render.pixel_aspect_x, render.pixel_aspect_y = max(1.0, aspect), max(1.0, 1 / aspect)
 
@@ -149,7 +149,7 @@ def _set_lens(data: bpy.types.Camera, size: np.ndarray, matrix: np.ndarray):
     data.lens = matrix[0, 0] * SENSOR_WIDTH / width
     data.shift_x = (width / 2 - matrix[0, 2]) / width
     data.shift_y = (matrix[1, 2] - height / 2) / aspect / width
-    data.display_size = DISPLAY_SIZE
+    data.display_size = CAMERA_DISPLAY_SIZE
     data.clip_start = 0.01
 
 
@@ -157,11 +157,11 @@ def _keep_beyond_blender(
     data: bpy.types.Camera, size: np.ndarray, matrix: np.ndarray, distortion: np.ndarray, inverse: np.ndarray
 ):
     """Keeps what Blender's own settings of a camera cannot say."""
-    data[SIZE] = [float(side) for side in size]
+    data[IMAGE_SIZE] = [float(side) for side in size]
     data[ASPECT] = float(matrix[1, 1] / matrix[0, 0])
     data[SKEW] = float(matrix[0, 1])
     data[DISTORTION] = [float(value) for value in distortion]
-    data[INVERSE] = [float(value) for value in inverse]
+    data[INVERSE_LENS] = [float(value) for value in inverse]
 
 
 def _read(items: list[bpy.types.Object], scene: bpy.types.Scene) -> Cameras:
@@ -185,8 +185,8 @@ def _read_lens(item: bpy.types.Object, scene: bpy.types.Scene) -> tuple[np.ndarr
     data, render = item.data, scene.render
     if data.type != "PERSP":
         raise InputError(f"camera {camera_name(item)} is not a perspective camera; expected one with a focal length")
-    if SIZE in data:
-        size, aspect = np.array(data[SIZE], dtype=float), float(data[ASPECT])
+    if IMAGE_SIZE in data:
+        size, aspect = np.array(data[IMAGE_SIZE], dtype=float), float(data[ASPECT])
     else:
         percent = render.resolution_percentage / 100
         size = np.array([render.resolution_x, render.resolution_y], dtype=float) * percent
@@ -199,7 +199,9 @@ def _read_lens(item: bpy.types.Object, scene: bpy.types.Scene) -> tuple[np.ndarr
     matrix = np.eye(3)
     matrix[0] = focal, float(data.get(SKEW, 0.0)), width / 2 - data.shift_x * across
     matrix[1] = 0.0, focal * aspect, height / 2 + data.shift_y * across * aspect
-    lenses = (np.array(data.get(key, [0.0] * count), dtype=float) for key, count in ((DISTORTION, 5), (INVERSE, 3)))
+    lenses = (
+        np.array(data.get(key, [0.0] * count), dtype=float) for key, count in ((DISTORTION, 5), (INVERSE_LENS, 3))
+    )
     return size, matrix, *lenses
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from . import naming, storage
 
-RADIUS = 0.008  # m
+POINT_RADIUS = 0.008  # m
 FRAME = "frame"
 
 
@@ -52,7 +52,7 @@ def _nodes() -> bpy.types.NodeTree:
     same.data_type, same.operation = "INT", "EQUAL"
     one, other = (socket for socket in same.inputs if socket.type == "INT")
     points = tree.nodes.new("GeometryNodeMeshToPoints")
-    points.inputs["Radius"].default_value = RADIUS
+    points.inputs["Radius"].default_value = POINT_RADIUS
     attribute = next(socket for socket in frame.outputs if socket.enabled and socket.name == "Attribute")
     for start, end in (
         (entry.outputs[0], points.inputs["Mesh"]),

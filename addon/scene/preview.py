@@ -13,7 +13,7 @@ from . import naming, storage
 from .cloud import FRAME, add_cloud, cloud_points, cloud_table
 from .take import Stored, frame_shift
 
-CAMERA_NAMES, SHIFT = "mocap_camera_names", "mocap_frame_shift"
+CAMERA_NAMES, PREVIEW_SHIFT = "mocap_camera_names", "mocap_frame_shift"
 
 
 def store_preview(name: str, blobs: Blobs, cameras: Cameras) -> bpy.types.Mesh:
@@ -45,19 +45,19 @@ def show_points(scene: bpy.types.Scene, name: str, take: Points) -> bpy.types.Me
     shift = frame_shift(rows.frames)
     title = naming.title(name, "points")
     mesh = cloud_table(title, rows.frames[rows.frame] + shift, rows.xyz, trajectory=rows.trajectory)
-    mesh[SHIFT] = float(shift)
+    mesh[PREVIEW_SHIFT] = float(shift)
     add_cloud(scene.collection, mesh)
     return mesh
 
 
 def holds_points(mesh: bpy.types.Mesh) -> bool:
     """Whether a mesh keeps points, and not blobs."""
-    return SHIFT in mesh
+    return PREVIEW_SHIFT in mesh
 
 
 def read_points_preview(mesh: bpy.types.Mesh) -> Stored:
     """The kept points as a take without labels, markers, motion or cameras."""
-    table, shift = storage.read_table(mesh), int(mesh[SHIFT])
+    table, shift = storage.read_table(mesh), int(mesh[PREVIEW_SHIFT])
     number = table[FRAME] - shift
     frames = np.arange(number[0], number[-1] + 1)
     rows = PointRows(frames, number - number[0], table["trajectory"], cloud_points(mesh), None)

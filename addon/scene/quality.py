@@ -12,9 +12,9 @@ from . import armature as armatures
 from . import naming
 from .markerset_edit import skeleton_of
 
-REPORT = "mocap_quality"
+QUALITY_REPORT = "mocap_quality"
 PLACES = "mocap_quality_places"
-MOVED = 1e-4  # m; a marker that stands farther from where it was judged was moved
+MOVED_MARKER = 1e-4  # m; a marker that stands farther from where it was judged was moved
 
 # The last text that was read: panels and overlay ask at every redraw.
 _read: dict[str, dict] = {}
@@ -43,13 +43,13 @@ def locked_markers(collection: bpy.types.Collection) -> list[str]:
 
 def keep_report(collection: bpy.types.Collection, text: str):
     """Keeps a report, as text, with the marker set that it is about."""
-    collection[REPORT] = text
+    collection[QUALITY_REPORT] = text
     collection[PLACES] = json.dumps({name: list(place) for name, place in _places(collection).items()})
 
 
 def kept_report(collection: bpy.types.Collection | None) -> dict | None:
     """The report of a marker set that is laid out; None before it was judged."""
-    text = collection.get(REPORT) if collection is not None else None
+    text = collection.get(QUALITY_REPORT) if collection is not None else None
     if not text:
         return None
     if text not in _read:
@@ -63,7 +63,7 @@ def changed_since(collection: bpy.types.Collection) -> bool:
     before, now = json.loads(collection.get(PLACES, "{}")), _places(collection)
     if set(before) != set(now):
         return True
-    return any(np.abs(np.subtract(before[name], now[name])).max() > MOVED for name in now)
+    return any(np.abs(np.subtract(before[name], now[name])).max() > MOVED_MARKER for name in now)
 
 
 def targets(collection: bpy.types.Collection) -> list[Target]:
@@ -75,7 +75,7 @@ def targets(collection: bpy.types.Collection) -> list[Target]:
             continue
         end = _target(collection, row)
         begin = np.array(anchor.matrix_world.translation)
-        if end is not None and np.linalg.norm(end - begin) > MOVED:
+        if end is not None and np.linalg.norm(end - begin) > MOVED_MARKER:
             found.append(Target(number, row["marker"], begin, end))
     return found
 

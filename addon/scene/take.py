@@ -20,8 +20,8 @@ from . import naming, storage
 from .body import add_body
 from .cloud import add_cloud, cloud_table
 
-ROWS, MOTION, POSE, FRAMES = "mocap_blobs", "mocap_motion", "mocap_pose", "mocap_frames"
-RATE, SHIFT, SUSPECTS, SOURCE, NAMES = (
+ROWS, MOTION, POSE, FRAME_TABLE = "mocap_blobs", "mocap_motion", "mocap_pose", "mocap_frames"
+RATE, SHIFT, SUSPECTS, SOURCE, MARKER_NAMES = (
     "mocap_rate",
     "mocap_frame_shift",
     "mocap_suspects",
@@ -167,7 +167,7 @@ def is_take(collection: bpy.types.Collection | None) -> bool:
 
 def remove_take(collection: bpy.types.Collection):
     """Removes a take with everything that was made for it; its cameras stay."""
-    kept = [collection.get(key) for key in (ROWS, MOTION, POSE, FRAMES)]
+    kept = [collection.get(key) for key in (ROWS, MOTION, POSE, FRAME_TABLE)]
     items = list(collection.all_objects)
     actions = {item.animation_data.action for item in items if item.animation_data and item.animation_data.action}
     data = {item.data for item in items if item.data is not None}
@@ -178,8 +178,8 @@ def remove_take(collection: bpy.types.Collection):
 
 def stored_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
     """A take as the file keeps it, in any session after the one that labelled it."""
-    rows, frames = storage.read_table(collection[ROWS]), storage.read_table(collection[FRAMES])
-    names = tuple(json.loads(collection[NAMES]))
+    rows, frames = storage.read_table(collection[ROWS]), storage.read_table(collection[FRAME_TABLE])
+    names = tuple(json.loads(collection[MARKER_NAMES]))
     numbers = frames["number"]
     cameras = collection.get(naming.CAMERAS)
     return Stored(
@@ -229,12 +229,12 @@ def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Coll
     turns = rotations.rotation_vector(motion.rotations.reshape(-1, 3, 3))
     collection[POSE] = storage.store_table(f"{title} pose", {"joints": motion.joints.reshape(-1, 3), "turns": turns})
     per_frame = {"number": motion.frames, "scale": motion.scale, "confidence": motion.confidence}
-    collection[FRAMES] = storage.store_table(f"{title} frames", per_frame)
+    collection[FRAME_TABLE] = storage.store_table(f"{title} frames", per_frame)
     collection[naming.TAKE] = take.name
     collection[naming.MARKERSET] = take.markerset.name
     if cameras is not None:
         collection[naming.CAMERAS] = cameras
-    collection[NAMES] = json.dumps(take.markerset.markers)
+    collection[MARKER_NAMES] = json.dumps(take.markerset.markers)
     # Blender's whole numbers have 32 bits, and a shift may need 33.
     collection[RATE], collection[SHIFT], collection[SOURCE] = float(take.rate), float(shift), take.source
     collection[SUSPECTS] = json.dumps([[int(s.first), int(s.last), s.reason] for s in take.suspects])

@@ -15,7 +15,7 @@ GREEN, CYAN, MAGENTA, GREY = (
     (0.95, 0.2, 0.85, 1.0),
     (0.55, 0.55, 0.55, 0.9),
 )
-SURE = 0.99  # confidence below which a name is doubtful
+SURE_NAME = 0.99  # confidence below which a name is doubtful
 CALLED = re.compile(r"\btrajector(?:y|ies)((?: \d+)+)")  # trajectories in a reason, one or a list of them
 ORANGE, RED = (1.0, 0.75, 0.2, 1.0), (1.0, 0.15, 0.2, 1.0)
 BLACK, WHITE = (0.02, 0.02, 0.02, 1.0), (1.0, 1.0, 1.0, 1.0)
@@ -98,7 +98,7 @@ def point_marks(stored: Stored, index: int) -> PointMarks:
         return PointMarks(markers, doubtful, np.empty((0, 3)), {})
     first, last = np.searchsorted(stored.rows.frame, [index, index + 1])
     marker, confidence = labels.marker[first:last], labels.confidence[first:last]
-    doubtful[marker[(marker != NO_MARKER) & (confidence < SURE)]] = True
+    doubtful[marker[(marker != NO_MARKER) & (confidence < SURE_NAME)]] = True
     left = first + np.flatnonzero(marker == NO_MARKER)
     numbers = stored.rows.trajectory[left].tolist()
     # Reasons count things as well, so a number is a trajectory's only where they call it one.

@@ -13,7 +13,7 @@ from ..scene.cameras import camera_name
 from ..scene.markerset_edit import edited_collection
 from ..scene.take import is_take
 
-FEW = 5  # cameras that fit below each other
+FEW_MARKERS_SHOWN = 5  # cameras that fit below each other
 LINE = 34  # letters that fit beside each other in a sidebar of the usual width
 
 
@@ -43,7 +43,7 @@ class MOCAP_AUTOLABEL_PT_cameras(Step, bpy.types.Panel):
                 layout.operator("mocap_autolabel.use_cameras", icon="OUTLINER_OB_CAMERA")
             return
         cameras = [item for item in settings.cameras.all_objects if item.type == "CAMERA"]
-        grid = layout.grid_flow(columns=1 if len(cameras) <= FEW else 2, even_columns=True, align=True)
+        grid = layout.grid_flow(columns=1 if len(cameras) <= FEW_MARKERS_SHOWN else 2, even_columns=True, align=True)
         for camera in cameras:
             icon = "OUTLINER_OB_CAMERA" if context.scene.camera == camera else "CAMERA_DATA"
             button = grid.operator("mocap_autolabel.look_through", text=camera_name(camera), icon=icon)

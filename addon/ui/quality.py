@@ -11,10 +11,10 @@ from .marks import BLACK, CYAN, GREEN, ORANGE, RED
 from .overlay import BLOB_RADIUS, RING_RADIUS, Canvas, draw_colours
 from .panels import Step, draw_text
 
-PAIRS = 6  # of the list
+PAIRS_SHOWN = 6  # of the list
 HEAD, BARB = 11.0, 0.45  # px of an arrow's head, and how wide it is of that
 FAINTEST = 0.35  # opacity of a pair that is only just ambiguous
-LEGEND = (("easily mistaken", RED), ("ambiguous", ORANGE), ("clear", GREEN), ("advised", CYAN))
+QUALITY_LEGEND = (("easily mistaken", RED), ("ambiguous", ORANGE), ("clear", GREEN), ("advised", CYAN))
 
 
 def clearness(separation: float, goal: float) -> np.ndarray:
@@ -44,7 +44,9 @@ def draw():
     canvas.discs(places, np.array(colours).reshape(-1, 4), BLOB_RADIUS + 0.3)
     _draw_targets(canvas, targets(collection))
     gpu.state.blend_set("NONE")
-    draw_colours(canvas, f"{report['model']}: placement of its markers", [(words, colour) for words, colour in LEGEND])
+    draw_colours(
+        canvas, f"{report['model']}: placement of its markers", [(words, colour) for words, colour in QUALITY_LEGEND]
+    )
 
 
 def _draw_pairs(canvas: Canvas, report: dict, at: dict[str, np.ndarray]):
@@ -109,12 +111,12 @@ def _draw_list(column: bpy.types.UILayout, report: dict):
         words = "Turned round" if worst["kind"] == "turn" else "Left for right"
         _draw_row(column, words, worst["separation"], report["goal"])
     poor = [pair for pair in report["pairs"] if pair["separation"] < report["goal"]]
-    for pair in poor[:PAIRS]:
+    for pair in poor[:PAIRS_SHOWN]:
         _draw_row(column, " and ".join(pair["markers"]), pair["separation"], report["goal"])
     if not poor:
         column.label(text="No ambiguous pairs", icon="CHECKMARK")
-    elif len(poor) > PAIRS:
-        column.label(text=f"and {len(poor) - PAIRS} more pairs")
+    elif len(poor) > PAIRS_SHOWN:
+        column.label(text=f"and {len(poor) - PAIRS_SHOWN} more pairs")
 
 
 def _draw_row(column: bpy.types.UILayout, words: str, separation: float, goal: float):

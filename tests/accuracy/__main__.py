@@ -4,6 +4,7 @@
 python -m tests.accuracy --quick     some minutes: two groups of people
 python -m tests.accuracy --full      all people, and the curves
 python -m tests.accuracy --only standing --sets body26 --groups 1 --count 20 --show 20
+python -m tests.accuracy --full --only walking           every walk and turn of everybody, take by take
 
 Nothing here is part of the test suite: it needs the recorded people beside the project, and time.
 """
@@ -15,7 +16,7 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from . import people, runs, starts, tracking
-from .door import run_door
+from .door import run_door, run_walking
 from .rebuilding import run_rebuilding
 
 RUNS = {
@@ -24,7 +25,7 @@ RUNS = {
     "iterations": starts.run_iterations,
     "tracking": tracking.run_tracking,
     "speed": runs.run_speed,
-    "walking": runs.run_walking,
+    "walking": run_walking,
     "occlusion": runs.run_occlusion,
     "sweeps": runs.run_sweeps,
     "rebuilding": run_rebuilding,
@@ -41,7 +42,7 @@ def main() -> int:
     parser.add_argument("--only", nargs="*", choices=list(RUNS), help="these measurements alone")
     parser.add_argument("--sets", nargs="*", default=["gait15", "body26"], help="marker sets")
     parser.add_argument("--groups", type=int, help="how many of the five groups of left-out people")
-    parser.add_argument("--count", type=int, help="standing captures a group; a tenth of it whole takes")
+    parser.add_argument("--count", type=int, help="standing captures a group; of walking people every take is labelled")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--as-recorded", action="store_true", help="keep the names that a recording has exchanged")
     parser.add_argument("--show", type=int, default=0, help="list up to this many flawed takes of each measurement")

@@ -43,21 +43,25 @@ class Score:
 
     def __init__(self, markers):
         self.figures = Figures(markers)
-        self.takes = 0
+        self.takes = self.blobs = 0
         self.flawed: list[tuple[str, list[tuple[str, str]]]] = []
         self._frames = 0
 
     def add(self, trials: Iterable[Trial], label: LabelFunction) -> "Score":
         """Labels every trial and counts. Returns itself."""
         for trial in trials:
-            names, steps = label(trial.blobs, trial.cameras)
-            self.figures.add(trial.blobs.frame + self._frames, trial.blobs.camera, names, trial.truth, steps)
-            self._frames += len(trial.blobs.frames)
-            self.takes += 1
-            errors = [(str(n), t) for n, t in zip(names, trial.truth, strict=True) if n not in t.split("|")]
-            if errors:
-                self.flawed.append((trial.title, errors))
+            self.count(trial, *label(trial.blobs, trial.cameras))
         return self
+
+    def count(self, trial: Trial, names: np.ndarray, steps: np.ndarray):
+        """Counts one labelled trial: the marker's name and the step of every blob."""
+        self.figures.add(trial.blobs.frame + self._frames, trial.blobs.camera, names, trial.truth, steps)
+        self._frames += len(trial.blobs.frames)
+        self.takes += 1
+        self.blobs += len(trial.blobs)
+        errors = [(str(n), t) for n, t in zip(names, trial.truth, strict=True) if n not in t.split("|")]
+        if errors:
+            self.flawed.append((trial.title, errors))
 
     @property
     def counts(self) -> Counts:

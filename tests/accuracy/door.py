@@ -1,8 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The same captures through the door that people use: the built zip in a real Blender, files in and files out."""
+"""Captures through the doors that people use, files in and files out: the command line, and that of a real Blender."""
 
 import csv
+import json
+import subprocess
+import sys
 import tempfile
+from collections import Counter
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,22 +21,29 @@ from addon.io.cameras import write_cameras
 from addon.io.markersets import write_markerset
 from scripts import build, real_blender
 
+from .captures import Score, Trial
 from .models import left_out_model
-from .runs import SCORE_COLUMNS, Plan, Score, score_cells
+from .runs import Plan, show
 from .standing import standing
-from .tables import table
+from .tables import SCORE_COLUMNS, score_cells, share, table
 from .walking import RATE, walking
 
 PLATFORM = "linux-x64"
+ROOMS = ("vicon12", "ring")
+TAKE_COLUMNS = ("take", "cameras", "frames", "blobs", "labels", "wrong", "recall", "F1", "most often", "frames/s")
+# Words of a command line in, the ended program out.
+Program = Callable[..., subprocess.CompletedProcess]
 
 
 class Door:
-    """Labels takes as `blender --background --command mocap_autolabel label` does."""
+    """Labels takes as `mocap-autolabel label` does. `report` is what it said of the last one."""
 
-    def __init__(self, markerset: MarkerSet, blender: real_blender.RealBlender, folder: Path, rate: float):
-        self.blender, self.folder, self.rate = blender, folder, rate
+    def __init__(self, markerset: MarkerSet, program: Program, folder: Path, rate: float):
+        folder.mkdir()
+        self.program, self.folder, self.rate = program, folder, rate
         self.model = folder / f"{markerset.name}.markerset.json"
         write_markerset(self.model, markerset)
+        self.report: dict = {}
         self.done = 0
 
     def __call__(self, blobs: Blobs, cameras: Cameras) -> tuple[np.ndarray, np.ndarray]:
@@ -40,48 +53,112 @@ class Door:
         write_blobs(take, blobs, cameras)
         write_cameras(room, cameras)
         words = ["label", take, "--model", self.model, "--cameras", room, "--rate", self.rate, "--out", out]
-        ended = self.blender.run(
-            "--background", "--command", "mocap_autolabel", *map(str, words), home=self.folder / "home"
-        )
+        ended = self.program(*map(str, words))
         if ended.returncode:
             raise RuntimeError(ended.stdout + ended.stderr)
+        self.report = json.loads((out / f"take{self.done}.report.json").read_text(encoding="utf-8"))
         with (out / f"take{self.done}.labels.csv").open(encoding="utf-8") as file:
             rows = [(row["marker"], row["step"]) for row in csv.DictReader(file)]
         names, steps = np.array(rows, dtype=object).reshape(-1, 2).T
         return names, steps
 
 
+def here(*words: str) -> subprocess.CompletedProcess:
+    """The command line of this Python."""
+    program = Path(sys.executable).with_name("mocap-autolabel")
+    return subprocess.run([program, *words], capture_output=True, text=True, check=False)
+
+
+def run_walking(plan: Plan):
+    """Every walk and turn of everybody, take by take, through the command line with its defaults."""
+    rows, takes, occlusions, cameras = [], [], set(), set()
+    with tempfile.TemporaryDirectory() as name:
+        for set_name in plan.sets:
+            for room in ROOMS:
+                score, seconds = None, 0.0
+                for number, fold in enumerate(plan.folds):
+                    markerset = left_out_model(set_name, fold)
+                    score = score or Score(markerset.markers)
+                    door = Door(markerset, here, Path(name) / f"{set_name}-{room}-{number}", RATE)
+                    for trial in walking(markerset.markers, fold, None, plan.seed, room=room):
+                        names, steps = door(trial.blobs, trial.cameras)
+                        score.count(trial, names, steps)
+                        speed = door.report["timing"]["frames_per_second"]
+                        seconds += len(trial.blobs.frames) / speed
+                        occlusions.add(door.report["occlusion"])
+                        cameras.add(len(trial.cameras))
+                        alone = Score(markerset.markers)
+                        alone.count(trial, names, steps)
+                        takes.append([set_name, room, *_take_cells(trial, alone, speed)])
+                counts = score.counts
+                rows.append([set_name, room, score.takes, *score_cells(counts), f"{counts.frames / seconds:.0f}"])
+                show(plan, score)
+    seen_by = " or ".join(map(str, sorted(cameras)))
+    print(f"\n### Walks and turns, {seen_by} cameras, 60 Hz, ghosts ({plan.people()})\n")
+    print(f"Through `mocap-autolabel label` with its defaults; the body in the way: {', '.join(sorted(occlusions))}.\n")
+    print(table(("set", "room", "takes", *SCORE_COLUMNS, "frames a second"), rows))
+    print("\n" + table(("set", "room", *TAKE_COLUMNS), takes))
+
+
+def _take_cells(trial: Trial, score: Score, speed: float) -> list:
+    """The cells under `TAKE_COLUMNS` of one take."""
+    counts = score.counts
+    figures = counts.as_dict()
+    wrong = Counter(error for _, errors in score.flawed for error in errors if error[0])
+    often = [f"{name} for {true or 'a ghost'}, {times}" for (name, true), times in wrong.most_common(1)]
+    return [
+        trial.title,
+        len(trial.cameras),
+        counts.frames,
+        len(trial.blobs),
+        counts.given,
+        counts.given - counts.right,
+        f"{100 * figures['recall']:.2f} %",
+        f"{100 * figures['f1']:.2f} %",
+        *(often or [""]),
+        f"{speed:.0f}",
+    ]
+
+
 def run_door(plan: Plan):
-    """Standing frames in the paper's rig and walks in the recorded room, by the command line of a real Blender."""
+    """Standing frames, and one person's walks a group, by a real Blender and by the command line of this Python."""
     blender = real_blender.find()
     rows = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        _install(blender, folder)
+        inside = _install(blender, folder)
         for set_name in plan.sets:
             for kind, trials_of, rate, count in (
-                ("standing, paper's rig", standing, 100.0, max(plan.count // 4, 2)),
-                ("walks and turns, vicon12", walking, RATE, max(plan.count // 20, 1)),
+                ("standing frames, paper's rig", standing, 100.0, max(plan.count // 4, 2)),
+                ("walks and turns, vicon12", walking, RATE, 2),
             ):
-                score = None
+                score, differing = None, 0
                 for number, fold in enumerate(plan.folds):
                     markerset = left_out_model(set_name, fold)
                     score = score or Score(markerset.markers)
                     place = folder / f"{set_name}-{rate:.0f}-{number}"
-                    place.mkdir()
-                    (place / "home").symlink_to(folder / "home")
-                    door = Door(markerset, blender, place, rate)
-                    score.add(trials_of(markerset.markers, fold, count, plan.seed), door)
-                rows.append([set_name, kind, *score_cells(score.counts)])
+                    doors = [
+                        Door(markerset, program, place.with_suffix(f".{which}"), rate)
+                        for which, program in (("blender", inside), ("here", here))
+                    ]
+                    for trial in trials_of(markerset.markers, fold, count, plan.seed):
+                        (names, steps), (others, _) = (door(trial.blobs, trial.cameras) for door in doors)
+                        score.count(trial, names, steps)
+                        differing += int((names != others).sum())
+                blobs = share(differing, score.blobs, 3)
+                rows.append([set_name, kind, score.takes, *score_cells(score.counts), blobs])
     print(f"\n### Through the command line of a real Blender, ghosts ({plan.people()})\n")
-    print(table(("set", "captures", *SCORE_COLUMNS), rows))
+    print("Blender {}.{}.{}".format(*blender.version) + "\n")
+    print(table(("set", "captures", "takes", *SCORE_COLUMNS, "blobs named otherwise than outside Blender"), rows))
 
 
-def _install(blender: real_blender.RealBlender, folder: Path):
-    """Builds the zip for this Blender and installs it among settings of its own."""
+def _install(blender: real_blender.RealBlender, folder: Path) -> Program:
+    """Builds the zip for this Blender, installs it among settings of its own, and gives its command line."""
     package = build.build("{}.{}".format(*blender.version[:2]), PLATFORM, folder, None)
-    (folder / "home").mkdir()
+    home = folder / "home"
+    home.mkdir()
     words = ("install-file", "--repo", "user_default", "--enable", str(package))
-    ended = blender.run("--background", "--command", "extension", *words, home=folder / "home")
+    ended = blender.run("--background", "--command", "extension", *words, home=home)
     if ended.returncode:
         raise RuntimeError(ended.stdout + ended.stderr)
+    return partial(blender.run, "--background", "--command", "mocap_autolabel", home=home)

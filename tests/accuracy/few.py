@@ -13,8 +13,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from addon.core.data.markersets import MarkerSet
-from addon.core.data.models import Model
 from addon.core.points.likelihood import learn_likelihood
+from addon.core.points.models import Model
 from addon.io.models import open_model
 
 from . import people
@@ -24,7 +24,6 @@ from .tables import share, table
 RATE = 100.0  # a second
 EVERY = 3  # one of so many people is trained on,
 OTHERS = (1, 4, 6)  # and those so far behind are tested
-FRAMES = 150  # of a take
 GAPS, GAP_FRAMES = 2, (5, 40)  # of each marker, and how long they are
 
 
@@ -43,7 +42,7 @@ def tested(markerset: MarkerSet, persons: list[str]) -> Iterator[np.ndarray]:
     for take in people.takes():
         if take.person in persons:
             rng = np.random.default_rng(SEED)
-            points = take.pick(markerset.markers)[:FRAMES].copy()
+            points = take.pick(markerset.markers)
             for marker in np.repeat(np.arange(points.shape[1]), GAPS):
                 first = rng.integers(0, len(points))
                 points[first : first + rng.integers(*GAP_FRAMES), marker] = np.nan

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from addon.core.data.models import Model
 from addon.core.data.takes import Labels
+from addon.core.points.adaptation import Adaptation, adapt, borne_out
 from addon.core.points.deciding import consistent, decide
 from addon.core.points.likelihood import Likelihood, label_frames
 from addon.core.points.likelihood.frames import LikelihoodNamer
-from addon.core.points.rigid_bodies.adaptation import Adaptation, adapt, borne_out
+from addon.core.points.models import Model
 from addon.core.points.tracklets import cut
 
 SEED = 5

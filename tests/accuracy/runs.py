@@ -19,7 +19,6 @@ from .models import Labeller, left_out_model
 from .standing import standing
 from .starts import Start, best_placed
 from .tables import SCORE_COLUMNS, score_cells, share, table
-from .walking import walking
 
 CLEAN = CaptureOptions(reflections=0, flicker=0.0)
 STANDING = {
@@ -37,7 +36,7 @@ class Plan:
 
     sets   marker sets
     folds  groups of left-out people, one model each
-    count  standing captures a group; whole takes are a tenth of it
+    count  standing captures a group
     seed   of everything random
     show   how many flawed takes are listed
     plots  the folder for pictures, None for none
@@ -130,26 +129,6 @@ def _by_marker(score: Score) -> list[list]:
     return sorted(rows, key=lambda row: row[2] - row[1] - row[-1])[:MOST_MARKERS]
 
 
-def run_walking(plan: Plan):
-    """Whole takes, followed at 60 Hz by six to eight cameras."""
-    rows = []
-    takes = max(plan.count // 10, 2)
-    for set_name in plan.sets:
-        for room in ("vicon12", "ring"):
-            score, labellers = measured(
-                plan,
-                set_name,
-                lambda markers, persons, count, seed, r=room: walking(markers, persons, count, seed, room=r),
-                takes,
-                60.0,
-            )
-            speed = 1000 / milliseconds(labellers)
-            rows.append([set_name, room, score.takes, *score_cells(score.counts), f"{speed:.0f}"])
-            show(plan, score)
-    print(f"\n### Walks and turns, 6 to 8 cameras, 60 Hz, ghosts ({plan.people()})\n")
-    print(table(("set", "room", "takes", *SCORE_COLUMNS, "frames a second"), rows))
-
-
 def run_occlusion(plan: Plan):
     """How often the model's body is wrong about what is hidden, for bodies of full size and shrunk."""
     from addon.core.body.posing import fit_points
@@ -218,10 +197,10 @@ def run_sweeps(plan: Plan):
 
 def run_speed(plan: Plan):
     """Ten iterations of the nine-parameter fit with occlusion test, on one core."""
-    from addon.core.blobs.cost import blob_pull
-    from addon.core.blobs.fit import fit_placement
     from addon.core.blobs.subject import Setup
-    from addon.core.blobs.views import split_views
+    from addon.core.body.cost import blob_pull
+    from addon.core.body.fit import fit_placement
+    from addon.core.geometry.views import split_views
 
     rows = []
     for set_name in plan.sets:

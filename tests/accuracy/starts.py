@@ -7,15 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from addon.core.blobs.fit import State, body_state, fit_placement
 from addon.core.blobs.labelling import Naming
 from addon.core.blobs.search import FINDING, name_found, visible_pull
 from addon.core.blobs.subject import Setup, Subject, expect, name
-from addon.core.blobs.views import View, split_views
 from addon.core.body.bodies import Bodies, BodyModel
+from addon.core.body.fit import State, body_state, fit_placement
 from addon.core.body.prior import Prior
 from addon.core.evaluation.figures import Figures
 from addon.core.geometry import rotations
+from addon.core.geometry.views import View, split_views
 from addon.core.simulation.simulate import CaptureOptions
 from tests.core.blobs.paper import PLACEMENT_STAGES, QUARTERS, fit_from, fit_nine, stages
 

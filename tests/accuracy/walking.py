@@ -49,24 +49,27 @@ def vicon12() -> Cameras:
 def walking(
     markers,
     persons,
-    count: int,
+    count: int | None,
     seed: int = 0,
     options: CaptureOptions | None = None,
     room: str = "vicon12",
     kinds=("walk", "turn"),
     cameras: tuple[int, int] = (6, 8),
 ) -> Iterator[Trial]:
-    """`count` whole takes at 60 Hz, each seen by a random choice of cameras in `room` ("vicon12" or "ring")."""
+    """`count` whole takes at 60 Hz, each seen by a random choice of cameras in `room` ("vicon12" or "ring").
+
+    They are every recording of `persons` of these kinds in turn; None: each once.
+    """
     recordings = [take for take in people.takes(persons) if take.kind in kinds]
     options = options or CaptureOptions()
-    for number in range(count):
+    for number in range(len(recordings) if count is None else count):
         generator = np.random.default_rng([seed, number])
         take = at_rate(recordings[number % len(recordings)], RATE)
         body = flesh(take.names, take.xyz)
         rig, xyz, move = _placed(take, markers, room, int(generator.integers(cameras[0], cameras[1] + 1)), generator)
         moved = moved_flesh(body, slice(None), move)
         seen = joined(capture(xyz, markers, rig, replace(options, seed=int(generator.integers(2**31))), moved))
-        title = f"{take.person} {take.kind} trial {number} of seed {seed}, {len(rig)} cameras in {room}"
+        title = f"{take.path.stem}, {take.kind}"
         ahead = moved.pelvis[0, :, 0]
         facing = float(np.arctan2(ahead[1], ahead[0]))
         hidden = moved.hidden(slice(0, 1), xyz[:1], rig.centres)[0]

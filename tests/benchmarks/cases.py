@@ -12,10 +12,10 @@ from addon.core.blobs.pipeline import label_take
 from addon.core.blobs.search import Hints, find_subject, first_starts
 from addon.core.blobs.subject import Setup
 from addon.core.blobs.subject import name as name_blobs
-from addon.core.blobs.views import View
 from addon.core.body.bodies import Bodies, BodyModel
 from addon.core.body.occlusion import CapsuleOcclusion
 from addon.core.geometry import rotations
+from addon.core.geometry.views import View
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from addon.core.simulation.simulate import CaptureOptions
 from addon.core.simulation.virtual import Act

@@ -264,4 +264,4 @@ def test_processes_side_by_side_end_with_the_one_that_started_them(room, takes, 
     else:
         assert batch.stderr.read().endswith("stopped before the end; nothing half-written was left\n")
         assert not list(temporary.iterdir())
-    assert not list(out.iterdir())
+    assert [path.name for path in out.iterdir()] == []

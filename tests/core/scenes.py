@@ -6,12 +6,12 @@ from functools import cache
 
 import numpy as np
 
-from addon.core.blobs.views import View, split_views
 from addon.core.body.bodies import Bodies, BodyModel
 from addon.core.body.occlusion import CapsuleOcclusion
 from addon.core.data.markersets import MarkerSet
 from addon.core.data.takes import Blobs
 from addon.core.geometry.cameras import Cameras
+from addon.core.geometry.views import View, split_views
 from addon.core.simulation.simulate import CaptureOptions, PosedBody, capture, joined
 from addon.core.simulation.virtual import Act, draw_person, perform
 from addon.io.markersets import open_markerset

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from addon.core.data.models import Model, TrainingTake
 from addon.core.data.takes import Points
 from addon.core.geometry.cameras import Cameras
+from addon.core.points.models import Model, TrainingTake
 from addon.core.points.partial_solvers.model import Classifiers, PartialSolvers, Record, Solver, Strong
 from addon.io.cameras import write_cameras
 from addon.io.points import write_c3d, write_trc
@@ -231,16 +231,17 @@ def other_processor(content: bytes, processor: int) -> bytes:
 
 
 def toy_model() -> Model:
-    """A model with an ensemble of one solver and a lesson."""
+    """A model with one partial solver and a training take."""
     markerset = toy_markerset()
     count = len(markerset)
     classifiers = Classifiers(np.array([1, 3]), np.array([[0, 1, -1, -1], [1, 2, -1, -1]]), np.zeros(2), np.ones(2) / 3)
     record = Record(np.array([3.0, 2]), np.array([0.0, 1]), np.array([3.0, 3]), 4)
     solver = Solver(np.array([0, 1]), Strong(np.array([0]), np.array([0.5])), record, np.array([True, False]))
-    ensemble = PartialSolvers(markerset.markers, classifiers, (solver,), np.full(count, 0.9999), "top-down", 3, 17)
+    solvers = PartialSolvers(markerset.markers, classifiers, (solver,), np.full(count, 0.9999), "top-down", 3, 17)
     points = np.random.default_rng(0).normal(size=(4, count, 3)).astype(np.float32)
     points[1, 0] = np.nan
-    return Model(markerset, ensemble, (TrainingTake("Ann", ("walk ü", "run"), 900, points),))
+    takes = (TrainingTake("Ann", ("walk ü", "run"), 900, points),)
+    return Model(markerset, partial_solvers=solvers, training_takes=takes)
 
 
 def write_all(folder: Path) -> dict[str, Path]:

@@ -30,7 +30,7 @@ def test_reading_and_writing_again_changes_nothing(rigid):
     again = read_likelihood(Reader("model"), json.loads(text), NAMES)
     assert likelihood_text(again) == text
     assert np.allclose(again.shape.modes, likelihood.shape.modes, rtol=1e-5, atol=1e-12)
-    assert np.allclose(again.trust.least, likelihood.trust.least, rtol=1e-5)
+    assert np.allclose(again.calibration.least, likelihood.calibration.least, rtol=1e-5)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from addon.core.data.errors import InputError
-from addon.core.data.models import by_subject
+from addon.core.points.models import by_subject
 from addon.core.points.partial_solvers.frames import SolversNamer
 from addon.io import packed
 from addon.io.markersets import read_markerset
@@ -127,7 +127,7 @@ def test_arrays_with_a_right_digest_are_sound_or_refused(tmp_path):
             refused += 1
             assert "; expected" in error.message
             continue
-        SolversNamer(model.partial_solvers)(points)
+        list(SolversNamer(model.partial_solvers).name(points))
         assert by_subject(model.training_takes)["Ann"].shape[1:] == (len(model.markerset), 3)
     assert 200 < refused < 600
 

@@ -10,7 +10,7 @@ import pytest
 from addon.core.data.takes import Points
 from addon.io.cameras import read_cameras
 from addon.io.points import read_points, write_trc
-from addon.io.points_up import AXES, find_up
+from addon.io.points_up import SIGNED_AXES, find_up
 from addon.io.world import up_rotation
 from tests.io.c3d_layouts import Layout
 
@@ -53,7 +53,7 @@ def turned(xyz: np.ndarray, up: str) -> np.ndarray:
     return xyz @ up_rotation(up)
 
 
-@pytest.mark.parametrize("up", AXES)
+@pytest.mark.parametrize("up", SIGNED_AXES)
 def test_a_word_that_is_right_is_believed_whatever_people_do(up):
     for pose in ({}, {"walks": False}, {"lies": True, "walks": False}, {"handstand": True, "walks": False}):
         for names in (NAMES, ("",) * len(NAMES)):
@@ -62,8 +62,8 @@ def test_a_word_that_is_right_is_believed_whatever_people_do(up):
                 assert (found.axis, found.notes) == (up, ()), pose
 
 
-@pytest.mark.parametrize("up", AXES)
-@pytest.mark.parametrize("said", AXES)
+@pytest.mark.parametrize("up", SIGNED_AXES)
+@pytest.mark.parametrize("said", SIGNED_AXES)
 def test_a_word_that_is_wrong_is_not_believed_against_plates_feet_and_heads(up, said):
     found = find_up(said, turned(person(), up), NAMES, RATE, turned(PLATE, up))
     assert found.axis == up
@@ -102,7 +102,7 @@ def test_somebody_who_walks_and_then_lies_down_has_stood_on_the_floor():
             assert find_up("", turned(both, up), NAMES, RATE, usual=usual).axis == up
 
 
-@pytest.mark.parametrize("up", AXES)
+@pytest.mark.parametrize("up", SIGNED_AXES)
 def test_what_falls_falls_down(up):
     assert find_up("", turned(jump(), up), ("",) * 4, RATE).axis == up
     still = turned(np.repeat(jump()[:1], 200, axis=0), up)

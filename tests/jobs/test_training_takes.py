@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from addon.core.data.errors import InputError
-from addon.core.data.models import TrainingTake, by_subject
 from addon.core.data.takes import Points
+from addon.core.points.models import TrainingTake, by_subject
 from addon.core.training.takes import (
     KEEPING,
     gathered,

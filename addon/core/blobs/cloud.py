@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..geometry.triangulation import Rays
-from .views import Sight, View
+from ..geometry.views import Sight, View
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..data.takes import CONFLICT, EXCLUSIVE, REMAINING
 from ..geometry.triangulation import Meeting, Rays, trimmed_deviation
-from .views import VIEWING, Sight, View
+from ..geometry.views import VIEWING, Sight, View
 
 SPREAD_UNIT = 1e-8  # m⁴, the spread whose log is nought
 TOO_FAR = 1e9  # a cost that no blob and marker can have
@@ -393,6 +393,38 @@ def name_remaining(frame: Frame, naming: Naming):
     is_open = naming.open & (named == 0)[None, :, None] & likely
     if is_open.any():
         _give_best(naming, np.where(is_open & _undisputed(frame, is_open), frame.nll, TOO_FAR), REMAINING)
+
+
+def doubles(naming: Naming, single: bool) -> np.ndarray:
+    """(C, M) the names of a marker all of whose blobs lie on the point that more blobs made of another marker.
+
+    One marker in space then has two names, each in other cameras: of two neighbours of which one was never put on, the
+    model gives a part of the other's blobs to each. `single` asks for markers with one blob, otherwise with several.
+    """
+    named = naming.slot >= 0
+    count = named.sum(axis=0)
+    camera, marker = np.nonzero(named & ((count == 1) == single))
+    square = naming.reprojection[camera, :, naming.slot[camera, marker]]
+    on_other = (naming.slot[camera] < 0) & (square < naming.frame.rules.max_on_point)
+    rays_on = np.zeros((len(count), len(count)), dtype=int)
+    np.add.at(rays_on, marker, on_other)
+    same = (rays_on == count[:, None]) & (rays_on > 0) & (count[:, None] < count)
+    return named & same.any(axis=1)
+
+
+def join_doubles(naming: Naming):
+    """Gives the blobs of doubles to the marker on whose point they lie.
+
+    A single ray fixes no point in space and may pass through another marker's by chance: its name stays.
+    """
+    camera, marker = np.nonzero(doubles(naming, single=False))
+    if not len(camera):
+        return
+    freed = np.zeros(naming.frame.nll.shape, dtype=bool)
+    freed[camera, :, naming.slot[camera, marker]] = True
+    naming.withdraw(camera, marker)
+    _give_best(naming, np.where(freed & naming.open, naming.reprojection, TOO_FAR), REMAINING)
+    withdraw_unmet(naming.frame, naming)
 
 
 def name_merged(frame: Frame, naming: Naming):

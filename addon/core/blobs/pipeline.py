@@ -16,6 +16,7 @@ from ..data.errors import JobError
 from ..data.markersets import MarkerSet
 from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Suspect
 from ..geometry.cameras import Cameras
+from ..geometry.views import VIEWING, View, split_views
 from ..review.suspects import find_suspects
 from .confidence import label_confidences, swap_doubts
 from .labelling import Expectation, Naming
@@ -23,7 +24,6 @@ from .search import Found, Hints, find_subject
 from .subject import Setup
 from .swaps import exchange_loss, exchanged, swap_names
 from .tracking import Followed, Track, follow
-from .views import VIEWING, View, split_views
 
 
 @dataclass(frozen=True)

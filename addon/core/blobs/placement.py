@@ -12,8 +12,8 @@ import numpy as np
 from ..body.bodies import Bodies, BodyModel
 from ..data.errors import JobError
 from ..geometry import rotations
+from ..geometry.views import View
 from .cloud import Cloud
-from .views import View
 
 
 @dataclass(frozen=True)

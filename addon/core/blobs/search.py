@@ -7,17 +7,17 @@ from functools import partial
 import numpy as np
 
 from ..body.bodies import Bodies, Posed
+from ..body.cost import blob_pull, cloud_pull
+from ..body.fit import Fit, State, body_state, fit_body, fit_placement
 from ..body.prior import Prior
 from ..data.errors import JobError
 from ..geometry import rotations
+from ..geometry.views import View
 from .cloud import Cloud, build_cloud
-from .cost import blob_pull, cloud_pull
-from .fit import Fit, State, body_state, fit_body, fit_placement
-from .labelling import Expectation, Naming
+from .labelling import Expectation, Naming, join_doubles
 from .placement import blob_centre, make_starts, principal_guess
 from .subject import Setup, Subject, expect, learn_noise, learn_own, name, named_pull, refit
 from .swaps import Swaps, swap_names, try_swaps, withdraw_unexpected, without_own
-from .views import View
 
 
 @dataclass(frozen=True)
@@ -248,6 +248,7 @@ def name_found(view: View, state: State, setup: Setup, prior, confidence: float,
     expected = expect(subject, state, setup)
     for round_ in range(FINDING.rounds):
         naming = name(view, expected, subject, setup)
+        join_doubles(naming)
         subject = learn_noise(naming, without_own(subject, setup), setup, FINDING.noise_rate)
         subject, state = refit(view, naming, subject, setup, FINDING.round_steps, prior)
         if round_ == FINDING.rounds - 1:
@@ -259,6 +260,7 @@ def name_found(view: View, state: State, setup: Setup, prior, confidence: float,
             subject, body_state(setup.model, subject.bodies, named_pull(view, naming, subject, setup), prior), setup
         )
     naming = name(view, expected, subject, setup)
+    join_doubles(naming)
     unnamed = int((view.real & (naming.owner < 0)).sum())
     cost = float(state.cost[0]) + FINDING.unnamed_cost * unnamed
     return Found(subject, naming, expected, confidence, trace, swaps, cost)

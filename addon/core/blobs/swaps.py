@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..body.fit import State, fit_body
 from ..geometry.rigid import pairwise_distances
-from .fit import State, fit_body
-from .labelling import Naming
+from ..geometry.views import View
+from .labelling import Naming, doubles
 from .subject import Setup, Subject, refit, slots_pull
-from .views import View
 
 
 @dataclass(frozen=True)
@@ -110,8 +110,11 @@ def _orders(naming: Naming, state: State, setup: Setup) -> np.ndarray:
 
 
 def _exchanged_slots(naming: Naming, orders: np.ndarray) -> np.ndarray:
-    """(B, C, M) the slots of the named blobs under each exchange."""
-    return naming.rays[:, orders].swapaxes(0, 1)
+    """(B, C, M) the slots of the named blobs under each exchange.
+
+    Single rays that are doubles are left out: as witnesses they would forbid the exchange that puts names right.
+    """
+    return np.where(doubles(naming, single=True), -1, naming.rays)[:, orders].swapaxes(0, 1)
 
 
 def _first_steps(view, naming, subject, state, setup, prior, orders) -> np.ndarray:
@@ -128,7 +131,8 @@ def _first_steps(view, naming, subject, state, setup, prior, orders) -> np.ndarr
 
 
 def swap_names(naming: Naming, order: np.ndarray):
-    """Exchanges names in every camera: marker m gets the blobs of marker order[m]."""
+    """Exchanges names in every camera: marker m gets the blobs of marker order[m]. Doubles with one ray lose theirs."""
+    naming.withdraw(*np.nonzero(doubles(naming, single=True) & (order != np.arange(len(order)))))
     for array in (naming.slot, naming.step, naming.partner):
         array[:] = array[:, order]
     camera, marker = np.nonzero(naming.slot >= 0)

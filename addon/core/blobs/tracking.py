@@ -7,9 +7,9 @@ import numpy as np
 
 from ..body.bodies import PLACEMENT, Bodies, BodyModel, Posed
 from ..geometry import rotations
+from ..geometry.views import View
 from .labelling import Expectation, Naming
 from .subject import Setup, Subject, expect, learn_noise, learn_own, name, refit
-from .views import View
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..blobs.cost import Pull
-from ..blobs.fit import fit_body
 from ..data.markersets import MarkerSet
 from ..geometry import rotations
 from ..geometry.rigid import best_turns
 from .bodies import PLACEMENT, Bodies, BodyModel
+from .cost import Pull
+from .fit import fit_body
 from .prior import Prior
 
 

@@ -9,8 +9,8 @@ from typing import Any
 
 from .progress import Progress
 
-DONE = object()
-PATIENCE = 0.2  # s; so long a step waits for news
+WORK_DONE = object()
+MAX_WAIT_S = 0.2  # s; so long a step waits for news
 
 
 def in_background(work: Callable[[Callable[[float], None]], Any]) -> Generator[float, None, Any]:
@@ -32,7 +32,7 @@ def in_background(work: Callable[[Callable[[float], None]], Any]) -> Generator[f
             outcome["result"] = work(tell)
         except BaseException as error:  # noqa: BLE001 - raised again where the work was asked for
             outcome["error"] = error
-        news.put(DONE)
+        news.put(WORK_DONE)
 
     # A daemon, so that whoever stops the program does not wait for it.
     threading.Thread(target=run, daemon=True).start()
@@ -40,11 +40,11 @@ def in_background(work: Callable[[Callable[[float], None]], Any]) -> Generator[f
     try:
         while True:
             try:
-                told = news.get(timeout=PATIENCE)
+                told = news.get(timeout=MAX_WAIT_S)
             except queue.Empty:
                 yield share
                 continue
-            if told is DONE:
+            if told is WORK_DONE:
                 break
             share = told
             yield share

@@ -7,17 +7,17 @@ import numpy as np
 
 from .cameras import Cameras
 
-AXES = ("x", "y", "z", "-x", "-y", "-z")
+AXIS_NAMES = ("x", "y", "z", "-x", "-y", "-z")
 
 LEAST_UPRIGHT = 0.6  # mean of how far the upper edges of the pictures point along an axis, 1 being all the way
 CLEAREST = 0.85  # of that mean direction's length that lies along the axis
-AROUND = 0.5  # cosine of the angle that views must be apart about the axis
-LEVEL = 0.1  # mean sine of how far views may point upwards
+SPREAD_AROUND = 0.5  # cosine of the angle that views must be apart about the axis
+LEVEL_CAMERAS = 0.1  # mean sine of how far views may point upwards
 DOWN = -0.1  # and what it takes to believe that all cameras hang head down
 
 
 def guess_up(cameras: Cameras) -> str:
-    """The one of AXES that points up in the world of `cameras`; empty where they do not tell.
+    """The one of AXIS_NAMES that points up in the world of `cameras`; empty where they do not tell.
 
     Few cameras, or cameras on one side that are all turned by a quarter, tell nothing.
     """
@@ -32,8 +32,8 @@ def guess_up(cameras: Cameras) -> str:
     about = ahead - rise[:, None] * up
     about /= np.maximum(np.linalg.norm(about, axis=1), 1e-9)[:, None]
     clear = mean @ up > LEAST_UPRIGHT and mean @ up > CLEAREST * np.linalg.norm(mean)
-    around = (about @ about.T).min() < AROUND
-    highest = DOWN if up[2] < 0 else LEVEL
+    around = (about @ about.T).min() < SPREAD_AROUND
+    highest = DOWN if up[2] < 0 else LEVEL_CAMERAS
     return ("-" if up[index] < 0 else "") + "xyz"[index] if clear and around and rise.mean() < highest else ""
 
 

@@ -8,7 +8,7 @@ Taking the lens out is this formula; putting it in is the solution of one equati
 import numpy as np
 
 TERMS = 3  # a, b and c
-STEPS = 200  # far more than Newton's method needs for points in front of a camera
+NEWTON_STEPS = 200  # far more than Newton's method needs for points in front of a camera
 TOLERANCE = 1e-14
 
 
@@ -92,7 +92,7 @@ def _solve(straight: np.ndarray, lens: np.ndarray) -> np.ndarray:
         while len(short := rises & (high * _growth(high**2, lens) < straight)) and short.any():
             high[short] *= 2
         seen = np.minimum(straight, high)
-        for _ in range(STEPS):
+        for _ in range(NEWTON_STEPS):
             error = seen * _growth(seen**2, lens) - straight
             if np.abs(error / np.maximum(straight, 1)).max(initial=0) < TOLERANCE:
                 break

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..blobs.views import Sight, View
+from .views import Sight, View
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ from itertools import tee
 from ..blobs.pipeline import Options, label_take
 from ..body.occlusion import Occlusion
 from ..data.errors import InputError
-from ..data.models import Model
 from ..data.takes import (
     BY_LIKELIHOOD,
     BY_PARTIAL_SOLVERS,
@@ -23,6 +22,7 @@ from ..data.takes import (
     LabelledChunk,
 )
 from ..geometry.cameras import Cameras
+from ..points.models import Model
 from ..points.naming import chosen_method
 from .cross_check import MethodAgreement, label_by_both
 from .points import USUAL_TARGET

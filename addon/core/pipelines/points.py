@@ -14,14 +14,14 @@ from threadpoolctl import threadpool_limits
 
 from ..blobs.pipeline import Options
 from ..data.background import in_background
-from ..data.models import Model
 from ..data.progress import Progress, within
 from ..data.takes import LabelledChunk, Labels, Points, Suspect, Verdict
+from ..points.adaptation import Adaptation, adapt, borne_out
 from ..points.deciding import consistent, decide
+from ..points.models import Model
 from ..points.motion import motion_of
 from ..points.naming import Namer, namer_of
 from ..points.refusals import refuse_floods, refuse_others, refuse_unrecognised
-from ..points.rigid_bodies.adaptation import Adaptation, adapt, borne_out
 from ..points.tracklets import cut, renamed
 from ..review.suspects import find_suspects, summarised
 

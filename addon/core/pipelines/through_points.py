@@ -11,10 +11,10 @@ from time import perf_counter
 import numpy as np
 
 from ..blobs.pipeline import Options
-from ..data.models import Model
 from ..data.takes import Blobs, LabelledChunk, Labels, Suspect, Verdict
 from ..geometry.cameras import Cameras
 from ..points.deciding import consistent, decide
+from ..points.models import Model
 from ..points.motion import motion_of
 from ..points.naming import Namer, namer_of
 from ..points.refusals import REFUSAL, sure_share

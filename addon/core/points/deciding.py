@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..data.models import Model
 from ..data.takes import NO_MARKER, Labels, Suspect, Verdict, suspect_ranges
 from .likelihood.distances import DistanceConstraints
 from .likelihood.model import Likelihood
+from .models import Model
 from .tracklets import vote_tracklets
 
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from ..blobs.pipeline import Options
 from ..data.errors import InputError
-from ..data.models import Model
 from ..data.takes import Labels
+from .models import Model
 
 # What the user may ask for; "evidence" is what likelihood was called at first.
 METHODS = ("auto", "fit", "ensemble", "likelihood", "both", "evidence")

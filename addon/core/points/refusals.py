@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..data.errors import JobError
-from ..data.models import Model
 from ..data.takes import BY_FIT, Labels, evenly_spread
+from .models import Model
 from .naming import Namer
 
 

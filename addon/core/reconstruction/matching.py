@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..blobs.views import Sight, View
 from ..geometry.triangulation import Rays
+from ..geometry.views import Sight, View
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..blobs.views import Sight, View, split_views
 from ..data.errors import JobError
 from ..data.takes import Blobs
 from ..geometry.cameras import Cameras
 from ..geometry.triangulation import trimmed_deviation
+from ..geometry.views import Sight, View, split_views
 from .linking import Links
 from .matching import Circumstances, Expected, FrameMatcher, FramePoints
 

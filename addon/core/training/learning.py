@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..blobs.fit import fit_body
 from ..body.anatomy import (
     LOWER_CAPSULES,
     LOWER_SEGMENTS,
@@ -26,11 +25,13 @@ from ..body.anatomy import (
     other_side,
 )
 from ..body.bodies import Bodies, BodyModel
+from ..body.fit import fit_body
 from ..body.posing import aligned, baked, descend_subject, point_pull
 from ..body.prior import Prior
 from ..data.markersets import Capsules, MarkerSet, Skeleton, Spread
 from ..geometry import rotations
 from ..points.likelihood.sides import MIRROR
+from .segments import distance_to_axis
 
 
 @dataclass(frozen=True)
@@ -137,7 +138,7 @@ class Layout:
 
 
 @dataclass(frozen=True, eq=False)
-class Study:
+class FittedPeople:
     """N people fitted with bodies of one skeleton.
 
     mean      (J + M, 3) offsets of joints then markers of the mean body in the rest pose, heights
@@ -165,7 +166,7 @@ def learn(people: Sequence[Person], set_name: str) -> MarkerSet:
     return markerset_of(study(people, whole_body=SETS[set_name].whole_body), set_name)
 
 
-def study(people: Sequence[Person], whole_body: bool) -> Study:
+def study(people: Sequence[Person], whole_body: bool) -> FittedPeople:
     """Fits everybody with a body of their own. Raises ValueError as `learn` does."""
     segments = WHOLE_SEGMENTS if whole_body else LOWER_SEGMENTS
     carried, shown = {site.name for site in segments}, _shown(people)
@@ -326,7 +327,7 @@ def _symmetric_mean(offsets: np.ndarray, has: np.ndarray, before: np.ndarray, la
     return np.where(count > 0, np.where(known[..., None], both, 0).sum(axis=0) / np.maximum(count, 1), before)
 
 
-def _in_rest_pose(layout, people, data, fits, mean, offsets, has, stature) -> Study:
+def _in_rest_pose(layout, people, data, fits, mean, offsets, has, stature) -> FittedPeople:
     """Everything in axes in which the mean standing pose is the rest pose."""
     model = _free_model(layout, mean)
     posed = [model.pose(fit) for fit in fits]
@@ -346,7 +347,7 @@ def _in_rest_pose(layout, people, data, fits, mean, offsets, has, stature) -> St
         left = (world[:, layout.attachment].swapaxes(-1, -2) @ (points - one.markers)[..., None])[..., 0]
         count = np.isfinite(left).sum(axis=0)
         residual.append(np.sqrt(np.where(count, np.nansum(left**2, axis=0) / np.maximum(count, 1), np.nan)))
-    return Study(layout, people, resting, strays, has, stature, bends, np.array(residual))
+    return FittedPeople(layout, people, resting, strays, has, stature, bends, np.array(residual))
 
 
 def _standing_rotations(layout: Layout, people, posed) -> np.ndarray:
@@ -374,7 +375,7 @@ def _hip_height(people, posed, stature) -> float:
     return float(np.mean(heights))
 
 
-def markerset_of(found: Study, set_name: str) -> MarkerSet:
+def markerset_of(found: FittedPeople, set_name: str) -> MarkerSet:
     """The built-in marker set `set_name` out of a study. Raises ValueError for a marker that is in nobody's takes."""
     layout, site = found.layout, SETS[set_name]
     joints = layout.joints
@@ -411,7 +412,7 @@ def markerset_of(found: Study, set_name: str) -> MarkerSet:
     )
 
 
-def _shape_spread(found: Study, kept: np.ndarray, joints: int) -> tuple[np.ndarray, np.ndarray]:
+def _shape_spread(found: FittedPeople, kept: np.ndarray, joints: int) -> tuple[np.ndarray, np.ndarray]:
     """Modes (K, J + M, 3) and what they leave over (M,), heights.
 
     What is left over is measured on people left out of the modes, and the soft tissue's own wobble is added to it.
@@ -447,7 +448,7 @@ def _beyond(modes: np.ndarray, stray: np.ndarray) -> np.ndarray:
     return stray - np.tensordot(amount, modes, axes=1)
 
 
-def _pose_spread(found: Study) -> tuple[np.ndarray, np.ndarray]:
+def _pose_spread(found: FittedPeople) -> tuple[np.ndarray, np.ndarray]:
     """Mean (J, 3) and covariance (3J, 3J) of the bends of people and their mirror images, standing and moving alike."""
     mirror = found.layout.mirror[: found.layout.joints]
     frames, weights = [], []
@@ -466,7 +467,7 @@ def _pose_spread(found: Study) -> tuple[np.ndarray, np.ndarray]:
     return mean.reshape(-1, 3), covariance * STUDY.few_people_factor**2
 
 
-def _capsules(found: Study, table: tuple[CapsuleSite, ...]) -> Capsules:
+def _capsules(found: FittedPeople, table: tuple[CapsuleSite, ...]) -> Capsules:
     """The table's capsules on the mean body; one that would swallow a marker beside it on its segment is thinned."""
     layout = found.layout
     places = found.mean.copy()
@@ -479,7 +480,7 @@ def _capsules(found: Study, table: tuple[CapsuleSite, ...]) -> Capsules:
     radius = np.array([site.radius for site in table])
     for index, site in enumerate(table):
         own = (layout.attachment == segment[index]) & found.has[:, layout.joints :].any(axis=0)
-        away = _distance(found.mean[layout.joints :][own], start[index], end[index])
+        away = distance_to_axis(found.mean[layout.joints :][own], start[index], end[index])
         beside = away[away > site.radius / 2]
         radius[index] = min(site.radius, beside.min(initial=np.inf) - STUDY.marker_standoff)
     return Capsules(segment, start, end, radius)
@@ -490,10 +491,3 @@ def _capsule_end(end, segment: str, where: dict[str, np.ndarray]) -> np.ndarray:
     mix, lift = end
     place = sum(share * where[name] for name, share in mix) + np.array(lift) * (MIRROR if is_right(segment) else 1)
     return place - where[segment]
-
-
-def _distance(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Distances of points (N, 3) from the line from start to end."""
-    line = end - start
-    along = np.clip((points - start) @ line / max(line @ line, 1e-12), 0, 1)
-    return np.linalg.norm(points - start - along[:, None] * line, axis=1)

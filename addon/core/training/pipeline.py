@@ -16,9 +16,9 @@ from ..body.bodies import BodyModel
 from ..body.posing import fit_points
 from ..data.errors import InputError
 from ..data.markersets import MarkerSet
-from ..data.models import Model, TrainingTake, by_subject
 from ..data.progress import Progress, within
 from ..points.likelihood.learn import learning
+from ..points.models import Model, TrainingTake, by_subject
 from ..points.partial_solvers.model import FUNCTIONS, PartialSolvers
 from ..points.partial_solvers.training import SEARCHES, Training, training
 from .segments import segment_markerset
@@ -34,7 +34,7 @@ from .takes import (
 from .transfer import known_body, transferred
 
 # How far along the work is when each part begins.
-TRAINING_SHARES = {"compare": 0.04, "body": 0.05, "evidence": 0.1, "ensemble": 0.5, "end": 0.98}
+TRAINING_SHARES = {"compare": 0.04, "body": 0.05, "likelihood": 0.1, "partial_solvers": 0.5, "end": 0.98}
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ def train(
         residual = _residual(markerset, known.everyone)
         marks.append(perf_counter())
         work = learning([(points, subject) for subject, points in known.everyone.items()], markers)
-        likelihood = yield from within(work, TRAINING_SHARES["evidence"], TRAINING_SHARES["ensemble"])
+        likelihood = yield from within(work, TRAINING_SHARES["likelihood"], TRAINING_SHARES["partial_solvers"])
         marks.append(perf_counter())
         solvers = yield from _partial_solvers(known.everyone, markers, options)
         marks.append(perf_counter())
@@ -194,7 +194,7 @@ def _partial_solvers(
     points = np.concatenate([own[:: max(-(-len(own) // each), 1)] for own in everyone.values()])
     how = Training(search=options.search or SEARCHES[1], functions=options.functions)
     work = training(points, markers, options.hit_rate, how)
-    return (yield from within(work, TRAINING_SHARES["ensemble"], TRAINING_SHARES["end"]))
+    return (yield from within(work, TRAINING_SHARES["partial_solvers"], TRAINING_SHARES["end"]))
 
 
 def _source(training_takes: Sequence[TrainingTake]) -> dict[str, str]:

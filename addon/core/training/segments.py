@@ -322,13 +322,18 @@ def _capsules(found: Segments, joints: np.ndarray, shape: np.ndarray) -> Capsule
             if len(children)
             else (2 * own.mean(axis=0) - first)
         )
-        axis = last - first
-        along = np.clip((own - first) @ axis / max(axis @ axis, 1e-12), 0, 1)
-        away = np.linalg.norm(own - first - along[:, None] * axis, axis=1)
+        away = distance_to_axis(own, first, last)
         start.append(first - joints[index])
         end.append(last - joints[index])
         radius.append(np.clip(SEGMENTING.body_share * np.median(away), SEGMENTING.min_radius, SEGMENTING.max_radius))
     return Capsules(np.arange(len(radius)), np.array(start), np.array(end), np.array(radius))
+
+
+def distance_to_axis(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """(N,) distances of points (N, 3) from the line from start (3,) to end (3,)."""
+    line = end - start
+    along = np.clip((points - start) @ line / max(line @ line, 1e-12), 0, 1)
+    return np.linalg.norm(points - start - along[:, None] * line, axis=1)
 
 
 def _names(found: Segments, markers: Sequence[str]) -> tuple[str, ...]:

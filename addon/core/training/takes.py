@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..data.models import TrainingTake, by_subject
 from ..data.takes import evenly_spread
+from ..points.models import TrainingTake, by_subject
 from .contradictions import contradictions, leads
 
 CELLS_A_SIDE = 1 << 20  # so many cells of space along an axis have a number of their own

@@ -17,7 +17,7 @@ SIXTEEN_BITS = 65535
 
 
 @dataclass(frozen=True)
-class Layout:
+class FileLayout:
     """What lies where in the file.
 
     start   byte at which the data begin
@@ -43,7 +43,7 @@ class Layout:
         return 4 * self.points + self.analog
 
 
-def find_layout(file: C3dFile) -> Layout:
+def find_layout(file: C3dFile) -> FileLayout:
     """The layout that fills the file: the header's, unless another claim of the file does and that one does not.
 
     Raises InputError where the file has no points or ends before its data do.
@@ -87,7 +87,7 @@ def _distinct(values: list[int]) -> list[int]:
     return list(dict.fromkeys(values))
 
 
-def _filled(file: C3dFile, start: int, points: int, analog: int) -> Layout | None:
+def _filled(file: C3dFile, start: int, points: int, analog: int) -> FileLayout | None:
     """The layout with the claim about frames that best fills the data; None where each wants more than there are."""
     size = (4 * points + analog) * file.width
     available = (len(file.content) - start) // size
@@ -97,7 +97,7 @@ def _filled(file: C3dFile, start: int, points: int, analog: int) -> Layout | Non
         return None
     frames, first = _likeliest(fitting, size, len(file.content) - start)
     left = len(file.content) - start - frames * size
-    return Layout(start, points, analog, frames, first, left, tuple(_notes(file, points, analog, frames, claims)))
+    return FileLayout(start, points, analog, frames, first, left, tuple(_notes(file, points, analog, frames, claims)))
 
 
 def _likeliest(claims: list[tuple[int, int]], size: int, length: int) -> tuple[int, int]:
@@ -135,7 +135,7 @@ def _notes(file: C3dFile, points: int, analog: int, frames: int, claims: list[tu
         )
 
 
-def _unfinished(file: C3dFile, start: int) -> Layout:
+def _unfinished(file: C3dFile, start: int) -> FileLayout:
     """A file with fewer frames than it says that nevertheless ends with a frame, as no copy does that was cut off."""
     points, analog = _points(file)[0], _analog(file)[0]
     size = (4 * points + analog) * file.width
@@ -147,4 +147,4 @@ def _unfinished(file: C3dFile, start: int) -> Layout:
         raise InputError(f"has data for {length // size} of {wanted} frames; expected a whole C3D file", file.path)
     frames = length // size
     note = f"the file says that it has {wanted} frames, but ends with the end of frame {frames}: those were read"
-    return Layout(start, points, analog, frames, claims[0][1] if claims else 1, 0, (note,))
+    return FileLayout(start, points, analog, frames, claims[0][1] if claims else 1, 0, (note,))

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...core.data.errors import InputError
 from ..source import read_bytes
-from .layout import Layout, find_layout
+from .layout import FileLayout, find_layout
 from .parameters import C3dFile
 
 LARGEST_RATE = 1e6
@@ -68,7 +68,7 @@ def _rate(file: C3dFile, given: float | None) -> tuple[float, tuple[str, ...]]:
     return given, (f"the file has a rate of {claims[0]:g} frames a second, so the {given:g} that are given were taken",)
 
 
-def _samples(file: C3dFile, layout: Layout) -> tuple[np.ndarray, np.ndarray]:
+def _samples(file: C3dFile, layout: FileLayout) -> tuple[np.ndarray, np.ndarray]:
     """Points (T, P, 3) and residuals (T, P), NaN where missing."""
     content = file.content[layout.start : layout.start + layout.frames * layout.stride * file.width]
     words = file.reals(content) if file.scale < 0 else np.frombuffer(content, file.order + "i2")

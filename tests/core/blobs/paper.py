@@ -6,15 +6,15 @@ from dataclasses import replace
 import numpy as np
 
 from addon.core.blobs.cloud import Cloud
-from addon.core.blobs.cost import Pull
-from addon.core.blobs.fit import Fit, State, fit_placement
 from addon.core.blobs.placement import Guess, extent, stature
 from addon.core.blobs.search import FINDING, fit_blobs, picked, visible_pull
 from addon.core.blobs.subject import Setup
-from addon.core.blobs.views import View
 from addon.core.body.bodies import Bodies
+from addon.core.body.cost import Pull
+from addon.core.body.fit import Fit, State, fit_placement
 from addon.core.body.prior import Prior
 from addon.core.geometry import rotations
+from addon.core.geometry.views import View
 
 QUARTERS = 4
 # Softness in m, reach in m, iterations.

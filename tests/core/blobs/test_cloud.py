@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from addon.core.blobs.cloud import build_cloud
-from addon.core.blobs.views import Sight, split_views
+from addon.core.geometry.views import Sight, split_views
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from tests.core.scenes import FLAWLESS, blobs_at, built_in, stand
 

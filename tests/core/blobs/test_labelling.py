@@ -12,15 +12,17 @@ from addon.core.blobs.labelling import (
     Frame,
     Naming,
     Rules,
+    doubles,
     identify_visible,
+    join_doubles,
     name_markers,
     name_remaining,
     pixel_noise,
     resolve_conflicts,
     withdraw_unmet,
 )
-from addon.core.blobs.views import Sight, split_views
 from addon.core.data.takes import CONFLICT, EXCLUSIVE, NO_STEP, REMAINING
+from addon.core.geometry.views import Sight, split_views
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from tests.core.scenes import blobs_at
 
@@ -382,3 +384,34 @@ def test_labels_do_not_depend_on_the_order_of_blobs():
     for camera, order in enumerate(orders):
         back = np.where(mixed.slot[camera] >= 0, order[mixed.slot[camera]], -1)
         assert np.array_equal(back, plain.slot[camera])
+
+
+# One marker in space, one name -----------------------------------------------------------------------------------
+
+
+def half_seen(first: int):
+    """One marker between two that are expected, the one of which `first` cameras see, the other the rest of six."""
+    rig = ring_rig(6)
+    real = np.array([0.05, 0.1, 1.1])
+    expected = real + np.array([[0.03, 0, 0], [-0.03, 0, 0]])
+    seen = np.arange(6) < first
+    visible = np.stack([seen, ~seen], axis=1)
+    return consistent(label(pixels_of([real], rig), expect_at(expected, 0.03, visible), rig=rig))
+
+
+@pytest.mark.parametrize("first", [2, 4])
+def test_a_marker_in_space_has_one_name(first):
+    """Two neighbours of which one was never put on: the name that more cameras gave has all blobs."""
+    naming = half_seen(first)
+    assert sorted((naming.slot >= 0).sum(axis=0)) == [2, 4]
+    join_doubles(naming)
+    consistent(naming)
+    assert sorted((naming.slot >= 0).sum(axis=0)) == [0, 6]
+    assert (naming.slot[:, int(first < 3)] == 0).all()
+
+
+def test_a_single_ray_keeps_its_name_and_is_no_witness():
+    naming = half_seen(5)
+    join_doubles(naming)
+    assert (naming.slot >= 0).sum(axis=0).tolist() == [5, 1]
+    assert np.array_equal(doubles(naming, single=True), (naming.slot >= 0) & [False, True])

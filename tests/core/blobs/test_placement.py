@@ -15,9 +15,9 @@ from addon.core.blobs.placement import (
     principal_guess,
     solve_translation,
 )
-from addon.core.blobs.views import Sight, split_views
 from addon.core.body.bodies import BodyModel
 from addon.core.data.errors import JobError
+from addon.core.geometry.views import Sight, split_views
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from tests.core.blobs.paper import bounding_box_guess
 from tests.core.scenes import blobs_at, built_in, stand

@@ -13,17 +13,18 @@ from addon.core.blobs.subject import Setup, refit
 from addon.core.blobs.swaps import swap_names, try_swaps, withdraw_unexpected, without_own
 from addon.core.body.prior import Prior
 from addon.core.data.takes import EXCLUSIVE
-from addon.core.simulation.rigs import paper_rig
+from addon.core.simulation.rigs import paper_rig, ring_rig
 from tests.core.scenes import FLAWLESS, built_in, stand
 
 RIG = paper_rig()
+RING = ring_rig(8)
 
 
 @cache
-def case(name="body26", seed=2):
+def case(name="body26", seed=2, rig=RIG):
     """A scene of a standing person, its setup, and the subject as found in it."""
-    scene = stand(built_in(name), RIG, seed, facing=0.8, options=FLAWLESS)
-    setup = Setup.of(RIG, scene.markerset)
+    scene = stand(built_in(name), rig, seed, facing=0.8, options=FLAWLESS)
+    setup = Setup.of(rig, scene.markerset)
     return scene, setup, find_subject(scene.views()[0], setup, Hints())
 
 
@@ -95,6 +96,31 @@ def test_swapped_neighbours_get_their_names_back(names):
     subject, state, prior = fitted(scene, setup, found, naming)
     settle(scene.views()[0], naming, subject, state, setup, prior)
     assert np.array_equal(consistent(naming).slot, right)
+
+
+def test_neighbours_of_a_marker_that_was_never_put_on_get_their_names_back():
+    """One of the head's four is not there; another has its name, and a single blob of a third is named as that one."""
+    scene, setup, found = case(rig=RING)
+    naming = true_naming(scene, found)
+    absent, beside, behind = (scene.markerset.index(name) for name in ("RFHD", "LFHD", "LBHD"))
+    view = naming.frame.view
+    camera = np.flatnonzero(naming.slot[:, absent] >= 0)
+    gone = view.real.copy()
+    gone[camera, naming.slot[camera, absent]] = False
+    naming.withdraw(camera, np.full(len(camera), absent))
+    view = replace(view, real=gone)
+    right = naming.slot.copy()
+    swap_names(naming, order_of(scene, "LFHD-RFHD"))
+    cameras = np.flatnonzero((naming.slot[:, behind] >= 0) & (naming.slot[:, beside] < 0))
+    camera = cameras[:1]
+    assert len(cameras) >= 3  # so that two are left, which fix the point
+    slot = naming.slot[camera, behind]
+    naming.withdraw(camera, np.array([behind]))
+    naming.give(camera, np.array([beside]), slot, EXCLUSIVE)
+    subject, state, prior = fitted(scene, setup, found, naming)
+    settle(view, naming, subject, state, setup, prior)
+    right[camera, behind] = -1
+    assert np.array_equal(consistent(naming).slot[:, [absent, beside, behind]], right[:, [absent, beside, behind]])
 
 
 def test_no_neighbours_no_trials():

@@ -13,9 +13,9 @@ from addon.core.blobs import tracking
 from addon.core.blobs.search import Hints, find_subject
 from addon.core.blobs.subject import Setup
 from addon.core.blobs.tracking import Anchor, Track, difference, follow
-from addon.core.blobs.views import split_views
 from addon.core.body.bodies import BodyModel
 from addon.core.body.prior import Prior
+from addon.core.geometry.views import split_views
 from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.simulate import CaptureOptions
 from addon.core.simulation.virtual import Act

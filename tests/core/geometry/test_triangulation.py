@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addon.core.blobs.views import Sight, split_views
 from addon.core.geometry.triangulation import Rays
+from addon.core.geometry.views import Sight, split_views
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from tests.core.scenes import blobs_at
 

@@ -7,10 +7,10 @@ import pytest
 from addon.core.blobs.pipeline import Options
 from addon.core.body.bodies import BodyModel
 from addon.core.data.errors import JobError
-from addon.core.data.models import Model
 from addon.core.data.takes import BY_LIKELIHOOD, Labels
 from addon.core.geometry import rotations
 from addon.core.points.likelihood import learn_likelihood
+from addon.core.points.models import Model
 from addon.core.points.naming import Namer, namer_of
 from addon.core.points.refusals import refuse_floods, refuse_others, refuse_unrecognised
 from addon.core.simulation.virtual import Act, draw_person, perform

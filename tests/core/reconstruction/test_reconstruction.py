@@ -6,9 +6,9 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from addon.core.blobs.views import split_views
 from addon.core.data.errors import JobError
 from addon.core.data.takes import Blobs
+from addon.core.geometry.views import split_views
 from addon.core.reconstruction.linking import Links
 from addon.core.reconstruction.matching import MATCHING
 from addon.core.reconstruction.trajectories import Reconstructor, reconstruct_take

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...data.errors import InputError
 from ...data.takes import BY_LIKELIHOOD, Labels
-from ..rigid_bodies.assembling import assemble
+from .assembling import assemble
 from .calibration import chance, features, kinds, log_odds
 from .model import Known, Likelihood
 from .naming import is_crowded, put_rows, rows_of

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...geometry.upright import turned
+from ...geometry.upright import best_yaw, turned
 from .latent import FIRST_MODE, Latent, yaw_absorbed
 from .naming import crowd_density, is_crowded
 
@@ -68,7 +68,7 @@ def guess(coarse: Latent, fine: Latent, points: np.ndarray, kept: int, first: fl
     around = around.reshape(-1, count, 3)
     latent = np.zeros((len(around), coarse.size))
     ended, latent, _, fitness = _softly(coarse, around, np.repeat(present, starts, axis=0), latent, STARTS.coarse)
-    turn = _turn(around, ended).reshape(frames, starts) + yaws
+    turn = best_yaw(around, ended).reshape(frames, starts) + yaws
     best = _distinct(fitness.reshape(frames, starts), turn, np.repeat(np.arange(places), STARTS.yaws), kept)
     rows = (np.arange(frames)[:, None] * starts + best).ravel()
     wide = np.zeros((len(rows), fine.size))
@@ -100,13 +100,6 @@ def _middles(model: Latent, points: np.ndarray, present: np.ndarray) -> np.ndarr
 def _mean(points: np.ndarray, which: np.ndarray) -> np.ndarray:
     """(F, 3) of the points (F, P, 3) that are meant (F, P)."""
     return np.where(which[..., None], points, 0).sum(axis=1) / np.maximum(which.sum(axis=1), 1)[:, None]
-
-
-def _turn(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """(N,) the yaw that turned the points (N, P, 3) of before into those of after, rad."""
-    along = (before[..., 0] * after[..., 0] + before[..., 1] * after[..., 1]).sum(axis=1)
-    across = (before[..., 0] * after[..., 1] - before[..., 1] * after[..., 0]).sum(axis=1)
-    return np.arctan2(across, along)
 
 
 def _distinct(fitness: np.ndarray, turn: np.ndarray, place: np.ndarray, count: int) -> np.ndarray:

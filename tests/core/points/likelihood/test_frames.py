@@ -102,7 +102,7 @@ def test_training_is_the_same_for_the_same_seed():
     takes = [(walker(seed, 60), str(seed)) for seed in range(3)]
     one, other = learn_likelihood(takes, NAMES, seed=4), learn_likelihood(takes, NAMES, seed=4)
     assert np.array_equal(one.shape.modes, other.shape.modes)
-    assert np.array_equal(one.trust.weights, other.trust.weights)
+    assert np.array_equal(one.calibration.weights, other.calibration.weights)
 
 
 def plate_chain(seed: int, frames: int = 200) -> np.ndarray:

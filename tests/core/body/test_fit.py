@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from addon.core.blobs.cost import blob_pull
-from addon.core.blobs.fit import Fit, body_state, fit_body, fit_placement, placement_state
 from addon.core.blobs.subject import Setup
-from addon.core.blobs.views import split_views
 from addon.core.body.bodies import PLACEMENT, BodyModel
+from addon.core.body.cost import blob_pull
+from addon.core.body.fit import Fit, body_state, fit_body, fit_placement, placement_state
 from addon.core.body.prior import Prior
 from addon.core.geometry import rotations
+from addon.core.geometry.views import split_views
 from addon.core.simulation.rigs import paper_rig
 from tests.core.blobs.paper import fit_from, point_pull
 from tests.core.scenes import CLEAN, blobs_at, built_in, person_of, stand

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .views import Sight, View
+from ..geometry.views import Sight, View
 
 
 @dataclass(frozen=True, eq=False)

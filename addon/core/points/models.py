@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..points.likelihood.model import Likelihood
-from ..points.partial_solvers.model import PartialSolvers
-from ..points.rigid_bodies.model import RigidBodies
-from .markersets import MarkerSet
+from ..data.markersets import MarkerSet
+from .likelihood.model import Likelihood
+from .partial_solvers.model import PartialSolvers
+from .rigid_bodies.model import RigidBodies
 
 
 @dataclass(frozen=True, eq=False)

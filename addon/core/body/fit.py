@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..body.bodies import Bodies, BodyModel, Posed
+from .bodies import Bodies, BodyModel, Posed
 from .cost import Pull
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...data.takes import NO_POINT
 from ...geometry.rigid import pairwise_distances
-from .model import RigidBodies
+from ..rigid_bodies.model import RigidBodies
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..data.errors import JobError
 from ..data.takes import Blobs
-from ..geometry.cameras import Cameras
+from .cameras import Cameras
 
 NOWHERE = 1e6  # where padding lies in the normalised image: too far to be anybody's nearest
 

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addon.core.blobs.views import NOWHERE, VIEWING, Sight, split_views
 from addon.core.data.errors import JobError
 from addon.core.data.takes import Blobs
 from addon.core.geometry.cameras import Cameras
+from addon.core.geometry.views import NOWHERE, VIEWING, Sight, split_views
 from addon.core.simulation.rigs import paper_rig, ring_rig
 
 RIG = paper_rig()

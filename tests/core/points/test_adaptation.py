@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from addon.core.data.models import Model, TrainingTake
 from addon.core.data.takes import BY_LIKELIHOOD, BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Verdict
+from addon.core.points.adaptation import adapt, borne_out
 from addon.core.points.likelihood.model import Likelihood
-from addon.core.points.rigid_bodies.adaptation import adapt, borne_out
+from addon.core.points.models import Model, TrainingTake
 from addon.core.points.rigid_bodies.model import learn_rigid_bodies
 from addon.core.points.tracklets import cut
 from tests.core.points.rigid_bodies.plated import NAMES, RATE, body, walk

@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...data.models import Model
-from ...data.takes import BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Suspect, Verdict
-from ..deciding import once
-from .recognition import RECOGNITION, Recognition, recognise
-from .structure import learn_structure
+from ..data.takes import BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Suspect, Verdict
+from .deciding import once
+from .models import Model
+from .rigid_bodies.recognition import RECOGNITION, Recognition, recognise
+from .rigid_bodies.structure import learn_structure
 
 
 @dataclass(frozen=True, eq=False)

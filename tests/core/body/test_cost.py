@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addon.core.blobs.cost import blob_pull, cloud_pull, ray_pull
-from addon.core.blobs.views import Sight, split_views
+from addon.core.body.cost import blob_pull, cloud_pull, ray_pull
 from addon.core.geometry.cameras import Cameras
+from addon.core.geometry.views import Sight, split_views
 from addon.core.simulation.rigs import paper_rig
 from tests.core.scenes import blobs_at
 

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...data.takes import NO_POINT
-from ..likelihood.naming import IMPOSSIBLE, one_to_one
-from ..likelihood.solving import Solved
-from .model import RigidBodies, linking_order
+from ..rigid_bodies.model import RigidBodies, linking_order
+from .naming import IMPOSSIBLE, one_to_one
 from .placing import Placements, distances, place
+from .solving import Solved
 
 
 @dataclass(frozen=True)
