@@ -64,13 +64,13 @@ class Door:
 
 
 def here(*words: str) -> subprocess.CompletedProcess:
-    """The command line of this Python."""
+    """The command line of this Python, with rays cast at the body as inside Blender."""
     program = Path(sys.executable).with_name("mocap-autolabel")
-    return subprocess.run([program, *words], capture_output=True, text=True, check=False)
+    return subprocess.run([program, *words, "--occlusion", "bvh"], capture_output=True, text=True, check=False)
 
 
 def run_walking(plan: Plan):
-    """Every walk and turn of everybody, take by take, through the command line with its defaults."""
+    """Every walk and turn of everybody, take by take, through the command line."""
     rows, takes, occlusions, cameras = [], [], set(), set()
     with tempfile.TemporaryDirectory() as name:
         for set_name in plan.sets:
@@ -95,7 +95,7 @@ def run_walking(plan: Plan):
                 show(plan, score)
     seen_by = " or ".join(map(str, sorted(cameras)))
     print(f"\n### Walks and turns, {seen_by} cameras, 60 Hz, ghosts ({plan.people()})\n")
-    print(f"Through `mocap-autolabel label` with its defaults; the body in the way: {', '.join(sorted(occlusions))}.\n")
+    print(f"Through `mocap-autolabel label`; the body in the way: {', '.join(sorted(occlusions))}.\n")
     print(table(("set", "room", "takes", *SCORE_COLUMNS, "frames a second"), rows))
     print("\n" + table(("set", "room", *TAKE_COLUMNS), takes))
 

@@ -151,7 +151,7 @@ def runs(folder: Path, model: Path) -> Iterator[Run]:
         recorded(place, model, without) for place, without in ((folder, MOVED), (folder / "others", UNMOVED))
     )
     ways = (
-        ("`fit`, the default: rays cast at the body (`bvh`)", whole, ("--occlusion", "bvh")),
+        ("`fit`, the default in Blender: rays cast at the body (`bvh`)", whole, ("--occlusion", "bvh")),
         ("`fit`, `--occlusion capsules`", whole, ("--occlusion", "capsules")),
         ("`both`", whole, ("--method", "both")),
         ("`likelihood`", whole, ("--method", "likelihood")),
