@@ -53,9 +53,9 @@ def test_both_ways_name_a_take_alike_and_the_report_says_which_it_was(room, tmp_
 
 @pytest.mark.blender
 @needs_blender
-def test_rays_are_cast_where_nobody_chose_and_blender_is_there(label, tmp_path, monkeypatch):
+def test_rays_are_cast_where_nobody_chose_inside_blender(label, tmp_path, monkeypatch):
     """And they are what the labelling asks: without them nothing is looked up in a mesh."""
-    from addon.scene.occlusion import MeshOcclusion
+    from addon.scene.occlusion import MeshOcclusion  # and with it bpy: from here on this is Blender
 
     asked = []
     hidden = MeshOcclusion.hidden
@@ -69,7 +69,7 @@ def test_rays_are_cast_where_nobody_chose_and_blender_is_there(label, tmp_path, 
 
 def test_without_blender_rays_are_refused_and_the_closed_form_is_the_default(label, tmp_path, monkeypatch):
     monkeypatch.setattr(blendfile, "has_blender", lambda: False)
-    monkeypatch.setattr("addon.jobs.blobs.has_blender", lambda: False)
+    monkeypatch.setattr("addon.jobs.job.inside_blender", lambda: False)
     answer = label("--occlusion", "bvh", "--frames", "100:101")
     assert answer.status == 2
     assert "--occlusion bvh needs Blender or the bpy package" in answer.reason
