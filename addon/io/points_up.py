@@ -14,47 +14,133 @@ import numpy as np
 
 SIGNED_AXES = ("+Z", "+Y", "+X", "-Z", "-Y", "-X")
 
-# What a file's word weighs against another axis, and against its own opposite, which nobody confuses by lying down; the
-# same where the word is there by habit, or not at all.
-WORD_WEIGHT, WORD_OPPOSITE = 2.5, 1.5
-HABIT, HABIT_OPPOSITE = 0.9, 1.1
-WEIGHTS = {
-    "the force plates": 2.0,
-    "free falls": 2.0,
-    "the feet that stand still": 2.0,
-    "how the points stand": 1.0,
-    "the feet under the head": 0.8,
-}
-
-# A standing person's markers reach from the floor, or a little off it, at least this far up, m.
-FLOOR = (-0.3, 0.4)
-LEAST_HEIGHT = 0.5
-# How much longer than wide the points of one frame are when they can only stand that way.
-UPRIGHT = 1.3
-STEADY = 0.25  # of the height, how far the lowest point of a standing person goes up and down
-
-LOOKED_AT = 400  # frames
-WINDOW, WINDOWS = 500, 8  # frames in a row, and how many such rows, for what moves
-
-PLATE_AREA = (0.01, 20.0)  # m²
-LEVEL_FLOOR = 0.95  # cosine of a plate's normal and the axis
-BELOW = 0.1  # m, how far under a plate a point may be
-ABOVE = 0.9  # share of the points that are above the plates
-
-STEP = 0.04  # s, over which speeds and accelerations are taken
-GRAVITY, GRAVITY_ERROR = 9.81, 1.5  # m/s²
-FALL = 0.15  # s
-LEAST_POINTS = 4
-
-STILL, MOVING = 0.12, 0.4  # m/s
-LEAST_STILL = 30  # samples
-LOW, LOWS = 0.25, 0.8  # part of the height that is low, and the share of the still points that are there
-GATHERED = 0.15  # m, between the quartiles of their heights
-
-ALONG, OFTEN = 0.8, 0.7  # cosine of feet to head and the axis, and the share of frames in which it is so
 _HEADS = re.compile(r"[LR]?[FBT]HD\d?|[LR]?_?HD[FB]?|.*HEAD.*|ARIEL|C7|CV7|[LR]?_?SHO(ULDER)?|.*ACROM.*|CLAV|SNJ")
 _HIPS = re.compile(r".*([LR]ASI|[LR]PSI|ASIS|PSIS|SACR).*|[LR]_I[AP]S|VSAC")
 _FEET = re.compile(r".*(ANK|HEE|TOE|FOOT|CALC|MALL).*|[LR]_?(MT[15]|FCC|FM[125]|FAL|TAM|CAL|MET)")
+
+
+@dataclass(frozen=True)
+class WordOptions:
+    """What a file's word weighs against its witnesses, and these among each other; reckoned.
+
+    word             against another axis, and
+    word_opposite    against its own opposite, which nobody confuses by lying down
+    habit            the same where the word is there by habit, or not at all,
+    habit_opposite   and against the opposite
+    plates           force plates lie in the floor
+    falls            what falls, falls down
+    still_feet       feet that carry somebody stand still
+    standing         the points stand, longer than wide
+    feet_to_head     named feet are below named heads
+    """
+
+    word: float = 2.5
+    word_opposite: float = 1.5
+    habit: float = 0.9
+    habit_opposite: float = 1.1
+    plates: float = 2.0
+    falls: float = 2.0
+    still_feet: float = 2.0
+    standing: float = 1.0
+    feet_to_head: float = 0.8
+
+
+@dataclass(frozen=True)
+class LookOptions:
+    """How much of a take the witnesses look at; reckoned.
+
+    frames         evenly spread, for how points stand
+    window_frames  in a row, for what moves, and
+    windows        how many such rows
+    step_s         over which speeds and accelerations are taken
+    """
+
+    frames: int = 400
+    window_frames: int = 500
+    windows: int = 8
+    step_s: float = 0.04
+
+
+@dataclass(frozen=True)
+class StandingOptions:
+    """How a standing person's points lie; reckoned.
+
+    floor_m        from here to there above nought the lowest marker is
+    min_height_m   that the markers reach up from it
+    min_longer     times as long as wide, the points of one frame can only stand that way
+    max_wander     of the height, how far the lowest point of a standing person goes up and down
+    min_cosine     of feet to head and the axis, in
+    min_often      so large a share of the frames
+    """
+
+    floor_m: tuple[float, float] = (-0.3, 0.4)
+    min_height_m: float = 0.5
+    min_longer: float = 1.3
+    max_wander: float = 0.25
+    min_cosine: float = 0.8
+    min_often: float = 0.7
+
+
+@dataclass(frozen=True)
+class PlateOptions:
+    """Force plates that tell where the floor is; reckoned.
+
+    area_m2      from the least to the largest that a plate can have
+    min_level    cosine of a plate's normal and the axis
+    max_below_m  how far under a plate a point may be
+    min_above    share of the points that are above the plates
+    """
+
+    area_m2: tuple[float, float] = (0.01, 20.0)
+    min_level: float = 0.95
+    max_below_m: float = 0.1
+    min_above: float = 0.9
+
+
+@dataclass(frozen=True)
+class FallOptions:
+    """What is a free fall; reckoned.
+
+    gravity     m/s²
+    max_error   m/s², that the points' mean acceleration may differ from it
+    min_s       that it lasts
+    min_points  in a frame
+    """
+
+    gravity: float = 9.81
+    max_error: float = 1.5
+    min_s: float = 0.15
+    min_points: int = 4
+
+
+@dataclass(frozen=True)
+class StillOptions:
+    """Which points are feet that carry somebody; reckoned.
+
+    max_speed     m/s of what stands still, while the others are faster than
+    min_moving    m/s
+    min_always    share of its time in which what never moves, and so is no foot, stands still
+    min_samples   of points that stand still
+    max_low       part of the height that is low, and
+    min_share_low of the still points that are there
+    max_spread_m  between the quartiles of their heights
+    """
+
+    max_speed: float = 0.12
+    min_moving: float = 0.4
+    min_always: float = 0.95
+    min_samples: int = 30
+    max_low: float = 0.25
+    min_share_low: float = 0.8
+    max_spread_m: float = 0.15
+
+
+WEIGHING = WordOptions()
+LOOK = LookOptions()
+STANDING = StandingOptions()
+PLATES = PlateOptions()
+FALLS = FallOptions()
+STILL = StillOptions()
 
 
 @dataclass(frozen=True)
@@ -86,20 +172,19 @@ def find_up(
     votes = dict.fromkeys(SIGNED_AXES, 0.0)
     reasons: dict[str, list[str]] = {axis: [] for axis in SIGNED_AXES}
     heard = (
-        ("the force plates", _level_with(plates, xyz) if plates is not None else ""),
-        ("free falls", _falls(xyz, rate)),
-        ("the feet that stand still", _stood_on(xyz, rate)),
-        ("how the points stand", _stands(xyz, base)),
-        ("the feet under the head", _feet_to_head(xyz, names)),
+        ("the force plates", WEIGHING.plates, _level_with(plates, xyz) if plates is not None else ""),
+        ("free falls", WEIGHING.falls, _falls(xyz, rate)),
+        ("the feet that stand still", WEIGHING.still_feet, _stood_on(xyz, rate)),
+        ("how the points stand", WEIGHING.standing, _stands(xyz, base)),
+        ("the feet under the head", WEIGHING.feet_to_head, _feet_to_head(xyz, names)),
     )
-    for reason, axis in heard:
+    for reason, weight, axis in heard:
         if axis:
-            votes[axis] += WEIGHTS[reason]
+            votes[axis] += weight
             reasons[axis].append(reason)
     best = max(SIGNED_AXES, key=votes.get)
-    weight = (HABIT, HABIT_OPPOSITE) if doubtful else (WORD_WEIGHT, WORD_OPPOSITE)
-    needed = weight[best[1] == base[1]]
-    up = best if votes[best] - votes[base] > needed else base
+    needed = (WEIGHING.habit, WEIGHING.habit_opposite) if doubtful else (WEIGHING.word, WEIGHING.word_opposite)
+    up = best if votes[best] - votes[base] > needed[best[1] == base[1]] else base
     return Upright(up, _told(said, up, usual, reasons[up]))
 
 
@@ -132,15 +217,15 @@ def _level_with(plates: np.ndarray, xyz: np.ndarray) -> str:
     """The axis across the floor that all force plates lie in, on the side where the points are; else empty."""
     normals = np.cross(plates[:, 2] - plates[:, 0], plates[:, 3] - plates[:, 1])
     area = np.linalg.norm(normals, axis=1) / 2
-    good = np.isfinite(area) & (area > PLATE_AREA[0]) & (area < PLATE_AREA[1])
+    good = np.isfinite(area) & (area > PLATES.area_m2[0]) & (area < PLATES.area_m2[1])
     if not good.any():
         return ""
     normals = np.abs(normals[good]) / (2 * area[good, None])
     index = int(normals[0].argmax())
-    if (normals[:, index] < LEVEL_FLOOR).any():
+    if (normals[:, index] < PLATES.min_level).any():
         return ""
     above = _heights(xyz, index) - plates[good][..., index].mean()
-    sides = [float((sign * above > -BELOW).mean()) > ABOVE for sign in (1, -1)]
+    sides = [float((sign * above > -PLATES.max_below_m).mean()) > PLATES.min_above for sign in (1, -1)]
     return "" if sides[0] == sides[1] else f"{'+' if sides[0] else '-'}{'XYZ'[index]}"
 
 
@@ -152,18 +237,18 @@ def _heights(xyz: np.ndarray, index: int) -> np.ndarray:
 
 def _falls(xyz: np.ndarray, rate: float) -> str:
     """The axis against which all points together fall freely; else empty."""
-    half = max(round(STEP * rate), 1)
+    half = max(round(LOOK.step_s * rate), 1)
     longest = dict.fromkeys(SIGNED_AXES, 0)
     for part in _windows(xyz, 2 * half + 1):
         change = part[2 * half :] - 2 * part[half:-half] + part[: -2 * half]
         there = np.isfinite(change).all(axis=2)
         mean = np.where(there[..., None], change, 0).sum(axis=1) / np.maximum(there.sum(axis=1), 1)[:, None]
-        mean = np.where((there.sum(axis=1) >= LEAST_POINTS)[:, None], mean * (rate / half) ** 2, 0)
+        mean = np.where((there.sum(axis=1) >= FALLS.min_points)[:, None], mean * (rate / half) ** 2, 0)
         for axis in SIGNED_AXES:
-            falling = np.linalg.norm(mean + GRAVITY * _direction(axis), axis=1) < GRAVITY_ERROR
+            falling = np.linalg.norm(mean + FALLS.gravity * _direction(axis), axis=1) < FALLS.max_error
             longest[axis] = max(longest[axis], _longest_run(falling))
     first, second = sorted(SIGNED_AXES, key=longest.get, reverse=True)[:2]
-    return first if longest[first] >= max(FALL * rate, 3, 2 * longest[second]) else ""
+    return first if longest[first] >= max(FALLS.min_s * rate, 3, 2 * longest[second]) else ""
 
 
 def _longest_run(flags: np.ndarray) -> int:
@@ -174,32 +259,40 @@ def _longest_run(flags: np.ndarray) -> int:
 
 def _stood_on(xyz: np.ndarray, rate: float) -> str:
     """The axis at whose low end the points stand still while the others move; else empty."""
-    half = max(round(STEP * rate), 1)
+    half = max(round(LOOK.step_s * rate), 1)
     places, spans = [], []
     for part in _windows(xyz, 2 * half + 1):
         speed = np.linalg.norm(part[2 * half :] - part[: -2 * half], axis=2) * (rate / (2 * half))
         now = part[half:-half]
         known = np.isfinite(speed) & np.isfinite(now).all(axis=2)
         middle = np.array([np.median(row[here]) if here.any() else 0 for row, here in zip(speed, known, strict=True)])
-        always = (speed < STILL).sum(axis=0) > 0.95 * np.maximum(known.sum(axis=0), 1)
-        still = known & (speed < STILL) & (middle > MOVING)[:, None] & ~always
+        always = (speed < STILL.max_speed).sum(axis=0) > STILL.min_always * np.maximum(known.sum(axis=0), 1)
+        still = known & (speed < STILL.max_speed) & (middle > STILL.min_moving)[:, None] & ~always
         frame, point = np.nonzero(still)
         places.append(now[frame, point])
         moving = np.where((known & ~always)[..., None], now, np.nan)[frame]
         spans.append(_ends(moving))
     place, (low, high) = np.concatenate(places), np.concatenate(spans, axis=1)
-    if len(place) < LEAST_STILL:
+    if len(place) < STILL.min_samples:
         return ""
     found = []
     for index, name in enumerate("XYZ"):
         reach = high[:, index] - low[:, index]
-        if np.median(reach) < LEAST_HEIGHT or np.ptp(np.percentile(place[:, index], [25, 75])) > GATHERED:
+        if (
+            np.median(reach) < STANDING.min_height_m
+            or np.ptp(np.percentile(place[:, index], [25, 75])) > STILL.max_spread_m
+        ):
             continue
         part = (place[:, index] - low[:, index]) / np.maximum(reach, 1e-9)
         level = np.median(place[:, index])
-        found += [f"+{name}"] * bool((part < LOW).mean() > LOWS and FLOOR[0] < level < FLOOR[1])
-        found += [f"-{name}"] * bool((part > 1 - LOW).mean() > LOWS and FLOOR[0] < -level < FLOOR[1])
+        found += [f"+{name}"] * bool((part < STILL.max_low).mean() > STILL.min_share_low and _on_floor(level))
+        found += [f"-{name}"] * bool((part > 1 - STILL.max_low).mean() > STILL.min_share_low and _on_floor(-level))
     return found[0] if len(found) == 1 else ""
+
+
+def _on_floor(height: float) -> bool:
+    """Whether a height, m, is one where the lowest marker of somebody who stands may be."""
+    return STANDING.floor_m[0] < height < STANDING.floor_m[1]
 
 
 def _stands(xyz: np.ndarray, base: str) -> str:
@@ -215,14 +308,14 @@ def _stands(xyz: np.ndarray, base: str) -> str:
     indices = sorted({1, 2, "XYZ".index(base[1])})
     longest = max(indices, key=lambda index: reach[index])
     others = [index for index in indices if index != longest]
-    if reach[longest] < LEAST_HEIGHT or reach[longest] <= UPRIGHT * reach[others].max():
+    if reach[longest] < STANDING.min_height_m or reach[longest] <= STANDING.min_longer * reach[others].max():
         return ""
     found = [
         sign + "XYZ"[longest]
         for sign, ground in (("+", low[:, longest]), ("-", -high[:, longest]))
         if (sign == "+" or base[1] == "XYZ"[longest])
-        and FLOOR[0] < np.percentile(ground, 10) < FLOOR[1]
-        and np.ptp(np.percentile(ground, [10, 90])) < STEADY * reach[longest]
+        and _on_floor(np.percentile(ground, 10))
+        and np.ptp(np.percentile(ground, [10, 90])) < STANDING.max_wander * reach[longest]
     ]
     return found[0] if len(found) == 1 else ""
 
@@ -241,7 +334,10 @@ def _feet_to_head(xyz: np.ndarray, names: Sequence[str]) -> str:
     rise = (rise[length > 0] / length[length > 0, None])[:, :3]
     if not len(rise):
         return ""
-    return next((axis for axis in SIGNED_AXES if (rise @ _direction(axis) > ALONG).mean() > OFTEN), "")
+    return next(
+        (axis for axis in SIGNED_AXES if (rise @ _direction(axis) > STANDING.min_cosine).mean() > STANDING.min_often),
+        "",
+    )
 
 
 def _middle(points: np.ndarray) -> np.ndarray:
@@ -259,7 +355,7 @@ def _direction(axis: str) -> np.ndarray:
 def _some(xyz: np.ndarray) -> np.ndarray:
     """Frames that have any points, evenly spread."""
     frames = xyz[np.isfinite(xyz).any(axis=(1, 2))]
-    return frames[:: max(1, len(frames) // LOOKED_AT)]
+    return frames[:: max(1, len(frames) // LOOK.frames)]
 
 
 def _ends(frames: np.ndarray) -> np.ndarray:
@@ -270,9 +366,9 @@ def _ends(frames: np.ndarray) -> np.ndarray:
 
 def _windows(xyz: np.ndarray, least: int) -> list[np.ndarray]:
     """Runs of frames in a row, evenly spread over the take, each at least so long; one that is empty else."""
-    if len(xyz) <= WINDOW * WINDOWS:
+    if len(xyz) <= LOOK.window_frames * LOOK.windows:
         parts = [xyz]
     else:
-        starts = np.linspace(0, len(xyz) - WINDOW, WINDOWS).astype(int)
-        parts = [xyz[start : start + WINDOW] for start in starts]
+        starts = np.linspace(0, len(xyz) - LOOK.window_frames, LOOK.windows).astype(int)
+        parts = [xyz[start : start + LOOK.window_frames] for start in starts]
     return [part for part in parts if len(part) >= least] or [np.full((least, *xyz.shape[1:]), np.nan)]

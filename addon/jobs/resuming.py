@@ -6,6 +6,7 @@ from dataclasses import fields
 from pathlib import Path
 
 from ..core.data.errors import InputError
+from ..core.points.naming import plain_method
 from ..io.cameras import calibration_files
 from ..io.markersets import markerset_file
 from ..io.source import digest
@@ -23,8 +24,8 @@ def made_of(job: LabelJob) -> dict:
     Raises InputError where one of them cannot be read.
     """
     options = {field.name: getattr(job, field.name) for field in fields(job) if field.name not in OUTSIDE}
-    # Names for one thing are one: what "auto" stands for here, and what likelihood was called at first.
-    options |= {"occlusion": job.casts, "method": "likelihood" if job.method == "evidence" else job.method}
+    # Names for one thing are one.
+    options |= {"occlusion": job.casts, "method": plain_method(job.method)}
     made = {
         "version": version(),
         "input": digest([job.source]),

@@ -9,6 +9,7 @@ from bpy.props import EnumProperty, FloatProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ..core.data.errors import InputError
+from ..core.data.takes import Blobs
 from ..core.geometry.camera_up import AXIS_NAMES
 from ..io.blobs import read_blobs
 from ..io.cameras import read_cameras
@@ -17,7 +18,7 @@ from ..props import refresh_review
 from ..scene import cameras as scene_cameras
 from ..scene.opened import opened
 from ..scene.preview import remove_preview, show_points, store_preview
-from ..scene.take import frame_shift, join_blobs, set_time
+from ..scene.take import frame_shift, set_time
 from .reporting import reports_trouble
 
 BLOBS, POINTS = "*.csv", "*.c3d;*.trc;*.csv"
@@ -163,7 +164,7 @@ def take_blobs(context: bpy.types.Context, path: Path) -> str:
     if not cameras_at_hand(scene):
         raise InputError("holds blobs, which need the calibration of their cameras; expected that to be imported", path)
     cameras = scene_cameras.cameras_of(settings.cameras, scene)
-    blobs = join_blobs(part.blobs for part in read_blobs(path, cameras))
+    blobs = Blobs.join(part.blobs for part in read_blobs(path, cameras))
     _forget_take(context)
     settings.preview = store_preview(path.stem, blobs, cameras)
     settings.blobs_path, settings.blob_count = str(path), len(blobs)

@@ -2,7 +2,7 @@
 """A labelled take as a whole: gathered from the labelling, shown in a scene, kept in the file and read back."""
 
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 
 import bpy
@@ -87,20 +87,7 @@ def join_rows(chunks: Sequence[Blobs] | Sequence[PointRows]) -> Blobs | PointRow
     if isinstance(chunks[0], PointRows):
         [rows] = chunks
         return rows
-    return join_blobs(chunks)
-
-
-def join_blobs(chunks: Iterable[Blobs]) -> Blobs:
-    """Consecutive chunks of a take as one."""
-    chunks = list(chunks)
-    before = np.cumsum([0, *(len(chunk.frames) for chunk in chunks)])
-    return Blobs(
-        _joined([chunk.frames for chunk in chunks], int),
-        _joined([chunk.frame + shift for chunk, shift in zip(chunks, before, strict=False)], int),
-        _joined([chunk.camera for chunk in chunks], int),
-        _joined([chunk.xy for chunk in chunks], float, (2,)),
-        _joined([chunk.area for chunk in chunks], float),
-    )
+    return Blobs.join(chunks)
 
 
 def join_labelled(chunks: list[LabelledChunk]) -> tuple[Labels, Motion, tuple[Suspect, ...]]:
@@ -279,10 +266,6 @@ def _child(parent: bpy.types.Collection, name: str) -> bpy.types.Collection:
     child = bpy.data.collections.new(name)
     parent.children.link(child)
     return child
-
-
-def _joined(parts: list[np.ndarray], kind: type, row: tuple[int, ...] = ()) -> np.ndarray:
-    return np.concatenate(parts).astype(kind) if parts else np.empty((0, *row), dtype=kind)
 
 
 def _merged(suspects: Iterator[Suspect]) -> tuple[Suspect, ...]:

@@ -165,7 +165,7 @@ def test_chunks_join_to_the_take_they_came_from(made):
         motion = Motion(*(getattr(take.motion, f.name)[first:last] for f in fields(Motion)))
         reason = (Suspect(108, 109, "lost"),) if first == 0 else (Suspect(110, 111, "lost"), Suspect(115, 116, "lost"))
         parts.append((blobs, LabelledChunk(labels, motion, reason)))
-    joined = takes.join_blobs(blobs for blobs, _ in parts)
+    joined = Blobs.join(blobs for blobs, _ in parts)
     for field in fields(Blobs):
         np.testing.assert_array_equal(getattr(joined, field.name), getattr(take.rows, field.name))
     labels, motion, suspects = takes.join_labelled([chunk for _, chunk in parts])

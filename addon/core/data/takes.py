@@ -34,6 +34,18 @@ class Blobs:
     xy: np.ndarray
     area: np.ndarray
 
+    @classmethod
+    def join(cls, chunks: Iterable[Self]) -> Self:
+        """Consecutive chunks of a take as one; none make a take without frames."""
+        nothing = cls(*(np.empty(0, int) for _ in range(3)), np.empty((0, 2)), np.empty(0))
+        parts = [nothing, *chunks]
+        before = np.cumsum([0, *(len(part.frames) for part in parts)])
+        return cls(
+            np.concatenate([part.frames for part in parts]),
+            np.concatenate([part.frame + first for part, first in zip(parts, before[:-1], strict=True)]),
+            *(np.concatenate([getattr(part, name) for part in parts]) for name in ("camera", "xy", "area")),
+        )
+
     def __len__(self) -> int:
         return len(self.frame)
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Which way is up for a rig of cameras: they stand upright around what they look at, and look level or down on it."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,14 +9,29 @@ from .cameras import Cameras
 
 AXIS_NAMES = ("x", "y", "z", "-x", "-y", "-z")
 
-LEAST_UPRIGHT = 0.6  # mean of how far the upper edges of the pictures point along an axis, 1 being all the way
-CLEAREST = 0.85  # of that mean direction's length that lies along the axis
-SPREAD_AROUND = 0.5  # cosine of the angle that views must be apart about the axis
-LEVEL_CAMERAS = 0.1  # mean sine of how far views may point upwards
-DOWN = -0.1  # and what it takes to believe that all cameras hang head down
+
+@dataclass(frozen=True)
+class UprightOptions:
+    """When cameras tell which way is up; reckoned.
+
+    min_upright    mean of how far the upper edges of the pictures point along an axis, 1 being all the way
+    min_clear      of that mean direction's length that lies along the axis
+    max_alike      cosine of the angle about the axis that some two views must be apart
+    max_rise       mean sine of how far views may point upwards,
+    max_rise_down  and what it takes to believe that all cameras hang head down
+    """
+
+    min_upright: float = 0.6
+    min_clear: float = 0.85
+    max_alike: float = 0.5
+    max_rise: float = 0.1
+    max_rise_down: float = -0.1
 
 
-def guess_up(cameras: Cameras) -> str:
+UPRIGHT_CAMERAS = UprightOptions()
+
+
+def guess_up(cameras: Cameras, options: UprightOptions = UPRIGHT_CAMERAS) -> str:
     """The one of AXIS_NAMES that points up in the world of `cameras`; empty where they do not tell.
 
     Few cameras, or cameras on one side that are all turned by a quarter, tell nothing.
@@ -31,9 +46,9 @@ def guess_up(cameras: Cameras) -> str:
     rise = ahead @ up
     about = ahead - rise[:, None] * up
     about /= np.maximum(np.linalg.norm(about, axis=1), 1e-9)[:, None]
-    clear = mean @ up > LEAST_UPRIGHT and mean @ up > CLEAREST * np.linalg.norm(mean)
-    around = (about @ about.T).min() < SPREAD_AROUND
-    highest = DOWN if up[2] < 0 else LEVEL_CAMERAS
+    clear = mean @ up > options.min_upright and mean @ up > options.min_clear * np.linalg.norm(mean)
+    around = (about @ about.T).min() < options.max_alike
+    highest = options.max_rise_down if up[2] < 0 else options.max_rise
     return ("-" if up[index] < 0 else "") + "xyz"[index] if clear and around and rise.mean() < highest else ""
 
 

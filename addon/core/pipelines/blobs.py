@@ -23,7 +23,7 @@ from ..data.takes import (
 )
 from ..geometry.cameras import Cameras
 from ..points.models import Model
-from ..points.naming import chosen_method
+from ..points.naming import chosen_method, plain_method
 from .cross_check import MethodAgreement, label_by_both
 from .points import USUAL_TARGET
 from .through_points import label_through_points
@@ -51,7 +51,7 @@ class BlobOptions:
 
 def blob_method(options: BlobOptions) -> str:
     """The method that "auto" stands for, or the one that was wanted."""
-    return {"auto": "fit", "evidence": "likelihood"}.get(options.method, options.method)
+    return "fit" if options.method == "auto" else plain_method(options.method)
 
 
 def steps_of(method: str) -> tuple[int, ...]:

@@ -69,8 +69,7 @@ def label_points(take: Points, model: Model, options: PointOptions) -> Generator
         seconds = {"label": named - begin, "fit": perf_counter() - named}
     yield Progress(shares["write"], "write")
     suspects = _by_file_number(verdict.suspects, take) + find_suspects(motion, model.markerset.markers, take.rate)
-    suspects = tuple(sorted(summarised(suspects, take.rate), key=lambda suspect: suspect.first))
-    return LabelledChunk(verdict.labels, motion, suspects, seconds)
+    return LabelledChunk(verdict.labels, motion, summarised(suspects, take.rate), seconds)
 
 
 def begins(frames: int, method: str) -> dict[str, float]:

@@ -11,8 +11,7 @@ from ..data.errors import InputError
 from ..data.takes import Labels
 from .models import Model
 
-# What the user may ask for; "evidence" is what likelihood was called at first.
-METHODS = ("auto", "fit", "ensemble", "likelihood", "both", "evidence")
+METHODS = ("auto", "fit", "ensemble", "likelihood", "both", "evidence")  # what the user may ask for
 
 
 class Namer(Protocol):
@@ -27,15 +26,18 @@ class Namer(Protocol):
         """The labels of points (T, P, 3) m, z up, NaN where missing, `rate` frames a second; some frames at a time."""
 
 
+def plain_method(wanted: str) -> str:
+    """The name that a method goes by: "evidence" is what likelihood was called at first."""
+    return "likelihood" if wanted == "evidence" else wanted
+
+
 def chosen_method(model: Model, wanted: str) -> str:
     """The method that "auto" stands for, or the one that was wanted; InputError where the model cannot do it."""
     if wanted == "auto":
         return "likelihood" if model.likelihood is not None else "fit" if model.partial_solvers is None else "ensemble"
-    name = model.markerset.name
-    if wanted in ("likelihood", "evidence"):
-        if model.likelihood is None:
-            raise InputError(f"model {name} has learned nothing to name points by; expected one made by train")
-        return "likelihood"
+    wanted, name = plain_method(wanted), model.markerset.name
+    if wanted == "likelihood" and model.likelihood is None:
+        raise InputError(f"model {name} has learned nothing to name points by; expected one made by train")
     if wanted == "ensemble" and model.partial_solvers is None:
         raise InputError(f"model {name} has no partial solvers; expected one that was trained with --search")
     return wanted

@@ -16,22 +16,59 @@ import numpy as np
 from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Suspect
 from ..geometry.cameras import Cameras
 
-FRAMES = 40  # of a take that are looked at
-TRIED = 10  # of them in which names are tried in another order
-LEAST_SEEN = 100  # markers in a camera's image before anything is said of it
-FEW, ALMOST_NONE = 0.5, 0.1  # of the usual share of named markers
-SURE = 0.3  # share of named markers below which a camera's name is not taken for granted
-MOVED = 0.8  # px that all blobs of a camera are off together
-STANDS_OUT = 3.0  # times the usual, when it is left out
-FEWEST = 5  # cameras of which one can be told from the others
-NARROW = 1e4  # rays whose normal equations are worse conditioned fix no depth
-NEAR = 1.5  # px from an epipolar line to what lies on it; more where a pixel is a smaller angle
-NEAR_FOCAL = 1500.0  # px
-MENDS = 1.4  # times as many blobs agree under other names
-LEAST_AGREEING = 0.4
-ALIKE = 0.97  # of the best agreement: of such orders the one that changes least is right
-MOST_TRIED = 12  # cameras that are tried under each other's names
-SEEDS = 12
+
+@dataclass(frozen=True)
+class StandOutOptions:
+    """When a camera stands out from the others of a take; reckoned.
+
+    frames            of a take that are looked at
+    min_seen          markers in a camera's image before anything is said of it
+    max_few           of the usual share of named markers, that is few, and
+    max_almost_none   that is almost none
+    min_sure          share of named markers below which a camera's name is not taken for granted
+    min_moved_px      that all blobs of a camera are off together, and
+    min_times_usual   as many times what is usual when it is left out
+    min_cameras       of which one can be told from the others
+    max_condition     of the normal equations of rays: beyond, they fix no depth
+    """
+
+    frames: int = 40
+    min_seen: int = 100
+    max_few: float = 0.5
+    max_almost_none: float = 0.1
+    min_sure: float = 0.3
+    min_moved_px: float = 0.8
+    min_times_usual: float = 3.0
+    min_cameras: int = 5
+    max_condition: float = 1e4
+
+
+@dataclass(frozen=True)
+class ReorderOptions:
+    """When cameras are believed to have each other's names; reckoned.
+
+    frames         with the most blobs in which names are tried in another order
+    max_cameras    that are tried under each other's names
+    seeds          pairs of cameras that are begun with
+    near_px        from an epipolar line to what lies on it, where the focal length is
+    focal_px       or less; more where a pixel is a smaller angle
+    min_mends      times as many blobs must agree under other names,
+    min_agreeing   and this share of them
+    min_alike      of the best agreement: of such orders the one that changes least is right
+    """
+
+    frames: int = 10
+    max_cameras: int = 12
+    seeds: int = 12
+    near_px: float = 1.5
+    focal_px: float = 1500.0
+    min_mends: float = 1.4
+    min_agreeing: float = 0.4
+    min_alike: float = 0.97
+
+
+STANDING_OUT = StandOutOptions()
+REORDERING = ReorderOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +119,7 @@ class CameraCheck:
                 kept = (blobs.camera[rows], blobs.xy[rows], chunk.labels.marker[rows])
                 self.frames.append(_Frame(*kept, chunk.motion.expected[index]))
             self._count += 1
-        while len(self.frames) > 2 * FRAMES:
+        while len(self.frames) > 2 * STANDING_OUT.frames:
             self.frames, self._stride = self.frames[::2], self._stride * 2
 
     @cached_property
@@ -123,11 +160,11 @@ class CameraCheck:
 
     def _sentences(self) -> Iterator[str]:
         figures, names = self.figures, self.cameras.names
-        known = figures.seen >= LEAST_SEEN
+        known = figures.seen >= STANDING_OUT.min_seen
         usual = float(np.median(figures.share[known])) if known.any() else 0.0
         with np.errstate(invalid="ignore"):
-            sure = known & (figures.share > max(FEW * usual, SURE))
-            blank = known & (figures.share < ALMOST_NONE * usual) & (usual > SURE)
+            sure = known & (figures.share > max(STANDING_OUT.max_few * usual, STANDING_OUT.min_sure))
+            blank = known & (figures.share < STANDING_OUT.max_almost_none * usual) & (usual > STANDING_OUT.min_sure)
         order = None if (~sure).sum() < 2 else _best_order(self.cameras, self.frames, np.flatnonzero(sure))
         fixed = np.arange(len(names)) == (np.arange(len(names)) if order is None else order)
         if order is not None:
@@ -167,12 +204,14 @@ def _cycles(order: np.ndarray) -> Iterator[list[int]]:
 def _moved(cameras: Cameras, frames: list[_Frame], offsets: np.ndarray) -> Iterator[tuple[int, float]]:
     """Cameras that are off, the farthest first; each is left out before the next is looked at, as it pulls them."""
     without: list[int] = []
-    while np.isfinite(offsets).sum() >= FEWEST:
+    while np.isfinite(offsets).sum() >= STANDING_OUT.min_cameras:
         worst = int(np.nanargmax(offsets))
         without.append(worst)
         others = _offsets(cameras, frames, without)
         known = others[np.isfinite(others)]
-        if not len(known) or offsets[worst] < max(MOVED, STANDS_OUT * np.median(known)):
+        if not len(known) or offsets[worst] < max(
+            STANDING_OUT.min_moved_px, STANDING_OUT.min_times_usual * np.median(known)
+        ):
             return
         yield worst, float(offsets[worst])
         offsets = others
@@ -193,7 +232,7 @@ def _offsets(cameras: Cameras, frames: list[_Frame], without: list[int] = ()) ->
         mine = camera == index
         off = xy[mine] - cameras.select([index]).project(points[mine])[0]
         off = off[np.isfinite(off).all(axis=1)]
-        if len(off) >= LEAST_SEEN:
+        if len(off) >= STANDING_OUT.min_seen:
             offsets[index] = np.linalg.norm(np.median(off, axis=0))
     return offsets
 
@@ -218,7 +257,7 @@ def _met_by_others(cameras: Cameras, camera: np.ndarray, xy: np.ndarray, point: 
         size = np.einsum("nii->n", normal)[:, None, None] + 1e-12
         inverse = np.linalg.inv(normal / size + 1e-9 * np.eye(3))
         found = np.einsum("nij,nj->ni", inverse, right / size[:, 0])
-        found[np.einsum("nii->n", inverse) > NARROW] = np.nan
+        found[np.einsum("nii->n", inverse) > STANDING_OUT.max_condition] = np.nan
         weight = 1 / np.maximum(np.nan_to_num(np.linalg.norm(found - centres, axis=1), nan=1e3), 1e-2) ** 2
     return found
 
@@ -229,9 +268,9 @@ def _best_order(cameras: Cameras, frames: list[_Frame], sure: np.ndarray) -> np.
     `sure` are cameras that go together as they are; without two of them the pairs that agree best are begun with. Of
     many cameras that are not sure nothing is tried.
     """
-    if len(cameras) - len(sure) > MOST_TRIED:
+    if len(cameras) - len(sure) > REORDERING.max_cameras:
         return None
-    richest = sorted(frames, key=lambda frame: len(frame.camera), reverse=True)[:TRIED]
+    richest = sorted(frames, key=lambda frame: len(frame.camera), reverse=True)[: REORDERING.frames]
     agreement = _Agreement(cameras, richest)
     own = np.arange(len(cameras))
     if len(sure) >= 2:
@@ -239,14 +278,17 @@ def _best_order(cameras: Cameras, frames: list[_Frame], sure: np.ndarray) -> np.
     else:
         orders = [agreement.completed(seed) for seed in agreement.seeds()]
     totals = np.array([agreement.total(order) for order in orders])
-    alike = [order for order, total in zip(orders, totals, strict=True) if total >= ALIKE * totals.max()]
+    alike = [order for order, total in zip(orders, totals, strict=True) if total >= REORDERING.min_alike * totals.max()]
     order = max(alike, key=lambda one: (one == own).sum())
     moved = np.flatnonzero(order != own)
     if not len(moved):
         return None
     others = [agreement.of_camera(own, index) for index in moved]
     mended = [agreement.of_camera(order, index) for index in moved]
-    better = all(after > max(MENDS * before, LEAST_AGREEING) for before, after in zip(others, mended, strict=True))
+    better = all(
+        after > max(REORDERING.min_mends * before, REORDERING.min_agreeing)
+        for before, after in zip(others, mended, strict=True)
+    )
     return order if better else None
 
 
@@ -255,7 +297,7 @@ class _Agreement:
 
     def __init__(self, cameras: Cameras, frames: list[_Frame]):
         self.cameras = cameras
-        self.near = NEAR * np.maximum(1.0, cameras.focal / NEAR_FOCAL) / cameras.focal
+        self.near = REORDERING.near_px * np.maximum(1.0, cameras.focal / REORDERING.focal_px) / cameras.focal
         self.blobs = [[frame.xy[frame.camera == name] for frame in frames] for name in range(len(cameras))]
         self.rays: dict[tuple[int, int], list[np.ndarray]] = {}
         self.known: dict[tuple[int, int, int, int], float] = {}
@@ -303,7 +345,10 @@ class _Agreement:
             for one, other in combinations(count, 2)
             for first, second in permutations(count, 2)
         ]
-        return [{one: first, other: second} for _, one, other, first, second in sorted(found, reverse=True)[:SEEDS]]
+        return [
+            {one: first, other: second}
+            for _, one, other, first, second in sorted(found, reverse=True)[: REORDERING.seeds]
+        ]
 
     def completed(self, known: dict[int, int]) -> np.ndarray:
         """(C,) the order that goes on from `known` with the names that agree best with those that are given."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..data.takes import Motion, Suspect
+from ..data.takes import Motion, Suspect, suspect_ranges
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ def find_suspects(
     found = []
     for index, name in enumerate(names):
         for doubtful, what in ((off_body, "is far from where the body has it"), (jumps, "jumps")):
-            found += _ranges(motion.frames, doubtful[:, index], f"{name} {what}", options.max_break_frames)
+            found += suspect_ranges(motion.frames, doubtful[:, index], f"{name} {what}", options.max_break_frames)
     return tuple(sorted(found, key=lambda suspect: suspect.first))
 
 
@@ -66,16 +66,6 @@ def _jumps(markers: np.ndarray, rate: float, limit: float) -> np.ndarray:
         change = np.linalg.norm(np.diff(markers, 2, axis=0), axis=-1) * rate**2
         jumps[1:-1] = change > limit
     return jumps
-
-
-def _ranges(frames: np.ndarray, doubtful: np.ndarray, reason: str, max_break: int) -> list[Suspect]:
-    """The doubtful frames (F,) as ranges of the source's numbers; breaks of up to `max_break` frames are bridged."""
-    at = np.flatnonzero(doubtful)
-    if not len(at):
-        return []
-    breaks = np.flatnonzero(np.diff(at) > max_break)
-    firsts, lasts = np.append(at[0], at[breaks + 1]), np.append(at[breaks], at[-1])
-    return [Suspect(int(frames[a]), int(frames[b]), reason) for a, b in zip(firsts, lasts, strict=True)]
 
 
 def summarised(suspects: Sequence[Suspect], rate: float, options: ListOptions = LISTING) -> tuple[Suspect, ...]:

@@ -136,15 +136,7 @@ def capture(
 def joined(captures: Iterator[Capture]) -> Capture:
     """All chunks of a capture as one."""
     chunks = list(captures)
-    counts = np.cumsum([0] + [len(chunk.blobs.frames) for chunk in chunks])
-    blobs = Blobs(
-        np.concatenate([chunk.blobs.frames for chunk in chunks]),
-        np.concatenate([chunk.blobs.frame + first for chunk, first in zip(chunks, counts[:-1], strict=True)]),
-        np.concatenate([chunk.blobs.camera for chunk in chunks]),
-        np.concatenate([chunk.blobs.xy for chunk in chunks]),
-        np.concatenate([chunk.blobs.area for chunk in chunks]),
-    )
-    return Capture(blobs, np.concatenate([chunk.truth for chunk in chunks]))
+    return Capture(Blobs.join(chunk.blobs for chunk in chunks), np.concatenate([chunk.truth for chunk in chunks]))
 
 
 def disturbed(cameras: Cameras, millimetres: float, milliradians: float, generator: np.random.Generator) -> Cameras:

@@ -13,6 +13,7 @@ from addon.core.points.partial_solvers.masks import Masks
 from addon.core.points.partial_solvers.search import Genetics
 from addon.core.points.partial_solvers.solver import TreeSearch
 from addon.core.points.partial_solvers.training import Ground, SolverStudy, Training
+from tests.core.points.partial_solvers.plain import exhaustive, without_supersets
 
 from .methods import HIDES, Faithful
 from .studies import Test
@@ -155,7 +156,7 @@ def by_genetics(markers: int, own: int, purse: Purse, options: Genetics) -> set[
 
 def by_trying_all(markers: int, own: int, purse: Purse, _: Genetics) -> set[int]:
     """Every subset, the small ones first."""
-    return searches.exhaustive(markers, purse.good, own)
+    return exhaustive(markers, purse.good, own)
 
 
 WAYS = {
@@ -194,7 +195,7 @@ def searched(study: SolverStudy, run: Callable, budget: int | None, genetics: Ge
     assessed, sized, answered = 0, [], []
     for own in range(study.markers):
         purse = Purse(flags[:, own], rates[:, own], budget)
-        minimal = searches.without_supersets(run(study.markers, own, purse, genetics))
+        minimal = without_supersets(run(study.markers, own, purse, genetics))
         assessed += len(purse.asked)
         sized += [subset.bit_count() for subset in minimal]
         hides = study.hidden(Ground(list(range(study.markers)), own))[:PATTERNS]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which partial solvers make an ensemble: the paper's two greedy searches, its genetic search, and all of them.
+"""Which partial solvers make an ensemble: the paper's two greedy searches and its genetic search.
 
 A subset of the markers is a whole number with one bit a marker. What is "good" is asked of a function, so that each
 search can run once for the ensemble or once for every marker's own target: by the letter of algorithm 1 a solver is
@@ -62,25 +62,6 @@ def top_down(markers: int, good: Good, own: int | None = None) -> Iterator[tuple
             below.update(kept)
         waiting = below
         yield size, found
-
-
-def exhaustive(markers: int, good: Good, own: int | None = None) -> set[int]:
-    """Every good subset that contains no smaller good one; for few markers only."""
-    found: set[int] = set()
-    every = (subset for subset in range(1, 1 << markers) if own is None or subset >> own & 1)
-    for subset in sorted(every, key=lambda subset: (subset.bit_count(), subset)):
-        if not _contains_any(subset, found) and good(subset):
-            found.add(subset)
-    return found
-
-
-def without_supersets(found: set[int]) -> set[int]:
-    """Those that contain no other."""
-    kept: set[int] = set()
-    for subset in sorted(found, key=lambda subset: (subset.bit_count(), subset)):
-        if not _contains_any(subset, kept):
-            kept.add(subset)
-    return kept
 
 
 def _contains_any(subset: int, others: set[int]) -> bool:

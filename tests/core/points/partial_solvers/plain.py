@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The paper's geometric functions and its search written plainly, a frame at a time, to check the fast code by."""
 
+from collections.abc import Callable, Iterable
 from math import comb
 
 import numpy as np
@@ -98,3 +99,23 @@ def _rejects(classifiers: Classifiers, row: int, frame: int, labelling: np.ndarr
         return False
     value = features.values(kind, np.array(frame), points, clouds)
     return bool(value < classifiers.low[row] - TREE.tolerance or value > classifiers.high[row] + TREE.tolerance)
+
+
+def exhaustive(markers: int, good: Callable[[int], bool], own: int | None = None) -> set[int]:
+    """Every good subset that contains no smaller good one; for few markers only."""
+    every = (subset for subset in range(1, 1 << markers) if own is None or subset >> own & 1)
+    return _least(every, good)
+
+
+def without_supersets(found: set[int]) -> set[int]:
+    """Those that contain no other."""
+    return _least(found, lambda _: True)
+
+
+def _least(subsets: Iterable[int], good: Callable[[int], bool]) -> set[int]:
+    """The good ones that contain no smaller good one; what contains one is not asked."""
+    kept: set[int] = set()
+    for subset in sorted(subsets, key=lambda subset: (subset.bit_count(), subset)):
+        if not any(other & subset == other for other in kept) and good(subset):
+            kept.add(subset)
+    return kept

@@ -14,15 +14,14 @@ from addon.core.points.partial_solvers.search import (
     bottom_up,
     covering,
     crossover,
-    exhaustive,
     genetic,
     members,
     permutation,
     subset_of,
     subtraction,
     top_down,
-    without_supersets,
 )
+from tests.core.points.partial_solvers.plain import exhaustive, without_supersets
 
 SIX = st.sets(st.integers(1, 63), min_size=1, max_size=5)
 
