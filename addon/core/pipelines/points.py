@@ -5,7 +5,7 @@ The counterpart of `blobs.pipeline` for points. What the take shows of its subje
 model is not for are refused, before the work and after it.
 """
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, field, replace
 from time import perf_counter
 
@@ -23,6 +23,8 @@ from ..points.motion import motion_of
 from ..points.naming import Namer, namer_of
 from ..points.refusals import refuse_floods, refuse_others, refuse_unrecognised
 from ..points.tracklets import cut, renamed
+from ..points.whole_take.deciding import can_be_solved, labels_of, parted
+from ..points.whole_take.solving import Solution, solve_take
 from ..review.suspects import find_suspects, summarised
 
 USUAL_TARGET = 0.999  # the part of the labels that must be right, unless another is asked for
@@ -32,7 +34,7 @@ COSTS = {
     "adapt": (5, 0),
     "others": (150, 0),
     "name": (0, 1),
-    "vote": (2, 0.02),
+    "vote": (10, 0.3),
     "pose": (18, 0.12),
     "write": (5, 0.03),
 }
@@ -91,9 +93,20 @@ def _named(take: Points, model: Model, options: PointOptions) -> Generator[Progr
     refuse_others(adaptation.model, namer, take.xyz)
     named = yield from _frame_by_frame(namer, take, shares)
     yield Progress(shares["vote"], "let trajectories vote")
-    decided = _decided(named, tracklet, adaptation, take, options.target)
+    if learned and can_be_solved(adaptation.model, tracklet):
+        work = in_background(lambda tell: _solved(named, tracklet, adaptation.model, take, tell))
+        solution = yield from within(work, shares["vote"], shares["pose"], "solve the whole take")
+
+        def decided_at(target: float) -> Verdict:
+            return labels_of(solution, named, target, model.markerset.markers, take.first_frame)
+    else:
+
+        def decided_at(target: float) -> Verdict:
+            return _decided(named, tracklet, adaptation, take, target)
+
+    decided = decided_at(options.target)
     # Who asks for surer labels gets fewer, and the take is of the model's markers all the same.
-    usual = decided if options.target == USUAL_TARGET else _decided(named, tracklet, adaptation, take, USUAL_TARGET)
+    usual = decided if options.target == USUAL_TARGET else decided_at(USUAL_TARGET)
     refuse_unrecognised(adaptation.model, namer, take.xyz, usual.labels)
     changed = renamed(decided.labels.marker, tracklet, model.markerset.markers, take.first_frame)
     return Verdict(decided.labels, decided.suspects + changed)
@@ -109,6 +122,14 @@ def _frame_by_frame(namer: Namer, take: Points, shares: dict[str, float]) -> Gen
         share = shares["name"] + (shares["vote"] - shares["name"]) * done / len(take.xyz)
         yield Progress(share, f"frame {take.first_frame + done - 1}")
     return Labels.join(parts)
+
+
+def _solved(named: Labels, tracklet: np.ndarray, model: Model, take: Points, tell: Callable[[float], None]) -> Solution:
+    """The take solved as a whole, from what its trajectories and frames are sure of."""
+    voted = decide(named, tracklet, model, USUAL_TARGET, take.first_frame)
+    sure = consistent(voted, take.xyz, model.likelihood, take.first_frame).labels.marker
+    pieces = parted(tracklet, voted.labels.marker)
+    return solve_take(take.xyz, pieces, named, sure, model, take.rate, tell)
 
 
 def _decided(named: Labels, tracklet: np.ndarray, adaptation: Adaptation, take: Points, target: float) -> Verdict:

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""From the solution of a whole take to the labels of its points, and what a person should look at."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from ...data.takes import BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Suspect, Verdict
+from ..deciding import once
+from ..models import Model
+from .solving import ROUNDS, Solution
+
+
+@dataclass(frozen=True)
+class BelievingOptions:
+    """What of a solution is said. Reckoned, with an eye on people and motions left out of training.
+
+    odds_of_target   of the log odds of a target, that a tracklet's name must be ahead of any other; and
+    least            at least
+    min_layout       log odds below which neither of two markers is named that may have each other's names, and
+    min_extra        below which a marker is not named that may be one which is none of the set's
+    max_question     log odds below which a person is asked
+    usual_frames     of the usual tracklet; of shorter ones a take is not solved as a whole
+    """
+
+    odds_of_target: float = 0.6
+    least: float = 2.0
+    min_layout: float = 1.0
+    min_extra: float = 2.5
+    max_question: float = 3.0
+    usual_frames: int = 5
+
+
+BELIEVING = BelievingOptions()
+
+
+def can_be_solved(model: Model, tracklet: np.ndarray) -> bool:
+    """Whether a take with tracklets (T, P) is solved as a whole; a set on rigid bodies is known by these."""
+    if model.likelihood is None or model.rigid_bodies is not None or len(model.markerset) < ROUNDS.min_markers:
+        return False
+    lengths = np.bincount(tracklet[tracklet >= 0]) if (tracklet >= 0).any() else np.zeros(0, int)
+    return len(lengths) > 0 and np.median(np.repeat(lengths, lengths)) >= BELIEVING.usual_frames
+
+
+def parted(tracklet: np.ndarray, voted: np.ndarray) -> np.ndarray:
+    """Tracklets (T, P), cut where by the votes of frames (T, P) they go over from one marker to another."""
+    found = tracklet.copy()
+    count = int(tracklet.max(initial=-1)) + 1
+    for column in range(tracklet.shape[1]):
+        frames = np.flatnonzero((voted[:, column] != NO_MARKER) & (tracklet[:, column] >= 0))
+        for before, after in pairwise(frames.tolist()):
+            same = tracklet[before, column] == tracklet[after, column]
+            if same and voted[before, column] != voted[after, column]:
+                rest = np.arange(len(tracklet)) >= after
+                found[rest & (tracklet[:, column] == tracklet[after, column]), column] = count
+                count += 1
+    return found
+
+
+def labels_of(solution: Solution, named: Labels, target: float, names: Sequence[str], first_frame: int = 0) -> Verdict:
+    """What a solution says of all points, sure enough that a part `target` of it is right.
+
+    named (T, P) is what frames say on their own, names the M markers', first_frame the source's number of the first.
+    """
+    tracklets, believed = solution.tracklets, _believed(solution, target, len(names))
+    marker = tracklets.spread(believed, named.marker.shape)
+    chance = np.zeros(named.marker.shape)
+    chance[tracklets.row, tracklets.column] = 1 / (1 + np.exp(-np.minimum(solution.margin, 30)))[tracklets.owner]
+    marker = once(marker, chance, len(names))
+    alone = (marker == named.marker) & (marker != NO_MARKER)
+    chance = np.where(alone, np.maximum(chance, named.confidence), chance)
+    step = np.where(alone, named.step, BY_TRAJECTORY)
+    given = marker != NO_MARKER
+    labels = Labels(marker, np.where(given, step, NO_STEP), np.where(given, chance, 0.0))
+    suspects = _gone_over(solution, believed, names, first_frame) + _unnamed(solution, believed, names, first_frame)
+    return Verdict(labels, _questions(solution, names, len(named.marker), first_frame) + suspects)
+
+
+def _believed(solution: Solution, target: float, markers: int) -> np.ndarray:
+    """(N,) the markers of the tracklets that are sure enough."""
+    needed = max(BELIEVING.odds_of_target * float(np.log(target / (1 - target))), BELIEVING.least)
+    believed = np.where(solution.margin >= needed, solution.marker, NO_MARKER)
+    for question in solution.questions:
+        if question.other >= markers and question.odds < BELIEVING.min_extra:
+            believed[believed == question.one] = NO_MARKER
+        elif question.other < markers and question.odds < BELIEVING.min_layout:
+            believed[np.isin(believed, (question.one, question.other))] = NO_MARKER
+    return believed
+
+
+def _questions(solution: Solution, names: Sequence[str], frames: int, first_frame: int) -> tuple[Suspect, ...]:
+    """What holds for all of the take, and only a person can tell."""
+    said = {}
+    for question in solution.questions:
+        if question.odds < BELIEVING.max_question:
+            one = names[question.one]
+            if question.other < len(names):
+                words = f"{one} and {names[question.other]} may have each other's names in the whole take"
+            else:
+                words = f"another marker sits where {one} may be: look which of the two it is"
+            said[words] = Suspect(first_frame, first_frame + frames - 1, words)
+    return tuple(said.values())
+
+
+def _gone_over(solution: Solution, believed: np.ndarray, names: Sequence[str], first_frame: int) -> tuple[Suspect, ...]:
+    """Trajectories that are one marker's and then, without a gap, another's."""
+    tracklets, found = solution.tracklets, []
+    column = tracklets.column[tracklets.begin[:-1]]
+    order = np.lexsort((tracklets.first, column))
+    for one, other in pairwise(order.tolist()):
+        old, new = believed[one], believed[other]
+        joined = column[one] == column[other] and tracklets.first[other] == tracklets.last[one] + 1
+        if joined and NO_MARKER not in (old, new) and old != new:
+            words = f"goes over from {names[old]} to {names[new]}"
+            last, first = int(tracklets.last[one]), int(tracklets.first[other])
+            found.append(Suspect(last + first_frame, first + first_frame, words, int(column[one])))
+    return tuple(found)
+
+
+def _unnamed(solution: Solution, believed: np.ndarray, names: Sequence[str], first_frame: int) -> tuple[Suspect, ...]:
+    """Tracklets that are likely a marker, and not surely."""
+    tracklets, found = solution.tracklets, []
+    for index in np.flatnonzero((believed == NO_MARKER) & (solution.likely != NO_MARKER)).tolist():
+        words = f"may be {names[solution.likely[index]]} and stays unnamed"
+        first, last = int(tracklets.first[index]), int(tracklets.last[index])
+        column = int(tracklets.column[tracklets.begin[index]])
+        found.append(Suspect(first + first_frame, last + first_frame, words, column))
+    return tuple(found)

@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Two markers that have each other's names for a part of the take: found over time, and undone.
+
+While names are exchanged, by how much the first marker is farther than the second from each of their neighbours is so
+with the other sign. What the take does most of the time is right for the most part, frames and training say which.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...data.takes import evenly_spread
+from .matching import MATCHING
+from .pairs import PairDistances
+from .pieces import Tracklets
+
+
+@dataclass(frozen=True)
+class ExchangeOptions:
+    """How exchanges are looked for. All reckoned.
+
+    frames           of a take that are looked at
+    max_distance_m   between markers that are taken for each other
+    neighbours       of the two that are asked
+    independent      of them: their distances err together
+    sd_m             that a difference of distances has at least
+    rounds           of asking which is which, and learning it anew
+    min_odds         log odds of an exchange that is undone
+    max_odds         that one frame can say
+    independent_s    that frames must be apart to count as two
+    """
+
+    frames: int = 1200
+    max_distance_m: float = 0.35
+    neighbours: int = 10
+    independent: float = 4.0
+    sd_m: float = 0.004
+    rounds: int = 10
+    min_odds: float = 6.0
+    max_odds: float = 8.0
+    independent_s: float = 0.25
+
+
+EXCHANGES = ExchangeOptions()
+
+
+def undone(
+    tracklets: Tracklets,
+    placed: np.ndarray,
+    marker: np.ndarray,
+    trained: PairDistances,
+    pairs: PairDistances,
+    rate: float,
+) -> np.ndarray:
+    """(N,) the markers of the tracklets, those that were exchanged for a while put right.
+
+    placed (T, M, 3) m is where the markers are by the names (N,) so far.
+    """
+    marker = marker.copy()
+    frames = evenly_spread(len(placed), EXCHANGES.frames)
+    some = placed[frames].astype(float)
+    near = (pairs.mean < EXCHANGES.max_distance_m) & np.isfinite(pairs.mean)
+    touched: set[int] = set()
+    for one, other in zip(*np.nonzero(np.triu(near, 1)), strict=True):
+        own = np.flatnonzero((marker == one) | (marker == other))
+        if not {int(one), int(other)} & touched and len(own) > 1:
+            turned = _turned(tracklets, own, marker, some, frames, (one, other), trained, pairs, rate)
+            if len(turned):
+                touched |= {int(one), int(other)}
+                marker[turned] = one + other - marker[turned]
+    return marker
+
+
+def _turned(tracklets, own, marker, some, frames, names, trained, pairs, rate) -> np.ndarray:
+    """The tracklets, of those that have either of two names, that should have the other."""
+    one, other = names
+    own = own[np.argsort(tracklets.first[own])]
+    part = _parts(tracklets.first[own], tracklets.last[own])
+    none = np.zeros(0, int)
+    if part[-1] == 0:
+        return none
+    within = pairs.within[one] + pairs.within[other]
+    within[[one, other]] = np.inf
+    near = np.argsort(within)[: EXCHANGES.neighbours]
+    near = near[np.isfinite(within[near])]
+    differs = _distance(some, one, near) - _distance(some, other, near)
+    ever = np.isfinite(differs).any(axis=0)
+    near, differs = near[ever], differs[:, ever]
+    begin = tracklets.first[own][np.flatnonzero(np.diff(part, prepend=-1))]
+    where = np.searchsorted(begin, frames, side="right") - 1
+    seen = np.isfinite(differs).any(axis=1) & (where >= 0)
+    differs, where = differs[seen], where[seen]
+    if len(differs) < 2:
+        return none
+    known = np.isfinite(differs)
+    differs = np.where(known, differs, 0)
+    spacing = (frames[1] - frames[0]) / rate if len(frames) > 1 else 1.0
+    worth = min(1.0, spacing / EXCHANGES.independent_s)
+    share = np.minimum(1, EXCHANGES.independent / np.maximum(known.sum(axis=1), 1))
+    sign = np.ones(part[-1] + 1)
+    said = np.zeros(len(sign))
+    for start in _starts(differs, where, len(sign)):
+        ended, odds = _settled(differs, known, where, start, share, worth)
+        if np.abs(odds).sum() > np.abs(said).sum():
+            sign, said = ended, odds
+    # Which of the two is which: frames on their own, and what training knows of the two markers' distances.
+    turns = np.bincount(part, weights=_votes(tracklets, own, marker, names), minlength=len(sign)) * sign
+    middle = _middle(differs * sign[where][:, None], known)
+    expected = trained.mean[one, near] - trained.mean[other, near]
+    unsure = trained.unsure[one, near] + trained.unsure[other, near] + EXCHANGES.sd_m**2
+    for_it = np.nansum(2 * middle * expected / unsure) * min(1, EXCHANGES.independent / max(len(near), 1))
+    if turns.sum() + for_it < 0:
+        sign = -sign
+    turn = (sign < 0) & (np.abs(said) > EXCHANGES.min_odds)
+    return own[turn[part]]
+
+
+def _votes(tracklets: Tracklets, own: np.ndarray, marker: np.ndarray, names) -> np.ndarray:
+    """(K,) how much more frames say for the name of each tracklet than for the other of the two."""
+    one, other = names
+    mine = tracklets.votes[own, marker[own]]
+    return mine - tracklets.votes[own, one + other - marker[own]]
+
+
+def _parts(first: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """(K,) tracklets, sorted by their first frame, that hang together in time: number of the part of each."""
+    end = np.maximum.accumulate(last)
+    new = first[1:] > end[:-1] - MATCHING.max_overlap_frames
+    return np.concatenate([[0], np.cumsum(new)])
+
+
+def _starts(differs: np.ndarray, where: np.ndarray, parts: int) -> list[np.ndarray]:
+    """Signs (parts,) to start from: all as they are, and as the main way in which parts differ has it."""
+    count = np.maximum(np.bincount(where, minlength=parts), 1)
+    mean = (
+        np.stack([np.bincount(where, weights=column, minlength=parts) for column in differs.T], axis=1) / count[:, None]
+    )
+    left, _, _ = np.linalg.svd(mean * np.sqrt(count)[:, None], full_matrices=False)
+    main = np.where(left[:, 0] < 0, -1.0, 1.0)
+    return [np.ones(parts), main * (1 if (main * count).sum() >= 0 else -1)]
+
+
+def _settled(differs, known, where, sign, share, worth) -> tuple[np.ndarray, np.ndarray]:
+    """Signs (parts,) of the parts, and the log odds for them (parts,)."""
+    for _ in range(EXCHANGES.rounds):
+        turned = differs * sign[where][:, None]
+        middle = _middle(turned, known)
+        away = np.where(known, np.abs(turned - middle), np.nan)
+        sd = np.maximum(1.5 * np.nanmedian(away, axis=0), EXCHANGES.sd_m)
+        each = (np.where(known, differs * middle / sd**2, 0).sum(axis=1)) * share
+        each = np.clip(each, -EXCHANGES.max_odds, EXCHANGES.max_odds)
+        odds = np.bincount(where, weights=each, minlength=len(sign)) * worth
+        after = np.where(odds < 0, -1.0, 1.0)
+        if (after == sign).all():
+            break
+        sign = after
+    return sign, odds
+
+
+def _middle(differs: np.ndarray, known: np.ndarray) -> np.ndarray:
+    return np.nan_to_num(np.nanmedian(np.where(known, differs, np.nan), axis=0))
+
+
+def _distance(points: np.ndarray, one: int, others: np.ndarray) -> np.ndarray:
+    """(F, Q) m from a marker to others in frames (F, M, 3) m."""
+    return np.linalg.norm(points[:, others] - points[:, one, None], axis=2)

@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How far any two markers are from each other: what training knows, and what the take itself shows of its subject.
+
+What a single frame's likelihood asks, how usual a pose is, counts for nothing here: only distances that keep, on one
+bone or across a joint, and how well they keep, which the take tells best.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...data.takes import evenly_spread
+from ...geometry.rigid import pairwise_distances
+from ..likelihood.model import Likelihood
+from ..models import Model
+
+
+@dataclass(frozen=True)
+class PairOptions:
+    """How distances are learned. All reckoned.
+
+    frames            of a subject, or of a take, that are looked at
+    shapes            drawn from a likelihood of which no frame was kept
+    size_sd           of other subjects than those of the training, in parts of it,
+    length_sd         of a distance besides, in parts of it, and
+    place_sd_m        of where their markers sit
+    motion_factor     times the variance of a distance seen in training: other motions bend more
+    within_frames     frames that training's spread counts for when the take shows another
+    independent       frames of a take that say as much as one independent one: neighbours show the same pose
+    min_sd_m          that a distance has at least
+    max_size_ratio    logarithm of a distance over that of the training, from which it says nothing of the size
+    """
+
+    frames: int = 600
+    shapes: int = 400
+    size_sd: float = 0.08
+    length_sd: float = 0.04
+    place_sd_m: float = 0.015
+    motion_factor: float = 2.0
+    within_frames: float = 8.0
+    independent: float = 4.0
+    min_sd_m: float = 0.006
+    max_size_ratio: float = 0.4
+
+
+PAIRS = PairOptions()
+
+
+@dataclass(frozen=True, eq=False)
+class PairDistances:
+    """Distances (M, M) between markers, m: their mean, how unsure that is (variance, m²), and their own variance, m².
+
+    NaN where nothing is known.
+    """
+
+    mean: np.ndarray
+    unsure: np.ndarray
+    within: np.ndarray
+
+    @property
+    def variance(self) -> np.ndarray:
+        """(M, M) of a distance that is seen next, m²."""
+        return self.unsure + self.within + PAIRS.min_sd_m**2
+
+
+def trained_pairs(model: Model) -> PairDistances:
+    """What training knows: of the frames that the model keeps or, where it keeps none, of its likelihood."""
+    everyone = list(model.subjects.values())
+    if not everyone:
+        return _of_shape(model.likelihood)
+    own = [_moments(points) for points in everyone]
+    means, within, counts = (np.stack(part) for part in zip(*own, strict=True))
+    seen = counts > 1
+    number = seen.sum(axis=0)
+    size = np.ones(len(everyone))
+    for _ in range(2):
+        sized = np.where(seen, means / size[:, None, None], 0)
+        mean = np.where(number > 0, sized.sum(axis=0) / np.maximum(number, 1), np.nan)
+        size = np.array(
+            [
+                np.nanmedian(np.where(there & (mean > 0), one / np.maximum(mean, 1e-9), np.nan))
+                for one, there in zip(means, seen, strict=True)
+            ]
+        )
+    between = np.where(seen, sized - mean, 0) ** 2
+    between = between.sum(axis=0) / np.maximum(number - 1, 1)
+    within = np.where(seen, within, 0).sum(axis=0) / np.maximum(number, 1)
+    return PairDistances(mean, between + _guess(mean), PAIRS.motion_factor * within)
+
+
+def _guess(mean: np.ndarray) -> np.ndarray:
+    """Variance of distances (M, M) on a subject never seen, whatever training shows, m²."""
+    return (PAIRS.length_sd * mean) ** 2 + PAIRS.place_sd_m**2
+
+
+def _of_shape(likelihood: Likelihood) -> PairDistances:
+    shape, rng = likelihood.shape, np.random.default_rng(0)
+    pose = rng.standard_normal((PAIRS.shapes, shape.modes.shape[2]))
+    clouds = shape.mean + np.einsum("fk,mak->fma", pose, shape.modes)
+    clouds = clouds + np.sqrt(shape.noise)[:, None] * rng.standard_normal(clouds.shape)
+    mean, spread, _ = _moments(clouds)
+    guess = _guess(mean)
+    within = np.maximum(spread - guess, 0.1 * spread)
+    one, other = likelihood.constraints.pair.T
+    sd = likelihood.constraints.sd
+    mean[one, other] = mean[other, one] = likelihood.constraints.length
+    within[one, other] = within[other, one] = sd**2 / 2
+    guess[one, other] = guess[other, one] = sd**2 + _guess(likelihood.constraints.length)
+    return PairDistances(mean, guess, within)
+
+
+def widened(trained: PairDistances, bend: float, motion_m: float, layout_m: float) -> PairDistances:
+    """The same where subjects move, and wear their markers, farther from the training than is usual."""
+    within = np.maximum(trained.within, (bend * np.nan_to_num(trained.mean) ** 2) ** 2)
+    return PairDistances(trained.mean, trained.unsure + layout_m**2, within + motion_m**2)
+
+
+def with_unknown(trained: PairDistances, count: int) -> PairDistances:
+    """The same with so many markers more, of which nothing is known."""
+    wide = ((0, count), (0, count))
+    return PairDistances(
+        *(np.pad(part, wide, constant_values=np.nan) for part in (trained.mean, trained.unsure, trained.within))
+    )
+
+
+def in_take(trained: PairDistances, placed: np.ndarray) -> PairDistances:
+    """What the markers as they are named so far, (T, M, 3) m, NaN where they are not, add to what is known."""
+    mean, within, count = _moments(placed)
+    count = count / PAIRS.independent
+    coverage = count * PAIRS.independent / max(min(len(placed), PAIRS.frames), 1)
+    some = count > 0
+    mean, within = np.where(some, mean, 0), np.where(some, within, 0)
+    size, size_variance = _size(trained, mean, within, count)
+    prior = np.where(np.isfinite(trained.mean), size * trained.mean, mean)
+    unsure = np.where(np.isfinite(trained.unsure), trained.unsure + size_variance * prior**2, 1.0)
+    known = np.where(np.isfinite(trained.within), trained.within, 0.01)
+    shown = coverage * count / (count + PAIRS.within_frames)
+    spread = (1 - shown) * known + shown * within
+    sampling = (spread + PAIRS.min_sd_m**2) / np.maximum(count, 1e-9)
+    trust = np.where(some, unsure / (unsure + sampling), 0)
+    return PairDistances(prior + trust * (mean - prior), (1 - trust) * unsure, spread)
+
+
+def _size(trained: PairDistances, mean: np.ndarray, within: np.ndarray, count: np.ndarray) -> tuple[float, float]:
+    """The size of a subject of distances `mean` (M, M) m, 1 for that of the training, and its variance."""
+    one, other = np.nonzero(np.triu((count > 1) & (trained.mean > 0), 1))
+    length = trained.mean[one, other]
+    ratio = np.log(np.maximum(mean[one, other], 1e-6) / length)
+    off = (trained.unsure + trained.within + within)[one, other] / length**2
+    # A marker is in many pairs, so these are not as many measurements as they look.
+    weight = np.where(np.abs(ratio) < PAIRS.max_size_ratio, 2 / (off * len(mean)), 0)
+    known = weight.sum() + PAIRS.size_sd**-2
+    return float(np.exp((weight * ratio).sum() / known)), float(1 / known)
+
+
+def _moments(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean, variance and number of frames of all distances (M, M) in some frames of (T, M, 3) m."""
+    markers = points.shape[1]
+    total, squares, count = np.zeros((3, markers, markers))
+    frames = evenly_spread(len(points), PAIRS.frames)
+    for first in range(0, len(frames), 64):
+        distance = pairwise_distances(points[frames[first : first + 64]].astype(float))
+        seen = np.isfinite(distance)
+        distance = np.where(seen, distance, 0)
+        total += distance.sum(axis=0)
+        squares += (distance**2).sum(axis=0)
+        count += seen.sum(axis=0)
+    mean = total / np.maximum(count, 1)
+    variance = np.maximum(squares / np.maximum(count, 1) - mean**2, 0) * count / np.maximum(count - 1, 1)
+    return np.where(count > 0, mean, np.nan), variance, count

@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A take of points solved as a whole: names spread from what is sure, along tracklets and by distances that keep.
+
+Round after round, what is believed shows how far the subject's markers are from each other; that says how likely each
+tracklet is each marker; all tracklets are matched with the markers at once; what is far enough ahead is believed in the
+next round. Then names that were exchanged for a while, or for all of the take, are put right, what is always there
+beside the markers is told from them, and so on with more freedom of motion, until nothing changes.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from ...data.takes import NO_MARKER, Labels
+from ..models import Model
+from .exchanges import undone
+from .extras import with_extras
+from .layout import Question, named_by_layout
+from .likeness import likeness, links
+from .matching import margins, matched
+from .pairs import PairDistances, in_take, trained_pairs, widened, with_unknown
+from .pieces import Tracklets, tracklets_of
+
+
+@dataclass(frozen=True)
+class Freedom:
+    """What is allowed for beyond the training: bends and motion_m of the body, layout_m of the markers' places.
+
+    bend      standard deviation of a distance, over its square, 1/m: what is far from each other is on no one bone
+    motion_m  the same of any distance
+    layout_m  of a distance's mean
+    link      log odds that how a marker went on over gaps may say at most
+    """
+
+    bend: float
+    motion_m: float
+    layout_m: float
+    link: float
+
+
+@dataclass(frozen=True)
+class RoundOptions:
+    """How names spread. All reckoned.
+
+    first_margins  log odds that a tracklet's name must be ahead of any other, round after round, to be believed in the
+                   next; the last is gone on with until nothing changes
+    margins        the same with more freedom
+    freedoms       that follow each other
+    max_rounds     of each
+    max_layouts    times that a freedom is gone on with after names were put right
+    min_markers    that a set must have to be told by distances
+    """
+
+    first_margins: tuple[float, ...] = (12.0, 8.0, 6.0, 4.0)
+    margins: tuple[float, ...] = (8.0, 4.0)
+    freedoms: tuple[Freedom, ...] = (
+        Freedom(0.0, 0.0, 0.0, 0.0),
+        Freedom(0.1, 0.0, 0.0, 8.0),
+        Freedom(0.25, 0.02, 0.02, 12.0),
+        Freedom(0.25, 0.05, 0.05, 12.0),
+    )
+    max_rounds: int = 8
+    max_layouts: int = 3
+    min_markers: int = 5
+
+
+ROUNDS = RoundOptions()
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What a take as a whole says of its N tracklets.
+
+    marker     (N,) of each, NO_MARKER for none
+    margin     (N,) log odds by which that is ahead of any other name, or none
+    likely     (N,) the name that is likeliest for each on its own, NO_MARKER where that is none
+    questions  pairs of markers that may have each other's names in all of the take
+    """
+
+    tracklets: Tracklets
+    marker: np.ndarray
+    margin: np.ndarray
+    likely: np.ndarray
+    questions: tuple[Question, ...]
+
+
+def solve_take(
+    points: np.ndarray,
+    tracklet: np.ndarray,
+    named: Labels,
+    sure: np.ndarray,
+    model: Model,
+    rate: float,
+    progress: Callable[[float], None] | None = None,
+) -> Solution:
+    """Names the tracklets (T, P), -1 where there is none, of points (T, P, 3) m at `rate` frames a second.
+
+    named is what frames say on their own, sure (T, P) the markers that are believed of it. The model has a likelihood.
+    `progress` is told the share that is done.
+    """
+    tracklets = tracklets_of(points, tracklet, named, len(model.markerset))
+    with threadpool_limits(1, user_api="blas"):
+        return _Solving(points, tracklets, model, rate).solved(sure, progress)
+
+
+class _Solving:
+    """A take on its way to a solution: `marker` (N,) is what is believed so far, extras after the model's own."""
+
+    def __init__(self, points: np.ndarray, tracklets: Tracklets, model: Model, rate: float):
+        self.points, self.tracklets, self.model, self.rate = points, tracklets, model, rate
+        self.trained = trained_pairs(model)
+        self.markers = len(model.markerset)
+        self.marker = self.best = self.margin = self.odds = np.zeros(0)
+
+    def solved(self, sure: np.ndarray, progress: Callable[[float], None] | None) -> Solution:
+        self.marker = _majority(self.tracklets, sure, self.markers)
+        questions: tuple[Question, ...] = ()
+        for number, freedom in enumerate(ROUNDS.freedoms):
+            if progress is not None:
+                progress(number / len(ROUNDS.freedoms))
+            least = ROUNDS.margins if number else ROUNDS.first_margins
+            for _ in range(ROUNDS.max_layouts):
+                self._spread(freedom, least)
+                before = self.marker
+                questions = self._put_right(freedom)
+                if (before == self.marker).all():
+                    break
+                least = ROUNDS.margins
+            if freedom is not ROUNDS.freedoms[-1]:
+                self._add_extras()
+        # What is likely but not believed has its name here too: how sure it must be is for whoever asks.
+        marker = np.where(self.marker == NO_MARKER, self.best, self.marker)
+        own = (marker != NO_MARKER) & (marker < self.markers)
+        likely = np.where(self.odds.max(axis=1) > 0, self.odds.argmax(axis=1), NO_MARKER)
+        likely = np.where(likely < self.markers, likely, NO_MARKER)
+        return Solution(self.tracklets, np.where(own, marker, NO_MARKER), self.margin, likely, questions)
+
+    def _placed(self) -> np.ndarray:
+        return self.tracklets.placed(self.points, self.marker, len(self.trained.mean))
+
+    def _spread(self, freedom: Freedom, least: tuple[float, ...]):
+        """Rounds until nothing changes."""
+        wide = widened(self.trained, freedom.bend, freedom.motion_m, freedom.layout_m)
+        for number in range(ROUNDS.max_rounds):
+            placed = self._placed()
+            self.odds = self._odds(placed, in_take(wide, placed), freedom.link)
+            self.best = best = matched(self.odds, self.tracklets.first, self.tracklets.last)
+            self.margin = margins(self.odds, best, self.tracklets.first, self.tracklets.last)
+            # What is believed already needs not be surer than in the end.
+            needed = np.where(best == self.marker, least[-1], least[min(number, len(least) - 1)])
+            after = np.where(self.margin >= needed, best, NO_MARKER)
+            same = (after == self.marker).all()
+            self.marker = after
+            if same and number >= len(least) - 1:
+                break
+
+    def _odds(self, placed: np.ndarray, pairs: PairDistances, most: float) -> np.ndarray:
+        """(N, M) log odds of every name of every tracklet."""
+        given = self.tracklets, placed, self.marker, pairs, self.rate
+        odds = likeness(*given) + self.tracklets.votes
+        return odds + np.clip(links(*given), -most, most) if most else odds
+
+    def _put_right(self, freedom: Freedom) -> tuple[Question, ...]:
+        """Takes back exchanges, and gives the questions that are left."""
+        wide = widened(self.trained, freedom.bend, freedom.motion_m, freedom.layout_m)
+        placed = self._placed()
+        self.marker = undone(self.tracklets, placed, self.marker, self.trained, in_take(wide, placed), self.rate)
+        name, questions = named_by_layout(self.model.likelihood, self._placed(), absent=freedom.bend > 0)
+        self.marker = np.where(self.marker != NO_MARKER, name[self.marker], NO_MARKER)
+        return questions
+
+    def _add_extras(self):
+        """Has what is there beside the markers compete with them."""
+        self.marker, count = with_extras(self.tracklets, self.marker, self.markers, len(self.trained.mean))
+        self.trained = with_unknown(self.trained, count)
+        nothing = np.zeros((len(self.tracklets), count))
+        self.tracklets = replace(self.tracklets, votes=np.concatenate([self.tracklets.votes, nothing], axis=1))
+
+
+def _majority(tracklets: Tracklets, sure: np.ndarray, markers: int) -> np.ndarray:
+    """(N,) what most of the sure frames (T, P) of each tracklet say."""
+    said = sure[tracklets.row, tracklets.column]
+    count = np.zeros((len(tracklets), markers))
+    some = said != NO_MARKER
+    np.add.at(count, (tracklets.owner[some], said[some]), 1)
+    return np.where(count.max(axis=1, initial=0) > 0, count.argmax(axis=1), NO_MARKER)

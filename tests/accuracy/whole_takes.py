@@ -1,0 +1,284 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Whole takes cut to pieces, of motions and people that training left out: python -m tests.accuracy.whole_takes.
+
+Every take is one of those beside the project: markers are hidden in bursts, every gap ends a piece, ghosts are added,
+and the pieces are shuffled. With --keep DIR, models are kept there and used again.
+"""
+
+import argparse
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+from addon.core.data.errors import JobError
+from addon.core.data.progress import finished
+from addon.core.data.takes import Points
+from addon.core.pipelines.points import USUAL_TARGET, PointOptions, label_points
+from addon.core.points.models import Model
+from addon.core.training.pipeline import TrainingOptions, train
+from addon.core.training.takes import LabelledTake
+from addon.io.markersets import builtin_markersets, open_markerset
+from addon.io.models import open_model, write_model
+
+from .people import BODY26, DATA, EXCHANGED, GAIT15, MCGILL, everyone, read_c3d
+from .points import Counts
+from .tables import share, table
+
+BURST_FRAMES = 20  # that a marker is hidden
+MIN_PIECE_FRAMES = 3
+PEOPLE = DATA / "people"
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """How a take is cut: up to so many markers hidden at a time, and so many ghosts in all."""
+
+    hidden: int = 5
+    ghosts: int = 40
+
+
+@dataclass(frozen=True, eq=False)
+class Take:
+    """Labelled points (T, M, 3) m of one subject."""
+
+    subject: str
+    name: str
+    markers: tuple[str, ...]
+    xyz: np.ndarray
+    rate: float
+
+    def part(self, first: int, after: int) -> "Take":
+        """Some of its frames."""
+        return Take(self.subject, f"{self.name} {first}:{after}", self.markers, self.xyz[first:after], self.rate)
+
+    def of(self, markers: Sequence[str]) -> "Take":
+        """Some of its markers, in this order."""
+        place = [self.markers.index(name) for name in markers]
+        return Take(self.subject, self.name, tuple(markers), self.xyz[:, place], self.rate)
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """What is learned from, the takes that are labelled, and the model's markers; `crowd` leaves all others in."""
+
+    name: str
+    lessons: tuple[Take, ...]
+    tested: tuple[Take, ...]
+    markers: tuple[str, ...]
+    pieces: Pieces = Pieces()
+
+
+def cut_up(take: Take, markers: Sequence[str], how: Pieces, seed: int = 0) -> tuple[Points, np.ndarray]:
+    """Anonymous pieces of a take, and of each the marker's index, -1 for what is none of `markers`."""
+    rng = np.random.default_rng(seed)
+    xyz = take.xyz.copy()
+    for first in range(0, len(xyz), BURST_FRAMES):
+        gone = rng.choice(xyz.shape[1], rng.integers(0, how.hidden + 1), replace=False)
+        xyz[first : first + BURST_FRAMES, gone] = np.nan
+    tracks, truth = [], []
+    for index, name in enumerate(take.markers):
+        seen = np.isfinite(xyz[:, index, 0])
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], seen.astype(int), [0]])))
+        for first, after in edges.reshape(-1, 2).tolist():
+            if after - first >= MIN_PIECE_FRAMES:
+                track = np.full((len(xyz), 3), np.nan)
+                track[first:after] = xyz[first:after, index]
+                tracks.append(track)
+                truth.append(markers.index(name) if name in markers else -1)
+    for _ in range(how.ghosts):
+        first, length = rng.integers(0, max(len(xyz) - 60, 1)), int(rng.integers(20, 60))
+        track = np.full((len(xyz), 3), np.nan)
+        length = min(length, len(xyz) - first)
+        track[first : first + length] = np.nanmean(xyz[first], axis=0) + rng.normal(0, 0.3, 3)
+        track[first : first + length] += np.cumsum(rng.normal(0, 0.002, (length, 3)), axis=0)
+        tracks.append(track)
+        truth.append(-1)
+    order = rng.permutation(len(tracks))
+    points = np.stack(tracks, axis=1)[:, order]
+    names = ("",) * len(order)
+    residual = np.where(np.isfinite(points[..., 0]), 0.0005, np.nan)
+    return Points(names, points, residual, take.rate, 1), np.array(truth)[order]
+
+
+def read(path: Path, subject: str, markers: Sequence[str] | None = None) -> Take:
+    """A take of a file."""
+    names, xyz, rate = read_c3d(path)
+    names = tuple(EXCHANGED.get(path.stem, {}).get(name, name) for name in names)
+    kept = [index for index, name in enumerate(names) if not name.startswith("*")]
+    take = Take(subject, path.name, tuple(names[index] for index in kept), xyz[:, kept], rate)
+    return take if markers is None else take.of(markers)
+
+
+def actors(folder: str) -> dict[str, Take]:
+    """The takes of `cmu41` or `actors53`, with the markers in one order."""
+    paths = sorted((PEOPLE / folder).glob("*/*.c3d"))
+    first = read(paths[0], "").markers
+    return {path.parent.name: read(path, path.parent.name, first) for path in paths}
+
+
+def walks(persons: Sequence[str]) -> list[Take]:
+    """Walks of McGill people, all physical markers that everybody wears."""
+    return [_walk(person) for person in persons]
+
+
+def _walk(person: str) -> Take:
+    path = sorted((MCGILL / person).glob("*.c3d"))[1]
+    return read(path, person, lab59())
+
+
+def lab59() -> tuple[str, ...]:
+    """The physical markers that all walks show: Vicon writes a model's outputs in names that end otherwise."""
+    common = None
+    for person in everyone():
+        names, xyz, _ = read_c3d(sorted((MCGILL / person).glob("*.c3d"))[1])
+        worn = {name for index, name in enumerate(names) if np.isfinite(xyz[:, index, 0]).any()}
+        common = worn if common is None else common & worn
+    return tuple(sorted(name for name in common if name in PHYSICAL))
+
+
+PHYSICAL = frozenset(
+    "LFHD RFHD LBHD RBHD C7 T2 T6 T10 T12 CLAV STRN RBAK LSHO RSHO LELB RELB LWRA LWRB RWRA RWRB LFIN RFIN LASI RASI "  # noqa: SIM905
+    "SACR LTHI RTHI LKNE RKNE LKNM RKNM LTUB RTUB LHFB RHFB LTIB RTIB LSHN RSHN LANK RANK LMMA RMMA LHEE RHEE "
+    "LSTL RSTL LLCA RLCA LCPG RCPG LP1M RP1M LD1M RD1M LP5M RP5M LD5M RD5M LTOE RTOE LHLX RHLX LNAV RNAV LPCA RPCA "
+    "LTIB1 LTIB2 LTIB3 RTIB1 RTIB2 RTIB3".split()
+)
+
+
+def case_own() -> Iterator[Case]:
+    """One person's first part of a take learned, a later part labelled: the same person, another motion."""
+    for name, first, after, last in (("bd", 0, 800, 3800), ("s135", 0, 800, 3800), ("s02", 0, 500, 1854)):
+        take = actors("cmu41")[name]
+        yield Case(f"own {name}", (take.part(first, after),), (take.part(after, last),), take.markers)
+
+
+def case_others() -> Iterator[Case]:
+    """Everybody else of cmu41 learned, one person labelled: no person and no motion in training."""
+    found = actors("cmu41")
+    for name in ("bd", "s135", "s02", "ball"):
+        rest = tuple(take for other, take in found.items() if other != name)
+        yield Case(f"others {name}", rest, (found[name].part(0, 3000),), found[name].markers)
+
+
+def case_frame() -> Iterator[Case]:
+    """One labelled frame of a person learned, all of that person's take labelled."""
+    for name in ("bd", "s135", "s02", "ball"):
+        take = actors("cmu41")[name]
+        yield Case(f"frame {name}", (take.part(0, 1),), (take.part(1, 3001),), take.markers)
+
+
+def case_lab(count: int) -> Iterator[Case]:
+    """The walks of so many people learned, six strangers' walks of the same lab labelled, 59 markers."""
+    persons = everyone()
+    for first in (0, 4):
+        own = [persons[(first + step) % len(persons)] for step in range(count)]
+        tested = [persons[(first + count + step) % len(persons)] for step in range(6)]
+        yield Case(f"lab-{count} {own[0]}", tuple(walks(own)), tuple(walks(tested)), lab59())
+
+
+def case_few(name: str, markers: tuple[str, ...], crowd: bool) -> Iterator[Case]:
+    """A built-in set learned from five people, the walks of the other five labelled; among all markers in a crowd."""
+    persons = everyone()
+    for first in (0, 1):
+        own, tested = persons[first::2], persons[1 - first :: 2]
+        lessons = tuple(
+            read(path, person).of(markers)
+            for person in own
+            for path in sorted((MCGILL / person).glob("*.c3d"))[1:]
+            if set(markers) <= set(read(path, person).markers)
+        )
+        takes = tuple(take if crowd else take.of(markers) for take in walks(tested))
+        yield Case(f"{'crowd' if crowd else 'pieces'} {name} {first}", lessons, takes, markers)
+
+
+CASES: dict[str, Callable[[], Iterator[Case]]] = {
+    "own": case_own,
+    "others": case_others,
+    "frame": case_frame,
+    "lab-1": lambda: case_lab(1),
+    "lab-3": lambda: case_lab(3),
+    "crowd": lambda: case_few("body26", BODY26, True),
+    "pieces-gait15": lambda: case_few("gait15", GAIT15, False),
+    "pieces-body26": lambda: case_few("body26", BODY26, False),
+}
+
+
+def model_of(case: Case, keep: Path | None) -> Model:
+    """The model that the case's takes teach; read again where it was kept."""
+    file = keep / f"{case.name.replace(' ', '-')}.markerset.json" if keep else None
+    if file is not None and file.exists():
+        return open_model(file)
+    takes = [LabelledTake(take.name, take.subject, take.markers, take.xyz) for take in case.lessons]
+    bodies = [open_markerset(name) for name in builtin_markersets()]
+    model = finished(train(takes, case.markers, TrainingOptions(case.name, search="none"), None, bodies)).model
+    if file is not None:
+        keep.mkdir(parents=True, exist_ok=True)
+        write_model(file, model)
+    return model
+
+
+def labelled(model: Model, points: Points, target: float) -> tuple[np.ndarray, str]:
+    """The markers (T, P) that the product names, and why none where it refuses the take."""
+    try:
+        chunk = finished(label_points(points, model, PointOptions("likelihood", target)))
+    except JobError as error:
+        return np.full(points.xyz.shape[:2], -1), str(error)
+    return chunk.labels.marker, ""
+
+
+def run(case: Case, keep: Path | None, target: float, show: bool) -> list[str]:
+    """A line of the table."""
+    model, counts, refused, frames, spent = model_of(case, keep), Counts(), 0, 0, 0.0
+    for seed, take in enumerate(case.tested):
+        points, marker = cut_up(take, case.markers, case.pieces, seed)
+        begin = perf_counter()
+        given, reason = labelled(model, points, target)
+        spent += perf_counter() - begin
+        frames += len(points.xyz)
+        truth = np.where(points.present, marker, -1)
+        own = Counts()
+        own.add(given, truth, len(case.markers))
+        counts.add(given, truth, len(case.markers))
+        refused += bool(reason)
+        if show:
+            print(f"  {case.name} {take.subject}: {own.line()} {reason}", flush=True)
+            _show_wrong(given, truth, case.markers)
+    return [
+        case.name,
+        str(len(case.tested)),
+        f"{100 * (counts.given - counts.wrong) / max(counts.there, 1):.3f} %",
+        share(counts.wrong, counts.given, 3) if counts.given else "–",
+        str(refused),
+        f"{frames / spent:.0f}",
+    ]
+
+
+def _show_wrong(given: np.ndarray, truth: np.ndarray, markers: Sequence[str]):
+    """The commonest wrong labels."""
+    wrong = (given >= 0) & (given != truth)
+    pairs, count = np.unique(np.stack([given[wrong], truth[wrong]]), axis=1, return_counts=True)
+    for place in np.argsort(-count)[:6]:
+        one, other = pairs[:, place]
+        print(f"    {markers[one]} for {markers[other] if other >= 0 else 'none of the set'}: {count[place]}")
+
+
+def main():
+    """Prints the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("cases", nargs="*", help=f"of {' '.join(CASES)}; all unless said")
+    parser.add_argument("--keep", type=Path, help="a folder for the models")
+    parser.add_argument("--target", type=float, default=USUAL_TARGET)
+    parser.add_argument("--show", action="store_true", help="take by take")
+    given = parser.parse_args()
+    rows = []
+    for name in given.cases or CASES:
+        for case in CASES[name]():
+            rows.append(run(case, given.keep, given.target, given.show))
+            print(rows[-1], flush=True)
+    print(table(["case", "takes", "recall", "wrong labels", "refused", "frames/s"], rows))
+
+
+if __name__ == "__main__":
+    main()
