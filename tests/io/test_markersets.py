@@ -179,8 +179,8 @@ def test_numbers_that_are_none_are_not_written(tmp_path):
 
 def test_the_built_in_sets_are_the_contracts():
     builtin = builtin_markersets()
-    assert {"gait15", "body26", "body39"} <= builtin.keys()
-    assert [len(open_markerset(name)) for name in ("gait15", "body26", "body39")] == [15, 26, 39]
+    assert {"gait15", "body26", "body39", "actor41", "actor53"} <= builtin.keys()
+    assert [len(open_markerset(name)) for name in builtin] == [41, 53, 26, 39, 15]
     for name, path in builtin.items():
         assert open_markerset(name).name == name
         assert open_markerset(path).name == name

@@ -14,7 +14,7 @@ from ..body.posing import fit_points
 from ..data.markersets import MarkerSet
 from ..data.takes import evenly_spread
 from ..geometry.rigid import pairwise_distances
-from .poses import mirrored_poses, posed_bodies
+from .poses import mirrored_poses, posed_bodies, poses_of
 
 
 @dataclass(frozen=True)
@@ -43,6 +43,7 @@ class ImaginingOptions:
     joint_sd_m: float = 0.01
     skin_sd_m: float = 0.006
     bend_sd_rad: float = 0.2
+    stranger_bend_sd_rad: float = 0.1
 
 
 IMAGINING = ImaginingOptions()
@@ -76,6 +77,20 @@ def imagined(
     both = np.concatenate([poses, mirrored_poses(poses, markerset.skeleton.segments)])
     made = [_moved(_guess(subject, rng, options), both, rng, options) for _ in range(options.guesses)]
     return made + [_moved(_stranger(model, rng), both, rng, options) for _ in range(options.strangers)]
+
+
+def strangers(
+    markerset: MarkerSet, points: np.ndarray, count: int, seed: int = 0, options: ImaginingOptions = IMAGINING
+) -> list[np.ndarray]:
+    """Labelled frames (F, M, 3) m of so many made-up people who move as a subject does in points (T, M, 3) m.
+
+    Their size, limbs and marker places are as people have them. Raises ValueError when no frame shows markers enough.
+    """
+    rng = np.random.default_rng(seed)
+    model = BodyModel(markerset)
+    poses = poses_of(markerset, points[evenly_spread(len(points), options.frames)])
+    own = replace(options, bend_sd_rad=options.stranger_bend_sd_rad)
+    return [_moved(_stranger(model, rng), poses, rng, own) for _ in range(count)]
 
 
 @dataclass(frozen=True, eq=False)
