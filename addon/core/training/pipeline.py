@@ -178,8 +178,12 @@ def _body(
             if laid is not None:
                 how = f"the body of {laid.body.name}, laid into a frame"
                 return transferred(laid.body, subjects, markers, name, laid.place), how
-        if sum(map(len, subjects)) < LEARN.min_frames:
-            raise ValueError("in so few frames nothing moves, and no body that is known fits them")
+        frames = sum(map(len, subjects))
+        if frames < LEARN.min_frames:
+            raise InputError(
+                f"{_shown(frames)} too little of how the markers move, and no body that is known fits; expected "
+                f"{LEARN.min_frames} frames or more, or one of a person's whole body"
+            )
         return segment_markerset(subjects, markers, name), "found from how the markers move"
     except ValueError as error:
         raise InputError(f"{error}; expected takes that show the markers together") from None
@@ -207,7 +211,7 @@ def _lessons(
             lessons[subject] = points
             continue
         made = imagined(markerset, points, poses)
-        lessons |= {f"{subject} {number}": frames for number, frames in enumerate(made, 1)}
+        lessons |= {f"{subject}, made up {number}": frames for number, frames in enumerate(made, 1)}
         frames = "1 frame" if len(points) == 1 else f"{len(points)} frames in one pose"
         doubts.append(
             f"learned from {frames} of {subject}: its other poses are made up by how recorded people move, so unusual "
@@ -219,10 +223,14 @@ def _lessons(
     frames = sum(map(len, lessons.values()))
     if frames < LEARN.min_frames:
         raise InputError(
-            f"{frames} labelled {'frame shows' if frames == 1 else 'frames show'} too little of how the markers move; "
-            f"expected {LEARN.min_frames} or more, or a single one of a person's whole body"
+            f"{_shown(frames)} too little of how the markers move, and no pose is known of such a body; expected "
+            f"{LEARN.min_frames} frames or more"
         )
     return lessons, doubts
+
+
+def _shown(frames: int) -> str:
+    return "one labelled frame shows" if frames == 1 else f"{frames} labelled frames show"
 
 
 def _residual(markerset: MarkerSet, everyone: dict[str, np.ndarray]) -> np.ndarray:
