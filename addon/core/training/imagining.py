@@ -27,7 +27,12 @@ class ImaginingOptions:
     steadiest    part of the distances that are left out of that
     frames       of each made-up subject; reckoned
     guesses      how many bodies are laid into what is known, each with its joints a little elsewhere; reckoned
-    strangers    how many other people are made up beside one of whom a frame is known; chosen as bend_sd_rad
+    strangers    how many other people are made up beside few who were recorded; reckoned
+    max_known    subjects who were recorded, beyond which they show themselves how people differ; reckoned
+    stranger_spread       times the spread of sizes, limbs and marker places that a body was learned with: its people
+                          show less than there is; chosen on walkers of whom neither body nor model was learned
+    heights_m    between which people's are
+    stranger_bend_sd_rad  as bend_sd_rad, where the poses are a recorded take's; reckoned
     joint_sd_m   how well a body laid into a frame shows where the joints are; reckoned
     skin_sd_m    how far a marker moves against its bone; as the markers of recorded actors do against a fitted body
     bend_sd_rad  by which a pose is varied, joint by joint: people do what nobody did in the recordings; chosen on four
@@ -39,11 +44,14 @@ class ImaginingOptions:
     steadiest: float = 0.9
     frames: int = 300
     guesses: int = 4
-    strangers: int = 0
+    strangers: int = 4
+    max_known: int = 2
+    stranger_spread: float = 1.25
+    stranger_bend_sd_rad: float = 0.1
+    heights_m: tuple[float, float] = (1.0, 2.1)
     joint_sd_m: float = 0.01
     skin_sd_m: float = 0.006
     bend_sd_rad: float = 0.2
-    stranger_bend_sd_rad: float = 0.1
 
 
 IMAGINING = ImaginingOptions()
@@ -58,14 +66,20 @@ def shows_poses(points: np.ndarray, options: ImaginingOptions = IMAGINING) -> bo
     known = np.isfinite(distance).sum(axis=0) > 1
     if not known.any():
         return False
-    size = np.sqrt(np.nanmean(np.nanvar(some, axis=1).sum(axis=1)))
-    return bool(np.quantile(np.nanstd(distance[:, known], axis=0), options.steadiest) > options.min_sway * size)
+    sway = np.quantile(np.nanstd(distance[:, known], axis=0), options.steadiest)
+    return bool(sway > options.min_sway * size_of(some))
+
+
+def size_of(points: np.ndarray) -> float:
+    """m, root mean square distance of a subject's markers (T, M, 3) m from their middle."""
+    shown = points[np.isfinite(points).any(axis=(1, 2))]
+    return float(np.sqrt(np.nanmean(np.nanvar(shown, axis=1).sum(axis=1))))
 
 
 def imagined(
     markerset: MarkerSet, points: np.ndarray, poses: np.ndarray, seed: int = 0, options: ImaginingOptions = IMAGINING
 ) -> list[np.ndarray]:
-    """Labelled frames (F, M, 3) m of made-up subjects: first guesses at the one of points (T, M, 3) m, then strangers.
+    """Labelled frames (F, M, 3) m of made-up subjects, each a guess at the body of the one of points (T, M, 3) m.
 
     `poses` (P, J, 3) are those that people take, as `Spread.poses` has them, of the marker set's segments.
     Raises ValueError when no frame shows markers enough.
@@ -75,8 +89,9 @@ def imagined(
     best = np.isfinite(points[..., 0]).sum(axis=1).argmax()
     subject = _body_in(model, points[best])
     both = np.concatenate([poses, mirrored_poses(poses, markerset.skeleton.segments)])
-    made = [_moved(_guess(subject, rng, options), both, rng, options) for _ in range(options.guesses)]
-    return made + [_moved(_stranger(model, rng), both, rng, options) for _ in range(options.strangers)]
+    return [
+        _moved(_guess(subject, rng, options), both, rng, options.bend_sd_rad, options) for _ in range(options.guesses)
+    ]
 
 
 def strangers(
@@ -89,8 +104,8 @@ def strangers(
     rng = np.random.default_rng(seed)
     model = BodyModel(markerset)
     poses = poses_of(markerset, points[evenly_spread(len(points), options.frames)])
-    own = replace(options, bend_sd_rad=options.stranger_bend_sd_rad)
-    return [_moved(_stranger(model, rng), poses, rng, own) for _ in range(count)]
+    bend_sd = options.stranger_bend_sd_rad
+    return [_moved(_stranger(model, rng, options), poses, rng, bend_sd, options) for _ in range(count)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,13 +136,13 @@ def _guess(laid: _Laid, rng: np.random.Generator, options: ImaginingOptions) -> 
     return _as_metres(model.markerset, offsets, places)
 
 
-def _stranger(model: BodyModel, rng: np.random.Generator) -> MarkerSet:
+def _stranger(model: BodyModel, rng: np.random.Generator, options: ImaginingOptions) -> MarkerSet:
     """The marker set of somebody else's body in metres: size, limbs and marker places as people have them."""
     spread = model.markerset.spread
     height = spread.height + spread.height_sd * rng.standard_normal()
-    offsets = model.offsets + np.tensordot(rng.standard_normal(len(model.modes)), model.modes, axes=1)
-    offsets[model.joint_count :] += spread.marker_sd[:, None] * rng.standard_normal((model.marker_count, 3))
-    offsets = offsets * height
+    stray = np.tensordot(rng.standard_normal(len(model.modes)), model.modes, axes=1)
+    stray[model.joint_count :] += spread.marker_sd[:, None] * rng.standard_normal((model.marker_count, 3))
+    offsets = (model.offsets + options.stranger_spread * stray) * np.clip(height, *options.heights_m)
     return _as_metres(model.markerset, offsets[: model.joint_count], offsets[model.joint_count :])
 
 
@@ -136,10 +151,15 @@ def _as_metres(markerset: MarkerSet, joints: np.ndarray, markers: np.ndarray) ->
     return replace(markerset, skeleton=replace(markerset.skeleton, offsets=joints), offsets=markers, spread=spread)
 
 
-def _moved(body: MarkerSet, poses: np.ndarray, rng: np.random.Generator, options: ImaginingOptions) -> np.ndarray:
-    """(F, M, 3) m, a body in metres in some of the poses (P, J, 3), each varied, its markers moving on the skin."""
+def _moved(
+    body: MarkerSet, poses: np.ndarray, rng: np.random.Generator, bend_sd: float, options: ImaginingOptions
+) -> np.ndarray:
+    """(F, M, 3) m, a body in metres in some of the poses (P, J, 3), which are varied by bend_sd, rad.
+
+    Its markers move on the skin.
+    """
     chosen = poses[rng.choice(len(poses), options.frames, replace=len(poses) < options.frames)]
-    chosen = chosen + options.bend_sd_rad * rng.standard_normal(chosen.shape)
+    chosen = chosen + bend_sd * rng.standard_normal(chosen.shape)
     model = BodyModel(body)
     markers = model.pose(posed_bodies(model, chosen, 1.0)).markers
     return markers + options.skin_sd_m * rng.standard_normal(markers.shape)

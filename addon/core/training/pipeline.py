@@ -21,7 +21,8 @@ from ..points.likelihood.learn import LEARN, learning
 from ..points.models import Model, TrainingTake, by_subject
 from ..points.partial_solvers.model import FUNCTIONS, PartialSolvers
 from ..points.partial_solvers.training import SEARCHES, Training, training
-from .imagining import imagined, shows_poses
+from ..points.rigid_bodies.model import learn_rigid_bodies
+from .imagining import IMAGINING, imagined, shows_poses, size_of, strangers
 from .laying import LaidBody, laid_body, marker_sides
 from .poses import known_poses
 from .segments import segment_markerset
@@ -131,8 +132,9 @@ def train(
         markerset, how = _body(known.everyone, markers, options.name, bodies)
         residual = _residual(markerset, known.everyone)
         lessons, doubts = _lessons(known.everyone, markerset, bodies)
+        others = _others(known.everyone, markerset)
         marks.append(perf_counter())
-        work = learning([(points, subject) for subject, points in lessons.items()], markers)
+        work = learning([(points, subject) for subject, points in (lessons | others).items()], markers)
         likelihood = yield from within(work, TRAINING_SHARES["likelihood"], TRAINING_SHARES["partial_solvers"])
         likelihood = replace(likelihood, subjects=len(known.everyone))
         marks.append(perf_counter())
@@ -141,6 +143,8 @@ def train(
     source = _source(known.training_takes)
     if doubts:
         source["poses"] = f"made up on {how}, by how recorded people move"
+    if others:
+        source["others"] = f"{len(others)} made up on {how}, by how its people differ"
     markerset = replace(markerset, source=source)
     model = Model(markerset, likelihood, solvers, known.training_takes if options.keep else ())
     doubts = (*known.doubts, *doubts, *_doubts(model, len(known.everyone), residual))
@@ -227,6 +231,23 @@ def _lessons(
             f"{LEARN.min_frames} frames or more"
         )
     return lessons, doubts
+
+
+def _others(everyone: dict[str, np.ndarray], markerset: MarkerSet) -> dict[str, np.ndarray]:
+    """Made-up people who move as those do who were recorded, where few were and it is known how bodies differ.
+
+    None for markers on plates: nothing is known of how those differ.
+    """
+    moving = {subject: points for subject, points in everyone.items() if shows_poses(points)}
+    known = len(markerset.spread.modes) and moving and len(everyone) <= IMAGINING.max_known
+    if not known or learn_rigid_bodies(list(everyone.values()), size_of(next(iter(moving.values())))) is not None:
+        return {}
+    each = IMAGINING.strangers // len(moving)
+    made = {}
+    for seed, (subject, points) in enumerate(moving.items()):
+        for number, frames in enumerate(strangers(markerset, points, each, seed), 1):
+            made[f"somebody who moves as {subject}, {number}"] = frames
+    return made
 
 
 def _shown(frames: int) -> str:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A model from a single labelled frame: a known body laid into it, other poses made up, and what cannot be so."""
+"""Models from a single labelled frame or of one person: other poses and other people are made up, and it is said."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ from addon.core.data.progress import finished
 from addon.core.geometry import rotations
 from addon.core.points.likelihood import learn
 from addon.core.points.likelihood.frames import LikelihoodNamer
-from addon.core.training.imagining import IMAGINING, imagined, shows_poses
+from addon.core.training.imagining import IMAGINING, imagined, shows_poses, size_of, strangers
 from addon.core.training.laying import laid_body, marker_sides
 from addon.core.training.pipeline import TrainingOptions, train
 from addon.core.training.poses import known_poses, mirrored_poses, posed_bodies, poses_of
@@ -102,12 +102,22 @@ def test_made_up_frames_keep_what_the_frame_shows(known, take):
     np.testing.assert_array_equal(made[0], again[0])
 
 
-def test_strangers_have_other_sizes(known, take):
+def test_strangers_move_as_the_subject_does_but_have_other_sizes(known, take):
     body = next(one for one in known if one.name == "body26")
-    options = replace(IMAGINING, guesses=0, strangers=6)
-    made = imagined(body, take[FRAME : FRAME + 1], known_poses(body, known), options=options)
-    sizes = [np.sqrt(one.var(axis=1).sum(axis=1).mean()) for one in made]
-    assert np.std(sizes) > 0.02 * np.mean(sizes)
+    made = strangers(body, take[::6], 6)
+    assert all(one.shape == (IMAGINING.frames, 26, 3) and shows_poses(one) for one in made)
+    assert np.std([size_of(one) for one in made]) > 0.02 * size_of(take)
+
+
+def test_one_person_who_moves_learns_of_others_too(known, take, monkeypatch):
+    monkeypatch.setattr(learn, "LEARN", replace(learn.LEARN, max_frames=40))
+    names = open_markerset("body26").markers
+    on_skin = take[::6] + np.random.default_rng(6).normal(0, 0.008, take[::6].shape)
+    lesson = LabelledTake("walk.c3d", "ann", names, on_skin)
+    found = finished(train([lesson], names, TrainingOptions("ann", search="none"), None, known))
+    assert found.model.markerset.source["others"].startswith(f"{IMAGINING.strangers} made up on the body of body26")
+    assert found.model.likelihood.subjects == 1
+    assert not any("made up" in doubt for doubt in found.doubts)
 
 
 def test_poses_are_read_off_a_take_and_mirrored(known):
