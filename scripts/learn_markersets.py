@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Learns the built-in marker sets from recorded people: python scripts/learn_markersets.py --data PEOPLE --out assets.
 
-PEOPLE holds `mcgill/ID/*.c3d` (the first file of each person is a standing take) and `tennis/*.c3d`.
+PEOPLE holds `mcgill/ID/*.c3d` (the first file of each person is a standing take), `tennis/*.c3d`, and for the sets of
+actors `cmu41/ID/*.c3d` and `actors53/ID/*.c3d`.
 """
 
 import argparse
@@ -11,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 ROOT = Path(__file__).resolve().parents[1]
 if str(ROOT) not in sys.path:
@@ -21,8 +23,11 @@ from addon.core.data.markersets import MarkerSet
 from addon.core.points.likelihood import learn_likelihood
 from addon.core.points.models import Model
 from addon.core.training import learning
-from addon.io.markersets import SUFFIX
+from addon.core.training.poses import poses_of, with_poses
+from addon.core.training.transfer import transferred
+from addon.io.markersets import SUFFIX, read_markerset
 from addon.io.models import write_model
+from addon.io.points import read_points
 
 STANDING_FRAMES, MOVING_FRAMES = 12, 14
 EVERY = 2  # frames of a take for each that the likelihood of points is learned from
@@ -39,6 +44,16 @@ MISLABELLED = {
     "HC038A11": LEFT_WRIST | RIGHT_WRIST,
     "HC039A17": HEAD_TURNED,
     "HC055A34": HEAD_MIRRORED,
+    "freeform": {"LFSH": "LBSH", "LBSH": "LFSH", "RFSH": "RBSH", "RBSH": "RFSH"},
+    "squat": {"LMT1": "LMT5", "LMT5": "LMT1", "RMT1": "RMT5", "RMT5": "RMT1"},
+}
+# Who wears the actors' sets. Of cmu41 `bd` is left out always: its licence asks to share alike.
+ACTORS = {"actor41": ("cmu41", ("ball", "s02", "s135")), "actor53": ("actors53", ("p1", "p2"))}
+POSE_EVERY, POSES = 4, 400  # frames of a take for each that poses are read off, and how many of them are kept
+ACTOR_SOURCE = {
+    "actor41": "ball, s02, s135: mocap.cs.cmu.edu, free for all uses, by keenon/nimblephysics at c405b05; basketball, "
+    "punches and strikes, karate",
+    "actor53": "p1, p2: keenon/nimblephysics at c405b05, BSD-2 licence; freeform and squats",
 }
 SOURCE = {
     "learned": "2026-11-21 by scripts/learn_markersets.py",
@@ -123,6 +138,44 @@ def true_name(take: str, label: str) -> str:
     return MISLABELLED.get(take, {}).get(label, label)
 
 
+def read_actors(data: Path, name: str, leave_out=()) -> dict[str, np.ndarray]:
+    """Whole takes (T, M, 3) m, z up, of everybody who wears an actors' set."""
+    folder, people = ACTORS[name]
+    markers, found = anatomy.ACTOR_SETS[name].markers, {}
+    for person in (one for one in people if one not in leave_out):
+        for file in sorted((data / folder / person).glob("*.c3d")):
+            take = read_points(file)
+            worn = [true_name(file.stem, label.rpartition(":")[2]) for label in take.names]
+            found[person] = take.xyz[:, [worn.index(marker) for marker in markers]]
+    return found
+
+
+def learn_actor_set(name: str, sets: Path, takes: dict[str, np.ndarray], people: list[learning.Person]) -> MarkerSet:
+    """An actors' set on the body of another one in the folder `sets`, from takes of its wearers.
+
+    With the poses that everybody was recorded in.
+    """
+    site = anatomy.ACTOR_SETS[name]
+    body = read_markerset(sets / f"{site.body}{SUFFIX}")
+    known = dict(site.sites)
+    there = [known.get(marker, marker) for marker in site.markers]
+    laid = transferred(body, list(takes.values()), there, name)
+    meant = dict(zip(there, site.markers, strict=True))
+    aliases = {old: new for old, new in meant.items() if old not in site.markers}
+    aliases |= {alias: meant[old] for alias, old in laid.aliases.items() if alias not in site.markers}
+    source = {
+        "people": " ".join(takes),
+        "frames": str(sum(map(len, takes.values()))),
+        "actors": ACTOR_SOURCE[name],
+        "body and poses": f"{body.name}, and {' '.join(person.name for person in people)}",
+        **SOURCE,
+    }
+    laid = replace(laid, description=site.description, markers=site.markers, aliases=aliases, source=source)
+    poses = [poses_of(laid, points[::POSE_EVERY]) for points in takes.values()]
+    others = [body.spread.poses] if len(body.spread.poses) else [poses_of(body, p.of(body.markers)) for p in people]
+    return with_poses(laid, [*poses, *others], POSES)
+
+
 def _wanted() -> list[str]:
     landmarks = [name for site in anatomy.WHOLE_SEGMENTS for name in site.landmarks]
     return [site.name for site in anatomy.MARKERS] + landmarks
@@ -141,14 +194,22 @@ def main(arguments: list[str] | None = None):
     parser.add_argument("--data", type=Path, default=ROOT.parent / "shared" / "data" / "people")
     parser.add_argument("--out", type=Path, default=ROOT / "assets")
     parser.add_argument("--leave-out", nargs="*", default=[], metavar="ID")
-    parser.add_argument("--sets", nargs="*", default=list(anatomy.SETS), choices=list(anatomy.SETS))
+    every = [*anatomy.SETS, *anatomy.ACTOR_SETS]
+    parser.add_argument("--sets", nargs="*", default=every, choices=every)
     given = parser.parse_args(arguments)
     people = read_people(given.data, given.leave_out)
     given.out.mkdir(parents=True, exist_ok=True)
     for name in given.sets:
         began = time.perf_counter()
-        markerset = learn_set(people, name)
-        likelihood = learn_likelihood(read_takes(given.data, markerset.markers, given.leave_out), markerset.markers)
+        if name in anatomy.SETS:
+            markerset = learn_set(people, name)
+            takes = read_takes(given.data, markerset.markers, given.leave_out)
+        else:
+            actors = read_actors(given.data, name, given.leave_out)
+            markerset = learn_actor_set(name, given.out, actors, people)
+            takes = [(points[::EVERY], person) for person, points in actors.items()]
+        with threadpool_limits(1, user_api="blas"):  # many threads on small matrices cost more than they bring
+            likelihood = learn_likelihood(takes, markerset.markers)
         write_model(given.out / f"{name}{SUFFIX}", Model(markerset, likelihood))
         print(f"{name}: {len(markerset)} markers, {time.perf_counter() - began:.1f} s")
 

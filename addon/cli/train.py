@@ -13,8 +13,9 @@ from .arguments import add_overwrite, add_point_rate, add_up, names, number
 from .console import ProgressLine, print_results
 
 DESCRIPTION = """Makes a model from labelled takes (.c3d, .trc, Motive .csv) of people, animals or props: its markers, a
-skeleton and a body, and what names them in takes without names. One take is enough to begin with; more takes of more
-subjects make it better. The model keeps some frames of every take, so that --from MODEL trains it on with others."""
+skeleton and a body, and what names them in takes without names. One take is enough to begin with, of a person a single
+labelled frame; more takes of more subjects make it better. The model keeps some frames of every take, so that --from
+MODEL trains it on with others."""
 
 
 def add_parser(verbs):
@@ -108,7 +109,8 @@ def as_lines(report: dict) -> list[str]:
     seconds = sum(report["seconds"].values())
     segments = report["body"]["segments"]
     many = len(report["subjects"])
-    counts = f"{len(report['markers'])} markers, {many} {'subject' if many == 1 else 'subjects'}, {frames} frames"
+    counts = f"{len(report['markers'])} markers, {many} {'subject' if many == 1 else 'subjects'}, "
+    counts += f"{frames} {'frame' if frames == 1 else 'frames'}"
     lines = [
         f"{report['out']}: {counts}, {seconds:.0f} s",
         f"body                {len(segments)} segments, {report['body']['how']}",

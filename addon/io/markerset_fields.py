@@ -113,6 +113,10 @@ class Reader:
         """The three numbers under `key`."""
         return self._numbers(row.get(key), 3, f'{where} "{key}"')
 
+    def row(self, value: object, count: int, where: str) -> np.ndarray:
+        """(count,) the numbers of a list."""
+        return self._numbers(value, count, where)
+
     def vectors(self, value: object, names: Sequence[str], where: str) -> np.ndarray:
         """(N, 3) of an object that holds one vector for every name."""
         table = self.mapping(value, where)

@@ -17,6 +17,7 @@ SUFFIX = ".markerset.json"
 VERSION_KEY = "mocap_autolabel"
 VERSION = 1
 DIGITS = 6
+POSE_DECIMALS = 3  # of a recorded pose, rad: half a millimetre at the end of a limb
 
 ASSETS = Path(__file__).resolve().parents[2] / "assets"
 
@@ -146,7 +147,17 @@ def _spread(reader: Reader, top: dict, skeleton: Skeleton, markers: tuple[str, .
         marker_sd=marker_sd,
         pose_mean=reader.vectors(pose.get("mean"), skeleton.segments, "pose mean"),
         pose_covariance=reader.covariance(pose.get("covariance"), 3 * len(skeleton)),
+        poses=_poses(reader, pose, len(skeleton)),
     )
+
+
+def _poses(reader: Reader, pose: dict, joints: int) -> np.ndarray:
+    """(P, J, 3) the poses that were recorded; none in files that keep none."""
+    rows = pose.get("recorded", [])
+    if not isinstance(rows, list):
+        reader.fail('pose "recorded" is no list; expected a list of poses')
+    named = [reader.row(row, 3 * joints, f"pose {number}") for number, row in enumerate(rows, 1)]
+    return np.array(named).reshape(-1, joints, 3) if rows else np.zeros((0, 0, 3))
 
 
 def write_markerset(path: Path, markerset: MarkerSet):
@@ -174,7 +185,11 @@ def markerset_text(markerset: MarkerSet) -> str:
                 for mode in spread.modes
             ),
         ),
-        "pose": _object(mean=_named(segments, spread.pose_mean, 4), covariance=_triangle(spread.pose_covariance)),
+        "pose": _object(
+            mean=_named(segments, spread.pose_mean, 4),
+            covariance=_triangle(spread.pose_covariance),
+            **_recorded(spread),
+        ),
     }
     return "{\n" + ",\n".join(f"  {_text(key)}: {value}" for key, value in parts.items()) + "\n}\n"
 
@@ -215,6 +230,12 @@ def _named(names: Iterable[str], rows: np.ndarray, indent: int) -> str:
 
 def _object(**parts: str) -> str:
     return "{" + ", ".join(f'"{key}": {value}' for key, value in parts.items()) + "}"
+
+
+def _recorded(spread: Spread) -> dict[str, str]:
+    """The text of the poses that were recorded, a pose a line; nothing where none are kept."""
+    rows = [_row(np.round(pose, POSE_DECIMALS).ravel()) for pose in spread.poses]
+    return {"recorded": _block("[]", rows, 4)} if rows else {}
 
 
 def _triangle(matrix: np.ndarray) -> str:

@@ -61,12 +61,6 @@ def _read(path: Path, subjects: Sequence[tuple[str, str]], known: KnownBetter) -
         names, xyz, doubled = _named(points)
     except UserError as error:
         raise error if error.file else type(error)(error.message, path) from None
-    if len(xyz) < LEARN.min_frames:
-        raise InputError(
-            f"has {len(xyz)} {'frame' if len(xyz) == 1 else 'frames'}; expected {LEARN.min_frames} or more "
-            "that show the markers moving",
-            path,
-        )
     folder = path.resolve().parent.name or "subject"  # of a drive there is no name
     subject = next((name for name, glob in subjects if _suits(path, glob)), folder)
     doubts = [f"{path.name} has the label {name} twice, so it was left out there" for name in doubled]

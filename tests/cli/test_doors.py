@@ -25,7 +25,7 @@ def through_a_process(*words, **kwargs) -> subprocess.CompletedProcess:
 
 def test_models_lists_the_built_in_ones(run):
     models = {model["name"]: model for model in json.loads(run("models", "--json").out)["models"]}
-    assert {"gait15", "body26", "body39"} <= set(models)
+    assert {"gait15", "body26", "body39", "actor41", "actor53"} <= set(models)
     assert len(models["gait15"]["markers"]) == 15
     assert models["gait15"]["aliases"]["s2"] == "SACR"
     assert "LASI" in run("models").out

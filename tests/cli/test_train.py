@@ -2,6 +2,7 @@
 """`train`: a model of a made-up creature from its labelled takes, which then names takes without names."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -177,12 +178,43 @@ def test_what_cannot_be_trained_is_said_and_leaves_nothing(takes, run, tmp_path)
     assert "is no subject" in run("train", takes[0], "--out", out, "--subject", "ann").reason
     assert "no take was given" in run("train", "--out", out, "--subject", "ann=*").reason
     one = write(tmp_path / "one.c3d", creature(0, 1))
-    assert "one.c3d: has 1 frame" in run("train", one, "--out", out).reason
+    assert "no body that is known fits" in run("train", one, "--out", out).reason
     other = write(tmp_path / "other.c3d", creature(1), [f"X{index}" for index in range(10)])
     assert "no marker in common" in run("train", takes[0], other, "--out", out).reason
     missing = write(tmp_path / "missing.c3d", np.full((20, 10, 3), np.nan))
     assert "no point that is present in any frame" in run("train", missing, "--out", out).reason
     assert not out.exists()
+
+
+def test_a_take_of_one_labelled_frame_is_enough_of_a_person(tmp_path, monkeypatch):
+    from addon.cli import main
+    from addon.core.points.likelihood import learn
+    from addon.demo.take import make_performance
+    from addon.io.markersets import open_markerset
+
+    monkeypatch.setattr(learn, "LEARN", replace(learn.LEARN, max_frames=60))
+    take = make_performance(open_markerset("body26")).take
+    (tmp_path / "ann").mkdir()
+    one, whole = tmp_path / "ann" / "one.c3d", tmp_path / "whole.c3d"
+    write(one, take.xyz[40:41], take.names)
+    write(whole, take.xyz[:120], [""] * len(take.names))
+    model, report = tmp_path / "ann.markerset.json", tmp_path / "report.json"
+    assert main(["train", str(one), "--out", str(model), "--search", "none", "--report", str(report)]) == 0
+    said = json.loads(report.read_text())
+    assert said["doubts"][0].startswith("learned from 1 frame of ann: its other poses are made up")
+    assert read_model(model).markerset.source["poses"].startswith("made up on the body of body26")
+    assert main(["label", str(whole), "--model", str(model), "--out", str(tmp_path / "out")]) == 0
+    found = read_points(tmp_path / "out" / "whole.c3d")
+    away = np.concatenate(
+        [
+            np.linalg.norm(found.xyz[:, found.names.index(name)] - take.xyz[:120, index], axis=1)
+            for index, name in enumerate(take.names)
+            if name in found.names
+        ]
+    )
+    named = np.isfinite(away)
+    assert named.sum() > 0.7 * 120 * len(take.names)
+    assert (away[named] < 0.002).mean() > 0.995
 
 
 def test_several_subjects_may_follow_one_option_and_takes_may_follow_them(takes):

@@ -179,8 +179,8 @@ def test_numbers_that_are_none_are_not_written(tmp_path):
 
 def test_the_built_in_sets_are_the_contracts():
     builtin = builtin_markersets()
-    assert {"gait15", "body26", "body39"} <= builtin.keys()
-    assert [len(open_markerset(name)) for name in ("gait15", "body26", "body39")] == [15, 26, 39]
+    assert {"gait15", "body26", "body39", "actor41", "actor53"} <= builtin.keys()
+    assert [len(open_markerset(name)) for name in builtin] == [41, 53, 26, 39, 15]
     for name, path in builtin.items():
         assert open_markerset(name).name == name
         assert open_markerset(path).name == name
@@ -228,3 +228,19 @@ def test_names_of_all_alphabets_are_read_and_written(tmp_path, name):
     assert markerset.markers[3] == name
     write_markerset(path, markerset)
     assert read_markerset(path).markers == markerset.markers
+
+
+def test_recorded_poses_come_back_and_may_lack(tmp_path):
+    poses = np.random.default_rng(4).normal(0, 0.5, (5, 13, 3)).round(3)
+    markerset = toy_markerset()
+    path = tmp_path / "posed.markerset.json"
+    write_markerset(path, replace(markerset, spread=replace(markerset.spread, poses=poses)))
+    np.testing.assert_allclose(read_markerset(path).spread.poses, poses, atol=1e-9)
+    document = json.loads(path.read_text(encoding="utf-8"))
+    document["pose"]["recorded"][2] = [1, 2]
+    path.write_text(json.dumps(document), encoding="utf-8")
+    with pytest.raises(InputError, match="pose 3 is not 39 finite numbers"):
+        read_markerset(path)
+    del document["pose"]["recorded"]
+    path.write_text(json.dumps(document), encoding="utf-8")
+    assert not len(read_markerset(path).spread.poses)

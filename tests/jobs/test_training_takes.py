@@ -82,7 +82,6 @@ def test_what_is_known_is_put_in_the_order_of_other_markers():
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda path: write(path, frames=1), "has 1 frame; expected 10 or more"),
         (lambda path: write(path, ("", "", "*3", "", "")), "no named markers"),
         (lambda path: write(path, ("A", "A", "B", "C")), "label A twice"),
         (

@@ -33,7 +33,7 @@ def results(done):
 def test_models_lists_the_built_in_models(command):
     done = command("models", "--json")
     assert done.returncode == 0, done.stderr
-    assert {"gait15", "body26", "body39"} <= {model["name"] for model in results(done)["models"]}
+    assert {"gait15", "body26", "body39", "actor41", "actor53"} <= {model["name"] for model in results(done)["models"]}
 
 
 def test_label_names_a_take_and_evaluate_agrees(command, virtual_take, tmp_path):

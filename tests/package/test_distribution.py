@@ -31,7 +31,7 @@ def run(installed: Path, *command) -> str:
 
 def test_the_command_runs_outside_the_repository_and_finds_its_assets(installed):
     listed = run(installed, sys.executable, installed / "bin" / "mocap-autolabel", "models")
-    assert {"gait15", "body26", "body39"} <= {line.split(":")[0] for line in listed.split("\n")}
+    assert {"gait15", "body26", "body39", "actor41", "actor53"} <= {line.split(":")[0] for line in listed.split("\n")}
 
 
 def test_nothing_of_the_extension_is_missing_and_no_script_is_added(installed):

@@ -211,6 +211,29 @@ _LEG_ALIASES = (
 )
 _BODY_ALIASES = tuple((f"{side}FWT", f"{side}ASI") for side in BODY_SIDES)
 
+# Markers of the sets that actors wear, and the usual marker that sits in the same place or next to it.
+_ACTOR_SITES = (
+    ("RBAC", "RBAK"),
+    *((f"{side}FWT", f"{side}ASI") for side in BODY_SIDES),
+    *((f"{side}BWT", f"{side}PSI") for side in BODY_SIDES),
+)
+
+
+@dataclass(frozen=True)
+class ActorSet:
+    """A built-in set that is laid on the body of another one: its markers, and which of them that one has.
+
+    body   the set whose body it takes
+    sites  (marker, the body's marker at the same place) where the names are not the same
+    """
+
+    name: str
+    description: str
+    markers: tuple[str, ...]
+    body: str
+    sites: tuple[tuple[str, str], ...]
+
+
 SETS = {
     site.name: site
     for site in (
@@ -241,6 +264,37 @@ SETS = {
             ),
             (*_BODY_ALIASES, *((f"{side}BWT", f"{side}PSI") for side in BODY_SIDES)),
             whole_body=True,
+        ),
+    )
+}
+
+ACTOR_SETS = {
+    site.name: site
+    for site in (
+        ActorSet(
+            "actor41",
+            "Whole body of actors, as at CMU and in HDM05: 41 markers",
+            _names(
+                "LFHD RFHD LBHD RBHD C7 T10 CLAV STRN RBAC LSHO LUPA LELB LFRM LWRA LWRB LFIN RSHO RUPA RELB RFRM RWRA "
+                "RWRB RFIN LFWT RFWT LBWT RBWT LTHI LKNE LSHN LANK LHEE LTOE LMT5 RTHI RKNE RSHN RANK RHEE RTOE RMT5"
+            ),
+            "body39",
+            _ACTOR_SITES,
+        ),
+        ActorSet(
+            "actor53",
+            "Whole body of actors, as in Vicon Blade: 53 markers",
+            _names(
+                "ARIEL LFHD LBHD RFHD RBHD C7 T10 CLAV STRN LFSH LBSH LUPA LELB LIEL LOWR LIWR LWRE LIHAND LOHAND RFSH "
+                "RBSH RUPA RELB RIEL ROWR RIWR RWRE RIHAND ROHAND LFWT LMWT LBWT RFWT RMWT RBWT LHIP LKNE LKNI LSHN "
+                "LANK LHEL LMT5 LMT1 LTOE RHIP RKNE RKNI RSHN RANK RHEL RMT5 RMT1 RTOE"
+            ),
+            "actor41",
+            tuple(
+                (side + name, side + meant)
+                for side in BODY_SIDES
+                for name, meant in (("HEL", "HEE"), ("IWR", "WRA"), ("OWR", "WRB"))
+            ),
         ),
     )
 }

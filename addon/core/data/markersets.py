@@ -5,7 +5,7 @@ Lengths are in units of the subject's height: 1 is from the floor to the top of 
 segment's own axes are those of the model: x forward, y left, z up, origin on the floor below the root joint.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -73,6 +73,8 @@ class Spread:
     marker_sd        (M,) what the modes leave over, marker by marker, heights
     pose_mean        (J, 3) mean rotation vector of each joint over the recorded motion; the root's is zero
     pose_covariance  (3J, 3J) its covariance, rad²; the root's rows and columns are zero
+    poses            (P, J, 3) rotation vectors of the joints in the most different poses that were recorded, of the
+                     root how it leans against upright and facing along x; none where they were not kept
     """
 
     height: float
@@ -81,6 +83,7 @@ class Spread:
     marker_sd: np.ndarray
     pose_mean: np.ndarray
     pose_covariance: np.ndarray
+    poses: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3)))
 
 
 @dataclass(frozen=True, eq=False)

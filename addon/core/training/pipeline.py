@@ -17,10 +17,14 @@ from ..body.posing import fit_points
 from ..data.errors import InputError
 from ..data.markersets import MarkerSet
 from ..data.progress import Progress, within
-from ..points.likelihood.learn import learning
+from ..points.likelihood.learn import LEARN, learning
 from ..points.models import Model, TrainingTake, by_subject
 from ..points.partial_solvers.model import FUNCTIONS, PartialSolvers
 from ..points.partial_solvers.training import SEARCHES, Training, training
+from ..points.rigid_bodies.model import learn_rigid_bodies
+from .imagining import IMAGINING, imagined, shows_poses, size_of, strangers
+from .laying import LaidBody, laid_body, marker_sides
+from .poses import known_poses
 from .segments import segment_markerset
 from .takes import (
     LabelledTake,
@@ -127,15 +131,23 @@ def train(
         yield Progress(TRAINING_SHARES["body"], "find the body")
         markerset, how = _body(known.everyone, markers, options.name, bodies)
         residual = _residual(markerset, known.everyone)
+        lessons, doubts = _lessons(known.everyone, markerset, bodies)
+        others = _others(known.everyone, markerset)
         marks.append(perf_counter())
-        work = learning([(points, subject) for subject, points in known.everyone.items()], markers)
+        work = learning([(points, subject) for subject, points in (lessons | others).items()], markers)
         likelihood = yield from within(work, TRAINING_SHARES["likelihood"], TRAINING_SHARES["partial_solvers"])
+        likelihood = replace(likelihood, subjects=len(known.everyone))
         marks.append(perf_counter())
-        solvers = yield from _partial_solvers(known.everyone, markers, options)
+        solvers = yield from _partial_solvers(lessons, markers, options)
         marks.append(perf_counter())
-    markerset = replace(markerset, source=_source(known.training_takes))
+    source = _source(known.training_takes)
+    if doubts:
+        source["poses"] = f"made up on {how}, by how recorded people move"
+    if others:
+        source["others"] = f"{len(others)} made up on {how}, by how its people differ"
+    markerset = replace(markerset, source=source)
     model = Model(markerset, likelihood, solvers, known.training_takes if options.keep else ())
-    doubts = (*known.doubts, *_doubts(model, len(known.everyone), residual))
+    doubts = (*known.doubts, *doubts, *_doubts(model, len(known.everyone), residual))
     seconds = dict(zip(("compare", "body", "evidence", "ensemble"), np.diff(marks).tolist(), strict=True))
     return Trained(model, known.training_takes, known.replaced, how, residual, doubts, seconds)
 
@@ -156,14 +168,90 @@ def _compared(takes: Sequence[LabelledTake], markers: Sequence[str], base: Model
 def _body(
     everyone: dict[str, np.ndarray], markers: Sequence[str], name: str, bodies: Sequence[MarkerSet]
 ) -> tuple[MarkerSet, str]:
-    """Skeleton and body, and how they were found."""
-    known = known_body(markers, bodies)
+    """Skeleton and body, and how they were found.
+
+    By the markers' names where a known body has them; where no pose but one is shown by how they lie in it; else by how
+    they move. Raises InputError where the takes do not show enough of that.
+    """
+    known, subjects = known_body(markers, bodies), list(everyone.values())
     try:
         if known is not None:
-            return transferred(known, list(everyone.values()), markers, name), f"the body of {known.name}"
-        return segment_markerset(list(everyone.values()), markers, name), "found from how the markers move"
+            return transferred(known, subjects, markers, name), f"the body of {known.name}"
+        if not any(map(shows_poses, subjects)):
+            laid = _laid_body(subjects, markers, bodies)
+            if laid is not None:
+                how = f"the body of {laid.body.name}, laid into a frame"
+                return transferred(laid.body, subjects, markers, name, laid.place), how
+        frames = sum(map(len, subjects))
+        if frames < LEARN.min_frames:
+            raise InputError(
+                f"{_shown(frames)} too little of how the markers move, and no body that is known fits; expected "
+                f"{LEARN.min_frames} frames or more, or one of a person's whole body"
+            )
+        return segment_markerset(subjects, markers, name), "found from how the markers move"
     except ValueError as error:
         raise InputError(f"{error}; expected takes that show the markers together") from None
+
+
+def _laid_body(subjects: Sequence[np.ndarray], markers: Sequence[str], bodies: Sequence[MarkerSet]) -> LaidBody | None:
+    """The known body that fits the fullest frame of the subject that has one."""
+    frames = [points[np.isfinite(points[..., 0]).sum(axis=1).argmax()] for points in subjects]
+    frame = max(frames, key=lambda one: np.isfinite(one[:, 0]).sum())
+    posable = [(body, poses) for body in bodies if len(poses := known_poses(body, bodies))]
+    return laid_body(frame, posable, marker_sides(markers))
+
+
+def _lessons(
+    everyone: dict[str, np.ndarray], markerset: MarkerSet, bodies: Sequence[MarkerSet]
+) -> tuple[dict[str, np.ndarray], list[str]]:
+    """What is learned from, by subject, and what is doubtful of it.
+
+    Of who is shown in one pose only the other poses are made up, where it is known how such bodies move. Raises
+    InputError where there is too little else.
+    """
+    poses, lessons, doubts = known_poses(markerset, bodies), {}, []
+    for subject, points in everyone.items():
+        if shows_poses(points) or not len(poses):
+            lessons[subject] = points
+            continue
+        made = imagined(markerset, points, poses)
+        lessons |= {f"{subject}, made up {number}": frames for number, frames in enumerate(made, 1)}
+        frames = "1 frame" if len(points) == 1 else f"{len(points)} frames in one pose"
+        doubts.append(
+            f"learned from {frames} of {subject}: its other poses are made up by how recorded people move, so unusual "
+            "ones will be named less surely; a take that shows more of them makes the model better"
+        )
+        seen = np.isfinite(points[..., 0]).any(axis=0)
+        unseen = [name for name, there in zip(markerset.markers, seen, strict=True) if not there]
+        doubts += [f"{name} is not seen of {subject}: where it sits is taken from the known body" for name in unseen]
+    frames = sum(map(len, lessons.values()))
+    if frames < LEARN.min_frames:
+        raise InputError(
+            f"{_shown(frames)} too little of how the markers move, and no pose is known of such a body; expected "
+            f"{LEARN.min_frames} frames or more"
+        )
+    return lessons, doubts
+
+
+def _others(everyone: dict[str, np.ndarray], markerset: MarkerSet) -> dict[str, np.ndarray]:
+    """Made-up people who move as those do who were recorded, where few were and it is known how bodies differ.
+
+    None for markers on plates: nothing is known of how those differ.
+    """
+    moving = {subject: points for subject, points in everyone.items() if shows_poses(points)}
+    known = len(markerset.spread.modes) and moving and len(everyone) <= IMAGINING.max_known
+    if not known or learn_rigid_bodies(list(everyone.values()), size_of(next(iter(moving.values())))) is not None:
+        return {}
+    each = IMAGINING.strangers // len(moving)
+    made = {}
+    for seed, (subject, points) in enumerate(moving.items()):
+        for number, frames in enumerate(strangers(markerset, points, each, seed), 1):
+            made[f"somebody who moves as {subject}, {number}"] = frames
+    return made
+
+
+def _shown(frames: int) -> str:
+    return "one labelled frame shows" if frames == 1 else f"{frames} labelled frames show"
 
 
 def _residual(markerset: MarkerSet, everyone: dict[str, np.ndarray]) -> np.ndarray:

@@ -13,6 +13,7 @@ from ..body.bodies import BodyModel
 from ..body.posing import POSING, fit_points
 from ..data.markersets import MarkerSet
 from ..data.takes import evenly_spread
+from .segments import distance_to_axis
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,8 @@ class TransferOptions:
     min_known_share      of the takes' markers must be known
     min_pose_share       of the known markers must be seen in a frame that is used
     known_subjects       subjects that the known marker set counts for when these say where a known marker sits
+    surface_cost         heights of movement that a height between a marker and a segment's body counts as: where hardly
+                         anything moves, as in a single frame, a marker sits on what it is nearest to
     min_marker_sd        heights, by which subjects' markers sit elsewhere
     unknown_marker_sd    heights, the same of a marker that one subject only had
     """
@@ -33,6 +36,7 @@ class TransferOptions:
     min_known_share: float = 0.5
     min_pose_share: float = 0.5
     known_subjects: float = 4.0
+    surface_cost: float = 0.02
     min_marker_sd: float = 0.006
     unknown_marker_sd: float = 0.015
 
@@ -44,19 +48,22 @@ def known_body(markers: Sequence[str], known: Sequence[MarkerSet]) -> MarkerSet 
     """The one of the known marker sets whose body suits these markers best; None where none does."""
 
     def shared(markerset: MarkerSet) -> int:
-        return int((_places(markerset, markers) >= 0).sum())
+        return int((known_places(markerset, markers) >= 0).sum())
 
     least = TRANSFER.min_known_share * len(markers)
     fitting = [one for one in known if shared(one) >= max(TRANSFER.min_set_share * len(one), least)]
-    return max(fitting, key=shared) if fitting else None
+    return max(fitting, key=lambda one: (shared(one), -len(one))) if fitting else None
 
 
-def transferred(body: MarkerSet, subjects: Sequence[np.ndarray], markers: Sequence[str], name: str) -> MarkerSet:
+def transferred(
+    body: MarkerSet, subjects: Sequence[np.ndarray], markers: Sequence[str], name: str, place: np.ndarray | None = None
+) -> MarkerSet:
     """The body of a known marker set with these markers, from labelled frames of each subject (T, M, 3) m.
 
+    `place` (M,) is the body's marker that each of them is, -1 for none, where that is known otherwise than by names.
     Raises ValueError when no frame shows markers enough to pose it.
     """
-    place = _places(body, markers)
+    place = known_places(body, markers) if place is None else place
     here = np.flatnonzero(place >= 0)
     bare = _with_markers(body, place[here])
     model = BodyModel(bare)
@@ -65,14 +72,19 @@ def transferred(body: MarkerSet, subjects: Sequence[np.ndarray], markers: Sequen
     if not found:
         raise ValueError("no frame shows enough of the known markers together")
     means, spreads = np.array([mean for mean, _ in found]), np.array([spread for _, spread in found])
-    attachment = np.nanmean(spreads, axis=0).argmin(axis=1)
+    away = np.array([_off_surface(bare, mean) for mean in means])
+    seen = np.isfinite(spreads).any(axis=(0, 2))
+    if not seen[place < 0].all():
+        raise ValueError("a marker that the body does not know is never seen with enough of those that it knows")
+    attachment = np.zeros(len(markers), dtype=int)
+    attachment[seen] = np.nanmean((spreads + TRANSFER.surface_cost * away)[:, seen], axis=0).argmin(axis=1)
     attachment[here] = bare.attachment
-    every = np.arange(len(markers))
-    offsets, sd = _placed(means[:, every, attachment])
+    offsets, sd = np.zeros((len(markers), 3)), np.zeros(len(markers))
+    offsets[seen], sd[seen] = _placed(means[:, np.flatnonzero(seen), attachment[seen]])
     count = np.isfinite(means[:, here, bare.attachment, 0]).sum(axis=0)[:, None]
     shift = np.where(count > 0, offsets[here] - bare.offsets, 0)
     offsets[here] = bare.offsets + shift * count / (count + TRANSFER.known_subjects)
-    sd[here] = np.maximum(bare.spread.marker_sd, sd[here] * (count[:, 0] > 1))
+    sd[here] = np.maximum(bare.spread.marker_sd, np.where(count[:, 0] > 1, sd[here], 0))
     joints = len(bare.skeleton)
     modes = np.zeros((len(bare.spread.modes), joints + len(markers), 3))
     modes[:, :joints], modes[:, joints + here] = bare.spread.modes[:, :joints], bare.spread.modes[:, joints:]
@@ -89,7 +101,7 @@ def transferred(body: MarkerSet, subjects: Sequence[np.ndarray], markers: Sequen
     )
 
 
-def _places(markerset: MarkerSet, markers: Sequence[str]) -> np.ndarray:
+def known_places(markerset: MarkerSet, markers: Sequence[str]) -> np.ndarray:
     """(M,) the known marker that each of the names means, -1 for none; each known one once."""
     found = np.full(len(markers), -1)
     for index, name in enumerate(markers):
@@ -138,6 +150,20 @@ def _in_segments(model: BodyModel, points: np.ndarray, here: np.ndarray) -> tupl
     away = np.sqrt(np.square(local - mean).sum(axis=3))
     spread[seen] = np.nanmedian(away[:, seen], axis=0)
     return mean, spread
+
+
+def _off_surface(body: MarkerSet, places: np.ndarray) -> np.ndarray:
+    """(M, J) how far markers at places (M, J, 3) in each segment's axes are off that segment's capsules, heights.
+
+    Far off a segment that has none.
+    """
+    capsules, away = body.capsules, np.ones(places.shape[:2])
+    for segment, start, end, radius in zip(
+        capsules.segment, capsules.start, capsules.end, capsules.radius, strict=True
+    ):
+        off = np.abs(distance_to_axis(places[:, segment], start, end) - radius)
+        away[:, segment] = np.fmin(away[:, segment], off)
+    return away
 
 
 def _placed(offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -91,7 +91,7 @@ def test_bending_an_elbow_moves_only_what_it_carries():
     np.testing.assert_allclose(moved[~carried], 0, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["gait15", "body26", "body39"])
+@pytest.mark.parametrize("name", ["gait15", "body26", "body39", "actor41", "actor53"])
 def test_rest_pose_reproduces_the_marker_table(name):
     """Checklist A1."""
     markerset = open_markerset(name)

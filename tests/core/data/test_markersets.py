@@ -40,6 +40,26 @@ def test_left_is_left_and_toes_are_ahead(markerset):
     assert where["LASI"][0] > where["LPSI" if "LPSI" in where else "SACR"][0] + 0.05
 
 
+@pytest.mark.parametrize(("name", "count"), [("actor41", 41), ("actor53", 53)])
+def test_the_sets_of_actors_are_whole_persons_with_poses(name, count):
+    markerset = open_markerset(name)
+    assert markerset.markers == anatomy.ACTOR_SETS[name].markers
+    assert len(markerset) == count
+    where = dict(zip(markerset.markers, markerset.rest_markers, strict=True))
+    for side, sign in (("L", 1), ("R", -1)):
+        assert all(sign * place[1] > 0.01 for marker, place in where.items() if marker[0] == side)
+        assert 0.25 < where[f"{side}KNE"][2] < 0.32
+        assert 0.9 < where[f"{side}FHD"][2] < 0.98
+        on = markerset.skeleton.segments[markerset.attachment[markerset.markers.index(f"{side}MT5")]]
+        assert on == f"foot.{side}"
+    assert {"head", "thorax", "forearm.L", "forearm.R"} <= {
+        markerset.skeleton.segments[segment] for segment in markerset.capsules.segment
+    }
+    assert markerset.spread.poses.shape == (400, 15, 3)
+    # Its licence asks to share alike.
+    assert "bd" not in markerset.source["people"].split()
+
+
 def test_heights_are_a_persons(markerset):
     where = dict(zip(markerset.markers, markerset.rest_markers[:, 2], strict=True))
     for name, low, high in (

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What poses people take: read off recorded takes once, kept with a body, and mirrored for use."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..body.anatomy import other_side
+from ..body.bodies import Bodies, BodyModel
+from ..body.posing import fit_points
+from ..data.markersets import MarkerSet
+from ..geometry import rotations
+from .takes import most_different
+
+MIRRORED_TURN = np.array([-1.0, 1.0, -1.0])  # a rotation vector's, left and right exchanged
+
+
+def poses_of(markerset: MarkerSet, points: np.ndarray) -> np.ndarray:
+    """(F, J, 3) the poses in which a subject's labelled frames (T, M, 3) m show the body, as `Spread.poses` has them.
+
+    Raises ValueError when no frame shows markers enough.
+    """
+    model = BodyModel(markerset)
+    bodies = fit_points(model, points)
+    bodies = bodies.pick(np.isfinite(bodies.translation[:, 0]))
+    turn = rotations.quaternion_to_matrix(bodies.quaternion)
+    heading = rotations.about_z(-np.arctan2(turn[:, 1, 0], turn[:, 0, 0]))
+    bends = rotations.rotation_vector(rotations.exponential(bodies.bends)[0])
+    bends[:, 0] = rotations.rotation_vector(rotations.quaternion_to_matrix(heading) @ turn)
+    return bends
+
+
+def known_poses(markerset: MarkerSet, bodies: Sequence[MarkerSet]) -> np.ndarray:
+    """(P, J, 3) the poses that any of the bodies keeps of the marker set's segments, where it has all of them."""
+    wanted = _with_parents(markerset)
+    found = [np.zeros((0, len(wanted), 3))]
+    for body in bodies:
+        own = _with_parents(body)
+        if len(body.spread.poses) and set(wanted) <= set(own):
+            found.append(body.spread.poses[:, [own.index(segment) for segment in wanted]])
+    return np.concatenate(found)
+
+
+def _with_parents(markerset: MarkerSet) -> list[tuple[str, str | None]]:
+    """Every segment's name and its parent's."""
+    names = markerset.skeleton.segments
+    parents = (None if above < 0 else names[above] for above in markerset.skeleton.parents)
+    return list(zip(names, parents, strict=True))
+
+
+def mirrored_poses(poses: np.ndarray, segments: Sequence[str]) -> np.ndarray:
+    """The mirror images of poses (P, J, 3)."""
+    order = [segments.index(other_side(name)) for name in segments]
+    return poses[:, order] * MIRRORED_TURN
+
+
+def posed_bodies(model: BodyModel, poses: np.ndarray, size: float) -> Bodies:
+    """A body of some size, m, in poses (P, J, 3), upright at the world's origin."""
+    bends = poses.copy()
+    bends[:, 0] = 0
+    lean = rotations.turned(np.tile([1.0, 0, 0, 0], (len(poses), 1)), poses[:, 0])
+    return replace(model.rest(len(poses), size), bends=bends, quaternion=lean)
+
+
+def with_poses(markerset: MarkerSet, people: Sequence[np.ndarray], count: int) -> MarkerSet:
+    """The marker set with the poses (F, J, 3) of these people: their spread, and up to `count` of the most different.
+
+    Everybody counts the same in the spread, and so do their mirror images.
+    """
+    segments = markerset.skeleton.segments
+    everyone = [np.concatenate([one, mirrored_poses(one, segments)]) for one in people]
+    rows = np.concatenate(everyone).reshape(-1, 3 * len(segments))
+    weight = np.concatenate([np.full(len(one), 1 / len(one)) for one in everyone]) / len(everyone)
+    mean = weight @ rows
+    covariance = ((rows - mean) * weight[:, None]).T @ (rows - mean)
+    mean[:3], covariance[:3], covariance[:, :3] = 0, 0, 0
+    pool, model = np.concatenate(people), BodyModel(markerset)
+    chosen = pool[most_different(model.pose(posed_bodies(model, pool, markerset.spread.height)).markers, count)]
+    spread = replace(markerset.spread, pose_mean=mean.reshape(-1, 3), pose_covariance=covariance, poses=chosen)
+    return replace(markerset, spread=spread)

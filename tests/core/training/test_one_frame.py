@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Models from a single labelled frame or of one person: other poses and other people are made up, and it is said."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from addon.core.body.bodies import BodyModel
+from addon.core.data.errors import InputError
+from addon.core.data.progress import finished
+from addon.core.geometry import rotations
+from addon.core.points.likelihood import learn
+from addon.core.points.likelihood.frames import LikelihoodNamer
+from addon.core.training.imagining import IMAGINING, imagined, shows_poses, size_of, strangers
+from addon.core.training.laying import laid_body, marker_sides
+from addon.core.training.pipeline import TrainingOptions, train
+from addon.core.training.poses import known_poses, mirrored_poses, posed_bodies, poses_of
+from addon.core.training.takes import LabelledTake
+from addon.core.training.transfer import transferred
+from addon.demo.take import make_performance
+from addon.io.markersets import builtin_markersets, open_markerset
+
+FRAME = 40
+
+
+@pytest.fixture(scope="module")
+def known():
+    return [open_markerset(name) for name in builtin_markersets()]
+
+
+@pytest.fixture(scope="module")
+def take():
+    """Points (T, 26, 3) of the virtual person, who wears body26."""
+    return make_performance(open_markerset("body26")).take.xyz
+
+
+def named(index: int) -> str:
+    return f"P{index:02d}"
+
+
+@pytest.fixture(scope="module")
+def trained(known, take):
+    """What one frame teaches whose names nobody knows; its calibration is measured on fewer frames than usual."""
+    names = tuple(map(named, range(take.shape[1])))
+    lesson = LabelledTake("one.c3d", "ann", names, take[FRAME : FRAME + 1])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(learn, "LEARN", replace(learn.LEARN, max_frames=100))
+        return finished(train([lesson], names, TrainingOptions("ann", search="none"), None, known))
+
+
+def test_one_frame_names_the_rest_of_the_take(trained, take):
+    points = take[::6]
+    shuffled = np.random.default_rng(3).permutation(points.shape[1])
+    labels = list(LikelihoodNamer(trained.model.likelihood).name(points[:, shuffled], 100.0))
+    marker, rate = (np.concatenate([getattr(one, part) for one in labels]) for part in ("marker", "rate"))
+    right, sure = marker == shuffled, rate >= 0.999
+    assert right.mean() > 0.85
+    assert sure.mean() > 0.4
+    assert (sure & ~right).mean() < 0.005
+
+
+def test_the_model_says_what_it_rests_on(trained):
+    assert "laid into a frame" in trained.body
+    assert trained.model.likelihood.subjects == 1
+    assert trained.model.markerset.source["poses"].startswith("made up on the body of")
+    assert any(doubt.startswith("learned from 1 frame of ann: its other poses are made up") for doubt in trained.doubts)
+    assert [len(kept.points) for kept in trained.model.training_takes] == [1]
+
+
+def test_a_body_is_laid_into_a_frame_without_known_names(known, take):
+    body = next(one for one in known if one.name == "body26")
+    poses = known_poses(body, known)
+    laid = laid_body(take[FRAME], [(body, poses)], np.zeros(26, dtype=int))
+    assert (laid.place == np.arange(26)).mean() > 0.9
+    turn = rotations.quaternion_to_matrix(rotations.about_z(np.array([2.0])))[0]
+    turned = laid_body(take[FRAME] @ turn.T + [3, -2, 0], [(body, poses)], marker_sides(body.markers))
+    assert (turned.place == np.arange(26)).mean() > 0.9
+    faced_about = laid_body(take[FRAME], [(body, poses)], -marker_sides(body.markers))
+    assert faced_about.off > 1.3 * turned.off
+    scattered = np.random.default_rng(1).uniform(0, 1.7, (26, 3))
+    assert laid_body(scattered, [(body, poses)], np.zeros(26, dtype=int)) is None
+
+
+def test_names_say_their_side():
+    names = ("LASI", "RASI", "SACR", "left_knee", "right_knee", "toe.L", "toe.R")
+    assert marker_sides(names).tolist() == [1, -1, 0, 1, -1, 1, -1]
+    assert marker_sides(("A", "B", "C")).tolist() == [0, 0, 0]
+
+
+def test_made_up_frames_keep_what_the_frame_shows(known, take):
+    body = next(one for one in known if one.name == "body26")
+    laid = transferred(body, [take[FRAME : FRAME + 1]], body.markers, "ann")
+    made = imagined(laid, take[FRAME : FRAME + 1], known_poses(body, known))
+    assert [one.shape for one in made] == [(IMAGINING.frames, 26, 3)] * IMAGINING.guesses
+    assert all(map(shows_poses, made))
+    head = [body.markers.index(name) for name in ("LFHD", "RBHD")]
+    length = np.linalg.norm(take[FRAME, head[0]] - take[FRAME, head[1]])
+    found = np.linalg.norm(made[0][:, head[0]] - made[0][:, head[1]], axis=1)
+    assert abs(np.median(found) - length) < 0.01
+    again = imagined(laid, take[FRAME : FRAME + 1], known_poses(body, known))
+    np.testing.assert_array_equal(made[0], again[0])
+
+
+def test_strangers_move_as_the_subject_does_but_have_other_sizes(known, take):
+    body = next(one for one in known if one.name == "body26")
+    made = strangers(body, take[::6], 6)
+    assert all(one.shape == (IMAGINING.frames, 26, 3) and shows_poses(one) for one in made)
+    assert np.std([size_of(one) for one in made]) > 0.02 * size_of(take)
+
+
+def test_one_person_who_moves_learns_of_others_too(known, take, monkeypatch):
+    monkeypatch.setattr(learn, "LEARN", replace(learn.LEARN, max_frames=40))
+    names = open_markerset("body26").markers
+    on_skin = take[::6] + np.random.default_rng(6).normal(0, 0.008, take[::6].shape)
+    lesson = LabelledTake("walk.c3d", "ann", names, on_skin)
+    found = finished(train([lesson], names, TrainingOptions("ann", search="none"), None, known))
+    assert found.model.markerset.source["others"].startswith(f"{IMAGINING.strangers} made up on the body of body26")
+    assert found.model.likelihood.subjects == 1
+    assert not any("made up" in doubt for doubt in found.doubts)
+
+
+def test_poses_are_read_off_a_take_and_mirrored(known):
+    body = next(one for one in known if one.name == "actor41")
+    model, poses = BodyModel(body), body.spread.poses[:12]
+    markers = model.pose(posed_bodies(model, poses, 1.7)).markers
+    found = model.pose(posed_bodies(model, poses_of(body, markers), 1.7)).markers
+    assert np.linalg.norm(found - markers, axis=2).mean() < 0.05
+    twice = mirrored_poses(mirrored_poses(poses, body.skeleton.segments), body.skeleton.segments)
+    np.testing.assert_allclose(twice, poses)
+
+
+def test_a_part_of_a_body_takes_the_poses_of_its_segments(known):
+    legs = next(one for one in known if one.name == "gait15")
+    poses = known_poses(legs, known)
+    assert poses.shape[1:] == (7, 3)
+    assert len(poses) >= 400
+    assert not len(known_poses(legs, [legs]))
+
+
+def test_who_stands_still_shows_no_poses(take):
+    still = take[FRAME] + np.random.default_rng(2).normal(0, 0.002, (100, 26, 3))
+    assert not shows_poses(still)
+    assert not shows_poses(take[:5])
+    assert shows_poses(take)
+
+
+def test_one_frame_of_what_no_body_fits_is_said(known):
+    points = np.random.default_rng(5).uniform(0, 1, (1, 8, 3))
+    names = tuple(map(named, range(8)))
+    with pytest.raises(InputError, match="no body that is known fits"):
+        finished(train([LabelledTake("a", "b", names, points)], names, TrainingOptions("x"), None, known))
