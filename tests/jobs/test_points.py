@@ -90,9 +90,15 @@ def label(source, **more):
 
 
 def test_suspects_call_a_trajectory_as_the_labels_do(source, of_two_minds):
+    take = read_points(source)
+    xyz = take.xyz.copy()
+    xyz[FRAMES // 2 :, :2] = xyz[FRAMES // 2 :, 1::-1]
+    full = np.concatenate([np.zeros((FRAMES, OUTPUTS, 3)) + 0.3, xyz], axis=1)
+    names = ("LHJC", "RHJC", "CentreOfMass", *[""] * 16)
+    write_c3d(source, Points(names, full, np.full(full.shape[:2], 0.0015), 100.0, 11))
     out = label(source)
     report = json.loads((out / "walk.report.json").read_text())
-    said = [row["reason"] for row in report["suspect"] if "goes over" in row["reason"]]
+    said = [row["reason"] for row in report["suspect"] if "behind a gap or a leap" in row["reason"]]
     assert {int(number) for reason in said for number in re.findall(r"trajectory (\d+)", reason)} == {3, 4}
     with (out / "walk.labels.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
@@ -100,6 +106,14 @@ def test_suspects_call_a_trajectory_as_the_labels_do(source, of_two_minds):
     assert {row["marker"] for row in rows if row["point"] == "3"} == {"SACR", "RASI"}
     labels = ezc3d.c3d(str(source))["parameters"]["POINT"]["LABELS"]["value"]
     assert labels[:3] == ["LHJC", "RHJC", "CentreOfMass"]
+
+
+def test_the_take_as_a_whole_overrules_frames_that_exchange_two_markers(source, of_two_minds):
+    out = label(source)
+    with (out / "walk.labels.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["marker"] for row in rows if row["point"] == "3"} == {"SACR"}
+    assert {row["marker"] for row in rows if row["point"] == "4"} == {"RASI"}
 
 
 @pytest.mark.blender
@@ -165,7 +179,8 @@ def test_progress_is_told_from_the_first_look_at_the_take(source, of_two_minds, 
 def test_only_the_number_of_a_trajectory_is_made_the_file_s(source, monkeypatch):
     said = (Suspect(12, 13, "goes over from trajectory 1 to B", 1), Suspect(12, 13, "trajectory 1 jumps"))
     use(monkeypatch, Known(right, 0.9999))
-    monkeypatch.setattr(pipeline, "borne_out", lambda verdict, adaptation, first: Verdict(verdict.labels, said))
+    solved = pipeline.labels_of
+    monkeypatch.setattr(pipeline, "labels_of", lambda *given: Verdict(solved(*given).labels, said))
     report = json.loads((label(source) / "walk.report.json").read_text())
     assert [row["reason"] for row in report["suspect"]] == [
         "trajectory 4 goes over from trajectory 1 to B",
@@ -193,4 +208,4 @@ def test_each_part_begins_where_the_work_before_it_is_done():
             assert shares["adapt"] == 0 and shares["write"] < 1
     long = begins(100_000, "likelihood")
     assert long["name"] < 0.01
-    assert long["vote"] > 0.8
+    assert long["vote"] > 0.6

@@ -18,7 +18,8 @@ class BelievingOptions:
     """What of a solution is said. Reckoned, with an eye on people and motions left out of training.
 
     odds_of_target   of the log odds of a target, that a tracklet's name must be ahead of any other; and
-    least            at least
+    least            at least,
+    max_target       beyond which nothing is promised of a take as a whole: frames must be as sure on their own
     min_layout       log odds below which neither of two markers is named that may have each other's names, and
     min_extra        below which a marker is not named that may be one which is none of the set's
     max_question     log odds below which a person is asked
@@ -27,6 +28,7 @@ class BelievingOptions:
 
     odds_of_target: float = 0.6
     least: float = 2.0
+    max_target: float = 0.9999
     min_layout: float = 1.0
     min_extra: float = 2.5
     max_question: float = 3.0
@@ -69,6 +71,8 @@ def labels_of(solution: Solution, named: Labels, target: float, names: Sequence[
     chance = np.zeros(named.marker.shape)
     chance[tracklets.row, tracklets.column] = 1 / (1 + np.exp(-np.minimum(solution.margin, 30)))[tracklets.owner]
     marker = once(marker, chance, len(names))
+    if target > BELIEVING.max_target:
+        marker = np.where((marker == named.marker) & (named.rate >= target), marker, NO_MARKER)
     alone = (marker == named.marker) & (marker != NO_MARKER)
     chance = np.where(alone, np.maximum(chance, named.confidence), chance)
     step = np.where(alone, named.step, BY_TRAJECTORY)

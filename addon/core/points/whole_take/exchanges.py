@@ -10,13 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...data.takes import evenly_spread
-from .matching import MATCHING
+from .matching import TRACKLET_MATCHING
 from .pairs import PairDistances
 from .pieces import Tracklets
 
 
 @dataclass(frozen=True)
-class ExchangeOptions:
+class UndoOptions:
     """How exchanges are looked for. All reckoned.
 
     frames           of a take that are looked at
@@ -41,7 +41,7 @@ class ExchangeOptions:
     independent_s: float = 0.25
 
 
-EXCHANGES = ExchangeOptions()
+UNDO = UndoOptions()
 
 
 def undone(
@@ -57,9 +57,9 @@ def undone(
     placed (T, M, 3) m is where the markers are by the names (N,) so far.
     """
     marker = marker.copy()
-    frames = evenly_spread(len(placed), EXCHANGES.frames)
+    frames = evenly_spread(len(placed), UNDO.frames)
     some = placed[frames].astype(float)
-    near = (pairs.mean < EXCHANGES.max_distance_m) & np.isfinite(pairs.mean)
+    near = (pairs.mean < UNDO.max_distance_m) & np.isfinite(pairs.mean)
     touched: set[int] = set()
     for one, other in zip(*np.nonzero(np.triu(near, 1)), strict=True):
         own = np.flatnonzero((marker == one) | (marker == other))
@@ -81,7 +81,7 @@ def _turned(tracklets, own, marker, some, frames, names, trained, pairs, rate) -
         return none
     within = pairs.within[one] + pairs.within[other]
     within[[one, other]] = np.inf
-    near = np.argsort(within)[: EXCHANGES.neighbours]
+    near = np.argsort(within)[: UNDO.neighbours]
     near = near[np.isfinite(within[near])]
     differs = _distance(some, one, near) - _distance(some, other, near)
     ever = np.isfinite(differs).any(axis=0)
@@ -95,8 +95,8 @@ def _turned(tracklets, own, marker, some, frames, names, trained, pairs, rate) -
     known = np.isfinite(differs)
     differs = np.where(known, differs, 0)
     spacing = (frames[1] - frames[0]) / rate if len(frames) > 1 else 1.0
-    worth = min(1.0, spacing / EXCHANGES.independent_s)
-    share = np.minimum(1, EXCHANGES.independent / np.maximum(known.sum(axis=1), 1))
+    worth = min(1.0, spacing / UNDO.independent_s)
+    share = np.minimum(1, UNDO.independent / np.maximum(known.sum(axis=1), 1))
     sign = np.ones(part[-1] + 1)
     said = np.zeros(len(sign))
     for start in _starts(differs, where, len(sign)):
@@ -107,11 +107,11 @@ def _turned(tracklets, own, marker, some, frames, names, trained, pairs, rate) -
     turns = np.bincount(part, weights=_votes(tracklets, own, marker, names), minlength=len(sign)) * sign
     middle = _middle(differs * sign[where][:, None], known)
     expected = trained.mean[one, near] - trained.mean[other, near]
-    unsure = trained.unsure[one, near] + trained.unsure[other, near] + EXCHANGES.sd_m**2
-    for_it = np.nansum(2 * middle * expected / unsure) * min(1, EXCHANGES.independent / max(len(near), 1))
+    unsure = trained.unsure[one, near] + trained.unsure[other, near] + UNDO.sd_m**2
+    for_it = np.nansum(2 * middle * expected / unsure) * min(1, UNDO.independent / max(len(near), 1))
     if turns.sum() + for_it < 0:
         sign = -sign
-    turn = (sign < 0) & (np.abs(said) > EXCHANGES.min_odds)
+    turn = (sign < 0) & (np.abs(said) > UNDO.min_odds)
     return own[turn[part]]
 
 
@@ -125,7 +125,7 @@ def _votes(tracklets: Tracklets, own: np.ndarray, marker: np.ndarray, names) -> 
 def _parts(first: np.ndarray, last: np.ndarray) -> np.ndarray:
     """(K,) tracklets, sorted by their first frame, that hang together in time: number of the part of each."""
     end = np.maximum.accumulate(last)
-    new = first[1:] > end[:-1] - MATCHING.max_overlap_frames
+    new = first[1:] > end[:-1] - TRACKLET_MATCHING.max_overlap_frames
     return np.concatenate([[0], np.cumsum(new)])
 
 
@@ -142,13 +142,13 @@ def _starts(differs: np.ndarray, where: np.ndarray, parts: int) -> list[np.ndarr
 
 def _settled(differs, known, where, sign, share, worth) -> tuple[np.ndarray, np.ndarray]:
     """Signs (parts,) of the parts, and the log odds for them (parts,)."""
-    for _ in range(EXCHANGES.rounds):
+    for _ in range(UNDO.rounds):
         turned = differs * sign[where][:, None]
         middle = _middle(turned, known)
         away = np.where(known, np.abs(turned - middle), np.nan)
-        sd = np.maximum(1.5 * np.nanmedian(away, axis=0), EXCHANGES.sd_m)
+        sd = np.maximum(1.5 * np.nanmedian(away, axis=0), UNDO.sd_m)
         each = (np.where(known, differs * middle / sd**2, 0).sum(axis=1)) * share
-        each = np.clip(each, -EXCHANGES.max_odds, EXCHANGES.max_odds)
+        each = np.clip(each, -UNDO.max_odds, UNDO.max_odds)
         odds = np.bincount(where, weights=each, minlength=len(sign)) * worth
         after = np.where(odds < 0, -1.0, 1.0)
         if (after == sign).all():

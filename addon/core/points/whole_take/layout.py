@@ -17,7 +17,7 @@ from ..likelihood.naming import Settled, score_of, settle
 
 
 @dataclass(frozen=True)
-class LayoutOptions:
+class LayoutNamingOptions:
     """How names are given to the markers of a take. All reckoned.
 
     frames           that are asked, of
@@ -40,7 +40,7 @@ class LayoutOptions:
     rounds: int = 12
 
 
-LAYOUT = LayoutOptions()
+LAYOUT_NAMING = LayoutNamingOptions()
 
 
 @dataclass(frozen=True)
@@ -63,14 +63,14 @@ def named_by_layout(
     every, markers = placed.shape[1], len(likelihood)
     name = np.arange(every)
     some = _frames(placed, markers)
-    if len(some) < LAYOUT.min_frames:
+    if len(some) < LAYOUT_NAMING.min_frames:
         return name, ()
     points = _aligned(some, likelihood.shape.mean)
     present = np.isfinite(points[..., 0])
     points, known = np.where(present[..., None], points, 0), likelihood.known
     naming = np.where(present[:, :markers], np.arange(markers), NO_POINT)
     now = settle(known.fine, known.constraints, points, present, naming)
-    for _ in range(LAYOUT.rounds):
+    for _ in range(LAYOUT_NAMING.rounds):
         tried = _exchanges(now, name, known.exchanges, absent)
         place = np.argsort(name)
         others = place[tried[:, :markers]]
@@ -78,7 +78,7 @@ def named_by_layout(
         others = np.where(present[rows, others[None]], others[None], NO_POINT)
         gain = np.median(_scores(known, now, others) - now.score[:, None], axis=0)
         best = int(gain.argmax()) if len(gain) else 0
-        if not len(gain) or gain[best] <= LAYOUT.min_gain:
+        if not len(gain) or gain[best] <= LAYOUT_NAMING.min_gain:
             return name, _questions(tried, gain, present[:, place].any(axis=0))
         name = np.argsort(place[tried[best]])
         now = settle(known.fine, known.constraints, now.points, present, others[:, best])
@@ -90,7 +90,7 @@ def _questions(tried: np.ndarray, gain: np.ndarray, there: np.ndarray) -> tuple[
     found = []
     for row, value in zip(tried, gain.tolist(), strict=True):
         pair = np.flatnonzero(row != np.arange(len(row)))
-        if len(pair) == 2 and there[pair].all() and value > -LAYOUT.max_question:
+        if len(pair) == 2 and there[pair].all() and value > -LAYOUT_NAMING.max_question:
             found.append(Question(int(pair[0]), int(pair[1]), -value))
     return tuple(found)
 
@@ -109,9 +109,9 @@ def _aligned(points: np.ndarray, mean: np.ndarray) -> np.ndarray:
 def _frames(placed: np.ndarray, markers: int) -> np.ndarray:
     """(F, M + E, 3) m, some of the frames that show most of the markers, all over the take."""
     count = np.isfinite(placed[:, :markers, 0]).sum(axis=1)
-    fullest = np.sort(np.argsort(-count, kind="stable")[: LAYOUT.frames * LAYOUT.fullest])
-    fullest = fullest[count[fullest] >= LAYOUT.min_markers]
-    return placed[fullest[evenly_spread(len(fullest), LAYOUT.frames)]].astype(float)
+    fullest = np.sort(np.argsort(-count, kind="stable")[: LAYOUT_NAMING.frames * LAYOUT_NAMING.fullest])
+    fullest = fullest[count[fullest] >= LAYOUT_NAMING.min_markers]
+    return placed[fullest[evenly_spread(len(fullest), LAYOUT_NAMING.frames)]].astype(float)
 
 
 def _exchanges(now: Settled, name: np.ndarray, limbs: np.ndarray, absent: bool) -> np.ndarray:
@@ -130,7 +130,7 @@ def _exchanges(now: Settled, name: np.ndarray, limbs: np.ndarray, absent: bool) 
     between = np.where(np.isfinite(between), between, np.inf)
     there = seen.any(axis=0)
     both = there | there[:, None] if absent else there & there[:, None]
-    near = (np.median(between, axis=0) < LAYOUT.max_distance_m) & both
+    near = (np.median(between, axis=0) < LAYOUT_NAMING.max_distance_m) & both
     one, other = np.nonzero(np.triu(near, 1))
     one, other = one[one < markers], other[one < markers]
     pairs = np.tile(np.arange(every), (len(one), 1))

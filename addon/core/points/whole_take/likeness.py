@@ -24,6 +24,9 @@ class LikenessOptions:
     sample_s          that a tracklet must be longer to say as much again, and
     max_samples       what it can say at most, in such times
     block             tracklets at once
+    max_gap_s         over which a marker goes on as it did,
+    change_s          in which its distances become what they are at any time, and
+    link_sd_m         by which they change in no time
     """
 
     neighbours: int = 12

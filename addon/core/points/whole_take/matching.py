@@ -13,7 +13,7 @@ from ...data.takes import NO_MARKER
 
 
 @dataclass(frozen=True)
-class MatchingOptions:
+class TrackletMatchingOptions:
     """How tracklets are matched. Reckoned.
 
     max_overlap_frames  that two tracklets of a marker may share: trackers end one late and start the other early
@@ -22,7 +22,7 @@ class MatchingOptions:
     max_overlap_frames: int = 2
 
 
-MATCHING = MatchingOptions()
+TRACKLET_MATCHING = TrackletMatchingOptions()
 
 
 def matched(odds: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.ndarray:
@@ -60,7 +60,7 @@ def matched(odds: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.ndarray
 def cliques(first: np.ndarray, last: np.ndarray) -> list[np.ndarray]:
     """The largest sets of tracklets, by index, that are there at one time; those of one are left out."""
     # Shortened, so that those that hardly overlap do not meet.
-    end = np.maximum(last - MATCHING.max_overlap_frames, first)
+    end = np.maximum(last - TRACKLET_MATCHING.max_overlap_frames, first)
     found: list[np.ndarray] = []
     for start in np.unique(first):
         there = np.flatnonzero((first <= start) & (end >= start))
@@ -74,7 +74,7 @@ def margins(odds: np.ndarray, marker: np.ndarray, first: np.ndarray, last: np.nd
     index = np.flatnonzero(marker != NO_MARKER)
     own = np.zeros(len(odds))
     own[index] = odds[index, marker[index]]
-    end = np.maximum(last - MATCHING.max_overlap_frames, first)
+    end = np.maximum(last - TRACKLET_MATCHING.max_overlap_frames, first)
     found = np.zeros(len(odds))
     for one in index.tolist():
         name = marker[one]

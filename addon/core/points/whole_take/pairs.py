@@ -43,7 +43,7 @@ class PairOptions:
     max_size_ratio: float = 0.4
 
 
-PAIRS = PairOptions()
+PAIRING = PairOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ class PairDistances:
     @property
     def variance(self) -> np.ndarray:
         """(M, M) of a distance that is seen next, m²."""
-        return self.unsure + self.within + PAIRS.min_sd_m**2
+        return self.unsure + self.within + PAIRING.min_sd_m**2
 
 
 def trained_pairs(model: Model) -> PairDistances:
@@ -85,17 +85,17 @@ def trained_pairs(model: Model) -> PairDistances:
     between = np.where(seen, sized - mean, 0) ** 2
     between = between.sum(axis=0) / np.maximum(number - 1, 1)
     within = np.where(seen, within, 0).sum(axis=0) / np.maximum(number, 1)
-    return PairDistances(mean, between + _guess(mean), PAIRS.motion_factor * within)
+    return PairDistances(mean, between + _guess(mean), PAIRING.motion_factor * within)
 
 
 def _guess(mean: np.ndarray) -> np.ndarray:
     """Variance of distances (M, M) on a subject never seen, whatever training shows, m²."""
-    return (PAIRS.length_sd * mean) ** 2 + PAIRS.place_sd_m**2
+    return (PAIRING.length_sd * mean) ** 2 + PAIRING.place_sd_m**2
 
 
 def _of_shape(likelihood: Likelihood) -> PairDistances:
     shape, rng = likelihood.shape, np.random.default_rng(0)
-    pose = rng.standard_normal((PAIRS.shapes, shape.modes.shape[2]))
+    pose = rng.standard_normal((PAIRING.shapes, shape.modes.shape[2]))
     clouds = shape.mean + np.einsum("fk,mak->fma", pose, shape.modes)
     clouds = clouds + np.sqrt(shape.noise)[:, None] * rng.standard_normal(clouds.shape)
     mean, spread, _ = _moments(clouds)
@@ -126,17 +126,17 @@ def with_unknown(trained: PairDistances, count: int) -> PairDistances:
 def in_take(trained: PairDistances, placed: np.ndarray) -> PairDistances:
     """What the markers as they are named so far, (T, M, 3) m, NaN where they are not, add to what is known."""
     mean, within, count = _moments(placed)
-    count = count / PAIRS.independent
-    coverage = count * PAIRS.independent / max(min(len(placed), PAIRS.frames), 1)
+    count = count / PAIRING.independent
+    coverage = count * PAIRING.independent / max(min(len(placed), PAIRING.frames), 1)
     some = count > 0
     mean, within = np.where(some, mean, 0), np.where(some, within, 0)
     size, size_variance = _size(trained, mean, within, count)
     prior = np.where(np.isfinite(trained.mean), size * trained.mean, mean)
     unsure = np.where(np.isfinite(trained.unsure), trained.unsure + size_variance * prior**2, 1.0)
     known = np.where(np.isfinite(trained.within), trained.within, 0.01)
-    shown = coverage * count / (count + PAIRS.within_frames)
+    shown = coverage * count / (count + PAIRING.within_frames)
     spread = (1 - shown) * known + shown * within
-    sampling = (spread + PAIRS.min_sd_m**2) / np.maximum(count, 1e-9)
+    sampling = (spread + PAIRING.min_sd_m**2) / np.maximum(count, 1e-9)
     trust = np.where(some, unsure / (unsure + sampling), 0)
     return PairDistances(prior + trust * (mean - prior), (1 - trust) * unsure, spread)
 
@@ -148,8 +148,8 @@ def _size(trained: PairDistances, mean: np.ndarray, within: np.ndarray, count: n
     ratio = np.log(np.maximum(mean[one, other], 1e-6) / length)
     off = (trained.unsure + trained.within + within)[one, other] / length**2
     # A marker is in many pairs, so these are not as many measurements as they look.
-    weight = np.where(np.abs(ratio) < PAIRS.max_size_ratio, 2 / (off * len(mean)), 0)
-    known = weight.sum() + PAIRS.size_sd**-2
+    weight = np.where(np.abs(ratio) < PAIRING.max_size_ratio, 2 / (off * len(mean)), 0)
+    known = weight.sum() + PAIRING.size_sd**-2
     return float(np.exp((weight * ratio).sum() / known)), float(1 / known)
 
 
@@ -157,7 +157,7 @@ def _moments(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean, variance and number of frames of all distances (M, M) in some frames of (T, M, 3) m."""
     markers = points.shape[1]
     total, squares, count = np.zeros((3, markers, markers))
-    frames = evenly_spread(len(points), PAIRS.frames)
+    frames = evenly_spread(len(points), PAIRING.frames)
     for first in range(0, len(frames), 64):
         distance = pairwise_distances(points[frames[first : first + 64]].astype(float))
         seen = np.isfinite(distance)

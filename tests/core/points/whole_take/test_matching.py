@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Tracklets and markers matched at once: against all namings tried one by one."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from addon.core.data.takes import NO_MARKER
+from addon.core.points.whole_take.matching import TRACKLET_MATCHING, cliques, margins, matched
+
+
+def allowed(marker, first, last) -> bool:
+    """Whether no two tracklets that meet have one name."""
+    end = np.maximum(last - TRACKLET_MATCHING.max_overlap_frames, first)
+    for one in range(len(marker)):
+        for other in range(one):
+            meet = first[one] <= end[other] and first[other] <= end[one]
+            if meet and marker[one] == marker[other] != NO_MARKER:
+                return False
+    return True
+
+
+def total(odds, marker) -> float:
+    named = np.flatnonzero(np.array(marker) != NO_MARKER)
+    return float(odds[named, np.array(marker)[named]].sum())
+
+
+def best_by_trying(odds, first, last) -> float:
+    names = [*range(odds.shape[1]), NO_MARKER]
+    every = product(names, repeat=len(odds))
+    return max(total(odds, marker) for marker in every if allowed(marker, first, last))
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.integers(0, 10**6))
+def test_the_matching_is_the_best_of_all(seed):
+    rng = np.random.default_rng(seed)
+    odds = rng.normal(1, 4, (5, 3))
+    first = rng.integers(0, 60, 5)
+    last = first + rng.integers(0, 40, 5)
+    marker = matched(odds, first, last)
+    assert allowed(marker, first, last)
+    assert total(odds, marker) == pytest.approx(best_by_trying(odds, first, last), abs=1e-6)
+
+
+@given(st.integers(0, 10**6))
+def test_cliques_hold_all_that_meet_and_nothing_else(seed):
+    rng = np.random.default_rng(seed)
+    first = rng.integers(0, 60, 7)
+    last = first + rng.integers(0, 40, 7)
+    end = np.maximum(last - TRACKLET_MATCHING.max_overlap_frames, first)
+    meet = (first[:, None] <= end) & (first <= end[:, None])
+    np.fill_diagonal(meet, False)
+    held = np.zeros(meet.shape, bool)
+    for clique in cliques(first, last):
+        held[np.ix_(clique, clique)] = True
+    np.fill_diagonal(held, False)
+    assert (held == meet).all()
+
+
+def test_a_margin_is_what_the_next_best_naming_lacks():
+    first, last = np.array([0, 0]), np.array([50, 50])
+    odds = np.array([[10.0, 4.0], [7.0, 6.0]])
+    marker = matched(odds, first, last)
+    assert marker.tolist() == [0, 1]
+    # Exchanged they are worth 4 + 7 against 10 + 6.
+    assert margins(odds, marker, first, last) == pytest.approx([5.0, 5.0])
+
+
+def test_what_nothing_speaks_for_has_no_name():
+    assert matched(np.full((2, 3), -1.0), np.zeros(2, int), np.full(2, 9)).tolist() == [NO_MARKER] * 2
