@@ -30,7 +30,7 @@ class UndoOptions:
     independent_s    that frames must be apart to count as two
     """
 
-    frames: int = 1200
+    frames: int = 600
     max_distance_m: float = 0.35
     neighbours: int = 10
     independent: float = 4.0
@@ -145,8 +145,7 @@ def _settled(differs, known, where, sign, share, worth) -> tuple[np.ndarray, np.
     for _ in range(UNDO.rounds):
         turned = differs * sign[where][:, None]
         middle = _middle(turned, known)
-        away = np.where(known, np.abs(turned - middle), np.nan)
-        sd = np.maximum(1.5 * np.nanmedian(away, axis=0), UNDO.sd_m)
+        sd = np.maximum(1.5 * _middle(np.abs(turned - middle), known), UNDO.sd_m)
         each = (np.where(known, differs * middle / sd**2, 0).sum(axis=1)) * share
         each = np.clip(each, -UNDO.max_odds, UNDO.max_odds)
         odds = np.bincount(where, weights=each, minlength=len(sign)) * worth
@@ -157,8 +156,10 @@ def _settled(differs, known, where, sign, share, worth) -> tuple[np.ndarray, np.
     return sign, odds
 
 
-def _middle(differs: np.ndarray, known: np.ndarray) -> np.ndarray:
-    return np.nan_to_num(np.nanmedian(np.where(known, differs, np.nan), axis=0))
+def _middle(values: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """(Q,) the median of the known ones of values (F, Q), of which each column has some; NumPy's is slow with NaN."""
+    order = np.sort(np.where(known, values, np.inf), axis=0)
+    return np.take_along_axis(order, (known.sum(axis=0) - 1)[None] // 2, axis=0)[0]
 
 
 def _distance(points: np.ndarray, one: int, others: np.ndarray) -> np.ndarray:

@@ -30,7 +30,7 @@ class LikenessOptions:
     """
 
     neighbours: int = 12
-    considered: int = 24
+    considered: int = 18
     min_neighbours: int = 3
     independent: float = 4.0
     max_square: float = 16.0
@@ -59,7 +59,8 @@ def likeness(
     sd = np.where(np.isfinite(pairs.mean) & ~np.eye(markers, dtype=bool), np.sqrt(pairs.variance), np.inf)
     near = np.argsort(sd, axis=1)[:, : min(LIKENESS.considered, markers - 1)]
     rows = np.arange(markers)[:, None]
-    mean, variance = np.nan_to_num(pairs.mean[rows, near], nan=1.0), sd[rows, near] ** 2
+    mean = np.nan_to_num(pairs.mean[rows, near], nan=1.0).astype(np.float32)
+    variance = (sd[rows, near] ** 2).astype(np.float32)
     found = np.empty((len(tracklets), markers))
     length = (tracklets.last - tracklets.first + 1) / rate
     worth = np.minimum(1 + length / LIKENESS.sample_s, LIKENESS.max_samples)
@@ -94,21 +95,21 @@ def _odds(away: np.ndarray, mean: np.ndarray, variance: np.ndarray) -> np.ndarra
 
     The distances make a normal density in space, whose precision is that of all of them together.
     """
-    distance = np.sqrt((away**2).sum(axis=-1))
+    distance = np.sqrt(np.einsum("...i,...i->...", away, away))
     there = np.isfinite(distance) & np.isfinite(mean) & np.isfinite(variance)
-    there &= np.cumsum(there, axis=-1) <= LIKENESS.neighbours
+    there &= np.cumsum(there, axis=-1, dtype=np.int8) <= LIKENESS.neighbours
     asked = there.sum(axis=-1)
-    share = np.minimum(1, LIKENESS.independent / np.maximum(asked, 1))
+    share = np.minimum(1, LIKENESS.independent / np.maximum(asked, 1)).astype(np.float32)
     away = np.where(there[..., None], away, 0)
     distance = np.where(there, distance, 1.0)
     variance = np.where(there, variance, 1.0)
     square = np.where(there, (distance - np.where(there, mean, 1.0)) ** 2 / variance, 0)
     square = np.minimum(square, LIKENESS.max_square).sum(axis=-1) * share
     weight = share[..., None] / (variance * distance**2)
-    one, two, three = np.moveaxis(away, -1, 0)
     wide = LIKENESS.wide_m**-2
-    a, b, c = ((weight * axis * axis).sum(axis=-1) + wide for axis in (one, two, three))
-    d, e, f = ((weight * p * q).sum(axis=-1) for p, q in ((one, two), (one, three), (two, three)))
+    spread = (away * weight[..., None]).swapaxes(-1, -2) @ away
+    a, b, c = (spread[..., axis, axis].astype(float) + wide for axis in range(3))
+    d, e, f = (spread[..., one, two].astype(float) for one, two in ((0, 1), (0, 2), (1, 2)))
     precision = np.maximum(a * (b * c - f * f) - d * (d * c - e * f) + e * (d * f - b * e), wide**3)
     odds = 0.5 * np.log(precision) - 1.5 * np.log(2 * np.pi) - 0.5 * square - np.log(LIKENESS.ghost_density)
     return np.where(asked >= LIKENESS.min_neighbours, odds, np.nan)
@@ -122,7 +123,7 @@ def links(tracklets: Tracklets, placed: np.ndarray, own: np.ndarray, pairs: Pair
     markers = placed.shape[1]
     sd = np.where(~np.eye(markers, dtype=bool), np.sqrt(pairs.within), np.inf)
     near = np.argsort(sd, axis=1)[:, : min(LIKENESS.considered, markers - 1)]
-    within = pairs.within[np.arange(markers)[:, None], near]
+    within = pairs.within[np.arange(markers)[:, None], near].astype(np.float32)
     there = np.isfinite(placed[..., 0])
     frames = np.arange(len(placed))[:, None]
     before = np.maximum.accumulate(np.where(there, frames, -1), axis=0)
@@ -144,7 +145,7 @@ def links(tracklets: Tracklets, placed: np.ndarray, own: np.ndarray, pairs: Pair
             mean = np.linalg.norm(
                 placed[at, index][:, :, None] - np.take_along_axis(old, near[None, ..., None], axis=2), axis=-1
             )
-            part = np.minimum((gap[some] / (LIKENESS.change_s * rate)) ** 2, 1)
+            part = np.minimum((gap[some] / (LIKENESS.change_s * rate)) ** 2, 1).astype(np.float32)
             variance = LIKENESS.link_sd_m**2 + within * part[..., None]
             beside = _without(placed[frame[some]], own[some])[:, near]
             odds = _odds(xyz[some, None, None] - beside, mean, variance)

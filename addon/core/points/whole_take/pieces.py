@@ -21,7 +21,7 @@ class VotingOptions:
     max_frame_log_odds: float = 4.0
     frame_weight: float = 0.1
     max_votes: float = 8.0
-    samples: int = 16
+    samples: int = 12
 
 
 VOTING = VotingOptions()
@@ -87,7 +87,7 @@ def tracklets_of(points: np.ndarray, tracklet: np.ndarray, named: Labels, marker
     again[:, 1:] = np.diff(place, axis=1) == 0
     at = begin[:-1, None] + place
     frame = np.where(again, -1, row[at])
-    xyz = np.where(again[..., None], np.nan, points[row[at], column[at]])
+    xyz = np.where(again[..., None], np.nan, points[row[at], column[at]]).astype(np.float32)
     said, sure = named.marker[row, column], named.confidence[row, column]
     odds = np.log(np.maximum(sure, 1e-6) / np.maximum(1 - sure, 1e-6))
     odds = np.clip(odds, 0, VOTING.max_frame_log_odds) * VOTING.frame_weight

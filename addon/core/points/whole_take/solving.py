@@ -117,17 +117,23 @@ class _Solving:
     def solved(self, sure: np.ndarray, progress: Callable[[float], None] | None) -> Solution:
         self.marker = _majority(self.tracklets, sure, self.markers)
         questions: tuple[Question, ...] = ()
+        looked_at = None
         for number, freedom in enumerate(ROUNDS.freedoms):
             if progress is not None:
                 progress(number / len(ROUNDS.freedoms))
             least = ROUNDS.margins if number else ROUNDS.first_margins
             for _ in range(ROUNDS.max_layouts):
                 self._spread(freedom, least)
+                if looked_at is not None and (looked_at == self.marker).all():
+                    break
                 before = self.marker
                 questions = self._put_right(freedom)
+                looked_at = self.marker
                 if (before == self.marker).all():
                     break
                 least = ROUNDS.margins
+            else:
+                self._spread(freedom, least)
             if freedom is not ROUNDS.freedoms[-1]:
                 self._add_extras()
         # What is likely but not believed has its name here too: how sure it must be is for whoever asks.
