@@ -5,7 +5,7 @@ The counterpart of `blobs.pipeline` for points. What the take shows of its subje
 model is not for are refused, before the work and after it.
 """
 
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from dataclasses import dataclass, field, replace
 from time import perf_counter
 
@@ -23,8 +23,7 @@ from ..points.motion import motion_of
 from ..points.naming import Namer, namer_of
 from ..points.refusals import refuse_floods, refuse_others, refuse_unrecognised
 from ..points.tracklets import cut, renamed
-from ..points.whole_take.deciding import can_be_solved, labels_of, parted
-from ..points.whole_take.solving import Solution, solve_take
+from ..points.whole_take.deciding import can_be_solved, labels_of, solution_of
 from ..review.suspects import find_suspects, summarised
 
 USUAL_TARGET = 0.999  # the part of the labels that must be right, unless another is asked for
@@ -94,7 +93,8 @@ def _named(take: Points, model: Model, options: PointOptions) -> Generator[Progr
     named = yield from _frame_by_frame(namer, take, shares)
     yield Progress(shares["vote"], "let trajectories vote")
     if learned and can_be_solved(adaptation.model, tracklet):
-        work = in_background(lambda tell: _solved(named, tracklet, adaptation.model, take, tell))
+        given = named, tracklet, take.xyz, adaptation.model, take.rate, take.first_frame
+        work = in_background(lambda tell: solution_of(*given, progress=tell))
         solution = yield from within(work, shares["vote"], shares["pose"], "solve the whole take")
 
         def decided_at(target: float) -> Verdict:
@@ -122,14 +122,6 @@ def _frame_by_frame(namer: Namer, take: Points, shares: dict[str, float]) -> Gen
         share = shares["name"] + (shares["vote"] - shares["name"]) * done / len(take.xyz)
         yield Progress(share, f"frame {take.first_frame + done - 1}")
     return Labels.join(parts)
-
-
-def _solved(named: Labels, tracklet: np.ndarray, model: Model, take: Points, tell: Callable[[float], None]) -> Solution:
-    """The take solved as a whole, from what its trajectories and frames are sure of."""
-    voted = decide(named, tracklet, model, USUAL_TARGET, take.first_frame)
-    sure = consistent(voted, take.xyz, model.likelihood, take.first_frame).labels.marker
-    pieces = parted(tracklet, voted.labels.marker)
-    return solve_take(take.xyz, pieces, named, sure, model, take.rate, tell)
 
 
 def _decided(named: Labels, tracklet: np.ndarray, adaptation: Adaptation, take: Points, target: float) -> Verdict:

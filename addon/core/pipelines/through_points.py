@@ -11,13 +11,14 @@ from time import perf_counter
 import numpy as np
 
 from ..blobs.pipeline import Options
-from ..data.takes import Blobs, LabelledChunk, Labels, Suspect, Verdict
+from ..data.takes import BY_LIKELIHOOD, Blobs, LabelledChunk, Labels, Suspect, Verdict
 from ..geometry.cameras import Cameras
 from ..points.deciding import consistent, decide
 from ..points.models import Model
 from ..points.motion import motion_of
 from ..points.naming import Namer, namer_of
 from ..points.refusals import REFUSAL, sure_share
+from ..points.whole_take.deciding import can_be_solved, labels_of, solution_of
 from ..reconstruction.trajectories import RECONSTRUCTION, Reconstructed, Reconstructor
 from ..review.suspects import find_suspects
 
@@ -131,8 +132,12 @@ def _decided(work: _Work, window: _Window) -> Verdict:
     if sure_share(found, window.xyz, len(markerset)) < REFUSAL.min_sure:
         found = found.kept(np.zeros(found.marker.shape, bool))
         said = (Suspect(first, int(window.frames[-1]), f"no subject that wears {markerset.name} was recognised"),)
-    verdict = decide(found, window.tracklet, work.model, work.target, first)
-    verdict = consistent(verdict, window.xyz, work.model.likelihood, first)
+    if work.namer.step == BY_LIKELIHOOD and found.named.any() and can_be_solved(work.model, window.tracklet):
+        solution = solution_of(found, window.tracklet, window.xyz, work.model, work.rate, first)
+        verdict = labels_of(solution, found, work.target, markerset.markers, first)
+    else:
+        verdict = decide(found, window.tracklet, work.model, work.target, first)
+        verdict = consistent(verdict, window.xyz, work.model.likelihood, first)
     return Verdict(verdict.labels, tuple(_without_number(one) for one in verdict.suspects) + said)
 
 

@@ -1,36 +1,42 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """From the solution of a whole take to the labels of its points, and what a person should look at."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from ...data.takes import BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Suspect, Verdict
-from ..deciding import once
+from ..deciding import consistent, decide, once
 from ..models import Model
-from .solving import ROUNDS, Solution
+from .layout import Question
+from .solving import ROUNDS, Solution, solve_take
 
 
 @dataclass(frozen=True)
 class BelievingOptions:
     """What of a solution is said. Reckoned, with an eye on people and motions left out of training.
 
+    sure_target      part of the frames' and their tracklets' labels that is right, of those that are begun with
     odds_of_target   of the log odds of a target, that a tracklet's name must be ahead of any other; and
     least            at least,
     max_target       beyond which nothing is promised of a take as a whole: frames must be as sure on their own
-    min_layout       log odds below which neither of two markers is named that may have each other's names, and
-    min_extra        below which a marker is not named that may be one which is none of the set's
+    votes            log odds that frames on their own add to those of two names, if all of them agree; of which,
+    min_layout       below which neither of two markers is named that may have each other's names
+    min_backed       part of a marker's points that frames and their trajectories must have named, where more is there
+                     than the set's markers: which of two sits where one may be, distances hardly tell
     max_question     log odds below which a person is asked
     usual_frames     of the usual tracklet; of shorter ones a take is not solved as a whole
     """
 
+    sure_target: float = 0.999
     odds_of_target: float = 0.6
     least: float = 2.0
     max_target: float = 0.9999
+    votes: float = 2.0
     min_layout: float = 1.0
-    min_extra: float = 2.5
+    min_backed: float = 0.1
     max_question: float = 3.0
     usual_frames: int = 5
 
@@ -44,6 +50,24 @@ def can_be_solved(model: Model, tracklet: np.ndarray) -> bool:
         return False
     lengths = np.bincount(tracklet[tracklet >= 0]) if (tracklet >= 0).any() else np.zeros(0, int)
     return len(lengths) > 0 and np.median(np.repeat(lengths, lengths)) >= BELIEVING.usual_frames
+
+
+def solution_of(
+    named: Labels,
+    tracklet: np.ndarray,
+    points: np.ndarray,
+    model: Model,
+    rate: float,
+    first_frame: int,
+    progress: Callable[[float], None] | None = None,
+) -> Solution:
+    """A take of points (T, P, 3) m solved as a whole, from what its tracklets (T, P) and frames are usually sure of.
+
+    named is what frames say on their own, with their `rate`.
+    """
+    voted = decide(named, tracklet, model, BELIEVING.sure_target, first_frame)
+    sure = consistent(voted, points, model.likelihood, first_frame).labels.marker
+    return solve_take(points, parted(tracklet, voted.labels.marker), named, sure, model, rate, progress)
 
 
 def parted(tracklet: np.ndarray, voted: np.ndarray) -> np.ndarray:
@@ -86,12 +110,25 @@ def _believed(solution: Solution, target: float, markers: int) -> np.ndarray:
     """(N,) the markers of the tracklets that are sure enough."""
     needed = max(BELIEVING.odds_of_target * float(np.log(target / (1 - target))), BELIEVING.least)
     believed = np.where(solution.margin >= needed, solution.marker, NO_MARKER)
+    if solution.backed is not None:
+        believed = np.where(solution.backed[believed] >= BELIEVING.min_backed, believed, NO_MARKER)
     for question in solution.questions:
-        if question.other >= markers and question.odds < BELIEVING.min_extra:
-            believed[believed == question.one] = NO_MARKER
-        elif question.other < markers and question.odds < BELIEVING.min_layout:
+        if question.other < markers and question.odds + _agreement(solution, question) < BELIEVING.min_layout:
             believed[np.isin(believed, (question.one, question.other))] = NO_MARKER
     return believed
+
+
+def _agreement(solution: Solution, question: Question) -> float:
+    """Log odds that frames on their own add to the names of two markers, if all of them say so."""
+    pair = [question.one, question.other]
+    own, other = (
+        sum(
+            float(solution.tracklets.votes[solution.marker == one, name].sum())
+            for one, name in zip(pair, names, strict=True)
+        )
+        for names in (pair, pair[::-1])
+    )
+    return BELIEVING.votes * (own - other) / max(own + other, 1.0)
 
 
 def _questions(solution: Solution, names: Sequence[str], frames: int, first_frame: int) -> tuple[Suspect, ...]:

@@ -36,7 +36,7 @@ class LayoutNamingOptions:
     max_distance_m: float = 0.35
     min_markers: int = 5
     min_gain: float = 1.0
-    max_question: float = 15.0
+    max_question: float = 6.0
     rounds: int = 12
 
 

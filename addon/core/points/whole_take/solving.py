@@ -77,6 +77,8 @@ class Solution:
     margin     (N,) log odds by which that is ahead of any other name, or none
     likely     (N,) the name that is likeliest for each on its own, NO_MARKER where that is none
     questions  pairs of markers that may have each other's names in all of the take
+    backed     (M,) the part of the points of each marker that were believed to be its own before; None where nothing
+               but the set's markers is there
     """
 
     tracklets: Tracklets
@@ -84,6 +86,7 @@ class Solution:
     margin: np.ndarray
     likely: np.ndarray
     questions: tuple[Question, ...]
+    backed: np.ndarray | None = None
 
 
 def solve_take(
@@ -141,7 +144,9 @@ class _Solving:
         own = (marker != NO_MARKER) & (marker < self.markers)
         likely = np.where(self.odds.max(axis=1) > 0, self.odds.argmax(axis=1), NO_MARKER)
         likely = np.where(likely < self.markers, likely, NO_MARKER)
-        return Solution(self.tracklets, np.where(own, marker, NO_MARKER), self.margin, likely, questions)
+        marker = np.where(own, marker, NO_MARKER)
+        backed = _backed(self.tracklets, marker, sure, self.markers) if len(self.trained.mean) > self.markers else None
+        return Solution(self.tracklets, marker, self.margin, likely, questions, backed)
 
     def _placed(self) -> np.ndarray:
         return self.tracklets.placed(self.points, self.marker, len(self.trained.mean))
@@ -183,6 +188,15 @@ class _Solving:
         self.trained = with_unknown(self.trained, count)
         nothing = np.zeros((len(self.tracklets), count))
         self.tracklets = replace(self.tracklets, votes=np.concatenate([self.tracklets.votes, nothing], axis=1))
+
+
+def _backed(tracklets: Tracklets, marker: np.ndarray, sure: np.ndarray, markers: int) -> np.ndarray:
+    """(M,) the part of the points of each marker, by the names (N,) of tracklets, that were sure (T, P) before."""
+    own = marker[tracklets.owner]
+    named = own != NO_MARKER
+    every = np.bincount(own[named], minlength=markers)
+    same = named & (sure[tracklets.row, tracklets.column] == own)
+    return np.bincount(own[same], minlength=markers) / np.maximum(every, 1)
 
 
 def _majority(tracklets: Tracklets, sure: np.ndarray, markers: int) -> np.ndarray:
