@@ -4,7 +4,7 @@
 With --serve, what the built-in model knows of a tennis serve in another lab, which has no SACR.
 
 One person's model is learned from one take. All takes of three other people are named, frame by frame and as the
-product does, in which trajectories vote; each marker is hidden twice for a while.
+product does, which solves takes as a whole; each marker is hidden twice for a while.
 """
 
 import argparse
@@ -87,7 +87,7 @@ def cells(name: str, learned: str, frames: Counts, product: Counts) -> list[list
             share(counts.wrong, counts.given, 3),
             f"{100 * (counts.given - counts.wrong) / counts.there:.1f} %",
         ]
-        for how, counts in (("frames alone", frames), ("trajectories vote", product))
+        for how, counts in (("frames alone", frames), ("the whole take", product))
     ]
 
 

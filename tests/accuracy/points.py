@@ -12,6 +12,7 @@ from addon.core.points.likelihood import Likelihood, label_frames
 from addon.core.points.likelihood.frames import LikelihoodNamer
 from addon.core.points.models import Model
 from addon.core.points.tracklets import cut
+from addon.core.points.whole_take.deciding import can_be_solved, labels_of, solution_of
 
 SEED = 5
 TARGET = 0.999  # the share of right labels that the product asks for
@@ -55,6 +56,9 @@ def labelled_as_product(model: Model, points: np.ndarray, rate: float) -> tuple[
     adaptation = adapt(model, points, tracklet, rate)
     model = adaptation.model
     named = Labels.join(LikelihoodNamer(model.likelihood).name(points, rate))
+    if can_be_solved(model, tracklet):
+        solution = solution_of(named, tracklet, points, model, rate, 0)
+        return named, labels_of(solution, named, TARGET, model.markerset.markers).labels, adaptation
     decided = decide(named, tracklet, model, TARGET, 0)
     decided = consistent(decided, points, model.likelihood, 0)
     return named, borne_out(decided, adaptation, 0).labels, adaptation

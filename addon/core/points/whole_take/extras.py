@@ -18,7 +18,7 @@ class ExtraOptions:
     """
 
     min_frames: int = 30
-    crowd: float = 1.3
+    crowd: float = 1.8
 
 
 EXTRAS = ExtraOptions()
