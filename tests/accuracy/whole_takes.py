@@ -2,7 +2,8 @@
 """Whole takes cut to pieces, of motions and people that training left out: python -m tests.accuracy.whole_takes.
 
 Every take is one of those beside the project: markers are hidden in bursts, every gap ends a piece, ghosts are added,
-and the pieces are shuffled. With --keep DIR, models are kept there and used again.
+and the pieces are shuffled. With --keep DIR, models are kept there and used again. With --write DIR, nothing is
+labelled, and the cases are written there as the programs of ../shared/tools/peers take them.
 """
 
 import argparse
@@ -22,6 +23,7 @@ from addon.core.training.pipeline import TrainingOptions, train
 from addon.core.training.takes import LabelledTake
 from addon.io.markersets import builtin_markersets, open_markerset
 from addon.io.models import open_model, write_model
+from addon.io.points import write_c3d
 
 from .people import BODY26, DATA, EXCHANGED, GAIT15, MCGILL, everyone, read_c3d
 from .points import Counts
@@ -219,6 +221,30 @@ def model_of(case: Case, keep: Path | None) -> Model:
     return model
 
 
+def write(case: Case, folder: Path):
+    """Writes each test of a case: `cloud.c3d`, `truth.csv`, and `train/SUBJECT/*.c3d`."""
+    for seed, take in enumerate(case.tested):
+        points, marker = cut_up(take, case.markers, case.pieces, seed)
+        place = folder / f"{case.name} {take.subject}".replace(" ", "-")
+        place.mkdir(parents=True, exist_ok=True)
+        write_c3d(place / "cloud.c3d", points)
+        rows = [f"{frame + 1},{point},{case.markers[marker[point]]}" for frame, point in _known(points, marker)]
+        (place / "truth.csv").write_text("\n".join(["frame,point,marker", *rows]) + "\n", encoding="utf-8")
+        for lesson in case.lessons:
+            own = place / "train" / lesson.subject
+            own.mkdir(parents=True, exist_ok=True)
+            named = lesson.of(case.markers)
+            residual = np.where(np.isfinite(named.xyz[..., 0]), 0.0005, np.nan)
+            shown = Points(named.markers, named.xyz, residual, named.rate, 1)
+            write_c3d(own / f"{lesson.name.partition('.')[0]}.c3d", shown)
+
+
+def _known(points: Points, marker: np.ndarray) -> list[tuple[int, int]]:
+    """Frame and trajectory of all points that are a marker's."""
+    frame, point = np.nonzero(points.present & (marker >= 0))
+    return list(zip(frame.tolist(), point.tolist(), strict=True))
+
+
 def labelled(model: Model, points: Points, target: float) -> tuple[np.ndarray, str]:
     """The markers (T, P) that the product names, and why none where it refuses the take."""
     try:
@@ -269,15 +295,20 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("cases", nargs="*", help=f"of {' '.join(CASES)}; all unless said")
     parser.add_argument("--keep", type=Path, help="a folder for the models")
+    parser.add_argument("--write", type=Path, help="a folder for the cases")
     parser.add_argument("--target", type=float, default=USUAL_TARGET)
     parser.add_argument("--show", action="store_true", help="take by take")
     given = parser.parse_args()
     rows = []
     for name in given.cases or CASES:
         for case in CASES[name]():
+            if given.write:
+                write(case, given.write)
+                continue
             rows.append(run(case, given.keep, given.target, given.show))
             print(rows[-1], flush=True)
-    print(table(["case", "takes", "recall", "wrong labels", "refused", "frames/s"], rows))
+    if not given.write:
+        print(table(["case", "takes", "recall", "wrong labels", "refused", "frames/s"], rows))
 
 
 if __name__ == "__main__":
