@@ -20,7 +20,8 @@ class PairOptions:
     """How distances are learned. All reckoned.
 
     frames            of a subject, or of a take, that are looked at
-    shapes            drawn from a likelihood of which no frame was kept
+    min_frames        of a subject that show how it moves
+    shapes            drawn from a likelihood of which few frames were kept
     size_sd           of other subjects than those of the training, in parts of it,
     length_sd         of a distance besides, in parts of it, and
     place_sd_m        of where their markers sit
@@ -32,6 +33,7 @@ class PairOptions:
     """
 
     frames: int = 600
+    min_frames: int = 30
     shapes: int = 400
     size_sd: float = 0.08
     length_sd: float = 0.04
@@ -64,8 +66,8 @@ class PairDistances:
 
 
 def trained_pairs(model: Model) -> PairDistances:
-    """What training knows: of the frames that the model keeps or, where it keeps none, of its likelihood."""
-    everyone = list(model.subjects.values())
+    """What training knows: of the frames that the model keeps or, where it keeps few, of its likelihood."""
+    everyone = [points for points in model.subjects.values() if len(points) >= PAIRING.min_frames]
     if not everyone:
         return _of_shape(model.likelihood)
     own = [_moments(points) for points in everyone]
