@@ -84,8 +84,7 @@ def vote_tracklets(
 
     labels and tracklet are (T, P); names the M markers; first_frame the source's number of the first frame.
     """
-    lengths = np.bincount(tracklet[tracklet >= 0]) if (tracklet >= 0).any() else np.zeros(0, int)
-    if not len(lengths) or np.median(np.repeat(lengths, lengths)) < options.min_length_frames:
+    if not are_lasting(tracklet, options):
         return Verdict(labels)
     voted, sure = np.full(labels.marker.shape, NO_MARKER), np.zeros(labels.marker.shape)
     suspects: list[Suspect] = []
@@ -101,6 +100,23 @@ def vote_tracklets(
     return Verdict(Labels(voted, step, sure), tuple(sorted(suspects, key=lambda suspect: suspect.first)))
 
 
+def are_lasting(tracklet: np.ndarray, options: VoteOptions = VOTE) -> bool:
+    """Whether the usual point is on a tracklet (T, P) long enough to go by; not so where frames are in no order."""
+    lengths = np.bincount(tracklet[tracklet >= 0]) if (tracklet >= 0).any() else np.zeros(0, int)
+    return len(lengths) > 0 and bool(np.median(np.repeat(lengths, lengths)) >= options.min_length_frames)
+
+
+def frame_log_odds(confidence: np.ndarray, options: VoteOptions = VOTE) -> np.ndarray:
+    """Log odds that frames on their own say for names of such confidence."""
+    odds = np.log(np.maximum(confidence, 1e-6) / np.maximum(1 - confidence, 1e-6))
+    return np.clip(odds, 0, options.max_frame_log_odds)
+
+
+def gone_over(last: int, first: int, before: str, after: str, column: int) -> Suspect:
+    """That a trajectory is one marker's up to the frame `last`, and another's from `first` on."""
+    return Suspect(last, first, f"goes over from {before} to {after}", column)
+
+
 def _gone_over(marker, tracklet, frame: int, names: Sequence[str], first_frame: int) -> list[Suspect]:
     """Tracklets that two windows, of which the second begins at `frame`, gave two names."""
     if frame == 0:
@@ -111,7 +127,7 @@ def _gone_over(marker, tracklet, frame: int, names: Sequence[str], first_frame: 
     )
     at = frame + first_frame
     return [
-        Suspect(at - 1, at, f"goes over from {names[before[column]]} to {names[after[column]]}", column)
+        gone_over(at - 1, at, names[before[column]], names[after[column]], column)
         for column in np.flatnonzero(changed).tolist()
     ]
 
@@ -177,8 +193,7 @@ def vote(
     marker (T, P) and confidence (T, P) are what frames said on their own, present (T, P) where a tracklet has a
     point, names the M markers and first_frame the source's number of the first frame.
     """
-    odds = np.log(np.maximum(confidence, 1e-6) / np.maximum(1 - confidence, 1e-6))
-    weight = np.clip(odds, 0, options.max_frame_log_odds)
+    weight = frame_log_odds(confidence, options)
     stretches = [
         stretch
         for point in range(marker.shape[1])
@@ -266,8 +281,8 @@ def _swaps(stretches, given, names, first_frame) -> list[Suspect]:
     suspects = []
     for (before, (old, _)), (after, (new, _)) in pairwise(zip(stretches, given, strict=True)):
         if before.point == after.point and NO_MARKER not in (old, new) and old != new:
-            words = f"goes over from {names[old]} to {names[new]}"
-            suspects.append(Suspect(before.last + first_frame, after.first + first_frame, words, before.point))
+            last, first = before.last + first_frame, after.first + first_frame
+            suspects.append(gone_over(last, first, names[old], names[new], before.point))
     return suspects
 
 

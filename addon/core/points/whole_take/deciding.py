@@ -9,7 +9,9 @@ import numpy as np
 
 from ...data.takes import BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Suspect, Verdict
 from ..deciding import consistent, decide, once
+from ..likelihood.calibration import chance
 from ..models import Model
+from ..tracklets import VOTE, are_lasting, gone_over
 from .layout import Question
 from .solving import ROUNDS, Solution, solve_take
 
@@ -27,7 +29,6 @@ class BelievingOptions:
     min_backed       part of a marker's points that frames and their trajectories must have named, where more is there
                      than the set's markers: which of two sits where one may be, distances hardly tell
     max_question     log odds below which a person is asked
-    usual_frames     of the usual tracklet; of shorter ones a take is not solved as a whole
     """
 
     sure_target: float = 0.999
@@ -38,7 +39,6 @@ class BelievingOptions:
     min_layout: float = 1.0
     min_backed: float = 0.1
     max_question: float = 3.0
-    usual_frames: int = 5
 
 
 BELIEVING = BelievingOptions()
@@ -48,8 +48,7 @@ def can_be_solved(model: Model, tracklet: np.ndarray) -> bool:
     """Whether a take with tracklets (T, P) is solved as a whole; a set on rigid bodies is known by these."""
     if model.likelihood is None or model.rigid_bodies is not None or len(model.markerset) < ROUNDS.min_markers:
         return False
-    lengths = np.bincount(tracklet[tracklet >= 0]) if (tracklet >= 0).any() else np.zeros(0, int)
-    return len(lengths) > 0 and np.median(np.repeat(lengths, lengths)) >= BELIEVING.usual_frames
+    return are_lasting(tracklet)
 
 
 def solution_of(
@@ -75,13 +74,11 @@ def parted(tracklet: np.ndarray, voted: np.ndarray) -> np.ndarray:
     found = tracklet.copy()
     count = int(tracklet.max(initial=-1)) + 1
     for column in range(tracklet.shape[1]):
-        frames = np.flatnonzero((voted[:, column] != NO_MARKER) & (tracklet[:, column] >= 0))
-        for before, after in pairwise(frames.tolist()):
-            same = tracklet[before, column] == tracklet[after, column]
-            if same and voted[before, column] != voted[after, column]:
-                rest = np.arange(len(tracklet)) >= after
-                found[rest & (tracklet[:, column] == tracklet[after, column]), column] = count
-                count += 1
+        own, said = tracklet[:, column], voted[:, column]
+        frames = np.flatnonzero((said != NO_MARKER) & (own >= 0))
+        for after in frames[1:][(np.diff(own[frames]) == 0) & (np.diff(said[frames]) != 0)].tolist():
+            found[after:, column][own[after:] == own[after]] = count
+            count += 1
     return found
 
 
@@ -92,16 +89,16 @@ def labels_of(solution: Solution, named: Labels, target: float, names: Sequence[
     """
     tracklets, believed = solution.tracklets, _believed(solution, target, len(names))
     marker = tracklets.spread(believed, named.marker.shape)
-    chance = np.zeros(named.marker.shape)
-    chance[tracklets.row, tracklets.column] = 1 / (1 + np.exp(-np.minimum(solution.margin, 30)))[tracklets.owner]
-    marker = once(marker, chance, len(names))
+    sure = np.zeros(named.marker.shape)
+    sure[tracklets.row, tracklets.column] = chance(np.minimum(solution.margin, VOTE.max_log_odds))[tracklets.owner]
+    marker = once(marker, sure, len(names))
     if target > BELIEVING.max_target:
         marker = np.where((marker == named.marker) & (named.rate >= target), marker, NO_MARKER)
     alone = (marker == named.marker) & (marker != NO_MARKER)
-    chance = np.where(alone, np.maximum(chance, named.confidence), chance)
+    sure = np.where(alone, np.maximum(sure, named.confidence), sure)
     step = np.where(alone, named.step, BY_TRAJECTORY)
     given = marker != NO_MARKER
-    labels = Labels(marker, np.where(given, step, NO_STEP), np.where(given, chance, 0.0))
+    labels = Labels(marker, np.where(given, step, NO_STEP), np.where(given, sure, 0.0))
     suspects = _gone_over(solution, believed, names, first_frame) + _unnamed(solution, believed, names, first_frame)
     return Verdict(labels, _questions(solution, names, len(named.marker), first_frame) + suspects)
 
@@ -120,15 +117,10 @@ def _believed(solution: Solution, target: float, markers: int) -> np.ndarray:
 
 def _agreement(solution: Solution, question: Question) -> float:
     """Log odds that frames on their own add to the names of two markers, if all of them say so."""
-    pair = [question.one, question.other]
-    own, other = (
-        sum(
-            float(solution.tracklets.votes[solution.marker == one, name].sum())
-            for one, name in zip(pair, names, strict=True)
-        )
-        for names in (pair, pair[::-1])
-    )
-    return BELIEVING.votes * (own - other) / max(own + other, 1.0)
+    one, other = question.one, question.other
+    of_one, of_other = (solution.tracklets.votes[solution.marker == name].sum(axis=0) for name in (one, other))
+    as_named, exchanged = float(of_one[one] + of_other[other]), float(of_one[other] + of_other[one])
+    return BELIEVING.votes * (as_named - exchanged) / max(as_named + exchanged, 1.0)
 
 
 def _questions(solution: Solution, names: Sequence[str], frames: int, first_frame: int) -> tuple[Suspect, ...]:
@@ -154,9 +146,8 @@ def _gone_over(solution: Solution, believed: np.ndarray, names: Sequence[str], f
         old, new = believed[one], believed[other]
         joined = column[one] == column[other] and tracklets.first[other] == tracklets.last[one] + 1
         if joined and NO_MARKER not in (old, new) and old != new:
-            words = f"goes over from {names[old]} to {names[new]}"
-            last, first = int(tracklets.last[one]), int(tracklets.first[other])
-            found.append(Suspect(last + first_frame, first + first_frame, words, int(column[one])))
+            last, first = int(tracklets.last[one]) + first_frame, int(tracklets.first[other]) + first_frame
+            found.append(gone_over(last, first, names[old], names[new], int(column[one])))
     return tuple(found)
 
 

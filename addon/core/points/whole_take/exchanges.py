@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...data.takes import evenly_spread
-from .matching import TRACKLET_MATCHING
+from ..tracklets import VOTE
 from .pairs import PairDistances
 from .pieces import Tracklets
 
@@ -125,7 +125,7 @@ def _votes(tracklets: Tracklets, own: np.ndarray, marker: np.ndarray, names) -> 
 def _parts(first: np.ndarray, last: np.ndarray) -> np.ndarray:
     """(K,) tracklets, sorted by their first frame, that hang together in time: number of the part of each."""
     end = np.maximum.accumulate(last)
-    new = first[1:] > end[:-1] - TRACKLET_MATCHING.max_overlap_frames
+    new = first[1:] > end[:-1] - VOTE.max_overlap_frames
     return np.concatenate([[0], np.cumsum(new)])
 
 

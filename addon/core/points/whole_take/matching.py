@@ -5,24 +5,10 @@ A linear programme: a variable for each name that a tracklet may have; a trackle
 that are there at a time one at most has each name.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ...data.takes import NO_MARKER
-
-
-@dataclass(frozen=True)
-class TrackletMatchingOptions:
-    """How tracklets are matched. Reckoned.
-
-    max_overlap_frames  that two tracklets of a marker may share: trackers end one late and start the other early
-    """
-
-    max_overlap_frames: int = 2
-
-
-TRACKLET_MATCHING = TrackletMatchingOptions()
+from ..tracklets import VOTE
 
 
 def matched(odds: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.ndarray:
@@ -58,15 +44,19 @@ def matched(odds: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.ndarray
 
 
 def cliques(first: np.ndarray, last: np.ndarray) -> list[np.ndarray]:
-    """The largest sets of tracklets, by index, that are there at one time; those of one are left out."""
-    # Shortened, so that those that hardly overlap do not meet.
-    end = np.maximum(last - TRACKLET_MATCHING.max_overlap_frames, first)
+    """The sets of tracklets, by index, that are there when one of them begins; those of one are left out."""
+    end = _ends(first, last)
     found: list[np.ndarray] = []
     for start in np.unique(first):
         there = np.flatnonzero((first <= start) & (end >= start))
-        if len(there) > 1 and not (found and np.isin(found[-1], there).all() and len(found[-1]) == len(there)):
+        if len(there) > 1:
             found.append(there)
     return found
+
+
+def _ends(first: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """(N,) the last frames of tracklets that are shortened, so that those that hardly overlap do not meet."""
+    return np.maximum(last - VOTE.max_overlap_frames, first)
 
 
 def margins(odds: np.ndarray, marker: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.ndarray:
@@ -74,7 +64,7 @@ def margins(odds: np.ndarray, marker: np.ndarray, first: np.ndarray, last: np.nd
     index = np.flatnonzero(marker != NO_MARKER)
     own = np.zeros(len(odds))
     own[index] = odds[index, marker[index]]
-    end = np.maximum(last - TRACKLET_MATCHING.max_overlap_frames, first)
+    end = _ends(first, last)
     found = np.zeros(len(odds))
     for one in index.tolist():
         name = marker[one]

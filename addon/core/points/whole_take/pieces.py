@@ -2,24 +2,22 @@
 """The tracklets of a take as things to name: when each is there, where it is in some frames, and what frames say."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from ...data.takes import NO_MARKER, Labels
+from ..tracklets import VOTE, frame_log_odds
 
 
 @dataclass(frozen=True)
 class VotingOptions:
-    """What frames that were named on their own say of a tracklet. All reckoned.
+    """What of a tracklet's frames is looked at. Both reckoned.
 
-    max_frame_log_odds  that one frame can say
-    frame_weight        part of an independent frame that a frame is worth: neighbours err together
-    max_votes           log odds that all of its frames can say
-    samples             frames of a tracklet that are looked at
+    max_votes  log odds that all frames that were named on their own can say
+    samples    frames whose distances are asked
     """
 
-    max_frame_log_odds: float = 4.0
-    frame_weight: float = 0.1
     max_votes: float = 8.0
     samples: int = 12
 
@@ -53,7 +51,7 @@ class Tracklets:
     def __len__(self) -> int:
         return len(self.first)
 
-    @property
+    @cached_property
     def owner(self) -> np.ndarray:
         """(K,) the tracklet of every point."""
         return np.repeat(np.arange(len(self)), self.count)
@@ -79,7 +77,7 @@ def tracklets_of(points: np.ndarray, tracklet: np.ndarray, named: Labels, marker
     number = tracklet[row, column]
     order = np.lexsort((row, number))
     row, column, number = row[order], column[order], number[order]
-    _, begin, count = np.unique(number, return_index=True, return_counts=True)
+    _, begin, owner, count = np.unique(number, return_index=True, return_inverse=True, return_counts=True)
     begin = np.append(begin, len(number))
     place = np.linspace(0, 1, VOTING.samples)[None] * (count - 1)[:, None]
     place = place.round().astype(int)
@@ -89,10 +87,9 @@ def tracklets_of(points: np.ndarray, tracklet: np.ndarray, named: Labels, marker
     frame = np.where(again, -1, row[at])
     xyz = np.where(again[..., None], np.nan, points[row[at], column[at]]).astype(np.float32)
     said, sure = named.marker[row, column], named.confidence[row, column]
-    odds = np.log(np.maximum(sure, 1e-6) / np.maximum(1 - sure, 1e-6))
-    odds = np.clip(odds, 0, VOTING.max_frame_log_odds) * VOTING.frame_weight
+    odds = frame_log_odds(sure) * VOTE.frame_weight
     votes = np.zeros((len(count), markers))
     some = said != NO_MARKER
-    np.add.at(votes, (np.repeat(np.arange(len(count)), count)[some], said[some]), odds[some])
+    np.add.at(votes, (owner[some], said[some]), odds[some])
     votes = np.minimum(votes, VOTING.max_votes)
     return Tracklets(row[begin[:-1]], row[begin[1:] - 1], count, frame, xyz, votes, row, column, begin)

@@ -9,12 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from addon.core.data.takes import NO_MARKER
-from addon.core.points.whole_take.matching import TRACKLET_MATCHING, cliques, margins, matched
+from addon.core.points.tracklets import VOTE
+from addon.core.points.whole_take.matching import cliques, margins, matched
 
 
 def allowed(marker, first, last) -> bool:
     """Whether no two tracklets that meet have one name."""
-    end = np.maximum(last - TRACKLET_MATCHING.max_overlap_frames, first)
+    end = np.maximum(last - VOTE.max_overlap_frames, first)
     for one in range(len(marker)):
         for other in range(one):
             meet = first[one] <= end[other] and first[other] <= end[one]
@@ -51,7 +52,7 @@ def test_cliques_hold_all_that_meet_and_nothing_else(seed):
     rng = np.random.default_rng(seed)
     first = rng.integers(0, 60, 7)
     last = first + rng.integers(0, 40, 7)
-    end = np.maximum(last - TRACKLET_MATCHING.max_overlap_frames, first)
+    end = np.maximum(last - VOTE.max_overlap_frames, first)
     meet = (first[:, None] <= end) & (first <= end[:, None])
     np.fill_diagonal(meet, False)
     held = np.zeros(meet.shape, bool)
