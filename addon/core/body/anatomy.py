@@ -210,13 +210,10 @@ _LEG_ALIASES = (
     *((f"{word}_met", f"{side}TOE") for side, word in _SIDE_WORDS),
 )
 _BODY_ALIASES = tuple((f"{side}FWT", f"{side}ASI") for side in BODY_SIDES)
+_WHOLE_ALIASES = (*_BODY_ALIASES, *((f"{side}BWT", f"{side}PSI") for side in BODY_SIDES))
 
 # Markers of the sets that actors wear, and the usual marker that sits in the same place or next to it.
-_ACTOR_SITES = (
-    ("RBAC", "RBAK"),
-    *((f"{side}FWT", f"{side}ASI") for side in BODY_SIDES),
-    *((f"{side}BWT", f"{side}PSI") for side in BODY_SIDES),
-)
+_ACTOR_SITES = (("RBAC", "RBAK"), *_WHOLE_ALIASES)
 
 
 @dataclass(frozen=True)
@@ -262,7 +259,7 @@ SETS = {
                 "RFRM RWRA RWRB RFIN LASI RASI LPSI RPSI LTHI LKNE LTIB LANK LHEE LTOE RTHI RKNE RTIB RANK RHEE "
                 "RTOE"
             ),
-            (*_BODY_ALIASES, *((f"{side}BWT", f"{side}PSI") for side in BODY_SIDES)),
+            _WHOLE_ALIASES,
             whole_body=True,
         ),
     )

@@ -19,15 +19,15 @@ def best_yaw(points: np.ndarray, goal: np.ndarray) -> np.ndarray:
 
 
 def upright_aligned(points: np.ndarray, template: np.ndarray) -> np.ndarray:
-    """Each frame of labelled points (T, M, 3), NaN where missing, turned and moved onto template (M, 3).
+    """Each frame of labelled points (T, M + E, 3), NaN where missing, turned and moved onto template (M, 3).
 
-    The least squares fit by yaw and translation over the markers present.
+    The least squares fit by yaw and translation over the markers present; E points that are none of them go along.
     """
     present = np.isfinite(points[..., :1])
-    count = np.maximum(present.sum(axis=1, keepdims=True), 1)
     known = np.where(present, points, 0)
-    own = known - known.sum(axis=1, keepdims=True) / count
-    goal_centre = (template * present).sum(axis=1, keepdims=True) / count
-    goal = template - goal_centre
-    aligned = turned(own, best_yaw(own * present, goal)) + goal_centre
-    return np.where(present, aligned, np.nan)
+    fitted, markers = present[:, : len(template)], known[:, : len(template)]
+    count = np.maximum(fitted.sum(axis=1, keepdims=True), 1)
+    centre = markers.sum(axis=1, keepdims=True) / count
+    goal_centre = (template * fitted).sum(axis=1, keepdims=True) / count
+    yaw = best_yaw((markers - centre) * fitted, template - goal_centre)
+    return np.where(present, turned(known - centre, yaw) + goal_centre, np.nan)

@@ -24,6 +24,7 @@ from ..points.naming import Namer, namer_of
 from ..points.refusals import refuse_floods, refuse_others, refuse_unrecognised
 from ..points.tracklets import cut, renamed
 from ..points.whole_take.deciding import can_be_solved, labels_of, solution_of
+from ..points.whole_take.solving import Solution
 from ..review.suspects import find_suspects, summarised
 
 USUAL_TARGET = 0.999  # the part of the labels that must be right, unless another is asked for
@@ -92,21 +93,15 @@ def _named(take: Points, model: Model, options: PointOptions) -> Generator[Progr
     refuse_others(adaptation.model, namer, take.xyz)
     named = yield from _frame_by_frame(namer, take, shares)
     yield Progress(shares["vote"], "let trajectories vote")
+    solution = None
     if learned and can_be_solved(adaptation.model, tracklet):
         given = named, tracklet, take.xyz, adaptation.model, take.rate, take.first_frame
         work = in_background(lambda tell: solution_of(*given, progress=tell))
         solution = yield from within(work, shares["vote"], shares["pose"], "solve the whole take")
-
-        def decided_at(target: float) -> Verdict:
-            return labels_of(solution, named, target, model.markerset.markers, take.first_frame)
-    else:
-
-        def decided_at(target: float) -> Verdict:
-            return _decided(named, tracklet, adaptation, take, target)
-
-    decided = decided_at(options.target)
+    known = named, tracklet, adaptation, take, solution
+    decided = _decided(*known, options.target)
     # Who asks for surer labels gets fewer, and the take is of the model's markers all the same.
-    usual = decided if options.target == USUAL_TARGET else decided_at(USUAL_TARGET)
+    usual = decided if options.target == USUAL_TARGET else _decided(*known, USUAL_TARGET)
     refuse_unrecognised(adaptation.model, namer, take.xyz, usual.labels)
     changed = renamed(decided.labels.marker, tracklet, model.markerset.markers, take.first_frame)
     return Verdict(decided.labels, decided.suspects + changed)
@@ -124,9 +119,21 @@ def _frame_by_frame(namer: Namer, take: Points, shares: dict[str, float]) -> Gen
     return Labels.join(parts)
 
 
-def _decided(named: Labels, tracklet: np.ndarray, adaptation: Adaptation, take: Points, target: float) -> Verdict:
-    """The names that tracklets, the rest of the take and its motion bear out, sure enough for the target."""
+def _decided(
+    named: Labels,
+    tracklet: np.ndarray,
+    adaptation: Adaptation,
+    take: Points,
+    solution: Solution | None,
+    target: float,
+) -> Verdict:
+    """The names that the take as a whole bears out, sure enough for the target.
+
+    By its solution; where it has none, by its tracklets, the rest of it, and its motion.
+    """
     model = adaptation.model
+    if solution is not None:
+        return labels_of(solution, named, target, model.markerset.markers, take.first_frame)
     verdict = decide(named, tracklet, model, target, take.first_frame)
     verdict = consistent(verdict, take.xyz, model.likelihood, take.first_frame)
     return borne_out(verdict, adaptation, take.first_frame)

@@ -14,6 +14,8 @@ from ..body.posing import fit_points
 from ..data.markersets import MarkerSet
 from ..data.takes import evenly_spread
 from ..geometry.rigid import pairwise_distances
+from ..points.likelihood.shape import cloud_radius
+from .laying import LAYING
 from .poses import mirrored_poses, posed_bodies, poses_of
 
 
@@ -31,7 +33,6 @@ class ImaginingOptions:
     max_known    subjects who were recorded, beyond which they show themselves how people differ; reckoned
     stranger_spread       times the spread of sizes, limbs and marker places that a body was learned with: its people
                           show less than there is; chosen on walkers of whom neither body nor model was learned
-    heights_m    between which people's are
     stranger_bend_sd_rad  as bend_sd_rad, where the poses are a recorded take's; reckoned
     joint_sd_m   how well a body laid into a frame shows where the joints are; reckoned
     skin_sd_m    how far a marker moves against its bone; as the markers of recorded actors do against a fitted body
@@ -48,7 +49,6 @@ class ImaginingOptions:
     max_known: int = 2
     stranger_spread: float = 1.25
     stranger_bend_sd_rad: float = 0.1
-    heights_m: tuple[float, float] = (1.0, 2.1)
     joint_sd_m: float = 0.01
     skin_sd_m: float = 0.006
     bend_sd_rad: float = 0.2
@@ -73,7 +73,7 @@ def shows_poses(points: np.ndarray, options: ImaginingOptions = IMAGINING) -> bo
 def size_of(points: np.ndarray) -> float:
     """m, root mean square distance of a subject's markers (T, M, 3) m from their middle."""
     shown = points[np.isfinite(points).any(axis=(1, 2))]
-    return float(np.sqrt(np.nanmean(np.nanvar(shown, axis=1).sum(axis=1))))
+    return cloud_radius(shown)
 
 
 def imagined(
@@ -142,7 +142,7 @@ def _stranger(model: BodyModel, rng: np.random.Generator, options: ImaginingOpti
     height = spread.height + spread.height_sd * rng.standard_normal()
     stray = np.tensordot(rng.standard_normal(len(model.modes)), model.modes, axes=1)
     stray[model.joint_count :] += spread.marker_sd[:, None] * rng.standard_normal((model.marker_count, 3))
-    offsets = (model.offsets + options.stranger_spread * stray) * np.clip(height, *options.heights_m)
+    offsets = (model.offsets + options.stranger_spread * stray) * np.clip(height, *LAYING.heights_m)
     return _as_metres(model.markerset, offsets[: model.joint_count], offsets[model.joint_count :])
 
 

@@ -15,6 +15,7 @@ from ..body.fit import fit_body
 from ..body.posing import point_pull
 from ..body.prior import Prior
 from ..data.markersets import MarkerSet
+from ..data.takes import evenly_spread
 from ..geometry import rotations
 from ..geometry.rigid import MIN_POINTS
 from ..geometry.upright import turned
@@ -28,7 +29,7 @@ class LayingOptions:
 
     poses, yaws      in how many poses and headings it is tried
     starts           so many of the likeliest are fitted
-    heights          m, between which people's are
+    heights_m        between which people's are
     reach            heights; a marker without a point nearer than this says nothing of where it is, at the start
     rounds, steps    of matching, and of fitting after each
     gates            heights, from the first round to the last, how near a point must be to be a marker's
@@ -41,7 +42,7 @@ class LayingOptions:
     poses: int = 120
     yaws: int = 12
     starts: int = 40
-    heights: tuple[float, float] = (1.0, 2.1)
+    heights_m: tuple[float, float] = (1.0, 2.1)
     reach: float = 0.15
     rounds: int = 10
     steps: int = 4
@@ -85,7 +86,7 @@ def _laid(frame: np.ndarray, body: MarkerSet, poses: np.ndarray, sides: np.ndarr
         return None
     cloud, model, gate = frame[there], BodyModel(body), LAYING.gates[1]
     height = float(np.ptp(cloud[:, 2]) / np.ptp(body.rest_markers[:, 2]))
-    height = float(np.clip(height, LAYING.heights[0], LAYING.heights[1]))
+    height = float(np.clip(height, *LAYING.heights_m))
     fitted = _fitted(model, cloud, _starts(model, cloud, poses, height), height)
     matched = _matched(fitted, cloud, gate * height)
     away = np.linalg.norm(fitted - cloud[matched], axis=2) / height
@@ -130,7 +131,7 @@ def marker_sides(markers: Sequence[str]) -> np.ndarray:
 
 def _starts(model: BodyModel, cloud: np.ndarray, poses: np.ndarray, height: float) -> Bodies:
     """The likeliest bodies in some of the poses, turned about the vertical, their markers' middle at the cloud's."""
-    some = poses[np.linspace(0, len(poses) - 1, min(LAYING.poses, len(poses))).round().astype(int)]
+    some = poses[evenly_spread(len(poses), LAYING.poses)]
     some = np.concatenate([np.zeros_like(some[:1]), some])
     bodies = posed_bodies(model, some, height)
     markers = model.pose(bodies).markers

@@ -215,10 +215,10 @@ def _lessons(
             lessons[subject] = points
             continue
         made = imagined(markerset, points, poses)
-        lessons |= {f"{subject}, made up {number}": frames for number, frames in enumerate(made, 1)}
-        frames = "1 frame" if len(points) == 1 else f"{len(points)} frames in one pose"
+        lessons |= {f"{subject}, made up {number}": guess for number, guess in enumerate(made, 1)}
+        few = "1 frame" if len(points) == 1 else f"{len(points)} frames in one pose"
         doubts.append(
-            f"learned from {frames} of {subject}: its other poses are made up by how recorded people move, so unusual "
+            f"learned from {few} of {subject}: its other poses are made up by how recorded people move, so unusual "
             "ones will be named less surely; a take that shows more of them makes the model better"
         )
         seen = np.isfinite(points[..., 0]).any(axis=0)

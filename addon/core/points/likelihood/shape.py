@@ -78,6 +78,11 @@ class Shape:
         return float(np.sqrt((self.mean**2).sum(axis=1).mean()))
 
 
+def cloud_radius(clouds: np.ndarray) -> float:
+    """Root mean square distance of clouds' markers (T, M, 3) m, NaN where missing, from their middles; m."""
+    return float(np.sqrt(np.nanmean(np.nanvar(clouds, axis=1).sum(axis=1))))
+
+
 def learn_shape(
     subjects: Sequence[np.ndarray], seed: int = 0, images: Sequence[np.ndarray] = (), options: ShapeOptions = SHAPE
 ) -> Shape:

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .shape import cloud_radius
+
 
 @dataclass(frozen=True)
 class TrialOptions:
@@ -42,7 +44,7 @@ def crowded(trial: Trial, labelled: np.ndarray, most: int, rng: np.random.Genera
     those on a part of the body that the set leaves out.
     """
     frames, markers = labelled.shape[:2]
-    radius = np.sqrt(np.nanmean(np.nanvar(labelled, axis=1).sum(axis=1)))
+    radius = cloud_radius(labelled)
     one, other = np.moveaxis(rng.integers(0, markers, (frames, most, 2)), 2, 0)
     rows = np.arange(frames)[:, None]
     part = np.where(np.arange(most) % 2, rng.uniform(1 - TRIAL.max_along, TRIAL.max_along, (frames, most)), 0)
@@ -65,7 +67,7 @@ def make_trial(
     """
     frames, markers = labelled.shape[:2]
     seen = np.isfinite(labelled[..., 0])
-    radius = np.sqrt(np.nanmean(np.nanvar(labelled, axis=1).sum(axis=1)))
+    radius = cloud_radius(labelled)
     gone = rng.integers(hidden[0], hidden[1] + 1, frames)
     order = np.argsort(np.where(seen, rng.random((frames, markers)), 2), axis=1)
     kept = seen & (np.argsort(order, axis=1) >= gone[:, None])

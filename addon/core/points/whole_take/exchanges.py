@@ -11,7 +11,8 @@ import numpy as np
 
 from ...data.takes import evenly_spread
 from ..tracklets import VOTE
-from .pairs import PairDistances
+from .likeness import worth_of_each
+from .pairs import PAIRING, PairDistances
 from .pieces import Tracklets
 
 
@@ -20,9 +21,7 @@ class UndoOptions:
     """How exchanges are looked for. All reckoned.
 
     frames           of a take that are looked at
-    max_distance_m   between markers that are taken for each other
     neighbours       of the two that are asked
-    independent      of them: their distances err together
     sd_m             that a difference of distances has at least
     rounds           of asking which is which, and learning it anew
     min_odds         log odds of an exchange that is undone
@@ -31,9 +30,7 @@ class UndoOptions:
     """
 
     frames: int = 600
-    max_distance_m: float = 0.35
     neighbours: int = 10
-    independent: float = 4.0
     sd_m: float = 0.004
     rounds: int = 10
     min_odds: float = 6.0
@@ -59,7 +56,7 @@ def undone(
     marker = marker.copy()
     frames = evenly_spread(len(placed), UNDO.frames)
     some = placed[frames].astype(float)
-    near = (pairs.mean < UNDO.max_distance_m) & np.isfinite(pairs.mean)
+    near = pairs.mean < PAIRING.max_confused_m
     touched: set[int] = set()
     for one, other in zip(*np.nonzero(np.triu(near, 1)), strict=True):
         own = np.flatnonzero((marker == one) | (marker == other))
@@ -79,40 +76,45 @@ def _turned(tracklets, own, marker, some, frames, names, trained, pairs, rate) -
     none = np.zeros(0, int)
     if part[-1] == 0:
         return none
-    within = pairs.within[one] + pairs.within[other]
-    within[[one, other]] = np.inf
-    near = np.argsort(within)[: UNDO.neighbours]
-    near = near[np.isfinite(within[near])]
-    differs = _distance(some, one, near) - _distance(some, other, near)
-    ever = np.isfinite(differs).any(axis=0)
-    near, differs = near[ever], differs[:, ever]
     begin = tracklets.first[own][np.flatnonzero(np.diff(part, prepend=-1))]
     where = np.searchsorted(begin, frames, side="right") - 1
+    near, differs = _differences(some, one, other, pairs)
     seen = np.isfinite(differs).any(axis=1) & (where >= 0)
     differs, where = differs[seen], where[seen]
     if len(differs) < 2:
         return none
     known = np.isfinite(differs)
     differs = np.where(known, differs, 0)
-    spacing = (frames[1] - frames[0]) / rate if len(frames) > 1 else 1.0
-    worth = min(1.0, spacing / UNDO.independent_s)
-    share = np.minimum(1, UNDO.independent / np.maximum(known.sum(axis=1), 1))
-    sign = np.ones(part[-1] + 1)
-    said = np.zeros(len(sign))
-    for start in _starts(differs, where, len(sign)):
-        ended, odds = _settled(differs, known, where, start, share, worth)
-        if np.abs(odds).sum() > np.abs(said).sum():
-            sign, said = ended, odds
+    spacing = (frames[1] - frames[0]) / rate
+    sign, said = _signs(differs, known, where, part[-1] + 1, min(1.0, spacing / UNDO.independent_s))
     # Which of the two is which: frames on their own, and what training knows of the two markers' distances.
     turns = np.bincount(part, weights=_votes(tracklets, own, marker, names), minlength=len(sign)) * sign
     middle = _middle(differs * sign[where][:, None], known)
     expected = trained.mean[one, near] - trained.mean[other, near]
     unsure = trained.unsure[one, near] + trained.unsure[other, near] + UNDO.sd_m**2
-    for_it = np.nansum(2 * middle * expected / unsure) * min(1, UNDO.independent / max(len(near), 1))
+    for_it = np.nansum(2 * middle * expected / unsure) * worth_of_each(len(near))
     if turns.sum() + for_it < 0:
         sign = -sign
     turn = (sign < 0) & (np.abs(said) > UNDO.min_odds)
     return own[turn[part]]
+
+
+def _differences(some: np.ndarray, one: int, other: int, pairs: PairDistances) -> tuple[np.ndarray, np.ndarray]:
+    """The steadiest neighbours (Q,) of two markers, and by how much they are farther from the one (F, Q), m."""
+    within = pairs.within[one] + pairs.within[other]
+    within[[one, other]] = np.inf
+    near = np.argsort(within)[: UNDO.neighbours]
+    near = near[np.isfinite(within[near])]
+    differs = _distance(some, one, near) - _distance(some, other, near)
+    ever = np.isfinite(differs).any(axis=0)
+    return near[ever], differs[:, ever]
+
+
+def _signs(differs, known, where, parts: int, worth: float) -> tuple[np.ndarray, np.ndarray]:
+    """The likeliest signs (parts,) of any start, and the log odds for them (parts,)."""
+    share = worth_of_each(known.sum(axis=1))
+    ends = [_settled(differs, known, where, start, share, worth) for start in _starts(differs, where, parts)]
+    return max(ends, key=lambda end: np.abs(end[1]).sum())
 
 
 def _votes(tracklets: Tracklets, own: np.ndarray, marker: np.ndarray, names) -> np.ndarray:

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...data.takes import NO_POINT, evenly_spread
-from ...geometry.upright import best_yaw, turned
-from ..likelihood.model import Likelihood
+from ...geometry.upright import upright_aligned
+from ..likelihood.model import Known, Likelihood
 from ..likelihood.naming import Settled, score_of, settle
+from .pairs import PAIRING
 
 
 @dataclass(frozen=True)
@@ -23,7 +24,6 @@ class LayoutNamingOptions:
     frames           that are asked, of
     fullest          so many times as many that show most of the markers
     min_frames       fewer say nothing
-    max_distance_m   between two markers that may be taken for each other
     min_markers      of a frame that is asked
     min_gain         log likelihood of the middle frame by which other names must be better
     max_question     log odds below which what is right is a question
@@ -33,7 +33,6 @@ class LayoutNamingOptions:
     frames: int = 16
     fullest: int = 16
     min_frames: int = 3
-    max_distance_m: float = 0.35
     min_markers: int = 5
     min_gain: float = 1.0
     max_question: float = 6.0
@@ -65,7 +64,7 @@ def named_by_layout(
     some = _frames(placed, markers)
     if len(some) < LAYOUT_NAMING.min_frames:
         return name, ()
-    points = _aligned(some, likelihood.shape.mean)
+    points = upright_aligned(some, likelihood.shape.mean)
     present = np.isfinite(points[..., 0])
     points, known = np.where(present[..., None], points, 0), likelihood.known
     naming = np.where(present[:, :markers], np.arange(markers), NO_POINT)
@@ -74,8 +73,7 @@ def named_by_layout(
         tried = _exchanges(now, name, known.exchanges, absent)
         place = np.argsort(name)
         others = place[tried[:, :markers]]
-        rows = np.arange(len(points))[:, None, None]
-        others = np.where(present[rows, others[None]], others[None], NO_POINT)
+        others = np.where(present[:, others], others, NO_POINT)
         gain = np.median(_scores(known, now, others) - now.score[:, None], axis=0)
         best = int(gain.argmax()) if len(gain) else 0
         if not len(gain) or gain[best] <= LAYOUT_NAMING.min_gain:
@@ -93,17 +91,6 @@ def _questions(tried: np.ndarray, gain: np.ndarray, there: np.ndarray) -> tuple[
         if len(pair) == 2 and there[pair].all() and value > -LAYOUT_NAMING.max_question:
             found.append(Question(int(pair[0]), int(pair[1]), -value))
     return tuple(found)
-
-
-def _aligned(points: np.ndarray, mean: np.ndarray) -> np.ndarray:
-    """Points (F, M + E, 3), NaN where missing, turned and moved so that the first M lie on the mean (M, 3)."""
-    known = points[:, : len(mean)]
-    there = np.isfinite(known[..., :1])
-    count = np.maximum(there.sum(axis=1, keepdims=True), 1)
-    middle = np.where(there, known, 0).sum(axis=1, keepdims=True) / count
-    goal = (mean * there).sum(axis=1, keepdims=True) / count
-    yaw = best_yaw(np.where(there, known - middle, 0), (mean - goal) * there)
-    return turned(points - middle, yaw) + goal
 
 
 def _frames(placed: np.ndarray, markers: int) -> np.ndarray:
@@ -130,7 +117,7 @@ def _exchanges(now: Settled, name: np.ndarray, limbs: np.ndarray, absent: bool) 
     between = np.where(np.isfinite(between), between, np.inf)
     there = seen.any(axis=0)
     both = there | there[:, None] if absent else there & there[:, None]
-    near = (np.median(between, axis=0) < LAYOUT_NAMING.max_distance_m) & both
+    near = (np.median(between, axis=0) < PAIRING.max_confused_m) & both
     one, other = np.nonzero(np.triu(near, 1))
     one, other = one[one < markers], other[one < markers]
     pairs = np.tile(np.arange(every), (len(one), 1))
@@ -140,7 +127,7 @@ def _exchanges(now: Settled, name: np.ndarray, limbs: np.ndarray, absent: bool) 
     return np.concatenate([pairs, np.concatenate([limbs, rest], axis=1)])
 
 
-def _scores(known, now, others: np.ndarray) -> np.ndarray:
+def _scores(known: Known, now: Settled, others: np.ndarray) -> np.ndarray:
     """(F, X) log likelihoods of other namings (F, X, M) of frames."""
     found = np.empty(others.shape[:2])
     for index in range(others.shape[1]):

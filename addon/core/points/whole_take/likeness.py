@@ -56,11 +56,8 @@ def likeness(
     placed (T, M, 3) m; own (N,) the marker that a tracklet is itself named so far, which does not speak for it.
     """
     markers = placed.shape[1]
-    sd = np.where(np.isfinite(pairs.mean) & ~np.eye(markers, dtype=bool), np.sqrt(pairs.variance), np.inf)
-    near = np.argsort(sd, axis=1)[:, : min(LIKENESS.considered, markers - 1)]
-    rows = np.arange(markers)[:, None]
-    mean = np.nan_to_num(pairs.mean[rows, near], nan=1.0).astype(np.float32)
-    variance = (sd[rows, near] ** 2).astype(np.float32)
+    near, rows = _steadiest(pairs.variance), np.arange(markers)[:, None]
+    mean, variance = (of_pair[rows, near].astype(np.float32) for of_pair in (pairs.mean, pairs.variance))
     found = np.empty((len(tracklets), markers))
     length = (tracklets.last - tracklets.first + 1) / rate
     worth = np.minimum(1 + length / LIKENESS.sample_s, LIKENESS.max_samples)
@@ -73,6 +70,12 @@ def likeness(
         enough = count >= 0.5 * (tracklets.frame[some] >= 0).sum(axis=1)[:, None]
         found[some] = np.where(enough, middle * worth[some, None], NOTHING_SAID)
     return found
+
+
+def _steadiest(variance: np.ndarray) -> np.ndarray:
+    """(M, Q) the neighbours of each marker whose distances vary (M, M) least."""
+    others = np.where(np.eye(len(variance), dtype=bool), np.inf, variance)
+    return np.argsort(others, axis=1)[:, : min(LIKENESS.considered, len(variance) - 1)]
 
 
 def _of_frames(frame, xyz, placed, own, near, mean, variance) -> np.ndarray:
@@ -99,7 +102,7 @@ def _odds(away: np.ndarray, mean: np.ndarray, variance: np.ndarray) -> np.ndarra
     there = np.isfinite(distance) & np.isfinite(mean) & np.isfinite(variance)
     there &= np.cumsum(there, axis=-1, dtype=np.int8) <= LIKENESS.neighbours
     asked = there.sum(axis=-1)
-    share = np.minimum(1, LIKENESS.independent / np.maximum(asked, 1)).astype(np.float32)
+    share = worth_of_each(asked).astype(np.float32)
     away = np.where(there[..., None], away, 0)
     distance = np.where(there, distance, 1.0)
     variance = np.where(there, variance, 1.0)
@@ -115,14 +118,17 @@ def _odds(away: np.ndarray, mean: np.ndarray, variance: np.ndarray) -> np.ndarra
     return np.where(asked >= LIKENESS.min_neighbours, odds, np.nan)
 
 
+def worth_of_each(asked: np.ndarray | int) -> np.ndarray:
+    """The part for which each of so many neighbours counts, so that all together say no more than the independent."""
+    return np.minimum(1, LIKENESS.independent / np.maximum(asked, 1))
+
+
 def links(tracklets: Tracklets, placed: np.ndarray, own: np.ndarray, pairs: PairDistances, rate: float) -> np.ndarray:
     """(N, M) log odds that each tracklet goes on as a marker did before it, and as the marker does after it.
 
     Over a gap the distances to its neighbours hardly change; 0 where nothing is named near in time.
     """
-    markers = placed.shape[1]
-    sd = np.where(~np.eye(markers, dtype=bool), np.sqrt(pairs.within), np.inf)
-    near = np.argsort(sd, axis=1)[:, : min(LIKENESS.considered, markers - 1)]
+    markers, near = placed.shape[1], _steadiest(pairs.within)
     within = pairs.within[np.arange(markers)[:, None], near].astype(np.float32)
     there = np.isfinite(placed[..., 0])
     frames = np.arange(len(placed))[:, None]

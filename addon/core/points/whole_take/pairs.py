@@ -11,7 +11,9 @@ import numpy as np
 
 from ...data.takes import evenly_spread
 from ...geometry.rigid import pairwise_distances
+from ..likelihood.distances import CONSTRAINING
 from ..likelihood.model import Likelihood
+from ..likelihood.shape import SUBJECT_PRIOR
 from ..models import Model
 
 
@@ -22,27 +24,25 @@ class PairOptions:
     frames            of a subject, or of a take, that are looked at
     min_frames        of a subject that show how it moves
     shapes            drawn from a likelihood of which few frames were kept
-    size_sd           of other subjects than those of the training, in parts of it,
-    length_sd         of a distance besides, in parts of it, and
-    place_sd_m        of where their markers sit
+    length_sd         of a distance of other subjects than those of the training, besides their size, in parts of it,
+    place_sd_m        and of where their markers sit
+    max_confused_m    between two markers that may be taken for each other
     motion_factor     times the variance of a distance seen in training: other motions bend more
     within_frames     frames that training's spread counts for when the take shows another
     independent       frames of a take that say as much as one independent one: neighbours show the same pose
     min_sd_m          that a distance has at least
-    max_size_ratio    logarithm of a distance over that of the training, from which it says nothing of the size
     """
 
     frames: int = 600
     min_frames: int = 30
     shapes: int = 400
-    size_sd: float = 0.08
     length_sd: float = 0.04
     place_sd_m: float = 0.015
+    max_confused_m: float = 0.35
     motion_factor: float = 2.0
     within_frames: float = 8.0
     independent: float = 4.0
     min_sd_m: float = 0.006
-    max_size_ratio: float = 0.4
 
 
 PAIRING = PairOptions()
@@ -128,8 +128,8 @@ def with_unknown(trained: PairDistances, count: int) -> PairDistances:
 def in_take(trained: PairDistances, placed: np.ndarray) -> PairDistances:
     """What the markers as they are named so far, (T, M, 3) m, NaN where they are not, add to what is known."""
     mean, within, count = _moments(placed)
+    coverage = count / max(min(len(placed), PAIRING.frames), 1)
     count = count / PAIRING.independent
-    coverage = count * PAIRING.independent / max(min(len(placed), PAIRING.frames), 1)
     some = count > 0
     mean, within = np.where(some, mean, 0), np.where(some, within, 0)
     size, size_variance = _size(trained, mean, within, count)
@@ -150,8 +150,8 @@ def _size(trained: PairDistances, mean: np.ndarray, within: np.ndarray, count: n
     ratio = np.log(np.maximum(mean[one, other], 1e-6) / length)
     off = (trained.unsure + trained.within + within)[one, other] / length**2
     # A marker is in many pairs, so these are not as many measurements as they look.
-    weight = np.where(np.abs(ratio) < PAIRING.max_size_ratio, 2 / (off * len(mean)), 0)
-    known = weight.sum() + PAIRING.size_sd**-2
+    weight = np.where(np.abs(ratio) < CONSTRAINING.max_size_ratio, 2 / (off * len(mean)), 0)
+    known = weight.sum() + SUBJECT_PRIOR.size_sd**-2
     return float(np.exp((weight * ratio).sum() / known)), float(1 / known)
 
 

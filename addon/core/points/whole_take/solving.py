@@ -125,18 +125,19 @@ class _Solving:
             if progress is not None:
                 progress(number / len(ROUNDS.freedoms))
             least = ROUNDS.margins if number else ROUNDS.first_margins
+            wide = widened(self.trained, freedom.bend, freedom.motion_m, freedom.layout_m)
             for _ in range(ROUNDS.max_layouts):
-                self._spread(freedom, least)
+                self._spread(wide, freedom.link, least)
                 if looked_at is not None and (looked_at == self.marker).all():
                     break
                 before = self.marker
-                questions = self._put_right(freedom)
+                questions = self._put_right(wide, absent=freedom.bend > 0)
                 looked_at = self.marker
                 if (before == self.marker).all():
                     break
                 least = ROUNDS.margins
             else:
-                self._spread(freedom, least)
+                self._spread(wide, freedom.link, least)
             if freedom is not ROUNDS.freedoms[-1]:
                 self._add_extras()
         # What is likely but not believed has its name here too: how sure it must be is for whoever asks.
@@ -151,17 +152,17 @@ class _Solving:
     def _placed(self) -> np.ndarray:
         return self.tracklets.placed(self.points, self.marker, len(self.trained.mean))
 
-    def _spread(self, freedom: Freedom, least: tuple[float, ...]):
+    def _spread(self, wide: PairDistances, link: float, least: tuple[float, ...]):
         """Rounds until nothing changes."""
-        wide = widened(self.trained, freedom.bend, freedom.motion_m, freedom.layout_m)
         for number in range(ROUNDS.max_rounds):
             placed = self._placed()
-            self.odds = self._odds(placed, in_take(wide, placed), freedom.link)
-            self.best = best = matched(self.odds, self.tracklets.first, self.tracklets.last)
-            self.margin = margins(self.odds, best, self.tracklets.first, self.tracklets.last)
+            self.odds = self._odds(placed, in_take(wide, placed), link)
+            first, last = self.tracklets.first, self.tracklets.last
+            self.best = matched(self.odds, first, last)
+            self.margin = margins(self.odds, self.best, first, last)
             # What is believed already needs not be surer than in the end.
-            needed = np.where(best == self.marker, least[-1], least[min(number, len(least) - 1)])
-            after = np.where(self.margin >= needed, best, NO_MARKER)
+            needed = np.where(self.best == self.marker, least[-1], least[min(number, len(least) - 1)])
+            after = np.where(self.margin >= needed, self.best, NO_MARKER)
             same = (after == self.marker).all()
             self.marker = after
             if same and number >= len(least) - 1:
@@ -173,12 +174,11 @@ class _Solving:
         odds = likeness(*given) + self.tracklets.votes
         return odds + np.clip(links(*given), -most, most) if most else odds
 
-    def _put_right(self, freedom: Freedom) -> tuple[Question, ...]:
+    def _put_right(self, wide: PairDistances, absent: bool) -> tuple[Question, ...]:
         """Takes back exchanges, and gives the questions that are left."""
-        wide = widened(self.trained, freedom.bend, freedom.motion_m, freedom.layout_m)
         placed = self._placed()
         self.marker = undone(self.tracklets, placed, self.marker, self.trained, in_take(wide, placed), self.rate)
-        name, questions = named_by_layout(self.model.likelihood, self._placed(), absent=freedom.bend > 0)
+        name, questions = named_by_layout(self.model.likelihood, self._placed(), absent)
         self.marker = np.where(self.marker != NO_MARKER, name[self.marker], NO_MARKER)
         return questions
 
