@@ -21,7 +21,7 @@ from ..points.deciding import consistent, decide
 from ..points.models import Model
 from ..points.motion import motion_of
 from ..points.naming import Namer, namer_of
-from ..points.refusals import refuse_floods, refuse_others, refuse_unrecognised
+from ..points.refusals import refuse_floods, refuse_others, refuse_unlike, refuse_unrecognised
 from ..points.tracklets import cut, renamed
 from ..points.whole_take.deciding import can_be_solved, labels_of, solution_of
 from ..points.whole_take.solving import Solution
@@ -90,14 +90,17 @@ def _named(take: Points, model: Model, options: PointOptions) -> Generator[Progr
     adaptation = adapt(model, take.xyz, tracklet, take.rate) if learned else Adaptation(model)
     namer = namer_of(adaptation.model, options.method, options.hints)
     yield Progress(shares["others"], "look whether the model is for this take")
-    refuse_others(adaptation.model, namer, take.xyz)
+    solvable = learned and can_be_solved(adaptation.model, tracklet)
+    refuse_others(adaptation.model, namer, take.xyz, solvable)
     named = yield from _frame_by_frame(namer, take, shares)
     yield Progress(shares["vote"], "let trajectories vote")
     solution = None
-    if learned and can_be_solved(adaptation.model, tracklet):
+    if solvable:
         given = named, tracklet, take.xyz, adaptation.model, take.rate, take.first_frame
         work = in_background(lambda tell: solution_of(*given, progress=tell))
         solution = yield from within(work, shares["vote"], shares["pose"], "solve the whole take")
+        if solution.crowd:
+            refuse_unlike(adaptation.model, take.xyz, solution.residual)
     known = named, tracklet, adaptation, take, solution
     decided = _decided(*known, options.target)
     # Who asks for surer labels gets fewer, and the take is of the model's markers all the same.

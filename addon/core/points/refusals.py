@@ -35,6 +35,8 @@ class RefusalOptions:
     crowd                   times as many points as markers, at least, where there may be two subjects
     min_second              share of the markers that a second subject's points must be enough for,
     min_often               in this share of the frames
+    max_residual            mean square, over what training leaves, between a crowd's markers and where the set has
+                            them; chosen on walks (0.14 to 0.2) and on other sets (0.7 to 2.4)
     """
 
     sample_frames: int = 40
@@ -52,6 +54,7 @@ class RefusalOptions:
     crowd: float = 1.6
     min_second: float = 0.5
     min_often: float = 0.4
+    max_residual: float = 0.45
 
 
 REFUSAL = RefusalOptions()
@@ -64,8 +67,11 @@ def refuse_floods(points: np.ndarray):
         raise JobError(f"has {most} points in one frame; expected the markers of a subject and some ghosts")
 
 
-def refuse_others(model: Model, namer: Namer, points: np.ndarray):
+def refuse_others(model: Model, namer: Namer, points: np.ndarray, solvable: bool = False):
     """Looks at some frames of points (T, P, 3) m, NaN where missing, before all of them are named.
+
+    Of a take that is `solvable` as a whole, frames on their own need not be sure where one subject has many more points
+    than the model: then `refuse_unlike` has the say.
 
     Raises JobError where frames on their own are not sure of the model's markers, or are of two
     subjects' at once. The fitted body needs its frames in a row: for it two groups of points are two subjects, and the
@@ -89,8 +95,25 @@ def refuse_others(model: Model, namer: Namer, points: np.ndarray):
     others = [part for part in _seconds(model, some, first, found) if _sure(model, namer, part) >= wanted]
     if len(others) + found >= 2:
         raise _two_subjects(model)
-    if not found:
+    if not found and not (solvable and _one_crowd(model, some)):
         raise _unrecognised(model, some, alone)
+
+
+def _one_crowd(model: Model, points: np.ndarray) -> bool:
+    """Whether frames of points (T, P, 3) have many more of them than markers, and all of them together."""
+    usual = np.median(np.isfinite(points).all(axis=2).sum(axis=1))
+    if model.likelihood is None or usual < REFUSAL.crowd * len(model.markerset):
+        return False
+    return not _grouped(points, model.likelihood.shape.radius, REFUSAL.min_second * len(model.markerset))
+
+
+def refuse_unlike(model: Model, points: np.ndarray, residual: float):
+    """Raises JobError where the markers found among many more points (T, P, 3) do not sit as the set has them.
+
+    residual is that of `whole_take.solving.Solution`: names can be found for any points, if there are enough.
+    """
+    if residual > REFUSAL.max_residual:
+        raise _unrecognised(model, points, 0.0)
 
 
 def refuse_unrecognised(model: Model, namer: Namer, points: np.ndarray, given: Labels):

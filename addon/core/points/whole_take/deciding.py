@@ -25,9 +25,8 @@ class BelievingOptions:
     least            at least,
     max_target       beyond which nothing is promised of a take as a whole: frames must be as sure on their own
     votes            log odds that frames on their own add to those of two names, if all of them agree; of which,
-    min_layout       below which neither of two markers is named that may have each other's names
-    min_backed       part of a marker's points that frames and their trajectories must have named, where more is there
-                     than the set's markers: which of two sits where one may be, distances hardly tell
+    min_layout       below which neither of two markers is named that may have each other's names, and
+    min_crowd_layout the same where more is there than the set's markers, and frames hardly say which is which
     max_question     log odds below which a person is asked
     """
 
@@ -37,7 +36,7 @@ class BelievingOptions:
     max_target: float = 0.9999
     votes: float = 2.0
     min_layout: float = 1.0
-    min_backed: float = 0.1
+    min_crowd_layout: float = 2.0
     max_question: float = 3.0
 
 
@@ -107,10 +106,9 @@ def _believed(solution: Solution, target: float, markers: int) -> np.ndarray:
     """(N,) the markers of the tracklets that are sure enough."""
     needed = max(BELIEVING.odds_of_target * float(np.log(target / (1 - target))), BELIEVING.least)
     believed = np.where(solution.margin >= needed, solution.marker, NO_MARKER)
-    if solution.backed is not None:
-        believed = np.where(solution.backed[believed] >= BELIEVING.min_backed, believed, NO_MARKER)
+    least = BELIEVING.min_crowd_layout if solution.crowd else BELIEVING.min_layout
     for question in solution.questions:
-        if question.other < markers and question.odds + _agreement(solution, question) < BELIEVING.min_layout:
+        if question.other < markers and question.odds + _agreement(solution, question) < least:
             believed[np.isin(believed, (question.one, question.other))] = NO_MARKER
     return believed
 

@@ -24,12 +24,17 @@ class ExtraOptions:
 EXTRAS = ExtraOptions()
 
 
-def with_extras(tracklets: Tracklets, marker: np.ndarray, markers: int, known: int) -> tuple[np.ndarray, int]:
-    """The markers (N,) with extra ones, numbered from `known` on, and how many there are.
+def with_extras(tracklets: Tracklets, marker: np.ndarray, markers: int) -> tuple[np.ndarray, int]:
+    """The markers (N,) with extra ones, numbered from `markers` on, and how many there are.
 
-    Where many more tracklets than markers are there at a time, those without a name that are there in the frame in
-    which most of them are become one extra each. The rest of their tracklets is for the take to find.
+    Extras so far that a tracklet still is stay. Where many more tracklets than markers are there at a time, those
+    without a name that are there in the frame in which most of them are become one extra each. The rest of their
+    tracklets is for the take to find.
     """
+    before, number = np.unique(marker[marker >= markers], return_inverse=True)
+    marker = marker.copy()
+    marker[marker >= markers] = markers + number
+    known = markers + len(before)
     long = tracklets.count >= EXTRAS.min_frames
     frames = np.arange(int(tracklets.last.max(initial=0)) + 1)
     begun = np.searchsorted(np.sort(tracklets.first[long]), frames, side="right")
@@ -37,11 +42,10 @@ def with_extras(tracklets: Tracklets, marker: np.ndarray, markers: int, known: i
     usual = float(np.median(begun - ended))
     free = np.flatnonzero((marker == NO_MARKER) & long)
     if usual < EXTRAS.crowd * markers or not len(free):
-        return marker, 0
+        return marker, len(before)
     first, last = tracklets.first[free], tracklets.last[free]
     there = (first[:, None] <= first) & (first <= last[:, None])
     together = free[there[:, there.sum(axis=0).argmax()]]
     together = together[np.argsort(-tracklets.count[together], kind="stable")]
-    marker = marker.copy()
     marker[together] = known + np.arange(len(together))
-    return marker, len(together)
+    return marker, len(before) + len(together)

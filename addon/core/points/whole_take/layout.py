@@ -13,7 +13,8 @@ import numpy as np
 from ...data.takes import NO_POINT, evenly_spread
 from ...geometry.upright import upright_aligned
 from ..likelihood.model import Known, Likelihood
-from ..likelihood.naming import Settled, score_of, settle
+from ..likelihood.naming import Settled, name_odds, score_of, settle
+from .blocks import block_exchanges
 from .pairs import PAIRING
 
 
@@ -27,16 +28,20 @@ class LayoutNamingOptions:
     min_markers      of a frame that is asked
     min_gain         log likelihood of the middle frame by which other names must be better
     max_question     log odds below which what is right is a question
+    about            log odds that a quick look at an exchange may be wrong by
     rounds           of asking, and asking again
+    block            exchanges at once
     """
 
     frames: int = 16
     fullest: int = 16
     min_frames: int = 3
     min_markers: int = 5
-    min_gain: float = 1.0
+    min_gain: float = 0.3
     max_question: float = 6.0
+    about: float = 4.0
     rounds: int = 12
+    block: int = 16
 
 
 LAYOUT_NAMING = LayoutNamingOptions()
@@ -60,27 +65,55 @@ def named_by_layout(
     which each may be what a marker's name belongs to. With `absent`, names that nothing has are tried too.
     """
     every, markers = placed.shape[1], len(likelihood)
-    name = np.arange(every)
-    some = _frames(placed, markers)
-    if len(some) < LAYOUT_NAMING.min_frames:
+    name, known = np.arange(every), likelihood.known
+    now = _settled(likelihood, _frames(placed, markers))
+    if now is None:
         return name, ()
-    points = upright_aligned(some, likelihood.shape.mean)
-    present = np.isfinite(points[..., 0])
-    points, known = np.where(present[..., None], points, 0), likelihood.known
-    naming = np.where(present[:, :markers], np.arange(markers), NO_POINT)
-    now = settle(known.fine, known.constraints, points, present, naming)
+    present = now.present
     for _ in range(LAYOUT_NAMING.rounds):
-        tried = _exchanges(now, name, known.exchanges, absent)
         place = np.argsort(name)
-        others = place[tried[:, :markers]]
-        others = np.where(present[:, others], others, NO_POINT)
-        gain = np.median(_scores(known, now, others) - now.score[:, None], axis=0)
-        best = int(gain.argmax()) if len(gain) else 0
-        if not len(gain) or gain[best] <= LAYOUT_NAMING.min_gain:
-            return name, _questions(tried, gain, present[:, place].any(axis=0))
+        tried = _exchanges(known, now, name, absent)
+        others, gain = _gains(known, now, place, tried)
+        questions = _questions(tried, gain, present[:, place].any(axis=0))
+        if gain.max(initial=0) <= LAYOUT_NAMING.min_gain:
+            tried = block_exchanges(known, now, place)
+            others, gain = _gains(known, now, place, tried)
+        if gain.max(initial=0) <= LAYOUT_NAMING.min_gain:
+            return name, questions
+        best = int(gain.argmax())
         name = np.argsort(place[tried[best]])
         now = settle(known.fine, known.constraints, now.points, present, others[:, best])
     return name, ()
+
+
+def usual_residual(likelihood: Likelihood, placed: np.ndarray) -> float:
+    """The middle frame's mean square between markers placed (T, M + E, 3) m and where the set has them, over its noise.
+
+    A set that is not the subject's has its markers elsewhere, whatever the pose. 0 where too few frames show enough.
+    """
+    now = _settled(likelihood, _frames(placed, len(likelihood)))
+    if now is None:
+        return 0.0
+    square = (now.left**2).sum(axis=2) / likelihood.known.fine.noise
+    return float(np.median(square.sum(axis=1) / (3 * now.named.sum(axis=1))))
+
+
+def _settled(likelihood: Likelihood, some: np.ndarray) -> Settled | None:
+    """Frames (F, M + E, 3) m with the names that they have; None where they are too few."""
+    if len(some) < LAYOUT_NAMING.min_frames:
+        return None
+    points = upright_aligned(some, likelihood.shape.mean)
+    present = np.isfinite(points[..., 0])
+    naming = np.where(present[:, : len(likelihood)], np.arange(len(likelihood)), NO_POINT)
+    known = likelihood.known
+    return settle(known.fine, known.constraints, np.where(present[..., None], points, 0), present, naming)
+
+
+def _gains(known: Known, now: Settled, place: np.ndarray, tried: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Namings (F, X, M) of frames by other names (X, M + E), and log likelihood (X,) that the middle one wins."""
+    others = place[tried[:, : now.naming.shape[1]]]
+    others = np.where(now.present[:, others], others, NO_POINT)
+    return others, np.median(_scores(known, now, others) - now.score[:, None], axis=0)
 
 
 def _questions(tried: np.ndarray, gain: np.ndarray, there: np.ndarray) -> tuple[Question, ...]:
@@ -101,12 +134,13 @@ def _frames(placed: np.ndarray, markers: int) -> np.ndarray:
     return placed[fullest[evenly_spread(len(fullest), LAYOUT_NAMING.frames)]].astype(float)
 
 
-def _exchanges(now: Settled, name: np.ndarray, limbs: np.ndarray, absent: bool) -> np.ndarray:
+def _exchanges(known: Known, now: Settled, name: np.ndarray, absent: bool) -> np.ndarray:
     """(X, M + E) for each exchange that is tried, the marker whose point each marker takes.
 
-    Of two that are near each other, of which one is a marker of the set and one is there; and of limbs (L, M). A marker
-    that is not there is where the others have it.
+    Of two that are near each other, of which one is a marker of the set and one is there; and of limbs. A marker that
+    is not there is where the others have it.
     """
+    limbs = known.exchanges
     markers, every = now.naming.shape[1], len(name)
     place = np.argsort(name)
     seen = now.present[:, place]
@@ -118,6 +152,7 @@ def _exchanges(now: Settled, name: np.ndarray, limbs: np.ndarray, absent: bool) 
     there = seen.any(axis=0)
     both = there | there[:, None] if absent else there & there[:, None]
     near = (np.median(between, axis=0) < PAIRING.max_confused_m) & both
+    near[:markers, markers:] &= _worth_trying(known, now, place)
     one, other = np.nonzero(np.triu(near, 1))
     one, other = one[one < markers], other[one < markers]
     pairs = np.tile(np.arange(every), (len(one), 1))
@@ -127,9 +162,21 @@ def _exchanges(now: Settled, name: np.ndarray, limbs: np.ndarray, absent: bool) 
     return np.concatenate([pairs, np.concatenate([limbs, rest], axis=1)])
 
 
+def _worth_trying(known: Known, now: Settled, place: np.ndarray) -> np.ndarray:
+    """(M, E) whether a marker may be an extra, by what all others say of it: that is quickly known."""
+    markers = now.naming.shape[1]
+    odds = name_odds(known.fine, now)
+    own = np.take_along_axis(odds, np.maximum(now.naming, 0)[..., None], axis=2)
+    gain = odds[:, :, place[markers:]] - np.where(now.named[..., None], own, 0)
+    return np.median(gain, axis=0) > -LAYOUT_NAMING.max_question - LAYOUT_NAMING.about
+
+
 def _scores(known: Known, now: Settled, others: np.ndarray) -> np.ndarray:
     """(F, X) log likelihoods of other namings (F, X, M) of frames."""
     found = np.empty(others.shape[:2])
-    for index in range(others.shape[1]):
-        found[:, index] = score_of(known.fine, known.constraints, now.points, now.worth, others[:, index])
+    for first in range(0, others.shape[1], LAYOUT_NAMING.block):
+        some = others[:, first : first + LAYOUT_NAMING.block]
+        points, worth = (np.repeat(part, some.shape[1], axis=0) for part in (now.points, now.worth))
+        score = score_of(known.fine, known.constraints, points, worth, some.reshape(-1, some.shape[2]))
+        found[:, first : first + LAYOUT_NAMING.block] = score.reshape(some.shape[:2])
     return found

@@ -59,8 +59,7 @@ def likeness(
     near, rows = _steadiest(pairs.variance), np.arange(markers)[:, None]
     mean, variance = (of_pair[rows, near].astype(np.float32) for of_pair in (pairs.mean, pairs.variance))
     found = np.empty((len(tracklets), markers))
-    length = (tracklets.last - tracklets.first + 1) / rate
-    worth = np.minimum(1 + length / LIKENESS.sample_s, LIKENESS.max_samples)
+    worth = worth_of_length(tracklets, rate)
     for first in range(0, len(tracklets), LIKENESS.block):
         some = slice(first, first + LIKENESS.block)
         each = _of_frames(tracklets.frame[some], tracklets.xyz[some], placed, own[some], near, mean, variance)
@@ -70,6 +69,12 @@ def likeness(
         enough = count >= 0.5 * (tracklets.frame[some] >= 0).sum(axis=1)[:, None]
         found[some] = np.where(enough, middle * worth[some, None], NOTHING_SAID)
     return found
+
+
+def worth_of_length(tracklets: Tracklets, rate: float) -> np.ndarray:
+    """(N,) independent frames that each tracklet says as much as, at `rate` frames a second."""
+    length = (tracklets.last - tracklets.first + 1) / rate
+    return np.minimum(1 + length / LIKENESS.sample_s, LIKENESS.max_samples)
 
 
 def _steadiest(variance: np.ndarray) -> np.ndarray:

@@ -29,6 +29,7 @@ class PairOptions:
     max_confused_m    between two markers that may be taken for each other
     motion_factor     times the variance of a distance seen in training: other motions bend more
     within_frames     frames that training's spread counts for when the take shows another
+    unknown_frames    the same of a guess where training knows nothing
     independent       frames of a take that say as much as one independent one: neighbours show the same pose
     min_sd_m          that a distance has at least
     """
@@ -41,6 +42,7 @@ class PairOptions:
     max_confused_m: float = 0.35
     motion_factor: float = 2.0
     within_frames: float = 8.0
+    unknown_frames: float = 0.5
     independent: float = 4.0
     min_sd_m: float = 0.006
 
@@ -136,7 +138,8 @@ def in_take(trained: PairDistances, placed: np.ndarray) -> PairDistances:
     prior = np.where(np.isfinite(trained.mean), size * trained.mean, mean)
     unsure = np.where(np.isfinite(trained.unsure), trained.unsure + size_variance * prior**2, 1.0)
     known = np.where(np.isfinite(trained.within), trained.within, 0.01)
-    shown = coverage * count / (count + PAIRING.within_frames)
+    counts_for = np.where(np.isfinite(trained.within), PAIRING.within_frames, PAIRING.unknown_frames)
+    shown = coverage * count / (count + counts_for)
     spread = (1 - shown) * known + shown * within
     sampling = (spread + PAIRING.min_sd_m**2) / np.maximum(count, 1e-9)
     trust = np.where(some, unsure / (unsure + sampling), 0)

@@ -17,8 +17,8 @@ from ...data.takes import NO_MARKER, Labels
 from ..models import Model
 from .exchanges import undone
 from .extras import with_extras
-from .layout import Question, named_by_layout
-from .likeness import likeness, links
+from .layout import Question, named_by_layout, usual_residual
+from .likeness import likeness, links, worth_of_length
 from .matching import margins, matched
 from .pairs import PairDistances, in_take, trained_pairs, widened, with_unknown
 from .pieces import Tracklets, tracklets_of
@@ -77,8 +77,9 @@ class Solution:
     margin     (N,) log odds by which that is ahead of any other name, or none
     likely     (N,) the name that is likeliest for each on its own, NO_MARKER where that is none
     questions  pairs of markers that may have each other's names in all of the take
-    backed     (M,) the part of the points of each marker that were believed to be its own before; None where nothing
-               but the set's markers is there
+    crowd      whether more is on the subject than the set's markers
+    residual   usual square of what is left between markers and where their set has them, over what training leaves; 0
+               where no frame shows enough of them
     """
 
     tracklets: Tracklets
@@ -86,7 +87,8 @@ class Solution:
     margin: np.ndarray
     likely: np.ndarray
     questions: tuple[Question, ...]
-    backed: np.ndarray | None = None
+    crowd: bool = False
+    residual: float = 0.0
 
 
 def solve_take(
@@ -113,8 +115,10 @@ class _Solving:
 
     def __init__(self, points: np.ndarray, tracklets: Tracklets, model: Model, rate: float):
         self.points, self.tracklets, self.model, self.rate = points, tracklets, model, rate
-        self.trained = trained_pairs(model)
+        self.known = self.trained = trained_pairs(model)
         self.markers = len(model.markerset)
+        # Odds grow less than a tracklet does: its pieces would say more than all of it where they are only added up.
+        self.duration = tracklets.count / worth_of_length(tracklets, rate)
         self.marker = self.best = self.margin = self.odds = np.zeros(0)
 
     def solved(self, sure: np.ndarray, progress: Callable[[float], None] | None) -> Solution:
@@ -146,8 +150,9 @@ class _Solving:
         likely = np.where(self.odds.max(axis=1) > 0, self.odds.argmax(axis=1), NO_MARKER)
         likely = np.where(likely < self.markers, likely, NO_MARKER)
         marker = np.where(own, marker, NO_MARKER)
-        backed = _backed(self.tracklets, marker, sure, self.markers) if len(self.trained.mean) > self.markers else None
-        return Solution(self.tracklets, marker, self.margin, likely, questions, backed)
+        crowd = len(self.trained.mean) > self.markers
+        residual = usual_residual(self.model.likelihood, self._placed())
+        return Solution(self.tracklets, marker, self.margin, likely, questions, crowd, residual)
 
     def _placed(self) -> np.ndarray:
         return self.tracklets.placed(self.points, self.marker, len(self.trained.mean))
@@ -158,7 +163,7 @@ class _Solving:
             placed = self._placed()
             self.odds = self._odds(placed, in_take(wide, placed), link)
             first, last = self.tracklets.first, self.tracklets.last
-            self.best = matched(self.odds, first, last)
+            self.best = matched(self.odds * self.duration[:, None], first, last)
             self.margin = margins(self.odds, self.best, first, last)
             # What is believed already needs not be surer than in the end.
             needed = np.where(self.best == self.marker, least[-1], least[min(number, len(least) - 1)])
@@ -178,25 +183,19 @@ class _Solving:
         """Takes back exchanges, and gives the questions that are left."""
         placed = self._placed()
         self.marker = undone(self.tracklets, placed, self.marker, self.trained, in_take(wide, placed), self.rate)
+        # Two that may be each other are both unsure of their names, and the layout tells them.
+        open_names = ~np.isin(self.best, self.marker)
+        self.marker = np.where((self.marker == NO_MARKER) & open_names, self.best, self.marker)
         name, questions = named_by_layout(self.model.likelihood, self._placed(), absent)
         self.marker = np.where(self.marker != NO_MARKER, name[self.marker], NO_MARKER)
         return questions
 
     def _add_extras(self):
-        """Has what is there beside the markers compete with them."""
-        self.marker, count = with_extras(self.tracklets, self.marker, self.markers, len(self.trained.mean))
-        self.trained = with_unknown(self.trained, count)
-        nothing = np.zeros((len(self.tracklets), count))
-        self.tracklets = replace(self.tracklets, votes=np.concatenate([self.tracklets.votes, nothing], axis=1))
-
-
-def _backed(tracklets: Tracklets, marker: np.ndarray, sure: np.ndarray, markers: int) -> np.ndarray:
-    """(M,) the part of the points of each marker, by the names (N,) of tracklets, that were sure (T, P) before."""
-    own = marker[tracklets.owner]
-    named = own != NO_MARKER
-    every = np.bincount(own[named], minlength=markers)
-    same = named & (sure[tracklets.row, tracklets.column] == own)
-    return np.bincount(own[same], minlength=markers) / np.maximum(every, 1)
+        """Has what is there beside the markers compete with them; extras that nothing is any more leave."""
+        self.marker, count = with_extras(self.tracklets, self.marker, self.markers)
+        self.trained = with_unknown(self.known, count)
+        votes = np.pad(self.tracklets.votes[:, : self.markers], ((0, 0), (0, count)))
+        self.tracklets = replace(self.tracklets, votes=votes)
 
 
 def _majority(tracklets: Tracklets, sure: np.ndarray, markers: int) -> np.ndarray:

@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Markers that sit side by side, named anew all at once: two that are each in the place of a third are no exchange.
+
+A heel, an ankle and a toe that have all slipped to points beside theirs explain each other. So they are let go
+together: what the rest of the body says of where they are is one normal density, in which every choice of points for
+all of them is weighed at the price of a product.
+"""
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from ...data.takes import NO_POINT
+from ..likelihood.model import Known
+from ..likelihood.naming import Settled, settle
+from .pairs import PAIRING
+
+
+@dataclass(frozen=True)
+class BlockOptions:
+    """What is named anew together. All reckoned.
+
+    sizes       markers at a time: one and those that sit next to it
+    points      that each may be, the likeliest on its own
+    proposed    choices of each block that are weighed exactly
+    min_seen    part of the frames in which a point must be there
+    """
+
+    sizes: tuple[int, ...] = (3, 4)
+    points: int = 6
+    proposed: int = 4
+    min_seen: float = 0.5
+
+
+BLOCKS = BlockOptions()
+
+
+def block_exchanges(known: Known, now: Settled, place: np.ndarray) -> np.ndarray:
+    """(X, M + E) of each choice, the marker whose point each marker takes; nothing where no other choice is as likely.
+
+    now are the settled frames, place (M + E,) the point that each marker has in them, extras after the set's own.
+    """
+    found = [_choices(known, now, place, block) for block in _blocks(known.fine.mean)]
+    return np.concatenate(found) if found else np.zeros((0, len(place)), int)
+
+
+def _blocks(mean: np.ndarray) -> list[np.ndarray]:
+    """Markers, of a mean shape (M, 3) m, that sit side by side."""
+    between = np.linalg.norm(mean[:, None] - mean, axis=2)
+    found = {}
+    for row in between:
+        order = np.argsort(row, kind="stable")
+        order = order[row[order] < PAIRING.max_confused_m]
+        for size in BLOCKS.sizes:
+            if len(order) >= size:
+                block = np.sort(order[:size])
+                found[block.tobytes()] = block
+    return list(found.values())
+
+
+def _choices(known: Known, now: Settled, place: np.ndarray, block: np.ndarray) -> np.ndarray:
+    """(X, M + E) the likeliest choices of points for a block (B,) other than the one that it has."""
+    markers, every = now.naming.shape[1], len(place)
+    let_go = np.isin(np.arange(markers), block)
+    rest = settle(known.fine, known.constraints, now.points, now.present, np.where(let_go, NO_POINT, now.naming))
+    free = np.concatenate([block, np.arange(markers, every)])
+    free = free[now.present[:, place[free]].mean(axis=0) >= BLOCKS.min_seen]
+    if len(free) < len(block):
+        return np.zeros((0, every), int)
+    expected = rest.expected[:, block]
+    shared = rest.shared[:, block][:, :, :, block].reshape(len(expected), 3 * len(block), -1)
+    covariance = shared + np.diag(np.repeat(known.fine.noise[block], 3))
+    there = now.present[:, place[free]]
+    away = np.where(there[:, None, :, None], rest.points[:, None, place[free]] - expected[:, :, None], np.nan)
+    own = np.stack([_square(covariance, away, (b,), np.arange(len(free))[:, None]) for b in range(len(block))])
+    likely = np.argsort(own, axis=1, kind="stable")[:, : BLOCKS.points]
+    choice = np.array(list(product(*likely)))
+    choice = choice[(np.diff(np.sort(choice, axis=1), axis=1) > 0).all(axis=1)]
+    square = _square(covariance, away, tuple(range(len(block))), choice)
+    choice = free[choice[np.argsort(square, kind="stable")[: BLOCKS.proposed]]]
+    return np.array([_row(block, other, every) for other in choice if (other != block).any()]).reshape(-1, every)
+
+
+def _square(covariance: np.ndarray, away: np.ndarray, some: tuple[int, ...], choice: np.ndarray) -> np.ndarray:
+    """(X,) the usual square of the distances of choices (X, B') of points, from where `some` B' of B markers are.
+
+    covariance (F, 3 B, 3 B) m², away (F, B, C, 3) m from each marker to each point, NaN where it is not there.
+    """
+    axes = (3 * np.array(some)[:, None] + np.arange(3)).ravel()
+    precision = np.linalg.inv(covariance[:, axes[:, None], axes])
+    chosen = away[:, some, choice].reshape(len(away), len(choice), -1)
+    square = ((chosen @ precision) * chosen).sum(axis=2)
+    return np.nan_to_num(np.nanmedian(square, axis=0), nan=np.inf)
+
+
+def _row(block: np.ndarray, other: np.ndarray, every: int) -> np.ndarray:
+    """(M + E,) whose point each takes, when a block takes those of others, who take what it leaves."""
+    row = np.arange(every)
+    row[block] = other
+    row[np.setdiff1d(other, block)] = np.setdiff1d(block, other)
+    return row

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Many more points on the subject than the set has markers: which are meant, and when the set is another's."""
+
+import numpy as np
+import pytest
+
+from addon.core.data.errors import JobError
+from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, NO_STEP, Labels
+from addon.core.points.refusals import REFUSAL, refuse_unlike
+from addon.core.points.tracklets import cut
+from addon.core.points.whole_take.blocks import block_exchanges
+from addon.core.points.whole_take.deciding import labels_of
+from addon.core.points.whole_take.extras import EXTRAS, with_extras
+from addon.core.points.whole_take.layout import named_by_layout, usual_residual
+from addon.core.points.whole_take.pieces import tracklets_of
+from addon.core.points.whole_take.solving import solve_take
+from addon.demo.take import make_performance
+from addon.io.markersets import open_markerset
+from addon.io.models import open_model
+
+RATE = 100.0
+FRAMES = 200
+FOOT = "LANK", "LHEE", "LTOE"
+
+
+@pytest.fixture(scope="module")
+def model():
+    return open_model("body26")
+
+
+@pytest.fixture(scope="module")
+def markers():
+    """(T, M, 3) m of the virtual person."""
+    return make_performance(open_markerset("body26")).take.xyz[:FRAMES]
+
+
+def beside(markers: np.ndarray) -> np.ndarray:
+    """(T, M, 3) m, a point on the way from each marker to the one that is usually next to it."""
+    between = np.nanmean(np.linalg.norm(markers[::10, :, None] - markers[::10, None], axis=3), axis=0)
+    np.fill_diagonal(between, np.inf)
+    near = between.argmin(axis=1)
+    return markers + 0.4 * (markers[:, near] - markers)
+
+
+def shuffled(tracks: np.ndarray, markers: int, seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
+    """The same points (T, P, 3) in another order, and which of the markers each is, or none."""
+    order = np.random.default_rng(seed).permutation(tracks.shape[1])
+    return tracks[:, order], np.where(order < markers, order, NO_MARKER)
+
+
+def said(points: np.ndarray, marker: np.ndarray) -> Labels:
+    """What frames say on their own: these names (T, P)."""
+    known = (marker != NO_MARKER) & np.isfinite(points[..., 0])
+    chance = np.where(known, 0.97, 0.0)
+    return Labels(np.where(known, marker, NO_MARKER), np.where(known, BY_LIKELIHOOD, NO_STEP), chance, chance)
+
+
+def test_a_crowd_is_told_from_the_set_where_frames_know_the_trunk_only(model, markers):
+    points, whose = shuffled(np.concatenate([markers, beside(markers)], axis=1), markers.shape[1])
+    trunk = [model.markerset.markers.index(name) for name in ("LASI", "RASI", "SACR", "LSHO", "RSHO", "LELB", "RELB")]
+    named = said(points, np.broadcast_to(np.where(np.isin(whose, trunk), whose, NO_MARKER), points.shape[:2]))
+    solution = solve_take(points, cut(points, RATE), named, named.marker, model, RATE)
+    given = labels_of(solution, named, 0.999, model.markerset.markers).labels.marker
+    truth = np.where(np.isfinite(points[..., 0]), whose, NO_MARKER)
+    assert solution.crowd
+    assert (given[given != NO_MARKER] == truth[given != NO_MARKER]).all()
+    assert (given == truth)[truth != NO_MARKER].mean() > 0.9
+    assert solution.residual < REFUSAL.max_residual
+
+
+def test_extras_that_nothing_is_leave_and_their_numbers_close_up(model, markers):
+    size = markers.shape[1]
+    points, whose = shuffled(np.concatenate([markers, beside(markers)], axis=1), size)
+    nothing = said(points, np.full(points.shape[:2], NO_MARKER))
+    tracklets = tracklets_of(points, cut(points, RATE), nothing, size)
+    own = whose[tracklets.column[tracklets.begin[:-1]]]
+    marker, count = with_extras(tracklets, own, size)
+    long = tracklets.count >= EXTRAS.min_frames
+    assert count == ((own == NO_MARKER) & long).sum()
+    assert sorted(marker[marker >= size]) == list(range(size, size + count))
+    gone = np.where(marker == size, NO_MARKER, marker)
+    gone[np.flatnonzero(marker == size + 1)] = size
+    again, same = with_extras(tracklets, gone, size)
+    assert same == count
+    assert sorted(again[again >= size]) == list(range(size, size + count))
+
+
+@pytest.mark.parametrize("turned", [(1, 2, 0), (2, 0, 1)])
+def test_three_that_are_each_in_the_place_of_the_next_are_put_right(model, markers, turned):
+    foot = [model.markerset.markers.index(name) for name in FOOT]
+    placed = markers.copy()
+    placed[:, foot] = markers[:, [foot[index] for index in turned]]
+    name, _ = named_by_layout(model.likelihood, placed, absent=False)
+    assert (name[foot] == [foot[index] for index in turned]).all()
+    assert (np.delete(name, foot) == np.delete(np.arange(len(name)), foot)).all()
+
+
+def test_every_choice_of_a_block_gives_each_point_one_taker(model, markers):
+    from addon.core.points.whole_take.layout import _frames, _settled
+
+    placed = np.concatenate([markers, beside(markers)[:, :20]], axis=1)
+    now = _settled(model.likelihood, _frames(placed, markers.shape[1]))
+    tried = block_exchanges(model.likelihood.known, now, np.arange(placed.shape[1]))
+    assert len(tried)
+    assert (np.sort(tried, axis=1) == np.arange(placed.shape[1])).all()
+
+
+def test_another_set_sits_elsewhere_and_is_refused(model, markers):
+    own = usual_residual(model.likelihood, markers)
+    rng = np.random.default_rng(4)
+    elsewhere = markers + rng.normal(0, 0.08, (1, markers.shape[1], 3))
+    other = usual_residual(model.likelihood, elsewhere)
+    assert own < REFUSAL.max_residual < other
+    refuse_unlike(model, markers, own)
+    with pytest.raises(JobError, match="does not look like a take of model body26"):
+        refuse_unlike(model, markers, other)
