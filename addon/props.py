@@ -3,6 +3,7 @@
 
 import math
 from pathlib import Path
+from zlib import crc32
 
 import bpy
 from bpy.props import (
@@ -27,18 +28,25 @@ from .scene.review import review_markers
 from .scene.take import is_take
 
 OWN_FILE = "FILE"
+USUAL_MARKERSET = "body26"
 
 
 # Blender keeps no reference to the texts of a dynamic enumeration; they must outlive the drawing.
-_kept_items: list[tuple[str, str, str]] = []
+_kept_items: list[tuple[str, str, str, str, int]] = []
 
 
-def _markerset_items(_self, _context) -> list[tuple[str, str, str]]:
+def _markerset_items(_self, _context) -> list[tuple[str, str, str, str, int]]:
     own = sorted(markerset_folder().glob(f"*{SUFFIX}"))
     items = [(name, name, f"Built-in marker set {name}") for name in builtin_markersets()]
     items += [(str(path), path.name.removesuffix(SUFFIX), f"Your own marker set, {path}") for path in own]
-    _kept_items[:] = [*items, (OWN_FILE, "From a File…", "A marker set file that you choose")]
+    items.append((OWN_FILE, "From a File…", "A marker set file that you choose"))
+    _kept_items[:] = [(*item, "NONE", _item_number(item[0])) for item in items]
     return _kept_items
+
+
+def _item_number(name: str) -> int:
+    """What a file keeps of a choice: of the name, not of its place in a list that gets longer."""
+    return crc32(name.encode("utf-8", "surrogateescape")) >> 1
 
 
 def _holds_take(_self, collection) -> bool:
@@ -92,7 +100,12 @@ class SceneSettings(bpy.types.PropertyGroup):
     rate: FloatProperty(
         name="Rate", description="Frames a second of the recording", default=100.0, min=1.0, max=10000.0, precision=2
     )
-    markerset: EnumProperty(name="Marker Set", description="Which markers the subject wears", items=_markerset_items)
+    markerset: EnumProperty(
+        name="Marker Set",
+        description="Which markers the subject wears",
+        items=_markerset_items,
+        default=_item_number(USUAL_MARKERSET),
+    )
     markerset_path: StringProperty(name="File", description="A *.markerset.json file", subtype="FILE_PATH")
     lessons: CollectionProperty(type=LessonRow)
     lesson_index: IntProperty()
@@ -213,8 +226,10 @@ class ReviewState(bpy.types.PropertyGroup):
 
 def chosen_model(settings: SceneSettings) -> str:
     """The name or path of the marker set that the scene's settings name; InputError when there is none."""
-    if settings.markerset != OWN_FILE:
+    if settings.markerset not in (OWN_FILE, ""):
         return settings.markerset
+    if not settings.markerset:
+        raise InputError("the marker set that was chosen is gone; expected one of those in the list")
     if not settings.markerset_path:
         raise InputError("no marker set is chosen; expected a *.markerset.json file")
     return bpy.path.abspath(settings.markerset_path)

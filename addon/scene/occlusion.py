@@ -2,7 +2,8 @@
 """Virtual occlusion by the real meshes of a scene: the body's own capsules or whatever mesh a user gave it.
 
 Every mesh is taken into the space of the segment that carries it once, so nothing is rebuilt when the body moves: the
-rays come to the mesh. A mesh that is skinned to the armature is cut into one piece a bone.
+rays come to the mesh. A mesh that is skinned to the armature is cut into one piece a bone. Such a piece is open: on
+which side of it a marker beyond its rim sits is asked of the whole skin at rest.
 """
 
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ from .body import capsule_in_metres, capsule_place, capsule_shape
 
 BALL_STEPS = 8
 FACETS = 0.97  # a ball in a mesh of flat faces touches them this much nearer than in the round body they stand for
+SQUARELY = 0.9999  # of the distance: less of it along a face's normal, and the nearest place is an edge or a corner
 TINY = 1e-9
 
 
@@ -27,6 +29,7 @@ class Volume:
     """A mesh fixed to segment `segment`, in its axes from its joint, m, and a capsule around it for quick answers.
 
     start, axis  (3,) m, the line in the middle of that capsule; radius m
+    skin         of a piece of a mesh, the mesh that it was cut from
     """
 
     segment: int
@@ -34,6 +37,20 @@ class Volume:
     start: np.ndarray
     axis: np.ndarray
     radius: float
+    skin: "Skin | None" = None
+
+
+@dataclass(frozen=True, eq=False)
+class Skin:
+    """A whole mesh at rest, around a piece of it.
+
+    joint  (3,) m where the piece's own axes start in those of the tree
+    rim    (T,) True for the piece's triangles that touch a cut
+    """
+
+    tree: BVHTree
+    joint: np.ndarray
+    rim: np.ndarray
 
 
 class MeshOcclusion:
@@ -73,8 +90,7 @@ class MeshOcclusion:
         for index, point in np.argwhere(near.any(axis=1)).tolist():
             cameras = np.flatnonzero(near[index, :, point] & ~found[:, seen[point]])
             if len(cameras):
-                tree = self.volumes[index].tree
-                hides = _hides(tree, points[index, point], eyes[index, cameras], standoff)
+                hides = _hides(self.volumes[index], points[index, point], eyes[index, cameras], standoff)
                 found[cameras, seen[point]] = hides
 
     def _near(self, points: np.ndarray, eyes: np.ndarray, standoff: float) -> np.ndarray:
@@ -142,32 +158,42 @@ def _skinned(item: bpy.types.Object, armature: bpy.types.Object) -> bool:
     return any(modifier.type == "ARMATURE" and modifier.object == armature for modifier in item.modifiers)
 
 
-def _hides(tree: BVHTree, point: np.ndarray, eyes: np.ndarray, standoff: float) -> list[bool] | bool:
+def _hides(volume: Volume, point: np.ndarray, eyes: np.ndarray, standoff: float) -> list[bool] | bool:
     """Whether a mesh stands between a point (3,) and each of the eyes (C, 3), all in the axes of the mesh."""
-    start = _outside(tree, point, standoff)
+    start = _outside(volume, point, standoff)
     if start is None:
         return False
     ahead = eyes - start
     reach = np.linalg.norm(ahead, axis=1)
     rows = zip((ahead / reach[:, None]).tolist(), reach.tolist(), strict=True)
-    return [tree.ray_cast(start, way, far)[0] is not None for way, far in rows]
+    return [volume.tree.ray_cast(start, way, far)[0] is not None for way, far in rows]
 
 
-def _outside(tree: BVHTree, point: np.ndarray, standoff: float) -> list[float] | None:
+def _outside(volume: Volume, point: np.ndarray, standoff: float) -> np.ndarray | None:
     """The point itself, or moved to `standoff` m before the surface if it is nearer or inside.
 
     None where it is so deep inside that nobody can tell on which side of the body it sits.
     """
+    surface, normal, face, distance = volume.tree.find_nearest(point.tolist())
+    along = abs((point - np.array(surface)) @ np.array(normal))
+    if volume.skin is None or not volume.skin.rim[face] or along > SQUARELY * distance:
+        return _moved_out(volume.tree, point, standoff)
+    moved = _moved_out(volume.skin.tree, point + volume.skin.joint, standoff)
+    return None if moved is None else moved - volume.skin.joint
+
+
+def _moved_out(tree: BVHTree, point: np.ndarray, standoff: float) -> np.ndarray | None:
+    """See `_outside`; of a closed mesh."""
     surface, normal, _, distance = tree.find_nearest(point.tolist())
     surface, normal = np.array(surface), np.array(normal)
     away = point - surface
     inside = away @ normal < 0
     if not inside and distance >= standoff:
-        return point.tolist()
+        return point
     outward = normal if distance < TINY else away * ((-1 if inside else 1) / distance)
     if inside and distance > (1 - OCCLUDING.min_side_share) * _ball_radius(tree, surface, outward):
         return None
-    return (surface + outward * standoff).tolist()
+    return surface + outward * standoff
 
 
 def _ball_radius(tree: BVHTree, surface: np.ndarray, outward: np.ndarray) -> float:
@@ -208,33 +234,51 @@ def _volumes(
     placed = points.reshape(-1, 3).astype(float) @ to_armature[:3, :3].T + to_armature[:3, 3]
     if np.linalg.det(to_armature[:3, :3]) < 0:
         triangles = triangles[:, ::-1]
-    found = []
-    for segment in np.unique(owner):
-        joint = np.array(armature.data.bones[markerset.skeleton.segments[segment]].head_local, dtype=float)
-        found.append(_volume(int(segment), placed - joint, triangles[owner == segment], shrink))
-    return found
-
-
-def _volume(segment: int, points: np.ndarray, triangles: np.ndarray, shrink: float) -> Volume:
-    used, rows = np.unique(triangles, return_inverse=True)
-    points, rows = points[used], rows.reshape(-1, 3).tolist()
-    tree = BVHTree.FromPolygons(points.tolist(), rows, all_triangles=True)
+    joints = [np.array(armature.data.bones[name].head_local, dtype=float) for name in markerset.skeleton.segments]
     if shrink < 1:
-        points = _shrunk(points, np.array(rows), tree, shrink)
-        tree = BVHTree.FromPolygons(points.tolist(), rows, all_triangles=True)
-    return Volume(segment, tree, *_around(points))
+        placed = _shrunk(placed, triangles, owner, shrink)
+    whole = _tree(placed, triangles)
+    return [
+        _piece(int(segment), placed, triangles, owner == segment, whole, joints[segment])
+        for segment in np.unique(owner)
+    ]
 
 
-def _shrunk(points: np.ndarray, triangles: np.ndarray, tree: BVHTree, shrink: float) -> np.ndarray:
-    """Every corner (V, 3) of a mesh moved inwards by a part of how thick the body is there, as a capsule is."""
+def _piece(
+    segment: int, points: np.ndarray, triangles: np.ndarray, part: np.ndarray, whole: BVHTree, joint: np.ndarray
+) -> Volume:
+    """The triangles `part` (T,) of a mesh as a volume of the segment whose joint (3,) is there."""
+    used, rows = np.unique(triangles[part], return_inverse=True)
+    own = points[used] - joint
+    shared = np.zeros(len(points), dtype=bool)
+    shared[triangles[~part]] = True
+    rim = shared[triangles[part]].any(axis=1)
+    skin = Skin(whole, joint, rim) if rim.any() else None
+    return Volume(segment, _tree(own, rows.reshape(-1, 3)), *_around(own), skin)
+
+
+def _tree(points: np.ndarray, triangles: np.ndarray) -> BVHTree:
+    return BVHTree.FromPolygons(points.tolist(), triangles.tolist(), all_triangles=True)
+
+
+def _shrunk(points: np.ndarray, triangles: np.ndarray, owner: np.ndarray, shrink: float) -> np.ndarray:
+    """Every corner (V, 3) of a mesh moved inwards by a part of how thick its piece is there, as a capsule is.
+
+    owner (T,) says which piece a triangle belongs to. Where a piece is open the whole mesh says how thick it is.
+    """
     corners = points[triangles]
     faces = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals = np.zeros_like(points)
     for corner in range(3):
         np.add.at(normals, triangles[:, corner], faces)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), TINY)
-    thick = np.array([_ball_radius(tree, point, normal) for point, normal in zip(points, normals, strict=True)])
-    # Where a mesh is open there is no far wall, and nothing to shrink towards.
+    thick = np.full(len(points), np.inf)
+    for part in (*(owner == segment for segment in np.unique(owner)), np.ones(len(owner), dtype=bool)):
+        tree = _tree(points, triangles[part])
+        for corner in np.unique(triangles[part]):
+            if np.isinf(thick[corner]):
+                thick[corner] = _ball_radius(tree, points[corner], normals[corner])
+    # Where the whole mesh is open there is no far wall, and nothing to shrink towards.
     return points - normals * np.where(np.isfinite(thick), (1 - shrink) * thick, 0)[:, None]
 
 

@@ -107,30 +107,33 @@ def point_marks(stored: Stored, index: int) -> PointMarks:
     return PointMarks(markers, doubtful, stored.rows.xyz[left], asked)
 
 
-def room_for_words(places: np.ndarray, widths: np.ndarray, height: float, gap: float) -> np.ndarray:
+def room_for_words(places: np.ndarray, widths: np.ndarray, height: float, gap: float, mark: float = 0) -> np.ndarray:
     """(N, 2) px where the words beside places (N, 2) begin so that none lies on another; NaN where there is no room.
 
-    Words go to the right of their place, else to the left, above or below it; `widths` (N,) and `height` are theirs.
+    Words go to the right of their place, else to the left, above or below it, and where they can not onto the marks
+    of `mark` px to each side of all places; `widths` (N,) and `height` are the words'.
     """
     starts = np.full(places.shape, np.nan)
-    taken = np.empty((0, 4))
+    taken, there = np.empty((0, 4)), places[np.isfinite(places).all(axis=1)]
+    discs = np.concatenate([there - mark, there + mark], axis=1)
     for index, (x, y) in enumerate(places):
         if not np.isfinite(x):
             continue
         width = widths[index]
         right, left, middle = x + gap, x - gap - width, x - width / 2
-        for left_end, base in (
-            (right, y - height / 3),
-            (left, y - height / 3),
-            (middle, y + gap),
-            (middle, y - gap - height),
-        ):
-            box = np.array([left_end, base, left_end + width, base + height])
-            if not ((box[:2] < taken[:, 2:]) & (taken[:, :2] < box[2:])).all(axis=1).any():
-                starts[index] = left_end, base
-                taken = np.vstack([taken, box])
-                break
+        sides = ((right, y - height / 3), (left, y - height / 3), (middle, y + gap), (middle, y - gap - height))
+        boxes = [np.array([left_end, base, left_end + width, base + height]) for left_end, base in sides]
+        free = [box for box in boxes if not _meets(box, taken)]
+        if free:
+            box = next((box for box in free if not _meets(box, discs)), free[0])
+            starts[index] = box[:2]
+            taken = np.vstack([taken, box])
     return starts
+
+
+def _meets(box: np.ndarray, others: np.ndarray) -> bool:
+    """Whether a box (4,) lies on any of others (N, 4): left, lower, right, upper end."""
+    return bool(((box[:2] < others[:, 2:]) & (others[:, :2] < box[2:])).all(axis=1).any())
 
 
 def to_region(points: np.ndarray, perspective: np.ndarray, size: tuple[int, int]) -> np.ndarray:

@@ -117,7 +117,8 @@ class Canvas:
         blf.size(0, TEXT_SIZE * self.scale)
         sizes = np.array([blf.dimensions(0, word) for word in words]).reshape(-1, 2)
         height = TEXT_SIZE * self.scale
-        starts = marks.room_for_words(places, sizes[:, 0], height, (RING_RADIUS + 2) * self.scale)
+        gap, mark = (RING_RADIUS + 2) * self.scale, BLOB_RADIUS * self.scale
+        starts = marks.room_for_words(places, sizes[:, 0], height, gap, mark)
         for word, (x, y) in zip(words, starts, strict=True):
             if np.isfinite(x):
                 self.text(word, x, y)

@@ -75,7 +75,9 @@ def _draw_targets(canvas: Canvas, found):
         lines = np.array([[begin, end], [barbs[0], end], [barbs[1], end]])
         canvas.lines(lines, np.broadcast_to(np.array(CYAN), (3, 2, 4)), 2.0)
         canvas.rings(end[None], CYAN, RING_RADIUS)
-        canvas.text(f"{target.number}: {target.marker}", *(end + (RING_RADIUS + 3) * canvas.scale), CYAN)
+        # Above the line on which Blender writes the name of a marker that sits there.
+        beside = end + np.array([RING_RADIUS + 3, RING_RADIUS + 9]) * canvas.scale
+        canvas.text(f"{target.number}: {target.marker}", *beside, CYAN)
 
 
 class MOCAP_AUTOLABEL_PT_quality(Step, bpy.types.Panel):

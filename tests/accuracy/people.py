@@ -76,11 +76,6 @@ def folds(count: int = 5) -> list[tuple[str, ...]]:
     return [people[index::count] for index in range(count)]
 
 
-def paths_without(left_out) -> list[Path]:
-    """The files to learn from when the people `left_out` are to be tested."""
-    return [path for path in sorted(MCGILL.glob("*/*.c3d")) if path.parent.name not in set(left_out)]
-
-
 @cache
 def _read(path: Path, person: str, kind: str) -> Recording:
     names, xyz, rate = _read_worn(path)

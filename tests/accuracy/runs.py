@@ -9,8 +9,10 @@ from time import perf_counter
 
 import numpy as np
 
+from addon.blendfile import has_blender, mesh_occlusion
 from addon.core.body.bodies import BodyModel
-from addon.core.body.occlusion import CapsuleOcclusion
+from addon.core.body.occlusion import OCCLUDING, CapsuleOcclusion, Occlusion
+from addon.core.data.markersets import MarkerSet
 from addon.core.points.fitted_body import NothingInTheWay
 from addon.core.simulation.simulate import CaptureOptions
 
@@ -130,19 +132,19 @@ def _by_marker(score: Score) -> list[list]:
 
 
 def run_occlusion(plan: Plan):
-    """How often the model's body is wrong about what is hidden, for bodies of full size and shrunk."""
+    """How often the model's body is wrong about what is hidden: of full size and shrunk, and of meshes."""
     from addon.core.body.posing import fit_points
 
     rows = []
     for set_name in plan.sets:
-        counts = {shrink: np.zeros(4, dtype=int) for shrink in (1.0, 0.9, 0.8, 0.7, 0.5)}
+        counts: dict[str, np.ndarray] = {}
         for fold in plan.folds:
             markerset = left_out_model(set_name, fold)
             model = BodyModel(markerset)
             trials = list(standing(markerset.markers, fold, plan.count, plan.seed, CLEAN))
             bodies = [fit_points(model, trial.xyz) for trial in trials]
-            for shrink, count in counts.items():
-                occlusion = CapsuleOcclusion(markerset, shrink)
+            for title, occlusion in bodies_in_the_way(markerset).items():
+                count = counts.setdefault(title, np.zeros(4, dtype=int))
                 for trial, body in zip(trials, bodies, strict=True):
                     posed = model.pose(body)
                     found = occlusion.hidden(
@@ -150,9 +152,22 @@ def run_occlusion(plan: Plan):
                     )
                     truth, guess = trial.hidden, found[0]
                     count += [(truth & ~guess).sum(), truth.sum(), (~truth & guess).sum(), (~truth).sum()]
-        rows += [[set_name, shrink, share(*count[:2]), share(*count[2:])] for shrink, count in counts.items()]
+        rows += [[set_name, title, share(*count[:2]), share(*count[2:])] for title, count in counts.items()]
     print(f"\n### Virtual occlusion against the real body ({plan.people()})\n")
-    print(table(("set", "capsules' radius ×", "hidden, believed visible", "visible, believed hidden"), rows))
+    print(table(("set", "body in the way", "hidden, believed visible", "visible, believed hidden"), rows))
+
+
+def bodies_in_the_way(markerset: MarkerSet) -> dict[str, Occlusion]:
+    """Capsules of full size and shrunk, and the meshes of two bodies, shrunk as they are used, where bpy is."""
+    found: dict[str, Occlusion] = {}
+    for shrink in (1.0, 0.9, 0.8, 0.7, 0.5):
+        found[f"capsules, radius × {shrink}"] = CapsuleOcclusion(markerset, shrink)
+    if has_blender():
+        found[f"meshes of the capsules, radius × {OCCLUDING.fitted_shrink}"] = mesh_occlusion(markerset)
+        from .characters import character_occlusion
+
+        found[f"a character's own mesh, thickness × {OCCLUDING.fitted_shrink}"] = character_occlusion(markerset)
+    return found
 
 
 def sweeps() -> dict[str, list[tuple[str, CaptureOptions, int | None]]]:

@@ -472,9 +472,15 @@ def test_own_marker_sets_are_found_in_the_extensions_folder(extension, empty, ma
     assert folder == type(folder)(bpy.utils.extension_path_user(extension, path="markersets"))
     write_markerset(folder / "house.markerset.json", made.markerset())
     settings = empty.scene.mocap_autolabel
+    assert settings.markerset == "body26"
     settings.markerset = str(folder / "house.markerset.json")
     assert props.chosen_markerset(settings).name == "small"
+    write_markerset(folder / "annex.markerset.json", made.markerset())  # before it in the list
+    assert settings.markerset == str(folder / "house.markerset.json")
+    (folder / "annex.markerset.json").unlink()
     (folder / "house.markerset.json").unlink()
+    with pytest.raises(importlib.import_module(f"{extension}.addon.core.data.errors").InputError, match="is gone"):
+        props.chosen_markerset(settings)
 
 
 def test_exports_are_what_was_labelled(ready, labelling, files, tmp_path):

@@ -92,6 +92,13 @@ def test_words_never_lie_on_each_other(marks):
     assert alone[0, 0] == 56.0
 
 
+def test_words_lie_on_marks_only_where_they_must(marks):
+    places = np.array([[50.0, 50.0], [70.0, 50.0], [20.0, 50.0]])
+    starts = marks.room_for_words(places, np.full(3, 30.0), 11.0, 6.0, 3.5)
+    assert starts[0].tolist() == [35.0, 56.0]  # above: a mark is on its right, and one on its left
+    assert (starts[1:, 0] == [76.0, -16.0]).all()
+
+
 def test_blobs_can_be_looked_at_before_they_are_labelled(empty, made, marks):
     take = made.take()
     mesh = store_preview("walk", take.rows, take.cameras)

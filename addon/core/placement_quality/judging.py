@@ -60,11 +60,6 @@ class Ambiguity:
         """The sum of all pairs."""
         return float(np.triu(self.hidden).sum())
 
-    @property
-    def symmetry(self) -> float:
-        """The overlap of the renaming of a limb or of the whole body that is mistaken most easily."""
-        return float(self.overlaps.max(initial=0))
-
     def worst(self) -> list[tuple[int, int]]:
         """All pairs of markers, the most ambiguous first."""
         one, two = np.triu_indices(len(self.markers), 1)

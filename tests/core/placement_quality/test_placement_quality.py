@@ -53,9 +53,9 @@ def as_worn(shape: Shape) -> MarkerLayout:
 
 def test_a_square_is_bad_and_a_kite_is_good():
     square, kite = judge(marker_layout(prop(SQUARE))), judge(marker_layout(prop(KITE)))
-    assert separation(square.symmetry) < 1.5
+    assert separation(square.overlaps.max()) < 1.5
     assert separation(square.seen[square.worst()[0]]) < 1
-    assert separation(kite.symmetry) > 5
+    assert separation(kite.overlaps.max()) > 5
     assert separation(kite.seen[kite.worst()[0]]) > 5
     assert square.total > 3 * kite.total
 
@@ -73,7 +73,7 @@ def test_a_body_with_the_same_markers_on_both_sides_is_told_apart_worse_than_one
     offsets = toy.offsets.copy()
     offsets[one] += [0.0, 0.0, 0.09]
     lopsided = replace(toy, offsets=offsets)
-    assert judge(marker_layout(lopsided)).symmetry < judge(marker_layout(toy)).symmetry
+    assert judge(marker_layout(lopsided)).overlaps.max() < judge(marker_layout(toy)).overlaps.max()
 
 
 def test_the_closed_form_of_pairs_is_that_of_whole_gaussians():
