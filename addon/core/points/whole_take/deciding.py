@@ -36,7 +36,7 @@ class BelievingOptions:
     max_target: float = 0.9999
     votes: float = 2.0
     min_layout: float = 1.0
-    min_crowd_layout: float = 2.0
+    min_crowd_layout: float = 2.5
     max_question: float = 3.0
 
 
