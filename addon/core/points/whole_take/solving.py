@@ -22,6 +22,7 @@ from .likeness import likeness, links
 from .matching import margins, matched
 from .pairs import PairDistances, in_take, trained_pairs, widened, with_unknown
 from .pieces import Tracklets, tracklets_of
+from .rulings import Rulings
 
 
 @dataclass(frozen=True)
@@ -97,13 +98,16 @@ def solve_take(
     model: Model,
     rate: float,
     progress: Callable[[float], None] | None = None,
+    rulings: Rulings | None = None,
 ) -> Solution:
     """Names the tracklets (T, P), -1 where there is none, of points (T, P, 3) m at `rate` frames a second.
 
     named is what frames say on their own, sure (T, P) the markers that are believed of it. The model has a likelihood.
-    `progress` is told the share that is done.
+    `progress` is told the share that is done; `rulings` is what a person said, whose tracklets these are.
     """
     tracklets = tracklets_of(points, tracklet, named, len(model.markerset))
+    if rulings is not None:
+        tracklets = rulings.of(tracklets)
     with threadpool_limits(1, user_api="blas"):
         return _Solving(points, tracklets, model, rate).solved(sure, progress)
 
@@ -118,7 +122,7 @@ class _Solving:
         self.marker = self.best = self.margin = self.odds = np.zeros(0)
 
     def solved(self, sure: np.ndarray, progress: Callable[[float], None] | None) -> Solution:
-        self.marker = _majority(self.tracklets, sure, self.markers)
+        self.marker = self._with_held(_majority(self.tracklets, sure, self.markers))
         questions: tuple[Question, ...] = ()
         looked_at = None
         for number, freedom in enumerate(ROUNDS.freedoms):
@@ -177,10 +181,21 @@ class _Solving:
     def _put_right(self, wide: PairDistances, absent: bool) -> tuple[Question, ...]:
         """Takes back exchanges, and gives the questions that are left."""
         placed = self._placed()
-        self.marker = undone(self.tracklets, placed, self.marker, self.trained, in_take(wide, placed), self.rate)
-        name, questions = named_by_layout(self.model.likelihood, self._placed(), absent)
+        marker = undone(self.tracklets, placed, self.marker, self.trained, in_take(wide, placed), self.rate)
+        self.marker = self._with_held(marker)
+        name, questions = named_by_layout(self.model.likelihood, self._placed(), absent, self.tracklets.held)
         self.marker = np.where(self.marker != NO_MARKER, name[self.marker], NO_MARKER)
         return questions
+
+    def _with_held(self, marker: np.ndarray) -> np.ndarray:
+        """The markers (N,) with what a person said of some, whose names nothing else has at the time."""
+        held, marker = self.tracklets.held, marker.copy()
+        first, last = self.tracklets.first, self.tracklets.last
+        for index in np.flatnonzero(held != NO_MARKER).tolist():
+            beside = (first <= last[index]) & (last >= first[index]) & (held == NO_MARKER)
+            marker[beside & (marker == held[index])] = NO_MARKER
+            marker[index] = held[index]
+        return marker
 
     def _add_extras(self):
         """Has what is there beside the markers compete with them."""
