@@ -5,6 +5,7 @@ Memory does not grow with the take: one chunk of frames is held, and of the past
 """
 
 from collections.abc import Iterable, Iterator
+from copy import copy
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -15,12 +16,15 @@ from ..body.occlusion import Occlusion
 from ..data.errors import JobError
 from ..data.markersets import MarkerSet
 from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Suspect
+from ..edits.applying import BlobCells, apply_to_blobs
+from ..edits.kinds import NO_EDITS, Edits
 from ..geometry.cameras import Cameras
 from ..geometry.views import VIEWING, View, split_views
 from ..review.suspects import find_suspects
 from .confidence import label_confidences, swap_doubts
 from .labelling import Expectation, Naming
 from .search import Found, Hints, find_subject
+from .seeding import contradicted, fixed_in, seeds_of
 from .subject import Setup
 from .swaps import exchange_loss, exchanged, swap_names
 from .tracking import Followed, Track, follow
@@ -90,23 +94,42 @@ def label_take(
     rate: float = 100.0,
     options: Options | None = None,
     occlusion: Occlusion | None = None,
+    edits: Edits = NO_EDITS,
 ) -> Iterator[LabelledChunk]:
     """Names the blobs of a take, chunk by chunk: one `LabelledChunk` for each of `chunks`, in their order.
 
-    `rate` is frames a second, `occlusion` the body in the way (the marker set's capsules by default).
+    `rate` is frames a second, `occlusion` the body in the way (the marker set's capsules by default). From the first
+    blob on that `edits` name, directly or by what they say of the program's names, the take is labelled once more
+    with these as seeds; the chunks are of that, and `unedited` is what was labelled without. To apply the edits is for
+    the caller.
     Raises JobError when there are fewer than two cameras, or a frame has more blobs than any capture.
     """
     if len(cameras) < 2:
         raise JobError(f"{len(cameras)} camera cannot fix a position in space; expected two or more")
     labeller = TakeLabeller(Setup.of(cameras, markerset, occlusion, rate=rate), options or Options())
+    seeded: TakeLabeller | None = None
     for blobs in chunks:
         with threadpool_limits(1, user_api="blas"):  # many threads on small matrices cost more than they bring
+            before = copy(labeller)
             labelled = labeller.label(blobs)
+            if edits:
+                cells = BlobCells.of(blobs, cameras.names, markerset)
+                seeds = seeds_of(apply_to_blobs(labelled.labels, edits, cells), cells)
+                if seeded is None and (seeds != NO_MARKER).any():
+                    seeded = before
+                if seeded is not None:
+                    again = seeded.label(blobs, seeds)
+                    labelled = replace(again, unedited=labelled.labels, seconds=_sum(labelled.seconds, again.seconds))
         yield labelled
 
 
+def _sum(one: dict[str, float], other: dict[str, float]) -> dict[str, float]:
+    """Seconds by stage, of two labellings."""
+    return {stage: one.get(stage, 0.0) + other.get(stage, 0.0) for stage in {**one, **other}}
+
+
 class TakeLabeller:
-    """Labels the chunks of one take in their order; between them it keeps the track."""
+    """Labels the chunks of one take in their order; between them it keeps the track, and nothing that is changed."""
 
     def __init__(self, setup: Setup, options: Options):
         self.setup, self.hints = setup, options.hints
@@ -114,9 +137,9 @@ class TakeLabeller:
         self.placement = 0.0
         self.sure = np.ones(setup.model.marker_count)
 
-    def label(self, blobs: Blobs) -> LabelledChunk:
-        """The labels and motion of the next chunk."""
-        chunk = _Chunk(blobs, split_views(blobs, self.setup.cameras))
+    def label(self, blobs: Blobs, seeds: np.ndarray | None = None) -> LabelledChunk:
+        """The labels and motion of the next chunk, of whose blobs some are named already: `seeds` (N,) markers."""
+        chunk = _Chunk(blobs, split_views(blobs, self.setup.cameras), seeds, self.setup.model.marker_count)
         if self.setup.rate < TAKES.min_rate:
             for at in range(len(chunk.views)):
                 self._find(chunk, at, at + 1)
@@ -131,7 +154,7 @@ class TakeLabeller:
         """Follows the track through frames `first` … until it is lost or at `end`; returns the frame to go on with."""
         at = first
         while at < end:
-            followed = follow(self.track, chunk.views[at], self.setup)
+            followed = self._next(chunk, first, at)
             if followed.track.lost:
                 self.track = None
                 chunk.suspect(at, at, "the subject was lost")
@@ -144,6 +167,22 @@ class TakeLabeller:
             if at == end or due:
                 self._review(chunk, first, at - 1)
         return at
+
+    def _next(self, chunk: "_Chunk", first: int, at: int) -> Followed:
+        """Frame `at` followed; where a person names it otherwise, names that were exchanged are given back first."""
+        view, fixed = chunk.views[at], chunk.fixed[at]
+        followed = follow(self.track, view, self.setup)
+        if fixed is None:
+            return followed
+        order = contradicted(followed.naming, fixed)
+        if order is not None:
+            moved = np.flatnonzero(order != np.arange(len(order)))
+            since = self._exchanged_since(chunk, tuple(order.tolist()), at) if at > first else at
+            for index in range(since, at):
+                if not chunk.holds(index, moved):
+                    swap_names(chunk.results[index].naming, order)
+            self.track = self.track.doubting(moved, self.setup)
+        return follow(self.track, view, self.setup, fixed)
 
     def _find(self, chunk: "_Chunk", at: int, end: int) -> int:
         """Finds the subject among frames `at` … `end` - 1, labels from there forwards and back; returns the next."""
@@ -170,7 +209,7 @@ class TakeLabeller:
     def _follow_back(self, chunk: "_Chunk", track: Track, index: int, at: int) -> int:
         """Labels the frames before `index`, last first, and returns the first frame that was reached."""
         for earlier in range(index - 1, at - 1, -1):
-            followed = follow(track, chunk.views[earlier], self.setup)
+            followed = follow(track, chunk.views[earlier], self.setup, chunk.fixed[earlier])
             if followed.track.lost:
                 return earlier + 1
             track = followed.track
@@ -182,7 +221,7 @@ class TakeLabeller:
         best, best_index, good = None, at, 0
         for index in chunk.promising(at, end):
             with self.setup.clock("place"):
-                found = find_subject(chunk.views[index], self.setup, self.hints)
+                found = find_subject(chunk.views[index], self.setup, self.hints, chunk.fixed[index])
             if found is None or found.by_chance:
                 continue
             if found.confidence < TAKES.min_confidence or found.named < TAKES.min_named:
@@ -206,6 +245,8 @@ class TakeLabeller:
             return
         moved = np.flatnonzero(np.array(order) != np.arange(len(order)))
         since = self._exchanged_since(chunk, order, earlier)
+        if any(chunk.holds(index, moved) for index in range(since, at + 1)):  # a person has looked at them
+            return
         for index in range(since, at + 1):
             swap_names(chunk.results[index].naming, np.array(order))
         self.track = self.track.doubting(moved, self.setup)
@@ -239,8 +280,9 @@ class TakeLabeller:
 class _Chunk:
     """One chunk while it is being labelled: its views, the results so far and what was noticed."""
 
-    def __init__(self, blobs: Blobs, views: list[View]):
+    def __init__(self, blobs: Blobs, views: list[View], seeds: np.ndarray | None, markers: int):
         self.blobs, self.views = blobs, views
+        self.fixed = [fixed_in(view, seeds, markers) for view in views]
         self.results: list[FrameResult | None] = [None] * len(views)
         self.suspects: list[Suspect] = []
 
@@ -248,12 +290,22 @@ class _Chunk:
         """Notes frames `first` … `last` of the chunk."""
         self.suspects.append(Suspect(int(self.blobs.frames[first]), int(self.blobs.frames[last]), reason))
 
+    def holds(self, index: int, markers: np.ndarray) -> bool:
+        """Whether a person named blobs of any of the markers in a frame."""
+        fixed = self.fixed[index]
+        return fixed is not None and bool((fixed[:, markers] >= 0).any())
+
     def promising(self, first: int, end: int) -> list[int]:
-        """Frames to look for a subject in: the one with the most blobs of every part of the range, spread out first."""
+        """Frames to look for a subject in: the one with the most blobs of every part of the range, spread out first.
+
+        Before them those of which a person named the most blobs.
+        """
+        named = [index for index in range(first, end) if self.fixed[index] is not None]
+        named = sorted(named, key=lambda index: -(self.fixed[index] >= 0).sum())[: TAKES.max_good]
         parts = np.array_split(np.arange(first, end), min(len(TAKES.search_order), end - first))
         best = [int(part[np.argmax([self.views[index].count for index in part])]) for part in parts]
         order = [part for part in TAKES.search_order if part < len(best)]
-        return [best[part] for part in order if self.views[best[part]].count]
+        return named + [best[part] for part in order if self.views[best[part]].count]
 
     def labelled(self, setup: Setup) -> LabelledChunk:
         """Everything as it is handed out."""

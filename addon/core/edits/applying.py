@@ -74,6 +74,49 @@ class PointCells:
 
 
 @dataclass(frozen=True, eq=False)
+class BlobCells:
+    """What edits of a chunk of blobs go by: a table of them, a row for every image, R, camera after camera in a frame.
+
+    names    index of each marker by its name, aliases too
+    count    how many markers
+    cameras  the cameras' names
+    image    (N,) the row of each blob, and
+    slot     (N,) its column
+    present  (R, K) True where there is a blob
+    """
+
+    names: Mapping[str, int]
+    count: int
+    cameras: tuple[str, ...]
+    blobs: Blobs
+    image: np.ndarray
+    slot: np.ndarray
+    present: np.ndarray
+
+    @classmethod
+    def of(cls, blobs: Blobs, cameras: tuple[str, ...], markerset: MarkerSet) -> "BlobCells":
+        """Those of a chunk."""
+        image = blobs.frame * len(cameras) + blobs.camera
+        counts = np.bincount(image, minlength=len(blobs.frames) * len(cameras))
+        order = np.argsort(image, kind="stable")
+        slot = np.empty(len(blobs), int)
+        slot[order] = np.arange(len(blobs)) - np.repeat(np.cumsum(counts) - counts, counts)
+        present = np.arange(max(int(counts.max(initial=0)), 1)) < counts[:, None]
+        return cls(names_of(markerset), len(markerset), cameras, blobs, image, slot, present)
+
+    def table(self, labels: Labels) -> Labels:
+        """The labels (N,) of the blobs, (R, K)."""
+        found = Labels.none(*self.present.shape)
+        for name in ("marker", "step", "confidence"):
+            getattr(found, name)[self.image, self.slot] = getattr(labels, name)
+        return found
+
+    def rows(self, table: Labels) -> Labels:
+        """The labels (R, K) of the blobs, (N,)."""
+        return table[self.image, self.slot]
+
+
+@dataclass(frozen=True, eq=False)
 class AppliedEdits:
     """Labels as the edits have them.
 
@@ -201,63 +244,47 @@ def _outcome(edit: Edit, count: int, outside: bool) -> EditOutcome:
     return EditOutcome(kind_of(edit), 0, f"{what} in {when}")
 
 
-def apply_to_blobs(
-    labels: Labels, edits: Edits, blobs: Blobs, cameras: tuple[str, ...], names: Mapping[str, int], count: int
-) -> AppliedEdits:
+def apply_to_blobs(labels: Labels, edits: Edits, cells: BlobCells) -> AppliedEdits:
     """The labels (N,) of a chunk's blobs with the edits applied in their order, those of other frames passed over.
 
-    cameras are the cameras' names, names the indices of `count` markers. Take what became of the edits of all chunks
-    together with `joined`.
+    Take what became of the edits of all chunks together with `joined`.
     """
-    row, slot, present = _images(blobs, len(cameras))
-    table = Labels.none(*present.shape)
-    for name in ("marker", "step", "confidence"):
-        getattr(table, name)[row, slot] = getattr(labels, name)
-    replay = Replay(table, present, count)
-    first, frames = int(blobs.frames[0]), len(blobs.frames)
+    replay = Replay(cells.table(labels), cells.present, cells.count)
     places: dict[tuple[int, int], np.ndarray] = {}
     outcomes = []
     for edit in edits:
-        rows, reason, done = _rows(edit, first, frames), "", 0
+        rows, reason, done = _rows(edit, int(cells.blobs.frames[0]), len(cells.blobs.frames)), "", 0
         if rows is not None and isinstance(edit, Place):
-            places[rows.start, names[edit.marker]], done = np.array(edit.xyz), 1
+            places[rows.start, cells.names[edit.marker]], done = np.array(edit.xyz), 1
         elif rows is not None and isinstance(edit, AssignBlob):
-            found, reason = _nearest_blob(edit, blobs, cameras.index(edit.camera), rows.start)
+            found, reason = nearest_blob(edit, cells, rows.start)
             if found is not None:
-                done = replay.assign(slice(row[found], row[found] + 1), int(slot[found]), names[edit.marker])
+                image = int(cells.image[found])
+                done = replay.assign(slice(image, image + 1), int(cells.slot[found]), cells.names[edit.marker])
         elif rows is not None:
-            images = slice(rows.start * len(cameras), rows.stop * len(cameras))
-            done = _of_markers(replay, edit, images, [names[name] for name in markers_of(edit)])
-            _forget_places(places, edit, rows, names)
+            images = slice(rows.start * len(cells.cameras), rows.stop * len(cells.cameras))
+            done = _of_markers(replay, edit, images, [cells.names[name] for name in markers_of(edit)])
+            done += _move_places(places, edit, rows, cells.names)
         outcomes.append(replace(_outcome(edit, done, rows is None), **({"reason": reason} if reason else {})))
     edited = replay.done()
-    return AppliedEdits(edited.labels[row, slot], edited, tuple(outcomes), places)
+    return AppliedEdits(cells.rows(edited.labels), edited, tuple(outcomes), places)
 
 
-def _forget_places(places: dict, edit: Edit, rows: slice, names: Mapping[str, int]):
-    """A place that a later edit took a marker from, or exchanged with another's."""
+def _move_places(places: dict, edit: Edit, rows: slice, names: Mapping[str, int]) -> int:
+    """Takes away places whose marker an edit takes, or exchanges them; how many."""
     if isinstance(edit, Right):
-        return
+        return 0
     marker = [names[name] for name in markers_of(edit)]
     moved = {key: places.pop(key) for key in list(places) if rows.start <= key[0] < rows.stop and key[1] in marker}
     if isinstance(edit, Swap):
         places.update({(frame, sum(marker) - name): xyz for (frame, name), xyz in moved.items()})
+    return len(moved)
 
 
-def _images(blobs: Blobs, cameras: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of each blob (N,) its image, a row for every camera in every frame, and its place in it; what is there (R, K)."""
-    image = blobs.frame * cameras + blobs.camera
-    counts = np.bincount(image, minlength=len(blobs.frames) * cameras)
-    order = np.argsort(image, kind="stable")
-    slot = np.empty(len(blobs), int)
-    slot[order] = np.arange(len(blobs)) - np.repeat(np.cumsum(counts) - counts, counts)
-    present = np.arange(max(int(counts.max(initial=0)), 1)) < counts[:, None]
-    return image, slot, present
-
-
-def _nearest_blob(edit: AssignBlob, blobs: Blobs, camera: int, frame: int) -> tuple[int | None, str]:
-    """The row of the blob that an edit is of; None where there is none near enough, and then why."""
-    there = np.flatnonzero((blobs.frame == frame) & (blobs.camera == camera))
+def nearest_blob(edit: AssignBlob, cells: BlobCells, frame: int) -> tuple[int | None, str]:
+    """The row of the blob that an edit is of, in a frame by its index; None where there is none, and then why."""
+    blobs = cells.blobs
+    there = np.flatnonzero((blobs.frame == frame) & (blobs.camera == cells.cameras.index(edit.camera)))
     where = f"{edit.camera} has no blob within {BLOB_EDITING.max_distance_px:g} px of {edit.x:g}, {edit.y:g}"
     where += f" in frame {edit.frame}"
     if not len(there):
@@ -270,13 +297,11 @@ def _nearest_blob(edit: AssignBlob, blobs: Blobs, camera: int, frame: int) -> tu
 
 
 def joined(chunks: Iterable[tuple[EditOutcome, ...]]) -> tuple[EditOutcome, ...]:
-    """What became of edits over the chunks of a take: the labels of all, and of those of none why in the last word."""
-    found: list[EditOutcome] = []
+    """What became of edits over the chunks of a take: the labels of all, and of an edit that found none why."""
+    found: tuple[EditOutcome, ...] = ()
     for outcomes in chunks:
-        found = (
-            [_both(one, two) for one, two in zip(found or outcomes, outcomes, strict=True)] if found else [*outcomes]
-        )
-    return tuple(found)
+        found = tuple(map(_both, found, outcomes)) if found else outcomes
+    return found
 
 
 def _both(one: EditOutcome, two: EditOutcome) -> EditOutcome:
