@@ -154,7 +154,9 @@ class TakeLabeller:
         """Follows the track through frames `first` … until it is lost or at `end`; returns the frame to go on with."""
         at = first
         while at < end:
-            followed = self._next(chunk, first, at)
+            followed, order = self._next(self.track, chunk, at)
+            if order is not None and at > first:
+                self._give_back(chunk, order, at)
             if followed.track.lost:
                 self.track = None
                 chunk.suspect(at, at, "the subject was lost")
@@ -168,21 +170,26 @@ class TakeLabeller:
                 self._review(chunk, first, at - 1)
         return at
 
-    def _next(self, chunk: "_Chunk", first: int, at: int) -> Followed:
-        """Frame `at` followed; where a person names it otherwise, names that were exchanged are given back first."""
+    def _next(self, track: Track, chunk: "_Chunk", at: int) -> tuple[Followed, np.ndarray | None]:
+        """Frame `at` followed, and the exchange (M,) of names, if any, that a person's names ask of those before it.
+
+        What the track has learned of these markers under each other's names does not count then.
+        """
         view, fixed = chunk.views[at], chunk.fixed[at]
-        followed = follow(self.track, view, self.setup)
+        followed = follow(track, view, self.setup)
         if fixed is None:
-            return followed
+            return followed, None
         order = contradicted(followed.naming, fixed)
         if order is not None:
-            moved = np.flatnonzero(order != np.arange(len(order)))
-            since = self._exchanged_since(chunk, tuple(order.tolist()), at) if at > first else at
-            for index in range(since, at):
-                if not chunk.holds(index, moved):
-                    swap_names(chunk.results[index].naming, order)
-            self.track = self.track.doubting(moved, self.setup)
-        return follow(self.track, view, self.setup, fixed)
+            track = track.doubting(np.flatnonzero(order != np.arange(len(order))), self.setup)
+        return follow(track, view, self.setup, fixed), order
+
+    def _give_back(self, chunk: "_Chunk", order: np.ndarray, at: int):
+        """Exchanges names in the frames before `at` that ask for it, but where a person named them."""
+        moved = np.flatnonzero(order != np.arange(len(order)))
+        for index in range(self._exchanged_since(chunk, tuple(order.tolist()), at), at):
+            if not chunk.holds(index, moved):
+                swap_names(chunk.results[index].naming, order)
 
     def _find(self, chunk: "_Chunk", at: int, end: int) -> int:
         """Finds the subject among frames `at` … `end` - 1, labels from there forwards and back; returns the next."""
@@ -209,7 +216,7 @@ class TakeLabeller:
     def _follow_back(self, chunk: "_Chunk", track: Track, index: int, at: int) -> int:
         """Labels the frames before `index`, last first, and returns the first frame that was reached."""
         for earlier in range(index - 1, at - 1, -1):
-            followed = follow(track, chunk.views[earlier], self.setup, chunk.fixed[earlier])
+            followed, _ = self._next(track, chunk, earlier)
             if followed.track.lost:
                 return earlier + 1
             track = followed.track
