@@ -232,7 +232,8 @@ def _outcome(edit: Edit, count: int, outside: bool) -> EditOutcome:
     first, last = frames_of(edit) or (None, None)
     when = "the take" if first is None else f"frame {first}" if first == last else f"frames {first} to {last}"
     if outside:
-        return EditOutcome(kind_of(edit), 0, f"{when} is not among what is labelled".replace("s is", "s are"))
+        verb = "is" if first == last else "are"
+        return EditOutcome(kind_of(edit), 0, f"{when} {verb} not among what is labelled")
     if isinstance(edit, AssignPoint | Delete):
         what = f"trajectory {edit.point} has no point"
     elif isinstance(edit, UnlabelPoint):
