@@ -181,6 +181,7 @@ class Replay:
         for name in np.flatnonzero((self.claim != ANYBODY).any(axis=0)).tolist():
             at = np.flatnonzero((self.claim[:, name] != ANYBODY) & (self.own[:, name] != NO_MARKER))
             at = at[self.rule[at, self.own[at, name]] == FREE]
+            self.refused[at, self.own[at, name]] = name  # whose it was: another is, or nothing
             for values, nothing in ((marker, NO_MARKER), (step, NO_STEP), (sure, 0.0)):
                 values[at, self.own[at, name]] = nothing
         own = self.rule[:, rules]

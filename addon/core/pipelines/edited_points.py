@@ -61,7 +61,7 @@ def with_edits(
     named is what frames said on their own, tracklet (T, P) the tracklets, and verdict what came of the two.
     """
     first = apply_to_points(verdict.labels, edits, cells)
-    rulings = Rulings(first.edited)
+    rulings = Rulings(first.edited, verdict.labels)
     heard = rulings.heard(_without_deleted(named, take, namer, rulings))
     again = decide_again(heard, rulings.parted(tracklet), rulings)
     unedited = first.edited.below(verdict.labels, again.labels)

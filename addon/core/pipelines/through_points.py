@@ -189,7 +189,7 @@ def _rulings(
         ends = [0, *((frames[1:] + frames[:-1] + 1) // 2).tolist(), len(window.frames)]
         for frame, begin, end in zip(frames.tolist(), ends[:-1], ends[1:], strict=True):
             replay.assign(slice(begin, end), column, last[frame])
-    return Rulings(replay.done()) if claims else None
+    return Rulings(replay.done(), labels) if claims else None
 
 
 def _named_rows(edits: Edits, cells: BlobCells) -> Iterator[tuple[int, int]]:

@@ -64,10 +64,14 @@ def solution_of(
 ) -> Solution:
     """A take of points (T, P, 3) m solved as a whole, from what its tracklets (T, P) and frames are usually sure of.
 
-    named is what frames say on their own, with their `rate`. With `rulings` both are as these have them.
+    named is what frames say on their own, with their `rate`. With `rulings` both are as these have them, and what the
+    take was solved to without them is begun with.
     """
     voted = decide(named, tracklet, model, BELIEVING.sure_target, first_frame)
-    sure = consistent(voted, points, model.likelihood, first_frame).labels.marker
+    if rulings is None:
+        sure = consistent(voted, points, model.likelihood, first_frame).labels.marker
+    else:
+        sure = rulings.edited.labels.marker
     pieces = parted(tracklet, voted.labels.marker)
     return solve_take(points, pieces, named, sure, model, rate, progress, rulings)
 

@@ -6,12 +6,11 @@ the name is right is another question. It is asked of whole frames that show mos
 likelihood of all names as they are against that with two of them exchanged, or a limb with the other side's.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ...data.takes import NO_MARKER, NO_POINT, evenly_spread
+from ...data.takes import NO_POINT, evenly_spread
 from ...geometry.upright import upright_aligned
 from ..likelihood.model import Known, Likelihood
 from ..likelihood.naming import Settled, score_of, settle
@@ -41,6 +40,7 @@ class LayoutNamingOptions:
 
 
 LAYOUT_NAMING = LayoutNamingOptions()
+NOTHING_HELD = np.zeros(0, int)
 
 
 @dataclass(frozen=True)
@@ -53,16 +53,16 @@ class Question:
 
 
 def named_by_layout(
-    likelihood: Likelihood, placed: np.ndarray, absent: bool, held: Sequence[int] = ()
+    likelihood: Likelihood, placed: np.ndarray, absent: bool, held: np.ndarray = NOTHING_HELD
 ) -> tuple[np.ndarray, tuple[Question, ...]]:
     """The name (M + E,) that each marker of a take should have, and what is hardly sure.
 
     placed (T, M + E, 3) m, NaN where there is none: the set's M markers as they are named so far, and E extras, of
     which each may be what a marker's name belongs to. With `absent`, names that nothing has are tried too.
-    The markers `held` have their names from a person, and keep them; NO_MARKER may be among these.
+    The markers `held` keep their names.
     """
     every, markers = placed.shape[1], len(likelihood)
-    name, kept = np.arange(every), np.array([one for one in set(held) if one != NO_MARKER], int)
+    name = np.arange(every)
     some = _frames(placed, markers)
     if len(some) < LAYOUT_NAMING.min_frames:
         return name, ()
@@ -73,7 +73,7 @@ def named_by_layout(
     now = settle(known.fine, known.constraints, points, present, naming)
     for _ in range(LAYOUT_NAMING.rounds):
         tried = _exchanges(now, name, known.exchanges, absent)
-        tried = tried[(tried[:, kept] == kept).all(axis=1)]
+        tried = tried[(tried[:, held] == held).all(axis=1)]
         place = np.argsort(name)
         others = place[tried[:, :markers]]
         others = np.where(present[:, others], others, NO_POINT)

@@ -31,9 +31,10 @@ RULING = RulingOptions()
 
 @dataclass(frozen=True, eq=False)
 class Rulings:
-    """What edits say of the points (T, P) of a take."""
+    """What edits say of the points (T, P) of a take whose labels were `before` (T, P), and are `edited`."""
 
     edited: Edited
+    before: Labels
 
     def heard(self, named: Labels) -> Labels:
         """What frames say on their own (T, P), with what a person said in its place."""
@@ -86,3 +87,18 @@ class Rulings:
         votes[some] = -RULING.odds
         votes[some, held[some]] = RULING.odds
         return replace(tracklets, votes=votes, held=held)
+
+    def begun(self, tracklets: Tracklets, marker: np.ndarray) -> np.ndarray:
+        """The markers (N,) that pieces are begun with, where a person named one of two that may have been exchanged.
+
+        What had the name until then is tried with the name that the other had.
+        """
+        first, last, held = tracklets.first, tracklets.last, tracklets.held
+        at = tracklets.row[tracklets.begin[:-1]], tracklets.column[tracklets.begin[:-1]]
+        was, refused, marker = self.before.marker[at], self.edited.refused[at], marker.copy()
+        for index in np.flatnonzero((held != NO_MARKER) & (was != NO_MARKER) & (was != held)).tolist():
+            beside = (first <= last[index]) & (last >= first[index])
+            robbed = beside & (refused == held[index]) & (marker == NO_MARKER)
+            if not (beside & (marker == was[index])).any():
+                marker[robbed] = was[index]
+        return marker

@@ -52,6 +52,7 @@ class RoundOptions:
     max_rounds     of each
     max_layouts    times that a freedom is gone on with after names were put right
     min_markers    that a set must have to be told by distances
+    min_anchored   part of a marker's points that a person must have named for its name to stay in all of the take
     """
 
     first_margins: tuple[float, ...] = (12.0, 8.0, 6.0, 4.0)
@@ -65,6 +66,7 @@ class RoundOptions:
     max_rounds: int = 8
     max_layouts: int = 3
     min_markers: int = 5
+    min_anchored: float = 0.5
 
 
 ROUNDS = RoundOptions()
@@ -109,7 +111,7 @@ def solve_take(
     if rulings is not None:
         tracklets = rulings.of(tracklets)
     with threadpool_limits(1, user_api="blas"):
-        return _Solving(points, tracklets, model, rate).solved(sure, progress)
+        return _Solving(points, tracklets, model, rate).solved(sure, progress, rulings)
 
 
 class _Solving:
@@ -121,8 +123,11 @@ class _Solving:
         self.markers = len(model.markerset)
         self.marker = self.best = self.margin = self.odds = np.zeros(0)
 
-    def solved(self, sure: np.ndarray, progress: Callable[[float], None] | None) -> Solution:
-        self.marker = self._with_held(_majority(self.tracklets, sure, self.markers))
+    def solved(self, sure: np.ndarray, progress: Callable[[float], None] | None, rulings: Rulings | None) -> Solution:
+        self.marker = _majority(self.tracklets, sure, self.markers)
+        if rulings is not None:
+            self.marker = rulings.begun(self.tracklets, self._with_held(self.marker))
+            self._undo(self.trained)
         questions: tuple[Question, ...] = ()
         looked_at = None
         for number, freedom in enumerate(ROUNDS.freedoms):
@@ -180,12 +185,24 @@ class _Solving:
 
     def _put_right(self, wide: PairDistances, absent: bool) -> tuple[Question, ...]:
         """Takes back exchanges, and gives the questions that are left."""
+        self._undo(wide)
+        name, questions = named_by_layout(self.model.likelihood, self._placed(), absent, self._anchored())
+        self.marker = self._with_held(np.where(self.marker != NO_MARKER, name[self.marker], NO_MARKER))
+        return questions
+
+    def _undo(self, wide: PairDistances):
+        """Takes back exchanges of a while."""
         placed = self._placed()
         marker = undone(self.tracklets, placed, self.marker, self.trained, in_take(wide, placed), self.rate)
         self.marker = self._with_held(marker)
-        name, questions = named_by_layout(self.model.likelihood, self._placed(), absent, self.tracklets.held)
-        self.marker = np.where(self.marker != NO_MARKER, name[self.marker], NO_MARKER)
-        return questions
+
+    def _anchored(self) -> np.ndarray:
+        """(K,) the markers most of whose points a person named: in all of the take they are what they are called."""
+        tracklets, markers = self.tracklets, len(self.trained.mean)
+        named, held = (own[own != NO_MARKER] for own in (self.marker, tracklets.held))
+        every = np.bincount(named, tracklets.count[self.marker != NO_MARKER], markers)
+        own = np.bincount(held, tracklets.count[tracklets.held != NO_MARKER], markers)
+        return np.flatnonzero((own > 0) & (own >= ROUNDS.min_anchored * every))
 
     def _with_held(self, marker: np.ndarray) -> np.ndarray:
         """The markers (N,) with what a person said of some, whose names nothing else has at the time."""
