@@ -156,7 +156,7 @@ class TakeLabeller:
         while at < end:
             followed, order = self._next(self.track, chunk, at)
             if order is not None and at > first:
-                self._give_back(chunk, order, at)
+                self._give_back(self.track, chunk, order, at, -1)
             if followed.track.lost:
                 self.track = None
                 chunk.suspect(at, at, "the subject was lost")
@@ -184,12 +184,17 @@ class TakeLabeller:
             track = track.doubting(np.flatnonzero(order != np.arange(len(order))), self.setup)
         return follow(track, view, self.setup, fixed), order
 
-    def _give_back(self, chunk: "_Chunk", order: np.ndarray, at: int):
-        """Exchanges names in the frames before `at` that ask for it, but where a person named them."""
+    def _give_back(self, track: Track, chunk: "_Chunk", order: np.ndarray, at: int, step: int) -> int:
+        """Exchanges names in the frames before `at`, or after it with `step` 1, that ask for it; gives the last.
+
+        Not where a person named them.
+        """
         moved = np.flatnonzero(order != np.arange(len(order)))
-        for index in range(self._exchanged_since(chunk, tuple(order.tolist()), at), at):
+        last = self._exchanged_to(track, chunk, tuple(order.tolist()), at, step)
+        for index in range(at + step, last + step, step):
             if not chunk.holds(index, moved):
                 swap_names(chunk.results[index].naming, order)
+        return last
 
     def _find(self, chunk: "_Chunk", at: int, end: int) -> int:
         """Finds the subject among frames `at` … `end` - 1, labels from there forwards and back; returns the next."""
@@ -207,21 +212,27 @@ class TakeLabeller:
         chunk.results[index] = FrameResult(
             found.subject.bodies, found.naming, found.expected, found.confidence, self.sure
         )
-        before = self._follow_back(chunk, start, index, at)
+        before, moved = self._follow_back(chunk, start, index, at)
         while at < before:
             at = self._find(chunk, at, before)
-        self.track = start
+        self.track = start.doubting(moved, self.setup) if len(moved) else start
         return self._follow(chunk, index + 1, end)
 
-    def _follow_back(self, chunk: "_Chunk", track: Track, index: int, at: int) -> int:
-        """Labels the frames before `index`, last first, and returns the first frame that was reached."""
+    def _follow_back(self, chunk: "_Chunk", track: Track, index: int, at: int) -> tuple[int, np.ndarray]:
+        """Labels the frames before `index`, last first; returns the first frame that was reached.
+
+        And the markers whose names were given back up to `index`, because a person names them otherwise.
+        """
+        given_back: list[int] = []
         for earlier in range(index - 1, at - 1, -1):
-            followed, _ = self._next(track, chunk, earlier)
+            followed, order = self._next(track, chunk, earlier)
+            if order is not None and self._give_back(track, chunk, order, earlier, 1) >= index:
+                given_back += np.flatnonzero(order != np.arange(len(order))).tolist()
             if followed.track.lost:
-                return earlier + 1
+                return earlier + 1, np.array(given_back, int)
             track = followed.track
             chunk.results[earlier] = self._result(followed)
-        return at
+        return at, np.array(given_back, int)
 
     def _best_found(self, chunk: "_Chunk", at: int, end: int) -> tuple[int, Found | None]:
         """The frame of a few spread over the range whose names suit a body best."""
@@ -246,12 +257,12 @@ class TakeLabeller:
         if earlier < first:
             return
         with self.setup.clock("fit"):
-            found, before = (self._looks_into(exchanged, chunk, index) for index in (at, earlier))
+            found, before = (self._looks_into(exchanged, self.track, chunk, index) for index in (at, earlier))
         order = next((order for order in found if order in before), None)
         if order is None:
             return
         moved = np.flatnonzero(np.array(order) != np.arange(len(order)))
-        since = self._exchanged_since(chunk, order, earlier)
+        since = self._exchanged_to(self.track, chunk, order, earlier, -1)
         if any(chunk.holds(index, moved) for index in range(since, at + 1)):  # a person has looked at them
             return
         for index in range(since, at + 1):
@@ -260,23 +271,26 @@ class TakeLabeller:
         names = ", ".join(self.setup.model.markerset.markers[marker] for marker in moved)
         chunk.suspect(since, at, f"{names} had changed names and got them back")
 
-    def _looks_into(self, question, chunk: "_Chunk", index: int, *more):
+    def _looks_into(self, question, track: Track, chunk: "_Chunk", index: int, *more):
         """Asks `question` of a labelled frame: `swaps.exchanged` or `swaps.exchange_loss`."""
         result = chunk.results[index]
-        subject = replace(self.track.subject, bodies=result.bodies)
+        subject = replace(track.subject, bodies=result.bodies)
         return question(chunk.views[index], result.naming, subject, self.setup, *more)
 
-    def _exchanged_since(self, chunk: "_Chunk", order: tuple[int, ...], at: int) -> int:
-        """The first frame of this spell that asks for an exchange of names, given that frame `at` does, by halving."""
-        low = at
-        while low > 0 and chunk.results[low - 1] is not None:
-            low -= 1
-        while low < at:
-            middle = (low + at) // 2
-            if self._looks_into(exchange_loss, chunk, middle, order) < 0:
+    def _exchanged_to(self, track: Track, chunk: "_Chunk", order: tuple[int, ...], at: int, step: int) -> int:
+        """The farthest frame of this spell, before `at` or with `step` 1 after it, that asks for an exchange of names.
+
+        Given that frame `at` does; by halving. The track knows the subject.
+        """
+        end, frames = at, range(len(chunk.results))
+        while end + step in frames and chunk.results[end + step] is not None:
+            end += step
+        while at != end:
+            middle = (at + end + (step > 0)) // 2
+            if self._looks_into(exchange_loss, track, chunk, middle, order) < 0:
                 at = middle
             else:
-                low = middle + 1
+                end = middle - step
         return at
 
     def _result(self, followed: Followed) -> FrameResult:
