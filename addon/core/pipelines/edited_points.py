@@ -61,9 +61,9 @@ def with_edits(
     named is what frames said on their own, tracklet (T, P) the tracklets, and verdict what came of the two.
     """
     first = apply_to_points(verdict.labels, edits, cells)
-    rulings = Rulings(first.edited, verdict.labels)
+    rulings = Rulings(first.edited, verdict.labels, tracklet)
     heard = rulings.heard(_without_deleted(named, take, namer, rulings))
-    again = decide_again(heard, rulings.parted(tracklet), rulings)
+    again = decide_again(heard, rulings.parted(), rulings)
     unedited = first.edited.below(verdict.labels, again.labels)
     applied = apply_to_points(unedited, edits, cells)
     return EditedVerdict(

@@ -155,7 +155,7 @@ def _decided(
 ) -> Verdict:
     """The names of a window's points, from what frames say on their own, and from what a person says of some."""
     markerset, first = work.model.markerset, int(window.frames[0])
-    tracklet = window.tracklet if rulings is None else rulings.parted(window.tracklet)
+    tracklet = window.tracklet if rulings is None else rulings.parted()
     if work.namer.step == BY_LIKELIHOOD and found.named.any() and can_be_solved(work.model, window.tracklet):
         given = found, tracklet, window.xyz, work.model, work.rate, first
         solution = solution_of(*given, rulings=rulings)
@@ -189,7 +189,7 @@ def _rulings(
         ends = [0, *((frames[1:] + frames[:-1] + 1) // 2).tolist(), len(window.frames)]
         for frame, begin, end in zip(frames.tolist(), ends[:-1], ends[1:], strict=True):
             replay.assign(slice(begin, end), column, last[frame])
-    return Rulings(replay.done(), labels) if claims else None
+    return Rulings(replay.done(), labels, window.tracklet) if claims else None
 
 
 def _named_rows(edits: Edits, cells: BlobCells) -> Iterator[tuple[int, int]]:

@@ -68,10 +68,8 @@ def solution_of(
     take was solved to without them is begun with.
     """
     voted = decide(named, tracklet, model, BELIEVING.sure_target, first_frame)
-    if rulings is None:
-        sure = consistent(voted, points, model.likelihood, first_frame).labels.marker
-    else:
-        sure = rulings.edited.labels.marker
+    kept = consistent(voted, points, model.likelihood, first_frame).labels.marker
+    sure = kept if rulings is None else rulings.start
     pieces = parted(tracklet, voted.labels.marker)
     return solve_take(points, pieces, named, sure, model, rate, progress, rulings)
 

@@ -6,10 +6,11 @@ markers are from each other in this take, and which of two is which follow from 
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from ...data.takes import BY_EDIT, NO_MARKER, NO_STEP, Labels
+from ...data.takes import BY_EDIT, BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels
 from ...edits.replay import ANYBODY, FREE, NOBODY, Edited
 from .pieces import Tracklets
 
@@ -20,10 +21,12 @@ class RulingOptions:
 
     odds        log odds of what a person said: more than all frames and distances together
     min_nobody  part of a piece's frames in which its marker is nobody's, by an edit, for it not to be that marker
+    carried     confidence in a frame that a trajectory which a person named elsewhere is still that marker
     """
 
     odds: float = 1000.0
     min_nobody: float = 0.5
+    carried: float = 0.99
 
 
 RULING = RulingOptions()
@@ -31,30 +34,65 @@ RULING = RulingOptions()
 
 @dataclass(frozen=True, eq=False)
 class Rulings:
-    """What edits say of the points (T, P) of a take whose labels were `before` (T, P), and are `edited`."""
+    """What edits say of the points (T, P) of a take.
+
+    before    its labels without them, and `edited` with them
+    tracklet  (T, P) the number of each point's tracklet
+    """
 
     edited: Edited
     before: Labels
+    tracklet: np.ndarray
+
+    @cached_property
+    def carried(self) -> np.ndarray:
+        """(T, P) the marker of points on a tracklet that a person named in other frames, NO_MARKER elsewhere.
+
+        Where nothing else has a name: not the tracklet, and not, at the time, the marker.
+        """
+        edited, found = self.edited, np.full(self.tracklet.shape, NO_MARKER)
+        marker, count = edited.labels.marker, int(self.tracklet.max(initial=-1)) + 1
+        row, column = np.nonzero((self.tracklet >= 0) & (marker != NO_MARKER))
+        number, name = self.tracklet[row, column], marker[row, column]
+        least, most, held = np.full(count, edited.claim.shape[1]), np.full(count, NO_MARKER), np.zeros(count, bool)
+        np.minimum.at(least, number, name)
+        np.maximum.at(most, number, name)
+        held[number[edited.named[row, column]]] = True
+        taken = edited.claim != ANYBODY
+        taken[row, name] = True
+        row, column = np.nonzero((self.tracklet >= 0) & (marker == NO_MARKER) & (edited.rule == FREE))
+        number = self.tracklet[row, column]
+        one = held[number] & (least[number] == most[number])
+        row, column, name = row[one], column[one], most[number[one]]
+        free = ~taken[row, name] & (edited.refused[row, column] != name)
+        found[row[free], column[free]] = name[free]
+        return found
+
+    @property
+    def start(self) -> np.ndarray:
+        """(T, P) the markers that a solution begins with."""
+        return np.where(self.edited.labels.named, self.edited.labels.marker, self.carried)
 
     def heard(self, named: Labels) -> Labels:
         """What frames say on their own (T, P), with what a person said in its place."""
-        edited, given = self.edited, self.edited.named
+        edited, given, carried = self.edited, self.edited.named, self.carried != NO_MARKER
         kept = named.named & (edited.rule == FREE) & (edited.refused != named.marker)
         row, column = np.nonzero(kept)
         kept[row, column] = edited.claim[row, named.marker[row, column]] == ANYBODY
+        said = given | carried
         return Labels(
-            np.where(given, edited.rule, np.where(kept, named.marker, NO_MARKER)),
-            np.where(given, BY_EDIT, np.where(kept, named.step, NO_STEP)),
-            np.where(given, 1.0, np.where(kept, named.confidence, 0.0)),
-            np.where(given, 1.0, np.where(kept, named.rate, 0.0)),
+            np.where(said, np.where(given, edited.rule, self.carried), np.where(kept, named.marker, NO_MARKER)),
+            np.where(said, np.where(given, BY_EDIT, BY_TRAJECTORY), np.where(kept, named.step, NO_STEP)),
+            np.where(said, np.where(given, 1.0, RULING.carried), np.where(kept, named.confidence, 0.0)),
+            np.where(said, 1.0, np.where(kept, named.rate, 0.0)),
         )
 
-    def parted(self, tracklet: np.ndarray) -> np.ndarray:
-        """The tracklets (T, P) without what is no marker, cut where what is said of them changes.
+    def parted(self) -> np.ndarray:
+        """(T, P) the tracklets without what is no marker, cut where what is said of them changes.
 
         They are cut at gaps, too, in which an edit says what their marker is: it may be another trajectory.
         """
-        edited = self.edited
+        edited, tracklet = self.edited, self.tracklet
         column, row = np.nonzero(((tracklet >= 0) & ~edited.deleted).T)
         number = tracklet[row, column]
         order = np.lexsort((row, number))

@@ -43,12 +43,12 @@ def everything(model, points):
 def rulings_of(model, points, labels: Labels, *edits) -> Rulings:
     present = np.isfinite(points[..., 0])
     cells = PointCells(names_of(model.markerset), len(model.markerset), 1, present, np.arange(points.shape[1]))
-    return Rulings(apply_to_points(labels, Edits(edits), cells).edited, labels)
+    return Rulings(apply_to_points(labels, Edits(edits), cells).edited, labels, cut(points, RATE))
 
 
 def solved(model, points, labels: Labels, rulings: Rulings) -> np.ndarray:
     """(T, P) the markers of the take once it is solved with the rulings."""
-    pieces = rulings.parted(cut(points, RATE))
+    pieces = rulings.parted()
     heard = rulings.heard(labels)
     solution = solution_of(heard, pieces, points, model, RATE, 1, rulings=rulings)
     return labels_of(solution, heard, 0.999, model.markerset.markers).labels.marker
@@ -94,7 +94,7 @@ def test_tracklets_end_where_what_is_said_of_them_does(model, points, everything
     knee, toe, back = (model.markerset.index(name) for name in ("RKNE", "LTOE", "C7"))
     edits = AssignPoint(knee, "LTOE", frames=(11, 20)), Delete(back, frames=(1, 30))
     rulings = rulings_of(model, points, everything, *edits)
-    tracklet = rulings.parted(cut(points, RATE))
+    tracklet = rulings.parted()
     ends = [np.flatnonzero(np.diff(tracklet[:, column])).tolist() for column in (knee, toe, back)]
     assert ends == [[9, 19], [9, 19], [29]]
     assert (tracklet[:30, back] == -1).all()
@@ -116,9 +116,9 @@ def test_a_tracklet_is_cut_at_a_gap_in_which_another_has_its_name(model, points,
     labels.marker[:, -1] = NO_MARKER
     whole = cut(broken, RATE)
     assert whole[0, toe] == whole[-1, toe]
-    parted = rulings_of(model, broken, labels, AssignPoint(broken.shape[1] - 1, "LTOE")).parted(whole)
+    parted = rulings_of(model, broken, labels, AssignPoint(broken.shape[1] - 1, "LTOE")).parted()
     assert parted[0, toe] != parted[-1, toe]
-    without = rulings_of(model, broken, labels, UnlabelMarker("C7")).parted(whole)
+    without = rulings_of(model, broken, labels, UnlabelMarker("C7")).parted()
     assert without[0, toe] == without[-1, toe]
 
 
@@ -128,3 +128,17 @@ def test_what_is_nobodys_is_not_named(model, points, everything):
     toe = model.markerset.index("LTOE")
     assert not (marker[:200] == toe).any()
     assert (marker[202:, toe] == toe).all()
+
+
+def test_a_trajectory_without_a_name_goes_on_as_what_a_person_called_it(model, points, everything):
+    toe, back, knee = (model.markerset.index(name) for name in ("LTOE", "C7", "RKNE"))
+    labels = everything.kept(~np.isin(np.arange(points.shape[1]), [toe, back]) & everything.named)
+    edits = AssignPoint(toe, "LTOE", frames=(100, 100)), UnlabelMarker("LTOE", frames=(200, 210))
+    rulings = rulings_of(model, points, labels, *edits, AssignPoint(knee, "LKNE", frames=(5, 6)))
+    present = np.isfinite(points[:, toe, 0])
+    carried = np.flatnonzero(rulings.carried[:, toe] == toe)
+    expected = np.setdiff1d(np.flatnonzero(present), [99, *range(199, 210)])
+    assert carried.tolist() == expected.tolist()
+    assert (np.delete(rulings.carried, toe, axis=1) == NO_MARKER).all()
+    assert (rulings.heard(labels).marker[expected, toe] == toe).all()
+    assert (rulings.start[99, toe], rulings.start[98, toe]) == (toe, toe)
