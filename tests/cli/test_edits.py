@@ -200,3 +200,18 @@ def test_edits_are_never_written_over(run, cloud, tmp_path, edited):
     answer = run("label", path, "--model", MODEL, "--out", out, "--edits", beside, "--overwrite")
     assert answer.status == 2
     assert "is read and would be written over" in answer.reason
+
+
+def test_of_several_takes_each_has_its_own_edits(run, cloud, tmp_path, edited):
+    path, whose = cloud
+    other = path.with_name("other.c3d")
+    other.write_bytes(path.read_bytes())
+    edited({"kind": "delete", "point": whose.index("C7")}, name="cloud.edits.json")
+    edited({"kind": "delete", "point": 99}, name="other.edits.json")
+    answer = run("label", path, other, "--model", MODEL, "--out", tmp_path / "out", "--method", "fit")
+    assert answer.status == 2
+    assert "other.edits.json: edit 1 is of trajectory 99" in answer.reason
+    assert "cloud: 20 frames" in answer.out
+    rows = rows_of(tmp_path / "out" / "cloud.labels.csv")
+    assert not [row for row in rows if row["marker"] == "C7"]
+    assert not (tmp_path / "out" / "other.labels.csv").exists()
