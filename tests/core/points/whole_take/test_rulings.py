@@ -142,3 +142,17 @@ def test_a_trajectory_without_a_name_goes_on_as_what_a_person_called_it(model, p
     assert (np.delete(rulings.carried, toe, axis=1) == NO_MARKER).all()
     assert (rulings.heard(labels).marker[expected, toe] == toe).all()
     assert (rulings.start[99, toe], rulings.start[98, toe]) == (toe, toe)
+
+
+def test_what_lost_its_name_to_a_person_is_begun_with_as_the_other_of_the_two(model, points, everything):
+    one, other = (model.markerset.index(name) for name in PAIR)
+    rulings = rulings_of(model, points, everything, AssignPoint(one, PAIR[0], frames=(100, 100)))
+    pieces = rulings.of(tracklets_of(points, rulings.parted(), rulings.heard(everything), len(model.markerset)))
+    first = pieces.begin[:-1]
+    row, column = pieces.row[first], pieces.column[first]
+    begun = rulings.begun(pieces, rulings.start[row, column])
+    (robbed,) = np.flatnonzero((column == other) & (row == 99))
+    assert rulings.start[99, other] == NO_MARKER
+    assert begun[robbed] == other
+    rest = np.delete(np.arange(len(begun)), robbed)
+    assert (begun[rest] == rulings.start[row, column][rest]).all()
