@@ -22,8 +22,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from addon.core.data.errors import InputError
+from addon.core.edits.kinds import Edits, Place, Swap
 from addon.io.blobs import read_blobs
 from addon.io.cameras import read_cameras
+from addon.io.edits import read_edits, write_edits
 from addon.io.labels import LabelFile
 from addon.io.markersets import read_markerset, write_markerset
 from addon.io.models import read_model, write_model
@@ -74,7 +76,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "toml": read_cameras, "xcp": read_cameras, "qca": read_cameras, "mcal": read_cameras, "yml": read_cameras,
     "pmat": read_cameras, "rad": read_cameras, "res": lambda path: read_cameras(path.parent), "blobs": _blobs,
     "labels": _labels, "truth": _truth, "c3d": _take, "dec": _take, "mips": _take, "trc": _take, "motive": _take,
-    "markerset": read_markerset, "model": read_model,
+    "markerset": read_markerset, "model": read_model, "edits": read_edits,
 }  # fmt: skip
 
 
@@ -86,6 +88,8 @@ def samples(folder: Path) -> dict[str, Path]:
     files["markerset"], files["model"] = folder / "toy.markerset.json", folder / "model.markerset.json"
     write_markerset(files["markerset"], toy_markerset())
     write_model(files["model"], toy_model())
+    files["edits"] = folder / "take.edits.json"
+    write_edits(files["edits"], Edits((Swap(("LKNE", "RKNE"), frames=(1, 9)), Place("C7", 3, (0.1, 0.2, 1.4)))))
     return files
 
 
@@ -119,7 +123,7 @@ def mutated(content: bytes, chance: random.Random) -> bytes:
 def rebuilt(kind: str, content: bytes, chance: random.Random) -> bytes:
     """`content` with one to three changes of its structure: values, fields, rows, elements or words of a header."""
     for _ in range(chance.randint(1, 3)):
-        if kind in ("markerset", "model"):
+        if kind in ("markerset", "model", "edits"):
             content = _other_json(content, chance)
         elif kind in ("c3d", "dec", "mips"):
             content = _other_words(content, chance)

@@ -12,6 +12,7 @@ from .. import jobs
 from ..blendfile import has_blender, open_cameras
 from ..core.data.errors import InputError, UserError
 from ..io.blobs import check_header
+from ..io.edits import edits_beside
 from ..io.models import open_model
 from ..io.points import holds_points
 from ..io.scratch import told_of
@@ -41,6 +42,13 @@ def add_parser(verbs):
     parser.add_argument("--trc", action="store_true", help="also write DIR/walk.trc")
     parser.add_argument(
         "--jobs", type=whole(1, 256, "number of jobs"), default=1, metavar="N", help="takes side by side"
+    )
+    parser.add_argument(
+        "--edits",
+        type=Path,
+        metavar="FILE",
+        help="corrections of one take, applied in their order; without it those of walk.edits.json beside walk.csv, "
+        "where that is there",
     )
     add_overwrite(parser)
     parser.add_argument(
@@ -107,7 +115,7 @@ def run(arguments) -> int:
     if arguments.result:
         end_with_parent()
     else:  # whoever started this process side by side with others has said it already
-        for words in unused(arguments):
+        for words in (*unused(arguments), *_edited_beside(arguments)):
             complain(words)
     reports, failures, passed = [], [], set()
     progress = ProgressLine(arguments.progress)
@@ -145,11 +153,23 @@ def check(arguments):
         raise InputError("--blend needs Blender or the bpy package, and neither is here; expected one of them")
     if arguments.out.exists() and not arguments.out.is_dir():
         raise InputError("is no folder; expected a folder for the results", arguments.out)
+    if arguments.edits is not None and len(arguments.inputs) > 1:
+        words = f"--edits is of one take, and there are {len(arguments.inputs)}"
+        raise InputError(f"{words}; expected one take, or files such as walk.edits.json beside the takes")
     takes = [as_job(arguments, path) for path in arguments.inputs]
     keep_apart({path for take in takes for path in take.read}, [path for take in takes for path in take.written])
-    open_model(arguments.model)
-    if blobs:
-        open_cameras(arguments.cameras, arguments.up)
+    model = open_model(arguments.model)
+    cameras = open_cameras(arguments.cameras, arguments.up) if blobs else None
+    if len(takes) == 1:  # of many each is told on its own, and the others are labelled
+        jobs.open_edits(takes[0], model.markerset, cameras=cameras and cameras.names)
+
+
+def _edited_beside(arguments) -> list[str]:
+    """Which takes are labelled with edits that nobody named, a sentence each."""
+    if arguments.edits is not None:
+        return []
+    found = [(path, edits_beside(path)) for path in arguments.inputs]
+    return [f"{path}: the edits of {edits.name} beside it are applied" for path, edits in found if edits is not None]
 
 
 def unused(arguments) -> list[str]:
@@ -204,6 +224,7 @@ def as_job(arguments, path: Path) -> jobs.LabelJob:
         height=arguments.height,
         occlusion=arguments.occlusion,
         facing=None if arguments.facing is None else math.radians(arguments.facing),
+        edits=arguments.edits,
         trc=arguments.trc,
         blend=arguments.blend,
         overwrite=arguments.overwrite,
@@ -212,8 +233,12 @@ def as_job(arguments, path: Path) -> jobs.LabelJob:
 
 
 def _doubts(report: dict) -> list[str]:
-    """What is odd about the cameras of a take, a line each."""
-    return [f"{report['take']}: {words}" for words in report.get("camera_doubts", [])]
+    """What is odd about the cameras of a take, and which edits found nothing, a line each."""
+    missed = [
+        f"edit {one['edit']} ({one['kind']}) found nothing: {one['reason']}"
+        for one in report.get("edits", {}).get("found_nothing", [])
+    ]
+    return [f"{report['take']}: {words}" for words in (*report.get("camera_doubts", []), *missed)]
 
 
 def as_line(report: dict) -> str:
@@ -222,6 +247,8 @@ def as_line(report: dict) -> str:
     count, named = report[things], report[things] - report["unlabelled"]
     speed = report["timing"]["frames_per_second"]
     pace = "" if speed is None else f", {speed:.0f} frames/s"
+    if "edits" in report:
+        pace += f", {sum(report['edits']['applied'].values())} edits applied"
     if "agreement" in report:
         pace += f", {report['agreement']['different']} otherwise by their points"
     unit = f", no unit in the file, taken for {report['unit_assumed']}" if "unit_assumed" in report else ""
@@ -282,7 +309,7 @@ def _command(arguments, path: Path) -> list[str]:
     command = ["label", f"--model={arguments.model}", f"--out={arguments.out}"]
     known = {
         name: getattr(arguments, name)
-        for name in ("cameras", "rate", "height", "facing", "method", "occlusion", "target", "up")
+        for name in ("cameras", "rate", "height", "facing", "method", "occlusion", "target", "up", "edits")
     }
     command += [f"--{name}={value}" for name, value in known.items() if value is not None]
     if arguments.frames:

@@ -71,6 +71,23 @@ def read_blobs(
         raise InputError(f"has no blobs{wanted}; expected at least one row", path)
 
 
+def frames_in(path: Path, cameras: Cameras) -> tuple[int, int] | None:
+    """The first and the last frame of a file, by its two ends; None where these are not sound, which reading tells."""
+    with open_binary(path) as file:
+        size = file.seek(0, 2)
+        file.seek(0)
+        head = file.read(BLOCK_BYTES)
+        file.seek(max(size - BLOCK_BYTES, 0))
+        tail = file.read()
+    try:
+        header, start = read_header(head, path)
+        begin = parse_rows(head[start:].rpartition(b"\n")[0] or head[start:], header, cameras, path, 2)
+        end = parse_rows(tail[start:] if size <= BLOCK_BYTES else tail.partition(b"\n")[2], header, cameras, path, 2)
+    except InputError:
+        return None
+    return (int(begin.frame[0]), int(end.frame[-1])) if len(begin) and len(end) else None
+
+
 def check_header(path: Path):
     """Raises InputError where a file does not begin as one of blobs does."""
     with open_binary(path) as file:

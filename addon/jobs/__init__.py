@@ -8,6 +8,7 @@ from ..core.data.progress import Progress
 from ..core.pipelines.points import USUAL_TARGET
 from ..core.points.naming import METHODS
 from ..io.points import holds_points
+from .edits import open_edits
 from .job import OCCLUSIONS, USUAL_RATE, LabelJob, Labelled, occlusion_here
 
 
@@ -36,4 +37,5 @@ __all__ = [
     "Labelled",
     "label_file",
     "occlusion_here",
+    "open_edits",
 ]

@@ -14,17 +14,20 @@ import numpy as np
 from ..blendfile import Chunks, mesh_occlusion, open_cameras, refuse_long
 from ..core.body.occlusion import Occlusion
 from ..core.data.progress import Progress
-from ..core.data.takes import STEPS, Blobs, LabelledChunk, Motion, Points, Suspect
+from ..core.data.takes import BY_EDIT, STEPS, Blobs, EditOutcome, LabelledChunk, Motion, Points, Suspect
+from ..core.edits.applying import joined
+from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import Cameras
 from ..core.pipelines.blobs import BlobOptions, blob_method, label_blobs, steps_of
 from ..core.pipelines.cross_check import MethodAgreement
 from ..core.points.models import Model
 from ..core.review.odd_cameras import CameraCheck
 from ..core.review.summary import TakeSummary
-from ..io.blobs import BlobRows, read_blobs
+from ..io.blobs import BlobRows, frames_in, read_blobs
 from ..io.labels import LabelWriter
 from ..io.models import open_model
 from ..io.scratch import scratch_folder, told_of
+from .edits import facts_of_edits, open_edits
 from .job import LabelJob, Labelled, open_files, timed
 from .outcome import Outcome, write_take
 from .resuming import made_of, may_replace
@@ -38,7 +41,8 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
     """
     begin = perf_counter()
     model, cameras, inputs = open_model(job.model), _cameras(job), made_of(job)
-    settings = BlobOptions(job.method, job.frame_rate, job.target, job.options, _occlusion(job, model))
+    edits = open_edits(job, model.markerset, cameras=cameras.names, frames=_frames_if_edited(job, cameras))
+    settings = BlobOptions(job.method, job.frame_rate, job.target, job.options, _occlusion(job, model), edits)
     agreement, check = MethodAgreement(), CameraCheck(cameras)
     with ExitStack() as stack:
         files = open_files(job, may_replace(job, inputs), stack)
@@ -58,10 +62,17 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
             results.doubt(doubts)
         results.labels.file.flush()
         facts = _facts(job, blob_method(settings), cameras, results, agreement)
+        facts |= facts_of_edits(job, joined(results.outcomes))
         facts |= {"cameras": check.of_cameras(), "camera_doubts": [doubt.reason for doubt in doubts]}
         made = Outcome(results.motion.points(), results.chunks, cameras, results.summary, facts, inputs)
         report = write_take(job, files, model.markerset, made, clock)
     return Labelled(report, results.chunks if job.keep else [])
+
+
+def _frames_if_edited(job: LabelJob, cameras: Cameras) -> tuple[int, int] | None:
+    """The first and last frame of a take that is edited, to check the edits' frames by; None for a part of one."""
+    edited = job.edits if isinstance(job.edits, Edits) else job.edits_file
+    return frames_in(job.source, cameras) if edited and not job.frames else None
 
 
 def _facts(job: LabelJob, method: str, cameras: Cameras, results: "Results", agreement: MethodAgreement) -> dict:
@@ -114,7 +125,8 @@ class Source:
 class Results:
     """What becomes of a take, chunk by chunk; its files are open for as long as `stack` is.
 
-    chunks  the chunks, where the job keeps them
+    chunks    the chunks, where the job keeps them
+    outcomes  what became of the edits in each chunk
     """
 
     def __init__(self, job: LabelJob, files: dict[str, Path], markers: tuple[str, ...], stack: ExitStack):
@@ -123,6 +135,7 @@ class Results:
         self.labels = stack.enter_context(LabelWriter(files[".labels.csv"], markers))
         self.summary = TakeSummary(markers)
         self.chunks: Chunks = []
+        self.outcomes: list[tuple[EditOutcome, ...]] = []
 
     def add(self, row: BlobRows, chunk: LabelledChunk):
         """Writes the labels and keeps what the end needs; JobError once a `.blend` is wanted that cannot be."""
@@ -131,6 +144,7 @@ class Results:
         if self.blend:
             refuse_long(self.motion.first_frame, int(row.blobs.frames[-1]))
         self.summary.add(chunk)
+        self.outcomes.append(chunk.outcomes)
         if self.kept:
             self.chunks.append((row.blobs, chunk))
 
@@ -143,7 +157,8 @@ class Results:
 
     def counts(self, method: str) -> dict[str, int]:
         """How many labels came about by each step that the method has."""
-        return {STEPS[step]: self.summary.steps[STEPS[step]] for step in steps_of(method)}
+        steps = (*steps_of(method), *([BY_EDIT] if any(self.outcomes) else []))
+        return {STEPS[step]: self.summary.steps[STEPS[step]] for step in steps}
 
 
 class MotionFile:

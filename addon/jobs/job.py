@@ -11,9 +11,11 @@ from ..blendfile import Chunks, inside_blender
 from ..core.blobs.pipeline import Options
 from ..core.blobs.search import Hints
 from ..core.body.occlusion import Occlusion
+from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import Cameras
 from ..core.pipelines.points import USUAL_TARGET
 from ..io.cameras import calibration_files
+from ..io.edits import edits_beside
 from ..io.markersets import markerset_file
 from ..io.whole import whole_files
 
@@ -44,6 +46,7 @@ class LabelJob:
     height    the subject's height, m, and facing, rad, where known
     occlusion one of OCCLUSIONS: what asks whether the body hides a marker of blobs
     body      meshes of the user's own for that; None for those of the marker set's capsules
+    edits     what a person said of the labels, or the file of it; None for STEM.edits.json beside the take, if there
     trc       write STEM.trc too
     blend     save STEM.blend too; needs Blender
     resume    go on with what a run of the same job left, and put its own files in their places again
@@ -63,6 +66,7 @@ class LabelJob:
     facing: float | None = None
     occlusion: str = "auto"
     body: Occlusion | None = None
+    edits: Path | Edits | None = None
     trc: bool = False
     blend: bool = False
     overwrite: bool = False
@@ -103,7 +107,15 @@ class LabelJob:
     def read(self) -> list[Path]:
         """The files that the job reads; InputError where a calibration lacks one."""
         cameras = calibration_files(self.cameras) if isinstance(self.cameras, Path) else []
-        return [self.source, markerset_file(self.model), *cameras]
+        edits = [] if self.edits_file is None else [self.edits_file]
+        return [self.source, markerset_file(self.model), *cameras, *edits]
+
+    @property
+    def edits_file(self) -> Path | None:
+        """The file of the edits that are applied, None where there is none."""
+        if self.edits is None:
+            return edits_beside(self.source)
+        return None if isinstance(self.edits, Edits) else self.edits
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,6 +18,7 @@ from ..core.points.naming import chosen_method
 from ..core.review.summary import TakeSummary
 from ..io.models import open_model
 from ..io.points import FilePoints, read_points
+from .edits import facts_of_edits, open_edits
 from .job import LabelJob, Labelled, open_files, timed
 from .outcome import Outcome, write_take
 from .resuming import made_of, may_replace
@@ -40,16 +41,25 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
                 raise InputError(words, job.source)
             if job.blend:
                 refuse_long(take.first_frame, last)
-            options = PointOptions(chosen_method(model, job.method), job.target, job.options)
+            edits = open_edits(job, model.markerset, points=take.columns.tolist(), frames=_whole(take, job))
+            options = PointOptions(chosen_method(model, job.method), job.target, job.options, edits)
         labelled = yield from label_points(take, model, options)
         rows, markerset = PointRows.of(take), model.markerset
-        chunk = replace(labelled, labels=labelled.labels[np.nonzero(take.present)])
+        present = np.nonzero(take.present)
+        unedited = None if labelled.unedited is None else labelled.unedited[present]
+        chunk = replace(labelled, labels=labelled.labels[present], unedited=unedited)
         summary = TakeSummary(markerset.markers)
         summary.add(chunk)
-        points, facts = labelled_points(take, labelled, markerset), _facts(take, chunk.labels, options)
+        points = labelled_points(take, labelled, markerset)
+        facts = _facts(take, chunk.labels, options) | facts_of_edits(job, labelled.outcomes)
         made = Outcome(points, [(rows, chunk)], NO_CAMERAS, summary, facts, inputs)
         report = write_take(job, files, markerset, made, clock)
     return Labelled(report, made.chunks if job.keep else [])
+
+
+def _whole(take: FilePoints, job: LabelJob) -> tuple[int, int] | None:
+    """The first and last frame of a take of which all is labelled; of a part nobody knows how long the take is."""
+    return None if job.frames else (take.first_frame, int(take.frames[-1]))
 
 
 def _facts(take: FilePoints, given: Labels, options: PointOptions) -> dict:

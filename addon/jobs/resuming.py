@@ -11,10 +11,11 @@ from ..io.cameras import calibration_files
 from ..io.markersets import markerset_file
 from ..io.source import digest
 from ..version import version
+from .edits import digest_of_edits
 from .job import REPORT, LabelJob
 
 # Fields of a job that make no difference to what its files hold, or are told by their content.
-OUTSIDE = ("source", "cameras", "model", "out", "body", "overwrite", "resume", "keep")
+OUTSIDE = ("source", "cameras", "model", "out", "body", "edits", "overwrite", "resume", "keep")
 INSTEAD = "--overwrite to make it anew, or another folder for --out"
 
 
@@ -33,6 +34,8 @@ def made_of(job: LabelJob) -> dict:
         "model": digest([markerset_file(job.model)]),
         "options": options,
     }
+    if (edits := digest_of_edits(job)) is not None:
+        made["edits"] = edits
     return json.loads(json.dumps(made, default=str))  # as it is read back
 
 

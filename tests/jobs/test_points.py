@@ -67,7 +67,7 @@ def use(monkeypatch, namer):
     look = pipeline.refuse_others
     monkeypatch.setattr(pipeline, "namer_of", lambda model, method, hints: namer)
     monkeypatch.setattr(
-        pipeline, "refuse_others", lambda model, _, points: look(model, LikelihoodNamer(model.likelihood), points)
+        pipeline, "refuse_others", lambda model, _, *rest: look(model, LikelihoodNamer(model.likelihood), *rest)
     )
 
 

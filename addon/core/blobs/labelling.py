@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..data.takes import CONFLICT, EXCLUSIVE, REMAINING
+from ..data.takes import BY_EDIT, CONFLICT, EXCLUSIVE, REMAINING
 from ..geometry.triangulation import Meeting, Rays, trimmed_deviation
 from ..geometry.views import VIEWING, Sight, View
 
@@ -86,11 +86,14 @@ class Naming:
 
     @classmethod
     def empty(cls, frame: "Frame") -> "Naming":
-        """Nothing named yet."""
+        """Nothing named yet but what a person named."""
         shape = frame.nll.shape[:2]
         nobody = np.full(frame.view.real.shape, -1)
         zeros = np.zeros(shape, int)
-        return cls(frame, zeros - 1, zeros, nobody, zeros - 1, np.zeros(shape[1], int))
+        naming = cls(frame, zeros - 1, zeros, nobody, zeros - 1, np.zeros(shape[1], int))
+        camera, marker = np.nonzero(frame.fixed >= 0)
+        naming.give(camera, marker, frame.fixed[camera, marker], BY_EDIT)
+        return naming
 
     @property
     def meeting(self) -> Meeting:
@@ -139,9 +142,10 @@ class Frame:
     metres  (C, M) m, standard deviation of a blob's position at the marker's depth
     depth   (C, M) m
     image   (C, M, 2) normalised image of the expected markers
+    fixed   (C, M) the blob that is the marker because a person says so, -1 where nobody does
     """
 
-    def __init__(self, view: View, sight: Sight, expected: Expectation, rules: Rules):
+    def __init__(self, view: View, sight: Sight, expected: Expectation, rules: Rules, fixed: np.ndarray | None = None):
         self.view, self.sight, self.expected, self.rules = view, sight, expected, rules
         self.cameras, self.markers = np.arange(len(view.image)), np.arange(len(expected.points))
         local = sight.local(expected.points[None])
@@ -152,6 +156,10 @@ class Frame:
         self.slope = sight.derivatives(local, image)[0]
         self.image = image[0]
         self.nll = self._against(self.image, self._spread(expected.covariance), self.depth, self.metres)
+        self.fixed = np.full(self.nll.shape[:2], -1) if fixed is None else fixed
+        camera, marker = np.nonzero(self.fixed >= 0)
+        self.nll[camera, marker] = TOO_FAR
+        self.nll[camera, :, self.fixed[camera, marker]] = TOO_FAR
 
     @cached_property
     def between2(self) -> np.ndarray:
@@ -212,9 +220,11 @@ class Frame:
         return np.where(within, square + size[..., None], TOO_FAR)
 
 
-def name_markers(view: View, sight: Sight, expected: Expectation, rules: Rules) -> Naming:
-    """Algorithm 1 on one frame."""
-    frame = Frame(view, sight, expected, rules)
+def name_markers(
+    view: View, sight: Sight, expected: Expectation, rules: Rules, fixed: np.ndarray | None = None
+) -> Naming:
+    """Algorithm 1 on one frame, of which some blobs may be named already: `fixed` (C, M), see `Frame`."""
+    frame = Frame(view, sight, expected, rules, fixed)
     naming = Naming.empty(frame)
     claims = identify_visible(frame, naming)
     withdraw_unmet(frame, naming)
@@ -228,9 +238,11 @@ def name_markers(view: View, sight: Sight, expected: Expectation, rules: Rules) 
     return naming
 
 
-def name_exclusive(view: View, sight: Sight, expected: Expectation, rules: Rules) -> Naming:
+def name_exclusive(
+    view: View, sight: Sight, expected: Expectation, rules: Rules, fixed: np.ndarray | None = None
+) -> Naming:
     """Step 1 alone: enough to bring a tracked body up to date before the frame is named in earnest."""
-    frame = Frame(view, sight, expected, rules)
+    frame = Frame(view, sight, expected, rules, fixed)
     naming = Naming.empty(frame)
     identify_visible(frame, naming)
     withdraw_unmet(frame, naming)
@@ -259,14 +271,20 @@ def identify_visible(frame: Frame, naming: Naming) -> np.ndarray:
 
 
 def withdraw_unmet(frame: Frame, naming: Naming):
-    """Takes back names whose rays do not meet: the worst ray while three or more are left, both when two disagree."""
+    """Takes back names whose rays do not meet: the worst ray while three or more are left, both when two disagree.
+
+    What a person named stays.
+    """
     for _ in range(len(frame.cameras)):
         seen = (naming.slot >= 0) & np.isfinite(naming.meeting.points[:, 0])
         excess = np.where(seen, naming.meeting.miss / (frame.rules.max_miss * frame.metres), 0)
         bad = excess.max(axis=0) > 1
+        several = seen.sum(axis=0) >= 3
+        seen &= frame.fixed < 0
+        excess = np.where(seen, excess, 0)
+        bad &= seen.any(axis=0)
         if not bad.any():
             return
-        several = seen.sum(axis=0) >= 3
         worst = (excess == excess.max(axis=0)) & seen & bad
         naming.withdraw(*np.nonzero(np.where(several, worst, seen & bad)))
 

@@ -5,6 +5,7 @@ Memory does not grow with the take: one chunk of frames is held, and of the past
 """
 
 from collections.abc import Iterable, Iterator
+from copy import copy
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -15,12 +16,15 @@ from ..body.occlusion import Occlusion
 from ..data.errors import JobError
 from ..data.markersets import MarkerSet
 from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Suspect
+from ..edits.applying import BlobCells, apply_to_blobs
+from ..edits.kinds import NO_EDITS, Edits
 from ..geometry.cameras import Cameras
 from ..geometry.views import VIEWING, View, split_views
 from ..review.suspects import find_suspects
 from .confidence import label_confidences, swap_doubts
 from .labelling import Expectation, Naming
 from .search import Found, Hints, find_subject
+from .seeding import contradicted, fixed_in, seeds_of
 from .subject import Setup
 from .swaps import exchange_loss, exchanged, swap_names
 from .tracking import Followed, Track, follow
@@ -90,23 +94,42 @@ def label_take(
     rate: float = 100.0,
     options: Options | None = None,
     occlusion: Occlusion | None = None,
+    edits: Edits = NO_EDITS,
 ) -> Iterator[LabelledChunk]:
     """Names the blobs of a take, chunk by chunk: one `LabelledChunk` for each of `chunks`, in their order.
 
-    `rate` is frames a second, `occlusion` the body in the way (the marker set's capsules by default).
+    `rate` is frames a second, `occlusion` the body in the way (the marker set's capsules by default). From the first
+    blob on that `edits` name, directly or by what they say of the program's names, the take is labelled once more
+    with these as seeds; the chunks are of that, and `unedited` is what was labelled without. To apply the edits is for
+    the caller.
     Raises JobError when there are fewer than two cameras, or a frame has more blobs than any capture.
     """
     if len(cameras) < 2:
         raise JobError(f"{len(cameras)} camera cannot fix a position in space; expected two or more")
     labeller = TakeLabeller(Setup.of(cameras, markerset, occlusion, rate=rate), options or Options())
+    seeded: TakeLabeller | None = None
     for blobs in chunks:
         with threadpool_limits(1, user_api="blas"):  # many threads on small matrices cost more than they bring
+            before = copy(labeller)
             labelled = labeller.label(blobs)
+            if edits:
+                cells = BlobCells.of(blobs, cameras.names, markerset)
+                seeds = seeds_of(apply_to_blobs(labelled.labels, edits, cells), cells)
+                if seeded is None and (seeds != NO_MARKER).any():
+                    seeded = before
+                if seeded is not None:
+                    again = seeded.label(blobs, seeds)
+                    labelled = replace(again, unedited=labelled.labels, seconds=_sum(labelled.seconds, again.seconds))
         yield labelled
 
 
+def _sum(one: dict[str, float], other: dict[str, float]) -> dict[str, float]:
+    """Seconds by stage, of two labellings."""
+    return {stage: one.get(stage, 0.0) + other.get(stage, 0.0) for stage in {**one, **other}}
+
+
 class TakeLabeller:
-    """Labels the chunks of one take in their order; between them it keeps the track."""
+    """Labels the chunks of one take in their order; between them it keeps the track, and nothing that is changed."""
 
     def __init__(self, setup: Setup, options: Options):
         self.setup, self.hints = setup, options.hints
@@ -114,9 +137,9 @@ class TakeLabeller:
         self.placement = 0.0
         self.sure = np.ones(setup.model.marker_count)
 
-    def label(self, blobs: Blobs) -> LabelledChunk:
-        """The labels and motion of the next chunk."""
-        chunk = _Chunk(blobs, split_views(blobs, self.setup.cameras))
+    def label(self, blobs: Blobs, seeds: np.ndarray | None = None) -> LabelledChunk:
+        """The labels and motion of the next chunk, of whose blobs some are named already: `seeds` (N,) markers."""
+        chunk = _Chunk(blobs, split_views(blobs, self.setup.cameras), seeds, self.setup.model.marker_count)
         if self.setup.rate < TAKES.min_rate:
             for at in range(len(chunk.views)):
                 self._find(chunk, at, at + 1)
@@ -131,7 +154,9 @@ class TakeLabeller:
         """Follows the track through frames `first` … until it is lost or at `end`; returns the frame to go on with."""
         at = first
         while at < end:
-            followed = follow(self.track, chunk.views[at], self.setup)
+            followed, order = self._next(self.track, chunk, at)
+            if order is not None and at > first:
+                self._give_back(self.track, chunk, order, at, -1)
             if followed.track.lost:
                 self.track = None
                 chunk.suspect(at, at, "the subject was lost")
@@ -144,6 +169,32 @@ class TakeLabeller:
             if at == end or due:
                 self._review(chunk, first, at - 1)
         return at
+
+    def _next(self, track: Track, chunk: "_Chunk", at: int) -> tuple[Followed, np.ndarray | None]:
+        """Frame `at` followed, and the exchange (M,) of names, if any, that a person's names ask of those before it.
+
+        What the track has learned of these markers under each other's names does not count then.
+        """
+        view, fixed = chunk.views[at], chunk.fixed[at]
+        followed = follow(track, view, self.setup)
+        if fixed is None:
+            return followed, None
+        order = contradicted(followed.naming, fixed)
+        if order is not None:
+            track = track.doubting(np.flatnonzero(order != np.arange(len(order))), self.setup)
+        return follow(track, view, self.setup, fixed), order
+
+    def _give_back(self, track: Track, chunk: "_Chunk", order: np.ndarray, at: int, step: int) -> int:
+        """Exchanges names in the frames before `at`, or after it with `step` 1, that ask for it; gives the last.
+
+        Not where a person named them.
+        """
+        moved = np.flatnonzero(order != np.arange(len(order)))
+        last = self._exchanged_to(track, chunk, tuple(order.tolist()), at, step)
+        for index in range(at + step, last + step, step):
+            if not chunk.holds(index, moved):
+                swap_names(chunk.results[index].naming, order)
+        return last
 
     def _find(self, chunk: "_Chunk", at: int, end: int) -> int:
         """Finds the subject among frames `at` … `end` - 1, labels from there forwards and back; returns the next."""
@@ -161,28 +212,34 @@ class TakeLabeller:
         chunk.results[index] = FrameResult(
             found.subject.bodies, found.naming, found.expected, found.confidence, self.sure
         )
-        before = self._follow_back(chunk, start, index, at)
+        before, moved = self._follow_back(chunk, start, index, at)
         while at < before:
             at = self._find(chunk, at, before)
-        self.track = start
+        self.track = start.doubting(moved, self.setup) if len(moved) else start
         return self._follow(chunk, index + 1, end)
 
-    def _follow_back(self, chunk: "_Chunk", track: Track, index: int, at: int) -> int:
-        """Labels the frames before `index`, last first, and returns the first frame that was reached."""
+    def _follow_back(self, chunk: "_Chunk", track: Track, index: int, at: int) -> tuple[int, np.ndarray]:
+        """Labels the frames before `index`, last first; returns the first frame that was reached.
+
+        And the markers whose names were given back up to `index`, because a person names them otherwise.
+        """
+        given_back: list[int] = []
         for earlier in range(index - 1, at - 1, -1):
-            followed = follow(track, chunk.views[earlier], self.setup)
+            followed, order = self._next(track, chunk, earlier)
+            if order is not None and self._give_back(track, chunk, order, earlier, 1) >= index:
+                given_back += np.flatnonzero(order != np.arange(len(order))).tolist()
             if followed.track.lost:
-                return earlier + 1
+                return earlier + 1, np.array(given_back, int)
             track = followed.track
             chunk.results[earlier] = self._result(followed)
-        return at
+        return at, np.array(given_back, int)
 
     def _best_found(self, chunk: "_Chunk", at: int, end: int) -> tuple[int, Found | None]:
         """The frame of a few spread over the range whose names suit a body best."""
         best, best_index, good = None, at, 0
         for index in chunk.promising(at, end):
             with self.setup.clock("place"):
-                found = find_subject(chunk.views[index], self.setup, self.hints)
+                found = find_subject(chunk.views[index], self.setup, self.hints, chunk.fixed[index])
             if found is None or found.by_chance:
                 continue
             if found.confidence < TAKES.min_confidence or found.named < TAKES.min_named:
@@ -200,35 +257,40 @@ class TakeLabeller:
         if earlier < first:
             return
         with self.setup.clock("fit"):
-            found, before = (self._looks_into(exchanged, chunk, index) for index in (at, earlier))
+            found, before = (self._looks_into(exchanged, self.track, chunk, index) for index in (at, earlier))
         order = next((order for order in found if order in before), None)
         if order is None:
             return
         moved = np.flatnonzero(np.array(order) != np.arange(len(order)))
-        since = self._exchanged_since(chunk, order, earlier)
+        since = self._exchanged_to(self.track, chunk, order, earlier, -1)
+        if any(chunk.holds(index, moved) for index in range(since, at + 1)):  # a person has looked at them
+            return
         for index in range(since, at + 1):
             swap_names(chunk.results[index].naming, np.array(order))
         self.track = self.track.doubting(moved, self.setup)
         names = ", ".join(self.setup.model.markerset.markers[marker] for marker in moved)
         chunk.suspect(since, at, f"{names} had changed names and got them back")
 
-    def _looks_into(self, question, chunk: "_Chunk", index: int, *more):
+    def _looks_into(self, question, track: Track, chunk: "_Chunk", index: int, *more):
         """Asks `question` of a labelled frame: `swaps.exchanged` or `swaps.exchange_loss`."""
         result = chunk.results[index]
-        subject = replace(self.track.subject, bodies=result.bodies)
+        subject = replace(track.subject, bodies=result.bodies)
         return question(chunk.views[index], result.naming, subject, self.setup, *more)
 
-    def _exchanged_since(self, chunk: "_Chunk", order: tuple[int, ...], at: int) -> int:
-        """The first frame of this spell that asks for an exchange of names, given that frame `at` does, by halving."""
-        low = at
-        while low > 0 and chunk.results[low - 1] is not None:
-            low -= 1
-        while low < at:
-            middle = (low + at) // 2
-            if self._looks_into(exchange_loss, chunk, middle, order) < 0:
+    def _exchanged_to(self, track: Track, chunk: "_Chunk", order: tuple[int, ...], at: int, step: int) -> int:
+        """The farthest frame of this spell, before `at` or with `step` 1 after it, that asks for an exchange of names.
+
+        Given that frame `at` does; by halving. The track knows the subject.
+        """
+        end, frames = at, range(len(chunk.results))
+        while end + step in frames and chunk.results[end + step] is not None:
+            end += step
+        while at != end:
+            middle = (at + end + (step > 0)) // 2
+            if self._looks_into(exchange_loss, track, chunk, middle, order) < 0:
                 at = middle
             else:
-                low = middle + 1
+                end = middle - step
         return at
 
     def _result(self, followed: Followed) -> FrameResult:
@@ -239,8 +301,9 @@ class TakeLabeller:
 class _Chunk:
     """One chunk while it is being labelled: its views, the results so far and what was noticed."""
 
-    def __init__(self, blobs: Blobs, views: list[View]):
+    def __init__(self, blobs: Blobs, views: list[View], seeds: np.ndarray | None, markers: int):
         self.blobs, self.views = blobs, views
+        self.fixed = [fixed_in(view, seeds, markers) for view in views]
         self.results: list[FrameResult | None] = [None] * len(views)
         self.suspects: list[Suspect] = []
 
@@ -248,12 +311,22 @@ class _Chunk:
         """Notes frames `first` … `last` of the chunk."""
         self.suspects.append(Suspect(int(self.blobs.frames[first]), int(self.blobs.frames[last]), reason))
 
+    def holds(self, index: int, markers: np.ndarray) -> bool:
+        """Whether a person named blobs of any of the markers in a frame."""
+        fixed = self.fixed[index]
+        return fixed is not None and bool((fixed[:, markers] >= 0).any())
+
     def promising(self, first: int, end: int) -> list[int]:
-        """Frames to look for a subject in: the one with the most blobs of every part of the range, spread out first."""
+        """Frames to look for a subject in: the one with the most blobs of every part of the range, spread out first.
+
+        Before them those of which a person named the most blobs.
+        """
+        named = [index for index in range(first, end) if self.fixed[index] is not None]
+        named = sorted(named, key=lambda index: -(self.fixed[index] >= 0).sum())[: TAKES.max_good]
         parts = np.array_split(np.arange(first, end), min(len(TAKES.search_order), end - first))
         best = [int(part[np.argmax([self.views[index].count for index in part])]) for part in parts]
         order = [part for part in TAKES.search_order if part < len(best)]
-        return [best[part] for part in order if self.views[best[part]].count]
+        return named + [best[part] for part in order if self.views[best[part]].count]
 
     def labelled(self, setup: Setup) -> LabelledChunk:
         """Everything as it is handed out."""

@@ -12,7 +12,7 @@ from ..body.fit import Fit, State, body_state, fit_body, fit_placement
 from ..body.prior import Prior
 from ..data.errors import JobError
 from ..geometry import rotations
-from ..geometry.views import View
+from ..geometry.views import VIEWING, View
 from .cloud import Cloud, build_cloud
 from .labelling import Expectation, Naming
 from .placement import blob_centre, make_starts, principal_guess
@@ -42,6 +42,7 @@ class FindOptions:
     own_rate          share of what a marker is off that its own offset takes over: nearly all, as little is known yet
     max_exchanges     of names in a frame; more, and the placement is wrong
     unnamed_cost      squared deviations that an unnamed blob, or a missing marker, counts for
+    fixed_cost        squared deviations that a blob counts for which a person named and a placement has elsewhere
     """
 
     facings: int = 8
@@ -64,6 +65,7 @@ class FindOptions:
     own_rate: float = 0.9
     max_exchanges: int = 3
     unnamed_cost: float = 12.0
+    fixed_cost: float = 60.0
 
 
 @dataclass(frozen=True)
@@ -154,9 +156,10 @@ class Found:
         return self.cost / self.naming.slot.shape[1] + FINDING.unnamed_cost * (1 - self.named)
 
 
-def find_subject(view: View, setup: Setup, hints: Hints) -> Found | None:
+def find_subject(view: View, setup: Setup, hints: Hints, fixed: np.ndarray | None = None) -> Found | None:
     """The subject in this frame, or None when the blobs hold nobody.
 
+    `fixed` (C, M) are the blobs that a person named, -1 where nobody did; they say which placement is right.
     Raises JobError when the cameras cannot fix a position at all.
     """
     cloud = build_cloud(view, setup.sight)
@@ -167,11 +170,11 @@ def find_subject(view: View, setup: Setup, hints: Hints) -> Found | None:
     bodies, cost = fit_cloud(starts, cloud, setup, prior)
     finalists = bodies.pick(_distinct(bodies, cost, setup)[: FINDING.max_finalists])
     fit = fit_blobs(finalists, view, setup, prior)
-    best, second, confidence = _judged(fit, _handicap(fit.bodies, hints))
-    found = name_found(view, picked(fit.state, [best]), setup, prior, confidence, fit.trace[:, best])
+    best, second, confidence = _judged(fit, _handicap(fit.bodies, hints) + _off_fixed(fit.state, view, setup, fixed))
+    found = name_found(view, picked(fit.state, [best]), setup, prior, confidence, fit.trace[:, best], fixed)
     if second is None or confidence > FINDING.clear_confidence:
         return found
-    other = name_found(view, picked(fit.state, [second]), setup, prior, confidence, fit.trace[:, second])
+    other = name_found(view, picked(fit.state, [second]), setup, prior, confidence, fit.trace[:, second], fixed)
     return _better_named(found, other)
 
 
@@ -196,6 +199,17 @@ def _handicap(bodies: Bodies, hints: Hints) -> np.ndarray:
     ahead = rotations.quaternion_to_matrix(bodies.quaternion)[:, :2, 0]
     agreement = ahead @ np.array([np.cos(hints.facing), np.sin(hints.facing)])
     return np.where(agreement < np.cos(HINTING.max_facing_error_rad), HINTING.facing_cost, 0.0)
+
+
+def _off_fixed(state: State, view: View, setup: Setup, fixed: np.ndarray | None) -> np.ndarray:
+    """(B,) what it costs bodies that the blobs which a person named (C, M) are far from where they have the markers."""
+    if fixed is None:
+        return np.zeros(len(state.bodies))
+    camera, marker = np.nonzero(fixed >= 0)
+    local = setup.sight.local(state.posed.markers)
+    off = view.image[camera, fixed[camera, marker]] - setup.sight.image(local)[:, camera, marker]
+    metres = np.linalg.norm(off, axis=-1) * np.maximum(local[:, camera, marker, 2], VIEWING.min_depth_m)
+    return FINDING.fixed_cost * np.minimum(metres / FINDING.min_distance_m, 1).sum(axis=1)
 
 
 def first_starts(view: View, cloud: Cloud, setup: Setup, hints: Hints) -> Bodies:
@@ -242,12 +256,17 @@ def visible_pull(bodies: Bodies, posed: Posed, view: View, setup: Setup, softnes
     return lambda markers: blob_pull(markers, visible, view, setup.sight, softness, reach)
 
 
-def name_found(view: View, state: State, setup: Setup, prior, confidence: float, trace: np.ndarray) -> Found:
-    """Names the blobs of a placed body, learns this subject's marker layout from the names, names again."""
+def name_found(
+    view: View, state: State, setup: Setup, prior, confidence: float, trace: np.ndarray, fixed: np.ndarray | None = None
+) -> Found:
+    """Names the blobs of a placed body, learns this subject's marker layout from the names, names again.
+
+    `fixed` (C, M) are the blobs that a person named.
+    """
     subject = Subject(state.bodies, setup.marker_sd * float(state.bodies.scale.mean()), setup.rules.pixel)
     expected = expect(subject, state, setup)
     for round_ in range(FINDING.rounds):
-        naming = name(view, expected, subject, setup)
+        naming = name(view, expected, subject, setup, fixed=fixed)
         subject = learn_noise(naming, without_own(subject, setup), setup, FINDING.noise_rate)
         subject, state = refit(view, naming, subject, setup, FINDING.round_steps, prior)
         if round_ == FINDING.rounds - 1:
@@ -258,7 +277,7 @@ def name_found(view: View, state: State, setup: Setup, prior, confidence: float,
         expected = expect(
             subject, body_state(setup.model, subject.bodies, named_pull(view, naming, subject, setup), prior), setup
         )
-    naming = name(view, expected, subject, setup)
+    naming = name(view, expected, subject, setup, fixed=fixed)
     unnamed = int((view.real & (naming.owner < 0)).sum())
     cost = float(state.cost[0]) + FINDING.unnamed_cost * unnamed
     return Found(subject, naming, expected, confidence, trace, swaps, cost)

@@ -193,10 +193,20 @@ def expect(subject: Subject, state: State, setup: Setup) -> Expectation:
     return Expectation(state.posed.markers[0], spread, setup.visible(state.bodies.scale, state.posed)[0])
 
 
-def name(view: View, expected: Expectation, subject: Subject, setup: Setup, step1_only: bool = False) -> Naming:
-    """Algorithm 1, or only its first step, with the rules that the take's own noise asks for."""
+def name(
+    view: View,
+    expected: Expectation,
+    subject: Subject,
+    setup: Setup,
+    step1_only: bool = False,
+    fixed: np.ndarray | None = None,
+) -> Naming:
+    """Algorithm 1, or only its first step, with the rules that the take's own noise asks for.
+
+    `fixed` (C, M) are the blobs that a person named, -1 where nobody did.
+    """
     rules = replace(setup.rules, pixel=subject.pixel)
-    return (name_exclusive if step1_only else name_markers)(view, setup.sight, expected, rules)
+    return (name_exclusive if step1_only else name_markers)(view, setup.sight, expected, rules, fixed)
 
 
 def learn_noise(naming: Naming, subject: Subject, setup: Setup, rate: float) -> Subject:

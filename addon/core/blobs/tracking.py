@@ -159,18 +159,18 @@ class Followed:
     expected: Expectation
 
 
-def follow(track: Track, view: View, setup: Setup) -> Followed:
-    """Names one frame, given the track up to the frame before."""
+def follow(track: Track, view: View, setup: Setup, fixed: np.ndarray | None = None) -> Followed:
+    """Names one frame, given the track up to the frame before and the blobs that a person named, `fixed` (C, M)."""
     predicted = replace(track.subject, bodies=track.subject.bodies.moved(TRACKING.velocity_kept * track.velocity))
     prior = Anchor(setup.prior, predicted.bodies, setup.pace)
     with setup.clock("label"):
-        naming = name(view, _forecast(predicted, track, setup), predicted, setup, step1_only=True)
+        naming = name(view, _forecast(predicted, track, setup), predicted, setup, step1_only=True, fixed=fixed)
     with setup.clock("fit"):
         subject, state = refit(view, naming, predicted, setup, TRACKING.fit_steps, prior)
         expected = expect(subject, state, setup)
         expected = replace(expected, points=expected.points + TRACKING.lag_kept * track.lag)
     with setup.clock("label"):
-        naming = name(view, expected, subject, setup)
+        naming = name(view, expected, subject, setup, fixed=fixed)
     return Followed(_advanced(track, subject, state.posed, naming, expected, setup), naming, expected)
 
 

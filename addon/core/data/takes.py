@@ -8,9 +8,11 @@ from typing import Self
 import numpy as np
 
 # How a blob or a point came by its name, in the words of label files: the three steps of the first paper's algorithm 1,
-# then what names points. The index is what `Labels.step` holds.
-STEPS = ("", "exclusive", "conflict", "remaining", "evidence", "ensemble", "fit", "trajectory")
-NO_STEP, EXCLUSIVE, CONFLICT, REMAINING, BY_LIKELIHOOD, BY_PARTIAL_SOLVERS, BY_FIT, BY_TRAJECTORY = range(len(STEPS))
+# then what names points, then a person. The index is what `Labels.step` holds.
+STEPS = ("", "exclusive", "conflict", "remaining", "evidence", "ensemble", "fit", "trajectory", "edit")
+NO_STEP, EXCLUSIVE, CONFLICT, REMAINING, BY_LIKELIHOOD, BY_PARTIAL_SOLVERS, BY_FIT, BY_TRAJECTORY, BY_EDIT = range(
+    len(STEPS)
+)
 NO_MARKER = NO_POINT = -1
 
 # C3D files count frames no further than this, and blob files neither.
@@ -146,12 +148,14 @@ class Suspect:
 
     words       what is the matter; of one trajectory only what it does, such as "goes over from A to B"
     trajectory  the number of that trajectory, None where it is about something else
+    markers     the names of the markers that it is about, where it is about some
     """
 
     first: int
     last: int
     words: str
     trajectory: int | None = None
+    markers: tuple[str, ...] = field(default=(), compare=False)
 
     @property
     def reason(self) -> str:
@@ -159,12 +163,17 @@ class Suspect:
         return self.words if self.trajectory is None else f"trajectory {self.trajectory} {self.words}"
 
 
-def suspect_ranges(frames: np.ndarray, doubtful: np.ndarray, words: str, max_break_frames: int) -> list[Suspect]:
-    """The doubtful frames (F,) as ranges of the source's numbers (F,); breaks of up to so many frames are bridged."""
+def suspect_ranges(
+    frames: np.ndarray, doubtful: np.ndarray, words: str, max_break_frames: int, markers: tuple[str, ...] = ()
+) -> list[Suspect]:
+    """The doubtful frames (F,) as ranges of the source's numbers (F,); breaks of up to so many frames are bridged.
+
+    `markers` are those that it is about.
+    """
     at = np.flatnonzero(doubtful)
     breaks = np.flatnonzero(np.diff(at) > max_break_frames)
     firsts, lasts = (at[np.append(0, breaks + 1)], at[np.append(breaks, -1)]) if len(at) else (at, at)
-    return [Suspect(int(frames[a]), int(frames[b]), words) for a, b in zip(firsts, lasts, strict=True)]
+    return [Suspect(int(frames[a]), int(frames[b]), words, markers=markers) for a, b in zip(firsts, lasts, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,6 +184,15 @@ class Verdict:
     suspects: tuple[Suspect, ...] = ()
 
 
+@dataclass(frozen=True)
+class EditOutcome:
+    """What became of an edit of that kind: how many labels or frames it is about, and where that is none, why."""
+
+    kind: str
+    labels: int
+    reason: str = ""
+
+
 @dataclass(frozen=True, eq=False)
 class LabelledChunk:
     """What the labelling says of a chunk of blobs, or of a take of points.
@@ -183,12 +201,16 @@ class LabelledChunk:
     motion    frame for frame
     suspects  what a person should look at
     seconds   time by stage
+    unedited  what the program itself says, of which the take's edits give the labels; None where there are no edits
+    outcomes  what became of each edit
     """
 
     labels: Labels
     motion: Motion
     suspects: tuple[Suspect, ...] = ()
     seconds: dict[str, float] = field(default_factory=dict)
+    unedited: Labels | None = None
+    outcomes: tuple[EditOutcome, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

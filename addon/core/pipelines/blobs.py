@@ -21,10 +21,12 @@ from ..data.takes import (
     Blobs,
     LabelledChunk,
 )
+from ..edits.kinds import NO_EDITS, Edits
 from ..geometry.cameras import Cameras
 from ..points.models import Model
 from ..points.naming import chosen_method, plain_method
 from .cross_check import MethodAgreement, label_by_both
+from .edited_blobs import with_edits_of_blobs
 from .points import USUAL_TARGET
 from .through_points import label_through_points
 
@@ -40,6 +42,7 @@ class BlobOptions:
     target     of labels through points: the part that must be right; what is less sure is left unnamed
     hints      what the user may say about the take, for the fitted body
     occlusion  the body in the way; None for the marker set's capsules
+    edits      what a person said of the labels; those that `edits.applying.refuse_unknown` lets pass
     """
 
     method: str = "auto"
@@ -47,6 +50,7 @@ class BlobOptions:
     target: float = USUAL_TARGET
     hints: Options = field(default_factory=Options)
     occlusion: Occlusion | None = None
+    edits: Edits = NO_EDITS
 
 
 def blob_method(options: BlobOptions) -> str:
@@ -69,6 +73,17 @@ def label_blobs(
     Raises InputError where the model does not know how, JobError when there are fewer than two cameras, or a frame has
     more blobs than any capture.
     """
+    if not options.edits:
+        return _labelled(chunks, cameras, model, options, agreement)
+    own, named = tee(chunks)
+    labelled = _labelled(named, cameras, model, options, agreement)
+    return with_edits_of_blobs(own, labelled, options.edits, cameras, model.markerset)
+
+
+def _labelled(
+    chunks: Iterable[Blobs], cameras: Cameras, model: Model, options: BlobOptions, agreement: MethodAgreement
+) -> Iterator[LabelledChunk]:
+    """The same with the edits as evidence only."""
     labellers = _labellers(cameras, model, options)
     if len(labellers) == 1:
         return labellers[0](chunks)
@@ -81,7 +96,8 @@ def _labellers(cameras: Cameras, model: Model, options: BlobOptions) -> list[Lab
     """What names the blobs, by each method that is to."""
 
     def fit(chunks: Iterable[Blobs]) -> Iterator[LabelledChunk]:
-        return label_take(chunks, cameras, model.markerset, options.rate, options.hints, options.occlusion)
+        given = options.rate, options.hints, options.occlusion, options.edits
+        return label_take(chunks, cameras, model.markerset, *given)
 
     wanted = blob_method(options)
     if wanted == "fit":
@@ -93,6 +109,7 @@ def _labellers(cameras: Cameras, model: Model, options: BlobOptions) -> list[Lab
         )
 
     def points(chunks: Iterable[Blobs]) -> Iterator[LabelledChunk]:
-        return label_through_points(chunks, cameras, model, method, options.rate, options.hints, options.target)
+        given = options.rate, options.hints, options.target
+        return label_through_points(chunks, cameras, model, method, *given, edits=options.edits)
 
     return [fit, points] if wanted == "both" else [points]

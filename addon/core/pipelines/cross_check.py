@@ -69,7 +69,7 @@ def label_by_both(
             key: body.seconds.get(key, 0.0) + points.seconds.get(key, 0.0) for key in {**body.seconds, **points.seconds}
         }
         suspects = tuple(sorted([*found, *doubts], key=lambda suspect: suspect.first))
-        yield LabelledChunk(labels, motion, suspects, seconds)
+        yield LabelledChunk(labels, motion, suspects, seconds, _unedited(blobs, body, points, nobody))
 
 
 def _filled(blobs: Blobs, body: LabelledChunk, points: LabelledChunk, nobody: np.ndarray) -> tuple[Labels, Motion]:
@@ -80,6 +80,14 @@ def _filled(blobs: Blobs, body: LabelledChunk, points: LabelledChunk, nobody: np
         ours, theirs = getattr(body.motion, field.name), getattr(points.motion, field.name)
         values[field.name] = np.where(nobody.reshape(-1, *[1] * (ours.ndim - 1)), theirs, ours)
     return labels, Motion(**values)
+
+
+def _unedited(blobs: Blobs, body: LabelledChunk, points: LabelledChunk, nobody: np.ndarray) -> Labels | None:
+    """The same of what was said without edits, where there are some."""
+    if body.unedited is None and points.unedited is None:
+        return None
+    ours, theirs = (chunk.labels if chunk.unedited is None else chunk.unedited for chunk in (body, points))
+    return ours.replaced(nobody[blobs.frame], theirs)
 
 
 def _is_filled(suspect: Suspect, frames: np.ndarray, nobody: np.ndarray, motion: Motion) -> bool:

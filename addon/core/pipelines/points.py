@@ -16,6 +16,8 @@ from ..blobs.pipeline import Options
 from ..data.background import in_background
 from ..data.progress import Progress, within
 from ..data.takes import LabelledChunk, Labels, Points, Suspect, Verdict
+from ..edits.applying import PointCells
+from ..edits.kinds import NO_EDITS, Edits
 from ..points.adaptation import Adaptation, adapt, borne_out
 from ..points.deciding import consistent, decide
 from ..points.models import Model
@@ -24,8 +26,10 @@ from ..points.naming import Namer, namer_of
 from ..points.refusals import refuse_floods, refuse_others, refuse_unlike, refuse_unrecognised
 from ..points.tracklets import cut, renamed
 from ..points.whole_take.deciding import can_be_solved, labels_of, solution_of
+from ..points.whole_take.rulings import Rulings
 from ..points.whole_take.solving import Solution
 from ..review.suspects import find_suspects, summarised
+from .edited_points import EditedVerdict, with_edits
 
 USUAL_TARGET = 0.999  # the part of the labels that must be right, unless another is asked for
 # What each part takes, as measured: so many times as long as a frame is named in, and that again for each frame. The
@@ -47,11 +51,13 @@ class PointOptions:
     method  as `naming.chosen_method` gives it
     target  the part of the labels that must be right; what is less sure is left unnamed
     hints   what the user may say about the take, for the fitted body
+    edits   what a person said of the labels; those that `edits.applying.refuse_unknown` lets pass
     """
 
     method: str
     target: float = USUAL_TARGET
     hints: Options = field(default_factory=Options)
+    edits: Edits = NO_EDITS
 
 
 def label_points(take: Points, model: Model, options: PointOptions) -> Generator[Progress, None, LabelledChunk]:
@@ -63,15 +69,19 @@ def label_points(take: Points, model: Model, options: PointOptions) -> Generator
     refuse_floods(take.xyz)
     with threadpool_limits(1, user_api="blas"):  # many threads on small matrices cost more than they bring
         begin = perf_counter()
-        verdict = yield from _named(take, model, options)
-        named, shares = perf_counter(), begins(len(take.xyz), options.method)
-        given = take.xyz, take.residual, verdict.labels, model.markerset, take.frames
-        work = in_background(lambda tell: motion_of(*given, progress=tell))
+        cells = PointCells.of(take, model.markerset)
+        found = yield from _named(take, model, options, cells)
+        named, shares, labels = perf_counter(), begins(len(take.xyz), options.method), found.verdict.labels
+        given = take.xyz, take.residual, labels, model.markerset, take.frames
+        places = {} if found.applied is None else found.applied.places
+        work = in_background(lambda tell: motion_of(*given, progress=tell, places=places))
         motion = yield from within(work, shares["pose"], shares["write"], "pose the body")
         seconds = {"label": named - begin, "fit": perf_counter() - named}
     yield Progress(shares["write"], "write")
-    suspects = _by_file_number(verdict.suspects, take) + find_suspects(motion, model.markerset.markers, take.rate)
-    return LabelledChunk(verdict.labels, motion, summarised(suspects, take.rate), seconds)
+    said = found.unanswered(found.verdict.suspects, cells)
+    moved = found.unanswered(find_suspects(motion, model.markerset.markers, take.rate), cells)
+    suspects = summarised(_by_file_number(said, take) + moved, take.rate)
+    return LabelledChunk(labels, motion, suspects, seconds, found.unedited, found.outcomes)
 
 
 def begins(frames: int, method: str) -> dict[str, float]:
@@ -81,7 +91,9 @@ def begins(frames: int, method: str) -> dict[str, float]:
     return dict(zip(costs, ((np.cumsum(spent) - spent) / spent.sum()).tolist(), strict=True))
 
 
-def _named(take: Points, model: Model, options: PointOptions) -> Generator[Progress, None, Verdict]:
+def _named(
+    take: Points, model: Model, options: PointOptions, cells: PointCells
+) -> Generator[Progress, None, EditedVerdict]:
     """What is said of every point in the end."""
     shares = begins(len(take.xyz), options.method)
     yield Progress(shares["adapt"], "look who wears the markers")
@@ -106,8 +118,27 @@ def _named(take: Points, model: Model, options: PointOptions) -> Generator[Progr
     # Who asks for surer labels gets fewer, and the take is of the model's markers all the same.
     usual = decided if options.target == USUAL_TARGET else _decided(*known, USUAL_TARGET)
     refuse_unrecognised(adaptation.model, namer, take.xyz, usual.labels)
-    changed = renamed(decided.labels.marker, tracklet, model.markerset.markers, take.first_frame)
-    return Verdict(decided.labels, decided.suspects + changed)
+    first = _with_changes(decided, tracklet, take, model)
+    if not options.edits:
+        return EditedVerdict(first)
+
+    def decide_again(heard: Labels, pieces: np.ndarray, rulings: Rulings) -> Verdict:
+        solved = None
+        if solution is not None:
+            given = heard, pieces, take.xyz, adaptation.model, take.rate, take.first_frame
+            solved = solution_of(*given, rulings=rulings)
+        again = _decided(heard, pieces, adaptation, take, solved, options.target)
+        return _with_changes(again, tracklet, take, model)
+
+    yield Progress(shares["pose"], "solve the take again with the edits")
+    known = first, named, tracklet, take, namer, options.edits, cells, decide_again
+    return (yield from within(in_background(lambda _: with_edits(*known)), shares["pose"], shares["pose"], "edits"))
+
+
+def _with_changes(verdict: Verdict, tracklet: np.ndarray, take: Points, model: Model) -> Verdict:
+    """The verdict with what is to be said of trajectories that go on as another marker."""
+    changed = renamed(verdict.labels.marker, tracklet, model.markerset.markers, take.first_frame)
+    return Verdict(verdict.labels, verdict.suspects + changed)
 
 
 def _frame_by_frame(namer: Namer, take: Points, shares: dict[str, float]) -> Generator[Progress, None, Labels]:

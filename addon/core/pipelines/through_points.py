@@ -11,7 +11,10 @@ from time import perf_counter
 import numpy as np
 
 from ..blobs.pipeline import Options
-from ..data.takes import BY_LIKELIHOOD, Blobs, LabelledChunk, Labels, Suspect, Verdict
+from ..data.takes import BY_LIKELIHOOD, BY_TRAJECTORY, Blobs, LabelledChunk, Labels, Suspect, Verdict
+from ..edits.applying import BlobCells, nearest_blob
+from ..edits.kinds import NO_EDITS, AssignBlob, Edits
+from ..edits.replay import ANYBODY, Replay
 from ..geometry.cameras import Cameras
 from ..points.deciding import consistent, decide
 from ..points.models import Model
@@ -19,6 +22,7 @@ from ..points.motion import motion_of
 from ..points.naming import Namer, namer_of
 from ..points.refusals import REFUSAL, sure_share
 from ..points.whole_take.deciding import can_be_solved, labels_of, solution_of
+from ..points.whole_take.rulings import Rulings
 from ..reconstruction.trajectories import RECONSTRUCTION, Reconstructed, Reconstructor
 from ..review.suspects import find_suspects
 
@@ -32,6 +36,7 @@ class _Work:
     namer: Namer
     rate: float
     target: float
+    edits: Edits
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,13 +71,15 @@ def label_through_points(
     options: Options,
     target: float,
     window_frames: int = 1024,
+    edits: Edits = NO_EDITS,
 ) -> Iterator[LabelledChunk]:
     """Names the blobs of a take as `blobs.pipeline.label_take` does: a `LabelledChunk` for each chunk, in their order.
 
-    The trajectories of about `window_frames` vote together, so that memory does not grow with the take.
+    The trajectories of about `window_frames` vote together, so that memory does not grow with the take. Where `edits`
+    name blobs, the points that these make have their names, and `unedited` is what was labelled without.
     Raises JobError when there are fewer than two cameras, or a frame has more blobs than any capture.
     """
-    work = _Work(cameras, model, namer_of(model, method, options), rate, target)
+    work = _Work(cameras, model, namer_of(model, method, options), rate, target, edits)
     reconstructor = Reconstructor(cameras, rate)
     waiting: list[tuple[Blobs, Reconstructed]] = []
     seconds = 0.0
@@ -91,19 +98,27 @@ def _labelled(work: _Work, waiting: list[tuple[Blobs, Reconstructed]], seconds: 
     """The chunks of one window, which took `seconds` to reconstruct."""
     begin = perf_counter()
     markerset, window = work.model.markerset, _window(waiting)
-    verdict = _decided(work, window)
+    found, said = _named(work, window)
+    alone = verdict = _decided(work, window, found, said)
+    rulings = _rulings(work, window, waiting, alone.labels)
+    if rulings is not None:
+        verdict = _decided(work, window, rulings.heard(found), said, rulings)
+        verdict = Verdict(_as_said(verdict.labels, rulings), verdict.suspects)
     named = perf_counter()
     motion = motion_of(window.xyz, window.residual, verdict.labels, markerset, window.frames)
     suspects = verdict.suspects + find_suspects(motion, markerset.markers, work.rate)
     spent = {"place": seconds, "label": named - begin, "fit": perf_counter() - named}
-    given = verdict.labels[window.frame, window.column]
+    given, without = (labels[window.frame, window.column] for labels in (verdict.labels, alone.labels))
     first = 0
     for index, (blobs, part) in enumerate(waiting):
         here, last = slice(*window.starts[index : index + 2]), first + len(part.points)
         labels, px = _of_blobs(blobs, part, work.cameras, given[first:last], len(markerset))
+        unedited = None
+        if rulings is not None:
+            unedited, _ = _of_blobs(blobs, part, work.cameras, without[first:last], len(markerset))
         fields = {name: getattr(motion, name)[here] for name in vars(motion)}
         mine = tuple(s for s in suspects if blobs.frames[0] <= s.first <= blobs.frames[-1])
-        yield LabelledChunk(labels, type(motion)(**{**fields, "residual_px": px}), mine, spent)
+        yield LabelledChunk(labels, type(motion)(**{**fields, "residual_px": px}), mine, spent, unedited)
         first, spent = last, {}
 
 
@@ -122,8 +137,8 @@ def _window(waiting: list[tuple[Blobs, Reconstructed]]) -> _Window:
     return _Window(frames, starts, frame, column, xyz, residual)
 
 
-def _decided(work: _Work, window: _Window) -> Verdict:
-    """The names of a window's points; none, and why, where nobody in the model's markers is there."""
+def _named(work: _Work, window: _Window) -> tuple[Labels, tuple[Suspect, ...]]:
+    """What frames of a window say on their own; nothing, and why, where nobody in the model's markers is there."""
     markerset, first = work.model.markerset, int(window.frames[0])
     found, said = Labels.none(*window.residual.shape), ()
     found = replace(found, rate=np.zeros(window.residual.shape))
@@ -132,13 +147,71 @@ def _decided(work: _Work, window: _Window) -> Verdict:
     if sure_share(found, window.xyz, len(markerset)) < REFUSAL.min_sure:
         found = found.kept(np.zeros(found.marker.shape, bool))
         said = (Suspect(first, int(window.frames[-1]), f"no subject that wears {markerset.name} was recognised"),)
+    return found, said
+
+
+def _decided(
+    work: _Work, window: _Window, found: Labels, said: tuple[Suspect, ...], rulings: Rulings | None = None
+) -> Verdict:
+    """The names of a window's points, from what frames say on their own, and from what a person says of some."""
+    markerset, first = work.model.markerset, int(window.frames[0])
+    tracklet = window.tracklet if rulings is None else rulings.parted()
     if work.namer.step == BY_LIKELIHOOD and found.named.any() and can_be_solved(work.model, window.tracklet):
-        solution = solution_of(found, window.tracklet, window.xyz, work.model, work.rate, first)
+        given = found, tracklet, window.xyz, work.model, work.rate, first
+        solution = solution_of(*given, rulings=rulings)
         verdict = labels_of(solution, found, work.target, markerset.markers, first)
     else:
-        verdict = decide(found, window.tracklet, work.model, work.target, first)
+        verdict = decide(found, tracklet, work.model, work.target, first)
         verdict = consistent(verdict, window.xyz, work.model.likelihood, first)
     return Verdict(verdict.labels, tuple(_without_number(one) for one in verdict.suspects) + said)
+
+
+def _rulings(
+    work: _Work, window: _Window, waiting: list[tuple[Blobs, Reconstructed]], labels: Labels
+) -> Rulings | None:
+    """What edits say of a window's points (T, P) with these labels; None where they name no blob of a point.
+
+    A point keeps the name of its blob for as long as it is followed, or to half the way to another that a person named.
+    """
+    replay = Replay(labels, window.tracklet >= 0, len(work.model.markerset))
+    claims: dict[int, list[tuple[int, int]]] = {}
+    first = 0
+    for start, (blobs, part) in zip(window.starts, waiting, strict=False):
+        cells = BlobCells.of(blobs, work.cameras.names, work.model.markerset)
+        for row, marker in _named_rows(work.edits, cells):
+            point = np.flatnonzero((part.rows == row).any(axis=1))[:1]
+            for at in (first + point).tolist():
+                claims.setdefault(int(window.column[at]), []).append((int(start + blobs.frame[row]), marker))
+        first += len(part.points)
+    for column, said in claims.items():
+        last = dict(said)  # by frame, so that of several edits of one the last counts
+        frames = np.array(sorted(last))
+        ends = [0, *((frames[1:] + frames[:-1] + 1) // 2).tolist(), len(window.frames)]
+        for frame, begin, end in zip(frames.tolist(), ends[:-1], ends[1:], strict=True):
+            replay.assign(slice(begin, end), column, last[frame])
+    return Rulings(replay.done(), labels, window.tracklet) if claims else None
+
+
+def _named_rows(edits: Edits, cells: BlobCells) -> Iterator[tuple[int, int]]:
+    """The rows of the blobs of a chunk that a person named, and their markers."""
+    first, count = int(cells.blobs.frames[0]), len(cells.blobs.frames)
+    for edit in edits:
+        if isinstance(edit, AssignBlob) and 0 <= edit.frame - first < count:
+            row, _ = nearest_blob(edit, cells, edit.frame - first)
+            if row is not None:
+                yield row, cells.names[edit.marker]
+
+
+def _as_said(labels: Labels, rulings: Rulings) -> Labels:
+    """The labels (T, P), in which what a person named is that marker, and nothing else is."""
+    edited = rulings.edited
+    row, column = np.nonzero(labels.named & ~edited.named)
+    taken = edited.claim[row, labels.marker[row, column]] != ANYBODY
+    kept = labels.named
+    kept[row[taken], column[taken]] = False
+    named = edited.labels
+    followed = Labels(named.marker, np.where(edited.named, BY_TRAJECTORY, named.step), named.confidence)
+    return labels.kept(kept).replaced(edited.named, followed)
 
 
 def _without_number(suspect: Suspect) -> Suspect:

@@ -134,7 +134,7 @@ def stray_suspects(stray: np.ndarray, names, first_frame: int) -> tuple[Suspect,
     frames, found = first_frame + np.arange(len(stray)), []
     for marker, name in enumerate(names):
         words = f"{name} was off the markers that it moves with, and lost its name"
-        found += suspect_ranges(frames, stray[:, marker], words, CONSISTENCY.max_break_frames)
+        found += suspect_ranges(frames, stray[:, marker], words, CONSISTENCY.max_break_frames, (name,))
     return tuple(found)
 
 

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """From named points to a moving body."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -10,6 +11,8 @@ from ..body.bodies import Bodies, BodyModel
 from ..body.posing import POSING, fit_points
 from ..data.markersets import MarkerSet
 from ..data.takes import LabelledChunk, Labels, Motion, Points
+
+NO_PLACES: Mapping[tuple[int, int], np.ndarray] = MappingProxyType({})
 
 
 def motion_of(
@@ -19,10 +22,12 @@ def motion_of(
     markerset: MarkerSet,
     frames: np.ndarray,
     progress: Callable[[float], None] | None = None,
+    places: Mapping[tuple[int, int], np.ndarray] = NO_PLACES,
 ) -> Motion:
     """The named markers and the body posed on them.
 
-    points (T, P, 3) m and residual (T, P) m with their labels (T, P); frames (T,) the source's numbers.
+    points (T, P, 3) m and residual (T, P) m with their labels (T, P); frames (T,) the source's numbers. `places` are
+    markers that a person placed, by frame index and marker, (3,) m: their residual is 0, as nobody measured them.
     `progress` is told the share that is done.
     """
     count, size = len(points), len(markerset)
@@ -32,6 +37,8 @@ def motion_of(
     marker = labels.marker[frame, column]
     xyz[frame, marker] = points[frame, column]
     off[frame, marker] = residual[frame, column]
+    for at, place in places.items():
+        xyz[at], off[at] = place, 0.0
     model = BodyModel(markerset)
     if (np.isfinite(xyz[..., 0]).sum(axis=1) >= POSING.min_markers).any():
         bodies = fit_points(model, xyz, progress=progress)

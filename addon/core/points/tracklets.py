@@ -114,7 +114,7 @@ def frame_log_odds(confidence: np.ndarray, options: VoteOptions = VOTE) -> np.nd
 
 def gone_over(last: int, first: int, before: str, after: str, column: int) -> Suspect:
     """That a trajectory is one marker's up to the frame `last`, and another's from `first` on."""
-    return Suspect(last, first, f"goes over from {before} to {after}", column)
+    return Suspect(last, first, f"goes over from {before} to {after}", column, (before, after))
 
 
 def _gone_over(marker, tracklet, frame: int, names: Sequence[str], first_frame: int) -> list[Suspect]:
@@ -144,8 +144,10 @@ def renamed(
         frames = np.flatnonzero(marker[:, column] != NO_MARKER)
         own, part = marker[frames, column], tracklet[frames, column]
         for at in np.flatnonzero((np.diff(own) != 0) & (np.diff(part) != 0)):
-            words = f"is {names[own[at]]} and, behind a gap or a leap, {names[own[at + 1]]}"
-            found.append(Suspect(int(frames[at]) + first_frame, int(frames[at + 1]) + first_frame, words, column))
+            pair = names[own[at]], names[own[at + 1]]
+            words = f"is {pair[0]} and, behind a gap or a leap, {pair[1]}"
+            last, first = int(frames[at]) + first_frame, int(frames[at + 1]) + first_frame
+            found.append(Suspect(last, first, words, column, pair))
     return tuple(found)
 
 
@@ -292,7 +294,8 @@ def _doubts(stretches, given, names, first_frame, least: float) -> list[Suspect]
     for stretch, (name, _) in zip(stretches, given, strict=True):
         order = np.argsort(-stretch.said)[:2]
         if name == NO_MARKER and stretch.said[order[0]] > stretch.silent and stretch.said[order[0]] > least:
-            likely = " or ".join(names[marker] for marker in order if stretch.said[marker] > 0)
-            words = f"may be {likely} and stays unnamed"
-            suspects.append(Suspect(stretch.first + first_frame, stretch.last + first_frame, words, stretch.point))
+            likely = tuple(names[marker] for marker in order if stretch.said[marker] > 0)
+            words = f"may be {' or '.join(likely)} and stays unnamed"
+            first, last = stretch.first + first_frame, stretch.last + first_frame
+            suspects.append(Suspect(first, last, words, stretch.point, likely))
     return suspects

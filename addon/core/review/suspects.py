@@ -55,7 +55,9 @@ def find_suspects(
     found = []
     for index, name in enumerate(names):
         for doubtful, what in ((off_body, "is far from where the body has it"), (jumps, "jumps")):
-            found += suspect_ranges(motion.frames, doubtful[:, index], f"{name} {what}", options.max_break_frames)
+            found += suspect_ranges(
+                motion.frames, doubtful[:, index], f"{name} {what}", options.max_break_frames, (name,)
+            )
     return tuple(sorted(found, key=lambda suspect: suspect.first))
 
 

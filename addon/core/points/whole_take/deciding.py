@@ -13,6 +13,7 @@ from ..likelihood.calibration import chance
 from ..models import Model
 from ..tracklets import VOTE, are_lasting, gone_over
 from .layout import Question
+from .rulings import Rulings
 from .solving import ROUNDS, Solution, solve_take
 
 
@@ -58,14 +59,18 @@ def solution_of(
     rate: float,
     first_frame: int,
     progress: Callable[[float], None] | None = None,
+    rulings: Rulings | None = None,
 ) -> Solution:
     """A take of points (T, P, 3) m solved as a whole, from what its tracklets (T, P) and frames are usually sure of.
 
-    named is what frames say on their own, with their `rate`.
+    named is what frames say on their own, with their `rate`. With `rulings` both are as these have them, and what the
+    take was solved to without them is begun with.
     """
     voted = decide(named, tracklet, model, BELIEVING.sure_target, first_frame)
-    sure = consistent(voted, points, model.likelihood, first_frame).labels.marker
-    return solve_take(points, parted(tracklet, voted.labels.marker), named, sure, model, rate, progress)
+    kept = consistent(voted, points, model.likelihood, first_frame).labels.marker
+    sure = kept if rulings is None else rulings.start
+    pieces = parted(tracklet, voted.labels.marker)
+    return solve_take(points, pieces, named, sure, model, rate, progress, rulings)
 
 
 def parted(tracklet: np.ndarray, voted: np.ndarray) -> np.ndarray:
@@ -128,10 +133,12 @@ def _questions(solution: Solution, names: Sequence[str], frames: int, first_fram
         if question.odds < BELIEVING.max_question:
             one = names[question.one]
             if question.other < len(names):
-                words = f"{one} and {names[question.other]} may have each other's names in the whole take"
+                pair = one, names[question.other]
+                words = f"{one} and {pair[1]} may have each other's names in the whole take"
             else:
+                pair = (one,)
                 words = f"another marker sits where {one} may be: look which of the two it is"
-            said[words] = Suspect(first_frame, first_frame + frames - 1, words)
+            said[words] = Suspect(first_frame, first_frame + frames - 1, words, markers=pair)
     return tuple(said.values())
 
 
@@ -153,8 +160,9 @@ def _unnamed(solution: Solution, believed: np.ndarray, names: Sequence[str], fir
     """Tracklets that are likely a marker, and not surely."""
     tracklets, found = solution.tracklets, []
     for index in np.flatnonzero((believed == NO_MARKER) & (solution.likely != NO_MARKER)).tolist():
-        words = f"may be {names[solution.likely[index]]} and stays unnamed"
+        name = names[solution.likely[index]]
+        words = f"may be {name} and stays unnamed"
         first, last = int(tracklets.first[index]), int(tracklets.last[index])
         column = int(tracklets.column[tracklets.begin[index]])
-        found.append(Suspect(first + first_frame, last + first_frame, words, column))
+        found.append(Suspect(first + first_frame, last + first_frame, words, column, (name,)))
     return tuple(found)

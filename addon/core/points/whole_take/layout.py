@@ -45,6 +45,7 @@ class LayoutNamingOptions:
 
 
 LAYOUT_NAMING = LayoutNamingOptions()
+NOTHING_HELD = np.zeros(0, int)
 
 
 @dataclass(frozen=True)
@@ -57,12 +58,13 @@ class Question:
 
 
 def named_by_layout(
-    likelihood: Likelihood, placed: np.ndarray, absent: bool
+    likelihood: Likelihood, placed: np.ndarray, absent: bool, held: np.ndarray = NOTHING_HELD
 ) -> tuple[np.ndarray, tuple[Question, ...]]:
     """The name (M + E,) that each marker of a take should have, and what is hardly sure.
 
     placed (T, M + E, 3) m, NaN where there is none: the set's M markers as they are named so far, and E extras, of
     which each may be what a marker's name belongs to. With `absent`, names that nothing has are tried too.
+    The markers `held` keep their names.
     """
     every, markers = placed.shape[1], len(likelihood)
     name, known = np.arange(every), likelihood.known
@@ -72,11 +74,11 @@ def named_by_layout(
     present = now.present
     for _ in range(LAYOUT_NAMING.rounds):
         place = np.argsort(name)
-        tried = _exchanges(known, now, name, absent)
+        tried = _without_held(_exchanges(known, now, name, absent), held)
         others, gain = _gains(known, now, place, tried)
         questions = _questions(tried, gain, present[:, place].any(axis=0))
         if gain.max(initial=0) <= LAYOUT_NAMING.min_gain:
-            tried = block_exchanges(known, now, place)
+            tried = _without_held(block_exchanges(known, now, place), held)
             others, gain = _gains(known, now, place, tried)
         if gain.max(initial=0) <= LAYOUT_NAMING.min_gain:
             return name, questions
@@ -84,6 +86,11 @@ def named_by_layout(
         name = np.argsort(place[tried[best]])
         now = settle(known.fine, known.constraints, now.points, present, others[:, best])
     return name, ()
+
+
+def _without_held(tried: np.ndarray, held: np.ndarray) -> np.ndarray:
+    """The exchanges (X, M + E) that leave the markers `held` alone."""
+    return tried[(tried[:, held] == held).all(axis=1)]
 
 
 def usual_residual(likelihood: Likelihood, placed: np.ndarray) -> float:

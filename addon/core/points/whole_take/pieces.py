@@ -36,6 +36,7 @@ class Tracklets:
     votes        (N, M) log odds that frames add up to, of each marker
     row, column  (K,) frame and column of every point of the take, sorted by tracklet, and
     begin        (N + 1,) where each tracklet's begin in them
+    held         (N,) the marker that a person says each is, NO_MARKER where nobody does
     """
 
     first: np.ndarray
@@ -47,6 +48,7 @@ class Tracklets:
     row: np.ndarray
     column: np.ndarray
     begin: np.ndarray
+    held: np.ndarray
 
     def __len__(self) -> int:
         return len(self.first)
@@ -92,4 +94,5 @@ def tracklets_of(points: np.ndarray, tracklet: np.ndarray, named: Labels, marker
     some = said != NO_MARKER
     np.add.at(votes, (owner[some], said[some]), odds[some])
     votes = np.minimum(votes, VOTING.max_votes)
-    return Tracklets(row[begin[:-1]], row[begin[1:] - 1], count, frame, xyz, votes, row, column, begin)
+    held = np.full(len(count), NO_MARKER)
+    return Tracklets(row[begin[:-1]], row[begin[1:] - 1], count, frame, xyz, votes, row, column, begin, held)

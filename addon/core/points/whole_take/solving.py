@@ -22,6 +22,7 @@ from .likeness import likeness, links, worth_of_length
 from .matching import margins, matched
 from .pairs import PairDistances, in_take, trained_pairs, widened, with_unknown
 from .pieces import Tracklets, tracklets_of
+from .rulings import Rulings
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,7 @@ class RoundOptions:
     max_rounds     of each
     max_layouts    times that a freedom is gone on with after names were put right
     min_markers    that a set must have to be told by distances
+    min_anchored   part of a marker's points that a person must have named for its name to stay in all of the take
     """
 
     first_margins: tuple[float, ...] = (12.0, 8.0, 6.0, 4.0)
@@ -64,6 +66,7 @@ class RoundOptions:
     max_rounds: int = 8
     max_layouts: int = 3
     min_markers: int = 5
+    min_anchored: float = 0.5
 
 
 ROUNDS = RoundOptions()
@@ -99,15 +102,18 @@ def solve_take(
     model: Model,
     rate: float,
     progress: Callable[[float], None] | None = None,
+    rulings: Rulings | None = None,
 ) -> Solution:
     """Names the tracklets (T, P), -1 where there is none, of points (T, P, 3) m at `rate` frames a second.
 
     named is what frames say on their own, sure (T, P) the markers that are believed of it. The model has a likelihood.
-    `progress` is told the share that is done.
+    `progress` is told the share that is done; `rulings` is what a person said, whose tracklets these are.
     """
     tracklets = tracklets_of(points, tracklet, named, len(model.markerset))
+    if rulings is not None:
+        tracklets = rulings.of(tracklets)
     with threadpool_limits(1, user_api="blas"):
-        return _Solving(points, tracklets, model, rate).solved(sure, progress)
+        return _Solving(points, tracklets, model, rate).solved(sure, progress, rulings)
 
 
 class _Solving:
@@ -121,8 +127,11 @@ class _Solving:
         self.duration = tracklets.count / worth_of_length(tracklets, rate)
         self.marker = self.best = self.margin = self.odds = np.zeros(0)
 
-    def solved(self, sure: np.ndarray, progress: Callable[[float], None] | None) -> Solution:
+    def solved(self, sure: np.ndarray, progress: Callable[[float], None] | None, rulings: Rulings | None) -> Solution:
         self.marker = _majority(self.tracklets, sure, self.markers)
+        if rulings is not None:
+            self.marker = rulings.begun(self.tracklets, self._with_held(self.marker))
+            self._undo(self.trained)
         questions: tuple[Question, ...] = ()
         looked_at = None
         for number, freedom in enumerate(ROUNDS.freedoms):
@@ -181,14 +190,37 @@ class _Solving:
 
     def _put_right(self, wide: PairDistances, absent: bool) -> tuple[Question, ...]:
         """Takes back exchanges, and gives the questions that are left."""
-        placed = self._placed()
-        self.marker = undone(self.tracklets, placed, self.marker, self.trained, in_take(wide, placed), self.rate)
+        self._undo(wide)
         # Two that may be each other are both unsure of their names, and the layout tells them.
         open_names = ~np.isin(self.best, self.marker)
         self.marker = np.where((self.marker == NO_MARKER) & open_names, self.best, self.marker)
-        name, questions = named_by_layout(self.model.likelihood, self._placed(), absent)
-        self.marker = np.where(self.marker != NO_MARKER, name[self.marker], NO_MARKER)
+        name, questions = named_by_layout(self.model.likelihood, self._placed(), absent, self._anchored())
+        self.marker = self._with_held(np.where(self.marker != NO_MARKER, name[self.marker], NO_MARKER))
         return questions
+
+    def _undo(self, wide: PairDistances):
+        """Takes back exchanges of a while."""
+        placed = self._placed()
+        marker = undone(self.tracklets, placed, self.marker, self.trained, in_take(wide, placed), self.rate)
+        self.marker = self._with_held(marker)
+
+    def _anchored(self) -> np.ndarray:
+        """(K,) the markers most of whose points a person named: in all of the take they are what they are called."""
+        tracklets, markers = self.tracklets, len(self.trained.mean)
+        named, held = (own[own != NO_MARKER] for own in (self.marker, tracklets.held))
+        every = np.bincount(named, tracklets.count[self.marker != NO_MARKER], markers)
+        own = np.bincount(held, tracklets.count[tracklets.held != NO_MARKER], markers)
+        return np.flatnonzero((own > 0) & (own >= ROUNDS.min_anchored * every))
+
+    def _with_held(self, marker: np.ndarray) -> np.ndarray:
+        """The markers (N,) with what a person said of some, whose names nothing else has at the time."""
+        held, marker = self.tracklets.held, marker.copy()
+        first, last = self.tracklets.first, self.tracklets.last
+        for index in np.flatnonzero(held != NO_MARKER).tolist():
+            beside = (first <= last[index]) & (last >= first[index]) & (held == NO_MARKER)
+            marker[beside & (marker == held[index])] = NO_MARKER
+            marker[index] = held[index]
+        return marker
 
     def _add_extras(self):
         """Has what is there beside the markers compete with them; extras that nothing is any more leave."""

@@ -1,0 +1,326 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Edits applied to the labels of points or of blobs: pure functions, fast enough to be called at every click.
+
+An editor keeps the labels that the program gave and an `Edits`, and shows `apply_to_points` of the two; nothing that is
+given is changed. When the take was labelled again, it keeps `LabelledChunk.unedited`, of which the same edits give the
+new labels.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..data.errors import InputError
+from ..data.markersets import MarkerSet
+from ..data.takes import Blobs, EditOutcome, Labels, Points
+from .kinds import (
+    EDIT_KINDS,
+    AssignBlob,
+    AssignPoint,
+    Delete,
+    Edit,
+    Edits,
+    Place,
+    Right,
+    Swap,
+    UnlabelMarker,
+    UnlabelPoint,
+    frames_of,
+    kind_of,
+    markers_of,
+)
+from .replay import Edited, Replay
+
+OF_POINTS = (AssignPoint, UnlabelPoint, Delete)
+MOST_NAMES = 8  # that a sentence lists
+
+
+@dataclass(frozen=True)
+class BlobEditOptions:
+    """How a blob is found again.
+
+    max_distance_px  from where an edit says that it is; the contract's
+    """
+
+    max_distance_px: float = 2.0
+
+
+BLOB_EDITING = BlobEditOptions()
+
+
+@dataclass(frozen=True, eq=False)
+class PointCells:
+    """What edits of a take of points go by.
+
+    names        index of each marker by its name, aliases too
+    count        how many markers
+    first_frame  the source's number of the first of T frames
+    present      (T, P) True where there is a point
+    columns      (P,) the index of each trajectory in its file
+    """
+
+    names: Mapping[str, int]
+    count: int
+    first_frame: int
+    present: np.ndarray
+    columns: np.ndarray
+
+    @classmethod
+    def of(cls, take: Points, markerset: MarkerSet) -> "PointCells":
+        """Those of a take."""
+        columns = np.arange(take.xyz.shape[1]) if take.columns is None else take.columns
+        return cls(names_of(markerset), len(markerset), take.first_frame, take.present, columns)
+
+
+@dataclass(frozen=True, eq=False)
+class BlobCells:
+    """What edits of a chunk of blobs go by: a table of them, a row for every image, R, camera after camera in a frame.
+
+    names    index of each marker by its name, aliases too
+    count    how many markers
+    cameras  the cameras' names
+    image    (N,) the row of each blob, and
+    slot     (N,) its column
+    present  (R, K) True where there is a blob
+    """
+
+    names: Mapping[str, int]
+    count: int
+    cameras: tuple[str, ...]
+    blobs: Blobs
+    image: np.ndarray
+    slot: np.ndarray
+    present: np.ndarray
+
+    @classmethod
+    def of(cls, blobs: Blobs, cameras: tuple[str, ...], markerset: MarkerSet) -> "BlobCells":
+        """Those of a chunk."""
+        image = blobs.frame * len(cameras) + blobs.camera
+        counts = np.bincount(image, minlength=len(blobs.frames) * len(cameras))
+        order = np.argsort(image, kind="stable")
+        slot = np.empty(len(blobs), int)
+        slot[order] = np.arange(len(blobs)) - np.repeat(np.cumsum(counts) - counts, counts)
+        present = np.arange(max(int(counts.max(initial=0)), 1)) < counts[:, None]
+        return cls(names_of(markerset), len(markerset), cameras, blobs, image, slot, present)
+
+    def table(self, labels: Labels) -> Labels:
+        """The labels (N,) of the blobs, (R, K)."""
+        found = Labels.none(*self.present.shape)
+        for name in ("marker", "step", "confidence"):
+            getattr(found, name)[self.image, self.slot] = getattr(labels, name)
+        return found
+
+    def rows(self, table: Labels) -> Labels:
+        """The labels (R, K) of the blobs, (N,)."""
+        return table[self.image, self.slot]
+
+
+@dataclass(frozen=True, eq=False)
+class AppliedEdits:
+    """Labels as the edits have them.
+
+    labels    of the points (T, P), or of the blobs (N,)
+    edited    what the edits say, for whoever labels again: of points, or of blobs a row for every image of a frame
+    outcomes  of each edit
+    places    markers by frame index and marker, and where they were placed (3,) m
+    """
+
+    labels: Labels
+    edited: Edited
+    outcomes: tuple[EditOutcome, ...]
+    places: Mapping[tuple[int, int], np.ndarray]
+
+
+def names_of(markerset: MarkerSet) -> dict[str, int]:
+    """The index of each marker by its name, and by its aliases."""
+    own = {name: index for index, name in enumerate(markerset.markers)}
+    return {alias: own[name] for alias, name in markerset.aliases.items() if name in own} | own
+
+
+def refuse_unknown(
+    edits: Edits,
+    names: Mapping[str, int],
+    frames: tuple[int, int] | None = None,
+    points: Iterable[int] | None = None,
+    cameras: Iterable[str] | None = None,
+):
+    """Raises InputError with the number of an edit whose words are not of this take.
+
+    names are those of its markers; frames the first and last of the take; points the trajectories of a take of points;
+    cameras the cameras of a take of blobs. What is None is not looked at.
+    """
+    points, cameras = (None if known is None else set(known) for known in (points, cameras))
+    for number, edit in enumerate(edits, 1):
+        for name in markers_of(edit):
+            if name not in names:
+                some = ", ".join(list(names)[:MOST_NAMES])
+                raise InputError(f"edit {number} names {name!r}; expected a marker of the model, such as {some}")
+        if isinstance(edit, Swap) and len({names[name] for name in edit.markers}) == 1:
+            raise InputError(f"edit {number} swaps a marker with itself; expected two markers")
+        if points is not None:
+            _refuse_point(edit, number, points)
+        if cameras is not None:
+            _refuse_camera(edit, number, cameras)
+        own = frames_of(edit)
+        if frames is not None and own is not None and not frames[0] <= own[0] <= own[1] <= frames[1]:
+            outside = own[0] if not frames[0] <= own[0] <= frames[1] else own[1]
+            words = f"edit {number} is about frame {outside}"
+            raise InputError(f"{words}; expected frames of the take, {frames[0]} to {frames[1]}")
+
+
+def _refuse_point(edit: Edit, number: int, points: set[int]):
+    if isinstance(edit, AssignBlob):
+        raise InputError(f"edit {number} is of a blob in a take of points; expected one with a point")
+    if isinstance(edit, OF_POINTS) and edit.point not in points:
+        words = f"edit {number} is of trajectory {edit.point}, which the take does not have"
+        raise InputError(f"{words}; expected one of its {len(points)}, up to {max(points, default=0)}")
+
+
+def _refuse_camera(edit: Edit, number: int, cameras: set[str]):
+    if isinstance(edit, OF_POINTS):
+        raise InputError(f"edit {number} is of a point in a take of blobs; expected one with camera, frame, x and y")
+    if isinstance(edit, AssignBlob) and edit.camera not in cameras:
+        some = ", ".join(sorted(cameras)[:MOST_NAMES])
+        raise InputError(f"edit {number} is of the camera {edit.camera!r}; expected one of {some}")
+
+
+def apply_to_points(labels: Labels, edits: Edits, cells: PointCells) -> AppliedEdits:
+    """The labels (T, P) with the edits applied in their order, of a take that `refuse_unknown` lets pass."""
+    replay = Replay(labels, cells.present, cells.count)
+    column = {int(number): place for place, number in enumerate(cells.columns)}
+    outcomes = []
+    for edit in edits:
+        rows = _rows(edit, cells.first_frame, len(cells.present))
+        count = 0 if rows is None else _applied(replay, edit, rows, cells.names, column)
+        outcomes.append(_outcome(edit, count, rows is None))
+    edited = replay.done()
+    return AppliedEdits(edited.labels, edited, tuple(outcomes), dict(replay.places))
+
+
+def _applied(replay: Replay, edit: Edit, rows: slice, names: Mapping[str, int], column: Mapping[int, int]) -> int:
+    """Applies an edit of points to some frames; how many labels it is about."""
+    marker = [names[name] for name in markers_of(edit)]
+    if isinstance(edit, AssignPoint):
+        return replay.assign(rows, column[edit.point], *marker)
+    if isinstance(edit, UnlabelPoint):
+        return replay.unlabel_column(rows, column[edit.point])
+    if isinstance(edit, Delete):
+        return replay.delete(rows, column[edit.point])
+    if isinstance(edit, Place):
+        return replay.place(rows.start, *marker, np.array(edit.xyz))
+    return _of_markers(replay, edit, rows, marker)
+
+
+def _of_markers(replay: Replay, edit: Edit, rows: slice, marker: list[int]) -> int:
+    """Applies an edit that goes by what has a marker's name."""
+    work = {UnlabelMarker: replay.unlabel_marker, Swap: replay.swap, Right: replay.lock}[type(edit)]
+    return work(rows, *marker)
+
+
+def _rows(edit: Edit, first_frame: int, count: int) -> slice | None:
+    """The frames of `count` from `first_frame` on that an edit is about, None for none of them."""
+    first, last = frames_of(edit) or (first_frame, first_frame + count - 1)
+    first, after = max(first - first_frame, 0), min(last - first_frame + 1, count)
+    return slice(first, after) if first < after else None
+
+
+def _outcome(edit: Edit, count: int, outside: bool) -> EditOutcome:
+    """What became of an edit."""
+    if count:
+        return EditOutcome(kind_of(edit), count)
+    first, last = frames_of(edit) or (None, None)
+    when = "the take" if first is None else f"frame {first}" if first == last else f"frames {first} to {last}"
+    if outside:
+        verb = "is" if first == last else "are"
+        return EditOutcome(kind_of(edit), 0, f"{when} {verb} not among what is labelled")
+    if isinstance(edit, AssignPoint | Delete):
+        what = f"trajectory {edit.point} has no point"
+    elif isinstance(edit, UnlabelPoint):
+        what = f"trajectory {edit.point} has no name"
+    elif isinstance(edit, Swap):
+        what = f"neither {edit.markers[0]} nor {edit.markers[1]} is named"
+    else:
+        what = f"{markers_of(edit)[0]} is not named"
+    return EditOutcome(kind_of(edit), 0, f"{what} in {when}")
+
+
+def apply_to_blobs(labels: Labels, edits: Edits, cells: BlobCells) -> AppliedEdits:
+    """The labels (N,) of a chunk's blobs with the edits applied in their order, those of other frames passed over.
+
+    Take what became of the edits of all chunks together with `joined`.
+    """
+    replay = Replay(cells.table(labels), cells.present, cells.count)
+    places: dict[tuple[int, int], np.ndarray] = {}
+    outcomes = []
+    for edit in edits:
+        rows, reason, done = _rows(edit, int(cells.blobs.frames[0]), len(cells.blobs.frames)), "", 0
+        if rows is not None and isinstance(edit, Place):
+            places[rows.start, cells.names[edit.marker]], done = np.array(edit.xyz), 1
+        elif rows is not None and isinstance(edit, AssignBlob):
+            found, reason = nearest_blob(edit, cells, rows.start)
+            if found is not None:
+                image = int(cells.image[found])
+                done = replay.assign(slice(image, image + 1), int(cells.slot[found]), cells.names[edit.marker])
+        elif rows is not None:
+            images = slice(rows.start * len(cells.cameras), rows.stop * len(cells.cameras))
+            done = _of_markers(replay, edit, images, [cells.names[name] for name in markers_of(edit)])
+            done += _move_places(places, edit, rows, cells.names)
+        outcomes.append(replace(_outcome(edit, done, rows is None), **({"reason": reason} if reason else {})))
+    edited = replay.done()
+    return AppliedEdits(cells.rows(edited.labels), edited, tuple(outcomes), places)
+
+
+def _move_places(places: dict, edit: Edit, rows: slice, names: Mapping[str, int]) -> int:
+    """Takes away places whose marker an edit takes, or exchanges them; how many."""
+    if isinstance(edit, Right):
+        return 0
+    marker = [names[name] for name in markers_of(edit)]
+    moved = {key: places.pop(key) for key in list(places) if rows.start <= key[0] < rows.stop and key[1] in marker}
+    if isinstance(edit, Swap):
+        places.update({(frame, sum(marker) - name): xyz for (frame, name), xyz in moved.items()})
+    return len(moved)
+
+
+def nearest_blob(edit: AssignBlob, cells: BlobCells, frame: int) -> tuple[int | None, str]:
+    """The row of the blob that an edit is of, in a frame by its index; None where there is none, and then why."""
+    blobs = cells.blobs
+    there = np.flatnonzero((blobs.frame == frame) & (blobs.camera == cells.cameras.index(edit.camera)))
+    where = f"{edit.camera} has no blob within {BLOB_EDITING.max_distance_px:g} px of {edit.x:g}, {edit.y:g}"
+    where += f" in frame {edit.frame}"
+    if not len(there):
+        return None, where
+    off = np.hypot(*(blobs.xy[there] - (edit.x, edit.y)).T)
+    nearest = int(off.argmin())
+    if off[nearest] <= BLOB_EDITING.max_distance_px:
+        return int(there[nearest]), ""
+    return None, f"{where}, the nearest is {off[nearest]:.3g} px off"
+
+
+def joined(chunks: Iterable[tuple[EditOutcome, ...]]) -> tuple[EditOutcome, ...]:
+    """What became of edits over the chunks of a take: the labels of all, and of an edit that found none why."""
+    found: tuple[EditOutcome, ...] = ()
+    for outcomes in chunks:
+        found = tuple(map(_both, found, outcomes)) if found else outcomes
+    return found
+
+
+def _both(one: EditOutcome, two: EditOutcome) -> EditOutcome:
+    count = one.labels + two.labels
+    if count:
+        return EditOutcome(one.kind, count)
+    outside = "not among what is labelled"
+    return two if outside not in two.reason else one
+
+
+def summary_of(outcomes: Iterable[EditOutcome]) -> dict:
+    """What a report says of edits: how many of each kind found something, and of each of the others why it did not."""
+    outcomes = tuple(outcomes)
+    kinds = [kind for kind in dict.fromkeys(EDIT_KINDS.values()) if any(one.kind == kind for one in outcomes)]
+    done = {kind: sum(one.kind == kind and one.labels > 0 for one in outcomes) for kind in kinds}
+    missed = [
+        {"edit": number, "kind": one.kind, "reason": one.reason}
+        for number, one in enumerate(outcomes, 1)
+        if not one.labels
+    ]
+    return {"applied": done, "found_nothing": missed}

@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What edits are to a take that is solved: pieces that are surely a marker, surely not, or not there at all.
+
+Edits are evidence. A piece that a person named keeps that name through all rounds, and what is named beside it, how far
+markers are from each other in this take, and which of two is which follow from it as from any other name.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ...data.takes import BY_EDIT, BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels
+from ...edits.replay import ANYBODY, FREE, NOBODY, Edited
+from .pieces import Tracklets
+
+
+@dataclass(frozen=True)
+class RulingOptions:
+    """How much edits say. Both reckoned.
+
+    odds        log odds of what a person said: more than all frames and distances together
+    min_nobody  part of a piece's frames in which its marker is nobody's, by an edit, for it not to be that marker
+    carried     confidence in a frame that a trajectory which a person named elsewhere is still that marker
+    """
+
+    odds: float = 1000.0
+    min_nobody: float = 0.5
+    carried: float = 0.99
+
+
+RULING = RulingOptions()
+
+
+@dataclass(frozen=True, eq=False)
+class Rulings:
+    """What edits say of the points (T, P) of a take.
+
+    before    its labels without them, and `edited` with them
+    tracklet  (T, P) the number of each point's tracklet
+    """
+
+    edited: Edited
+    before: Labels
+    tracklet: np.ndarray
+
+    @cached_property
+    def carried(self) -> np.ndarray:
+        """(T, P) the marker of points on a tracklet that a person named in other frames, NO_MARKER elsewhere.
+
+        Where nothing else has a name: not the tracklet, and not, at the time, the marker.
+        """
+        edited, found = self.edited, np.full(self.tracklet.shape, NO_MARKER)
+        marker, count = edited.labels.marker, int(self.tracklet.max(initial=-1)) + 1
+        row, column = np.nonzero((self.tracklet >= 0) & (marker != NO_MARKER))
+        number, name = self.tracklet[row, column], marker[row, column]
+        least, most, held = np.full(count, edited.claim.shape[1]), np.full(count, NO_MARKER), np.zeros(count, bool)
+        np.minimum.at(least, number, name)
+        np.maximum.at(most, number, name)
+        held[number[edited.named[row, column]]] = True
+        taken = edited.claim != ANYBODY
+        taken[row, name] = True
+        row, column = np.nonzero((self.tracklet >= 0) & (marker == NO_MARKER) & (edited.rule == FREE))
+        number = self.tracklet[row, column]
+        one = held[number] & (least[number] == most[number])
+        row, column, name = row[one], column[one], most[number[one]]
+        free = ~taken[row, name] & (edited.refused[row, column] != name)
+        found[row[free], column[free]] = name[free]
+        return found
+
+    @property
+    def start(self) -> np.ndarray:
+        """(T, P) the markers that a solution begins with."""
+        return np.where(self.edited.labels.named, self.edited.labels.marker, self.carried)
+
+    def heard(self, named: Labels) -> Labels:
+        """What frames say on their own (T, P), with what a person said in its place."""
+        edited, given, carried = self.edited, self.edited.named, self.carried != NO_MARKER
+        kept = named.named & (edited.rule == FREE) & (edited.refused != named.marker)
+        row, column = np.nonzero(kept)
+        kept[row, column] = edited.claim[row, named.marker[row, column]] == ANYBODY
+        said = given | carried
+        return Labels(
+            np.where(said, np.where(given, edited.rule, self.carried), np.where(kept, named.marker, NO_MARKER)),
+            np.where(said, np.where(given, BY_EDIT, BY_TRAJECTORY), np.where(kept, named.step, NO_STEP)),
+            np.where(said, np.where(given, 1.0, RULING.carried), np.where(kept, named.confidence, 0.0)),
+            np.where(said, 1.0, np.where(kept, named.rate, 0.0)),
+        )
+
+    def parted(self) -> np.ndarray:
+        """(T, P) the tracklets without what is no marker, cut where what is said of them changes.
+
+        They are cut at gaps, too, in which an edit says what their marker is: it may be another trajectory.
+        """
+        edited, tracklet = self.edited, self.tracklet
+        column, row = np.nonzero(((tracklet >= 0) & ~edited.deleted).T)
+        number = tracklet[row, column]
+        order = np.lexsort((row, number))
+        row, column, number = row[order], column[order], number[order]
+        rule, refused = edited.rule[row, column], edited.refused[row, column]
+        new = (np.diff(number) != 0) | (np.diff(rule) != 0) | (np.diff(refused) != 0)
+        said = np.cumsum(np.pad(edited.claim != ANYBODY, ((1, 0), (0, 0))), axis=0, dtype=np.int32)
+        name = edited.labels.marker[row[:-1], column[:-1]]
+        elsewhere = said[row[1:], name] > said[np.minimum(row[:-1] + 1, len(said) - 1), name]
+        new |= (np.diff(row) > 1) & (name != NO_MARKER) & elsewhere
+        found = np.full(tracklet.shape, -1)
+        found[row, column] = np.concatenate([[0], np.cumsum(new)]) if len(row) else 0
+        return found
+
+    def of(self, tracklets: Tracklets) -> Tracklets:
+        """Pieces as `parted` cuts them, with what a person says of each as votes that nothing outweighs."""
+        edited, markers = self.edited, self.edited.claim.shape[1]
+        first = tracklets.begin[:-1]
+        at = tracklets.row[first], tracklets.column[first]
+        rule, refused = edited.rule[at], edited.refused[at]
+        held = np.where((rule >= 0) & (rule < markers), rule, NO_MARKER)
+        votes = tracklets.votes.copy()
+        some = np.flatnonzero(refused != NO_MARKER)
+        votes[some, refused[some]] = -RULING.odds
+        for marker in np.flatnonzero((edited.claim == NOBODY).any(axis=0)):
+            nobody = edited.claim[tracklets.row, marker] == NOBODY
+            part = np.bincount(tracklets.owner, weights=nobody, minlength=len(tracklets)) / tracklets.count
+            votes[part >= RULING.min_nobody, marker] = -RULING.odds
+        some = np.flatnonzero(held != NO_MARKER)
+        votes[some] = -RULING.odds
+        votes[some, held[some]] = RULING.odds
+        return replace(tracklets, votes=votes, held=held)
+
+    def begun(self, tracklets: Tracklets, marker: np.ndarray) -> np.ndarray:
+        """The markers (N,) that pieces are begun with, where a person named one of two that may have been exchanged.
+
+        What had the name until then is tried with the name that the other had.
+        """
+        first, last, held = tracklets.first, tracklets.last, tracklets.held
+        at = tracklets.row[tracklets.begin[:-1]], tracklets.column[tracklets.begin[:-1]]
+        was, refused, marker = self.before.marker[at], self.edited.refused[at], marker.copy()
+        for index in np.flatnonzero((held != NO_MARKER) & (was != NO_MARKER) & (was != held)).tolist():
+            beside = (first <= last[index]) & (last >= first[index])
+            robbed = beside & (refused == held[index]) & (marker == NO_MARKER)
+            if not (beside & (marker == was[index])).any():
+                marker[robbed] = was[index]
+        return marker

@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`STEM.edits.json`: what a person said of a take, an edit a line."""
+
+from pathlib import Path
+
+from ..core.data.errors import InputError
+from ..core.edits.kinds import Edits
+from ..core.edits.rows import document_of, edits_of
+from .jsontext import read_json
+from .report import compact
+from .whole import whole_file
+
+EDITS_ENDING = ".edits.json"
+
+
+def edits_beside(take: Path) -> Path | None:
+    """The file of edits beside a take, None where there is none."""
+    path = Path(take).with_name(Path(take).stem + EDITS_ENDING)
+    return path if path.exists() else None
+
+
+def read_edits(path: Path) -> Edits:
+    """The edits of a file; InputError with the file, and the number of the edit, where it is not what it should be."""
+    try:
+        return edits_of(read_json(path, "edits"))
+    except InputError as error:
+        raise error if error.file else InputError(error.message, path) from None
+
+
+def write_edits(path: Path, edits: Edits, overwrite: bool = True):
+    """Writes the edits, an edit a line, in the place of an older file; it appears whole or not at all."""
+    document = document_of(edits)
+    rows = ",\n".join(f"    {compact(row)}" for row in document.pop("edits"))
+    parts = [f"  {compact(key)}: {compact(value)}" for key, value in document.items()]
+    parts.append(f'  "edits": [\n{rows}\n  ]' if rows else '  "edits": []')
+    with whole_file(path, overwrite) as part:
+        part.write_text("{\n" + ",\n".join(parts) + "\n}\n", encoding="utf-8", newline="\n")

@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`label --edits`: corrections of blobs and of points hold in all that is written, and what is near them gains."""
+
+import csv
+import json
+from collections import Counter
+
+import ezc3d
+import numpy as np
+import pytest
+
+from addon.core.data.takes import Points
+from addon.demo.take import MODEL
+from addon.io.points import read_points, write_c3d
+
+from .conftest import FRAMES
+
+
+def rows_of(path) -> list[dict]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def positions(path, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Where a marker is in a C3D file (T, 3) mm, and its residuals (T,)."""
+    take = ezc3d.c3d(str(path))
+    index = take["parameters"]["POINT"]["LABELS"]["value"].index(name)
+    return take["data"]["points"][:3, index].T, take["data"]["meta_points"]["residuals"][0, index]
+
+
+@pytest.fixture
+def edited(tmp_path):
+    """Writes edits beside nothing, and gives the file."""
+
+    def write(*edits, name="mine.json"):
+        path = tmp_path / name
+        path.write_text(json.dumps({"version": 1, "edits": edits}))
+        return path
+
+    return write
+
+
+def once_an_image(rows: list[dict], keys) -> bool:
+    """Whether no marker is twice in an image, or a frame of points."""
+    counts = Counter((*(row[key] for key in keys), row["marker"]) for row in rows if row["marker"])
+    return max(counts.values()) == 1
+
+
+def test_what_is_said_of_markers_holds_in_every_file_of_blobs(label, tmp_path, edited):
+    said = (
+        {"kind": "unlabel", "marker": "C7", "frames": [105, 110]},
+        {"kind": "place", "marker": "C7", "frame": 107, "xyz": [0.1, 0.2, 1.5]},
+        {"kind": "swap", "markers": ["LFHD", "RFHD"], "frames": [112, 119]},
+        {"kind": "right", "marker": "RANK"},
+        {"kind": "assign", "camera": "cam1", "frame": 104, "x": 2, "y": 3, "marker": "LASI"},
+    )
+    assert label().err == ""
+    report = json.loads((tmp_path / "out" / "walk.report.json").read_text())
+    assert "edits" not in report
+    assert "edits" not in report["made_of"]
+    was, at_first = positions(tmp_path / "out" / "walk.c3d", "LFHD")[0], rows_of(tmp_path / "out" / "walk.labels.csv")
+    answer = label("--overwrite", "--trc", "--edits", edited(*said))
+    assert answer.status == 0
+    assert "edit 5 (assign) found nothing: cam1 has no blob within 2 px of 2, 3 in frame 104" in answer.out
+    rows = rows_of(tmp_path / "out" / "walk.labels.csv")
+    assert not [row for row in rows if row["marker"] == "C7" and 105 <= int(row["frame"]) <= 110]
+    swapped = {"LFHD": "RFHD", "RFHD": "LFHD"}
+    late = [(old, row) for old, row in zip(at_first, rows, strict=True) if int(row["frame"]) >= 112]
+    heads = [(old, row) for old, row in late if old["marker"] in swapped]
+    assert heads
+    assert all((row["marker"], row["step"]) == (swapped[old["marker"]], "edit") for old, row in heads)
+    assert once_an_image(rows, ("frame", "camera"))
+    places, residual = positions(tmp_path / "out" / "walk.c3d", "C7")
+    there = np.isfinite(places[:, 0])
+    assert there[5:11].tolist() == [False, False, True, False, False, False]
+    assert places[7] == pytest.approx([100, 200, 1500], abs=0.01)
+    assert (residual[5:11] == [-1, -1, 0, -1, -1, -1]).all()
+    now = positions(tmp_path / "out" / "walk.c3d", "RFHD")[0]
+    assert np.nanmax(np.abs(now[12:] - was[12:])) < 1
+    lines = (tmp_path / "out" / "walk.trc").read_text().splitlines()
+    column = 2 + 3 * [name for name in lines[3].split("\t")[2:] if name].index("C7")
+    values = {line.split("\t")[0]: line.split("\t")[column : column + 3] for line in lines[5:] if line.strip()}
+    assert [float(value) for value in values["107"]] == pytest.approx([100, 200, 1500], abs=0.01)
+    assert values["108"] == ["", "", ""]
+    report = json.loads((tmp_path / "out" / "walk.report.json").read_text())
+    assert report["edits"]["applied"] == {"assign": 0, "unlabel": 1, "swap": 1, "place": 1, "right": 1}
+    assert [one["edit"] for one in report["edits"]["found_nothing"]] == [5]
+    assert not [row for row in report["suspect"] if row["reason"].startswith("RANK ")]
+
+
+@pytest.fixture
+def cloud(room, tmp_path):
+    """The room's take without names, and the marker of each trajectory."""
+    take = read_points(room.c3d)
+    order = np.random.default_rng(2).permutation(len(take.names))
+    path = tmp_path / "cloud.c3d"
+    residual = np.full(take.xyz.shape[:2], 0.0005)
+    write_c3d(path, Points(("",) * len(order), take.xyz[:, order], residual, take.rate, take.first_frame))
+    return path, [take.names[index] for index in order]
+
+
+def test_edits_beside_a_take_of_points_hold_in_every_file(run, cloud, tmp_path, edited):
+    path, whose = cloud
+    heel, toe, knee, wrist = (whose.index(name) for name in ("LHEE", "LTOE", "RKNE", "LWRA"))
+    beside = edited(
+        {"kind": "assign", "point": heel, "marker": "LTOE", "frames": [105, 109]},
+        {"kind": "delete", "point": knee, "frames": [100, 104]},
+        {"kind": "unlabel", "point": wrist},
+        {"kind": "place", "marker": "LWRA", "frame": 103, "xyz": [0.1, 0.2, 0.9]},
+        {"kind": "swap", "markers": ["LFHD", "RFHD"], "frames": [110, 119]},
+        name="cloud.edits.json",
+    )
+    answer = run("label", path, "--model", MODEL, "--out", tmp_path / "out", "--method", "fit")
+    assert answer.status == 0
+    assert "the edits of cloud.edits.json beside it are applied" in answer.err
+    assert "5 edits applied" in answer.out
+    rows = rows_of(tmp_path / "out" / "cloud.labels.csv")
+    assert once_an_image(rows, ("frame",))
+    label = {(int(row["frame"]), int(row["point"])): (row["marker"], row["step"], row["confidence"]) for row in rows}
+    assert [label[frame, heel] for frame in range(105, 110)] == [("LTOE", "edit", "1")] * 5
+    assert all(label[frame, toe][0] != "LTOE" for frame in range(105, 110))
+    assert all(label[frame, knee] == ("", "", "0") for frame in range(100, 105))
+    assert all(label[frame, wrist] == ("", "", "0") for frame in range(*FRAMES))
+    assert label[115, whose.index("LFHD")] == ("RFHD", "edit", "1")
+    assert label[105, whose.index("LFHD")][0] == "LFHD"
+    toes, residual = positions(tmp_path / "out" / "cloud.c3d", "LTOE")
+    truth = read_points(path)
+    assert toes[5:10] == pytest.approx(1000 * truth.xyz[5:10, heel], abs=0.01)
+    wrists, residual = positions(tmp_path / "out" / "cloud.c3d", "LWRA")
+    assert np.flatnonzero(np.isfinite(wrists[:, 0])).tolist() == [3]
+    assert wrists[3] == pytest.approx([100, 200, 900], abs=0.01)
+    assert residual[3] == 0
+    report = json.loads((tmp_path / "out" / "cloud.report.json").read_text())
+    assert report["edits"]["file"] == beside.name
+    assert report["steps"]["edit"] == 25
+
+
+def test_results_of_other_edits_are_not_passed_over(run, cloud, tmp_path, edited):
+    path, _ = cloud
+    words = "label", path, "--model", MODEL, "--out", tmp_path / "out", "--method", "fit", "--resume"
+    edited({"kind": "right", "marker": "C7"}, name="cloud.edits.json")
+    assert run(*words).status == 0
+    assert "done before" in run(*words).out
+    edited({"kind": "delete", "point": 0}, name="cloud.edits.json")
+    assert "differs in edits; expected the same as then" in run(*words).reason
+
+
+@pytest.mark.parametrize(
+    ("row", "said"),
+    [
+        ({"kind": "right", "marker": "XYZ"}, "edit 1 names 'XYZ'"),
+        ({"kind": "delete", "point": 99}, "edit 1 is of trajectory 99"),
+        ({"kind": "right", "marker": "C7", "frames": [100, 120]}, "edit 1 is about frame 120; expected frames of the"),
+        ({"kind": "assign", "camera": "a", "frame": 100, "x": 1, "y": 2, "marker": "C7"}, "edit 1 is of a blob"),
+        ({"kind": "frown"}, "edit 1 is of the kind 'frown'"),
+    ],
+)
+def test_edits_that_cannot_be_of_a_take_of_points_are_refused(run, cloud, tmp_path, edited, row, said):
+    answer = run("label", cloud[0], "--model", MODEL, "--out", tmp_path / "out", "--edits", edited(row))
+    assert answer.status == 2
+    assert "mine.json: " in answer.reason
+    assert said in answer.reason
+    assert not (tmp_path / "out" / "cloud.labels.csv").exists()
+
+
+@pytest.mark.parametrize(
+    ("row", "said"),
+    [
+        ({"kind": "delete", "point": 1}, "edit 1 is of a point in a take of blobs"),
+        (
+            {"kind": "assign", "camera": "a", "frame": 100, "x": 1, "y": 2, "marker": "C7"},
+            "edit 1 is of the camera 'a'",
+        ),
+        ({"kind": "right", "marker": "C7", "frames": [99, 110]}, "edit 1 is about frame 99; expected frames of the"),
+    ],
+)
+def test_edits_that_cannot_be_of_a_take_of_blobs_are_refused(label, tmp_path, edited, row, said):
+    answer = label("--edits", edited(row))
+    assert answer.status == 2
+    assert said in answer.reason
+
+
+def test_edits_of_one_take_are_not_for_several(run, cloud, room, tmp_path, edited):
+    words = "--model", MODEL, "--cameras", room.cameras, "--out", tmp_path / "out", "--edits", edited()
+    answer = run("label", cloud[0], room.blobs, *words)
+    assert answer.status == 2
+    assert "--edits is of one take, and there are 2" in answer.reason
+
+
+def test_a_missing_file_of_edits_is_told(label):
+    assert "there is no such file" in label("--edits", "nowhere.edits.json").reason
+
+
+def test_edits_are_never_written_over(run, cloud, tmp_path, edited):
+    path, _ = cloud
+    out = tmp_path / "out"
+    out.mkdir()
+    beside = out / "cloud.labels.csv"
+    beside.write_text(json.dumps({"version": 1, "edits": []}))
+    answer = run("label", path, "--model", MODEL, "--out", out, "--edits", beside, "--overwrite")
+    assert answer.status == 2
+    assert "is read and would be written over" in answer.reason
+
+
+def test_of_several_takes_each_has_its_own_edits(run, cloud, tmp_path, edited):
+    path, whose = cloud
+    other = path.with_name("other.c3d")
+    other.write_bytes(path.read_bytes())
+    edited({"kind": "delete", "point": whose.index("C7")}, name="cloud.edits.json")
+    edited({"kind": "delete", "point": 99}, name="other.edits.json")
+    answer = run("label", path, other, "--model", MODEL, "--out", tmp_path / "out", "--method", "fit")
+    assert answer.status == 2
+    assert "other.edits.json: edit 1 is of trajectory 99" in answer.reason
+    assert "cloud: 20 frames" in answer.out
+    rows = rows_of(tmp_path / "out" / "cloud.labels.csv")
+    assert not [row for row in rows if row["marker"] == "C7"]
+    assert not (tmp_path / "out" / "other.labels.csv").exists()

@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Doubts that a person has answered leave the list."""
+
+import numpy as np
+
+from addon.core.data.takes import Suspect
+from addon.core.edits.answering import unanswered, unanswered_of_blobs
+from addon.core.edits.applying import PointCells, apply_to_points
+from addon.core.edits.kinds import AssignPoint, Edits, Right
+
+from .lists import COLUMNS, FIRST, INDEX, NAMES, named
+
+FRAMES = 20
+
+
+def left(suspects, *edits):
+    labels = named(np.tile([0, 1, 2, -1, -1], (FRAMES, 1)))
+    cells = PointCells(INDEX, len(NAMES), FIRST, np.ones((FRAMES, 5), bool), COLUMNS)
+    edited = apply_to_points(labels, Edits(tuple(edits)), cells).edited
+    return [(one.first, one.last, one.reason) for one in unanswered(suspects, edited, INDEX, FIRST)]
+
+
+def test_what_is_right_is_not_doubtful_in_its_frames():
+    jumps = Suspect(12, 20, "A jumps", markers=("A",))
+    assert left([jumps], Right("A", frames=(14, 15))) == [(12, 13, "A jumps"), (16, 20, "A jumps")]
+    assert left([jumps], Right("A")) == []
+    assert left([jumps], Right("B")) == [(12, 20, "A jumps")]
+    assert left([jumps], AssignPoint(2, "A")) == [(12, 20, "A jumps")]
+
+
+def test_a_question_about_a_trajectory_is_answered_by_its_name():
+    nameless = Suspect(12, 20, "may be D and stays unnamed", 3, ("D",))
+    assert left([nameless], AssignPoint(7, "D", frames=(10, 15))) == [(16, 20, nameless.reason)]
+    assert left([nameless], AssignPoint(11, "D")) == [(12, 20, nameless.reason)]
+    change = Suspect(14, 15, "goes over from A to B", 0, ("A", "B"))
+    assert left([change], AssignPoint(2, "A", frames=(10, 14))) == []
+
+
+def test_of_blobs_only_what_is_right_answers():
+    jumps = Suspect(12, 20, "A jumps", markers=("A",))
+    edits = Edits((Right("A", frames=(1, 12)), Right("B")))
+    assert [(one.first, one.last) for one in unanswered_of_blobs([jumps], edits, INDEX)] == [(13, 20)]
+    lost = Suspect(12, 20, "the subject was lost")
+    assert unanswered_of_blobs([lost], edits, INDEX) == (lost,)

@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Edits as an editor gives them, a list and no file: what is near a named blob gains, and what lies below is kept."""
+
+import csv
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from addon.capturing import cut, truth_path, write_capture
+from addon.core.data.progress import finished
+from addon.core.edits.applying import BlobCells, apply_to_blobs
+from addon.core.edits.kinds import AssignBlob, Edits
+from addon.demo.take import MODEL, TROUBLE, make_performance
+from addon.io.markersets import open_markerset
+from addon.jobs import LabelJob, label_file
+
+FRAMES = (100, 199)
+PART = (100, 140)
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory):
+    """Blobs of a virtual person one of whose feet is named wrongly at first, the cameras, and the truth of a part."""
+    folder = tmp_path_factory.mktemp("walk")
+    made = make_performance(open_markerset(MODEL))
+    part = slice(FRAMES[0] - 1, FRAMES[1])
+    body = replace(made.body, **{name: getattr(made.body, name)[part] for name in ("rotations", "joints", "scale")})
+    blobs = folder / "walk.csv"
+    for _ in write_capture(cut(made.take, FRAMES), made.cameras, TROUBLE, body, blobs):
+        pass
+    with truth_path(blobs).open(newline="") as file:
+        truth = [row for row in csv.DictReader(file) if int(row["frame"]) <= PART[1]]
+    return blobs, made.cameras, truth
+
+
+def test_one_blob_named_puts_others_right(capture, tmp_path):
+    """RANK, RTOE and RHEE have each other's names at first; a person names one blob of one camera."""
+    source, cameras, truth = capture
+    chosen = next(row for row in truth if (row["frame"], row["camera"], row["marker"]) == ("101", "cam3", "RTOE"))
+    edits = Edits((AssignBlob("cam3", 101, float(chosen["x"]) + 1, float(chosen["y"]), "RTOE"),))
+    job = LabelJob(source, cameras, MODEL, tmp_path, frames=PART, keep=True, occlusion="capsules")
+    first = finished(label_file(replace(job, out=tmp_path / "first")))
+    labelled = finished(label_file(replace(job, edits=edits)))
+    ((blobs, chunk),) = labelled.chunks
+    markerset = open_markerset(MODEL)
+    names = np.array([*markerset.markers, ""])
+    one = truth.index(chosen)
+    assert chunk.labels.marker[one] == markerset.index("RTOE")
+    assert chunk.labels.confidence[one] == 1
+    again = apply_to_blobs(chunk.unedited, edits, BlobCells.of(blobs, cameras.names, markerset))
+    assert (again.labels.marker == chunk.labels.marker).all()
+    counts = []
+    for labels in (first.chunks[0][1].labels, chunk.labels):
+        given = [
+            (name, row["marker"].split("|")) for name, row in zip(names[labels.marker], truth, strict=True) if name
+        ]
+        counts.append((sum(name in true for name, true in given), sum(name not in true for name, true in given)))
+    assert names[first.chunks[0][1].labels.marker[one]] == "RANK"
+    assert counts[0][1] >= 15
+    assert counts[1][1] <= 2
+    assert counts[1][0] >= counts[0][0] + 15
+    assert labelled.report["edits"] == {"file": None, "applied": {"assign": 1}, "found_nothing": []}
