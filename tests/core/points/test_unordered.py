@@ -93,8 +93,10 @@ def test_the_pipeline_learns_where_nothing_connects_frames(model, clouds):
     assert not any("behind a gap" in suspect.words for suspect in chunk.suspects)
 
 
-def test_trajectories_are_no_frames_in_no_order(model, walk):
-    assert not is_unordered(model, cut(walk, RATE))
+@pytest.mark.parametrize("rate", [5.0, RATE])
+def test_points_in_any_order_are_no_trajectories_at_any_rate(model, clouds, walk, rate):
+    assert is_unordered(model, cut(clouds.points, rate))
+    assert not is_unordered(model, cut(walk[:: round(RATE / rate) // 4 or 1], rate))
 
 
 def test_too_little_that_is_sure_leaves_the_training(model, clouds, alone):
