@@ -34,12 +34,21 @@ class Counts:
         self.there += int((truth >= 0).sum())
         self.places += markers * len(truth)
 
+    @property
+    def false_assignments(self) -> float:
+        """Wrong labels over labels given."""
+        return self.wrong / max(self.given, 1)
+
+    @property
+    def false_occlusions(self) -> float:
+        """Markers that were there and are not rightly labelled, over all that are declared occluded."""
+        return (self.there - self.given + self.wrong) / max(self.places - self.given, 1)
+
     def line(self) -> str:
         """The figures, false occlusions over all markers declared occluded."""
         right = self.given - self.wrong
-        missed = (self.there - right) / max(self.places - self.given, 1)
         return (
-            f"FA {100 * self.wrong / max(self.given, 1):.3f} %  FO {100 * missed:.2f} %  "
+            f"FA {100 * self.false_assignments:.3f} %  FO {100 * self.false_occlusions:.2f} %  "
             f"recall {right / max(self.there, 1):.4f}  F1 {2 * right / max(self.given + self.there, 1):.4f}"
         )
 

@@ -2,15 +2,16 @@
 """Whole takes cut to pieces, of motions and people that training left out: python -m tests.accuracy.whole_takes.
 
 Every take is one of those beside the project: markers are hidden in bursts, every gap ends a piece, ghosts are added,
-and the pieces are shuffled. With --keep DIR, models are kept there and used again. With --write DIR, nothing is
+and the pieces are shuffled. The cases of clouds have no pieces: frames in random order, and in each the points in
+another, with some markers hidden. With --keep DIR, models are kept there and used again. With --write DIR, nothing is
 labelled, and the cases are written there as the programs of ../shared/tools/peers take them.
 """
 
 import argparse
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from time import perf_counter
+from time import process_time
 
 import numpy as np
 
@@ -25,12 +26,15 @@ from addon.io.markersets import builtin_markersets, open_markerset
 from addon.io.models import open_model, write_model
 from addon.io.points import write_c3d
 
+from .labs import OTHER_MOTIONS, WALKS, gait15_of
+from .partial.clouds import Trouble, drawn, spoilt, worn_differently
 from .people import BODY26, DATA, EXCHANGED, GAIT15, MCGILL, everyone, read_c3d
-from .points import Counts
+from .points import Counts, named
 from .tables import share, table
 
 BURST_FRAMES = 20  # that a marker is hidden
 MIN_PIECE_FRAMES = 3
+CLOUDS = 600  # frames of a take, at most, that are tried in random order
 PEOPLE = DATA / "people"
 
 
@@ -64,13 +68,28 @@ class Take:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """What is learned from, the takes that are labelled, and the model's markers; `crowd` leaves all others in."""
+    """What is learned from, the takes that are labelled, and the model's markers; `crowd` leaves all others in.
+
+    Without lessons the model is the built-in one of that name.
+    """
 
     name: str
     lessons: tuple[Take, ...]
     tested: tuple[Take, ...]
     markers: tuple[str, ...]
-    pieces: Pieces = Pieces()
+    how: Pieces | Trouble = Pieces()
+    built_in: str = ""
+
+
+def anonymous(take: Take, case: Case, seed: int) -> tuple[Points, np.ndarray]:
+    """A take without names, as the case has it, and the marker's index of every point (T, P), -1 for what is none."""
+    if isinstance(case.how, Pieces):
+        points, marker = cut_up(take, case.markers, case.how, seed)
+        return points, np.where(points.present, marker, -1)
+    rng = np.random.default_rng(seed)
+    clouds = spoilt(drawn(take.xyz, min(len(take.xyz), CLOUDS), rng), case.how, rng)
+    residual = np.where(np.isfinite(clouds.points[..., 0]), 0.0005, np.nan)
+    return Points(("",) * clouds.points.shape[1], clouds.points, residual, take.rate, 1), clouds.truth
 
 
 def cut_up(take: Take, markers: Sequence[str], how: Pieces, seed: int = 0) -> tuple[Points, np.ndarray]:
@@ -195,6 +214,50 @@ def case_few(name: str, markers: tuple[str, ...], crowd: bool) -> Iterator[Case]
         yield Case(f"{'crowd' if crowd else 'pieces'} {name} {first}", lessons, takes, markers)
 
 
+def case_clouds(name: str, files: Sequence[str], trouble: Trouble) -> Iterator[Case]:
+    """The built-in `gait15`, and strangers of other labs in it, their frames in random order."""
+    takes = tuple(_cloudy(Take(file, file, GAIT15, *gait15_of(file))) for file in files)
+    yield Case(f"clouds {name}", (), takes, GAIT15, trouble, "gait15")
+
+
+def case_clouds_elsewhere(trouble: Trouble) -> Iterator[Case]:
+    """Five people's `gait15`, and the others' walks in a lab that puts two markers elsewhere, in random order."""
+    for case in case_few("gait15", GAIT15, False):
+        moved = (
+            Take(one.subject, one.name, GAIT15, worn_differently(one.xyz, GAIT15), one.rate) for one in case.tested
+        )
+        name = case.name.replace("pieces gait15", "clouds elsewhere")
+        yield Case(name, case.lessons, tuple(map(_cloudy, moved)), GAIT15, trouble)
+
+
+def case_clouds_of_actors(trouble: Trouble) -> Iterator[Case]:
+    """`gait15` of four actors' lab, who do not walk, and ten strangers' walks, their frames in random order."""
+    lessons = tuple(Take(file, file, GAIT15, *gait15_of(file)) for file in ("ball", "bd", "s02", "s135"))
+    tested = tuple(_cloudy(take.of(GAIT15)) for take in walks(everyone()))
+    yield Case("clouds of actors", lessons, tested, GAIT15, trouble)
+
+
+def _cloudy(take: Take) -> Take:
+    """The frames that show all markers: as many are hidden as the case says."""
+    whole = np.isfinite(take.xyz[..., 0]).all(axis=1)
+    return replace(take, xyz=take.xyz[whole])
+
+
+def cases_of_clouds() -> dict[str, Callable[[], Iterator[Case]]]:
+    """Frames in random order by name."""
+    found: dict[str, Callable[[], Iterator[Case]]] = {}
+    for hidden in (0, 2, 4, 6):
+        found[f"clouds-{hidden}"] = lambda h=hidden: case_clouds(f"walks, {h} hidden", tuple(WALKS), Trouble(h))
+    for ghosts in (1, 3):
+        title, trouble = f"walks, 4 hidden, ghosts: {ghosts}", Trouble(4, ghosts)
+        found[f"clouds-ghosts-{ghosts}"] = lambda t=title, w=trouble: case_clouds(t, tuple(WALKS), w)
+    for file in OTHER_MOTIONS:
+        found[f"clouds-{file}"] = lambda f=file: case_clouds(f"{f}, 4 hidden", (f,), Trouble(4))
+    found["clouds-elsewhere"] = lambda: case_clouds_elsewhere(Trouble(4))
+    found["clouds-of-actors"] = lambda: case_clouds_of_actors(Trouble(4))
+    return found
+
+
 CASES: dict[str, Callable[[], Iterator[Case]]] = {
     "own": case_own,
     "others": case_others,
@@ -204,11 +267,14 @@ CASES: dict[str, Callable[[], Iterator[Case]]] = {
     "crowd": lambda: case_few("body26", BODY26, True),
     "pieces-gait15": lambda: case_few("gait15", GAIT15, False),
     "pieces-body26": lambda: case_few("body26", BODY26, False),
+    **cases_of_clouds(),
 }
 
 
 def model_of(case: Case, keep: Path | None) -> Model:
     """The model that the case's takes teach; read again where it was kept."""
+    if case.built_in:
+        return open_model(case.built_in)
     file = keep / f"{case.name.replace(' ', '-')}.markerset.json" if keep else None
     if file is not None and file.exists():
         return open_model(file)
@@ -224,11 +290,12 @@ def model_of(case: Case, keep: Path | None) -> Model:
 def write(case: Case, folder: Path):
     """Writes each test of a case: `cloud.c3d`, `truth.csv`, and `train/SUBJECT/*.c3d`."""
     for seed, take in enumerate(case.tested):
-        points, marker = cut_up(take, case.markers, case.pieces, seed)
+        points, marker = anonymous(take, case, seed)
         place = folder / f"{case.name} {take.subject}".replace(" ", "-")
         place.mkdir(parents=True, exist_ok=True)
         write_c3d(place / "cloud.c3d", points)
-        rows = [f"{frame + 1},{point},{case.markers[marker[point]]}" for frame, point in _known(points, marker)]
+        known = zip(*np.nonzero(marker >= 0), strict=True)
+        rows = [f"{frame + 1},{point},{case.markers[marker[frame, point]]}" for frame, point in known]
         (place / "truth.csv").write_text("\n".join(["frame,point,marker", *rows]) + "\n", encoding="utf-8")
         for lesson in case.lessons:
             own = place / "train" / lesson.subject
@@ -237,12 +304,6 @@ def write(case: Case, folder: Path):
             residual = np.where(np.isfinite(named.xyz[..., 0]), 0.0005, np.nan)
             shown = Points(named.markers, named.xyz, residual, named.rate, 1)
             write_c3d(own / f"{lesson.name.partition('.')[0]}.c3d", shown)
-
-
-def _known(points: Points, marker: np.ndarray) -> list[tuple[int, int]]:
-    """Frame and trajectory of all points that are a marker's."""
-    frame, point = np.nonzero(points.present & (marker >= 0))
-    return list(zip(frame.tolist(), point.tolist(), strict=True))
 
 
 def labelled(model: Model, points: Points, target: float) -> tuple[np.ndarray, str]:
@@ -254,31 +315,53 @@ def labelled(model: Model, points: Points, target: float) -> tuple[np.ndarray, s
     return chunk.labels.marker, ""
 
 
-def run(case: Case, keep: Path | None, target: float, show: bool) -> list[str]:
-    """A line of the table."""
+@dataclass(frozen=True)
+class Measured:
+    """What came of a case: its counts, those of frames alone where they are in no order, how many takes were refused.
+
+    And at what rate it was labelled, frames a second.
+    """
+
+    name: str
+    takes: int
+    counts: Counts
+    alone: Counts | None
+    refused: int
+    rate: float
+
+    def row(self) -> list[str]:
+        """A line of the table that its case is in."""
+        counts = self.counts
+        recall = f"{100 * (counts.given - counts.wrong) / max(counts.there, 1):.3f} %"
+        wrong = share(counts.wrong, counts.given, 3) if counts.given else "–"
+        end = [str(self.refused), f"{self.rate:.0f}"]
+        if self.alone is None:
+            return [self.name, str(self.takes), recall, wrong, *end]
+        before = [f"{100 * self.alone.false_occlusions:.2f} %", f"{100 * self.alone.false_assignments:.3f} %"]
+        return [self.name, str(self.takes), *before, f"{100 * counts.false_occlusions:.2f} %", wrong, recall, *end]
+
+
+def run(case: Case, keep: Path | None, target: float, show: bool) -> Measured:
+    """A case measured."""
     model, counts, refused, frames, spent = model_of(case, keep), Counts(), 0, 0, 0.0
+    alone = None if isinstance(case.how, Pieces) else Counts()
     for seed, take in enumerate(case.tested):
-        points, marker = cut_up(take, case.markers, case.pieces, seed)
-        begin = perf_counter()
+        points, truth = anonymous(take, case, seed)
+        begin = process_time()
         given, reason = labelled(model, points, target)
-        spent += perf_counter() - begin
+        spent += process_time() - begin
         frames += len(points.xyz)
-        truth = np.where(points.present, marker, -1)
         own = Counts()
         own.add(given, truth, len(case.markers))
         counts.add(given, truth, len(case.markers))
         refused += bool(reason)
+        if alone is not None:
+            marker, rate = named(model.likelihood, points.xyz)
+            alone.add(np.where(rate >= target, marker, -1), truth, len(case.markers))
         if show:
             print(f"  {case.name} {take.subject}: {own.line()} {reason}", flush=True)
             _show_wrong(given, truth, case.markers)
-    return [
-        case.name,
-        str(len(case.tested)),
-        f"{100 * (counts.given - counts.wrong) / max(counts.there, 1):.3f} %",
-        share(counts.wrong, counts.given, 3) if counts.given else "–",
-        str(refused),
-        f"{frames / spent:.0f}",
-    ]
+    return Measured(case.name, len(case.tested), counts, alone, refused, frames / spent)
 
 
 def _show_wrong(given: np.ndarray, truth: np.ndarray, markers: Sequence[str]):
@@ -293,22 +376,39 @@ def _show_wrong(given: np.ndarray, truth: np.ndarray, markers: Sequence[str]):
 def main():
     """Prints the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("cases", nargs="*", help=f"of {' '.join(CASES)}; all unless said")
+    parser.add_argument("cases", nargs="*", help=f"of {' '.join(CASES)}, or how some begin; all unless said")
     parser.add_argument("--keep", type=Path, help="a folder for the models")
     parser.add_argument("--write", type=Path, help="a folder for the cases")
     parser.add_argument("--target", type=float, default=USUAL_TARGET)
     parser.add_argument("--show", action="store_true", help="take by take")
     given = parser.parse_args()
-    rows = []
-    for name in given.cases or CASES:
+    done = []
+    wanted = [name for asked in given.cases or [""] for name in CASES if name.startswith(asked)]
+    if not wanted:
+        parser.error(f"no case begins so; expected one of {' '.join(CASES)}")
+    for name in wanted:
         for case in CASES[name]():
             if given.write:
                 write(case, given.write)
                 continue
-            rows.append(run(case, given.keep, given.target, given.show))
-            print(rows[-1], flush=True)
-    if not given.write:
-        print(table(["case", "takes", "recall", "wrong labels", "refused", "frames/s"], rows))
+            done.append(run(case, given.keep, given.target, given.show))
+            print(done[-1].row(), flush=True)
+    pieces, clouds = ([one.row() for one in done if (one.alone is None) == whole] for whole in (True, False))
+    if pieces:
+        print(table(["case", "takes", "recall", "wrong labels", "refused", "frames/s"], pieces))
+    if clouds:
+        columns = [
+            "case",
+            "takes",
+            "frames alone: FO",
+            "FA",
+            "FO",
+            "wrong labels (FA)",
+            "recall",
+            "refused",
+            "frames/s",
+        ]
+        print(table(columns, clouds))
 
 
 if __name__ == "__main__":

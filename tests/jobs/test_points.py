@@ -202,10 +202,12 @@ def test_progress_only_grows_and_goes_on_while_the_body_is_posed(source, of_two_
 def test_each_part_begins_where_the_work_before_it_is_done():
     for method in ("likelihood", "fit"):
         for frames in (1, 100, 100_000):
-            shares = begins(frames, method)
-            assert list(shares) == ["adapt", "others", "name", "vote", "pose", "write"]
-            assert list(shares.values()) == sorted(shares.values())
-            assert shares["adapt"] == 0 and shares["write"] < 1
+            for unordered in (False, True):
+                shares = begins(frames, method, unordered)
+                assert list(shares) == ["adapt", "others", "name", "learn", "vote", "pose", "write"]
+                assert list(shares.values()) == sorted(shares.values())
+                assert shares["adapt"] == 0 and shares["write"] < 1
+                assert (shares["learn"] < shares["vote"]) == unordered
     long = begins(100_000, "likelihood")
     assert long["name"] < 0.01
     assert long["vote"] > 0.6

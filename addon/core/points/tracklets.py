@@ -13,19 +13,26 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..data.takes import BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Suspect, Verdict
+from ..data.takes import BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Suspect, Verdict, evenly_spread
 
 
 @dataclass(frozen=True)
 class CutOptions:
-    """Where a trajectory may go on as another marker's. Both reckoned.
+    """Where a trajectory may go on as another marker's. All reckoned.
 
     max_gap_s    without a point, beyond which a column may hold another trajectory
     max_speed    m/s; no marker moves faster
+    min_nearest  part of the points to which their column's next is the nearest of the next frame, where columns are
+                 trajectories: of people at 10 Hz it is two thirds, of points in any order one in as many as there are
+    pairs        of frames that are looked at for that, spread over the take,
+    min_steps    from one point of a column to the next that must be in them
     """
 
     max_gap_s: float = 0.5
     max_speed: float = 12.0
+    min_nearest: float = 0.4
+    pairs: int = 200
+    min_steps: int = 100
 
 
 @dataclass(frozen=True)
@@ -61,9 +68,15 @@ VOTE = VoteOptions()
 
 
 def cut(points: np.ndarray, rate: float, options: CutOptions = CUTTING) -> np.ndarray:
-    """(T, P) the number of the tracklet that each point (T, P, 3) m belongs to, -1 where there is none."""
+    """(T, P) the number of the tracklet that each point (T, P, 3) m belongs to, -1 where there is none.
+
+    Where columns are no trajectories at all, points being in any order, every point is on its own.
+    """
     present = np.isfinite(points).all(axis=2)
     tracklet = np.full(present.shape, -1)
+    if not _are_trajectories(points, present, options):
+        tracklet[present] = np.arange(present.sum())
+        return tracklet
     count = 0
     for column in range(points.shape[1]):
         frames = np.flatnonzero(present[:, column])
@@ -75,6 +88,19 @@ def cut(points: np.ndarray, rate: float, options: CutOptions = CUTTING) -> np.nd
         tracklet[frames, column] = count + np.concatenate([[0], np.cumsum(ends)])
         count = int(tracklet[frames[-1], column]) + 1
     return tracklet
+
+
+def _are_trajectories(points: np.ndarray, present: np.ndarray, options: CutOptions) -> bool:
+    """Whether the columns of points (T, P, 3) m, present (T, P), follow anything, as far as can be told."""
+    nearest = steps = 0
+    for frame in evenly_spread(max(len(points) - 1, 0), options.pairs):
+        before, after = np.flatnonzero(present[frame]), np.flatnonzero(present[frame + 1])
+        before = before[present[frame + 1, before]]
+        if len(before):
+            apart = np.linalg.norm(points[frame, before, None] - points[frame + 1, after], axis=2)
+            nearest += int((after[apart.argmin(axis=1)] == before).sum())
+            steps += len(before)
+    return steps < options.min_steps or nearest >= options.min_nearest * steps
 
 
 def vote_tracklets(

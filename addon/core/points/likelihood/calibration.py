@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """From margins to chances: a logistic regression over labels given to subjects who were left out of the training."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -120,6 +120,19 @@ def learn_calibration(
         mine = kind == index if (kind == index).sum() >= options.min_labels else np.ones(len(kind), dtype=bool)
         least.append(_least(odds[mine], right[mine], rates, options))
     return Calibration(weights, rates, np.array(least))
+
+
+def raised(calibration: Calibration, odds: np.ndarray, right: np.ndarray) -> Calibration:
+    """The calibration asking for more where labels of such log odds (N,), tried elsewhere, were right (N,) less often.
+
+    It never asks for less: few trials without a wrong label promise nothing.
+    """
+    if not len(odds):
+        return calibration
+    own = _least(odds, right, calibration.rates, replace(CALIBRATION, extra_wrong=0.0))
+    # Where all of them may be accepted, so may those that are less sure than any of them, as far as was known before.
+    own = np.where(own > odds.min(), own, -np.inf)
+    return replace(calibration, least=np.maximum(calibration.least, own))
 
 
 def _least(odds: np.ndarray, right: np.ndarray, rates: np.ndarray, options: CalibrationOptions) -> np.ndarray:

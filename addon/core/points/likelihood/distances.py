@@ -123,11 +123,11 @@ def learn_constraints(
     guess = (prior.marker_sd_radii * radius) ** 2 + (prior.length_sd * length) ** 2
     between = (others * prior.between**2 * between + prior.weight * guess) / (others + prior.weight)
     sd = np.sqrt(within**2 + between + (options.min_sd_radii * radius) ** 2)
-    kept = _surest(pair, sd, options.max_of_marker)
+    kept = surest(pair, sd, options.max_of_marker)
     return DistanceConstraints(pair[kept], length[kept], sd[kept], max(float(np.std(size)), options.min_size_sd))
 
 
-def _surest(pair: np.ndarray, sd: np.ndarray, count: int) -> np.ndarray:
+def surest(pair: np.ndarray, sd: np.ndarray, count: int) -> np.ndarray:
     """Indices of the constraints that are among the `count` surest of one of their ends."""
     order = np.argsort(sd, kind="stable")
     kept = np.zeros(len(sd), dtype=bool)

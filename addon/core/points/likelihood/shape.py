@@ -77,6 +77,12 @@ class Shape:
         """Root mean square distance of the mean's markers from their middle, m: the model's own unit of length."""
         return float(np.sqrt((self.mean**2).sum(axis=1).mean()))
 
+    @property
+    def covariance(self) -> np.ndarray:
+        """(3M, 3M) m², of all markers' coordinates."""
+        flat = self.modes.reshape(3 * len(self.mean), -1)
+        return flat @ flat.T + np.diag(np.repeat(self.noise, 3))
+
 
 def cloud_radius(clouds: np.ndarray) -> float:
     """Root mean square distance of clouds' markers (T, M, 3) m, NaN where missing, from their middles; m."""
@@ -104,8 +110,8 @@ def learn_shape(
     floor = options.min_sd_radii * np.sqrt((template**2).sum(axis=1).mean())
     mean, covariance = _moments(np.where(np.isnan(flat), template.ravel(), flat), owner, len(subjects), floor, options)
     for _ in range(options.rounds if np.isnan(flat).any() else 0):
-        mean, covariance = _moments(_imputed(flat, mean, covariance), owner, len(subjects), floor, options)
-    modes, noise = _factors(covariance, floor, options)
+        mean, covariance = _moments(completed(flat, mean, covariance)[0], owner, len(subjects), floor, options)
+    modes, noise = factors(covariance, floor, options)
     return Shape(mean.reshape(-1, 3), modes, noise)
 
 
@@ -142,9 +148,13 @@ def _moments(
     return mean, covariance + floor**2 * np.eye(len(mean))
 
 
-def _imputed(flat: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """`flat` (T, 3M) with NaN replaced by its conditional mean given the rest of the frame."""
-    filled = flat.copy()
+def completed(flat: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`flat` (T, 3M) with NaN replaced by its conditional mean given the rest of the frame.
+
+    Also the covariance (3M, 3M) that the replaced ones have about it, added up over the frames: the first step of
+    expectation maximisation.
+    """
+    filled, unsure = flat.copy(), np.zeros_like(covariance)
     missing = np.isnan(flat)
     patterns, which = np.unique(missing, axis=0, return_inverse=True)
     for index, gone in enumerate(patterns):
@@ -153,10 +163,12 @@ def _imputed(flat: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> np.n
             known = ~gone
             slope = np.linalg.solve(covariance[np.ix_(known, known)], covariance[np.ix_(known, gone)])
             filled[np.ix_(rows, np.flatnonzero(gone))] = mean[gone] + (flat[rows][:, known] - mean[known]) @ slope
-    return filled
+            left = covariance[np.ix_(gone, gone)] - covariance[np.ix_(gone, known)] @ slope
+            unsure[np.ix_(gone, gone)] += len(rows) * left
+    return filled, unsure
 
 
-def _factors(covariance: np.ndarray, floor: float, options: ShapeOptions) -> tuple[np.ndarray, np.ndarray]:
+def factors(covariance: np.ndarray, floor: float, options: ShapeOptions) -> tuple[np.ndarray, np.ndarray]:
     """Modes (M, 3, K) and noise (M,) whose sum comes closest to the covariance."""
     markers = len(covariance) // 3
     count = min(options.max_modes, 3 * markers - 1)

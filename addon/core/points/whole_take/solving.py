@@ -191,9 +191,10 @@ class _Solving:
     def _put_right(self, wide: PairDistances, absent: bool) -> tuple[Question, ...]:
         """Takes back exchanges, and gives the questions that are left."""
         self._undo(wide)
-        # Two that may be each other are both unsure of their names, and the layout tells them.
-        open_names = ~np.isin(self.best, self.marker)
-        self.marker = np.where((self.marker == NO_MARKER) & open_names, self.best, self.marker)
+        if len(self.trained.mean) > self.markers:
+            # In a crowd two that may be each other are both unsure of their names, and the layout tells them.
+            free = (self.marker == NO_MARKER) & ~np.isin(self.best, self.marker)
+            self.marker = np.where(free, self.best, self.marker)
         name, questions = named_by_layout(self.model.likelihood, self._placed(), absent, self._anchored())
         self.marker = self._with_held(np.where(self.marker != NO_MARKER, name[self.marker], NO_MARKER))
         return questions

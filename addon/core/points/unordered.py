@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Frames in no order: what is sure in some of them teaches their subject, and all are named again by that.
+
+Nothing is followed from frame to frame, so the whole take is no help through time; but one subject wears one set of
+markers in one layout, whatever the frame. Names that are sure make the likelihood that of this subject, which makes
+more names sure, until nothing changes.
+"""
+
+from collections.abc import Generator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..data.takes import NO_MARKER, Labels, evenly_spread
+from .likelihood.calibration import raised
+from .likelihood.frames import label_frames
+from .likelihood.model import Likelihood
+from .likelihood.shape import Shape
+from .likelihood.subject import loosened, of_subject, off_expected
+from .models import Model
+from .tracklets import are_lasting
+
+
+@dataclass(frozen=True)
+class UnorderedOptions:
+    """How frames in no order teach their subject. Reckoned, and looked at on people and labs left out of training.
+
+    frames           of the take that are learned from
+    min_clouds       of them that have enough sure names, else the training must do
+    min_part         of the markers that are enough
+    min_rate         at which labels like it are right, of a name that is learned from: stricter learns more slowly,
+                     and no better
+    max_rounds       of learning and naming
+    same             part of the points that keep their names when nothing changes any more,
+    nearly_same      and when it is time to look for markers that are worn elsewhere:
+    rare             named less often than this part of what is usual; they are looked for
+    loose_sd_radii   this far about where they are expected, and are there if they are
+    near_radii       this near to one place of the body, in
+    min_near         this part of the frames that have them, and this part of what is usual of a marker
+    hidden_part      of a frame's points that is hidden to try how far labels keep,
+    trials           so many times in each frame; a name that changes then counts as wrong, unless it is so far ahead,
+    max_lead         in log odds, of the name before
+    """
+
+    frames: int = 600
+    min_clouds: int = 20
+    min_part: float = 1 / 3
+    min_rate: float = 0.99
+    max_rounds: int = 10
+    same: float = 0.9995
+    nearly_same: float = 0.995
+    rare: float = 0.5
+    loose_sd_radii: float = 0.25
+    near_radii: float = 0.12
+    min_near: float = 0.5
+    hidden_part: float = 1 / 12
+    trials: int = 2
+    max_lead: float = 5.0
+
+
+UNORDERED = UnorderedOptions()
+
+
+def is_unordered(model: Model, tracklet: np.ndarray) -> bool:
+    """Whether the subject of a take with tracklets (T, P) must be learned from frames that nothing connects.
+
+    A set on rigid bodies is known by these.
+    """
+    return model.likelihood is not None and model.rigid_bodies is None and not are_lasting(tracklet)
+
+
+def learn_subject(
+    trained: Likelihood, points: np.ndarray, named: Labels, options: UnorderedOptions = UNORDERED
+) -> Generator[float, None, Likelihood]:
+    """The likelihood of the subject of frames of points (T, P, 3) m, which `trained` named with their `rate`.
+
+    Yields the share of the work that is done. Where too little is sure it is the training's own.
+    """
+    chosen = evenly_spread(len(points), options.frames)
+    points, labels = points[chosen], named[chosen]
+    present = np.isfinite(points).all(axis=2)
+    crowded = np.median(present.sum(axis=1)) > len(trained)
+    likelihood, sought = trained, np.zeros(len(trained), dtype=bool)
+    steps = options.max_rounds + options.trials
+    for done in range(options.max_rounds):
+        clouds = sure_clouds(labels, points, len(trained), options)
+        if len(clouds) < options.min_clouds:
+            return trained
+        likelihood = of_subject(trained, clouds)
+        before, labels = labels, (yield from _named(likelihood, points, done / steps, 1 / steps))
+        same = (labels.marker == before.marker)[present].mean()
+        rare = _rare(clouds, options) & ~sought
+        # Among many more points than markers, what is left over is other markers.
+        if same >= options.nearly_same and rare.any() and not crowded:
+            sought |= rare
+            loose = loosened(likelihood, rare, options.loose_sd_radii)
+            wide = yield from _named(loose, points, done / steps, 1 / steps)
+            labels = _in_place(wide, points, rare, likelihood.shape, clouds, options)
+        elif same >= options.same:
+            break
+    return (yield from _tried(likelihood, points, labels, options))
+
+
+def sure_clouds(labels: Labels, points: np.ndarray, markers: int, options: UnorderedOptions = UNORDERED) -> np.ndarray:
+    """(F, M, 3) m, NaN where unsure, the frames of points (T, P, 3) m that have enough names to learn from."""
+    clouds = _placed(labels.sure(options.min_rate), points, markers)
+    return clouds[np.isfinite(clouds[..., 0]).mean(axis=1) >= options.min_part]
+
+
+def _placed(marker: np.ndarray, points: np.ndarray, markers: int) -> np.ndarray:
+    """(T, M, 3) m of points (T, P, 3) by their markers (T, P); NaN where a marker has none."""
+    placed = np.full((len(points), markers, 3), np.nan)
+    frame, column = np.nonzero(marker != NO_MARKER)
+    placed[frame, marker[frame, column]] = points[frame, column]
+    return placed
+
+
+def _named(likelihood: Likelihood, points: np.ndarray, first: float, part: float) -> Generator[float, None, Labels]:
+    """The labels of frames, while it tells how far the work is: `part` of all of it, from `first` on."""
+    parts, done = [], 0
+    for labels in label_frames(likelihood, points):
+        parts.append(labels)
+        done += len(labels.marker)
+        yield first + part * done / len(points)
+    return Labels.join(parts)
+
+
+def _rare(clouds: np.ndarray, options: UnorderedOptions) -> np.ndarray:
+    """(M,) True for markers that are hardly ever named, as when they are worn where nobody in training had them."""
+    often = np.isfinite(clouds[..., 0]).mean(axis=0)
+    return often < options.rare * np.median(often)
+
+
+def _in_place(
+    labels: Labels, points: np.ndarray, rare: np.ndarray, shape: Shape, clouds: np.ndarray, options: UnorderedOptions
+) -> Labels:
+    """The labels without those of rare markers (M,) that are not in one place of the body: ghosts are anywhere.
+
+    `clouds` (F, M, 3) m are those in which all others were sure before.
+    """
+    placed = _placed(labels.sure(options.min_rate), points, len(rare))
+    usual = np.median(np.isfinite(clouds[..., 0]).sum(axis=0))
+    kept = labels.named
+    for marker in np.flatnonzero(rare):
+        off = off_expected(shape, placed, marker)
+        there = np.isfinite(off).all(axis=1)
+        near = np.zeros(len(off), dtype=bool)
+        if there.any():
+            apart = np.linalg.norm(off - np.median(off[there], axis=0), axis=1)
+            near = there & (apart < options.near_radii * shape.radius)
+        if near.sum() < options.min_near * max(there.sum(), usual):
+            near[:] = False
+        kept &= (labels.marker != marker) | near[:, None]
+    return labels.kept(kept)
+
+
+def _tried(
+    likelihood: Likelihood, points: np.ndarray, labels: Labels, options: UnorderedOptions
+) -> Generator[float, None, Likelihood]:
+    """The likelihood promising no more than labels (T, P) keep when more of the points (T, P, 3) m are hidden.
+
+    What its margins are worth was learned of other people and of their poses. How often names change here when less of
+    a frame is seen is about how often they are wrong; where the name before was much less sure, that one was.
+    """
+    rng, present = np.random.default_rng(0), np.isfinite(points).all(axis=2)
+    count = present.sum(axis=1, keepdims=True)
+    gone = np.maximum(np.rint(options.hidden_part * count), 1)
+    odds, right = [], []
+    steps = options.max_rounds + options.trials
+    for trial in range(options.trials):
+        rank = np.where(present, rng.random(present.shape), 2.0).argsort(axis=1).argsort(axis=1)
+        seen = np.where((present & (rank >= gone))[..., None], points, np.nan)
+        again = yield from _named(likelihood, seen, (options.max_rounds + trial) / steps, 1 / steps)
+        sure, before = _log_odds(again)[again.named], _log_odds(labels)[again.named]
+        same = (again.marker == labels.marker)[again.named]
+        told = same | (sure - before < options.max_lead)
+        odds.append(sure[told])
+        right.append(same[told])
+    calibration = raised(likelihood.calibration, np.concatenate(odds), np.concatenate(right))
+    return replace(likelihood, calibration=calibration)
+
+
+def _log_odds(labels: Labels) -> np.ndarray:
+    """(T, P) of labels; 0 for those that are likelier wrong, and without a name."""
+    chance = np.maximum(labels.confidence, 0.5)
+    return np.log(chance) - np.log1p(-chance)
