@@ -45,6 +45,7 @@ class LabelJob:
     occlusion one of OCCLUSIONS: what asks whether the body hides a marker of blobs
     body      meshes of the user's own for that; None for those of the marker set's capsules
     trc       write STEM.trc too
+    fill      fill the markers' gaps in STEM.c3d and STEM.trc; the labels and STEM.blend show what was measured
     blend     save STEM.blend too; needs Blender
     resume    go on with what a run of the same job left, and put its own files in their places again
     keep      give the labelled chunks back as well: memory then grows with the take
@@ -64,6 +65,7 @@ class LabelJob:
     occlusion: str = "auto"
     body: Occlusion | None = None
     trc: bool = False
+    fill: bool = False
     blend: bool = False
     overwrite: bool = False
     resume: bool = False
