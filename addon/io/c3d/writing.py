@@ -20,6 +20,7 @@ UNKNOWN_RESIDUAL_M = 0.0001
 MILLIMETRES = 1000.0
 FRAMES_AT_ONCE = 4096
 MOST_POINTS = 64 * 255
+LARGEST_MASK = 127  # of the cameras that saw a sample, beside the sign
 LONGEST_NAME = 255  # bytes
 LAST_NUMBER = 2**32 - 1  # of a frame
 
@@ -94,7 +95,8 @@ def _samples(xyz: np.ndarray, residual: np.ndarray) -> np.ndarray:
     filled = residual == 0
     steps = np.where(np.isfinite(residual), residual, UNKNOWN_RESIDUAL_M) * (MILLIMETRES / RESIDUAL_STEP)
     steps = np.clip(np.rint(steps), np.where(filled, 0, 1), 255)
-    words[..., 3] = np.where(missing, -1, steps)
+    # ezc3d, and what is built on it, looks for the residual in the byte of the cameras, of which nothing is known here.
+    words[..., 3] = np.where(missing, -1, steps + 256 * np.minimum(steps, LARGEST_MASK))
     words[missing, :3] = np.nan
     return words
 
