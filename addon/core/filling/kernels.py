@@ -48,6 +48,9 @@ PRIOR_SCALES = KernelPrior()
 MEAN_SHARE = 0.3  # of the marker's variance, by which its mean may be off; reckoned
 LEAST_SD_M = 1e-4  # of a marker in its neighbours' axes; a made-up take has none
 AXES = 3
+FARTHEST_FOLDS = 3.0  # times the folds of the prior, that a scale may be from its median: no take needs more
+UNSOLVABLE = 1e12  # what the search is told where a covariance is none in numbers of this precision
+ROUNDING = 1e-10  # part of its diagonal that is added to a covariance, so that rounding leaves it one
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,9 +113,10 @@ class LearnedScales:
     def __post_init__(self):
         from scipy.optimize import minimize
 
-        start = self.prior.medians
-        options = {"maxiter": self.steps}
-        self.scales = minimize(self._unlikely, start, jac=True, method="L-BFGS-B", options=options).x
+        start, reach = self.prior.medians, FARTHEST_FOLDS * np.array(self.prior.folds)
+        bounds, options = list(zip(start - reach, start + reach, strict=True)), {"maxiter": self.steps}
+        found = minimize(self._unlikely, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+        self.scales = found.x if found.fun < UNSOLVABLE else start
 
     def _unlikely(self, scales: np.ndarray) -> tuple[float, np.ndarray]:
         """Minus the logarithm of the posterior, and its derivatives."""
@@ -122,11 +126,11 @@ class LearnedScales:
         covariance, slopes = self.alike.slopes(scales)
         noise = np.exp(2 * scales[7])
         size = len(covariance)
-        covariance[np.diag_indices(size)] += noise
+        covariance[np.diag_indices(size)] += noise + ROUNDING * np.trace(covariance) / size
         try:
             factor = cho_factor(covariance, lower=True)
         except np.linalg.LinAlgError:  # the search went where rounding wins
-            return 1e12, np.zeros(len(scales))
+            return UNSOLVABLE, np.zeros(len(scales))
         solved = cho_solve(factor, self.offsets)
         inner = AXES * cho_solve(factor, np.eye(size)) - solved @ solved.T
         fit = 0.5 * (self.offsets * solved).sum() + AXES * np.log(np.diag(factor[0])).sum()

@@ -13,7 +13,7 @@ import numpy as np
 from ..data.takes import evenly_spread
 from ..geometry.rigid import MIN_POINTS, in_axes, laid_on, mean_form
 from .gaps import Gap, KnownMarkers
-from .kernels import LEAST_SD_M, Alikeness, LearnedScales
+from .kernels import LEAST_SD_M, ROUNDING, Alikeness, LearnedScales
 
 
 @dataclass(frozen=True)
@@ -142,8 +142,11 @@ def regress(
     alike = Alikeness.of((features, known), (seconds, seconds[:count]), model.variance)
     covariance = alike.covariance(model.scales)
     inner, across = covariance[:count].copy(), covariance[count:]
-    inner[np.diag_indices(count)] += np.exp(2 * model.scales[7])
-    factor = cho_factor(inner, lower=True)
+    inner[np.diag_indices(count)] += np.exp(2 * model.scales[7]) + ROUNDING * np.trace(inner) / count
+    try:
+        factor = cho_factor(inner, lower=True)
+    except np.linalg.LinAlgError:  # frames so much alike that rounding wins
+        return None
     off = in_axes(turn[:count], place[:count], take.xyz[rows, gap.marker][:, None])[:, 0] - model.middle
     there = model.middle + across @ cho_solve(factor, off)
     told = (solve_triangular(factor[0], across.T, lower=True) ** 2).sum(axis=0)

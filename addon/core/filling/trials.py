@@ -15,7 +15,7 @@ Way = Callable[[Gap, np.ndarray], Answer]
 
 
 @dataclass(frozen=True)
-class TrialOptions:
+class GapTrialOptions:
     """How gaps are cut for trials; reckoned, but what names takes.
 
     gaps         cut for each marker, length and set of neighbours that a gap of the take has
@@ -50,7 +50,7 @@ class TrialOptions:
     trust_limit: float = 3.0
 
 
-TRIALS = TrialOptions()
+TRIALS = GapTrialOptions()
 UNCARRIED = ("spline", "pattern")  # do not turn with the neighbours: right where all is calm, far off where it is not
 MEAN_OF_DISTANCE = np.sqrt(8 / np.pi)  # of a place whose three coordinates are off by one standard deviation
 
