@@ -171,7 +171,8 @@ class _Filler:
         ways = {FAVOURITE: by_regression, **{name: by(name) for name in PLAIN}, "body": by_body}
         if self.wearer is None and self.options.method == "auto":
             del ways["body"]
-        return ways if self.options.method == "auto" else {self.options.method: ways[self.options.method]}
+        wanted = ways if self.options.method == "auto" else {self.options.method: ways[self.options.method]}
+        return {name: _sound(way) for name, way in wanted.items()}
 
     def _model(self, marker: int, neighbours: np.ndarray) -> MarkerModel | None:
         """The regression of a marker on these neighbours, learned once."""
@@ -208,6 +209,16 @@ class _Filler:
 
 def _place(one: FilledGap | LeftGap) -> tuple[int, int]:
     return one.gap.marker, one.gap.start
+
+
+def _sound(way: Way) -> Way:
+    """The same, with no answer where a part of it is no number: it would be the best of all trials."""
+
+    def answer(gap: Gap, own: np.ndarray) -> Answer:
+        told = way(gap, own)
+        return None if told is None or not np.isfinite(told[0]).all() else told
+
+    return answer
 
 
 def _plainly(positions: np.ndarray | None) -> Answer:

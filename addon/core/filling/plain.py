@@ -64,10 +64,12 @@ def pca(take: KnownMarkers, gap: Gap, neighbours: np.ndarray, own: np.ndarray) -
     (Federolf, A novel approach to solve the "missing marker problem" in marker-based motion analysis that exploits the
     segment coordination patterns, 2013; Gløersen and Federolf 2016.)
     """
+    part = take.window(gap)
+    # In a trial there may be others missing than in the gap that it stands for.
+    neighbours = neighbours[np.isfinite(take.xyz[part][:, neighbours, 0]).all(axis=0)]
     rows, group = _together(take, neighbours, own)
     if len(rows) < PCA_FEWEST or len(group) < MIN_POINTS:
         return None
-    part = take.window(gap)
     seen, middle = _about_middle(take.xyz[rows][:, group])
     whole = np.concatenate([seen, take.xyz[rows, gap.marker] - middle], axis=1)
     mean = whole.mean(axis=0)

@@ -122,6 +122,14 @@ def test_nothing_is_drawn_beyond_the_ends_by_what_cannot_carry_it(chain):
     assert not filled(lonely).filled.any()
 
 
+def test_gaps_of_others_where_trials_are_cut_do_not_mislead(chain):
+    holes = [(marker, start, start + 12) for marker in range(5, 15) for start in range(8 * marker - 40, 350, 90)]
+    found = filled(holed(chain, (2, 100, 140), *holes), markers=(2,))
+    [one] = found.gaps
+    assert np.isfinite(one.expected)
+    assert off(found, chain, 2, 100, 140) < 0.002
+
+
 def test_only_what_is_asked_for_is_filled(chain):
     cut = holed(chain, (2, 50, 60), (2, 100, 140), (3, 200, 205))
     short = filled(cut, max_gap=10)
