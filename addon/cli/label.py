@@ -41,6 +41,11 @@ def add_parser(verbs):
     parser.add_argument("--blend", action="store_true", help="also save DIR/walk.blend: armature, body, keyed markers")
     parser.add_argument("--trc", action="store_true", help="also write DIR/walk.trc")
     parser.add_argument(
+        "--fill",
+        action="store_true",
+        help="also fill the markers' gaps in DIR/walk.c3d (residual 0 there); labels stay what was seen",
+    )
+    parser.add_argument(
         "--jobs", type=whole(1, 256, "number of jobs"), default=1, metavar="N", help="takes side by side"
     )
     parser.add_argument(
@@ -226,6 +231,7 @@ def as_job(arguments, path: Path) -> jobs.LabelJob:
         facing=None if arguments.facing is None else math.radians(arguments.facing),
         edits=arguments.edits,
         trc=arguments.trc,
+        fill=arguments.fill,
         blend=arguments.blend,
         overwrite=arguments.overwrite,
         resume=arguments.resume,
@@ -252,6 +258,8 @@ def as_line(report: dict) -> str:
     if "agreement" in report:
         pace += f", {report['agreement']['different']} otherwise by their points"
     unit = f", no unit in the file, taken for {report['unit_assumed']}" if "unit_assumed" in report else ""
+    if "filled" in report:
+        pace += f", {len(report['filled'])} of {len(report['filled']) + len(report['left'])} gaps filled"
     first = ", frames in the .c3d from 0" if "c3d_first_frame" in report else ""
     frames = f"{report['frames']} frame" + ("" if report["frames"] == 1 else "s")
     more = "".join(f"; {words}" for words in (*report.get("calibration", []), *report.get("notes", [])))
@@ -314,5 +322,5 @@ def _command(arguments, path: Path) -> list[str]:
     command += [f"--{name}={value}" for name, value in known.items() if value is not None]
     if arguments.frames:
         command.append("--frames=" + ":".join("" if end is None else str(end) for end in arguments.frames))
-    command += [f"--{name}" for name in ("trc", "blend", "overwrite", "resume") if getattr(arguments, name)]
+    command += [f"--{name}" for name in ("trc", "fill", "blend", "overwrite", "resume") if getattr(arguments, name)]
     return [*command, "--", str(path)]

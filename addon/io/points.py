@@ -118,7 +118,7 @@ def _from_c3d(take: C3dTake, path: Path, everything: bool, up: str | None) -> Fi
     return FilePoints(
         names,
         measured @ up_rotation(upright.axis).T,
-        take.residual[:, columns] * metre,
+        _told(take.residual)[:, columns] * metre,
         take.rate,
         take.first_frame,
         columns,
@@ -126,6 +126,11 @@ def _from_c3d(take: C3dTake, path: Path, everything: bool, up: str | None) -> Fi
         upright.axis,
         take.notes + upright.notes,
     )
+
+
+def _told(residual: np.ndarray) -> np.ndarray:
+    """Residuals (T, P) as told: a file that has none above zero tells none, else zero says that a sample was filled."""
+    return residual if (residual > 0).any() else np.full_like(residual, np.nan)
 
 
 def _text(take: C3dTake, key: str) -> str:
@@ -201,7 +206,7 @@ def marker_columns(names: Sequence[str], wanted: Sequence[str], path: Path | str
 def write_c3d(path: Path, points: Points):
     """Writes the contract's labelled take: names in their order, unlabelled trajectories as *1, *2, …, mm, z up.
 
-    Missing samples are NaN with residual -1.
+    Missing samples are NaN with residual -1; samples whose residual is 0 were filled, measured ones get one above zero.
     """
     write_c3d_file(path, _numbered(points.names), points.xyz, points.residual, points.rate, points.first_frame)
 

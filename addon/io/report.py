@@ -32,6 +32,7 @@ def take_report(
         "suspect": [{"first": s.first, "last": s.last, "reason": s.reason} for s in summary.suspects],
         "timing": {
             **{stage: round(value, 4) for stage, value in spent.items()},
+            **({"fill": round(seconds["fill"], 4)} if "fill" in seconds else {}),
             "frames_per_second": round(summary.frames / work, 2) if work > 0 else None,
         },
     }

@@ -28,6 +28,7 @@ from ..io.labels import LabelWriter
 from ..io.models import open_model
 from ..io.scratch import scratch_folder, told_of
 from .edits import facts_of_edits, open_edits
+from .fill import fill_labelled
 from .job import LabelJob, Labelled, open_files, timed
 from .outcome import Outcome, write_take
 from .resuming import made_of, may_replace
@@ -35,7 +36,9 @@ from .spool import append
 
 
 def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
-    """Labels the take and writes its files, which appear together or not at all. Memory does not grow with the take.
+    """Labels the take and writes its files, which appear together or not at all.
+
+    Memory does not grow with the take, unless its gaps are to be filled: that takes all frames.
 
     Raises UserError with the file where it can be told.
     """
@@ -64,7 +67,12 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         facts = _facts(job, blob_method(settings), cameras, results, agreement)
         facts |= facts_of_edits(job, joined(results.outcomes))
         facts |= {"cameras": check.of_cameras(), "camera_doubts": [doubt.reason for doubt in doubts]}
-        made = Outcome(results.motion.points(), results.chunks, cameras, results.summary, facts, inputs)
+        points = results.motion.points()
+        if job.fill:
+            with timed(clock, "fill"):
+                points, of_gaps = yield from fill_labelled(points, model.markerset)
+            facts |= of_gaps
+        made = Outcome(points, results.chunks, cameras, results.summary, facts, inputs)
         report = write_take(job, files, model.markerset, made, clock)
     return Labelled(report, results.chunks if job.keep else [])
 

@@ -19,6 +19,7 @@ from ..core.review.summary import TakeSummary
 from ..io.models import open_model
 from ..io.points import FilePoints, read_points
 from .edits import facts_of_edits, open_edits
+from .fill import fill_labelled
 from .job import LabelJob, Labelled, open_files, timed
 from .outcome import Outcome, write_take
 from .resuming import made_of, may_replace
@@ -52,6 +53,10 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         summary.add(chunk)
         points = labelled_points(take, labelled, markerset)
         facts = _facts(take, chunk.labels, options) | facts_of_edits(job, labelled.outcomes)
+        if job.fill:
+            with timed(clock, "fill"):
+                points, of_gaps = yield from fill_labelled(points, markerset)
+            facts |= of_gaps
         made = Outcome(points, [(rows, chunk)], NO_CAMERAS, summary, facts, inputs)
         report = write_take(job, files, markerset, made, clock)
     return Labelled(report, made.chunks if job.keep else [])

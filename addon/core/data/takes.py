@@ -219,7 +219,7 @@ class Points:
 
     names        P labels as in the file; an unlabelled trajectory has an empty name
     xyz          (T, P, 3) m, z up; NaN where missing
-    residual     (T, P) m, NaN where missing or unknown
+    residual     (T, P) m, NaN where missing or unknown, 0 where a sample was filled and not measured
     rate         frames a second
     first_frame  the source's number of the first frame
     columns      (P,) the index of each trajectory in its file, what label files call `point`; None where there is none

@@ -14,9 +14,13 @@ from .parameters import BLOCK, INTEL, MASK_KEY
 # 255 steps of this many mm are what the residual of a sample has room for: 0 to 12.75 mm.
 RESIDUAL_STEP = 0.05
 
+# Of a measured sample whose residual nobody knows: 0 would say that it was filled.
+UNKNOWN_RESIDUAL_M = 0.0001
+
 MILLIMETRES = 1000.0
 FRAMES_AT_ONCE = 4096
 MOST_POINTS = 64 * 255
+LARGEST_MASK = 127  # of the cameras that saw a sample, beside the sign
 LONGEST_NAME = 255  # bytes
 LAST_NUMBER = 2**32 - 1  # of a frame
 
@@ -47,9 +51,9 @@ def _cut(text: str, width: int) -> str:
 def write_c3d_file(path: Path, labels: list[str], xyz: np.ndarray, residual: np.ndarray, rate: float, first_frame: int):
     """Writes points in mm as Intel reals, z up; missing samples are NaN with residual -1.
 
-    xyz (T, P, 3) m; residual (T, P) m, NaN where unknown; they may be on disk (np.memmap), for they are read piece by
-    piece. Any number of frames and up to 16320 points. What the format cannot say is written as `names_in_c3d` and
-    `first_number` tell.
+    xyz (T, P, 3) m; residual (T, P) m, 0 where a sample was filled, NaN where unknown. They may be on disk (np.memmap),
+    for they are read piece by piece. Any number of frames and up to 16320 points. What the format cannot say is written
+    as `names_in_c3d` and `first_number` tell.
     Raises InputError where the file cannot hold the take.
     """
     frames, count = xyz.shape[:2]
@@ -88,8 +92,11 @@ def _samples(xyz: np.ndarray, residual: np.ndarray) -> np.ndarray:
     words = np.empty((*xyz.shape[:2], 4), "<f4")
     words[..., :3] = np.asarray(xyz, dtype=float) * MILLIMETRES
     missing = ~np.isfinite(words[..., :3]).all(axis=2)
-    steps = np.clip(np.rint(np.nan_to_num(residual) * (MILLIMETRES / RESIDUAL_STEP)), 0, 255)
-    words[..., 3] = np.where(missing, -1, steps)
+    filled = residual == 0
+    steps = np.where(np.isfinite(residual), residual, UNKNOWN_RESIDUAL_M) * (MILLIMETRES / RESIDUAL_STEP)
+    steps = np.clip(np.rint(steps), np.where(filled, 0, 1), 255)
+    # ezc3d, and what is built on it, looks for the residual in the byte of the cameras, of which nothing is known here.
+    words[..., 3] = np.where(missing, -1, steps + 256 * np.minimum(steps, LARGEST_MASK))
     words[missing, :3] = np.nan
     return words
 

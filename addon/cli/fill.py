@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`fill TAKE`: the gaps of a labelled take."""
+
+from pathlib import Path
+
+from ..core.filling.filling import FILL_METHODS
+from ..jobs.fill import FillJob, fill_file
+from .arguments import add_overwrite, add_point_rate, add_up, names, whole
+from .console import ProgressLine, print_results
+
+DESCRIPTION = """Fills the gaps of a labelled take, a .c3d or .trc. Measured samples stay as they are; filled ones have
+the residual 0 in FILE.c3d, and FILE.filled.csv says of each gap the method and the mean error to expect."""
+LEFT_TOLD = 5  # gaps that were left, told to people one by one
+
+
+def add_parser(verbs):
+    """Adds the verb to the command line's grammar."""
+    parser = verbs.add_parser("fill", help="fill the gaps of a labelled take", description=DESCRIPTION)
+    parser.add_argument("take", metavar="TAKE", type=Path, help="a labelled take: .c3d or .trc")
+    parser.add_argument("--out", required=True, type=Path, metavar="FILE.c3d", help="the .c3d to write")
+    parser.add_argument(
+        "--method",
+        choices=FILL_METHODS,
+        default="auto",
+        help="spline; rigid: the body that the nearest markers make; pattern: the path of one neighbour; pca: the "
+        "principal components of the take; body: the body of --model, fitted; regression: learned from the take's own "
+        "frames; auto (default): what errs least on gaps cut into this take where the truth is known",
+    )
+    parser.add_argument(
+        "--max-gap", type=whole(1, 10**9, "number of frames"), metavar="FRAMES", help="leave longer gaps"
+    )
+    parser.add_argument("--markers", type=names, metavar="A,B,…", help="fill only these markers")
+    parser.add_argument("--model", metavar="MODEL", help="a model of these markers, whose body may fill gaps too")
+    add_up(parser)
+    add_point_rate(parser)
+    add_overwrite(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments) -> int:
+    """Fills one take."""
+    job = FillJob(
+        arguments.take,
+        arguments.out,
+        arguments.method,
+        arguments.max_gap,
+        tuple(arguments.markers or ()),
+        arguments.model,
+        arguments.up,
+        arguments.rate,
+        arguments.overwrite,
+    )
+    result = ProgressLine(arguments.progress).drain(fill_file(job), arguments.take.stem)
+    print_results(_lines(result), result, arguments.json)
+    return 0
+
+
+def _lines(result: dict) -> list[str]:
+    """What is said to people."""
+    told = [row["expected_mm"] for row in result["filled"] if row["expected_mm"] is not None]
+    often = f"{len(result['filled'])} of {len(result['filled']) + len(result['left'])} gaps filled"
+    samples = f"{result['samples_filled']} of {result['samples_missing']} missing samples"
+    off = f", expected error up to {max(told):.1f} mm" if told else ""
+    lines = [f"{result['out']}: {result['frames']} frames, {often}, {samples}{off}, {result['seconds']:.1f} s"]
+    left = result["left"][:LEFT_TOLD]
+    lines += [f"left: {row['marker']}, frames {row['first']} to {row['last']}: the gap {row['reason']}" for row in left]
+    if len(result["left"]) > LEFT_TOLD:
+        lines.append(f"left: {len(result['left']) - LEFT_TOLD} more, see --json")
+    if result["never_seen"]:
+        lines.append(f"never seen, so not filled: {', '.join(result['never_seen'])}")
+    if "c3d_first_frame" in result:
+        lines.append("the first frame is negative, which a .c3d cannot say: its frames are numbered from 0")
+    return lines + result["notes"]

@@ -1,0 +1,225 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A take's gaps filled, the shortest first, each by the method that errs least on gaps like it cut into the take."""
+
+from collections.abc import Generator
+from dataclasses import dataclass, field
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from ..data.markersets import MarkerSet
+from . import plain
+from .fitted import Wearer
+from .gaps import Gap, KnownMarkers, find_gaps
+from .regression import MarkerModel, learned, neighbours_of, regress
+from .trials import Answer, Choice, Way, choose, graded, pace_of, paces
+
+# In the order of the command line; "auto" picks among all but itself. Those carry a marker by what moves with it.
+FILL_METHODS = ("auto", "spline", "rigid", "pattern", "pca", "body", "regression")
+PLAIN = {"rigid": plain.rigid, "pca": plain.pca, "spline": plain.spline, "pattern": plain.pattern}
+FAVOURITE = "regression"  # what errs least by far, where no trial says otherwise
+
+
+@dataclass(frozen=True)
+class FillOptions:
+    """How gaps are filled; the limits are reckoned.
+
+    method      one of FILL_METHODS
+    max_gap     frames of the longest gap to fill; None for any
+    markers     indices of the markers to fill; None for all
+    most_off_m  a gap in the take is left where the error to expect is larger: it would show a motion that was not there
+    most_open_m the same at its start or end, where nothing holds the far side
+    """
+
+    method: str = "auto"
+    max_gap: int | None = None
+    markers: tuple[int, ...] | None = None
+    most_off_m: float = 0.1
+    most_open_m: float = 0.03
+
+
+@dataclass(frozen=True)
+class FilledGap:
+    """A gap that was filled, by which method, and the mean error to expect, m; NaN where no trial could say."""
+
+    gap: Gap
+    method: str
+    expected: float
+
+
+@dataclass(frozen=True)
+class LeftGap:
+    """A gap that was not filled, and why, for a person to read."""
+
+    gap: Gap
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class FilledTake:
+    """A take whose gaps were filled.
+
+    xyz     (T, M, 3) m; measured samples as they were
+    filled  (T, M) True where a sample was filled
+    gaps    that were filled, in the order of the markers and of time; so is what was left
+    """
+
+    xyz: np.ndarray
+    filled: np.ndarray
+    gaps: tuple[FilledGap, ...]
+    left: tuple[LeftGap, ...]
+
+
+def fill_take(
+    xyz: np.ndarray,
+    rate: float,
+    options: FillOptions,
+    markerset: MarkerSet | None = None,
+    columns: np.ndarray | None = None,
+) -> Generator[float, None, FilledTake]:
+    """Fills the gaps of named markers (T, M, 3) m, NaN where missing; yields the share of the work that is done.
+
+    With a `markerset` its body fills too; `columns` are the take's indices of its markers, -1 where it has none.
+    Without one the method "body" leaves all gaps.
+    """
+    filler = _Filler(xyz, rate, options, markerset, columns)
+    gaps = find_gaps(filler.take.known)
+    wanted = [gap for gap in gaps if options.markers is None or gap.marker in options.markers]
+    done, whole = 0, sum(_cost(gap) for gap in wanted)
+    with threadpool_limits(1, user_api="blas"):  # many threads on small matrices cost more than they bring
+        for gap in wanted:
+            yield done / whole
+            filler.fill(gap)
+            done += _cost(gap)
+    return filler.outcome()
+
+
+def _cost(gap: Gap) -> int:
+    """What a gap takes, in the same unit for all."""
+    return 200 + len(gap)
+
+
+@dataclass(eq=False)
+class _Filler:
+    """What is kept from gap to gap."""
+
+    xyz: np.ndarray
+    rate: float
+    options: FillOptions
+    markerset: MarkerSet | None
+    columns: np.ndarray | None
+    take: KnownMarkers = field(init=False)
+    measured: np.ndarray = field(init=False)
+    wearer: Wearer | None = field(init=False, default=None)
+    done: list[FilledGap] = field(init=False, default_factory=list)
+    left: list[LeftGap] = field(init=False, default_factory=list)
+    chosen: dict[tuple, Choice | None] = field(init=False, default_factory=dict)
+    models: dict[tuple, MarkerModel | None] = field(init=False, default_factory=dict)
+    scales: dict[int, np.ndarray] = field(init=False, default_factory=dict)
+
+    def __post_init__(self):
+        self.take = KnownMarkers(self.xyz)
+        self.measured = self.take.known
+        if self.markerset is not None:
+            self.wearer = Wearer.of(self.markerset, self.columns, self.take)
+
+    def outcome(self) -> FilledTake:
+        """What became of the take."""
+        gaps, left = (tuple(sorted(some, key=_place)) for some in (self.done, self.left))
+        return FilledTake(self.take.xyz, self.take.length > 0, gaps, left)
+
+    def fill(self, gap: Gap):
+        """Fills a gap, or notes why it is left."""
+        if self.options.max_gap is not None and len(gap) > self.options.max_gap:
+            self.left.append(LeftGap(gap, f"is longer than {self.options.max_gap} frames"))
+            return
+        own, helping = self.measured[:, gap.marker], self.take.helping(gap)
+        neighbours = neighbours_of(self.take, helping, own)
+        ways = self._ways(neighbours, helping)
+        choice = self._chosen(gap, neighbours, own, ways)
+        answers = {} if choice is None else {part: ways[part](gap, own) for part in choice.parts}
+        answers = {part: answer for part, answer in answers.items() if answer is not None}
+        if not answers:
+            self.left.append(LeftGap(gap, self._why_not(gap, own)))
+            return
+        sure = next((answer[1] for answer in answers.values() if answer[1] is not None), None)
+        expected = choice.expected(sure)
+        open_ended = gap.start == 0 or gap.stop == len(own)
+        limit = self.options.most_open_m if open_ended else self.options.most_off_m
+        if expected > limit:
+            where = " at an end of the take" if open_ended else ""
+            reason = f"would be off by {1000 * expected:.0f} mm, where {1000 * limit:.0f} mm are allowed{where}"
+            self.left.append(LeftGap(gap, reason))
+            return
+        self.take.put(gap, sum(answer[0] for answer in answers.values()) / len(answers))
+        self.done.append(FilledGap(gap, "+".join(answers), expected))
+
+    def _ways(self, neighbours: np.ndarray, helping: np.ndarray) -> dict[str, Way]:
+        """The methods that are asked for, the favourite first, for a gap with these neighbours."""
+
+        def by_regression(gap: Gap, own: np.ndarray) -> Answer:
+            model = self._model(gap.marker, neighbours)
+            return None if model is None else regress(self.take, gap, model, own, self.rate)
+
+        def by_body(gap: Gap, own: np.ndarray) -> Answer:
+            return _plainly(None if self.wearer is None else self.wearer.fill(self.take, gap, own))
+
+        def by(method: str) -> Way:
+            group = helping if method == "pca" else neighbours
+            return lambda gap, own: _plainly(PLAIN[method](self.take, gap, group, own))
+
+        ways = {FAVOURITE: by_regression, **{name: by(name) for name in PLAIN}, "body": by_body}
+        if self.wearer is None and self.options.method == "auto":
+            del ways["body"]
+        wanted = ways if self.options.method == "auto" else {self.options.method: ways[self.options.method]}
+        return {name: _sound(way) for name, way in wanted.items()}
+
+    def _model(self, marker: int, neighbours: np.ndarray) -> MarkerModel | None:
+        """The regression of a marker on these neighbours, learned once."""
+        key = (marker, *neighbours.tolist())
+        if key not in self.models:
+            own = self.measured[:, marker]
+            model = learned(self.take, marker, neighbours, own, self.rate, self.scales.get(marker))
+            self.models[key] = model
+            if model is not None:
+                self.scales.setdefault(marker, model.scales)
+        return self.models[key]
+
+    def _chosen(self, gap: Gap, neighbours: np.ndarray, own: np.ndarray, ways: dict[str, Way]) -> Choice | None:
+        """The choice for gaps like this one, tried once."""
+        sides, summed = (gap.start == 0, gap.stop == len(own)), paces(self.take, neighbours, self.rate)
+        pace = graded(pace_of(summed, gap.start, gap.stop))
+        key = (gap.marker, graded(len(gap)), pace, sides, *neighbours.tolist())
+        if key not in self.chosen:
+            self.chosen[key] = choose(self.take, gap, neighbours, own, ways, summed, self.rate) or self._untried()
+        return self.chosen[key]
+
+    def _untried(self) -> Choice | None:
+        """Where the take has no room for a trial: what was asked for, or what says itself how sure it is."""
+        method = FAVOURITE if self.options.method == "auto" else self.options.method
+        return Choice((method,), np.nan, np.nan)
+
+    def _why_not(self, gap: Gap, own: np.ndarray) -> str:
+        if self.options.method == "body" and self.wearer is None:
+            return "has no body to be filled by: that needs a model of these markers"
+        if self.options.method == "spline" and (gap.start == 0 or gap.stop == len(own)):
+            return "is at an end of the take, and a spline is not drawn beyond what was measured"
+        return "has too little around it that is known: no method can be tried on it"
+
+
+def _place(one: FilledGap | LeftGap) -> tuple[int, int]:
+    return one.gap.marker, one.gap.start
+
+
+def _sound(way: Way) -> Way:
+    """The same, with no answer where a part of it is no number: it would be the best of all trials."""
+
+    def answer(gap: Gap, own: np.ndarray) -> Answer:
+        told = way(gap, own)
+        return None if told is None or not np.isfinite(told[0]).all() else told
+
+    return answer
+
+
+def _plainly(positions: np.ndarray | None) -> Answer:
+    return None if positions is None else (positions, None)

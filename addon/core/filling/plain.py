@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The usual ways to fill a gap: spline, pattern of a neighbour, rigid body of the segment, PCA of the take.
+
+Each is a function of the markers, the gap, the neighbours (markers known all through it, those that move most like it
+first) and `own`, the frames (T,) whose samples of the marker may be looked at. It gives positions (L, 3) m, or None
+where it cannot say any. A gap at the start or end of the take has one end only.
+"""
+
+import numpy as np
+
+from ..data.takes import evenly_spread
+from ..geometry.rigid import MIN_POINTS, laid_on
+from .gaps import Gap, KnownMarkers
+
+SPLINE_SIDE = 8  # frames at either side; farther ones change a cubic spline inside the gap no more
+FEWEST_FOR_CUBIC = 2  # at either side; with fewer there is no slope, and a shape-preserving curve is drawn
+RIGID_NEIGHBOURS = 4  # as programs for labs take them; a fifth moves the less like the marker
+PCA_FRAMES = 1500  # of a long take; more make the same components
+PCA_FEWEST = 60  # frames with marker and neighbours; fewer know no components
+PCA_SHARE = 0.9999  # of the variance that components are kept for, as for the peers' PCA filling
+
+
+def spline(take: KnownMarkers, gap: Gap, _: np.ndarray, own: np.ndarray) -> np.ndarray | None:
+    """A cubic spline through the frames around; shape-preserving where they are too few. Never beyond them."""
+    from scipy.interpolate import CubicSpline, PchipInterpolator
+
+    before = np.flatnonzero(own[: gap.start])[-SPLINE_SIDE:]
+    after = gap.stop + np.flatnonzero(own[gap.stop :])[:SPLINE_SIDE]
+    if not len(before) or not len(after):
+        return None
+    at = np.r_[before, after]
+    cubic = min(len(before), len(after)) >= FEWEST_FOR_CUBIC
+    curve = (CubicSpline if cubic else PchipInterpolator)(at, take.xyz[at, gap.marker])
+    return curve(gap.frames)
+
+
+def pattern(take: KnownMarkers, gap: Gap, neighbours: np.ndarray, own: np.ndarray) -> np.ndarray | None:
+    """The path of the neighbour that moves most like the marker, led to both ends."""
+    if not len(neighbours):
+        return None
+    return _joined(take.xyz[take.window(gap), neighbours[0]], take, gap, own)
+
+
+def rigid(take: KnownMarkers, gap: Gap, neighbours: np.ndarray, own: np.ndarray) -> np.ndarray | None:
+    """Carried by the neighbours as by a rigid body (Kabsch), from either end; the two are blended."""
+    group = neighbours[:RIGID_NEIGHBOURS]
+    if len(group) < MIN_POINTS:
+        return None
+    part = take.window(gap)
+    around, inner = take.xyz[part][:, group], slice(gap.start - part.start, gap.stop - part.start)
+    carried = []
+    for end in _ends(gap, own):
+        turn, place = laid_on(take.xyz[end, group], around)
+        carried.append((turn @ take.xyz[end, gap.marker] + place)[inner])
+    if not carried:
+        return None
+    weight = _along(gap)
+    return carried[0] if len(carried) == 1 else (1 - weight) * carried[0] + weight * carried[1]
+
+
+def pca(take: KnownMarkers, gap: Gap, neighbours: np.ndarray, own: np.ndarray) -> np.ndarray | None:
+    """The principal components of the take, found in each frame by the markers that are there; ends joined.
+
+    (Federolf, A novel approach to solve the "missing marker problem" in marker-based motion analysis that exploits the
+    segment coordination patterns, 2013; Gløersen and Federolf 2016.)
+    """
+    part = take.window(gap)
+    # In a trial there may be others missing than in the gap that it stands for.
+    neighbours = neighbours[np.isfinite(take.xyz[part][:, neighbours, 0]).all(axis=0)]
+    rows, group = _together(take, neighbours, own)
+    if len(rows) < PCA_FEWEST or len(group) < MIN_POINTS:
+        return None
+    seen, middle = _about_middle(take.xyz[rows][:, group])
+    whole = np.concatenate([seen, take.xyz[rows, gap.marker] - middle], axis=1)
+    mean = whole.mean(axis=0)
+    values, axes = np.linalg.eigh((whole - mean).T @ (whole - mean))
+    values = np.maximum(values[::-1], 0)
+    kept = 1 + int(np.searchsorted(np.cumsum(values), PCA_SHARE * values.sum()))
+    axes = axes[:, ::-1][:, :kept]
+    around, middle = _about_middle(take.xyz[part][:, group])
+    weights = np.linalg.lstsq(axes[:-3], (around - mean[:-3]).T, rcond=None)[0]
+    return _joined((axes[-3:] @ weights).T + mean[-3:] + middle, take, gap, own)
+
+
+def _together(take: KnownMarkers, neighbours: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Frames with the marker and neighbours, and which: the neighbours that are rarest go, until frames are many."""
+    at = np.flatnonzero(own)
+    at = at[evenly_spread(len(at), 2 * PCA_FRAMES)] if len(at) else at
+    known = np.isfinite(take.xyz[at][:, neighbours, 0])
+    group, whole = np.arange(len(neighbours)), known.all(axis=1)
+    while len(group) > MIN_POINTS and whole.sum() < max(PCA_FEWEST, len(at) // 4):
+        group = np.delete(group, known[:, group].sum(axis=0).argmin())
+        whole = known[:, group].all(axis=1)
+    rows = at[whole]
+    return rows[evenly_spread(len(rows), PCA_FRAMES)] if len(rows) else rows, neighbours[group]
+
+
+def _about_middle(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points (T, N, 3) about their middle as rows (T, 3 N), and the middle (T, 3)."""
+    middle = points.mean(axis=1)
+    return (points - middle[:, None]).reshape(len(points), -1), middle
+
+
+def _ends(gap: Gap, own: np.ndarray) -> list[int]:
+    """The frames right before and right after a gap in which the marker may be looked at."""
+    ends = (gap.start - 1, gap.stop)
+    return [end for end in ends if 0 <= end < len(own) and own[end]]
+
+
+def _along(gap: Gap) -> np.ndarray:
+    """(L, 1) how far along each frame of a gap is, from 0 at the frame before to 1 at the frame after."""
+    return (np.arange(1, len(gap) + 1) / (len(gap) + 1))[:, None]
+
+
+def _joined(path: np.ndarray, take: KnownMarkers, gap: Gap, own: np.ndarray) -> np.ndarray | None:
+    """A path (W, 3) over the gap's window moved so that it meets the marker at the ends, in between linearly."""
+    part, ends = take.window(gap), _ends(gap, own)
+    if not ends:
+        return None
+    off = [take.xyz[end, gap.marker] - path[end - part.start] for end in ends]
+    inner = path[gap.start - part.start : gap.stop - part.start]
+    weight = _along(gap)
+    return inner + (off[0] if len(off) == 1 else (1 - weight) * off[0] + weight * off[1])

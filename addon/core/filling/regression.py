@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A marker out of its neighbours, learned from the frames of the take that have both: a Gaussian process.
+
+The neighbours that keep their distances to the marker best make axes that move with its segment. In these axes the
+marker's place is a function of the other neighbours' places and of time. Time carries what is off at the ends of a gap
+into it, for as long as such things last in this take. What comes with it is how sure each frame is.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..data.takes import evenly_spread
+from ..geometry.rigid import MIN_POINTS, in_axes, laid_on, mean_form
+from .gaps import Gap, KnownMarkers
+from .kernels import LEAST_SD_M, ROUNDING, Alikeness, LearnedScales
+
+
+@dataclass(frozen=True)
+class RegressionOptions:
+    """How a marker is learned from its neighbours; chosen on three takes (`s02`, `ball`, `p1` of the recorded people).
+
+    axes_of       neighbours that the axes are made of; six make them follow joints
+    features      neighbours whose places count; 14 do as well within a twentieth
+    rows          frames learned from; 500 and 900 err as much
+    near_s        seconds on either side of a gap from which more of them are taken
+    dense_s       seconds on either side from which all are
+    near_step     every so many frames within `near_s`
+    keep_share    of the marker's frames that must have all features; a neighbour that is rarer is no feature
+    end_s         seconds at either end of the gap in which the features must be known in half of the frames
+    nearness_m    added to the spread of distances in the weight of a feature, so that none is all that counts
+    sharpness     power of that weight
+    fewest        frames to learn from
+    blocks        of frames that scales are learned from, spread over the take
+    block         frames of each, by their distance from its first
+    steps         of the search for scales; ten come as far as 25 do
+    form_frames   that the mean form of the neighbours is taken from
+    """
+
+    axes_of: int = 4
+    features: int = 20
+    rows: int = 400
+    near_s: float = 1.0
+    dense_s: float = 0.1
+    near_step: int = 2
+    keep_share: float = 0.3
+    end_s: float = 0.1
+    nearness_m: float = 0.003
+    sharpness: float = 2.0
+    fewest: int = 40
+    blocks: int = 40
+    block: tuple[int, ...] = (0, 1, 2, 4, 6, 8, 12)
+    steps: int = 10
+    form_frames: int = 200
+
+
+REGRESSION = RegressionOptions()
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerModel:
+    """A marker as its neighbours tell it.
+
+    neighbours (N,) indices, those of the axes first
+    form       (K, 3) m, of the neighbours that the axes are made of
+    mean       (3 N,) and weight (3 N,): features are (place − mean) · weight
+    middle     (3,) m, the marker's mean place in the axes
+    variance   m² of it, for an axis
+    scales     (8,) of the covariance, logarithms as in KernelPrior
+    """
+
+    neighbours: np.ndarray
+    form: np.ndarray
+    mean: np.ndarray
+    weight: np.ndarray
+    middle: np.ndarray
+    variance: float
+    scales: np.ndarray
+
+    def seen_from(self, xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Features (F, 3 N) of frames (F, M, 3) m, and the turns (F, 3, 3) and places (F, 3) of the axes."""
+        turn, place, inner = _axes(self.form, xyz[:, self.neighbours])
+        return (inner - self.mean) * self.weight, turn, place
+
+
+def neighbours_of(take: KnownMarkers, helping: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """(N,) the markers that tell of a gap: of those `helping` in it, the first that are also known in enough frames."""
+    rows, chosen, total = own, [], own.sum()
+    for marker in helping:
+        both = rows & np.isfinite(take.xyz[:, marker, 0])
+        if both.sum() >= REGRESSION.keep_share * total:
+            chosen.append(marker)
+            rows = both
+        if len(chosen) == REGRESSION.features:
+            break
+    return np.array(chosen, dtype=int)
+
+
+def learned(
+    take: KnownMarkers, marker: int, neighbours: np.ndarray, own: np.ndarray, rate: float, scales: np.ndarray | None
+) -> MarkerModel | None:
+    """The model of a marker; scales are learned where none are given. None where there is too little to learn from."""
+    rows = np.flatnonzero(own & np.isfinite(take.xyz[:, neighbours, 0]).all(axis=1))
+    if len(rows) < REGRESSION.fewest or len(neighbours) < MIN_POINTS:
+        return None
+    some = take.xyz[rows[evenly_spread(len(rows), REGRESSION.form_frames)]][:, neighbours[: REGRESSION.axes_of]]
+    form = mean_form(some[len(some) // 2], some)
+    starts = evenly_spread(max(len(rows) - REGRESSION.block[-1], 1), REGRESSION.blocks)
+    learning = np.unique(np.minimum(starts[:, None] + np.array(REGRESSION.block), len(rows) - 1))
+    rows = rows[learning]
+    turn, place, inner = _axes(form, take.xyz[rows][:, neighbours])
+    spread = take.spread[marker, neighbours]
+    near = (REGRESSION.nearness_m + spread.min()) / (REGRESSION.nearness_m + spread)
+    weight = np.repeat(near**REGRESSION.sharpness, 3)
+    mean = inner.mean(axis=0)
+    length = np.sqrt((((inner - mean) * weight) ** 2).sum(axis=1).mean())
+    if not length > 0:  # neighbours that never move to one another tell nothing by how they lie
+        length = 1.0
+    own_places = in_axes(turn, place, take.xyz[rows, marker][:, None])[:, 0]
+    middle = own_places.mean(axis=0)
+    variance = max(((own_places - middle) ** 2).sum(axis=1).mean() / 3, LEAST_SD_M**2)
+    weight = weight / length
+    if scales is None:
+        features, seconds = (inner - mean) * weight, rows / rate
+        alike = Alikeness.of((features, features), (seconds, seconds), variance)
+        scales = LearnedScales(alike, own_places - middle, REGRESSION.steps).scales
+    return MarkerModel(neighbours, form, mean, weight, middle, variance, scales)
+
+
+def regress(
+    take: KnownMarkers, gap: Gap, model: MarkerModel, own: np.ndarray, rate: float
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Positions (L, 3) m of the marker in a gap, and the standard deviation (L,) m of each of their coordinates."""
+    from scipy.linalg import cho_factor, cho_solve, solve_triangular
+
+    rows = _rows(take, gap, model.neighbours, own, rate)
+    if len(rows) < REGRESSION.fewest:
+        return None
+    count, frames = len(rows), np.r_[rows, gap.frames]
+    features, turn, place = model.seen_from(take.xyz[frames])
+    known, seconds = features[:count], frames / rate
+    alike = Alikeness.of((features, known), (seconds, seconds[:count]), model.variance)
+    covariance = alike.covariance(model.scales)
+    inner, across = covariance[:count].copy(), covariance[count:]
+    inner[np.diag_indices(count)] += np.exp(2 * model.scales[7]) + ROUNDING * np.trace(inner) / count
+    try:
+        factor = cho_factor(inner, lower=True)
+    except np.linalg.LinAlgError:  # frames so much alike that rounding wins
+        return None
+    off = in_axes(turn[:count], place[:count], take.xyz[rows, gap.marker][:, None])[:, 0] - model.middle
+    there = model.middle + across @ cho_solve(factor, off)
+    told = (solve_triangular(factor[0], across.T, lower=True) ** 2).sum(axis=0)
+    before = _variance_alone(features[count:], model)
+    positions = np.einsum("fij,fj->fi", turn[count:], there) + place[count:]
+    return positions, np.sqrt(np.maximum(before - told, 0) + np.exp(2 * model.scales[7]))
+
+
+def _variance_alone(features: np.ndarray, model: MarkerModel) -> np.ndarray:
+    """(L,) m², what each frame may vary by before any other is looked at."""
+    zero = np.zeros(len(features))
+    alike = Alikeness((features**2).sum(axis=1), zero, zero, model.variance)
+    return alike.covariance(model.scales)
+
+
+def _axes(form: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Turns and places of the axes of the first neighbours in frames (F, N, 3), and all places in them (F, 3 N)."""
+    turn, place = laid_on(form, points[:, : len(form)])
+    return turn, place, in_axes(turn, place, points).reshape(len(points), -1)
+
+
+def _rows(take: KnownMarkers, gap: Gap, neighbours: np.ndarray, own: np.ndarray, rate: float) -> np.ndarray:
+    """Frames to learn from: all right beside the gap, many near it, and the rest spread over the take."""
+    rows = np.flatnonzero(own & np.isfinite(take.xyz[:, neighbours, 0]).all(axis=1))
+    away = np.maximum(gap.start - 1 - rows, rows - gap.stop)
+    near = away < REGRESSION.near_s * rate
+    close = (away < REGRESSION.dense_s * rate) | (near & (away % REGRESSION.near_step == 0))
+    rest = rows[~near]
+    rest = rest[evenly_spread(len(rest), max(REGRESSION.rows - int(close.sum()), 1))] if len(rest) else rest
+    return np.union1d(rows[close], rest)

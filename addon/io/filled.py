@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The gaps of a take that were filled: `*.filled.csv`, a row a gap, and the same for reports."""
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ..core.filling.filling import FilledGap, LeftGap
+
+GAP_COLUMNS = ("marker", "first", "last", "method", "expected_mm")
+
+
+def gap_rows(gaps: Sequence[FilledGap], names: Sequence[str], first_frame: int) -> list[dict]:
+    """Each gap with its marker's name, the source's first and last frame, the method and the error to expect, mm.
+
+    The error is None where it is not known.
+    """
+    return [
+        dict(zip(GAP_COLUMNS, (*_where(one, names, first_frame), one.method, _millimetres(one.expected)), strict=True))
+        for one in gaps
+    ]
+
+
+def left_rows(left: Sequence[LeftGap], names: Sequence[str], first_frame: int) -> list[dict]:
+    """Each gap that was left with its marker's name, its frames and the reason."""
+    columns = ("marker", "first", "last", "reason")
+    return [dict(zip(columns, (*_where(one, names, first_frame), one.reason), strict=True)) for one in left]
+
+
+def write_filled(path: Path, rows: Sequence[dict]):
+    """Writes rows of `gap_rows`; an error that is not known is an empty field."""
+    with Path(path).open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, GAP_COLUMNS, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def _where(one: FilledGap | LeftGap, names: Sequence[str], first_frame: int) -> tuple[str, int, int]:
+    return names[one.gap.marker], first_frame + one.gap.start, first_frame + one.gap.stop - 1
+
+
+def _millimetres(metres: float) -> float | None:
+    return round(1000 * metres, 2) if np.isfinite(metres) else None

@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Gaps of a labelled take filled, from file to file, and of a take that was just labelled."""
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+from ..core.body.posing import POSING
+from ..core.data.errors import InputError
+from ..core.data.markersets import MarkerSet
+from ..core.data.progress import Progress, within
+from ..core.data.takes import Points
+from ..core.filling.filling import FilledTake, FillOptions, fill_take
+from ..io.filled import gap_rows, left_rows, write_filled
+from ..io.markersets import markerset_file
+from ..io.models import open_model
+from ..io.points import marker_columns, read_points, write_c3d
+from ..io.whole import whole_files
+from .outcome import renumbered
+
+
+@dataclass(frozen=True)
+class FillJob:
+    """What to fill.
+
+    source   the labelled take, `.c3d`, `.trc` or Motive `.csv`
+    out      the `.c3d` to write; the gaps are told beside it, in a file that ends in `.filled.csv`
+    method   one of FILL_METHODS
+    max_gap  frames of the longest gap to fill, None for any
+    markers  names of those to fill, empty for all
+    model    a built-in model's name or the path of one, whose body may fill gaps; None for none
+    up       the axis that points up in the file, None for what it says or tells
+    rate     frames a second, for a file that says none
+    """
+
+    source: Path
+    out: Path
+    method: str = "auto"
+    max_gap: int | None = None
+    markers: tuple[str, ...] = ()
+    model: str | None = None
+    up: str | None = None
+    rate: float | None = None
+    overwrite: bool = False
+
+
+def fill_file(job: FillJob) -> Generator[Progress, None, dict]:
+    """Fills the gaps of a take and writes both files, which appear together or not at all; gives what there is to say.
+
+    Raises UserError with the file where it can be told.
+    """
+    begin = perf_counter()
+    if job.out.suffix.lower() != ".c3d":
+        raise InputError("is no file that can say which samples are filled; expected a name that ends in .c3d", job.out)
+    if job.method == "body" and job.model is None:
+        raise InputError("the method body needs a body to fit; expected --model with a model of these markers")
+    read = [job.source] + ([markerset_file(job.model)] if job.model else [])
+    with whole_files([job.out, job.out.with_suffix(".filled.csv")], job.overwrite, read) as (target, table):
+        take = read_points(job.source, up=job.up, rate=job.rate)
+        named = np.array([index for index, name in enumerate(take.names) if name], dtype=int)
+        if not len(named):
+            raise InputError("has no marker with a name; expected a labelled take", job.source)
+        names = [take.names[index] for index in named]
+        markerset, columns = (None, None) if job.model is None else _worn(job, names)
+        options = FillOptions(job.method, job.max_gap, _wanted(job, names))
+        work = fill_take(take.xyz[:, named], take.rate, options, markerset, columns)
+        filled = yield from within(work, 0.0, 0.95, "fill gaps")
+        points = put_into(take, filled, named)
+        present = take.present[:, named]
+        rows = gap_rows(filled.gaps, names, take.first_frame)
+        yield Progress(0.95, "write")
+        write_c3d(target, points)
+        write_filled(table, rows)
+    return {
+        "take": job.source.stem,
+        "out": str(job.out),
+        "rate": take.rate,
+        "first_frame": take.first_frame,
+        "frames": len(take.xyz),
+        "markers": len(names),
+        "never_seen": [name for name, seen in zip(names, present.any(axis=0), strict=True) if not seen],
+        "samples_missing": int((~present[:, present.any(axis=0)]).sum()),
+        "samples_filled": int(filled.filled.sum()),
+        "filled": rows,
+        "left": left_rows(filled.left, names, take.first_frame),
+        "notes": list(take.notes),
+        **({"unit_assumed": take.assumed} if take.assumed else {}),
+        **renumbered(points),
+        "seconds": round(perf_counter() - begin, 3),
+    }
+
+
+def fill_labelled(points: Points, markerset: MarkerSet) -> Generator[Progress, None, tuple[Points, dict]]:
+    """A take whose first columns are a model's markers with their gaps filled, and what a report says of that."""
+    own = np.arange(len(markerset))
+    xyz = np.asarray(points.xyz[:, : len(own)], dtype=float)
+    work = fill_take(xyz, points.rate, FillOptions(), markerset, own)
+    filled = yield from within(work, 0.0, 1.0, "fill gaps")
+    facts = {
+        "filled": gap_rows(filled.gaps, markerset.markers, points.first_frame),
+        "left": left_rows(filled.left, markerset.markers, points.first_frame),
+    }
+    return put_into(points, filled, own), facts
+
+
+def put_into(points: Points, filled: FilledTake, columns: np.ndarray) -> Points:
+    """The take with what was filled in some of its columns, whose residual is 0: what C3D's users take for filled."""
+    xyz, residual = np.array(points.xyz, dtype=float), np.array(points.residual, dtype=float)
+    xyz[:, columns] = filled.xyz
+    residual[:, columns] = np.where(filled.filled, 0.0, residual[:, columns])
+    return replace(points, xyz=xyz, residual=residual)
+
+
+def _wanted(job: FillJob, names: Sequence[str]) -> tuple[int, ...] | None:
+    if not job.markers:
+        return None
+    columns = marker_columns(names, job.markers, job.source)
+    if (columns < 0).any():
+        missing = job.markers[int(np.argmin(columns))]
+        raise InputError(f"has no marker {missing}; expected names such as {', '.join(names[:3])}", job.source)
+    return tuple(columns.tolist())
+
+
+def _worn(job: FillJob, names: Sequence[str]) -> tuple[MarkerSet, np.ndarray]:
+    """The model's markers and where the take has each, by its name or another that the model knows for it."""
+    markerset = open_model(job.model).markerset
+    columns = marker_columns(names, markerset.markers, job.source)
+    aliases = list(markerset.aliases)
+    for alias, column in zip(aliases, marker_columns(names, aliases, job.source), strict=True):
+        index = markerset.index(markerset.aliases[alias])
+        if columns[index] < 0:
+            columns[index] = column
+    if (columns >= 0).sum() < POSING.min_markers:
+        what = f"has {(columns >= 0).sum()} of the markers of {markerset.name}"
+        raise InputError(f"{what}; expected {POSING.min_markers} or more, or another model", job.source)
+    return markerset, columns

@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`fill` and `label --fill`: gaps are closed and told, what was measured stays, what is wrong is one sentence."""
+
+import csv
+import json
+import re
+
+import ezc3d
+import numpy as np
+import pytest
+
+from addon.core.data.takes import Points
+from addon.demo.take import MODEL
+from addon.io.points import read_points, write_c3d, write_trc
+
+FIRST = 100  # the room's first frame
+GAPS = {"LKNE": (5, 9), "RELB": (11, 13)}
+
+
+@pytest.fixture(scope="module")
+def whole(room):
+    return read_points(room.c3d)
+
+
+@pytest.fixture(scope="module")
+def holed(room, whole, tmp_path_factory):
+    """The room's take with two gaps and a trajectory without a name, as C3D and TRC."""
+    folder = tmp_path_factory.mktemp("holed")
+    xyz = whole.xyz.copy()
+    for name, (start, stop) in GAPS.items():
+        xyz[start:stop, whole.names.index(name)] = np.nan
+    ghost = np.tile([1.0, 1.0, 1.0], (len(xyz), 1, 1))
+    ghost[3:6] = np.nan
+    xyz, names = np.concatenate([xyz, ghost], axis=1), (*whole.names, "")
+    take = Points(names, xyz, np.full(xyz.shape[:2], 0.0005), whole.rate, whole.first_frame)
+    write_c3d(folder / "walk.c3d", take)
+    write_trc(folder / "walk.trc", take)
+    return folder
+
+
+@pytest.mark.parametrize(("name", "measured"), [("walk.c3d", 0.5), ("walk.trc", 0.1)])
+def test_gaps_are_closed_and_told(run, holed, whole, tmp_path, name, measured):
+    answer = run("fill", holed / name, "--out", tmp_path / "full.c3d", "--json")
+    assert (answer.status, answer.err) == (0, "")
+    said = json.loads(answer.out)
+    with (tmp_path / "full.filled.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == ["marker", "first", "last", "method", "expected_mm"]
+    told = {row["marker"]: (int(row["first"]) - FIRST, int(row["last"]) + 1 - FIRST) for row in rows}
+    assert told == GAPS
+    assert [float(row["expected_mm"]) for row in rows] == [row["expected_mm"] for row in said["filled"]]
+    assert (said["samples_filled"], said["samples_missing"], said["left"]) == (6, 6, [])
+    given, found = read_points(holed / name), read_points(tmp_path / "full.c3d")
+    assert found.names == given.names
+    assert found.first_frame == FIRST
+    present = given.present
+    assert np.abs(found.xyz[present] - given.xyz[present]).max() < 1e-6
+    residual = ezc3d.c3d(str(tmp_path / "full.c3d"))["data"]["meta_points"]["residuals"][0].T
+    np.testing.assert_allclose(residual[present], measured, atol=1e-6)
+    for marker, (start, stop) in GAPS.items():
+        index = whole.names.index(marker)
+        assert (residual[start:stop, index] == 0).all()
+        assert np.linalg.norm(found.xyz[start:stop, index] - whole.xyz[start:stop, index], axis=1).max() < 0.02
+    assert (residual[3:6, -1] == -1).all()  # what has no name is not filled
+
+
+def test_what_was_filled_before_stays_marked(run, holed, tmp_path):
+    assert run("fill", holed / "walk.c3d", "--out", tmp_path / "a.c3d", "--markers", "LKNE").status == 0
+    answer = run("fill", tmp_path / "a.c3d", "--out", tmp_path / "b.c3d", "--method", "spline", "--json")
+    assert [row["marker"] for row in json.loads(answer.out)["filled"]] == ["RELB"]
+    take = read_points(tmp_path / "b.c3d")
+    assert {take.names[column] for column in np.nonzero(take.residual == 0)[1]} == set(GAPS)
+
+
+def test_longer_gaps_are_left_and_told(run, holed, tmp_path):
+    answer = run("fill", holed / "walk.c3d", "--out", tmp_path / "a.c3d", "--max-gap", 2, "--model", MODEL)
+    assert "1 of 2 gaps filled" in answer.out
+    assert "left: LKNE, frames 105 to 108: the gap is longer than 2 frames" in answer.out
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (["--out", "a.trc"], r"a.trc: is no file that can say which samples are filled; expected .*\.c3d"),
+        (["--out", "a.c3d", "--markers", "LKNE,NOSE"], "walk.c3d: has no marker NOSE; expected"),
+        (["--out", "a.c3d", "--method", "body"], "the method body needs a body to fit; expected --model"),
+        (["--out", "a.c3d", "--method", "magic"], "invalid choice: 'magic'"),
+        (["--out", "a.c3d", "--max-gap", "0"], "'0' is no number of frames; expected a whole number from 1"),
+        (["--out", "a.c3d", "--model", "nobody"], "nobody"),
+        ([], "--out"),
+    ],
+)
+def test_bad_arguments(run, holed, tmp_path, monkeypatch, words, reason):
+    monkeypatch.chdir(tmp_path)
+    answer = run("fill", holed / "walk.c3d", *words)
+    assert answer.status == 2
+    assert re.search(reason, answer.reason)
+    assert not list(tmp_path.iterdir())
+
+
+def test_bad_inputs(run, holed, tmp_path):
+    out = tmp_path / "out" / "a.c3d"
+    assert "there is no such file" in run("fill", tmp_path / "none.c3d", "--out", out).reason
+    (tmp_path / "bad.c3d").write_bytes(b"nothing")
+    assert "expected a C3D file" in run("fill", tmp_path / "bad.c3d", "--out", out).reason
+    take = read_points(holed / "walk.c3d")
+    write_c3d(tmp_path / "anon.c3d", Points(("",) * len(take.names), take.xyz, take.residual, take.rate, 1))
+    assert "has no marker with a name; expected a labelled" in run("fill", tmp_path / "anon.c3d", "--out", out).reason
+    assert "over" in run("fill", holed / "walk.c3d", "--out", holed / "walk.c3d", "--overwrite").reason
+    few = Points(("A", "B", "C"), take.xyz[:, :3], take.residual[:, :3], take.rate, 1)
+    write_c3d(tmp_path / "few.c3d", few)
+    answer = run("fill", tmp_path / "few.c3d", "--out", out, "--model", MODEL)
+    assert "has 0 of the markers of body26; expected 4 or more" in answer.reason
+    assert not out.exists()
+    out.parent.mkdir(exist_ok=True)
+    out.write_text("mine")
+    assert "exists already" in run("fill", holed / "walk.c3d", "--out", out).reason
+    assert out.read_text() == "mine"
+
+
+def test_label_fills_in_the_same_job_and_labels_stay_what_was_seen(run, holed, tmp_path):
+    words = ("label", holed / "walk.c3d", "--model", MODEL, "--method", "fit", "--trc", "--json")
+    plain, full = (run(*words, "--out", tmp_path / name, *more) for name, more in (("a", ()), ("b", ("--fill",))))
+    assert (plain.status, full.status) == (0, 0)
+    labels = [(tmp_path / name / "walk.labels.csv").read_text() for name in "ab"]
+    assert labels[0] == labels[1]
+    before, after = (read_points(tmp_path / name / "walk.c3d") for name in "ab")
+    [report] = json.loads(full.out)["takes"]
+    assert report == json.loads((tmp_path / "b" / "walk.report.json").read_text())
+    assert {row["marker"] for row in report["filled"]} >= set(GAPS)
+    assert "filled" not in json.loads(plain.out)["takes"][0]
+    assert report["markers"] == json.loads(plain.out)["takes"][0]["markers"]
+    told = np.zeros(after.present.shape, bool)
+    for row in report["filled"]:
+        told[row["first"] - FIRST : row["last"] + 1 - FIRST, after.names.index(row["marker"])] = True
+    assert ((after.residual == 0) == told).all()
+    assert (after.present == (before.present | told)).all()
+    assert np.array_equal(after.xyz[before.present], before.xyz[before.present])
+    assert read_points(tmp_path / "b" / "walk.trc").present[told].all()

@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Gaps filled: what was measured stays, what is filled moves with the take, the error expected is about the one got."""
+
+import numpy as np
+import pytest
+
+from addon.core.body.bodies import BodyModel
+from addon.core.data.progress import finished
+from addon.core.filling.filling import FILL_METHODS, FillOptions, fill_take
+from addon.core.geometry.rotations import exponential
+from addon.core.simulation.virtual import Act, perform
+from tests.core.scenes import built_in, person_of
+
+RATE = 100.0
+FRAMES = 360
+LIMB = 5  # markers of each of the three segments of the moving chain
+
+
+def turned(vectors: np.ndarray) -> np.ndarray:
+    return exponential(vectors)[0]
+
+
+@pytest.fixture(scope="module")
+def chain() -> np.ndarray:
+    """(T, 15, 3) m: three segments joined end to end that swing and go along, a little soft, with a little noise."""
+    rng = np.random.default_rng(3)
+    time = np.arange(FRAMES) / RATE
+    forms = rng.uniform(-0.1, 0.1, (3, LIMB, 3)) + np.array([0.15, 0, 0])
+    place, points = np.stack([time, 0.3 * np.sin(time), 0 * time], axis=1), []
+    for index, form in enumerate(forms):
+        bend = np.stack([np.sin((2 + index) * time), np.cos(3 * time + index), np.sin(time) + 0.4 * index], axis=1)
+        turn = turned(0.8 * bend)
+        soft = 0.004 * np.sin(5 * time)[:, None, None] * form
+        points.append(place[:, None] + np.einsum("tij,tnj->tni", turn, form + soft))
+        place = place + turn @ [0.3, 0, 0]
+    return np.concatenate(points, axis=1) + 0.0002 * rng.standard_normal((FRAMES, 3 * LIMB, 3))
+
+
+def holed(xyz: np.ndarray, *gaps: tuple[int, int, int]) -> np.ndarray:
+    """The take without a marker from one frame up to another, for each (marker, start, stop)."""
+    cut = xyz.copy()
+    for marker, start, stop in gaps:
+        cut[start:stop, marker] = np.nan
+    return cut
+
+
+def filled(xyz: np.ndarray, **options):
+    return finished(fill_take(xyz, RATE, FillOptions(**options)))
+
+
+def off(found, truth: np.ndarray, marker: int, start: int, stop: int) -> float:
+    """Mean error, m."""
+    return float(np.linalg.norm(found.xyz[start:stop, marker] - truth[start:stop, marker], axis=1).mean())
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_measured_samples_stay_and_filled_ones_are_finite(chain, seed):
+    rng = np.random.default_rng(seed)
+    gaps = [(rng.integers(15), start, start + rng.integers(1, 40)) for start in rng.integers(0, FRAMES - 1, 6)]
+    cut = holed(chain, *gaps)
+    cut[:, 4] = np.nan  # a marker that was never seen
+    found = filled(cut)
+    measured = np.isfinite(cut)
+    assert (found.xyz[measured] == cut[measured]).all()
+    assert np.isfinite(found.xyz[found.filled]).all()
+    assert not found.filled[measured[..., 0]].any()
+    assert np.isnan(found.xyz[~found.filled & ~measured[..., 0]]).all()
+    said = np.zeros_like(found.filled)
+    for one in found.gaps:
+        said[one.gap.start : one.gap.stop, one.gap.marker] = True
+    assert (said == found.filled).all()
+    assert all(0 < one.expected < 0.1 for one in found.gaps)
+    assert {one.gap.marker for one in (*found.gaps, *found.left)} <= set(range(15)) - {4}
+
+
+@pytest.mark.parametrize("method", [method for method in FILL_METHODS if method != "body"])
+def test_what_is_filled_turns_and_moves_with_the_take(chain, method):
+    turn, place = turned(np.array([[0.3, -0.8, 2.0]]))[0], np.array([3.0, -2.0, 0.5])
+    cut = holed(chain, (2, 100, 140), (3, 120, 130), (11, 200, 206))
+    here = filled(cut, method=method)
+    there = filled(cut @ turn.T + place, method=method)
+    assert (here.filled == there.filled).all()
+    assert here.filled.sum() == 56
+    assert [one.method for one in here.gaps] == [one.method for one in there.gaps]
+    # What is learned is searched for, and the search ends a rounding error apart.
+    assert np.abs(here.xyz[here.filled] @ turn.T + place - there.xyz[here.filled]).max() < 1e-5
+
+
+def test_a_marker_is_carried_through_a_long_gap_and_the_error_is_about_the_one_expected(chain):
+    gaps = [(7, 120, 200), (1, 40, 100), (12, 220, 300), (9, 250, 330), (3, 150, 250)]
+    found = filled(holed(chain, *gaps))
+    got = [off(found, chain, *gap) for gap in gaps]
+    spline = filled(holed(chain, *gaps), method="spline", most_off_m=np.inf)
+    assert max(got) < 0.001
+    assert np.mean([off(spline, chain, *gap) for gap in gaps]) > 20 * max(got)
+    expected = [one.expected for one in found.gaps]
+    assert 0.5 < np.mean(expected) / np.mean(got) < 2
+    for one, gap in zip(spline.gaps, sorted(gaps), strict=True):
+        assert 1 / 3 < one.expected / off(spline, chain, *gap) < 3
+
+
+def test_markers_that_are_missing_together_are_filled_from_the_others(chain):
+    gaps = [(5, 150, 210), (6, 150, 210), (7, 160, 190), (8, 140, 200)]
+    found = filled(holed(chain, *gaps))
+    assert len(found.gaps) == 4
+    assert max(off(found, chain, *gap) for gap in gaps) < 0.03
+    alone = filled(holed(chain, gaps[0]))
+    assert alone.gaps[0].expected < next(one for one in found.gaps if one.gap.marker == 5).expected
+
+
+def test_nothing_is_drawn_beyond_the_ends_by_what_cannot_carry_it(chain):
+    cut = holed(chain, (2, 0, 30), (8, FRAMES - 30, FRAMES))
+    assert not filled(cut, method="spline").filled.any()
+    assert "at an end of the take" in filled(cut, method="spline").left[0].reason
+    carried = filled(cut)
+    assert {one.method for one in carried.gaps} == {"regression"}
+    assert off(carried, chain, 2, 0, 30) < 0.002
+    strict = filled(cut, most_open_m=0.0)
+    assert not strict.filled.any()
+    assert "are allowed at an end of the take" in strict.left[0].reason
+    lonely = holed(chain[:, :1], (0, 0, 30))
+    assert not filled(lonely).filled.any()
+
+
+def test_gaps_of_others_where_trials_are_cut_do_not_mislead(chain):
+    holes = [(marker, start, start + 12) for marker in range(5, 15) for start in range(8 * marker - 40, 350, 90)]
+    found = filled(holed(chain, (2, 100, 140), *holes), markers=(2,))
+    [one] = found.gaps
+    assert np.isfinite(one.expected)
+    assert off(found, chain, 2, 100, 140) < 0.002
+
+
+def test_only_what_is_asked_for_is_filled(chain):
+    cut = holed(chain, (2, 50, 60), (2, 100, 140), (3, 200, 205))
+    short = filled(cut, max_gap=10)
+    assert [len(one.gap) for one in short.gaps] == [10, 5]
+    assert [one.reason for one in short.left] == ["is longer than 10 frames"]
+    some = filled(cut, markers=(3,))
+    assert [one.gap.marker for one in some.gaps] == [3]
+    assert not some.filled[:, 2].any()
+
+
+def test_a_spline_bridges_where_nothing_else_is_known(chain):
+    cut = holed(chain[:, :1], (0, 100, 104))
+    found = filled(cut)
+    assert [one.method for one in found.gaps] == ["spline"]
+    assert off(found, chain, 0, 100, 104) < 0.001
+
+
+def test_a_gap_whose_error_would_be_large_is_left(chain):
+    left = filled(holed(chain[:, :1], (0, 100, 220)), most_off_m=0.01)
+    assert not left.gaps
+    assert "where 10 mm are allowed" in left.left[0].reason
+
+
+def test_frames_that_stand_still_are_filled_where_they_are():
+    still = np.tile(np.random.default_rng(1).uniform(0, 1, (1, 6, 3)), (100, 1, 1))
+    for method in ("regression", "rigid", "pca"):
+        found = filled(holed(still, (0, 20, 40)), method=method)
+        assert np.abs(found.xyz - still).max() < 1e-6, method
+
+
+def test_the_fitted_body_fills_what_its_markers_leave_open():
+    markerset = built_in("gait15")
+    model = BodyModel(markerset)
+    truth = model.pose(perform(model, person_of(markerset, 4), [Act(1.2, stride=1.0)], RATE, 4)).markers
+    knee, ankle = markerset.index("RKNE"), markerset.index("RANK")
+    cut, columns = holed(truth, (knee, 30, 70), (ankle, 40, 60)), np.arange(len(markerset))
+    found = finished(fill_take(cut, RATE, FillOptions("body"), markerset, columns))
+    assert {one.method for one in found.gaps} == {"body"}
+    assert off(found, truth, knee, 30, 70) < 0.01
+    assert all(one.expected < 0.02 for one in found.gaps)
+    alone = finished(fill_take(cut, RATE, FillOptions("body")))
+    assert [one.reason for one in alone.left] == [
+        "has no body to be filled by: that needs a model of these markers"
+    ] * 2
+    elsewhere = finished(fill_take(cut, RATE, FillOptions("body"), markerset, np.where(columns == knee, -1, columns)))
+    assert [one.gap.marker for one in elsewhere.gaps] == [ankle]
+    both = finished(fill_take(cut, RATE, FillOptions(), markerset, columns))
+    assert both.filled.sum() == 60
