@@ -22,6 +22,8 @@ WINDOWS = os.name == "nt"
 PYTHONS = ("3.13", "3.11")
 STAMP = "mocap-autolabel.installed"
 REAL_BLENDER = ROOT.parent / "shared" / "tools" / "real-blender"
+# Every file of tests in one process, so that what its tests share is made once.
+SIDE_BY_SIDE = ("-n", str(min(os.cpu_count() or 1, 8)), "--dist", "loadfile")
 NOT_IN_THE_SECOND_PYTHON = ("tests/accuracy", "tests/benchmarks")
 
 
@@ -70,7 +72,7 @@ def test(found, extra):
         ignored = ["--ignore=" + folder for folder in NOT_IN_THE_SECOND_PYTHON]
         # 5 is pytest's word for "nothing selected", which narrow arguments may well mean here.
         if second is None or call(
-            [second, "-m", "pytest", "-q", "-m", "not real_blender", *ignored, *extra], second
+            [second, "-m", "pytest", "-q", "-m", "not real_blender", *SIDE_BY_SIDE, *ignored, *extra], second
         ) not in (0, 5):
             failed.append("the tests on Python " + other)
     else:
@@ -80,7 +82,7 @@ def test(found, extra):
     if failed:
         say("Failed so far: " + " and ".join(failed) + ", see above")
     say("Tests on Python " + version)
-    status = call([python, "-m", "pytest", *extra], python)
+    status = call([python, "-m", "pytest", *SIDE_BY_SIDE, *extra], python)
     return status or (1 if failed else 0)
 
 
