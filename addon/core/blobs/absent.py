@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..data.takes import REMAINING
-from .labelling import Naming
 from .tracking import FrameResult
 
 
@@ -38,20 +36,3 @@ def absent_markers(results: Sequence[FrameResult | None], options: AbsentOptions
     rays = np.array([(result.naming.rays >= 0).sum(axis=0) for result in known])
     met = (rays >= 3).mean(axis=0)
     return np.flatnonzero((rays.sum(axis=0) < options.max_found * due) & (met < options.max_met))
-
-
-def take_back(naming: Naming, markers: np.ndarray):
-    """Takes names back; blobs that lie on the point that other cameras made of another marker are that marker's."""
-    camera, own = np.nonzero(naming.slot[:, markers] >= 0)
-    if not len(camera):
-        return
-    own = markers[own]
-    slot = naming.slot[camera, own]
-    naming.withdraw(camera, own)
-    square = np.where((naming.slot[camera] < 0), naming.reprojection[camera, :, slot], np.inf)
-    square[:, markers] = np.inf
-    for index in np.argsort(square.min(axis=1)):
-        best = int(square[index].argmin())
-        free = naming.slot[camera[index], best] < 0
-        if free and square[index, best] < naming.frame.rules.max_on_point:
-            naming.give(camera[index], best, slot[index], REMAINING)

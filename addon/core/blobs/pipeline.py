@@ -18,9 +18,10 @@ from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Suspec
 from ..geometry.cameras import Cameras
 from ..geometry.views import VIEWING, View, split_views
 from ..review.suspects import find_suspects
-from .absent import absent_markers, take_back
+from .absent import absent_markers
 from .confidence import label_confidences, swap_doubts
 from .continuity import renamed
+from .labelling import hand_over
 from .rereading import Rereader
 from .search import Found, Hints, find_subject
 from .subject import Setup
@@ -132,7 +133,8 @@ class TakeLabeller:
             absent = absent_markers(chunk.results)
             for result in chunk.results if len(absent) else ():
                 if result is not None:
-                    take_back(result.naming, absent)
+                    camera, own = np.nonzero(result.naming.slot[:, absent] >= 0)
+                    hand_over(result.naming, camera, absent[own])
         self.last = chunk.results[-1] if chunk.results else self.last
 
     def _rename(self, chunk: "_Chunk"):

@@ -35,7 +35,7 @@ class FindOptions:
                       finalists differ by half as much
     temper            by how much costs overstate their differences, as blobs share their errors
     clear_confidence  a placement surer than this needs no second opinion
-    rounds            of naming: names show how the markers sit on this subject, which sharpens the second round
+    rounds            of naming: names show how the markers sit on this subject, which sharpens the next round
     round_steps       iterations of a round's fit to the names
     settled_steps     iterations once exchanges of names are settled
     noise_rate        share of the noise that a round shows which is taken over, and
@@ -57,7 +57,7 @@ class FindOptions:
     min_distance_m: float = 0.10
     temper: float = 12.0
     clear_confidence: float = 0.98
-    rounds: int = 2
+    rounds: int = 3
     round_steps: int = 3
     settled_steps: int = 2
     noise_rate: float = 0.7

@@ -3,7 +3,8 @@
 
 import numpy as np
 
-from addon.core.blobs.absent import absent_markers, take_back
+from addon.core.blobs.absent import absent_markers
+from addon.core.blobs.labelling import hand_over
 from addon.core.blobs.pipeline import label_take
 from addon.core.data.takes import EXCLUSIVE
 from tests.core.blobs.followed import RIG, followed, take_name, walk, wrong_names
@@ -35,7 +36,7 @@ def test_blobs_on_a_neighbours_point_are_the_neighbours():
     cameras = np.flatnonzero(lent >= 0)[:1]
     naming.withdraw(cameras, np.full(1, other))
     naming.give(cameras, np.full(1, missing), lent[cameras], EXCLUSIVE)
-    take_back(naming, np.array([missing]))
+    hand_over(naming, cameras, np.full(1, missing))
     assert (naming.slot[:, missing] < 0).all()
     assert np.array_equal(naming.slot[:, other], lent)
     assert not wrong_names(scene, views[40:41], results[40:41]).any()
