@@ -57,7 +57,7 @@ class FindOptions:
     min_distance_m: float = 0.10
     temper: float = 12.0
     clear_confidence: float = 0.98
-    rounds: int = 3
+    rounds: int = 2
     round_steps: int = 3
     settled_steps: int = 2
     noise_rate: float = 0.7
