@@ -151,7 +151,8 @@ def test_constants_that_the_method_names_are_there():
     named = re.findall(r"`(\w+)\.([A-Z_]{2,})\.(\w+)`", text)
     assert named
     for module, options, field in named:
-        (file,) = (file for file in (ROOT / "addon" / "core").rglob(f"{module}.py") if options in file.read_text())
+        files = (ROOT / "addon" / "core").rglob(f"{module}.py")
+        (file,) = (file for file in files if f"\n{options} = " in file.read_text(encoding="utf-8"))
         found = importlib.import_module(".".join(file.relative_to(ROOT).with_suffix("").parts))
         assert hasattr(getattr(found, options), field), f"{module}.{options}.{field}"
 

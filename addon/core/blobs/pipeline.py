@@ -21,13 +21,16 @@ from ..edits.kinds import NO_EDITS, Edits
 from ..geometry.cameras import Cameras
 from ..geometry.views import VIEWING, View, split_views
 from ..review.suspects import find_suspects
+from .absent import absent_markers
 from .confidence import label_confidences, swap_doubts
-from .labelling import Expectation, Naming
+from .continuity import renamed
+from .labelling import hand_over
+from .rereading import Rereader
 from .search import Found, Hints, find_subject
 from .seeding import contradicted, fixed_in, seeds_of
 from .subject import Setup
 from .swaps import exchange_loss, exchanged, swap_names
-from .tracking import Followed, Track, follow
+from .tracking import Followed, FrameResult, Track, follow
 
 
 @dataclass(frozen=True)
@@ -76,17 +79,6 @@ class Options:
     hints: Hints = field(default_factory=Hints)
 
 
-@dataclass(frozen=True, eq=False)
-class FrameResult:
-    """One labelled frame, before it is written into the chunk's arrays."""
-
-    bodies: Bodies
-    naming: Naming
-    expected: Expectation
-    placement: float
-    sure: np.ndarray
-
-
 def label_take(
     chunks: Iterable[Blobs],
     cameras: Cameras,
@@ -110,7 +102,7 @@ def label_take(
     seeded: TakeLabeller | None = None
     for blobs in chunks:
         with threadpool_limits(1, user_api="blas"):  # many threads on small matrices cost more than they bring
-            before = copy(labeller)
+            before = labeller.kept()
             labelled = labeller.label(blobs)
             if edits:
                 cells = BlobCells.of(blobs, cameras.names, markerset)
@@ -134,8 +126,16 @@ class TakeLabeller:
     def __init__(self, setup: Setup, options: Options):
         self.setup, self.hints = setup, options.hints
         self.track: Track | None = None
+        self.last: FrameResult | None = None
+        self.rereader = Rereader(setup)
         self.placement = 0.0
         self.sure = np.ones(setup.model.marker_count)
+
+    def kept(self) -> "TakeLabeller":
+        """The same as it is now, whatever this one labels next."""
+        kept = copy(self)
+        kept.rereader = copy(self.rereader)
+        return kept
 
     def label(self, blobs: Blobs, seeds: np.ndarray | None = None) -> LabelledChunk:
         """The labels and motion of the next chunk, of whose blobs some are named already: `seeds` (N,) markers."""
@@ -148,7 +148,29 @@ class TakeLabeller:
             at = self._follow(chunk, 0, len(chunk.views)) if self.track else 0
             while at < len(chunk.views):
                 at = self._find(chunk, at, len(chunk.views))
+            self._look_again(chunk)
         return chunk.labelled(self.setup)
+
+    def _look_again(self, chunk: "_Chunk"):
+        """Judges the chunk by the subject that all of it shows, and puts right what does not suit it."""
+        with self.setup.clock("fit"):
+            for stretch in self.rereader.read_again(chunk.views, chunk.results, self.last):
+                if stretch.last == len(chunk.views) - 1 and stretch.track is not None and self.track is not None:
+                    self.track = stretch.track
+                chunk.suspect(stretch.first, stretch.last, "names did not suit the rest of the take and are new")
+            self._rename(chunk)
+            absent = absent_markers(chunk.results)
+            for result in chunk.results if len(absent) else ():
+                if result is not None:
+                    camera, own = np.nonzero(result.naming.slot[:, absent] >= 0)
+                    hand_over(result.naming, camera, absent[own])
+        self.last = chunk.results[-1] if chunk.results else self.last
+
+    def _rename(self, chunk: "_Chunk"):
+        """Gives names back that jumped to a neighbour."""
+        for first, last, moved in renamed(chunk.results, self.setup.rate):
+            names = ", ".join(self.setup.model.markerset.markers[marker] for marker in moved)
+            chunk.suspect(first, last, f"{names} had changed names and got them back")
 
     def _follow(self, chunk: "_Chunk", first: int, end: int) -> int:
         """Follows the track through frames `first` … until it is lost or at `end`; returns the frame to go on with."""

@@ -35,7 +35,7 @@ class FindOptions:
                       finalists differ by half as much
     temper            by how much costs overstate their differences, as blobs share their errors
     clear_confidence  a placement surer than this needs no second opinion
-    rounds            of naming: names show how the markers sit on this subject, which sharpens the second round
+    rounds            of naming: names show how the markers sit on this subject, which sharpens the next round
     round_steps       iterations of a round's fit to the names
     settled_steps     iterations once exchanges of names are settled
     noise_rate        share of the noise that a round shows which is taken over, and

@@ -25,6 +25,9 @@ TIMED_STAGES = ("place", "fit", "label")
 class SubjectOptions:
     """What is taken for granted of a subject, and what it may be found to be; reckoned.
 
+    min_marker_sd     heights; a subject's markers are never taken to sit surer than this where the marker set has them:
+                      other labs than the one it was learned from put them elsewhere by a centimetre, as five people of
+                      three of them show
     skin_m            by which skin lets a marker move against its segment, standard deviation: however long a subject
                       is watched, its markers are no surer than this
     max_own           own offsets stay within so many deviations of the marker set's own spread, so that a wrong name
@@ -37,6 +40,7 @@ class SubjectOptions:
     max_pace          nor more: beyond it the anchor would hold nothing
     """
 
+    min_marker_sd: float = 0.008
     skin_m: float = 0.006
     max_own: float = 3.0
     min_noise_px: float = 0.25
@@ -75,7 +79,7 @@ class Clock:
 class Setup:
     """What stays the same through a take.
 
-    marker_sd  (M,) heights, the marker set's own
+    marker_sd  (M,) heights, how far a subject's own markers sit from where the marker set has them
     rate       frames a second
     exchanges  (B, M) see `exchanges.standing_exchanges`
     """
@@ -113,7 +117,7 @@ class Setup:
             Prior(model),
             body,
             rules or Rules(),
-            np.asarray(markerset.spread.marker_sd),
+            np.maximum(markerset.spread.marker_sd, SUBJECT.min_marker_sd),
             Clock(),
             rate,
             standing_exchanges(markerset),

@@ -171,7 +171,7 @@ def follow(track: Track, view: View, setup: Setup, fixed: np.ndarray | None = No
         expected = replace(expected, points=expected.points + TRACKING.lag_kept * track.lag)
     with setup.clock("label"):
         naming = name(view, expected, subject, setup, fixed=fixed)
-    return Followed(_advanced(track, subject, state.posed, naming, expected, setup), naming, expected)
+    return Followed(advanced(track, subject, state.posed, naming, expected, setup), naming, expected)
 
 
 def _forecast(predicted: Subject, track: Track, setup: Setup) -> Expectation:
@@ -183,7 +183,7 @@ def _forecast(predicted: Subject, track: Track, setup: Setup) -> Expectation:
     return Expectation(posed.markers[0] + track.lag, spread, track.visible)
 
 
-def _advanced(
+def advanced(
     track: Track,
     subject: Subject,
     posed: Posed,
@@ -192,6 +192,7 @@ def _advanced(
     setup: Setup,
     options: TrackOptions = TRACKING,
 ) -> Track:
+    """The track after a frame with these names, of a subject posed so."""
     change = difference(subject.bodies, track.subject.bodies)
     change[:, 6:PLACEMENT] = 0
     velocity = (1 - options.velocity_rate) * track.velocity + options.velocity_rate * change
@@ -205,3 +206,14 @@ def _advanced(
     subject = learn_own(points, subject, posed, setup, options.own_rate)
     lag = np.where(seen[:, None], (1 - options.own_rate) * (points - posed.markers[0]), options.lag_kept * track.lag)
     return Track(subject, velocity, lag, unseen, expected.visible, poor)
+
+
+@dataclass(frozen=True, eq=False)
+class FrameResult:
+    """One labelled frame, before it is written into the chunk's arrays."""
+
+    bodies: Bodies
+    naming: Naming
+    expected: Expectation
+    placement: float
+    sure: np.ndarray

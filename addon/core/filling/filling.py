@@ -9,7 +9,7 @@ from threadpoolctl import threadpool_limits
 
 from ..data.markersets import MarkerSet
 from . import plain
-from .fitted import Wearer
+from .fitted import FittedSubject
 from .gaps import Gap, KnownMarkers, find_gaps
 from .regression import MarkerModel, learned, neighbours_of, regress
 from .trials import Answer, Choice, Way, choose, graded, pace_of, paces
@@ -110,7 +110,7 @@ class _Filler:
     columns: np.ndarray | None
     take: KnownMarkers = field(init=False)
     measured: np.ndarray = field(init=False)
-    wearer: Wearer | None = field(init=False, default=None)
+    fitted_subject: FittedSubject | None = field(init=False, default=None)
     done: list[FilledGap] = field(init=False, default_factory=list)
     left: list[LeftGap] = field(init=False, default_factory=list)
     chosen: dict[tuple, Choice | None] = field(init=False, default_factory=dict)
@@ -121,7 +121,7 @@ class _Filler:
         self.take = KnownMarkers(self.xyz)
         self.measured = self.take.known
         if self.markerset is not None:
-            self.wearer = Wearer.of(self.markerset, self.columns, self.take)
+            self.fitted_subject = FittedSubject.of(self.markerset, self.columns, self.take)
 
     def outcome(self) -> FilledTake:
         """What became of the take."""
@@ -162,14 +162,14 @@ class _Filler:
             return None if model is None else regress(self.take, gap, model, own, self.rate)
 
         def by_body(gap: Gap, own: np.ndarray) -> Answer:
-            return _plainly(None if self.wearer is None else self.wearer.fill(self.take, gap, own))
+            return _plainly(None if self.fitted_subject is None else self.fitted_subject.fill(self.take, gap, own))
 
         def by(method: str) -> Way:
             group = helping if method == "pca" else neighbours
             return lambda gap, own: _plainly(PLAIN[method](self.take, gap, group, own))
 
         ways = {FAVOURITE: by_regression, **{name: by(name) for name in PLAIN}, "body": by_body}
-        if self.wearer is None and self.options.method == "auto":
+        if self.fitted_subject is None and self.options.method == "auto":
             del ways["body"]
         wanted = ways if self.options.method == "auto" else {self.options.method: ways[self.options.method]}
         return {name: _sound(way) for name, way in wanted.items()}
@@ -200,7 +200,7 @@ class _Filler:
         return Choice((method,), np.nan, np.nan)
 
     def _why_not(self, gap: Gap, own: np.ndarray) -> str:
-        if self.options.method == "body" and self.wearer is None:
+        if self.options.method == "body" and self.fitted_subject is None:
             return "has no body to be filled by: that needs a model of these markers"
         if self.options.method == "spline" and (gap.start == 0 or gap.stop == len(own)):
             return "is at an end of the take, and a spline is not drawn beyond what was measured"

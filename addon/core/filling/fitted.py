@@ -14,7 +14,7 @@ from .gaps import Gap, KnownMarkers
 
 
 @dataclass(frozen=True, eq=False)
-class Wearer:
+class FittedSubject:
     """The subject of a take as a body of the model.
 
     columns (M of the model,) the take's index of each of the model's markers, -1 where it has none
@@ -26,7 +26,7 @@ class Wearer:
     columns: np.ndarray
 
     @classmethod
-    def of(cls, markerset: MarkerSet, columns: np.ndarray, take: KnownMarkers) -> "Wearer | None":
+    def of(cls, markerset: MarkerSet, columns: np.ndarray, take: KnownMarkers) -> "FittedSubject | None":
         """The body that fits a take best; None where no frame has enough of the model's markers."""
         model = BodyModel(markerset)
         points = _of_model(take.xyz, columns)

@@ -98,7 +98,7 @@ def by_step(name, options, rules=None):
 def test_no_step_is_wrong_in_a_plain_room(name):
     """A28: each of the three steps on its own, and each has something to say."""
     all_of, right_of = by_step(name, ROOM)
-    assert all_of[0] == 0 and (all_of[1:] >= 8).all()
+    assert all_of[0] == 0 and (all_of[1:] >= 5).all()
     assert all_of[EXCLUSIVE] > 20 * (all_of[CONFLICT] + all_of[REMAINING])
     assert right_of[EXCLUSIVE] == all_of[EXCLUSIVE]
     assert right_of[CONFLICT] >= 0.95 * all_of[CONFLICT]

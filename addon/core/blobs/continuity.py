@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Names that jump from one marker to another while the markers go on: what moves on smoothly keeps its name.
+
+A marker goes behind the body, and a neighbour gets its name; it comes out again, and the name jumps back. The
+neighbour's path does not break there, it only goes on under another name. Most of its frames know which is right.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .labelling import Naming
+from .swaps import swap_names
+from .tracking import FrameResult
+
+
+@dataclass(frozen=True)
+class ContinuityOptions:
+    """How smoothly markers move, and when most frames of a path overrule the others; reckoned.
+
+    max_push_m_s2  how hard a marker may change its velocity: a foot that is put down
+    noise_m        by which a marker may be off beside that
+    max_reach_m    from where a marker is expected, never farther: about half the way to its next neighbour
+    rival_share    of what a name's own next place is off where it is expected: another name's place nearer than that is
+                   the better next one
+    max_gap_s      without a marker, over which its path goes on
+    min_length     frames of a piece of a path that show where it goes
+    min_frames     of a path that had the name which most have, and
+    min_ratio      times as many as had any other
+    """
+
+    max_push_m_s2: float = 120.0
+    noise_m: float = 0.008
+    max_reach_m: float = 0.03
+    rival_share: float = 0.7
+    max_gap_s: float = 0.05
+    min_length: int = 3
+    min_frames: int = 12
+    min_ratio: float = 2.0
+
+
+CONTINUITY = ContinuityOptions()
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """N pieces of paths, each smooth and under one name.
+
+    marker       (N,) the name
+    first, last  (N,) frames, both included
+    count        (N,) frames with a point
+    begin, end   (N, 3) m, where they are in these frames
+    early, late  (N, 3) m a frame, the velocity there; NaN for those too short to show one
+    """
+
+    marker: np.ndarray
+    first: np.ndarray
+    last: np.ndarray
+    count: np.ndarray
+    begin: np.ndarray
+    end: np.ndarray
+    early: np.ndarray
+    late: np.ndarray
+
+
+def renamed(
+    results: Sequence[FrameResult | None], rate: float, options: ContinuityOptions = CONTINUITY
+) -> list[tuple[int, int, np.ndarray]]:
+    """Gives paths that changed their name the one that they mostly had.
+
+    Returns the first and last of frames that were changed alike, both included, and the markers (K,) concerned.
+    """
+    markers = next((len(result.naming.slot[0]) for result in results if result is not None), 0)
+    points = np.full((len(results), markers, 3), np.nan)
+    for index, result in enumerate(results):
+        if result is not None:
+            points[index] = result.naming.meeting.points
+    pieces = _pieces(points, rate, options)
+    target = _targets(pieces, _joined(pieces, rate, options), markers, options)
+    wanted = np.full(points.shape[:2], -1)
+    for piece in range(len(target)):
+        part = slice(pieces.first[piece], pieces.last[piece] + 1), pieces.marker[piece]
+        wanted[part] = np.where(np.isfinite(points[part][:, 0]), target[piece], -1)
+    changed: list[tuple[int, int, np.ndarray]] = []
+    for index in np.flatnonzero(((wanted != np.arange(markers)) & (wanted >= 0)).any(axis=1)).tolist():
+        order = _order(wanted[index])
+        if order is None:
+            continue
+        _rename(results[index].naming, order)
+        moved = np.flatnonzero(order != np.arange(markers))
+        if changed and changed[-1][1] == index - 1 and np.array_equal(changed[-1][2], moved):
+            changed[-1] = (changed[-1][0], index, moved)
+        else:
+            changed.append((index, index, moved))
+    return changed
+
+
+def _pieces(points: np.ndarray, rate: float, options: ContinuityOptions) -> Pieces:
+    """The paths of all names (F, M, 3) m, cut where they are gone for long or do not go on smoothly."""
+    found = [piece for marker in range(points.shape[1]) for piece in _pieces_of(points, marker, rate, options)]
+    nowhere = np.full(3, np.nan)
+    long = [len(at) >= options.min_length for _, at, _ in found]
+    early = [_speed(at[:3], place[:3]) if ok else nowhere for ok, (_, at, place) in zip(long, found, strict=True)]
+    late = [_speed(at[-3:], place[-3:]) if ok else nowhere for ok, (_, at, place) in zip(long, found, strict=True)]
+    whole = [(marker, at[0], at[-1], len(at)) for marker, at, _ in found]
+    marker, first, last, count = np.array(whole, dtype=int).reshape(-1, 4).T
+    ends = [np.array([place[end] for _, _, place in found]).reshape(-1, 3) for end in (0, -1)]
+    return Pieces(marker, first, last, count, *ends, *(np.array(part).reshape(-1, 3) for part in (early, late)))
+
+
+def _pieces_of(points: np.ndarray, marker: int, rate: float, options: ContinuityOptions):
+    """The pieces of one name: marker, frames (N,) and places (N, 3) m of each."""
+    at = np.flatnonzero(np.isfinite(points[:, marker, 0]))
+    breaks = np.flatnonzero(_cuts(points, marker, at, rate, options)) + 1
+    return [(marker, part, points[part, marker]) for part in np.split(at, breaks) if len(part)]
+
+
+def _speed(at: np.ndarray, place: np.ndarray) -> np.ndarray:
+    return (place[-1] - place[0]) / (at[-1] - at[0])
+
+
+def _cuts(points: np.ndarray, marker: int, at: np.ndarray, rate: float, options: ContinuityOptions) -> np.ndarray:
+    """(N - 1,) True where a name does not go on from one of its N frames to the next, or another would do better."""
+    place, gap = points[at, marker], np.diff(at)
+    cut = gap > options.max_gap_s * rate + 1
+    if len(gap) < 2:
+        return cut
+    speed = np.diff(place, axis=0) / gap[:, None]
+    change = np.linalg.norm(np.diff(speed, axis=0), axis=1)
+    off = np.full((2, len(gap)), np.inf)
+    off[0, 1:], off[1, :-1] = change * gap[1:], change * gap[:-1]
+    least = off.min(axis=0)
+    cut |= least > _reach(gap, rate, options)
+    for index in np.flatnonzero(~cut & (least > options.noise_m)):
+        here, there = at[index], at[index + 1]
+        nearest = np.inf
+        if index:
+            nearest = _rival(points, marker, place[index], speed[index - 1], here, range(here + 1, there + 1))
+        if index + 1 < len(speed):
+            back = _rival(points, marker, place[index + 1], speed[index + 1], there, range(here, there))
+            nearest = min(nearest, back)
+        cut[index] = nearest < options.rival_share * least[index]
+    return cut
+
+
+def _rival(points, marker: int, place: np.ndarray, speed: np.ndarray, when: int, frames: range) -> float:
+    """m, how near another name comes to where a marker would be in some frames, from its place and speed in one."""
+    expected = place + speed * (np.array(frames) - when)[:, None]
+    away = np.linalg.norm(points[frames.start : frames.stop] - expected[:, None], axis=2)
+    away[:, marker] = np.nan
+    return float(np.min(away, initial=np.inf, where=np.isfinite(away)))
+
+
+def _reach(gap: np.ndarray, rate: float, options: ContinuityOptions) -> np.ndarray:
+    """(N,) m, how far from where it is expected a marker may be after some frames."""
+    return np.minimum(options.noise_m + options.max_push_m_s2 / 2 * (gap / rate) ** 2, options.max_reach_m)
+
+
+def _joined(pieces: Pieces, rate: float, options: ContinuityOptions) -> np.ndarray:
+    """(N,) the path of each piece: one goes on in another that begins soon and where it would be, and moves alike."""
+    gap = pieces.first[None] - pieces.last[:, None]
+    soon = (gap > 0) & (gap <= options.max_gap_s * rate + 1)
+    one, other = np.nonzero(soon)
+    gap = gap[one, other]
+    apart = pieces.begin[other] - pieces.end[one]
+    off = np.maximum(
+        np.linalg.norm(apart - pieces.late[one] * gap[:, None], axis=1),
+        np.linalg.norm(apart - pieces.early[other] * gap[:, None], axis=1),
+    )
+    path = np.arange(len(pieces.marker))
+    ended, begun = set(), set()
+    for index in np.argsort(off, kind="stable"):
+        a, b = int(one[index]), int(other[index])
+        if off[index] <= _reach(gap[index], rate, options) and a not in ended and b not in begun:
+            ended.add(a)
+            begun.add(b)
+            path[path == path[b]] = path[a]
+    return path
+
+
+def _targets(pieces: Pieces, path: np.ndarray, markers: int, options: ContinuityOptions) -> np.ndarray:
+    """(N,) the name that each piece should have."""
+    target = pieces.marker.copy()
+    for own in np.unique(path):
+        part = np.flatnonzero(path == own)
+        count = np.bincount(pieces.marker[part], weights=pieces.count[part], minlength=markers)
+        best = int(count.argmax())
+        rest = np.delete(count, best).max(initial=0)
+        if count[best] >= max(options.min_frames, options.min_ratio * rest):
+            target[part] = best
+    return target
+
+
+def _order(wanted: np.ndarray) -> np.ndarray | None:
+    """(M,) which marker's blobs each marker gets, so that all have the names wanted (M,); None where two want one."""
+    source = np.flatnonzero(wanted >= 0)
+    target = wanted[source]
+    if len(np.unique(target)) < len(target):
+        return None
+    order = np.arange(len(wanted))
+    order[target] = source
+    bare = np.setdiff1d(source, target)
+    order[bare] = np.setdiff1d(target, source)
+    return order
+
+
+def _rename(naming: Naming, order: np.ndarray):
+    """Makes the exchange; the blobs of markers that had no point lose their names in it."""
+    moved = order != np.arange(len(order))
+    pointless = np.isnan(naming.meeting.points[:, 0]) & moved
+    naming.withdraw(*np.nonzero((naming.slot >= 0) & pointless))
+    swap_names(naming, order)
