@@ -83,7 +83,7 @@ def labelling(extension, monkeypatch, made, tmp_path_factory):
     gate.set()
     folder = tmp_path_factory.mktemp("files-of-the-job")
 
-    def label_take(chunks, cameras, markerset, rate, options, occlusion=None):
+    def label_take(chunks, cameras, markerset, rate, options, occlusion=None, edits=()):
         for blobs in chunks:
             if given:
                 assert gate.wait(10)
