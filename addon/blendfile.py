@@ -17,6 +17,7 @@ from .core.body.occlusion import Occlusion
 from .core.data.errors import InputError, JobError
 from .core.data.markersets import MarkerSet
 from .core.data.takes import Blobs, LabelledChunk, PointRows
+from .core.edits.kinds import NO_EDITS, Edits
 from .core.geometry.cameras import Cameras
 from .io.cameras import read_cameras
 from .io.names import written
@@ -79,10 +80,18 @@ def mesh_occlusion(markerset: MarkerSet) -> Occlusion:
     return capsule_meshes(markerset)
 
 
-def save_blend(path: Path, source: Path, rate: float, markerset: MarkerSet, chunks: Chunks, cameras: Cameras):
+def save_blend(
+    path: Path,
+    source: Path,
+    rate: float,
+    markerset: MarkerSet,
+    chunks: Chunks,
+    cameras: Cameras,
+    edits: Edits = NO_EDITS,
+):
     """Saves a Blender file with nothing in it but the take. What was open in this Blender is gone.
 
-    Of points those without a name are there as one object.
+    Of points those without a name are there as one object, and the edits that the labels follow can be gone on with.
     """
     start_blender()
     import bpy
@@ -93,7 +102,10 @@ def save_blend(path: Path, source: Path, rate: float, markerset: MarkerSet, chun
     rows = scenes.join_rows([rows for rows, _ in chunks])
     # Blender's texts are UTF-8, and the name of a file may be any bytes.
     name, file = written(source.stem), written(str(source))
-    take = scenes.Take(name, rate, cameras, markerset, rows, labels, motion, suspects, file)
+    unedited = scenes.join_unedited([chunk for _, chunk in chunks]) if edits else None
+    take = scenes.Take(
+        name, rate, cameras, markerset, rows, labels, motion, suspects, file, edits=edits or None, unedited=unedited
+    )
     with silenced():
         bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
         scenes.show_take(bpy.context, take, unnamed=True)

@@ -17,6 +17,7 @@ from bpy.props import (
 )
 
 from .core.data.errors import InputError
+from .core.edits.wording import words_of
 from .io.markersets import SUFFIX, builtin_markersets, open_markerset
 from .io.names import written
 from .prefs import markerset_folder
@@ -29,6 +30,7 @@ from .scene.take import is_take
 
 OWN_FILE = "FILE"
 USUAL_MARKERSET = "body26"
+NOTHING_PICKED = -1
 
 
 # Blender keeps no reference to the texts of a dynamic enumeration; they must outlive the drawing.
@@ -62,6 +64,7 @@ def _is_skeleton(_self, item) -> bool:
 
 
 def _take_changed(self, context):
+    self.picked = NOTHING_PICKED
     hide_preview(self.preview, self.take is not None)
     refresh_review(context.window_manager, context.scene)
 
@@ -183,6 +186,9 @@ class SceneSettings(bpy.types.PropertyGroup):
         poll=_holds_take,
         update=_take_changed,
     )
+    picked: IntProperty(
+        name="Picked", description="The trajectory without a name that was picked, -1 for none", default=NOTHING_PICKED
+    )
     show_overlay: BoolProperty(
         name="Overlay",
         description="Draw blobs, the body's markers and links over the view",
@@ -214,6 +220,12 @@ class SuspectRow(bpy.types.PropertyGroup):
     reason: StringProperty(name="Reason", description="Why to look at these frames")
 
 
+class CorrectionRow(bpy.types.PropertyGroup):
+    """One edit of the take's, called by what it says."""
+
+    idle: StringProperty(name="Idle", description="Why the edit changes nothing; empty where it does")
+
+
 class ReviewState(bpy.types.PropertyGroup):
     """The tables of the active take: `WindowManager.mocap_autolabel`; filled by `refresh_review`, never saved."""
 
@@ -221,6 +233,8 @@ class ReviewState(bpy.types.PropertyGroup):
     marker_index: IntProperty()
     suspects: CollectionProperty(type=SuspectRow)
     suspect_index: IntProperty()
+    corrections: CollectionProperty(type=CorrectionRow)
+    correction_index: IntProperty()
     doubts: CollectionProperty(type=bpy.types.PropertyGroup)
 
 
@@ -274,6 +288,7 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     state, collection = manager.mocap_autolabel, scene.mocap_autolabel.take
     state.markers.clear()
     state.suspects.clear()
+    state.corrections.clear()
     if not is_take(collection):
         return
     stored = opened.take(collection, scene)
@@ -287,6 +302,9 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     for suspect in stored.suspects:
         row = state.suspects.add()
         row.first, row.last, row.reason = suspect.first + stored.shift, suspect.last + stored.shift, suspect.reason
+    for edit, outcome in zip(stored.edits, stored.outcomes, strict=True):
+        row = state.corrections.add()
+        row.name, row.idle = words_of(edit, stored.shift), outcome.reason
 
 
-CLASSES = (LessonRow, SceneSettings, MarkerRow, SuspectRow, ReviewState)
+CLASSES = (LessonRow, SceneSettings, MarkerRow, SuspectRow, CorrectionRow, ReviewState)

@@ -11,7 +11,7 @@ from ..blendfile import Chunks, inside_blender
 from ..core.blobs.pipeline import Options
 from ..core.blobs.search import Hints
 from ..core.body.occlusion import Occlusion
-from ..core.edits.kinds import Edits
+from ..core.edits.kinds import NO_EDITS, Edits
 from ..core.geometry.cameras import Cameras
 from ..core.pipelines.points import USUAL_TARGET
 from ..io.cameras import calibration_files
@@ -122,10 +122,16 @@ class LabelJob:
 
 @dataclass(frozen=True, eq=False)
 class Labelled:
-    """What became of a job: the report, and with `keep` the blobs and what was said of them, chunk by chunk."""
+    """What became of a job.
+
+    report  as the file has it
+    chunks  with `keep` the blobs or points and what was said of them, chunk by chunk
+    edits   of points, those that were applied
+    """
 
     report: dict
     chunks: Chunks
+    edits: Edits = NO_EDITS
 
 
 def open_files(job: LabelJob, overwrite: bool, stack: ExitStack) -> dict[str, Path]:

@@ -7,6 +7,7 @@ from pathlib import Path
 from ..blendfile import Chunks, save_blend
 from ..core.data.markersets import MarkerSet
 from ..core.data.takes import PointRows, Points
+from ..core.edits.kinds import NO_EDITS, Edits
 from ..core.geometry.cameras import Cameras
 from ..core.review.summary import TakeSummary
 from ..io.c3d import first_number, names_in_c3d
@@ -27,6 +28,7 @@ class Outcome:
     cameras  that saw it; none for points
     summary  for the report, and `facts` that only some reports say
     made_of  what the results come from
+    edits    of points, those that the labels follow
     """
 
     points: Points
@@ -35,6 +37,7 @@ class Outcome:
     summary: TakeSummary
     facts: dict
     made_of: dict
+    edits: Edits = NO_EDITS
 
 
 def write_take(job: LabelJob, files: dict[str, Path], markerset: MarkerSet, made: Outcome, clock: dict) -> dict:
@@ -42,7 +45,7 @@ def write_take(job: LabelJob, files: dict[str, Path], markerset: MarkerSet, made
     rate = made.points.rate
     with timed(clock, "write"):
         if job.blend:
-            save_blend(files[".blend"], job.source, rate, markerset, made.chunks, made.cameras)
+            save_blend(files[".blend"], job.source, rate, markerset, made.chunks, made.cameras, made.edits)
         for rows, chunk in made.chunks:
             if isinstance(rows, PointRows):
                 write_point_labels(files[".labels.csv"], rows, chunk.labels, markerset.markers)

@@ -57,9 +57,9 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
             with timed(clock, "fill"):
                 points, of_gaps = yield from fill_labelled(points, markerset)
             facts |= of_gaps
-        made = Outcome(points, [(rows, chunk)], NO_CAMERAS, summary, facts, inputs)
+        made = Outcome(points, [(rows, chunk)], NO_CAMERAS, summary, facts, inputs, edits)
         report = write_take(job, files, markerset, made, clock)
-    return Labelled(report, made.chunks if job.keep else [])
+    return Labelled(report, made.chunks if job.keep else [], edits)
 
 
 def _whole(take: FilePoints, job: LabelJob) -> tuple[int, int] | None:

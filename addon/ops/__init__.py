@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Operators: thin, each one thing that a person does."""
 
-from . import exporting, importing, labelling, markersets, quality, training, viewing
+from . import correcting, exporting, importing, labelling, markersets, quality, training, viewing
 
 CLASSES = (
     *importing.CLASSES,
@@ -10,5 +10,6 @@ CLASSES = (
     *training.CLASSES,
     *labelling.CLASSES,
     *viewing.CLASSES,
+    *correcting.CLASSES,
     *exporting.CLASSES,
 )

@@ -13,6 +13,7 @@ from ..core.data.takes import Blobs
 from ..core.geometry.camera_up import AXIS_NAMES
 from ..io.blobs import read_blobs
 from ..io.cameras import read_cameras
+from ..io.edits import edits_beside
 from ..io.points import holds_points, read_points
 from ..props import refresh_review
 from ..scene import cameras as scene_cameras
@@ -184,7 +185,9 @@ def take_points(context: bpy.types.Context, path: Path, up: str | None = None, r
     settings.points_up = up or ""
     settings.trajectories, settings.rate = len(take.names), take.rate
     _set_frames(context, take.first_frame + np.arange(len(take.xyz)))
-    return "; ".join([f"{settings.trajectories} trajectories in {len(take.xyz)} frames", *take.notes])
+    edits = edits_beside(path)
+    more = [] if edits is None else [f"{edits.name} beside it will be applied"]
+    return "; ".join([f"{settings.trajectories} trajectories in {len(take.xyz)} frames", *take.notes, *more])
 
 
 def _forget_take(context: bpy.types.Context):

@@ -11,6 +11,7 @@ from ..core.body.occlusion import Occlusion
 from ..core.data.background import drained, in_background
 from ..core.data.errors import InputError, UserError
 from ..core.data.takes import Blobs
+from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import NO_CAMERAS
 from ..io.markersets import open_markerset
 from ..io.names import written
@@ -18,8 +19,18 @@ from ..io.scratch import scratch_folder
 from ..jobs import LabelJob, Labelled, label_file
 from ..props import SceneSettings, chosen_model, frames_wanted, refresh_review, take_name
 from ..scene import cameras as scene_cameras
+from ..scene.corrections import kept_edits
 from ..scene.occlusion import meshes_on, occlusion_of
-from ..scene.take import Take, join_labelled, join_rows, show_take
+from ..scene.take import (
+    SOURCE,
+    Take,
+    holds_points,
+    join_labelled,
+    join_rows,
+    join_unedited,
+    show_take,
+    takes_of,
+)
 from .importing import cameras_at_hand
 from .stepping import WorksInSteps
 
@@ -31,8 +42,9 @@ def job_of(context: bpy.types.Context) -> LabelJob:
     if not points and not settings.blobs_path:
         raise InputError("no blobs are chosen; expected a file of camera blobs")
     model = chosen_model(settings)
+    source = Path(bpy.path.abspath(settings.points_path or settings.blobs_path))
     return LabelJob(
-        source=Path(bpy.path.abspath(settings.points_path or settings.blobs_path)),
+        source=source,
         cameras=None if points else scene_cameras.cameras_of(settings.cameras, context.scene),
         model=model,
         out=Path(),
@@ -45,6 +57,7 @@ def job_of(context: bpy.types.Context) -> LabelJob:
         facing=settings.facing if settings.use_facing else None,
         occlusion=settings.occlusion,
         body=None if points else _body_in_the_way(context, settings, model),
+        edits=_edits_so_far(context.scene, source) if points else None,
         keep=True,
     )
 
@@ -54,6 +67,13 @@ def _body_in_the_way(context: bpy.types.Context, settings: SceneSettings, model:
     if settings.body is None or settings.occlusion != "bvh":
         return None
     return occlusion_of(context, settings.body, meshes_on(settings.body, context.scene), open_markerset(model))
+
+
+def _edits_so_far(scene: bpy.types.Scene, source: Path) -> Edits | None:
+    """What was said of the same points when they were labelled before; None where nobody said anything."""
+    latest = [scene.mocap_autolabel.take, *reversed(takes_of(scene))]
+    same = (take for take in latest if holds_points(take) and take[SOURCE] == written(str(source)))
+    return next((edits for edits in map(kept_edits, same) if edits is not None), None)
 
 
 def label_steps(job: LabelJob, name: str) -> Generator[float, None, Take]:
@@ -82,7 +102,10 @@ def _take_of(labelled: Labelled, job: LabelJob, name: str) -> Take:
     markerset, rate = open_markerset(job.model), labelled.report["rate"]
     doubts = tuple(labelled.report.get("camera_doubts", ()))
     source = written(str(job.source))
-    return Take(name, rate, cameras, markerset, rows, labels, motion, suspects, source, doubts)
+    unedited = join_unedited([chunk for _, chunk in labelled.chunks]) if labelled.edits else None
+    # An empty list that was given stays one: what lies beside the take was taken back in the scene.
+    edits = labelled.edits if labelled.edits or job.edits is not None else None
+    return Take(name, rate, cameras, markerset, rows, labels, motion, suspects, source, doubts, edits, unedited)
 
 
 class MOCAP_AUTOLABEL_OT_label(WorksInSteps, bpy.types.Operator):
@@ -121,7 +144,8 @@ class MOCAP_AUTOLABEL_OT_label(WorksInSteps, bpy.types.Operator):
             self.report({"WARNING"}, words)
         things = "blobs" if isinstance(take.rows, Blobs) else "points"
         named, frames = int(take.labels.named.sum()), len(take.motion.frames)
-        self.report({"INFO"}, f"{named} of {len(take.rows)} {things} named in {frames} frames")
+        kept = f"; {len(take.edits)} corrections hold" if take.edits else ""
+        self.report({"INFO"}, f"{named} of {len(take.rows)} {things} named in {frames} frames{kept}")
         return {"FINISHED"}
 
 

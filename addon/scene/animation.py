@@ -18,6 +18,17 @@ def bind(item: bpy.types.Object, action: bpy.types.Action) -> bpy.types.ActionCh
     return strip.channelbag(slot, ensure=True)
 
 
+def channels(item: bpy.types.Object, action: bpy.types.Action | None) -> bpy.types.ActionChannelbag:
+    """The channels of `item` but those of its location, which go; new ones in `action` where it has none."""
+    data = item.animation_data
+    if data is None or data.action is None or data.action_slot is None:
+        return bind(item, action or bpy.data.actions.new(item.name))
+    bag = data.action.layers[0].strips[0].channelbag(data.action_slot, ensure=True)
+    for curve in [curve for curve in bag.fcurves if curve.data_path == "location"]:
+        bag.fcurves.remove(curve)
+    return bag
+
+
 def key(bag: bpy.types.ActionChannelbag, path: str, frames: np.ndarray, values: np.ndarray, group: str):
     """Keys the property at `path` with `values` (F, n) at Blender's `frames` (F,); rows with NaN stay unkeyed."""
     there = np.isfinite(values).all(axis=1)

@@ -29,13 +29,23 @@ def add_markers(
         empty.empty_display_size = DISPLAY_SIZE
         empty[naming.MARKER] = name
         collection.objects.link(empty)
-        seen = motion.markers[:, index]
-        unseen = not np.isfinite(seen).any()
-        empty.location = _first_finite(motion.expected[:, index] if unseen else seen)
-        empty.hide_viewport = empty.hide_render = unseen
-        animation.key(animation.bind(empty, action), "location", frames, seen, name)
+        show_marker(empty, action, motion, index, frames)
         empties.append(empty)
     return empties
+
+
+def show_marker(
+    empty: bpy.types.Object, action: bpy.types.Action | None, motion: Motion, index: int, frames: np.ndarray
+):
+    """Keys the empty of marker `index` where it was seen, at Blender's `frames` (F,), in the place of former keys.
+
+    `action` is where an empty without keys gets them; None for one of its own.
+    """
+    seen = motion.markers[:, index]
+    unseen = not np.isfinite(seen).any()
+    empty.location = _first_finite(motion.expected[:, index] if unseen else seen)
+    empty.hide_viewport = empty.hide_render = unseen
+    animation.key(animation.channels(empty, action), "location", frames, seen, empty[naming.MARKER])
 
 
 def _first_finite(points: np.ndarray) -> np.ndarray:

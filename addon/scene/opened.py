@@ -5,22 +5,47 @@ from dataclasses import dataclass, field
 
 import bpy
 
+from ..core.edits.kinds import Edits
 from . import cameras as scene_cameras
+from .corrections import edited, kept_edits, kept_text, text_of
 from .preview import holds_points, read_points_preview, read_preview
-from .take import Stored, stored_take
+from .stored import Stored
+from .take import unedited_take
 
 
 @dataclass
 class Opened:
-    """What is at hand, by the session's own number of the datablock that holds it."""
+    """What is at hand, by the session's own number of the datablock that holds it.
+
+    stored  takes as the program labelled them, and what waits to be labelled
+    edited  takes with their edits, beside the text of these: another text, after an undo as well, is another take
+    """
 
     stored: dict[int, Stored] = field(default_factory=dict)
+    edited: dict[int, tuple[str, Stored]] = field(default_factory=dict)
 
     def take(self, collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
-        """The take that `collection` holds."""
+        """The take that `collection` holds, as its edits have it."""
+        text = kept_text(collection)
+        if text is None:
+            return self._unedited(collection, scene)
+        kept = self.edited.get(collection.session_uid)
+        if kept is not None and kept[0] == text:
+            return kept[1]
+        return self.take_with(collection, scene, kept_edits(collection), text)
+
+    def take_with(
+        self, collection: bpy.types.Collection, scene: bpy.types.Scene, edits: Edits, text: str | None = None
+    ) -> Stored:
+        """The take that `collection` holds as it is with `edits`, whose text is `text`."""
+        after = edited(self._unedited(collection, scene), edits)
+        self.edited[collection.session_uid] = (text_of(edits) if text is None else text, after)
+        return after
+
+    def _unedited(self, collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
         key = collection.session_uid
         if key not in self.stored:
-            self.stored[key] = stored_take(collection, scene)
+            self.stored[key] = unedited_take(collection, scene)
         return self.stored[key]
 
     def preview(self, mesh: bpy.types.Mesh, cameras: bpy.types.Collection | None, scene: bpy.types.Scene) -> Stored:
@@ -36,6 +61,7 @@ class Opened:
     def forget(self):
         """Lets go of everything: another file was loaded, something was undone, or the extension ends."""
         self.stored.clear()
+        self.edited.clear()
 
 
 opened = Opened()

@@ -11,6 +11,8 @@ import numpy as np
 from ..core.data.errors import JobError
 from ..core.data.markersets import MarkerSet
 from ..core.data.takes import STEPS, Blobs, LabelledChunk, Labels, Motion, PointRows, Suspect
+from ..core.edits.applying import names_of
+from ..core.edits.kinds import Edits
 from ..core.geometry import rotations
 from ..core.geometry.cameras import NO_CAMERAS, Cameras
 from . import armature as armatures
@@ -18,7 +20,9 @@ from . import cameras as scene_cameras
 from . import markers as scene_markers
 from . import naming, storage
 from .body import add_body
-from .cloud import add_cloud, cloud_table
+from .cloud import FRAME, add_cloud, cloud_table
+from .corrections import edited, keep_edits, kept_edits
+from .stored import Stored
 
 ROWS, MOTION, POSE, FRAME_TABLE = "mocap_blobs", "mocap_motion", "mocap_pose", "mocap_frames"
 RATE, SHIFT, SUSPECTS, SOURCE, MARKER_NAMES = (
@@ -29,6 +33,7 @@ RATE, SHIFT, SUSPECTS, SOURCE, MARKER_NAMES = (
     "mocap_names",
 )
 STEP_NAMES = "mocap_steps"
+MARKER_WORDS = "mocap_marker_words"
 # What the first version, which did not keep them, called the steps of points.
 POINT_STEPS_OF_VERSION_1 = ("", "evidence", "ensemble", "fit", "trajectory")
 TRAJECTORY, POINT, RESIDUAL = "trajectory", "point", "point_residual"
@@ -49,6 +54,8 @@ class Take:
     suspects   ranges of frames to look at
     source     the file of the take, empty if there is none
     doubts     sentences about the whole take, said once when it is shown
+    edits      what a person said of the points, which the labels follow; None where nobody said anything
+    unedited   the program's own labels, of which the edits give these; None where they are these
     """
 
     name: str
@@ -61,25 +68,8 @@ class Take:
     suspects: tuple[Suspect, ...] = ()
     source: str = ""
     doubts: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class Stored:
-    """What the file keeps of a take: as `Take`, with the names of the markers for the marker set.
-
-    shift  added to the source's frame numbers to get Blender's
-    """
-
-    name: str
-    rate: float
-    cameras: Cameras
-    names: tuple[str, ...]
-    rows: Blobs | PointRows
-    labels: Labels
-    motion: Motion
-    suspects: tuple[Suspect, ...]
-    source: str
-    shift: int
+    edits: Edits | None = None
+    unedited: Labels | None = None
 
 
 def join_rows(chunks: Sequence[Blobs] | Sequence[PointRows]) -> Blobs | PointRows:
@@ -97,6 +87,12 @@ def join_labelled(chunks: list[LabelledChunk]) -> tuple[Labels, Motion, tuple[Su
     labels = Labels.join(chunk.labels for chunk in chunks)
     motion = Motion(*(np.concatenate([getattr(c.motion, f.name) for c in chunks]) for f in fields(Motion)))
     return labels, motion, _merged(suspect for chunk in chunks for suspect in chunk.suspects)
+
+
+def join_unedited(chunks: Sequence[LabelledChunk]) -> Labels | None:
+    """The program's own labels of consecutive chunks; None where there were no edits of them."""
+    parts = [chunk.unedited for chunk in chunks]
+    return None if any(part is None for part in parts) else Labels.join(parts)
 
 
 def frame_shift(frames: np.ndarray) -> int:
@@ -133,13 +129,49 @@ def show_take(context: bpy.types.Context, take: Take, unnamed: bool = False) -> 
     add_body(_child(collection, f"{collection.name} body"), armature, take.markerset, build.scale)
     empties = _child(collection, f"{collection.name} markers")
     scene_markers.add_markers(empties, action, take.markerset.markers, take.motion, frames)
-    left = ~take.labels.named
-    if unnamed and isinstance(take.rows, PointRows) and left.any():
-        table = cloud_table(f"{take.name} unnamed", frames[take.rows.frame[left]], take.rows.xyz[left])
-        add_cloud(collection, table)
+    if isinstance(take.rows, PointRows):
+        show_unnamed(collection, f"{take.name} unnamed", take.rows, take.labels, shift, unnamed)
     _store(collection, take, camera_collection, shift)
     set_time(scene, take.rate, frames)
     return collection
+
+
+def show_unnamed(
+    collection: bpy.types.Collection, name: str, rows: PointRows, labels: Labels, shift: int, wanted: bool
+):
+    """Makes the object of the points without a name show these; without one, adds it where it is `wanted`."""
+    left = ~labels.named
+    item = next((one for one in collection.objects if one.type == "MESH" and FRAME in one.data.attributes), None)
+    if item is None and not (wanted and left.any()):
+        return
+    table = cloud_table(name, rows.frames[rows.frame[left]] + shift, rows.xyz[left])
+    if item is None:
+        add_cloud(collection, table)
+        return
+    before, item.data = item.data, table
+    if not before.users:
+        bpy.data.meshes.remove(before)
+
+
+def show_edits(collection: bpy.types.Collection, before: Stored, after: Stored, unnamed: bool):
+    """Makes the empties of a take, and its points without a name, follow its edits.
+
+    The collection shows the take as it was `before`, and then as it is `after`; with `unnamed` points that lost their
+    names are shown even if there was no object of such points. Adds no undo step of its own.
+    """
+    frames = after.motion.frames + after.shift
+    action = next((item.animation_data.action for item in collection.all_objects if item.animation_data), None)
+    items = {item[naming.MARKER]: item for item in collection.all_objects if naming.MARKER in item}
+    changed = ~np.all(
+        (before.motion.markers == after.motion.markers)
+        | np.isnan(before.motion.markers) & np.isnan(after.motion.markers),
+        axis=(0, 2),
+    )
+    for index in np.flatnonzero(changed).tolist():
+        item = items.get(after.names[index])
+        if item is not None:
+            scene_markers.show_marker(item, action, after.motion, index, frames)
+    show_unnamed(collection, f"{after.name} unnamed", after.rows, after.labels, after.shift, unnamed)
 
 
 def takes_of(scene: bpy.types.Scene) -> list[bpy.types.Collection]:
@@ -163,8 +195,20 @@ def remove_take(collection: bpy.types.Collection):
     bpy.data.batch_remove([block for block in {*data, *actions, *kept} if block is not None and block.users == 0])
 
 
+def holds_points(collection: bpy.types.Collection | None) -> bool:
+    """True for a take of 3D points."""
+    return is_take(collection) and POINT in collection[ROWS].attributes
+
+
 def stored_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
-    """A take as the file keeps it, in any session after the one that labelled it."""
+    """A take as the file keeps it with its edits applied, in any session after the one that labelled it."""
+    edits = kept_edits(collection)
+    stored = unedited_take(collection, scene)
+    return stored if edits is None else edited(stored, edits)
+
+
+def unedited_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
+    """A take as the program labelled it."""
     rows, frames = storage.read_table(collection[ROWS]), storage.read_table(collection[FRAME_TABLE])
     names = tuple(json.loads(collection[MARKER_NAMES]))
     numbers = frames["number"]
@@ -177,10 +221,23 @@ def stored_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> Sto
         _read_rows(rows, numbers),
         Labels(rows["marker"], _read_steps(collection, rows), rows["confidence"]),
         _read_motion(collection, frames, len(names)),
-        tuple(Suspect(*row) for row in json.loads(collection[SUSPECTS])),
+        tuple(_suspect(*row) for row in json.loads(collection[SUSPECTS])),
         str(collection[SOURCE]),
         int(collection[SHIFT]),
+        _words(collection, names),
     )
+
+
+def _suspect(first: int, last: int, words: str, trajectory: int | None = None, markers: Sequence[str] = ()) -> Suspect:
+    """A suspect of its row, of which files of the first versions have the first three."""
+    return Suspect(first, last, words, trajectory, tuple(markers))
+
+
+def _words(collection: bpy.types.Collection, names: tuple[str, ...]) -> dict[str, int]:
+    """The index of each marker by its name, and by its aliases where the file keeps them."""
+    if MARKER_WORDS in collection:
+        return json.loads(collection[MARKER_WORDS])
+    return {name: index for index, name in enumerate(names)}
 
 
 def _read_rows(table: dict[str, np.ndarray], frames: np.ndarray) -> Blobs | PointRows:
@@ -201,7 +258,8 @@ def _read_steps(collection: bpy.types.Collection, table: dict[str, np.ndarray]) 
 
 
 def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Collection | None, shift: int):
-    title, labels, motion = collection.name, take.labels, take.motion
+    title, motion = collection.name, take.motion
+    labels = take.labels if take.unedited is None else take.unedited
     columns = _row_columns(take.rows) | {"marker": labels.marker, "step": labels.step, "confidence": labels.confidence}
     collection[ROWS] = storage.store_table(f"{title} rows", columns)
     collection[STEP_NAMES] = json.dumps(STEPS)
@@ -224,7 +282,15 @@ def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Coll
     collection[MARKER_NAMES] = json.dumps(take.markerset.markers)
     # Blender's whole numbers have 32 bits, and a shift may need 33.
     collection[RATE], collection[SHIFT], collection[SOURCE] = float(take.rate), float(shift), take.source
-    collection[SUSPECTS] = json.dumps([[int(s.first), int(s.last), s.reason] for s in take.suspects])
+    collection[SUSPECTS] = json.dumps([_suspect_row(suspect) for suspect in take.suspects])
+    collection[MARKER_WORDS] = json.dumps(names_of(take.markerset))
+    if take.edits is not None:
+        keep_edits(collection, take.edits)
+
+
+def _suspect_row(suspect: Suspect) -> list:
+    trajectory = None if suspect.trajectory is None else int(suspect.trajectory)
+    return [int(suspect.first), int(suspect.last), suspect.words, trajectory, list(suspect.markers)]
 
 
 def _row_columns(rows: Blobs | PointRows) -> dict[str, np.ndarray]:

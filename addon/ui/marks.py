@@ -107,6 +107,14 @@ def point_marks(stored: Stored, index: int) -> PointMarks:
     return PointMarks(markers, doubtful, stored.rows.xyz[left], asked)
 
 
+def picked_points(stored: Stored, index: int, trajectory: int) -> np.ndarray:
+    """(0 or 1, 3) m where a picked trajectory of the take is in frame `index`."""
+    if not isinstance(stored.rows, PointRows):
+        return np.empty((0, 3))
+    rows = slice(*np.searchsorted(stored.rows.frame, [index, index + 1]))
+    return stored.rows.xyz[rows][stored.rows.trajectory[rows] == trajectory]
+
+
 def room_for_words(places: np.ndarray, widths: np.ndarray, height: float, gap: float, mark: float = 0) -> np.ndarray:
     """(N, 2) px where the words beside places (N, 2) begin so that none lies on another; NaN where there is no room.
 

@@ -6,12 +6,13 @@ import textwrap
 import bpy
 
 from ..io.markersets import SUFFIX
+from ..ops.correcting import selected_markers
 from ..ops.importing import cameras_at_hand
-from ..props import OWN_FILE
+from ..props import NOTHING_PICKED, OWN_FILE
 from ..scene import naming
 from ..scene.cameras import camera_name
 from ..scene.markerset_edit import edited_collection
-from ..scene.take import is_take
+from ..scene.take import holds_points, is_take
 
 FEW_MARKERS_SHOWN = 5  # cameras that fit below each other
 LINE = 34  # letters that fit beside each other in a sidebar of the usual width
@@ -262,6 +263,43 @@ class MOCAP_AUTOLABEL_PT_markers(Step, Reviewing, bpy.types.Panel):
         layout.template_list("MOCAP_AUTOLABEL_UL_markers", "", state, "markers", state, "marker_index", rows=6)
 
 
+class MOCAP_AUTOLABEL_PT_corrections(Step, Reviewing, bpy.types.Panel):
+    """What a person says of the labels."""
+
+    bl_label = "Corrections"
+
+    @classmethod
+    def poll(cls, context):
+        return holds_points(context.scene.mocap_autolabel.take)
+
+    def draw(self, context):
+        layout, state = self.layout, context.window_manager.mocap_autolabel
+        layout.operator("mocap_autolabel.pick_point", icon="EYEDROPPER")
+        names, settings = selected_markers(context), context.scene.mocap_autolabel
+        if names:
+            layout.label(text=", ".join(names), icon="EMPTY_DATA")
+        elif settings.picked != NOTHING_PICKED:
+            layout.label(text=f"Trajectory {settings.picked}", icon="DOT")
+        grid = layout.grid_flow(columns=2, even_columns=True, align=True)
+        grid.operator("mocap_autolabel.name_point", icon="SORTALPHA")
+        grid.operator("mocap_autolabel.unlabel", icon="X")
+        grid.operator("mocap_autolabel.swap_markers", icon="UV_SYNC_SELECT")
+        grid.operator("mocap_autolabel.is_right", icon="CHECKMARK")
+        if len(state.corrections):
+            row = layout.row()
+            row.template_list(
+                "MOCAP_AUTOLABEL_UL_corrections", "", state, "corrections", state, "correction_index", rows=3, maxrows=8
+            )
+            column = row.column(align=True)
+            remove = column.operator("mocap_autolabel.remove_correction", text="", icon="REMOVE")
+            remove.index = state.correction_index
+            column.operator("mocap_autolabel.clear_corrections", text="", icon="TRASH")
+            if state.correction_index < len(state.corrections):
+                row = state.corrections[state.correction_index]
+                draw_text(layout, f"{row.name}: {row.idle}" if row.idle else row.name)
+        layout.operator("mocap_autolabel.save_corrections", icon="FILE_TICK")
+
+
 class MOCAP_AUTOLABEL_PT_export(Step, bpy.types.Panel):
     """Files for other programs."""
 
@@ -294,6 +332,13 @@ class MOCAP_AUTOLABEL_UL_suspects(bpy.types.UIList):
         row.label(text=item.reason)
 
 
+class MOCAP_AUTOLABEL_UL_corrections(bpy.types.UIList):
+    """Edits in the order in which they are applied."""
+
+    def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0):
+        layout.label(text=item.name, icon="ERROR" if item.idle else "NONE")
+
+
 class MOCAP_AUTOLABEL_UL_markers(bpy.types.UIList):
     """A marker a row."""
 
@@ -312,6 +357,7 @@ class MOCAP_AUTOLABEL_UL_markers(bpy.types.UIList):
 CLASSES = (
     MOCAP_AUTOLABEL_UL_lessons,
     MOCAP_AUTOLABEL_UL_suspects,
+    MOCAP_AUTOLABEL_UL_corrections,
     MOCAP_AUTOLABEL_UL_markers,
     MOCAP_AUTOLABEL_PT_cameras,
     MOCAP_AUTOLABEL_PT_take,
@@ -323,5 +369,6 @@ CLASSES = (
     MOCAP_AUTOLABEL_PT_review,
     MOCAP_AUTOLABEL_PT_suspects,
     MOCAP_AUTOLABEL_PT_markers,
+    MOCAP_AUTOLABEL_PT_corrections,
     MOCAP_AUTOLABEL_PT_export,
 )

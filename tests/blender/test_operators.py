@@ -83,7 +83,7 @@ def labelling(extension, monkeypatch, made, tmp_path_factory):
     gate.set()
     folder = tmp_path_factory.mktemp("files-of-the-job")
 
-    def label_take(chunks, cameras, markerset, rate, options, occlusion=None):
+    def label_take(chunks, cameras, markerset, rate, options, occlusion=None, edits=()):
         for blobs in chunks:
             if given:
                 assert gate.wait(10)
@@ -178,7 +178,7 @@ def test_what_is_odd_about_cameras_is_said_and_kept_with_the_take(ready, labelli
     assert labelling.module.MOCAP_AUTOLABEL_OT_label._show(operator, ready, take) == {"FINISHED"}
     assert said[0] == ({"WARNING"}, words)
     stored = json.loads(ready.scene.mocap_autolabel.take["mocap_suspects"])
-    assert [100, 105, words] in stored
+    assert [100, 105, words, None, []] in stored
 
 
 def test_the_import_turns_a_calibration_as_it_is_told(extension, empty, files):

@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Edits in words, for the list that a person reads."""
+
+from .kinds import AssignBlob, AssignPoint, Delete, Edit, Place, Right, Swap, UnlabelMarker, UnlabelPoint, frames_of
+
+
+def words_of(edit: Edit, shift: int = 0) -> str:
+    """What an edit says, and of which frames, such as "LKNE is trajectory 12, frame 7"; `shift` is added to these."""
+    said = _said(edit)
+    frames = frames_of(edit)
+    if frames is None:
+        return f"{said}, all frames"
+    first, last = (number + shift for number in frames)
+    return f"{said}, frame {first}" if first == last else f"{said}, frames {first}–{last}"
+
+
+def _said(edit: Edit) -> str:
+    match edit:
+        case AssignPoint():
+            return f"{edit.marker} is trajectory {edit.point}"
+        case AssignBlob():
+            return f"{edit.marker} is the blob at {edit.x:.0f} {edit.y:.0f} of {edit.camera}"
+        case UnlabelMarker():
+            return f"Nothing is {edit.marker}"
+        case UnlabelPoint():
+            return f"Trajectory {edit.point} has no name"
+        case Swap():
+            return f"{edit.markers[0]} and {edit.markers[1]} swapped"
+        case Delete():
+            return f"Trajectory {edit.point} is no marker"
+        case Place():
+            return f"{edit.marker} is placed by hand"
+        case Right():
+            return f"{edit.marker} is right"
+    raise TypeError(f"{type(edit).__name__}; expected a kind of edit")

@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A labelled take as the file keeps it, read back as plain arrays."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from ..core.data.takes import Blobs, EditOutcome, Labels, Motion, PointRows, Suspect
+from ..core.edits.kinds import NO_EDITS, Edits
+from ..core.geometry.cameras import Cameras
+
+
+@dataclass(frozen=True, eq=False)
+class Stored:
+    """What the file keeps of a take: as `Take`, with the names of the markers for the marker set.
+
+    shift     added to the source's frame numbers to get Blender's
+    words     index of each marker by its name, aliases too
+    edits     what a person said of the labels, which these follow
+    outcomes  what became of each edit
+    """
+
+    name: str
+    rate: float
+    cameras: Cameras
+    names: tuple[str, ...]
+    rows: Blobs | PointRows
+    labels: Labels
+    motion: Motion
+    suspects: tuple[Suspect, ...]
+    source: str
+    shift: int
+    words: Mapping[str, int] = field(default_factory=dict)
+    edits: Edits = NO_EDITS
+    outcomes: tuple[EditOutcome, ...] = ()

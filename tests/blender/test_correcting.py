@@ -1,0 +1,328 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Labels of 3D points corrected in Blender: all that is shown and written follows, and what was said is kept."""
+
+import importlib
+import json
+from functools import partial
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+import pytest
+from mathutils import Matrix
+
+from addon.core.data.takes import NO_MARKER, Points
+from addon.core.edits.kinds import AssignPoint, Edits, Right, Swap, UnlabelPoint
+from addon.io.edits import read_edits, write_edits
+from addon.io.markersets import write_markerset
+from addon.io.points import read_points, write_c3d
+from addon.scene import naming
+from addon.scene.take import show_take
+
+FRAMES = 30
+GHOST = 13  # the trajectory that nobody wears; before it each is the marker of its number
+
+
+@pytest.fixture
+def files(tmp_path, made):
+    """A take of points of a person, a trajectory a marker and a ghost behind them."""
+    markerset = made.markerset()
+    motion = made.motion(markerset, FRAMES)
+    ghost = np.tile([1.5, 1.5, 0.2], (FRAMES, 1, 1))
+    xyz = np.concatenate([motion.markers, ghost], axis=1)
+    residual = np.where(np.isfinite(xyz[..., 0]), 0.0002, np.nan)
+    write_c3d(tmp_path / "walk.c3d", Points(("",) * xyz.shape[1], xyz, residual, 60.0, 101))
+    write_markerset(tmp_path / "small.markerset.json", markerset)
+    names = markerset.markers
+    return SimpleNamespace(
+        folder=tmp_path, take=tmp_path / "walk.c3d", edits=tmp_path / "walk.edits.json", xyz=xyz, names=names
+    )
+
+
+@pytest.fixture
+def labelled(extension, empty, files, monkeypatch):
+    """The take in a scene, named as it is, by a naming that knows."""
+    pipeline = importlib.import_module(f"{extension}.addon.core.pipelines.points")
+    takes = importlib.import_module(f"{extension}.addon.core.data.takes")
+    truth = np.arange(GHOST + 1)
+    truth[GHOST] = NO_MARKER
+
+    def name(points, rate):
+        there = np.isfinite(points).all(axis=2)
+        marker = np.where(there, truth, NO_MARKER)
+        named = marker != NO_MARKER
+        yield takes.Labels(marker, np.where(named, takes.BY_FIT, takes.NO_STEP), named * 1.0, named * 1.0)
+
+    monkeypatch.setattr(pipeline, "namer_of", lambda *_: SimpleNamespace(step=takes.BY_FIT, name=name))
+    assert bpy.ops.mocap_autolabel.import_points(filepath=str(files.take)) == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.open_markerset(filepath=str(files.folder / "small.markerset.json")) == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    empty.scene.frame_set(120)
+    return empty
+
+
+def shown() -> dict[str, bpy.types.Object]:
+    """The empties of the active take."""
+    take = bpy.context.scene.mocap_autolabel.take
+    return {item[naming.MARKER]: item for item in take.all_objects if naming.MARKER in item}
+
+
+def choose(*names: str):
+    """Selects markers, the first as the active one."""
+    for item in bpy.context.selected_objects:
+        item.select_set(False)
+    for name in reversed(names):
+        shown()[name].select_set(True)
+        bpy.context.view_layer.objects.active = shown()[name]
+
+
+def keys_of(name: str) -> np.ndarray:
+    """(K, 4) the keyed frames of a marker, and where it is in them."""
+    data = shown()[name].animation_data
+    bag = data.action.layers[0].strips[0].channelbag(data.action_slot)
+    curves = [[key.co for key in curve.keyframe_points] for curve in bag.fcurves if curve.data_path == "location"]
+    assert len(curves) in (0, 3)
+    return (
+        np.column_stack([np.array(curves[0])[:, 0], *(np.array(c)[:, 1] for c in curves)])
+        if curves
+        else np.empty((0, 4))
+    )
+
+
+def follows(files, name: str, point: int, frames: slice = slice(None)):
+    """Asserts that a marker is keyed where a trajectory is, in some of the take's frames, and there only."""
+    keys = keys_of(name)
+    wanted = np.arange(FRAMES)[frames]
+    wanted = wanted[np.isfinite(files.xyz[wanted, point, 0])]
+    mine = keys[np.isin(keys[:, 0], 101 + np.arange(FRAMES)[frames])]
+    assert mine[:, 0].tolist() == (101 + wanted).tolist()
+    np.testing.assert_allclose(mine[:, 1:], files.xyz[wanted, point], atol=1e-5)
+
+
+def rows_of_export(path) -> list[list[str]]:
+    assert bpy.ops.mocap_autolabel.export_labels(filepath=str(path)) == {"FINISHED"}
+    return [line.split(",") for line in path.read_text().splitlines()[1:]]
+
+
+def test_two_names_are_swapped_everywhere(labelled, files):
+    choose("LKNE", "RKNE")
+    assert bpy.ops.mocap_autolabel.swap_markers(scope="ON") == {"FINISHED"}
+    one, other = files.names.index("LKNE"), files.names.index("RKNE")
+    for name, before, after in (("LKNE", one, other), ("RKNE", other, one)):
+        follows(files, name, before, slice(0, 19))
+        follows(files, name, after, slice(19, None))
+    np.testing.assert_allclose(shown()["LKNE"].matrix_world.translation, files.xyz[19, other], atol=1e-5)
+    for ending, export in ((".c3d", bpy.ops.mocap_autolabel.export_c3d), (".trc", bpy.ops.mocap_autolabel.export_trc)):
+        export(filepath=str(files.folder / f"ours{ending}"))
+        take = read_points(files.folder / f"ours{ending}")
+        np.testing.assert_allclose(take.xyz[25, take.names.index("LKNE")], files.xyz[25, other], atol=1e-5)
+        np.testing.assert_allclose(take.xyz[5, take.names.index("LKNE")], files.xyz[5, one], atol=1e-5)
+    rows = rows_of_export(files.folder / "ours.labels.csv")
+    named = {(row[0], row[1]): row for row in rows}
+    for frame, point in (("125", other), ("115", one)):
+        assert "LKNE" in named[frame, str(point)]
+        assert ("edit" in named[frame, str(point)]) == (frame == "125")
+    [row] = bpy.context.window_manager.mocap_autolabel.corrections
+    assert row.name == "LKNE and RKNE swapped, frames 120–130"
+
+
+def test_a_name_is_taken_away_and_given_to_what_was_picked(labelled, files):
+    knee = files.names.index("LKNE")
+    choose("LKNE")
+    assert bpy.ops.mocap_autolabel.unlabel(scope="WHOLE") == {"FINISHED"}
+    assert len(keys_of("LKNE")) == 0
+    assert shown()["LKNE"].hide_viewport
+    cloud = next(item for item in labelled.scene.mocap_autolabel.take.objects if item.modifiers)
+    assert len(cloud.data.vertices) == FRAMES + int(np.isfinite(files.xyz[:, knee, 0]).sum())
+    assert bpy.ops.mocap_autolabel.pick_point(point=GHOST) == {"FINISHED"}
+    assert (labelled.scene.mocap_autolabel.picked, bpy.context.selected_objects) == (GHOST, [])
+    assert bpy.ops.mocap_autolabel.name_point(marker="LKNE", scope="BACK") == {"FINISHED"}
+    follows(files, "LKNE", GHOST, slice(0, 20))
+    assert keys_of("LKNE")[-1, 0] == 120
+    assert not shown()["LKNE"].hide_viewport
+    rows = rows_of_export(files.folder / "ours.labels.csv")
+    assert sum("LKNE" in row and "edit" in row for row in rows) == 20
+
+
+def test_a_named_point_that_is_picked_is_selected_as_its_marker(labelled, files):
+    assert bpy.ops.mocap_autolabel.pick_point(point=files.names.index("LANK")) == {"FINISHED"}
+    assert [item[naming.MARKER] for item in bpy.context.selected_objects] == ["LANK"]
+    assert labelled.scene.mocap_autolabel.picked == -1
+
+
+def test_the_point_under_the_mouse_is_found(extension, labelled, files):
+    correcting = importlib.import_module(f"{extension}.addon.ops.correcting")
+    stored = correcting.opened.take(labelled.scene.mocap_autolabel.take, labelled.scene)
+    region = SimpleNamespace(width=400, height=400)
+    view = SimpleNamespace(perspective_matrix=Matrix.Scale(0.5, 4, (1, 0, 0)) @ Matrix.Scale(0.5, 4, (0, 1, 0)))
+    x, y = 200 + 100 * files.xyz[19, GHOST, :2]
+    assert correcting.point_at(stored, 120, region, view, (x + 3, y - 3), 10) == GHOST
+    with pytest.raises(Exception, match="no point is there"):
+        correcting.point_at(stored, 120, region, view, (x + 30, y), 10)
+
+
+@pytest.mark.parametrize(
+    ("scope", "frames"),
+    [("FRAME", (120, 120)), ("ON", (120, 130)), ("BACK", (101, 120)), ("WHOLE", None), ("RANGE", (118, 123))],
+)
+def test_a_scope_is_a_range_of_frames(labelled, files, scope, frames):
+    scene = labelled.scene
+    scene.use_preview_range, scene.frame_preview_start, scene.frame_preview_end = True, 118, 123
+    choose("LWRA")
+    assert bpy.ops.mocap_autolabel.name_point(marker="RWRA", scope=scope) == {"FINISHED"}
+    bpy.ops.mocap_autolabel.save_corrections()
+    assert read_edits(files.edits).items == (AssignPoint(files.names.index("LWRA"), "RWRA", frames=frames),)
+
+
+def test_what_is_right_is_no_longer_asked(extension, labelled, files):
+    take = labelled.scene.mocap_autolabel.take
+    take["mocap_suspects"] = json.dumps(
+        [[110, 115, "LKNE jumps", None, ["LKNE"]], [112, 113, "may be LKNE", GHOST, []], [120, 121, "of old"]]
+    )
+    importlib.import_module(f"{extension}.addon.scene.opened").opened.forget()
+    choose("LKNE")
+    labelled.scene.frame_set(112)
+    bpy.ops.mocap_autolabel.is_right(scope="ON")
+    state = labelled.window_manager.mocap_autolabel
+    left = [(row.first, row.last, row.reason) for row in state.suspects]
+    assert left == [(110, 111, "LKNE jumps"), (112, 113, f"trajectory {GHOST} may be LKNE"), (120, 121, "of old")]
+    bpy.ops.mocap_autolabel.pick_point(point=GHOST)
+    bpy.ops.mocap_autolabel.name_point(marker="LKNE", scope="WHOLE")
+    assert not any("may be LKNE" in row.reason for row in state.suspects)
+    bpy.ops.mocap_autolabel.clear_corrections()
+    assert (len(state.suspects), len(state.corrections)) == (3, 0)
+
+
+def test_each_is_one_undo_step_and_can_be_removed(labelled, files):
+    knee, wrist = files.names.index("LKNE"), files.names.index("LWRA")
+    bpy.ops.ed.undo_push(message="Before")
+    choose("LKNE")
+    bpy.ops.mocap_autolabel.unlabel(scope="WHOLE")
+    bpy.ops.ed.undo_push(message="Unlabel")
+    choose("LWRA", "RWRA")
+    bpy.ops.mocap_autolabel.swap_markers(scope="WHOLE")
+    bpy.ops.ed.undo_push(message="Swap")
+    state = bpy.context.window_manager.mocap_autolabel
+    assert [row.name for row in state.corrections] == [
+        f"Trajectory {knee} has no name, all frames",
+        "LWRA and RWRA swapped, all frames",
+    ]
+    bpy.ops.ed.undo()
+    follows(files, "LWRA", wrist)
+    assert len(bpy.context.window_manager.mocap_autolabel.corrections) == 1
+    assert not any("LKNE" in row for row in rows_of_export(files.folder / "undone.labels.csv"))
+    bpy.ops.ed.redo()
+    follows(files, "LWRA", files.names.index("RWRA"))
+    assert bpy.ops.mocap_autolabel.remove_correction(index=0) == {"FINISHED"}
+    follows(files, "LKNE", knee)
+    follows(files, "LWRA", files.names.index("RWRA"))
+    assert len(bpy.context.window_manager.mocap_autolabel.corrections) == 1
+
+
+def test_a_saved_file_keeps_them(labelled, files):
+    choose("LKNE", "RKNE")
+    bpy.ops.mocap_autolabel.swap_markers(scope="WHOLE")
+    before = rows_of_export(files.folder / "before.labels.csv")
+    bpy.ops.wm.save_as_mainfile(filepath=str(files.folder / "walk.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(files.folder / "walk.blend"))
+    assert len(bpy.context.window_manager.mocap_autolabel.corrections) == 1
+    assert rows_of_export(files.folder / "after.labels.csv") == before
+    choose("LKNE", "RKNE")
+    bpy.ops.mocap_autolabel.swap_markers(scope="WHOLE")
+    follows(files, "LKNE", files.names.index("LKNE"))
+
+
+def test_labelling_again_keeps_them_and_is_what_the_command_line_makes(labelled, files, extension, tmp_path):
+    jobs = importlib.import_module(f"{extension}.addon.jobs")
+    choose("LKNE", "RKNE")
+    bpy.ops.mocap_autolabel.swap_markers(scope="WHOLE")
+    bpy.ops.mocap_autolabel.pick_point(point=GHOST)
+    bpy.ops.mocap_autolabel.name_point(marker="LANK", scope="FRAME")
+    bpy.ops.mocap_autolabel.save_corrections()
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    assert len(bpy.context.window_manager.mocap_autolabel.corrections) == 2
+    out = tmp_path / "out"
+    out.mkdir()
+    model = str(files.folder / "small.markerset.json")
+    for _ in jobs.label_file(jobs.LabelJob(files.take, None, model, out)):
+        pass
+    rows_of_export(tmp_path / "ours.labels.csv")
+    assert (tmp_path / "ours.labels.csv").read_text() == (out / "walk.labels.csv").read_text()
+    bpy.ops.mocap_autolabel.export_c3d(filepath=str(tmp_path / "ours.c3d"))
+    theirs, ours = read_points(out / "walk.c3d"), read_points(tmp_path / "ours.c3d")
+    assert ours.names == theirs.names
+    np.testing.assert_allclose(ours.xyz, theirs.xyz, atol=1e-6)
+    bpy.ops.mocap_autolabel.clear_corrections()
+    follows(files, "LKNE", files.names.index("LKNE"))
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    assert len(bpy.context.window_manager.mocap_autolabel.corrections) == 0, "the file beside was taken back here"
+
+
+def test_what_lies_beside_the_take_is_taken_up(labelled, files):
+    edits = Edits((Swap(("LKNE", "RKNE")), UnlabelPoint(GHOST), Right("C7", frames=(103, 104))))
+    write_edits(files.edits, edits)
+    assert bpy.ops.mocap_autolabel.import_points(filepath=str(files.take)) == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    follows(files, "LKNE", files.names.index("RKNE"))
+    rows = bpy.context.window_manager.mocap_autolabel.corrections
+    assert [bool(row.idle) for row in rows] == [False, True, False]
+    bpy.ops.mocap_autolabel.remove_correction(index=0)
+    follows(files, "LKNE", files.names.index("LKNE"))
+    bpy.ops.mocap_autolabel.save_corrections()
+    assert read_edits(files.edits) == edits.without(0)
+
+
+def test_a_file_of_the_command_line_can_be_corrected_on(labelled, files, extension, tmp_path):
+    jobs = importlib.import_module(f"{extension}.addon.jobs")
+    write_edits(files.edits, Edits((Swap(("LKNE", "RKNE")),)))
+    out = tmp_path / "out"
+    out.mkdir()
+    model = str(files.folder / "small.markerset.json")
+    for _ in jobs.label_file(jobs.LabelJob(files.take, None, model, out, blend=True)):
+        pass
+    bpy.ops.wm.open_mainfile(filepath=str(out / "walk.blend"))
+    follows(files, "LKNE", files.names.index("RKNE"))
+    assert rows_of_export(tmp_path / "ours.labels.csv") == [
+        line.split(",") for line in (out / "walk.labels.csv").read_text().splitlines()[1:]
+    ]
+    bpy.ops.mocap_autolabel.remove_correction(index=0)
+    follows(files, "LKNE", files.names.index("LKNE"))
+
+
+def test_what_cannot_be_done_is_one_sentence_and_changes_nothing(labelled, files):
+    scene, collection = labelled.scene, labelled.scene.mocap_autolabel.take
+    choose()
+    for work, words in (
+        (bpy.ops.mocap_autolabel.unlabel, "nothing is selected; expected"),
+        (bpy.ops.mocap_autolabel.swap_markers, "0 markers are selected; expected"),
+        (bpy.ops.mocap_autolabel.is_right, "no marker is selected; expected"),
+        (partial(bpy.ops.mocap_autolabel.pick_point, point=99), "trajectory 99 has no point in frame 120; expected"),
+        (bpy.ops.mocap_autolabel.clear_corrections, "Nothing was corrected"),
+    ):
+        with pytest.raises(RuntimeError, match=words):
+            work()
+    choose("LKNE")
+    with pytest.raises(RuntimeError, match="no range is selected; expected"):
+        bpy.ops.mocap_autolabel.unlabel(scope="RANGE")
+    gap = int(np.flatnonzero(np.isnan(files.xyz[:, 2, 0]))[-1])
+    choose(files.names[2])
+    scene.frame_set(101 + gap)
+    with pytest.raises(RuntimeError, match="RASI is not named in frame"):
+        bpy.ops.mocap_autolabel.unlabel()
+    scene.frame_set(500)
+    with pytest.raises(RuntimeError, match="the current frame is 500; expected one of the take, 101 to 130"):
+        bpy.ops.mocap_autolabel.unlabel()
+    scene.frame_set(120)
+    bpy.ops.mocap_autolabel.pick_point(point=GHOST)
+    with pytest.raises(RuntimeError, match=f"trajectory {GHOST} has no name in the take; expected"):
+        bpy.ops.mocap_autolabel.unlabel()
+    assert "mocap_edits" not in collection
+    scene.mocap_autolabel.take = None
+    with pytest.raises(RuntimeError, match="Label a take of 3D points first"):
+        bpy.ops.mocap_autolabel.unlabel()
+
+
+def test_a_take_of_blobs_has_none(extension, empty, made):
+    empty.scene.mocap_autolabel.take = show_take(empty, made.take())
+    with pytest.raises(RuntimeError, match="Label a take of 3D points first"):
+        bpy.ops.mocap_autolabel.name_point(marker="")

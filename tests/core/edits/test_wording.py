@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Edits in words: every kind has some, with its frames as they are counted where they are shown."""
+
+import pytest
+
+from addon.core.edits.kinds import (
+    EDIT_KINDS,
+    AssignBlob,
+    AssignPoint,
+    Delete,
+    Place,
+    Right,
+    Swap,
+    UnlabelMarker,
+    UnlabelPoint,
+)
+from addon.core.edits.wording import words_of
+
+WORDS = {
+    AssignPoint(12, "LKNE", frames=(100, 250)): "LKNE is trajectory 12, frames 100–250",
+    AssignPoint(12, "LKNE", frames=(100, 100)): "LKNE is trajectory 12, frame 100",
+    AssignBlob("cam1", 100, 512.3, 88.1, "LKNE"): "LKNE is the blob at 512 88 of cam1, frame 100",
+    UnlabelMarker("LKNE"): "Nothing is LKNE, all frames",
+    UnlabelPoint(12): "Trajectory 12 has no name, all frames",
+    Swap(("LKNE", "RKNE"), frames=(1, 2)): "LKNE and RKNE swapped, frames 1–2",
+    Delete(7): "Trajectory 7 is no marker, all frames",
+    Place("LKNE", 120, (0.1, 0.2, 0.5)): "LKNE is placed by hand, frame 120",
+    Right("LKNE"): "LKNE is right, all frames",
+}
+
+
+def test_every_kind_has_words():
+    assert {type(edit) for edit in WORDS} == set(EDIT_KINDS)
+    assert {edit: words_of(edit) for edit in WORDS} == WORDS
+
+
+@pytest.mark.parametrize("shift", [-99, 7])
+def test_frames_are_counted_as_they_are_shown(shift):
+    edit = AssignPoint(12, "LKNE", frames=(100, 250))
+    assert words_of(edit, shift) == f"LKNE is trajectory 12, frames {100 + shift}–{250 + shift}"
