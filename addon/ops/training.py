@@ -4,17 +4,23 @@
 import glob
 from collections.abc import Generator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import bpy
+import numpy as np
 from bpy.props import CollectionProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ..core.data.background import drained, in_background
 from ..core.data.errors import InputError
+from ..core.data.takes import Points
 from ..io.markersets import SUFFIX
-from ..io.points import read_points
+from ..io.points import read_points, write_c3d
 from ..prefs import markerset_folder
 from ..props import SceneSettings, choose_own, own_model
+from ..scene.opened import opened
+from ..scene.stored import Stored
+from ..scene.take import is_take
 from .importing import POINTS, ReadsPoints
 from .reporting import reports_trouble
 from .stepping import WorksInSteps
@@ -71,25 +77,11 @@ class MOCAP_AUTOLABEL_OT_remove_lesson(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class MOCAP_AUTOLABEL_OT_train(WorksInSteps, bpy.types.Operator):
-    """Learn a marker set of your own from the labelled takes, save it and choose it."""
+class Trains(WorksInSteps):
+    """What the trainings share: the marker set is chosen, and what is doubted of its takes is said."""
 
-    bl_idname = "mocap_autolabel.train"
-    bl_label = "Train"
     bl_options = {"REGISTER", "UNDO"}
-
     doing = "Training"
-
-    @classmethod
-    def poll(cls, context):
-        if len(context.scene.mocap_autolabel.lessons):
-            return True
-        cls.poll_message_set("Add labelled takes first")
-        return False
-
-    def steps(self, context):
-        """The training."""
-        return train_steps(context.scene.mocap_autolabel)
 
     def _show(self, context, result: dict) -> set[str]:
         settings, doubts = context.scene.mocap_autolabel, context.window_manager.mocap_autolabel.doubts
@@ -103,18 +95,79 @@ class MOCAP_AUTOLABEL_OT_train(WorksInSteps, bpy.types.Operator):
         return {"FINISHED"}
 
 
+class MOCAP_AUTOLABEL_OT_train(Trains, bpy.types.Operator):
+    """Learn a marker set of your own from the labelled takes, save it and choose it."""
+
+    bl_idname = "mocap_autolabel.train"
+    bl_label = "Train"
+
+    @classmethod
+    def poll(cls, context):
+        if len(context.scene.mocap_autolabel.lessons):
+            return True
+        cls.poll_message_set("Add labelled takes first")
+        return False
+
+    def steps(self, context):
+        """The training."""
+        return train_steps(context.scene.mocap_autolabel)
+
+
+class MOCAP_AUTOLABEL_OT_learn_frame(Trains, bpy.types.Operator):
+    """Learn a marker set of your own from the names in this frame: look first whether all of them are right."""
+
+    bl_idname = "mocap_autolabel.learn_frame"
+    bl_label = "Learn from This Frame"
+
+    @classmethod
+    def poll(cls, context):
+        if is_take(context.scene.mocap_autolabel.take):
+            return True
+        cls.poll_message_set("Label a take first, and put the names of one frame right")
+        return False
+
+    def steps(self, context):
+        """The training."""
+        scene = context.scene
+        stored = opened.take(scene.mocap_autolabel.take, scene)
+        return learn_steps(scene.mocap_autolabel, named_in_frame(stored, scene.frame_current), stored.name)
+
+
+def named_in_frame(stored: Stored, frame: int) -> Points:
+    """The named markers of a take in one of Blender's frames; InputError where there are none."""
+    motion = stored.motion
+    index = frame - stored.shift - int(motion.frames[0])
+    if not 0 <= index < len(motion.frames):
+        first, last = (int(end) + stored.shift for end in motion.frames[[0, -1]])
+        raise InputError(f"the current frame is {frame}; expected one of the take, {first} to {last}")
+    named = np.flatnonzero(np.isfinite(motion.markers[index, :, 0]))
+    if not len(named):
+        raise InputError(f"no marker is named in frame {frame}; expected one in which all are named and right")
+    part = slice(index, index + 1), named
+    names = tuple(stored.names[marker] for marker in named)
+    return Points(names, motion.markers[part], motion.residual[part], stored.rate, int(motion.frames[index]))
+
+
+def learn_steps(settings: SceneSettings, frame: Points, take: str) -> Generator[float, None, dict]:
+    """Trains on one labelled frame of a take, as `train_steps` does on the takes in the list."""
+    from ..jobs.train import TrainJob, train_file
+
+    name, out = _new_model(settings)
+    with TemporaryDirectory(prefix="mocap-autolabel-") as folder:
+        # The model keeps the name of what it has learned from, and a take's name need not be one for files.
+        path = Path(folder) / ("".join(letter if letter.isalnum() else "_" for letter in take) + ".c3d")
+        write_c3d(path, frame)
+        job = TrainJob(takes=(path,), out=out, name=name)
+        return (yield from in_background(lambda tell: drained(train_file(job), tell)))
+
+
 def train_steps(settings: SceneSettings) -> Generator[float, None, dict]:
     """Trains as the settings say, yielding how much is done (0 to 1); returns the report. InputError if they cannot."""
     from ..jobs.train import TrainJob, train_file  # with all that can be learned, which nobody who starts waits for
     from ..jobs.training_takes import KnownBetter
 
     base = own_model(settings) if settings.train_on else None
-    name = settings.trained_name.strip()
-    if not name or Path(name).name != name:
-        raise InputError(f"{name!r} is no name for a marker set; expected one such as ours")
-    out = Path(base) if base else markerset_folder(create=True) / (name + SUFFIX)
-    if out.exists() and not base:
-        raise InputError("is there already; expected another name, or that marker set chosen and trained on", out)
+    name, out = (None, Path(base)) if base else _new_model(settings)
     takes = {Path(bpy.path.abspath(row.path)): row.subject for row in settings.lessons}
     known = {
         Path(bpy.path.abspath(row.path)): KnownBetter(row.up or None, row.rate or None) for row in settings.lessons
@@ -122,7 +175,7 @@ def train_steps(settings: SceneSettings) -> Generator[float, None, dict]:
     job = TrainJob(
         takes=tuple(takes),
         out=out,
-        name=None if base else name,
+        name=name,
         subjects=tuple((subject, glob.escape(path.as_posix())) for path, subject in takes.items() if subject),
         base=base,
         overwrite=bool(base),
@@ -131,4 +184,20 @@ def train_steps(settings: SceneSettings) -> Generator[float, None, dict]:
     return in_background(lambda tell: drained(train_file(job), tell))
 
 
-CLASSES = (MOCAP_AUTOLABEL_OT_add_lessons, MOCAP_AUTOLABEL_OT_remove_lesson, MOCAP_AUTOLABEL_OT_train)
+def _new_model(settings: SceneSettings) -> tuple[str, Path]:
+    """The name of a marker set that is not there yet, and its file; InputError where it is, or is no name."""
+    name = settings.trained_name.strip()
+    if not name or Path(name).name != name:
+        raise InputError(f"{name!r} is no name for a marker set; expected one such as ours")
+    out = markerset_folder(create=True) / (name + SUFFIX)
+    if out.exists():
+        raise InputError("is there already; expected another name, or that marker set chosen and trained on", out)
+    return name, out
+
+
+CLASSES = (
+    MOCAP_AUTOLABEL_OT_add_lessons,
+    MOCAP_AUTOLABEL_OT_remove_lesson,
+    MOCAP_AUTOLABEL_OT_train,
+    MOCAP_AUTOLABEL_OT_learn_frame,
+)

@@ -134,6 +134,7 @@ class MOCAP_AUTOLABEL_PT_train(Step, bpy.types.Panel):
         if not (own and settings.train_on):
             layout.prop(settings, "trained_name")
         layout.operator("mocap_autolabel.train", icon="PLAY")
+        layout.operator("mocap_autolabel.learn_frame", icon="PLAY")
         for doubt in context.window_manager.mocap_autolabel.doubts:
             draw_text(layout, doubt.name, icon="ERROR")
 

@@ -9,9 +9,14 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.core.data.takes import Points
+from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, NO_STEP, Labels, PointRows, Points
+from addon.core.geometry.cameras import NO_CAMERAS
+from addon.core.points.motion import motion_of
+from addon.demo.take import make_performance
+from addon.io.markersets import open_markerset
 from addon.io.models import open_model
-from addon.io.points import write_c3d
+from addon.io.points import read_points, write_c3d
+from addon.scene.take import Take, show_take
 
 
 @pytest.fixture(scope="module")
@@ -111,3 +116,56 @@ def test_a_job_is_what_the_list_says(listed, files, own_folder, extension, monke
 def test_nothing_can_be_learned_from_nothing(extension, empty):
     with pytest.raises(RuntimeError, match="Add labelled takes first"):
         bpy.ops.mocap_autolabel.train()
+
+
+@pytest.fixture
+def standing(extension, empty, own_folder):
+    """A labelled take of the demo's virtual person in a scene, whose heel nobody has named in its second frame."""
+    markerset = open_markerset("body26")
+    xyz = make_performance(markerset).take.xyz[:3]
+    points = Points(("",) * len(markerset), xyz, np.where(np.isfinite(xyz[..., 0]), 0.0002, np.nan), 100.0, 101)
+    marker = np.where(points.present, np.arange(len(markerset)), NO_MARKER)
+    marker[1, markerset.markers.index("LHEE")] = NO_MARKER
+    sure = (marker != NO_MARKER) * 1.0
+    labels = Labels(marker, np.where(sure > 0, BY_LIKELIHOOD, NO_STEP), sure, sure)
+    motion = motion_of(xyz, points.residual, labels, markerset, points.frames)
+    rows = PointRows.of(points)
+    take = Take("st/and", 100.0, NO_CAMERAS, markerset, rows, labels[np.nonzero(points.present)], motion)
+    settings = empty.scene.mocap_autolabel
+    settings.take = show_take(empty, take)
+    return SimpleNamespace(context=empty, settings=settings, names=markerset.markers, xyz=xyz)
+
+
+def test_one_frame_of_a_labelled_take_is_learned_from(standing, own_folder, extension, monkeypatch):
+    given = []
+
+    def train_file(job):
+        given.append((job, read_points(job.takes[0])))
+        yield SimpleNamespace(fraction=0.5)
+        known = {"out": str(job.out), "model": "hers", "markers": standing.names, "body": {"segments": {}}}
+        return {**known, "doubts": ["one frame"], "replaced": []}
+
+    monkeypatch.setattr(importlib.import_module(f"{extension}.addon.jobs.train"), "train_file", train_file)
+    standing.settings.trained_name = "hers"
+    standing.context.scene.frame_set(102)
+    assert bpy.ops.mocap_autolabel.learn_frame() == {"FINISHED"}
+    job, frame = given[0]
+    assert (job.name, job.out, job.base) == ("hers", own_folder / "hers.markerset.json", None)
+    assert set(frame.names) == set(standing.names) - {"LHEE"}
+    assert frame.xyz.shape == (1, 25, 3)
+    where = {name: place for name, place in zip(standing.names, standing.xyz[1], strict=True) if name != "LHEE"}
+    assert all(np.allclose(frame.xyz[0, frame.names.index(name)], place, atol=1e-4) for name, place in where.items())
+    assert job.takes[0].stem == "st_and"
+    assert not job.takes[0].exists()
+    assert [row.name for row in standing.context.window_manager.mocap_autolabel.doubts] == ["one frame"]
+    job.out.touch()
+    with pytest.raises(RuntimeError, match=r"hers\.markerset\.json: is there already"):
+        bpy.ops.mocap_autolabel.learn_frame()
+
+
+def test_a_frame_outside_the_take_teaches_nothing(standing, own_folder):
+    standing.settings.trained_name = "hers"
+    standing.context.scene.frame_set(500)
+    with pytest.raises(RuntimeError, match="the current frame is 500; expected one of the take, 101 to 103"):
+        bpy.ops.mocap_autolabel.learn_frame()
+    assert not list(own_folder.iterdir())
