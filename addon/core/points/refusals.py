@@ -30,7 +30,8 @@ class RefusalOptions:
     min_sure_rest           the same of the points that one subject leaves over, where they are another: spare markers
                             are not
     min_named               share of the markers that such a take is given in the end
-    min_named_fit           the same of a fitted body, which makes do with any points that are near enough
+    min_named_fit           the same of a fitted body, which makes do with any points that are near enough: of a body
+                            on its head it named 0.72
     min_gap_m               between two subjects, where nothing is known of how far one reaches
     crowd                   times as many points as markers, at least, where there may be two subjects
     min_second              share of the markers that a second subject's points must be enough for,
@@ -49,7 +50,7 @@ class RefusalOptions:
     min_sure_rigid: float = 0.2
     min_sure_rest: float = 0.3
     min_named: float = 0.25
-    min_named_fit: float = 0.6
+    min_named_fit: float = 0.75
     min_gap_m: float = 0.6
     crowd: float = 1.6
     min_second: float = 0.5

@@ -135,7 +135,7 @@ def test_few_labels_in_the_end_are_said_so(gait):
     refuse_unrecognised(gait, by_likelihood(gait), points, first(5))
     with pytest.raises(JobError, match="33% of its markers"):
         refuse_unrecognised(gait, by_body(gait), points, first(5))
-    refuse_unrecognised(gait, by_body(gait), points, first(11))
+    refuse_unrecognised(gait, by_body(gait), points, first(12))
 
 
 def test_a_flood_of_points_is_refused_before_it_fills_the_memory():
