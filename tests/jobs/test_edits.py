@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Edits as an editor gives them, a list and no file: what is named holds, others keep their names, and what lies below is kept."""
+"""Edits as an editor gives them, a list and no file: what is named holds, and what lies below is kept."""
 
 import csv
 from dataclasses import replace
