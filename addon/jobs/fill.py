@@ -64,7 +64,7 @@ def fill_file(job: FillJob) -> Generator[Progress, None, dict]:
         if not len(named):
             raise InputError("has no marker with a name; expected a labelled take", job.source)
         names = [take.names[index] for index in named]
-        markerset, columns = (None, None) if job.model is None else _worn(job, names)
+        markerset, columns = (None, None) if job.model is None else _of_model(job, names)
         options = FillOptions(job.method, job.max_gap, _wanted(job, names))
         work = fill_take(take.xyz[:, named], take.rate, options, markerset, columns)
         filled = yield from within(work, 0.0, 0.95, "fill gaps")
@@ -124,7 +124,7 @@ def _wanted(job: FillJob, names: Sequence[str]) -> tuple[int, ...] | None:
     return tuple(columns.tolist())
 
 
-def _worn(job: FillJob, names: Sequence[str]) -> tuple[MarkerSet, np.ndarray]:
+def _of_model(job: FillJob, names: Sequence[str]) -> tuple[MarkerSet, np.ndarray]:
     """The model's markers and where the take has each, by its name or another that the model knows for it."""
     markerset = open_model(job.model).markerset
     columns = marker_columns(names, markerset.markers, job.source)

@@ -10,7 +10,7 @@ from bpy.props import EnumProperty, IntProperty
 from bpy_extras.view3d_utils import location_3d_to_region_2d
 
 from ..core.data.errors import InputError
-from ..core.data.takes import NO_MARKER
+from ..core.data.takes import NO_MARKER, rows_in_frame
 from ..core.edits.kinds import NO_EDITS, AssignPoint, Edit, Edits, Right, Swap, UnlabelPoint
 from ..io.edits import EDITS_ENDING, write_edits
 from ..props import NOTHING_PICKED, refresh_review
@@ -62,15 +62,6 @@ def correct(context: bpy.types.Context, edits: Edits):
     refresh_review(context.window_manager, scene)
 
 
-def frame_of(stored: Stored, scene: bpy.types.Scene) -> int:
-    """The current frame in the source's numbers; InputError outside the take."""
-    frame, frames = scene.frame_current - stored.shift, stored.motion.frames
-    if not frames[0] <= frame <= frames[-1]:
-        first, last = int(frames[0]) + stored.shift, int(frames[-1]) + stored.shift
-        raise InputError(f"the current frame is {scene.frame_current}; expected one of the take, {first} to {last}")
-    return frame
-
-
 def frames_in_scope(scope: str, stored: Stored, scene: bpy.types.Scene) -> tuple[int, int] | None:
     """First and last frame of a scope, in the source's numbers, None for all; InputError where there are none."""
     first, last = int(stored.motion.frames[0]), int(stored.motion.frames[-1])
@@ -85,14 +76,13 @@ def frames_in_scope(scope: str, stored: Stored, scene: bpy.types.Scene) -> tuple
             words = f"frames {scene.frame_preview_start} to {scene.frame_preview_end} are selected"
             raise InputError(f"{words}; expected some of the take, {first + stored.shift} to {last + stored.shift}")
         return begin, end
-    frame = frame_of(stored, scene)
+    frame = stored.source_frame(scene.frame_current)
     return {"FRAME": (frame, frame), "ON": (frame, last), "BACK": (first, frame)}[scope]
 
 
 def points_here(stored: Stored, frame: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(K,) the trajectories that have a point in a frame, (K,) the markers that they are, and (K, 3) m where."""
-    index = frame - int(stored.motion.frames[0])
-    rows = slice(*np.searchsorted(stored.rows.frame, [index, index + 1]))
+    rows = rows_in_frame(stored.rows, frame - int(stored.motion.frames[0]))
     return stored.rows.trajectory[rows], stored.labels.marker[rows], stored.rows.xyz[rows]
 
 
@@ -136,7 +126,7 @@ class Corrects(OfPoints):
 
 def chosen_trajectories(context: bpy.types.Context, stored: Stored) -> list[int]:
     """The trajectories of the selected markers in the current frame, else the one that was picked."""
-    frame = frame_of(stored, context.scene)
+    frame = stored.source_frame(context.scene.frame_current)
     if names := selected_markers(context):
         return [trajectory_of(stored, name, frame) for name in names]
     picked = context.scene.mocap_autolabel.picked
@@ -229,7 +219,7 @@ def pick(context: bpy.types.Context, stored: Stored, point: int):
     Raises InputError where the trajectory has no point in the frame.
     """
     scene = context.scene
-    trajectory, named, _ = points_here(stored, frame_of(stored, scene))
+    trajectory, named, _ = points_here(stored, stored.source_frame(scene.frame_current))
     found = named[trajectory == point]
     if not len(found):
         raise InputError(f"trajectory {point} has no point in frame {scene.frame_current}; expected one that has")
@@ -290,7 +280,7 @@ class MOCAP_AUTOLABEL_OT_pick_point(OfPoints, bpy.types.Operator):
         mouse = self._mouse[0] - region.x, self._mouse[1] - region.y
         radius = PICK_RADIUS * context.preferences.system.ui_scale
         view = area.spaces.active.region_3d
-        self.point = point_at(stored, frame_of(stored, scene), region, view, mouse, radius)
+        self.point = point_at(stored, stored.source_frame(scene.frame_current), region, view, mouse, radius)
         return self.execute(context)
 
 

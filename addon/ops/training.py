@@ -136,10 +136,7 @@ class MOCAP_AUTOLABEL_OT_learn_frame(Trains, bpy.types.Operator):
 def named_in_frame(stored: Stored, frame: int) -> Points:
     """The named markers of a take in one of Blender's frames; InputError where there are none."""
     motion = stored.motion
-    index = frame - stored.shift - int(motion.frames[0])
-    if not 0 <= index < len(motion.frames):
-        first, last = (int(end) + stored.shift for end in motion.frames[[0, -1]])
-        raise InputError(f"the current frame is {frame}; expected one of the take, {first} to {last}")
+    index = stored.source_frame(frame) - int(motion.frames[0])
     named = np.flatnonzero(np.isfinite(motion.markers[index, :, 0]))
     if not len(named):
         raise InputError(f"no marker is named in frame {frame}; expected one in which all are named and right")

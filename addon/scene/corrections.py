@@ -11,7 +11,7 @@ from dataclasses import replace
 import bpy
 import numpy as np
 
-from ..core.data.takes import Labels, Motion, PointRows, Suspect
+from ..core.data.takes import Labels, Motion, PointRows, Suspect, called_by
 from ..core.edits.answering import unanswered
 from ..core.edits.applying import OF_POINTS, AppliedEdits, PointCells, apply_to_points
 from ..core.edits.kinds import Edits
@@ -55,12 +55,10 @@ def edited(stored: Stored, edits: Edits) -> Stored:
     columns = np.union1d(rows.trajectory, [edit.point for edit in edits if isinstance(edit, OF_POINTS)]).astype(int)
     at = rows.frame, np.searchsorted(columns, rows.trajectory)
     shape = len(stored.motion.frames), len(columns)
-    table, present = Labels.none(*shape), np.zeros(shape, bool)
+    present = np.zeros(shape, bool)
     present[at] = True
-    for name in ("marker", "step", "confidence"):
-        getattr(table, name)[at] = getattr(stored.labels, name)
-    first = int(stored.motion.frames[0])
-    applied = apply_to_points(table, edits, PointCells(words, len(stored.names), first, present, columns))
+    cells = PointCells(words, len(stored.names), int(stored.motion.frames[0]), present, columns)
+    applied = apply_to_points(stored.labels.spread(at, *shape), edits, cells)
     labels = applied.labels[at]
     return replace(
         stored,
@@ -93,7 +91,4 @@ def _unanswered(stored: Stored, applied: AppliedEdits, columns: np.ndarray) -> t
         for one in stored.suspects
         if one.trajectory is None or one.trajectory in column
     ]
-    left = unanswered(asked, applied.edited, stored.words, int(stored.motion.frames[0]))
-    return tuple(
-        one if one.trajectory is None else replace(one, trajectory=int(columns[one.trajectory])) for one in left
-    )
+    return called_by(unanswered(asked, applied.edited, stored.words, int(stored.motion.frames[0])), columns)

@@ -4,6 +4,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from ..core.data.errors import InputError
 from ..core.data.takes import Blobs, EditOutcome, Labels, Motion, PointRows, Suspect
 from ..core.edits.kinds import NO_EDITS, Edits
 from ..core.geometry.cameras import Cameras
@@ -32,3 +33,11 @@ class Stored:
     words: Mapping[str, int] = field(default_factory=dict)
     edits: Edits = NO_EDITS
     outcomes: tuple[EditOutcome, ...] = ()
+
+    def source_frame(self, current: int) -> int:
+        """Blender's current frame in the source's numbers; InputError outside the take."""
+        frame, first, last = current - self.shift, int(self.motion.frames[0]), int(self.motion.frames[-1])
+        if not first <= frame <= last:
+            words = f"expected one of the take, {first + self.shift} to {last + self.shift}"
+            raise InputError(f"the current frame is {current}; {words}")
+        return frame

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.data.takes import CONFLICT, EXCLUSIVE, NO_MARKER, REMAINING, STEPS, PointRows
+from ..core.data.takes import CONFLICT, EXCLUSIVE, NO_MARKER, REMAINING, STEPS, PointRows, rows_in_frame
 from ..scene.take import Stored
 
 GREEN, CYAN, MAGENTA, GREY = (
@@ -54,8 +54,8 @@ def frame_index(stored: Stored, frame: int) -> int:
 def camera_marks(stored: Stored, index: int, camera: int, pose: np.ndarray) -> CameraMarks:
     """What camera number `camera` saw in frame `index`; `pose` (4, 4) is the Blender camera's, which looks along -z."""
     blobs, labels = stored.rows, stored.labels
-    first, last = np.searchsorted(blobs.frame, [index, index + 1])
-    rows = first + np.flatnonzero(blobs.camera[first:last] == camera)
+    here = rows_in_frame(blobs, index)
+    rows = here.start + np.flatnonzero(blobs.camera[here] == camera)
     image = stored.cameras.undistort(blobs.xy[rows], blobs.camera[rows])
     ahead = np.column_stack([image[:, 0], -image[:, 1], np.full(len(rows), -1.0)])
     return CameraMarks(
@@ -96,10 +96,10 @@ def point_marks(stored: Stored, index: int) -> PointMarks:
     markers, labels = stored.motion.markers[index], stored.labels
     if not isinstance(stored.rows, PointRows):
         return PointMarks(markers, doubtful, np.empty((0, 3)), {})
-    first, last = np.searchsorted(stored.rows.frame, [index, index + 1])
-    marker, confidence = labels.marker[first:last], labels.confidence[first:last]
+    here = rows_in_frame(stored.rows, index)
+    marker, confidence = labels.marker[here], labels.confidence[here]
     doubtful[marker[(marker != NO_MARKER) & (confidence < SURE_NAME)]] = True
-    left = first + np.flatnonzero(marker == NO_MARKER)
+    left = here.start + np.flatnonzero(marker == NO_MARKER)
     numbers = stored.rows.trajectory[left].tolist()
     # Reasons count things as well, so a number is a trajectory's only where they call it one.
     called = {number for reason in reasons for found in CALLED.findall(reason) for number in map(int, found.split())}
@@ -111,7 +111,7 @@ def picked_points(stored: Stored, index: int, trajectory: int) -> np.ndarray:
     """(0 or 1, 3) m where a picked trajectory of the take is in frame `index`."""
     if not isinstance(stored.rows, PointRows):
         return np.empty((0, 3))
-    rows = slice(*np.searchsorted(stored.rows.frame, [index, index + 1]))
+    rows = rows_in_frame(stored.rows, index)
     return stored.rows.xyz[rows][stored.rows.trajectory[rows] == trajectory]
 
 

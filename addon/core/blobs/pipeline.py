@@ -15,7 +15,7 @@ from ..body.bodies import Bodies
 from ..body.occlusion import Occlusion
 from ..data.errors import JobError
 from ..data.markersets import MarkerSet
-from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Suspect
+from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Suspect, summed
 from ..edits.applying import BlobCells, apply_to_blobs
 from ..edits.kinds import NO_EDITS, Edits
 from ..geometry.cameras import Cameras
@@ -102,7 +102,8 @@ def label_take(
     seeded: TakeLabeller | None = None
     for blobs in chunks:
         with threadpool_limits(1, user_api="blas"):  # many threads on small matrices cost more than they bring
-            before = labeller.kept()
+            # Whoever names blobs of this chunk has it labelled from where the take was before it.
+            before = labeller.kept() if edits and seeded is None else None
             labelled = labeller.label(blobs)
             if edits:
                 cells = BlobCells.of(blobs, cameras.names, markerset)
@@ -111,13 +112,8 @@ def label_take(
                     seeded = before
                 if seeded is not None:
                     again = seeded.label(blobs, seeds)
-                    labelled = replace(again, unedited=labelled.labels, seconds=_sum(labelled.seconds, again.seconds))
+                    labelled = replace(again, unedited=labelled.labels, seconds=summed(labelled.seconds, again.seconds))
         yield labelled
-
-
-def _sum(one: dict[str, float], other: dict[str, float]) -> dict[str, float]:
-    """Seconds by stage, of two labellings."""
-    return {stage: one.get(stage, 0.0) + other.get(stage, 0.0) for stage in {**one, **other}}
 
 
 class TakeLabeller:

@@ -2,7 +2,7 @@
 """What goes into the labelling and what comes out of it: blobs, points, labels and the motion of the markers."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Self
 
 import numpy as np
@@ -101,6 +101,20 @@ class Labels:
         names = ("marker", "step", "confidence")
         return type(self)(*(np.where(where, getattr(other, name), getattr(self, name)) for name in names))
 
+    def spread(self, at: tuple[np.ndarray, ...], *shape: int) -> Self:
+        """A table of this shape with these labels (N,) at the indices `at`, and none elsewhere; without rates."""
+        table = type(self).none(*shape)
+        for name in ("marker", "step", "confidence"):
+            getattr(table, name)[at] = getattr(self, name)
+        return table
+
+    def placed(self, points: np.ndarray, markers: int) -> np.ndarray:
+        """(T, M, 3) m, where each of M markers is of points (T, P, 3) m with these labels (T, P); NaN where none is."""
+        frame, column = np.nonzero(self.named)
+        found = np.full((len(points), markers, 3), np.nan)
+        found[frame, self.marker[frame, column]] = points[frame, column]
+        return found
+
     def sure(self, target: float) -> np.ndarray:
         """The markers to accept so that a part `target` of them is right, NO_MARKER elsewhere."""
         return np.where(self.rate >= target, self.marker, NO_MARKER)
@@ -163,6 +177,13 @@ class Suspect:
         return self.words if self.trajectory is None else f"trajectory {self.trajectory} {self.words}"
 
 
+def called_by(suspects: Iterable[Suspect], columns: np.ndarray) -> tuple[Suspect, ...]:
+    """The suspects with trajectories, which they call by their column, called by the numbers (P,) of the columns."""
+    return tuple(
+        one if one.trajectory is None else replace(one, trajectory=int(columns[one.trajectory])) for one in suspects
+    )
+
+
 def suspect_ranges(
     frames: np.ndarray, doubtful: np.ndarray, words: str, max_break_frames: int, markers: tuple[str, ...] = ()
 ) -> list[Suspect]:
@@ -211,6 +232,16 @@ class LabelledChunk:
     seconds: dict[str, float] = field(default_factory=dict)
     unedited: Labels | None = None
     outcomes: tuple[EditOutcome, ...] = ()
+
+
+def summed(one: dict[str, float], other: dict[str, float]) -> dict[str, float]:
+    """The seconds of two labellings by stage, as `LabelledChunk.seconds` has them."""
+    return {stage: one.get(stage, 0.0) + other.get(stage, 0.0) for stage in {**one, **other}}
+
+
+def rows_in_frame(rows: "Blobs | PointRows", index: int) -> slice:
+    """Which rows of a take, in the order of its frames, are of frame `index`."""
+    return slice(*np.searchsorted(rows.frame, [index, index + 1]).tolist())
 
 
 @dataclass(frozen=True, eq=False)

@@ -106,10 +106,7 @@ class BlobCells:
 
     def table(self, labels: Labels) -> Labels:
         """The labels (N,) of the blobs, (R, K)."""
-        found = Labels.none(*self.present.shape)
-        for name in ("marker", "step", "confidence"):
-            getattr(found, name)[self.image, self.slot] = getattr(labels, name)
-        return found
+        return labels.spread((self.image, self.slot), *self.present.shape)
 
     def rows(self, table: Labels) -> Labels:
         """The labels (R, K) of the blobs, (N,)."""

@@ -46,7 +46,7 @@ class FittedSubject:
         """
         found = np.flatnonzero(self.columns == gap.marker)
         part = take.window(gap)
-        ends = [end for end in (gap.start - 1, gap.stop) if 0 <= end < len(own) and own[end]]
+        ends = gap.ends(own)
         if not len(found) or not ends:
             return None
         points = _of_model(take.xyz[part], self.columns)
@@ -57,8 +57,7 @@ class FittedSubject:
         path, turn = posed.markers[:, found[0]], posed.rotations[:, self.model.attachment[found[0]]]
         off = [turn[end - part.start].T @ (take.xyz[end, gap.marker] - path[end - part.start]) for end in ends]
         inner = slice(gap.start - part.start, gap.stop - part.start)
-        along = (np.arange(1, len(gap) + 1) / (len(gap) + 1))[:, None]
-        carried = np.broadcast_to(off[0], (len(gap), 3)) if len(off) == 1 else (1 - along) * off[0] + along * off[1]
+        carried = np.broadcast_to(gap.led(off), (len(gap), 3))
         return path[inner] + np.einsum("fij,fj->fi", turn[inner], carried)
 
 

@@ -29,6 +29,17 @@ class Gap:
         """The gap's frames."""
         return np.arange(self.start, self.stop)
 
+    def ends(self, own: np.ndarray) -> list[int]:
+        """The frames right before and right after it in which the marker may be looked at, by `own` (T,)."""
+        return [end for end in (self.start - 1, self.stop) if 0 <= end < len(own) and own[end]]
+
+    def led(self, values: list[np.ndarray]) -> np.ndarray:
+        """What each of its frames takes over from its ends: of two a mean, (L, 3), by how near they are."""
+        if len(values) == 1:
+            return values[0]
+        along = (np.arange(1, len(self) + 1) / (len(self) + 1))[:, None]
+        return (1 - along) * values[0] + along * values[1]
+
 
 def find_gaps(present: np.ndarray) -> list[Gap]:
     """All gaps of markers that are seen at all, present (T, M), the shortest first."""

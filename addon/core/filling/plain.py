@@ -49,13 +49,10 @@ def rigid(take: KnownMarkers, gap: Gap, neighbours: np.ndarray, own: np.ndarray)
     part = take.window(gap)
     around, inner = take.xyz[part][:, group], slice(gap.start - part.start, gap.stop - part.start)
     carried = []
-    for end in _ends(gap, own):
+    for end in gap.ends(own):
         turn, place = laid_on(take.xyz[end, group], around)
         carried.append((turn @ take.xyz[end, gap.marker] + place)[inner])
-    if not carried:
-        return None
-    weight = _along(gap)
-    return carried[0] if len(carried) == 1 else (1 - weight) * carried[0] + weight * carried[1]
+    return gap.led(carried) if carried else None
 
 
 def pca(take: KnownMarkers, gap: Gap, neighbours: np.ndarray, own: np.ndarray) -> np.ndarray | None:
@@ -101,23 +98,10 @@ def _about_middle(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return (points - middle[:, None]).reshape(len(points), -1), middle
 
 
-def _ends(gap: Gap, own: np.ndarray) -> list[int]:
-    """The frames right before and right after a gap in which the marker may be looked at."""
-    ends = (gap.start - 1, gap.stop)
-    return [end for end in ends if 0 <= end < len(own) and own[end]]
-
-
-def _along(gap: Gap) -> np.ndarray:
-    """(L, 1) how far along each frame of a gap is, from 0 at the frame before to 1 at the frame after."""
-    return (np.arange(1, len(gap) + 1) / (len(gap) + 1))[:, None]
-
-
 def _joined(path: np.ndarray, take: KnownMarkers, gap: Gap, own: np.ndarray) -> np.ndarray | None:
     """A path (W, 3) over the gap's window moved so that it meets the marker at the ends, in between linearly."""
-    part, ends = take.window(gap), _ends(gap, own)
+    part, ends = take.window(gap), gap.ends(own)
     if not ends:
         return None
     off = [take.xyz[end, gap.marker] - path[end - part.start] for end in ends]
-    inner = path[gap.start - part.start : gap.stop - part.start]
-    weight = _along(gap)
-    return inner + (off[0] if len(off) == 1 else (1 - weight) * off[0] + weight * off[1])
+    return path[gap.start - part.start : gap.stop - part.start] + gap.led(off)

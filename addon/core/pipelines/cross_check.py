@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Suspect, suspect_ranges
+from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Suspect, summed, suspect_ranges
 
 
 @dataclass(frozen=True)
@@ -65,9 +65,7 @@ def label_by_both(
         labels, motion = _filled(blobs, body, points, nobody)
         found = [suspect for suspect in body.suspects if not _is_filled(suspect, blobs.frames, nobody, motion)]
         found += [suspect for suspect in points.suspects if nobody.any()]
-        seconds = {
-            key: body.seconds.get(key, 0.0) + points.seconds.get(key, 0.0) for key in {**body.seconds, **points.seconds}
-        }
+        seconds = summed(body.seconds, points.seconds)
         suspects = tuple(sorted([*found, *doubts], key=lambda suspect: suspect.first))
         yield LabelledChunk(labels, motion, suspects, seconds, _unedited(blobs, body, points, nobody))
 

@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 from ..blobs.pipeline import Options
 from ..data.background import in_background
 from ..data.progress import Progress, within
-from ..data.takes import LabelledChunk, Labels, Points, Suspect, Verdict
+from ..data.takes import LabelledChunk, Labels, Points, Verdict, called_by
 from ..edits.applying import PointCells
 from ..edits.kinds import NO_EDITS, Edits
 from ..points.adaptation import Adaptation, adapt, borne_out
@@ -87,7 +87,9 @@ def label_points(take: Points, model: Model, options: PointOptions) -> Generator
     yield Progress(shares["write"], "write")
     said = found.unanswered(found.verdict.suspects, cells)
     moved = found.unanswered(find_suspects(motion, model.markerset.markers, take.rate), cells)
-    suspects = summarised(_by_file_number(said, take) + moved, take.rate)
+    # As in label files: by the trajectories' index in the file.
+    said = said if take.columns is None else called_by(said, take.columns)
+    suspects = summarised(said + moved, take.rate)
     return LabelledChunk(labels, motion, suspects, seconds, found.unedited, found.outcomes)
 
 
@@ -130,8 +132,7 @@ def _named(
         given = named, tracklet, take.xyz, adaptation.model, take.rate, take.first_frame
         work = in_background(lambda tell: solution_of(*given, progress=tell))
         solution = yield from within(work, shares["vote"], shares["pose"], "solve the whole take")
-        if solution.crowd:
-            refuse_unlike(adaptation.model, take.xyz, solution.residual)
+        refuse_unlike(adaptation.model, take.xyz, solution.residual)
     known = named, tracklet, adaptation, take, solution
     decided = _decided(*known, options.target)
     # Who asks for surer labels gets fewer, and the take is of the model's markers all the same.
@@ -208,13 +209,3 @@ def _decided(
     verdict = decide(named, tracklet, model, target, take.first_frame)
     verdict = consistent(verdict, take.xyz, model.likelihood, take.first_frame)
     return borne_out(verdict, adaptation, take.first_frame)
-
-
-def _by_file_number(suspects: tuple[Suspect, ...], take: Points) -> tuple[Suspect, ...]:
-    """The suspects with trajectories called as in label files: by their index in the file."""
-    if take.columns is None:
-        return suspects
-    return tuple(
-        one if one.trajectory is None else replace(one, trajectory=int(take.columns[one.trajectory]))
-        for one in suspects
-    )

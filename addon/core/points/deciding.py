@@ -100,9 +100,7 @@ def consistent(verdict: Verdict, points: np.ndarray, likelihood: Likelihood | No
         return verdict
     frame, column = np.nonzero(verdict.labels.named)
     marker = verdict.labels.marker[frame, column]
-    placed = np.full((len(points), len(likelihood), 3), np.nan)
-    placed[frame, marker] = points[frame, column]
-    stray = strays(placed, likelihood.constraints)
+    stray = strays(verdict.labels.placed(points, len(likelihood)), likelihood.constraints)
     wrong = stray[frame, marker]
     kept = verdict.labels.named
     kept[frame[wrong], column[wrong]] = False

@@ -31,11 +31,10 @@ def motion_of(
     `progress` is told the share that is done.
     """
     count, size = len(points), len(markerset)
-    xyz, off = np.full((count, size, 3), np.nan), np.full((count, size), np.nan)
+    xyz, off = labels.placed(points, size), np.full((count, size), np.nan)
     named = labels.named
     frame, column = np.nonzero(named)
     marker = labels.marker[frame, column]
-    xyz[frame, marker] = points[frame, column]
     off[frame, marker] = residual[frame, column]
     for at, place in places.items():
         xyz[at], off[at] = place, 0.0

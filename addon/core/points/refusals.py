@@ -63,7 +63,7 @@ REFUSAL = RefusalOptions()
 
 def refuse_floods(points: np.ndarray):
     """Raises JobError where a frame of points (T, P, 3), NaN where missing, has more than can be worked with."""
-    most = int(np.isfinite(points).all(axis=2).sum(axis=1).max(initial=0))
+    most = int(_points_at_a_time(points).max(initial=0))
     if most > REFUSAL.max_points:
         raise JobError(f"has {most} points in one frame; expected the markers of a subject and some ghosts")
 
@@ -83,7 +83,7 @@ def refuse_others(model: Model, namer: Namer, points: np.ndarray, solvable: bool
         if _grouped(some, REFUSAL.min_gap_m, REFUSAL.min_second * len(model.markerset)):
             raise _two_subjects(model)
         return
-    count = np.isfinite(points).all(axis=2).sum(axis=1)
+    count = _points_at_a_time(points)
     frames = np.flatnonzero(count >= min(REFUSAL.min_points, len(model.markerset)))
     if not len(frames):
         raise JobError("has no frame with enough points to tell markers apart; expected four or more at a time")
@@ -102,8 +102,7 @@ def refuse_others(model: Model, namer: Namer, points: np.ndarray, solvable: bool
 
 def _one_crowd(model: Model, points: np.ndarray) -> bool:
     """Whether frames of points (T, P, 3) have many more of them than markers, and all of them together."""
-    usual = np.median(np.isfinite(points).all(axis=2).sum(axis=1))
-    if model.likelihood is None or usual < REFUSAL.crowd * len(model.markerset):
+    if model.likelihood is None or not _is_crowd(_points_at_a_time(points), model):
         return False
     return not _grouped(points, model.likelihood.shape.radius, REFUSAL.min_second * len(model.markerset))
 
@@ -136,7 +135,7 @@ def sure_share(named: Labels, points: np.ndarray, markers: int) -> float:
 def _seconds(model: Model, points: np.ndarray, first: Labels, found: bool) -> list[np.ndarray]:
     """The points (T, P, 3) of each who may be a subject beside the one that was named, if one was; NaN elsewhere."""
     size = len(model.markerset)
-    crowded = np.isfinite(points).all(axis=2).sum(axis=1) >= REFUSAL.crowd * size
+    crowded = _points_at_a_time(points) >= REFUSAL.crowd * size
     if crowded.mean() < REFUSAL.min_often:
         return []
     if found:
@@ -178,7 +177,7 @@ def far_groups(points: np.ndarray, gap: float, least: float) -> list[np.ndarray]
 def _sure(model: Model, namer: Namer, points: np.ndarray) -> float:
     """How sure the frames of points (T, P, 3) m are of the model's markers, 0 where there are seldom enough points."""
     size = len(model.markerset)
-    enough = np.isfinite(points).all(axis=2).sum(axis=1) >= REFUSAL.min_second * size
+    enough = _points_at_a_time(points) >= REFUSAL.min_second * size
     if enough.mean() < REFUSAL.min_often:
         return 0.0
     return sure_share(_each_alone(namer, points[enough]), points[enough], size)
@@ -189,9 +188,19 @@ def _each_alone(namer: Namer, points: np.ndarray) -> Labels:
     return Labels.join(namer.name(points, REFUSAL.sample_rate))
 
 
+def _points_at_a_time(points: np.ndarray) -> np.ndarray:
+    """(T,) how many of points (T, P, 3), NaN where missing, are there."""
+    return np.isfinite(points).all(axis=2).sum(axis=1)
+
+
+def _is_crowd(present: np.ndarray, model: Model) -> bool:
+    """Whether the usual frame of so many points (T,) has many more than the model's markers."""
+    return bool(np.median(present) >= REFUSAL.crowd * len(model.markerset))
+
+
 def _possible(points: np.ndarray, markers: int) -> int:
     """How many labels could be given, all frames together."""
-    return max(int(np.minimum(np.isfinite(points).all(axis=2).sum(axis=1), markers).sum()), 1)
+    return max(int(np.minimum(_points_at_a_time(points), markers).sum()), 1)
 
 
 def _two_subjects(model: Model) -> JobError:
@@ -201,9 +210,9 @@ def _two_subjects(model: Model) -> JobError:
 
 def _unrecognised(model: Model, points: np.ndarray, share: float) -> JobError:
     name, size = model.markerset.name, len(model.markerset)
-    present = np.isfinite(points).all(axis=2).sum(axis=1)
+    present = _points_at_a_time(points)
     many = f" or of several subjects at once ({int(present.max())} points, {size} markers)"
-    several = many if np.median(present) >= REFUSAL.crowd * size else ""
+    several = many if _is_crowd(present, model) else ""
     return JobError(
         f"does not look like a take of model {name}{several}: {share:.0%} of its markers were recognised for sure; "
         "expected a take of that marker set, so choose its model or train one"

@@ -103,16 +103,13 @@ def learn_subject(
 
 def sure_clouds(labels: Labels, points: np.ndarray, markers: int, options: UnorderedOptions = UNORDERED) -> np.ndarray:
     """(F, M, 3) m, NaN where unsure, the frames of points (T, P, 3) m that have enough names to learn from."""
-    clouds = _placed(labels.sure(options.min_rate), points, markers)
+    clouds = _placed(labels, points, markers, options)
     return clouds[np.isfinite(clouds[..., 0]).mean(axis=1) >= options.min_part]
 
 
-def _placed(marker: np.ndarray, points: np.ndarray, markers: int) -> np.ndarray:
-    """(T, M, 3) m of points (T, P, 3) by their markers (T, P); NaN where a marker has none."""
-    placed = np.full((len(points), markers, 3), np.nan)
-    frame, column = np.nonzero(marker != NO_MARKER)
-    placed[frame, marker[frame, column]] = points[frame, column]
-    return placed
+def _placed(labels: Labels, points: np.ndarray, markers: int, options: UnorderedOptions) -> np.ndarray:
+    """(T, M, 3) m of points (T, P, 3) whose names are sure; NaN where a marker has none."""
+    return labels.kept(labels.sure(options.min_rate) != NO_MARKER).placed(points, markers)
 
 
 def _named(likelihood: Likelihood, points: np.ndarray, first: float, part: float) -> Generator[float, None, Labels]:
@@ -138,7 +135,7 @@ def _in_place(
 
     `clouds` (F, M, 3) m are those in which all others were sure before.
     """
-    placed = _placed(labels.sure(options.min_rate), points, len(rare))
+    placed = _placed(labels, points, len(rare), options)
     usual = np.median(np.isfinite(clouds[..., 0]).sum(axis=0))
     kept = labels.named
     for marker in np.flatnonzero(rare):

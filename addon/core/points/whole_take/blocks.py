@@ -12,6 +12,7 @@ from itertools import product
 import numpy as np
 
 from ...data.takes import NO_POINT
+from ...geometry.rigid import pairwise_distances
 from ..likelihood.model import Known
 from ..likelihood.naming import Settled, settle
 from .pairs import PAIRING
@@ -47,9 +48,8 @@ def block_exchanges(known: Known, now: Settled, place: np.ndarray) -> np.ndarray
 
 def _blocks(mean: np.ndarray) -> list[np.ndarray]:
     """Markers, of a mean shape (M, 3) m, that sit side by side."""
-    between = np.linalg.norm(mean[:, None] - mean, axis=2)
     found = {}
-    for row in between:
+    for row in pairwise_distances(mean):
         order = np.argsort(row, kind="stable")
         order = order[row[order] < PAIRING.max_confused_m]
         for size in BLOCKS.sizes:

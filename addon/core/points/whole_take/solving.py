@@ -81,8 +81,8 @@ class Solution:
     likely     (N,) the name that is likeliest for each on its own, NO_MARKER where that is none
     questions  pairs of markers that may have each other's names in all of the take
     crowd      whether more is on the subject than the set's markers
-    residual   usual square of what is left between markers and where their set has them, over what training leaves; 0
-               where no frame shows enough of them
+    residual   in a crowd, the usual square of what is left between markers and where their set has them, over what
+               training leaves; 0 where no frame shows enough of them
     """
 
     tracklets: Tracklets
@@ -159,9 +159,12 @@ class _Solving:
         likely = np.where(self.odds.max(axis=1) > 0, self.odds.argmax(axis=1), NO_MARKER)
         likely = np.where(likely < self.markers, likely, NO_MARKER)
         marker = np.where(own, marker, NO_MARKER)
-        crowd = len(self.trained.mean) > self.markers
-        residual = usual_residual(self.model.likelihood, self._placed())
-        return Solution(self.tracklets, marker, self.margin, likely, questions, crowd, residual)
+        residual = usual_residual(self.model.likelihood, self._placed()) if self._crowd else 0.0
+        return Solution(self.tracklets, marker, self.margin, likely, questions, self._crowd, residual)
+
+    @property
+    def _crowd(self) -> bool:
+        return len(self.trained.mean) > self.markers
 
     def _placed(self) -> np.ndarray:
         return self.tracklets.placed(self.points, self.marker, len(self.trained.mean))
@@ -191,7 +194,7 @@ class _Solving:
     def _put_right(self, wide: PairDistances, absent: bool) -> tuple[Question, ...]:
         """Takes back exchanges, and gives the questions that are left."""
         self._undo(wide)
-        if len(self.trained.mean) > self.markers:
+        if self._crowd:
             # In a crowd two that may be each other are both unsure of their names, and the layout tells them.
             free = (self.marker == NO_MARKER) & ~np.isin(self.best, self.marker)
             self.marker = np.where(free, self.best, self.marker)
