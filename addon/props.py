@@ -69,7 +69,7 @@ def _take_changed(self, context):
     refresh_review(context.window_manager, context.scene)
 
 
-class LessonRow(bpy.types.PropertyGroup):
+class TrainingTakeRow(bpy.types.PropertyGroup):
     """A labelled take to learn from."""
 
     path: StringProperty(name="File", description="The file of the labelled take", subtype="FILE_PATH")
@@ -110,8 +110,9 @@ class SceneSettings(bpy.types.PropertyGroup):
         default=_item_number(USUAL_MARKERSET),
     )
     markerset_path: StringProperty(name="File", description="A *.markerset.json file", subtype="FILE_PATH")
-    lessons: CollectionProperty(type=LessonRow)
-    lesson_index: IntProperty()
+    training_takes: CollectionProperty(type=TrainingTakeRow)
+    lessons: CollectionProperty(type=TrainingTakeRow)  # the same in files of the first versions
+    training_take_index: IntProperty()
     trained_name: StringProperty(name="Name", description="What to call the marker set that is learned", default="mine")
     train_on: BoolProperty(
         name="Train On",
@@ -307,4 +308,4 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
         row.name, row.idle = words_of(edit, stored.shift), outcome.reason
 
 
-CLASSES = (LessonRow, SceneSettings, MarkerRow, SuspectRow, CorrectionRow, ReviewState)
+CLASSES = (TrainingTakeRow, SceneSettings, MarkerRow, SuspectRow, CorrectionRow, ReviewState)

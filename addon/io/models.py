@@ -12,8 +12,9 @@ from .markersets import markerset_file, markerset_in, markerset_text, open_docum
 from .packed import LARGEST_PACKED, declared_bytes, pack, unpack
 from .trained import sound_partial_solvers, sound_training_take
 
-# What the parts are called in the file, as they were from the first version on.
-LIKELIHOOD, PARTIAL_SOLVERS, TRAINING_TAKES = "evidence", "ensemble", "lessons"
+# What the parts are called in the file. The training takes had another name at first, and are read by it too.
+LIKELIHOOD, PARTIAL_SOLVERS, TRAINING_TAKES = "evidence", "ensemble", "training_takes"
+FORMER_TRAINING_TAKES = "lessons"
 
 
 def open_model(name: str | Path) -> Model:
@@ -48,14 +49,14 @@ def _partial_solvers(packed: object, markers: tuple[str, ...], path: Path) -> Pa
 
 def _training_takes(top: dict, markers: int, path: Path) -> tuple[TrainingTake, ...]:
     """What the model keeps of its training, checked in every part."""
-    rows = top.get(TRAINING_TAKES, [])
+    rows = top.get(TRAINING_TAKES, top.get(FORMER_TRAINING_TAKES, []))
     if not isinstance(rows, list):
-        raise InputError(f"has damaged {TRAINING_TAKES}; expected a list", path)
+        raise InputError("has damaged training takes; expected a list", path)
     if declared_bytes(rows) > LARGEST_PACKED:
-        raise InputError(f"has over {LARGEST_PACKED >> 20} MB of {TRAINING_TAKES}; expected what was trained", path)
+        raise InputError(f"has over {LARGEST_PACKED >> 20} MB of training takes; expected what was trained", path)
     takes = tuple(unpack(TrainingTake, row, TRAINING_TAKES, path) for row in rows)
     if not all(sound_training_take(take, markers) for take in takes):
-        words = f"has {TRAINING_TAKES} that are not about its markers in metres"
+        words = "has training takes that are not about its markers in metres"
         raise InputError(f"{words}; expected them as they were trained", path)
     return takes
 

@@ -26,10 +26,10 @@ from .reporting import reports_trouble
 from .stepping import WorksInSteps
 
 
-class MOCAP_AUTOLABEL_OT_add_lessons(ReadsPoints, bpy.types.Operator, ImportHelper):
+class MOCAP_AUTOLABEL_OT_add_training_takes(ReadsPoints, bpy.types.Operator, ImportHelper):
     """Choose labelled takes to learn from, C3D, TRC or Motive CSV; one is enough to begin with."""
 
-    bl_idname = "mocap_autolabel.add_lessons"
+    bl_idname = "mocap_autolabel.add_training_takes"
     bl_label = "Add Labelled Takes"
     bl_options = {"REGISTER", "UNDO"}
 
@@ -39,15 +39,17 @@ class MOCAP_AUTOLABEL_OT_add_lessons(ReadsPoints, bpy.types.Operator, ImportHelp
 
     @reports_trouble
     def execute(self, context):
-        lessons = context.scene.mocap_autolabel.lessons
+        takes = context.scene.mocap_autolabel.training_takes
         named = [Path(self.directory, file.name) for file in self.files if file.name]
-        paths = [path for path in named or [Path(self.filepath)] if str(path) not in {row.path for row in lessons}]
+        paths = [
+            path for path in named or [Path(self.filepath)] if str(path) not in {row.path for row in training_takes}
+        ]
         counts = {path: _named_markers(path, self.known_up, self.rate or None) for path in paths}
         for path, count in counts.items():
-            row = lessons.add()
+            row = takes.add()
             row.name, row.path, row.markers, row.subject = path.name, str(path), count, path.resolve().parent.name
             row.up, row.rate = self.known_up or "", self.rate
-        self.report({"INFO"}, f"{len(lessons)} takes to learn from")
+        self.report({"INFO"}, f"{len(takes)} takes to learn from")
         return {"FINISHED"}
 
 
@@ -58,22 +60,22 @@ def _named_markers(path: Path, up: str | None, rate: float | None) -> int:
     return count
 
 
-class MOCAP_AUTOLABEL_OT_remove_lesson(bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_remove_training_take(bpy.types.Operator):
     """Learn without the take that is chosen in the list."""
 
-    bl_idname = "mocap_autolabel.remove_lesson"
+    bl_idname = "mocap_autolabel.remove_training_take"
     bl_label = "Remove Take from the List"
     bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
     def poll(cls, context):
         settings = context.scene.mocap_autolabel
-        return settings.lesson_index < len(settings.lessons)
+        return settings.training_take_index < len(settings.training_takes)
 
     def execute(self, context):
         settings = context.scene.mocap_autolabel
-        settings.lessons.remove(settings.lesson_index)
-        settings.lesson_index = max(min(settings.lesson_index, len(settings.lessons) - 1), 0)
+        settings.training_takes.remove(settings.training_take_index)
+        settings.training_take_index = max(min(settings.training_take_index, len(settings.training_takes) - 1), 0)
         return {"FINISHED"}
 
 
@@ -103,7 +105,7 @@ class MOCAP_AUTOLABEL_OT_train(Trains, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        if len(context.scene.mocap_autolabel.lessons):
+        if len(context.scene.mocap_autolabel.training_takes):
             return True
         cls.poll_message_set("Add labelled takes first")
         return False
@@ -166,15 +168,16 @@ def train_steps(settings: SceneSettings) -> Generator[float, None, dict]:
 
     base = own_model(settings) if settings.train_on else None
     name, out = (None, Path(base)) if base else _new_model(settings)
-    takes = {Path(bpy.path.abspath(row.path)): row.subject for row in settings.lessons}
+    takes = {Path(bpy.path.abspath(row.path)): row.subject for row in settings.training_takes}
     known = {
-        Path(bpy.path.abspath(row.path)): KnownBetter(row.up or None, row.rate or None) for row in settings.lessons
+        Path(bpy.path.abspath(row.path)): KnownBetter(row.up or None, row.rate or None)
+        for row in settings.training_takes
     }
     job = TrainJob(
-        takes=tuple(takes),
+        takes=tuple(rows),
         out=out,
         name=name,
-        subjects=tuple((subject, glob.escape(path.as_posix())) for path, subject in takes.items() if subject),
+        subjects=tuple((row.subject, glob.escape(path.as_posix())) for path, row in rows.items() if row.subject),
         base=base,
         overwrite=bool(base),
         known=known,
@@ -194,8 +197,8 @@ def _new_model(settings: SceneSettings) -> tuple[str, Path]:
 
 
 CLASSES = (
-    MOCAP_AUTOLABEL_OT_add_lessons,
-    MOCAP_AUTOLABEL_OT_remove_lesson,
+    MOCAP_AUTOLABEL_OT_add_training_takes,
+    MOCAP_AUTOLABEL_OT_remove_training_take,
     MOCAP_AUTOLABEL_OT_train,
     MOCAP_AUTOLABEL_OT_learn_frame,
 )

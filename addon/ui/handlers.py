@@ -4,7 +4,7 @@
 import bpy
 from bpy.app.handlers import persistent
 
-from ..props import refresh_review
+from ..props import SceneSettings, TrainingTakeRow, refresh_review
 from ..scene import naming
 from ..scene.opened import opened
 from ..scene.take import takes_of
@@ -14,6 +14,8 @@ from ..scene.take import takes_of
 def after_load(*_):
     """A file was opened: what was read from the last one is forgotten, and takes made elsewhere are found."""
     opened.forget()
+    for scene in bpy.data.scenes:
+        adopt_training_takes(scene.mocap_autolabel)
     adopt_takes()
 
 
@@ -21,6 +23,15 @@ def after_load(*_):
 def after_undo(*_):
     """A step was undone or redone: the tables may be of a take that is gone."""
     refresh_review(bpy.context.window_manager, bpy.context.scene)
+
+
+def adopt_training_takes(settings: SceneSettings):
+    """Takes those to learn from over from where files of the first versions have them."""
+    for former in settings.lessons:
+        row = settings.training_takes.add()
+        for name in ("name", *TrainingTakeRow.__annotations__):
+            setattr(row, name, getattr(former, name))
+    settings.lessons.clear()
 
 
 def adopt_takes():

@@ -120,13 +120,19 @@ class MOCAP_AUTOLABEL_PT_train(Step, bpy.types.Panel):
     def draw(self, context):
         layout, settings = self.layout, context.scene.mocap_autolabel
         row = layout.row(align=True)
-        row.operator("mocap_autolabel.add_lessons", icon="ADD")
-        row.operator("mocap_autolabel.remove_lesson", text="", icon="REMOVE")
-        if len(settings.lessons):
+        row.operator("mocap_autolabel.add_training_takes", icon="ADD")
+        row.operator("mocap_autolabel.remove_training_take", text="", icon="REMOVE")
+        if len(settings.training_takes):
             layout.template_list(
-                "MOCAP_AUTOLABEL_UL_lessons", "", settings, "lessons", settings, "lesson_index", rows=3
+                "MOCAP_AUTOLABEL_UL_training_takes",
+                "",
+                settings,
+                "training_takes",
+                settings,
+                "training_take_index",
+                rows=3,
             )
-            chosen = settings.lessons[min(settings.lesson_index, len(settings.lessons) - 1)]
+            chosen = settings.training_takes[min(settings.training_take_index, len(settings.training_takes) - 1)]
             layout.label(text=f"{chosen.markers} named markers")
         own = settings.markerset == OWN_FILE or settings.markerset.endswith(SUFFIX)
         if own:
@@ -313,7 +319,7 @@ class MOCAP_AUTOLABEL_PT_export(Step, bpy.types.Panel):
         column.operator("mocap_autolabel.export_trc", icon="EXPORT")
 
 
-class MOCAP_AUTOLABEL_UL_lessons(bpy.types.UIList):
+class MOCAP_AUTOLABEL_UL_training_takes(bpy.types.UIList):
     """Labelled takes, each with its subject."""
 
     def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0):
@@ -356,7 +362,7 @@ class MOCAP_AUTOLABEL_UL_markers(bpy.types.UIList):
 
 
 CLASSES = (
-    MOCAP_AUTOLABEL_UL_lessons,
+    MOCAP_AUTOLABEL_UL_training_takes,
     MOCAP_AUTOLABEL_UL_suspects,
     MOCAP_AUTOLABEL_UL_corrections,
     MOCAP_AUTOLABEL_UL_markers,

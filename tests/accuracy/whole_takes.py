@@ -70,11 +70,11 @@ class Take:
 class Case:
     """What is learned from, the takes that are labelled, and the model's markers; `crowd` leaves all others in.
 
-    Without lessons the model is the built-in one of that name.
+    Without takes of training the model is the built-in one of that name.
     """
 
     name: str
-    lessons: tuple[Take, ...]
+    training: tuple[Take, ...]
     tested: tuple[Take, ...]
     markers: tuple[str, ...]
     how: Pieces | Trouble = Pieces()
@@ -204,14 +204,14 @@ def case_few(name: str, markers: tuple[str, ...], crowd: bool) -> Iterator[Case]
     persons = everyone()
     for first in (0, 1):
         own, tested = persons[first::2], persons[1 - first :: 2]
-        lessons = tuple(
+        training = tuple(
             read(path, person).of(markers)
             for person in own
             for path in sorted((MCGILL / person).glob("*.c3d"))[1:]
             if set(markers) <= set(read(path, person).markers)
         )
         takes = tuple(take if crowd else take.of(markers) for take in walks(tested))
-        yield Case(f"{'crowd' if crowd else 'pieces'} {name} {first}", lessons, takes, markers)
+        yield Case(f"{'crowd' if crowd else 'pieces'} {name} {first}", training, takes, markers)
 
 
 def case_clouds(name: str, files: Sequence[str], trouble: Trouble) -> Iterator[Case]:
@@ -227,14 +227,14 @@ def case_clouds_elsewhere(trouble: Trouble) -> Iterator[Case]:
             Take(one.subject, one.name, GAIT15, worn_differently(one.xyz, GAIT15), one.rate) for one in case.tested
         )
         name = case.name.replace("pieces gait15", "clouds elsewhere")
-        yield Case(name, case.lessons, tuple(map(_cloudy, moved)), GAIT15, trouble)
+        yield Case(name, case.training, tuple(map(_cloudy, moved)), GAIT15, trouble)
 
 
 def case_clouds_of_actors(trouble: Trouble) -> Iterator[Case]:
     """`gait15` of four actors' lab, who do not walk, and ten strangers' walks, their frames in random order."""
-    lessons = tuple(Take(file, file, GAIT15, *gait15_of(file)) for file in ("ball", "bd", "s02", "s135"))
+    training = tuple(Take(file, file, GAIT15, *gait15_of(file)) for file in ("ball", "bd", "s02", "s135"))
     tested = tuple(_cloudy(take.of(GAIT15)) for take in walks(everyone()))
-    yield Case("clouds of actors", lessons, tested, GAIT15, trouble)
+    yield Case("clouds of actors", training, tested, GAIT15, trouble)
 
 
 def _cloudy(take: Take) -> Take:
@@ -278,7 +278,7 @@ def model_of(case: Case, keep: Path | None) -> Model:
     file = keep / f"{case.name.replace(' ', '-')}.markerset.json" if keep else None
     if file is not None and file.exists():
         return open_model(file)
-    takes = [LabelledTake(take.name, take.subject, take.markers, take.xyz) for take in case.lessons]
+    takes = [LabelledTake(take.name, take.subject, take.markers, take.xyz) for take in case.training]
     bodies = [open_markerset(name) for name in builtin_markersets()]
     model = finished(train(takes, case.markers, TrainingOptions(case.name, search="none"), None, bodies)).model
     if file is not None:
@@ -297,13 +297,13 @@ def write(case: Case, folder: Path):
         known = zip(*np.nonzero(marker >= 0), strict=True)
         rows = [f"{frame + 1},{point},{case.markers[marker[frame, point]]}" for frame, point in known]
         (place / "truth.csv").write_text("\n".join(["frame,point,marker", *rows]) + "\n", encoding="utf-8")
-        for lesson in case.lessons:
-            own = place / "train" / lesson.subject
+        for learned in case.training:
+            own = place / "train" / learned.subject
             own.mkdir(parents=True, exist_ok=True)
-            named = lesson.of(case.markers)
+            named = learned.of(case.markers)
             residual = np.where(np.isfinite(named.xyz[..., 0]), 0.0005, np.nan)
             shown = Points(named.markers, named.xyz, residual, named.rate, 1)
-            write_c3d(own / f"{lesson.name.partition('.')[0]}.c3d", shown)
+            write_c3d(own / f"{learned.name.partition('.')[0]}.c3d", shown)
 
 
 def labelled(model: Model, points: Points, target: float) -> tuple[np.ndarray, str]:

@@ -22,7 +22,7 @@ from addon.scene.take import Take, show_take
 @pytest.fixture(scope="module")
 def files(tmp_path_factory, made):
     """Two labelled takes of one person and one without labels."""
-    folder = tmp_path_factory.mktemp("lessons")
+    folder = tmp_path_factory.mktemp("training_takes")
     markerset = made.markerset()
     for name, names in (("one", markerset.markers), ("two", markerset.markers), ("raw", [""] * len(markerset))):
         motion = made.motion(markerset, 60)
@@ -35,7 +35,7 @@ def files(tmp_path_factory, made):
 def listed(extension, empty, files):
     """A scene with both takes in the list."""
     chosen = [{"name": "one.c3d"}, {"name": "two.c3d"}]
-    assert bpy.ops.mocap_autolabel.add_lessons(directory=str(files.folder), files=chosen) == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.add_training_takes(directory=str(files.folder), files=chosen) == {"FINISHED"}
     return empty
 
 
@@ -49,25 +49,36 @@ def own_folder(extension, monkeypatch, tmp_path):
 
 
 def test_takes_are_listed_once_with_their_subject(listed, files):
-    lessons = listed.scene.mocap_autolabel.lessons
-    assert [(row.name, row.markers, row.subject) for row in lessons] == [
+    training_takes = listed.scene.mocap_autolabel.training_takes
+    assert [(row.name, row.markers, row.subject) for row in training_takes] == [
         ("one.c3d", 13, files.folder.name),
         ("two.c3d", 13, files.folder.name),
     ]
-    bpy.ops.mocap_autolabel.add_lessons(filepath=str(files.folder / "one.c3d"))
-    assert len(lessons) == 2
+    bpy.ops.mocap_autolabel.add_training_takes(filepath=str(files.folder / "one.c3d"))
+    assert len(training_takes) == 2
     with pytest.raises(RuntimeError, match=r"raw\.c3d: has no named markers"):
-        bpy.ops.mocap_autolabel.add_lessons(filepath=str(files.folder / "raw.c3d"))
-    listed.scene.mocap_autolabel.lesson_index = 1
-    bpy.ops.mocap_autolabel.remove_lesson()
-    assert [row.name for row in lessons] == ["one.c3d"]
-    assert listed.scene.mocap_autolabel.lesson_index == 0
+        bpy.ops.mocap_autolabel.add_training_takes(filepath=str(files.folder / "raw.c3d"))
+    listed.scene.mocap_autolabel.training_take_index = 1
+    bpy.ops.mocap_autolabel.remove_training_take()
+    assert [row.name for row in training_takes] == ["one.c3d"]
+    assert listed.scene.mocap_autolabel.training_take_index == 0
+
+
+def test_takes_that_files_of_the_first_versions_list_are_listed(extension, empty, tmp_path):
+    row = empty.scene.mocap_autolabel.lessons.add()
+    row.name, row.path, row.subject, row.markers, row.rate = "old.c3d", "/old.c3d", "ann", 9, 60.0
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "old.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "old.blend"))
+    settings = bpy.context.scene.mocap_autolabel
+    [row] = settings.training_takes
+    assert (row.name, row.path, row.subject, row.markers, row.rate) == ("old.c3d", "/old.c3d", "ann", 9, 60.0)
+    assert len(settings.lessons) == 0
 
 
 def test_what_was_learned_is_saved_chosen_and_names_points(listed, files, own_folder):
     settings = listed.scene.mocap_autolabel
     settings.trained_name = "ours"
-    settings.lessons[1].subject = "bob"
+    settings.training_takes[1].subject = "bob"
     assert bpy.ops.mocap_autolabel.train() == {"FINISHED"}
     path = own_folder / "ours.markerset.json"
     assert Path(settings.markerset) == Path(settings.markerset_path) == path
@@ -97,7 +108,7 @@ def test_a_job_is_what_the_list_says(listed, files, own_folder, extension, monke
 
     monkeypatch.setattr(importlib.import_module(f"{extension}.addon.jobs.train"), "train_file", train_file)
     settings = listed.scene.mocap_autolabel
-    settings.lessons[0].subject = "ann [2]"
+    settings.training_takes[0].subject = "ann [2]"
     assert bpy.ops.mocap_autolabel.train() == {"FINISHED"}
     job = given[0]
     assert [path.name for path in job.takes] == ["one.c3d", "two.c3d"]

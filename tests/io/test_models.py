@@ -40,6 +40,14 @@ def test_models_come_back(tmp_path):
     assert (tmp_path / "again.markerset.json").read_bytes() == path.read_bytes()
 
 
+def test_training_takes_are_read_from_files_of_the_first_versions_too(tmp_path):
+    path = tmp_path / "toy.markerset.json"
+    write_model(path, toy_model())
+    path.write_text(path.read_text().replace('"training_takes"', '"lessons"'))
+    [take] = read_model(path).training_takes
+    np.testing.assert_array_equal(take.points, toy_model().training_takes[0].points)
+
+
 def test_a_marker_set_is_a_model_without_them():
     model = open_model("gait15")
     assert len(model.markerset) == 15
@@ -48,7 +56,7 @@ def test_a_marker_set_is_a_model_without_them():
         open_model("nothing")
 
 
-@pytest.mark.parametrize("part", ["ensemble", "lessons"])
+@pytest.mark.parametrize("part", ["ensemble", "training_takes"])
 @pytest.mark.parametrize("wound", ["value", "missing", "kind"])
 def test_what_is_damaged_is_said(tmp_path, part, wound):
     path = tmp_path / "toy.markerset.json"
@@ -112,7 +120,7 @@ def test_arrays_with_a_right_digest_are_sound_or_refused(tmp_path):
     points = chance.normal(size=(3, 5, 3))
     for _ in range(600):
         document = json.loads(text)
-        part = document["ensemble"] if chance.random() < 0.8 else document["lessons"][0]
+        part = document["ensemble"] if chance.random() < 0.8 else document["training_takes"][0]
         places = list(packed_arrays(part))
         *before, last = places[chance.integers(len(places))]
         holder = part
@@ -138,10 +146,10 @@ def test_arrays_that_say_that_they_are_huge_are_not_unpacked(tmp_path):
     document = json.loads(path.read_text())
     zeros = base64.b64encode(zlib.compress(bytes(50_000_000), 9)).decode()
     points = {"kind": "f4", "shape": [12_500_000], "data": zeros}
-    document["lessons"] = [{**document["lessons"][0], "points": points}] * 20
+    document["training_takes"] = [{**document["training_takes"][0], "points": points}] * 20
     path.write_text(json.dumps(document))
     tracemalloc.start()
-    with pytest.raises(InputError, match="over 256 MB of lessons"):
+    with pytest.raises(InputError, match="over 256 MB of training takes"):
         read_model(path)
     assert tracemalloc.get_traced_memory()[1] < 100e6
     tracemalloc.stop()

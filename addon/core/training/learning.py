@@ -30,6 +30,7 @@ from ..body.posing import aligned, baked, descend_subject, point_pull
 from ..body.prior import Prior
 from ..data.markersets import Capsules, MarkerSet, Skeleton, Spread
 from ..geometry import rotations
+from ..geometry.rigid import best_turns
 from ..points.likelihood.sides import MIRROR
 from .segments import distance_to_axis
 
@@ -360,9 +361,7 @@ def _standing_rotations(layout: Layout, people, posed) -> np.ndarray:
             heading = rotations.quaternion_to_matrix(rotations.about_z(-np.arctan2(-across[:, 0], across[:, 1])))
             turned = (heading[:, None] @ one.rotations[person.standing]).mean(axis=0)
             total += turned + turned[layout.mirror[: layout.joints]] * np.outer(MIRROR, MIRROR)
-    u, _, v = np.linalg.svd(total)
-    u[..., 2] *= np.linalg.det(u @ v)[..., None]
-    return u @ v
+    return best_turns(total)[0]
 
 
 def _hip_height(people, posed, stature) -> float:

@@ -131,14 +131,14 @@ def train(
         yield Progress(TRAINING_SHARES["body"], "find the body")
         markerset, how = _body(known.everyone, markers, options.name, bodies)
         residual = _residual(markerset, known.everyone)
-        lessons, doubts = _lessons(known.everyone, markerset, bodies)
+        subjects, doubts = _subjects(known.everyone, markerset, bodies)
         others = _others(known.everyone, markerset)
         marks.append(perf_counter())
-        work = learning([(points, subject) for subject, points in (lessons | others).items()], markers)
+        work = learning([(points, subject) for subject, points in (subjects | others).items()], markers)
         likelihood = yield from within(work, TRAINING_SHARES["likelihood"], TRAINING_SHARES["partial_solvers"])
         likelihood = replace(likelihood, subjects=len(known.everyone))
         marks.append(perf_counter())
-        solvers = yield from _partial_solvers(lessons, markers, options)
+        solvers = yield from _partial_solvers(subjects, markers, options)
         marks.append(perf_counter())
     source = _source(known.training_takes)
     if doubts:
@@ -201,7 +201,7 @@ def _laid_body(subjects: Sequence[np.ndarray], markers: Sequence[str], bodies: S
     return laid_body(frame, posable, marker_sides(markers))
 
 
-def _lessons(
+def _subjects(
     everyone: dict[str, np.ndarray], markerset: MarkerSet, bodies: Sequence[MarkerSet]
 ) -> tuple[dict[str, np.ndarray], list[str]]:
     """What is learned from, by subject, and what is doubtful of it.
@@ -209,13 +209,13 @@ def _lessons(
     Of who is shown in one pose only the other poses are made up, where it is known how such bodies move. Raises
     InputError where there is too little else.
     """
-    poses, lessons, doubts = known_poses(markerset, bodies), {}, []
+    poses, subjects, doubts = known_poses(markerset, bodies), {}, []
     for subject, points in everyone.items():
         if shows_poses(points) or not len(poses):
-            lessons[subject] = points
+            subjects[subject] = points
             continue
         made = imagined(markerset, points, poses)
-        lessons |= {f"{subject}, made up {number}": guess for number, guess in enumerate(made, 1)}
+        subjects |= {f"{subject}, made up {number}": guess for number, guess in enumerate(made, 1)}
         few = "1 frame" if len(points) == 1 else f"{len(points)} frames in one pose"
         doubts.append(
             f"learned from {few} of {subject}: its other poses are made up by how recorded people move, so unusual "
@@ -224,13 +224,13 @@ def _lessons(
         seen = np.isfinite(points[..., 0]).any(axis=0)
         unseen = [name for name, there in zip(markerset.markers, seen, strict=True) if not there]
         doubts += [f"{name} is not seen of {subject}: where it sits is taken from the known body" for name in unseen]
-    frames = sum(map(len, lessons.values()))
+    frames = sum(map(len, subjects.values()))
     if frames < LEARN.min_frames:
         raise InputError(
             f"{_shown(frames)} too little of how the markers move, and no pose is known of such a body; expected "
             f"{LEARN.min_frames} frames or more"
         )
-    return lessons, doubts
+    return subjects, doubts
 
 
 def _others(everyone: dict[str, np.ndarray], markerset: MarkerSet) -> dict[str, np.ndarray]:

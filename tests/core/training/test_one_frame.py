@@ -43,10 +43,10 @@ def named(index: int) -> str:
 def trained(known, take):
     """What one frame teaches whose names nobody knows; its calibration is measured on fewer frames than usual."""
     names = tuple(map(named, range(take.shape[1])))
-    lesson = LabelledTake("one.c3d", "ann", names, take[FRAME : FRAME + 1])
+    shown = LabelledTake("one.c3d", "ann", names, take[FRAME : FRAME + 1])
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(learn, "LEARN", replace(learn.LEARN, max_frames=100))
-        return finished(train([lesson], names, TrainingOptions("ann", search="none"), None, known))
+        return finished(train([shown], names, TrainingOptions("ann", search="none"), None, known))
 
 
 def test_one_frame_names_the_rest_of_the_take(trained, take):
@@ -113,8 +113,8 @@ def test_one_person_who_moves_learns_of_others_too(known, take, monkeypatch):
     monkeypatch.setattr(learn, "LEARN", replace(learn.LEARN, max_frames=40))
     names = open_markerset("body26").markers
     on_skin = take[::6] + np.random.default_rng(6).normal(0, 0.008, take[::6].shape)
-    lesson = LabelledTake("walk.c3d", "ann", names, on_skin)
-    found = finished(train([lesson], names, TrainingOptions("ann", search="none"), None, known))
+    shown = LabelledTake("walk.c3d", "ann", names, on_skin)
+    found = finished(train([shown], names, TrainingOptions("ann", search="none"), None, known))
     assert found.model.markerset.source["others"].startswith(f"{IMAGINING.strangers} made up on the body of body26")
     assert found.model.likelihood.subjects == 1
     assert not any("made up" in doubt for doubt in found.doubts)
