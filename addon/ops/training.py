@@ -41,9 +41,7 @@ class MOCAP_AUTOLABEL_OT_add_training_takes(ReadsPoints, bpy.types.Operator, Imp
     def execute(self, context):
         takes = context.scene.mocap_autolabel.training_takes
         named = [Path(self.directory, file.name) for file in self.files if file.name]
-        paths = [
-            path for path in named or [Path(self.filepath)] if str(path) not in {row.path for row in training_takes}
-        ]
+        paths = [path for path in named or [Path(self.filepath)] if str(path) not in {row.path for row in takes}]
         counts = {path: _named_markers(path, self.known_up, self.rate or None) for path in paths}
         for path, count in counts.items():
             row = takes.add()
@@ -168,11 +166,8 @@ def train_steps(settings: SceneSettings) -> Generator[float, None, dict]:
 
     base = own_model(settings) if settings.train_on else None
     name, out = (None, Path(base)) if base else _new_model(settings)
-    takes = {Path(bpy.path.abspath(row.path)): row.subject for row in settings.training_takes}
-    known = {
-        Path(bpy.path.abspath(row.path)): KnownBetter(row.up or None, row.rate or None)
-        for row in settings.training_takes
-    }
+    rows = {Path(bpy.path.abspath(row.path)): row for row in settings.training_takes}
+    known = {path: KnownBetter(row.up or None, row.rate or None) for path, row in rows.items()}
     job = TrainJob(
         takes=tuple(rows),
         out=out,
