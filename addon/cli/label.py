@@ -12,7 +12,7 @@ from .. import jobs
 from ..blendfile import has_blender, open_cameras
 from ..core.data.errors import InputError, UserError
 from ..io.blobs import check_header
-from ..io.edits import edits_beside
+from ..io.edits import edits_beside, open_edits
 from ..io.models import open_model
 from ..io.points import holds_points
 from ..io.scratch import told_of
@@ -166,7 +166,8 @@ def check(arguments):
     model = open_model(arguments.model)
     cameras = open_cameras(arguments.cameras, arguments.up) if blobs else None
     if len(takes) == 1:  # of many each is told on its own, and the others are labelled
-        jobs.open_edits(takes[0], model.markerset, cameras=cameras and cameras.names)
+        [take] = takes
+        open_edits(take.edits_applied, take.source, model.markerset, cameras=cameras and cameras.names)
 
 
 def _edited_beside(arguments) -> list[str]:

@@ -4,7 +4,9 @@
 from pathlib import Path
 
 from ..core.data.errors import InputError
-from ..core.edits.kinds import Edits
+from ..core.data.markersets import MarkerSet
+from ..core.edits.applying import names_of, refuse_unknown
+from ..core.edits.kinds import NO_EDITS, Edits
 from ..core.edits.rows import document_of, edits_of
 from .jsontext import read_json
 from .report import compact
@@ -19,10 +21,26 @@ def edits_beside(take: Path) -> Path | None:
     return path if path.exists() else None
 
 
+def open_edits(edits: Edits | Path | None, take: Path, markerset: MarkerSet, **known) -> Edits:
+    """The edits of a take that are given, or those of a file.
+
+    `known` is what is known of the take, as `applying.refuse_unknown` takes it.
+    Raises InputError with the file and the number of the edit where one cannot be of this take.
+    """
+    path = edits if isinstance(edits, Path) else None
+    edits = read_edits(path) if path else edits or NO_EDITS
+    try:
+        refuse_unknown(edits, names_of(markerset), **known)
+    except InputError as error:
+        raise InputError(error.message, path or take) from None
+    return edits
+
+
 def read_edits(path: Path) -> Edits:
     """The edits of a file; InputError with the file, and the number of the edit, where it is not what it should be."""
+    document = read_json(path, "edits")
     try:
-        return edits_of(read_json(path, "edits"))
+        return edits_of(document)
     except InputError as error:
         raise error if error.file else InputError(error.message, path) from None
 

@@ -5,8 +5,12 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
+from ..core.data.errors import InputError
 from ..core.review.summary import TakeSummary
+from .source import digest
 
+REPORT = ".report.json"  # the last of a take's files to appear: where it is the others are
+INSTEAD = "--overwrite to make it anew, or another folder for --out"
 # The stages that every report tells the seconds of; those that make the speed come from the labelling itself.
 STAGES = ("load", "place", "fit", "label", "write")
 WORK = ("place", "fit", "label")
@@ -45,6 +49,47 @@ def write_report(path: Path, report: dict):
     parts["markers"] = f"{{\n{markers}\n  }}"
     text = ",\n".join(f"  {compact(key)}: {value}" for key, value in parts.items())
     Path(path).write_text(f"{{\n{text}\n}}\n", encoding="utf-8", newline="\n")
+
+
+def earlier_run(path: Path, now: dict) -> tuple[dict | None, bool]:
+    """The report of an earlier run of the same, None where there is none, and whether any of its files is gone.
+
+    `path` is the report's, `now` what this run is made of. Raises InputError where something is there that the same job
+    did not make.
+    """
+    if not path.exists():
+        return None, True
+    report, missing = _read(path), False
+    made = report["made_of"]
+    then, now = _flat(made), _flat(now)
+    other = [name for name in now | then if now.get(name) != then.get(name)]
+    if other:
+        what = f"is of a run that differs in {', '.join(other)}"
+        raise InputError(f"{what}; expected the same as then, {INSTEAD}", path)
+    for ending, was in made["results"].items():
+        file = path.with_name(path.name.removesuffix(REPORT) + ending)
+        if not file.exists():
+            missing = True
+        elif digest([file]) != was:
+            raise InputError(f"was changed since it was made; expected it as it was, {INSTEAD}", file)
+    return report, missing
+
+
+def _flat(made: dict) -> dict:
+    """What results were made of, the options beside the files."""
+    files = {name: value for name, value in made.items() if name not in ("options", "results")}
+    return files | {f"--{name}": value for name, value in made["options"].items()}
+
+
+def _read(path: Path) -> dict:
+    """A report that says what it was made of."""
+    try:
+        report = json.loads(path.read_text(encoding="utf-8"))
+        if all(isinstance(report["made_of"][part], dict) for part in ("options", "results")):
+            return report
+    except (OSError, ValueError, LookupError, TypeError, RecursionError):
+        pass
+    raise InputError(f"does not say what it was made of; expected the report of an earlier run, {INSTEAD}", path)
 
 
 def compact(value: object) -> str:

@@ -8,7 +8,6 @@ from ..core.data.progress import Progress
 from ..core.pipelines.points import USUAL_TARGET
 from ..core.points.naming import METHODS
 from ..io.points import holds_points
-from .edits import open_edits
 from .job import OCCLUSIONS, USUAL_RATE, LabelJob, Labelled, occlusion_here
 
 
@@ -37,5 +36,4 @@ __all__ = [
     "Labelled",
     "label_file",
     "occlusion_here",
-    "open_edits",
 ]

@@ -16,7 +16,6 @@ from ..core.body.occlusion import Occlusion
 from ..core.data.progress import Progress
 from ..core.data.takes import BY_EDIT, STEPS, Blobs, EditOutcome, LabelledChunk, Motion, Points, Suspect
 from ..core.edits.applying import joined
-from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import Cameras
 from ..core.pipelines.blobs import BlobOptions, blob_method, label_blobs, steps_of
 from ..core.pipelines.cross_check import MethodAgreement
@@ -24,14 +23,14 @@ from ..core.points.models import Model
 from ..core.review.odd_cameras import CameraCheck
 from ..core.review.summary import TakeSummary
 from ..io.blobs import BlobRows, frames_in, read_blobs
+from ..io.edits import open_edits
 from ..io.labels import LabelWriter
 from ..io.models import open_model
 from ..io.scratch import scratch_folder, told_of
-from .edits import facts_of_edits, open_edits
 from .fill import fill_labelled
-from .job import LabelJob, Labelled, open_files, timed
-from .outcome import Outcome, write_take
-from .resuming import made_of, may_replace
+from .job import LabelJob, Labelled, timed
+from .outcome import Outcome, facts_of_edits, write_take
+from .resuming import open_files
 from .spool import append
 
 
@@ -43,12 +42,13 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
     Raises UserError with the file where it can be told.
     """
     begin = perf_counter()
-    model, cameras, inputs = open_model(job.model), _cameras(job), made_of(job)
-    edits = open_edits(job, model.markerset, cameras=cameras.names, frames=_frames_if_edited(job, cameras))
-    settings = BlobOptions(job.method, job.frame_rate, job.target, job.options, _occlusion(job, model), edits)
-    agreement, check = MethodAgreement(), CameraCheck(cameras)
     with ExitStack() as stack:
-        files = open_files(job, may_replace(job, inputs), stack)
+        inputs, files = open_files(job, stack)  # before they are read
+        model, cameras = open_model(job.model), _cameras(job)
+        known = {"cameras": cameras.names, "frames": _frames_if_edited(job, cameras)}
+        edits = open_edits(job.edits_applied, job.source, model.markerset, **known)
+        settings = BlobOptions(job.method, job.frame_rate, job.target, job.options, _occlusion(job, model), edits)
+        agreement, check = MethodAgreement(), CameraCheck(cameras)
         source = Source(job, cameras)
         work = label_blobs(source.blobs(), cameras, model, settings, agreement)
         results = Results(job, files, model.markerset.markers, stack)
@@ -79,8 +79,7 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
 
 def _frames_if_edited(job: LabelJob, cameras: Cameras) -> tuple[int, int] | None:
     """The first and last frame of a take that is edited, to check the edits' frames by; None for a part of one."""
-    edited = job.edits if isinstance(job.edits, Edits) else job.edits_file
-    return frames_in(job.source, cameras) if edited and not job.frames else None
+    return frames_in(job.source, cameras) if job.edits_applied and not job.frames else None
 
 
 def _facts(job: LabelJob, method: str, cameras: Cameras, results: "Results", agreement: MethodAgreement) -> dict:

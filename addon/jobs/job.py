@@ -2,7 +2,7 @@
 """What to label, and what the jobs of all kinds of input share: their files, their clock, their report."""
 
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -17,10 +17,9 @@ from ..core.pipelines.points import USUAL_TARGET
 from ..io.cameras import calibration_files
 from ..io.edits import edits_beside
 from ..io.markersets import markerset_file
-from ..io.whole import whole_files
+from ..io.report import REPORT
 
 USUAL_RATE = 100.0
-REPORT = ".report.json"  # the last of a take's files to appear: where it is the others are
 # Rays cast at meshes, which takes Blender, or the closed form for capsules; "auto" is the first inside Blender.
 OCCLUSIONS = ("auto", "bvh", "capsules")
 
@@ -113,11 +112,15 @@ class LabelJob:
         return [self.source, markerset_file(self.model), *cameras, *edits]
 
     @property
+    def edits_applied(self) -> Edits | Path | None:
+        """The edits that are applied, or their file; None where there are none."""
+        return edits_beside(self.source) if self.edits is None else self.edits
+
+    @property
     def edits_file(self) -> Path | None:
-        """The file of the edits that are applied, None where there is none."""
-        if self.edits is None:
-            return edits_beside(self.source)
-        return None if isinstance(self.edits, Edits) else self.edits
+        """The file of the edits that are applied, None where they are of none."""
+        edits = self.edits_applied
+        return None if isinstance(edits, Edits) else edits
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,12 +135,6 @@ class Labelled:
     report: dict
     chunks: Chunks
     edits: Edits = NO_EDITS
-
-
-def open_files(job: LabelJob, overwrite: bool, stack: ExitStack) -> dict[str, Path]:
-    """Temporaries of all files that the job writes, by ending; they take their places when `stack` ends well."""
-    parts = stack.enter_context(whole_files(job.written, overwrite, job.read))
-    return dict(zip(job.endings, parts, strict=True))
 
 
 @contextmanager

@@ -1,22 +1,24 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What the labelling made of a take, and its files."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 from ..blendfile import Chunks, save_blend
 from ..core.data.markersets import MarkerSet
-from ..core.data.takes import PointRows, Points
+from ..core.data.takes import EditOutcome, PointRows, Points
+from ..core.edits.applying import summary_of
 from ..core.edits.kinds import NO_EDITS, Edits
 from ..core.geometry.cameras import Cameras
 from ..core.review.summary import TakeSummary
 from ..io.c3d import first_number, names_in_c3d
 from ..io.labels import write_point_labels
 from ..io.points import write_c3d, write_trc
-from ..io.report import take_report, write_report
+from ..io.report import REPORT, take_report, write_report
 from ..io.source import digest
 from ..version import version
-from .job import REPORT, LabelJob, timed
+from .job import LabelJob, timed
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +61,15 @@ def write_take(job: LabelJob, files: dict[str, Path], markerset: MarkerSet, made
         del report["blobs"]
     write_report(files[REPORT], report)
     return report
+
+
+def facts_of_edits(job: LabelJob, outcomes: Iterable[EditOutcome]) -> dict:
+    """What the report says of edits, where there are some."""
+    outcomes = tuple(outcomes)
+    if not outcomes:
+        return {}
+    file = job.edits_file
+    return {"edits": {"file": None if file is None else file.name, **summary_of(outcomes)}}
 
 
 def renumbered(points: Points) -> dict:

@@ -16,13 +16,13 @@ from ..core.pipelines.points import PointOptions, label_points
 from ..core.points.motion import labelled_points
 from ..core.points.naming import chosen_method
 from ..core.review.summary import TakeSummary
+from ..io.edits import open_edits
 from ..io.models import open_model
 from ..io.points import FilePoints, read_points
-from .edits import facts_of_edits, open_edits
 from .fill import fill_labelled
-from .job import LabelJob, Labelled, open_files, timed
-from .outcome import Outcome, write_take
-from .resuming import made_of, may_replace
+from .job import LabelJob, Labelled, timed
+from .outcome import Outcome, facts_of_edits, write_take
+from .resuming import open_files
 
 
 def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
@@ -31,9 +31,8 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
     Raises UserError with the file where it can be told.
     """
     clock: dict[str, float] = {}
-    inputs = made_of(job)  # before they are read
     with ExitStack() as stack:
-        files = open_files(job, may_replace(job, inputs), stack)
+        inputs, files = open_files(job, stack)  # before they are read
         with timed(clock, "load"):
             model, take = open_model(job.model), read_points(job.source, frames=job.frames, up=job.up, rate=job.rate)
             last = int(take.frames[-1])
@@ -42,7 +41,8 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
                 raise InputError(words, job.source)
             if job.blend:
                 refuse_long(take.first_frame, last)
-            edits = open_edits(job, model.markerset, points=take.columns.tolist(), frames=_whole(take, job))
+            known = {"points": take.columns.tolist(), "frames": _whole(take, job)}
+            edits = open_edits(job.edits_applied, job.source, model.markerset, **known)
             options = PointOptions(chosen_method(model, job.method), job.target, job.options, edits)
         labelled = yield from label_points(take, model, options)
         rows, markerset = PointRows.of(take), model.markerset
