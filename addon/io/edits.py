@@ -8,8 +8,8 @@ from ..core.data.markersets import MarkerSet
 from ..core.edits.applying import names_of, refuse_unknown
 from ..core.edits.kinds import NO_EDITS, Edits
 from ..core.edits.rows import document_of, edits_of
-from .jsontext import read_json
 from .report import compact
+from .source import read_json
 from .whole import whole_file
 
 EDITS_ENDING = ".edits.json"

@@ -9,9 +9,9 @@ import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.data.markersets import Capsules, MarkerSet, Skeleton, Spread
-from .jsontext import read_json
 from .markerset_fields import Reader, finite
 from .names import can_be_named
+from .source import read_json
 
 SUFFIX = ".markerset.json"
 VERSION_KEY = "mocap_autolabel"

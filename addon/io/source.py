@@ -3,6 +3,7 @@
 
 import codecs
 import hashlib
+import json
 from collections.abc import Iterable
 from pathlib import Path
 from typing import BinaryIO
@@ -11,6 +12,10 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ..core.data.errors import InputError
+
+# Parsed, a value takes up to a hundred times the letters that it was written with, and no file of ours has a tenth of
+# these. Long texts, such as packed arrays, cost no more than their letters.
+MOST_VALUES = 2_000_000
 
 # A calibration or a marker set is a few kilobytes to a few megabytes (camera masks); beyond this it is another file.
 TEXT_LIMIT = 64 * 1024 * 1024
@@ -129,3 +134,20 @@ def digest(files: Iterable[Path]) -> str:
         with open_binary(file) as stream:
             whole.update(hashlib.file_digest(stream, "sha256").digest())
     return whole.hexdigest()
+
+
+def read_json(path: Path, kind: str) -> object:
+    """The content of a JSON file; InputError with the line where it is none, and where it would fill the memory.
+
+    `kind` names the format in the error, such as "a marker set".
+    """
+    text = read_text(path, kind)
+    # Every value but the first stands behind one of these signs.
+    if sum(map(text.count, ",[{")) > MOST_VALUES:
+        raise InputError(f"has more than {MOST_VALUES} values; expected {kind}", path)
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError as error:
+        raise InputError(f"is not valid JSON ({error.msg}); expected {kind}", path, error.lineno) from None
+    except (ValueError, RecursionError):
+        raise InputError(f"is not JSON that can be read; expected {kind}", path) from None

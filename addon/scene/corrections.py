@@ -11,11 +11,11 @@ from dataclasses import replace
 import bpy
 import numpy as np
 
-from ..core.data.takes import Labels, Motion, PointRows, Suspect, called_by
-from ..core.edits.answering import unanswered
+from ..core.data.takes import Labels, Motion, PointRows, Suspect
 from ..core.edits.applying import OF_POINTS, AppliedEdits, PointCells, apply_to_points
 from ..core.edits.kinds import Edits
 from ..core.edits.rows import document_of, edits_of
+from ..core.review.suspects import called_by, unanswered
 from .stored import Stored
 
 EDITS = "mocap_edits"

@@ -16,9 +16,9 @@ from addon.core.body.bodies import BodyModel
 from addon.core.body.posing import POSING
 from addon.core.data.errors import JobError
 from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, NO_STEP, Labels, PointRows, Points, Suspect, Verdict
-from addon.core.pipelines import points as pipeline
-from addon.core.pipelines.points import begins
+from addon.core.points import pipeline
 from addon.core.points.likelihood.frames import LikelihoodNamer
+from addon.core.points.pipeline import begins
 from addon.io.markersets import open_markerset
 from addon.io.points import read_points, write_c3d
 from addon.jobs import LabelJob, label_file

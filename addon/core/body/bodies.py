@@ -113,7 +113,8 @@ class BodyModel:
 
     def pose(self, bodies: Bodies) -> Posed:
         """Forward kinematics: where every segment, joint and marker of each body is."""
-        return self._pose(bodies, rotations.exponential(bodies.bends)[0], self.shaped_offsets(bodies))
+        offsets = self.shaped_offsets(bodies)
+        return self._pose(bodies, rotations.exponential(bodies.bends)[0], offsets)
 
     def _pose(self, bodies: Bodies, bend: np.ndarray, offsets: np.ndarray) -> Posed:
         scaled = offsets * bodies.scale[:, None, :]

@@ -101,7 +101,8 @@ def fit_points(
 
 def fit_subject(model: BodyModel, points: np.ndarray, prior: Prior, steps: int = POSING.subject_steps) -> Bodies:
     """Bodies (T) that share scale, shape and own offsets, on a few frames (T, M, 3) m that all have a pose."""
-    free = fit_body(model, aligned(model, points, prior), point_pull(points), POSING.free_steps, prior).bodies
+    pull, start = point_pull(points), aligned(model, points, prior)
+    free = fit_body(model, start, pull, POSING.free_steps, prior).bodies
     bodies = replace(free, scale=_shared(free.scale), shape=_shared(free.shape))
     bodies = descend_subject(model, bodies, points, prior, steps)
     for _ in range(POSING.own_rounds):

@@ -2,7 +2,7 @@
 """What goes into the labelling and what comes out of it: blobs, points, labels and the motion of the markers."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from typing import Self
 
 import numpy as np
@@ -175,26 +175,6 @@ class Suspect:
     def reason(self) -> str:
         """Why to look, for a person to read."""
         return self.words if self.trajectory is None else f"trajectory {self.trajectory} {self.words}"
-
-
-def called_by(suspects: Iterable[Suspect], columns: np.ndarray) -> tuple[Suspect, ...]:
-    """The suspects with trajectories, which they call by their column, called by the numbers (P,) of the columns."""
-    return tuple(
-        one if one.trajectory is None else replace(one, trajectory=int(columns[one.trajectory])) for one in suspects
-    )
-
-
-def suspect_ranges(
-    frames: np.ndarray, doubtful: np.ndarray, words: str, max_break_frames: int, markers: tuple[str, ...] = ()
-) -> list[Suspect]:
-    """The doubtful frames (F,) as ranges of the source's numbers (F,); breaks of up to so many frames are bridged.
-
-    `markers` are those that it is about.
-    """
-    at = np.flatnonzero(doubtful)
-    breaks = np.flatnonzero(np.diff(at) > max_break_frames)
-    firsts, lasts = (at[np.append(0, breaks + 1)], at[np.append(breaks, -1)]) if len(at) else (at, at)
-    return [Suspect(int(frames[a]), int(frames[b]), words, markers=markers) for a, b in zip(firsts, lasts, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)

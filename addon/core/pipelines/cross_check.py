@@ -10,7 +10,8 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Suspect, summed, suspect_ranges
+from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Suspect, summed
+from ..review.suspects import suspect_ranges
 
 
 @dataclass(frozen=True)

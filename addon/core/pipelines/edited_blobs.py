@@ -8,12 +8,12 @@ import numpy as np
 
 from ..data.markersets import MarkerSet
 from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion
-from ..edits.answering import unanswered_of_blobs
 from ..edits.applying import BlobCells, apply_to_blobs, names_of
 from ..edits.kinds import Edits
 from ..geometry.cameras import Cameras
 from ..geometry.triangulation import Rays
 from ..geometry.views import VIEWING, Sight, View, split_views
+from ..review.suspects import unanswered_of_blobs
 
 
 def with_edits_of_blobs(

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..data.takes import NO_MARKER, Labels, Suspect, Verdict, suspect_ranges
+from ..data.takes import NO_MARKER, Labels, Suspect, Verdict
+from ..review.suspects import suspect_ranges
 from .likelihood.distances import DistanceConstraints
 from .likelihood.model import Likelihood
 from .models import Model

@@ -1,12 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Points a person to the frames that are worth a look: markers that leave the body, or move as no marker moves."""
+"""Points a person to the frames that are worth a look: markers that leave the body, or move as no marker moves.
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+Doubts that a person has answered leave the list of what to look at, and do not come back.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..data.takes import Motion, Suspect, suspect_ranges
+from ..data.takes import Motion, Suspect
+from ..edits.kinds import Edits, Right
+from ..edits.replay import FREE, Edited
 
 
 @dataclass(frozen=True)
@@ -122,3 +127,69 @@ def _of_one_kind(found: list[Suspect], max_names: int) -> Suspect:
     listed = " ".join(whom[:max_names]) + (f" and {len(whom) - max_names} more" if len(whom) > max_names else "")
     words = f"trajectories {listed}: as {found[0].reason}" if tracks else f"{listed}: {_kind(found[0].reason)}"
     return Suspect(min(one.first for one in found), max(one.last for one in found), words)
+
+
+def unanswered(
+    suspects: Iterable[Suspect], edited: Edited, names: Mapping[str, int], first_frame: int
+) -> tuple[Suspect, ...]:
+    """The suspects of a take of points without the frames in which a person answered them.
+
+    What is asked about a marker is answered by its being right; what is asked about the name of a trajectory, called
+    by its column, by any edit of it. names are the indices of the markers, first_frame the source's number of the
+    first.
+    """
+    left: list[Suspect] = []
+    for suspect in suspects:
+        rows = slice(suspect.first - first_frame, suspect.last - first_frame + 1)
+        markers = [names[name] for name in suspect.markers if name in names]
+        answered = edited.right[rows][:, markers].any(axis=1)
+        if suspect.trajectory is not None:
+            answered = answered | (edited.rule[rows, suspect.trajectory] != FREE)
+        # A change of names is answered where either of its ends is.
+        of_a_change = len(suspect.markers) > 1 and suspect.trajectory is not None
+        left += [] if of_a_change and answered.any() else _rest(suspect, answered)
+    return tuple(left)
+
+
+def unanswered_of_blobs(suspects: Iterable[Suspect], edits: Edits, names: Mapping[str, int]) -> tuple[Suspect, ...]:
+    """The suspects of a take of blobs without the frames in which their markers are right."""
+    right = [(names[edit.marker], edit.frames) for edit in edits if isinstance(edit, Right)]
+    left: list[Suspect] = []
+    for suspect in suspects:
+        frames = np.arange(suspect.first, suspect.last + 1)
+        answered = np.zeros(len(frames), bool)
+        own = {names[name] for name in suspect.markers if name in names}
+        for marker, span in right:
+            if marker in own:
+                answered |= True if span is None else (frames >= span[0]) & (frames <= span[1])
+        left += _rest(suspect, answered)
+    return tuple(left)
+
+
+def _rest(suspect: Suspect, answered: np.ndarray) -> list[Suspect]:
+    """What is left of a suspect of which some frames are answered."""
+    if not answered.any():
+        return [suspect]
+    frames = suspect.first + np.arange(len(answered))
+    parts = suspect_ranges(frames, ~answered, suspect.words, 1)
+    return [replace(suspect, first=part.first, last=part.last) for part in parts]
+
+
+def called_by(suspects: Iterable[Suspect], columns: np.ndarray) -> tuple[Suspect, ...]:
+    """The suspects with trajectories, which they call by their column, called by the numbers (P,) of the columns."""
+    return tuple(
+        one if one.trajectory is None else replace(one, trajectory=int(columns[one.trajectory])) for one in suspects
+    )
+
+
+def suspect_ranges(
+    frames: np.ndarray, doubtful: np.ndarray, words: str, max_break_frames: int, markers: tuple[str, ...] = ()
+) -> list[Suspect]:
+    """The doubtful frames (F,) as ranges of the source's numbers (F,); breaks of up to so many frames are bridged.
+
+    `markers` are those that it is about.
+    """
+    at = np.flatnonzero(doubtful)
+    breaks = np.flatnonzero(np.diff(at) > max_break_frames)
+    firsts, lasts = (at[np.append(0, breaks + 1)], at[np.append(breaks, -1)]) if len(at) else (at, at)
+    return [Suspect(int(frames[a]), int(frames[b]), words, markers=markers) for a, b in zip(firsts, lasts, strict=True)]

@@ -9,11 +9,11 @@ import pytest
 from addon.core.body.bodies import BodyModel
 from addon.core.data.progress import finished
 from addon.core.data.takes import Labels, Points
-from addon.core.pipelines.points import PointOptions, label_points
 from addon.core.points.likelihood.calibration import raised
 from addon.core.points.likelihood.frames import label_frames
 from addon.core.points.likelihood.subject import loosened, of_subject, off_expected
 from addon.core.points.likelihood.trials import Trial, make_trial
+from addon.core.points.pipeline import PointOptions, label_points
 from addon.core.points.tracklets import cut
 from addon.core.points.unordered import UNORDERED, is_unordered, learn_subject
 from addon.core.simulation.virtual import Act, draw_person, perform

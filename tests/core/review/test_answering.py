@@ -4,9 +4,9 @@
 import numpy as np
 
 from addon.core.data.takes import Suspect
-from addon.core.edits.answering import unanswered, unanswered_of_blobs
 from addon.core.edits.applying import PointCells, apply_to_points
 from addon.core.edits.kinds import AssignPoint, Edits, Right
+from addon.core.review.suspects import unanswered, unanswered_of_blobs
 
 from .lists import COLUMNS, FIRST, INDEX, NAMES, named
 
