@@ -139,7 +139,8 @@ def standing(extension, empty, own_folder):
     marker[1, markerset.markers.index("LHEE")] = NO_MARKER
     sure = (marker != NO_MARKER) * 1.0
     labels = Labels(marker, np.where(sure > 0, BY_LIKELIHOOD, NO_STEP), sure, sure)
-    motion = motion_of(xyz, points.residual, labels, markerset, points.frames)
+    there = labels.placed(xyz, len(markerset)), labels.placed(points.residual, len(markerset))
+    motion = motion_of(*there, labels, markerset, points.frames)
     rows = PointRows.of(points)
     take = Take("st/and", 100.0, NO_CAMERAS, markerset, rows, labels[np.nonzero(points.present)], motion)
     settings = empty.scene.mocap_autolabel

@@ -109,9 +109,9 @@ class Labels:
         return table
 
     def placed(self, points: np.ndarray, markers: int) -> np.ndarray:
-        """(T, M, 3) m, where each of M markers is of points (T, P, 3) m with these labels (T, P); NaN where none is."""
+        """(T, M, …), what each of M markers has of points (T, P, …) with these labels (T, P); NaN where none is."""
         frame, column = np.nonzero(self.named)
-        found = np.full((len(points), markers, 3), np.nan)
+        found = np.full((len(points), markers, *points.shape[2:]), np.nan)
         found[frame, self.marker[frame, column]] = points[frame, column]
         return found
 

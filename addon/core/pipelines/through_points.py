@@ -105,7 +105,9 @@ def _labelled(work: _Work, waiting: list[tuple[Blobs, Reconstructed]], seconds: 
         verdict = _decided(work, window, rulings.heard(found), said, rulings)
         verdict = Verdict(_as_said(verdict.labels, rulings), verdict.suspects)
     named = perf_counter()
-    motion = motion_of(window.xyz, window.residual, verdict.labels, markerset, window.frames)
+    markers = verdict.labels.placed(window.xyz, len(markerset))
+    residual = verdict.labels.placed(window.residual, len(markerset))
+    motion = motion_of(markers, residual, verdict.labels, markerset, window.frames)
     suspects = verdict.suspects + find_suspects(motion, markerset.markers, work.rate)
     spent = {"place": seconds, "label": named - begin, "fit": perf_counter() - named}
     given, without = (labels[window.frame, window.column] for labels in (verdict.labels, alone.labels))

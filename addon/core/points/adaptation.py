@@ -9,7 +9,6 @@ from ..data.takes import BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Suspect, Ver
 from .deciding import once
 from .models import Model
 from .rigid_bodies.recognition import RECOGNITION, Recognition, recognise
-from .rigid_bodies.structure import learn_structure
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +32,7 @@ def adapt(model: Model, points: np.ndarray, tracklet: np.ndarray, rate: float) -
     likelihood = model.likelihood
     if likelihood is None or likelihood.rigid_bodies is None or not model.training_takes:
         return Adaptation(model)
-    structure = learn_structure(likelihood.rigid_bodies, list(model.subjects.values()))
-    recognition = recognise(structure, likelihood.rigid_bodies, points, tracklet, rate)
+    recognition = recognise(model.structure, likelihood.rigid_bodies, points, tracklet, rate)
     if recognition.known is not False:
         return Adaptation(model, recognition)
     own = replace(likelihood, rigid_bodies=recognition.rigid_bodies)

@@ -3,6 +3,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from ..data.markersets import MarkerSet
 from .likelihood.model import Likelihood
 from .partial_solvers.model import PartialSolvers
 from .rigid_bodies.model import RigidBodies
+from .rigid_bodies.structure import Structure, learn_structure
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +49,11 @@ class Model:
     def rigid_bodies(self) -> RigidBodies | None:
         """The rigid bodies that most of the markers are on; None for other sets."""
         return None if self.likelihood is None else self.likelihood.rigid_bodies
+
+    @cached_property
+    def structure(self) -> Structure:
+        """How the rigid bodies lie on the subjects that the model keeps, of a set that is on some."""
+        return learn_structure(self.rigid_bodies, list(self.subjects.values()))
 
     @property
     def subjects(self) -> dict[str, np.ndarray]:

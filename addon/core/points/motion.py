@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """From named points to a moving body."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
-from types import MappingProxyType
 
 import numpy as np
 
@@ -12,44 +11,34 @@ from ..body.posing import POSING, fit_points
 from ..data.markersets import MarkerSet
 from ..data.takes import LabelledChunk, Labels, Motion, Points
 
-NO_PLACES: Mapping[tuple[int, int], np.ndarray] = MappingProxyType({})
-
 
 def motion_of(
-    points: np.ndarray,
+    markers: np.ndarray,
     residual: np.ndarray,
     labels: Labels,
     markerset: MarkerSet,
     frames: np.ndarray,
     progress: Callable[[float], None] | None = None,
-    places: Mapping[tuple[int, int], np.ndarray] = NO_PLACES,
 ) -> Motion:
     """The named markers and the body posed on them.
 
-    points (T, P, 3) m and residual (T, P) m with their labels (T, P); frames (T,) the source's numbers. `places` are
-    markers that a person placed, by frame index and marker, (3,) m: their residual is 0, as nobody measured them.
-    `progress` is told the share that is done.
+    markers (T, M, 3) m and residual (T, M) m, NaN where one is not, by the labels (T, P); frames (T,) the source's
+    numbers. `progress` is told the share that is done.
     """
-    count, size = len(points), len(markerset)
-    xyz, off = labels.placed(points, size), np.full((count, size), np.nan)
-    named = labels.named
-    frame, column = np.nonzero(named)
-    marker = labels.marker[frame, column]
-    off[frame, marker] = residual[frame, column]
-    for at, place in places.items():
-        xyz[at], off[at] = place, 0.0
+    count, size = markers.shape[:2]
     model = BodyModel(markerset)
-    if (np.isfinite(xyz[..., 0]).sum(axis=1) >= POSING.min_markers).any():
-        bodies = fit_points(model, xyz, progress=progress)
+    if (np.isfinite(markers[..., 0]).sum(axis=1) >= POSING.min_markers).any():
+        bodies = fit_points(model, markers, progress=progress)
     else:
         nobody = model.rest(count, 1.0)
         bodies = replace(nobody, translation=np.full_like(nobody.translation, np.nan))
     found = np.isfinite(bodies.translation).all(axis=1)
     expected, joints, turns, scale = _posed(model, bodies, found)
+    named = labels.named
     mean = np.where(named, labels.confidence, 0).sum(axis=1) / np.maximum(named.sum(axis=1), 1)
     nothing, conflicts = np.full((count, size), np.nan), np.zeros((count, size), int)
     confidence = np.where(found, mean, 0.0)
-    return Motion(frames, xyz, off, nothing, conflicts, expected, joints, turns, scale, confidence)
+    return Motion(frames, markers, residual, nothing, conflicts, expected, joints, turns, scale, confidence)
 
 
 def _posed(model: BodyModel, bodies: Bodies, found: np.ndarray, at_once: int = 2000) -> tuple[np.ndarray, ...]:

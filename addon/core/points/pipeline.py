@@ -18,8 +18,8 @@ from threadpoolctl import threadpool_limits
 from ..blobs.pipeline import Options
 from ..data.background import in_background
 from ..data.progress import Progress, Stage, in_stages
-from ..data.takes import BY_FIT, LabelledChunk, Labels, Points, Verdict
-from ..edits.applying import AppliedEdits, PointCells, apply_to_points
+from ..data.takes import BY_FIT, LabelledChunk, Labels, Motion, Points, Verdict
+from ..edits.applying import AppliedEdits, PointCells, apply_to_points, names_of
 from ..edits.kinds import NO_EDITS, Edits
 from ..review.suspects import called_by, find_suspects, summarised, unanswered
 from .adaptation import Adaptation, adapt, borne_out
@@ -133,18 +133,23 @@ def _labelled(
     verdict = yield from _as_a_whole(frames, options.target)
     unedited = applied = None
     if options.edits:
-        cells = PointCells.of(take, model.markerset)
-        unedited, applied, verdict = yield from _with_edits(frames, verdict, options, cells)
+        unedited, applied, verdict = yield from _with_edits(frames, verdict, options)
     named = perf_counter()
     yield Stage("pose", "pose the body")
-    given = take.xyz, take.residual, verdict.labels, model.markerset, take.frames
-    places = applied.places if applied else {}
-    motion = yield from in_background(lambda tell: motion_of(*given, progress=tell, places=places))
+    markers = verdict.labels.placed(take.xyz, len(model.markerset))
+    residual = verdict.labels.placed(take.residual, len(model.markerset))
+    for at, place in (applied.places if applied else {}).items():
+        markers[at], residual[at] = place, 0.0  # as nobody measured it
+
+    def pose(tell) -> Motion:
+        return motion_of(markers, residual, verdict.labels, model.markerset, take.frames, tell)
+
+    motion = yield from in_background(pose)
     seconds = {"label": named - begin, "fit": perf_counter() - named}
     yield Stage("write", "write")
     suspects = verdict.suspects + find_suspects(motion, model.markerset.markers, take.rate)
     if applied:
-        suspects = unanswered(suspects, applied.edited, cells.names, cells.first_frame)
+        suspects = unanswered(suspects, applied.edited, names_of(model.markerset), take.first_frame)
     if take.columns is not None:  # as in label files: by the trajectories' index in the file
         suspects = called_by(suspects, take.columns)
     outcomes = applied.outcomes if applied else ()
@@ -228,9 +233,10 @@ def _decided(
 
 
 def _with_edits(
-    frames: NamedFrames, verdict: Verdict, options: PointOptions, cells: PointCells
+    frames: NamedFrames, verdict: Verdict, options: PointOptions
 ) -> Steps[tuple[Labels, AppliedEdits, Verdict]]:
     """The labels (T, P) of which the edits give those in the end, what the edits say, and the verdict with them."""
+    cells = PointCells.of(frames.take, frames.model.markerset)
     first = apply_to_points(verdict.labels, options.edits, cells)
     rulings = Rulings(first.edited, verdict.labels, frames.tracklet)
     yield Stage("hear", "hear what the edits say")

@@ -2,11 +2,12 @@
 """Clusters of trajectories in an unlabelled take that move rigidly, found from how little their distances vary."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from ...data.takes import evenly_spread
-from ...geometry.rigid import MIN_POINTS, in_axes, laid_on, rigid_clusters
+from ...geometry.rigid import MIN_POINTS, in_axes, laid_on, pairwise_distances, rigid_clusters
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,11 @@ class Cluster:
     def markers(self) -> np.ndarray:
         """(F, n, 3) m, where the cluster has its markers, seen or not."""
         return np.einsum("fij,nj->fni", self.turn, self.form) + self.place[:, None]
+
+    @cached_property
+    def lengths(self) -> np.ndarray:
+        """(n, n) m, between the markers."""
+        return pairwise_distances(self.form)
 
 
 @dataclass(frozen=True, eq=False)

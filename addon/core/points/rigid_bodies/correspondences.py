@@ -42,11 +42,11 @@ def correspondences(
     All where the rigid body has `max_all` markers at most: of the points those nearest to their middle. There are
     millions for a larger one, and its form tells which are worth a look.
     """
-    if len(form) > options.max_all:
-        return _likely(form, points, options)
-    near = np.argsort(np.linalg.norm(points, axis=1), kind="stable")[: options.max_all]
-    chosen = _all(len(form), len(near))
-    return np.where(chosen >= 0, near[chosen], NO_POINT)
+    if len(form) <= options.max_all:
+        near = np.argsort(np.linalg.norm(points, axis=1), kind="stable")[: options.max_all]
+        chosen = _all(len(form), len(near))
+        return np.where(chosen >= 0, near[chosen], NO_POINT)
+    return _likely(form, points, options)
 
 
 def spread_of(lengths: np.ndarray, options: CorrespondenceOptions = CORRESPONDENCE) -> np.ndarray:

@@ -8,7 +8,6 @@ from itertools import permutations
 import numpy as np
 
 from ...data.takes import NO_POINT
-from ...geometry.rigid import pairwise_distances
 from .cluster_matching import NO_CLUSTER, Matched, mirror_odds
 from .clustering import Cluster
 from .correspondences import correspondences, spread_of
@@ -91,21 +90,20 @@ def _match_one(
     others = np.arange(len(structure)) != rigid_body
     known = structure.linked[rigid_body] & joints.sure[rigid_body]
     meet = structure.joints.at[rigid_body, known], joints.at[rigid_body, known]
-    score = _form_fit(inner, cluster.form, tried, options)
-    score += _away_fit(inner, points, middles, others, tried, options)
-    score += _joint_fit(inner.form, cluster.form, *meet, tried, options)
-    score += _side_fit(inner, points, middles, others, tried, options)
+    away = _away_fit(inner, points, middles, others, tried, options)
+    joint = _joint_fit(inner.form, cluster.form, *meet, tried, options)
+    side = _side_fit(inner, points, middles, others, tried, options)
+    score = _form_fit(inner, cluster.lengths, tried, options) + away + joint + side
     best = int(score.argmax())
     chosen = tried[best]
     alternatives = np.where(tried != chosen, score[:, None], -np.inf).max(axis=0)
     return chosen, np.where(chosen >= 0, score[best] - alternatives, 0.0)
 
 
-def _form_fit(inner: Inner, form: np.ndarray, tried: np.ndarray, options: MarkerMatchOptions) -> np.ndarray:
-    """(W,) how well the lengths between points fit the rigid body's own, and how much of the rigid body there is."""
-    wanted, lengths = pairwise_distances(inner.form), pairwise_distances(form)
+def _form_fit(inner: Inner, lengths: np.ndarray, tried: np.ndarray, options: MarkerMatchOptions) -> np.ndarray:
+    """(W,) how well the lengths (n, n) m between points fit the rigid body's own, and how much of it there is."""
     there = (tried[:, :, None] >= 0) & (tried[:, None] >= 0)
-    off = (lengths[tried[:, :, None], tried[:, None]] - wanted) / spread_of(wanted)
+    off = (lengths[tried[:, :, None], tried[:, None]] - inner.lengths) / spread_of(inner.lengths)
     cost = np.where(there, np.minimum(0.5 * off**2, options.max_cost), 0).sum(axis=(1, 2)) / 2
     pairs = (there.sum(axis=(1, 2)) - (tried >= 0).sum(axis=1)) / 2
     missing = options.missing_cost * (tried[:, : inner.core] < 0).sum(axis=1)

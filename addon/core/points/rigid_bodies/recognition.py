@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...data.takes import NO_POINT
-from ...geometry.rigid import MIN_POINTS, pairwise_distances
+from ...geometry.rigid import MIN_POINTS
 from .cluster_matching import NO_CLUSTER, Matched, match_clusters
 from .clustering import Cluster, Sampled, find_clusters, sampled, unbroken
 from .marker_matching import Placed, place_markers
@@ -125,7 +125,7 @@ def _recognise(
         found = find_single_markers(own, at, np.flatnonzero(placed.point == NO_POINT), seen.points[:, free])
         single[seen.number[free]] = found
         own = _with_single_markers(own, at, seen.points[:, free], found, options)
-    known = _known(rigid_bodies, forms, len(structure), options)
+    known = _known(forms, len(structure), options)
     return Recognition(cluster, matched.margin, placed, named, tuple(clusters), tuple(props), part, single, own, known)
 
 
@@ -146,14 +146,20 @@ def _free(seen: Sampled, clusters: list[Cluster]) -> np.ndarray:
 
 def _own_forms(
     structure: Structure, clusters: list[Cluster], cluster: np.ndarray, placed: Placed, sure: np.ndarray
-) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Of each sure rigid body the sure markers (n,) of its core, three or more, and their form (n, 3) m."""
+) -> list[tuple[np.ndarray, np.ndarray, float]]:
+    """Of each sure rigid body the sure markers (n,) of its core, three or more, with their form (n, 3) m.
+
+    And how far its lengths are from the model's, root mean square, m.
+    """
     forms = []
     for rigid_body in np.flatnonzero(cluster != NO_CLUSTER):
-        own = structure.inner[rigid_body].members[: structure.inner[rigid_body].core]
-        own = own[sure[own] & (placed.rigid_body[own] == rigid_body)]
-        if len(own) >= MIN_POINTS:
-            forms.append((own, clusters[cluster[rigid_body]].form[placed.point[own]]))
+        inner, body = structure.inner[rigid_body], clusters[cluster[rigid_body]]
+        core = inner.members[: inner.core]
+        fine = np.flatnonzero(sure[core] & (placed.rigid_body[core] == rigid_body))
+        if len(fine) >= MIN_POINTS:
+            own, point = core[fine], placed.point[core[fine]]
+            off = body.lengths[np.ix_(point, point)] - inner.lengths[np.ix_(fine, fine)]
+            forms.append((own, body.form[point], float(np.sqrt((off**2).mean()))))
     return forms
 
 
@@ -162,7 +168,7 @@ def _own_rigid_bodies(
 ) -> RigidBodies:
     """The rigid bodies with the subject's own forms and, where `at` (F, M, 3) m shows them, distances."""
     form = np.zeros_like(rigid_bodies.form)
-    for own, shape in forms:
+    for own, shape, _ in forms:
         form[own] = shape
     wider = options.range_m + options.range_share * (rigid_bodies.low + rigid_bodies.high) / 2
     low, high = np.maximum(rigid_bodies.low - wider, 0), rigid_bodies.high + wider
@@ -171,7 +177,7 @@ def _own_rigid_bodies(
         rigid = placed.rigid_body[others] == placed.rigid_body[marker]
         often = np.where(rigid, 0, options.min_seen_part * len(at))
         _set_ranges(low, high, marker, others, at[:, marker], at[:, others], often)
-    return RigidBodies(tuple(own for own, _ in forms), form, low, high)
+    return RigidBodies(tuple(own for own, *_ in forms), form, low, high)
 
 
 def _set_ranges(low, high, marker: int, others: np.ndarray, at: np.ndarray, there: np.ndarray, often: np.ndarray):
@@ -203,10 +209,9 @@ def _with_single_markers(
     return RigidBodies(rigid_bodies.groups, rigid_bodies.form, low, high)
 
 
-def _known(rigid_bodies: RigidBodies, forms, count: int, options: RecognitionOptions) -> bool | None:
+def _known(forms, count: int, options: RecognitionOptions) -> bool | None:
     """Whether the forms of the take, of `count` rigid bodies in all, are the very ones of the model."""
-    off = [pairwise_distances(form) - rigid_bodies.lengths(own) for own, form in forms]
-    alike = [np.sqrt((one**2).mean()) < options.max_alike_m for one in off]
+    alike = [off < options.max_alike_m for *_, off in forms]
     if len(alike) < options.min_sure_part * count:
         return False if len(alike) >= options.min_other and not any(alike) else None
     return bool(np.mean(alike) >= options.min_alike_part)

@@ -7,6 +7,7 @@ How far rigid bodies are from each other, which meet in a joint and how far from
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -113,6 +114,11 @@ class Inner:
     away_sd: np.ndarray
     side: np.ndarray
     side_sd: np.ndarray
+
+    @cached_property
+    def lengths(self) -> np.ndarray:
+        """(n, n) m, between the markers."""
+        return pairwise_distances(self.form)
 
 
 @dataclass(frozen=True, eq=False)
