@@ -46,7 +46,7 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
     model, cameras, inputs = open_model(job.model), _cameras(job), made_of(job)
     edits = open_edits(job, model.markerset, cameras=cameras.names, frames=_frames_if_edited(job, cameras))
     settings = BlobOptions(job.method, job.frame_rate, job.target, job.options, _occlusion(job, model), edits)
-    agreement, check = MethodAgreement(), CameraCheck(cameras)
+    agreement, check = MethodAgreement(), CameraCheck(cameras, model.markerset)
     with ExitStack() as stack:
         files = open_files(job, may_replace(job, inputs), stack)
         source = Source(job, cameras)
