@@ -48,7 +48,7 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         known = {"cameras": cameras.names, "frames": _frames_if_edited(job, cameras)}
         edits = open_edits(job.edits_applied, job.source, model.markerset, **known)
         settings = BlobOptions(job.method, job.frame_rate, job.target, job.options, _occlusion(job, model), edits)
-        agreement, check = MethodAgreement(), CameraCheck(cameras)
+        agreement, check = MethodAgreement(), CameraCheck(cameras, model.markerset)
         source = Source(job, cameras)
         work = label_blobs(source.blobs(), cameras, model, settings, agreement)
         results = Results(job, files, model.markerset.markers, stack)
