@@ -25,6 +25,7 @@ def take_report(
         "rate": rate,
         "frames": summary.frames,
         "frames_without_person": summary.lost,
+        "frames_whole": summary.whole,
         "blobs": summary.rows,
         "unlabelled": summary.unlabelled,
         "steps": summary.steps,

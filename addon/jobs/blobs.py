@@ -31,6 +31,7 @@ from .edits import facts_of_edits, open_edits
 from .fill import fill_labelled
 from .job import LabelJob, Labelled, open_files, timed
 from .outcome import Outcome, write_take
+from .pages import overview_for
 from .resuming import made_of, may_replace
 from .spool import append
 
@@ -47,6 +48,7 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
     edits = open_edits(job, model.markerset, cameras=cameras.names, frames=_frames_if_edited(job, cameras))
     settings = BlobOptions(job.method, job.frame_rate, job.target, job.options, _occlusion(job, model), edits)
     agreement, check = MethodAgreement(), CameraCheck(cameras)
+    overview = overview_for(job, model.markerset, job.frame_rate, cameras, edits)
     with ExitStack() as stack:
         files = open_files(job, may_replace(job, inputs), stack)
         source = Source(job, cameras)
@@ -58,6 +60,8 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
             with timed(clock, "write"):
                 results.add(row, chunk)
             check.add(row.blobs, chunk)
+            if overview is not None:
+                overview.add(row.blobs, chunk)
             yield Progress(row.fraction, f"frame {row.blobs.frames[-1]}")
         clock["load"] += source.seconds
         with timed(clock, "label"):
@@ -72,7 +76,7 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
             with timed(clock, "fill"):
                 points, of_gaps = yield from fill_labelled(points, model.markerset)
             facts |= of_gaps
-        made = Outcome(points, results.chunks, cameras, results.summary, facts, inputs)
+        made = Outcome(points, results.chunks, cameras, results.summary, facts, inputs, overview=overview)
         report = write_take(job, files, model.markerset, made, clock)
     return Labelled(report, results.chunks if job.keep else [])
 

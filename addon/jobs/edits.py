@@ -38,10 +38,10 @@ def digest_of_edits(job: LabelJob) -> str | None:
     return None if job.edits_file is None else digest([job.edits_file])
 
 
-def facts_of_edits(job: LabelJob, outcomes: Iterable[EditOutcome]) -> dict:
-    """What the report says of edits, where there are some."""
+def facts_of_edits(job: LabelJob | None, outcomes: Iterable[EditOutcome]) -> dict:
+    """What the report says of edits, where there are some; without a job they are of no file."""
     outcomes = tuple(outcomes)
     if not outcomes:
         return {}
-    file = job.edits_file
+    file = None if job is None else job.edits_file
     return {"edits": {"file": None if file is None else file.name, **summary_of(outcomes)}}

@@ -22,6 +22,7 @@ from .edits import facts_of_edits, open_edits
 from .fill import fill_labelled
 from .job import LabelJob, Labelled, open_files, timed
 from .outcome import Outcome, write_take
+from .pages import overview_for
 from .resuming import made_of, may_replace
 
 
@@ -51,13 +52,16 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         chunk = replace(labelled, labels=labelled.labels[present], unedited=unedited)
         summary = TakeSummary(markerset.markers)
         summary.add(chunk)
+        overview = overview_for(job, markerset, take.rate, edits=edits)
+        if overview is not None:
+            overview.add(rows, chunk)
         points = labelled_points(take, labelled, markerset)
         facts = _facts(take, chunk.labels, options) | facts_of_edits(job, labelled.outcomes)
         if job.fill:
             with timed(clock, "fill"):
                 points, of_gaps = yield from fill_labelled(points, markerset)
             facts |= of_gaps
-        made = Outcome(points, [(rows, chunk)], NO_CAMERAS, summary, facts, inputs, edits)
+        made = Outcome(points, [(rows, chunk)], NO_CAMERAS, summary, facts, inputs, edits, overview)
         report = write_take(job, files, markerset, made, clock)
     return Labelled(report, made.chunks if job.keep else [], edits)
 
