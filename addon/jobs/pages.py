@@ -48,7 +48,6 @@ class KeptTake:
     model         the marker set's name
     rows, chunk   all of it
     edits         those that the labels follow
-    facts         what its report says beside what every report says
     """
 
     name: str
@@ -60,7 +59,6 @@ class KeptTake:
     rows: Blobs | PointRows
     chunk: LabelledChunk
     edits: Edits = NO_EDITS
-    facts: Mapping[str, object] | None = None
 
 
 def write_kept_page(path: Path, take: KeptTake):
@@ -74,12 +72,9 @@ def write_kept_page(path: Path, take: KeptTake):
     if isinstance(take.rows, Blobs):
         check = CameraCheck(take.cameras)
         check.add(take.rows, take.chunk)
-        report["cameras"] = check.of_cameras()
+        report |= {"cameras": check.of_cameras(), "camera_doubts": [doubt.reason for doubt in check.suspects()]}
     else:
         report["points"] = report.pop("blobs")
-    report |= take.facts or {}
-    for row in report.get("filled", ()):
-        overview.fill(row["marker"], row["first"], row["last"])
     write_take_page(path, report, overview, Path(take.source).name, today())
 
 

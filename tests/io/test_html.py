@@ -1,11 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The pages that people pass on: what they say, that nothing in them runs or is fetched, and what they weigh."""
 
-import re
 import time
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
@@ -16,9 +14,9 @@ from addon.core.review.overview import OverviewSubject, TakeOverview
 from addon.core.review.summary import TakeSummary
 from addon.io.html import is_page, write_folder_page, write_take_page
 from addon.io.report import take_report
+from tests.io.pages import read
 
 HOSTILE = '</title><script>alert("1")</script><img src=x onerror=alert(1)>&\'"\u202e\x07\udc80'
-EMPTY = {"meta", "br", "hr"}
 
 
 def take(frames: int, markers: int, first: int = 1, seed: int = 0) -> tuple[PointRows, LabelledChunk]:
@@ -64,53 +62,6 @@ def page_of(tmp_path, rows, chunk, names, said=None, **more) -> str:
     path = tmp_path / "walk.report.html"
     write_take_page(path, report, overview, more.get("source", "walk.c3d"), "2026-11-22")
     return path.read_text(encoding="utf-8")
-
-
-class Elements(HTMLParser):
-    """What a browser makes of a page: its elements with their attributes, and its text."""
-
-    def __init__(self, text: str):
-        super().__init__()
-        self.found, self.open, self.said = [], [], []
-        self.feed(text)
-        self.close()
-
-    def handle_starttag(self, tag, attributes):
-        self.found.append((tag, dict(attributes)))
-        if tag not in EMPTY:
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag, attributes):
-        self.found.append((tag, dict(attributes)))
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, text):
-        self.said.append(text)
-
-    def of(self, tag: str) -> list[dict]:
-        return [attributes for name, attributes in self.found if name == tag]
-
-
-def read(text: str) -> Elements:
-    """The page as a browser and as XML has it; it is sound, accessible, and asks for nothing from elsewhere."""
-    ElementTree.fromstring(text)
-    page = Elements(text)
-    assert page.open == []
-    assert {"script", "img", "iframe", "link", "object", "use", "image", "base"} & {
-        tag for tag, _ in page.found
-    } == set()
-    assert not [name for _, attributes in page.found for name in attributes if name.startswith("on") or name == "src"]
-    assert not re.search(r"https?:|//|url\(|@import|javascript:", re.sub(r"<!DOCTYPE[^>]*>", "", text))
-    assert any(each.get("content", "").startswith("default-src 'none'") for each in page.of("meta"))
-    assert page.of("html") == [{"lang": "en"}]
-    assert len(page.of("h1")) == 1
-    assert len(page.of("h2")) > 1
-    for drawn in ElementTree.fromstring(text).iter("svg"):
-        assert drawn.get("aria-hidden") or drawn.get("aria-label") or drawn.find("title") is not None
-    assert all(each.get("scope") for each in page.of("th"))
-    return page
 
 
 def test_a_page_says_what_the_report_says(tmp_path):

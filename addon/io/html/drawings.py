@@ -77,7 +77,7 @@ def _strip(most: np.ndarray, also: np.ndarray, totals: np.ndarray, name: str) ->
         if base and state != GAP_CELL:
             paths.append(element("path", class_=f"base {word}", d="".join(f"M{a} 5h{b - a}" for a, b in base)))
         if below:
-            paths.append(element("path", class_=f"also {word}", d="".join(f"M{a} 8.3h{b - a}" for a, b in below)))
+            paths.append(element("path", class_=f"also {word}", d="".join(f"M{a} 9h{b - a}" for a, b in below)))
     paths.sort(key=lambda path: "also" in path)
     whole = max(int(totals.sum()), 1)
     said = ", ".join(f"{word} {percent(n / whole)}" for word, n in zip(CELL_STATES, totals, strict=True) if n)
@@ -99,7 +99,7 @@ def strip_legend(states: Sequence[str]) -> Html:
         "doubtful": "named, doubtful",
         "gap": "gap: not found",
         "filled": "filled, not measured",
-        "edited": "said by hand",
+        "edited": "corrected by hand",
     }
 
     def swatch(state: str) -> Html:

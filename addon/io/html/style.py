@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """How the pages look: in light and dark, on a phone and on paper.
 
-The colours of what is known of a marker are of a palette that colour-blind people can tell apart (Okabe and Ito, 2008).
+The colours of what is known of a marker are of a palette that colour-blind people can tell apart (Okabe and Ito, 2008),
+and for each it has a height of its own, which print without colours shows as well.
 """
 
 STYLE = """
 :root{color-scheme:light dark;--bg:#fff;--ink:#1a1a1a;--soft:#595959;--line:#d4d4d4;--card:#f4f5f6;--track:#e6e7e8;
---named:#0072b2;--doubtful:#d55e00;--filled:#56b4e9;--edited:#cc79a7}
+--named:#009e73;--doubtful:#d55e00;--filled:#56b4e9;--edited:#cc79a7}
 @media(prefers-color-scheme:dark){:root{--bg:#15171a;--ink:#ececec;--soft:#a8adb3;--line:#3d4248;--card:#1f2327;
---track:#30353b;--named:#1f86c7;--doubtful:#e8741a}}
+--track:#30353b;--doubtful:#e8741a}}
 *{box-sizing:border-box}
 body{margin:0;background:var(--bg);color:var(--ink);font:15px/1.5 system-ui,-apple-system,"Segoe UI",Roboto,sans-serif}
 main{max-width:1040px;margin:0 auto;padding:20px 16px 48px}
@@ -71,12 +72,12 @@ svg .rest{fill:var(--track)}
 .s path{fill:none;shape-rendering:crispEdges}
 .named{stroke:var(--named)}.doubtful{stroke:var(--doubtful)}.filled{stroke:var(--filled)}.edited{stroke:var(--edited)}
 .gap{stroke:var(--track)}
-.s .base{stroke-width:10}.s .also{stroke-width:3.5}
+.s .base{stroke-width:6.6}.s .doubtful.base{stroke-width:10}.s .filled.base{stroke-width:3.4}.s .also{stroke-width:2}
 footer{margin-top:3em;color:var(--soft);font-size:.9em}
 @media(max-width:520px){body{font-size:14px}dl{grid-template-columns:1fr}dt{margin-top:4px}
 .time td{min-width:200px}th,td{padding-right:7px}}
 @media print{@page{size:A4;margin:14mm}
-:root{color-scheme:light;--bg:#fff;--ink:#000;--soft:#444;--line:#bbb;--card:#f4f5f6;--track:#e6e7e8;--named:#0072b2;
+:root{color-scheme:light;--bg:#fff;--ink:#000;--soft:#444;--line:#bbb;--card:#f4f5f6;--track:#e6e7e8;
 --doubtful:#d55e00}
 body{font-size:10pt}main{max-width:none;padding:0}*{print-color-adjust:exact;-webkit-print-color-adjust:exact}
 h2{break-after:avoid}tr,figure,.tiles li{break-inside:avoid}thead{display:table-header-group}

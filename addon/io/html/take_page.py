@@ -122,7 +122,7 @@ def _tiles(report: Mapping, overview: TakeOverview) -> Html:
     if state["filled"]:
         tiles.append((percent(state["filled"] / cells), "of all samples filled, not measured"))
     if overview.edits:
-        tiles.append((f"{len(overview.edits):,}", "said by hand"))
+        tiles.append((f"{len(overview.edits):,}", "corrections by hand"))
     return element("ul", *(element("li", element("strong", figure), words) for figure, words in tiles), class_="tiles")
 
 
@@ -364,7 +364,6 @@ def _of_method(method: str, rows: Sequence[Mapping]) -> tuple:
 
 
 def _made(report: Mapping, overview: TakeOverview, source: str) -> Html:
-    seconds = report.get("timing", {})
     facts = {
         "File": name_of(source) if source else None,
         "Frames": f"{overview.first} to {overview.last}" if overview.frames else None,
@@ -378,7 +377,6 @@ def _made(report: Mapping, overview: TakeOverview, source: str) -> Html:
         "Cameras": f"{len(overview.cameras)}" if len(overview.cameras) else None,
         "Both methods": _agreement(report["agreement"]) if "agreement" in report else None,
         "Edits from": name_of(report["edits"]["file"]) if report.get("edits", {}).get("file") else None,
-        "Speed": f"{seconds['frames_per_second']:g} frames a second" if seconds.get("frames_per_second") else None,
         "Program": f"{GENERATOR} {report['version']}",
         "SHA-256 of the file": report.get("made_of", {}).get("input"),
     }
