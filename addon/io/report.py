@@ -2,10 +2,12 @@
 """`STEM.report.json`: what a person should know of a labelled take before using it."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from ..core.data.errors import InputError
+from ..core.data.takes import EditOutcome
+from ..core.edits.applying import summary_of
 from ..core.review.summary import TakeSummary
 from .source import digest
 
@@ -29,6 +31,7 @@ def take_report(
         "rate": rate,
         "frames": summary.frames,
         "frames_without_person": summary.lost,
+        "frames_whole": summary.whole,
         "blobs": summary.rows,
         "unlabelled": summary.unlabelled,
         "steps": summary.steps,
@@ -40,6 +43,14 @@ def take_report(
             "frames_per_second": round(summary.frames / work, 2) if work > 0 else None,
         },
     }
+
+
+def facts_of_edits(file: Path | None, outcomes: Iterable[EditOutcome]) -> dict:
+    """What the report says of edits, where there are some, and of the file that they are from."""
+    outcomes = tuple(outcomes)
+    if not outcomes:
+        return {}
+    return {"edits": {"file": None if file is None else file.name, **summary_of(outcomes)}}
 
 
 def write_report(path: Path, report: dict):

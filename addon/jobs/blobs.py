@@ -29,7 +29,8 @@ from ..io.models import open_model
 from ..io.scratch import scratch_folder, told_of
 from .fill import fill_labelled
 from .job import LabelJob, Labelled, timed
-from .outcome import Outcome, facts_of_edits, write_take
+from .outcome import Outcome, write_take
+from .pages import overview_for
 from .resuming import open_files
 from .spool import append
 
@@ -49,6 +50,7 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         edits = open_edits(job.edits_applied, job.source, model.markerset, **known)
         settings = BlobOptions(job.method, job.frame_rate, job.target, job.options, _occlusion(job, model), edits)
         agreement, check = MethodAgreement(), CameraCheck(cameras, model.markerset)
+        overview = overview_for(job, model.markerset, job.frame_rate, cameras, edits)
         source = Source(job, cameras)
         work = label_blobs(source.blobs(), cameras, model, settings, agreement)
         results = Results(job, files, model.markerset.markers, stack)
@@ -58,6 +60,8 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
             with timed(clock, "write"):
                 results.add(row, chunk)
             check.add(row.blobs, chunk)
+            if overview is not None:
+                overview.add(row.blobs, chunk)
             yield Progress(row.fraction, f"frame {row.blobs.frames[-1]}")
         clock["load"] += source.seconds
         with timed(clock, "label"):
@@ -65,14 +69,14 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
             results.doubt(doubts)
         results.labels.file.flush()
         facts = _facts(job, blob_method(settings), cameras, results, agreement)
-        facts |= facts_of_edits(job, joined(results.outcomes))
+        facts |= facts_of_edits(job.edits_file, joined(results.outcomes))
         facts |= {"cameras": check.of_cameras(), "camera_doubts": [doubt.reason for doubt in doubts]}
         points = results.motion.points()
         if job.fill:
             with timed(clock, "fill"):
                 points, of_gaps = yield from fill_labelled(points, model.markerset)
             facts |= of_gaps
-        made = Outcome(points, results.chunks, cameras, results.summary, facts, inputs)
+        made = Outcome(points, results.chunks, cameras, results.summary, facts, inputs, overview=overview)
         report = write_take(job, files, model.markerset, made, clock)
     return Labelled(report, results.chunks if job.keep else [])
 

@@ -1,16 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What the labelling made of a take, and its files."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 from ..blendfile import Chunks, save_blend
 from ..core.data.markersets import MarkerSet
-from ..core.data.takes import EditOutcome, PointRows, Points
-from ..core.edits.applying import summary_of
+from ..core.data.takes import PointRows, Points
 from ..core.edits.kinds import NO_EDITS, Edits
 from ..core.geometry.cameras import Cameras
+from ..core.review.overview import TakeOverview
 from ..core.review.summary import TakeSummary
 from ..io.c3d import first_number, names_in_c3d
 from ..io.labels import write_point_labels
@@ -18,7 +17,8 @@ from ..io.points import write_c3d, write_trc
 from ..io.report import REPORT, take_report, write_report
 from ..io.source import digest
 from ..version import version
-from .job import LabelJob, timed
+from .job import PAGE, LabelJob, timed
+from .pages import write_job_page
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +31,7 @@ class Outcome:
     summary  for the report, and `facts` that only some reports say
     made_of  what the results come from
     edits    of points, those that the labels follow
+    overview what the take's page is drawn from; None where the job writes none
     """
 
     points: Points
@@ -40,6 +41,7 @@ class Outcome:
     facts: dict
     made_of: dict
     edits: Edits = NO_EDITS
+    overview: TakeOverview | None = None
 
 
 def write_take(job: LabelJob, files: dict[str, Path], markerset: MarkerSet, made: Outcome, clock: dict) -> dict:
@@ -54,22 +56,16 @@ def write_take(job: LabelJob, files: dict[str, Path], markerset: MarkerSet, made
         write_c3d(files[".c3d"], made.points)
         if job.trc:
             write_trc(files[".trc"], made.points)
-        results = {ending: digest([path]) for ending, path in files.items() if ending != REPORT}
+        results = {ending: digest([path]) for ending, path in files.items() if ending not in (PAGE, REPORT)}
     report = take_report(made.summary, job.source.stem, markerset.name, rate, version(), clock)
     report |= renumbered(made.points) | made.facts | {"made_of": {**made.made_of, "results": results}}
     if "points" in report:
         del report["blobs"]
+    if made.overview is not None:
+        write_job_page(files[PAGE], job, report, made.overview)
+        results[PAGE] = digest([files[PAGE]])
     write_report(files[REPORT], report)
     return report
-
-
-def facts_of_edits(job: LabelJob, outcomes: Iterable[EditOutcome]) -> dict:
-    """What the report says of edits, where there are some."""
-    outcomes = tuple(outcomes)
-    if not outcomes:
-        return {}
-    file = job.edits_file
-    return {"edits": {"file": None if file is None else file.name, **summary_of(outcomes)}}
 
 
 def renumbered(points: Points) -> dict:

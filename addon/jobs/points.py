@@ -21,7 +21,8 @@ from ..io.models import open_model
 from ..io.points import FilePoints, read_points
 from .fill import fill_labelled
 from .job import LabelJob, Labelled, timed
-from .outcome import Outcome, facts_of_edits, write_take
+from .outcome import Outcome, write_take
+from .pages import overview_for
 from .resuming import open_files
 
 
@@ -51,13 +52,16 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         chunk = replace(labelled, labels=labelled.labels[present], unedited=unedited)
         summary = TakeSummary(markerset.markers)
         summary.add(chunk)
+        overview = overview_for(job, markerset, take.rate, edits=edits)
+        if overview is not None:
+            overview.add(rows, chunk)
         points = labelled_points(take, labelled, markerset)
-        facts = _facts(take, chunk.labels, options) | facts_of_edits(job, labelled.outcomes)
+        facts = _facts(take, chunk.labels, options) | facts_of_edits(job.edits_file, labelled.outcomes)
         if job.fill:
             with timed(clock, "fill"):
                 points, of_gaps = yield from fill_labelled(points, markerset)
             facts |= of_gaps
-        made = Outcome(points, [(rows, chunk)], NO_CAMERAS, summary, facts, inputs, edits)
+        made = Outcome(points, [(rows, chunk)], NO_CAMERAS, summary, facts, inputs, edits, overview)
         report = write_take(job, files, markerset, made, clock)
     return Labelled(report, made.chunks if job.keep else [], edits)
 

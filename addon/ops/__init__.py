@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Operators: thin, each one thing that a person does."""
 
-from . import correcting, exporting, importing, labelling, markersets, quality, training, viewing
+from . import correcting, exporting, html_report, importing, labelling, markersets, quality, training, viewing
 
 CLASSES = (
     *importing.CLASSES,
@@ -12,4 +12,5 @@ CLASSES = (
     *viewing.CLASSES,
     *correcting.CLASSES,
     *exporting.CLASSES,
+    *html_report.CLASSES,
 )

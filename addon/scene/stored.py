@@ -18,6 +18,8 @@ class Stored:
     words     index of each marker by its name, aliases too
     edits     what a person said of the labels, which these follow
     outcomes  what became of each edit
+    model     the name of the marker set
+    parents   of each joint of the skeleton, -1 for the root; none where the file does not keep them
     """
 
     name: str
@@ -33,6 +35,8 @@ class Stored:
     words: Mapping[str, int] = field(default_factory=dict)
     edits: Edits = NO_EDITS
     outcomes: tuple[EditOutcome, ...] = ()
+    model: str = ""
+    parents: tuple[int, ...] = ()
 
     def source_frame(self, current: int) -> int:
         """Blender's current frame in the source's numbers; InputError outside the take."""

@@ -34,6 +34,7 @@ RATE, SHIFT, SUSPECTS, SOURCE, MARKER_NAMES = (
 )
 STEP_NAMES = "mocap_steps"
 MARKER_WORDS = "mocap_marker_words"
+PARENTS = "mocap_parents"
 # What the first version, which did not keep them, called the steps of points.
 POINT_STEPS_OF_VERSION_1 = ("", "evidence", "ensemble", "fit", "trajectory")
 TRAJECTORY, POINT, RESIDUAL = "trajectory", "point", "point_residual"
@@ -225,6 +226,8 @@ def unedited_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> S
         str(collection[SOURCE]),
         int(collection[SHIFT]),
         _words(collection, names),
+        model=str(collection[naming.MARKERSET]),
+        parents=tuple(json.loads(collection.get(PARENTS, "[]"))),
     )
 
 
@@ -284,6 +287,7 @@ def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Coll
     collection[RATE], collection[SHIFT], collection[SOURCE] = float(take.rate), float(shift), take.source
     collection[SUSPECTS] = json.dumps([_suspect_row(suspect) for suspect in take.suspects])
     collection[MARKER_WORDS] = json.dumps(names_of(take.markerset))
+    collection[PARENTS] = json.dumps(take.markerset.skeleton.parents.tolist())
     if take.edits is not None:
         keep_edits(collection, take.edits)
 

@@ -317,6 +317,7 @@ class MOCAP_AUTOLABEL_PT_export(Step, bpy.types.Panel):
         column.operator("mocap_autolabel.export_labels", icon="EXPORT")
         column.operator("mocap_autolabel.export_c3d", icon="EXPORT")
         column.operator("mocap_autolabel.export_trc", icon="EXPORT")
+        column.operator("mocap_autolabel.export_report", icon="DOCUMENTS")
 
 
 class MOCAP_AUTOLABEL_UL_training_takes(bpy.types.UIList):
