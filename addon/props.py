@@ -69,6 +69,17 @@ def _take_changed(self, context):
     refresh_review(context.window_manager, context.scene)
 
 
+def _timeline_changed(_self, context):
+    redraw_dope_sheets(context.window_manager)
+
+
+def redraw_dope_sheets(manager: bpy.types.WindowManager):
+    """Lets every Dope Sheet be drawn anew."""
+    for area in (area for window in manager.windows for area in window.screen.areas):
+        if area.type == "DOPESHEET_EDITOR":
+            area.tag_redraw()
+
+
 class LessonRow(bpy.types.PropertyGroup):
     """A labelled take to learn from."""
 
@@ -195,6 +206,11 @@ class SceneSettings(bpy.types.PropertyGroup):
         default=True,
     )
     show_names: BoolProperty(name="Names", description="Write the markers' names beside them", default=True)
+    show_timeline: BoolProperty(
+        name="Trajectories",
+        description="Show every trajectory of the take as a row, over the channels of the Dope Sheet",
+        update=_timeline_changed,
+    )
     show_links: BoolProperty(
         name="Links", description="Through a camera, link each blob to where the body expects its marker", default=True
     )
@@ -236,6 +252,14 @@ class ReviewState(bpy.types.PropertyGroup):
     corrections: CollectionProperty(type=CorrectionRow)
     correction_index: IntProperty()
     doubts: CollectionProperty(type=bpy.types.PropertyGroup)
+    timeline_scroll: FloatProperty(
+        name="Scroll", description="Rows of the trajectory timeline above the first that is seen", min=0.0
+    )
+    timeline_unfolded: BoolProperty(
+        name="Short Ones Too",
+        description="Give trajectories without a name that are shorter than a second a row each in the timeline",
+        update=_timeline_changed,
+    )
 
 
 def chosen_model(settings: SceneSettings) -> str:
@@ -289,6 +313,7 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     state.markers.clear()
     state.suspects.clear()
     state.corrections.clear()
+    redraw_dope_sheets(manager)
     if not is_take(collection):
         return
     stored = opened.take(collection, scene)

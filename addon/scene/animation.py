@@ -5,8 +5,8 @@ import bpy
 import numpy as np
 
 LINEAR = 1  # the value of BEZT_IPO_LIN behind Keyframe.interpolation
-# The values of BEZT_KEYTYPE_KEYFRAME and BEZT_KEYTYPE_GENERATED behind Keyframe.type, from Blender 4.4 on: the second is
-# for keys that "are set automatically by a tool", and drawn and selected apart.
+# The values of BEZT_KEYTYPE_KEYFRAME and BEZT_KEYTYPE_GENERATED behind Keyframe.type, from Blender 4.4 on: the second
+# is for keys that are "set automatically by a tool", and is drawn and selected apart.
 SET_BY_HAND, SET_BY_TOOL = 0, 5
 
 

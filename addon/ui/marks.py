@@ -8,6 +8,7 @@ import numpy as np
 
 from ..core.data.takes import CONFLICT, EXCLUSIVE, NO_MARKER, REMAINING, STEPS, PointRows, rows_in_frame
 from ..scene.take import Stored
+from ..scene.trajectories import SURE_NAME
 
 GREEN, CYAN, MAGENTA, GREY = (
     (0.15, 0.85, 0.3, 1.0),
@@ -15,7 +16,6 @@ GREEN, CYAN, MAGENTA, GREY = (
     (0.95, 0.2, 0.85, 1.0),
     (0.55, 0.55, 0.55, 0.9),
 )
-SURE_NAME = 0.99  # confidence below which a name is doubtful
 CALLED = re.compile(r"\btrajector(?:y|ies)((?: \d+)+)")  # trajectories in a reason, one or a list of them
 ORANGE, RED = (1.0, 0.75, 0.2, 1.0), (1.0, 0.15, 0.2, 1.0)
 BLACK, WHITE = (0.02, 0.02, 0.02, 1.0), (1.0, 1.0, 1.0, 1.0)

@@ -9,7 +9,7 @@ import numpy as np
 from ..data.takes import Motion
 from .filling import FilledTake
 
-# m; how far the samples beside a fill may be from those it was made between. Files keep single precision, 1e-6 m at 10 m;
+# m; how far samples beside a fill may be from those it was made between. Files keep single precision, 1e-6 m at 10 m;
 # another trajectory in the marker's place is hardly ever as near.
 SAME_PLACE_M = 1e-4
 
