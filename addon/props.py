@@ -65,6 +65,7 @@ def _is_skeleton(_self, item) -> bool:
 
 def _take_changed(self, context):
     self.picked = NOTHING_PICKED
+    context.window_manager.mocap_autolabel.left_gaps.clear()
     hide_preview(self.preview, self.take is not None)
     refresh_review(context.window_manager, context.scene)
 
@@ -200,6 +201,23 @@ class SceneSettings(bpy.types.PropertyGroup):
     picked: IntProperty(
         name="Picked", description="The trajectory without a name that was picked, -1 for none", default=NOTHING_PICKED
     )
+    fill_method: EnumProperty(
+        name="Method",
+        description="What gaps are filled by",
+        items=(
+            ("auto", "Automatic", "What errs least on gaps cut into this take where the truth is known"),
+            ("regression", "Learned", "A regression on the neighbours, learned from the take"),
+            ("rigid", "Rigid", "The body that the nearest markers make"),
+            ("pattern", "Pattern", "The path of the neighbour that moves most alike"),
+            ("pca", "PCA", "The principal components of the take"),
+            ("body", "Body", "The chosen marker set's body, fitted to the markers that are there"),
+            ("spline", "Spline", "A smooth curve between the ends, for short gaps"),
+        ),
+    )
+    use_fill_longest: BoolProperty(name="Longest", description="Leave gaps that are longer")
+    fill_longest: IntProperty(
+        name="Longest", description="Frames of the longest gap that is filled", default=100, min=1
+    )
     show_overlay: BoolProperty(
         name="Overlay",
         description="Draw blobs, the body's markers and links over the view",
@@ -242,6 +260,16 @@ class CorrectionRow(bpy.types.PropertyGroup):
     idle: StringProperty(name="Idle", description="Why the edit changes nothing; empty where it does")
 
 
+class GapRow(bpy.types.PropertyGroup):
+    """A gap of a marker, called by that: one that was filled, or one that was left."""
+
+    first: IntProperty(name="First", description="First frame")
+    last: IntProperty(name="Last", description="Last frame")
+    method: StringProperty(name="Method", description="What filled it")
+    expected: FloatProperty(name="Expected Error", description="Mean error to expect, mm; -1 where it is not known")
+    reason: StringProperty(name="Reason", description="Why it is not filled; empty where it is")
+
+
 class ReviewState(bpy.types.PropertyGroup):
     """The tables of the active take: `WindowManager.mocap_autolabel`; filled by `refresh_review`, never saved."""
 
@@ -252,6 +280,10 @@ class ReviewState(bpy.types.PropertyGroup):
     corrections: CollectionProperty(type=CorrectionRow)
     correction_index: IntProperty()
     doubts: CollectionProperty(type=bpy.types.PropertyGroup)
+    fills: CollectionProperty(type=GapRow)
+    fill_index: IntProperty()
+    left_gaps: CollectionProperty(type=GapRow)
+    left_index: IntProperty()
     timeline_scroll: FloatProperty(
         name="Scroll", description="Rows of the trajectory timeline above the first that is seen", min=0.0
     )
@@ -313,6 +345,7 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     state.markers.clear()
     state.suspects.clear()
     state.corrections.clear()
+    state.fills.clear()
     redraw_dope_sheets(manager)
     if not is_take(collection):
         return
@@ -330,6 +363,11 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     for edit, outcome in zip(stored.edits, stored.outcomes, strict=True):
         row = state.corrections.add()
         row.name, row.idle = words_of(edit, stored.shift), outcome.reason
+    for fill, misfit in zip(stored.fills, stored.misfits, strict=True):
+        row = state.fills.add()
+        row.name, row.first, row.last = fill.marker, fill.first + stored.shift, fill.last + stored.shift
+        row.method, row.reason = fill.method, misfit
+        row.expected = 1000 * fill.expected if math.isfinite(fill.expected) else -1
 
 
-CLASSES = (LessonRow, SceneSettings, MarkerRow, SuspectRow, CorrectionRow, ReviewState)
+CLASSES = (LessonRow, SceneSettings, MarkerRow, SuspectRow, CorrectionRow, GapRow, ReviewState)

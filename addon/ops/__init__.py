@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Operators: thin, each one thing that a person does."""
 
-from . import correcting, exporting, importing, labelling, markersets, quality, timeline, training, viewing
+from . import correcting, exporting, filling, importing, labelling, markersets, quality, timeline, training, viewing
 
 CLASSES = (
     *importing.CLASSES,
@@ -11,6 +11,7 @@ CLASSES = (
     *labelling.CLASSES,
     *viewing.CLASSES,
     *correcting.CLASSES,
+    *filling.CLASSES,
     *timeline.CLASSES,
     *exporting.CLASSES,
 )

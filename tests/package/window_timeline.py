@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The trajectory timeline in a real Blender's window: clicked, dragged along, scrolled and timed.
 
-Runs as the window's script. Its task is `timeline.json` in the folder MOCAP_OUT: the zip, and how many frames. It judges
-nothing: what it saw goes to `seen.json` beside its pictures.
+Runs as the window's script. Its task is `timeline.json` in the folder MOCAP_OUT: the zip, and how many frames. It
+judges nothing: what it saw goes to `seen.json` beside its pictures.
 """
 
 import importlib
