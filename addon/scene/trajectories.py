@@ -13,7 +13,7 @@ from .stored import Stored
 SURE_NAME = 0.99  # confidence below which a name is doubtful
 # What a stretch is, in the order in which stretches are drawn: what is rare and short lies on top.
 STATES = ("named", "unnamed", "gap", "filled", "edited", "doubtful")
-NAMED, UNNAMED, GAP, FILLED, EDITED, DOUBTFUL = range(len(STATES))
+NAMED, UNNAMED, GAP, FILLED, CORRECTED, DOUBTFUL = range(len(STATES))
 # s; trajectories without a name that are shorter, in all of a take, share a row: mostly ghosts that flicker.
 LONG_S = 1.0
 FOLDED = "short ones"
@@ -53,16 +53,19 @@ class Runs:
 def runs_of(stored: Stored, unfolded: bool = False) -> Runs:
     """The rows of a take; `unfolded` gives each short trajectory a row of its own too."""
     frames = stored.motion.frames + stored.shift
+    left = np.flatnonzero(~stored.labels.named) if isinstance(stored.rows, PointRows) else np.empty(0, int)
     states = states_of(stored)
     seen = ((states != GAP) & (states != FILLED)).sum(axis=0)
     tables = [_runs_of_table(states)]
     names, numbers, found = list(stored.names), [-1] * len(stored.names), seen.tolist()
-    if isinstance(stored.rows, PointRows):
-        there, frame = stored.rows.trajectory[~stored.labels.named], stored.rows.frame[~stored.labels.named]
-        order = np.lexsort((frame, there))
-        there, frame = there[order], frame[order]
-        own, row, count = np.unique(there, return_inverse=True, return_counts=True)
-        long_enough = np.full(len(own), unfolded) | (count >= LONG_S * stored.rate)
+    if len(left):
+        # Rows are in the order of frames, which a stable sort keeps within each trajectory.
+        left = left[np.argsort(stored.rows.trajectory[left].astype(np.int32), kind="stable")]
+        there, frame = stored.rows.trajectory[left], stored.rows.frame[left]
+        fresh = np.diff(there, prepend=there[0] - 1) != 0
+        own, row = there[fresh], np.cumsum(fresh) - 1
+        count = np.bincount(row)
+        long_enough = unfolded | (count >= LONG_S * stored.rate)
         rank = np.argsort(np.where(long_enough, -count, 1), kind="stable")
         kept = rank[: int(long_enough.sum())]
         place = np.full(len(own), len(kept))
@@ -85,10 +88,9 @@ def states_of(stored: Stored) -> np.ndarray:
     states = np.where(there, NAMED, GAP).astype(np.int8)
     if isinstance(stored.rows, PointRows):
         labels, frame = stored.labels, stored.rows.frame
-        for which, state in (
-            (labels.named & (labels.confidence < SURE_NAME), DOUBTFUL),
-            (labels.named & (labels.step == BY_EDIT), EDITED),
-        ):
+        for unlike, state in ((labels.confidence < SURE_NAME, DOUBTFUL), (labels.step == BY_EDIT, CORRECTED)):
+            which = np.flatnonzero(unlike)
+            which = which[labels.marker[which] != NO_MARKER]
             states[frame[which], labels.marker[which]] = state
     of_word = {name: index for index, name in enumerate(stored.names)}
     for suspect in stored.suspects:
@@ -100,7 +102,7 @@ def states_of(stored: Stored) -> np.ndarray:
         if isinstance(edit, Place) and edit.marker in stored.words:
             row = int(np.searchsorted(stored.motion.frames, edit.frame))
             if row < len(states) and there[row, stored.words[edit.marker]]:
-                states[row, stored.words[edit.marker]] = EDITED
+                states[row, stored.words[edit.marker]] = CORRECTED
     states[stored.filled()] = FILLED
     return states
 

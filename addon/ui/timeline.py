@@ -5,19 +5,18 @@ import weakref
 from contextlib import ExitStack
 from dataclasses import dataclass
 
-import blf
 import bpy
 import gpu
 import numpy as np
 from gpu_extras.batch import batch_for_shader
-from mathutils import Matrix
 
 from ..core.data.takes import NO_MARKER
 from ..ops.correcting import selected_markers
 from ..ops.timeline import KEYS, RowPlaces, shown_runs, timeline_shown
 from ..props import NOTHING_PICKED, redraw_dope_sheets
 from ..scene.take import is_take
-from ..scene.trajectories import DOUBTFUL, EDITED, FILLED, GAP, NAMED, STATES, UNNAMED, Runs
+from ..scene.trajectories import CORRECTED, DOUBTFUL, FILLED, GAP, NAMED, STATES, UNNAMED, Runs
+from .lettering import Letters, pixel_matrix
 
 # Okabe and Ito's colours, which are told apart whatever one's eyes, and for each a form of its own as well.
 STATE_COLOURS = {
@@ -25,7 +24,7 @@ STATE_COLOURS = {
     UNNAMED: (0.62, 0.62, 0.62),
     GAP: (0.902, 0.624, 0.0),
     FILLED: (0.337, 0.706, 0.914),
-    EDITED: (0.941, 0.894, 0.259),
+    CORRECTED: (0.941, 0.894, 0.259),
     DOUBTFUL: (0.835, 0.369, 0.0),
 }
 # Lower and upper end of what is drawn, in heights of a row.
@@ -34,12 +33,17 @@ STATE_HEIGHTS = {
     UNNAMED: (0.32, 0.68),
     GAP: (0.44, 0.56),
     FILLED: (0.14, 0.5),
-    EDITED: (0.18, 0.82),
+    CORRECTED: (0.18, 0.82),
     DOUBTFUL: (0.05, 0.95),
 }
 LEAST_WIDTH = 2.0  # px of the interface of what is no name: a gap of one frame in 20,000 is seen as well
-GROUND, STRIPE, CHOSEN_ROW, LINE = (0.105, 0.105, 0.105), (0.125, 0.125, 0.125), (0.2, 0.25, 0.33), (0.05, 0.05, 0.05)
-PREVIEW_EDGE, OUTSIDE = (0.95, 0.5, 0.1, 1.0), (0.0, 0.0, 0.0, 0.5)
+GROUND, STRIPE, CHOSEN_ROW, LEGEND_EDGE = (
+    (0.105, 0.105, 0.105),
+    (0.125, 0.125, 0.125),
+    (0.2, 0.25, 0.33),
+    (0.05, 0.05, 0.05),
+)
+PREVIEW_EDGE, BEYOND_RANGE = (0.95, 0.5, 0.1, 1.0), (0.0, 0.0, 0.0, 0.5)
 BEHIND_NAMES = (0.05, 0.05, 0.05, 0.75)
 WORDS, WORDS_CHOSEN, WORDS_FAINT = (0.8, 0.8, 0.8, 1.0), (1.0, 1.0, 1.0, 1.0), (0.55, 0.55, 0.55, 1.0)
 LETTERS = 11.0  # px of the interface
@@ -77,7 +81,7 @@ void main()
   bool inside = across > ends.x && across < ends.y;
   if (!inside && is_state == {NAMED}) {{ discard; }}
   if (is_state == {DOUBTFUL} && mod(gl_FragCoord.x + gl_FragCoord.y, 8.0) < 3.0) {{ fill *= 0.35; }}
-  if (is_state == {EDITED} && abs(across - 0.5) < 0.1) {{ fill *= 0.25; }}
+  if (is_state == {CORRECTED} && abs(across - 0.5) < 0.1) {{ fill *= 0.25; }}
   colour = vec4(inside ? fill : vec3{GROUND}, 1.0);
 }}
 """
@@ -105,7 +109,7 @@ class DrawnRuns:
         self.of = self.batch = self.shader = self.legend = None
 
 
-_drawn = DrawnRuns()
+_drawn, _letters = DrawnRuns(), Letters()
 
 
 def corners_of(runs: Runs) -> np.ndarray:
@@ -190,9 +194,7 @@ class Pixels:
         gpu.matrix.push()
         gpu.matrix.push_projection()
         gpu.matrix.load_identity()
-        gpu.matrix.load_projection_matrix(
-            Matrix(((2 / wide, 0, 0, -1), (0, 2 / high, 0, -1), (0, 0, -1, 0), (0, 0, 0, 1)))
-        )
+        gpu.matrix.load_projection_matrix(pixel_matrix(wide, high))
         gpu.state.blend_set("ALPHA")
         return self
 
@@ -252,8 +254,8 @@ def draw_preview_range(scene: bpy.types.Scene, pixels: Pixels, places: RowPlaces
         (scene.frame_preview_start, scene.frame_preview_end) if preview else (scene.frame_start, scene.frame_end)
     )
     begin, end = (first - 0.5 - left) * wide, (last + 0.5 - left) * wide
-    pixels.box(0, places.bottom, max(begin, 0), places.top, OUTSIDE)
-    pixels.box(min(end, pixels.size[0]), places.bottom, pixels.size[0], places.top, OUTSIDE)
+    pixels.box(0, places.bottom, max(begin, 0), places.top, BEYOND_RANGE)
+    pixels.box(min(end, pixels.size[0]), places.bottom, pixels.size[0], places.top, BEYOND_RANGE)
     if preview:
         thin = places.scale
         for x in (begin, end):
@@ -264,48 +266,41 @@ def draw_state_legend(pixels: Pixels, places: RowPlaces):
     """What colours and forms mean, at the bottom."""
     scale, high = places.scale, places.bottom
     pixels.box(0, 0, pixels.size[0], high, (*GROUND, 1.0))
-    pixels.box(0, high - scale, pixels.size[0], high, (*LINE, 1.0))
-    blf.size(0, LETTERS * scale)
-    x = NAME_MARGIN * scale
+    pixels.box(0, high - scale, pixels.size[0], high, (*LEGEND_EDGE, 1.0))
+    x, words = NAME_MARGIN * scale, []
+    _drawn.shader.bind()
     for state, swatch in zip(range(len(STATES)), _drawn.legend, strict=True):
-        _drawn.shader.bind()
         with gpu.matrix.push_pop():
             gpu.matrix.translate((x, high - 3 * scale))
             _drawn.shader.uniform_float("view", (0.0, 26 * scale, high - 6 * scale, 0.0))
             swatch.draw(_drawn.shader)
         x += 32 * scale
-        write(STATES[state], x, high / 2 - 3 * scale, WORDS)
-        x += blf.dimensions(0, STATES[state])[0] + 18 * scale
+        words.append((STATES[state], x, high / 2 - 3 * scale, WORDS))
+        x += _letters.width(STATES[state], LETTERS * scale) + 18 * scale
+    _letters.draw(words, LETTERS * scale)
 
 
 def draw_names(context: bpy.types.Context, pixels: Pixels, runs: Runs, places: RowPlaces):
     """The names of the rows that are seen whole, and how much of the take each has, over the channels or the rows."""
     wide, beside = pixels.size[0], context.region.type == "CHANNELS"
     scale, frames = places.scale, max(runs.span[1] - runs.span[0] + 1, 1)
-    blf.size(0, LETTERS * scale)
+    size, margin = LETTERS * scale, NAME_MARGIN * scale
     seen = rows_seen(runs, places)
+    base = places.upper(seen) - 0.5 * places.row - 0.35 * size
+    seen = seen[(base + size <= places.top) & (base >= places.bottom)]
     chosen = set(chosen_rows(context, runs, seen).tolist())
-    if not beside and len(seen):
-        longest = max(blf.dimensions(0, runs.names[row])[0] for row in seen)
-        pixels.box(0, places.bottom, longest + 2 * NAME_MARGIN * scale, places.top, BEHIND_NAMES)
+    words = []
     for row in seen.tolist():
-        y = places.upper(row) - 0.5 * places.row - 0.35 * LETTERS * scale
-        if y + LETTERS * scale > places.top or y < places.bottom:
-            continue
-        write(runs.names[row], NAME_MARGIN * scale, y, WORDS_CHOSEN if row in chosen else WORDS)
-        if beside:
-            share = f"{runs.found[row] / frames:.1%}"
-            room = blf.dimensions(0, runs.names[row])[0] + 3 * NAME_MARGIN * scale
-            x = wide - blf.dimensions(0, share)[0] - NAME_MARGIN * scale
-            if x > room:
-                write(share, x, y, WORDS_FAINT)
-
-
-def write(words: str, x: float, y: float, colour: tuple[float, ...]):
-    """Words that begin at x, y px."""
-    blf.color(0, *colour)
-    blf.position(0, x, y, 0)
-    blf.draw(0, words)
+        y = places.upper(row) - 0.5 * places.row - 0.35 * size
+        words.append((runs.names[row], margin, y, WORDS_CHOSEN if row in chosen else WORDS))
+        share = f"{runs.found[row] / frames:.1%}"
+        x = wide - _letters.width(share, size) - margin
+        if beside and x > _letters.width(runs.names[row], size) + 3 * margin:
+            words.append((share, x, y, WORDS_FAINT))
+    if not beside and words:
+        longest = max(_letters.width(text, size) for text, *_ in words)
+        pixels.box(0, places.bottom, longest + 2 * margin, places.top, BEHIND_NAMES)
+    _letters.draw(words, size)
 
 
 def draw_toggle(self, context):
@@ -354,6 +349,7 @@ def add_timeline(stack: ExitStack):
         drawing = bpy.types.SpaceDopeSheetEditor.draw_handler_add(draw, (), kind, when)
         stack.callback(bpy.types.SpaceDopeSheetEditor.draw_handler_remove, drawing, kind)
     stack.callback(_drawn.forget)
+    stack.callback(_letters.forget)
     for menu, draw in ((bpy.types.DOPESHEET_HT_header, draw_toggle), (bpy.types.DOPESHEET_MT_view, draw_view_menu)):
         menu.append(draw)
         stack.callback(menu.remove, draw)
