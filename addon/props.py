@@ -65,8 +65,20 @@ def _is_skeleton(_self, item) -> bool:
 
 def _take_changed(self, context):
     self.picked = NOTHING_PICKED
+    context.window_manager.mocap_autolabel.left_gaps.clear()
     hide_preview(self.preview, self.take is not None)
     refresh_review(context.window_manager, context.scene)
+
+
+def _timeline_changed(_self, context):
+    redraw_dope_sheets(context.window_manager)
+
+
+def redraw_dope_sheets(manager: bpy.types.WindowManager):
+    """Lets every Dope Sheet be drawn anew."""
+    for area in (area for window in manager.windows for area in window.screen.areas):
+        if area.type == "DOPESHEET_EDITOR":
+            area.tag_redraw()
 
 
 class TrainingTakeRow(bpy.types.PropertyGroup):
@@ -190,12 +202,34 @@ class SceneSettings(bpy.types.PropertyGroup):
     picked: IntProperty(
         name="Picked", description="The trajectory without a name that was picked, -1 for none", default=NOTHING_PICKED
     )
+    fill_method: EnumProperty(
+        name="Method",
+        description="What gaps are filled by",
+        items=(
+            ("auto", "Automatic", "What errs least on gaps cut into this take where the truth is known"),
+            ("regression", "Learned", "A regression on the neighbours, learned from the take"),
+            ("rigid", "Rigid", "The body that the nearest markers make"),
+            ("pattern", "Pattern", "The path of the neighbour that moves most alike"),
+            ("pca", "PCA", "The principal components of the take"),
+            ("body", "Body", "The chosen marker set's body, fitted to the markers that are there"),
+            ("spline", "Spline", "A smooth curve between the ends, for short gaps"),
+        ),
+    )
+    use_fill_longest: BoolProperty(name="Longest", description="Leave gaps that are longer")
+    fill_longest: IntProperty(
+        name="Longest", description="Frames of the longest gap that is filled", default=100, min=1
+    )
     show_overlay: BoolProperty(
         name="Overlay",
         description="Draw blobs, the body's markers and links over the view",
         default=True,
     )
     show_names: BoolProperty(name="Names", description="Write the markers' names beside them", default=True)
+    show_timeline: BoolProperty(
+        name="Trajectories",
+        description="Show every trajectory of the take as a row, over the channels of the Dope Sheet",
+        update=_timeline_changed,
+    )
     show_links: BoolProperty(
         name="Links", description="Through a camera, link each blob to where the body expects its marker", default=True
     )
@@ -227,6 +261,16 @@ class CorrectionRow(bpy.types.PropertyGroup):
     idle: StringProperty(name="Idle", description="Why the edit changes nothing; empty where it does")
 
 
+class GapRow(bpy.types.PropertyGroup):
+    """A gap of a marker, called by that: one that was filled, or one that was left."""
+
+    first: IntProperty(name="First", description="First frame")
+    last: IntProperty(name="Last", description="Last frame")
+    method: StringProperty(name="Method", description="What filled it")
+    expected: FloatProperty(name="Expected Error", description="Mean error to expect, mm; -1 where it is not known")
+    reason: StringProperty(name="Reason", description="Why it is not filled; empty where it is")
+
+
 class ReviewState(bpy.types.PropertyGroup):
     """The tables of the active take: `WindowManager.mocap_autolabel`; filled by `refresh_review`, never saved."""
 
@@ -237,6 +281,18 @@ class ReviewState(bpy.types.PropertyGroup):
     corrections: CollectionProperty(type=CorrectionRow)
     correction_index: IntProperty()
     doubts: CollectionProperty(type=bpy.types.PropertyGroup)
+    fills: CollectionProperty(type=GapRow)
+    fill_index: IntProperty()
+    left_gaps: CollectionProperty(type=GapRow)
+    left_index: IntProperty()
+    timeline_scroll: FloatProperty(
+        name="Scroll", description="Rows of the trajectory timeline above the first that is seen", min=0.0
+    )
+    timeline_unfolded: BoolProperty(
+        name="Short Ones Too",
+        description="Give trajectories without a name that are shorter than a second a row each in the timeline",
+        update=_timeline_changed,
+    )
 
 
 def chosen_model(settings: SceneSettings) -> str:
@@ -290,6 +346,8 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     state.markers.clear()
     state.suspects.clear()
     state.corrections.clear()
+    state.fills.clear()
+    redraw_dope_sheets(manager)
     if not is_take(collection):
         return
     stored = opened.take(collection, scene)
@@ -306,6 +364,11 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     for edit, outcome in zip(stored.edits, stored.outcomes, strict=True):
         row = state.corrections.add()
         row.name, row.idle = words_of(edit, stored.shift), outcome.reason
+    for fill, misfit in zip(stored.fills, stored.misfits, strict=True):
+        row = state.fills.add()
+        row.name, row.first, row.last = fill.marker, fill.first + stored.shift, fill.last + stored.shift
+        row.method, row.reason = fill.method, misfit
+        row.expected = 1000 * fill.expected if math.isfinite(fill.expected) else -1
 
 
-CLASSES = (TrainingTakeRow, SceneSettings, MarkerRow, SuspectRow, CorrectionRow, ReviewState)
+CLASSES = (TrainingTakeRow, SceneSettings, MarkerRow, SuspectRow, CorrectionRow, GapRow, ReviewState)

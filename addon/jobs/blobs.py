@@ -26,6 +26,7 @@ from ..io.blobs import BlobRows, frames_in, read_blobs
 from ..io.edits import open_edits
 from ..io.labels import LabelWriter
 from ..io.models import open_model
+from ..io.report import facts_of_edits
 from ..io.scratch import scratch_folder, told_of
 from .fill import fill_labelled
 from .job import LabelJob, Labelled, timed

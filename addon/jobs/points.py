@@ -19,6 +19,7 @@ from ..core.review.summary import TakeSummary
 from ..io.edits import open_edits
 from ..io.models import open_model
 from ..io.points import FilePoints, read_points
+from ..io.report import facts_of_edits
 from .fill import fill_labelled
 from .job import LabelJob, Labelled, timed
 from .outcome import Outcome, write_take

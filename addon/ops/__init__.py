@@ -1,7 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Operators: thin, each one thing that a person does."""
 
-from . import correcting, exporting, html_report, importing, labelling, markersets, quality, training, viewing
+from . import (
+    correcting,
+    exporting,
+    filling,
+    html_report,
+    importing,
+    labelling,
+    markersets,
+    quality,
+    timeline,
+    training,
+    viewing,
+)
 
 CLASSES = (
     *importing.CLASSES,
@@ -11,6 +23,8 @@ CLASSES = (
     *labelling.CLASSES,
     *viewing.CLASSES,
     *correcting.CLASSES,
+    *filling.CLASSES,
+    *timeline.CLASSES,
     *exporting.CLASSES,
     *html_report.CLASSES,
 )

@@ -31,6 +31,7 @@ from ..scene.take import (
     show_take,
     takes_of,
 )
+from .filling import fills_kept, fills_so_far
 from .importing import cameras_at_hand
 from .stepping import WorksInSteps
 
@@ -138,6 +139,7 @@ class MOCAP_AUTOLABEL_OT_label(WorksInSteps, bpy.types.Operator):
 
     def _show(self, context, take: Take) -> set[str]:
         settings = context.scene.mocap_autolabel
+        take = replace(take, fills=fills_so_far(context.scene, take.source))
         settings.take = show_take(context, take, settings.keep_unnamed)
         refresh_review(context.window_manager, context.scene)
         for words in take.doubts:
@@ -145,6 +147,7 @@ class MOCAP_AUTOLABEL_OT_label(WorksInSteps, bpy.types.Operator):
         things = "blobs" if isinstance(take.rows, Blobs) else "points"
         named, frames = int(take.labels.named.sum()), len(take.motion.frames)
         kept = f"; {len(take.edits)} corrections hold" if take.edits else ""
+        kept += fills_kept(context)
         self.report({"INFO"}, f"{named} of {len(take.rows)} {things} named in {frames} frames{kept}")
         return {"FINISHED"}
 

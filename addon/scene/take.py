@@ -13,6 +13,7 @@ from ..core.data.markersets import MarkerSet
 from ..core.data.takes import STEPS, Blobs, LabelledChunk, Labels, Motion, PointRows, Suspect
 from ..core.edits.applying import names_of
 from ..core.edits.kinds import Edits
+from ..core.filling.kept import KeptFill, filled_samples, put_fills
 from ..core.geometry import rotations
 from ..core.geometry.cameras import NO_CAMERAS, Cameras
 from . import armature as armatures
@@ -22,6 +23,7 @@ from . import naming, storage
 from .body import add_body
 from .cloud import FRAME, add_cloud, cloud_table
 from .corrections import edited, keep_edits, kept_edits
+from .fills import FILL_PATHS, filled_in, keep_fills, kept_fills
 from .stored import Stored
 
 ROWS, MOTION, POSE, FRAME_TABLE = "mocap_blobs", "mocap_motion", "mocap_pose", "mocap_frames"
@@ -57,6 +59,7 @@ class Take:
     doubts     sentences about the whole take, said once when it is shown
     edits      what a person said of the points, which the labels follow; None where nobody said anything
     unedited   the program's own labels, of which the edits give these; None where they are these
+    fills      gaps that were filled, which `motion` has not
     """
 
     name: str
@@ -71,6 +74,7 @@ class Take:
     doubts: tuple[str, ...] = ()
     edits: Edits | None = None
     unedited: Labels | None = None
+    fills: tuple[KeptFill, ...] = ()
 
 
 def join_rows(chunks: Sequence[Blobs] | Sequence[PointRows]) -> Blobs | PointRows:
@@ -129,7 +133,12 @@ def show_take(context: bpy.types.Context, take: Take, unnamed: bool = False) -> 
     armatures.pose_armature(armature, action, take.markerset, take.motion, frames)
     add_body(_child(collection, f"{collection.name} body"), armature, take.markerset, build.scale)
     empties = _child(collection, f"{collection.name} markers")
-    scene_markers.add_markers(empties, action, take.markerset.markers, take.motion, frames)
+    names = take.markerset.markers
+    motion, misfits = put_fills(take.motion, names, take.fills)
+    fitting = [fill for fill, misfit in zip(take.fills, misfits, strict=True) if not misfit]
+    scene_markers.add_markers(
+        empties, action, names, motion, frames, filled_samples(take.motion.frames, names, fitting)
+    )
     if isinstance(take.rows, PointRows):
         show_unnamed(collection, f"{take.name} unnamed", take.rows, take.labels, shift, unnamed)
     _store(collection, take, camera_collection, shift)
@@ -168,11 +177,14 @@ def show_edits(collection: bpy.types.Collection, before: Stored, after: Stored, 
         | np.isnan(before.motion.markers) & np.isnan(after.motion.markers),
         axis=(0, 2),
     )
+    filled = after.filled()
+    changed |= (filled != before.filled()).any(axis=0)
     for index in np.flatnonzero(changed).tolist():
         item = items.get(after.names[index])
         if item is not None:
-            scene_markers.show_marker(item, action, after.motion, index, frames)
-    show_unnamed(collection, f"{after.name} unnamed", after.rows, after.labels, after.shift, unnamed)
+            scene_markers.show_marker(item, action, after.motion, index, frames, filled[:, index])
+    if after.labels is not before.labels and isinstance(after.rows, PointRows):
+        show_unnamed(collection, f"{after.name} unnamed", after.rows, after.labels, after.shift, unnamed)
 
 
 def takes_of(scene: bpy.types.Scene) -> list[bpy.types.Collection]:
@@ -187,7 +199,7 @@ def is_take(collection: bpy.types.Collection | None) -> bool:
 
 def remove_take(collection: bpy.types.Collection):
     """Removes a take with everything that was made for it; its cameras stay."""
-    kept = [collection.get(key) for key in (ROWS, MOTION, POSE, FRAME_TABLE)]
+    kept = [collection.get(key) for key in (ROWS, MOTION, POSE, FRAME_TABLE, FILL_PATHS)]
     items = list(collection.all_objects)
     actions = {item.animation_data.action for item in items if item.animation_data and item.animation_data.action}
     data = {item.data for item in items if item.data is not None}
@@ -202,10 +214,11 @@ def holds_points(collection: bpy.types.Collection | None) -> bool:
 
 
 def stored_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
-    """A take as the file keeps it with its edits applied, in any session after the one that labelled it."""
-    edits = kept_edits(collection)
+    """A take as the file keeps it with its edits and fills, in any session after the one that labelled it."""
+    edits, fills = kept_edits(collection), kept_fills(collection)
     stored = unedited_take(collection, scene)
-    return stored if edits is None else edited(stored, edits)
+    stored = stored if edits is None else edited(stored, edits)
+    return filled_in(stored, fills) if fills else stored
 
 
 def unedited_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
@@ -290,6 +303,7 @@ def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Coll
     collection[PARENTS] = json.dumps(take.markerset.skeleton.parents.tolist())
     if take.edits is not None:
         keep_edits(collection, take.edits)
+    keep_fills(collection, take.fills)
 
 
 def _suspect_row(suspect: Suspect) -> list:
