@@ -23,6 +23,7 @@ from ..core.pipelines.cross_check import MethodAgreement
 from ..core.points.models import Model
 from ..core.review.odd_cameras import CameraCheck
 from ..core.review.summary import TakeSummary
+from ..core.review.trouble import TakeTrouble
 from ..io.blobs import BlobRows, frames_in, read_blobs
 from ..io.labels import LabelWriter
 from ..io.models import open_model
@@ -30,7 +31,7 @@ from ..io.scratch import scratch_folder, told_of
 from .edits import facts_of_edits, open_edits
 from .fill import fill_labelled
 from .job import LabelJob, Labelled, open_files, timed
-from .outcome import Outcome, write_take
+from .outcome import Outcome, facts_of_trouble, write_take
 from .resuming import made_of, may_replace
 from .spool import append
 
@@ -47,6 +48,7 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
     edits = open_edits(job, model.markerset, cameras=cameras.names, frames=_frames_if_edited(job, cameras))
     settings = BlobOptions(job.method, job.frame_rate, job.target, job.options, _occlusion(job, model), edits)
     agreement, check = MethodAgreement(), CameraCheck(cameras)
+    trouble = TakeTrouble(model.markerset.markers, job.frame_rate, edits, cameras)
     with ExitStack() as stack:
         files = open_files(job, may_replace(job, inputs), stack)
         source = Source(job, cameras)
@@ -58,6 +60,7 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
             with timed(clock, "write"):
                 results.add(row, chunk)
             check.add(row.blobs, chunk)
+            trouble.add(row.blobs, chunk.labels, chunk.motion)
             yield Progress(row.fraction, f"frame {row.blobs.frames[-1]}")
         clock["load"] += source.seconds
         with timed(clock, "label"):
@@ -66,7 +69,10 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         results.labels.file.flush()
         facts = _facts(job, blob_method(settings), cameras, results, agreement)
         facts |= facts_of_edits(job, joined(results.outcomes))
-        facts |= {"cameras": check.of_cameras(), "camera_doubts": [doubt.reason for doubt in doubts]}
+        counts = {one.name: one.as_dict() for one in trouble.by_camera.figures()}
+        of_cameras = {name: row | counts[name] for name, row in check.of_cameras().items()}
+        facts |= {"cameras": of_cameras, "camera_doubts": [doubt.reason for doubt in doubts]}
+        facts |= facts_of_trouble(trouble, results.summary.suspects)
         points = results.motion.points()
         if job.fill:
             with timed(clock, "fill"):

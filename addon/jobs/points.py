@@ -16,12 +16,13 @@ from ..core.pipelines.points import PointOptions, label_points
 from ..core.points.motion import labelled_points
 from ..core.points.naming import chosen_method
 from ..core.review.summary import TakeSummary
+from ..core.review.trouble import TakeTrouble
 from ..io.models import open_model
 from ..io.points import FilePoints, read_points
 from .edits import facts_of_edits, open_edits
 from .fill import fill_labelled
 from .job import LabelJob, Labelled, open_files, timed
-from .outcome import Outcome, write_take
+from .outcome import Outcome, facts_of_trouble, write_take
 from .resuming import made_of, may_replace
 
 
@@ -53,6 +54,9 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         summary.add(chunk)
         points = labelled_points(take, labelled, markerset)
         facts = _facts(take, chunk.labels, options) | facts_of_edits(job, labelled.outcomes)
+        trouble = TakeTrouble(markerset.markers, take.rate, edits)
+        trouble.add(rows, chunk.labels, chunk.motion)
+        facts |= facts_of_trouble(trouble, chunk.suspects)
         if job.fill:
             with timed(clock, "fill"):
                 points, of_gaps = yield from fill_labelled(points, markerset)

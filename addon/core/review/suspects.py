@@ -2,7 +2,7 @@
 """Points a person to the frames that are worth a look: markers that leave the body, or move as no marker moves."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -40,6 +40,7 @@ class ListOptions:
 
 
 SUSPECTING = SuspectOptions()
+FAR_OFF = "is far from where the body has it"
 LISTING = ListOptions()
 
 
@@ -54,7 +55,7 @@ def find_suspects(
     jumps = _jumps(motion.markers, rate, options.max_acceleration)
     found = []
     for index, name in enumerate(names):
-        for doubtful, what in ((off_body, "is far from where the body has it"), (jumps, "jumps")):
+        for doubtful, what in ((off_body, FAR_OFF), (jumps, "jumps")):
             found += suspect_ranges(
                 motion.frames, doubtful[:, index], f"{name} {what}", options.max_break_frames, (name,)
             )
@@ -81,8 +82,8 @@ def summarised(suspects: Sequence[Suspect], rate: float, options: ListOptions = 
         reasons.setdefault(suspect.reason, []).append(suspect)
     entries = [
         entry
-        for reason, found in reasons.items()
-        for entry in _of_one_reason(reason, found, options.max_break_s * rate, options.max_alike)
+        for found in reasons.values()
+        for entry in _of_one_reason(found, options.max_break_s * rate, options.max_alike)
     ]
     while len(entries) > options.max_entries:
         kinds: dict[str, list[Suspect]] = {}
@@ -95,18 +96,30 @@ def summarised(suspects: Sequence[Suspect], rate: float, options: ListOptions = 
     return tuple(sorted(entries, key=lambda one: (one.first, -one.last)))
 
 
-def _of_one_reason(reason: str, found: list[Suspect], max_break: float, max_alike: int) -> list[Suspect]:
+def _of_one_reason(found: list[Suspect], max_break: float, max_alike: int) -> list[Suspect]:
     """Findings in the order of their first frames, joined where they are close, or all where they are many."""
     joined = [found[0]]
     for suspect in found[1:]:
         last = joined[-1]
         if suspect.first <= last.last + 1 + max_break:
-            joined[-1] = Suspect(last.first, max(last.last, suspect.last), reason)
+            joined[-1] = _as_one([last, suspect], suspect.words)
         else:
             joined.append(suspect)
     if len(joined) <= max_alike:
         return joined
-    return [Suspect(joined[0].first, max(one.last for one in joined), f"{reason}, in {len(joined)} places")]
+    return [_as_one(joined, f"{joined[0].words}, in {len(joined)} places")]
+
+
+def _as_one(found: list[Suspect], words: str) -> Suspect:
+    """One entry for several, which is about the frames and markers of all."""
+    return replace(
+        found[0],
+        first=min(one.first for one in found),
+        last=max(one.last for one in found),
+        words=words,
+        markers=tuple(dict.fromkeys(name for one in found for name in one.markers)),
+        doubtful=sum(one.frames for one in found),
+    )
 
 
 def _kind(reason: str) -> str:
@@ -121,4 +134,4 @@ def _of_one_kind(found: list[Suspect], max_names: int) -> Suspect:
     whom = list(dict.fromkeys(suspect.reason.split(" ")[1 if tracks else 0] for suspect in found))
     listed = " ".join(whom[:max_names]) + (f" and {len(whom) - max_names} more" if len(whom) > max_names else "")
     words = f"trajectories {listed}: as {found[0].reason}" if tracks else f"{listed}: {_kind(found[0].reason)}"
-    return Suspect(min(one.first for one in found), max(one.last for one in found), words)
+    return replace(_as_one(found, words), trajectory=None)
