@@ -15,6 +15,7 @@ from ..blendfile import Chunks, mesh_occlusion, open_cameras, refuse_long
 from ..core.body.occlusion import Occlusion
 from ..core.data.progress import Progress
 from ..core.data.takes import BY_EDIT, STEPS, Blobs, EditOutcome, LabelledChunk, Motion, Points, Suspect
+from ..core.edits.answering import without_accepted
 from ..core.edits.applying import joined
 from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import Cameras
@@ -64,7 +65,7 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
             yield Progress(row.fraction, f"frame {row.blobs.frames[-1]}")
         clock["load"] += source.seconds
         with timed(clock, "label"):
-            doubts = check.suspects()
+            doubts = without_accepted(check.suspects(), edits)
             results.doubt(doubts)
         results.labels.file.flush()
         facts = _facts(job, blob_method(settings), cameras, results, agreement)

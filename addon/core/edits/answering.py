@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Doubts that a person has answered: they leave the list of what to look at, and do not come back."""
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from ..data.takes import Suspect, suspect_ranges
-from .kinds import AssignPoint, Delete, Edits, Right, Swap, UnlabelMarker, markers_of
+from .kinds import Accepted, AssignPoint, Delete, Edits, Right, Swap, UnlabelMarker, markers_of
 from .replay import FREE, Edited
 
 PAIR = 2  # markers of which a doubt asks which is which
@@ -49,6 +50,29 @@ def unanswered_of_blobs(suspects: Iterable[Suspect], edits: Edits, names: Mappin
                 looked_at[:, own.index(marker)] |= here
         left += _rest(suspect, _enough(looked_at))
     return tuple(left)
+
+
+def without_accepted(suspects: Iterable[Suspect], edits: Edits) -> tuple[Suspect, ...]:
+    """The suspects without the frames in which a person accepted what they say."""
+    left: list[Suspect] = []
+    for suspect in suspects:
+        frames = np.arange(suspect.first, suspect.last + 1)
+        left += _rest(suspect, accepted_in(edits, suspect.reason, frames))
+    return tuple(left)
+
+
+def topic_of(words: str) -> str:
+    """What a review says, without its figures, which change when a take is labelled again."""
+    return re.sub(r"\d[\d.,]*(?= ?(?:px|mm|%))", "…", words)
+
+
+def accepted_in(edits: Edits, words: str, frames: np.ndarray) -> np.ndarray:
+    """(F,) True in the frames (F,) in which a person accepted what a review says in these words."""
+    accepted = np.zeros(len(frames), bool)
+    for edit in edits:
+        if isinstance(edit, Accepted) and topic_of(edit.doubt) == topic_of(words):
+            accepted |= True if edit.frames is None else _within(frames, edit.frames)
+    return accepted
 
 
 def right_in(edits: Edits, names: Mapping[str, int], frames: np.ndarray) -> np.ndarray:

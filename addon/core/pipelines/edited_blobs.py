@@ -8,7 +8,7 @@ import numpy as np
 
 from ..data.markersets import MarkerSet
 from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion
-from ..edits.answering import unanswered_of_blobs
+from ..edits.answering import unanswered_of_blobs, without_accepted
 from ..edits.applying import BlobCells, apply_to_blobs, names_of
 from ..edits.kinds import Edits
 from ..geometry.cameras import Cameras
@@ -39,7 +39,7 @@ def with_edits_of_blobs(
             chunk,
             labels=applied.labels,
             motion=motion,
-            suspects=unanswered_of_blobs(chunk.suspects, edits, names),
+            suspects=without_accepted(unanswered_of_blobs(chunk.suspects, edits, names), edits),
             unedited=before,
             outcomes=(first or applied).outcomes,
         )

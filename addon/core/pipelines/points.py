@@ -16,6 +16,7 @@ from ..blobs.pipeline import Options
 from ..data.background import in_background
 from ..data.progress import Progress, within
 from ..data.takes import LabelledChunk, Labels, Points, Verdict, called_by
+from ..edits.answering import without_accepted
 from ..edits.applying import PointCells
 from ..edits.kinds import NO_EDITS, Edits
 from ..points.adaptation import Adaptation, adapt, borne_out
@@ -89,7 +90,7 @@ def label_points(take: Points, model: Model, options: PointOptions) -> Generator
     moved = found.unanswered(find_suspects(motion, model.markerset.markers, take.rate), cells)
     # As in label files: by the trajectories' index in the file.
     said = said if take.columns is None else called_by(said, take.columns)
-    suspects = summarised(said + moved, take.rate)
+    suspects = without_accepted(summarised(said + moved, take.rate), options.edits)
     return LabelledChunk(labels, motion, suspects, seconds, found.unedited, found.outcomes)
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..data.takes import Blobs, Labels, Motion, PointRows, Suspect
-from ..edits.answering import right_in, settled_in
+from ..edits.answering import accepted_in, right_in, settled_in
 from ..edits.kinds import NO_EDITS, Edits
 from ..geometry.cameras import NO_CAMERAS, Cameras
 from .camera_blobs import CameraBlobs
@@ -30,7 +30,16 @@ MISSING, LEFT_OVER, OFF_BODY, DOUBTFUL, OF_CAMERA, NOBODY_THERE = (
 )
 TROUBLE_KINDS = (NOBODY_THERE, MISSING, LEFT_OVER, OFF_BODY, DOUBTFUL, OF_CAMERA)
 # What helps.
-NAME_IT, FILL, UNLABEL, RIGHT, SWAP, REFINE, LABEL = "name", "fill", "unlabel", "right", "swap", "refine", "label"
+NAME_IT, FILL, UNLABEL, RIGHT, SWAP, REFINE, LABEL, DELETE = (
+    "name",
+    "fill",
+    "unlabel",
+    "right",
+    "swap",
+    "refine",
+    "label",
+    "delete",
+)
 
 
 @dataclass(frozen=True)
@@ -77,6 +86,7 @@ class Trouble:
     advice        what to do, in words
     action        what does it: NAME_IT, FILL, UNLABEL, RIGHT, SWAP, REFINE or LABEL; empty where only a person can
     answered      whether a person has answered it
+    ranges        all frames that it is about, where that is not one range
     """
 
     kind: str
@@ -90,6 +100,7 @@ class Trouble:
     advice: str = ""
     action: str = ""
     answered: bool = False
+    ranges: tuple[tuple[int, int], ...] = ()
 
     def as_dict(self) -> dict:
         """What a report says of it."""
@@ -153,7 +164,14 @@ class TakeTrouble:
         told = {name for one in doubts for name in one.cameras}
         found += [*doubts, *(one for one in self._of_cameras() if one.cameras[0] not in told)]
         found += [replace(one, stake=0.0, answered=True) for one in self._of_doubts(answered)]
+        found = [self._accepted_by(one) for one in found]
         return tuple(sorted(found, key=lambda one: (one.answered, -one.stake, one.first)))
+
+    def _accepted_by(self, one: Trouble) -> Trouble:
+        """A trouble as answered, where a person accepted what it says in all of its frames."""
+        ranges = one.ranges or ((one.first, one.last),)
+        accepted = all(accepted_in(self.edits, one.reason, np.arange(a, b + 1)).all() for a, b in ranges)
+        return replace(one, stake=0.0, answered=True) if accepted and not one.answered else one
 
     def _of_nobody(self):
         for first, last, _, _ in self._nobody.of(0):
@@ -212,6 +230,7 @@ class TakeTrouble:
             advice=advice,
             action=action,
             answered=answered,
+            ranges=tuple((first, last) for first, last, _, _ in ranges),
         )
 
     def _of_leftovers(self):
@@ -298,6 +317,7 @@ class TakeTrouble:
                     advice=f"Look whether it is {name}: if not, unlabel or swap it; if so, say It Is Right",
                     action=UNLABEL,
                     answered=answered,
+                    ranges=tuple((first, last) for first, last, _, _ in ranges),
                 )
 
     def _of_doubts(self, suspects: Iterable[Suspect]):
