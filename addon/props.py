@@ -18,6 +18,7 @@ from bpy.props import (
 
 from .core.data.errors import InputError
 from .core.edits.wording import words_of
+from .core.review.trouble import TROUBLE_KINDS
 from .io.markersets import SUFFIX, builtin_markersets, open_markerset
 from .io.names import written
 from .prefs import markerset_folder
@@ -27,6 +28,7 @@ from .scene.opened import opened
 from .scene.preview import hide_preview
 from .scene.review import review_markers
 from .scene.take import is_take
+from .scene.trouble import trouble_of
 
 OWN_FILE = "FILE"
 USUAL_MARKERSET = "body26"
@@ -220,6 +222,19 @@ class SuspectRow(bpy.types.PropertyGroup):
     reason: StringProperty(name="Reason", description="Why to look at these frames")
 
 
+class TroubleRow(bpy.types.PropertyGroup):
+    """One thing that is the matter with the take; `name` is what it is about."""
+
+    kind: StringProperty(name="Kind", description="What kind of trouble it is")
+    first: IntProperty(name="First", description="First frame to look at")
+    last: IntProperty(name="Last", description="Last frame to look at")
+    reason: StringProperty(name="Reason", description="What is the matter")
+    advice: StringProperty(name="Advice", description="What to do about it")
+    action: StringProperty(name="Action", description="What does it")
+    stake: FloatProperty(name="At Stake", description="Frames of a marker that are wrong or missing if it is so")
+    answered: BoolProperty(name="Done", description="Whether a person has answered it")
+
+
 class CorrectionRow(bpy.types.PropertyGroup):
     """One edit of the take's, called by what it says."""
 
@@ -236,6 +251,26 @@ class ReviewState(bpy.types.PropertyGroup):
     corrections: CollectionProperty(type=CorrectionRow)
     correction_index: IntProperty()
     doubts: CollectionProperty(type=bpy.types.PropertyGroup)
+    troubles: CollectionProperty(type=TroubleRow)
+    trouble_index: IntProperty()
+    trouble_kind: EnumProperty(
+        name="Reason",
+        description="What kind of trouble is listed",
+        items=(
+            ("ALL", "All", "All that is the matter"),
+            *((kind, kind.capitalize(), f"Only what is {kind}") for kind in TROUBLE_KINDS),
+        ),
+    )
+    trouble_marker: StringProperty(name="Marker", description="List what is about this marker only")
+    trouble_done: EnumProperty(
+        name="Answered",
+        description="Whether what is answered is listed",
+        items=(
+            ("OPEN", "Open", "What nobody has answered yet"),
+            ("DONE", "Done", "What was looked at and is right"),
+            ("ALL", "Both", "What is open and what is done"),
+        ),
+    )
 
 
 def chosen_model(settings: SceneSettings) -> str:
@@ -289,6 +324,7 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     state.markers.clear()
     state.suspects.clear()
     state.corrections.clear()
+    state.troubles.clear()
     if not is_take(collection):
         return
     stored = opened.take(collection, scene)
@@ -302,9 +338,20 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     for suspect in stored.suspects:
         row = state.suspects.add()
         row.first, row.last, row.reason = suspect.first + stored.shift, suspect.last + stored.shift, suspect.reason
+    for trouble in trouble_of(collection, scene):
+        row = state.troubles.add()
+        row.name, row.kind, row.reason = trouble.about, trouble.kind, trouble.reason
+        row.first, row.last = trouble.first + stored.shift, trouble.last + stored.shift
+        row.advice, row.action, row.stake, row.answered = (
+            trouble.advice,
+            trouble.action,
+            trouble.stake,
+            trouble.answered,
+        )
+    state.trouble_index = max(min(state.trouble_index, len(state.troubles) - 1), 0)
     for edit, outcome in zip(stored.edits, stored.outcomes, strict=True):
         row = state.corrections.add()
         row.name, row.idle = words_of(edit, stored.shift), outcome.reason
 
 
-CLASSES = (LessonRow, SceneSettings, MarkerRow, SuspectRow, CorrectionRow, ReviewState)
+CLASSES = (LessonRow, SceneSettings, MarkerRow, SuspectRow, TroubleRow, CorrectionRow, ReviewState)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Operators: thin, each one thing that a person does."""
 
-from . import correcting, exporting, importing, labelling, markersets, quality, training, viewing
+from . import correcting, exporting, importing, labelling, markersets, quality, reviewing, training, viewing
 
 CLASSES = (
     *importing.CLASSES,
@@ -11,5 +11,6 @@ CLASSES = (
     *labelling.CLASSES,
     *viewing.CLASSES,
     *correcting.CLASSES,
+    *reviewing.CLASSES,
     *exporting.CLASSES,
 )

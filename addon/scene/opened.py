@@ -28,7 +28,7 @@ class Opened:
         """The take that `collection` holds, as its edits have it."""
         text = kept_text(collection)
         if text is None:
-            return self._unedited(collection, scene)
+            return self.unedited(collection, scene)
         kept = self.edited.get(collection.session_uid)
         if kept is not None and kept[0] == text:
             return kept[1]
@@ -38,11 +38,12 @@ class Opened:
         self, collection: bpy.types.Collection, scene: bpy.types.Scene, edits: Edits, text: str | None = None
     ) -> Stored:
         """The take that `collection` holds as it is with `edits`, whose text is `text`."""
-        after = edited(self._unedited(collection, scene), edits)
+        after = edited(self.unedited(collection, scene), edits)
         self.edited[collection.session_uid] = (text_of(edits) if text is None else text, after)
         return after
 
-    def _unedited(self, collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
+    def unedited(self, collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
+        """The take that `collection` holds, as the program labelled it."""
         key = collection.session_uid
         if key not in self.stored:
             self.stored[key] = unedited_take(collection, scene)

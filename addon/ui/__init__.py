@@ -6,6 +6,7 @@ from contextlib import ExitStack
 import bpy
 
 from ..scene.opened import opened
+from ..scene.trouble import forget_trouble
 from . import handlers, overlay, panels, quality
 
 CLASSES = (*panels.CLASSES, *quality.CLASSES)
@@ -17,6 +18,7 @@ def add_handlers(stack: ExitStack):
         drawing = bpy.types.SpaceView3D.draw_handler_add(draw, (), "WINDOW", "POST_PIXEL")
         stack.callback(bpy.types.SpaceView3D.draw_handler_remove, drawing, "WINDOW")
     stack.callback(opened.forget)
+    stack.callback(forget_trouble)
     events = bpy.app.handlers
     for listeners, function in (
         (events.load_post, handlers.after_load),

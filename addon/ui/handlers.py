@@ -8,12 +8,14 @@ from ..props import refresh_review
 from ..scene import naming
 from ..scene.opened import opened
 from ..scene.take import takes_of
+from ..scene.trouble import forget_trouble
 
 
 @persistent
 def after_load(*_):
     """A file was opened: what was read from the last one is forgotten, and takes made elsewhere are found."""
     opened.forget()
+    forget_trouble()
     adopt_takes()
 
 

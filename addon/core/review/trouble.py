@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..data.takes import Blobs, Labels, Motion, PointRows, Suspect
-from ..edits.answering import accepted_in, right_in, settled_in
-from ..edits.kinds import NO_EDITS, Edits
+from ..edits.answering import PAIR, accepted_in, right_in, settled_in
+from ..edits.kinds import NO_EDITS, Accepted, Delete, Edit, Edits, Right
 from ..geometry.cameras import NO_CAMERAS, Cameras
 from .camera_blobs import CameraBlobs
 from .leftovers import LEAVING, Leftover, find_leftovers
@@ -30,16 +30,8 @@ MISSING, LEFT_OVER, OFF_BODY, DOUBTFUL, OF_CAMERA, NOBODY_THERE = (
 )
 TROUBLE_KINDS = (NOBODY_THERE, MISSING, LEFT_OVER, OFF_BODY, DOUBTFUL, OF_CAMERA)
 # What helps.
-NAME_IT, FILL, UNLABEL, RIGHT, SWAP, REFINE, LABEL, DELETE = (
-    "name",
-    "fill",
-    "unlabel",
-    "right",
-    "swap",
-    "refine",
-    "label",
-    "delete",
-)
+NAME_IT, FILL, UNLABEL, RIGHT, SWAP = "name", "fill", "unlabel", "right", "swap"
+REFINE, LABEL, DELETE = "refine", "label", "delete"
 
 
 @dataclass(frozen=True)
@@ -53,8 +45,9 @@ class TroubleOptions:
     min_camera_unnamed   share of the blobs beside markers that a camera may leave unnamed, and
     times_usual          as many times the median of the others, is a camera's trouble; of its error likewise, and
     min_error_px         at least so much of it
+    change_s             at stake for each marker where a trajectory goes over to another: how long a person looks at
     extra_weight         at stake for a frame of a point on the body beside which no marker is missing: it may be one
-                         that the set lacks, which is no label of this set
+                         that the set lacks, which is no label of this set; and of what is said of the whole take
     min_share_of_points  of the points left over for a moment each, of all points, that is worth a line
     """
 
@@ -65,6 +58,7 @@ class TroubleOptions:
     min_camera_unnamed: float = 0.2
     times_usual: float = 2.0
     min_error_px: float = 1.0
+    change_s: float = 1.0
     extra_weight: float = 0.1
     min_share_of_points: float = 0.005
 
@@ -84,7 +78,8 @@ class Trouble:
     cameras       the cameras
     stake         marker-frames that are wrong or missing if it is as it looks; 0 once it is answered
     advice        what to do, in words
-    action        what does it: NAME_IT, FILL, UNLABEL, RIGHT, SWAP, REFINE or LABEL; empty where only a person can
+    action        what does it: NAME_IT, FILL, UNLABEL, RIGHT, SWAP, REFINE, LABEL or DELETE; empty where only a person
+                  can
     answered      whether a person has answered it
     ranges        all frames that it is about, where that is not one range
     """
@@ -101,6 +96,22 @@ class Trouble:
     action: str = ""
     answered: bool = False
     ranges: tuple[tuple[int, int], ...] = ()
+
+    @property
+    def about(self) -> str:
+        """What it is about, in a few words."""
+        tracks = [f"trajectory {number}" for number in self.trajectories]
+        words = [*self.markers] or [*self.cameras] or tracks[:1]
+        return " ".join(words) if len(words) > 1 or len(tracks) < 2 or self.markers else f"{len(tracks)} trajectories"
+
+    def answers(self) -> list[Edit]:
+        """What a person says with "it is right": markers are, points are none, or what is said may be as it is."""
+        ranges = self.ranges or ((self.first, self.last),)
+        if self.kind in (MISSING, OFF_BODY) or (self.kind == DOUBTFUL and self.markers and not self.trajectories):
+            return [Right(name, frames=span) for name in self.markers for span in ranges]
+        if self.kind == LEFT_OVER and self.trajectories:
+            return [Delete(number, frames=span) for number in self.trajectories for span in ranges]
+        return [Accepted(self.reason, frames=span) for span in ranges]
 
     def as_dict(self) -> dict:
         """What a report says of it."""
@@ -294,7 +305,8 @@ class TakeTrouble:
             (),
             tuple(numbers),
             stake=TROUBLING.extra_weight * frames,
-            advice="Markers that the set lacks can be learned; delete what is no marker",
+            advice="Markers that the set lacks can be learned; what is none is no marker",
+            action=DELETE,
         )
 
     def _of_body(self):
@@ -340,7 +352,7 @@ class TakeTrouble:
                 continue
             advice, action = _advice_of(one)
             tracks = () if one.trajectory is None else (one.trajectory,)
-            stake = float(one.frames * max(len(one.markers), 1))
+            stake = self._stake_of(one)
             yield Trouble(
                 DOUBTFUL,
                 one.first,
@@ -352,6 +364,17 @@ class TakeTrouble:
                 advice=advice,
                 action=action,
             )
+
+    def _stake_of(self, suspect: Suspect) -> float:
+        """Marker-frames at stake in a doubt."""
+        frames = float(suspect.frames)
+        if (
+            suspect.trajectory is not None and len(suspect.markers) == PAIR
+        ):  # a change of names; in the gap there is none
+            frames = min(frames, TROUBLING.change_s * self.rate)
+        if suspect.trajectory is None and not suspect.markers and suspect.frames >= self.frames:  # about the whole take
+            frames *= TROUBLING.extra_weight
+        return frames * max(len(suspect.markers), 1)
 
     def _of_cameras(self):
         figures = self.by_camera.figures()
@@ -392,9 +415,11 @@ def summary_of_trouble(found: Sequence[Trouble]) -> str:
 
 def _advice_of(suspect: Suspect) -> tuple[str, str]:
     """What to do about a doubt, and what does it."""
-    pair = len(suspect.markers) == 2  # of which a doubt asks which is which
+    pair = len(suspect.markers) == PAIR
     if suspect.trajectory is not None and "stays unnamed" in suspect.words:
         return f"Look whether it is {suspect.markers[0]}; if so, name it" if suspect.markers else "Name it", NAME_IT
+    if pair and suspect.trajectory is not None:
+        return f"Look which of {' and '.join(suspect.markers)} it is; name it so, or say It Is Right", ""
     if pair:
         return "Look which is which: swap them, or say It Is Right", SWAP
     if suspect.markers:
