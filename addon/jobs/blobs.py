@@ -81,7 +81,7 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
             facts |= of_gaps
         made = Outcome(points, results.chunks, cameras, results.summary, facts, inputs)
         report = write_take(job, files, model.markerset, made, clock)
-    return Labelled(report, results.chunks if job.keep else [])
+    return Labelled(report, results.chunks if job.keep else [], edits)
 
 
 def _frames_if_edited(job: LabelJob, cameras: Cameras) -> tuple[int, int] | None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Through the trouble of a take, the worst first: go there, see what is meant, do what helps or say that it is right."""
+"""Through the trouble of a take, the worst first: go there, see what is meant, do what helps or say it is right."""
 
 import bpy
 import numpy as np
