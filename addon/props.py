@@ -26,6 +26,7 @@ from .scene.armature import SCALE
 from .scene.naming import CAMERAS
 from .scene.opened import opened
 from .scene.preview import hide_preview
+from .scene.relabelled import kept_changes
 from .scene.review import review_markers
 from .scene.take import is_take
 from .scene.trouble import trouble_of
@@ -235,6 +236,13 @@ class TroubleRow(bpy.types.PropertyGroup):
     answered: BoolProperty(name="Done", description="Whether a person has answered it")
 
 
+class ChangeRow(bpy.types.PropertyGroup):
+    """One change that labelling again made; `name` is the marker."""
+
+    first: IntProperty(name="First", description="First frame")
+    words: StringProperty(name="Change", description="What changed")
+
+
 class CorrectionRow(bpy.types.PropertyGroup):
     """One edit of the take's, called by what it says."""
 
@@ -251,6 +259,8 @@ class ReviewState(bpy.types.PropertyGroup):
     corrections: CollectionProperty(type=CorrectionRow)
     correction_index: IntProperty()
     doubts: CollectionProperty(type=bpy.types.PropertyGroup)
+    changes: CollectionProperty(type=ChangeRow)
+    change_index: IntProperty()
     troubles: CollectionProperty(type=TroubleRow)
     trouble_index: IntProperty()
     trouble_kind: EnumProperty(
@@ -325,6 +335,7 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     state.suspects.clear()
     state.corrections.clear()
     state.troubles.clear()
+    state.changes.clear()
     if not is_take(collection):
         return
     stored = opened.take(collection, scene)
@@ -349,9 +360,12 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
             trouble.answered,
         )
     state.trouble_index = max(min(state.trouble_index, len(state.troubles) - 1), 0)
+    for change in kept_changes(collection):
+        row = state.changes.add()
+        row.name, row.first, row.words = change.marker, change.first + stored.shift, change.words
     for edit, outcome in zip(stored.edits, stored.outcomes, strict=True):
         row = state.corrections.add()
         row.name, row.idle = words_of(edit, stored.shift), outcome.reason
 
 
-CLASSES = (LessonRow, SceneSettings, MarkerRow, SuspectRow, TroubleRow, CorrectionRow, ReviewState)
+CLASSES = (LessonRow, SceneSettings, MarkerRow, SuspectRow, TroubleRow, ChangeRow, CorrectionRow, ReviewState)

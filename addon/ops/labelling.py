@@ -13,6 +13,7 @@ from ..core.data.errors import InputError, UserError
 from ..core.data.takes import Blobs, PointRows
 from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import NO_CAMERAS
+from ..core.review.changes import summary_of_changes
 from ..io.markersets import open_markerset
 from ..io.names import written
 from ..io.scratch import scratch_folder
@@ -21,6 +22,7 @@ from ..props import SceneSettings, chosen_model, frames_wanted, refresh_review, 
 from ..scene import cameras as scene_cameras
 from ..scene.corrections import kept_edits
 from ..scene.occlusion import meshes_on, occlusion_of
+from ..scene.relabelled import kept_changes, show_again
 from ..scene.take import (
     SOURCE,
     Take,
@@ -28,7 +30,6 @@ from ..scene.take import (
     join_labelled,
     join_rows,
     join_unedited,
-    show_take,
     takes_of,
 )
 from .importing import cameras_at_hand
@@ -139,14 +140,16 @@ class MOCAP_AUTOLABEL_OT_label(WorksInSteps, bpy.types.Operator):
 
     def _show(self, context, take: Take) -> set[str]:
         settings = context.scene.mocap_autolabel
-        settings.take = show_take(context, take, settings.keep_unnamed)
+        settings.take = show_again(context, take, settings.keep_unnamed, whole=not settings.use_range)
         refresh_review(context.window_manager, context.scene)
         for words in take.doubts:
             self.report({"WARNING"}, words)
         things = "blobs" if isinstance(take.rows, Blobs) else "points"
         named, frames = int(take.labels.named.sum()), len(take.motion.frames)
         kept = f"; {len(take.edits)} corrections hold" if take.edits else ""
-        self.report({"INFO"}, f"{named} of {len(take.rows)} {things} named in {frames} frames{kept}")
+        changed = summary_of_changes(kept_changes(settings.take))
+        told = f"; {changed} than before" if changed else ""
+        self.report({"INFO"}, f"{named} of {len(take.rows)} {things} named in {frames} frames{kept}{told}")
         return {"FINISHED"}
 
 

@@ -119,7 +119,7 @@ def _select(context: bpy.types.Context, trouble: Trouble, stored: Stored):
                 item.select_set(True)
                 context.view_layer.objects.active = item
     frame = scene.frame_current - stored.shift
-    if trouble.trajectories and not trouble.markers and isinstance(stored.rows, PointRows):
+    if trouble.trajectories and not context.selected_objects and isinstance(stored.rows, PointRows):
         rows = rows_in_frame(stored.rows, int(np.searchsorted(stored.motion.frames, frame)))
         if trouble.trajectories[0] in stored.rows.trajectory[rows]:
             bpy.ops.mocap_autolabel.pick_point(point=int(trouble.trajectories[0]))

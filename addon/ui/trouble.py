@@ -90,7 +90,7 @@ class MOCAP_AUTOLABEL_UL_trouble(bpy.types.UIList):
     """A trouble a row, the worst first: where it is, what it is about, and how many frames of a marker are at stake."""
 
     def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0):
-        split = layout.split(factor=0.4, align=True)
+        split = layout.split(factor=0.47, align=True)
         frames = str(item.first) if item.first == item.last else f"{item.first}–{item.last}"
         split.operator("mocap_autolabel.show_trouble", text=frames, icon=ICONS[item.kind]).index = index
         split = split.split(factor=0.72, align=True)
@@ -103,4 +103,41 @@ class MOCAP_AUTOLABEL_UL_trouble(bpy.types.UIList):
         return [self.bitflag_filter_item if is_listed(data, row) else 0 for row in rows], []
 
 
-CLASSES = (MOCAP_AUTOLABEL_UL_trouble, MOCAP_AUTOLABEL_PT_trouble)
+class MOCAP_AUTOLABEL_PT_changes(bpy.types.Panel):
+    """What labelling again changed."""
+
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "Mocap"
+    bl_label = "Changed by Labelling Again"
+    bl_parent_id = "MOCAP_AUTOLABEL_PT_review"
+
+    @classmethod
+    def poll(cls, context):
+        return bool(len(context.window_manager.mocap_autolabel.changes))
+
+    def draw(self, context):
+        state = context.window_manager.mocap_autolabel
+        self.layout.template_list(
+            "MOCAP_AUTOLABEL_UL_changes", "", state, "changes", state, "change_index", rows=3, maxrows=8
+        )
+        if state.change_index < len(state.changes):
+            draw_in_full(context, self.layout, state.changes[state.change_index].words)
+
+
+class MOCAP_AUTOLABEL_UL_changes(bpy.types.UIList):
+    """A change a row, the longest first."""
+
+    def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0):
+        row = layout.row(align=True)
+        jump = row.operator("mocap_autolabel.jump", text=str(item.first), icon="TIME")
+        jump.frame, jump.marker = item.first, item.name
+        row.label(text=item.words)
+
+
+CLASSES = (
+    MOCAP_AUTOLABEL_UL_trouble,
+    MOCAP_AUTOLABEL_UL_changes,
+    MOCAP_AUTOLABEL_PT_trouble,
+    MOCAP_AUTOLABEL_PT_changes,
+)
