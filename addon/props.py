@@ -18,6 +18,7 @@ from bpy.props import (
 
 from .core.data.errors import InputError
 from .core.edits.wording import words_of
+from .core.review.trouble import TROUBLE_KINDS
 from .io.markersets import SUFFIX, builtin_markersets, open_markerset
 from .io.names import written
 from .prefs import markerset_folder
@@ -25,8 +26,10 @@ from .scene.armature import SCALE
 from .scene.naming import CAMERAS
 from .scene.opened import opened
 from .scene.preview import hide_preview
+from .scene.relabelled import kept_changes
 from .scene.review import review_markers
 from .scene.take import is_take
+from .scene.trouble import trouble_of
 
 OWN_FILE = "FILE"
 USUAL_MARKERSET = "body26"
@@ -255,6 +258,26 @@ class SuspectRow(bpy.types.PropertyGroup):
     reason: StringProperty(name="Reason", description="Why to look at these frames")
 
 
+class TroubleRow(bpy.types.PropertyGroup):
+    """One thing that is the matter with the take; `name` is what it is about."""
+
+    kind: StringProperty(name="Kind", description="What kind of trouble it is")
+    first: IntProperty(name="First", description="First frame to look at")
+    last: IntProperty(name="Last", description="Last frame to look at")
+    reason: StringProperty(name="Reason", description="What is the matter")
+    advice: StringProperty(name="Advice", description="What to do about it")
+    action: StringProperty(name="Action", description="What does it")
+    stake: FloatProperty(name="At Stake", description="Frames of a marker that are wrong or missing if it is so")
+    answered: BoolProperty(name="Done", description="Whether a person has answered it")
+
+
+class ChangeRow(bpy.types.PropertyGroup):
+    """One change that labelling again made; `name` is the marker."""
+
+    first: IntProperty(name="First", description="First frame")
+    words: StringProperty(name="Change", description="What changed")
+
+
 class CorrectionRow(bpy.types.PropertyGroup):
     """One edit of the take's, called by what it says."""
 
@@ -292,6 +315,28 @@ class ReviewState(bpy.types.PropertyGroup):
         name="Short Ones Too",
         description="Give trajectories without a name that are shorter than a second a row each in the timeline",
         update=_timeline_changed,
+    )
+    changes: CollectionProperty(type=ChangeRow)
+    change_index: IntProperty()
+    troubles: CollectionProperty(type=TroubleRow)
+    trouble_index: IntProperty()
+    trouble_kind: EnumProperty(
+        name="Reason",
+        description="What kind of trouble is listed",
+        items=(
+            ("ALL", "All", "All that is the matter"),
+            *((kind, kind.capitalize(), f"Only what is {kind}") for kind in TROUBLE_KINDS),
+        ),
+    )
+    trouble_marker: StringProperty(name="Marker", description="List what is about this marker only")
+    trouble_done: EnumProperty(
+        name="Answered",
+        description="Whether what is answered is listed",
+        items=(
+            ("OPEN", "Open", "What nobody has answered yet"),
+            ("DONE", "Done", "What was looked at and is right"),
+            ("ALL", "Both", "What is open and what is done"),
+        ),
     )
 
 
@@ -348,6 +393,8 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     state.corrections.clear()
     state.fills.clear()
     redraw_dope_sheets(manager)
+    state.troubles.clear()
+    state.changes.clear()
     if not is_take(collection):
         return
     stored = opened.take(collection, scene)
@@ -361,6 +408,20 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     for suspect in stored.suspects:
         row = state.suspects.add()
         row.first, row.last, row.reason = suspect.first + stored.shift, suspect.last + stored.shift, suspect.reason
+    for trouble in trouble_of(collection, scene):
+        row = state.troubles.add()
+        row.name, row.kind, row.reason = trouble.about, trouble.kind, trouble.reason
+        row.first, row.last = trouble.first + stored.shift, trouble.last + stored.shift
+        row.advice, row.action, row.stake, row.answered = (
+            trouble.advice,
+            trouble.action,
+            trouble.stake,
+            trouble.answered,
+        )
+    state.trouble_index = max(min(state.trouble_index, len(state.troubles) - 1), 0)
+    for change in kept_changes(collection):
+        row = state.changes.add()
+        row.name, row.first, row.words = change.marker, change.first + stored.shift, change.words
     for edit, outcome in zip(stored.edits, stored.outcomes, strict=True):
         row = state.corrections.add()
         row.name, row.idle = words_of(edit, stored.shift), outcome.reason
@@ -371,4 +432,14 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
         row.expected = 1000 * fill.expected if math.isfinite(fill.expected) else -1
 
 
-CLASSES = (TrainingTakeRow, SceneSettings, MarkerRow, SuspectRow, CorrectionRow, GapRow, ReviewState)
+CLASSES = (
+    TrainingTakeRow,
+    SceneSettings,
+    MarkerRow,
+    SuspectRow,
+    TroubleRow,
+    ChangeRow,
+    CorrectionRow,
+    GapRow,
+    ReviewState,
+)

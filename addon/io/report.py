@@ -54,10 +54,13 @@ def facts_of_edits(file: Path | None, outcomes: Iterable[EditOutcome]) -> dict:
 
 
 def write_report(path: Path, report: dict):
-    """Writes a report as JSON, a marker a line."""
+    """Writes a report as JSON, a marker a line, and a trouble."""
     markers = ",\n".join(f"    {compact(name)}: {compact(row)}" for name, row in report["markers"].items())
     parts = {key: compact(value) for key, value in report.items()}
     parts["markers"] = f"{{\n{markers}\n  }}"
+    if report.get("trouble"):
+        rows = ",\n".join(f"    {compact(row)}" for row in report["trouble"])
+        parts["trouble"] = f"[\n{rows}\n  ]"
     text = ",\n".join(f"  {compact(key)}: {value}" for key, value in parts.items())
     Path(path).write_text(f"{{\n{text}\n}}\n", encoding="utf-8", newline="\n")
 

@@ -20,8 +20,10 @@ from ..core.geometry.cameras import Cameras
 from ..core.pipelines.blobs import BlobOptions, blob_method, label_blobs, steps_of
 from ..core.pipelines.cross_check import MethodAgreement
 from ..core.points.models import Model
+from ..core.review.answering import without_accepted
 from ..core.review.odd_cameras import CameraCheck
 from ..core.review.summary import TakeSummary
+from ..core.review.trouble import TakeTrouble
 from ..io.blobs import BlobRows, frames_in, read_blobs
 from ..io.edits import open_edits
 from ..io.labels import LabelWriter
@@ -30,7 +32,7 @@ from ..io.report import facts_of_edits
 from ..io.scratch import scratch_folder, told_of
 from .fill import fill_labelled
 from .job import LabelJob, Labelled, timed
-from .outcome import Outcome, write_take
+from .outcome import Outcome, facts_of_trouble, write_take
 from .pages import overview_for
 from .resuming import open_files
 from .spool import append
@@ -51,6 +53,7 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         edits = open_edits(job.edits_applied, job.source, model.markerset, **known)
         settings = BlobOptions(job.method, job.frame_rate, job.target, job.options, _occlusion(job, model), edits)
         agreement, check = MethodAgreement(), CameraCheck(cameras, model.markerset)
+        trouble = TakeTrouble(model.markerset.markers, job.frame_rate, edits, cameras)
         overview = overview_for(job, model.markerset, job.frame_rate, cameras, edits)
         source = Source(job, cameras)
         work = label_blobs(source.blobs(), cameras, model, settings, agreement)
@@ -63,15 +66,19 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
             check.add(row.blobs, chunk)
             if overview is not None:
                 overview.add(row.blobs, chunk)
+            trouble.add(row.blobs, chunk.labels, chunk.motion)
             yield Progress(row.fraction, f"frame {row.blobs.frames[-1]}")
         clock["load"] += source.seconds
         with timed(clock, "label"):
-            doubts = check.suspects()
+            doubts = without_accepted(check.suspects(), edits)
             results.doubt(doubts)
         results.labels.file.flush()
         facts = _facts(job, blob_method(settings), cameras, results, agreement)
         facts |= facts_of_edits(job.edits_file, joined(results.outcomes))
-        facts |= {"cameras": check.of_cameras(), "camera_doubts": [doubt.reason for doubt in doubts]}
+        counts = {one.name: one.as_dict() for one in trouble.by_camera.figures()}
+        of_cameras = {name: row | counts[name] for name, row in check.of_cameras().items()}
+        facts |= {"cameras": of_cameras, "camera_doubts": [doubt.reason for doubt in doubts]}
+        facts |= facts_of_trouble(trouble, results.summary.suspects)
         points = results.motion.points()
         if job.fill:
             with timed(clock, "fill"):
@@ -79,7 +86,7 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
             facts |= of_gaps
         made = Outcome(points, results.chunks, cameras, results.summary, facts, inputs, overview=overview)
         report = write_take(job, files, model.markerset, made, clock)
-    return Labelled(report, results.chunks if job.keep else [])
+    return Labelled(report, results.chunks if job.keep else [], edits)
 
 
 def _frames_if_edited(job: LabelJob, cameras: Cameras) -> tuple[int, int] | None:

@@ -132,7 +132,7 @@ class Labelled:
 
     report  as the file has it
     chunks  with `keep` the blobs or points and what was said of them, chunk by chunk
-    edits   of points, those that were applied
+    edits   those that were applied
     """
 
     report: dict

@@ -16,13 +16,14 @@ from ..core.points.motion import labelled_points
 from ..core.points.naming import chosen_method
 from ..core.points.pipeline import PointOptions, label_points
 from ..core.review.summary import TakeSummary
+from ..core.review.trouble import TakeTrouble
 from ..io.edits import open_edits
 from ..io.models import open_model
 from ..io.points import FilePoints, read_points
 from ..io.report import facts_of_edits
 from .fill import fill_labelled
 from .job import LabelJob, Labelled, timed
-from .outcome import Outcome, write_take
+from .outcome import Outcome, facts_of_trouble, write_take
 from .pages import overview_for
 from .resuming import open_files
 
@@ -58,6 +59,9 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
             overview.add(rows, chunk)
         points = labelled_points(take, labelled, markerset)
         facts = _facts(take, chunk.labels, options) | facts_of_edits(job.edits_file, labelled.outcomes)
+        trouble = TakeTrouble(markerset.markers, take.rate, edits)
+        trouble.add(rows, chunk.labels, chunk.motion)
+        facts |= facts_of_trouble(trouble, chunk.suspects)
         if job.fill:
             with timed(clock, "fill"):
                 points, of_gaps = yield from fill_labelled(points, markerset)

@@ -10,6 +10,7 @@ from . import (
     labelling,
     markersets,
     quality,
+    reviewing,
     timeline,
     training,
     viewing,
@@ -25,6 +26,7 @@ CLASSES = (
     *correcting.CLASSES,
     *filling.CLASSES,
     *timeline.CLASSES,
+    *reviewing.CLASSES,
     *exporting.CLASSES,
     *html_report.CLASSES,
 )

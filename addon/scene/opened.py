@@ -34,7 +34,7 @@ class Opened:
     def _as_edited(self, collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
         text = kept_text(collection)
         if text is None:
-            return self._unedited(collection, scene)
+            return self.unedited(collection, scene)
         kept = self.edited.get(collection.session_uid)
         if kept is not None and kept[0] == text:
             return kept[1]
@@ -45,7 +45,7 @@ class Opened:
         return self._with_fills(collection, self._edited(collection, scene, edits, text_of(edits)))
 
     def _edited(self, collection: bpy.types.Collection, scene: bpy.types.Scene, edits: Edits, text: str) -> Stored:
-        after = edited(self._unedited(collection, scene), edits)
+        after = edited(self.unedited(collection, scene), edits)
         self.edited[collection.session_uid] = (text, after)
         return after
 
@@ -60,7 +60,8 @@ class Opened:
         self.filled[collection.session_uid] = (text, stored, after)
         return after
 
-    def _unedited(self, collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
+    def unedited(self, collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
+        """The take that `collection` holds, as the program labelled it."""
         key = collection.session_uid
         if key not in self.stored:
             self.stored[key] = unedited_take(collection, scene)

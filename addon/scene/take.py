@@ -244,9 +244,16 @@ def unedited_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> S
     )
 
 
-def _suspect(first: int, last: int, words: str, trajectory: int | None = None, markers: Sequence[str] = ()) -> Suspect:
-    """A suspect of its row, of which files of the first versions have the first three."""
-    return Suspect(first, last, words, trajectory, tuple(markers))
+def _suspect(
+    first: int,
+    last: int,
+    words: str,
+    trajectory: int | None = None,
+    markers: Sequence[str] = (),
+    doubtful: int | None = None,
+) -> Suspect:
+    """A suspect of its row, of which files of the first versions have the first three or five."""
+    return Suspect(first, last, words, trajectory, tuple(markers), doubtful)
 
 
 def _words(collection: bpy.types.Collection, names: tuple[str, ...]) -> dict[str, int]:
@@ -308,7 +315,7 @@ def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Coll
 
 def _suspect_row(suspect: Suspect) -> list:
     trajectory = None if suspect.trajectory is None else int(suspect.trajectory)
-    return [int(suspect.first), int(suspect.last), suspect.words, trajectory, list(suspect.markers)]
+    return [int(suspect.first), int(suspect.last), suspect.words, trajectory, list(suspect.markers), suspect.doubtful]
 
 
 def _row_columns(rows: Blobs | PointRows) -> dict[str, np.ndarray]:

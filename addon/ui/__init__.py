@@ -6,6 +6,7 @@ from contextlib import ExitStack
 import bpy
 
 from ..scene.opened import opened
+from ..scene.trouble import forget_trouble
 from . import filling, handlers, overlay, panels, quality, timeline
 
 CLASSES = (*panels.CLASSES, *filling.CLASSES, *timeline.CLASSES, *quality.CLASSES)
@@ -18,6 +19,7 @@ def add_handlers(stack: ExitStack):
         stack.callback(bpy.types.SpaceView3D.draw_handler_remove, drawing, "WINDOW")
     timeline.add_timeline(stack)
     stack.callback(opened.forget)
+    stack.callback(forget_trouble)
     events = bpy.app.handlers
     for listeners, function in (
         (events.load_post, handlers.after_load),

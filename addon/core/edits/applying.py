@@ -16,6 +16,7 @@ from ..data.markersets import MarkerSet
 from ..data.takes import Blobs, EditOutcome, Labels, Points
 from .kinds import (
     EDIT_KINDS,
+    Accepted,
     AssignBlob,
     AssignPoint,
     Delete,
@@ -204,6 +205,8 @@ def _applied(replay: Replay, edit: Edit, rows: slice, names: Mapping[str, int], 
         return replay.unlabel_column(rows, column[edit.point])
     if isinstance(edit, Delete):
         return replay.delete(rows, column[edit.point])
+    if isinstance(edit, Accepted):
+        return rows.stop - rows.start
     if isinstance(edit, Place):
         return replay.place(rows.start, *marker, np.array(edit.xyz))
     return _of_markers(replay, edit, rows, marker)
@@ -259,6 +262,8 @@ def apply_to_blobs(labels: Labels, edits: Edits, cells: BlobCells) -> AppliedEdi
             if found is not None:
                 image = int(cells.image[found])
                 done = replay.assign(slice(image, image + 1), int(cells.slot[found]), cells.names[edit.marker])
+        elif rows is not None and isinstance(edit, Accepted):
+            done = rows.stop - rows.start
         elif rows is not None:
             images = slice(rows.start * len(cells.cameras), rows.stop * len(cells.cameras))
             done = _of_markers(replay, edit, images, [cells.names[name] for name in markers_of(edit)])

@@ -13,7 +13,7 @@ from ..edits.kinds import Edits
 from ..geometry.cameras import Cameras
 from ..geometry.triangulation import Rays
 from ..geometry.views import VIEWING, Sight, View, split_views
-from ..review.suspects import unanswered_of_blobs
+from ..review.answering import unanswered_of_blobs, without_accepted
 
 
 def with_edits_of_blobs(
@@ -39,7 +39,7 @@ def with_edits_of_blobs(
             chunk,
             labels=applied.labels,
             motion=motion,
-            suspects=unanswered_of_blobs(chunk.suspects, edits, names),
+            suspects=without_accepted(unanswered_of_blobs(chunk.suspects, edits, names), edits),
             unedited=before,
             outcomes=(first or applied).outcomes,
         )

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..data.takes import BY_EDIT, NO_MARKER, Blobs, EditOutcome, LabelledChunk, PointRows
-from ..edits.answering import unanswered_of_blobs
 from ..edits.applying import joined
 from ..edits.kinds import NO_EDITS, Edits, Place
 from ..geometry.cameras import NO_CAMERAS, Cameras
+from .answering import unanswered_of_blobs
 from .moments import Moment, MomentKeeper
 from .suspects import find_suspects
 

@@ -2,6 +2,7 @@
 """What the report says of a labelled take, added up chunk by chunk: memory does not grow with the take."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -81,8 +82,8 @@ class TakeSummary:
         for index in range(len(self.suspects) - 1, max(len(self.suspects) - 8, 0) - 1, -1):
             last = self.suspects[index]
             if last.reason == suspect.reason and last.first - 1 <= suspect.first <= last.last + 1:
-                joined = Suspect(min(last.first, suspect.first), max(last.last, suspect.last), suspect.reason)
-                self.suspects[index] = joined
+                ends = min(last.first, suspect.first), max(last.last, suspect.last)
+                self.suspects[index] = replace(last, first=ends[0], last=ends[1], doubtful=last.frames + suspect.frames)
                 return
         self.suspects.append(suspect)
 
