@@ -36,6 +36,7 @@ class RefineJob:
     frames   first and last frame to go by, both included, None for the take's own
     rate     frames a second, None where nobody knows
     up       the axis that points up in the calibration, None for what it says or tells
+    if_refined  write nothing where there is nothing to refine; else the cameras are written as they were
     """
 
     source: Path
@@ -46,6 +47,7 @@ class RefineJob:
     rate: float | None = None
     up: str | None = None
     overwrite: bool = False
+    if_refined: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +77,8 @@ def refine_file(job: RefineJob) -> Generator[Progress, None, Refined]:
             found = yield from within(work, READ, 1.0)
         except UserError as error:
             raise error if error.file else type(error)(error.message, job.source) from error
-        write_cameras(target, found.cameras)
+        if found.refined or not job.if_refined:
+            write_cameras(target, found.cameras)
     return Refined(_report(job, found, rate, perf_counter() - begin), found.cameras)
 
 

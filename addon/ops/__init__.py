@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Operators: thin, each one thing that a person does."""
 
-from . import correcting, exporting, importing, labelling, markersets, quality, training, viewing
+from . import calibration, correcting, exporting, importing, labelling, markersets, quality, training, viewing
 
 CLASSES = (
     *importing.CLASSES,
+    *calibration.CLASSES,
     *markersets.CLASSES,
     *quality.CLASSES,
     *training.CLASSES,

@@ -19,6 +19,7 @@ from ..io.scratch import scratch_folder
 from ..jobs import LabelJob, Labelled, label_file
 from ..props import SceneSettings, chosen_model, frames_wanted, refresh_review, take_name
 from ..scene import cameras as scene_cameras
+from ..scene.calibration import keep_health
 from ..scene.corrections import kept_edits
 from ..scene.occlusion import meshes_on, occlusion_of
 from ..scene.take import (
@@ -139,6 +140,7 @@ class MOCAP_AUTOLABEL_OT_label(WorksInSteps, bpy.types.Operator):
     def _show(self, context, take: Take) -> set[str]:
         settings = context.scene.mocap_autolabel
         settings.take = show_take(context, take, settings.keep_unnamed)
+        keep_health(settings.take, take.doubts)
         refresh_review(context.window_manager, context.scene)
         for words in take.doubts:
             self.report({"WARNING"}, words)

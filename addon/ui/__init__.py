@@ -6,9 +6,9 @@ from contextlib import ExitStack
 import bpy
 
 from ..scene.opened import opened
-from . import handlers, overlay, panels, quality
+from . import calibration, handlers, overlay, panels, quality
 
-CLASSES = (*panels.CLASSES, *quality.CLASSES)
+CLASSES = (*panels.CLASSES, *calibration.CLASSES, *quality.CLASSES)
 
 
 def add_handlers(stack: ExitStack):

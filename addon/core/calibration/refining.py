@@ -28,6 +28,7 @@ class RefineOptions:
 
     parts          of a take that are labelled, spread over it, at most
     part_frames    frames of each at most: what a subject is known by after, and little enough to do twice
+    min_frames     of each, where the take is that long: the subject is looked for anew in each
     max_rounds     of labelling and adjusting: cameras that were moved get their names in the second
     settled_px     a round that moves no camera's image by more is the last
     min_points     seen by three cameras or more, for any refining
@@ -39,6 +40,7 @@ class RefineOptions:
 
     parts: int = 12
     part_frames: int = 40
+    min_frames: int = 10
     max_rounds: int = 3
     settled_px: float = 0.5
     min_points: int = 100
@@ -82,7 +84,7 @@ class Refinement:
 def parts_of(first: int, last: int) -> list[tuple[int, int]]:
     """The frames of a take from `first` to `last` that are looked at: first and last frame of each part, ascending."""
     count = last - first + 1
-    parts = min(REFINING.parts, max(count // 2, 1))
+    parts = min(REFINING.parts, max(count // REFINING.min_frames, 2), count)
     length = min(REFINING.part_frames, count // parts)
     starts = first + np.linspace(0, count - length, parts).round().astype(int)
     return [(int(start), int(start) + length - 1) for start in starts]

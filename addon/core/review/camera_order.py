@@ -70,6 +70,7 @@ class Agreement:
 
     def __init__(self, cameras: Cameras, blobs: list[tuple[np.ndarray, np.ndarray]]):
         self.cameras, self.near = cameras, near_image(cameras)
+        self.frame_count = len(blobs)
         self.blobs = [[xy[camera == name] for camera, xy in blobs] for name in range(len(cameras))]
         self.rays: dict[tuple[int, int], list[np.ndarray]] = {}
         self.known: dict[tuple[int, int, int, int], tuple[float, float]] = {}

@@ -179,8 +179,8 @@ class CameraCheck:
         size = f"about {times:g} times too large" if times > 1 else f"about {1 / times:g} times too small"
         unit = {1000: ", as if millimetres were read as metres", 100: ", as if centimetres were read as metres"}
         return (
-            f"the room seems to be {size}{unit.get(times, '')}: what its cameras see is {high:.3g} m high; expected "
-            "the translations of the calibration in metres"
+            f"the room seems to be {size}{unit.get(times, '')}: what its cameras see is {_plain(high)} m high; "
+            "expected the translations of the calibration in metres"
         )
 
     @cached_property
@@ -253,6 +253,11 @@ class CameraCheck:
                     f"camera {names[index]} seems to have moved since the calibration: its blobs are {offset:.1f} px "
                     "off the points of the other cameras"
                 )
+
+
+def _plain(metres: float) -> str:
+    """A length as people write it, without powers of ten."""
+    return f"{metres:.0f}" if metres >= 10 else f"{metres:.2g}"
 
 
 def _renamed(names: list[str]) -> str:

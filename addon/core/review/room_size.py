@@ -48,21 +48,22 @@ def times_too_large(agreement: Agreement, markerset: MarkerSet) -> tuple[float, 
 
 def sure_points(agreement: Agreement) -> list[np.ndarray]:
     """Frame by frame points (N, 3) m of two blobs, in two cameras, that lie on each other's epipolar lines alone."""
-    frames: list[list[np.ndarray]] = []
+    frames = agreement.frame_count
+    points, numbers = [np.zeros((0, 3))], [np.zeros(0, int)]
     for one, other in combinations(range(len(agreement.cameras)), 2):
+        image, number = [np.zeros((0, 2, 2))], [np.zeros(0, int)]
         for index, (a, b, near) in enumerate(agreement.on_lines(one, other)):
-            if len(frames) <= index:
-                frames.append([])
-            if not near.size:
-                continue
             alone = near & (near.sum(axis=1, keepdims=True) == 1) & (near.sum(axis=0, keepdims=True) == 1)
             first, second = np.nonzero(alone)
-            image = np.concatenate([a[first, :2], b[second, :2]])
-            camera = np.repeat([one, other], len(first))
-            number = np.tile(np.arange(len(first)), 2)
-            frames[index].append(meet_rows(agreement.cameras, camera, image, number, len(first)))
-    joined = [np.concatenate([*parts, np.zeros((0, 3))]) for parts in frames]
-    return [points[np.isfinite(points).all(axis=1)] for points in joined]
+            image.append(np.stack([a[first, :2], b[second, :2]], axis=1))
+            number.append(np.full(len(first), index))
+        pairs = np.concatenate(image)
+        camera, point = np.tile([one, other], len(pairs)), np.repeat(np.arange(len(pairs)), 2)
+        points.append(meet_rows(agreement.cameras, camera, pairs.reshape(-1, 2), point, len(pairs)))
+        numbers.append(np.concatenate(number))
+    places, frame = np.concatenate(points), np.concatenate(numbers)
+    sound = np.isfinite(places).all(axis=1)
+    return [places[sound & (frame == index)] for index in range(frames)]
 
 
 def _extents(points: np.ndarray) -> np.ndarray:
