@@ -12,7 +12,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..data.errors import JobError
-from ..data.takes import Blobs, LabelledChunk
+from ..data.takes import NO_MARKER, Blobs, LabelledChunk
 from ..geometry.cameras import Cameras
 from ..pipelines.blobs import BlobOptions, label_blobs
 from ..pipelines.cross_check import MethodAgreement
@@ -101,12 +101,15 @@ def refine_cameras(
     """
     if len(cameras) < 3:
         raise JobError(f"{len(cameras)} cameras cannot tell which of them was moved; expected three or more")
+    yield 0.0, "look at the room"
+    _refuse_room(_unlabelled(parts, cameras, model))
     given, rounds, doubts = cameras, 0, ()
     while True:
         span = (rounds / REFINING.max_rounds, (rounds + 1) / REFINING.max_rounds)
         labelled, check = yield from _labelled(parts, given, model, options, span)
         if not rounds:
-            _refuse(check)
+            _refuse_room(check)
+            _refuse_nobody(check)
             doubts = tuple(suspect.reason for suspect in check.suspects())
         rounds += 1
         places, more = check.moved, rounds < REFINING.max_rounds
@@ -139,12 +142,25 @@ def _labelled(
     return labelled, check
 
 
-def _refuse(check: CameraCheck):
+def _unlabelled(parts: Sequence[Blobs], cameras: Cameras, model: Model) -> CameraCheck:
+    """What the blobs alone say of the room: labelling in a wrong one takes long and shows nothing."""
+    check = CameraCheck(cameras, model.markerset)
+    for part in parts:
+        nowhere = np.full((len(part.frames), len(model.markerset), 3), np.nan)
+        check.add_named(part, np.full(len(part), NO_MARKER), nowhere)
+    return check
+
+
+def _refuse_room(check: CameraCheck):
     """JobError where moving cameras would mend nothing."""
     if check.wrong_room:
         raise JobError(check.wrong_room)
     if check.order is not None:
         raise JobError(f"{check.suspects()[0].reason}; expected every camera's blobs under its own name")
+
+
+def _refuse_nobody(check: CameraCheck):
+    """JobError where nobody was labelled to go by."""
     if not check.usual > REFINING.min_named:
         raise JobError(
             "nobody was recognised, so there are no named blobs to go by; expected a take of somebody who wears "
@@ -198,7 +214,7 @@ def _judged(
         better = (gain > REFINING.min_gain_px) & (gain > REFINING.min_gain * old)
     refined = bool(better.any() and np.nanmean(gain) > 0)
     cameras, errors = (after, new) if refined else (before, old)
-    turn = np.einsum("cij,cij->c", cameras.rotation, before.rotation)
+    turn = np.linalg.norm(cameras.rotation - before.rotation, axis=(1, 2)) / np.sqrt(8)
     return Refinement(
         cameras,
         refined,
@@ -206,7 +222,7 @@ def _judged(
         errors,
         kept_back.blobs(len(before)),
         np.linalg.norm(cameras.centres - before.centres, axis=1),
-        np.arccos(np.clip((turn - 1) / 2, -1, 1)),
+        2 * np.arcsin(turn),
         rounds,
         frames,
         doubts,

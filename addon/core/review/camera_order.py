@@ -43,9 +43,9 @@ class ChanceOptions:
     beside        from where to where beside an epipolar line blobs are counted that are there by chance, times what
                   counts as on it
     min_blobs     of two cameras in the frames that are looked at, before anything is said of them
-    max_meeting   share of blobs, beyond chance, that two cameras show together which see different things: it was
-                  0.12 at most between cameras of two rooms, and 0.35 at least between a sound camera and the one that
-                  it goes best with
+    max_meeting   share of a camera's blobs, beyond chance, that meet those of the camera it goes best with, where
+                  it goes with none: under calibrations of other rooms the median camera of 15 had 0.11 at most, in 9
+                  sound rooms, recorded ones among them, the poorest camera 0.43
     """
 
     beside: tuple[float, float] = (3.0, 13.0)

@@ -96,13 +96,17 @@ class CameraCheck:
 
     def add(self, blobs: Blobs, chunk: LabelledChunk):
         """Adds a chunk, which follows the last."""
+        self.add_named(blobs, chunk.labels.marker, chunk.motion.expected)
+
+    def add_named(self, blobs: Blobs, marker: np.ndarray, expected: np.ndarray):
+        """The same of F frames whose N blobs are of markers (N,), which the body carries at (F, M, 3) m."""
         self._first = int(blobs.frames[0]) if self._first is None else self._first
         self._last = int(blobs.frames[-1])
         for index in range(len(blobs.frames)):
             if self._count % self._stride == 0:
                 rows = blobs.frame == index
-                kept = (blobs.camera[rows], blobs.xy[rows], chunk.labels.marker[rows])
-                self.frames.append(_Frame(*kept, chunk.motion.expected[index]))
+                kept = (blobs.camera[rows], blobs.xy[rows], marker[rows])
+                self.frames.append(_Frame(*kept, expected[index]))
             self._count += 1
         while len(self.frames) > 2 * STANDING_OUT.frames:
             self.frames, self._stride = self.frames[::2], self._stride * 2
@@ -157,7 +161,8 @@ class CameraCheck:
             return None
         if self._nothing_meets:
             return best_order(self.agreement, np.zeros(0, int))
-        sure = self._known & (self.figures.share > max(STANDING_OUT.max_few * self.usual, STANDING_OUT.min_sure))
+        sure = self.figures.share > max(STANDING_OUT.max_few * self.usual, STANDING_OUT.min_sure)
+        sure |= ~self._known  # by names; what meets is asked of all
         # Of few cameras two that have each other's names spoil the names of all alike; yet they meet no other.
         sure &= ~(self.agreement.meeting() < MEETING_BY_CHANCE.max_meeting)
         return None if (~sure).sum() < 2 else best_order(self.agreement, np.flatnonzero(sure))

@@ -17,14 +17,16 @@ class SizeOptions:
 
     part         of the points, in percent from below and above, that the size is taken without: ghosts and false
                  crossings
-    min_points   in a frame, as parts of the set's markers, before its size is told
+    min_points   in a frame before its size is told: one lamp has none
+    min_part     of the set's markers that these are
     min_frames   whose size is told
     max_times    larger, or smaller, than the set's markers at rest is what a person may be: more people, or one who
                  crouches
     """
 
     part: float = 10.0
-    min_points: float = 0.3
+    min_points: int = 6
+    min_part: float = 0.3
     min_frames: int = 3
     max_times: float = 5.0
 
@@ -35,7 +37,8 @@ SIZING = SizeOptions()
 def times_too_large(agreement: Agreement, markerset: MarkerSet) -> tuple[float, float]:
     """By how many times a room is too large, a power of ten or 1 where it may be right; and m that is seen upwards."""
     rest = _extents(markerset.rest_markers * markerset.spread.height).max()
-    seen = [_extents(points) for points in sure_points(agreement) if len(points) >= SIZING.min_points * len(markerset)]
+    least = max(SIZING.min_points, SIZING.min_part * len(markerset))
+    seen = [_extents(points) for points in sure_points(agreement) if len(points) >= least]
     if len(seen) < SIZING.min_frames:
         return 1.0, np.nan
     along = np.median(seen, axis=0)

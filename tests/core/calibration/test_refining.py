@@ -62,10 +62,9 @@ class Room:
         return finished(refine_cameras(self.parts, cameras, SimpleNamespace(markerset=BODY), None))
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_of_a_good_room_nothing_is_changed(monkeypatch, seed):
-    true = ring_rig(6, generator=np.random.default_rng(seed))
-    found = Room(true, monkeypatch, seed=seed).refine(true)
+def test_of_a_good_room_nothing_is_changed(monkeypatch):
+    true = ring_rig(6, generator=np.random.default_rng(0))
+    found = Room(true, monkeypatch).refine(true)
     assert not found.refined
     assert found.cameras is true
     assert np.array_equal(found.after, found.before)
