@@ -92,18 +92,11 @@ def _read_parts(job: RefineJob, cameras: Cameras) -> Generator[Progress, None, l
     pieces: list[list[Blobs]] = [[] for _ in wanted]
     for rows in read_blobs(job.source, cameras, job.frames):
         for part, frames in zip(pieces, wanted, strict=True):
-            piece = _between(rows.blobs, *frames)
+            piece = rows.blobs.between(*frames)
             if len(piece.frames):
                 part.append(piece)
         yield Progress(READ * rows.fraction, f"read frame {rows.blobs.frames[-1]}")
     return [Blobs.join(part) for part in pieces if part]
-
-
-def _between(blobs: Blobs, first: int, last: int) -> Blobs:
-    """The blobs of the frames from `first` to `last`, by the source's numbers."""
-    low, high = np.searchsorted(blobs.frames, [first, last + 1])
-    rows = (blobs.frame >= low) & (blobs.frame < high)
-    return Blobs(blobs.frames[low:high], blobs.frame[rows] - low, blobs.camera[rows], blobs.xy[rows], blobs.area[rows])
 
 
 def _report(job: RefineJob, found: Refinement, rate: float, seconds: float) -> dict:

@@ -154,7 +154,7 @@ def _unlabelled(parts: Sequence[Blobs], cameras: Cameras, model: Model) -> Camer
 def _refuse_room(check: CameraCheck):
     """JobError where moving cameras would mend nothing."""
     if check.wrong_room:
-        raise JobError(check.wrong_room)
+        raise JobError(f"{check.wrong_room}; expected the calibration that the take was recorded with, in metres")
     if check.order is not None:
         raise JobError(f"{check.suspects()[0].reason}; expected every camera's blobs under its own name")
 

@@ -18,7 +18,7 @@ from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Suspect
 from ..geometry.cameras import Cameras
 from ..geometry.triangulation import meet_rows
 from .camera_order import MEETING_BY_CHANCE, Agreement, best_order
-from .camera_places import Place, find_again
+from .camera_places import CameraPlace, find_again
 from .room_size import times_too_large
 
 
@@ -173,8 +173,7 @@ class CameraCheck:
         if self._nothing_meets and self.order is None:
             return (
                 "the room seems not to be this take's: by this calibration the blobs of no camera meet those of the "
-                f"others ({np.nanmedian(self.agreement.meeting()):.0%} do beyond chance); expected the calibration "
-                "that the take was recorded with"
+                f"others ({np.nanmedian(self.agreement.meeting()):.0%} do beyond chance)"
             )
         if self.order is not None or self.markerset is None:
             return ""
@@ -183,13 +182,10 @@ class CameraCheck:
             return ""
         size = f"about {times:g} times too large" if times > 1 else f"about {1 / times:g} times too small"
         unit = {1000: ", as if millimetres were read as metres", 100: ", as if centimetres were read as metres"}
-        return (
-            f"the room seems to be {size}{unit.get(times, '')}: what its cameras see is {_plain(high)} m high; "
-            "expected the translations of the calibration in metres"
-        )
+        return f"the room seems to be {size}{unit.get(times, '')}: what its cameras see is {_plain(high)} m high"
 
     @cached_property
-    def moved(self) -> dict[int, Place]:
+    def moved(self) -> dict[int, CameraPlace]:
         """Cameras that are named too seldom, found again beside where the calibration has them."""
         with np.errstate(invalid="ignore"):
             lacking = self._known & (self.figures.share < STANDING_OUT.max_lacking * self.usual)
@@ -230,7 +226,7 @@ class CameraCheck:
 
     def _sentences(self) -> Iterator[str]:
         if self.wrong_room:
-            yield self.wrong_room
+            yield f"{self.wrong_room}; expected the calibration that the take was recorded with, in metres"
             return
         if len(self.cameras) < 3:
             return

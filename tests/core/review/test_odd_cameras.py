@@ -210,7 +210,7 @@ def test_a_room_in_the_wrong_unit_is_told_with_how_much(count, times, words):
     told = [suspect.reason for suspect in check.suspects()]
     assert len(told) == bool(words)
     for sentence in told:
-        assert words in sentence and "expected the translations of the calibration in metres" in sentence
+        assert words in sentence and "; expected the calibration that the take was recorded with, in metres" in sentence
         assert float(sentence.split("cameras see is ")[1].split(" m high")[0]) == pytest.approx(1.3 * times, rel=0.2)
 
 
