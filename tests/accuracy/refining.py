@@ -132,7 +132,7 @@ def labelling(folder: Path, model: Path, after: Path) -> str:
 
 
 def virtual() -> str:
-    """A virtual walk in rooms whose cameras were moved by known amounts: how near the refined ones come to the truth."""
+    """A virtual walk in rooms whose cameras were moved by known amounts: how near the refined ones come to them."""
     model, rows = open_model("body26"), []
     for count, which, degrees, millimetres in ROOMS:
         true = ring_rig(count, generator=np.random.default_rng(count))

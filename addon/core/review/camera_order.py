@@ -62,7 +62,7 @@ def near_image(cameras: Cameras) -> np.ndarray:
     return REORDERING.near_px * np.maximum(1.0, cameras.focal / REORDERING.focal_px) / cameras.focal
 
 
-class Agreement:
+class CameraAgreement:
     """Which part of the blobs of two cameras lie on each other's epipolar lines, whatever their names.
 
     blobs are of each of F frames the cameras (N,) and places (N, 2) px.
@@ -181,7 +181,7 @@ class Agreement:
         return np.array([known[index] for index in range(count)])
 
 
-def best_order(agreement: Agreement, sure: np.ndarray) -> np.ndarray | None:
+def best_order(agreement: CameraAgreement, sure: np.ndarray) -> np.ndarray | None:
     """(C,) the name that the blobs of each calibration go by, None where other names mend nothing.
 
     `sure` are cameras that go together as they are; without two of them the pairs that agree best are begun with. Of

@@ -17,7 +17,7 @@ from ..data.markersets import MarkerSet
 from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Suspect
 from ..geometry.cameras import Cameras
 from ..geometry.triangulation import meet_rows
-from .camera_order import MEETING_BY_CHANCE, Agreement, best_order
+from .camera_order import MEETING_BY_CHANCE, CameraAgreement, best_order
 from .camera_places import CameraPlace, find_again
 from .room_size import times_too_large
 
@@ -148,10 +148,10 @@ class CameraCheck:
         return tuple(Suspect(self._first, self._last, words) for words in self._sentences())
 
     @cached_property
-    def agreement(self) -> Agreement:
+    def agreement(self) -> CameraAgreement:
         """Which blobs of the frames with the most of them meet."""
         richest = sorted(self.frames, key=lambda frame: len(frame.camera), reverse=True)[: STANDING_OUT.rich_frames]
-        return Agreement(self.cameras, [(frame.camera, frame.xy) for frame in richest])
+        return CameraAgreement(self.cameras, [(frame.camera, frame.xy) for frame in richest])
 
     @cached_property
     def order(self) -> np.ndarray | None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..data.markersets import MarkerSet
 from ..geometry.triangulation import meet_rows
-from .camera_order import Agreement
+from .camera_order import CameraAgreement
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class SizeOptions:
 SIZING = SizeOptions()
 
 
-def times_too_large(agreement: Agreement, markerset: MarkerSet) -> tuple[float, float]:
+def times_too_large(agreement: CameraAgreement, markerset: MarkerSet) -> tuple[float, float]:
     """By how many times a room is too large, a power of ten or 1 where it may be right; and m that is seen upwards."""
     rest = _extents(markerset.rest_markers * markerset.spread.height).max()
     least = max(SIZING.min_points, SIZING.min_part * len(markerset))
@@ -49,7 +49,7 @@ def times_too_large(agreement: Agreement, markerset: MarkerSet) -> tuple[float, 
     return float(10.0 ** np.round(np.log10(times))), float(along[2])
 
 
-def sure_points(agreement: Agreement) -> list[np.ndarray]:
+def sure_points(agreement: CameraAgreement) -> list[np.ndarray]:
     """Frame by frame points (N, 3) m of two blobs, in two cameras, that lie on each other's epipolar lines alone."""
     frames = agreement.frame_count
     points, numbers = [np.zeros((0, 3))], [np.zeros(0, int)]
