@@ -36,6 +36,7 @@ class RefineJob:
     frames   first and last frame to go by, both included, None for the take's own
     rate     frames a second, None where nobody knows
     up       the axis that points up in the calibration, None for what it says or tells
+    if_refined  write nothing where there is nothing to refine; else the cameras are written as they were
     """
 
     source: Path
@@ -46,6 +47,7 @@ class RefineJob:
     rate: float | None = None
     up: str | None = None
     overwrite: bool = False
+    if_refined: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +77,8 @@ def refine_file(job: RefineJob) -> Generator[Progress, None, Refined]:
             found = yield from within(work, READ, 1.0)
         except UserError as error:
             raise error if error.file else type(error)(error.message, job.source) from error
-        write_cameras(target, found.cameras)
+        if found.refined or not job.if_refined:
+            write_cameras(target, found.cameras)
     return Refined(_report(job, found, rate, perf_counter() - begin), found.cameras)
 
 
@@ -89,18 +92,11 @@ def _read_parts(job: RefineJob, cameras: Cameras) -> Generator[Progress, None, l
     pieces: list[list[Blobs]] = [[] for _ in wanted]
     for rows in read_blobs(job.source, cameras, job.frames):
         for part, frames in zip(pieces, wanted, strict=True):
-            piece = _between(rows.blobs, *frames)
+            piece = rows.blobs.between(*frames)
             if len(piece.frames):
                 part.append(piece)
         yield Progress(READ * rows.fraction, f"read frame {rows.blobs.frames[-1]}")
     return [Blobs.join(part) for part in pieces if part]
-
-
-def _between(blobs: Blobs, first: int, last: int) -> Blobs:
-    """The blobs of the frames from `first` to `last`, by the source's numbers."""
-    low, high = np.searchsorted(blobs.frames, [first, last + 1])
-    rows = (blobs.frame >= low) & (blobs.frame < high)
-    return Blobs(blobs.frames[low:high], blobs.frame[rows] - low, blobs.camera[rows], blobs.xy[rows], blobs.area[rows])
 
 
 def _report(job: RefineJob, found: Refinement, rate: float, seconds: float) -> dict:

@@ -2,6 +2,7 @@
 """Operators: thin, each one thing that a person does."""
 
 from . import (
+    calibration,
     correcting,
     exporting,
     filling,
@@ -18,6 +19,7 @@ from . import (
 
 CLASSES = (
     *importing.CLASSES,
+    *calibration.CLASSES,
     *markersets.CLASSES,
     *quality.CLASSES,
     *training.CLASSES,

@@ -20,6 +20,7 @@ from ..io.scratch import scratch_folder
 from ..jobs import LabelJob, Labelled, label_file
 from ..props import SceneSettings, chosen_model, frames_wanted, refresh_review, take_name
 from ..scene import cameras as scene_cameras
+from ..scene.calibration import keep_health
 from ..scene.corrections import kept_edits
 from ..scene.occlusion import meshes_on, occlusion_of
 from ..scene.relabelled import kept_changes, show_again
@@ -143,6 +144,7 @@ class MOCAP_AUTOLABEL_OT_label(WorksInSteps, bpy.types.Operator):
         settings = context.scene.mocap_autolabel
         take = replace(take, fills=fills_so_far(context.scene, take.source))
         settings.take = show_again(context, take, settings.keep_unnamed, whole=not settings.use_range)
+        keep_health(settings.take, take.doubts)
         refresh_review(context.window_manager, context.scene)
         for words in take.doubts:
             self.report({"WARNING"}, words)

@@ -7,9 +7,9 @@ import bpy
 
 from ..scene.opened import opened
 from ..scene.trouble import forget_trouble
-from . import filling, handlers, overlay, panels, quality, timeline
+from . import calibration, filling, handlers, overlay, panels, quality, timeline
 
-CLASSES = (*panels.CLASSES, *filling.CLASSES, *timeline.CLASSES, *quality.CLASSES)
+CLASSES = (*panels.CLASSES, *calibration.CLASSES, *filling.CLASSES, *timeline.CLASSES, *quality.CLASSES)
 
 
 def add_handlers(stack: ExitStack):

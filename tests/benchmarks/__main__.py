@@ -26,6 +26,7 @@ RUNS: dict[str, Callable[[int], Iterator[cases.Row]]] = {
     "frame": cases.standing_frame,
     "follow": cases.following,
     "occlusion": cases.occlusion,
+    "refine": cases.refining,
 }
 
 

@@ -14,11 +14,18 @@ from addon.core.blobs.subject import Setup
 from addon.core.blobs.subject import name as name_blobs
 from addon.core.body.bodies import Bodies, BodyModel
 from addon.core.body.occlusion import CapsuleOcclusion
+from addon.core.calibration.adjusting import adjusted
+from addon.core.calibration.refining import parts_of, refine_cameras
+from addon.core.calibration.sightings import Sightings
+from addon.core.data.progress import finished
+from addon.core.data.takes import NO_MARKER, Labels
 from addon.core.geometry import rotations
 from addon.core.geometry.views import View
+from addon.core.pipelines.blobs import BlobOptions
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from addon.core.simulation.simulate import CaptureOptions
 from addon.core.simulation.virtual import Act
+from addon.io.models import open_model
 from tests.core.blobs.paper import fit_nine, stages
 from tests.core.scenes import act, built_in, stand
 
@@ -130,3 +137,30 @@ def occlusion(repeats: int) -> Iterator[Row]:
         rays = bodies * len(rig) * len(markerset)
         title = f"occlusion, `{name}`, {rays} rays × {len(markerset.capsules)} capsules"
         yield Row(title, job, ("", "", ""), 20 * repeats, show=milliseconds)
+
+
+def refining(repeats: int) -> Iterator[Row]:
+    """A calibration refined by a take of eight seconds: the bundle adjustment, and all of it."""
+    true = ring_rig(8, generator=np.random.default_rng(5))
+    scene = act(built_in("body26"), true, WALK + WALK, seed=3, options=ROOM)
+    rotation = true.rotation.copy()
+    rotation[3] = rotations.exponential(np.radians([0.3, 0.2, 0.1]))[0] @ rotation[3]
+    moved = replace(true, rotation=rotation, translation=-np.einsum("cij,cj->ci", rotation, true.centres))
+    index = {name: number for number, name in enumerate(scene.markerset.markers)}
+    marker = np.array([index.get(name.partition("|")[0], NO_MARKER) for name in scene.truth])
+    named = Sightings.of([(scene.blobs, Labels(marker, 0 * marker, 0.0 * marker))], moved).spread(moved)
+    title = f"bundle adjustment of 8 cameras and {named.count} points seen {len(named.camera)} times"
+    everyone = np.ones(len(moved), bool)
+    yield Row(title, partial(adjusted, moved, named, everyone), ("", "", ""), repeats, show="{:.2f} s".format)
+    parts = [scene.blobs.between(first, last) for first, last in parts_of(*scene.blobs.frames[[0, -1]].tolist())]
+    frames = sum(len(part.frames) for part in parts)
+    job = partial(refine_all, parts, moved)
+    title = (
+        f"refining a calibration, `body26`, 8 cameras, {len(parts)} parts of the take, {frames} frames in each round"
+    )
+    yield Row(title, job, ("", "", ""), max(repeats // 10, 1), show="{:.1f} s".format)
+
+
+def refine_all(parts, cameras):
+    """Labels, adjusts, labels again."""
+    return finished(refine_cameras(parts, cameras, open_model("body26"), BlobOptions(rate=RATE)))

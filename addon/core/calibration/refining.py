@@ -12,7 +12,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..data.errors import JobError
-from ..data.takes import Blobs, LabelledChunk
+from ..data.takes import NO_MARKER, Blobs, LabelledChunk
 from ..geometry.cameras import Cameras
 from ..pipelines.blobs import BlobOptions, label_blobs
 from ..pipelines.cross_check import MethodAgreement
@@ -28,6 +28,7 @@ class RefineOptions:
 
     parts          of a take that are labelled, spread over it, at most
     part_frames    frames of each at most: what a subject is known by after, and little enough to do twice
+    min_frames     of each, where the take is that long: the subject is looked for anew in each
     max_rounds     of labelling and adjusting: cameras that were moved get their names in the second
     settled_px     a round that moves no camera's image by more is the last
     min_points     seen by three cameras or more, for any refining
@@ -39,6 +40,7 @@ class RefineOptions:
 
     parts: int = 12
     part_frames: int = 40
+    min_frames: int = 10
     max_rounds: int = 3
     settled_px: float = 0.5
     min_points: int = 100
@@ -82,7 +84,7 @@ class Refinement:
 def parts_of(first: int, last: int) -> list[tuple[int, int]]:
     """The frames of a take from `first` to `last` that are looked at: first and last frame of each part, ascending."""
     count = last - first + 1
-    parts = min(REFINING.parts, max(count // 2, 1))
+    parts = min(REFINING.parts, max(count // REFINING.min_frames, 2), count)
     length = min(REFINING.part_frames, count // parts)
     starts = first + np.linspace(0, count - length, parts).round().astype(int)
     return [(int(start), int(start) + length - 1) for start in starts]
@@ -99,12 +101,15 @@ def refine_cameras(
     """
     if len(cameras) < 3:
         raise JobError(f"{len(cameras)} cameras cannot tell which of them was moved; expected three or more")
+    yield 0.0, "look at the room"
+    _refuse_room(_unlabelled(parts, cameras, model))
     given, rounds, doubts = cameras, 0, ()
     while True:
         span = (rounds / REFINING.max_rounds, (rounds + 1) / REFINING.max_rounds)
         labelled, check = yield from _labelled(parts, given, model, options, span)
         if not rounds:
-            _refuse(check)
+            _refuse_room(check)
+            _refuse_nobody(check)
             doubts = tuple(suspect.reason for suspect in check.suspects())
         rounds += 1
         places, more = check.moved, rounds < REFINING.max_rounds
@@ -137,12 +142,25 @@ def _labelled(
     return labelled, check
 
 
-def _refuse(check: CameraCheck):
+def _unlabelled(parts: Sequence[Blobs], cameras: Cameras, model: Model) -> CameraCheck:
+    """What the blobs alone say of the room: labelling in a wrong one takes long and shows nothing."""
+    check = CameraCheck(cameras, model.markerset)
+    for part in parts:
+        nowhere = np.full((len(part.frames), len(model.markerset), 3), np.nan)
+        check.add_named(part, np.full(len(part), NO_MARKER), nowhere)
+    return check
+
+
+def _refuse_room(check: CameraCheck):
     """JobError where moving cameras would mend nothing."""
     if check.wrong_room:
-        raise JobError(check.wrong_room)
+        raise JobError(f"{check.wrong_room}; expected the calibration that the take was recorded with, in metres")
     if check.order is not None:
         raise JobError(f"{check.suspects()[0].reason}; expected every camera's blobs under its own name")
+
+
+def _refuse_nobody(check: CameraCheck):
+    """JobError where nobody was labelled to go by."""
     if not check.usual > REFINING.min_named:
         raise JobError(
             "nobody was recognised, so there are no named blobs to go by; expected a take of somebody who wears "
@@ -196,7 +214,7 @@ def _judged(
         better = (gain > REFINING.min_gain_px) & (gain > REFINING.min_gain * old)
     refined = bool(better.any() and np.nanmean(gain) > 0)
     cameras, errors = (after, new) if refined else (before, old)
-    turn = np.einsum("cij,cij->c", cameras.rotation, before.rotation)
+    turn = np.linalg.norm(cameras.rotation - before.rotation, axis=(1, 2)) / np.sqrt(8)
     return Refinement(
         cameras,
         refined,
@@ -204,7 +222,7 @@ def _judged(
         errors,
         kept_back.blobs(len(before)),
         np.linalg.norm(cameras.centres - before.centres, axis=1),
-        np.arccos(np.clip((turn - 1) / 2, -1, 1)),
+        2 * np.arcsin(turn),
         rounds,
         frames,
         doubts,

@@ -51,6 +51,13 @@ class Blobs:
     def __len__(self) -> int:
         return len(self.frame)
 
+    def between(self, first: int, last: int) -> Self:
+        """Those of the frames from `first` to `last`, both included, by the source's numbers."""
+        low, high = np.searchsorted(self.frames, [first, last + 1])
+        rows = (self.frame >= low) & (self.frame < high)
+        own = self.frame[rows] - low, self.camera[rows], self.xy[rows], self.area[rows]
+        return type(self)(self.frames[low:high], *own)
+
 
 @dataclass(frozen=True, eq=False)
 class Labels:

@@ -51,7 +51,7 @@ FINDING_AGAIN = FindAgainOptions()
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class CameraPlace:
     """Where a camera was found: rotation (3, 3) and translation (3,) m from world to camera.
 
     turned  rad from where it stood by its calibration
@@ -64,7 +64,7 @@ class Place:
     shifted: float
 
 
-def find_again(camera: Cameras, points: np.ndarray, blobs: list[np.ndarray]) -> Place | None:
+def find_again(camera: Cameras, points: np.ndarray, blobs: list[np.ndarray]) -> CameraPlace | None:
     """Where a camera stands by points (F, M, 3) m, NaN where unknown, and its blobs, (N, 2) px for each of F frames.
 
     `camera` is that one alone. None where it cannot be told, or it is where its calibration says.
@@ -85,7 +85,7 @@ def find_again(camera: Cameras, points: np.ndarray, blobs: list[np.ndarray]) -> 
     rotation, translation = turn @ camera.rotation[0], turn @ camera.translation[0] + shift
     angle = np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1))
     moved = np.linalg.norm(rotation.T @ translation + camera.centres[0])
-    return Place(rotation, translation, float(angle), float(moved))
+    return CameraPlace(rotation, translation, float(angle), float(moved))
 
 
 def _inside(camera: Cameras, points: np.ndarray) -> np.ndarray:

@@ -17,8 +17,8 @@ from ..data.markersets import MarkerSet
 from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Suspect
 from ..geometry.cameras import Cameras
 from ..geometry.triangulation import meet_rows
-from .camera_order import MEETING_BY_CHANCE, Agreement, best_order
-from .camera_places import Place, find_again
+from .camera_order import MEETING_BY_CHANCE, CameraAgreement, best_order
+from .camera_places import CameraPlace, find_again
 from .room_size import times_too_large
 
 
@@ -96,13 +96,17 @@ class CameraCheck:
 
     def add(self, blobs: Blobs, chunk: LabelledChunk):
         """Adds a chunk, which follows the last."""
+        self.add_named(blobs, chunk.labels.marker, chunk.motion.expected)
+
+    def add_named(self, blobs: Blobs, marker: np.ndarray, expected: np.ndarray):
+        """The same of F frames whose N blobs are of markers (N,), which the body carries at (F, M, 3) m."""
         self._first = int(blobs.frames[0]) if self._first is None else self._first
         self._last = int(blobs.frames[-1])
         for index in range(len(blobs.frames)):
             if self._count % self._stride == 0:
                 rows = blobs.frame == index
-                kept = (blobs.camera[rows], blobs.xy[rows], chunk.labels.marker[rows])
-                self.frames.append(_Frame(*kept, chunk.motion.expected[index]))
+                kept = (blobs.camera[rows], blobs.xy[rows], marker[rows])
+                self.frames.append(_Frame(*kept, expected[index]))
             self._count += 1
         while len(self.frames) > 2 * STANDING_OUT.frames:
             self.frames, self._stride = self.frames[::2], self._stride * 2
@@ -144,10 +148,10 @@ class CameraCheck:
         return tuple(Suspect(self._first, self._last, words) for words in self._sentences())
 
     @cached_property
-    def agreement(self) -> Agreement:
+    def agreement(self) -> CameraAgreement:
         """Which blobs of the frames with the most of them meet."""
         richest = sorted(self.frames, key=lambda frame: len(frame.camera), reverse=True)[: STANDING_OUT.rich_frames]
-        return Agreement(self.cameras, [(frame.camera, frame.xy) for frame in richest])
+        return CameraAgreement(self.cameras, [(frame.camera, frame.xy) for frame in richest])
 
     @cached_property
     def order(self) -> np.ndarray | None:
@@ -157,7 +161,8 @@ class CameraCheck:
             return None
         if self._nothing_meets:
             return best_order(self.agreement, np.zeros(0, int))
-        sure = self._known & (self.figures.share > max(STANDING_OUT.max_few * self.usual, STANDING_OUT.min_sure))
+        sure = self.figures.share > max(STANDING_OUT.max_few * self.usual, STANDING_OUT.min_sure)
+        sure |= ~self._known  # by names; what meets is asked of all
         # Of few cameras two that have each other's names spoil the names of all alike; yet they meet no other.
         sure &= ~(self.agreement.meeting() < MEETING_BY_CHANCE.max_meeting)
         return None if (~sure).sum() < 2 else best_order(self.agreement, np.flatnonzero(sure))
@@ -168,8 +173,7 @@ class CameraCheck:
         if self._nothing_meets and self.order is None:
             return (
                 "the room seems not to be this take's: by this calibration the blobs of no camera meet those of the "
-                f"others ({np.nanmedian(self.agreement.meeting()):.0%} do beyond chance); expected the calibration "
-                "that the take was recorded with"
+                f"others ({np.nanmedian(self.agreement.meeting()):.0%} do beyond chance)"
             )
         if self.order is not None or self.markerset is None:
             return ""
@@ -178,13 +182,10 @@ class CameraCheck:
             return ""
         size = f"about {times:g} times too large" if times > 1 else f"about {1 / times:g} times too small"
         unit = {1000: ", as if millimetres were read as metres", 100: ", as if centimetres were read as metres"}
-        return (
-            f"the room seems to be {size}{unit.get(times, '')}: what its cameras see is {high:.3g} m high; expected "
-            "the translations of the calibration in metres"
-        )
+        return f"the room seems to be {size}{unit.get(times, '')}: what its cameras see is {_plain(high)} m high"
 
     @cached_property
-    def moved(self) -> dict[int, Place]:
+    def moved(self) -> dict[int, CameraPlace]:
         """Cameras that are named too seldom, found again beside where the calibration has them."""
         with np.errstate(invalid="ignore"):
             lacking = self._known & (self.figures.share < STANDING_OUT.max_lacking * self.usual)
@@ -225,7 +226,7 @@ class CameraCheck:
 
     def _sentences(self) -> Iterator[str]:
         if self.wrong_room:
-            yield self.wrong_room
+            yield f"{self.wrong_room}; expected the calibration that the take was recorded with, in metres"
             return
         if len(self.cameras) < 3:
             return
@@ -253,6 +254,11 @@ class CameraCheck:
                     f"camera {names[index]} seems to have moved since the calibration: its blobs are {offset:.1f} px "
                     "off the points of the other cameras"
                 )
+
+
+def _plain(metres: float) -> str:
+    """A length as people write it, without powers of ten."""
+    return f"{metres:.0f}" if metres >= 10 else f"{metres:.2g}"
 
 
 def _renamed(names: list[str]) -> str:

@@ -12,6 +12,7 @@ from addon.core.data.takes import (
     NO_MARKER,
     NO_STEP,
     STEPS,
+    Blobs,
     Labels,
     PointRows,
     Points,
@@ -106,3 +107,14 @@ def test_points_become_rows_that_call_trajectories_as_their_file_does():
     assert rows.residual.tolist() == [0, 2, 3, 4, 5]
     assert len(rows) == 5
     assert PointRows.of(Points(("",) * 3, xyz, residual, 100.0, 41)).trajectory.tolist() == [0, 2, 0, 1, 2]
+
+
+def test_blobs_between_two_frames_are_those_of_the_frames():
+    frame = np.array([0, 0, 1, 3, 3, 4])
+    blobs = Blobs(np.arange(7, 12), frame, np.arange(6), np.arange(12.0).reshape(6, 2), np.arange(6.0))
+    part = blobs.between(8, 10)
+    assert part.frames.tolist() == [8, 9, 10]
+    assert part.frame.tolist() == [0, 2, 2]
+    assert part.camera.tolist() == part.area.tolist() == [2, 3, 4]
+    assert part.xy.tolist() == [[4, 5], [6, 7], [8, 9]]
+    assert len(blobs.between(20, 30).frames) == len(blobs.between(20, 30)) == 0

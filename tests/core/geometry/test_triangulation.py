@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addon.core.geometry.triangulation import Rays
+from addon.core.geometry.triangulation import Rays, meet_rows
 from addon.core.geometry.views import Sight, split_views
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from tests.core.scenes import blobs_at
@@ -82,3 +82,20 @@ def test_the_wrong_camera_misses_most(wrong):
     met = rays_to(np.array([[0.1, 0.2, 1.1]]), RIG, noise).meet(slots(1))
     assert met.miss[:, 0].argmax() == wrong
     assert met.residual[0] == pytest.approx(np.sqrt(np.mean(met.miss**2)))
+
+
+def test_rows_of_rays_meet_where_a_frames_rays_do():
+    cameras = ring_rig(5, generator=np.random.default_rng(1))
+    points = np.random.default_rng(2).uniform([-0.5, -0.5, 0.1], [0.5, 0.5, 1.8], (6, 3))
+    ideal = cameras.normalised(points)
+    camera, point = np.divmod(np.arange(30), 6)
+    image = ideal[camera, point]
+    assert np.allclose(meet_rows(cameras, camera, image, point, 6), points, atol=1e-6)
+    image[3] += 0.05  # camera 0's ray of point 3
+    without = meet_rows(cameras, camera, image, point, 6, others=True)
+    assert np.linalg.norm(without[3] - points[3]) < 1e-6 < np.linalg.norm(without[9] - points[3])
+    one = point == 2
+    one[2] = False
+    lone = meet_rows(cameras, camera[point == 2][:1], image[point == 2][:1], np.zeros(1, int), 2)
+    assert np.isnan(lone).all()
+    assert np.allclose(meet_rows(cameras, camera[one], image[one], 0 * point[one], 1), points[2:3], atol=1e-6)

@@ -146,6 +146,74 @@ def test_a_calibration_that_is_a_little_off_everywhere_has_no_camera_that_moved(
         assert said(rig, blobs, marker, markers) == []
 
 
+@pytest.mark.parametrize("count", [4, 5, 7])
+def test_of_few_cameras_the_one_that_moved_is_told(count):
+    """Turned by half a degree, which leaves the blobs their names, and by two, which does not."""
+    rig = ring_rig(count, generator=np.random.default_rng(count))
+    for degrees, named, way in ((0.3, True, "px off the points"), (2.0, False, "its blobs fit with it turned by 2.0°")):
+        rotation = rig.rotation.copy()
+        rotation[1] = exponential(np.radians(degrees) * np.array([0.6, -0.64, 0.48]))[0] @ rotation[1]
+        moved = replace(rig, rotation=rotation, translation=-np.einsum("cij,cj->ci", rotation, rig.centres))
+        blobs, marker, markers = captured(moved, count)
+        words = said(rig, blobs, np.where((blobs.camera == 1) & (not named), NO_MARKER, marker), markers)
+        assert len(words) == 1
+        assert words[0].startswith("camera cam2 seems to have moved since the calibration")
+        assert way in words[0]
+
+
+@pytest.mark.parametrize("count", [4, 5])
+def test_of_few_cameras_two_with_each_others_names_spoil_all_names_and_are_told(count):
+    """The labelling gives names by chance then: as many to each camera."""
+    rig = ring_rig(count, generator=np.random.default_rng(count))
+    blobs, marker, markers = captured(rig)
+    lost = np.random.default_rng(0).random(len(marker)) < 0.5
+    words = said(rig, under(blobs, {0: 2, 2: 0}), np.where(lost, NO_MARKER, marker), markers)
+    assert words == ["cameras cam1 and cam3 seem to have each other's names: exchanged, their blobs fit"]
+
+
+@pytest.mark.parametrize("count", [2, 5])
+@pytest.mark.parametrize("named", [True, False])
+def test_a_room_that_is_not_this_takes_is_told_once(count, named):
+    """Whether the labelling saw somebody in it all the same, or nobody."""
+    rig = ring_rig(count, generator=np.random.default_rng(1))
+    blobs, marker, markers = captured(ring_rig(count, radius=5.0, generator=np.random.default_rng(9)))
+    words = said(rig, blobs, np.where(named, marker, NO_MARKER), markers if named else np.full_like(markers, np.nan))
+    assert len(words) == 1
+    assert words[0].startswith("the room seems not to be this take's: by this calibration the blobs of no camera meet")
+
+
+class Worn(list):
+    """As much of a marker set as its size needs."""
+
+    rest_markers = np.random.default_rng(3).uniform([-0.15, -0.15, 0.03], [0.15, 0.15, 1], (MARKERS, 3))
+    spread = SimpleNamespace(height=1.7)
+
+
+@pytest.mark.parametrize("count", [2, 4])
+@pytest.mark.parametrize(
+    ("times", "words"),
+    [
+        (1000, "about 1000 times too large, as if millimetres were read as metres: what its cameras see is "),
+        (100, "about 100 times too large, as if centimetres were read as metres: what its cameras see is "),
+        (10, "about 10 times too large: what its cameras see is "),
+        (1, ""),
+        (0.001, "about 1000 times too small: what its cameras see is "),
+    ],
+)
+def test_a_room_in_the_wrong_unit_is_told_with_how_much(count, times, words):
+    rig = ring_rig(count, generator=np.random.default_rng(count))
+    blobs, marker, markers = captured(rig)
+    room = replace(rig, translation=times * rig.translation)
+    check = CameraCheck(room, Worn([None] * MARKERS))
+    unknown = Labels(np.full_like(marker, NO_MARKER), 0 * marker, 0.0 * marker)
+    check.add(blobs, SimpleNamespace(labels=unknown, motion=SimpleNamespace(expected=np.full_like(markers, np.nan))))
+    told = [suspect.reason for suspect in check.suspects()]
+    assert len(told) == bool(words)
+    for sentence in told:
+        assert words in sentence and "; expected the calibration that the take was recorded with, in metres" in sentence
+        assert float(sentence.split("cameras see is ")[1].split(" m high")[0]) == pytest.approx(1.3 * times, rel=0.2)
+
+
 def test_the_cameras_that_were_really_moved(shared_data):
     """The Qualisys take's cameras 15343 and 15344; named by its own 3D, not by a model."""
     folder = shared_data / "blobs" / "qualisys_run"

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Refine Calibration: cameras that were moved are put where the take's own blobs show them to stand."""
+
+from collections.abc import Callable, Generator
+from pathlib import Path
+
+import bpy
+from bpy.props import StringProperty
+
+from ..core.data.background import drained, in_background
+from ..jobs.refine import Refined, RefineJob, refine_file
+from ..props import chosen_model, frames_wanted
+from ..scene import cameras as scene_cameras
+from ..scene.calibration import show_refined
+from .importing import cameras_at_hand
+from .stepping import WorksInSteps
+
+ENDING = ".refined.toml"
+
+
+class MOCAP_AUTOLABEL_OT_refine_calibration(WorksInSteps, bpy.types.Operator):
+    """Move and turn the cameras so that the take's own named blobs meet; a new calibration is written beside them."""
+
+    bl_idname = "mocap_autolabel.refine_calibration"
+    bl_label = "Refine Calibration"
+    bl_options = {"REGISTER", "UNDO"}
+
+    filepath: StringProperty(
+        name="File",
+        description="The .toml to write; beside the blobs where none is given",
+        subtype="FILE_PATH",
+        options={"SKIP_SAVE"},
+    )
+
+    doing = "Refining the calibration"
+
+    @classmethod
+    def poll(cls, context):
+        settings = context.scene.mocap_autolabel
+        if settings.points_path:
+            cls.poll_message_set("3D points need no cameras")
+            return False
+        if not cameras_at_hand(context.scene):
+            cls.poll_message_set("Import the calibration of the cameras first")
+            return False
+        if not settings.blobs_path:
+            cls.poll_message_set("Import the blobs first: the cameras are refined by them")
+            return False
+        return True
+
+    def steps(self, context):
+        """The refining."""
+        return refine_steps(refine_job_of(context, self.filepath))
+
+    def _show(self, context, refined: Refined) -> set[str]:
+        scene, report = context.scene, refined.report
+        for words in report["camera_doubts"]:
+            self.report({"WARNING"}, words)
+        if not report["refined"]:
+            self.report({"INFO"}, f"Nothing to refine: {_worst(report)}")
+            return {"FINISHED"}
+        settings = scene.mocap_autolabel
+        settings.cameras = show_refined(scene, settings.cameras, refined.cameras, report)
+        self.report({"INFO"}, f"{_worst(report)}, in {Path(report['out']).name}; label again to use it")
+        return {"FINISHED"}
+
+
+def refine_job_of(context: bpy.types.Context, path: str) -> RefineJob:
+    """What the scene's settings ask for; InputError when something is missing."""
+    scene, settings = context.scene, context.scene.mocap_autolabel
+    source = Path(bpy.path.abspath(settings.blobs_path))
+    return RefineJob(
+        source=source,
+        cameras=scene_cameras.cameras_of(settings.cameras, scene),
+        model=chosen_model(settings),
+        out=Path(bpy.path.abspath(path)) if path else free_path(source),
+        frames=frames_wanted(settings),
+        rate=settings.rate,
+        overwrite=bool(path),
+        if_refined=True,
+    )
+
+
+def free_path(source: Path) -> Path:
+    """A name beside the blobs that no file has yet."""
+    path, number = source.with_name(source.stem + ENDING), 1
+    while path.exists():
+        number += 1
+        path = source.with_name(f"{source.stem}-{number}{ENDING}")
+    return path
+
+
+def refine_steps(job: RefineJob) -> Generator[float, None, Refined]:
+    """Refines, yielding how much is done (0 to 1), and returns what came of it. Touches nothing of Blender."""
+
+    def work(tell: Callable[[float], None]) -> Refined:
+        return drained(refine_file(job), tell)
+
+    return in_background(work)
+
+
+def _worst(report: dict) -> str:
+    """The error of the camera that gained most, before and after, in half a sentence."""
+    rows = [(name, row) for name, row in report["cameras"].items() if row["before_px"] is not None]
+    name, row = max(rows, key=lambda pair: pair[1]["before_px"] - pair[1]["after_px"])
+    if not report["refined"]:
+        name, row = max(rows, key=lambda pair: pair[1]["before_px"])
+        return f"no camera is more than {row['before_px']:.2f} px off, {name} the most"
+    return f"camera {name} was {row['before_px']:.2f} px off and is {row['after_px']:.2f} px off now"
+
+
+CLASSES = (MOCAP_AUTOLABEL_OT_refine_calibration,)

@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Refine Calibration in Blender: the new file is written and chosen, errors are told, what is good stays."""
+
+import importlib
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import bpy
+import pytest
+
+from addon.core.geometry.cameras import Cameras
+from addon.io.cameras import read_cameras, write_cameras
+from addon.io.markersets import write_markerset
+from addon.scene import cameras as scene_cameras
+from addon.scene.calibration import kept_health, kept_refinement
+from tests.blender.test_operators import write_blobs
+from tests.core.calibration.test_adjusting import image_error, moved
+
+MOVED = 2
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory, made):
+    """The true room, one in which a camera was moved since, and three seconds of blobs."""
+    folder = tmp_path_factory.mktemp("files")
+    markerset, cameras = made.markerset(), made.cameras()
+    motion = made.motion(markerset, 60)
+    for part in (motion.expected, motion.joints, motion.rotations):
+        part[3:5] = part[2]
+    blobs, _ = made.blobs(markerset, cameras, motion)
+    write_cameras(folder / "room.toml", cameras)
+    write_cameras(folder / "moved.toml", moved(cameras, [MOVED], 0.3, 10, seed=3))
+    write_blobs(folder / "walk.csv", blobs, cameras)
+    write_markerset(folder / "small.markerset.json", markerset)
+    return SimpleNamespace(folder=folder, true=cameras)
+
+
+@pytest.fixture
+def scene(extension, empty, files):
+    """A function that makes a scene in which only *Refine Calibration* is left to press, of a room."""
+
+    def make(room: str):
+        for name in ("cameras", "blobs"):
+            path = files.folder / (room if name == "cameras" else "walk.csv")
+            assert getattr(bpy.ops.mocap_autolabel, f"import_{name}")(filepath=str(path)) == {"FINISHED"}
+        path = str(files.folder / "small.markerset.json")
+        assert bpy.ops.mocap_autolabel.open_markerset(filepath=path) == {"FINISHED"}
+        empty.scene.mocap_autolabel.rate = 60.0
+        return empty.scene
+
+    return make
+
+
+def test_a_moved_camera_is_refined_and_the_new_file_chosen(scene, files):
+    made = scene("moved.toml")
+    settings, true = made.mocap_autolabel, files.true
+    scene_cameras.look_through(made, settings.cameras.objects[MOVED])
+    before = settings.cameras
+    assert bpy.ops.mocap_autolabel.refine_calibration() == {"FINISHED"}
+    path = files.folder / "walk.refined.toml"
+    written, chosen = read_cameras(path), scene_cameras.cameras_of(settings.cameras, made)
+    assert settings.cameras != before
+    assert before.hide_viewport
+    assert image_error(written, true).max() < 0.2
+    assert image_error(chosen, written).max() < 0.01
+    assert scene_cameras.camera_name(made.camera) == true.names[MOVED]
+    assert made.camera.name in settings.cameras.objects
+    report = kept_refinement(settings.cameras)
+    assert Path(report["out"]) == path
+    moved_row = report["cameras"][true.names[MOVED]]
+    assert moved_row["after_px"] < 0.2 < moved_row["before_px"]
+    # With the cameras as they are now there is nothing left to do, and nothing is written.
+    assert bpy.ops.mocap_autolabel.refine_calibration() == {"FINISHED"}
+    assert sorted(each.name for each in files.folder.glob("*.refined.toml")) == ["walk.refined.toml"]
+    assert kept_refinement(settings.cameras) == report
+    path.unlink()
+
+
+def test_the_panel_tells_errors_and_offers_to_label_again(extension, scene, files):
+    made = scene("room.toml")
+    panel = importlib.import_module(f"{extension}.addon.ui.calibration")
+    settings = made.mocap_autolabel
+    row = {"before_px": 2.19, "after_px": 0.41}
+    settings.cameras["mocap_refined"] = json.dumps({"cameras": {"cam 0": row, "cam 1": dict.fromkeys(row)}})
+    said, buttons = [], []
+
+    class Layout:
+        def __getattr__(self, name):
+            return lambda *given, **more: self
+
+        def label(self, text="", icon="NONE"):
+            said.append(text)
+
+        def operator(self, name, text="", icon="NONE"):
+            buttons.append((name, text))
+
+    draw = panel.MOCAP_AUTOLABEL_PT_calibration.draw
+    draw(SimpleNamespace(layout=Layout()), bpy.context)
+    assert buttons == [("mocap_autolabel.refine_calibration", ""), ("mocap_autolabel.label", "Label Again")]
+    assert said[-6:] == ["cam 0", "2.19 px", "0.41 px", "cam 1", "–", "–"]
+    assert "Told when a take is labelled" in said
+
+
+def test_what_is_odd_about_cameras_stays_with_the_take(scene, files):
+    made = scene("moved.toml")
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    [words] = kept_health(made.mocap_autolabel.take)
+    assert words.startswith(f"camera {files.true.names[MOVED]} seems to have moved since the calibration")
+
+
+def test_without_cameras_or_blobs_the_button_says_why(extension, empty, files):
+    module = importlib.import_module(f"{extension}.addon.ops.calibration")
+    operator, said = module.MOCAP_AUTOLABEL_OT_refine_calibration, []
+    cls = SimpleNamespace(poll_message_set=said.append)
+    assert not operator.poll.__func__(cls, empty)
+    assert bpy.ops.mocap_autolabel.import_cameras(filepath=str(files.folder / "room.toml")) == {"FINISHED"}
+    assert not operator.poll.__func__(cls, empty)
+    empty.scene.mocap_autolabel.points_path = "walk.c3d"
+    assert not operator.poll.__func__(cls, empty)
+    assert [words.split(":")[0] for words in said] == [
+        "Import the calibration of the cameras first",
+        "Import the blobs first",
+        "3D points need no cameras",
+    ]
+
+
+def test_a_free_name_is_found(extension, tmp_path):
+    module = importlib.import_module(f"{extension}.addon.ops.calibration")
+    assert module.free_path(tmp_path / "walk.csv").name == "walk.refined.toml"
+    (tmp_path / "walk.refined.toml").touch()
+    assert module.free_path(tmp_path / "walk.csv").name == "walk-2.refined.toml"
+
+
+def test_trouble_is_one_report_and_leaves_nothing(scene, files):
+    made = scene("room.toml")
+    cameras = scene_cameras.cameras_of(made.mocap_autolabel.cameras, made)
+    large = Cameras(
+        cameras.names, cameras.size, cameras.matrix, cameras.distortion, cameras.rotation, 1000 * cameras.translation
+    )
+    made.mocap_autolabel.cameras = scene_cameras.add_cameras(made, large)
+    with pytest.raises(RuntimeError, match="about 1000 times too large"):
+        bpy.ops.mocap_autolabel.refine_calibration()
+    assert not list(files.folder.glob("*.refined.toml"))

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`refine`: the calibration that is written, what is said of each camera, and what cannot be done."""
+
+import json
+
+import numpy as np
+import pytest
+
+from addon.demo.take import MODEL
+from addon.io.cameras import read_cameras, write_cameras
+from tests.core.calibration.test_adjusting import image_error, moved
+
+MOVED = 2
+
+
+@pytest.fixture
+def refine(run, room, tmp_path):
+    def call(*words, cameras=room.cameras, blobs=room.blobs, out="refined.toml"):
+        files = "--cameras", cameras, "--model", MODEL, "--out", tmp_path / out
+        return run("refine", blobs, *files, "--rate", "60", *words)
+
+    return call
+
+
+def test_a_camera_that_was_moved_is_put_where_it_stands(refine, room, tmp_path):
+    true, off = read_cameras(room.cameras), tmp_path / "off.toml"
+    write_cameras(off, moved(true, [MOVED], 0.3, 10))
+    answer = refine("--json", cameras=off)
+    assert (answer.status, answer.err) == (0, "")
+    said, name = json.loads(answer.out), true.names[MOVED]
+    assert said["refined"]
+    assert set(said["cameras"]) == set(true.names)
+    assert {"before_px", "after_px", "blobs", "shifted_mm", "turned_deg"} == set(said["cameras"][name])
+    assert said["cameras"][name]["after_px"] < 0.5 < said["cameras"][name]["before_px"]
+    assert said["cameras"][name]["shifted_mm"] == pytest.approx(10, abs=6)
+    assert any(name in words and "moved" in words for words in said["camera_doubts"])
+    found = read_cameras(tmp_path / "refined.toml")
+    assert image_error(found, true).max() < 0.6 < image_error(read_cameras(off), true)[MOVED] / 2
+    assert found.names == true.names
+    for field in ("size", "matrix", "distortion", "inverse"):
+        assert np.array_equal(getattr(found, field), getattr(true, field))
+
+
+def test_a_good_room_is_written_as_it_was_and_told_so(refine, room, tmp_path):
+    answer = refine()
+    assert (answer.status, answer.err) == (0, "")
+    lines, true = answer.out.splitlines(), read_cameras(room.cameras)
+    assert lines[-1].startswith(f"{tmp_path / 'refined.toml'}: nothing to refine, the cameras are written as they were")
+    assert len(lines) == len(true) + 1
+    for name, line in zip(true.names, lines, strict=False):
+        assert line.split()[0] == name
+        assert " px before, " in line
+        assert line.endswith(" px after")
+    found = read_cameras(tmp_path / "refined.toml")
+    for field in ("rotation", "translation", "matrix", "distortion", "size"):
+        assert np.allclose(getattr(found, field), getattr(true, field), rtol=0, atol=1e-12)
+
+
+def test_what_cannot_be_done(refine, run, room, tmp_path):
+    assert "expected a name that ends in .toml" in refine(out="refined.csv").reason
+    (tmp_path / "refined.toml").write_text("mine")
+    assert "exists already" in refine().reason
+    assert (tmp_path / "refined.toml").read_text() == "mine"
+    before = room.cameras.read_bytes()
+    over = run("refine", room.blobs, "--cameras", room.cameras, "--model", MODEL, "--out", room.cameras, "--overwrite")
+    assert "is read and would be written over" in over.reason
+    assert room.cameras.read_bytes() == before
+    assert refine("--frames", "500:600", out="late.toml").reason.startswith(f"{room.blobs}: has no blobs in frames")
+    two = tmp_path / "two.toml"
+    write_cameras(two, read_cameras(room.cameras).select([0, 1]))
+    blobs = tmp_path / "two.csv"
+    blobs.write_text("".join(line for line in room.blobs.open() if line.split(",")[1] in ("camera", "cam1", "cam2")))
+    answer = refine(cameras=two, blobs=blobs, out="of-two.toml")
+    assert (answer.status, answer.reason.split(":")[0]) == (1, str(blobs))
+    assert "2 cameras cannot tell which of them was moved" in answer.reason
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["refined.toml", "two.csv", "two.toml"]
