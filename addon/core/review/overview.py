@@ -31,7 +31,7 @@ class OverviewOptions:
     least_px, pixel_decades  the same of reprojection errors
     """
 
-    columns: int = 600
+    columns: int = 1000
     per_decade: int = 40
     least_mm: float = 0.001
     decades: int = 7

@@ -197,7 +197,7 @@ def _more(rows: Sequence, most: int, where: str = "the report as JSON") -> Html 
 
 def _found(report: Mapping) -> Html:
     frames = max(report["frames"], 1)
-    residual = any(row["mean_residual_mm"] is not None for row in report["markers"].values())
+    residual = any(row["mean_residual_mm"] for row in report["markers"].values())
     heads = ["Marker", "Found", "Gaps", "Longest"] + (["Residual, mm"] if residual else [])
     rows = []
     for name, row in sorted(report["markers"].items(), key=lambda item: item[1]["labelled_frames"]):
