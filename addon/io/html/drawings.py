@@ -148,7 +148,7 @@ def over_time(log: LengthLog, overview: TakeOverview, title: str) -> Html:
     for frame in frames.tolist():
         x = axes.left + (frame - (overview.first or 0)) / span * (axes.right - axes.left)
         grid.append(element("text", f"{frame}", x=round(x, 1), y=axes.bottom + 16, text_anchor="middle"))
-    words = element("text", "largest", x=axes.right - 4, y=12, text_anchor="end", fill="currentColor", class_="small")
+    words = element("text", "largest", x=axes.right - 4, y=12, text_anchor="end", class_="small")
     return _plot(title, *grid, *lines, words)
 
 
