@@ -11,6 +11,7 @@ from ..demo.best_frame import best_shot
 from ..io.cameras import write_cameras
 from ..io.markersets import open_markerset
 from ..io.whole import check_targets, whole_file
+from ..jobs.job import PAGE
 from ..scoring import compare
 from .arguments import add_overwrite
 from .console import ProgressLine, print_results
@@ -18,7 +19,7 @@ from .evaluate import as_lines, as_result, percent
 
 DESCRIPTION = """Labels a take that the project makes by itself: a virtual person in a virtual room of eight cameras,
 with noise, occlusion, merged blobs and ghosts. Prints how right the labels are, and writes everything to DIR: the
-room, the blobs and their truth, the labels, the labelled take, a Blender file and a picture."""
+room, the blobs and their truth, the labels, the labelled take, its report, a Blender file and a picture."""
 NAME = "walk"
 NO_BLENDER = "Blender is not here, so there is no .blend and no picture; the bpy package or Blender itself makes both."
 
@@ -45,6 +46,7 @@ def run(arguments) -> int:
         rate=demo_take.STAGE.rate,
         trc=True,
         blend=has_blender(),
+        html=True,
         overwrite=arguments.overwrite,
         keep=True,
     )
@@ -67,6 +69,7 @@ def run(arguments) -> int:
         f"{seen}: {captured.blobs} blobs, {captured.ghosts} of them ghosts, {captured.merged} merged",
         *as_lines(agreement),
         f"speed               {labelled.report['timing']['frames_per_second']:9.0f}   frames a second",
+        f"report              {job.path(PAGE)}",
     ]
     if has_blender():
         progress.tell("picture", at_once=True)

@@ -139,8 +139,12 @@ def run(arguments) -> int:
             reports.append(answer)
     progress.clear()
     reports.sort(key=lambda report: [path.stem for path in arguments.inputs].index(report["take"]))
-    folder = _write_folder_page(arguments, reports, failures)
     failed = [{"take": path.stem, "status": error.exit_status, "reason": str(error)} for path, error in failures]
+    folder = None
+    try:
+        folder = _write_folder_page(arguments, reports, failures)
+    except UserError as error:  # the takes are there all the same
+        failures.append((arguments.out, error))
     if arguments.result and not failures:
         with told_of(arguments.result.parent):
             arguments.result.write_text(json.dumps(reports[0]), encoding="utf-8")
@@ -168,7 +172,8 @@ def _write_folder_page(arguments, reports: list[dict], failures: list[tuple[Path
     page = _folder_page(arguments)
     if page is None or not reports:
         return None
-    write_takes_page(page, reports, [(path.stem, str(error)) for path, error in failures])
+    # Whoever gets the page has no use for where the takes lie.
+    write_takes_page(page, reports, [(path.stem, str(error).replace(str(path), path.name)) for path, error in failures])
     return page
 
 

@@ -239,7 +239,7 @@ def unedited_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> S
         str(collection[SOURCE]),
         int(collection[SHIFT]),
         _words(collection, names),
-        model=str(collection[naming.MARKERSET]),
+        model=str(collection.get(naming.MARKERSET, "")),
         parents=tuple(json.loads(collection.get(PARENTS, "[]"))),
     )
 

@@ -19,6 +19,7 @@ from addon.io.cameras import write_cameras
 from addon.io.markersets import open_markerset, write_markerset
 from addon.io.points import read_points
 from addon.scene import naming
+from tests.io.pages import read as read_page
 
 KINDS = (
     "objects",
@@ -505,6 +506,17 @@ def test_exports_are_what_was_labelled(ready, labelling, files, tmp_path):
         np.testing.assert_allclose(points.xyz, stored.motion.markers, atol=1e-5)
 
 
+def test_the_page_of_a_take_of_blobs_shows_its_cameras(ready, labelling, tmp_path):
+    bpy.ops.mocap_autolabel.label()
+    path = tmp_path / "walk.report.html"
+    assert bpy.ops.mocap_autolabel.export_report(filepath=str(path)) == {"FINISHED"}
+    page = read_page(path.read_text(encoding="utf-8"))
+    said = " ".join(" ".join(page.said).split())
+    stored = importlib.import_module("addon.scene.take").stored_take(ready.scene.mocap_autolabel.take, ready.scene)
+    assert all(words in said for words in (*stored.cameras.names, *stored.names, "walk.csv", "30 frames", "small"))
+    assert len(stored.parents) == 9
+
+
 def test_exports_never_replace_what_the_take_was_made_of(ready, labelling, files, tmp_path):
     copy = tmp_path / "walk.csv"
     copy.write_text((files.folder / "walk.csv").read_text())
@@ -512,7 +524,7 @@ def test_exports_never_replace_what_the_take_was_made_of(ready, labelling, files
     bpy.ops.mocap_autolabel.import_blobs(filepath=str(copy))
     bpy.ops.mocap_autolabel.label()
     before = {Path(path): Path(path).read_bytes() for path in (copy, files.markerset)}
-    for export in ("labels", "c3d", "trc"):
+    for export in ("labels", "c3d", "trc", "report"):
         for path in (copy, tmp_path / "link.csv", files.markerset):
             with pytest.raises(RuntimeError, match="would be written over"):
                 getattr(bpy.ops.mocap_autolabel, f"export_{export}")(filepath=str(path))

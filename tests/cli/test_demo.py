@@ -32,6 +32,7 @@ def test_without_blender_everything_but_the_pictures(run, short, monkeypatch, tm
         "walk.csv",
         "walk.csv.truth.csv",
         "walk.labels.csv",
+        "walk.report.html",
         "walk.report.json",
         "walk.trc",
     ]

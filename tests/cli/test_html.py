@@ -11,10 +11,11 @@ import pytest
 
 from addon.demo.take import MODEL
 from addon.io.html.markup import count_of
-from addon.jobs import outcome
+from addon.jobs import outcome, pages
 from tests.io.pages import read
 
 FEW = ("--frames", "100:103")
+FEWEST = ("--frames", "100:100")
 
 
 @pytest.fixture
@@ -75,7 +76,7 @@ def test_several_takes_have_a_page_over_all_of_them(label, takes, tmp_path):
     out = tmp_path / "out"
     inputs = takes("one", "summary", "broken")
     inputs[2].write_text("no,blobs\n")
-    answer = label(*FEW, "--html", "--jobs", "2", blobs=inputs)
+    answer = label(*FEWEST, "--html", "--jobs", "2", blobs=inputs)
     assert answer.status == 2
     assert f"over all takes: {out / 'summary-2.report.html'}" in answer.out
     text = (out / "summary-2.report.html").read_text(encoding="utf-8")
@@ -85,24 +86,38 @@ def test_several_takes_have_a_page_over_all_of_them(label, takes, tmp_path):
     said = page(out / "summary-2.report.html")
     assert "2 takes labelled, 1 failed" in said
     assert "broken" in said
+    assert str(tmp_path) not in text
     assert "summary.csv" in page(out / "summary.report.html")
+
+
+def test_a_page_over_takes_that_cannot_be_written_costs_nothing_else(label, takes, tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(pages, "write_folder_page", full)
+    answer = label(*FEWEST, "--html", "--json", blobs=takes("one", "two"))
+    assert "No space left on device" in answer.reason
+    assert [report["take"] for report in json.loads(answer.out)["takes"]] == ["one", "two"]
+    assert len(list((tmp_path / "out").glob("*.report.html"))) == 2
 
 
 def test_a_page_over_takes_is_replaced_only_by_who_may(label, takes, tmp_path):
     out, inputs = tmp_path / "out", takes("one", "two")
-    assert json.loads(label(*FEW, "--html", "--json", blobs=inputs).out)["summary"] == str(out / "summary.report.html")
+    assert json.loads(label(*FEWEST, "--html", "--json", blobs=inputs).out)["summary"] == str(
+        out / "summary.report.html"
+    )
     (out / "one.report.json").unlink()
     (out / "two.report.json").unlink()
     for path in (*out.glob("one.*"), *out.glob("two.*")):
         path.unlink()
-    refused = label(*FEW, "--html", blobs=inputs)
+    refused = label(*FEWEST, "--html", blobs=inputs)
     assert "summary.report.html: exists already" in refused.reason
     assert [path.name for path in out.iterdir()] == ["summary.report.html"]
-    assert label(*FEW, "--html", "--resume", blobs=inputs).status == 0
+    assert label(*FEWEST, "--html", "--resume", blobs=inputs).status == 0
     (out / "summary.report.html").write_text("my own")
-    assert "summary.report.html: exists already" in label(*FEW, "--html", "--resume", blobs=inputs).reason
+    assert "summary.report.html: exists already" in label(*FEWEST, "--html", "--resume", blobs=inputs).reason
     assert (out / "summary.report.html").read_text() == "my own"
-    assert label(*FEW, "--html", "--resume", "--overwrite", blobs=inputs).status == 0
+    assert label(*FEWEST, "--html", "--resume", "--overwrite", blobs=inputs).status == 0
     assert "2 takes labelled" in page(out / "summary.report.html")
 
 

@@ -74,6 +74,7 @@ def test_chunks_add_up_to_the_whole(frames, cuts):
     for start, stop in pairwise(edges):
         parts.add(chunk(present[start:stop], start, labels=()))
     assert parts.of_markers() == whole.of_markers()
+    assert parts.whole == whole.whole == int((present[:, present.any(axis=0)].all(axis=1) & present.any(axis=1)).sum())
     for index, name in enumerate("AB"):
         runs = "".join("x" if here else "." for here in present[:, index]).split("x")
         gaps = [len(run) for run in runs if run]

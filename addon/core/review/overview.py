@@ -22,21 +22,23 @@ GAP_CELL, NAMED_CELL, DOUBTFUL_CELL, FILLED_CELL, EDITED_CELL = range(len(CELL_S
 
 @dataclass(frozen=True)
 class OverviewOptions:
-    """How finely a take is kept; reckoned, by what a page shows and may weigh.
+    """How finely a take is kept; reckoned, by what a page shows and may weigh, and by memory.
 
     columns      pieces of time at most, an even number; they get longer as the take does
     per_decade   classes of a histogram in which a value grows tenfold: its quantiles are known to 6 %
     least_mm     the smallest length that is told from others, and
     decades      in which all lengths are
     least_px, pixel_decades  the same of reprojection errors
+    at_once      frames whose markers are projected into all cameras at a time
     """
 
-    columns: int = 600
+    columns: int = 1000
     per_decade: int = 40
     least_mm: float = 0.001
     decades: int = 7
     least_px: float = 0.001
     pixel_decades: int = 5
+    at_once: int = 500
 
 
 OVERVIEW = OverviewOptions()
@@ -228,5 +230,8 @@ class TakeOverview:
         camera, frame, marker = rows.camera[named], rows.frame[named], labels.marker[named]
         self.blobs[:, 0] += np.bincount(rows.camera, minlength=count)
         self.blobs[:, 1] += np.bincount(camera, minlength=count)
-        seen = self.cameras.project(chunk.motion.markers)[camera, frame, marker]
-        self.pixels.add(np.linalg.norm(rows.xy[named] - seen, axis=1), camera)
+        for first in range(0, len(chunk.motion.markers), OVERVIEW.at_once):
+            seen = self.cameras.project(chunk.motion.markers[first : first + OVERVIEW.at_once])
+            part = slice(*np.searchsorted(frame, [first, first + OVERVIEW.at_once]).tolist())
+            off = rows.xy[named[part]] - seen[camera[part], frame[part] - first, marker[part]]
+            self.pixels.add(np.linalg.norm(off, axis=1), camera[part])

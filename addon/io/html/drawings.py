@@ -110,10 +110,10 @@ def strip_legend(states: Sequence[str]) -> Html:
 
 
 def histogram(log: LengthLog, title: str) -> Html:
-    """How lengths are spread, over a logarithmic axis, ten classes a decade."""
+    """How lengths are spread, over a logarithmic axis, ten classes a decade; the smallest 1 of 200 are left out."""
     each = OVERVIEW.per_decade // 10
     counts = log.spread.counts[0].reshape(-1, each).sum(axis=1)
-    at = np.flatnonzero(counts > 1e-4 * counts.sum())
+    at = np.flatnonzero((counts > 0) & (np.cumsum(counts) > 0.005 * counts.sum()))
     first, last = at[0] // 10 * 10, -(-(at[-1] + 1) // 10) * 10
     shares = counts[first:last] / counts.sum()
     low, high = OVERVIEW.least_mm * 10.0 ** (np.array([first, last]) / 10)
@@ -148,7 +148,7 @@ def over_time(log: LengthLog, overview: TakeOverview, title: str) -> Html:
     for frame in frames.tolist():
         x = axes.left + (frame - (overview.first or 0)) / span * (axes.right - axes.left)
         grid.append(element("text", f"{frame}", x=round(x, 1), y=axes.bottom + 16, text_anchor="middle"))
-    words = element("text", "largest", x=axes.right - 4, y=12, text_anchor="end", fill="currentColor", class_="small")
+    words = element("text", "largest", x=axes.right - 4, y=12, text_anchor="end", class_="small")
     return _plot(title, *grid, *lines, words)
 
 
@@ -170,7 +170,7 @@ class _Axes:
     high: float
     least: float
     most: float
-    left: float = 52.0
+    left: float = 62.0
     right: float = DRAWING.plot - 28.0
     bottom: float = DRAWING.plot_height - 24.0
     top: float = 18.0

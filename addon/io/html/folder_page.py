@@ -98,8 +98,8 @@ def _markers(reports: Sequence[Mapping]) -> Html | None:
         (
             name_of(name),
             bar(mean, f"Frames with {name}"),
-            percent(least),
-            name_of(take),
+            percent(least) if least < 1 else "–",
+            name_of(take) if least < 1 else "–",
         )
         for mean, name, least, take in sorted(rows, key=lambda row: (row[0], row[2]))
     ]

@@ -33,15 +33,17 @@ table{border-collapse:collapse;width:100%;font-variant-numeric:tabular-nums}
 caption{text-align:left;font-size:.9em;padding-bottom:4px}
 th,td{text-align:left;padding:2px 10px 2px 0;vertical-align:top;border-bottom:1px solid var(--line);font-weight:400}
 thead th{color:var(--soft);font-size:.9em;vertical-align:bottom}
-tbody th{font-weight:600;max-width:16em;overflow-wrap:anywhere}
+tbody th{font-weight:600;min-width:5.5em;max-width:16em;overflow-wrap:anywhere}
 td{overflow-wrap:anywhere;min-width:3.2em}
 .n{text-align:right;white-space:nowrap}
 .bar{display:flex;align-items:center;gap:8px;min-width:150px}
 .bar svg{flex:1;height:11px;min-width:60px}
 .bar span{width:4.6em;text-align:right;white-space:nowrap}
-.time tbody th{width:1%;white-space:nowrap;max-width:11em;overflow:hidden;text-overflow:ellipsis}
+.time{table-layout:fixed}
+.time thead th:first-child{width:8.5em}
+.time tbody th{white-space:nowrap;min-width:0;overflow:hidden;text-overflow:ellipsis}
 .time th,.time td{padding:1px 8px 1px 0;border:0;line-height:1.15;vertical-align:middle;font-size:.85em}
-.time td{padding-right:0;min-width:240px}
+.time td{padding-right:0;min-width:0}
 .time svg{display:block;width:100%;height:11px;background:var(--track)}
 .axis{display:flex;justify-content:space-between;color:var(--soft)}
 .legend{display:flex;flex-wrap:wrap;gap:2px 16px;list-style:none;padding:0;font-size:.9em}
@@ -75,12 +77,12 @@ svg .rest{fill:var(--track)}
 .s .base{stroke-width:6.6}.s .doubtful.base{stroke-width:10}.s .filled.base{stroke-width:3.4}.s .also{stroke-width:2}
 footer{margin-top:3em;color:var(--soft);font-size:.9em}
 @media(max-width:520px){body{font-size:14px}dl{grid-template-columns:1fr}dt{margin-top:4px}
-.time td{min-width:200px}th,td{padding-right:7px}}
+.time thead th:first-child{width:6em}th,td{padding-right:7px}}
 @media print{@page{size:A4;margin:14mm}
 :root{color-scheme:light;--bg:#fff;--ink:#000;--soft:#444;--line:#bbb;--card:#f4f5f6;--track:#e6e7e8;
 --doubtful:#d55e00}
 body{font-size:10pt}main{max-width:none;padding:0}*{print-color-adjust:exact;-webkit-print-color-adjust:exact}
-h2{break-after:avoid}tr,figure,.tiles li{break-inside:avoid}thead{display:table-header-group}
+h2,h3{break-after:avoid}tr,figure,.tiles li{break-inside:avoid}thead{display:table-header-group}
 .wide{overflow:visible}.plot svg{min-width:0}.moments{grid-template-columns:1fr 1fr}
 .moments .views{grid-template-columns:1fr 1fr;gap:4px}}
 """

@@ -197,7 +197,7 @@ def _more(rows: Sequence, most: int, where: str = "the report as JSON") -> Html 
 
 def _found(report: Mapping) -> Html:
     frames = max(report["frames"], 1)
-    residual = any(row["mean_residual_mm"] is not None for row in report["markers"].values())
+    residual = any(row["mean_residual_mm"] for row in report["markers"].values())
     heads = ["Marker", "Found", "Gaps", "Longest"] + (["Residual, mm"] if residual else [])
     rows = []
     for name, row in sorted(report["markers"].items(), key=lambda item: item[1]["labelled_frames"]):
@@ -271,8 +271,9 @@ def _cameras(report: Mapping, overview: TakeOverview) -> Html | None:
         return None
     doubts, said = report.get("camera_doubts", ()), report.get("cameras", {})
     rows = []
-    for index, name in enumerate(names):
-        blobs, named = overview.blobs[index].tolist()
+    shares = overview.blobs[:, 1] / np.maximum(overview.blobs[:, 0], 1)
+    for index in np.argsort(shares, kind="stable").tolist():
+        name, (blobs, named) = names[index], overview.blobs[index].tolist()
         share = named / blobs if blobs else None
         seen = said.get(name, {})
         of_image = seen["named"] / seen["in_image"] if seen.get("in_image") else None
@@ -290,8 +291,8 @@ def _cameras(report: Mapping, overview: TakeOverview) -> Html | None:
         )
     heads = ("Camera", "Blobs", "Named", "Of its markers", "Median, px", "95 of 100, px", "To look at")
     words = (
-        "Blobs and how many of them have a name; how many of the markers in its image have a blob; how far named blobs "
-        "are from where their marker is (reprojection error)"
+        "Blobs and how many of them have a name, the fewest first; how many of the markers in its image have a blob; "
+        "how far named blobs are from where their marker is (reprojection error)"
     )
     return section("Cameras", table(heads, rows, words, (1, 3, 4, 5)))
 
