@@ -252,6 +252,16 @@ class MOCAP_AUTOLABEL_OT_timeline_scroll(OnTimeline, bpy.types.Operator):
     bl_options = {"INTERNAL"}
 
     rows: FloatProperty(name="Rows", description="How many, down the list")
+    on_names: BoolProperty(
+        name="On Names",
+        description="Only with the mouse on the names: on the rows the wheel zooms",
+        options={"SKIP_SAVE"},
+    )
+
+    def invoke(self, context, event):
+        if self.on_names and context.region.type != "CHANNELS":
+            return {"PASS_THROUGH"}
+        return self.execute(context)
 
     def execute(self, context):
         region = next(region for region in context.area.regions if region.type == "WINDOW")
@@ -354,13 +364,9 @@ CLASSES = (
 )
 
 # Of each event: its type, its modifiers, the operator of MOCAP_AUTOLABEL and its properties.
-_EVERYWHERE = (
+_CLICKS = (
     ("LEFTMOUSE", {}, "timeline_click", {}),
     ("LEFTMOUSE", {"shift": True}, "timeline_click", {"extend": True}),
-    ("WHEELDOWNMOUSE", {"shift": True}, "timeline_scroll", {"rows": WHEEL_ROWS}),
-    ("WHEELUPMOUSE", {"shift": True}, "timeline_scroll", {"rows": -WHEEL_ROWS}),
-    ("MIDDLEMOUSE", {}, "timeline_pan", {}),
-    ("TRACKPADPAN", {}, "timeline_pan", {}),
     ("X", {}, "timeline_keys", {}),
     ("DEL", {}, "timeline_keys", {}),
 )
@@ -369,12 +375,18 @@ _ON_ROWS = (
     ("D", {"shift": True}, "timeline_keys", {}),
     ("V", {"ctrl": True}, "timeline_keys", {}),
 )
-_ON_NAMES = (  # where Blender's wheel scrolls, because there is no time to zoom
-    ("WHEELDOWNMOUSE", {}, "timeline_scroll", {"rows": WHEEL_ROWS}),
-    ("WHEELUPMOUSE", {}, "timeline_scroll", {"rows": -WHEEL_ROWS}),
+# Blender asks this keymap of all its views of two dimensions before an editor's own.
+_MOVING = (
+    ("WHEELDOWNMOUSE", {"shift": True}, "timeline_scroll", {"rows": WHEEL_ROWS}),
+    ("WHEELUPMOUSE", {"shift": True}, "timeline_scroll", {"rows": -WHEEL_ROWS}),
+    ("WHEELDOWNMOUSE", {}, "timeline_scroll", {"rows": WHEEL_ROWS, "on_names": True}),
+    ("WHEELUPMOUSE", {}, "timeline_scroll", {"rows": -WHEEL_ROWS, "on_names": True}),
+    ("MIDDLEMOUSE", {}, "timeline_pan", {}),
+    ("TRACKPADPAN", {}, "timeline_pan", {}),
 )
 # By Blender's keymap and the kind of editor that it is for.
 KEYS = {
-    ("Dopesheet", "DOPESHEET_EDITOR"): _EVERYWHERE + _ON_ROWS,
-    ("Animation Channels", "EMPTY"): _EVERYWHERE + _ON_NAMES,
+    ("View2D", "EMPTY"): _MOVING,
+    ("Dopesheet", "DOPESHEET_EDITOR"): _CLICKS + _ON_ROWS,
+    ("Animation Channels", "EMPTY"): _CLICKS,
 }

@@ -85,13 +85,15 @@ def walk() -> Iterator[float]:
     seen["keys left"] = len(bpy.data.actions[0].layers[0].strips[0].channelbags[0].fcurves) == before
     state = bpy.context.window_manager.mocap_autolabel
     for _ in range(8):
-        yield from window.press("WHEELDOWNMOUSE", x_of(at), row_y(8), shift=True, held=False)
+        yield from window.turn_wheel("WHEELDOWNMOUSE", x_of(at), row_y(8), shift=True)
     seen["scrolled"] = state.timeline_scroll
-    yield from window.press("WHEELDOWNMOUSE", names.x + 20, row_y(8), held=False)
+    yield from window.turn_wheel("WHEELDOWNMOUSE", names.x + 20, row_y(8))
     seen["scrolled by names"] = state.timeline_scroll
+    yield from window.drag((x_of(at), row_y(8)), (x_of(at), row_y(8) - int(4 * places.row)), button="MIDDLEMOUSE")
+    seen["panned"] = state.timeline_scroll
     wide = lambda: main.view2d.region_to_view(main.width, 0)[0] - main.view2d.region_to_view(0, 0)[0]  # noqa: E731
     width = wide()
-    yield from window.press("WHEELUPMOUSE", x_of(at), row_y(20), held=False)
+    yield from window.turn_wheel("WHEELUPMOUSE", x_of(at), row_y(8))
     yield 0.5
     seen["zoomed"] = wide() / width
     state.timeline_scroll = 60.0
