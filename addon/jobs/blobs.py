@@ -67,12 +67,12 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         facts = _facts(job, blob_method(settings), cameras, results, agreement)
         facts |= facts_of_edits(job, joined(results.outcomes))
         facts |= {"cameras": check.of_cameras(), "camera_doubts": [doubt.reason for doubt in doubts]}
-        points = results.motion.points()
+        points, fills = results.motion.points(), ()
         if job.fill:
             with timed(clock, "fill"):
-                points, of_gaps = yield from fill_labelled(points, model.markerset)
+                points, of_gaps, fills = yield from fill_labelled(points, model.markerset)
             facts |= of_gaps
-        made = Outcome(points, results.chunks, cameras, results.summary, facts, inputs)
+        made = Outcome(points, results.chunks, cameras, results.summary, facts, inputs, fills=fills)
         report = write_take(job, files, model.markerset, made, clock)
     return Labelled(report, results.chunks if job.keep else [])
 

@@ -8,6 +8,7 @@ from ..blendfile import Chunks, save_blend
 from ..core.data.markersets import MarkerSet
 from ..core.data.takes import PointRows, Points
 from ..core.edits.kinds import NO_EDITS, Edits
+from ..core.filling.kept import KeptFill
 from ..core.geometry.cameras import Cameras
 from ..core.review.summary import TakeSummary
 from ..io.c3d import first_number, names_in_c3d
@@ -29,6 +30,7 @@ class Outcome:
     summary  for the report, and `facts` that only some reports say
     made_of  what the results come from
     edits    of points, those that the labels follow
+    fills    the gaps that were filled, which a Blender file keeps apart from what was measured
     """
 
     points: Points
@@ -38,6 +40,7 @@ class Outcome:
     facts: dict
     made_of: dict
     edits: Edits = NO_EDITS
+    fills: tuple[KeptFill, ...] = ()
 
 
 def write_take(job: LabelJob, files: dict[str, Path], markerset: MarkerSet, made: Outcome, clock: dict) -> dict:
@@ -45,7 +48,8 @@ def write_take(job: LabelJob, files: dict[str, Path], markerset: MarkerSet, made
     rate = made.points.rate
     with timed(clock, "write"):
         if job.blend:
-            save_blend(files[".blend"], job.source, rate, markerset, made.chunks, made.cameras, made.edits)
+            said = made.edits, made.fills
+            save_blend(files[".blend"], job.source, rate, markerset, made.chunks, made.cameras, *said)
         for rows, chunk in made.chunks:
             if isinstance(rows, PointRows):
                 write_point_labels(files[".labels.csv"], rows, chunk.labels, markerset.markers)

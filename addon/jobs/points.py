@@ -53,11 +53,12 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         summary.add(chunk)
         points = labelled_points(take, labelled, markerset)
         facts = _facts(take, chunk.labels, options) | facts_of_edits(job, labelled.outcomes)
+        fills = ()
         if job.fill:
             with timed(clock, "fill"):
-                points, of_gaps = yield from fill_labelled(points, markerset)
+                points, of_gaps, fills = yield from fill_labelled(points, markerset)
             facts |= of_gaps
-        made = Outcome(points, [(rows, chunk)], NO_CAMERAS, summary, facts, inputs, edits)
+        made = Outcome(points, [(rows, chunk)], NO_CAMERAS, summary, facts, inputs, edits, fills)
         report = write_take(job, files, markerset, made, clock)
     return Labelled(report, made.chunks if job.keep else [], edits)
 
