@@ -63,6 +63,14 @@ def scroll_sidebar(down: bool = True) -> Iterator[float]:
     yield 1
 
 
+def grow(kind: str, pixels: int) -> Iterator[float]:
+    """Move the upper edge of the window's largest area of a kind up, or down where `pixels` is less than nothing."""
+    shown = area(kind)
+    with bpy.context.temp_override(area=shown):
+        bpy.ops.screen.area_move("EXEC_DEFAULT", x=shown.x + 20, y=shown.y + shown.height, delta=pixels)
+    yield 1
+
+
 def show_all() -> None:
     """Let the 3D view show everything there is."""
     with bpy.context.temp_override(area=area(), region=region("WINDOW")):

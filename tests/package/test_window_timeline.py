@@ -68,6 +68,13 @@ def test_keys_that_are_not_seen_are_left_alone(seen):
     assert seen["keys left"]
 
 
+def test_gaps_are_filled_beside_the_window_and_esc_stops_it(seen):
+    assert seen["filling"] == ["MOCAP_AUTOLABEL_OT_fill_gaps"]
+    assert seen["filling stopped"] == [0, 0]
+    assert seen["filled"] > 50
+    assert seen["filled after undo"] == 0
+
+
 def test_nothing_is_amiss_in_blenders_log(seen):
     assert "Traceback" not in seen["log"]
     assert seen["timing"]["redraws"] > 10

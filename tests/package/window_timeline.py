@@ -40,11 +40,7 @@ def walk() -> Iterator[float]:
     yield 1
     bpy.ops.mocap_autolabel.show_timeline()
     yield 1
-    # The editor gets most of the window.
-    area = window.area("DOPESHEET_EDITOR")
-    with bpy.context.temp_override(area=area):
-        bpy.ops.screen.area_move("EXEC_DEFAULT", x=area.x + 20, y=area.y + area.height, delta=330)
-    yield 1
+    yield from window.grow("DOPESHEET_EDITOR", 330)
     of("ops.timeline").frame_take(bpy.context, window.area("DOPESHEET_EDITOR"))
     yield 1
     yield from window.screenshot("timeline-whole")
@@ -116,7 +112,43 @@ def walk() -> Iterator[float]:
         seen["rows unfolded"] = len(timeline.shown_runs(bpy.context))
     settings().show_timeline = False
     yield from window.screenshot("timeline-off")
+    yield from fill(of, seen)
     (OUT / "seen.json").write_text(json.dumps(seen, indent=1))
+
+
+def fill(of, seen: dict) -> Iterator[float]:
+    """Fill gaps by the sidebar's buttons: stop once, then let it finish, and take them back."""
+    panel = of("ui.filling").MOCAP_AUTOLABEL_PT_fill_gaps
+    bpy.utils.unregister_class(panel)
+    panel.bl_options = set()  # open from the start
+    bpy.utils.register_class(panel)
+    yield from window.grow("DOPESHEET_EDITOR", -330)
+    yield from window.open_tab("Mocap")
+    yield from window.scroll_sidebar()
+    state, found = bpy.context.window_manager.mocap_autolabel, {}
+    yield from window.buttons(found)
+    seen["buttons"] = sorted(found)
+    sidebar = window.region("UI")
+    x, y = found["mocap_autolabel.fill_gaps"]
+    x = sidebar.x + sidebar.width * 4 // 5  # the last of the three is of the whole take
+    yield from window.click(x, y)
+    running = bpy.context.window_manager.windows[0].modal_operators
+    seen["filling"] = [operator.bl_idname for operator in running]
+    yield from window.press("ESC", x, y)
+    yield 1
+    seen["filling stopped"] = [len(bpy.context.window_manager.windows[0].modal_operators), len(state.fills)]
+    yield from window.click(x, y)
+    until = time.monotonic() + 100
+    while not len(state.fills) and time.monotonic() < until:
+        yield 0.5
+    seen["filled"] = len(state.fills)
+    yield from window.screenshot("fill-gaps")
+    settings = bpy.context.scene.mocap_autolabel
+    settings.show_timeline = True
+    yield from window.screenshot("timeline-filled")
+    bpy.ops.ed.undo()
+    yield 1
+    seen["filled after undo"] = len(bpy.context.window_manager.mocap_autolabel.fills)
 
 
 def looked(at: int) -> dict:
