@@ -218,6 +218,14 @@ class SceneSettings(bpy.types.PropertyGroup):
     fill_longest: IntProperty(
         name="Longest", description="Frames of the longest gap that is filled", default=100, min=1
     )
+    cutoff: FloatProperty(
+        name="Cut-Off",
+        description="What is faster is taken from the markers: 6 Hz is usual for walking, 10 to 20 Hz for sports",
+        default=6.0,
+        min=0.1,
+        soft_max=50.0,
+        precision=1,
+    )
     show_overlay: BoolProperty(
         name="Overlay",
         description="Draw blobs, the body's markers and links over the view",

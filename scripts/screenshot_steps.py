@@ -104,6 +104,7 @@ def fill_and_correct() -> Iterator[float]:
     bpy.ops.mocap_autolabel.timeline_pick(marker="LKNE", first=first + 100, last=first + 100)
     scene.use_preview_range = False
     bpy.ops.mocap_autolabel.show_timeline()
+    bpy.context.window_manager.mocap_autolabel.timeline_scroll = 11.0
     yield 1
 
 

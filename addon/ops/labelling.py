@@ -31,7 +31,7 @@ from ..scene.take import (
     show_take,
     takes_of,
 )
-from .filling import fills_kept, fills_so_far
+from .filling import fills_kept, kept_before
 from .importing import cameras_at_hand
 from .stepping import WorksInSteps
 
@@ -139,7 +139,7 @@ class MOCAP_AUTOLABEL_OT_label(WorksInSteps, bpy.types.Operator):
 
     def _show(self, context, take: Take) -> set[str]:
         settings = context.scene.mocap_autolabel
-        take = replace(take, fills=fills_so_far(context.scene, take.source))
+        take = replace(take, **kept_before(context.scene, take.source))
         settings.take = show_take(context, take, settings.keep_unnamed)
         refresh_review(context.window_manager, context.scene)
         for words in take.doubts:

@@ -6,9 +6,9 @@ from contextlib import ExitStack
 import bpy
 
 from ..scene.opened import opened
-from . import filling, handlers, overlay, panels, quality, timeline
+from . import filling, handlers, overlay, panels, quality, smoothing, timeline
 
-CLASSES = (*panels.CLASSES, *filling.CLASSES, *timeline.CLASSES, *quality.CLASSES)
+CLASSES = (*panels.CLASSES, *filling.CLASSES, *smoothing.CLASSES, *timeline.CLASSES, *quality.CLASSES)
 
 
 def add_handlers(stack: ExitStack):
