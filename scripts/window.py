@@ -66,8 +66,11 @@ def scroll_sidebar(down: bool = True) -> Iterator[float]:
 def grow(kind: str, pixels: int) -> Iterator[float]:
     """Move the upper edge of the window's largest area of a kind up, or down where `pixels` is less than nothing."""
     shown = area(kind)
+    x, y = shown.x + 20, shown.y + shown.height
+    point(x, y)  # Blender moves edges while the pointer is in no region
+    yield WHILE_IT_DRAWS
     with bpy.context.temp_override(area=shown):
-        bpy.ops.screen.area_move("EXEC_DEFAULT", x=shown.x + 20, y=shown.y + shown.height, delta=pixels)
+        bpy.ops.screen.area_move("EXEC_DEFAULT", x=x, y=y, delta=pixels)
     yield 1
 
 
