@@ -65,7 +65,9 @@ def _is_skeleton(_self, item) -> bool:
 
 def _take_changed(self, context):
     self.picked = NOTHING_PICKED
-    context.window_manager.mocap_autolabel.left_gaps.clear()
+    state = context.window_manager.mocap_autolabel
+    state.left_gaps.clear()
+    state.timeline_scroll, state.timeline_unfolded = 0.0, False
     hide_preview(self.preview, self.take is not None)
     refresh_review(context.window_manager, context.scene)
 
@@ -359,7 +361,7 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
         return
     stored = opened.take(collection, scene)
     frames = stored.motion.frames + stored.shift
-    for marker in review_markers(stored.names, stored.motion):
+    for marker in review_markers(stored.names, stored.unfilled):  # what is filled was not found
         row = state.markers.add()
         row.name, row.gaps, row.longest_gap = marker.name, marker.gaps, marker.longest_gap
         row.labelled = marker.labelled / len(frames) if len(frames) else 0.0

@@ -46,6 +46,8 @@ def test_a_gap_is_filled_and_its_keys_are_marked(filled, files):
     assert set(kinds.values()) == {"GENERATED", "KEYFRAME"}
     keys = keys_of("RASI")
     assert np.linalg.norm(np.diff(keys[:, 1:], axis=0), axis=1).max() < 0.2, "it goes where the markers beside it go"
+    row = next(row for row in bpy.context.window_manager.mocap_autolabel.markers if row.name == "RASI")
+    assert row.labelled == pytest.approx(np.isfinite(files.xyz[:, 2, 0]).mean()), "what is filled was not found"
 
 
 def test_exports_tell_what_is_filled_and_what_was_measured(filled, files):

@@ -22,7 +22,7 @@ def seen(blender_program, make_zip, tmp_path_factory):
     (folder / "timeline.json").write_text(json.dumps(task))
     script = Path(__file__).with_name("window_timeline.py")
     try:
-        done = blender_program.window(script, folder, home=folder / "home", seconds=300)
+        done = blender_program.window(script, folder, home=folder / "home", seconds=450)
     except LookupError as reason:
         pytest.skip(str(reason))
     log = done.stdout + done.stderr
