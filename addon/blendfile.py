@@ -18,6 +18,7 @@ from .core.data.errors import InputError, JobError
 from .core.data.markersets import MarkerSet
 from .core.data.takes import Blobs, LabelledChunk, PointRows
 from .core.edits.kinds import NO_EDITS, Edits
+from .core.filling.kept import KeptFill
 from .core.geometry.cameras import Cameras
 from .io.cameras import read_cameras
 from .io.names import written
@@ -88,10 +89,12 @@ def save_blend(
     chunks: Chunks,
     cameras: Cameras,
     edits: Edits = NO_EDITS,
+    fills: tuple[KeptFill, ...] = (),
 ):
     """Saves a Blender file with nothing in it but the take. What was open in this Blender is gone.
 
     Of points those without a name are there as one object, and the edits that the labels follow can be gone on with.
+    Filled gaps are marked, and can be taken back.
     """
     start_blender()
     import bpy
@@ -103,9 +106,8 @@ def save_blend(
     # Blender's texts are UTF-8, and the name of a file may be any bytes.
     name, file = written(source.stem), written(str(source))
     unedited = scenes.join_unedited([chunk for _, chunk in chunks]) if edits else None
-    take = scenes.Take(
-        name, rate, cameras, markerset, rows, labels, motion, suspects, file, edits=edits or None, unedited=unedited
-    )
+    said = {"edits": edits or None, "unedited": unedited, "fills": fills}
+    take = scenes.Take(name, rate, cameras, markerset, rows, labels, motion, suspects, file, **said)
     with silenced():
         bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
         scenes.show_take(bpy.context, take, unnamed=True)

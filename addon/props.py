@@ -68,7 +68,9 @@ def _is_skeleton(_self, item) -> bool:
 
 def _take_changed(self, context):
     self.picked = NOTHING_PICKED
-    context.window_manager.mocap_autolabel.left_gaps.clear()
+    state = context.window_manager.mocap_autolabel
+    state.left_gaps.clear()
+    state.timeline_scroll, state.timeline_unfolded = 0.0, False
     hide_preview(self.preview, self.take is not None)
     refresh_review(context.window_manager, context.scene)
 
@@ -221,6 +223,14 @@ class SceneSettings(bpy.types.PropertyGroup):
     use_fill_longest: BoolProperty(name="Longest", description="Leave gaps that are longer")
     fill_longest: IntProperty(
         name="Longest", description="Frames of the longest gap that is filled", default=100, min=1
+    )
+    cutoff: FloatProperty(
+        name="Cut-Off",
+        description="What is faster is taken from the markers: 6 Hz is usual for walking, 10 to 20 Hz for sports",
+        default=6.0,
+        min=0.1,
+        soft_max=50.0,
+        precision=1,
     )
     show_overlay: BoolProperty(
         name="Overlay",
@@ -399,7 +409,7 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
         return
     stored = opened.take(collection, scene)
     frames = stored.motion.frames + stored.shift
-    for marker in review_markers(stored.names, stored.motion):
+    for marker in review_markers(stored.names, stored.unfilled):  # what is filled was not found
         row = state.markers.add()
         row.name, row.gaps, row.longest_gap = marker.name, marker.gaps, marker.longest_gap
         row.labelled = marker.labelled / len(frames) if len(frames) else 0.0

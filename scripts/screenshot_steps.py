@@ -57,6 +57,11 @@ def steps() -> Iterator[float]:
     yield from label()
     bpy.context.scene.frame_set(bpy.context.scene.frame_start + 100)
     yield from window.screenshot("points-labelled")
+    yield from fill_and_correct()
+    yield from window.grow("DOPESHEET_EDITOR", 330)
+    yield from window.screenshot("timeline")
+    settings.show_timeline = False
+    yield from window.grow("DOPESHEET_EDITOR", -330)
 
     bpy.ops.mocap_autolabel.clear()
     bpy.data.batch_remove([settings.preview])
@@ -79,6 +84,28 @@ def label() -> Iterator[float]:
     until = time.monotonic() + PATIENCE
     while bpy.context.scene.mocap_autolabel.take is None and time.monotonic() < until:
         yield 0.5
+
+
+def fill_and_correct() -> Iterator[float]:
+    """Fill half of the gaps, correct a name in a range of frames, and show the trajectories in the Dope Sheet."""
+    scene = bpy.context.scene
+    names = [item["mocap_marker"] for item in scene.mocap_autolabel.take.all_objects if "mocap_marker" in item]
+    for item in scene.mocap_autolabel.take.all_objects:
+        if item.get("mocap_marker") in names[::2]:
+            item.select_set(True)
+    bpy.ops.mocap_autolabel.fill_gaps("INVOKE_DEFAULT", extent="MARKER")
+    until = time.monotonic() + PATIENCE
+    while not len(bpy.context.window_manager.mocap_autolabel.fills) and time.monotonic() < until:
+        yield 0.5
+    first = scene.frame_start
+    bpy.ops.mocap_autolabel.timeline_pick(marker="LKNE", first=first + 60, last=first + 110)
+    bpy.ops.mocap_autolabel.timeline_pick(marker="RKNE", first=first + 60, last=first + 110, extend=True)
+    bpy.ops.mocap_autolabel.swap_markers(scope="RANGE")
+    bpy.ops.mocap_autolabel.timeline_pick(marker="LKNE", first=first + 100, last=first + 100)
+    scene.use_preview_range = False
+    bpy.ops.mocap_autolabel.show_timeline()
+    bpy.context.window_manager.mocap_autolabel.timeline_scroll = 11.0
+    yield 1
 
 
 def judge() -> Iterator[float]:

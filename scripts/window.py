@@ -63,6 +63,17 @@ def scroll_sidebar(down: bool = True) -> Iterator[float]:
     yield 1
 
 
+def grow(kind: str, pixels: int) -> Iterator[float]:
+    """Move the upper edge of the window's largest area of a kind up, or down where `pixels` is less than nothing."""
+    shown = area(kind)
+    x, y = shown.x + 20, shown.y + shown.height
+    point(x, y)  # Blender moves edges while the pointer is in no region
+    yield WHILE_IT_DRAWS
+    with bpy.context.temp_override(area=shown):
+        bpy.ops.screen.area_move("EXEC_DEFAULT", x=x, y=y, delta=pixels)
+    yield 1
+
+
 def show_all() -> None:
     """Let the 3D view show everything there is."""
     with bpy.context.temp_override(area=area(), region=region("WINDOW")):
@@ -94,27 +105,37 @@ def click(x: int, y: int, **modifiers: bool) -> Iterator[float]:
         yield WHILE_IT_DRAWS
 
 
-def drag(begin: tuple[int, int], end: tuple[int, int], stop: str = "") -> Iterator[float]:
-    """Drag with the left button from a place to another; the key `stop` is pressed before the button is let go."""
+def drag(begin: tuple[int, int], end: tuple[int, int], stop: str = "", button: str = "LEFTMOUSE") -> Iterator[float]:
+    """Drag with a button from a place to another; the key `stop` is pressed before the button is let go."""
     middle = (begin[0] + end[0]) // 2, (begin[1] + end[1]) // 2
     _event("MOUSEMOVE", "NOTHING", *begin)
     yield WHILE_IT_DRAWS
-    _event("LEFTMOUSE", "PRESS", *begin)
+    _event(button, "PRESS", *begin)
     for place in (middle, end):
         yield WHILE_IT_DRAWS
         _event("MOUSEMOVE", "NOTHING", *place)
     yield WHILE_IT_DRAWS
     if stop:
         yield from press(stop, *end)
-    _event("LEFTMOUSE", "RELEASE", *end)
+    _event(button, "RELEASE", *end)
     yield WHILE_IT_DRAWS
 
 
-def press(key: str, x: int, y: int, held: bool = True, **modifiers: bool) -> Iterator[float]:
-    """Press and release a key with the pointer at a place; a wheel is not `held`, so it is only turned."""
-    for value in ("PRESS", "RELEASE") if held else ("PRESS",):
-        _event(key, value, x, y, **modifiers)
+def press(key: str, x: int, y: int) -> Iterator[float]:
+    """Press and release a key with the pointer at a place."""
+    for value in ("PRESS", "RELEASE"):
+        _event(key, value, x, y)
         yield WHILE_IT_DRAWS
+
+
+def turn_wheel(way: str, x: int, y: int, **modifiers: bool) -> Iterator[float]:
+    """Turn the wheel by a notch, `way` WHEELUPMOUSE or WHEELDOWNMOUSE, with the pointer at a place."""
+    point(x - 1, y)
+    yield WHILE_IT_DRAWS
+    point(x, y)
+    yield WHILE_IT_DRAWS
+    _event(way, "PRESS", x, y, **modifiers)
+    yield WHILE_IT_DRAWS
 
 
 def buttons(found: dict[str, tuple[int, int]], step: int = 9) -> Iterator[float]:

@@ -79,12 +79,12 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         of_cameras = {name: row | counts[name] for name, row in check.of_cameras().items()}
         facts |= {"cameras": of_cameras, "camera_doubts": [doubt.reason for doubt in doubts]}
         facts |= facts_of_trouble(trouble, results.summary.suspects)
-        points = results.motion.points()
+        points, fills = results.motion.points(), ()
         if job.fill:
             with timed(clock, "fill"):
-                points, of_gaps = yield from fill_labelled(points, model.markerset)
+                points, of_gaps, fills = yield from fill_labelled(points, model.markerset)
             facts |= of_gaps
-        made = Outcome(points, results.chunks, cameras, results.summary, facts, inputs, overview=overview)
+        made = Outcome(points, results.chunks, cameras, results.summary, facts, inputs, fills=fills, overview=overview)
         report = write_take(job, files, model.markerset, made, clock)
     return Labelled(report, results.chunks if job.keep else [], edits)
 

@@ -48,7 +48,7 @@ class LabelJob:
     body      meshes of the user's own for that; None for those of the marker set's capsules
     edits     what a person said of the labels, or the file of it; None for STEM.edits.json beside the take, if there
     trc       write STEM.trc too
-    fill      fill the markers' gaps in STEM.c3d and STEM.trc; the labels and STEM.blend show what was measured
+    fill      fill the markers' gaps in STEM.c3d, STEM.trc and, marked as such, STEM.blend; labels never are
     blend     save STEM.blend too; needs Blender
     html      write STEM.report.html too
     resume    go on with what a run of the same job left, and put its own files in their places again

@@ -9,6 +9,7 @@ from ..blendfile import Chunks, save_blend
 from ..core.data.markersets import MarkerSet
 from ..core.data.takes import PointRows, Points, Suspect
 from ..core.edits.kinds import NO_EDITS, Edits
+from ..core.filling.kept import KeptFill
 from ..core.geometry.cameras import Cameras
 from ..core.review.overview import TakeOverview
 from ..core.review.summary import TakeSummary
@@ -34,6 +35,7 @@ class Outcome:
     made_of  what the results come from
     edits    of points, those that the labels follow
     overview what the take's page is drawn from; None where the job writes none
+    fills    the gaps that were filled, which a Blender file keeps apart from what was measured
     """
 
     points: Points
@@ -44,6 +46,7 @@ class Outcome:
     made_of: dict
     edits: Edits = NO_EDITS
     overview: TakeOverview | None = None
+    fills: tuple[KeptFill, ...] = ()
 
 
 def write_take(job: LabelJob, files: dict[str, Path], markerset: MarkerSet, made: Outcome, clock: dict) -> dict:
@@ -51,7 +54,8 @@ def write_take(job: LabelJob, files: dict[str, Path], markerset: MarkerSet, made
     rate = made.points.rate
     with timed(clock, "write"):
         if job.blend:
-            save_blend(files[".blend"], job.source, rate, markerset, made.chunks, made.cameras, made.edits)
+            said = made.edits, made.fills
+            save_blend(files[".blend"], job.source, rate, markerset, made.chunks, made.cameras, *said)
         for rows, chunk in made.chunks:
             if isinstance(rows, PointRows):
                 write_point_labels(files[".labels.csv"], rows, chunk.labels, markerset.markers)

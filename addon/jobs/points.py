@@ -62,11 +62,12 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         trouble = TakeTrouble(markerset.markers, take.rate, edits)
         trouble.add(rows, chunk.labels, chunk.motion)
         facts |= facts_of_trouble(trouble, chunk.suspects)
+        fills = ()
         if job.fill:
             with timed(clock, "fill"):
-                points, of_gaps = yield from fill_labelled(points, markerset)
+                points, of_gaps, fills = yield from fill_labelled(points, markerset)
             facts |= of_gaps
-        made = Outcome(points, [(rows, chunk)], NO_CAMERAS, summary, facts, inputs, edits, overview)
+        made = Outcome(points, [(rows, chunk)], NO_CAMERAS, summary, facts, inputs, edits, overview, fills)
         report = write_take(job, files, markerset, made, clock)
     return Labelled(report, made.chunks if job.keep else [], edits)
 

@@ -18,6 +18,7 @@ from ..io.names import written
 from ..props import chosen_markerset, refresh_review
 from ..scene.fills import keep_fills, kept_fills
 from ..scene.opened import opened
+from ..scene.smoothing import kept_cutoff
 from ..scene.stored import Stored
 from ..scene.take import SOURCE, is_take, show_edits, takes_of
 from .correcting import selected_markers
@@ -36,21 +37,23 @@ def extent_property(words: str):
     return EnumProperty(name="Extent", description=words, items=EXTENTS, default="TAKE")
 
 
-def keep_and_show(context: bpy.types.Context, fills: Sequence[KeptFill]):
-    """Gives the active take other fills, and shows what follows."""
+def keep_and_show(context: bpy.types.Context, keep: Callable[[bpy.types.Collection], None]):
+    """Lets `keep` change what the collection of the active take has beside its labels, and shows what follows."""
     scene, collection = context.scene, context.scene.mocap_autolabel.take
     before = opened.take(collection, scene)
-    keep_fills(collection, fills)
+    keep(collection)
     show_edits(collection, before, opened.take(collection, scene), scene.mocap_autolabel.keep_unnamed)
     scene.frame_set(scene.frame_current)
     refresh_review(context.window_manager, scene)
 
 
-def fills_so_far(scene: bpy.types.Scene, source: str) -> tuple[KeptFill, ...]:
-    """What was filled of the take of the same file when it was labelled before."""
+def kept_before(scene: bpy.types.Scene, source: str) -> dict:
+    """The fills and the smoothing of the take of the same file when it was labelled before, as fields of a `Take`."""
     latest = [scene.mocap_autolabel.take, *reversed(takes_of(scene))]
-    same = (take for take in latest if is_take(take) and source and take[SOURCE] == written(source))
-    return next((fills for fills in map(kept_fills, same) if fills), ())
+    for take in latest:
+        if is_take(take) and source and take[SOURCE] == written(source):
+            return {"fills": kept_fills(take), "cutoff": kept_cutoff(take)}
+    return {}
 
 
 def fills_kept(context: bpy.types.Context) -> str:
@@ -118,7 +121,7 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, WorksInSteps, bpy.types.Operator):
             raise InputError("there is no gap to fill; expected a marker that is missing, and seen elsewhere")
         new = kept_fills_of(filled, stored.names, stored.motion.frames)
         if new:
-            keep_and_show(context, replaced_fills(stored.fitting, new))
+            keep_and_show(context, partial(keep_fills, fills=replaced_fills(stored.fitting, new)))
         note_left(context, left_rows(filled.left, stored.names, int(stored.motion.frames[0]) + stored.shift))
         self.report({"INFO"} if new else {"WARNING"}, told_of(filled, new))
         return {"FINISHED"} if new else {"CANCELLED"}
@@ -214,7 +217,8 @@ class MOCAP_AUTOLABEL_OT_take_back_fills(HasFills, bpy.types.Operator):
         gone = [number for number, fill in enumerate(stored.fills) if self._is_meant(context, stored, number, fill)]
         if not gone:
             raise InputError("nothing that was filled is there; expected a filled gap")
-        keep_and_show(context, [fill for number, fill in enumerate(stored.fills) if number not in gone])
+        left = [fill for number, fill in enumerate(stored.fills) if number not in gone]
+        keep_and_show(context, partial(keep_fills, fills=left))
         state = context.window_manager.mocap_autolabel
         state.fill_index = max(min(state.fill_index, len(state.fills) - 1), 0)
         self.report({"INFO"}, f"{len(gone)} fills taken back")

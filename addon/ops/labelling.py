@@ -33,7 +33,7 @@ from ..scene.take import (
     join_unedited,
     takes_of,
 )
-from .filling import fills_kept, fills_so_far
+from .filling import fills_kept, kept_before
 from .importing import cameras_at_hand
 from .stepping import WorksInSteps
 
@@ -142,7 +142,7 @@ class MOCAP_AUTOLABEL_OT_label(WorksInSteps, bpy.types.Operator):
 
     def _show(self, context, take: Take) -> set[str]:
         settings = context.scene.mocap_autolabel
-        take = replace(take, fills=fills_so_far(context.scene, take.source))
+        take = replace(take, **kept_before(context.scene, take.source))
         settings.take = show_again(context, take, settings.keep_unnamed, whole=not settings.use_range)
         keep_health(settings.take, take.doubts)
         refresh_review(context.window_manager, context.scene)

@@ -2,7 +2,7 @@
 """The trajectory timeline: rows over the Dope Sheet that are clicked, dragged along and scrolled."""
 
 import weakref
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import bpy
 from bpy.props import BoolProperty, FloatProperty, IntProperty, StringProperty
@@ -70,10 +70,12 @@ class RowPlaces:
     scroll: float
 
     @classmethod
-    def of(cls, context: bpy.types.Context, region: bpy.types.Region) -> "RowPlaces":
-        """Those in a region of the context's editor."""
+    def of(cls, context: bpy.types.Context, region: bpy.types.Region, rows: int) -> "RowPlaces":
+        """Those of so many rows in a region of the context's editor."""
         scroll = context.window_manager.mocap_autolabel.timeline_scroll
-        return cls(region.height, context.preferences.system.ui_scale, scroll)
+        asked = cls(region.height, context.preferences.system.ui_scale, scroll)
+        # The rows were more, or the editor lower, when it was scrolled.
+        return replace(asked, scroll=min(scroll, asked.most_scroll(rows)))
 
     @property
     def top(self) -> float:
@@ -171,7 +173,7 @@ class MOCAP_AUTOLABEL_OT_timeline_click(OnTimeline, bpy.types.Operator):
 
     def invoke(self, context, event):
         runs, region = shown_runs(context), context.region
-        places = RowPlaces.of(context, region)
+        places = RowPlaces.of(context, region, len(runs))
         row = places.at(event.mouse_region_y)
         if event.mouse_region_y >= places.top:
             return {"PASS_THROUGH"}
@@ -252,6 +254,16 @@ class MOCAP_AUTOLABEL_OT_timeline_scroll(OnTimeline, bpy.types.Operator):
     bl_options = {"INTERNAL"}
 
     rows: FloatProperty(name="Rows", description="How many, down the list")
+    on_names: BoolProperty(
+        name="On Names",
+        description="Only with the mouse on the names: on the rows the wheel zooms",
+        options={"SKIP_SAVE"},
+    )
+
+    def invoke(self, context, event):
+        if self.on_names and context.region.type != "CHANNELS":
+            return {"PASS_THROUGH"}
+        return self.execute(context)
 
     def execute(self, context):
         region = next(region for region in context.area.regions if region.type == "WINDOW")
@@ -261,9 +273,10 @@ class MOCAP_AUTOLABEL_OT_timeline_scroll(OnTimeline, bpy.types.Operator):
 
 def scroll_by(context: bpy.types.Context, region: bpy.types.Region, rows: float):
     """Scrolls so many rows down the list, no further than there are rows."""
-    state = context.window_manager.mocap_autolabel
-    most = RowPlaces.of(context, region).most_scroll(len(shown_runs(context)))
-    state.timeline_scroll = min(max(state.timeline_scroll + rows, 0.0), most)
+    count = len(shown_runs(context))
+    places = RowPlaces.of(context, region, count)
+    scroll = min(max(places.scroll + rows, 0.0), places.most_scroll(count))
+    context.window_manager.mocap_autolabel.timeline_scroll = scroll
     redraw_dope_sheets(context.window_manager)
 
 
@@ -294,7 +307,7 @@ class MOCAP_AUTOLABEL_OT_timeline_pan(OnTimeline, bpy.types.Operator):
         region = next(region for region in context.area.regions if region.type == "WINDOW")
         with context.temp_override(region=region):
             bpy.ops.view2d.pan("EXEC_DEFAULT", deltax=round(-right), deltay=0)
-        scroll_by(context, region, up / RowPlaces.of(context, region).row)
+        scroll_by(context, region, up / (ROW_HEIGHT * context.preferences.system.ui_scale))
 
 
 class MOCAP_AUTOLABEL_OT_show_timeline(bpy.types.Operator):
@@ -354,13 +367,9 @@ CLASSES = (
 )
 
 # Of each event: its type, its modifiers, the operator of MOCAP_AUTOLABEL and its properties.
-_EVERYWHERE = (
+_CLICKS = (
     ("LEFTMOUSE", {}, "timeline_click", {}),
     ("LEFTMOUSE", {"shift": True}, "timeline_click", {"extend": True}),
-    ("WHEELDOWNMOUSE", {"shift": True}, "timeline_scroll", {"rows": WHEEL_ROWS}),
-    ("WHEELUPMOUSE", {"shift": True}, "timeline_scroll", {"rows": -WHEEL_ROWS}),
-    ("MIDDLEMOUSE", {}, "timeline_pan", {}),
-    ("TRACKPADPAN", {}, "timeline_pan", {}),
     ("X", {}, "timeline_keys", {}),
     ("DEL", {}, "timeline_keys", {}),
 )
@@ -369,12 +378,18 @@ _ON_ROWS = (
     ("D", {"shift": True}, "timeline_keys", {}),
     ("V", {"ctrl": True}, "timeline_keys", {}),
 )
-_ON_NAMES = (  # where Blender's wheel scrolls, because there is no time to zoom
-    ("WHEELDOWNMOUSE", {}, "timeline_scroll", {"rows": WHEEL_ROWS}),
-    ("WHEELUPMOUSE", {}, "timeline_scroll", {"rows": -WHEEL_ROWS}),
+# Blender asks this keymap of all its views of two dimensions before an editor's own.
+_MOVING = (
+    ("WHEELDOWNMOUSE", {"shift": True}, "timeline_scroll", {"rows": WHEEL_ROWS}),
+    ("WHEELUPMOUSE", {"shift": True}, "timeline_scroll", {"rows": -WHEEL_ROWS}),
+    ("WHEELDOWNMOUSE", {}, "timeline_scroll", {"rows": WHEEL_ROWS, "on_names": True}),
+    ("WHEELUPMOUSE", {}, "timeline_scroll", {"rows": -WHEEL_ROWS, "on_names": True}),
+    ("MIDDLEMOUSE", {}, "timeline_pan", {}),
+    ("TRACKPADPAN", {}, "timeline_pan", {}),
 )
 # By Blender's keymap and the kind of editor that it is for.
 KEYS = {
-    ("Dopesheet", "DOPESHEET_EDITOR"): _EVERYWHERE + _ON_ROWS,
-    ("Animation Channels", "EMPTY"): _EVERYWHERE + _ON_NAMES,
+    ("View2D", "EMPTY"): _MOVING,
+    ("Dopesheet", "DOPESHEET_EDITOR"): _CLICKS + _ON_ROWS,
+    ("Animation Channels", "EMPTY"): _CLICKS,
 }

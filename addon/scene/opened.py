@@ -8,10 +8,11 @@ import bpy
 from ..core.edits.kinds import Edits
 from . import cameras as scene_cameras
 from .corrections import edited, kept_edits, kept_text, text_of
-from .fills import filled_in, fills_text, kept_fills
+from .fills import fills_text
 from .preview import holds_points, read_points_preview, read_preview
+from .smoothing import kept_cutoff
 from .stored import Stored
-from .take import unedited_take
+from .take import finished_take, unedited_take
 
 
 @dataclass
@@ -20,16 +21,16 @@ class Opened:
 
     stored  takes as the program labelled them, and what waits to be labelled
     edited  takes with their edits, beside the text of these: another text, after an undo as well, is another take
-    filled  takes with their fills, beside the text of these and the take that they are in
+    final   takes with their fills, and smoothed, beside the text and cut-off of these and the take that they are in
     """
 
     stored: dict[int, Stored] = field(default_factory=dict)
     edited: dict[int, tuple[str, Stored]] = field(default_factory=dict)
-    filled: dict[int, tuple[str, Stored, Stored]] = field(default_factory=dict)
+    final: dict[int, tuple[tuple[str | None, float | None], Stored, Stored]] = field(default_factory=dict)
 
     def take(self, collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
-        """The take that `collection` holds, as its edits and fills have it."""
-        return self._with_fills(collection, self._as_edited(collection, scene))
+        """The take that `collection` holds, as its edits, fills and smoothing have it."""
+        return self._final(collection, self._as_edited(collection, scene))
 
     def _as_edited(self, collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
         text = kept_text(collection)
@@ -41,23 +42,23 @@ class Opened:
         return self._edited(collection, scene, kept_edits(collection), text)
 
     def take_with(self, collection: bpy.types.Collection, scene: bpy.types.Scene, edits: Edits) -> Stored:
-        """The take that `collection` holds as it is with `edits`, and with its fills."""
-        return self._with_fills(collection, self._edited(collection, scene, edits, text_of(edits)))
+        """The take that `collection` holds as it is with `edits`, its fills and smoothing."""
+        return self._final(collection, self._edited(collection, scene, edits, text_of(edits)))
 
     def _edited(self, collection: bpy.types.Collection, scene: bpy.types.Scene, edits: Edits, text: str) -> Stored:
         after = edited(self.unedited(collection, scene), edits)
         self.edited[collection.session_uid] = (text, after)
         return after
 
-    def _with_fills(self, collection: bpy.types.Collection, stored: Stored) -> Stored:
-        text = fills_text(collection)
-        if text is None:
+    def _final(self, collection: bpy.types.Collection, stored: Stored) -> Stored:
+        said = fills_text(collection), kept_cutoff(collection)
+        if said == (None, None):
             return stored
-        kept = self.filled.get(collection.session_uid)
-        if kept is not None and kept[0] == text and kept[1] is stored:
+        kept = self.final.get(collection.session_uid)
+        if kept is not None and kept[0] == said and kept[1] is stored:
             return kept[2]
-        after = filled_in(stored, kept_fills(collection))
-        self.filled[collection.session_uid] = (text, stored, after)
+        after = finished_take(collection, stored)
+        self.final[collection.session_uid] = (said, stored, after)
         return after
 
     def unedited(self, collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
@@ -81,7 +82,7 @@ class Opened:
         """Lets go of everything: another file was loaded, something was undone, or the extension ends."""
         self.stored.clear()
         self.edited.clear()
-        self.filled.clear()
+        self.final.clear()
 
 
 opened = Opened()

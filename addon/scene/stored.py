@@ -25,7 +25,8 @@ class Stored:
     parents   of each joint of the skeleton, -1 for the root; none where the file does not keep them
     fills     gaps that were filled; `motion` has those that go with it
     misfits   why each fill does not go with the take as it is now, "" where it does
-    measured  the motion without fills; None where that is `motion`
+    measured  the motion without fills and not smoothed; None where that is `motion`
+    cutoff    Hz, by which `motion` is smoothed; None where it is not
     """
 
     name: str
@@ -46,6 +47,7 @@ class Stored:
     fills: tuple[KeptFill, ...] = ()
     misfits: tuple[str, ...] = ()
     measured: Motion | None = None
+    cutoff: float | None = None
 
     @property
     def unfilled(self) -> Motion:

@@ -14,6 +14,7 @@ from ..core.data.takes import STEPS, Blobs, LabelledChunk, Labels, Motion, Point
 from ..core.edits.applying import names_of
 from ..core.edits.kinds import Edits
 from ..core.filling.kept import KeptFill, filled_samples, put_fills
+from ..core.filling.smoothing import smoothed
 from ..core.geometry import rotations
 from ..core.geometry.cameras import NO_CAMERAS, Cameras
 from . import armature as armatures
@@ -24,6 +25,7 @@ from .body import add_body
 from .cloud import FRAME, add_cloud, cloud_table
 from .corrections import edited, keep_edits, kept_edits
 from .fills import FILL_PATHS, filled_in, keep_fills, kept_fills
+from .smoothing import keep_cutoff, kept_cutoff, smoothed_in
 from .stored import Stored
 
 ROWS, MOTION, POSE, FRAME_TABLE = "mocap_blobs", "mocap_motion", "mocap_pose", "mocap_frames"
@@ -60,6 +62,7 @@ class Take:
     edits      what a person said of the points, which the labels follow; None where nobody said anything
     unedited   the program's own labels, of which the edits give these; None where they are these
     fills      gaps that were filled, which `motion` has not
+    cutoff     Hz, by which the markers are shown smoothed, which `motion` is not; None for as they are
     """
 
     name: str
@@ -75,6 +78,7 @@ class Take:
     edits: Edits | None = None
     unedited: Labels | None = None
     fills: tuple[KeptFill, ...] = ()
+    cutoff: float | None = None
 
 
 def join_rows(chunks: Sequence[Blobs] | Sequence[PointRows]) -> Blobs | PointRows:
@@ -135,6 +139,8 @@ def show_take(context: bpy.types.Context, take: Take, unnamed: bool = False) -> 
     empties = _child(collection, f"{collection.name} markers")
     names = take.markerset.markers
     motion, misfits = put_fills(take.motion, names, take.fills)
+    if take.cutoff is not None:
+        motion = replace(motion, markers=smoothed(motion.markers, take.rate, take.cutoff))
     fitting = [fill for fill, misfit in zip(take.fills, misfits, strict=True) if not misfit]
     scene_markers.add_markers(
         empties, action, names, motion, frames, filled_samples(take.motion.frames, names, fitting)
@@ -214,11 +220,17 @@ def holds_points(collection: bpy.types.Collection | None) -> bool:
 
 
 def stored_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
-    """A take as the file keeps it with its edits and fills, in any session after the one that labelled it."""
-    edits, fills = kept_edits(collection), kept_fills(collection)
+    """A take as the file keeps it with its edits, fills and smoothing, in any session after its labelling."""
+    edits = kept_edits(collection)
     stored = unedited_take(collection, scene)
-    stored = stored if edits is None else edited(stored, edits)
-    return filled_in(stored, fills) if fills else stored
+    return finished_take(collection, stored if edits is None else edited(stored, edits))
+
+
+def finished_take(collection: bpy.types.Collection, stored: Stored) -> Stored:
+    """A take with its fills in it, and then smoothed, as the file has these; `stored` has its edits and neither."""
+    fills, cutoff = kept_fills(collection), kept_cutoff(collection)
+    after = filled_in(stored, fills) if fills else stored
+    return after if cutoff is None else smoothed_in(after, cutoff)
 
 
 def unedited_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
@@ -311,6 +323,7 @@ def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Coll
     if take.edits is not None:
         keep_edits(collection, take.edits)
     keep_fills(collection, take.fills)
+    keep_cutoff(collection, take.cutoff)
 
 
 def _suspect_row(suspect: Suspect) -> list:

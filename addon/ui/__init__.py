@@ -7,9 +7,16 @@ import bpy
 
 from ..scene.opened import opened
 from ..scene.trouble import forget_trouble
-from . import calibration, filling, handlers, overlay, panels, quality, timeline
+from . import calibration, filling, handlers, overlay, panels, quality, smoothing, timeline
 
-CLASSES = (*panels.CLASSES, *calibration.CLASSES, *filling.CLASSES, *timeline.CLASSES, *quality.CLASSES)
+CLASSES = (
+    *panels.CLASSES,
+    *calibration.CLASSES,
+    *filling.CLASSES,
+    *smoothing.CLASSES,
+    *timeline.CLASSES,
+    *quality.CLASSES,
+)
 
 
 def add_handlers(stack: ExitStack):

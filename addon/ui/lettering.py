@@ -14,7 +14,7 @@ import numpy as np
 from gpu_extras.batch import batch_for_shader
 from mathutils import Matrix
 
-COLUMNS = 32  # letters in a row of the texture
+LETTERS_IN_A_ROW = 32  # letters in a row of the texture
 
 LETTER_VERTEX = """
 void main()
@@ -100,8 +100,8 @@ class Letters:
             return
         widest = max(self.steps.values())
         self.cell, self.below = (int(widest) + 4, int(1.6 * self.size) + 2), int(0.4 * self.size) + 1
-        rows = (len(self.places) + COLUMNS - 1) // COLUMNS
-        wide, high = COLUMNS * self.cell[0], rows * self.cell[1]
+        rows = (len(self.places) + LETTERS_IN_A_ROW - 1) // LETTERS_IN_A_ROW
+        wide, high = LETTERS_IN_A_ROW * self.cell[0], rows * self.cell[1]
         self.picture = gpu.types.GPUOffScreen(wide, high)
         with self.picture.bind(), gpu.matrix.push_pop(), gpu.matrix.push_pop_projection():
             gpu.state.active_framebuffer_get().clear(color=(0.0, 0.0, 0.0, 0.0))
@@ -111,7 +111,12 @@ class Letters:
             blf.size(0, self.size)
             blf.color(0, 1.0, 1.0, 1.0, 1.0)
             for letter, place in self.places.items():
-                blf.position(0, place % COLUMNS * self.cell[0] + 1, place // COLUMNS * self.cell[1] + self.below, 0)
+                blf.position(
+                    0,
+                    place % LETTERS_IN_A_ROW * self.cell[0] + 1,
+                    place // LETTERS_IN_A_ROW * self.cell[1] + self.below,
+                    0,
+                )
                 blf.draw(0, letter)
 
     def _draw_boxes(self, starts: np.ndarray, places: np.ndarray, colours: np.ndarray):
@@ -120,7 +125,7 @@ class Letters:
         # A letter may reach a pixel beyond its step to either side.
         corner = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
         ends = starts[:, None] - [1, 0] + corner * np.array(self.cell)
-        cells = np.column_stack([places % COLUMNS, places // COLUMNS])[:, None] + corner
+        cells = np.column_stack([places % LETTERS_IN_A_ROW, places // LETTERS_IN_A_ROW])[:, None] + corner
         size = np.array([self.picture.width, self.picture.height]) / np.array(self.cell)
         faces = (4 * np.arange(len(starts))[:, None] + [0, 1, 2, 0, 2, 3]).reshape(-1, 3)
         content = {

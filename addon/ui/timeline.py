@@ -150,7 +150,7 @@ def draw_rows():
     if not timeline_shown(context):
         return
     runs, region = shown_runs(context), context.region
-    places, pixels = RowPlaces.of(context, region), Pixels(region)
+    places, pixels = RowPlaces.of(context, region, len(runs)), Pixels(region)
     _drawn.ready(runs)
     with pixels:
         draw_ground(context, pixels, runs, places)
@@ -175,7 +175,7 @@ def draw_names_beside():
     if not timeline_shown(context):
         return
     runs, region = shown_runs(context), context.region
-    places, pixels = RowPlaces.of(context, region), Pixels(region)
+    places, pixels = RowPlaces.of(context, region, len(runs)), Pixels(region)
     with pixels:
         draw_ground(context, pixels, runs, places)
         draw_names(context, pixels, runs, places)

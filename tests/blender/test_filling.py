@@ -46,6 +46,8 @@ def test_a_gap_is_filled_and_its_keys_are_marked(filled, files):
     assert set(kinds.values()) == {"GENERATED", "KEYFRAME"}
     keys = keys_of("RASI")
     assert np.linalg.norm(np.diff(keys[:, 1:], axis=0), axis=1).max() < 0.2, "it goes where the markers beside it go"
+    row = next(row for row in bpy.context.window_manager.mocap_autolabel.markers if row.name == "RASI")
+    assert row.labelled == pytest.approx(np.isfinite(files.xyz[:, 2, 0]).mean()), "what is filled was not found"
 
 
 def test_exports_tell_what_is_filled_and_what_was_measured(filled, files):
@@ -179,3 +181,21 @@ def test_what_cannot_be_filled_is_one_sentence(labelled):
     choose("LKNE")
     with pytest.raises(RuntimeError, match="nothing that was filled is there; expected"):
         bpy.ops.mocap_autolabel.take_back_fills(extent="GAP")
+
+
+def test_the_command_lines_fills_are_marked_in_its_blender_file(labelled, files, extension, tmp_path):
+    jobs = importlib.import_module(f"{extension}.addon.jobs")
+    out = tmp_path / "out"
+    out.mkdir()
+    job = jobs.LabelJob(files.take, None, str(files.folder / "small.markerset.json"), out, blend=True, fill=True)
+    for _ in jobs.label_file(job):
+        pass
+    bpy.ops.wm.open_mainfile(filepath=str(out / "walk.blend"))
+    assert "RASI" in {row[0] for row in rows()}
+    assert all(row[3] == "" for row in rows())
+    frames = [frame for frame, kind in kinds_of("RASI").items() if kind == "GENERATED"]
+    assert set(range(101 + GAP.start, 101 + GAP.stop)) <= set(frames)
+    bpy.ops.mocap_autolabel.export_c3d(filepath=str(out / "ours.c3d"))
+    ours, theirs = (read_points(out / name) for name in ("ours.c3d", "walk.c3d"))
+    np.testing.assert_allclose(ours.xyz, theirs.xyz, atol=1e-5)
+    np.testing.assert_array_equal(ours.residual == 0, theirs.residual == 0)

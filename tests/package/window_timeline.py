@@ -40,19 +40,20 @@ def walk() -> Iterator[float]:
     yield 1
     bpy.ops.mocap_autolabel.show_timeline()
     yield 1
-    # The editor gets most of the window.
-    area = window.area("DOPESHEET_EDITOR")
-    with bpy.context.temp_override(area=area):
-        bpy.ops.screen.area_move("EXEC_DEFAULT", x=area.x + 20, y=area.y + area.height, delta=330)
-    yield 1
+    yield from window.grow("DOPESHEET_EDITOR", 330)
     of("ops.timeline").frame_take(bpy.context, window.area("DOPESHEET_EDITOR"))
     yield 1
+    if task.get("timing"):
+        seen["timing"] = yield from times(of)
+        (OUT / "seen.json").write_text(json.dumps(seen, indent=1))
+        return
     yield from window.screenshot("timeline-whole")
 
     main, names = window.region("WINDOW", "DOPESHEET_EDITOR"), window.region("CHANNELS", "DOPESHEET_EDITOR")
     timeline = of("ops.timeline")
     with bpy.context.temp_override(area=window.area("DOPESHEET_EDITOR"), region=main):
-        runs, places = timeline.shown_runs(bpy.context), timeline.RowPlaces.of(bpy.context, main)
+        runs = timeline.shown_runs(bpy.context)
+        places = timeline.RowPlaces.of(bpy.context, main, len(runs))
     row_y = lambda row: int(main.y + places.upper(row) - 0.5 * places.row)  # noqa: E731
     x_of = lambda frame: main.x + main.view2d.view_to_region(frame, 0, clip=False)[0]  # noqa: E731
     span = runs.span[1] - runs.span[0]
@@ -85,19 +86,21 @@ def walk() -> Iterator[float]:
     seen["keys left"] = len(bpy.data.actions[0].layers[0].strips[0].channelbags[0].fcurves) == before
     state = bpy.context.window_manager.mocap_autolabel
     for _ in range(8):
-        yield from window.press("WHEELDOWNMOUSE", x_of(at), row_y(8), shift=True, held=False)
+        yield from window.turn_wheel("WHEELDOWNMOUSE", x_of(at), row_y(8), shift=True)
     seen["scrolled"] = state.timeline_scroll
-    yield from window.press("WHEELDOWNMOUSE", names.x + 20, row_y(8), held=False)
+    yield from window.turn_wheel("WHEELDOWNMOUSE", names.x + 20, row_y(8))
     seen["scrolled by names"] = state.timeline_scroll
+    yield from window.drag((x_of(at), row_y(8)), (x_of(at), row_y(8) - int(4 * places.row)), button="MIDDLEMOUSE")
+    seen["panned"] = state.timeline_scroll
     wide = lambda: main.view2d.region_to_view(main.width, 0)[0] - main.view2d.region_to_view(0, 0)[0]  # noqa: E731
     width = wide()
-    yield from window.press("WHEELUPMOUSE", x_of(at), row_y(20), held=False)
+    yield from window.turn_wheel("WHEELUPMOUSE", x_of(at), row_y(8))
     yield 0.5
     seen["zoomed"] = wide() / width
     state.timeline_scroll = 60.0
     yield from window.screenshot("timeline-ghosts")
     with bpy.context.temp_override(area=window.area("DOPESHEET_EDITOR"), region=main):
-        now = timeline.RowPlaces.of(bpy.context, main)
+        now = timeline.RowPlaces.of(bpy.context, main, len(runs))
     ghost = 63
     found = runs.runs[runs.runs[:, 0] == ghost][0]
     y = int(main.y + now.upper(ghost) - 0.5 * now.row)
@@ -114,7 +117,44 @@ def walk() -> Iterator[float]:
         seen["rows unfolded"] = len(timeline.shown_runs(bpy.context))
     settings().show_timeline = False
     yield from window.screenshot("timeline-off")
+    yield from fill(of, seen)
     (OUT / "seen.json").write_text(json.dumps(seen, indent=1))
+
+
+def fill(of, seen: dict) -> Iterator[float]:
+    """Fill gaps by the sidebar's buttons: stop once, then let it finish by a quick method, and undo it."""
+    panel = of("ui.filling").MOCAP_AUTOLABEL_PT_fill_gaps
+    bpy.utils.unregister_class(panel)
+    panel.bl_options = set()  # open from the start
+    bpy.utils.register_class(panel)
+    yield from window.grow("DOPESHEET_EDITOR", -330)
+    yield from window.open_tab("Mocap")
+    yield from window.scroll_sidebar()
+    state, found = bpy.context.window_manager.mocap_autolabel, {}
+    yield from window.buttons(found)
+    seen["buttons"] = sorted(found)
+    sidebar = window.region("UI")
+    x, y = found["mocap_autolabel.fill_gaps"]
+    x = sidebar.x + sidebar.width * 4 // 5  # the last of the three is of the whole take
+    yield from window.click(x, y)
+    running = bpy.context.window_manager.windows[0].modal_operators
+    seen["filling"] = [operator.bl_idname for operator in running]
+    yield from window.press("ESC", x, y)
+    yield 1
+    seen["filling stopped"] = [len(bpy.context.window_manager.windows[0].modal_operators), len(state.fills)]
+    bpy.context.scene.mocap_autolabel.fill_method = "rigid"
+    yield from window.click(x, y)
+    until = time.monotonic() + 100
+    while not len(state.fills) and time.monotonic() < until:
+        yield 0.5
+    seen["filled"] = len(state.fills)
+    yield from window.screenshot("fill-gaps")
+    settings = bpy.context.scene.mocap_autolabel
+    settings.show_timeline = True
+    yield from window.screenshot("timeline-filled")
+    bpy.ops.ed.undo()
+    yield 1
+    seen["filled after undo"] = len(bpy.context.window_manager.mocap_autolabel.fills)
 
 
 def looked(at: int) -> dict:
@@ -129,43 +169,53 @@ def looked(at: int) -> dict:
 
 
 def times(of) -> Iterator[float]:
-    """Milliseconds of a redraw of the rows, the GPU's included, while the time is panned; and of making them anew."""
-    drawing, timeline, spent, made = of("ui.timeline"), of("ops.timeline"), [], []
+    """Milliseconds of a redraw of rows and names while time is panned and rows scrolled, and of making them anew.
 
-    def timed():
+    Of each redraw: what the code takes by the clock and of its own core, and with the GPU, which is waited for.
+    """
+    drawing, clock, core, whole = of("ui.timeline"), [], [], []
+
+    def timed(draw):
         import gpu
 
         if not drawing.timeline_shown(bpy.context):
             return
-        buffer = gpu.state.active_framebuffer_get()
-        buffer.read_color(0, 0, 1, 1, 4, 0, "UBYTE")
-        begin = time.perf_counter()
-        drawing.draw_rows()
-        buffer.read_color(0, 0, 1, 1, 4, 0, "UBYTE")
-        spent.append(1000 * (time.perf_counter() - begin))
+        pixel = gpu.state.active_framebuffer_get()
+        pixel.read_color(0, 0, 1, 1, 4, 0, "UBYTE")
+        begin, begin_core = time.perf_counter(), time.thread_time()
+        draw()
+        clock[-1] += 1000 * (time.perf_counter() - begin)
+        core[-1] += 1000 * (time.thread_time() - begin_core)
+        pixel.read_color(0, 0, 1, 1, 4, 0, "UBYTE")
+        whole[-1] += 1000 * (time.perf_counter() - begin)
 
-    handler = bpy.types.SpaceDopeSheetEditor.draw_handler_add(timed, (), "WINDOW", "POST_VIEW")
+    kind, handlers = bpy.types.SpaceDopeSheetEditor, []
+    for draw, part, when in (
+        (drawing.draw_rows, "WINDOW", "POST_VIEW"),
+        (drawing.draw_names_beside, "CHANNELS", "POST_PIXEL"),
+    ):
+        handlers.append((kind.draw_handler_add(timed, (draw,), part, when), part))
     area, main = window.area("DOPESHEET_EDITOR"), window.region("WINDOW", "DOPESHEET_EDITOR")
     for step in range(REDRAWS):
+        for table in (clock, core, whole):
+            table.append(0.0)
         with bpy.context.temp_override(area=area, region=main):
             bpy.ops.view2d.pan("EXEC_DEFAULT", deltax=7 if step % 2 else -5, deltay=0)
         bpy.context.window_manager.mocap_autolabel.timeline_scroll = step % 9
         area.tag_redraw()
         yield 0.05
-    bpy.types.SpaceDopeSheetEditor.draw_handler_remove(handler, "WINDOW")
-    stored = of("scene.opened").opened.take(bpy.context.scene.mocap_autolabel.take, bpy.context.scene)
+    for handler, part in handlers:
+        kind.draw_handler_remove(handler, part)
+    stored, made = of("scene.opened").opened.take(bpy.context.scene.mocap_autolabel.take, bpy.context.scene), []
     for _ in range(3):
         begin = time.perf_counter()
         runs = of("scene.trajectories").runs_of(stored)
         made.append(1000 * (time.perf_counter() - begin))
-    del timeline
-    return {
-        "redraws": len(spent),
-        "median ms": float(np.median(spent)),
-        "worst ms": float(np.max(spent[2:])),
-        "making the rows ms": min(made),
-        "runs": len(runs.runs),
-    }
+    figures = {"redraws": sum(spent > 0 for spent in clock), "making the rows": min(made), "runs": len(runs.runs)}
+    for name, table in (("by the clock", clock), ("of its core", core), ("with the GPU", whole)):
+        spent = [value for value in table if value > 0]
+        figures[name] = [float(np.median(spent)), float(np.min(spent)), float(np.max(spent))]
+    return figures
 
 
 window.play(walk())

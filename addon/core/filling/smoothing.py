@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Trajectories smoothed as biomechanics does it: a Butterworth filter forth and back, by its cut-off in Hz.
+
+Source: D. A. Winter, Biomechanics and Motor Control of Human Movement, chapter on kinematics, for the filter and for
+correcting its cut-off.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..data.errors import InputError
+
+
+@dataclass(frozen=True)
+class SmoothingOptions:
+    """How trajectories are smoothed; from the source above.
+
+    order    of the filter, which runs twice: once forth, once back, so that nothing lags
+    shortest samples of the shortest stretch that is smoothed; a shorter one says nothing of frequencies
+    """
+
+    order: int = 2
+    shortest: int = 4
+
+    def single(self, cutoff: float, rate: float) -> float:
+        """Hz; the cut-off of one run, so that after both the amplitude at `cutoff` is down by 3 dB."""
+        # The filter made of samples bends frequencies by a tangent, and is exact where it was asked to be.
+        bent = np.tan(np.pi * cutoff / rate) / (np.sqrt(2) - 1) ** (1 / (2 * self.order))
+        return float(rate / np.pi * np.arctan(bent))
+
+
+SMOOTHING = SmoothingOptions()
+
+
+def smoothed(xyz: np.ndarray, rate: float, cutoff: float) -> np.ndarray:
+    """Trajectories (T, M, 3) m, NaN where missing, without what is faster than `cutoff`, Hz.
+
+    Each stretch between gaps stands alone. Raises InputError where the rate has no room for such a cut-off.
+    """
+    from scipy.signal import butter, sosfiltfilt
+
+    if not 0 < cutoff < rate / 2:
+        words = f"the cut-off of the smoothing is {cutoff:g} Hz at {rate:g} frames a second"
+        raise InputError(f"{words}; expected one above 0 and below {rate / 2:g} Hz, half of that")
+    sections = butter(SMOOTHING.order, SMOOTHING.single(cutoff, rate), fs=rate, output="sos")
+    calm, present = xyz.copy(), np.isfinite(xyz).all(axis=2)
+    for marker in range(xyz.shape[1]):
+        edges = np.flatnonzero(np.diff(np.r_[False, present[:, marker], False].astype(np.int8))).reshape(-1, 2)
+        for start, stop in edges:
+            if stop - start >= SMOOTHING.shortest:
+                # Mirrored at the ends for as long as the filter remembers.
+                pad = min(int(stop - start) - 1, int(np.ceil(2 * rate / cutoff)))
+                calm[start:stop, marker] = sosfiltfilt(sections, xyz[start:stop, marker], axis=0, padlen=pad)
+    return calm

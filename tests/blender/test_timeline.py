@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The trajectory timeline: what its rows are, where they lie, what a click or drag does; drawn in windows only."""
+
+import importlib
+
+import bpy
+import numpy as np
+import pytest
+
+from addon.core.data.takes import BY_EDIT, NO_MARKER
+from tests.blender import test_correcting
+from tests.blender.test_correcting import FRAMES, GHOST, choose, shown
+
+files, labelled = test_correcting.files, test_correcting.labelled  # fixtures
+
+
+@pytest.fixture
+def rows(extension, labelled):
+    """The module of the rows, and what gives those of the active take."""
+    module = importlib.import_module(f"{extension}.addon.scene.trajectories")
+    opened = importlib.import_module(f"{extension}.addon.scene.opened").opened
+    scene = labelled.scene
+    module.now = lambda unfolded=False: module.runs_of(opened.take(scene.mocap_autolabel.take, scene), unfolded)
+    return module
+
+
+def stretches(module, runs, name: str) -> list[tuple[int, int, str]]:
+    """First frame, last frame and state of the stretches of a row."""
+    mine = runs.runs[runs.runs[:, 0] == runs.names.index(name)]
+    return [(first, last, module.STATES[state]) for _, first, last, state in mine.tolist()]
+
+
+def test_rows_are_markers_and_what_has_no_name(rows, files):
+    runs = rows.now()
+    assert runs.names == (*files.names, f"1 {rows.FOLDED}"), "30 frames are half a second, which is short"
+    assert rows.now(unfolded=True).names[-1] == f"trajectory {GHOST}"
+    assert runs.span == (101, 130)
+    for index, name in enumerate(files.names):
+        named = np.concatenate([np.arange(a, b + 1) for a, b, state in stretches(rows, runs, name) if state == "named"])
+        assert named.tolist() == (101 + np.flatnonzero(np.isfinite(files.xyz[:, index, 0]))).tolist()
+        assert runs.found[index] == len(named)
+        covered = np.concatenate([np.arange(a, b + 1) for a, b, _ in stretches(rows, runs, name)])
+        assert covered.tolist() == list(range(101, 131)), "every frame of a marker is something"
+    assert stretches(rows, runs, runs.names[-1]) == [(101, 130, "unnamed")]
+
+
+def test_doubts_corrections_and_fills_are_told_apart(rows, labelled, files):
+    choose("RASI")
+    labelled.scene.mocap_autolabel.fill_method = "rigid"
+    labelled.scene.frame_set(112)
+    bpy.ops.mocap_autolabel.fill_gaps(extent="GAP")
+    assert (111, 115, "filled") in stretches(rows, rows.now(), "RASI")
+    assert rows.now().found[files.names.index("RASI")] == np.isfinite(files.xyz[:, 2, 0]).sum(), "what is measured"
+    choose("LKNE", "RKNE")
+    labelled.scene.frame_set(120)
+    bpy.ops.mocap_autolabel.swap_markers(scope="ON")
+    assert (120, 130, "edited") in stretches(rows, rows.now(), "LKNE")
+    take = labelled.scene.mocap_autolabel.take
+    take["mocap_suspects"] = '[[110, 115, "LANK jumps", null, ["LANK"]], [121, 122, "odd: LWRA, RWRA", null, []]]'
+    importlib.import_module(rows.__name__.replace("trajectories", "opened")).opened.forget()
+    assert (110, 115, "doubtful") in stretches(rows, rows.now(), "LANK")
+    assert all((121, 122, "doubtful") in stretches(rows, rows.now(), name) for name in ("LWRA", "RWRA"))
+
+
+def test_stretches_are_the_table_again(rows):
+    rng = np.random.default_rng(2)
+    states = rng.integers(0, 6, (200, 7)).astype(np.int8)
+    states[:, 3] = 2
+    again = np.full(states.shape, -1)
+    for row, first, last, state in rows._runs_of_table(states):
+        assert (again[first : last + 1, row] == -1).all()
+        again[first : last + 1, row] = state
+    np.testing.assert_array_equal(again, states)
+
+
+def test_long_trajectories_come_first_and_short_ones_share_a_row(rows, extension, labelled):
+    takes = importlib.import_module(f"{extension}.addon.core.data.takes")
+    stored = importlib.import_module(f"{extension}.addon.scene.opened").opened.take(
+        labelled.scene.mocap_autolabel.take, labelled.scene
+    )
+    lengths = {50: 80, 51: 5, 52: 100, 53: 30}  # trajectory and its frames, at 60 a second
+    frame = np.concatenate([np.arange(length) for length in lengths.values()])
+    number = np.repeat(list(lengths), list(lengths.values()))
+    order = np.lexsort((number, frame))
+    points = takes.PointRows(np.arange(200), frame[order], number[order], np.zeros((len(frame), 3)), None)
+    motion = importlib.import_module("dataclasses").replace(
+        stored.motion, frames=np.arange(200), markers=np.full((200, 13, 3), np.nan)
+    )
+    take = importlib.import_module("dataclasses").replace(
+        stored, rows=points, labels=takes.Labels.none(len(frame)), motion=motion, suspects=(), shift=0
+    )
+    runs = rows.runs_of(take)
+    assert runs.names[13:] == ("trajectory 52", "trajectory 50", f"2 {rows.FOLDED}")
+    assert stretches(rows, runs, runs.names[15]) == [(0, 29, "unnamed")]
+    assert (runs.marker[13:] == NO_MARKER).all()
+    assert rows.runs_of(take, unfolded=True).names[15:] == ("trajectory 53", "trajectory 51")
+    assert (runs.nearest_frame(13, 150), runs.nearest_frame(13, 7), runs.nearest_frame(0, 150)) == (99, 7, 150)
+
+
+def test_a_place_is_the_row_that_is_seen_there(extension, empty):
+    timeline = importlib.import_module(f"{extension}.addon.ops.timeline")
+    places = timeline.RowPlaces(600.0, 1.5, 7.25)
+    for row in (8, 12, 20):
+        assert places.at(places.upper(row) - 1) == places.at(places.upper(row + 1) + 1) == row
+    assert places.at(places.top + 1) == places.at(places.bottom - 1) == -1
+    most = places.most_scroll(100)
+    end = timeline.RowPlaces(600.0, 1.5, most)
+    assert end.upper(100) == pytest.approx(end.bottom)
+    assert places.most_scroll(3) == 0
+
+
+def test_a_click_goes_there_and_picks(labelled):
+    scene = labelled.scene
+    pick = bpy.ops.mocap_autolabel.timeline_pick
+    assert pick(marker="LKNE", first=108, last=108) == {"FINISHED"}
+    assert (scene.frame_current, scene.use_preview_range) == (108, False)
+    assert labelled.selected_objects == [shown()["LKNE"]] == [labelled.object]
+    pick(marker="RKNE", first=110, last=110, extend=True)
+    assert set(labelled.selected_objects) == {shown()["LKNE"], shown()["RKNE"]}
+    pick(trajectory=GHOST, first=112, last=112)
+    assert (labelled.selected_objects, scene.mocap_autolabel.picked) == ([], GHOST)
+    assert bpy.ops.mocap_autolabel.name_point(marker="LKNE", scope="FRAME") == {"FINISHED"}
+
+
+def test_a_drag_selects_the_range_that_corrections_take(labelled, files):
+    scene = labelled.scene
+    scene.frame_set(101)
+    bpy.ops.mocap_autolabel.timeline_pick(marker="LKNE", first=118, last=123)
+    assert (scene.use_preview_range, scene.frame_preview_start, scene.frame_preview_end) == (True, 118, 123)
+    assert scene.frame_current == 118, "where the marker that is meant is"
+    bpy.ops.mocap_autolabel.timeline_pick(marker="LKNE", first=116, last=125)
+    assert scene.frame_current == 118, "it is in the range"
+    assert bpy.ops.mocap_autolabel.unlabel(scope="RANGE") == {"FINISHED"}
+    [row] = labelled.window_manager.mocap_autolabel.corrections
+    assert row.name.endswith("frames 116–125")
+    stored = importlib.import_module("addon.scene.take").stored_take(scene.mocap_autolabel.take, scene)
+    assert (stored.labels.step != BY_EDIT).all(), "a point without a name has no step"
+    assert np.isnan(stored.motion.markers[15:25, files.names.index("LKNE")]).all()
+    assert len(stored.motion.frames) == FRAMES
+
+
+def test_it_is_offered_with_a_take_only(extension, empty):
+    with pytest.raises(RuntimeError, match="Label a take first"):
+        bpy.ops.mocap_autolabel.show_timeline()
+    for operator in ("timeline_click", "timeline_scroll", "timeline_pan", "timeline_keys"):
+        assert not getattr(bpy.ops.mocap_autolabel, operator).poll(), "elsewhere keys are Blender's own"
