@@ -197,6 +197,14 @@ class SceneSettings(bpy.types.PropertyGroup):
         description="Draw blobs, the body's markers and links over the view",
         default=True,
     )
+    show_figure: BoolProperty(
+        name="Figure",
+        description="Draw a stick figure in the colours of the body's sides, and rings where markers are missing",
+        default=True,
+    )
+    show_trails: BoolProperty(
+        name="Trails", description="Draw where the selected markers were and will be, a second either way", default=True
+    )
     show_names: BoolProperty(name="Names", description="Write the markers' names beside them", default=True)
     show_links: BoolProperty(
         name="Links", description="Through a camera, link each blob to where the body expects its marker", default=True
@@ -259,6 +267,9 @@ class ReviewState(bpy.types.PropertyGroup):
     corrections: CollectionProperty(type=CorrectionRow)
     correction_index: IntProperty()
     doubts: CollectionProperty(type=bpy.types.PropertyGroup)
+    doing: StringProperty(name="Doing", description="What is going on, and how long it will; empty where nothing is")
+    share: FloatProperty(name="Done", description="How much of it is done", subtype="FACTOR", min=0.0, max=1.0)
+    cancelled: BoolProperty(name="Cancel", description="Whether what is going on is to stop")
     changes: CollectionProperty(type=ChangeRow)
     change_index: IntProperty()
     troubles: CollectionProperty(type=TroubleRow)
@@ -340,7 +351,7 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
         return
     stored = opened.take(collection, scene)
     frames = stored.motion.frames + stored.shift
-    for marker in review_markers(stored.names, stored.motion):
+    for marker in sorted(review_markers(stored.names, stored.motion), key=lambda one: (one.labelled, -one.gaps)):
         row = state.markers.add()
         row.name, row.gaps, row.longest_gap = marker.name, marker.gaps, marker.longest_gap
         row.labelled = marker.labelled / len(frames) if len(frames) else 0.0

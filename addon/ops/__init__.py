@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Operators: thin, each one thing that a person does."""
 
-from . import correcting, exporting, importing, labelling, markersets, quality, reviewing, training, viewing
+from . import correcting, exporting, importing, labelling, markersets, quality, reviewing, stepping, training, viewing
 
 CLASSES = (
     *importing.CLASSES,
@@ -9,6 +9,7 @@ CLASSES = (
     *quality.CLASSES,
     *training.CLASSES,
     *labelling.CLASSES,
+    *stepping.CLASSES,
     *viewing.CLASSES,
     *correcting.CLASSES,
     *reviewing.CLASSES,

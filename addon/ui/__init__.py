@@ -7,14 +7,14 @@ import bpy
 
 from ..scene.opened import opened
 from ..scene.trouble import forget_trouble
-from . import handlers, overlay, panels, quality
+from . import figure, handlers, overlay, panels, quality
 
 CLASSES = (*panels.CLASSES, *quality.CLASSES)
 
 
 def add_handlers(stack: ExitStack):
     """Adds the overlay and what listens to Blender; each brings its way back to `stack`."""
-    for draw in (overlay.draw, quality.draw):
+    for draw in (figure.draw, overlay.draw, quality.draw):
         drawing = bpy.types.SpaceView3D.draw_handler_add(draw, (), "WINDOW", "POST_PIXEL")
         stack.callback(bpy.types.SpaceView3D.draw_handler_remove, drawing, "WINDOW")
     stack.callback(opened.forget)
