@@ -6,11 +6,10 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ..core.body.anatomy import side_in
 from ..core.data.markersets import MarkerSet
 from . import armature as armatures
 from . import naming
-from .sides import SIDE_COLOURS
+from .sides import SIDE_COLOURS, segment_sides
 
 AROUND, RINGS = 24, 6
 COLOUR = (0.55, 0.65, 0.8, 0.35)
@@ -32,11 +31,11 @@ def add_body(
 ) -> list[bpy.types.Object]:
     """Adds a mesh for each of the K capsules, hung on its bone; `scale` (3,) is m for one unit of the marker set."""
     meshes = []
-    segments = markerset.skeleton.segments
+    sides = segment_sides(markerset)
     for index, segment in enumerate(markerset.capsules.segment):
         name = markerset.skeleton.segments[segment]
         item = add_capsule(collection, armature, name, capsule_in_metres(markerset, index, scale))
-        item.data.materials.append(_material(side_in(name, segments)))
+        item.data.materials.append(_material(sides[name]))
         meshes.append(item)
     return meshes
 

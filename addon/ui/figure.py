@@ -13,7 +13,7 @@ from ..core.review.trouble import Trouble
 from ..ops.reviewing import places_of
 from ..scene import naming
 from ..scene.opened import opened
-from ..scene.sides import colours_of
+from ..scene.sides import SIDE_COLOURS, colours_of, kept_sides
 from ..scene.stored import Stored
 from ..scene.take import is_take
 from ..scene.trouble import trouble_of
@@ -63,7 +63,8 @@ def draw_figure(canvas: Canvas, collection: bpy.types.Collection):
     ends = np.array([[*bone.head, *bone.tail] for bone in bones], dtype=float).reshape(-1, 2, 3)
     ends = ends @ world[:3, :3].T + world[:3, 3]
     light = np.array([FAR_BONE if len(bone.parent_recursive) % 2 else 1.0 for bone in bones])
-    colours = np.array(colours_of([bone.name for bone in bones])) * light[:, None]
+    sides = kept_sides(armature)
+    colours = np.array([SIDE_COLOURS[sides.get(bone.name, "")] for bone in bones]) * light[:, None]
     whole = np.concatenate([colours, np.ones((len(bones), 1))], axis=1)
     canvas.lines(canvas.place(ends), np.repeat(whole[:, None], 2, axis=1), FIGURE_WIDTH)
 

@@ -31,6 +31,11 @@ def draw_in_full(context: bpy.types.Context, layout: bpy.types.UILayout, words: 
         column.label(text=line, icon="BLANK1" if number and icon != "NONE" else icon)
 
 
+def in_short(stake: float) -> str:
+    """A number of frames that fits beside a name."""
+    return f"{stake:.0f}" if stake < 1000 else f"{stake / 1000:.1f}k"
+
+
 class MOCAP_AUTOLABEL_PT_trouble(bpy.types.Panel):
     """What to look at before trusting the take."""
 
@@ -90,12 +95,12 @@ class MOCAP_AUTOLABEL_UL_trouble(bpy.types.UIList):
     """A trouble a row, the worst first: where it is, what it is about, and how many frames of a marker are at stake."""
 
     def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0):
-        split = layout.split(factor=0.47, align=True)
+        split = layout.split(factor=0.46, align=True)
         frames = str(item.first) if item.first == item.last else f"{item.first}–{item.last}"
         split.operator("mocap_autolabel.show_trouble", text=frames, icon=ICONS[item.kind]).index = index
-        split = split.split(factor=0.72, align=True)
+        split = split.split(factor=0.62, align=True)
         split.label(text=item.name or item.kind)
-        split.label(text="", icon="CHECKMARK") if item.answered else split.label(text=f"{item.stake:.0f}")
+        split.label(text="", icon="CHECKMARK") if item.answered else split.label(text=in_short(item.stake))
 
     def filter_items(self, context, data, property_name):
         """Which rows the choices above let be seen; their order stays."""
