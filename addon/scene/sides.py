@@ -10,7 +10,7 @@ import numpy as np
 from ..core.body.anatomy import side_in
 from ..core.data.markersets import MarkerSet
 
-SIDES = "mocap_sides"
+KEPT_SIDES = "mocap_sides"
 
 # Of the left, the right and the middle; sRGB. Blue against orange differs by brightness and for every kind of
 # colour-blindness; the middle is neither.
@@ -36,10 +36,10 @@ def segment_sides(markerset: MarkerSet) -> dict[str, str]:
 
 def keep_sides(armature: bpy.types.Object, markerset: MarkerSet):
     """Keeps the sides of the segments with their armature."""
-    armature[SIDES] = json.dumps(segment_sides(markerset))
+    armature[KEPT_SIDES] = json.dumps(segment_sides(markerset))
 
 
 def kept_sides(armature: bpy.types.Object) -> dict[str, str]:
     """The sides of an armature's segments; of one that knows none what their names say."""
     names = [bone.name for bone in armature.data.bones]
-    return json.loads(armature.get(SIDES, "{}")) or {name: side_in(name, names) for name in names}
+    return json.loads(armature.get(KEPT_SIDES, "{}")) or {name: side_in(name, names) for name in names}
