@@ -29,11 +29,12 @@ from .scene.preview import hide_preview
 from .scene.relabelled import kept_changes
 from .scene.review import review_markers
 from .scene.take import is_take
-from .scene.trouble import trouble_of
+from .scene.trouble import is_quick, trouble_of
 
 OWN_FILE = "FILE"
 USUAL_MARKERSET = "body26"
 NOTHING_PICKED = -1
+LATER = 0.4  # s after which the trouble of a long take is worked out: edits that follow each other do not wait for it
 
 
 # Blender keeps no reference to the texts of a dynamic enumeration; they must outlive the drawing.
@@ -345,9 +346,9 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     state.markers.clear()
     state.suspects.clear()
     state.corrections.clear()
-    state.troubles.clear()
     state.changes.clear()
     if not is_take(collection):
+        state.troubles.clear()
         return
     stored = opened.take(collection, scene)
     frames = stored.motion.frames + stored.shift
@@ -360,23 +361,36 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     for suspect in stored.suspects:
         row = state.suspects.add()
         row.first, row.last, row.reason = suspect.first + stored.shift, suspect.last + stored.shift, suspect.reason
-    for trouble in trouble_of(collection, scene):
-        row = state.troubles.add()
-        row.name, row.kind, row.reason = trouble.about, trouble.kind, trouble.reason
-        row.first, row.last = trouble.first + stored.shift, trouble.last + stored.shift
-        row.advice, row.action, row.stake, row.answered = (
-            trouble.advice,
-            trouble.action,
-            trouble.stake,
-            trouble.answered,
-        )
-    state.trouble_index = max(min(state.trouble_index, len(state.troubles) - 1), 0)
+    if bpy.app.background or is_quick(stored):
+        list_trouble()
+    elif not bpy.app.timers.is_registered(list_trouble):
+        bpy.app.timers.register(list_trouble, first_interval=LATER)
     for change in kept_changes(collection):
         row = state.changes.add()
         row.name, row.first, row.words = change.marker, change.first + stored.shift, change.words
     for edit, outcome in zip(stored.edits, stored.outcomes, strict=True):
         row = state.corrections.add()
         row.name, row.idle = words_of(edit, stored.shift), outcome.reason
+
+
+def list_trouble():
+    """Fills the list of what is the matter with the current scene's active take; of a long one a moment later."""
+    scene, state = bpy.context.scene, bpy.context.window_manager.mocap_autolabel
+    collection = scene.mocap_autolabel.take
+    state.troubles.clear()
+    if not is_take(collection):
+        return
+    shift = opened.take(collection, scene).shift
+    for trouble in trouble_of(collection, scene):
+        row = state.troubles.add()
+        row.name, row.kind, row.reason = trouble.about, trouble.kind, trouble.reason
+        row.first, row.last = trouble.first + shift, trouble.last + shift
+        row.advice, row.action = trouble.advice, trouble.action
+        row.stake, row.answered = trouble.stake, trouble.answered
+    state.trouble_index = max(min(state.trouble_index, len(state.troubles) - 1), 0)
+    for area in (area for window in bpy.context.window_manager.windows for area in window.screen.areas):
+        if area.type == "VIEW_3D":
+            area.tag_redraw()
 
 
 CLASSES = (LessonRow, SceneSettings, MarkerRow, SuspectRow, TroubleRow, ChangeRow, CorrectionRow, ReviewState)

@@ -8,6 +8,7 @@ from .corrections import kept_text
 from .opened import opened
 from .stored import Stored
 
+QUICK = 200_000  # frames times markers that are looked at in less than some 0.1 s, measured
 # The take that was looked at last, and what was found: a panel and its buttons ask for the same.
 _last: list[tuple[Stored, tuple[Trouble, ...]]] = []
 
@@ -18,6 +19,16 @@ def trouble_of(collection: bpy.types.Collection, scene: bpy.types.Scene) -> tupl
     if not _last or _last[0][0] is not stored:
         _last[:] = [(stored, _looked_at(stored, collection, scene))]
     return _last[0][1]
+
+
+def known_trouble(collection: bpy.types.Collection, scene: bpy.types.Scene) -> tuple[Trouble, ...] | None:
+    """The same where it is worked out already; None where it is not: drawing waits for nothing."""
+    return _last[0][1] if _last and _last[0][0] is opened.take(collection, scene) else None
+
+
+def is_quick(stored: Stored) -> bool:
+    """Whether the trouble of a take is worked out while a person does not notice."""
+    return stored.motion.residual.size <= QUICK
 
 
 def forget_trouble():

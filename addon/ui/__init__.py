@@ -5,6 +5,7 @@ from contextlib import ExitStack
 
 import bpy
 
+from ..props import list_trouble
 from ..scene.opened import opened
 from ..scene.trouble import forget_trouble
 from . import figure, handlers, overlay, panels, quality
@@ -19,6 +20,7 @@ def add_handlers(stack: ExitStack):
         stack.callback(bpy.types.SpaceView3D.draw_handler_remove, drawing, "WINDOW")
     stack.callback(opened.forget)
     stack.callback(forget_trouble)
+    stack.callback(_stop_timer, list_trouble)
     events = bpy.app.handlers
     for listeners, function in (
         (events.load_post, handlers.after_load),

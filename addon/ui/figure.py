@@ -16,7 +16,7 @@ from ..scene.opened import opened
 from ..scene.sides import SIDE_COLOURS, colours_of, kept_sides
 from ..scene.stored import Stored
 from ..scene.take import is_take
-from ..scene.trouble import trouble_of
+from ..scene.trouble import known_trouble
 from . import marks
 from .overlay import Canvas
 
@@ -120,7 +120,7 @@ def _dashes(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 def meant(context: bpy.types.Context, collection: bpy.types.Collection, stored: Stored) -> Trouble | None:
     """The trouble that is chosen in the list, while the current frame is one of it."""
     state = context.window_manager.mocap_autolabel
-    found = trouble_of(collection, context.scene)
+    found = known_trouble(collection, context.scene) or ()
     if not state.trouble_index < len(found) == len(state.troubles) or found[state.trouble_index].answered:
         return None
     trouble, frame = found[state.trouble_index], context.scene.frame_current - stored.shift

@@ -8,7 +8,7 @@ import bpy
 from ..core.review.trouble import DOUBTFUL, LEFT_OVER, MISSING, NOBODY_THERE, OF_CAMERA, OFF_BODY
 from ..ops.reviewing import is_listed, words_for, words_of_answer
 from ..scene.take import is_take
-from ..scene.trouble import trouble_of
+from ..scene.trouble import known_trouble
 
 ICONS = {
     NOBODY_THERE: "GHOST_DISABLED",
@@ -70,7 +70,7 @@ class MOCAP_AUTOLABEL_PT_trouble(bpy.types.Panel):
         row = layout.row(align=True)
         row.operator("mocap_autolabel.next_trouble", text="Previous", icon="TRIA_LEFT").back = True
         row.operator("mocap_autolabel.next_trouble", text="Next", icon="TRIA_RIGHT").back = False
-        found = trouble_of(context.scene.mocap_autolabel.take, context.scene)
+        found = known_trouble(context.scene.mocap_autolabel.take, context.scene) or ()
         if state.trouble_index < len(found) == len(state.troubles) and is_listed(
             state, state.troubles[state.trouble_index]
         ):
