@@ -13,7 +13,7 @@ from .sides import SIDE_COLOURS, segment_sides
 
 AROUND, RINGS = 24, 6
 COLOUR = (0.55, 0.65, 0.8, 0.35)
-TINT = 0.35  # of the colour of a side in that of the body
+TINT = 0.55  # of the colour of a side in that of the body
 START, END, RADIUS = "mocap_start", "mocap_end", "mocap_radius"
 
 

@@ -8,7 +8,7 @@ import bpy
 from ..core.review.trouble import DOUBTFUL, LEFT_OVER, MISSING, NOBODY_THERE, OF_CAMERA, OFF_BODY
 from ..ops.reviewing import is_listed, words_for, words_of_answer
 from ..scene.take import is_take
-from ..scene.trouble import known_trouble
+from ..scene.trouble import known_cameras, known_trouble
 
 ICONS = {
     NOBODY_THERE: "GHOST_DISABLED",
@@ -108,6 +108,32 @@ class MOCAP_AUTOLABEL_UL_trouble(bpy.types.UIList):
         return [self.bitflag_filter_item if is_listed(data, row) else 0 for row in rows], []
 
 
+class MOCAP_AUTOLABEL_PT_camera_blobs(bpy.types.Panel):
+    """How well each camera's blobs are named, and how far they are off."""
+
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "Mocap"
+    bl_label = "Cameras"
+    bl_parent_id = "MOCAP_AUTOLABEL_PT_review"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context):
+        take = context.scene.mocap_autolabel.take
+        return is_take(take) and bool(known_cameras(take, context.scene))
+
+    def draw(self, context):
+        grid = self.layout.grid_flow(row_major=True, columns=4, even_columns=False, align=True)
+        for words in ("Camera", "Named", "Beside", "px"):
+            grid.label(text=words)
+        for one in known_cameras(context.scene.mocap_autolabel.take, context.scene):
+            named = f"{one.named / one.blobs:.0%}" if one.blobs else "–"
+            error = f"{one.error_px:.2f}" if one.error_px == one.error_px else "–"
+            for words in (one.name, named, str(one.unnamed_beside), error):
+                grid.label(text=words)
+
+
 class MOCAP_AUTOLABEL_PT_changes(bpy.types.Panel):
     """What labelling again changed."""
 
@@ -144,5 +170,6 @@ CLASSES = (
     MOCAP_AUTOLABEL_UL_trouble,
     MOCAP_AUTOLABEL_UL_changes,
     MOCAP_AUTOLABEL_PT_trouble,
+    MOCAP_AUTOLABEL_PT_camera_blobs,
     MOCAP_AUTOLABEL_PT_changes,
 )
