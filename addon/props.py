@@ -29,11 +29,12 @@ from .scene.preview import hide_preview
 from .scene.relabelled import kept_changes
 from .scene.review import review_markers
 from .scene.take import is_take
-from .scene.trouble import trouble_of
+from .scene.trouble import is_quick, trouble_of
 
 OWN_FILE = "FILE"
 USUAL_MARKERSET = "body26"
 NOTHING_PICKED = -1
+LATER = 0.4  # s after which the trouble of a long take is worked out: edits that follow each other do not wait for it
 
 
 # Blender keeps no reference to the texts of a dynamic enumeration; they must outlive the drawing.
@@ -237,6 +238,14 @@ class SceneSettings(bpy.types.PropertyGroup):
         description="Draw blobs, the body's markers and links over the view",
         default=True,
     )
+    show_figure: BoolProperty(
+        name="Figure",
+        description="Draw a stick figure in the colours of the body's sides, and rings where markers are missing",
+        default=True,
+    )
+    show_trails: BoolProperty(
+        name="Trails", description="Draw where the selected markers were and will be, a second either way", default=True
+    )
     show_names: BoolProperty(name="Names", description="Write the markers' names beside them", default=True)
     show_timeline: BoolProperty(
         name="Trajectories",
@@ -326,6 +335,9 @@ class ReviewState(bpy.types.PropertyGroup):
         description="Give trajectories without a name that are shorter than a second a row each in the timeline",
         update=_timeline_changed,
     )
+    doing: StringProperty(name="Doing", description="What is going on, and how long it will; empty where nothing is")
+    share: FloatProperty(name="Done", description="How much of it is done", subtype="FACTOR", min=0.0, max=1.0)
+    cancelled: BoolProperty(name="Cancel", description="Whether what is going on is to stop")
     changes: CollectionProperty(type=ChangeRow)
     change_index: IntProperty()
     troubles: CollectionProperty(type=TroubleRow)
@@ -403,13 +415,14 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     state.corrections.clear()
     state.fills.clear()
     redraw_dope_sheets(manager)
-    state.troubles.clear()
     state.changes.clear()
     if not is_take(collection):
+        state.troubles.clear()
         return
     stored = opened.take(collection, scene)
     frames = stored.motion.frames + stored.shift
-    for marker in review_markers(stored.names, stored.unfilled):  # what is filled was not found
+    found = review_markers(stored.names, stored.unfilled)  # what is filled was not found
+    for marker in sorted(found, key=lambda one: (one.labelled, -one.gaps)):
         row = state.markers.add()
         row.name, row.gaps, row.longest_gap = marker.name, marker.gaps, marker.longest_gap
         row.labelled = marker.labelled / len(frames) if len(frames) else 0.0
@@ -418,17 +431,10 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     for suspect in stored.suspects:
         row = state.suspects.add()
         row.first, row.last, row.reason = suspect.first + stored.shift, suspect.last + stored.shift, suspect.reason
-    for trouble in trouble_of(collection, scene):
-        row = state.troubles.add()
-        row.name, row.kind, row.reason = trouble.about, trouble.kind, trouble.reason
-        row.first, row.last = trouble.first + stored.shift, trouble.last + stored.shift
-        row.advice, row.action, row.stake, row.answered = (
-            trouble.advice,
-            trouble.action,
-            trouble.stake,
-            trouble.answered,
-        )
-    state.trouble_index = max(min(state.trouble_index, len(state.troubles) - 1), 0)
+    if bpy.app.background or is_quick(stored):
+        list_trouble()
+    elif not bpy.app.timers.is_registered(list_trouble):
+        bpy.app.timers.register(list_trouble, first_interval=LATER)
     for change in kept_changes(collection):
         row = state.changes.add()
         row.name, row.first, row.words = change.marker, change.first + stored.shift, change.words
@@ -440,6 +446,26 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
         row.name, row.first, row.last = fill.marker, fill.first + stored.shift, fill.last + stored.shift
         row.method, row.reason = fill.method, misfit
         row.expected = 1000 * fill.expected if math.isfinite(fill.expected) else -1
+
+
+def list_trouble():
+    """Fills the list of what is the matter with the current scene's active take; of a long one a moment later."""
+    scene, state = bpy.context.scene, bpy.context.window_manager.mocap_autolabel
+    collection = scene.mocap_autolabel.take
+    state.troubles.clear()
+    if not is_take(collection):
+        return
+    shift = opened.take(collection, scene).shift
+    for trouble in trouble_of(collection, scene):
+        row = state.troubles.add()
+        row.name, row.kind, row.reason = trouble.about, trouble.kind, trouble.reason
+        row.first, row.last = trouble.first + shift, trouble.last + shift
+        row.advice, row.action = trouble.advice, trouble.action
+        row.stake, row.answered = trouble.stake, trouble.answered
+    state.trouble_index = max(min(state.trouble_index, len(state.troubles) - 1), 0)
+    for area in (area for window in bpy.context.window_manager.windows for area in window.screen.areas):
+        if area.type == "VIEW_3D":
+            area.tag_redraw()
 
 
 CLASSES = (

@@ -302,6 +302,8 @@ def as_line(report: dict) -> str:
     first = ", frames in the .c3d from 0" if "c3d_first_frame" in report else ""
     frames = f"{report['frames']} frame" + ("" if report["frames"] == 1 else "s")
     more = "".join(f"; {words}" for words in (*report.get("calibration", []), *report.get("notes", [])))
+    if report.get("changed_in_all"):
+        pace += f", {report['changed_in_all']} than before"
     look = f"; {report['to_look_at']}" if report.get("to_look_at") else ""
     return f"{report['take']}: {frames}, {named} of {count} {things} named{pace}{unit}{first}{more}{look}"
 

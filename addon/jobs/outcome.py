@@ -20,6 +20,7 @@ from ..io.points import write_c3d, write_trc
 from ..io.report import REPORT, take_report, write_report
 from ..io.source import digest
 from ..version import version
+from .changed import facts_of_changes
 from .job import PAGE, LabelJob, timed
 from .pages import write_job_page
 
@@ -59,12 +60,13 @@ def write_take(job: LabelJob, files: dict[str, Path], markerset: MarkerSet, made
         for rows, chunk in made.chunks:
             if isinstance(rows, PointRows):
                 write_point_labels(files[".labels.csv"], rows, chunk.labels, markerset.markers)
+        changed = facts_of_changes(job.path(".labels.csv"), files[".labels.csv"], markerset.markers)
         write_c3d(files[".c3d"], made.points)
         if job.trc:
             write_trc(files[".trc"], made.points)
         results = {ending: digest([path]) for ending, path in files.items() if ending not in (PAGE, REPORT)}
     report = take_report(made.summary, job.source.stem, markerset.name, rate, version(), clock)
-    report |= renumbered(made.points) | made.facts | {"made_of": {**made.made_of, "results": results}}
+    report |= renumbered(made.points) | made.facts | changed | {"made_of": {**made.made_of, "results": results}}
     if "points" in report:
         del report["blobs"]
     if made.overview is not None:

@@ -20,6 +20,7 @@ from ..scene import cameras as scene_cameras
 from ..scene.opened import opened
 from ..scene.preview import remove_preview, show_points, store_preview
 from ..scene.take import frame_shift, set_time
+from .framing import fit_timelines, show_take_whole
 from .reporting import reports_trouble
 
 BLOBS, POINTS = "*.csv", "*.c3d;*.trc;*.csv"
@@ -170,6 +171,7 @@ def take_blobs(context: bpy.types.Context, path: Path) -> str:
     settings.preview = store_preview(path.stem, blobs, cameras)
     settings.blobs_path, settings.blob_count = str(path), len(blobs)
     _set_frames(context, blobs.frames)
+    fit_timelines(context)
     return f"{len(blobs)} blobs in {len(blobs.frames)} frames"
 
 
@@ -185,6 +187,7 @@ def take_points(context: bpy.types.Context, path: Path, up: str | None = None, r
     settings.points_up = up or ""
     settings.trajectories, settings.rate = len(take.names), take.rate
     _set_frames(context, take.first_frame + np.arange(len(take.xyz)))
+    show_take_whole(context, take.xyz.reshape(-1, 3))
     edits = edits_beside(path)
     more = [] if edits is None else [f"{edits.name} beside it will be applied"]
     return "; ".join([f"{settings.trajectories} trajectories in {len(take.xyz)} frames", *take.notes, *more])

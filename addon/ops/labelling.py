@@ -34,6 +34,7 @@ from ..scene.take import (
     takes_of,
 )
 from .filling import fills_kept, kept_before
+from .framing import fit_timelines, show_take_whole
 from .importing import cameras_at_hand
 from .stepping import WorksInSteps
 
@@ -134,6 +135,9 @@ class MOCAP_AUTOLABEL_OT_label(WorksInSteps, bpy.types.Operator):
         if context.mode != "OBJECT":
             cls.poll_message_set("Go to object mode first")
             return False
+        if context.window_manager.mocap_autolabel.doing:
+            cls.poll_message_set("Something is going on already; wait for it, or cancel it")
+            return False
         return True
 
     def steps(self, context):
@@ -141,11 +145,16 @@ class MOCAP_AUTOLABEL_OT_label(WorksInSteps, bpy.types.Operator):
         return label_steps(job_of(context), take_name(context.scene.mocap_autolabel))
 
     def _show(self, context, take: Take) -> set[str]:
+        if context.mode != "OBJECT":  # where the user went meanwhile
+            bpy.ops.object.mode_set(mode="OBJECT")
         settings = context.scene.mocap_autolabel
         take = replace(take, **kept_before(context.scene, take.source))
         settings.take = show_again(context, take, settings.keep_unnamed, whole=not settings.use_range)
         keep_health(settings.take, take.doubts)
         refresh_review(context.window_manager, context.scene)
+        fit_timelines(context)
+        if isinstance(take.rows, Blobs):
+            show_take_whole(context, take.motion.markers.reshape(-1, 3))
         for words in take.doubts:
             self.report({"WARNING"}, words)
         things = "blobs" if isinstance(take.rows, Blobs) else "points"

@@ -18,10 +18,9 @@ from ..scene.stored import Stored
 from ..scene.take import holds_points, is_take
 from ..scene.trouble import trouble_of
 from .correcting import correct
+from .framing import bring_into_view
 from .reporting import reports_trouble
 
-ROOM = 4.0  # times the reach of what is meant that a view shows around it
-LEAST_ROOM = 1.2  # m that a view shows at least, so that one knows the limb
 # The operators for what no edit mends; a button is there where the operator is.
 ELSEWHERE = {
     FILL: "mocap_autolabel.fill_gaps",
@@ -91,15 +90,7 @@ def show(context: bpy.types.Context, trouble: Trouble):
     scene.frame_set(frame + stored.shift)
     _select(context, trouble, stored)
     places = places_of(trouble, stored, frame)
-    if not len(places):
-        return
-    middle = (places.min(axis=0) + places.max(axis=0)) / 2
-    reach = float(np.linalg.norm(places - middle, axis=1).max())
-    for area in context.screen.areas if context.screen is not None else ():
-        if area.type == "VIEW_3D" and area.spaces.active.region_3d.view_perspective != "CAMERA":
-            view = area.spaces.active.region_3d
-            view.view_location = middle.tolist()
-            view.view_distance = max(ROOM * reach, LEAST_ROOM)
+    bring_into_view(context, places)
 
 
 def _select(context: bpy.types.Context, trouble: Trouble, stored: Stored):

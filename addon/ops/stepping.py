@@ -11,6 +11,7 @@ from .reporting import reports_trouble
 
 BUDGET = 0.1  # s of work between two looks at the keyboard
 TICK = 0.02  # s
+TELLING_AFTER, TELLING_FROM = 3.0, 0.02  # s and share of the work from which on its end can be told
 
 
 class WorksInSteps:
@@ -47,17 +48,19 @@ class WorksInSteps:
         manager = context.window_manager
         self._timer = manager.event_timer_add(TICK, window=context.window)
         manager.progress_begin(0, 100)
+        self._began = perf_counter()
+        manager.mocap_autolabel.cancelled = False
         manager.modal_handler_add(self)
         self._tell(context, 0.0)
         return {"RUNNING_MODAL"}
 
     def modal(self, context, event):
-        if event.type == "ESC":
+        if event.type == "ESC" or context.window_manager.mocap_autolabel.cancelled:
             self._end(context)
             self.report({"INFO"}, f"{self.doing} was cancelled")
             return {"CANCELLED"}
         if event.type != "TIMER":
-            return {"RUNNING_MODAL"}
+            return {"PASS_THROUGH"}  # meanwhile Blender can be used
         return self._tick(context)
 
     @reports_trouble
@@ -83,8 +86,13 @@ class WorksInSteps:
         self._end(context)
 
     def _tell(self, context, fraction: float):
+        spent = perf_counter() - self._began
+        left = f", {time_left(spent, fraction)} left" if time_left(spent, fraction) else ""
+        state = context.window_manager.mocap_autolabel
+        state.doing, state.share = f"{self.doing}: {fraction:.0%}{left}", fraction
         context.window_manager.progress_update(round(100 * fraction))
-        context.workspace.status_text_set(f"{self.doing}: {fraction:.0%} done. Esc cancels")
+        context.workspace.status_text_set(f"{state.doing}. Esc cancels")
+        redraw_sidebars(context)
 
     def _end(self, context):
         """Gives back the timer, the progress and the status bar; once."""
@@ -94,4 +102,38 @@ class WorksInSteps:
         context.window_manager.event_timer_remove(self._timer)
         context.window_manager.progress_end()
         context.workspace.status_text_set(None)
+        context.window_manager.mocap_autolabel.doing = ""
+        redraw_sidebars(context)
         self._timer = None
+
+
+def time_left(spent: float, fraction: float) -> str:
+    """How long work goes on that took `spent` seconds for a fraction, such as "2 min"; empty where nobody can tell."""
+    if spent < TELLING_AFTER or fraction < TELLING_FROM:
+        return ""
+    seconds = spent / fraction * (1 - fraction)
+    return f"{max(round(seconds), 1)} s" if seconds < 90 else f"{round(seconds / 60)} min"
+
+
+def redraw_sidebars(context: bpy.types.Context):
+    """Lets the sidebars of the 3D views be drawn anew."""
+    for area in context.screen.areas if context.screen is not None else ():
+        if area.type == "VIEW_3D":
+            for region in area.regions:
+                if region.type == "UI":
+                    region.tag_redraw()
+
+
+class MOCAP_AUTOLABEL_OT_cancel(bpy.types.Operator):
+    """Stop what is going on; nothing of it stays."""
+
+    bl_idname = "mocap_autolabel.cancel"
+    bl_label = "Cancel"
+    bl_options = {"INTERNAL"}
+
+    def execute(self, context):
+        context.window_manager.mocap_autolabel.cancelled = True
+        return {"FINISHED"}
+
+
+CLASSES = (MOCAP_AUTOLABEL_OT_cancel,)

@@ -14,6 +14,7 @@ from mathutils import Matrix
 from ..core.data.markersets import MarkerSet
 from ..core.data.takes import Motion
 from . import animation
+from .sides import keep_sides
 
 SHORTEST_BONE = 0.02  # m; Blender deletes bones without length
 SCALE = "mocap_scale"  # m for one unit of the marker set, (3,), on the armature
@@ -73,6 +74,7 @@ def add_armature(
     layer.objects.active = before
     for bone in armature.pose.bones:
         bone.rotation_mode = "QUATERNION"
+    keep_sides(armature, markerset)
     armature[SCALE] = [float(value) for value in build.scale]
     return armature
 

@@ -9,9 +9,11 @@ import numpy as np
 from ..core.data.markersets import MarkerSet
 from . import armature as armatures
 from . import naming
+from .sides import SIDE_COLOURS, segment_sides
 
 AROUND, RINGS = 24, 6
 COLOUR = (0.55, 0.65, 0.8, 0.35)
+TINT = 0.55  # of the colour of a side in that of the body
 START, END, RADIUS = "mocap_start", "mocap_end", "mocap_radius"
 
 
@@ -28,12 +30,12 @@ def add_body(
     collection: bpy.types.Collection, armature: bpy.types.Object, markerset: MarkerSet, scale: np.ndarray
 ) -> list[bpy.types.Object]:
     """Adds a mesh for each of the K capsules, hung on its bone; `scale` (3,) is m for one unit of the marker set."""
-    material = _material()
     meshes = []
+    sides = segment_sides(markerset)
     for index, segment in enumerate(markerset.capsules.segment):
         name = markerset.skeleton.segments[segment]
         item = add_capsule(collection, armature, name, capsule_in_metres(markerset, index, scale))
-        item.data.materials.append(material)
+        item.data.materials.append(_material(sides[name]))
         meshes.append(item)
     return meshes
 
@@ -115,11 +117,12 @@ def capsule_place(capsule: Capsule) -> tuple[np.ndarray, float]:
     return place, float(length / 2)
 
 
-def _material() -> bpy.types.Material:
-    """The see-through material of the body, made once a file."""
-    name = naming.title("body")
+def _material(side: str) -> bpy.types.Material:
+    """The see-through material of a side of the body, made once a file."""
+    name = naming.title({"L": "body left", "R": "body right"}.get(side, "body"))
     material = bpy.data.materials.get(name)
     if material is None:
         material = bpy.data.materials.new(name)
-        material.diffuse_color = COLOUR
+        tinted = zip(COLOUR[:3], SIDE_COLOURS[side], strict=True)
+        material.diffuse_color = (*((1 - TINT) * own + TINT * tint for own, tint in tinted), COLOUR[3])
     return material

@@ -328,7 +328,8 @@ def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Coll
 
 def _suspect_row(suspect: Suspect) -> list:
     trajectory = None if suspect.trajectory is None else int(suspect.trajectory)
-    return [int(suspect.first), int(suspect.last), suspect.words, trajectory, list(suspect.markers), suspect.doubtful]
+    more = [] if suspect.doubtful is None else [int(suspect.doubtful)]
+    return [int(suspect.first), int(suspect.last), suspect.words, trajectory, list(suspect.markers), *more]
 
 
 def _row_columns(rows: Blobs | PointRows) -> dict[str, np.ndarray]:

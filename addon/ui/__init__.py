@@ -5,9 +5,10 @@ from contextlib import ExitStack
 
 import bpy
 
+from ..props import list_trouble
 from ..scene.opened import opened
 from ..scene.trouble import forget_trouble
-from . import calibration, filling, handlers, overlay, panels, quality, smoothing, timeline
+from . import calibration, figure, filling, handlers, overlay, panels, quality, smoothing, timeline
 
 CLASSES = (
     *panels.CLASSES,
@@ -21,12 +22,13 @@ CLASSES = (
 
 def add_handlers(stack: ExitStack):
     """Adds the overlay and what listens to Blender; each brings its way back to `stack`."""
-    for draw in (overlay.draw, quality.draw):
+    for draw in (figure.draw, overlay.draw, quality.draw):
         drawing = bpy.types.SpaceView3D.draw_handler_add(draw, (), "WINDOW", "POST_PIXEL")
         stack.callback(bpy.types.SpaceView3D.draw_handler_remove, drawing, "WINDOW")
     timeline.add_timeline(stack)
     stack.callback(opened.forget)
     stack.callback(forget_trouble)
+    stack.callback(_stop_timer, list_trouble)
     events = bpy.app.handlers
     for listeners, function in (
         (events.load_post, handlers.after_load),

@@ -120,14 +120,25 @@ def picked_points(stored: Stored, index: int, trajectory: int) -> np.ndarray:
     return stored.rows.xyz[rows][stored.rows.trajectory[rows] == trajectory]
 
 
-def room_for_words(places: np.ndarray, widths: np.ndarray, height: float, gap: float, mark: float = 0) -> np.ndarray:
+NOTHING_COVERED = np.empty((0, 4))
+
+
+def room_for_words(
+    places: np.ndarray,
+    widths: np.ndarray,
+    height: float,
+    gap: float,
+    mark: float = 0,
+    covered: np.ndarray = NOTHING_COVERED,
+) -> np.ndarray:
     """(N, 2) px where the words beside places (N, 2) begin so that none lies on another; NaN where there is no room.
 
     Words go to the right of their place, else to the left, above or below it, and where they can not onto the marks
-    of `mark` px to each side of all places; `widths` (N,) and `height` are the words'.
+    of `mark` px to each side of all places; `widths` (N,) and `height` are the words'. None goes onto what is covered
+    (K, 4), such as a toolbar: left, lower, right and upper end.
     """
     starts = np.full(places.shape, np.nan)
-    taken, there = np.empty((0, 4)), places[np.isfinite(places).all(axis=1)]
+    taken, there = covered, places[np.isfinite(places).all(axis=1)]
     discs = np.concatenate([there - mark, there + mark], axis=1)
     for index, (x, y) in enumerate(places):
         if not np.isfinite(x):

@@ -22,7 +22,8 @@ BLOB_RADIUS, RING_RADIUS, LINK_WIDTH, TEXT_SIZE = 3.5, 5.5, 2.2, 11.0
 RING_COLOUR = (1.0, 1.0, 1.0, 0.45)
 CORNERS = 16
 LEGEND_LEFT, LEGEND_BOTTOM = 60, 20
-LEGEND = (("exclusive", 1), ("conflict", 2), ("remaining", 3), ("unnamed", 0))
+LEGEND = (("nothing else near", 1), ("chosen among several", 2), ("left over, and fits", 3), ("no name", 0))
+COVERING = ("TOOLS", "UI", "HEADER", "TOOL_HEADER", "ASSET_SHELF", "ASSET_SHELF_HEADER")
 
 
 def draw():
@@ -68,13 +69,16 @@ def looking_through(context: bpy.types.Context) -> bpy.types.Object | None:
 
 
 class Canvas:
-    """The region that is drawn on: points of the world become its pixels."""
+    """The region that is drawn on: points of the world become its pixels; onto what is covered no words go."""
+
+    covered = marks.NOTHING_COVERED
 
     def __init__(self, context: bpy.types.Context):
         region = context.region
         self.size = (region.width, region.height)
         self.perspective = np.array(context.space_data.region_3d.perspective_matrix, dtype=float)
         self.scale = context.preferences.system.ui_scale
+        self.covered = covered(context.area, region)
 
     def place(self, points: np.ndarray) -> np.ndarray:
         """(..., 2) px of points (..., 3) m; NaN behind the viewer."""
@@ -118,7 +122,7 @@ class Canvas:
         sizes = np.array([blf.dimensions(0, word) for word in words]).reshape(-1, 2)
         height = TEXT_SIZE * self.scale
         gap, mark = (RING_RADIUS + 2) * self.scale, BLOB_RADIUS * self.scale
-        starts = marks.room_for_words(places, sizes[:, 0], height, gap, mark)
+        starts = marks.room_for_words(places, sizes[:, 0], height, gap, mark, self.covered)
         for word, (x, y) in zip(words, starts, strict=True):
             if np.isfinite(x):
                 self.text(word, x, y)
@@ -132,6 +136,13 @@ class Canvas:
         blf.position(0, x, y, 0)
         blf.draw(0, words)
         blf.disable(0, blf.SHADOW)
+
+
+def covered(area: bpy.types.Area, region: bpy.types.Region) -> np.ndarray:
+    """(K, 4) the boxes of a region, px, that the toolbar, the sidebar and headers lie over."""
+    over = [one for one in area.regions if one.type in COVERING and one.width > 1 and one.height > 1]
+    boxes = [[one.x, one.y, one.x + one.width, one.y + one.height] for one in over]
+    return np.array(boxes, dtype=float).reshape(-1, 4) - np.tile([region.x, region.y], 2)
 
 
 def draw_camera(canvas: Canvas, stored: Stored, index: int, camera: bpy.types.Object, settings):

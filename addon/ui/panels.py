@@ -162,9 +162,14 @@ class MOCAP_AUTOLABEL_PT_label(Step, bpy.types.Panel):
             draw_choice(layout, settings, "occlusion")
             if settings.occlusion == "bvh":
                 draw_choice(layout, settings, "body")
-        row = layout.row()
+        state = context.window_manager.mocap_autolabel
+        row = layout.row(align=True)
         row.scale_y = 1.6
-        row.operator("mocap_autolabel.label", icon="PLAY")
+        if not state.doing:
+            row.operator("mocap_autolabel.label", icon="PLAY")
+            return
+        row.progress(factor=state.share, text=state.doing)
+        row.operator("mocap_autolabel.cancel", text="", icon="X")
 
 
 class MOCAP_AUTOLABEL_PT_hints(Step, bpy.types.Panel):
@@ -202,6 +207,9 @@ class MOCAP_AUTOLABEL_PT_review(Step, bpy.types.Panel):
         row = layout.row(align=True)
         row.prop(settings, "show_overlay", toggle=True, icon="OVERLAY")
         row.prop(settings, "show_names", toggle=True)
+        row = layout.row(align=True)
+        row.prop(settings, "show_figure", toggle=True)
+        row.prop(settings, "show_trails", toggle=True)
         if not settings.points_path:
             row.prop(settings, "show_links", toggle=True)
         if is_take(settings.take):
@@ -218,13 +226,18 @@ class Reviewing:
         return is_take(context.scene.mocap_autolabel.take)
 
 
-def cells(layout: bpy.types.UILayout) -> list[bpy.types.UILayout]:
-    """Four cells of a row of the markers' table, the gaps' the widest."""
+def cells(layout: bpy.types.UILayout, measured: bool) -> list[bpy.types.UILayout]:
+    """The cells of a row of the markers' table, the gaps' the widest; the last only where residuals were measured."""
     row, made = layout.row(), []
-    for factor in (0.28, 0.35, 0.68):
+    for factor in (0.28, 0.35, 0.68) if measured else (0.34, 0.4):
         row = row.split(factor=factor, align=True)
         made.append(row.row())
     return [*made, row.row()]
+
+
+def has_residuals(context: bpy.types.Context) -> bool:
+    """Whether the residual of any marker is known and not nothing."""
+    return any(row.residual > 0 for row in context.window_manager.mocap_autolabel.markers)
 
 
 def draw_choice(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, name: str):
@@ -243,14 +256,16 @@ def draw_text(layout: bpy.types.UILayout, words: str, icon: str = "NONE"):
 
 
 class MOCAP_AUTOLABEL_PT_markers(Step, Reviewing, bpy.types.Panel):
-    """Every marker with its gaps and residual."""
+    """Every marker with its gaps and residual, the one that was found least first."""
 
     bl_label = "Markers"
 
     def draw(self, context):
         state, layout = context.window_manager.mocap_autolabel, self.layout
-        for cell, words in zip(cells(layout), ("Marker", "Found", "Gaps", "mm"), strict=True):
-            cell.label(text=words)
+        measured = has_residuals(context)
+        words = ("Marker", "Found", "Gaps", "mm") if measured else ("Marker", "Found", "Gaps")
+        for cell, heading in zip(cells(layout, measured), words, strict=True):
+            cell.label(text=heading)
         layout.template_list("MOCAP_AUTOLABEL_UL_markers", "", state, "markers", state, "marker_index", rows=6)
 
 
@@ -324,7 +339,7 @@ class MOCAP_AUTOLABEL_UL_markers(bpy.types.UIList):
     """A marker a row."""
 
     def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0):
-        name, found, gaps, residual = cells(layout)
+        name, found, gaps, *residual = cells(layout, has_residuals(context))
         name.label(text=item.name)
         found.label(text=f"{item.labelled:.1%}")
         if item.gaps:
@@ -332,7 +347,8 @@ class MOCAP_AUTOLABEL_UL_markers(bpy.types.UIList):
             jump.frame, jump.marker = item.first_gap, item.name
         else:
             gaps.label(text="–")
-        residual.label(text=f"{item.residual:.1f}" if item.residual == item.residual else "–")
+        for cell in residual:
+            cell.label(text=f"{item.residual:.1f}" if item.residual == item.residual else "–")
 
 
 CLASSES = (

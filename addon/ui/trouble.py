@@ -8,7 +8,7 @@ import bpy
 from ..core.review.trouble import DOUBTFUL, LEFT_OVER, MISSING, NOBODY_THERE, OF_CAMERA, OFF_BODY
 from ..ops.reviewing import is_listed, words_for, words_of_answer
 from ..scene.take import is_take
-from ..scene.trouble import trouble_of
+from ..scene.trouble import known_cameras, known_trouble
 
 ICONS = {
     NOBODY_THERE: "GHOST_DISABLED",
@@ -29,6 +29,11 @@ def draw_in_full(context: bpy.types.Context, layout: bpy.types.UILayout, words: 
     column.scale_y = 0.75
     for number, line in enumerate(textwrap.wrap(words, max(int((width - MARGIN) / LETTER), 12))):
         column.label(text=line, icon="BLANK1" if number and icon != "NONE" else icon)
+
+
+def in_short(stake: float) -> str:
+    """A number of frames that fits beside a name."""
+    return f"{stake:.0f}" if stake < 1000 else f"{stake / 1000:.1f}k"
 
 
 class MOCAP_AUTOLABEL_PT_trouble(bpy.types.Panel):
@@ -65,7 +70,7 @@ class MOCAP_AUTOLABEL_PT_trouble(bpy.types.Panel):
         row = layout.row(align=True)
         row.operator("mocap_autolabel.next_trouble", text="Previous", icon="TRIA_LEFT").back = True
         row.operator("mocap_autolabel.next_trouble", text="Next", icon="TRIA_RIGHT").back = False
-        found = trouble_of(context.scene.mocap_autolabel.take, context.scene)
+        found = known_trouble(context.scene.mocap_autolabel.take, context.scene) or ()
         if state.trouble_index < len(found) == len(state.troubles) and is_listed(
             state, state.troubles[state.trouble_index]
         ):
@@ -90,17 +95,43 @@ class MOCAP_AUTOLABEL_UL_trouble(bpy.types.UIList):
     """A trouble a row, the worst first: where it is, what it is about, and how many frames of a marker are at stake."""
 
     def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0):
-        split = layout.split(factor=0.47, align=True)
+        split = layout.split(factor=0.46, align=True)
         frames = str(item.first) if item.first == item.last else f"{item.first}–{item.last}"
         split.operator("mocap_autolabel.show_trouble", text=frames, icon=ICONS[item.kind]).index = index
-        split = split.split(factor=0.72, align=True)
+        split = split.split(factor=0.62, align=True)
         split.label(text=item.name or item.kind)
-        split.label(text="", icon="CHECKMARK") if item.answered else split.label(text=f"{item.stake:.0f}")
+        split.label(text="", icon="CHECKMARK") if item.answered else split.label(text=in_short(item.stake))
 
     def filter_items(self, context, data, property_name):
         """Which rows the choices above let be seen; their order stays."""
         rows = getattr(data, property_name)
         return [self.bitflag_filter_item if is_listed(data, row) else 0 for row in rows], []
+
+
+class MOCAP_AUTOLABEL_PT_camera_blobs(bpy.types.Panel):
+    """How well each camera's blobs are named, and how far they are off."""
+
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "Mocap"
+    bl_label = "Cameras"
+    bl_parent_id = "MOCAP_AUTOLABEL_PT_review"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context):
+        take = context.scene.mocap_autolabel.take
+        return is_take(take) and bool(known_cameras(take, context.scene))
+
+    def draw(self, context):
+        grid = self.layout.grid_flow(row_major=True, columns=4, even_columns=False, align=True)
+        for words in ("Camera", "Named", "Beside", "px"):
+            grid.label(text=words)
+        for one in known_cameras(context.scene.mocap_autolabel.take, context.scene):
+            named = f"{one.named / one.blobs:.0%}" if one.blobs else "–"
+            error = f"{one.error_px:.2f}" if one.error_px == one.error_px else "–"
+            for words in (one.name, named, str(one.unnamed_beside), error):
+                grid.label(text=words)
 
 
 class MOCAP_AUTOLABEL_PT_changes(bpy.types.Panel):
@@ -139,5 +170,6 @@ CLASSES = (
     MOCAP_AUTOLABEL_UL_trouble,
     MOCAP_AUTOLABEL_UL_changes,
     MOCAP_AUTOLABEL_PT_trouble,
+    MOCAP_AUTOLABEL_PT_camera_blobs,
     MOCAP_AUTOLABEL_PT_changes,
 )

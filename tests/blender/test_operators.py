@@ -114,7 +114,9 @@ def test_files_become_named_markers(ready, files):
     empties = [item for item in collection.all_objects if item.type == "EMPTY"]
     assert [item[naming.MARKER] for item in empties] == list(open_markerset(files.markerset).markers)
     state = ready.window_manager.mocap_autolabel
-    assert [row.name for row in state.markers] == [item[naming.MARKER] for item in empties]
+    assert {row.name for row in state.markers} == {item[naming.MARKER] for item in empties}
+    found = [row.labelled for row in state.markers]
+    assert found == sorted(found), "the one that was found least is first"
     assert {kind: getattr(bpy.data, kind).get("Mocap: walk") is not None for kind in ("actions", "collections")} == {
         "actions": True,
         "collections": True,
@@ -311,7 +313,13 @@ def window(ready, labelling):
     status = []
     workspace = SimpleNamespace(status_text_set=status.append)
     context = SimpleNamespace(
-        scene=ready.scene, window=None, window_manager=manager, workspace=workspace, view_layer=ready.view_layer
+        scene=ready.scene,
+        window=None,
+        screen=None,
+        mode="OBJECT",
+        window_manager=manager,
+        workspace=workspace,
+        view_layer=ready.view_layer,
     )
     return SimpleNamespace(context=context, manager=manager, status=status, operator=Modal(labelling.module))
 
@@ -332,7 +340,7 @@ def test_escape_leaves_nothing_behind(ready, labelling, in_fives, window):
     while not labelling.given:
         assert operator.modal(context, SimpleNamespace(type="TIMER")) == {"RUNNING_MODAL"}
     assert list(labelling.folder.iterdir()), "the job writes its files"
-    assert operator.modal(context, SimpleNamespace(type="MOUSEMOVE")) == {"RUNNING_MODAL"}
+    assert operator.modal(context, SimpleNamespace(type="MOUSEMOVE")) == {"PASS_THROUGH"}
     assert (window.manager.timers, window.manager.bars) == (1, 1)
     assert operator.modal(context, SimpleNamespace(type="ESC")) == {"CANCELLED"}
     assert (window.manager.timers, window.manager.bars, window.status[-1]) == (0, 0, None)
@@ -341,6 +349,23 @@ def test_escape_leaves_nothing_behind(ready, labelling, in_fives, window):
     labelling.gate.set()
     assert gone(labelling.folder)
     assert len(labelling.given) <= 2, "it stopped before its end"
+
+
+def test_the_panel_says_how_long_it_takes_and_its_button_cancels(ready, labelling, in_fives, window, monkeypatch):
+    labelling.gate.clear()
+    operator, context, state = window.operator, window.context, window.manager.mocap_autolabel
+    assert operator._begin(context) == {"RUNNING_MODAL"}
+    assert state.doing.startswith("Labelling: 0%")
+    with pytest.raises(RuntimeError, match="going on already"):
+        bpy.ops.mocap_autolabel.label()
+    assert bpy.ops.mocap_autolabel.cancel() == {"FINISHED"}
+    assert operator.modal(context, SimpleNamespace(type="TIMER")) == {"CANCELLED"}
+    assert state.doing == ""
+    labelling.gate.set()
+    assert gone(labelling.folder)
+    stepping = importlib.import_module(labelling.module.__name__.replace("labelling", "stepping"))
+    told = [stepping.time_left(10, 0.5), stepping.time_left(1, 0.5), stepping.time_left(60, 0.1)]
+    assert told == ["10 s", "", "9 min"]
 
 
 def test_ticks_come_to_an_end_with_the_take_shown(ready, labelling, in_fives, window):

@@ -99,6 +99,43 @@ def test_words_lie_on_marks_only_where_they_must(marks):
     assert (starts[1:, 0] == [76.0, -16.0]).all()
 
 
+def test_words_keep_off_what_covers_the_view(marks):
+    places = np.array([[50.0, 50.0], [10.0, 200.0]])
+    toolbar = np.array([[0.0, 0.0, 100.0, 100.0]])
+    starts = marks.room_for_words(places, np.full(2, 30.0), 11.0, 6.0, 3.5, toolbar)
+    assert np.isnan(starts[0]).all()
+    assert np.isfinite(starts[1]).all()
+
+
+def test_a_trail_is_broken_where_the_marker_was_not_seen(extension):
+    figure = importlib.import_module(f"{extension}.addon.ui.figure")
+    path = np.column_stack([np.arange(20.0), np.zeros(20), np.zeros(20)])
+    path[8:11] = np.nan
+    ends, faded, dashes = figure.trail(path, 9, 5)
+    assert ends[:, 0, 0].tolist() == [4.0, 5.0, 6.0, 11.0, 12.0, 13.0]
+    assert (faded[2] > faded[0]).all()
+    assert (dashes[..., 0].min() > 7) & (dashes[..., 0].max() < 11)
+    assert [len(part) for part in figure.trail(path[:0], 0, 5)] == [0, 0, 0]
+
+
+def test_sides_are_told_apart_by_people_who_see_few_colours(extension):
+    sides = importlib.import_module(f"{extension}.addon.scene.sides")
+    colours = np.array([sides.SIDE_COLOURS[side] for side in ("L", "R", "")])
+    linear = np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
+    # Machado, Oliveira and Fernandes 2009, without the cones for long, middle and short waves.
+    blind = [
+        [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
+        [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
+        [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]],
+    ]
+    for seen in [np.eye(3), *map(np.array, blind)]:
+        shown = np.clip(linear @ seen.T, 0, 1) ** (1 / 2.2)
+        away = np.linalg.norm(shown[:, None] - shown[None], axis=2)
+        assert away[np.triu_indices(3, 1)].min() > 0.3
+    names = ("LKNE", "RKNE", "SACR", "LBUL", "hand.L", "hand.R")
+    assert [sides.side_in(name, names) for name in names] == ["L", "R", "", "", "L", "R"]
+
+
 def test_blobs_can_be_looked_at_before_they_are_labelled(empty, made, marks):
     take = made.take()
     mesh = store_preview("walk", take.rows, take.cameras)

@@ -211,3 +211,28 @@ def test_each_part_begins_where_the_work_before_it_is_done():
     long = begins(100_000, "likelihood")
     assert long["name"] < 0.01
     assert long["vote"] > 0.6
+
+
+def test_the_report_says_what_is_the_matter_and_what_labelling_again_changed(source, tmp_path, monkeypatch):
+    lost = right(FRAMES)
+    lost[:, 6] = NO_MARKER
+
+    def labelled(said) -> dict:
+        monkeypatch.setattr(pipeline, "namer_of", lambda *_: Known(said, 0.9999))
+        job = LabelJob(source, None, "gait15", tmp_path / "out", method="fit", overwrite=True)
+        for _ in label_file(job):
+            pass
+        return json.loads(job.path(".report.json").read_text())
+
+    (tmp_path / "out").mkdir()
+    first = labelled(lambda frames: lost[:frames])
+    names = open_markerset("gait15").markers
+    worst = first["trouble"][0]
+    assert "changed" not in first
+    assert (worst["kind"], worst["markers"], worst["stake"]) == ("missing", [names[6]], FRAMES)
+    assert first["to_look_at"].endswith(f"worst: {worst['reason']}")
+    again = labelled(right)
+    assert not any(one["kind"] == "missing" for one in again["trouble"])
+    said = [(one["marker"], one["what"], one["first"], one["last"]) for one in again["changed"]]
+    assert said == [(names[6], "gained", 11, 70)]
+    assert again["changed_in_all"] == "60 labels more"

@@ -5,6 +5,7 @@ Names are those of Plug-in Gait and of Helen Hayes, as laboratories write them. 
 name and .L and .R behind a segment's, which is how Blender finds the other side.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 BODY_SIDES = ("L", "R")
@@ -61,6 +62,14 @@ def other_side(name: str) -> str:
 def is_right(name: str) -> bool:
     """Whether a marker, joint centre or segment is the body's right one of two."""
     return name.endswith(".R") or (name[:1] == "R" and name not in UNPAIRED)
+
+
+def side_in(name: str, names: Collection[str]) -> str:
+    """Which side a marker or a segment is on, "L" or "R", by another of the names that mirrors it; "" in the middle."""
+    other = other_side(name)
+    if other == name or other not in names:
+        return ""
+    return "R" if is_right(name) else "L"
 
 
 # A marker on one side only: nothing on the other side mirrors it.

@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Drawn over the 3D view: a stick figure in the colours of its sides, trails of what is selected, and what is meant.
+
+A trail is broken where its marker was not seen: a dashed line leads over the gap. Where a marker is missing in this
+frame a thin ring is drawn in the place that the body has for it.
+"""
+
+import bpy
+import gpu
+import numpy as np
+
+from ..core.review.trouble import Trouble
+from ..ops.reviewing import places_of
+from ..scene import naming
+from ..scene.opened import opened
+from ..scene.sides import SIDE_COLOURS, colours_of, kept_sides
+from ..scene.stored import Stored
+from ..scene.take import is_take
+from ..scene.trouble import known_trouble
+from . import marks
+from .overlay import Canvas
+
+FIGURE_WIDTH, TRAIL_WIDTH = 3.0, 1.8
+FAR_BONE = 0.62  # of a colour's brightness that every other segment along a limb has, so that one sees where it ends
+MISSING_COLOUR = (0.75, 0.75, 0.75, 0.55)
+MEANT_COLOUR = (1.0, 1.0, 1.0, 1.0)
+MISSING_RADIUS, MEANT_RADIUS = 5.0, 11.0
+DASH = 0.02  # m of a dash that leads over a gap, and of the space behind it
+MOST_DASHES = 60
+
+
+def draw():
+    """Draws over the current 3D view; Blender calls this at every redraw."""
+    context = bpy.context
+    settings, space = context.scene.mocap_autolabel, context.space_data
+    if not settings.show_overlay or not space.overlay.show_overlays or not is_take(settings.take):
+        return
+    stored = opened.take(settings.take, context.scene)
+    index = marks.frame_index(stored, context.scene.frame_current)
+    if index < 0:
+        return
+    canvas = Canvas(context)
+    gpu.state.blend_set("ALPHA")
+    if settings.show_figure:
+        draw_figure(canvas, settings.take)
+        canvas.rings(canvas.place(missing(stored, index)), MISSING_COLOUR, MISSING_RADIUS)
+    if settings.show_trails:
+        draw_trails(canvas, stored, index, selected(context, stored))
+    if (trouble := meant(context, settings.take, stored)) is not None:
+        places = canvas.place(places_of(trouble, stored, context.scene.frame_current - stored.shift))
+        for radius in (MEANT_RADIUS, MEANT_RADIUS + 1.5):
+            canvas.rings(places, MEANT_COLOUR, radius)
+    gpu.state.blend_set("NONE")
+
+
+def draw_figure(canvas: Canvas, collection: bpy.types.Collection):
+    """A line for every bone, in the colour of its side; along a limb every other one is darker."""
+    armature = next((item for item in collection.objects if item.type == "ARMATURE"), None)
+    if armature is None or not armature.visible_get():
+        return
+    bones = list(armature.pose.bones)
+    world = np.array(armature.matrix_world, dtype=float)
+    ends = np.array([[*bone.head, *bone.tail] for bone in bones], dtype=float).reshape(-1, 2, 3)
+    ends = ends @ world[:3, :3].T + world[:3, 3]
+    light = np.array([FAR_BONE if len(bone.parent_recursive) % 2 else 1.0 for bone in bones])
+    sides = kept_sides(armature)
+    colours = np.array([SIDE_COLOURS[sides.get(bone.name, "")] for bone in bones]) * light[:, None]
+    whole = np.concatenate([colours, np.ones((len(bones), 1))], axis=1)
+    canvas.lines(canvas.place(ends), np.repeat(whole[:, None], 2, axis=1), FIGURE_WIDTH)
+
+
+def missing(stored: Stored, index: int) -> np.ndarray:
+    """(K, 3) m where the body has the markers that nothing is in a frame."""
+    found = np.isfinite(stored.motion.markers[index]).all(axis=1)
+    return stored.motion.expected[index, ~found]
+
+
+def selected(context: bpy.types.Context, stored: Stored) -> list[int]:
+    """The markers of the take whose empties are selected."""
+    names = {item[naming.MARKER] for item in context.selected_objects if naming.MARKER in item}
+    return [index for index, name in enumerate(stored.names) if name in names]
+
+
+def draw_trails(canvas: Canvas, stored: Stored, index: int, markers: list[int]):
+    """Where markers were and will be, a second either way, fading."""
+    colours = colours_of(stored.names)
+    for marker in markers:
+        ends, faded, gaps = trail(stored.motion.markers[:, marker], index, max(round(stored.rate), 2))
+        if len(ends):
+            tints = np.concatenate([np.tile(colours[marker], (*faded.shape, 1)), faded[..., None]], axis=2)
+            canvas.lines(canvas.place(ends), tints, TRAIL_WIDTH)
+        if len(gaps):
+            canvas.lines(canvas.place(gaps), np.tile(MISSING_COLOUR, (len(gaps), 2, 1)), 1.2)
+
+
+def trail(path: np.ndarray, index: int, reach: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The trail of a marker (F, 3) about frame `index`, `reach` frames either way.
+
+    Lines (L, 2, 3) between frames that follow each other with how opaque their ends are (L, 2), and dashes (D, 2, 3)
+    that lead over gaps.
+    """
+    first = max(index - reach, 0)
+    part = path[first : index + reach + 1]
+    at = np.flatnonzero(np.isfinite(part).all(axis=1))
+    begin, end = at[:-1], at[1:]
+    follows = end - begin == 1
+    ends = np.stack([part[begin], part[end]], axis=1)
+    far = np.abs(np.stack([begin, end], axis=1) + first - index) / reach
+    dashes = [_dashes(*pair) for pair in ends[~follows]]
+    return ends[follows], 1 - 0.85 * far[follows], np.concatenate(dashes) if dashes else np.empty((0, 2, 3))
+
+
+def _dashes(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """(D, 2, 3) dashes from one place to another."""
+    count = int(np.clip(np.linalg.norm(other - one) / (2 * DASH), 1, MOST_DASHES))
+    share = (np.arange(count)[:, None] + np.array([0.25, 0.75])) / count
+    return one + share[..., None] * (other - one)
+
+
+def meant(context: bpy.types.Context, collection: bpy.types.Collection, stored: Stored) -> Trouble | None:
+    """The trouble that is chosen in the list, while the current frame is one of it."""
+    state = context.window_manager.mocap_autolabel
+    found = known_trouble(collection, context.scene) or ()
+    if not state.trouble_index < len(found) == len(state.troubles) or found[state.trouble_index].answered:
+        return None
+    trouble, frame = found[state.trouble_index], context.scene.frame_current - stored.shift
+    return trouble if trouble.first <= frame <= trouble.last else None

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A person's way through the trouble of a take, walked in a real Blender's window by pointer and keys.
+
+Runs as the window's script. Its task is the JSON file `tour.json` in the folder MOCAP_OUT: the zip and the points. It
+judges nothing: what it saw goes to `seen.json` beside its pictures.
+"""
+
+import json
+import os
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import bpy
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
+
+import window
+
+OUT = Path(os.environ["MOCAP_OUT"])
+LABEL, CANCEL = "mocap_autolabel.label", "mocap_autolabel.cancel"
+NEXT, MEND, ACCEPT = (f"mocap_autolabel.{name}_trouble" for name in ("next", "mend", "accept"))
+LOST = "LKNE"
+PATIENCE = 120.0
+
+
+def walk() -> Iterator[float]:
+    """Import, label, cancel by the button, label, lose a knee, find it in the list, name it by a button, undo."""
+    task, seen = json.loads((OUT / "tour.json").read_text()), {}
+    settings = lambda: bpy.context.scene.mocap_autolabel  # noqa: E731 - Blender's own references go stale with undo
+    state = lambda: bpy.context.window_manager.mocap_autolabel  # noqa: E731
+    bpy.ops.extensions.package_install_files(filepath=task["zip"], repo="user_default", enable_on_install=True)
+    bpy.data.batch_remove(list(bpy.data.objects))
+    yield from window.open_tab("Mocap")
+    bpy.ops.mocap_autolabel.import_points(filepath=task["points"])
+    settings().markerset = "body26"
+    bpy.ops.ed.undo_push(message="Imported")
+    yield from window.screenshot("1-imported")
+
+    places = yield from find_buttons()
+    yield from window.click(*places[LABEL])
+    yield 1
+    seen["doing"] = state().doing
+    yield from window.screenshot("2-labelling")
+    places = yield from find_buttons()
+    seen["can cancel"] = CANCEL in places
+    if CANCEL in places:
+        yield from window.click(*places[CANCEL])
+        yield 1
+    seen["after Cancel"] = {"running": bool(state().doing), "take": settings().take is not None}
+
+    bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
+    until = time.monotonic() + PATIENCE
+    while settings().take is None and time.monotonic() < until:
+        yield 0.5
+    view = window.area().spaces.active.region_3d
+    for item in settings().take.all_objects:
+        item.select_set(item.get("mocap_marker") == LOST)
+    bpy.ops.mocap_autolabel.unlabel(scope="WHOLE")
+    bpy.ops.ed.undo_push(message="Lost")
+    yield 1
+    state().trouble_marker = LOST
+    view.view_location, view.view_distance, turn = (9, 9, 9), 30, list(view.view_rotation)
+    yield from window.scroll_sidebar()
+    places = yield from find_buttons()
+    seen["buttons"] = sorted(places)
+    yield from window.click(*places[NEXT])
+    yield 1
+    seen["view"] = {"place": list(view.view_location), "turn": [turn, list(view.view_rotation)]}
+    row = state().troubles[state().trouble_index]
+    seen["shown"] = {"name": row.name, "reason": row.reason, "frame": bpy.context.scene.frame_current}
+    yield from window.screenshot("3-trouble")
+    places = yield from find_buttons()
+    yield from window.click(*places[MEND])
+    yield 1
+    seen["named again"] = not any(one.kind == "missing" and one.name == LOST for one in state().troubles)
+    yield from window.screenshot("4-mended")
+    bpy.ops.ed.undo()
+    yield 1
+    seen["undone"] = any(one.kind == "missing" and one.name == LOST for one in state().troubles)
+    places = yield from find_buttons()
+    yield from window.click(*places[ACCEPT])
+    yield 1
+    seen["answered"] = sum(one.answered for one in state().troubles)
+    state().trouble_done, state().trouble_marker = "DONE", ""
+    yield from window.screenshot("5-done")
+    (OUT / "seen.json").write_text(json.dumps(seen, indent=1))
+
+
+def find_buttons() -> Iterator[float]:
+    found: dict[str, tuple[int, int]] = {}
+    yield from window.buttons(found)
+    return found
+
+
+window.play(walk())

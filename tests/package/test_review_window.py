@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Trouble found, shown, mended and answered in a real Blender's window; `review_tour.py` walks, this file judges."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from .conftest import zip_for
+
+pytestmark = [pytest.mark.real_blender, pytest.mark.window, pytest.mark.slow]
+
+
+@pytest.fixture(scope="module")
+def tour(blender_program, make_zip, tmp_path_factory):
+    from scripts.virtual_take import write_virtual_points
+
+    folder = tmp_path_factory.mktemp("review")
+    write_virtual_points(folder, 240)
+    task = {"zip": str(make_zip(zip_for(blender_program.version[:2]))), "points": str(folder / "walk.c3d")}
+    (folder / "tour.json").write_text(json.dumps(task))
+    script = Path(__file__).with_name("review_tour.py")
+    try:
+        done = blender_program.window(script, folder, home=folder / "home", seconds=300)
+    except LookupError as reason:
+        pytest.skip(str(reason))
+    log = done.stdout + done.stderr
+    assert (folder / "seen.json").exists(), log
+    return json.loads((folder / "seen.json").read_text()) | {"folder": folder, "log": log}
+
+
+def test_the_panel_says_what_goes_on_and_its_button_cancels(tour):
+    assert tour["doing"].startswith("Labelling: ")
+    assert tour["can cancel"]
+    assert tour["after Cancel"] == {"running": False, "take": False}
+
+
+def test_a_click_shows_what_is_meant_from_where_one_looks(tour):
+    assert tour["shown"]["name"] == "LKNE"
+    assert "LKNE" in tour["shown"]["reason"]
+    assert "trajectory" in tour["shown"]["reason"]
+    np.testing.assert_allclose(*tour["view"]["turn"], atol=1e-5)
+    assert np.abs(tour["view"]["place"]).max() < 8, "it was looked at 9 9 9, where nobody is"
+
+
+def test_a_click_mends_it_in_one_step_of_undo_and_a_click_answers(tour):
+    assert tour["named again"]
+    assert tour["undone"]
+    assert tour["answered"] >= 1
+
+
+def test_nothing_is_amiss_in_the_log(tour):
+    assert "Traceback" not in tour["log"]
+
+
+@pytest.mark.parametrize("name", ["1-imported", "2-labelling", "3-trouble", "4-mended", "5-done"])
+def test_the_window_is_drawn(tour, name):
+    assert imread(tour["folder"] / f"{name}.png")[..., :3].std() > 0.05
