@@ -30,7 +30,13 @@ from .scene.take import is_take
 
 OWN_FILE = "FILE"
 USUAL_MARKERSET = "body26"
-NOTHING_PICKED = -1
+SCOPES = (
+    ("FRAME", "This Frame", "In the current frame"),
+    ("ON", "From Here On", "From the current frame to the last"),
+    ("BACK", "Back to the Start", "From the first frame to the current one"),
+    ("WHOLE", "Whole Trajectory", "In all frames of the take"),
+    ("RANGE", "Selected Range", "In the scene's preview range"),
+)
 
 
 # Blender keeps no reference to the texts of a dynamic enumeration; they must outlive the drawing.
@@ -64,7 +70,7 @@ def _is_skeleton(_self, item) -> bool:
 
 
 def _take_changed(self, context):
-    self.picked = NOTHING_PICKED
+    context.window_manager.mocap_autolabel.picked.clear()
     hide_preview(self.preview, self.take is not None)
     refresh_review(context.window_manager, context.scene)
 
@@ -186,8 +192,8 @@ class SceneSettings(bpy.types.PropertyGroup):
         poll=_holds_take,
         update=_take_changed,
     )
-    picked: IntProperty(
-        name="Picked", description="The trajectory without a name that was picked, -1 for none", default=NOTHING_PICKED
+    scope: EnumProperty(
+        name="Frames", description="The frames in which the tool Label corrects names", items=SCOPES, default="WHOLE"
     )
     show_overlay: BoolProperty(
         name="Overlay",
@@ -226,6 +232,12 @@ class CorrectionRow(bpy.types.PropertyGroup):
     idle: StringProperty(name="Idle", description="Why the edit changes nothing; empty where it does")
 
 
+class PickedPoint(bpy.types.PropertyGroup):
+    """A trajectory that is picked in the 3D view."""
+
+    point: IntProperty(name="Trajectory", description="Its number in the file")
+
+
 class ReviewState(bpy.types.PropertyGroup):
     """The tables of the active take: `WindowManager.mocap_autolabel`; filled by `refresh_review`, never saved."""
 
@@ -236,6 +248,8 @@ class ReviewState(bpy.types.PropertyGroup):
     corrections: CollectionProperty(type=CorrectionRow)
     correction_index: IntProperty()
     doubts: CollectionProperty(type=bpy.types.PropertyGroup)
+    picked: CollectionProperty(type=PickedPoint)
+    picked_with: StringProperty()
 
 
 def chosen_model(settings: SceneSettings) -> str:
@@ -307,4 +321,4 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
         row.name, row.idle = words_of(edit, stored.shift), outcome.reason
 
 
-CLASSES = (LessonRow, SceneSettings, MarkerRow, SuspectRow, CorrectionRow, ReviewState)
+CLASSES = (LessonRow, SceneSettings, MarkerRow, SuspectRow, CorrectionRow, PickedPoint, ReviewState)

@@ -67,6 +67,7 @@ def edited(stored: Stored, edits: Edits) -> Stored:
         suspects=_unanswered(stored, applied, columns),
         edits=edits,
         outcomes=applied.outcomes,
+        placed=tuple(applied.places),
     )
 
 

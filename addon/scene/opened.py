@@ -4,7 +4,9 @@
 from dataclasses import dataclass, field
 
 import bpy
+import numpy as np
 
+from ..core.data.takes import PointRows
 from ..core.edits.kinds import Edits
 from . import cameras as scene_cameras
 from .corrections import edited, kept_edits, kept_text, text_of
@@ -19,10 +21,13 @@ class Opened:
 
     stored  takes as the program labelled them, and what waits to be labelled
     edited  takes with their edits, beside the text of these: another text, after an undo as well, is another take
+    trajectories  rows of trajectories that were asked for, beside those of the whole take
     """
 
     stored: dict[int, Stored] = field(default_factory=dict)
     edited: dict[int, tuple[str, Stored]] = field(default_factory=dict)
+
+    trajectories: dict[int, tuple[PointRows, np.ndarray]] = field(default_factory=dict)
 
     def take(self, collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
         """The take that `collection` holds, as its edits have it."""
@@ -48,6 +53,13 @@ class Opened:
             self.stored[key] = unedited_take(collection, scene)
         return self.stored[key]
 
+    def rows_of(self, stored: Stored, point: int) -> np.ndarray:
+        """The rows of a trajectory of a take of points, in the order of the frames."""
+        found = self.trajectories.get(point)
+        if found is None or found[0] is not stored.rows:
+            found = self.trajectories[point] = stored.rows, np.flatnonzero(stored.rows.trajectory == point)
+        return found[1]
+
     def preview(self, mesh: bpy.types.Mesh, cameras: bpy.types.Collection | None, scene: bpy.types.Scene) -> Stored:
         """The unlabelled points that `mesh` holds, or its blobs as seen by `cameras`."""
         key = mesh.session_uid
@@ -62,6 +74,7 @@ class Opened:
         """Lets go of everything: another file was loaded, something was undone, or the extension ends."""
         self.stored.clear()
         self.edited.clear()
+        self.trajectories.clear()
 
 
 opened = Opened()

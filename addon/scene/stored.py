@@ -18,6 +18,7 @@ class Stored:
     words     index of each marker by its name, aliases too
     edits     what a person said of the labels, which these follow
     outcomes  what became of each edit
+    placed    index of the frame and marker of each that a person placed
     """
 
     name: str
@@ -33,6 +34,7 @@ class Stored:
     words: Mapping[str, int] = field(default_factory=dict)
     edits: Edits = NO_EDITS
     outcomes: tuple[EditOutcome, ...] = ()
+    placed: tuple[tuple[int, int], ...] = ()
 
     def source_frame(self, current: int) -> int:
         """Blender's current frame in the source's numbers; InputError outside the take."""

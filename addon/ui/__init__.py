@@ -6,20 +6,23 @@ from contextlib import ExitStack
 import bpy
 
 from ..scene.opened import opened
-from . import handlers, overlay, panels, quality
+from . import handlers, label_tool, overlay, panels, quality
 
-CLASSES = (*panels.CLASSES, *quality.CLASSES)
+CLASSES = (*panels.CLASSES, *quality.CLASSES, *label_tool.CLASSES)
 
 
 def add_handlers(stack: ExitStack):
     """Adds the overlay and what listens to Blender; each brings its way back to `stack`."""
-    for draw in (overlay.draw, quality.draw):
+    for draw in (overlay.draw, quality.draw, label_tool.draw):
         drawing = bpy.types.SpaceView3D.draw_handler_add(draw, (), "WINDOW", "POST_PIXEL")
         stack.callback(bpy.types.SpaceView3D.draw_handler_remove, drawing, "WINDOW")
+    label_tool.add_tool(stack)
     stack.callback(opened.forget)
     events = bpy.app.handlers
     for listeners, function in (
         (events.load_post, handlers.after_load),
+        (events.undo_pre, handlers.before_undo),
+        (events.redo_pre, handlers.before_undo),
         (events.undo_post, handlers.after_undo),
         (events.redo_post, handlers.after_undo),
     ):

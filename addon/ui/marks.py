@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core.data.takes import CONFLICT, EXCLUSIVE, NO_MARKER, REMAINING, STEPS, PointRows, rows_in_frame
+from ..scene.picking import to_region
 from ..scene.take import Stored
 
 GREEN, CYAN, MAGENTA, GREY = (
@@ -107,14 +108,6 @@ def point_marks(stored: Stored, index: int) -> PointMarks:
     return PointMarks(markers, doubtful, stored.rows.xyz[left], asked)
 
 
-def picked_points(stored: Stored, index: int, trajectory: int) -> np.ndarray:
-    """(0 or 1, 3) m where a picked trajectory of the take is in frame `index`."""
-    if not isinstance(stored.rows, PointRows):
-        return np.empty((0, 3))
-    rows = rows_in_frame(stored.rows, index)
-    return stored.rows.xyz[rows][stored.rows.trajectory[rows] == trajectory]
-
-
 def room_for_words(places: np.ndarray, widths: np.ndarray, height: float, gap: float, mark: float = 0) -> np.ndarray:
     """(N, 2) px where the words beside places (N, 2) begin so that none lies on another; NaN where there is no room.
 
@@ -142,11 +135,3 @@ def room_for_words(places: np.ndarray, widths: np.ndarray, height: float, gap: f
 def _meets(box: np.ndarray, others: np.ndarray) -> bool:
     """Whether a box (4,) lies on any of others (N, 4): left, lower, right, upper end."""
     return bool(((box[:2] < others[:, 2:]) & (others[:, :2] < box[2:])).all(axis=1).any())
-
-
-def to_region(points: np.ndarray, perspective: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """(..., 2) px in a region of `size` of points (..., 3) m, by its perspective matrix; NaN behind the viewer."""
-    flat = np.concatenate([points, np.ones((*points.shape[:-1], 1))], axis=-1) @ perspective.T
-    with np.errstate(invalid="ignore", divide="ignore"):
-        image = flat[..., :2] / np.where(flat[..., 3:] > 1e-6, flat[..., 3:], np.nan)
-    return (image + 1) / 2 * np.asarray(size, dtype=float)
