@@ -22,6 +22,8 @@ from ..scene.take import holds_points, show_edits
 from .picking import OfPoints, picked_points, selected_markers, show_picked
 from .reporting import reports_trouble
 
+REVIEW_DELAY = 0.05  # s from an edit to the tables that follow it
+
 # Blender keeps no reference to the texts of a dynamic enumeration; they must outlive the drawing.
 _kept_names: list[tuple[str, str, str, str, int]] = []
 # What the likeliest names were asked of last (take, frame, trajectory), and they: a menu asks for each of its rows.
@@ -30,7 +32,8 @@ _likely: list = []
 
 def marker_items(_self, context) -> list[tuple[str, str, str, str, int]]:
     """The markers for an enumeration, the likeliest for what is picked first; a number stays one marker's."""
-    scene = None if context is None else context.scene
+    context = context or bpy.context  # a menu that sets the marker of a button brings none
+    scene = context.scene
     if scene is not None and holds_points(scene.mocap_autolabel.take):
         stored = opened.take(scene.mocap_autolabel.take, scene)
         order = likely_here(context, stored)
@@ -70,8 +73,24 @@ def correct(context: bpy.types.Context, edits: Edits) -> Stored:
     keep_edits(collection, edits)
     show_edits(collection, before, after, scene.mocap_autolabel.keep_unnamed)
     scene.frame_set(scene.frame_current)
-    refresh_review(context.window_manager, scene)
+    review_soon()
     return after
+
+
+def review_soon():
+    """Fills the tables of the review once the view was drawn: a hand that names dots does not wait for them."""
+    if bpy.app.background:
+        review_now()
+    elif not bpy.app.timers.is_registered(review_now):
+        bpy.app.timers.register(review_now, first_interval=REVIEW_DELAY)
+
+
+def review_now():
+    """Fills the tables of the review."""
+    refresh_review(bpy.context.window_manager, bpy.context.scene)
+    for area in (area for window in bpy.context.window_manager.windows for area in window.screen.areas):
+        if area.type == "VIEW_3D":
+            area.tag_redraw()
 
 
 def frames_in_scope(scope: str, stored: Stored, scene: bpy.types.Scene) -> tuple[int, int] | None:

@@ -7,9 +7,10 @@ import bpy
 import numpy as np
 
 from ..core.data.takes import PointRows
+from ..core.edits.following import Following
 from ..core.edits.kinds import Edits
 from . import cameras as scene_cameras
-from .corrections import edited, kept_edits, kept_text, text_of
+from .corrections import edited, following_of, kept_edits, kept_text, text_of
 from .preview import holds_points, read_points_preview, read_preview
 from .stored import Stored
 from .take import unedited_take
@@ -21,12 +22,14 @@ class Opened:
 
     stored  takes as the program labelled them, and what waits to be labelled
     edited  takes with their edits, beside the text of these: another text, after an undo as well, is another take
+    following  what works the edits of each take out
     trajectories  rows of trajectories that were asked for, beside those of the whole take
     """
 
     stored: dict[int, Stored] = field(default_factory=dict)
     edited: dict[int, tuple[str, Stored]] = field(default_factory=dict)
 
+    following: dict[int, Following] = field(default_factory=dict)
     trajectories: dict[int, tuple[PointRows, np.ndarray]] = field(default_factory=dict)
 
     def take(self, collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
@@ -43,7 +46,10 @@ class Opened:
         self, collection: bpy.types.Collection, scene: bpy.types.Scene, edits: Edits, text: str | None = None
     ) -> Stored:
         """The take that `collection` holds as it is with `edits`, whose text is `text`."""
-        after = edited(self._unedited(collection, scene), edits)
+        key, before = collection.session_uid, self._unedited(collection, scene)
+        if key not in self.following:
+            self.following[key] = following_of(before)
+        after = edited(before, edits, self.following[key])
         self.edited[collection.session_uid] = (text_of(edits) if text is None else text, after)
         return after
 
@@ -74,6 +80,7 @@ class Opened:
         """Lets go of everything: another file was loaded, something was undone, or the extension ends."""
         self.stored.clear()
         self.edited.clear()
+        self.following.clear()
         self.trajectories.clear()
 
 

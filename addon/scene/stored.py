@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from ..core.data.errors import InputError
 from ..core.data.takes import Blobs, EditOutcome, Labels, Motion, PointRows, Suspect
+from ..core.edits.following import Group
 from ..core.edits.kinds import NO_EDITS, Edits
 from ..core.geometry.cameras import Cameras
 
@@ -19,6 +20,7 @@ class Stored:
     edits     what a person said of the labels, which these follow
     outcomes  what became of each edit
     placed    index of the frame and marker of each that a person placed
+    groups    what the edits make of the take, for telling what one more of them changes
     """
 
     name: str
@@ -35,6 +37,7 @@ class Stored:
     edits: Edits = NO_EDITS
     outcomes: tuple[EditOutcome, ...] = ()
     placed: tuple[tuple[int, int], ...] = ()
+    groups: tuple[Group, ...] = ()
 
     def source_frame(self, current: int) -> int:
         """Blender's current frame in the source's numbers; InputError outside the take."""

@@ -12,6 +12,7 @@ from ..core.data.errors import JobError
 from ..core.data.markersets import MarkerSet
 from ..core.data.takes import STEPS, Blobs, LabelledChunk, Labels, Motion, PointRows, Suspect
 from ..core.edits.applying import names_of
+from ..core.edits.following import changed_markers
 from ..core.edits.kinds import Edits
 from ..core.geometry import rotations
 from ..core.geometry.cameras import NO_CAMERAS, Cameras
@@ -21,7 +22,7 @@ from . import markers as scene_markers
 from . import naming, storage
 from .body import add_body
 from .cloud import FRAME, add_cloud, cloud_table
-from .corrections import edited, keep_edits, kept_edits
+from .corrections import edited, keep_edits, kept_edits, kept_text, motion_of_labels
 from .stored import Stored
 
 ROWS, MOTION, POSE, FRAME_TABLE = "mocap_blobs", "mocap_motion", "mocap_pose", "mocap_frames"
@@ -162,16 +163,19 @@ def show_edits(collection: bpy.types.Collection, before: Stored, after: Stored, 
     frames = after.motion.frames + after.shift
     action = next((item.animation_data.action for item in collection.all_objects if item.animation_data), None)
     items = {item[naming.MARKER]: item for item in collection.all_objects if naming.MARKER in item}
-    changed = ~np.all(
-        (before.motion.markers == after.motion.markers)
-        | np.isnan(before.motion.markers) & np.isnan(after.motion.markers),
-        axis=(0, 2),
-    )
-    for index in np.flatnonzero(changed).tolist():
+    for index in _changed(before, after):
         item = items.get(after.names[index])
         if item is not None:
             scene_markers.show_marker(item, action, after.motion, index, frames)
-    show_unnamed(collection, f"{after.name} unnamed", after.rows, after.labels, after.shift, unnamed)
+    if not np.array_equal(before.labels.named, after.labels.named):
+        show_unnamed(collection, f"{after.name} unnamed", after.rows, after.labels, after.shift, unnamed)
+
+
+def _changed(before: Stored, after: Stored) -> list[int]:
+    """The markers that are elsewhere after other edits, in some frame."""
+    one, other = before.motion.markers, after.motion.markers
+    about = changed_markers(before.groups, after.groups)
+    return [index for index in about if not np.array_equal(one[:, index], other[:, index], equal_nan=True)]
 
 
 def takes_of(scene: bpy.types.Scene) -> list[bpy.types.Collection]:
@@ -209,18 +213,22 @@ def stored_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> Sto
 
 def unedited_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
     """A take as the program labelled it."""
-    rows, frames = storage.read_table(collection[ROWS]), storage.read_table(collection[FRAME_TABLE])
+    table, frames = storage.read_table(collection[ROWS]), storage.read_table(collection[FRAME_TABLE])
     names = tuple(json.loads(collection[MARKER_NAMES]))
-    numbers = frames["number"]
+    rows, motion = _read_rows(table, frames["number"]), _read_motion(collection, frames, len(names))
+    labels = Labels(table["marker"], _read_steps(collection, table), table["confidence"])
+    if isinstance(rows, PointRows) and kept_text(collection) is not None:
+        # What the file keeps of the motion may have been made with the edits.
+        motion = motion_of_labels(motion, rows, labels)
     cameras = collection.get(naming.CAMERAS)
     return Stored(
         str(collection[naming.TAKE]),
         float(collection[RATE]),
         scene_cameras.cameras_of(cameras, scene) if cameras else NO_CAMERAS,
         names,
-        _read_rows(rows, numbers),
-        Labels(rows["marker"], _read_steps(collection, rows), rows["confidence"]),
-        _read_motion(collection, frames, len(names)),
+        rows,
+        labels,
+        motion,
         tuple(_suspect(*row) for row in json.loads(collection[SUSPECTS])),
         str(collection[SOURCE]),
         int(collection[SHIFT]),

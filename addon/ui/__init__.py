@@ -5,6 +5,7 @@ from contextlib import ExitStack
 
 import bpy
 
+from ..ops.correcting import review_now
 from ..scene.opened import opened
 from . import handlers, label_tool, overlay, panels, quality
 
@@ -32,6 +33,7 @@ def add_handlers(stack: ExitStack):
     # because Blender 4.5 as a module hangs at its end when a file is opened under one that is not.
     bpy.app.timers.register(handlers.adopt_takes, first_interval=0.0, persistent=True)
     stack.callback(_stop_timer, handlers.adopt_takes)
+    stack.callback(_stop_timer, review_now)
 
 
 def _stop_timer(function):

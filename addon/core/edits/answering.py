@@ -2,7 +2,7 @@
 """Doubts that a person has answered: they leave the list of what to look at, and do not come back."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,8 +11,19 @@ from .kinds import Edits, Right
 from .replay import FREE, Edited
 
 
+SAID = 0  # of a trajectory in a frame: an edit says something of it, whatever that is
+
+
+@dataclass(frozen=True, eq=False)
+class Answers:
+    """What an `Edited` says of doubts, for who has none: rule (T, P) FREE or SAID, right (T, M) as there."""
+
+    rule: np.ndarray
+    right: np.ndarray
+
+
 def unanswered(
-    suspects: Iterable[Suspect], edited: Edited, names: Mapping[str, int], first_frame: int
+    suspects: Iterable[Suspect], edited: Edited | Answers, names: Mapping[str, int], first_frame: int
 ) -> tuple[Suspect, ...]:
     """The suspects of a take of points without the frames in which a person answered them.
 

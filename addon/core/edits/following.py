@@ -88,7 +88,9 @@ class Following:
 
     def __init__(self, rows: PointRows, labels: Labels, names: Mapping[str, int], count: int):
         """names are the indices of the `count` markers, aliases too."""
-        self.rows, self.labels, self.names, self.count = rows, labels, names, count
+        # Narrow columns, as each edit makes new ones of the whole take.
+        narrow = Labels(labels.marker.astype(np.int32), labels.step.astype(np.int8), labels.confidence)
+        self.rows, self.labels, self.names, self.count = rows, narrow, names, count
         named = np.flatnonzero(labels.named)
         self._row_of = np.full((len(rows.frames), count), NO_POINT, np.int32)
         self._row_of[rows.frame[named], labels.marker[named]] = named
