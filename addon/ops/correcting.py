@@ -59,7 +59,7 @@ def _likely_of(stored: Stored, index: int, point: int) -> list[int]:
     found = np.flatnonzero(dots.trajectory == point)
     if not len(found):
         return list(range(len(stored.names)))
-    return likely_markers(stored, index, point, dots.xyz[found[0]])
+    return likely_markers(stored, index, opened.rows_of(stored, point), dots.xyz[found[0]])
 
 
 def correct(context: bpy.types.Context, edits: Edits) -> Stored:

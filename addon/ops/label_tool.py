@@ -135,7 +135,7 @@ class MOCAP_AUTOLABEL_OT_quick_label(WorksInView, InView, bpy.types.Operator):
             self.report({"INFO"}, f"No marker is missing in frame {context.scene.frame_current}")
             return False
         gesture.marker = marker
-        [place] = predicted(stored, index_here(stored, context.scene), [marker])
+        place = predicted(stored, index_here(stored, context.scene))[marker]
         gesture.place = tuple(place) if np.isfinite(place).all() else None
         left = int(missing(stored, index_here(stored, context.scene)).sum())
         name = stored.names[marker]
@@ -229,7 +229,7 @@ class MOCAP_AUTOLABEL_OT_place_marker(WorksInView, OfPoints, bpy.types.Operator)
         marker = stored.names.index(self.marker)
         self.begin(context, self._event)
         gesture.marker = marker
-        [self._near] = predicted(stored, index, [marker])
+        self._near = predicted(stored, index)[marker]
         if not np.isfinite(self._near).all():
             self._near = np.array(self._area.spaces.active.region_3d.view_location)
         self.moved(context)

@@ -115,23 +115,30 @@ def room_for_words(places: np.ndarray, widths: np.ndarray, height: float, gap: f
     of `mark` px to each side of all places; `widths` (N,) and `height` are the words'.
     """
     starts = np.full(places.shape, np.nan)
-    taken, there = np.empty((0, 4)), places[np.isfinite(places).all(axis=1)]
-    discs = np.concatenate([there - mark, there + mark], axis=1)
-    for index, (x, y) in enumerate(places):
-        if not np.isfinite(x):
-            continue
-        width = widths[index]
-        right, left, middle = x + gap, x - gap - width, x - width / 2
-        sides = ((right, y - height / 3), (left, y - height / 3), (middle, y + gap), (middle, y - gap - height))
-        boxes = [np.array([left_end, base, left_end + width, base + height]) for left_end, base in sides]
-        free = [box for box in boxes if not _meets(box, taken)]
-        if free:
-            box = next((box for box in free if not _meets(box, discs)), free[0])
-            starts[index] = box[:2]
-            taken = np.vstack([taken, box])
+    there = np.flatnonzero(np.isfinite(places).all(axis=1))
+    boxes = _boxes_beside(places[there], widths[there], height, gap)
+    discs = np.concatenate([places[there] - mark, places[there] + mark], axis=1)
+    clear = ~_meets(boxes[:, :, None], discs).any(axis=2)
+    taken = np.empty((len(there), 4))
+    count = 0
+    for index, own, alone in zip(there.tolist(), boxes, clear, strict=True):
+        free = ~_meets(own[:, None], taken[:count]).any(axis=1)
+        if free.any():
+            best = free & alone if (free & alone).any() else free
+            taken[count] = own[best.argmax()]
+            starts[index] = taken[count, :2]
+            count += 1
     return starts
 
 
-def _meets(box: np.ndarray, others: np.ndarray) -> bool:
-    """Whether a box (4,) lies on any of others (N, 4): left, lower, right, upper end."""
-    return bool(((box[:2] < others[:, 2:]) & (others[:, :2] < box[2:])).all(axis=1).any())
+def _boxes_beside(places: np.ndarray, widths: np.ndarray, height: float, gap: float) -> np.ndarray:
+    """(N, 4, 4) boxes, left, lower, right, upper end, of words to the right of places (N, 2), left, above and below."""
+    x, y = places.T
+    left = np.stack([x + gap, x - gap - widths, x - widths / 2, x - widths / 2], axis=1)
+    lower = np.stack([y - height / 3, y - height / 3, y + gap, y - gap - height], axis=1)
+    return np.stack([left, lower, left + widths[:, None], lower + height], axis=2)
+
+
+def _meets(boxes: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Whether boxes (..., 4) lie on others (..., 4): left, lower, right, upper end."""
+    return ((boxes[..., :2] < others[..., 2:]) & (others[..., :2] < boxes[..., 2:])).all(axis=-1)
