@@ -63,6 +63,17 @@ def scroll_sidebar(down: bool = True) -> Iterator[float]:
     yield 1
 
 
+def grow(kind: str, pixels: int) -> Iterator[float]:
+    """Move the upper edge of the window's largest area of a kind up, or down where `pixels` is less than nothing."""
+    shown = area(kind)
+    x, y = shown.x + 20, shown.y + shown.height
+    point(x, y)  # Blender moves edges while the pointer is in no region
+    yield WHILE_IT_DRAWS
+    with bpy.context.temp_override(area=shown):
+        bpy.ops.screen.area_move("EXEC_DEFAULT", x=x, y=y, delta=pixels)
+    yield 1
+
+
 def show_all() -> None:
     """Let the 3D view show everything there is."""
     with bpy.context.temp_override(area=area(), region=region("WINDOW")):
@@ -87,11 +98,27 @@ def point(x: int, y: int) -> None:
     _event("MOUSEMOVE", "NOTHING", x, y)
 
 
-def click(x: int, y: int) -> Iterator[float]:
-    """Click with the left button, as a hand would: move, press, release."""
+def click(x: int, y: int, **modifiers: bool) -> Iterator[float]:
+    """Click with the left button, as a hand would: move, press, release; `shift=True` and the like are held."""
     for kind, value in (("MOUSEMOVE", "NOTHING"), ("LEFTMOUSE", "PRESS"), ("LEFTMOUSE", "RELEASE")):
-        _event(kind, value, x, y)
+        _event(kind, value, x, y, **modifiers)
         yield WHILE_IT_DRAWS
+
+
+def drag(begin: tuple[int, int], end: tuple[int, int], stop: str = "", button: str = "LEFTMOUSE") -> Iterator[float]:
+    """Drag with a button from a place to another; the key `stop` is pressed before the button is let go."""
+    middle = (begin[0] + end[0]) // 2, (begin[1] + end[1]) // 2
+    _event("MOUSEMOVE", "NOTHING", *begin)
+    yield WHILE_IT_DRAWS
+    _event(button, "PRESS", *begin)
+    for place in (middle, end):
+        yield WHILE_IT_DRAWS
+        _event("MOUSEMOVE", "NOTHING", *place)
+    yield WHILE_IT_DRAWS
+    if stop:
+        yield from press(stop, *end)
+    _event(button, "RELEASE", *end)
+    yield WHILE_IT_DRAWS
 
 
 def press(key: str, x: int, y: int) -> Iterator[float]:
@@ -99,6 +126,16 @@ def press(key: str, x: int, y: int) -> Iterator[float]:
     for value in ("PRESS", "RELEASE"):
         _event(key, value, x, y)
         yield WHILE_IT_DRAWS
+
+
+def turn_wheel(way: str, x: int, y: int, **modifiers: bool) -> Iterator[float]:
+    """Turn the wheel by a notch, `way` WHEELUPMOUSE or WHEELDOWNMOUSE, with the pointer at a place."""
+    point(x - 1, y)
+    yield WHILE_IT_DRAWS
+    point(x, y)
+    yield WHILE_IT_DRAWS
+    _event(way, "PRESS", x, y, **modifiers)
+    yield WHILE_IT_DRAWS
 
 
 def buttons(found: dict[str, tuple[int, int]], step: int = 9) -> Iterator[float]:
@@ -118,5 +155,6 @@ def buttons(found: dict[str, tuple[int, int]], step: int = 9) -> Iterator[float]
             found.setdefault(command.removeprefix("bpy.ops.").partition("(")[0], (x, y))
 
 
-def _event(kind: str, value: str, x: int, y: int) -> None:
-    bpy.context.window_manager.windows[0].event_simulate(type=kind, value=value, x=int(x), y=int(y))
+def _event(kind: str, value: str, x: int, y: int, **modifiers: bool) -> None:
+    shown = bpy.context.window_manager.windows[0]
+    shown.event_simulate(type=kind, value=value, x=int(x), y=int(y), **modifiers)

@@ -165,7 +165,9 @@ def refuse_beside_each_other(stored: Stored, points: Sequence[int], frames: tupl
         number = number[(number >= frames[0]) & (number <= frames[1])]
     many = np.flatnonzero(np.bincount(number - stored.rows.frames[0]) > 1)
     if len(many):
-        words = f"{len(points)} points are picked, several of them in frame {stored.rows.frames[many[0]] + stored.shift}"
+        words = (
+            f"{len(points)} points are picked, several of them in frame {stored.rows.frames[many[0]] + stored.shift}"
+        )
         raise InputError(f"{words}; expected one, or pieces of a marker that follow each other")
 
 

@@ -246,7 +246,9 @@ class MOCAP_AUTOLABEL_OT_place_marker(WorksInView, OfPoints, bpy.types.Operator)
     def _under_pointer(self) -> np.ndarray:
         """(3,) m on the ray under the pointer: as deep as the place where it was put, or should be."""
         view = self._area.spaces.active.region_3d
-        ray = (function(self._region, view, gesture.mouse) for function in (region_2d_to_origin_3d, region_2d_to_vector_3d))
+        ray = (
+            function(self._region, view, gesture.mouse) for function in (region_2d_to_origin_3d, region_2d_to_vector_3d)
+        )
         origin, direction = (np.array(part, dtype=float) for part in ray)
         near = self._near if self._at is None else self._at
         if view.is_perspective:
@@ -316,7 +318,9 @@ class MOCAP_AUTOLABEL_OT_next_trouble(OfPoints, bpy.types.Operator):
     @classmethod
     def description(cls, context, properties):
         """What the button says of itself."""
-        return f"Go to the {'last' if properties.back else 'next'} range of Frames to Look at, and pick what it is about"
+        return (
+            f"Go to the {'last' if properties.back else 'next'} range of Frames to Look at, and pick what it is about"
+        )
 
     @reports_trouble
     def execute(self, context):

@@ -129,9 +129,7 @@ def _pick_dots(context: bpy.types.Context, stored: Stored, dots: Dots, found: np
     """Picks the dots `found` (K,) of a frame: points as trajectories, placed markers as their empties."""
     points = dots.trajectory[found]
     placed = dots.marker[found][points == NO_POINT].tolist()
-    show_picked(
-        context, stored, combined(picked_points(context), points[points != NO_POINT].tolist(), mode), placed
-    )
+    show_picked(context, stored, combined(picked_points(context), points[points != NO_POINT].tolist(), mode), placed)
 
 
 def _selection(context: bpy.types.Context) -> str:

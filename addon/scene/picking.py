@@ -71,7 +71,8 @@ def inside_box(places: np.ndarray, one: tuple[float, float], other: tuple[float,
 
 def inside_lasso(places: np.ndarray, outline: np.ndarray) -> np.ndarray:
     """(K,) True for places (K, 2) px inside a closed outline (L, 2) px: a ray to the right crosses it an odd number
-    of times."""
+    of times.
+    """
     begin, end = outline, np.roll(outline, -1, axis=0)
     x, y = places[:, :1], places[:, 1:]
     spans = (begin[:, 1] > y) != (end[:, 1] > y)

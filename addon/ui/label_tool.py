@@ -7,16 +7,16 @@ import bpy
 import gpu
 import numpy as np
 
-from ..core.data.takes import PointRows
+from ..core.data.takes import NO_MARKER, NO_POINT
 from ..ops.correcting import likely_here
 from ..ops.gestures import gesture
-from ..ops.picking import picked_points
+from ..ops.picking import picked_points, selected_markers
 from ..scene.opened import opened
 from ..scene.picking import dots_of, path_of
 from ..scene.take import holds_points
 from . import marks
-from .marks import WHITE
-from .overlay import Canvas
+from .marks import ORANGE, WHITE
+from .overlay import BLOB_RADIUS, Canvas
 
 TOOL = "mocap_autolabel.label_tool"
 PIE_NAMES = 6  # of a pie's eight pieces; the others lead to all names and to none
@@ -100,7 +100,9 @@ class NamesPie:
         stored = opened.take(settings.take, context.scene)
         scope = self.scope or settings.scope
         pie.operator_context = "EXEC_REGION_WIN"
-        for marker in likely_here(context, stored)[:PIE_NAMES]:
+        own = selected_markers(context)  # what it is called already needs no button
+        names = [marker for marker in likely_here(context, stored) if stored.names[marker] not in own]
+        for marker in names[:PIE_NAMES]:
             row = pie.operator("mocap_autolabel.name_point", text=stored.names[marker])
             row.marker, row.scope = stored.names[marker], scope
         pie.operator("mocap_autolabel.unlabel", icon="X").scope = scope
@@ -164,7 +166,7 @@ def draw():
     index = marks.frame_index(stored, scene.frame_current)
     canvas = Canvas(context)
     gpu.state.blend_set("ALPHA")
-    if index >= 0 and isinstance(stored.rows, PointRows):
+    if index >= 0:
         draw_picked(canvas, stored, index, picked_points(context))
     if gesture.is_in(context.region):
         draw_gesture(canvas)
@@ -172,17 +174,19 @@ def draw():
 
 
 def draw_picked(canvas: Canvas, stored, index: int, points: list[int]):
-    """The picked dots glow, with where they come from and go to."""
-    if not points:
-        return
+    """The picked dots glow, with where they come from and go to; a ring is around what a person placed."""
+    dots = dots_of(stored, index)
+    canvas.rings(canvas.place(dots.xyz[dots.trajectory == NO_POINT]), ASKED, GLOW_RADIUS)
     reach = max(1, round(PATH_SECONDS * stored.rate))
     for point in points:
         ends, named = path_of(stored, opened.rows_of(stored, point), index, reach, PATH_LINES)
         colours = np.where(named[:, None], NAMED_PATH, UNNAMED_PATH)
         canvas.lines(canvas.place(ends), np.repeat(colours[:, None], 2, axis=1), 1.6)
-    dots = dots_of(stored, index)
-    places = canvas.place(dots.xyz[dots.of(points)])
+    picked = dots.of(points)
+    places = canvas.place(dots.xyz[picked])
     canvas.discs(places, np.broadcast_to(np.array(GLOW), (len(places), 4)), HALO_RADIUS)
+    colours = np.where((dots.marker[picked] != NO_MARKER)[:, None], ORANGE, WHITE)
+    canvas.discs(places, colours, BLOB_RADIUS)
     canvas.rings(places, WHITE, GLOW_RADIUS)
 
 

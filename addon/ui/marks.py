@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core.data.takes import CONFLICT, EXCLUSIVE, NO_MARKER, REMAINING, STEPS, PointRows, rows_in_frame
-from ..scene.picking import to_region
 from ..scene.take import Stored
 
 GREEN, CYAN, MAGENTA, GREY = (

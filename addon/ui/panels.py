@@ -6,8 +6,8 @@ import textwrap
 import bpy
 
 from ..io.markersets import SUFFIX
-from ..ops.picking import picked_points, selected_markers
 from ..ops.importing import cameras_at_hand
+from ..ops.picking import picked_points, selected_markers
 from ..props import OWN_FILE
 from ..scene import naming
 from ..scene.cameras import camera_name

@@ -10,7 +10,6 @@ from ..data.takes import Suspect, suspect_ranges
 from .kinds import Edits, Right
 from .replay import FREE, Edited
 
-
 SAID = 0  # of a trajectory in a frame: an edit says something of it, whatever that is
 
 

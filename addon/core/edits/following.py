@@ -87,7 +87,7 @@ class Following:
     """A take of points with the labels that the program gave, ready to be edited again and again."""
 
     def __init__(self, rows: PointRows, labels: Labels, names: Mapping[str, int], count: int):
-        """names are the indices of the `count` markers, aliases too."""
+        """Names are the indices of the `count` markers, aliases too."""
         # Narrow columns, as each edit makes new ones of the whole take.
         narrow = Labels(labels.marker.astype(np.int32), labels.step.astype(np.int8), labels.confidence)
         self.rows, self.labels, self.names, self.count = rows, narrow, names, count
@@ -226,7 +226,9 @@ class Following:
             residual[at] = self.rows.residual[of]
         for place, where in applied.places.items():
             xyz[place], residual[place] = where, 0.0
-        places = {(frames.start + place, int(markers[marker])): where for (place, marker), where in applied.places.items()}
+        places = {
+            (frames.start + place, int(markers[marker])): where for (place, marker), where in applied.places.items()
+        }
         labels = Labels(names[kept.marker], kept.step, kept.confidence)
         return Group(frames, markers, edited.right, xyz, residual, rows, labels, said[chosen], places, applied.outcomes)
 

@@ -75,7 +75,7 @@ def test_each_group_knows_where_its_markers_are(seed, said):
 @given(seeds, edits, edit)
 def test_what_one_more_edit_changes_is_known_by_its_markers(seed, said, one):
     labels, cells = take(seed)
-    rows, program, at = rows_of(labels, cells)
+    rows, program, _ = rows_of(labels, cells)
     take_of = Following(rows, program, cells.names, cells.count)
     before = take_of.apply(said)
     after = take_of.apply(said.added(one))
