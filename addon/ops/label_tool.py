@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the tool Label does beside picking: dot after dot named, a marker put where nothing was seen, the next trouble."""
+"""What the tool Label does beside picking: names dot after dot, puts a marker where none was seen, goes to trouble."""
 
 import bpy
 import numpy as np
@@ -316,7 +316,7 @@ class MOCAP_AUTOLABEL_OT_next_trouble(OfPoints, bpy.types.Operator):
     back: BoolProperty(name="Back", description="To the one before instead", options={"SKIP_SAVE"})
 
     @classmethod
-    def description(cls, context, properties):
+    def description(cls, _context, properties):
         """What the button says of itself."""
         return (
             f"Go to the {'last' if properties.back else 'next'} range of Frames to Look at, and pick what it is about"

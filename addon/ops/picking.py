@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Dots picked in the 3D view, by a click, a box or a lasso: trajectories, and the markers that they are.
 
-What is picked is no step of undo of its own, as every step costs what Blender needs to look the whole file through; it is
-kept beside the file, and stays picked when a correction is undone.
+What is picked is no step of undo of its own, as for every step Blender looks the whole file through; it is kept beside
+the file, and stays picked when a correction is undone.
 """
 
 from collections.abc import Iterable, Sequence

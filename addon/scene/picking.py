@@ -70,8 +70,9 @@ def inside_box(places: np.ndarray, one: tuple[float, float], other: tuple[float,
 
 
 def inside_lasso(places: np.ndarray, outline: np.ndarray) -> np.ndarray:
-    """(K,) True for places (K, 2) px inside a closed outline (L, 2) px: a ray to the right crosses it an odd number
-    of times.
+    """(K,) True for places (K, 2) px inside a closed outline (L, 2) px.
+
+    A ray from there to the right crosses the outline an odd number of times.
     """
     begin, end = outline, np.roll(outline, -1, axis=0)
     x, y = places[:, :1], places[:, 1:]
@@ -93,7 +94,7 @@ def combined(before: list[int], found: list[int], mode: str) -> list[int]:
 def path_of(stored: Stored, rows: np.ndarray, index: int, reach: int, most: int) -> tuple[np.ndarray, np.ndarray]:
     """Where a trajectory is around frame `index`: (S, 2, 3) m the ends of lines, (S,) True where it has a name.
 
-    rows are the trajectory's, in the order of the frames; frames up to `reach` away count, at most about `most` of them.
+    rows are the trajectory's, in the order of the frames; those up to `reach` frames away count, thinned to `most`.
     No line leads across frames without a point.
     """
     frame = stored.rows.frame[rows]
