@@ -33,8 +33,14 @@ from .scene.trouble import is_quick, trouble_of
 
 OWN_FILE = "FILE"
 USUAL_MARKERSET = "body26"
-NOTHING_PICKED = -1
 LATER = 0.4  # s after which the trouble of a long take is worked out: edits that follow each other do not wait for it
+SCOPES = (
+    ("FRAME", "This Frame", "In the current frame"),
+    ("ON", "From Here On", "From the current frame to the last"),
+    ("BACK", "Back to the Start", "From the first frame to the current one"),
+    ("WHOLE", "Whole Trajectory", "In all frames of the take"),
+    ("RANGE", "Selected Range", "In the scene's preview range"),
+)
 
 
 # Blender keeps no reference to the texts of a dynamic enumeration; they must outlive the drawing.
@@ -68,8 +74,8 @@ def _is_skeleton(_self, item) -> bool:
 
 
 def _take_changed(self, context):
-    self.picked = NOTHING_PICKED
     state = context.window_manager.mocap_autolabel
+    state.picked.clear()
     state.left_gaps.clear()
     state.timeline_scroll, state.timeline_unfolded = 0.0, False
     hide_preview(self.preview, self.take is not None)
@@ -205,8 +211,8 @@ class SceneSettings(bpy.types.PropertyGroup):
         poll=_holds_take,
         update=_take_changed,
     )
-    picked: IntProperty(
-        name="Picked", description="The trajectory without a name that was picked, -1 for none", default=NOTHING_PICKED
+    scope: EnumProperty(
+        name="Frames", description="The frames in which the tool Label corrects names", items=SCOPES, default="WHOLE"
     )
     fill_method: EnumProperty(
         name="Method",
@@ -313,6 +319,12 @@ class GapRow(bpy.types.PropertyGroup):
     reason: StringProperty(name="Reason", description="Why it is not filled; empty where it is")
 
 
+class PickedPoint(bpy.types.PropertyGroup):
+    """A trajectory that is picked in the 3D view."""
+
+    point: IntProperty(name="Trajectory", description="Its number in the file")
+
+
 class ReviewState(bpy.types.PropertyGroup):
     """The tables of the active take: `WindowManager.mocap_autolabel`; filled by `refresh_review`, never saved."""
 
@@ -360,6 +372,8 @@ class ReviewState(bpy.types.PropertyGroup):
             ("ALL", "Both", "What is open and what is done"),
         ),
     )
+    picked: CollectionProperty(type=PickedPoint)
+    picked_with: StringProperty()
 
 
 def chosen_model(settings: SceneSettings) -> str:
@@ -477,5 +491,6 @@ CLASSES = (
     ChangeRow,
     CorrectionRow,
     GapRow,
+    PickedPoint,
     ReviewState,
 )

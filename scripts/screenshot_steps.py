@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
+from bpy_extras.view3d_utils import location_3d_to_region_2d
 from mathutils import Euler, Vector
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
@@ -57,12 +58,14 @@ def steps() -> Iterator[float]:
     yield from label()
     bpy.context.scene.frame_set(bpy.context.scene.frame_start + 100)
     yield from window.screenshot("points-labelled")
+    yield from correct()
     yield from fill_and_correct()
     yield from window.grow("DOPESHEET_EDITOR", 330)
     yield from window.screenshot("timeline")
     settings.show_timeline = False
     yield from window.grow("DOPESHEET_EDITOR", -330)
 
+    settings = bpy.context.scene.mocap_autolabel
     bpy.ops.mocap_autolabel.clear()
     bpy.data.batch_remove([settings.preview])
     bpy.ops.mocap_autolabel.edit_markerset()
@@ -106,6 +109,34 @@ def fill_and_correct() -> Iterator[float]:
     bpy.ops.mocap_autolabel.show_timeline()
     bpy.context.window_manager.mocap_autolabel.timeline_scroll = 11.0
     yield 1
+
+
+def correct() -> Iterator[float]:
+    """Pick with the tool Label, open its pie, and let it ask for markers whose names were taken away."""
+    with bpy.context.temp_override(area=window.area(), region=window.region("WINDOW")):
+        bpy.ops.wm.tool_set_by_id(name="mocap_autolabel.label_tool")
+    for name, held in (("LKNE", {}), ("RKNE", {"shift": True})):
+        yield from window.click(*dot_of(name), **held)
+    yield from window.screenshot("label-picked")
+    for name in ("RELB", "LKNE"):
+        place = dot_of(name)
+        yield from window.click(*place)
+        yield from window.press("U", *place)
+    yield from window.press("L", *place)
+    yield from window.screenshot("label-pie")
+    yield from window.press("ESC", *place)
+    yield from window.press("F", *place)
+    yield from window.screenshot("label-quick")
+    yield from window.press("ESC", *place)
+
+
+def dot_of(marker: str) -> tuple[int, int]:
+    """Where a marker's empty, on its dot, is in the window."""
+    item = next(item for item in bpy.context.scene.mocap_autolabel.take.all_objects if item.name == marker)
+    region = window.region("WINDOW")
+    view = window.area().spaces.active.region_3d
+    x, y = location_3d_to_region_2d(region, view, item.matrix_world.translation)
+    return int(region.x + x), int(region.y + y)
 
 
 def judge() -> Iterator[float]:

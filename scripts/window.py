@@ -29,7 +29,7 @@ def play(steps: Iterator[float]) -> None:
         return pause
 
     bpy.context.preferences.view.show_splash = False
-    bpy.app.timers.register(turn, first_interval=2)
+    bpy.app.timers.register(turn, first_interval=2, persistent=True)  # a step may open another file
 
 
 def area(kind: str = "VIEW_3D") -> bpy.types.Area:

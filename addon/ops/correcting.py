@@ -7,49 +7,63 @@ from pathlib import Path
 import bpy
 import numpy as np
 from bpy.props import EnumProperty, IntProperty
-from bpy_extras.view3d_utils import location_3d_to_region_2d
 
 from ..core.data.errors import InputError
-from ..core.data.takes import NO_MARKER, rows_in_frame
-from ..core.edits.kinds import NO_EDITS, AssignPoint, Edit, Edits, Right, Swap, UnlabelPoint
+from ..core.data.takes import NO_POINT
+from ..core.edits.kinds import NO_EDITS, AssignPoint, Delete, Edit, Edits, Right, Swap, UnlabelPoint
 from ..io.edits import EDITS_ENDING, write_edits
-from ..props import NOTHING_PICKED, refresh_review
-from ..scene import naming
+from ..props import SCOPES, refresh_review
 from ..scene.corrections import keep_edits
+from ..scene.likely import likely_markers
 from ..scene.opened import opened
+from ..scene.picking import dots_of
 from ..scene.stored import Stored
 from ..scene.take import holds_points, show_edits
+from .picking import OfPoints, picked_points, selected_markers, show_picked
 from .reporting import reports_trouble
 
-PICK_RADIUS = 20.0  # px of the interface from the mouse to a dot that is meant, as for Blender's own picking of points
-SCOPES = (
-    ("FRAME", "This Frame", "In the current frame"),
-    ("ON", "From Here On", "From the current frame to the last"),
-    ("BACK", "Back to the Start", "From the first frame to the current one"),
-    ("WHOLE", "Whole Trajectory", "In all frames of the take"),
-    ("RANGE", "Selected Range", "In the scene's preview range"),
-)
+REVIEW_DELAY = 0.05  # s from an edit to the tables that follow it
 
 # Blender keeps no reference to the texts of a dynamic enumeration; they must outlive the drawing.
-_kept_names: list[tuple[str, str, str]] = []
+_kept_names: list[tuple[str, str, str, str, int]] = []
+# What the likeliest names were asked of last (take, frame, trajectory), and they: a menu asks for each of its rows.
+_likely: list = []
 
 
-def _marker_items(_self, context) -> list[tuple[str, str, str]]:
-    scene = None if context is None else context.scene
+def marker_items(_self, context) -> list[tuple[str, str, str, str, int]]:
+    """The markers for an enumeration, the likeliest for what is picked first; a number stays one marker's."""
+    context = context or bpy.context  # a menu that sets the marker of a button brings none
+    scene = context.scene
     if scene is not None and holds_points(scene.mocap_autolabel.take):
-        _kept_names[:] = [(name, name, "") for name in opened.take(scene.mocap_autolabel.take, scene).names]
+        stored = opened.take(scene.mocap_autolabel.take, scene)
+        order = likely_here(context, stored)
+        _kept_names[:] = [(stored.names[marker], stored.names[marker], "", "NONE", marker) for marker in order]
     return _kept_names
 
 
-def selected_markers(context: bpy.types.Context) -> list[str]:
-    """The markers of the active take whose empties are selected, that of the active object first."""
-    take = context.scene.mocap_autolabel.take
-    items = [item for item in context.selected_objects if naming.MARKER in item and item.name in take.all_objects]
-    return [str(item[naming.MARKER]) for item in sorted(items, key=lambda item: item != context.object)]
+def likely_here(context: bpy.types.Context, stored: Stored) -> list[int]:
+    """All markers, the likeliest for the dot that was picked last first; in their own order where there is none."""
+    frame = context.scene.frame_current - stored.shift
+    points = picked_points(context)
+    if not points or not stored.motion.frames[0] <= frame <= stored.motion.frames[-1]:
+        return list(range(len(stored.names)))
+    asked = (stored, frame, points[-1])
+    if _likely[:3] != list(asked):
+        _likely[:] = [*asked, _likely_of(stored, frame - int(stored.motion.frames[0]), points[-1])]
+    return _likely[3]
 
 
-def correct(context: bpy.types.Context, edits: Edits):
-    """Gives the active take other edits, and shows what follows; InputError where the new ones find nothing."""
+def _likely_of(stored: Stored, index: int, point: int) -> list[int]:
+    """All markers, the likeliest for a trajectory in frame `index` first; in their own order where it has no point."""
+    dots = dots_of(stored, index)
+    found = np.flatnonzero(dots.trajectory == point)
+    if not len(found):
+        return list(range(len(stored.names)))
+    return likely_markers(stored, index, opened.rows_of(stored, point), dots.xyz[found[0]])
+
+
+def correct(context: bpy.types.Context, edits: Edits) -> Stored:
+    """Gives the active take other edits, shows what follows and returns it; InputError where new ones find nothing."""
     scene, collection = context.scene, context.scene.mocap_autolabel.take
     before = opened.take(collection, scene)
     after = opened.take_with(collection, scene, edits)
@@ -59,7 +73,24 @@ def correct(context: bpy.types.Context, edits: Edits):
     keep_edits(collection, edits)
     show_edits(collection, before, after, scene.mocap_autolabel.keep_unnamed)
     scene.frame_set(scene.frame_current)
-    refresh_review(context.window_manager, scene)
+    review_soon()
+    return after
+
+
+def review_soon():
+    """Fills the tables of the review once the view was drawn: a hand that names dots does not wait for them."""
+    if bpy.app.background:
+        review_now()
+    elif not bpy.app.timers.is_registered(review_now):
+        bpy.app.timers.register(review_now, first_interval=REVIEW_DELAY)
+
+
+def review_now():
+    """Fills the tables of the review."""
+    refresh_review(bpy.context.window_manager, bpy.context.scene)
+    for area in (area for window in bpy.context.window_manager.windows for area in window.screen.areas):
+        if area.type == "VIEW_3D":
+            area.tag_redraw()
 
 
 def frames_in_scope(scope: str, stored: Stored, scene: bpy.types.Scene) -> tuple[int, int] | None:
@@ -80,59 +111,64 @@ def frames_in_scope(scope: str, stored: Stored, scene: bpy.types.Scene) -> tuple
     return {"FRAME": (frame, frame), "ON": (frame, last), "BACK": (first, frame)}[scope]
 
 
-def points_here(stored: Stored, frame: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(K,) the trajectories that have a point in a frame, (K,) the markers that they are, and (K, 3) m where."""
-    rows = rows_in_frame(stored.rows, frame - int(stored.motion.frames[0]))
-    return stored.rows.trajectory[rows], stored.labels.marker[rows], stored.rows.xyz[rows]
-
-
 def trajectory_of(stored: Stored, marker: str, frame: int) -> int:
     """The trajectory that is a marker in a frame; InputError where none is."""
-    trajectory, named, _ = points_here(stored, frame)
-    found = trajectory[named == stored.names.index(marker)]
+    dots = dots_of(stored, frame - int(stored.motion.frames[0]))
+    found = dots.trajectory[(dots.marker == stored.names.index(marker)) & (dots.trajectory != NO_POINT)]
     if not len(found):
         raise InputError(f"{marker} is not named in frame {frame + stored.shift}; expected one in which it is")
     return int(found[0])
-
-
-class OfPoints:
-    """Operators on the active take, which is one of 3D points."""
-
-    @classmethod
-    def poll(cls, context):
-        if not holds_points(context.scene.mocap_autolabel.take):
-            cls.poll_message_set("Label a take of 3D points first")
-            return False
-        if context.mode != "OBJECT":
-            cls.poll_message_set("Go to object mode first")
-            return False
-        return True
 
 
 class Corrects(OfPoints):
     """What the edits share: their frames. They differ in `edits`, which makes them; UserError if it cannot."""
 
     bl_options = {"REGISTER", "UNDO"}
-    scope: EnumProperty(name="Scope", description="The frames that are corrected", items=SCOPES, default="WHOLE")
+    scope: EnumProperty(name="Frames", description="The frames that are corrected", items=SCOPES, default="WHOLE")
+
+    def invoke(self, context, event):
+        self.scope_of_tool(context)
+        return self.execute(context)
+
+    def scope_of_tool(self, context: bpy.types.Context):
+        """Takes the frames that the tool is set to, where none are asked for."""
+        if not self.properties.is_property_set("scope"):
+            self.scope = context.scene.mocap_autolabel.scope
 
     @reports_trouble
     def execute(self, context):
         scene = context.scene
         stored = opened.take(scene.mocap_autolabel.take, scene)
         frames = frames_in_scope(self.scope, stored, scene)
-        correct(context, stored.edits.added(*self.edits(context, stored, frames)))
+        picked = picked_points(context)
+        after = correct(context, stored.edits.added(*self.edits(context, stored, frames)))
+        if picked:
+            show_picked(context, after, picked)
         return {"FINISHED"}
 
 
 def chosen_trajectories(context: bpy.types.Context, stored: Stored) -> list[int]:
-    """The trajectories of the selected markers in the current frame, else the one that was picked."""
+    """The trajectories that are picked, else those of the selected markers in the current frame."""
+    if picked := picked_points(context):
+        return picked
     frame = stored.source_frame(context.scene.frame_current)
     if names := selected_markers(context):
         return [trajectory_of(stored, name, frame) for name in names]
-    picked = context.scene.mocap_autolabel.picked
-    if picked == NOTHING_PICKED:
-        raise InputError("nothing is selected; expected a marker, or a picked point")
-    return [picked]
+    raise InputError("nothing is selected; expected a marker, or a picked point")
+
+
+def refuse_beside_each_other(stored: Stored, points: Sequence[int], frames: tuple[int, int] | None):
+    """Raises InputError where several trajectories have points in one of some frames: they cannot be one marker."""
+    rows = np.isin(stored.rows.trajectory, points)
+    number = stored.rows.frames[stored.rows.frame[rows]]
+    if frames is not None:
+        number = number[(number >= frames[0]) & (number <= frames[1])]
+    many = np.flatnonzero(np.bincount(number - stored.rows.frames[0]) > 1)
+    if len(many):
+        words = (
+            f"{len(points)} points are picked, several of them in frame {stored.rows.frames[many[0]] + stored.shift}"
+        )
+        raise InputError(f"{words}; expected one, or pieces of a marker that follow each other")
 
 
 class MOCAP_AUTOLABEL_OT_name_point(Corrects, bpy.types.Operator):
@@ -142,18 +178,18 @@ class MOCAP_AUTOLABEL_OT_name_point(Corrects, bpy.types.Operator):
     bl_label = "Name"
     bl_property = "marker"
 
-    marker: EnumProperty(name="Marker", description="What the trajectory is", items=_marker_items)
+    marker: EnumProperty(name="Marker", description="What the trajectory is", items=marker_items)
 
     def invoke(self, context, event):
+        self.scope_of_tool(context)
         context.window_manager.invoke_search_popup(self)
         return {"RUNNING_MODAL"}
 
     def edits(self, context, stored: Stored, frames: tuple[int, int] | None) -> Sequence[Edit]:
-        """The trajectory is the marker."""
+        """The trajectory is the marker, and so are others that go on where it ends."""
         chosen = chosen_trajectories(context, stored)
-        if len(chosen) > 1:
-            raise InputError(f"{len(chosen)} markers are selected; expected one")
-        return [AssignPoint(chosen[0], self.marker, frames=frames)]
+        refuse_beside_each_other(stored, chosen, frames)
+        return [AssignPoint(point, self.marker, frames=frames) for point in chosen]
 
 
 class MOCAP_AUTOLABEL_OT_unlabel(Corrects, bpy.types.Operator):
@@ -165,6 +201,17 @@ class MOCAP_AUTOLABEL_OT_unlabel(Corrects, bpy.types.Operator):
     def edits(self, context, stored: Stored, frames: tuple[int, int] | None) -> Sequence[Edit]:
         """The trajectories have no name."""
         return [UnlabelPoint(point, frames=frames) for point in chosen_trajectories(context, stored)]
+
+
+class MOCAP_AUTOLABEL_OT_no_marker(Corrects, bpy.types.Operator):
+    """Say that the picked points are no markers: another person's, a thing's, or nothing; they get no name any more."""
+
+    bl_idname = "mocap_autolabel.no_marker"
+    bl_label = "No Marker"
+
+    def edits(self, context, stored: Stored, frames: tuple[int, int] | None) -> Sequence[Edit]:
+        """The trajectories are no markers."""
+        return [Delete(point, frames=frames) for point in chosen_trajectories(context, stored)]
 
 
 class MOCAP_AUTOLABEL_OT_swap_markers(Corrects, bpy.types.Operator):
@@ -193,95 +240,6 @@ class MOCAP_AUTOLABEL_OT_is_right(Corrects, bpy.types.Operator):
         if not names:
             raise InputError("no marker is selected; expected those that are right")
         return [Right(name, frames=frames) for name in names]
-
-
-def point_at(
-    stored: Stored,
-    frame: int,
-    region: bpy.types.Region,
-    view: bpy.types.RegionView3D,
-    mouse: tuple[float, float],
-    radius: float,
-) -> int:
-    """The trajectory whose point in a frame is nearest to the mouse, px of the region; InputError if none is near."""
-    trajectory, _, xyz = points_here(stored, frame)
-    places = [location_3d_to_region_2d(region, view, where, default=None) for where in xyz]
-    there = [number for number, place in enumerate(places) if place is not None]
-    off = np.array([np.hypot(places[number][0] - mouse[0], places[number][1] - mouse[1]) for number in there])
-    if not len(off) or off.min() > radius:
-        raise InputError("no point is there; expected a click on one")
-    return int(trajectory[there[int(off.argmin())]])
-
-
-def pick(context: bpy.types.Context, stored: Stored, point: int):
-    """Selects the marker that a trajectory is in the current frame, or remembers the trajectory.
-
-    Raises InputError where the trajectory has no point in the frame.
-    """
-    scene = context.scene
-    trajectory, named, _ = points_here(stored, stored.source_frame(scene.frame_current))
-    found = named[trajectory == point]
-    if not len(found):
-        raise InputError(f"trajectory {point} has no point in frame {scene.frame_current}; expected one that has")
-    for item in context.selected_objects:
-        item.select_set(False)
-    marker, settings = int(found[0]), scene.mocap_autolabel
-    settings.picked = point if marker == NO_MARKER else NOTHING_PICKED
-    for item in settings.take.all_objects if marker != NO_MARKER else ():
-        if item.get(naming.MARKER) == stored.names[marker]:
-            item.select_set(True)
-            context.view_layer.objects.active = item
-
-
-class MOCAP_AUTOLABEL_OT_pick_point(OfPoints, bpy.types.Operator):
-    """Click a point in the view: a named one is selected as its marker, of another the trajectory is remembered."""
-
-    bl_idname = "mocap_autolabel.pick_point"
-    bl_label = "Pick a Point"
-    bl_options = {"REGISTER", "UNDO"}
-
-    point: IntProperty(name="Trajectory", description="Its number in the file", min=0, options={"SKIP_SAVE"})
-
-    @reports_trouble
-    def execute(self, context):
-        scene = context.scene
-        pick(context, opened.take(scene.mocap_autolabel.take, scene), self.point)
-        return {"FINISHED"}
-
-    def invoke(self, context, event):
-        if context.area is None or context.area.type != "VIEW_3D":
-            self.report({"ERROR"}, "this is no 3D view; expected one to click into")
-            return {"CANCELLED"}
-        context.window.cursor_modal_set("EYEDROPPER")
-        context.workspace.status_text_set("Click a point. Esc cancels")
-        context.window_manager.modal_handler_add(self)
-        return {"RUNNING_MODAL"}
-
-    def modal(self, context, event):
-        if event.type in ("ESC", "RIGHTMOUSE"):
-            self.cancel(context)
-            return {"CANCELLED"}
-        if event.type != "LEFTMOUSE" or event.value != "PRESS":
-            return {"PASS_THROUGH"}  # meanwhile the view can be turned and the time changed
-        self.cancel(context)
-        self._mouse = event.mouse_x, event.mouse_y
-        return self._clicked(context)
-
-    def cancel(self, context):
-        context.window.cursor_modal_restore()
-        context.workspace.status_text_set(None)
-
-    @reports_trouble
-    def _clicked(self, context) -> set[str]:
-        """Picks what is nearest to the mouse."""
-        scene, area = context.scene, context.area
-        stored = opened.take(scene.mocap_autolabel.take, scene)
-        region = next(region for region in area.regions if region.type == "WINDOW")
-        mouse = self._mouse[0] - region.x, self._mouse[1] - region.y
-        radius = PICK_RADIUS * context.preferences.system.ui_scale
-        view = area.spaces.active.region_3d
-        self.point = point_at(stored, stored.source_frame(scene.frame_current), region, view, mouse, radius)
-        return self.execute(context)
 
 
 class HasEdits(OfPoints):
@@ -363,9 +321,9 @@ def _file_beside(source: str) -> Path:
 
 
 CLASSES = (
-    MOCAP_AUTOLABEL_OT_pick_point,
     MOCAP_AUTOLABEL_OT_name_point,
     MOCAP_AUTOLABEL_OT_unlabel,
+    MOCAP_AUTOLABEL_OT_no_marker,
     MOCAP_AUTOLABEL_OT_swap_markers,
     MOCAP_AUTOLABEL_OT_is_right,
     MOCAP_AUTOLABEL_OT_remove_correction,

@@ -8,12 +8,12 @@ import bpy
 from bpy.props import BoolProperty, FloatProperty, IntProperty, StringProperty
 
 from ..core.data.takes import NO_MARKER
-from ..props import NOTHING_PICKED, redraw_dope_sheets
-from ..scene import naming
+from ..props import redraw_dope_sheets
 from ..scene.opened import opened
 from ..scene.stored import Stored
 from ..scene.take import is_take
 from ..scene.trajectories import FOLDED, Runs, runs_of
+from .picking import picked_points, selected_markers, show_picked
 
 SCRUB_HEIGHT, ROW_HEIGHT, LEGEND_HEIGHT = (
     24,
@@ -138,19 +138,17 @@ class MOCAP_AUTOLABEL_OT_timeline_pick(bpy.types.Operator):
         return is_take(context.scene.mocap_autolabel.take) and context.mode == "OBJECT"
 
     def execute(self, context):
-        scene, settings = context.scene, context.scene.mocap_autolabel
+        scene = context.scene
         if self.first != self.last:
             select_range(scene, self.first, self.last)
         if self.first == self.last or not self.first <= scene.frame_current <= self.last:
             scene.frame_set(self.first)
-        if not self.extend:
-            for item in context.selected_objects:
-                item.select_set(False)
-        settings.picked = NOTHING_PICKED if self.trajectory < 0 else self.trajectory
-        for item in settings.take.all_objects if self.marker else ():
-            if item.get(naming.MARKER) == self.marker and not item.hide_viewport:
-                item.select_set(True)
-                context.view_layer.objects.active = item
+        markers = selected_markers(context) if self.extend else []
+        points = picked_points(context) if self.extend else []
+        markers += [self.marker] if self.marker else []
+        points += [self.trajectory] if self.trajectory >= 0 else []
+        stored = opened.take(scene.mocap_autolabel.take, scene)
+        show_picked(context, stored, points, [stored.names.index(name) for name in markers if name in stored.names])
         return {"FINISHED"}
 
 

@@ -22,13 +22,14 @@ def bind(item: bpy.types.Object, action: bpy.types.Action) -> bpy.types.ActionCh
 
 
 def channels(item: bpy.types.Object, action: bpy.types.Action | None) -> bpy.types.ActionChannelbag:
-    """The channels of `item` but those of its location, which go; new ones in `action` where it has none."""
+    """The channels of `item`, those of its location emptied; new ones in `action` where it has none."""
     data = item.animation_data
     if data is None or data.action is None or data.action_slot is None:
         return bind(item, action or bpy.data.actions.new(item.name))
     bag = data.action.layers[0].strips[0].channelbag(data.action_slot, ensure=True)
-    for curve in [curve for curve in bag.fcurves if curve.data_path == "location"]:
-        bag.fcurves.remove(curve)
+    for curve in bag.fcurves:
+        if curve.data_path == "location":
+            curve.keyframe_points.clear()
     return bag
 
 
@@ -43,9 +44,12 @@ def key(
     """Keys the property at `path` with `values` (F, n) at Blender's `frames` (F,); rows with NaN stay unkeyed.
 
     Where `generated` (F,) is True, the keys are of the type that Blender has for what a tool made up.
+    Channels that are there are empty; without a row to key they go.
     """
     there = np.isfinite(values).all(axis=1)
     if not there.any():
+        for curve in [curve for curve in bag.fcurves if curve.data_path == path]:
+            bag.fcurves.remove(curve)
         return
     owner = bag.groups.get(group) or bag.groups.new(group)
     points = np.empty((int(there.sum()), 2), dtype=np.float32)
@@ -54,8 +58,10 @@ def key(
     kinds = np.where(generated[there], SET_BY_TOOL, SET_BY_HAND).astype(np.int32) if some else None
     for index in range(values.shape[1]):
         points[:, 1] = values[there, index]
-        curve = bag.fcurves.new(path, index=index)
-        curve.group = owner
+        curve = bag.fcurves.find(path, index=index)
+        if curve is None:
+            curve = bag.fcurves.new(path, index=index)
+            curve.group = owner
         curve.keyframe_points.add(len(points))
         curve.keyframe_points.foreach_set("co", points.ravel())
         curve.keyframe_points.foreach_set("interpolation", np.full(len(points), LINEAR, dtype=np.int32))

@@ -12,10 +12,11 @@ import bpy
 import numpy as np
 
 from ..core.data.takes import Labels, Motion, PointRows, Suspect
-from ..core.edits.applying import OF_POINTS, AppliedEdits, PointCells, apply_to_points
+from ..core.edits.following import FollowedEdits, Following
 from ..core.edits.kinds import Edits
+from ..core.edits.replay import FREE
 from ..core.edits.rows import document_of, edits_of
-from ..core.review.answering import unanswered, without_accepted
+from ..core.review.answering import SAID, Answers, unanswered, without_accepted
 from ..core.review.suspects import called_by
 from .answers import answered_blobs
 from .stored import Stored
@@ -48,51 +49,61 @@ def kept_edits(collection: bpy.types.Collection) -> Edits | None:
     return None if text is None else edits_of(json.loads(text))
 
 
-def edited(stored: Stored, edits: Edits) -> Stored:
+def following_of(stored: Stored) -> Following:
+    """What works the edits of a take of points out; stored has the labels that the program gave."""
+    return Following(stored.rows, stored.labels, stored.words, len(stored.names))
+
+
+def edited(stored: Stored, edits: Edits, following: Following | None = None) -> Stored:
     """A take of points with its edits applied: labels, markers and what is left to look at; the body stays.
 
-    stored has the labels that the program gave. Of blobs the labels stay as well: they were made with the edits.
+    stored has the labels that the program gave, `following` is its own and makes one more edit quick. Of blobs
+    the labels stay as well: they were made with the edits.
     """
     if not isinstance(stored.rows, PointRows):
         return answered_blobs(stored, edits)
-    rows, words = stored.rows, stored.words
-    columns = np.union1d(rows.trajectory, [edit.point for edit in edits if isinstance(edit, OF_POINTS)]).astype(int)
-    at = rows.frame, np.searchsorted(columns, rows.trajectory)
-    shape = len(stored.motion.frames), len(columns)
-    present = np.zeros(shape, bool)
-    present[at] = True
-    cells = PointCells(words, len(stored.names), int(stored.motion.frames[0]), present, columns)
-    applied = apply_to_points(stored.labels.spread(at, *shape), edits, cells)
-    labels = applied.labels[at]
+    following = following or following_of(stored)
+    followed = following.apply(edits)
     return replace(
         stored,
-        labels=labels,
-        motion=_motion(stored.motion, rows, labels, applied),
-        suspects=without_accepted(_unanswered(stored, applied, columns), edits),
+        labels=followed.labels,
+        motion=_motion(stored.motion, followed),
+        suspects=without_accepted(_unanswered(stored, followed, following), edits),
         edits=edits,
-        outcomes=applied.outcomes,
+        outcomes=followed.outcomes,
+        placed=tuple(followed.places),
+        groups=followed.groups,
     )
 
 
-def _motion(motion: Motion, rows: PointRows, labels: Labels, applied: AppliedEdits) -> Motion:
-    """The motion with the markers where their points are."""
+def motion_of_labels(motion: Motion, rows: PointRows, labels: Labels) -> Motion:
+    """The motion with each marker where its points are."""
     xyz, off = np.full_like(motion.markers, np.nan), np.full_like(motion.residual, np.nan)
-    named = labels.named
-    at = rows.frame[named], labels.marker[named]
-    xyz[at] = rows.xyz[named]
+    at = rows.frame[labels.named], labels.marker[labels.named]
+    xyz[at] = rows.xyz[labels.named]
     if rows.residual is not None:
-        off[at] = rows.residual[named]
-    for place, where in applied.places.items():
-        xyz[place], off[place] = where, 0.0
+        off[at] = rows.residual[labels.named]
     return replace(motion, markers=xyz, residual=off)
 
 
-def _unanswered(stored: Stored, applied: AppliedEdits, columns: np.ndarray) -> tuple[Suspect, ...]:
+def _motion(motion: Motion, followed: FollowedEdits) -> Motion:
+    """The motion with the markers that were edited where their points are."""
+    xyz, off = motion.markers.copy(), motion.residual.copy()
+    for group in followed.groups:
+        xyz[group.frames, group.markers], off[group.frames, group.markers] = group.xyz, group.residual
+    return replace(motion, markers=xyz, residual=off)
+
+
+def _unanswered(stored: Stored, followed: FollowedEdits, following: Following) -> tuple[Suspect, ...]:
     """The suspects that no edit answers, called by the trajectories' own numbers as before."""
+    columns = np.array(sorted({one.trajectory for one in stored.suspects if one.trajectory is not None}), int)
     column = {int(number): place for place, number in enumerate(columns)}
+    rule = np.full((len(stored.motion.frames), len(columns)), FREE, np.int8)
+    for number, place in column.items():
+        rows = following.rows_of(number)
+        rule[stored.rows.frame[rows], place] = np.where(followed.said[rows], SAID, FREE)
     asked = [
-        one if one.trajectory is None else replace(one, trajectory=column[one.trajectory])
-        for one in stored.suspects
-        if one.trajectory is None or one.trajectory in column
+        one if one.trajectory is None else replace(one, trajectory=column[one.trajectory]) for one in stored.suspects
     ]
-    return called_by(unanswered(asked, applied.edited, stored.words, int(stored.motion.frames[0])), columns)
+    answers = Answers(rule, followed.right)
+    return called_by(unanswered(asked, answers, stored.words, int(stored.motion.frames[0])), columns)

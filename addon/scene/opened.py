@@ -4,10 +4,13 @@
 from dataclasses import dataclass, field
 
 import bpy
+import numpy as np
 
+from ..core.data.takes import PointRows
+from ..core.edits.following import Following
 from ..core.edits.kinds import Edits
 from . import cameras as scene_cameras
-from .corrections import edited, kept_edits, kept_text, text_of
+from .corrections import edited, following_of, kept_edits, kept_text, text_of
 from .fills import fills_text
 from .preview import holds_points, read_points_preview, read_preview
 from .smoothing import kept_cutoff
@@ -22,11 +25,15 @@ class Opened:
     stored  takes as the program labelled them, and what waits to be labelled
     edited  takes with their edits, beside the text of these: another text, after an undo as well, is another take
     final   takes with their fills, and smoothed, beside the text and cut-off of these and the take that they are in
+    following  what works the edits of each take out
+    trajectories  rows of trajectories that were asked for, beside those of the whole take
     """
 
     stored: dict[int, Stored] = field(default_factory=dict)
     edited: dict[int, tuple[str, Stored]] = field(default_factory=dict)
     final: dict[int, tuple[tuple[str | None, float | None], Stored, Stored]] = field(default_factory=dict)
+    following: dict[int, Following] = field(default_factory=dict)
+    trajectories: dict[int, tuple[PointRows, np.ndarray]] = field(default_factory=dict)
 
     def take(self, collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
         """The take that `collection` holds, as its edits, fills and smoothing have it."""
@@ -46,8 +53,11 @@ class Opened:
         return self._final(collection, self._edited(collection, scene, edits, text_of(edits)))
 
     def _edited(self, collection: bpy.types.Collection, scene: bpy.types.Scene, edits: Edits, text: str) -> Stored:
-        after = edited(self.unedited(collection, scene), edits)
-        self.edited[collection.session_uid] = (text, after)
+        key, before = collection.session_uid, self.unedited(collection, scene)
+        if key not in self.following and isinstance(before.rows, PointRows):
+            self.following[key] = following_of(before)
+        after = edited(before, edits, self.following.get(key))
+        self.edited[key] = (text, after)
         return after
 
     def _final(self, collection: bpy.types.Collection, stored: Stored) -> Stored:
@@ -68,6 +78,13 @@ class Opened:
             self.stored[key] = unedited_take(collection, scene)
         return self.stored[key]
 
+    def rows_of(self, stored: Stored, point: int) -> np.ndarray:
+        """The rows of a trajectory of a take of points, in the order of the frames."""
+        found = self.trajectories.get(point)
+        if found is None or found[0] is not stored.rows:
+            found = self.trajectories[point] = stored.rows, np.flatnonzero(stored.rows.trajectory == point)
+        return found[1]
+
     def preview(self, mesh: bpy.types.Mesh, cameras: bpy.types.Collection | None, scene: bpy.types.Scene) -> Stored:
         """The unlabelled points that `mesh` holds, or its blobs as seen by `cameras`."""
         key = mesh.session_uid
@@ -83,6 +100,8 @@ class Opened:
         self.stored.clear()
         self.edited.clear()
         self.final.clear()
+        self.following.clear()
+        self.trajectories.clear()
 
 
 opened = Opened()

@@ -32,20 +32,13 @@ class MarkerReview:
 def review_markers(names: tuple[str, ...], motion: Motion) -> list[MarkerReview]:
     """A `MarkerReview` for each of the markers, in order."""
     rows = []
+    there = np.isfinite(motion.markers[..., 0]).T.copy()  # a place is whole or not at all
+    means = [_means(values, there) for values in (motion.residual, motion.residual_px)]
     for index, name in enumerate(names):
-        seen = np.isfinite(motion.markers[:, index]).all(axis=1)
-        starts, lengths = _runs(~seen)
-        rows.append(
-            MarkerReview(
-                name,
-                int(seen.sum()),
-                len(starts),
-                int(lengths.max(initial=0)),
-                int(starts[0]) if len(starts) else -1,
-                _mean(motion.residual[seen, index]),
-                _mean(motion.residual_px[seen, index]),
-            )
-        )
+        starts, lengths = _runs(~there[index])
+        first = int(starts[0]) if len(starts) else -1
+        found, longest = int(there[index].sum()), int(lengths.max(initial=0))
+        rows.append(MarkerReview(name, found, len(starts), longest, first, *(float(mean[index]) for mean in means)))
     return rows
 
 
@@ -55,6 +48,12 @@ def _runs(flags: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return edges[::2], edges[1::2] - edges[::2]
 
 
-def _mean(values: np.ndarray) -> float:
-    values = values[np.isfinite(values)]
-    return float(values.mean()) if len(values) else float("nan")
+def _means(values: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """(M,) the mean of what is known of values (F, M) where a marker is there (M, F); NaN without any."""
+    known = np.isfinite(values)
+    if not known.any():
+        return np.full(values.shape[1], np.nan)
+    known &= there.T
+    count = known.sum(axis=0)
+    total = np.where(known, values, 0.0).sum(axis=0)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.data.takes import Blobs, EditOutcome, Labels, Motion, PointRows, Suspect
+from ..core.edits.following import Group
 from ..core.edits.kinds import NO_EDITS, Edits
 from ..core.filling.kept import KeptFill, filled_samples
 from ..core.geometry.cameras import Cameras
@@ -27,6 +28,8 @@ class Stored:
     misfits   why each fill does not go with the take as it is now, "" where it does
     measured  the motion without fills and not smoothed; None where that is `motion`
     cutoff    Hz, by which `motion` is smoothed; None where it is not
+    placed    index of the frame and marker of each that a person placed
+    groups    what the edits make of the take, for telling what one more of them changes
     """
 
     name: str
@@ -62,6 +65,9 @@ class Stored:
     def filled(self) -> np.ndarray:
         """(F, M) True where a sample was filled."""
         return filled_samples(self.motion.frames, self.names, self.fitting)
+
+    placed: tuple[tuple[int, int], ...] = ()
+    groups: tuple[Group, ...] = ()
 
     def source_frame(self, current: int) -> int:
         """Blender's current frame in the source's numbers; InputError outside the take."""

@@ -12,6 +12,7 @@ from ..core.data.errors import JobError
 from ..core.data.markersets import MarkerSet
 from ..core.data.takes import STEPS, Blobs, LabelledChunk, Labels, Motion, PointRows, Suspect
 from ..core.edits.applying import names_of
+from ..core.edits.following import changed_markers
 from ..core.edits.kinds import Edits
 from ..core.filling.kept import KeptFill, filled_samples, put_fills
 from ..core.filling.smoothing import smoothed
@@ -23,7 +24,7 @@ from . import markers as scene_markers
 from . import naming, storage
 from .body import add_body
 from .cloud import FRAME, add_cloud, cloud_table
-from .corrections import edited, keep_edits, kept_edits
+from .corrections import edited, keep_edits, kept_edits, kept_text, motion_of_labels
 from .fills import FILL_PATHS, filled_in, keep_fills, kept_fills
 from .smoothing import keep_cutoff, kept_cutoff, smoothed_in
 from .stored import Stored
@@ -178,19 +179,24 @@ def show_edits(collection: bpy.types.Collection, before: Stored, after: Stored, 
     frames = after.motion.frames + after.shift
     action = next((item.animation_data.action for item in collection.all_objects if item.animation_data), None)
     items = {item[naming.MARKER]: item for item in collection.all_objects if naming.MARKER in item}
-    changed = ~np.all(
-        (before.motion.markers == after.motion.markers)
-        | np.isnan(before.motion.markers) & np.isnan(after.motion.markers),
-        axis=(0, 2),
-    )
     filled = after.filled()
-    changed |= (filled != before.filled()).any(axis=0)
-    for index in np.flatnonzero(changed).tolist():
+    for index in _changed(before, after, (filled != before.filled()).any(axis=0)):
         item = items.get(after.names[index])
         if item is not None:
             scene_markers.show_marker(item, action, after.motion, index, frames, filled[:, index])
-    if after.labels is not before.labels and isinstance(after.rows, PointRows):
+    points = isinstance(after.rows, PointRows)
+    if points and not np.array_equal(before.labels.named, after.labels.named):
         show_unnamed(collection, f"{after.name} unnamed", after.rows, after.labels, after.shift, unnamed)
+
+
+def _changed(before: Stored, after: Stored, refilled: np.ndarray) -> list[int]:
+    """The markers that are elsewhere after other edits, fills or smoothing; of the refilled (M,) that is known."""
+    one, other = before.motion.markers, after.motion.markers
+    about = range(len(after.names))
+    if before.motion is before.unfilled and after.motion is after.unfilled:
+        about = changed_markers(before.groups, after.groups)
+    same = (np.array_equal(one[:, index], other[:, index], equal_nan=True) for index in about)
+    return [index for index, alike in zip(about, same, strict=True) if refilled[index] or not alike]
 
 
 def takes_of(scene: bpy.types.Scene) -> list[bpy.types.Collection]:
@@ -235,18 +241,22 @@ def finished_take(collection: bpy.types.Collection, stored: Stored) -> Stored:
 
 def unedited_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
     """A take as the program labelled it."""
-    rows, frames = storage.read_table(collection[ROWS]), storage.read_table(collection[FRAME_TABLE])
+    table, frames = storage.read_table(collection[ROWS]), storage.read_table(collection[FRAME_TABLE])
     names = tuple(json.loads(collection[MARKER_NAMES]))
-    numbers = frames["number"]
+    rows, motion = _read_rows(table, frames["number"]), _read_motion(collection, frames, len(names))
+    labels = Labels(table["marker"], _read_steps(collection, table), table["confidence"])
+    if isinstance(rows, PointRows) and kept_text(collection) is not None:
+        # What the file keeps of the motion may have been made with the edits.
+        motion = motion_of_labels(motion, rows, labels)
     cameras = collection.get(naming.CAMERAS)
     return Stored(
         str(collection[naming.TAKE]),
         float(collection[RATE]),
         scene_cameras.cameras_of(cameras, scene) if cameras else NO_CAMERAS,
         names,
-        _read_rows(rows, numbers),
-        Labels(rows["marker"], _read_steps(collection, rows), rows["confidence"]),
-        _read_motion(collection, frames, len(names)),
+        rows,
+        labels,
+        motion,
         tuple(_suspect(*row) for row in json.loads(collection[SUSPECTS])),
         str(collection[SOURCE]),
         int(collection[SHIFT]),

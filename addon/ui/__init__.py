@@ -5,10 +5,11 @@ from contextlib import ExitStack
 
 import bpy
 
+from ..ops.correcting import review_now
 from ..props import list_trouble
 from ..scene.opened import opened
 from ..scene.trouble import forget_trouble
-from . import calibration, figure, filling, handlers, overlay, panels, quality, smoothing, timeline
+from . import calibration, figure, filling, handlers, label_tool, overlay, panels, quality, smoothing, timeline
 
 CLASSES = (
     *panels.CLASSES,
@@ -17,21 +18,25 @@ CLASSES = (
     *smoothing.CLASSES,
     *timeline.CLASSES,
     *quality.CLASSES,
+    *label_tool.CLASSES,
 )
 
 
 def add_handlers(stack: ExitStack):
     """Adds the overlay and what listens to Blender; each brings its way back to `stack`."""
-    for draw in (figure.draw, overlay.draw, quality.draw):
+    for draw in (figure.draw, overlay.draw, quality.draw, label_tool.draw):
         drawing = bpy.types.SpaceView3D.draw_handler_add(draw, (), "WINDOW", "POST_PIXEL")
         stack.callback(bpy.types.SpaceView3D.draw_handler_remove, drawing, "WINDOW")
     timeline.add_timeline(stack)
+    label_tool.add_tool(stack)
     stack.callback(opened.forget)
     stack.callback(forget_trouble)
     stack.callback(_stop_timer, list_trouble)
     events = bpy.app.handlers
     for listeners, function in (
         (events.load_post, handlers.after_load),
+        (events.undo_pre, handlers.before_undo),
+        (events.redo_pre, handlers.before_undo),
         (events.undo_post, handlers.after_undo),
         (events.redo_post, handlers.after_undo),
     ):
@@ -41,6 +46,7 @@ def add_handlers(stack: ExitStack):
     # because Blender 4.5 as a module hangs at its end when a file is opened under one that is not.
     bpy.app.timers.register(handlers.adopt_takes, first_interval=0.0, persistent=True)
     stack.callback(_stop_timer, handlers.adopt_takes)
+    stack.callback(_stop_timer, review_now)
 
 
 def _stop_timer(function):

@@ -4,6 +4,7 @@
 import bpy
 from bpy.app.handlers import persistent
 
+from ..ops.picking import keep_picked, restore_picked
 from ..props import SceneSettings, TrainingTakeRow, refresh_review
 from ..scene import naming
 from ..scene.opened import opened
@@ -22,9 +23,16 @@ def after_load(*_):
 
 
 @persistent
+def before_undo(*_):
+    """A step will be undone or redone: what stays picked is what is picked now."""
+    keep_picked(bpy.context)
+
+
+@persistent
 def after_undo(*_):
     """A step was undone or redone: the tables may be of a take that is gone."""
     refresh_review(bpy.context.window_manager, bpy.context.scene)
+    restore_picked(bpy.context)
 
 
 def adopt_training_takes(settings: SceneSettings):

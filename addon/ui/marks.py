@@ -112,14 +112,6 @@ def point_marks(stored: Stored, index: int) -> PointMarks:
     return PointMarks(markers, doubtful, stored.rows.xyz[left], filled, asked)
 
 
-def picked_points(stored: Stored, index: int, trajectory: int) -> np.ndarray:
-    """(0 or 1, 3) m where a picked trajectory of the take is in frame `index`."""
-    if not isinstance(stored.rows, PointRows):
-        return np.empty((0, 3))
-    rows = rows_in_frame(stored.rows, index)
-    return stored.rows.xyz[rows][stored.rows.trajectory[rows] == trajectory]
-
-
 NOTHING_COVERED = np.empty((0, 4))
 
 
@@ -138,31 +130,30 @@ def room_for_words(
     (K, 4), such as a toolbar: left, lower, right and upper end.
     """
     starts = np.full(places.shape, np.nan)
-    taken, there = covered, places[np.isfinite(places).all(axis=1)]
-    discs = np.concatenate([there - mark, there + mark], axis=1)
-    for index, (x, y) in enumerate(places):
-        if not np.isfinite(x):
-            continue
-        width = widths[index]
-        right, left, middle = x + gap, x - gap - width, x - width / 2
-        sides = ((right, y - height / 3), (left, y - height / 3), (middle, y + gap), (middle, y - gap - height))
-        boxes = [np.array([left_end, base, left_end + width, base + height]) for left_end, base in sides]
-        free = [box for box in boxes if not _meets(box, taken)]
-        if free:
-            box = next((box for box in free if not _meets(box, discs)), free[0])
-            starts[index] = box[:2]
-            taken = np.vstack([taken, box])
+    there = np.flatnonzero(np.isfinite(places).all(axis=1))
+    boxes = _boxes_beside(places[there], widths[there], height, gap)
+    discs = np.concatenate([places[there] - mark, places[there] + mark], axis=1)
+    clear = ~_meets(boxes[:, :, None], discs).any(axis=2)
+    count = len(covered)
+    taken = np.concatenate([covered, np.empty((len(there), 4))])
+    for index, own, alone in zip(there.tolist(), boxes, clear, strict=True):
+        free = ~_meets(own[:, None], taken[:count]).any(axis=1)
+        if free.any():
+            best = free & alone if (free & alone).any() else free
+            taken[count] = own[best.argmax()]
+            starts[index] = taken[count, :2]
+            count += 1
     return starts
 
 
-def _meets(box: np.ndarray, others: np.ndarray) -> bool:
-    """Whether a box (4,) lies on any of others (N, 4): left, lower, right, upper end."""
-    return bool(((box[:2] < others[:, 2:]) & (others[:, :2] < box[2:])).all(axis=1).any())
+def _boxes_beside(places: np.ndarray, widths: np.ndarray, height: float, gap: float) -> np.ndarray:
+    """(N, 4, 4) boxes, left, lower, right, upper end, of words to the right of places (N, 2), left, above and below."""
+    x, y = places.T
+    left = np.stack([x + gap, x - gap - widths, x - widths / 2, x - widths / 2], axis=1)
+    lower = np.stack([y - height / 3, y - height / 3, y + gap, y - gap - height], axis=1)
+    return np.stack([left, lower, left + widths[:, None], lower + height], axis=2)
 
 
-def to_region(points: np.ndarray, perspective: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """(..., 2) px in a region of `size` of points (..., 3) m, by its perspective matrix; NaN behind the viewer."""
-    flat = np.concatenate([points, np.ones((*points.shape[:-1], 1))], axis=-1) @ perspective.T
-    with np.errstate(invalid="ignore", divide="ignore"):
-        image = flat[..., :2] / np.where(flat[..., 3:] > 1e-6, flat[..., 3:], np.nan)
-    return (image + 1) / 2 * np.asarray(size, dtype=float)
+def _meets(boxes: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Whether boxes (..., 4) lie on others (..., 4): left, lower, right, upper end."""
+    return ((boxes[..., :2] < others[..., 2:]) & (others[..., :2] < boxes[..., 2:])).all(axis=-1)

@@ -184,7 +184,6 @@ def draw_markers(canvas: Canvas, stored: Stored, index: int, settings):
     ):
         canvas.discs(at, np.broadcast_to(np.array(BLACK), (len(at), 4)), radius + 1)
         canvas.discs(at, colours, radius)
-    canvas.rings(canvas.place(marks.picked_points(stored, index, settings.picked)), WHITE, RING_RADIUS)
     gpu.state.blend_set("NONE")
     if settings.show_names:
         words = [*stored.names, *seen.asked.values()]

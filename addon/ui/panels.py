@@ -6,9 +6,9 @@ import textwrap
 import bpy
 
 from ..io.markersets import SUFFIX
-from ..ops.correcting import selected_markers
 from ..ops.importing import cameras_at_hand
-from ..props import NOTHING_PICKED, OWN_FILE
+from ..ops.picking import picked_points, selected_markers
+from ..props import OWN_FILE
 from ..scene import naming
 from ..scene.cameras import camera_name
 from ..scene.markerset_edit import edited_collection
@@ -281,11 +281,11 @@ class MOCAP_AUTOLABEL_PT_corrections(Step, Reviewing, bpy.types.Panel):
     def draw(self, context):
         layout, state = self.layout, context.window_manager.mocap_autolabel
         layout.operator("mocap_autolabel.pick_point", icon="EYEDROPPER")
-        names, settings = selected_markers(context), context.scene.mocap_autolabel
+        names, points = selected_markers(context), picked_points(context)
         if names:
             layout.label(text=", ".join(names), icon="EMPTY_DATA")
-        elif settings.picked != NOTHING_PICKED:
-            layout.label(text=f"Trajectory {settings.picked}", icon="DOT")
+        elif points:
+            layout.label(text=f"Trajectory {', '.join(map(str, points))}", icon="DOT")
         grid = layout.grid_flow(columns=2, even_columns=True, align=True)
         grid.operator("mocap_autolabel.name_point", icon="SORTALPHA")
         grid.operator("mocap_autolabel.unlabel", icon="X")

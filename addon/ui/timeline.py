@@ -11,9 +11,9 @@ import numpy as np
 from gpu_extras.batch import batch_for_shader
 
 from ..core.data.takes import NO_MARKER
-from ..ops.correcting import selected_markers
+from ..ops.picking import picked_points, selected_markers
 from ..ops.timeline import KEYS, RowPlaces, shown_runs, timeline_shown
-from ..props import NOTHING_PICKED, redraw_dope_sheets
+from ..props import redraw_dope_sheets
 from ..scene.take import is_take
 from ..scene.trajectories import CORRECTED, DOUBTFUL, FILLED, GAP, NAMED, STATES, UNNAMED, Runs
 from .lettering import Letters, pixel_matrix
@@ -236,12 +236,9 @@ def rows_seen(runs: Runs, places: RowPlaces) -> np.ndarray:
 
 def chosen_rows(context: bpy.types.Context, runs: Runs, seen: np.ndarray) -> np.ndarray:
     """Those of the rows whose markers are selected, or whose trajectory is picked."""
-    names, picked = set(selected_markers(context)), context.scene.mocap_autolabel.picked
+    names, picked = set(selected_markers(context)), set(picked_points(context))
     is_chosen = [
-        runs.names[row] in names
-        if runs.marker[row] != NO_MARKER
-        else picked != NOTHING_PICKED and runs.trajectory[row] == picked
-        for row in seen
+        runs.names[row] in names if runs.marker[row] != NO_MARKER else runs.trajectory[row] in picked for row in seen
     ]
     return seen[np.array(is_chosen, bool)]
 

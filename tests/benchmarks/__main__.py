@@ -18,7 +18,7 @@ from time import perf_counter
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from . import cases
+from . import cases, editing
 
 COLUMNS = ("what", "median", "least", "floor", "aim", "the paper")
 RUNS: dict[str, Callable[[int], Iterator[cases.Row]]] = {
@@ -27,6 +27,7 @@ RUNS: dict[str, Callable[[int], Iterator[cases.Row]]] = {
     "follow": cases.following,
     "occlusion": cases.occlusion,
     "refine": cases.refining,
+    "editing": editing.editing,
 }
 
 

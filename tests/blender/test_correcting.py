@@ -9,7 +9,6 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from mathutils import Matrix
 
 from addon.core.data.takes import NO_MARKER, Points
 from addon.core.edits.kinds import AssignPoint, Edits, Right, Swap, UnlabelPoint
@@ -66,6 +65,11 @@ def shown() -> dict[str, bpy.types.Object]:
     """The empties of the active take."""
     take = bpy.context.scene.mocap_autolabel.take
     return {item[naming.MARKER]: item for item in take.all_objects if naming.MARKER in item}
+
+
+def picked() -> list[int]:
+    """The trajectories that are picked."""
+    return [row.point for row in bpy.context.window_manager.mocap_autolabel.picked]
 
 
 def choose(*names: str):
@@ -136,7 +140,7 @@ def test_a_name_is_taken_away_and_given_to_what_was_picked(labelled, files):
     cloud = next(item for item in labelled.scene.mocap_autolabel.take.objects if item.modifiers)
     assert len(cloud.data.vertices) == FRAMES + int(np.isfinite(files.xyz[:, knee, 0]).sum())
     assert bpy.ops.mocap_autolabel.pick_point(point=GHOST) == {"FINISHED"}
-    assert (labelled.scene.mocap_autolabel.picked, bpy.context.selected_objects) == (GHOST, [])
+    assert (picked(), bpy.context.selected_objects) == ([GHOST], [])
     assert bpy.ops.mocap_autolabel.name_point(marker="LKNE", scope="BACK") == {"FINISHED"}
     follows(files, "LKNE", GHOST, slice(0, 20))
     assert keys_of("LKNE")[-1, 0] == 120
@@ -146,20 +150,10 @@ def test_a_name_is_taken_away_and_given_to_what_was_picked(labelled, files):
 
 
 def test_a_named_point_that_is_picked_is_selected_as_its_marker(labelled, files):
-    assert bpy.ops.mocap_autolabel.pick_point(point=files.names.index("LANK")) == {"FINISHED"}
+    ankle = files.names.index("LANK")
+    assert bpy.ops.mocap_autolabel.pick_point(point=ankle) == {"FINISHED"}
     assert [item[naming.MARKER] for item in bpy.context.selected_objects] == ["LANK"]
-    assert labelled.scene.mocap_autolabel.picked == -1
-
-
-def test_the_point_under_the_mouse_is_found(extension, labelled, files):
-    correcting = importlib.import_module(f"{extension}.addon.ops.correcting")
-    stored = correcting.opened.take(labelled.scene.mocap_autolabel.take, labelled.scene)
-    region = SimpleNamespace(width=400, height=400)
-    view = SimpleNamespace(perspective_matrix=Matrix.Scale(0.5, 4, (1, 0, 0)) @ Matrix.Scale(0.5, 4, (0, 1, 0)))
-    x, y = 200 + 100 * files.xyz[19, GHOST, :2]
-    assert correcting.point_at(stored, 120, region, view, (x + 3, y - 3), 10) == GHOST
-    with pytest.raises(Exception, match="no point is there"):
-        correcting.point_at(stored, 120, region, view, (x + 30, y), 10)
+    assert picked() == [ankle]
 
 
 @pytest.mark.parametrize(

@@ -303,11 +303,12 @@ def joined(chunks: Iterable[tuple[EditOutcome, ...]]) -> tuple[EditOutcome, ...]
     """What became of edits over the chunks of a take: the labels of all, and of an edit that found none why."""
     found: tuple[EditOutcome, ...] = ()
     for outcomes in chunks:
-        found = tuple(map(_both, found, outcomes)) if found else outcomes
+        found = tuple(map(both, found, outcomes)) if found else outcomes
     return found
 
 
-def _both(one: EditOutcome, two: EditOutcome) -> EditOutcome:
+def both(one: EditOutcome, two: EditOutcome) -> EditOutcome:
+    """What became of an edit in two parts of a take."""
     count = one.labels + two.labels
     if count:
         return EditOutcome(one.kind, count)

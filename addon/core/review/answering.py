@@ -3,7 +3,7 @@
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,11 +12,20 @@ from ..edits.kinds import Accepted, AssignPoint, Delete, Edits, Right, Swap, Unl
 from ..edits.replay import FREE, Edited
 from .suspects import suspect_ranges
 
+SAID = 0  # of a trajectory in a frame: an edit says something of it, whatever that is
 PAIR = 2  # markers of which a doubt asks which is which
 
 
+@dataclass(frozen=True, eq=False)
+class Answers:
+    """What an `Edited` says of doubts, for who has none: rule (T, P) FREE or SAID, right (T, M) as there."""
+
+    rule: np.ndarray
+    right: np.ndarray
+
+
 def unanswered(
-    suspects: Iterable[Suspect], edited: Edited, names: Mapping[str, int], first_frame: int
+    suspects: Iterable[Suspect], edited: Edited | Answers, names: Mapping[str, int], first_frame: int
 ) -> tuple[Suspect, ...]:
     """The suspects of a take of points without the frames in which a person answered them.
 

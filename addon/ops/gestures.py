@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the hand does in a view just now, for the overlay to draw: a box, a lasso, a question beside the pointer."""
+
+from dataclasses import dataclass, field
+
+import bpy
+
+
+@dataclass
+class Gesture:
+    """One at a time, in one region; pixels are the region's.
+
+    region   which region, by its pointer; 0 for none
+    outline  corners of the box or the lasso that is drawn
+    mouse    where the pointer is
+    words    what is asked beside it
+    marker   the index of the marker that it is asked of, None for none
+    place    x y z in m where the marker would be put, None for nowhere
+    """
+
+    region: int = 0
+    outline: list[tuple[float, float]] = field(default_factory=list)
+    mouse: tuple[float, float] = (0.0, 0.0)
+    words: str = ""
+    marker: int | None = None
+    place: tuple[float, float, float] | None = None
+
+    def clear(self):
+        """Nothing is done any more."""
+        self.region, self.outline, self.words, self.marker, self.place = 0, [], "", None, None
+
+    def is_in(self, region: bpy.types.Region) -> bool:
+        """Whether it is this region in which something is done."""
+        return self.region == region.as_pointer()
+
+
+gesture = Gesture()
+
+
+def window_region(area: bpy.types.Area) -> bpy.types.Region:
+    """The region of a 3D view that shows the scene."""
+    return next(region for region in area.regions if region.type == "WINDOW")
+
+
+def place_in(region: bpy.types.Region, event: bpy.types.Event) -> tuple[int, int]:
+    """Where the pointer is, px of a region."""
+    return event.mouse_x - region.x, event.mouse_y - region.y
+
+
+def is_over_view(area: bpy.types.Area, event: bpy.types.Event) -> bool:
+    """Whether the pointer is over what a 3D view shows, and not over its sidebar, its toolbar or another editor."""
+    for region in area.regions:
+        x, y = place_in(region, event)
+        if region.type != "WINDOW" and region.width > 1 and 0 <= x < region.width and 0 <= y < region.height:
+            return False
+    region = window_region(area)
+    x, y = place_in(region, event)
+    return 0 <= x < region.width and 0 <= y < region.height

@@ -1,0 +1,354 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the tool Label does beside picking: names dot after dot, puts a marker where none was seen, goes to trouble."""
+
+import bpy
+import numpy as np
+from bpy.props import BoolProperty, EnumProperty, FloatVectorProperty
+from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_3d
+
+from ..core.data.errors import InputError
+from ..core.data.takes import NO_POINT, Suspect
+from ..core.edits.kinds import AssignPoint, Edit, Place
+from ..props import SCOPES
+from ..scene.likely import on_ray, predicted
+from ..scene.opened import opened
+from ..scene.picking import missing
+from ..scene.stored import Stored
+from .correcting import correct, frames_in_scope, marker_items
+from .gestures import gesture, is_over_view, place_in, window_region
+from .picking import InView, OfPoints, dot_at, dots_here, selected_markers, show_picked
+from .reporting import reports_trouble
+
+# Keys that change what is looked at, which go on meaning what they mean while dots are named.
+LOOKING = ("ARROW", "NUMPAD", "WHEEL", "MOUSE", "TRACKPAD", "TIMER", "HOME", "ACCENT_GRAVE", "NDOF", "WINDOW")
+
+
+def index_here(stored: Stored, scene: bpy.types.Scene) -> int:
+    """Which of the take's frames the current one is; InputError outside the take."""
+    return stored.source_frame(scene.frame_current) - int(stored.motion.frames[0])
+
+
+class WorksInView:
+    """A modal operator in a 3D view that asks something beside the pointer, and lets one look around meanwhile."""
+
+    def begin(self, context: bpy.types.Context, event: bpy.types.Event):
+        """Takes the view for its own."""
+        self._area, self._region = context.area, window_region(context.area)
+        gesture.clear()
+        gesture.region, gesture.mouse = self._region.as_pointer(), place_in(self._region, event)
+        context.window.cursor_modal_set("CROSSHAIR")
+        context.window_manager.modal_handler_add(self)
+
+    def tell(self, context: bpy.types.Context, beside: str, below: str):
+        """Words beside the pointer, and in the status bar."""
+        gesture.words = beside
+        context.workspace.status_text_set(below)
+        self._area.tag_redraw()
+
+    def cancel(self, context):
+        gesture.clear()
+        context.window.cursor_modal_restore()
+        context.workspace.status_text_set(None)
+        self._area.tag_redraw()
+
+    def modal(self, context, event):
+        if event.type == "MOUSEMOVE":
+            gesture.mouse = place_in(self._region, event)
+            self._area.tag_redraw()
+            self.moved(context)
+            return {"PASS_THROUGH"}
+        if event.type in ("ESC", "RIGHTMOUSE") and event.value == "PRESS":
+            self.cancel(context)
+            return {"CANCELLED"}
+        if event.type == "TIMER" or not is_over_view(self._area, event):
+            return self.waited(context)
+        if event.value == "PRESS" and (event.type, event.ctrl) in self.keys:
+            gesture.mouse = place_in(self._region, event)
+            self._pressed = self.keys[event.type, event.ctrl]
+            return self._do(context)
+        looks = any(event.type.startswith(word) or event.type.endswith(word) for word in LOOKING)
+        return {"PASS_THROUGH"} if looks and event.type not in ("LEFTMOUSE", "RIGHTMOUSE") else {"RUNNING_MODAL"}
+
+    def moved(self, context: bpy.types.Context):
+        """The pointer was moved."""
+
+    def waited(self, context: bpy.types.Context) -> set[str]:
+        """Something else happened, which goes on to whoever it is for."""
+        return {"PASS_THROUGH"}
+
+    def _do(self, context) -> set[str]:
+        """One of the keys was pressed; trouble is told, and the work goes on."""
+        result = self._tried(context)
+        return {"RUNNING_MODAL"} if result == {"CANCELLED"} else result
+
+    @reports_trouble
+    def _tried(self, context) -> set[str]:
+        return getattr(self, self._pressed)(context)
+
+
+class MOCAP_AUTOLABEL_OT_quick_label(WorksInView, InView, bpy.types.Operator):
+    """Name dot after dot: you are asked for each marker that is missing in this frame, and click where it is."""
+
+    bl_idname = "mocap_autolabel.quick_label"
+    bl_label = "Quick Label"
+    bl_options = {"REGISTER"}
+
+    scope: EnumProperty(name="Frames", description="The frames in which the names are given", items=SCOPES)
+    keys = {
+        ("LEFTMOUSE", False): "click",
+        ("SPACE", False): "skip",
+        ("BACK_SPACE", False): "take_back",
+        ("Z", True): "take_back",
+    }
+
+    def invoke(self, context, event):
+        if not self.properties.is_property_set("scope"):
+            self.scope = context.scene.mocap_autolabel.scope
+        self._skipped: set[int] = set()
+        self._said: list[Edit] = []
+        self._last = -1
+        return self._begun(context, event)
+
+    def _begun(self, context, event) -> set[str]:
+        self.begin(context, event)
+        if self._ask(context):
+            return {"RUNNING_MODAL"}
+        return {"FINISHED"}
+
+    def waited(self, context) -> set[str]:
+        # The frame may be another one now, and what is missing in it.
+        if self._asked_in != context.scene.frame_current and not self._ask(context):
+            return {"FINISHED"}
+        return {"PASS_THROUGH"}
+
+    def moved(self, context):
+        if self._asked_in != context.scene.frame_current:
+            self._ask(context)
+
+    def _ask(self, context) -> bool:
+        """Asks for the next marker that is missing; without one it ends, and says so."""
+        stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
+        self._asked_in = context.scene.frame_current
+        marker = self._next(stored, context.scene)
+        if marker is None:
+            self.cancel(context)
+            self.report({"INFO"}, f"No marker is missing in frame {context.scene.frame_current}")
+            return False
+        gesture.marker = marker
+        place = predicted(stored, index_here(stored, context.scene))[marker]
+        gesture.place = tuple(place) if np.isfinite(place).all() else None
+        left = int(missing(stored, index_here(stored, context.scene)).sum())
+        name = stored.names[marker]
+        keys = "Space: not here    Backspace: take the last back    Esc: end"
+        self.tell(context, f"{name}?", f"Quick Label: click {name}, {left} missing in this frame    {keys}")
+        return True
+
+    def _next(self, stored: Stored, scene: bpy.types.Scene) -> int | None:
+        """The next marker after the last one, from the first again at the end; those that were skipped never."""
+        try:
+            free = np.flatnonzero(missing(stored, index_here(stored, scene)))
+        except InputError:
+            return None
+        free = [marker for marker in free.tolist() if marker not in self._skipped]
+        return next((marker for marker in free if marker > self._last), free[0] if free else None)
+
+    def click(self, context) -> set[str]:
+        """The dot at the pointer is the marker that is asked for."""
+        stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
+        dots, found = dot_at(context, stored, self._area, gesture.mouse)
+        if found is None or dots.trajectory[found] == NO_POINT:
+            raise InputError("no point is there; expected a click on one")
+        name, point = stored.names[gesture.marker], int(dots.trajectory[found])
+        edit = AssignPoint(point, name, frames=frames_in_scope(self.scope, stored, context.scene))
+        after = correct(context, stored.edits.added(edit))
+        show_picked(context, after, [point])
+        self._said.append(edit)
+        bpy.ops.ed.undo_push(message=f"Label {name}")
+        self._last = gesture.marker
+        return {"RUNNING_MODAL"} if self._ask(context) else {"FINISHED"}
+
+    def skip(self, context) -> set[str]:
+        """The marker is not there."""
+        self._skipped.add(gesture.marker)
+        self._last = gesture.marker
+        return {"RUNNING_MODAL"} if self._ask(context) else {"FINISHED"}
+
+    def take_back(self, context) -> set[str]:
+        """The last name that was given is taken back, and asked for again."""
+        stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
+        if not self._said or not len(stored.edits) or stored.edits[-1] != self._said[-1]:
+            raise InputError("no name was given yet; expected one to take back")
+        name = self._said.pop().marker
+        show_picked(context, correct(context, stored.edits.without(-1)), [])
+        bpy.ops.ed.undo_push(message=f"Take {name} Back")
+        self._last = stored.names.index(name) - 1
+        return {"RUNNING_MODAL"} if self._ask(context) else {"FINISHED"}
+
+
+class MOCAP_AUTOLABEL_OT_place_marker(WorksInView, OfPoints, bpy.types.Operator):
+    """It is here: put the selected marker where it must be in this frame, though no point was seen."""
+
+    bl_idname = "mocap_autolabel.place_marker"
+    bl_label = "It Is Here"
+    bl_options = {"REGISTER", "UNDO"}
+
+    marker: EnumProperty(name="Marker", description="What is here", items=marker_items)
+    location: FloatVectorProperty(name="Location", description="Where it is", subtype="TRANSLATION", unit="LENGTH")
+    keys = {
+        ("LEFTMOUSE", False): "click",
+        ("RET", False): "confirm",
+        ("NUMPAD_ENTER", False): "confirm",
+    }
+
+    @reports_trouble
+    def execute(self, context):
+        scene = context.scene
+        stored = opened.take(scene.mocap_autolabel.take, scene)
+        edit = Place(self.marker, stored.source_frame(scene.frame_current), tuple(map(float, self.location)))
+        after = correct(context, stored.edits.added(edit))
+        show_picked(context, after, [], [stored.names.index(self.marker)])
+        return {"FINISHED"}
+
+    def invoke(self, context, event):
+        if context.area is None or context.area.type != "VIEW_3D":
+            self.report({"ERROR"}, "this is no 3D view; expected one to click into")
+            return {"CANCELLED"}
+        self._event, self._at = event, None
+        return self._begun(context)
+
+    @reports_trouble
+    def _begun(self, context) -> set[str]:
+        stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
+        index = index_here(stored, context.scene)
+        free = [stored.names[marker] for marker in np.flatnonzero(missing(stored, index))]
+        if not self.properties.is_property_set("marker"):
+            names = [name for name in selected_markers(context) if name in free]
+            if len(names) != 1 and len(free) != 1:
+                return bpy.ops.mocap_autolabel.place_which("INVOKE_DEFAULT")
+            self.marker = (names or free)[0]
+        marker = stored.names.index(self.marker)
+        self.begin(context, self._event)
+        gesture.marker = marker
+        self._near = predicted(stored, index)[marker]
+        if not np.isfinite(self._near).all():
+            self._near = np.array(self._area.spaces.active.region_3d.view_location)
+        self.moved(context)
+        self.tell(context, f"{self.marker}: click where it is", self._help())
+        return {"RUNNING_MODAL"}
+
+    def _help(self) -> str:
+        return f"It Is Here: click where {self.marker} is, turn the view and click again, then Enter    Esc: cancel"
+
+    def moved(self, context):
+        if self._at is None:
+            gesture.place = tuple(self._under_pointer())
+
+    def _under_pointer(self) -> np.ndarray:
+        """(3,) m on the ray under the pointer: as deep as the place where it was put, or should be."""
+        view = self._area.spaces.active.region_3d
+        ray = (
+            function(self._region, view, gesture.mouse) for function in (region_2d_to_origin_3d, region_2d_to_vector_3d)
+        )
+        origin, direction = (np.array(part, dtype=float) for part in ray)
+        near = self._near if self._at is None else self._at
+        if view.is_perspective:
+            return on_ray(origin, direction, near)
+        return origin + direction * float((near - origin) @ direction)
+
+    def click(self, context) -> set[str]:
+        """The marker is put under the pointer."""
+        self._at = self._under_pointer()
+        gesture.place = tuple(self._at)
+        self.tell(context, f"{self.marker}: Enter, or click again", self._help())
+        return {"RUNNING_MODAL"}
+
+    def confirm(self, context) -> set[str]:
+        """It stays there."""
+        if self._at is None:
+            raise InputError("nothing was clicked; expected a click where the marker is, then Enter")
+        self.location = self._at
+        self.cancel(context)
+        return self.execute(context)
+
+
+class MOCAP_AUTOLABEL_OT_place_which(InView, bpy.types.Operator):
+    """Choose which of the missing markers is here."""
+
+    bl_idname = "mocap_autolabel.place_which"
+    bl_label = "It Is Here"
+    bl_property = "marker"
+
+    def _missing(self, context) -> list[tuple[str, str, str, str, int]]:
+        """The markers that are missing in this frame, for an enumeration."""
+        stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
+        names = {stored.names[at] for at in np.flatnonzero(missing(stored, index_here(stored, context.scene)))}
+        _kept_missing[:] = [item for item in marker_items(self, context) if item[0] in names]
+        return _kept_missing
+
+    marker: EnumProperty(name="Marker", description="What is here", items=_missing)
+
+    def invoke(self, context, event):
+        self._event = event
+        return self._asked(context)
+
+    @reports_trouble
+    def _asked(self, context) -> set[str]:
+        if not self._missing(context):
+            raise InputError("every marker is there; expected a frame in which one is missing")
+        context.window_manager.invoke_search_popup(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context):
+        return bpy.ops.mocap_autolabel.place_marker("INVOKE_DEFAULT", marker=self.marker)
+
+
+# Blender keeps no reference to the texts of a dynamic enumeration; they must outlive the drawing.
+_kept_missing: list[tuple[str, str, str, str, int]] = []
+
+
+class MOCAP_AUTOLABEL_OT_next_trouble(OfPoints, bpy.types.Operator):
+    """Go to the next range of To Look at, and pick what it is about."""
+
+    bl_idname = "mocap_autolabel.next_trouble"
+    bl_label = "Next Trouble"
+    bl_options = {"REGISTER", "UNDO"}
+
+    back: BoolProperty(name="Back", description="To the one before instead", options={"SKIP_SAVE"})
+
+    @classmethod
+    def description(cls, _context, properties):
+        """What the button says of itself."""
+        return f"Go to the {'last' if properties.back else 'next'} range of To Look at, and pick what it is about"
+
+    @reports_trouble
+    def execute(self, context):
+        scene = context.scene
+        stored = opened.take(scene.mocap_autolabel.take, scene)
+        suspect = next_suspect(stored, scene.frame_current - stored.shift, self.back)
+        if suspect is None:
+            words = "before" if self.back else "after"
+            raise InputError(f"nothing is to be looked at {words} frame {scene.frame_current}; expected trouble")
+        scene.frame_set(suspect.first + stored.shift)
+        points = [] if suspect.trajectory is None else [suspect.trajectory]
+        markers = [stored.names.index(name) for name in suspect.markers if name in stored.names]
+        dots = dots_here(stored, scene)
+        points += dots.trajectory[np.isin(dots.marker, markers) & (dots.trajectory != NO_POINT)].tolist()
+        show_picked(context, stored, list(dict.fromkeys(points)), markers)
+        self.report({"INFO"}, suspect.reason)
+        return {"FINISHED"}
+
+
+def next_suspect(stored: Stored, frame: int, back: bool) -> Suspect | None:
+    """The nearest suspect that begins after a frame of the source, or before it; None where there is none."""
+    found = [one for one in stored.suspects if (one.first < frame if back else one.first > frame)]
+    if back:
+        return max(found, key=lambda one: one.first, default=None)
+    return min(found, key=lambda one: one.first, default=None)
+
+
+CLASSES = (
+    MOCAP_AUTOLABEL_OT_quick_label,
+    MOCAP_AUTOLABEL_OT_place_marker,
+    MOCAP_AUTOLABEL_OT_place_which,
+    MOCAP_AUTOLABEL_OT_next_trouble,
+)

@@ -1,0 +1,310 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Dots picked in the 3D view, by a click, a box or a lasso: trajectories, and the markers that they are.
+
+What is picked is no step of undo of its own, as for every step Blender looks the whole file through; it is kept beside
+the file, and stays picked when a correction is undone.
+"""
+
+from collections.abc import Iterable, Sequence
+
+import bpy
+import numpy as np
+from bpy.props import EnumProperty, IntProperty
+
+from ..core.data.errors import InputError
+from ..core.data.takes import NO_MARKER, NO_POINT
+from ..scene import naming
+from ..scene.opened import opened
+from ..scene.picking import Dots, combined, dots_of, inside_box, inside_lasso, nearest, to_region
+from ..scene.stored import Stored
+from ..scene.take import holds_points
+from .gestures import gesture, is_over_view, place_in, window_region
+from .reporting import reports_trouble
+
+PICK_RADIUS = 20.0  # px of the interface from the mouse to a dot that is meant, as for Blender's own picking of points
+LASSO_STEP = 3.0  # px that the pointer moves between two corners of a lasso
+MODES = (
+    ("SET", "Set", "In place of what was picked"),
+    ("ADD", "Add", "Beside what was picked"),
+    ("TOGGLE", "Add or Take Away", "Each that was not picked is, and each that was is not"),
+)
+
+
+class OfPoints:
+    """Operators on the active take, which is one of 3D points."""
+
+    @classmethod
+    def poll(cls, context):
+        if not holds_points(context.scene.mocap_autolabel.take):
+            cls.poll_message_set("Label a take of 3D points first")
+            return False
+        if context.mode != "OBJECT":
+            cls.poll_message_set("Go to object mode first")
+            return False
+        return True
+
+
+def selected_markers(context: bpy.types.Context) -> list[str]:
+    """The markers of the active take whose empties are selected, that of the active object first."""
+    take = context.scene.mocap_autolabel.take
+    items = [item for item in context.selected_objects if naming.MARKER in item and item.name in take.all_objects]
+    return [str(item[naming.MARKER]) for item in sorted(items, key=lambda item: item != context.object)]
+
+
+def picked_points(context: bpy.types.Context) -> list[int]:
+    """The trajectories that are picked; none once other markers were selected than those that they were."""
+    state = context.window_manager.mocap_autolabel
+    if not len(state.picked) or state.picked_with != _selection(context):
+        return []
+    return [row.point for row in state.picked]
+
+
+def show_picked(context: bpy.types.Context, stored: Stored, points: Sequence[int], markers: Iterable[int] = ()):
+    """Picks trajectories and selects the empties of the markers that they are in the current frame, and of `markers`.
+
+    The last one becomes the active object.
+    """
+    scene, state = context.scene, context.window_manager.mocap_autolabel
+    for item in context.selected_objects:
+        item.select_set(False)
+    marker = {}
+    if points:
+        dots = dots_here(stored, scene)
+        marker = {int(point): int(name) for point, name in zip(dots.trajectory, dots.marker, strict=True)}
+    wanted = [marker[point] for point in points if marker.get(point, NO_MARKER) != NO_MARKER]
+    empties = {item.get(naming.MARKER): item for item in scene.mocap_autolabel.take.all_objects}
+    for name in (stored.names[index] for index in (*markers, *wanted)):
+        item = empties.get(name)
+        if item is not None and item.visible_get():
+            item.select_set(True)
+            context.view_layer.objects.active = item
+    state.picked.clear()
+    for point in points:
+        state.picked.add().point = point
+    state.picked_with = _selection(context)
+
+
+def keep_picked(context: bpy.types.Context):
+    """Before a step is undone: what is picked no longer is let go."""
+    if not picked_points(context):
+        context.window_manager.mocap_autolabel.picked.clear()
+
+
+def restore_picked(context: bpy.types.Context):
+    """After a step was undone: what is picked still, and selected as what it is called now."""
+    state, take = context.window_manager.mocap_autolabel, context.scene.mocap_autolabel.take
+    if not len(state.picked):
+        return
+    if not holds_points(take) or context.mode != "OBJECT":
+        state.picked.clear()
+        return
+    show_picked(context, opened.take(take, context.scene), [row.point for row in state.picked])
+
+
+def dots_here(stored: Stored, scene: bpy.types.Scene) -> Dots:
+    """The dots of the current frame; InputError outside the take."""
+    return dots_of(stored, stored.source_frame(scene.frame_current) - int(stored.motion.frames[0]))
+
+
+def dots_in_view(context: bpy.types.Context, stored: Stored, area: bpy.types.Area) -> tuple[Dots, np.ndarray]:
+    """The dots of the current frame, and (K, 2) where they are in a 3D view, px of its region."""
+    dots, region = dots_here(stored, context.scene), window_region(area)
+    perspective = np.array(area.spaces.active.region_3d.perspective_matrix, dtype=float)
+    return dots, to_region(dots.xyz, perspective, (region.width, region.height))
+
+
+def dot_at(context: bpy.types.Context, stored: Stored, area: bpy.types.Area, mouse) -> tuple[Dots, int | None]:
+    """The dots of the current frame, and which of them the mouse, px of the view's region, points at."""
+    dots, places = dots_in_view(context, stored, area)
+    return dots, nearest(places, mouse, PICK_RADIUS * context.preferences.system.ui_scale)
+
+
+def pick(context: bpy.types.Context, stored: Stored, point: int, mode: str = "SET"):
+    """Picks a trajectory that has a point in the current frame; InputError where it has none."""
+    if not dots_here(stored, context.scene).of([point]).any():
+        words = f"trajectory {point} has no point in frame {context.scene.frame_current}"
+        raise InputError(f"{words}; expected one that has")
+    show_picked(context, stored, combined(picked_points(context), [point], mode))
+
+
+def _pick_dots(context: bpy.types.Context, stored: Stored, dots: Dots, found: np.ndarray, mode: str):
+    """Picks the dots `found` (K,) of a frame: points as trajectories, placed markers as their empties."""
+    points = dots.trajectory[found]
+    placed = dots.marker[found][points == NO_POINT].tolist()
+    show_picked(context, stored, combined(picked_points(context), points[points != NO_POINT].tolist(), mode), placed)
+
+
+def _selection(context: bpy.types.Context) -> str:
+    """The selected markers, as one word to compare."""
+    return "\n".join(sorted(selected_markers(context)))
+
+
+class InView(OfPoints):
+    """Operators of a hand in a 3D view."""
+
+    @classmethod
+    def poll(cls, context):
+        return super().poll(context) and context.area is not None and context.area.type == "VIEW_3D"
+
+
+class PicksInView(InView):
+    """Operators that pick in a 3D view."""
+
+    bl_options = {"INTERNAL"}
+    mode: EnumProperty(name="Mode", description="What becomes of what was picked before", items=MODES)
+
+
+class MOCAP_AUTOLABEL_OT_pick(PicksInView, bpy.types.Operator):
+    """Pick the dot that you point at; beside all dots, nothing."""
+
+    bl_idname = "mocap_autolabel.pick"
+    bl_label = "Pick"
+
+    def invoke(self, context, event):
+        self._mouse = place_in(window_region(context.area), event)
+        return self._picked(context)
+
+    @reports_trouble
+    def _picked(self, context) -> set[str]:
+        stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
+        dots, found = dot_at(context, stored, context.area, self._mouse)
+        if found is not None or self.mode == "SET":
+            chosen = np.zeros(len(dots), dtype=bool)
+            chosen[[] if found is None else found] = True
+            _pick_dots(context, stored, dots, chosen, self.mode)
+        context.area.tag_redraw()
+        return {"FINISHED"}
+
+
+class MOCAP_AUTOLABEL_OT_pick_region(PicksInView, bpy.types.Operator):
+    """Pick the dots in a box or a lasso that you draw."""
+
+    bl_idname = "mocap_autolabel.pick_region"
+    bl_label = "Pick Dots in a Region"
+
+    shape: EnumProperty(
+        name="Shape",
+        description="What is drawn",
+        items=(("BOX", "Box", "From corner to corner"), ("LASSO", "Lasso", "Around the dots by hand")),
+    )
+
+    def invoke(self, context, event):
+        region = window_region(context.area)
+        begin = event.mouse_prev_press_x - region.x, event.mouse_prev_press_y - region.y
+        gesture.clear()
+        gesture.region, gesture.outline = region.as_pointer(), [begin]
+        self._area, self._region, self._begin = context.area, region, begin
+        self._draw(place_in(region, event))
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context, event):
+        if event.type in ("ESC", "RIGHTMOUSE"):
+            self.cancel(context)
+            return {"CANCELLED"}
+        if event.type in ("MOUSEMOVE", "INBETWEEN_MOUSEMOVE"):
+            self._draw(place_in(self._region, event))
+        if event.type == "LEFTMOUSE" and event.value == "RELEASE":
+            self._draw(place_in(self._region, event))
+            self._outline = list(gesture.outline)
+            self.cancel(context)
+            return self._picked(context)
+        return {"RUNNING_MODAL"}
+
+    def cancel(self, context):
+        gesture.clear()
+        self._area.tag_redraw()
+
+    def _draw(self, mouse: tuple[int, int]):
+        """The outline up to where the pointer is now."""
+        if self.shape == "BOX":
+            (left, lower), (right, upper) = self._begin, mouse
+            gesture.outline = [(left, lower), (right, lower), (right, upper), (left, upper)]
+        elif np.hypot(*np.subtract(mouse, gesture.outline[-1])) >= LASSO_STEP:
+            gesture.outline.append(mouse)
+        self._area.tag_redraw()
+
+    @reports_trouble
+    def _picked(self, context) -> set[str]:
+        stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
+        dots, places = dots_in_view(context, stored, self._area)
+        if self.shape == "BOX":
+            found = inside_box(places, self._outline[0], self._outline[2])
+        else:
+            found = inside_lasso(places, np.array(self._outline, dtype=float))
+        _pick_dots(context, stored, dots, found, self.mode)
+        return {"FINISHED"}
+
+
+class MOCAP_AUTOLABEL_OT_pick_none(OfPoints, bpy.types.Operator):
+    """Pick nothing any more."""
+
+    bl_idname = "mocap_autolabel.pick_none"
+    bl_label = "Pick Nothing"
+    bl_options = {"INTERNAL"}
+
+    @reports_trouble
+    def execute(self, context):
+        show_picked(context, opened.take(context.scene.mocap_autolabel.take, context.scene), [])
+        return {"FINISHED"}
+
+
+class MOCAP_AUTOLABEL_OT_pick_point(OfPoints, bpy.types.Operator):
+    """Click a point in the view: a named one is selected as its marker, of another the trajectory is remembered."""
+
+    bl_idname = "mocap_autolabel.pick_point"
+    bl_label = "Pick a Point"
+    bl_options = {"REGISTER", "UNDO"}
+
+    point: IntProperty(name="Trajectory", description="Its number in the file", min=0, options={"SKIP_SAVE"})
+    mode: EnumProperty(
+        name="Mode", description="What becomes of what was picked before", items=MODES, options={"SKIP_SAVE"}
+    )
+
+    @reports_trouble
+    def execute(self, context):
+        scene = context.scene
+        pick(context, opened.take(scene.mocap_autolabel.take, scene), self.point, self.mode)
+        return {"FINISHED"}
+
+    def invoke(self, context, event):
+        if context.area is None or context.area.type != "VIEW_3D":
+            self.report({"ERROR"}, "this is no 3D view; expected one to click into")
+            return {"CANCELLED"}
+        context.window.cursor_modal_set("EYEDROPPER")
+        context.workspace.status_text_set("Click a point. Esc cancels")
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context, event):
+        if event.type in ("ESC", "RIGHTMOUSE"):
+            self.cancel(context)
+            return {"CANCELLED"}
+        over = is_over_view(context.area, event)
+        if event.type != "LEFTMOUSE" or event.value != "PRESS" or not over:
+            return {"PASS_THROUGH"}  # meanwhile the view can be turned and the time changed
+        self.cancel(context)
+        self._mouse = place_in(window_region(context.area), event)
+        return self._clicked(context)
+
+    def cancel(self, context):
+        context.window.cursor_modal_restore()
+        context.workspace.status_text_set(None)
+
+    @reports_trouble
+    def _clicked(self, context) -> set[str]:
+        """Picks what is nearest to the mouse."""
+        stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
+        dots, found = dot_at(context, stored, context.area, self._mouse)
+        if found is None or dots.trajectory[found] == NO_POINT:
+            raise InputError("no point is there; expected a click on one")
+        self.point = int(dots.trajectory[found])
+        return self.execute(context)
+
+
+CLASSES = (
+    MOCAP_AUTOLABEL_OT_pick,
+    MOCAP_AUTOLABEL_OT_pick_region,
+    MOCAP_AUTOLABEL_OT_pick_none,
+    MOCAP_AUTOLABEL_OT_pick_point,
+)

@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The tool Label in the 3D view: its keys, its menus, and what it draws over the view."""
+
+from contextlib import ExitStack
+
+import bpy
+import gpu
+import numpy as np
+
+from ..core.data.takes import NO_MARKER, NO_POINT
+from ..ops.correcting import likely_here
+from ..ops.gestures import gesture
+from ..ops.picking import picked_points, selected_markers
+from ..scene.opened import opened
+from ..scene.picking import dots_of, path_of
+from ..scene.take import holds_points
+from . import marks
+from .marks import ORANGE, WHITE
+from .overlay import BLOB_RADIUS, Canvas
+
+TOOL = "mocap_autolabel.label_tool"
+PIE_NAMES = 6  # of a pie's eight pieces; the others lead to all names and to none
+GLOW, GLOW_RADIUS, HALO_RADIUS = (1.0, 1.0, 1.0, 0.3), 6.5, 11.0
+NAMED_PATH, UNNAMED_PATH = (0.3, 0.85, 1.0, 0.9), (0.85, 0.85, 0.85, 0.8)
+ASKED = (1.0, 0.9, 0.2, 1.0)
+PATH_SECONDS = 2.0  # to each side of the current frame: farther off a walk covers itself
+PATH_LINES = 400  # most that are drawn of one path: a redraw has 6 ms
+MENU = "MOCAP_AUTOLABEL_MT_label"
+
+
+def _key(operator: str, key: str, value: str = "PRESS", held: str = "", **properties):
+    """A row of a tool's keymap; `held` are the keys held with it."""
+    event = {"type": key, "value": value} | dict.fromkeys(held.split(), True)
+    return (operator, event, {"properties": list(properties.items())} if properties else None)
+
+
+KEYMAP = (
+    _key("mocap_autolabel.pick", "LEFTMOUSE", "CLICK", mode="SET"),
+    _key("mocap_autolabel.pick", "LEFTMOUSE", "CLICK", "shift", mode="TOGGLE"),
+    _key("mocap_autolabel.pick_region", "LEFTMOUSE", "CLICK_DRAG", shape="BOX", mode="SET"),
+    _key("mocap_autolabel.pick_region", "LEFTMOUSE", "CLICK_DRAG", "shift", shape="BOX", mode="ADD"),
+    _key("mocap_autolabel.pick_region", "LEFTMOUSE", "CLICK_DRAG", "ctrl", shape="LASSO", mode="SET"),
+    _key("mocap_autolabel.pick_region", "LEFTMOUSE", "CLICK_DRAG", "shift ctrl", shape="LASSO", mode="ADD"),
+    _key("mocap_autolabel.pick_none", "A", held="alt"),
+    _key("wm.call_menu_pie", "L", name="MOCAP_AUTOLABEL_MT_names_pie"),
+    _key("wm.call_menu_pie", "V", name="MOCAP_AUTOLABEL_MT_names_from_here_pie"),
+    _key("mocap_autolabel.name_point", "RET"),
+    _key("mocap_autolabel.quick_label", "F"),
+    _key("mocap_autolabel.unlabel", "U"),
+    _key("mocap_autolabel.swap_markers", "E"),
+    _key("mocap_autolabel.no_marker", "X"),
+    _key("mocap_autolabel.no_marker", "DEL"),
+    _key("mocap_autolabel.is_right", "Y"),
+    _key("mocap_autolabel.place_marker", "P"),
+    _key("mocap_autolabel.next_trouble", "J", back=False),
+    _key("mocap_autolabel.next_trouble", "J", held="shift", back=True),
+)
+
+
+class LabelTool(bpy.types.WorkSpaceTool):
+    """Pick the dots of a take and say what they are."""
+
+    bl_space_type = "VIEW_3D"
+    bl_context_mode = "OBJECT"
+    bl_idname = TOOL
+    bl_label = "Label"
+    bl_description = (
+        "Pick dots: click, drag a box, Ctrl drag a lasso, Shift adds.\n"
+        "L: name, F: quick label, U: unlabel, E: swap, X: no marker, Y: it is right, P: it is here"
+    )
+    bl_icon = "ops.paint.eyedropper_add"
+    bl_cursor = "DEFAULT"
+    bl_keymap = KEYMAP
+
+    @staticmethod
+    def draw_settings(context, layout, _tool):
+        """The header's settings of the tool."""
+        if not holds_points(context.scene.mocap_autolabel.take):
+            layout.label(text="Label a take of 3D points first", icon="INFO")
+            return
+        layout.prop(context.scene.mocap_autolabel, "scope")
+        layout.operator("mocap_autolabel.quick_label", icon="SORTALPHA")
+
+
+class NamesPie:
+    """The likeliest names of what is picked, in the frames `scope`, None for those that the tool is set to."""
+
+    scope = None
+
+    @classmethod
+    def poll(cls, context):
+        return holds_points(context.scene.mocap_autolabel.take)
+
+    def draw(self, context):
+        pie = self.layout.menu_pie()
+        settings = context.scene.mocap_autolabel
+        if not picked_points(context):
+            pie.label(text="Pick a dot first", icon="INFO")
+            return
+        stored = opened.take(settings.take, context.scene)
+        scope = self.scope or settings.scope
+        pie.operator_context = "EXEC_REGION_WIN"
+        own = selected_markers(context)  # what it is called already needs no button
+        names = [marker for marker in likely_here(context, stored) if stored.names[marker] not in own]
+        for marker in names[:PIE_NAMES]:
+            row = pie.operator("mocap_autolabel.name_point", text=stored.names[marker])
+            row.marker, row.scope = stored.names[marker], scope
+        pie.operator("mocap_autolabel.unlabel", icon="X").scope = scope
+        pie.operator_context = "INVOKE_REGION_WIN"
+        pie.operator("mocap_autolabel.name_point", text="Type a Name…", icon="VIEWZOOM").scope = scope
+
+
+class MOCAP_AUTOLABEL_MT_names_pie(NamesPie, bpy.types.Menu):
+    """What the picked dot is."""
+
+    bl_label = "Name"
+
+
+class MOCAP_AUTOLABEL_MT_names_from_here_pie(NamesPie, bpy.types.Menu):
+    """What the picked dot is from the current frame on: its trajectory is split there."""
+
+    bl_label = "Another Name from Here On"
+    scope = "ON"
+
+
+class MOCAP_AUTOLABEL_MT_label(bpy.types.Menu):
+    """What can be said of dots."""
+
+    bl_label = "Label"
+
+    def draw(self, context):
+        layout = self.layout
+        layout.operator_context = "INVOKE_REGION_WIN"
+        layout.operator("wm.call_menu_pie", text="Name").name = "MOCAP_AUTOLABEL_MT_names_pie"
+        layout.operator("mocap_autolabel.name_point", text="Type a Name…")
+        other = layout.operator("wm.call_menu_pie", text="Another Name from Here On")
+        other.name = "MOCAP_AUTOLABEL_MT_names_from_here_pie"
+        layout.operator("mocap_autolabel.quick_label")
+        layout.separator()
+        layout.operator("mocap_autolabel.swap_markers")
+        layout.operator("mocap_autolabel.unlabel")
+        layout.operator("mocap_autolabel.no_marker")
+        layout.operator("mocap_autolabel.is_right")
+        layout.operator("mocap_autolabel.place_marker")
+        layout.separator()
+        layout.operator("mocap_autolabel.next_trouble")
+        layout.operator("mocap_autolabel.next_trouble", text="Last Trouble").back = True
+        layout.separator()
+        layout.operator("mocap_autolabel.pick_none")
+
+
+def draw_menu(self, context):
+    """The menu *Label* in the 3D view's header, where there is something to label."""
+    if context.mode == "OBJECT" and holds_points(context.scene.mocap_autolabel.take):
+        self.layout.menu(MENU)
+
+
+def draw():
+    """Draws what is picked with its trajectory, and what the hand does; Blender calls this at every redraw."""
+    context = bpy.context
+    scene = context.scene
+    collection, space = scene.mocap_autolabel.take, context.space_data
+    if not space.overlay.show_overlays or not holds_points(collection):
+        return
+    stored = opened.take(collection, scene)
+    index = marks.frame_index(stored, scene.frame_current)
+    canvas = Canvas(context)
+    gpu.state.blend_set("ALPHA")
+    if index >= 0:
+        draw_picked(canvas, stored, index, picked_points(context))
+    if gesture.is_in(context.region):
+        draw_gesture(canvas)
+    gpu.state.blend_set("NONE")
+
+
+def draw_picked(canvas: Canvas, stored, index: int, points: list[int]):
+    """The picked dots glow, with where they come from and go to; a ring is around what a person placed."""
+    dots = dots_of(stored, index)
+    canvas.rings(canvas.place(dots.xyz[dots.trajectory == NO_POINT]), ASKED, GLOW_RADIUS)
+    reach = max(1, round(PATH_SECONDS * stored.rate))
+    for point in points:
+        ends, named = path_of(stored, opened.rows_of(stored, point), index, reach, PATH_LINES)
+        colours = np.where(named[:, None], NAMED_PATH, UNNAMED_PATH)
+        canvas.lines(canvas.place(ends), np.repeat(colours[:, None], 2, axis=1), 1.6)
+    picked = dots.of(points)
+    places = canvas.place(dots.xyz[picked])
+    canvas.discs(places, np.broadcast_to(np.array(GLOW), (len(places), 4)), HALO_RADIUS)
+    colours = np.where((dots.marker[picked] != NO_MARKER)[:, None], ORANGE, WHITE)
+    canvas.discs(places, colours, BLOB_RADIUS)
+    canvas.rings(places, WHITE, GLOW_RADIUS)
+
+
+def draw_gesture(canvas: Canvas):
+    """A box or a lasso; or a marker that is asked for, with its name at the pointer."""
+    if len(gesture.outline) > 1:
+        corners = np.array(gesture.outline, dtype=float)
+        ends = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
+        canvas.lines(ends, np.broadcast_to(np.array(WHITE), (len(ends), 2, 4)), 1.2)
+    if gesture.place is not None:
+        place = canvas.place(np.array([gesture.place]))
+        canvas.rings(place, ASKED, HALO_RADIUS)
+        canvas.rings(place, ASKED, 1.5)
+    if gesture.words:
+        x, y = gesture.mouse
+        canvas.text(gesture.words, x + 14 * canvas.scale, y + 10 * canvas.scale, ASKED)
+
+
+def add_tool(stack: ExitStack):
+    """Adds the tool and the menu; each brings its way back to `stack`."""
+    bpy.utils.register_tool(LabelTool, after={"builtin.cursor"}, separator=True)
+    stack.callback(bpy.utils.unregister_tool, LabelTool)
+    bpy.types.VIEW3D_MT_editor_menus.append(draw_menu)
+    stack.callback(bpy.types.VIEW3D_MT_editor_menus.remove, draw_menu)
+
+
+CLASSES = (MOCAP_AUTOLABEL_MT_names_pie, MOCAP_AUTOLABEL_MT_names_from_here_pie, MOCAP_AUTOLABEL_MT_label)

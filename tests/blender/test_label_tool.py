@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The tool Label: which dots a hand means, what they are called most likely, and what its keys say of them."""
+
+import importlib
+import json
+from dataclasses import replace
+
+import bpy
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from addon.core.data.takes import NO_MARKER, NO_STEP, Labels, PointRows, Suspect
+from addon.core.edits.kinds import AssignPoint, Delete, Place
+from addon.core.geometry.cameras import NO_CAMERAS
+from addon.io.edits import read_edits
+from addon.scene import picking
+from addon.scene.likely import likely_markers, on_ray, predicted
+from addon.scene.stored import Stored
+
+from .test_correcting import GHOST, choose, files, follows, keys_of, labelled, picked  # noqa: F401 - its fixtures
+
+
+@pytest.fixture
+def stored(made):
+    """A take of points, a trajectory a marker; that of the third has no name."""
+    markerset, motion = made.markerset(), made.motion(made.markerset(), 30)
+    frame, trajectory = np.nonzero(np.isfinite(motion.markers[..., 0]))
+    rows = PointRows(motion.frames, frame, trajectory, motion.markers[frame, trajectory], None)
+    marker = np.where(trajectory == 2, NO_MARKER, trajectory)
+    labels = Labels(marker, np.full(len(frame), NO_STEP), np.ones(len(frame)))
+    motion.markers[:, 2] = np.nan
+    return Stored("walk", 60.0, NO_CAMERAS, markerset.markers, rows, labels, motion, (), "", 0)
+
+
+def test_the_nearest_dot_within_reach_is_meant():
+    places = np.array([[10.0, 10.0], [14.0, 10.0], [np.nan, np.nan]])
+    assert picking.nearest(places, (13, 10), 5) == 1
+    assert picking.nearest(places, (30, 10), 5) is None
+    assert picking.nearest(np.empty((0, 2)), (1, 1), 5) is None
+
+
+def test_what_is_behind_the_viewer_is_nowhere():
+    perspective = np.diag([1.0, 1.0, 1.0, 0.0])
+    perspective[3, 2] = 1
+    places = picking.to_region(np.array([[0, 0, 2.0], [0, 0, -2.0]]), perspective, (200, 100))
+    assert places[0].tolist() == [100, 50]
+    assert np.isnan(places[1]).all()
+
+
+@given(st.lists(st.tuples(st.floats(-2, 2), st.floats(-2, 2)), min_size=1, max_size=30))
+def test_a_lasso_around_a_box_holds_what_the_box_does(points):
+    places = np.array(points)
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=float)
+    edge = (np.abs(np.abs(places) - 1) < 1e-9).any(axis=1)
+    found = picking.inside_lasso(places, corners)
+    np.testing.assert_array_equal(found[~edge], picking.inside_box(places, (1, -1), (-1, 1))[~edge])
+    np.testing.assert_array_equal(found[~edge], picking.inside_lasso(places, corners[::-1])[~edge])
+
+
+@pytest.mark.parametrize(("mode", "after"), [("SET", [3, 1]), ("ADD", [1, 2, 3]), ("TOGGLE", [2, 3])])
+def test_shift_adds_and_takes_away(mode, after):
+    assert picking.combined([1, 2], [3, 1], mode) == after
+
+
+def test_a_path_breaks_where_the_trajectory_does(stored):
+    rows = np.flatnonzero(stored.rows.trajectory == 2)
+    ends, named = picking.path_of(stored, rows, 15, 100, 1000)
+    frames = stored.rows.frame[rows]
+    assert len(ends) == (np.diff(frames) == 1).sum() < len(rows) - 1
+    assert not named.any()
+    ends, _ = picking.path_of(stored, rows, 15, 100, 5)
+    lengths = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
+    assert len(ends) <= 6
+    assert np.isfinite(lengths).all()
+    assert len(picking.path_of(stored, rows, 15, 2, 1000)[0]) <= 4
+
+
+def test_a_missing_marker_is_expected_where_the_body_has_it(stored):
+    stored.motion.markers[:, 4] += 0.03  # worn elsewhere than the marker set has it
+    stored.motion.markers[12:18, 4] = np.nan
+    np.testing.assert_allclose(predicted(stored, 14)[4], stored.motion.expected[14, 4] + 0.03, atol=1e-9)
+    np.testing.assert_allclose(predicted(stored, 14)[2], stored.motion.expected[14, 2], atol=1e-9)
+    stored.motion.expected[:] = np.nan
+    between = predicted(stored, 14)
+    along = stored.motion.markers[11, 4] + 3 / 7 * (stored.motion.markers[18, 4] - stored.motion.markers[11, 4])
+    np.testing.assert_allclose(between[4], along, atol=1e-9)
+    assert np.isnan(between[2]).all()
+
+
+def test_the_missing_marker_that_is_nearest_is_the_likeliest(stored):
+    rows = np.flatnonzero(stored.rows.trajectory == 2)
+    xyz = stored.motion.expected[20, 2]
+    assert likely_markers(stored, 20, rows, xyz)[0] == 2
+    near = likely_markers(stored, 20, rows, stored.motion.expected[20, 7])
+    assert near[:2] == [2, 7], "a dot that has a name comes behind what is missing"
+    assert sorted(near) == list(range(len(stored.names)))
+
+
+def test_a_place_on_a_ray_is_as_deep_as_what_is_near():
+    np.testing.assert_allclose(on_ray(np.zeros(3), np.array([0, 2.0, 0]), np.array([1, 3.0, 0])), [0, 3, 0])
+    np.testing.assert_allclose(on_ray(np.zeros(3), np.array([0, 2.0, 0]), np.array([1, -3.0, 0])), [0, 0, 0])
+
+
+def test_pieces_are_added_and_joined_but_not_two_of_one_frame(labelled, files):  # noqa: F811
+    knee, ankle = files.names.index("LKNE"), files.names.index("LANK")
+    bpy.ops.mocap_autolabel.pick_point(point=knee)
+    bpy.ops.mocap_autolabel.pick_point(point=ankle, mode="TOGGLE")
+    assert picked() == [knee, ankle]
+    assert {item.name for item in bpy.context.selected_objects} == {"LKNE", "LANK"}
+    with pytest.raises(
+        RuntimeError, match="2 points are picked, several of them in frame 101; expected one, or pieces"
+    ):
+        bpy.ops.mocap_autolabel.name_point(marker="LKNE")
+    bpy.ops.mocap_autolabel.pick_point(point=knee, mode="TOGGLE")
+    assert picked() == [ankle]
+    bpy.ops.mocap_autolabel.pick_none()
+    assert (picked(), bpy.context.selected_objects) == ([], [])
+
+
+def test_what_was_selected_since_counts_more_than_what_was_picked(labelled, files):  # noqa: F811
+    bpy.ops.mocap_autolabel.pick_point(point=GHOST)
+    choose("LKNE")
+    bpy.ops.mocap_autolabel.unlabel()
+    assert len(keys_of("LKNE")) == 0
+    [row] = bpy.context.window_manager.mocap_autolabel.corrections
+    assert row.name == f"Trajectory {files.names.index('LKNE')} has no name, all frames"
+
+
+def test_a_dot_stays_picked_by_whatever_it_is_called(labelled, files):  # noqa: F811
+    ankle = files.names.index("LANK")
+    bpy.ops.mocap_autolabel.pick_point(point=ankle)
+    bpy.ops.ed.undo_push(message="Before")
+    bpy.ops.mocap_autolabel.name_point(marker="RANK", scope="WHOLE")
+    assert [item.name for item in bpy.context.selected_objects] == ["RANK"]
+    bpy.ops.ed.undo_push(message="Name")
+    bpy.ops.ed.undo()
+    assert [item.name for item in bpy.context.selected_objects] == ["LANK"]
+    assert picked() == [ankle]
+    follows(files, "LANK", ankle)
+
+
+def test_what_is_no_marker_gets_no_name(labelled, files):  # noqa: F811
+    ankle = files.names.index("LANK")
+    bpy.ops.mocap_autolabel.pick_point(point=ankle)
+    assert bpy.ops.mocap_autolabel.no_marker(scope="ON") == {"FINISHED"}
+    follows(files, "LANK", ankle, slice(0, 19))
+    assert keys_of("LANK")[-1, 0] == 119
+    bpy.ops.mocap_autolabel.save_corrections()
+    assert read_edits(files.edits).items == (Delete(ankle, frames=(120, 130)),)
+
+
+def test_another_name_from_here_on_splits_a_trajectory(labelled, files):  # noqa: F811
+    bpy.ops.mocap_autolabel.pick_point(point=GHOST)
+    bpy.ops.mocap_autolabel.name_point(marker="C7", scope="ON")
+    bpy.ops.mocap_autolabel.save_corrections()
+    assert read_edits(files.edits).items == (AssignPoint(GHOST, "C7", frames=(120, 130)),)
+    follows(files, "C7", files.names.index("C7"), slice(0, 19))
+    follows(files, "C7", GHOST, slice(19, None))
+
+
+def test_a_marker_that_is_placed_is_there_and_can_be_taken_back(labelled, files):  # noqa: F811
+    gap = int(np.flatnonzero(np.isnan(files.xyz[:, 2, 0]))[-1])
+    labelled.scene.frame_set(101 + gap)
+    assert bpy.ops.mocap_autolabel.place_marker(marker="RASI", location=(0.1, 0.2, 0.5)) == {"FINISHED"}
+    assert [item.name for item in bpy.context.selected_objects] == ["RASI"]
+    [key] = [key for key in keys_of("RASI") if key[0] == 101 + gap]
+    np.testing.assert_allclose(key[1:], (0.1, 0.2, 0.5), atol=1e-6)
+    bpy.ops.mocap_autolabel.save_corrections()
+    [edit] = read_edits(files.edits).items
+    assert (type(edit), edit.marker, edit.frame) == (Place, "RASI", 101 + gap)
+    bpy.ops.mocap_autolabel.remove_correction(index=0)
+    assert 101 + gap not in keys_of("RASI")[:, 0]
+
+
+def test_trouble_is_gone_through_in_both_ways(extension, stored):
+    tool = importlib.import_module(f"{extension}.addon.ops.label_tool")
+    several = replace(stored, suspects=(Suspect(105, 106, "one"), Suspect(125, 126, "two"), Suspect(110, 130, "three")))
+    assert [tool.next_suspect(several, frame, False).first for frame in (101, 105, 110)] == [105, 110, 125]
+    assert [tool.next_suspect(several, frame, True).first for frame in (130, 125, 110)] == [125, 110, 105]
+    assert tool.next_suspect(several, 125, False) is None
+
+
+def test_the_next_trouble_is_shown_and_picked(extension, labelled, files):  # noqa: F811
+    take = labelled.scene.mocap_autolabel.take
+    take["mocap_suspects"] = json.dumps([[110, 115, "LKNE jumps", None, ["LKNE"]], [125, 125, "may be C7", GHOST, []]])
+    importlib.import_module(f"{extension}.addon.scene.opened").opened.forget()
+    labelled.scene.frame_set(101)
+    for frame, points in ((110, [files.names.index("LKNE")]), (125, [GHOST])):
+        assert bpy.ops.mocap_autolabel.next_trouble() == {"FINISHED"}
+        assert (labelled.scene.frame_current, picked()) == (frame, points)
+    with pytest.raises(RuntimeError, match="nothing is to be looked at after frame 125; expected"):
+        bpy.ops.mocap_autolabel.next_trouble()
+    bpy.ops.mocap_autolabel.next_trouble(back=True)
+    assert labelled.scene.frame_current == 110
+
+
+def test_every_key_of_the_tool_does_something_of_ours(extension):
+    tool = importlib.import_module(f"{extension}.addon.ui.label_tool")
+    for operator, _, more in tool.KEYMAP:
+        module, name = operator.split(".")
+        known = getattr(getattr(bpy.ops, module), name).get_rna_type().properties
+        given = dict((more or {}).get("properties", ()))
+        assert set(given) <= set(known.keys())
+        assert module == "mocap_autolabel" or hasattr(bpy.types, given["name"])
+
+
+def test_the_keys_of_the_tool_are_free_in_blender_but_for_the_one_that_deletes(extension):
+    tool = importlib.import_module(f"{extension}.addon.ui.label_tool")
+    alone = [event["type"] for _, event, _ in tool.KEYMAP if set(event) == {"type", "value"}]
+    letters = {key for key in alone if len(key) == 1} - {"X"}
+    assert not letters & set("ABCDGHIKMNOQRSTWZ"), "object mode has these"

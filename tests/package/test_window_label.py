@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A take corrected with the tool Label in a real Blender's window; `window_label.py` does it, this file judges it."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from scripts.virtual_take import write_virtual_points
+
+from .conftest import zip_for
+
+pytestmark = [pytest.mark.real_blender, pytest.mark.window, pytest.mark.slow]
+FRAMES, FRAME = 120, 40
+
+
+@pytest.fixture(scope="module")
+def seen(blender_program, make_zip, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("label")
+    write_virtual_points(folder, FRAMES)
+    task = {
+        "zip": str(make_zip(zip_for(blender_program.version[:2]))),
+        "points": str(folder / "walk.c3d"),
+        "markerset": "body26",
+        "frame": FRAME,
+    }
+    (folder / "label.json").write_text(json.dumps(task))
+    script = Path(__file__).with_name("window_label.py")
+    try:
+        done = blender_program.window(script, folder, home=folder / "home", seconds=400)
+    except LookupError as reason:
+        pytest.skip(str(reason))
+    log = done.stdout + done.stderr
+    assert (folder / "seen.json").exists(), log
+    return json.loads((folder / "seen.json").read_text()) | {"folder": folder, "log": log}
+
+
+def test_the_dot_under_the_pointer_is_picked_and_not_the_body_before_it(seen):
+    left, right = seen["knees"]
+    assert (seen["clicked"], seen["selected"]) == ([left], ["LKNE"])
+    assert seen["with Shift"] == [left, right]
+    assert seen["with Shift again"] == [right]
+    assert seen["beside"] == []
+
+
+def test_a_box_and_a_lasso_pick_what_is_inside(seen):
+    assert set(seen["knees"]) <= set(seen["in a box"])
+    assert seen["in a lasso"] == [seen["knees"][1]]
+
+
+def test_keys_swap_and_undo_takes_it_back(seen):
+    assert seen["swapped"] == ["LKNE and RKNE swapped, all frames"]
+    assert seen["undone"] == []
+    assert seen["picked after undo"] == seen["knees"]
+
+
+def test_the_pie_offers_the_missing_marker_first(seen):
+    [unlabelled] = seen["unlabelled"]
+    assert seen["named by the pie"] == [unlabelled, f"LANK is {unlabelled.split(' has ')[0].lower()}, all frames"]
+    assert seen["after Esc"] == seen["named by the pie"]
+
+
+def test_quick_label_goes_from_marker_to_marker(seen):
+    first, second, third, back, *_ = seen["asked"]
+    assert {first, second, third} == set(seen["truth"])
+    assert back == second, "what was taken back is asked for again"
+    assert len(seen["given"]) == 2
+    assert all(f"{name} is trajectory {seen['truth'][name]}, all frames" in seen["given"] for name in (second, third))
+    assert not seen["quick label runs"]
+
+
+def test_a_marker_is_put_where_nothing_was_seen(seen):
+    words, place = seen["placed"]
+    assert words.startswith(f"{seen['gap']} is placed by hand, frame")
+    assert np.isfinite(place).all()
+
+
+def test_playback_goes_on_with_the_tool(seen):
+    assert seen["played"]
+    assert seen["tool"] == "mocap_autolabel.label_tool"
+
+
+def test_nothing_is_amiss_in_blenders_log(seen):
+    assert "Traceback" not in seen["log"]
+
+
+@pytest.mark.parametrize("name", ["1-picked", "2-pie", "3-typed", "4-quick-label", "5-it-is-here"])
+def test_the_window_shows_something(seen, name):
+    assert imread(seen["folder"] / f"{name}.png")[..., :3].std() > 0.05
