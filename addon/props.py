@@ -70,6 +70,8 @@ def _is_skeleton(_self, item) -> bool:
 def _take_changed(self, context):
     self.picked = NOTHING_PICKED
     hide_preview(self.preview, self.take is not None)
+    if self.take is not None:
+        self.take.hide_viewport = False  # one of another marker set may have hidden it
     refresh_review(context.window_manager, context.scene)
 
 
