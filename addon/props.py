@@ -79,6 +79,8 @@ def _take_changed(self, context):
     state.left_gaps.clear()
     state.timeline_scroll, state.timeline_unfolded = 0.0, False
     hide_preview(self.preview, self.take is not None)
+    if self.take is not None:
+        self.take.hide_viewport = False  # one of another marker set may have hidden it
     refresh_review(context.window_manager, context.scene)
 
 

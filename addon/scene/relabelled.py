@@ -32,7 +32,8 @@ def show_again(context: bpy.types.Context, take: Take, unnamed: bool, whole: boo
     for collection in reversed(others):
         old = range_of(collection, scene)
         if found is None and _same_markers(collection, take, old):
-            before, found = old, ()
+            # What was said while the labelling went on is said of what came of it as well.
+            before, said = old, kept_edits(collection)
             whole_take = merged(old, as_range(take))
             found = changes_of(old, whole_take, take.markerset.markers)
             take = replace(
@@ -42,6 +43,7 @@ def show_again(context: bpy.types.Context, take: Take, unnamed: bool, whole: boo
                 motion=whole_take.motion,
                 suspects=whole_take.suspects,
                 unedited=whole_take.unedited,
+                edits=take.edits if said is None else said,
             )
             remove_take(collection)
         else:

@@ -179,3 +179,19 @@ def test_a_range_labelled_first_leaves_the_scene_its_frames(state):
     assert stored.motion.frames.tolist() == list(range(121, 151))
     named = np.bincount(stored.rows.frame[stored.labels.named], minlength=30) > 0
     assert named.tolist() == [True] * 10 + [False] * 10 + [True] * 10
+
+
+def test_what_is_said_while_labelling_goes_on_is_not_lost(state):
+    labelling = importlib.import_module(f"{state.extension}.addon.ops.labelling")
+    context, again = bpy.context, SimpleNamespace(report=lambda *_: None)
+    steps = labelling.label_steps(labelling.job_of(context), "walk")
+    next(steps)
+    for item in context.scene.mocap_autolabel.take.all_objects:
+        item.select_set(item.get(naming.MARKER) == "RKNE")
+    assert bpy.ops.mocap_autolabel.unlabel(scope="WHOLE") == {"FINISHED"}
+    with pytest.raises(StopIteration) as done:
+        while True:
+            next(steps)
+    assert labelling.MOCAP_AUTOLABEL_OT_label._show(again, context, done.value.value) == {"FINISHED"}
+    assert len(state.review.corrections) == 1
+    assert rows(state, kind="missing", name="RKNE")

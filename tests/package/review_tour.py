@@ -19,10 +19,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
 import window
 
 OUT = Path(os.environ["MOCAP_OUT"])
-LABEL, CANCEL = "mocap_autolabel.label", "mocap_autolabel.cancel"
+LABEL = "mocap_autolabel.label"
 NEXT, MEND, ACCEPT = (f"mocap_autolabel.{name}_trouble" for name in ("next", "mend", "accept"))
 LOST = "LKNE"
 PATIENCE = 120.0
+FROM_RIGHT = 50  # px from the sidebar's right end to the middle of the cross beside the progress
 
 
 def walk() -> Iterator[float]:
@@ -43,16 +44,14 @@ def walk() -> Iterator[float]:
     yield 1
     seen["doing"] = state().doing
     yield from window.screenshot("2-labelling")
-    places = yield from find_buttons()
-    seen["can cancel"] = CANCEL in places
-    if CANCEL in places:
-        yield from window.click(*places[CANCEL])
-        yield 1
+    sidebar = window.region("UI")
+    yield from window.click(sidebar.x + sidebar.width - FROM_RIGHT, places[LABEL][1])
+    yield 1
     seen["after Cancel"] = {"running": bool(state().doing), "take": settings().take is not None}
 
     bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
     until = time.monotonic() + PATIENCE
-    while settings().take is None and time.monotonic() < until:
+    while (settings().take is None or state().doing) and time.monotonic() < until:
         yield 0.5
     view = window.area().spaces.active.region_3d
     for item in settings().take.all_objects:

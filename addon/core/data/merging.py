@@ -114,12 +114,11 @@ def _rows_of(whole: Blobs | PointRows, rows: slice, begin: int, end: int) -> Blo
 def _nothing(like: LabelledRange, first: int, last: int) -> LabelledRange:
     """Frames with nothing in them, of the same shapes."""
     frames = np.arange(first, last + 1)
-    motion = {}
-    for one in fields(Motion):
+    motion = {"frames": frames}
+    for one in fields(Motion)[1:]:
         value = getattr(like.motion, one.name)
         fill = 0 if one.name in ("conflicts", "confidence") else np.nan
         motion[one.name] = np.full((len(frames), *value.shape[1:]), fill, value.dtype)
-    motion["frames"] = frames
     none = _rows_of(like.rows, slice(0, 0), 0, 0)
     return LabelledRange(replace(none, frames=frames), Labels.none(0), Motion(**motion))
 

@@ -33,6 +33,9 @@ TROUBLE_KINDS = (NOBODY_THERE, MISSING, LEFT_OVER, OFF_BODY, DOUBTFUL, OF_CAMERA
 NAME_IT, FILL, UNLABEL, RIGHT, SWAP = "name", "fill", "unlabel", "right", "swap"
 REFINE, LABEL, DELETE = "refine", "label", "delete"
 
+# Ranges that are answered one by one; more are answered as a whole, which locks no label between them.
+MOST_ANSWERS = 8
+
 
 @dataclass(frozen=True)
 class TroubleOptions:
@@ -104,9 +107,17 @@ class Trouble:
         words = [*self.markers] or [*self.cameras] or tracks[:1]
         return " ".join(words) if len(words) > 1 or len(tracks) < 2 or self.markers else f"{len(tracks)} trajectories"
 
+    @property
+    def topic(self) -> str:
+        """What it says, without what changes when a take is labelled again."""
+        said = {MISSING: "has gaps", OFF_BODY: "is off the body at times"}.get(self.kind)
+        return f"{self.markers[0]} {said}" if said else self.reason
+
     def answers(self) -> list[Edit]:
         """What a person says with "it is right": markers are, points are none, or what is said may be as it is."""
         ranges = self.ranges or ((self.first, self.last),)
+        if len(ranges) > MOST_ANSWERS:
+            return [Accepted(self.topic, frames=(ranges[0][0], ranges[-1][1]))]
         if self.kind in (MISSING, OFF_BODY) or (self.kind == DOUBTFUL and self.markers and not self.trajectories):
             return [Right(name, frames=span) for name in self.markers for span in ranges]
         if self.kind == LEFT_OVER and self.trajectories:
@@ -181,7 +192,7 @@ class TakeTrouble:
     def _accepted_by(self, one: Trouble) -> Trouble:
         """A trouble as answered, where a person accepted what it says in all of its frames."""
         ranges = one.ranges or ((one.first, one.last),)
-        accepted = all(accepted_in(self.edits, one.reason, np.arange(a, b + 1)).all() for a, b in ranges)
+        accepted = all(accepted_in(self.edits, one.topic, np.arange(a, b + 1)).all() for a, b in ranges)
         return replace(one, stake=0.0, answered=True) if accepted and not one.answered else one
 
     def _of_nobody(self):

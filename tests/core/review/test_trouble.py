@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from addon.core.data.takes import BY_FIT, NO_MARKER, NO_STEP, Labels, Motion, PointRows, Suspect
-from addon.core.edits.kinds import Delete, Edits, Right, Swap
+from addon.core.edits.kinds import Accepted, Delete, Edits, Right, Swap
 from addon.core.review.trouble import DOUBTFUL, LEFT_OVER, MISSING, OFF_BODY, TakeTrouble, summary_of_trouble
 
 RATE, FIRST, FRAMES = 100.0, 11, 200
@@ -140,3 +140,17 @@ def test_a_take_in_chunks_has_the_same_trouble(parts):
     assert [(one.kind, one.first, one.last, one.stake) for one in found] == [
         (one.kind, one.first, one.last, one.stake) for one in whole
     ]
+
+
+def test_many_gaps_are_answered_by_one_edit_that_locks_nothing_between_them():
+    markers = steady()
+    markers[::10, 1] = np.nan
+    [gaps] = trouble(markers)
+    assert gaps.stake == 20
+    [answer] = gaps.answers()
+    assert (answer, answer.frames) == (Accepted("LHEE has gaps", frames=(11, 201)), (11, 201))
+    assert [one.answered for one in trouble(markers, edits=[answer])] == [True]
+    markers[5:8, 1] = np.nan
+    assert [one.answered for one in trouble(markers, edits=[answer])] == [True]
+    markers[195:, 1] = np.nan
+    assert [one.answered for one in trouble(markers, edits=[answer])] == [False]
