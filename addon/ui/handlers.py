@@ -15,6 +15,7 @@ from ..scene.take import takes_of
 def after_load(*_):
     """A file was opened: what was read from the last one is forgotten, and takes made elsewhere are found."""
     opened.forget()
+    bpy.context.window_manager.mocap_autolabel.picked.clear()
     adopt_takes()
 
 
