@@ -47,6 +47,8 @@ class OfPoints:
 def selected_markers(context: bpy.types.Context) -> list[str]:
     """The markers of the active take whose empties are selected, that of the active object first."""
     take = context.scene.mocap_autolabel.take
+    if take is None:
+        return []
     items = [item for item in context.selected_objects if naming.MARKER in item and item.name in take.all_objects]
     return [str(item[naming.MARKER]) for item in sorted(items, key=lambda item: item != context.object)]
 

@@ -19,6 +19,7 @@ def after_load(*_):
     for scene in bpy.data.scenes:
         adopt_training_takes(scene.mocap_autolabel)
     forget_trouble()
+    bpy.context.window_manager.mocap_autolabel.picked.clear()
     adopt_takes()
 
 

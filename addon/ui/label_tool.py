@@ -207,7 +207,7 @@ def draw_gesture(canvas: Canvas):
 
 def add_tool(stack: ExitStack):
     """Adds the tool and the menu; each brings its way back to `stack`."""
-    bpy.utils.register_tool(LabelTool, after={"builtin.cursor"}, separator=True)
+    bpy.utils.register_tool(LabelTool, after={"builtin.measure"}, separator=True)
     stack.callback(bpy.utils.unregister_tool, LabelTool)
     bpy.types.VIEW3D_MT_editor_menus.append(draw_menu)
     stack.callback(bpy.types.VIEW3D_MT_editor_menus.remove, draw_menu)

@@ -13,6 +13,7 @@ from ..scene import naming
 from ..scene.cameras import camera_name, is_mocap_camera
 from ..scene.markerset_edit import edited_collection
 from ..scene.opened import opened
+from ..scene.picking import to_region
 from ..scene.preview import holds_points
 from ..scene.take import Stored, is_take
 from . import marks
@@ -82,7 +83,7 @@ class Canvas:
 
     def place(self, points: np.ndarray) -> np.ndarray:
         """(..., 2) px of points (..., 3) m; NaN behind the viewer."""
-        return marks.to_region(points, self.perspective, self.size)
+        return to_region(points, self.perspective, self.size)
 
     def lines(self, ends: np.ndarray, colours: np.ndarray, width: float):
         """Lines between ends (L, 2, 2) px in colours (L, 2, 4) that run into each other."""

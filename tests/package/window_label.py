@@ -108,22 +108,31 @@ def quick_labelling(seen: dict) -> Iterator[float]:
         yield from window.click(*place)
         yield from window.press("U", *place)
     begun = len(corrections())
-    yield from window.press("F", *places["LELB"])
+    aside = places["LELB"]
+    yield from window.press("F", *aside)
     yield from window.screenshot("4-quick-label")
+    yield from skip_to(places, aside)
     seen["asked"] = [asked()]
-    yield from window.press("SPACE", *places["LELB"])
+    yield from window.click(*places.pop(asked()))
     seen["asked"].append(asked())
-    for _ in range(2):
-        yield from window.click(*places[asked()])
-        seen["asked"].append(asked())
-        if len(seen["asked"]) == 3:
-            yield from window.press("BACK_SPACE", *places["LELB"])
-            seen["asked"].append(asked())
-            yield from window.click(*places[asked()])
-            seen["asked"].append(asked())
-    yield from window.press("ESC", *places["LELB"])
+    yield from window.press("BACK_SPACE", *aside)
+    seen["asked"].append(asked())
+    yield from window.press("SPACE", *aside)
+    seen["asked"].append(asked())
+    yield from skip_to(places, aside)
+    seen["asked"].append(asked())
+    yield from window.click(*places.pop(asked()))
+    yield from window.press("ESC", *aside)
     seen["given"] = corrections()[begun:]
     seen["quick label runs"] = running()
+
+
+def skip_to(wanted: dict[str, Place], aside: Place) -> Iterator[float]:
+    """Pass over the markers that are asked for until it is one of those wanted."""
+    for _ in range(30):
+        if asked() in wanted:
+            return
+        yield from window.press("SPACE", *aside)
 
 
 def placing(seen: dict) -> Iterator[float]:
