@@ -14,7 +14,7 @@ from ..core.data.takes import LARGEST_FRAME, STEPS, Labels, PointRows
 from ..core.geometry.cameras import NO_CAMERAS
 from ..core.points.motion import labelled_points
 from ..core.points.naming import chosen_method
-from ..core.points.pipeline import PointOptions, label_points
+from ..core.points.whole_take.pipeline import PointOptions, label_points
 from ..core.review.summary import TakeSummary
 from ..io.edits import open_edits
 from ..io.models import open_model

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A take of blobs from end to end: by a fitted body, by the points that they make, or by both methods at once.
 
-The counterpart of `points.pipeline` for blobs. Memory does not grow with the take.
+The counterpart of `points.whole_take.pipeline` for blobs. Memory does not grow with the take.
 """
 
 from collections.abc import Callable, Iterable, Iterator

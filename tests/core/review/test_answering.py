@@ -8,7 +8,7 @@ from addon.core.edits.applying import PointCells, apply_to_points
 from addon.core.edits.kinds import AssignPoint, Edits, Right
 from addon.core.review.suspects import unanswered, unanswered_of_blobs
 
-from .lists import COLUMNS, FIRST, INDEX, NAMES, named
+from ..edits.lists import COLUMNS, FIRST, INDEX, NAMES, named
 
 FRAMES = 20
 

@@ -69,8 +69,8 @@ def solution_of(
     voted = decide(named, tracklet, model, BELIEVING.sure_target, first_frame)
     kept = consistent(voted, points, model.likelihood, first_frame).labels.marker
     sure = kept if rulings is None else rulings.start
-    pieces = parted(tracklet, voted.labels.marker)
-    return solve_take(points, pieces, named, sure, model, rate, progress, rulings)
+    tracklet = parted(tracklet, voted.labels.marker)
+    return solve_take(points, tracklet, named, sure, model, rate, progress, rulings)
 
 
 def parted(tracklet: np.ndarray, voted: np.ndarray) -> np.ndarray:

@@ -9,8 +9,8 @@ from addon.core.edits.applying import PointCells, apply_to_points, names_of
 from addon.core.edits.kinds import AssignPoint, Delete, Edits, Right, UnlabelMarker, UnlabelPoint
 from addon.core.points.tracklets import cut
 from addon.core.points.whole_take.deciding import labels_of, solution_of
-from addon.core.points.whole_take.pieces import tracklets_of
 from addon.core.points.whole_take.rulings import Rulings
+from addon.core.points.whole_take.tracklets import tracklets_of
 from addon.demo.take import make_performance
 from addon.io.markersets import open_markerset
 from addon.io.models import open_model

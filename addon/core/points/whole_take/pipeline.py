@@ -15,24 +15,24 @@ from typing import TypeVar
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ..blobs.pipeline import Options
-from ..data.background import in_background
-from ..data.progress import Progress, Stage, in_stages
-from ..data.takes import BY_FIT, LabelledChunk, Labels, Motion, Points, Verdict
-from ..edits.applying import AppliedEdits, PointCells, apply_to_points, names_of
-from ..edits.kinds import NO_EDITS, Edits
-from ..review.suspects import called_by, find_suspects, summarised, unanswered
-from .adaptation import Adaptation, adapt, borne_out
-from .deciding import consistent, decide
-from .models import Model
-from .motion import motion_of
-from .naming import Namer, namer_of
-from .refusals import refuse_floods, refuse_others, refuse_unlike, refuse_unrecognised
-from .tracklets import are_lasting, cut, renamed
-from .unordered import UNORDERED, is_unordered, learn_subject
-from .whole_take.deciding import can_be_solved, labels_of, solution_of
-from .whole_take.rulings import Rulings
-from .whole_take.solving import Solution
+from ...blobs.pipeline import Options
+from ...data.background import in_background
+from ...data.progress import Progress, Stage, in_stages
+from ...data.takes import BY_FIT, LabelledChunk, Labels, Motion, Points, Verdict
+from ...edits.applying import AppliedEdits, PointCells, apply_to_points, names_of
+from ...edits.kinds import NO_EDITS, Edits
+from ...review.suspects import called_by, find_suspects, summarised, unanswered
+from ..adaptation import Adaptation, adapt, borne_out
+from ..deciding import consistent, decide
+from ..models import Model
+from ..motion import motion_of
+from ..naming import Namer, namer_of
+from ..refusals import refuse_floods, refuse_others, refuse_unlike, refuse_unrecognised
+from ..tracklets import are_lasting, cut, renamed
+from ..unordered import UNORDERED, is_unordered, learn_subject
+from .deciding import can_be_solved, labels_of, solution_of
+from .rulings import Rulings
+from .solving import Solution
 
 Result = TypeVar("Result")
 USUAL_TARGET = 0.999  # the part of the labels that must be right, unless another is asked for
