@@ -41,7 +41,8 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
                 raise InputError(words, job.source)
             if job.blend:
                 refuse_long(take.first_frame, last)
-            known = {"points": take.columns.tolist(), "frames": _whole(take, job)}
+            # Of a part of a take nobody knows how long it is.
+            known = {"points": take.columns.tolist(), "frames": None if job.frames else (take.first_frame, last)}
             edits = open_edits(job.edits_applied, job.source, model.markerset, **known)
             options = PointOptions(chosen_method(model, job.method), job.target, job.options, edits)
         labelled = yield from label_points(take, model, options)
@@ -60,11 +61,6 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         made = Outcome(points, [(rows, chunk)], NO_CAMERAS, summary, facts, inputs, edits)
         report = write_take(job, files, markerset, made, clock)
     return Labelled(report, made.chunks if job.keep else [], edits)
-
-
-def _whole(take: FilePoints, job: LabelJob) -> tuple[int, int] | None:
-    """The first and last frame of a take of which all is labelled; of a part nobody knows how long the take is."""
-    return None if job.frames else (take.first_frame, int(take.frames[-1]))
 
 
 def _facts(take: FilePoints, given: Labels, options: PointOptions) -> dict:

@@ -180,8 +180,8 @@ def test_progress_is_told_from_the_first_look_at_the_take(source, of_two_minds, 
 def test_only_the_number_of_a_trajectory_is_made_the_file_s(source, monkeypatch):
     said = (Suspect(12, 13, "goes over from trajectory 1 to B", 1), Suspect(12, 13, "trajectory 1 jumps"))
     use(monkeypatch, Known(right, 0.9999))
-    solved = pipeline.labels_of
-    monkeypatch.setattr(pipeline, "labels_of", lambda *given: Verdict(solved(*given).labels, said))
+    solved = pipeline.verdict_of
+    monkeypatch.setattr(pipeline, "verdict_of", lambda *given: Verdict(solved(*given).labels, said))
     report = json.loads((label(source) / "walk.report.json").read_text())
     assert [row["reason"] for row in report["suspect"]] == [
         "trajectory 4 goes over from trajectory 1 to B",

@@ -27,7 +27,6 @@ class RegressionOptions:
     dense_s       seconds on either side from which all are
     near_step     every so many frames within `near_s`
     keep_share    of the marker's frames that must have all features; a neighbour that is rarer is no feature
-    end_s         seconds at either end of the gap in which the features must be known in half of the frames
     nearness_m    added to the spread of distances in the weight of a feature, so that none is all that counts
     sharpness     power of that weight
     fewest        frames to learn from
@@ -44,7 +43,6 @@ class RegressionOptions:
     dense_s: float = 0.1
     near_step: int = 2
     keep_share: float = 0.3
-    end_s: float = 0.1
     nearness_m: float = 0.003
     sharpness: float = 2.0
     fewest: int = 40

@@ -25,9 +25,9 @@ from ..edits.kinds import NO_EDITS, Edits
 from ..geometry.cameras import Cameras
 from ..points.models import Model
 from ..points.naming import chosen_method, plain_method
+from ..points.whole_take.pipeline import USUAL_TARGET
 from .cross_check import MethodAgreement, label_by_both
 from .edited_blobs import with_edits_of_blobs
-from .points import USUAL_TARGET
 from .through_points import label_through_points
 
 Labeller = Callable[[Iterable[Blobs]], Iterator[LabelledChunk]]

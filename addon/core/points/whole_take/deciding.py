@@ -86,6 +86,22 @@ def parted(tracklet: np.ndarray, voted: np.ndarray) -> np.ndarray:
     return found
 
 
+def verdict_of(
+    solution: Solution | None,
+    named: Labels,
+    tracklet: np.ndarray,
+    points: np.ndarray,
+    model: Model,
+    target: float,
+    first_frame: int,
+) -> Verdict:
+    """What is sure enough for the target: by the solution, else by the tracklets (T, P) and what contradicts them."""
+    if solution is not None:
+        return labels_of(solution, named, target, model.markerset.markers, first_frame)
+    verdict = decide(named, tracklet, model, target, first_frame)
+    return consistent(verdict, points, model.likelihood, first_frame)
+
+
 def labels_of(solution: Solution, named: Labels, target: float, names: Sequence[str], first_frame: int = 0) -> Verdict:
     """What a solution says of all points, sure enough that a part `target` of it is right.
 

@@ -23,14 +23,13 @@ from ...edits.applying import AppliedEdits, PointCells, apply_to_points, names_o
 from ...edits.kinds import NO_EDITS, Edits
 from ...review.suspects import called_by, find_suspects, summarised, unanswered
 from ..adaptation import Adaptation, adapt, borne_out
-from ..deciding import consistent, decide
 from ..models import Model
 from ..motion import motion_of
 from ..naming import Namer, namer_of
 from ..refusals import refuse_floods, refuse_others, refuse_unlike, refuse_unrecognised
 from ..tracklets import are_lasting, cut, renamed
 from ..unordered import UNORDERED, is_unordered, learn_subject
-from .deciding import can_be_solved, labels_of, solution_of
+from .deciding import can_be_solved, solution_of, verdict_of
 from .rulings import Rulings
 from .solving import Solution
 
@@ -219,12 +218,9 @@ def _decided(
 
     By the solution; where there is none, by the tracklets (T, P), the rest of the take, and its motion.
     """
-    take, model, names = frames.take, frames.model, frames.model.markerset.markers
-    if solution is not None:
-        verdict = labels_of(solution, named, target, names, take.first_frame)
-    else:
-        verdict = decide(named, tracklet, model, target, take.first_frame)
-        verdict = consistent(verdict, take.xyz, model.likelihood, take.first_frame)
+    take, names = frames.take, frames.model.markerset.markers
+    verdict = verdict_of(solution, named, tracklet, take.xyz, frames.model, target, take.first_frame)
+    if solution is None:
         verdict = borne_out(verdict, frames.adaptation, take.first_frame)
     # Frames in no order have no trajectories that could go over to another marker.
     lasting, marker = are_lasting(frames.tracklet), verdict.labels.marker
