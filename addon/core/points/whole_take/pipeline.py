@@ -165,7 +165,7 @@ def _frame_by_frame(take: Points, tracklet: np.ndarray, model: Model, options: P
     solvable = learned and can_be_solved(adaptation.model, tracklet)
     refuse_others(adaptation.model, namer, take.xyz, solvable)
     yield Stage("name", f"frame {take.first_frame}")
-    labels = yield from _named(namer, take)
+    labels = yield from _named(namer, take.xyz, take.rate, take.frames)
     if learned and is_unordered(adaptation.model, tracklet):
         yield Stage("learn", "learn the subject from sure frames")
         trained = adaptation.model.likelihood
@@ -173,17 +173,18 @@ def _frame_by_frame(take: Points, tracklet: np.ndarray, model: Model, options: P
         if likelihood is not trained:
             yield Stage("name again", f"frame {take.first_frame}")
             adaptation = replace(adaptation, model=replace(adaptation.model, likelihood=likelihood))
-            labels = yield from _named(namer_of(adaptation.model, options.method, options.hints), take)
+            again = namer_of(adaptation.model, options.method, options.hints)
+            labels = yield from _named(again, take.xyz, take.rate, take.frames)
     return NamedFrames(take, tracklet, adaptation, namer, labels, solvable)
 
 
-def _named(namer: Namer, take: Points) -> Steps[Labels]:
-    """The labels (T, P) of a take's frames, each on its own."""
+def _named(namer: Namer, points: np.ndarray, rate: float, frames: np.ndarray) -> Steps[Labels]:
+    """The labels (T, P) of points (T, P, 3) m, each frame on its own; `frames` (T,) are the source's numbers."""
     parts, done = [], 0
-    for part in namer.name(take.xyz, take.rate):
+    for part in namer.name(points, rate):
         parts.append(part)
         done += len(part.marker)
-        yield done / len(take.xyz), f"frame {take.first_frame + done - 1}"
+        yield done / len(points), f"frame {frames[done - 1]}"
     return Labels.join(parts)
 
 
@@ -248,11 +249,11 @@ def _with_edits(
 
 def _without_deleted(frames: NamedFrames, deleted: np.ndarray) -> Steps[Labels]:
     """What frames say once the points that are no markers, deleted (T, P), are gone from them."""
-    rows = np.flatnonzero(deleted.any(axis=1))
+    take, rows = frames.take, np.flatnonzero(deleted.any(axis=1))
     if not len(rows) or frames.namer.step == BY_FIT:  # which needs all frames in their order
         return frames.labels
-    seen = np.where(deleted[rows, :, None], np.nan, frames.take.xyz[rows])
-    anew = yield from _named(frames.namer, replace(frames.take, xyz=seen))
+    seen = np.where(deleted[rows, :, None], np.nan, take.xyz[rows])
+    anew = yield from _named(frames.namer, seen, take.rate, take.frames[rows])
     columns = [getattr(frames.labels, name).copy() for name in ("marker", "step", "confidence", "rate")]
     for name, whole in zip(("marker", "step", "confidence", "rate"), columns, strict=True):
         whole[rows] = getattr(anew, name)
