@@ -108,19 +108,13 @@ class LabelJob:
     def read(self) -> list[Path]:
         """The files that the job reads; InputError where a calibration lacks one."""
         cameras = calibration_files(self.cameras) if isinstance(self.cameras, Path) else []
-        edits = [] if self.edits_file is None else [self.edits_file]
+        edits = [self.edits_applied] if isinstance(self.edits_applied, Path) else []
         return [self.source, markerset_file(self.model), *cameras, *edits]
 
     @property
     def edits_applied(self) -> Edits | Path | None:
         """The edits that are applied, or their file; None where there are none."""
         return edits_beside(self.source) if self.edits is None else self.edits
-
-    @property
-    def edits_file(self) -> Path | None:
-        """The file of the edits that are applied, None where they are of none."""
-        edits = self.edits_applied
-        return None if isinstance(edits, Edits) else edits
 
 
 @dataclass(frozen=True, eq=False)

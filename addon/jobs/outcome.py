@@ -68,8 +68,8 @@ def facts_of_edits(job: LabelJob, outcomes: Iterable[EditOutcome]) -> dict:
     outcomes = tuple(outcomes)
     if not outcomes:
         return {}
-    file = job.edits_file
-    return {"edits": {"file": None if file is None else file.name, **summary_of(outcomes)}}
+    edits = job.edits_applied
+    return {"edits": {"file": edits.name if isinstance(edits, Path) else None, **summary_of(outcomes)}}
 
 
 def renumbered(points: Points) -> dict:
