@@ -18,6 +18,7 @@ from bpy.props import (
 
 from .core.data.errors import InputError
 from .core.edits.wording import words_of
+from .core.review.trouble import TROUBLE_KINDS
 from .io.markersets import SUFFIX, builtin_markersets, open_markerset
 from .io.names import written
 from .prefs import markerset_folder
@@ -25,8 +26,10 @@ from .scene.armature import SCALE
 from .scene.naming import CAMERAS
 from .scene.opened import opened
 from .scene.preview import hide_preview
+from .scene.relabelled import kept_changes
 from .scene.review import review_markers
 from .scene.take import is_take
+from .scene.trouble import trouble_of
 
 OWN_FILE = "FILE"
 USUAL_MARKERSET = "body26"
@@ -65,8 +68,20 @@ def _is_skeleton(_self, item) -> bool:
 
 def _take_changed(self, context):
     self.picked = NOTHING_PICKED
+    context.window_manager.mocap_autolabel.left_gaps.clear()
     hide_preview(self.preview, self.take is not None)
     refresh_review(context.window_manager, context.scene)
+
+
+def _timeline_changed(_self, context):
+    redraw_dope_sheets(context.window_manager)
+
+
+def redraw_dope_sheets(manager: bpy.types.WindowManager):
+    """Lets every Dope Sheet be drawn anew."""
+    for area in (area for window in manager.windows for area in window.screen.areas):
+        if area.type == "DOPESHEET_EDITOR":
+            area.tag_redraw()
 
 
 class TrainingTakeRow(bpy.types.PropertyGroup):
@@ -190,12 +205,34 @@ class SceneSettings(bpy.types.PropertyGroup):
     picked: IntProperty(
         name="Picked", description="The trajectory without a name that was picked, -1 for none", default=NOTHING_PICKED
     )
+    fill_method: EnumProperty(
+        name="Method",
+        description="What gaps are filled by",
+        items=(
+            ("auto", "Automatic", "What errs least on gaps cut into this take where the truth is known"),
+            ("regression", "Learned", "A regression on the neighbours, learned from the take"),
+            ("rigid", "Rigid", "The body that the nearest markers make"),
+            ("pattern", "Pattern", "The path of the neighbour that moves most alike"),
+            ("pca", "PCA", "The principal components of the take"),
+            ("body", "Body", "The chosen marker set's body, fitted to the markers that are there"),
+            ("spline", "Spline", "A smooth curve between the ends, for short gaps"),
+        ),
+    )
+    use_fill_longest: BoolProperty(name="Longest", description="Leave gaps that are longer")
+    fill_longest: IntProperty(
+        name="Longest", description="Frames of the longest gap that is filled", default=100, min=1
+    )
     show_overlay: BoolProperty(
         name="Overlay",
         description="Draw blobs, the body's markers and links over the view",
         default=True,
     )
     show_names: BoolProperty(name="Names", description="Write the markers' names beside them", default=True)
+    show_timeline: BoolProperty(
+        name="Trajectories",
+        description="Show every trajectory of the take as a row, over the channels of the Dope Sheet",
+        update=_timeline_changed,
+    )
     show_links: BoolProperty(
         name="Links", description="Through a camera, link each blob to where the body expects its marker", default=True
     )
@@ -221,10 +258,40 @@ class SuspectRow(bpy.types.PropertyGroup):
     reason: StringProperty(name="Reason", description="Why to look at these frames")
 
 
+class TroubleRow(bpy.types.PropertyGroup):
+    """One thing that is the matter with the take; `name` is what it is about."""
+
+    kind: StringProperty(name="Kind", description="What kind of trouble it is")
+    first: IntProperty(name="First", description="First frame to look at")
+    last: IntProperty(name="Last", description="Last frame to look at")
+    reason: StringProperty(name="Reason", description="What is the matter")
+    advice: StringProperty(name="Advice", description="What to do about it")
+    action: StringProperty(name="Action", description="What does it")
+    stake: FloatProperty(name="At Stake", description="Frames of a marker that are wrong or missing if it is so")
+    answered: BoolProperty(name="Done", description="Whether a person has answered it")
+
+
+class ChangeRow(bpy.types.PropertyGroup):
+    """One change that labelling again made; `name` is the marker."""
+
+    first: IntProperty(name="First", description="First frame")
+    words: StringProperty(name="Change", description="What changed")
+
+
 class CorrectionRow(bpy.types.PropertyGroup):
     """One edit of the take's, called by what it says."""
 
     idle: StringProperty(name="Idle", description="Why the edit changes nothing; empty where it does")
+
+
+class GapRow(bpy.types.PropertyGroup):
+    """A gap of a marker, called by that: one that was filled, or one that was left."""
+
+    first: IntProperty(name="First", description="First frame")
+    last: IntProperty(name="Last", description="Last frame")
+    method: StringProperty(name="Method", description="What filled it")
+    expected: FloatProperty(name="Expected Error", description="Mean error to expect, mm; -1 where it is not known")
+    reason: StringProperty(name="Reason", description="Why it is not filled; empty where it is")
 
 
 class ReviewState(bpy.types.PropertyGroup):
@@ -237,6 +304,40 @@ class ReviewState(bpy.types.PropertyGroup):
     corrections: CollectionProperty(type=CorrectionRow)
     correction_index: IntProperty()
     doubts: CollectionProperty(type=bpy.types.PropertyGroup)
+    fills: CollectionProperty(type=GapRow)
+    fill_index: IntProperty()
+    left_gaps: CollectionProperty(type=GapRow)
+    left_index: IntProperty()
+    timeline_scroll: FloatProperty(
+        name="Scroll", description="Rows of the trajectory timeline above the first that is seen", min=0.0
+    )
+    timeline_unfolded: BoolProperty(
+        name="Short Ones Too",
+        description="Give trajectories without a name that are shorter than a second a row each in the timeline",
+        update=_timeline_changed,
+    )
+    changes: CollectionProperty(type=ChangeRow)
+    change_index: IntProperty()
+    troubles: CollectionProperty(type=TroubleRow)
+    trouble_index: IntProperty()
+    trouble_kind: EnumProperty(
+        name="Reason",
+        description="What kind of trouble is listed",
+        items=(
+            ("ALL", "All", "All that is the matter"),
+            *((kind, kind.capitalize(), f"Only what is {kind}") for kind in TROUBLE_KINDS),
+        ),
+    )
+    trouble_marker: StringProperty(name="Marker", description="List what is about this marker only")
+    trouble_done: EnumProperty(
+        name="Answered",
+        description="Whether what is answered is listed",
+        items=(
+            ("OPEN", "Open", "What nobody has answered yet"),
+            ("DONE", "Done", "What was looked at and is right"),
+            ("ALL", "Both", "What is open and what is done"),
+        ),
+    )
 
 
 def chosen_model(settings: SceneSettings) -> str:
@@ -290,6 +391,10 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     state.markers.clear()
     state.suspects.clear()
     state.corrections.clear()
+    state.fills.clear()
+    redraw_dope_sheets(manager)
+    state.troubles.clear()
+    state.changes.clear()
     if not is_take(collection):
         return
     stored = opened.take(collection, scene)
@@ -303,9 +408,38 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     for suspect in stored.suspects:
         row = state.suspects.add()
         row.first, row.last, row.reason = suspect.first + stored.shift, suspect.last + stored.shift, suspect.reason
+    for trouble in trouble_of(collection, scene):
+        row = state.troubles.add()
+        row.name, row.kind, row.reason = trouble.about, trouble.kind, trouble.reason
+        row.first, row.last = trouble.first + stored.shift, trouble.last + stored.shift
+        row.advice, row.action, row.stake, row.answered = (
+            trouble.advice,
+            trouble.action,
+            trouble.stake,
+            trouble.answered,
+        )
+    state.trouble_index = max(min(state.trouble_index, len(state.troubles) - 1), 0)
+    for change in kept_changes(collection):
+        row = state.changes.add()
+        row.name, row.first, row.words = change.marker, change.first + stored.shift, change.words
     for edit, outcome in zip(stored.edits, stored.outcomes, strict=True):
         row = state.corrections.add()
         row.name, row.idle = words_of(edit, stored.shift), outcome.reason
+    for fill, misfit in zip(stored.fills, stored.misfits, strict=True):
+        row = state.fills.add()
+        row.name, row.first, row.last = fill.marker, fill.first + stored.shift, fill.last + stored.shift
+        row.method, row.reason = fill.method, misfit
+        row.expected = 1000 * fill.expected if math.isfinite(fill.expected) else -1
 
 
-CLASSES = (TrainingTakeRow, SceneSettings, MarkerRow, SuspectRow, CorrectionRow, ReviewState)
+CLASSES = (
+    TrainingTakeRow,
+    SceneSettings,
+    MarkerRow,
+    SuspectRow,
+    TroubleRow,
+    ChangeRow,
+    CorrectionRow,
+    GapRow,
+    ReviewState,
+)

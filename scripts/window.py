@@ -87,17 +87,33 @@ def point(x: int, y: int) -> None:
     _event("MOUSEMOVE", "NOTHING", x, y)
 
 
-def click(x: int, y: int) -> Iterator[float]:
-    """Click with the left button, as a hand would: move, press, release."""
+def click(x: int, y: int, **modifiers: bool) -> Iterator[float]:
+    """Click with the left button, as a hand would: move, press, release; `shift=True` and the like are held."""
     for kind, value in (("MOUSEMOVE", "NOTHING"), ("LEFTMOUSE", "PRESS"), ("LEFTMOUSE", "RELEASE")):
-        _event(kind, value, x, y)
+        _event(kind, value, x, y, **modifiers)
         yield WHILE_IT_DRAWS
 
 
-def press(key: str, x: int, y: int) -> Iterator[float]:
-    """Press and release a key with the pointer at a place."""
-    for value in ("PRESS", "RELEASE"):
-        _event(key, value, x, y)
+def drag(begin: tuple[int, int], end: tuple[int, int], stop: str = "") -> Iterator[float]:
+    """Drag with the left button from a place to another; the key `stop` is pressed before the button is let go."""
+    middle = (begin[0] + end[0]) // 2, (begin[1] + end[1]) // 2
+    _event("MOUSEMOVE", "NOTHING", *begin)
+    yield WHILE_IT_DRAWS
+    _event("LEFTMOUSE", "PRESS", *begin)
+    for place in (middle, end):
+        yield WHILE_IT_DRAWS
+        _event("MOUSEMOVE", "NOTHING", *place)
+    yield WHILE_IT_DRAWS
+    if stop:
+        yield from press(stop, *end)
+    _event("LEFTMOUSE", "RELEASE", *end)
+    yield WHILE_IT_DRAWS
+
+
+def press(key: str, x: int, y: int, held: bool = True, **modifiers: bool) -> Iterator[float]:
+    """Press and release a key with the pointer at a place; a wheel is not `held`, so it is only turned."""
+    for value in ("PRESS", "RELEASE") if held else ("PRESS",):
+        _event(key, value, x, y, **modifiers)
         yield WHILE_IT_DRAWS
 
 
@@ -118,5 +134,6 @@ def buttons(found: dict[str, tuple[int, int]], step: int = 9) -> Iterator[float]
             found.setdefault(command.removeprefix("bpy.ops.").partition("(")[0], (x, y))
 
 
-def _event(kind: str, value: str, x: int, y: int) -> None:
-    bpy.context.window_manager.windows[0].event_simulate(type=kind, value=value, x=int(x), y=int(y))
+def _event(kind: str, value: str, x: int, y: int, **modifiers: bool) -> None:
+    shown = bpy.context.window_manager.windows[0]
+    shown.event_simulate(type=kind, value=value, x=int(x), y=int(y), **modifiers)

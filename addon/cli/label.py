@@ -17,6 +17,7 @@ from ..io.models import open_model
 from ..io.points import holds_points
 from ..io.scratch import told_of
 from ..io.whole import finish_renaming, keep_apart
+from ..jobs.pages import check_folder_page, folder_page_path, write_takes_page
 from ..jobs.resuming import results_of
 from .arguments import add_frames, add_overwrite, add_up, number, whole
 from .console import ProgressLine, complain, print_results
@@ -39,6 +40,12 @@ def add_parser(verbs):
     add_up(parser)
     _add_naming(parser)
     parser.add_argument("--blend", action="store_true", help="also save DIR/walk.blend: armature, body, keyed markers")
+    parser.add_argument(
+        "--html",
+        action="store_true",
+        help="also write DIR/walk.report.html, a page that shows how the take was labelled, and, of several takes, "
+        "DIR/summary.report.html over all of them",
+    )
     parser.add_argument("--trc", action="store_true", help="also write DIR/walk.trc")
     parser.add_argument(
         "--fill",
@@ -132,6 +139,7 @@ def run(arguments) -> int:
             reports.append(answer)
     progress.clear()
     reports.sort(key=lambda report: [path.stem for path in arguments.inputs].index(report["take"]))
+    folder = _write_folder_page(arguments, reports, failures)
     failed = [{"take": path.stem, "status": error.exit_status, "reason": str(error)} for path, error in failures]
     if arguments.result and not failures:
         with told_of(arguments.result.parent):
@@ -139,10 +147,29 @@ def run(arguments) -> int:
     if reports or arguments.json:
         lines = [line for report in reports for line in (_line_of(report, passed), *_doubts(report))]
         result = {"takes": reports, "failed": failed} | ({"passed_over": sorted(passed)} if arguments.resume else {})
+        if folder is not None:
+            lines.append(f"over all takes: {folder}")
+            result["summary"] = str(folder)
         print_results(lines, result, arguments.json)
     for _, error in failures:
         complain(error)
     return max((error.exit_status for _, error in failures), default=0)
+
+
+def _folder_page(arguments) -> Path | None:
+    """The page over all takes; None where none is wanted, or there is one take only."""
+    if not arguments.html or len(arguments.inputs) < 2:
+        return None
+    return folder_page_path(arguments.out, [path.stem for path in arguments.inputs])
+
+
+def _write_folder_page(arguments, reports: list[dict], failures: list[tuple[Path, UserError]]) -> Path | None:
+    """Writes the page over all takes, where one is wanted and there is a take to link to, and gives where it is."""
+    page = _folder_page(arguments)
+    if page is None or not reports:
+        return None
+    write_takes_page(page, reports, [(path.stem, str(error)) for path, error in failures])
+    return page
 
 
 def check(arguments):
@@ -162,7 +189,12 @@ def check(arguments):
         words = f"--edits is of one take, and there are {len(arguments.inputs)}"
         raise InputError(f"{words}; expected one take, or files such as walk.edits.json beside the takes")
     takes = [as_job(arguments, path) for path in arguments.inputs]
-    keep_apart({path for take in takes for path in take.read}, [path for take in takes for path in take.written])
+    page = _folder_page(arguments)
+    pages = [] if page is None else [page]
+    written = [path for take in takes for path in take.written]
+    keep_apart({path for take in takes for path in take.read}, written + pages)
+    if page is not None:
+        check_folder_page(page, arguments.overwrite, arguments.resume)
     model = open_model(arguments.model)
     cameras = open_cameras(arguments.cameras, arguments.up) if blobs else None
     if len(takes) == 1:  # of many each is told on its own, and the others are labelled
@@ -234,6 +266,7 @@ def as_job(arguments, path: Path) -> jobs.LabelJob:
         trc=arguments.trc,
         fill=arguments.fill,
         blend=arguments.blend,
+        html=arguments.html,
         overwrite=arguments.overwrite,
         resume=arguments.resume,
     )
@@ -264,7 +297,8 @@ def as_line(report: dict) -> str:
     first = ", frames in the .c3d from 0" if "c3d_first_frame" in report else ""
     frames = f"{report['frames']} frame" + ("" if report["frames"] == 1 else "s")
     more = "".join(f"; {words}" for words in (*report.get("calibration", []), *report.get("notes", [])))
-    return f"{report['take']}: {frames}, {named} of {count} {things} named{pace}{unit}{first}{more}"
+    look = f"; {report['to_look_at']}" if report.get("to_look_at") else ""
+    return f"{report['take']}: {frames}, {named} of {count} {things} named{pace}{unit}{first}{more}{look}"
 
 
 def _answers(arguments, progress: ProgressLine, passed: set[str]) -> Iterator[tuple[Path, dict | UserError]]:
@@ -323,5 +357,7 @@ def _command(arguments, path: Path) -> list[str]:
     command += [f"--{name}={value}" for name, value in known.items() if value is not None]
     if arguments.frames:
         command.append("--frames=" + ":".join("" if end is None else str(end) for end in arguments.frames))
-    command += [f"--{name}" for name in ("trc", "fill", "blend", "overwrite", "resume") if getattr(arguments, name)]
+    command += [
+        f"--{name}" for name in ("trc", "fill", "blend", "html", "overwrite", "resume") if getattr(arguments, name)
+    ]
     return [*command, "--", str(path)]

@@ -31,12 +31,12 @@ class Parser(argparse.ArgumentParser):
 def build_parser() -> Parser:
     """The parser of all verbs; each sets `run`, a function of the parsed arguments that gives the exit status."""
     # Here and not above, so that Ctrl-C while NumPy loads ends in one line too.
-    from . import demo, evaluate, fill, label, models, quality, reconstruct, simulate, train
+    from . import demo, evaluate, fill, label, models, quality, reconstruct, refine, simulate, train
 
     parser = Parser(prog="mocap-autolabel", description=DESCRIPTION)
     parser.add_argument("--version", action="version", version=f"mocap-autolabel {version()}")
     verbs = parser.add_subparsers(metavar="VERB", required=True)
-    for verb in (label, train, fill, reconstruct, evaluate, simulate, models, quality, demo):
+    for verb in (label, train, fill, refine, reconstruct, evaluate, simulate, models, quality, demo):
         verb.add_parser(verbs)
     for each in verbs.choices.values():
         each.add_argument("--json", action="store_true", help="print the results as one JSON object")

@@ -2,12 +2,13 @@
 """The gaps of a take that were filled: `*.filled.csv`, a row a gap, and the same for reports."""
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from ..core.filling.filling import FilledGap, LeftGap
+from ..core.filling.kept import KeptFill
 
 GAP_COLUMNS = ("marker", "first", "last", "method", "expected_mm")
 
@@ -20,6 +21,14 @@ def gap_rows(gaps: Sequence[FilledGap], names: Sequence[str], first_frame: int) 
     return [
         dict(zip(GAP_COLUMNS, (*_where(one, names, first_frame), one.method, _millimetres(one.expected)), strict=True))
         for one in gaps
+    ]
+
+
+def kept_rows(fills: Iterable[KeptFill]) -> list[dict]:
+    """The same rows of fills that a take keeps."""
+    return [
+        dict(zip(GAP_COLUMNS, (f.marker, f.first, f.last, f.method, _millimetres(f.expected)), strict=True))
+        for f in fills
     ]
 
 

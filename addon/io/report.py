@@ -2,10 +2,12 @@
 """`STEM.report.json`: what a person should know of a labelled take before using it."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from ..core.data.errors import InputError
+from ..core.data.takes import EditOutcome
+from ..core.edits.applying import summary_of
 from ..core.review.summary import TakeSummary
 from .source import digest
 
@@ -29,6 +31,7 @@ def take_report(
         "rate": rate,
         "frames": summary.frames,
         "frames_without_person": summary.lost,
+        "frames_whole": summary.whole,
         "blobs": summary.rows,
         "unlabelled": summary.unlabelled,
         "steps": summary.steps,
@@ -42,11 +45,22 @@ def take_report(
     }
 
 
+def facts_of_edits(file: Path | None, outcomes: Iterable[EditOutcome]) -> dict:
+    """What the report says of edits, where there are some, and of the file that they are from."""
+    outcomes = tuple(outcomes)
+    if not outcomes:
+        return {}
+    return {"edits": {"file": None if file is None else file.name, **summary_of(outcomes)}}
+
+
 def write_report(path: Path, report: dict):
-    """Writes a report as JSON, a marker a line."""
+    """Writes a report as JSON, a marker a line, and a trouble."""
     markers = ",\n".join(f"    {compact(name)}: {compact(row)}" for name, row in report["markers"].items())
     parts = {key: compact(value) for key, value in report.items()}
     parts["markers"] = f"{{\n{markers}\n  }}"
+    if report.get("trouble"):
+        rows = ",\n".join(f"    {compact(row)}" for row in report["trouble"])
+        parts["trouble"] = f"[\n{rows}\n  ]"
     text = ",\n".join(f"  {compact(key)}: {value}" for key, value in parts.items())
     Path(path).write_text(f"{{\n{text}\n}}\n", encoding="utf-8", newline="\n")
 

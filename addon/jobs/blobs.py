@@ -20,8 +20,11 @@ from ..core.geometry.cameras import Cameras
 from ..core.pipelines.blobs import BlobOptions, blob_method, label_blobs, steps_of
 from ..core.pipelines.cross_check import MethodAgreement
 from ..core.points.models import Model
+from ..core.review.answering import without_accepted
 from ..core.review.odd_cameras import CameraCheck
+from ..core.review.overview import OverviewSubject, TakeOverview
 from ..core.review.summary import TakeSummary
+from ..core.review.trouble import TakeTrouble
 from ..io.blobs import BlobRows, frames_in, read_blobs
 from ..io.edits import open_edits
 from ..io.labels import LabelWriter
@@ -29,7 +32,7 @@ from ..io.models import open_model
 from ..io.scratch import scratch_folder, told_of
 from .fill import fill_labelled
 from .job import LabelJob, Labelled, timed
-from .outcome import Outcome, facts_of_edits, write_take
+from .outcome import Outcome, facts_of_trouble, write_take
 from .resuming import open_files
 from .spool import append
 
@@ -48,7 +51,10 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         known = {"cameras": cameras.names, "frames": _frames_if_edited(job, cameras)}
         edits = open_edits(job.edits_applied, job.source, model.markerset, **known)
         settings = BlobOptions(job.method, job.frame_rate, job.target, job.options, _occlusion(job, model), edits)
-        agreement, check = MethodAgreement(), CameraCheck(cameras)
+        agreement, check = MethodAgreement(), CameraCheck(cameras, model.markerset)
+        trouble = TakeTrouble(model.markerset.markers, job.frame_rate, edits, cameras)
+        subject = OverviewSubject.of(model.markerset)
+        overview = TakeOverview(subject, job.frame_rate, cameras, edits) if job.html else None
         source = Source(job, cameras)
         work = label_blobs(source.blobs(), cameras, model, settings, agreement)
         results = Results(job, files, model.markerset.markers, stack)
@@ -58,23 +64,29 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
             with timed(clock, "write"):
                 results.add(row, chunk)
             check.add(row.blobs, chunk)
+            if overview is not None:
+                overview.add(row.blobs, chunk)
+            trouble.add(row.blobs, chunk.labels, chunk.motion)
             yield Progress(row.fraction, f"frame {row.blobs.frames[-1]}")
         clock["load"] += source.seconds
         with timed(clock, "label"):
-            doubts = check.suspects()
+            doubts = without_accepted(check.suspects(), edits)
             results.doubt(doubts)
         results.labels.file.flush()
         facts = _facts(job, blob_method(settings), cameras, results, agreement)
-        facts |= facts_of_edits(job, joined(results.outcomes))
-        facts |= {"cameras": check.of_cameras(), "camera_doubts": [doubt.reason for doubt in doubts]}
+        counts = {one.name: one.as_dict() for one in trouble.by_camera.figures()}
+        of_cameras = {name: row | counts[name] for name, row in check.of_cameras().items()}
+        facts |= {"cameras": of_cameras, "camera_doubts": [doubt.reason for doubt in doubts]}
+        facts |= facts_of_trouble(trouble, results.summary.suspects)
         points = results.motion.points()
         if job.fill:
             with timed(clock, "fill"):
-                points, of_gaps = yield from fill_labelled(points, model.markerset)
+                points, of_gaps = yield from fill_labelled(points, model.markerset, overview)
             facts |= of_gaps
-        made = Outcome(points, results.chunks, cameras, results.summary, facts, inputs)
+        said = {"outcomes": joined(results.outcomes), "overview": overview}
+        made = Outcome(points, results.chunks, cameras, results.summary, facts, inputs, **said)
         report = write_take(job, files, model.markerset, made, clock)
-    return Labelled(report, results.chunks if job.keep else [])
+    return Labelled(report, results.chunks if job.keep else [], edits)
 
 
 def _frames_if_edited(job: LabelJob, cameras: Cameras) -> tuple[int, int] | None:

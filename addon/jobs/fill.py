@@ -14,6 +14,7 @@ from ..core.data.markersets import MarkerSet
 from ..core.data.progress import Progress, within
 from ..core.data.takes import Points
 from ..core.filling.filling import FilledTake, FillOptions, fill_take
+from ..core.review.overview import TakeOverview
 from ..io.filled import gap_rows, left_rows, write_filled
 from ..io.markersets import markerset_file
 from ..io.models import open_model
@@ -93,8 +94,13 @@ def fill_file(job: FillJob) -> Generator[Progress, None, dict]:
     }
 
 
-def fill_labelled(points: Points, markerset: MarkerSet) -> Generator[Progress, None, tuple[Points, dict]]:
-    """A take whose first columns are a model's markers with their gaps filled, and what a report says of that."""
+def fill_labelled(
+    points: Points, markerset: MarkerSet, overview: TakeOverview | None
+) -> Generator[Progress, None, tuple[Points, dict]]:
+    """A take whose first columns are a model's markers with their gaps filled, and what a report says of that.
+
+    Where there is an `overview`, it is told of what was filled.
+    """
     own = np.arange(len(markerset))
     xyz = np.asarray(points.xyz[:, : len(own)], dtype=float)
     work = fill_take(xyz, points.rate, FillOptions(), markerset, own)
@@ -103,6 +109,8 @@ def fill_labelled(points: Points, markerset: MarkerSet) -> Generator[Progress, N
         "filled": gap_rows(filled.gaps, markerset.markers, points.first_frame),
         "left": left_rows(filled.left, markerset.markers, points.first_frame),
     }
+    for row in facts["filled"] if overview is not None else ():
+        overview.fill(row["marker"], row["first"], row["last"])
     return put_into(points, filled, own), facts
 
 

@@ -20,6 +20,7 @@ from ..io.markersets import markerset_file
 from ..io.report import REPORT
 
 USUAL_RATE = 100.0
+PAGE = ".report.html"
 # Rays cast at meshes, which takes Blender, or the closed form for capsules; "auto" is the first inside Blender.
 OCCLUSIONS = ("auto", "bvh", "capsules")
 
@@ -49,6 +50,7 @@ class LabelJob:
     trc       write STEM.trc too
     fill      fill the markers' gaps in STEM.c3d and STEM.trc; the labels and STEM.blend show what was measured
     blend     save STEM.blend too; needs Blender
+    html      write STEM.report.html too
     resume    go on with what a run of the same job left, and put its own files in their places again
     keep      give the labelled chunks back as well: memory then grows with the take
     """
@@ -70,6 +72,7 @@ class LabelJob:
     trc: bool = False
     fill: bool = False
     blend: bool = False
+    html: bool = False
     overwrite: bool = False
     resume: bool = False
     keep: bool = False
@@ -96,7 +99,7 @@ class LabelJob:
     @property
     def endings(self) -> list[str]:
         """Those of all files that the job writes, in the order in which they appear."""
-        more = [ending for ending, wanted in ((".trc", self.trc), (".blend", self.blend)) if wanted]
+        more = [ending for ending, wanted in ((".trc", self.trc), (".blend", self.blend), (PAGE, self.html)) if wanted]
         return [".labels.csv", ".c3d", *more, REPORT]
 
     @property
@@ -108,13 +111,19 @@ class LabelJob:
     def read(self) -> list[Path]:
         """The files that the job reads; InputError where a calibration lacks one."""
         cameras = calibration_files(self.cameras) if isinstance(self.cameras, Path) else []
-        edits = [self.edits_applied] if isinstance(self.edits_applied, Path) else []
+        edits = [] if self.edits_file is None else [self.edits_file]
         return [self.source, markerset_file(self.model), *cameras, *edits]
 
     @property
     def edits_applied(self) -> Edits | Path | None:
         """The edits that are applied, or their file; None where there are none."""
         return edits_beside(self.source) if self.edits is None else self.edits
+
+    @property
+    def edits_file(self) -> Path | None:
+        """The file of the edits that are applied, None where they are of none."""
+        edits = self.edits_applied
+        return None if isinstance(edits, Edits) else edits
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +132,7 @@ class Labelled:
 
     report  as the file has it
     chunks  with `keep` the blobs or points and what was said of them, chunk by chunk
-    edits   of points, those that were applied
+    edits   those that were applied
     """
 
     report: dict

@@ -7,18 +7,21 @@ from pathlib import Path
 
 from ..blendfile import Chunks, save_blend
 from ..core.data.markersets import MarkerSet
-from ..core.data.takes import EditOutcome, PointRows, Points
-from ..core.edits.applying import summary_of
+from ..core.data.takes import EditOutcome, PointRows, Points, Suspect
 from ..core.edits.kinds import NO_EDITS, Edits
 from ..core.geometry.cameras import Cameras
+from ..core.review.overview import TakeOverview
 from ..core.review.summary import TakeSummary
+from ..core.review.trouble import TakeTrouble, summary_of_trouble
 from ..io.c3d import first_number, names_in_c3d
+from ..io.html import write_take_page
 from ..io.labels import write_point_labels
 from ..io.points import write_c3d, write_trc
-from ..io.report import REPORT, take_report, write_report
+from ..io.report import REPORT, facts_of_edits, take_report, write_report
 from ..io.source import digest
 from ..version import version
-from .job import LabelJob, timed
+from .job import PAGE, LabelJob, timed
+from .pages import today
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +34,8 @@ class Outcome:
     summary  for the report, and `facts` that only some reports say
     made_of  what the results come from
     edits    of points, those that the labels follow
+    outcomes what became of each edit
+    overview what the take's page is drawn from; None where the job writes none
     """
 
     points: Points
@@ -40,6 +45,8 @@ class Outcome:
     facts: dict
     made_of: dict
     edits: Edits = NO_EDITS
+    outcomes: tuple[EditOutcome, ...] = ()
+    overview: TakeOverview | None = None
 
 
 def write_take(job: LabelJob, files: dict[str, Path], markerset: MarkerSet, made: Outcome, clock: dict) -> dict:
@@ -54,22 +61,27 @@ def write_take(job: LabelJob, files: dict[str, Path], markerset: MarkerSet, made
         write_c3d(files[".c3d"], made.points)
         if job.trc:
             write_trc(files[".trc"], made.points)
-        results = {ending: digest([path]) for ending, path in files.items() if ending != REPORT}
+        results = {ending: digest([path]) for ending, path in files.items() if ending not in (PAGE, REPORT)}
     report = take_report(made.summary, job.source.stem, markerset.name, rate, version(), clock)
-    report |= renumbered(made.points) | made.facts | {"made_of": {**made.made_of, "results": results}}
+    report |= (
+        renumbered(made.points)
+        | facts_of_edits(job.edits_file, made.outcomes)
+        | made.facts
+        | {"made_of": {**made.made_of, "results": results}}
+    )
     if "points" in report:
         del report["blobs"]
+    if made.overview is not None:
+        write_take_page(files[PAGE], report, made.overview, job.source.name, today())
+        results[PAGE] = digest([files[PAGE]])
     write_report(files[REPORT], report)
     return report
 
 
-def facts_of_edits(job: LabelJob, outcomes: Iterable[EditOutcome]) -> dict:
-    """What the report says of edits, where there are some."""
-    outcomes = tuple(outcomes)
-    if not outcomes:
-        return {}
-    edits = job.edits_applied
-    return {"edits": {"file": edits.name if isinstance(edits, Path) else None, **summary_of(outcomes)}}
+def facts_of_trouble(trouble: TakeTrouble, suspects: Iterable[Suspect]) -> dict:
+    """What a report says is the matter with a take, the worst first, and the same in half a sentence."""
+    found = trouble.found(suspects)
+    return {"trouble": [one.as_dict() for one in found], "to_look_at": summary_of_trouble(found)}
 
 
 def renumbered(points: Points) -> dict:

@@ -15,13 +15,15 @@ from ..core.geometry.cameras import NO_CAMERAS
 from ..core.points.motion import labelled_points
 from ..core.points.naming import chosen_method
 from ..core.points.whole_take.pipeline import PointOptions, label_points
+from ..core.review.overview import OverviewSubject, TakeOverview
 from ..core.review.summary import TakeSummary
+from ..core.review.trouble import TakeTrouble
 from ..io.edits import open_edits
 from ..io.models import open_model
 from ..io.points import FilePoints, read_points
 from .fill import fill_labelled
 from .job import LabelJob, Labelled, timed
-from .outcome import Outcome, facts_of_edits, write_take
+from .outcome import Outcome, facts_of_trouble, write_take
 from .resuming import open_files
 
 
@@ -52,13 +54,19 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         chunk = replace(labelled, labels=labelled.labels[present], unedited=unedited)
         summary = TakeSummary(markerset.markers)
         summary.add(chunk)
+        overview = TakeOverview(OverviewSubject.of(markerset), take.rate, edits=edits) if job.html else None
+        if overview is not None:
+            overview.add(rows, chunk)
         points = labelled_points(take, labelled, markerset)
-        facts = _facts(take, chunk.labels, options) | facts_of_edits(job, labelled.outcomes)
+        facts = _facts(take, chunk.labels, options)
+        trouble = TakeTrouble(markerset.markers, take.rate, edits)
+        trouble.add(rows, chunk.labels, chunk.motion)
+        facts |= facts_of_trouble(trouble, chunk.suspects)
         if job.fill:
             with timed(clock, "fill"):
-                points, of_gaps = yield from fill_labelled(points, markerset)
+                points, of_gaps = yield from fill_labelled(points, markerset, overview)
             facts |= of_gaps
-        made = Outcome(points, [(rows, chunk)], NO_CAMERAS, summary, facts, inputs, edits)
+        made = Outcome(points, [(rows, chunk)], NO_CAMERAS, summary, facts, inputs, edits, labelled.outcomes, overview)
         report = write_take(job, files, markerset, made, clock)
     return Labelled(report, made.chunks if job.keep else [], edits)
 

@@ -11,9 +11,10 @@ from bpy_extras.io_utils import ExportHelper
 from ..core.data.errors import InputError, JobError
 from ..core.data.takes import PointRows, Points
 from ..io.blobs import read_blobs
+from ..io.filled import kept_rows, write_filled
 from ..io.labels import LabelWriter, write_point_labels
 from ..io.points import write_c3d, write_trc
-from ..io.whole import whole_file
+from ..io.whole import whole_files
 from ..scene.opened import opened
 from ..scene.take import Stored, is_take
 from .reporting import reports_trouble
@@ -22,7 +23,7 @@ from .reporting import reports_trouble
 class ExportsTake(ExportHelper):
     """What the exports share: they need a labelled take, and name the file after it.
 
-    They differ in `write`, which writes a take to a path; UserError if it cannot.
+    They differ in `write`, which writes a take to a path and to those of the files `beside` it; UserError if it cannot.
     """
 
     bl_options = {"REGISTER"}
@@ -41,13 +42,17 @@ class ExportsTake(ExportHelper):
             self.filepath = str(folder / (stored.name + self.filename_ext))
         return ExportHelper.invoke(self, context, event)
 
+    def beside(self, path: Path) -> list[Path]:
+        """The files that may appear beside `path`."""
+        return []
+
     @reports_trouble
     def execute(self, context):
         stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
         path = Path(self.filepath)
         # Blender's own file browser has asked already whether to overwrite.
-        with whole_file(path, overwrite=True, read=read_by(context, stored)) as temporary:
-            self.write(temporary, stored)
+        with whole_files([path, *self.beside(path)], overwrite=True, read=read_by(context, stored)) as temporaries:
+            self.write(temporaries, stored)
         self.report({"INFO"}, f"Saved {path}")
         return {"FINISHED"}
 
@@ -67,8 +72,9 @@ class MOCAP_AUTOLABEL_OT_export_labels(ExportsTake, bpy.types.Operator):
     filename_ext = ".labels.csv"
     filter_glob: StringProperty(default="*.labels.csv", options={"HIDDEN"})
 
-    def write(self, path: Path, stored: Stored):
+    def write(self, paths: list[Path], stored: Stored):
         """Writes the labels; beside those of blobs is each row's own text, which only the file of the blobs has."""
+        [path] = paths
         if isinstance(stored.rows, PointRows):
             write_point_labels(path, stored.rows, stored.labels, stored.names)
         else:
@@ -78,13 +84,20 @@ class MOCAP_AUTOLABEL_OT_export_labels(ExportsTake, bpy.types.Operator):
 class ExportsPoints(ExportsTake):
     """The exports of the points of the take; they differ in `write_points`, which writes those to a path."""
 
-    def write(self, path: Path, stored: Stored):
-        """Writes the points of the take."""
-        self.write_points(path, points_of(stored))
+    def beside(self, path: Path) -> list[Path]:
+        """The list of what is filled."""
+        return [path.with_suffix(".filled.csv")]
+
+    def write(self, paths: list[Path], stored: Stored):
+        """Writes the points of the take, and where something is filled, what, by which method and how far off."""
+        self.write_points(paths[0], points_of(stored))
+        # An older list beside the file would speak of fills that are none any more.
+        if stored.fitting or self.beside(Path(self.filepath))[0].exists():
+            write_filled(paths[1], kept_rows(stored.fitting))
 
 
 class MOCAP_AUTOLABEL_OT_export_c3d(ExportsPoints, bpy.types.Operator):
-    """Write the named markers in space as C3D, gaps left empty."""
+    """Write the named markers in space as C3D: gaps empty, and what was filled with the residual 0."""
 
     bl_idname = "mocap_autolabel.export_c3d"
     bl_label = "Export C3D"

@@ -10,9 +10,10 @@ import bpy
 from ..core.body.occlusion import Occlusion
 from ..core.data.background import drained, in_background
 from ..core.data.errors import InputError, UserError
-from ..core.data.takes import Blobs
+from ..core.data.takes import Blobs, PointRows
 from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import NO_CAMERAS
+from ..core.review.changes import summary_of_changes
 from ..io.markersets import open_markerset
 from ..io.names import written
 from ..io.scratch import scratch_folder
@@ -21,16 +22,17 @@ from ..props import SceneSettings, chosen_model, frames_wanted, refresh_review, 
 from ..scene import cameras as scene_cameras
 from ..scene.corrections import kept_edits
 from ..scene.occlusion import meshes_on, occlusion_of
+from ..scene.relabelled import kept_changes, show_again
 from ..scene.take import (
     SOURCE,
     Take,
-    holds_points,
+    is_take,
     join_labelled,
     join_rows,
     join_unedited,
-    show_take,
     takes_of,
 )
+from .filling import fills_kept, fills_so_far
 from .importing import cameras_at_hand
 from .stepping import WorksInSteps
 
@@ -57,7 +59,7 @@ def job_of(context: bpy.types.Context) -> LabelJob:
         facing=settings.facing if settings.use_facing else None,
         occlusion=settings.occlusion,
         body=None if points else _body_in_the_way(context, settings, model),
-        edits=_edits_so_far(context.scene, source) if points else None,
+        edits=_edits_so_far(context.scene, source),
         keep=True,
     )
 
@@ -70,9 +72,9 @@ def _body_in_the_way(context: bpy.types.Context, settings: SceneSettings, model:
 
 
 def _edits_so_far(scene: bpy.types.Scene, source: Path) -> Edits | None:
-    """What was said of the same points when they were labelled before; None where nobody said anything."""
+    """What was said of the same points or blobs when they were labelled before; None where nobody said anything."""
     latest = [scene.mocap_autolabel.take, *reversed(takes_of(scene))]
-    same = (take for take in latest if holds_points(take) and take[SOURCE] == written(str(source)))
+    same = (take for take in latest if is_take(take) and take[SOURCE] == written(str(source)))
     return next((edits for edits in map(kept_edits, same) if edits is not None), None)
 
 
@@ -102,7 +104,8 @@ def _take_of(labelled: Labelled, job: LabelJob, name: str) -> Take:
     markerset, rate = open_markerset(job.model), labelled.report["rate"]
     doubts = tuple(labelled.report.get("camera_doubts", ()))
     source = written(str(job.source))
-    unedited = join_unedited([chunk for _, chunk in labelled.chunks]) if labelled.edits else None
+    points = isinstance(rows, PointRows)
+    unedited = join_unedited([chunk for _, chunk in labelled.chunks]) if labelled.edits and points else None
     # An empty list that was given stays one: what lies beside the take was taken back in the scene.
     edits = labelled.edits if labelled.edits or job.edits is not None else None
     return Take(name, rate, cameras, markerset, rows, labels, motion, suspects, source, doubts, edits, unedited)
@@ -138,14 +141,18 @@ class MOCAP_AUTOLABEL_OT_label(WorksInSteps, bpy.types.Operator):
 
     def _show(self, context, take: Take) -> set[str]:
         settings = context.scene.mocap_autolabel
-        settings.take = show_take(context, take, settings.keep_unnamed)
+        take = replace(take, fills=fills_so_far(context.scene, take.source))
+        settings.take = show_again(context, take, settings.keep_unnamed, whole=not settings.use_range)
         refresh_review(context.window_manager, context.scene)
         for words in take.doubts:
             self.report({"WARNING"}, words)
         things = "blobs" if isinstance(take.rows, Blobs) else "points"
         named, frames = int(take.labels.named.sum()), len(take.motion.frames)
         kept = f"; {len(take.edits)} corrections hold" if take.edits else ""
-        self.report({"INFO"}, f"{named} of {len(take.rows)} {things} named in {frames} frames{kept}")
+        kept += fills_kept(context)
+        changed = summary_of_changes(kept_changes(settings.take))
+        told = f"; {changed} than before" if changed else ""
+        self.report({"INFO"}, f"{named} of {len(take.rows)} {things} named in {frames} frames{kept}{told}")
         return {"FINISHED"}
 
 

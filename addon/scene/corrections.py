@@ -15,7 +15,9 @@ from ..core.data.takes import Labels, Motion, PointRows, Suspect
 from ..core.edits.applying import OF_POINTS, AppliedEdits, PointCells, apply_to_points
 from ..core.edits.kinds import Edits
 from ..core.edits.rows import document_of, edits_of
-from ..core.review.suspects import called_by, unanswered
+from ..core.review.answering import unanswered, without_accepted
+from ..core.review.suspects import called_by
+from .answers import answered_blobs
 from .stored import Stored
 
 EDITS = "mocap_edits"
@@ -49,8 +51,10 @@ def kept_edits(collection: bpy.types.Collection) -> Edits | None:
 def edited(stored: Stored, edits: Edits) -> Stored:
     """A take of points with its edits applied: labels, markers and what is left to look at; the body stays.
 
-    stored has the labels that the program gave.
+    stored has the labels that the program gave. Of blobs the labels stay as well: they were made with the edits.
     """
+    if not isinstance(stored.rows, PointRows):
+        return answered_blobs(stored, edits)
     rows, words = stored.rows, stored.words
     columns = np.union1d(rows.trajectory, [edit.point for edit in edits if isinstance(edit, OF_POINTS)]).astype(int)
     at = rows.frame, np.searchsorted(columns, rows.trajectory)
@@ -64,7 +68,7 @@ def edited(stored: Stored, edits: Edits) -> Stored:
         stored,
         labels=labels,
         motion=_motion(stored.motion, rows, labels, applied),
-        suspects=_unanswered(stored, applied, columns),
+        suspects=without_accepted(_unanswered(stored, applied, columns), edits),
         edits=edits,
         outcomes=applied.outcomes,
     )

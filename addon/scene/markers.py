@@ -16,11 +16,12 @@ def add_markers(
     names: tuple[str, ...],
     motion: Motion,
     frames: np.ndarray,
+    filled: np.ndarray | None = None,
 ) -> list[bpy.types.Object]:
     """Adds one empty for each of the M `names` to `collection`, keyed in `action` at Blender's `frames` (F,).
 
     A marker that was never seen has no keys, stands where the body would carry it at first, and is hidden: standing
-    still in the moving body it would look like a wrong name.
+    still in the moving body it would look like a wrong name. `filled` (F, M) says which samples were filled.
     """
     empties = []
     for index, name in enumerate(names):
@@ -29,23 +30,29 @@ def add_markers(
         empty.empty_display_size = DISPLAY_SIZE
         empty[naming.MARKER] = name
         collection.objects.link(empty)
-        show_marker(empty, action, motion, index, frames)
+        show_marker(empty, action, motion, index, frames, None if filled is None else filled[:, index])
         empties.append(empty)
     return empties
 
 
 def show_marker(
-    empty: bpy.types.Object, action: bpy.types.Action | None, motion: Motion, index: int, frames: np.ndarray
+    empty: bpy.types.Object,
+    action: bpy.types.Action | None,
+    motion: Motion,
+    index: int,
+    frames: np.ndarray,
+    filled: np.ndarray | None = None,
 ):
     """Keys the empty of marker `index` where it was seen, at Blender's `frames` (F,), in the place of former keys.
 
+    Keys of samples that were filled, `filled` (F,), are of Blender's type for what a tool made up.
     `action` is where an empty without keys gets them; None for one of its own.
     """
     seen = motion.markers[:, index]
     unseen = not np.isfinite(seen).any()
     empty.location = _first_finite(motion.expected[:, index] if unseen else seen)
     empty.hide_viewport = empty.hide_render = unseen
-    animation.key(animation.channels(empty, action), "location", frames, seen, empty[naming.MARKER])
+    animation.key(animation.channels(empty, action), "location", frames, seen, empty[naming.MARKER], filled)
 
 
 def _first_finite(points: np.ndarray) -> np.ndarray:

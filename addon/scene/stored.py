@@ -4,9 +4,12 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from ..core.data.errors import InputError
 from ..core.data.takes import Blobs, EditOutcome, Labels, Motion, PointRows, Suspect
 from ..core.edits.kinds import NO_EDITS, Edits
+from ..core.filling.kept import KeptFill, filled_samples
 from ..core.geometry.cameras import Cameras
 
 
@@ -18,6 +21,11 @@ class Stored:
     words     index of each marker by its name, aliases too
     edits     what a person said of the labels, which these follow
     outcomes  what became of each edit
+    model     the name of the marker set
+    parents   of each joint of the skeleton, -1 for the root; none where the file does not keep them
+    fills     gaps that were filled; `motion` has those that go with it
+    misfits   why each fill does not go with the take as it is now, "" where it does
+    measured  the motion without fills; None where that is `motion`
     """
 
     name: str
@@ -33,6 +41,25 @@ class Stored:
     words: Mapping[str, int] = field(default_factory=dict)
     edits: Edits = NO_EDITS
     outcomes: tuple[EditOutcome, ...] = ()
+    model: str = ""
+    parents: tuple[int, ...] = ()
+    fills: tuple[KeptFill, ...] = ()
+    misfits: tuple[str, ...] = ()
+    measured: Motion | None = None
+
+    @property
+    def unfilled(self) -> Motion:
+        """The motion with nothing in it but what was measured, or placed by hand."""
+        return self.motion if self.measured is None else self.measured
+
+    @property
+    def fitting(self) -> tuple[KeptFill, ...]:
+        """The fills that are in the motion."""
+        return tuple(fill for fill, misfit in zip(self.fills, self.misfits, strict=True) if not misfit)
+
+    def filled(self) -> np.ndarray:
+        """(F, M) True where a sample was filled."""
+        return filled_samples(self.motion.frames, self.names, self.fitting)
 
     def source_frame(self, current: int) -> int:
         """Blender's current frame in the source's numbers; InputError outside the take."""

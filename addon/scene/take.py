@@ -11,8 +11,8 @@ import numpy as np
 from ..core.data.errors import JobError
 from ..core.data.markersets import MarkerSet
 from ..core.data.takes import STEPS, Blobs, LabelledChunk, Labels, Motion, PointRows, Suspect
-from ..core.edits.applying import names_of
 from ..core.edits.kinds import Edits
+from ..core.filling.kept import KeptFill, filled_samples, put_fills
 from ..core.geometry import rotations
 from ..core.geometry.cameras import NO_CAMERAS, Cameras
 from . import armature as armatures
@@ -22,6 +22,7 @@ from . import naming, storage
 from .body import add_body
 from .cloud import FRAME, add_cloud, cloud_table
 from .corrections import edited, keep_edits, kept_edits
+from .fills import FILL_PATHS, filled_in, keep_fills, kept_fills
 from .stored import Stored
 
 ROWS, MOTION, POSE, FRAME_TABLE = "mocap_blobs", "mocap_motion", "mocap_pose", "mocap_frames"
@@ -34,6 +35,7 @@ RATE, SHIFT, SUSPECTS, SOURCE, MARKER_NAMES = (
 )
 STEP_NAMES = "mocap_steps"
 MARKER_WORDS = "mocap_marker_words"
+PARENTS = "mocap_parents"
 # What the first version, which did not keep them, called the steps of points.
 POINT_STEPS_OF_VERSION_1 = ("", "evidence", "ensemble", "fit", "trajectory")
 TRAJECTORY, POINT, RESIDUAL = "trajectory", "point", "point_residual"
@@ -56,6 +58,7 @@ class Take:
     doubts     sentences about the whole take, said once when it is shown
     edits      what a person said of the points, which the labels follow; None where nobody said anything
     unedited   the program's own labels, of which the edits give these; None where they are these
+    fills      gaps that were filled, which `motion` has not
     """
 
     name: str
@@ -70,6 +73,7 @@ class Take:
     doubts: tuple[str, ...] = ()
     edits: Edits | None = None
     unedited: Labels | None = None
+    fills: tuple[KeptFill, ...] = ()
 
 
 def join_rows(chunks: Sequence[Blobs] | Sequence[PointRows]) -> Blobs | PointRows:
@@ -128,7 +132,12 @@ def show_take(context: bpy.types.Context, take: Take, unnamed: bool = False) -> 
     armatures.pose_armature(armature, action, take.markerset, take.motion, frames)
     add_body(_child(collection, f"{collection.name} body"), armature, take.markerset, build.scale)
     empties = _child(collection, f"{collection.name} markers")
-    scene_markers.add_markers(empties, action, take.markerset.markers, take.motion, frames)
+    names = take.markerset.markers
+    motion, misfits = put_fills(take.motion, names, take.fills)
+    fitting = [fill for fill, misfit in zip(take.fills, misfits, strict=True) if not misfit]
+    scene_markers.add_markers(
+        empties, action, names, motion, frames, filled_samples(take.motion.frames, names, fitting)
+    )
     if isinstance(take.rows, PointRows):
         show_unnamed(collection, f"{take.name} unnamed", take.rows, take.labels, shift, unnamed)
     _store(collection, take, camera_collection, shift)
@@ -167,11 +176,14 @@ def show_edits(collection: bpy.types.Collection, before: Stored, after: Stored, 
         | np.isnan(before.motion.markers) & np.isnan(after.motion.markers),
         axis=(0, 2),
     )
+    filled = after.filled()
+    changed |= (filled != before.filled()).any(axis=0)
     for index in np.flatnonzero(changed).tolist():
         item = items.get(after.names[index])
         if item is not None:
-            scene_markers.show_marker(item, action, after.motion, index, frames)
-    show_unnamed(collection, f"{after.name} unnamed", after.rows, after.labels, after.shift, unnamed)
+            scene_markers.show_marker(item, action, after.motion, index, frames, filled[:, index])
+    if after.labels is not before.labels and isinstance(after.rows, PointRows):
+        show_unnamed(collection, f"{after.name} unnamed", after.rows, after.labels, after.shift, unnamed)
 
 
 def takes_of(scene: bpy.types.Scene) -> list[bpy.types.Collection]:
@@ -186,7 +198,7 @@ def is_take(collection: bpy.types.Collection | None) -> bool:
 
 def remove_take(collection: bpy.types.Collection):
     """Removes a take with everything that was made for it; its cameras stay."""
-    kept = [collection.get(key) for key in (ROWS, MOTION, POSE, FRAME_TABLE)]
+    kept = [collection.get(key) for key in (ROWS, MOTION, POSE, FRAME_TABLE, FILL_PATHS)]
     items = list(collection.all_objects)
     actions = {item.animation_data.action for item in items if item.animation_data and item.animation_data.action}
     data = {item.data for item in items if item.data is not None}
@@ -201,10 +213,11 @@ def holds_points(collection: bpy.types.Collection | None) -> bool:
 
 
 def stored_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
-    """A take as the file keeps it with its edits applied, in any session after the one that labelled it."""
-    edits = kept_edits(collection)
+    """A take as the file keeps it with its edits and fills, in any session after the one that labelled it."""
+    edits, fills = kept_edits(collection), kept_fills(collection)
     stored = unedited_take(collection, scene)
-    return stored if edits is None else edited(stored, edits)
+    stored = stored if edits is None else edited(stored, edits)
+    return filled_in(stored, fills) if fills else stored
 
 
 def unedited_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
@@ -225,12 +238,21 @@ def unedited_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> S
         str(collection[SOURCE]),
         int(collection[SHIFT]),
         _words(collection, names),
+        model=str(collection[naming.MARKERSET]),
+        parents=tuple(json.loads(collection.get(PARENTS, "[]"))),
     )
 
 
-def _suspect(first: int, last: int, words: str, trajectory: int | None = None, markers: Sequence[str] = ()) -> Suspect:
-    """A suspect of its row, of which files of the first versions have the first three."""
-    return Suspect(first, last, words, trajectory, tuple(markers))
+def _suspect(
+    first: int,
+    last: int,
+    words: str,
+    trajectory: int | None = None,
+    markers: Sequence[str] = (),
+    doubtful: int | None = None,
+) -> Suspect:
+    """A suspect of its row, of which files of the first versions have the first three or five."""
+    return Suspect(first, last, words, trajectory, tuple(markers), doubtful)
 
 
 def _words(collection: bpy.types.Collection, names: tuple[str, ...]) -> dict[str, int]:
@@ -283,14 +305,16 @@ def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Coll
     # Blender's whole numbers have 32 bits, and a shift may need 33.
     collection[RATE], collection[SHIFT], collection[SOURCE] = float(take.rate), float(shift), take.source
     collection[SUSPECTS] = json.dumps([_suspect_row(suspect) for suspect in take.suspects])
-    collection[MARKER_WORDS] = json.dumps(names_of(take.markerset))
+    collection[MARKER_WORDS] = json.dumps(take.markerset.by_name)
+    collection[PARENTS] = json.dumps(take.markerset.skeleton.parents.tolist())
     if take.edits is not None:
         keep_edits(collection, take.edits)
+    keep_fills(collection, take.fills)
 
 
 def _suspect_row(suspect: Suspect) -> list:
     trajectory = None if suspect.trajectory is None else int(suspect.trajectory)
-    return [int(suspect.first), int(suspect.last), suspect.words, trajectory, list(suspect.markers)]
+    return [int(suspect.first), int(suspect.last), suspect.words, trajectory, list(suspect.markers), suspect.doubtful]
 
 
 def _row_columns(rows: Blobs | PointRows) -> dict[str, np.ndarray]:

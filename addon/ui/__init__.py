@@ -6,9 +6,10 @@ from contextlib import ExitStack
 import bpy
 
 from ..scene.opened import opened
-from . import handlers, overlay, panels, quality
+from ..scene.trouble import forget_trouble
+from . import filling, handlers, overlay, panels, quality, timeline
 
-CLASSES = (*panels.CLASSES, *quality.CLASSES)
+CLASSES = (*panels.CLASSES, *filling.CLASSES, *timeline.CLASSES, *quality.CLASSES)
 
 
 def add_handlers(stack: ExitStack):
@@ -16,7 +17,9 @@ def add_handlers(stack: ExitStack):
     for draw in (overlay.draw, quality.draw):
         drawing = bpy.types.SpaceView3D.draw_handler_add(draw, (), "WINDOW", "POST_PIXEL")
         stack.callback(bpy.types.SpaceView3D.draw_handler_remove, drawing, "WINDOW")
+    timeline.add_timeline(stack)
     stack.callback(opened.forget)
+    stack.callback(forget_trouble)
     events = bpy.app.handlers
     for listeners, function in (
         (events.load_post, handlers.after_load),

@@ -8,6 +8,7 @@ from ..props import SceneSettings, TrainingTakeRow, refresh_review
 from ..scene import naming
 from ..scene.opened import opened
 from ..scene.take import takes_of
+from ..scene.trouble import forget_trouble
 
 
 @persistent
@@ -16,6 +17,7 @@ def after_load(*_):
     opened.forget()
     for scene in bpy.data.scenes:
         adopt_training_takes(scene.mocap_autolabel)
+    forget_trouble()
     adopt_takes()
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..core.data.takes import CONFLICT, EXCLUSIVE, NO_MARKER, REMAINING, STEPS, PointRows, rows_in_frame
 from ..scene.take import Stored
+from ..scene.trajectories import SURE_NAME
 
 GREEN, CYAN, MAGENTA, GREY = (
     (0.15, 0.85, 0.3, 1.0),
@@ -15,9 +16,9 @@ GREEN, CYAN, MAGENTA, GREY = (
     (0.95, 0.2, 0.85, 1.0),
     (0.55, 0.55, 0.55, 0.9),
 )
-SURE_NAME = 0.99  # confidence below which a name is doubtful
 CALLED = re.compile(r"\btrajector(?:y|ies)((?: \d+)+)")  # trajectories in a reason, one or a list of them
 ORANGE, RED = (1.0, 0.75, 0.2, 1.0), (1.0, 0.15, 0.2, 1.0)
+BLUE = (0.337, 0.706, 0.914, 1.0)  # filled, as in the timeline
 BLACK, WHITE = (0.02, 0.02, 0.02, 1.0), (1.0, 1.0, 1.0, 1.0)
 
 # Of a link's two ends, the blob and the body's marker, by the step that named the blob: the paper's figure 5.
@@ -78,12 +79,14 @@ class PointMarks:
     named     (M, 3) m the markers that were found; NaN where one was not
     doubtful  (M,) True for those that a person should look at
     unnamed   (N, 3) m the points without a name
+    filled    (M,) True for those that were filled, and so not measured
     asked     {index into `unnamed`: what it is called in the review}, for those that may be markers
     """
 
     named: np.ndarray
     doubtful: np.ndarray
     unnamed: np.ndarray
+    filled: np.ndarray
     asked: dict[int, str]
 
 
@@ -94,8 +97,10 @@ def point_marks(stored: Stored, index: int) -> PointMarks:
     words = {word.rstrip(":") for reason in reasons for word in re.findall(r"[^\s,;]+", reason)}
     doubtful = np.array([name in words for name in stored.names], dtype=bool)
     markers, labels = stored.motion.markers[index], stored.labels
+    here_filled = {fill.marker for fill in stored.fitting if fill.first <= frame <= fill.last}
+    filled = np.array([name in here_filled for name in stored.names], dtype=bool)
     if not isinstance(stored.rows, PointRows):
-        return PointMarks(markers, doubtful, np.empty((0, 3)), {})
+        return PointMarks(markers, doubtful, np.empty((0, 3)), filled, {})
     here = rows_in_frame(stored.rows, index)
     marker, confidence = labels.marker[here], labels.confidence[here]
     doubtful[marker[(marker != NO_MARKER) & (confidence < SURE_NAME)]] = True
@@ -104,7 +109,7 @@ def point_marks(stored: Stored, index: int) -> PointMarks:
     # Reasons count things as well, so a number is a trajectory's only where they call it one.
     called = {number for reason in reasons for found in CALLED.findall(reason) for number in map(int, found.split())}
     asked = {row: f"trajectory {number}" for row, number in enumerate(numbers) if number in called}
-    return PointMarks(markers, doubtful, stored.rows.xyz[left], asked)
+    return PointMarks(markers, doubtful, stored.rows.xyz[left], filled, asked)
 
 
 def picked_points(stored: Stored, index: int, trajectory: int) -> np.ndarray:

@@ -16,7 +16,7 @@ from ..scene.opened import opened
 from ..scene.preview import holds_points
 from ..scene.take import Stored, is_take
 from . import marks
-from .marks import BLACK, GREY, ORANGE, RED, STEP_COLOURS, WHITE
+from .marks import BLACK, BLUE, GREY, ORANGE, RED, STEP_COLOURS, WHITE
 
 BLOB_RADIUS, RING_RADIUS, LINK_WIDTH, TEXT_SIZE = 3.5, 5.5, 2.2, 11.0
 RING_COLOUR = (1.0, 1.0, 1.0, 0.45)
@@ -164,11 +164,12 @@ def draw_markers(canvas: Canvas, stored: Stored, index: int, settings):
     places, others = canvas.place(seen.named), canvas.place(seen.unnamed)
     asked = list(seen.asked)
     fills = np.full((len(others), 4), GREY)
+    found_as = np.where(seen.filled[:, None], BLUE, np.where(seen.doubtful[:, None], RED, ORANGE))
     fills[asked] = RED
     gpu.state.blend_set("ALPHA")
     for at, colours, radius in (
         (others, fills, BLOB_RADIUS - 1.5),
-        (places, np.where(seen.doubtful[:, None], RED, ORANGE), BLOB_RADIUS - 1),
+        (places, found_as, BLOB_RADIUS - 1),
     ):
         canvas.discs(at, np.broadcast_to(np.array(BLACK), (len(at), 4)), radius + 1)
         canvas.discs(at, colours, radius)
@@ -178,16 +179,16 @@ def draw_markers(canvas: Canvas, stored: Stored, index: int, settings):
         words = [*stored.names, *seen.asked.values()]
         canvas.names(words, np.concatenate([places, others[asked]]))
     if isinstance(stored.rows, PointRows):
-        found = int(np.isfinite(seen.named).all(axis=1).sum())
-        draw_point_legend(canvas, found, found + len(others), bool(stored.names))
+        found = int((np.isfinite(seen.named).all(axis=1) & ~seen.filled).sum())
+        draw_point_legend(canvas, found, found + len(others), bool(stored.names), bool(stored.fills))
 
 
-def draw_point_legend(canvas: Canvas, named: int, points: int, labelled: bool):
-    """What the colours of points mean, and how many have a name."""
+def draw_point_legend(canvas: Canvas, named: int, points: int, labelled: bool, filled: bool):
+    """What the colours of points mean, and how many have a name; `filled` where the take has filled gaps."""
     if not labelled:
         canvas.text(f"{points} points", LEGEND_LEFT * canvas.scale, LEGEND_BOTTOM * canvas.scale)
         return
-    rows = (("named", ORANGE), ("doubtful", RED), ("unnamed", GREY))
+    rows = (("named", ORANGE), ("doubtful", RED), ("unnamed", GREY)) + (("filled", BLUE),) * filled
     draw_colours(canvas, f"{named} of {points} points named", rows)
 
 

@@ -13,6 +13,7 @@ from ..scene import naming
 from ..scene.cameras import camera_name
 from ..scene.markerset_edit import edited_collection
 from ..scene.take import holds_points, is_take
+from . import trouble
 
 FEW_MARKERS_SHOWN = 5  # cameras that fit below each other
 LINE = 34  # letters that fit beside each other in a sidebar of the usual width
@@ -217,23 +218,6 @@ class Reviewing:
         return is_take(context.scene.mocap_autolabel.take)
 
 
-class MOCAP_AUTOLABEL_PT_suspects(Step, Reviewing, bpy.types.Panel):
-    """Where to look before trusting it."""
-
-    bl_label = "Frames to Look at"
-
-    def draw(self, context):
-        state = context.window_manager.mocap_autolabel
-        if not len(state.suspects):
-            self.layout.label(text="None", icon="CHECKMARK")
-            return
-        self.layout.template_list(
-            "MOCAP_AUTOLABEL_UL_suspects", "", state, "suspects", state, "suspect_index", rows=3, maxrows=8
-        )
-        if state.suspect_index < len(state.suspects):
-            draw_text(self.layout, state.suspects[state.suspect_index].reason)
-
-
 def cells(layout: bpy.types.UILayout) -> list[bpy.types.UILayout]:
     """Four cells of a row of the markers' table, the gaps' the widest."""
     row, made = layout.row(), []
@@ -317,6 +301,7 @@ class MOCAP_AUTOLABEL_PT_export(Step, bpy.types.Panel):
         column.operator("mocap_autolabel.export_labels", icon="EXPORT")
         column.operator("mocap_autolabel.export_c3d", icon="EXPORT")
         column.operator("mocap_autolabel.export_trc", icon="EXPORT")
+        column.operator("mocap_autolabel.export_report", icon="DOCUMENTS")
 
 
 class MOCAP_AUTOLABEL_UL_training_takes(bpy.types.UIList):
@@ -326,17 +311,6 @@ class MOCAP_AUTOLABEL_UL_training_takes(bpy.types.UIList):
         row = layout.row(align=True)
         row.label(text=item.name)
         row.prop(item, "subject", text="", emboss=False, icon="USER")
-
-
-class MOCAP_AUTOLABEL_UL_suspects(bpy.types.UIList):
-    """Ranges of frames, each with its reason."""
-
-    def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0):
-        row = layout.row(align=True)
-        frames = str(item.first) if item.first == item.last else f"{item.first}–{item.last}"
-        jump = row.operator("mocap_autolabel.jump", text=frames, icon="TIME")
-        jump.frame, jump.marker = item.first, ""
-        row.label(text=item.reason)
 
 
 class MOCAP_AUTOLABEL_UL_corrections(bpy.types.UIList):
@@ -363,7 +337,6 @@ class MOCAP_AUTOLABEL_UL_markers(bpy.types.UIList):
 
 CLASSES = (
     MOCAP_AUTOLABEL_UL_training_takes,
-    MOCAP_AUTOLABEL_UL_suspects,
     MOCAP_AUTOLABEL_UL_corrections,
     MOCAP_AUTOLABEL_UL_markers,
     MOCAP_AUTOLABEL_PT_cameras,
@@ -374,7 +347,7 @@ CLASSES = (
     MOCAP_AUTOLABEL_PT_label,
     MOCAP_AUTOLABEL_PT_hints,
     MOCAP_AUTOLABEL_PT_review,
-    MOCAP_AUTOLABEL_PT_suspects,
+    *trouble.CLASSES,
     MOCAP_AUTOLABEL_PT_markers,
     MOCAP_AUTOLABEL_PT_corrections,
     MOCAP_AUTOLABEL_PT_export,

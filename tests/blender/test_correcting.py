@@ -18,6 +18,7 @@ from addon.io.markersets import write_markerset
 from addon.io.points import read_points, write_c3d
 from addon.scene import naming
 from addon.scene.take import show_take
+from tests.io.pages import read as read_page
 
 FRAMES = 30
 GHOST = 13  # the trajectory that nobody wears; before it each is the marker of its number
@@ -326,3 +327,16 @@ def test_a_take_of_blobs_has_none(extension, empty, made):
     empty.scene.mocap_autolabel.take = show_take(empty, made.take())
     with pytest.raises(RuntimeError, match="Label a take of 3D points first"):
         bpy.ops.mocap_autolabel.name_point(marker="")
+
+
+def test_the_page_of_a_take_says_what_was_said_of_it(labelled, files, tmp_path):
+    choose("LKNE", "RKNE")
+    bpy.ops.mocap_autolabel.swap_markers(scope="ON")
+    path = tmp_path / "walk.report.html"
+    assert bpy.ops.mocap_autolabel.export_report(filepath=str(path), open_after=False) == {"FINISHED"}
+    page = read_page(path.read_text(encoding="utf-8"))
+    said = " ".join(" ".join(page.said).split())
+    for words in ("LKNE and RKNE swapped, frames 120–130", "points named", f"{len(files.names)} markers", "by hand"):
+        assert words in said, words
+    strips = [each.get("aria-label", "") for tag, each in page.found if tag == "svg"]
+    assert any(label.startswith("LKNE: ") and "edited " in label for label in strips)

@@ -163,6 +163,7 @@ class Suspect:
     words       what is the matter; of one trajectory only what it does, such as "goes over from A to B"
     trajectory  the number of that trajectory, None where it is about something else
     markers     the names of the markers that it is about, where it is about some
+    doubtful    in how many frames of the range, None for all of them
     """
 
     first: int
@@ -170,6 +171,12 @@ class Suspect:
     words: str
     trajectory: int | None = None
     markers: tuple[str, ...] = field(default=(), compare=False)
+    doubtful: int | None = field(default=None, compare=False)
+
+    @property
+    def frames(self) -> int:
+        """In how many frames there is something to look at."""
+        return self.last - self.first + 1 if self.doubtful is None else self.doubtful
 
     @property
     def reason(self) -> str:

@@ -16,6 +16,7 @@ from ..data.markersets import MarkerSet
 from ..data.takes import Blobs, EditOutcome, Labels, Points
 from .kinds import (
     EDIT_KINDS,
+    Accepted,
     AssignBlob,
     AssignPoint,
     Delete,
@@ -70,7 +71,7 @@ class PointCells:
     def of(cls, take: Points, markerset: MarkerSet) -> "PointCells":
         """Those of a take."""
         columns = np.arange(take.xyz.shape[1]) if take.columns is None else take.columns
-        return cls(names_of(markerset), len(markerset), take.first_frame, take.present, columns)
+        return cls(markerset.by_name, len(markerset), take.first_frame, take.present, columns)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +103,7 @@ class BlobCells:
         slot = np.empty(len(blobs), int)
         slot[order] = np.arange(len(blobs)) - np.repeat(np.cumsum(counts) - counts, counts)
         present = np.arange(max(int(counts.max(initial=0)), 1)) < counts[:, None]
-        return cls(names_of(markerset), len(markerset), cameras, blobs, image, slot, present)
+        return cls(markerset.by_name, len(markerset), cameras, blobs, image, slot, present)
 
     def table(self, labels: Labels) -> Labels:
         """The labels (N,) of the blobs, (R, K)."""
@@ -127,12 +128,6 @@ class AppliedEdits:
     edited: Edited
     outcomes: tuple[EditOutcome, ...]
     places: Mapping[tuple[int, int], np.ndarray]
-
-
-def names_of(markerset: MarkerSet) -> dict[str, int]:
-    """The index of each marker by its name, and by its aliases."""
-    own = {name: index for index, name in enumerate(markerset.markers)}
-    return {alias: own[name] for alias, name in markerset.aliases.items() if name in own} | own
 
 
 def refuse_unknown(
@@ -204,6 +199,8 @@ def _applied(replay: Replay, edit: Edit, rows: slice, names: Mapping[str, int], 
         return replay.unlabel_column(rows, column[edit.point])
     if isinstance(edit, Delete):
         return replay.delete(rows, column[edit.point])
+    if isinstance(edit, Accepted):
+        return rows.stop - rows.start
     if isinstance(edit, Place):
         return replay.place(rows.start, *marker, np.array(edit.xyz))
     return _of_markers(replay, edit, rows, marker)
@@ -259,6 +256,8 @@ def apply_to_blobs(labels: Labels, edits: Edits, cells: BlobCells) -> AppliedEdi
             if found is not None:
                 image = int(cells.image[found])
                 done = replay.assign(slice(image, image + 1), int(cells.slot[found]), cells.names[edit.marker])
+        elif rows is not None and isinstance(edit, Accepted):
+            done = rows.stop - rows.start
         elif rows is not None:
             images = slice(rows.start * len(cells.cameras), rows.stop * len(cells.cameras))
             done = _of_markers(replay, edit, images, [cells.names[name] for name in markers_of(edit)])

@@ -90,6 +90,13 @@ class Right(RangeEdit):
 
 
 @dataclass(frozen=True)
+class Accepted(RangeEdit):
+    """What a review says, word for word, was looked at: it is all right as it is."""
+
+    doubt: str
+
+
+@dataclass(frozen=True)
 class Edits:
     """Edits in the order in which they are applied: a later one wins over an earlier one.
 
@@ -132,6 +139,7 @@ EDIT_KINDS: dict[type[Edit], str] = {
     Delete: "delete",
     Place: "place",
     Right: "right",
+    Accepted: "right",
 }
 
 
@@ -149,4 +157,4 @@ def markers_of(edit: Edit) -> tuple[str, ...]:
     """The markers that an edit names."""
     if isinstance(edit, Swap):
         return edit.markers
-    return () if isinstance(edit, UnlabelPoint | Delete) else (edit.marker,)
+    return () if isinstance(edit, UnlabelPoint | Delete | Accepted) else (edit.marker,)

@@ -10,6 +10,7 @@ from ..data.errors import InputError
 from ..data.takes import LARGEST_FRAME
 from .kinds import (
     EDIT_KINDS,
+    Accepted,
     AssignBlob,
     AssignPoint,
     Delete,
@@ -51,7 +52,7 @@ FORMS: dict[str, tuple[tuple[type[Edit], tuple[str, ...]], ...]] = {
     "swap": ((Swap, ("markers",)),),
     "delete": ((Delete, ("point",)),),
     "place": ((Place, ("marker", "frame", "xyz")),),
-    "right": ((Right, ("marker",)),),
+    "right": ((Right, ("marker",)), (Accepted, ("doubt",))),
 }
 NO_FRAMES = (AssignBlob, Place)  # whose frame is one of their keys
 
@@ -194,6 +195,7 @@ CHECKS: Mapping[str, Callable] = {
     "point": _point,
     "marker": _name("marker"),
     "camera": _name("camera"),
+    "doubt": _name("doubt"),
     "frame": _frame,
     "x": _pixel,
     "y": _pixel,

@@ -1,7 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Edits in words, for the list that a person reads."""
 
-from .kinds import AssignBlob, AssignPoint, Delete, Edit, Place, Right, Swap, UnlabelMarker, UnlabelPoint, frames_of
+from .kinds import (
+    Accepted,
+    AssignBlob,
+    AssignPoint,
+    Delete,
+    Edit,
+    Place,
+    Right,
+    Swap,
+    UnlabelMarker,
+    UnlabelPoint,
+    frames_of,
+)
 
 
 def words_of(edit: Edit, shift: int = 0) -> str:
@@ -32,4 +44,6 @@ def _said(edit: Edit) -> str:
             return f"{edit.marker} is placed by hand"
         case Right():
             return f"{edit.marker} is right"
+        case Accepted():
+            return f"It is right that {edit.doubt}"
     raise TypeError(f"{type(edit).__name__}; expected a kind of edit")

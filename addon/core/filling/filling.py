@@ -27,6 +27,7 @@ class FillOptions:
     method      one of FILL_METHODS
     max_gap     frames of the longest gap to fill; None for any
     markers     indices of the markers to fill; None for all
+    frame       index of a frame that is in every gap to fill; None for gaps anywhere
     most_off_m  a gap in the take is left where the error to expect is larger: it would show a motion that was not there
     most_open_m the same at its start or end, where nothing holds the far side
     """
@@ -34,8 +35,14 @@ class FillOptions:
     method: str = "auto"
     max_gap: int | None = None
     markers: tuple[int, ...] | None = None
+    frame: int | None = None
     most_off_m: float = 0.1
     most_open_m: float = 0.03
+
+    def asks_for(self, gap: Gap) -> bool:
+        """Whether a gap is one of those to fill."""
+        here = self.frame is None or gap.start <= self.frame < gap.stop
+        return here and (self.markers is None or gap.marker in self.markers)
 
 
 @dataclass(frozen=True)
@@ -84,7 +91,7 @@ def fill_take(
     """
     filler = _Filler(xyz, rate, options, markerset, columns)
     gaps = find_gaps(filler.take.known)
-    wanted = [gap for gap in gaps if options.markers is None or gap.marker in options.markers]
+    wanted = [gap for gap in gaps if options.asks_for(gap)]
     done, whole = 0, sum(_cost(gap) for gap in wanted)
     with threadpool_limits(1, user_api="blas"):  # many threads on small matrices cost more than they bring
         for gap in wanted:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .cameras import Cameras
 from .views import Sight, View
 
 
@@ -18,12 +19,18 @@ class MeetingOptions:
     kept_share     of the points, best first, that the noise of the blobs is taken from: a wrong name or a merged blob
                    is not noise
     trimmed_scale  by what leaving out the rest divides a normal deviation
+    max_rows_condition, rows_ridge  the two of `meet_rows`, stricter: it has no expected place to begin with
+    near_m, far_m  how short a ray is taken to be at least, and how long where its point is unknown
     """
 
     max_condition: float = 1e5
     ridge: float = 1e-12
     kept_share: float = 0.8
     trimmed_scale: float = 1.35
+    max_rows_condition: float = 1e4
+    rows_ridge: float = 1e-9
+    near_m: float = 1e-2
+    far_m: float = 1e3
 
 
 MEETING = MeetingOptions()
@@ -97,3 +104,35 @@ def trimmed_deviation(squares: np.ndarray, freedom: np.ndarray, options: Meeting
     """
     order = np.argsort(squares / freedom)[: int(np.ceil(options.kept_share * len(squares)))]
     return float(np.sqrt(squares[order].sum() / freedom[order].sum()) * options.trimmed_scale)
+
+
+def meet_rows(
+    cameras: Cameras, camera: np.ndarray, image: np.ndarray, point: np.ndarray, count: int, others: bool = False
+) -> np.ndarray:
+    """(count, 3) m: where the rays of rows with the same number `point` (N,) meet; NaN where they fix no point.
+
+    camera (N,) index, image (N, 2) normalised image without the lens. Rays count by their length, so that what is least
+    is the reprojection error. With `others` the result is (N, 3): for every row the point of the other rows of its
+    number.
+    """
+    ahead = np.einsum("nji,nj->ni", cameras.rotation[camera], np.column_stack([image, np.ones(len(image))]))
+    ahead /= np.linalg.norm(ahead, axis=1)[:, None]
+    across = np.eye(3) - ahead[:, :, None] * ahead[:, None, :]
+    across[~np.isfinite(ahead).all(axis=1)] = 0
+    centres = cameras.centres[camera]
+    weight = np.ones(len(image))
+    for last in (False, True):  # all rays first, which says how long each is
+        part = across * weight[:, None, None]
+        normal, right = np.zeros((count, 3, 3)), np.zeros((count, 3))
+        np.add.at(normal, point, part)
+        np.add.at(right, point, np.einsum("nij,nj->ni", part, centres))
+        if others and last:
+            normal, right = normal[point] - part, right[point] - np.einsum("nij,nj->ni", part, centres)
+        size = np.einsum("nii->n", normal)[:, None, None] + MEETING.ridge
+        inverse = np.linalg.inv(normal / size + MEETING.rows_ridge * np.eye(3))
+        found = np.einsum("nij,nj->ni", inverse, right / size[:, 0])
+        found[np.einsum("nii->n", inverse) > MEETING.max_rows_condition] = np.nan
+        if not last:
+            length = np.linalg.norm(found[point] - centres, axis=1)
+            weight = 1 / np.maximum(np.nan_to_num(length, nan=MEETING.far_m), MEETING.near_m) ** 2
+    return found

@@ -28,7 +28,7 @@ from ..data.takes import (
     Labels,
     Motion,
 )
-from ..edits.applying import BlobCells, apply_to_blobs, names_of
+from ..edits.applying import BlobCells, apply_to_blobs
 from ..edits.kinds import NO_EDITS, Edits
 from ..geometry.cameras import Cameras
 from ..geometry.triangulation import Rays
@@ -36,7 +36,7 @@ from ..geometry.views import VIEWING, Sight, View, split_views
 from ..points.models import Model
 from ..points.naming import chosen_method, plain_method
 from ..points.whole_take.pipeline import USUAL_TARGET
-from ..review.suspects import unanswered_of_blobs
+from ..review.answering import unanswered_of_blobs, without_accepted
 from .cross_check import MethodAgreement, label_by_both
 from .through_points import label_through_points
 
@@ -132,7 +132,7 @@ def _with_edits(
 
     A marker whose blobs are others then is where these meet, and one that was placed is there; the body stays.
     """
-    sight, names = Sight(cameras), names_of(markerset)
+    sight, names = Sight(cameras), markerset.by_name
     for blobs, chunk in zip(chunks, labelled, strict=True):
         cells = BlobCells.of(blobs, cameras.names, markerset)
         before, first = chunk.labels, None
@@ -148,7 +148,7 @@ def _with_edits(
             chunk,
             labels=applied.labels,
             motion=motion,
-            suspects=unanswered_of_blobs(chunk.suspects, edits, names),
+            suspects=without_accepted(unanswered_of_blobs(chunk.suspects, edits, names), edits),
             unedited=before,
             outcomes=(first or applied).outcomes,
         )

@@ -1,20 +1,25 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cameras that do not go with the others of a take: with another's name, moved since the calibration, or out of it.
+"""Calibration health: cameras that do not go with the others of a take, and rooms that do not go with the take.
 
 Frames spread over the take are kept. What was named in them says of every camera how many of the markers in its image
 have a blob, and how far its blobs are from the points of the other cameras. Where a camera stands out, the names of
-cameras are tried in another order: blobs of two cameras that show the same thing lie on each other's epipolar lines.
+cameras are tried in another order, and it is looked for beside where it was calibrated. Of a room it is asked whether
+blobs meet at all, and how large what they show is.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations, permutations
 
 import numpy as np
 
+from ..data.markersets import MarkerSet
 from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Suspect
 from ..geometry.cameras import Cameras
+from ..geometry.triangulation import meet_rows
+from .camera_order import MEETING_BY_CHANCE, Agreement, best_order
+from .camera_places import Place, find_again
+from .room_size import times_too_large
 
 
 @dataclass(frozen=True)
@@ -29,7 +34,8 @@ class StandOutOptions:
     min_moved_px      that all blobs of a camera are off together, and
     min_times_usual   as many times what is usual when it is left out
     min_cameras       of which one can be told from the others
-    max_condition     of the normal equations of rays: beyond, they fix no depth
+    max_lacking       of the usual share of named markers: a camera with less is looked for beside where it was
+    rich_frames       with the most blobs, of which it is asked whether blobs meet
     """
 
     frames: int = 40
@@ -39,36 +45,12 @@ class StandOutOptions:
     min_sure: float = 0.3
     min_moved_px: float = 0.8
     min_times_usual: float = 3.0
-    min_cameras: int = 5
-    max_condition: float = 1e4
-
-
-@dataclass(frozen=True)
-class ReorderOptions:
-    """When cameras are believed to have each other's names; reckoned.
-
-    frames         with the most blobs in which names are tried in another order
-    max_cameras    that are tried under each other's names
-    seeds          pairs of cameras that are begun with
-    near_px        from an epipolar line to what lies on it, where the focal length is
-    focal_px       or less; more where a pixel is a smaller angle
-    min_mends      times as many blobs must agree under other names,
-    min_agreeing   and this share of them
-    min_alike      of the best agreement: of such orders the one that changes least is right
-    """
-
-    frames: int = 10
-    max_cameras: int = 12
-    seeds: int = 12
-    near_px: float = 1.5
-    focal_px: float = 1500.0
-    min_mends: float = 1.4
-    min_agreeing: float = 0.4
-    min_alike: float = 0.97
+    min_cameras: int = 4
+    max_lacking: float = 0.8
+    rich_frames: int = 10
 
 
 STANDING_OUT = StandOutOptions()
-REORDERING = ReorderOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,10 +83,13 @@ class _Frame:
 
 
 class CameraCheck:
-    """Keeps a few frames of a take while it is labelled; says at its end which cameras do not go with the others."""
+    """Keeps a few frames of a take while it is labelled; says at its end which cameras do not go with the others.
 
-    def __init__(self, cameras: Cameras):
-        self.cameras = cameras
+    `markerset` is what was looked for, which says how large it should be; None where nobody knows.
+    """
+
+    def __init__(self, cameras: Cameras, markerset: MarkerSet | None = None):
+        self.cameras, self.markerset = cameras, markerset
         self.frames: list[_Frame] = []
         self._first = self._last = None
         self._count, self._stride = 0, 1
@@ -154,28 +139,116 @@ class CameraCheck:
 
     def suspects(self) -> tuple[Suspect, ...]:
         """What a person should look into, each over the whole take; nothing where all cameras go together."""
-        if len(self.cameras) < 3 or not self.frames:
+        if len(self.cameras) < 2 or not self.frames:
             return ()
         return tuple(Suspect(self._first, self._last, words) for words in self._sentences())
 
-    def _sentences(self) -> Iterator[str]:
-        figures, names = self.figures, self.cameras.names
-        known = figures.seen >= STANDING_OUT.min_seen
-        usual = float(np.median(figures.share[known])) if known.any() else 0.0
-        with np.errstate(invalid="ignore"):
-            sure = known & (figures.share > max(STANDING_OUT.max_few * usual, STANDING_OUT.min_sure))
-            blank = known & (figures.share < STANDING_OUT.max_almost_none * usual) & (usual > STANDING_OUT.min_sure)
-        order = None if (~sure).sum() < 2 else _best_order(self.cameras, self.frames, np.flatnonzero(sure))
-        fixed = np.arange(len(names)) == (np.arange(len(names)) if order is None else order)
-        if order is not None:
-            yield from (_renamed([names[index] for index in cycle]) for cycle in _cycles(order))
-        for index in np.flatnonzero(blank & fixed):
-            yield (
-                f"camera {names[index]} shows almost none of the markers in its image ({figures.share[index]:.0%} have "
-                f"a blob, with the others {usual:.0%}): look at its name, place and threshold"
+    @cached_property
+    def agreement(self) -> Agreement:
+        """Which blobs of the frames with the most of them meet."""
+        richest = sorted(self.frames, key=lambda frame: len(frame.camera), reverse=True)[: STANDING_OUT.rich_frames]
+        return Agreement(self.cameras, [(frame.camera, frame.xy) for frame in richest])
+
+    @cached_property
+    def order(self) -> np.ndarray | None:
+        """(C,) the name that the blobs of each calibration go by, None where all have their own."""
+        names = len(self.cameras.names)
+        if names < 3:
+            return None
+        if self._nothing_meets:
+            return best_order(self.agreement, np.zeros(0, int))
+        sure = self._known & (self.figures.share > max(STANDING_OUT.max_few * self.usual, STANDING_OUT.min_sure))
+        # Of few cameras two that have each other's names spoil the names of all alike; yet they meet no other.
+        sure &= ~(self.agreement.meeting() < MEETING_BY_CHANCE.max_meeting)
+        return None if (~sure).sum() < 2 else best_order(self.agreement, np.flatnonzero(sure))
+
+    @cached_property
+    def wrong_room(self) -> str:
+        """What is wrong with the room as a whole: another than the take's, or of another size; empty if nothing is."""
+        if self._nothing_meets and self.order is None:
+            return (
+                "the room seems not to be this take's: by this calibration the blobs of no camera meet those of the "
+                f"others ({np.nanmedian(self.agreement.meeting()):.0%} do beyond chance); expected the calibration "
+                "that the take was recorded with"
             )
-        for index, offset in _moved(self.cameras, self.frames, figures.offset):
-            if fixed[index]:
+        if self.order is not None or self.markerset is None:
+            return ""
+        times, high = times_too_large(self.agreement, self.markerset)
+        if times == 1:
+            return ""
+        size = f"about {times:g} times too large" if times > 1 else f"about {1 / times:g} times too small"
+        unit = {1000: ", as if millimetres were read as metres", 100: ", as if centimetres were read as metres"}
+        return (
+            f"the room seems to be {size}{unit.get(times, '')}: what its cameras see is {high:.3g} m high; expected "
+            "the translations of the calibration in metres"
+        )
+
+    @cached_property
+    def moved(self) -> dict[int, Place]:
+        """Cameras that are named too seldom, found again beside where the calibration has them."""
+        with np.errstate(invalid="ignore"):
+            lacking = self._known & (self.figures.share < STANDING_OUT.max_lacking * self.usual)
+        lacking &= np.arange(len(self.cameras)) == self._order_or_own
+        if self.usual < STANDING_OUT.min_sure or (~lacking).sum() < 2:
+            return {}
+        points = _points_of_others(self.cameras, self.frames, np.flatnonzero(lacking))
+        places = {}
+        for index in np.flatnonzero(lacking).tolist():
+            blobs = [frame.xy[frame.camera == index] for frame in self.frames]
+            places[index] = find_again(self.cameras.select([index]), points, blobs)
+        return {index: place for index, place in places.items() if place is not None}
+
+    @cached_property
+    def off(self) -> dict[int, float]:
+        """Cameras whose blobs are all off together from the points of the others, px."""
+        return dict(_moved(self.cameras, self.frames, self.figures.offset))
+
+    @property
+    def _known(self) -> np.ndarray:
+        return self.figures.seen >= STANDING_OUT.min_seen
+
+    @property
+    def usual(self) -> float:
+        """The share of markers that have a blob in the usual camera."""
+        return float(np.median(self.figures.share[self._known])) if self._known.any() else 0.0
+
+    @property
+    def _order_or_own(self) -> np.ndarray:
+        return np.arange(len(self.cameras)) if self.order is None else self.order
+
+    @property
+    def _nothing_meets(self) -> bool:
+        """Whether most cameras' blobs meet those of others by chance only."""
+        meeting = self.agreement.meeting()
+        told = np.isfinite(meeting)
+        return bool(told.sum() >= 2 and np.median(meeting[told]) < MEETING_BY_CHANCE.max_meeting)
+
+    def _sentences(self) -> Iterator[str]:
+        if self.wrong_room:
+            yield self.wrong_room
+            return
+        if len(self.cameras) < 3:
+            return
+        figures, names = self.figures, self.cameras.names
+        with np.errstate(invalid="ignore"):
+            few = figures.share < STANDING_OUT.max_almost_none * self.usual
+        blank = self._known & few & (self.usual > STANDING_OUT.min_sure)
+        fixed = np.arange(len(names)) == self._order_or_own
+        if self.order is not None:
+            yield from (_renamed([names[index] for index in cycle]) for cycle in _cycles(self.order))
+        for index, place in self.moved.items():
+            yield (
+                f"camera {names[index]} seems to have moved since the calibration: its blobs fit with it turned by "
+                f"{np.degrees(place.turned):.1f}° and shifted by {1000 * place.shifted:.0f} mm"
+            )
+        for index in np.flatnonzero(blank & fixed):
+            if index not in self.moved:
+                yield (
+                    f"camera {names[index]} shows almost none of the markers in its image ({figures.share[index]:.0%} "
+                    f"have a blob, with the others {self.usual:.0%}): look at its name, place and threshold"
+                )
+        for index, offset in self.off.items():
+            if fixed[index] and index not in self.moved:
                 yield (
                     f"camera {names[index]} seems to have moved since the calibration: its blobs are {offset:.1f} px "
                     "off the points of the other cameras"
@@ -225,7 +298,7 @@ def _offsets(cameras: Cameras, frames: list[_Frame], without: list[int] = ()) ->
     marker = np.concatenate([frame.marker[rows] for frame, rows in parts])
     xy = np.concatenate([frame.xy[rows] for frame, rows in parts])
     _, point, count = np.unique(np.stack([number, marker]), axis=1, return_inverse=True, return_counts=True)
-    points = _met_by_others(cameras, camera, xy, point.ravel(), len(count))
+    points = meet_rows(cameras, camera, cameras.undistort(xy, camera), point.ravel(), len(count), others=True)
     points[count[point.ravel()] < 3] = np.nan
     offsets = np.full(len(cameras), np.nan)
     for index in np.unique(camera):
@@ -237,141 +310,11 @@ def _offsets(cameras: Cameras, frames: list[_Frame], without: list[int] = ()) ->
     return offsets
 
 
-def _met_by_others(cameras: Cameras, camera: np.ndarray, xy: np.ndarray, point: np.ndarray, count: int) -> np.ndarray:
-    """(N, 3) m: for every blob the point nearest to the rays of the other blobs with the same number `point`."""
-    ahead = np.column_stack([cameras.undistort(xy, camera), np.ones(len(xy))])
-    ahead = np.einsum("nji,nj->ni", cameras.rotation[camera], ahead)
-    ahead /= np.linalg.norm(ahead, axis=1)[:, None]
-    across = np.eye(3) - ahead[:, :, None] * ahead[:, None, :]
-    centres = cameras.centres[camera]
-    weight = np.ones(len(xy))
-    across[~np.isfinite(ahead).all(axis=1)] = 0
-    for others in (False, True):  # all rays first, which says how long each is
-        part = across * weight[:, None, None]
-        normal, right = np.zeros((count, 3, 3)), np.zeros((count, 3))
-        np.add.at(normal, point, part)
-        np.add.at(right, point, np.einsum("nij,nj->ni", part, centres))
-        normal, right = normal[point], right[point]
-        if others:
-            normal, right = normal - part, right - np.einsum("nij,nj->ni", part, centres)
-        size = np.einsum("nii->n", normal)[:, None, None] + 1e-12
-        inverse = np.linalg.inv(normal / size + 1e-9 * np.eye(3))
-        found = np.einsum("nij,nj->ni", inverse, right / size[:, 0])
-        found[np.einsum("nii->n", inverse) > STANDING_OUT.max_condition] = np.nan
-        weight = 1 / np.maximum(np.nan_to_num(np.linalg.norm(found - centres, axis=1), nan=1e3), 1e-2) ** 2
-    return found
-
-
-def _best_order(cameras: Cameras, frames: list[_Frame], sure: np.ndarray) -> np.ndarray | None:
-    """(C,) the name that the blobs of each calibration go by, None where other names mend nothing.
-
-    `sure` are cameras that go together as they are; without two of them the pairs that agree best are begun with. Of
-    many cameras that are not sure nothing is tried.
-    """
-    if len(cameras) - len(sure) > REORDERING.max_cameras:
-        return None
-    richest = sorted(frames, key=lambda frame: len(frame.camera), reverse=True)[: REORDERING.frames]
-    agreement = _Agreement(cameras, richest)
-    own = np.arange(len(cameras))
-    if len(sure) >= 2:
-        orders = [agreement.completed({int(index): int(index) for index in sure})]
-    else:
-        orders = [agreement.completed(seed) for seed in agreement.seeds()]
-    totals = np.array([agreement.total(order) for order in orders])
-    alike = [order for order, total in zip(orders, totals, strict=True) if total >= REORDERING.min_alike * totals.max()]
-    order = max(alike, key=lambda one: (one == own).sum())
-    moved = np.flatnonzero(order != own)
-    if not len(moved):
-        return None
-    others = [agreement.of_camera(own, index) for index in moved]
-    mended = [agreement.of_camera(order, index) for index in moved]
-    better = all(
-        after > max(REORDERING.min_mends * before, REORDERING.min_agreeing)
-        for before, after in zip(others, mended, strict=True)
-    )
-    return order if better else None
-
-
-class _Agreement:
-    """Which part of the blobs of two cameras lie on each other's epipolar lines, whatever their names."""
-
-    def __init__(self, cameras: Cameras, frames: list[_Frame]):
-        self.cameras = cameras
-        self.near = REORDERING.near_px * np.maximum(1.0, cameras.focal / REORDERING.focal_px) / cameras.focal
-        self.blobs = [[frame.xy[frame.camera == name] for frame in frames] for name in range(len(cameras))]
-        self.rays: dict[tuple[int, int], list[np.ndarray]] = {}
-        self.known: dict[tuple[int, int, int, int], float] = {}
-
-    def of(self, one: int, other: int, first: int, second: int) -> float:
-        """The part of agreeing blobs where those named `first` are calibration `one`'s and `second` are `other`'s."""
-        key = (one, other, first, second)
-        if key not in self.known:
-            turn = self.cameras.rotation[other] @ self.cameras.rotation[one].T
-            shift = self.cameras.translation[other] - turn @ self.cameras.translation[one]
-            x, y, z = shift
-            essential = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ turn
-            near, total = 0, 0
-            for a, b in zip(self._seen(one, first), self._seen(other, second), strict=True):
-                if len(a) and len(b):
-                    there, back = a @ essential.T, b @ essential
-                    off = np.abs(there @ b.T)
-                    near += (off / np.hypot(*there.T[:2])[:, None] < self.near[other]).any(axis=1).sum()
-                    near += (off / np.hypot(*back.T[:2])[None] < self.near[one]).any(axis=0).sum()
-                total += len(a) + len(b)
-            self.known[key] = near / max(total, 1)
-        return self.known[key]
-
-    def _seen(self, calibration: int, name: int) -> list[np.ndarray]:
-        """The rays of the blobs that go by `name` through a calibration, frame by frame."""
-        key = (calibration, name)
-        if key not in self.rays:
-            self.rays[key] = [_through(self.cameras, calibration, xy) for xy in self.blobs[name]]
-        return self.rays[key]
-
-    def of_camera(self, order: np.ndarray, index: int) -> float:
-        """How one calibration agrees with all others, mean."""
-        others = [other for other in range(len(order)) if other != index]
-        return float(np.mean([self.of(index, other, order[index], order[other]) for other in others]))
-
-    def total(self, order: np.ndarray) -> float:
-        """How all calibrations agree, mean over pairs."""
-        return float(np.mean([self.of(a, b, order[a], order[b]) for a, b in combinations(range(len(order)), 2)]))
-
-    def seeds(self) -> list[dict[int, int]]:
-        """Pairs of calibrations with the names of the blobs that agree best with them, the best first."""
-        count = range(len(self.cameras))
-        found = [
-            (self.of(one, other, first, second), one, other, first, second)
-            for one, other in combinations(count, 2)
-            for first, second in permutations(count, 2)
-        ]
-        return [
-            {one: first, other: second}
-            for _, one, other, first, second in sorted(found, reverse=True)[: REORDERING.seeds]
-        ]
-
-    def completed(self, known: dict[int, int]) -> np.ndarray:
-        """(C,) the order that goes on from `known` with the names that agree best with those that are given."""
-        from scipy.optimize import linear_sum_assignment
-
-        count = len(self.cameras)
-        while len(known) < count:
-            left = [index for index in range(count) if index not in known]
-            names = [name for name in range(count) if name not in known.values()]
-            agree = np.array(
-                [
-                    [np.mean([self.of(one, other, name, known[other]) for other in known]) for name in names]
-                    for one in left
-                ]
-            )
-            rows, columns = linear_sum_assignment(-agree)
-            best = int(np.argmax(agree[rows, columns]))
-            chosen = [best] if len(known) < 4 else range(len(rows))
-            known = {**known, **{left[rows[at]]: names[columns[at]] for at in chosen}}
-        return np.array([known[index] for index in range(count)])
-
-
-def _through(cameras: Cameras, calibration: int, xy: np.ndarray) -> np.ndarray:
-    """(N, 3) the rays of pixels (N, 2) through a calibration, 1 ahead; without those that no light reaches."""
-    image = cameras.undistort(xy, np.full(len(xy), calibration))
-    return np.column_stack([image, np.ones(len(xy))])[np.isfinite(image).all(axis=1)]
+def _points_of_others(cameras: Cameras, frames: list[_Frame], without: np.ndarray) -> np.ndarray:
+    """(F, M, 3) m: the markers of frames by their blobs in all cameras but some; NaN with fewer than two."""
+    points = np.full((len(frames), len(frames[0].expected), 3), np.nan)
+    for index, frame in enumerate(frames):
+        rows = np.flatnonzero((frame.marker != NO_MARKER) & ~np.isin(frame.camera, without))
+        image = cameras.undistort(frame.xy[rows], frame.camera[rows])
+        points[index] = meet_rows(cameras, frame.camera[rows], image, frame.marker[rows], len(points[index]))
+    return points

@@ -2,6 +2,7 @@
 """What the report says of a labelled take, added up chunk by chunk: memory does not grow with the take."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,6 +16,7 @@ class TakeSummary:
 
     frames, rows, unlabelled   numbers of them so far; rows are blobs or points, unlabelled those without a name
     lost                       frames in which nobody was found
+    whole                      frames in which every marker is in space that is found anywhere in the take
     steps                      labels given by each step
     seconds                    time by stage, as the chunks have it
     suspects                   ranges of frames with a reason; those that touch and have the same reason are one
@@ -22,7 +24,7 @@ class TakeSummary:
 
     def __init__(self, markers: Sequence[str]):
         self.markers = tuple(markers)
-        self.frames = self.rows = self.unlabelled = self.lost = 0
+        self.frames = self.rows = self.unlabelled = self.lost = self.whole = 0
         self.steps = dict.fromkeys(STEPS[1:], 0)
         self.seconds: dict[str, float] = {}
         self.suspects: list[Suspect] = []
@@ -44,7 +46,9 @@ class TakeSummary:
         self.lost += int((motion.confidence == 0).sum())
         for step, count in zip(STEPS[1:], np.bincount(labels.step, minlength=len(STEPS))[1:], strict=True):
             self.steps[step] += int(count)
-        self._add_gaps(np.isfinite(motion.markers).all(axis=2))
+        present = np.isfinite(motion.markers).all(axis=2)
+        self._add_whole(present)
+        self._add_gaps(present)
         self._conflicts += motion.conflicts.sum(axis=0, dtype=np.int64)
         self._residual.add(motion.residual)
         self._residual_px.add(motion.residual_px)
@@ -52,6 +56,14 @@ class TakeSummary:
             self._add_suspect(suspect)
         for stage, seconds in chunk.seconds.items():
             self.seconds[stage] = self.seconds.get(stage, 0.0) + seconds
+
+    def _add_whole(self, present: np.ndarray):
+        """Adds frames (F, M) of who was there; where a marker comes up that never did, no earlier frame was whole."""
+        known = (self._present > 0) | present.any(axis=0)
+        fresh = known & (self._present == 0)
+        since = int(present[:, fresh].argmax(axis=0).max(initial=0))
+        whole = present[:, known].all(axis=1) & present.any(axis=1)
+        self.whole = int(whole[since:].sum()) + (0 if fresh.any() else self.whole)
 
     def _add_gaps(self, present: np.ndarray):
         """Adds frames (F, M) of who was there; a gap that is open at the end may go on in the next chunk."""
@@ -70,8 +82,8 @@ class TakeSummary:
         for index in range(len(self.suspects) - 1, max(len(self.suspects) - 8, 0) - 1, -1):
             last = self.suspects[index]
             if last.reason == suspect.reason and last.first - 1 <= suspect.first <= last.last + 1:
-                joined = Suspect(min(last.first, suspect.first), max(last.last, suspect.last), suspect.reason)
-                self.suspects[index] = joined
+                ends = min(last.first, suspect.first), max(last.last, suspect.last)
+                self.suspects[index] = replace(last, first=ends[0], last=ends[1], doubtful=last.frames + suspect.frames)
                 return
         self.suspects.append(suspect)
 

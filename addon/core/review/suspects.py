@@ -1,17 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Points a person to the frames that are worth a look: markers that leave the body, or move as no marker moves.
+"""Points a person to the frames that are worth a look: markers that leave the body, or move as no marker moves."""
 
-Doubts that a person has answered leave the list of what to look at, and do not come back.
-"""
-
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..data.takes import Motion, Suspect
-from ..edits.kinds import Edits, Right
-from ..edits.replay import FREE, Edited
 
 
 @dataclass(frozen=True)
@@ -45,6 +40,7 @@ class ListOptions:
 
 
 SUSPECTING = SuspectOptions()
+FAR_OFF = "is far from where the body has it"
 LISTING = ListOptions()
 
 
@@ -59,7 +55,7 @@ def find_suspects(
     jumps = _jumps(motion.markers, rate, options.max_acceleration)
     found = []
     for index, name in enumerate(names):
-        for doubtful, what in ((off_body, "is far from where the body has it"), (jumps, "jumps")):
+        for doubtful, what in ((off_body, FAR_OFF), (jumps, "jumps")):
             found += suspect_ranges(
                 motion.frames, doubtful[:, index], f"{name} {what}", options.max_break_frames, (name,)
             )
@@ -86,8 +82,8 @@ def summarised(suspects: Sequence[Suspect], rate: float, options: ListOptions = 
         reasons.setdefault(suspect.reason, []).append(suspect)
     entries = [
         entry
-        for reason, found in reasons.items()
-        for entry in _of_one_reason(reason, found, options.max_break_s * rate, options.max_alike)
+        for found in reasons.values()
+        for entry in _of_one_reason(found, options.max_break_s * rate, options.max_alike)
     ]
     while len(entries) > options.max_entries:
         kinds: dict[str, list[Suspect]] = {}
@@ -100,18 +96,30 @@ def summarised(suspects: Sequence[Suspect], rate: float, options: ListOptions = 
     return tuple(sorted(entries, key=lambda one: (one.first, -one.last)))
 
 
-def _of_one_reason(reason: str, found: list[Suspect], max_break: float, max_alike: int) -> list[Suspect]:
+def _of_one_reason(found: list[Suspect], max_break: float, max_alike: int) -> list[Suspect]:
     """Findings in the order of their first frames, joined where they are close, or all where they are many."""
     joined = [found[0]]
     for suspect in found[1:]:
         last = joined[-1]
         if suspect.first <= last.last + 1 + max_break:
-            joined[-1] = Suspect(last.first, max(last.last, suspect.last), reason)
+            joined[-1] = _as_one([last, suspect], suspect.words)
         else:
             joined.append(suspect)
     if len(joined) <= max_alike:
         return joined
-    return [Suspect(joined[0].first, max(one.last for one in joined), f"{reason}, in {len(joined)} places")]
+    return [_as_one(joined, f"{joined[0].words}, in {len(joined)} places")]
+
+
+def _as_one(found: list[Suspect], words: str) -> Suspect:
+    """One entry for several, which is about the frames and markers of all."""
+    return replace(
+        found[0],
+        first=min(one.first for one in found),
+        last=max(one.last for one in found),
+        words=words,
+        markers=tuple(dict.fromkeys(name for one in found for name in one.markers)),
+        doubtful=sum(one.frames for one in found),
+    )
 
 
 def _kind(reason: str) -> str:
@@ -126,53 +134,7 @@ def _of_one_kind(found: list[Suspect], max_names: int) -> Suspect:
     whom = list(dict.fromkeys(suspect.reason.split(" ")[1 if tracks else 0] for suspect in found))
     listed = " ".join(whom[:max_names]) + (f" and {len(whom) - max_names} more" if len(whom) > max_names else "")
     words = f"trajectories {listed}: as {found[0].reason}" if tracks else f"{listed}: {_kind(found[0].reason)}"
-    return Suspect(min(one.first for one in found), max(one.last for one in found), words)
-
-
-def unanswered(
-    suspects: Iterable[Suspect], edited: Edited, names: Mapping[str, int], first_frame: int
-) -> tuple[Suspect, ...]:
-    """The suspects of a take of points without the frames in which a person answered them.
-
-    What is asked about a marker is answered by its being right; what is asked about the name of a trajectory, called
-    by its column, by any edit of it. names are the indices of the markers, first_frame the source's number of the
-    first.
-    """
-    left: list[Suspect] = []
-    for suspect in suspects:
-        rows = slice(suspect.first - first_frame, suspect.last - first_frame + 1)
-        markers = [names[name] for name in suspect.markers if name in names]
-        answered = edited.right[rows][:, markers].any(axis=1)
-        if suspect.trajectory is not None:
-            answered = answered | (edited.rule[rows, suspect.trajectory] != FREE)
-        # A change of names is answered where either of its ends is.
-        of_a_change = len(suspect.markers) > 1 and suspect.trajectory is not None
-        left += [] if of_a_change and answered.any() else _rest(suspect, answered)
-    return tuple(left)
-
-
-def unanswered_of_blobs(suspects: Iterable[Suspect], edits: Edits, names: Mapping[str, int]) -> tuple[Suspect, ...]:
-    """The suspects of a take of blobs without the frames in which their markers are right."""
-    right = [(names[edit.marker], edit.frames) for edit in edits if isinstance(edit, Right)]
-    left: list[Suspect] = []
-    for suspect in suspects:
-        frames = np.arange(suspect.first, suspect.last + 1)
-        answered = np.zeros(len(frames), bool)
-        own = {names[name] for name in suspect.markers if name in names}
-        for marker, span in right:
-            if marker in own:
-                answered |= True if span is None else (frames >= span[0]) & (frames <= span[1])
-        left += _rest(suspect, answered)
-    return tuple(left)
-
-
-def _rest(suspect: Suspect, answered: np.ndarray) -> list[Suspect]:
-    """What is left of a suspect of which some frames are answered."""
-    if not answered.any():
-        return [suspect]
-    frames = suspect.first + np.arange(len(answered))
-    parts = suspect_ranges(frames, ~answered, suspect.words, 1)
-    return [replace(suspect, first=part.first, last=part.last) for part in parts]
+    return replace(_as_one(found, words), trajectory=None)
 
 
 def called_by(suspects: Iterable[Suspect], columns: np.ndarray) -> tuple[Suspect, ...]:

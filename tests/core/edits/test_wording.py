@@ -5,6 +5,7 @@ import pytest
 
 from addon.core.edits.kinds import (
     EDIT_KINDS,
+    Accepted,
     AssignBlob,
     AssignPoint,
     Delete,
@@ -26,6 +27,7 @@ WORDS = {
     Delete(7): "Trajectory 7 is no marker, all frames",
     Place("LKNE", 120, (0.1, 0.2, 0.5)): "LKNE is placed by hand, frame 120",
     Right("LKNE"): "LKNE is right, all frames",
+    Accepted("camera B is off", frames=(1, 2)): "It is right that camera B is off, frames 1–2",
 }
 
 

@@ -5,18 +5,20 @@ import numpy as np
 
 from addon.core.data.takes import Suspect
 from addon.core.edits.applying import PointCells, apply_to_points
-from addon.core.edits.kinds import AssignPoint, Edits, Right
-from addon.core.review.suspects import unanswered, unanswered_of_blobs
+from addon.core.edits.kinds import Accepted, AssignPoint, Edits, Right
+from addon.core.review.answering import unanswered, unanswered_of_blobs, without_accepted
 
 from ..edits.lists import COLUMNS, FIRST, INDEX, NAMES, named
 
 FRAMES = 20
 
 
+LABELS = named(np.tile([0, 1, 2, -1, -1], (FRAMES, 1)))
+CELLS = PointCells(INDEX, len(NAMES), FIRST, np.ones((FRAMES, 5), bool), COLUMNS)
+
+
 def left(suspects, *edits):
-    labels = named(np.tile([0, 1, 2, -1, -1], (FRAMES, 1)))
-    cells = PointCells(INDEX, len(NAMES), FIRST, np.ones((FRAMES, 5), bool), COLUMNS)
-    edited = apply_to_points(labels, Edits(tuple(edits)), cells).edited
+    edited = apply_to_points(LABELS, Edits(tuple(edits)), CELLS).edited
     return [(one.first, one.last, one.reason) for one in unanswered(suspects, edited, INDEX, FIRST)]
 
 
@@ -42,3 +44,17 @@ def test_of_blobs_only_what_is_right_answers():
     assert [(one.first, one.last) for one in unanswered_of_blobs([jumps], edits, INDEX)] == [(13, 20)]
     lost = Suspect(12, 20, "the subject was lost")
     assert unanswered_of_blobs([lost], edits, INDEX) == (lost,)
+
+
+def test_what_was_accepted_does_not_come_back_with_other_figures():
+    moved = Suspect(12, 20, "camera B seems to have moved: its blobs are 1.7 px off")
+    accepted = Accepted("camera B seems to have moved: its blobs are 1.62 px off", frames=(12, 17))
+    assert without_accepted([moved], Edits((accepted,))) == (Suspect(18, 20, moved.words),)
+    assert without_accepted([moved], Edits((Accepted("camera C seems to have moved: its blobs are 1.7 px off"),)))
+    assert apply_to_points(LABELS, Edits((accepted,)), CELLS).outcomes[0].labels == 6
+
+
+def test_of_more_than_two_markers_all_have_to_be_right():
+    many = Suspect(12, 20, "A B C: jumps", markers=("A", "B", "C"))
+    assert left([many], Right("A"), Right("B")) == [(12, 20, "A B C: jumps")]
+    assert left([many], Right("A"), Right("B"), Right("C")) == []

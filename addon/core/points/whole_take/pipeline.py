@@ -19,9 +19,10 @@ from ...blobs.pipeline import Options
 from ...data.background import in_background
 from ...data.progress import Progress, Stage, in_stages
 from ...data.takes import BY_FIT, LabelledChunk, Labels, Motion, Points, Verdict
-from ...edits.applying import AppliedEdits, PointCells, apply_to_points, names_of
+from ...edits.applying import AppliedEdits, PointCells, apply_to_points
 from ...edits.kinds import NO_EDITS, Edits
-from ...review.suspects import called_by, find_suspects, summarised, unanswered
+from ...review.answering import unanswered, without_accepted
+from ...review.suspects import called_by, find_suspects, summarised
 from ..adaptation import Adaptation, adapt, borne_out
 from ..models import Model
 from ..motion import motion_of
@@ -148,11 +149,12 @@ def _labelled(
     yield Stage("write", "write")
     suspects = verdict.suspects + find_suspects(motion, model.markerset.markers, take.rate)
     if applied:
-        suspects = unanswered(suspects, applied.edited, names_of(model.markerset), take.first_frame)
+        suspects = unanswered(suspects, applied.edited, model.markerset.by_name, take.first_frame)
     if take.columns is not None:  # as in label files: by the trajectories' index in the file
         suspects = called_by(suspects, take.columns)
     outcomes = applied.outcomes if applied else ()
-    return LabelledChunk(verdict.labels, motion, summarised(suspects, take.rate), seconds, unedited, outcomes)
+    suspects = without_accepted(summarised(suspects, take.rate), options.edits)
+    return LabelledChunk(verdict.labels, motion, suspects, seconds, unedited, outcomes)
 
 
 def _frame_by_frame(take: Points, tracklet: np.ndarray, model: Model, options: PointOptions) -> Steps[NamedFrames]:

@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`refine BLOBS`: a calibration refined by the blobs of a take."""
+
+from pathlib import Path
+
+from ..jobs.job import USUAL_RATE
+from ..jobs.refine import RefineJob, refine_file
+from .arguments import add_frames, add_overwrite, add_up, number
+from .console import ProgressLine, print_results
+
+DESCRIPTION = """Moves and turns the cameras so that the take's own labelled blobs meet, as when a camera was bumped
+after the calibration. Lenses and focal lengths stay; so do scale, floor and axes of the room, which the cameras hold
+that did not move. Prints each camera's reprojection error before and after, in px, of blobs that nothing was fitted
+to."""
+
+
+def add_parser(verbs):
+    """Adds the verb to the command line's grammar."""
+    parser = verbs.add_parser("refine", help="refine a calibration by a take", description=DESCRIPTION)
+    parser.add_argument("blobs", metavar="BLOBS", type=Path, help="a file of blobs")
+    parser.add_argument("--cameras", required=True, type=Path, metavar="CAMERAS", help="the calibration")
+    parser.add_argument("--model", required=True, metavar="MODEL", help="what the subject wears: a name or a file")
+    parser.add_argument("--out", required=True, type=Path, metavar="FILE.toml", help="the calibration to write")
+    parser.add_argument(
+        "--rate",
+        type=number(0.1, 100_000, "rate"),
+        metavar="HZ",
+        help=f"frames a second, which a blob file does not say (default {USUAL_RATE:g})",
+    )
+    add_frames(parser)
+    add_up(parser, where="the calibration")
+    add_overwrite(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments) -> int:
+    """Refines one calibration."""
+    job = RefineJob(
+        arguments.blobs,
+        arguments.cameras,
+        arguments.model,
+        arguments.out,
+        arguments.frames,
+        arguments.rate,
+        arguments.up,
+        arguments.overwrite,
+    )
+    report = ProgressLine(arguments.progress).drain(refine_file(job), arguments.blobs.stem).report
+    print_results(_lines(report), report, arguments.json)
+    return 0
+
+
+def _lines(report: dict) -> list[str]:
+    """What is said to people."""
+    width = max(map(len, report["cameras"]))
+    lines = [f"{name:{width}}  {_of_camera(row)}" for name, row in report["cameras"].items()]
+    done = f"{report['rounds']} rounds of {report['frames_labelled']} frames, {report['seconds']:.1f} s"
+    last = "refined" if report["refined"] else "nothing to refine, the cameras are written as they were"
+    return [*lines, *report["camera_doubts"], *report.get("calibration", []), f"{report['out']}: {last}; {done}"]
+
+
+def _of_camera(row: dict) -> str:
+    if row["before_px"] is None or row["after_px"] is None:
+        return "no blobs to tell its error by"
+    words = f"{row['before_px']:.2f} px before, {row['after_px']:.2f} px after"
+    if row["shifted_mm"] or row["turned_deg"]:
+        words += f", moved {row['shifted_mm']:.1f} mm and turned {row['turned_deg']:.2f}°"
+    return words

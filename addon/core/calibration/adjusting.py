@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Bundle adjustment: cameras moved and turned, and points with them, until the rays of named blobs meet.
+
+The lens is out of the blobs before, and stays as it was with the rest of the intrinsics, so that every kind of lens is
+the same here. Where all cameras and all points move, turn or grow together nothing changes in the images: that freedom
+is taken away afterwards by the cameras that agree with how they stood before, see `held`.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..geometry.cameras import Cameras
+from ..geometry.rotations import cross_matrix, exponential
+from .sightings import Sightings
+
+
+@dataclass(frozen=True)
+class AdjustOptions:
+    """How cameras are adjusted; reckoned, and tried on virtual rooms and the first half of a recorded take.
+
+    loss_px      misses beyond this count by their length and not by its square: a wrong name, a merged blob
+    max_px       blobs that miss their point by more are left out of the second round
+    rounds       of adjustment, the first with all blobs
+    steps        of each at most
+    tolerance    of the cost, relative, at which a round ends
+    shift_sd_m   standard deviation of a camera's shift from where it was, and
+    turn_sd_rad  of its turn: they only keep what the blobs do not say from running away
+    world_px     misses of the cameras as they stood before that still hold the world
+    world_rows   blobs of each camera by which the world is held
+    """
+
+    loss_px: float = 1.0
+    max_px: float = 6.0
+    rounds: int = 2
+    steps: int = 40
+    tolerance: float = 1e-5
+    shift_sd_m: float = 0.05
+    turn_sd_rad: float = 0.02
+    world_px: float = 0.3
+    world_rows: int = 200
+
+
+ADJUSTING = AdjustOptions()
+TURN_AND_SHIFT = 6  # unknowns of a camera
+
+
+def adjusted(cameras: Cameras, seen: Sightings, free: np.ndarray) -> Cameras:
+    """The cameras (C,) True in `free` moved and turned so that what is seen meets; the others stay."""
+    given = cameras
+    for turn in range(ADJUSTING.rounds):
+        if turn:
+            seen = seen.rows(~(seen.misses(given) > ADJUSTING.max_px))
+        given = _Bundle(given, seen, np.flatnonzero(free)).solved()
+    return given
+
+
+class _Bundle:
+    """The unknowns of an adjustment: a turn and a shift for each free camera, in its own axes, then the points."""
+
+    def __init__(self, cameras: Cameras, seen: Sightings, free: np.ndarray):
+        points = seen.met(cameras)
+        sound = np.isfinite(points).all(axis=1)
+        self.cameras, self.free, self.seen = cameras, free, seen.kept(sound)
+        self.begin = np.concatenate([np.zeros(TURN_AND_SHIFT * len(free)), points[sound].ravel()])
+        column = np.full(len(cameras), -1)
+        column[free] = np.arange(len(free))
+        self.column = column[self.seen.camera]
+        self.focal = cameras.focal[self.seen.camera]
+        self.held = np.tile(
+            np.repeat([ADJUSTING.loss_px / ADJUSTING.turn_sd_rad, ADJUSTING.loss_px / ADJUSTING.shift_sd_m], 3),
+            len(free),
+        )
+        self.places = self._places()
+
+    def solved(self) -> Cameras:
+        """The cameras where the blobs miss their points least."""
+        from scipy.optimize import least_squares
+
+        found = least_squares(
+            self.misses,
+            self.begin,
+            jac=self.slopes,
+            loss="soft_l1",
+            f_scale=ADJUSTING.loss_px,
+            x_scale="jac",
+            method="trf",
+            tr_solver="lsmr",
+            ftol=ADJUSTING.tolerance,
+            max_nfev=ADJUSTING.steps,
+        )
+        rotation, translation, _, _ = self._moved(found.x)
+        return replace(self.cameras, rotation=rotation, translation=translation)
+
+    def misses(self, unknowns: np.ndarray) -> np.ndarray:
+        """(2 N + 6 free,) px of each blob in x and y, then what holds the cameras back."""
+        rotation, translation, _, points = self._moved(unknowns)
+        local = self._local(rotation, translation, points)
+        off = (local[:, :2] / local[:, 2:] - self.seen.image) * self.focal[:, None]
+        return np.concatenate([off.ravel(), unknowns[: len(self.held)] * self.held])
+
+    def slopes(self, unknowns: np.ndarray):
+        """The sparse derivative of `misses`: a blob knows its camera and its point alone."""
+        from scipy.sparse import csr_matrix
+
+        rotation, translation, turning, points = self._moved(unknowns)
+        camera = self.seen.camera
+        local = self._local(rotation, translation, points)
+        depth = local[:, 2]
+        image = np.zeros((len(local), 2, 3))
+        image[:, 0, 0] = image[:, 1, 1] = self.focal / depth
+        image[:, :, 2] = -local[:, :2] * (self.focal / depth**2)[:, None]
+        of_point = image @ rotation[camera]
+        rows = np.flatnonzero(self.column >= 0)
+        steps = unknowns[: len(self.held)].reshape(-1, TURN_AND_SHIFT)[self.column[rows], 3:]
+        of_turn = -image[rows] @ cross_matrix(local[rows] - steps) @ turning[self.column[rows]]
+        of_camera = np.concatenate([of_turn, image[rows]], axis=2)
+        values = np.concatenate([of_point.ravel(), of_camera.ravel(), self.held])
+        return csr_matrix((values, self.places), shape=(2 * len(local) + len(self.held), len(unknowns)))
+
+    def _moved(self, unknowns: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Rotations (C, 3, 3) and translations (C, 3) m, how turns turn (free, 3, 3), and points (P, 3) m."""
+        steps = unknowns[: len(self.held)].reshape(-1, TURN_AND_SHIFT)
+        turn, turning = exponential(steps[:, :3])
+        rotation, translation = self.cameras.rotation.copy(), self.cameras.translation.copy()
+        rotation[self.free] = turn @ rotation[self.free]
+        translation[self.free] = np.einsum("cij,cj->ci", turn, translation[self.free]) + steps[:, 3:]
+        return rotation, translation, turning, unknowns[len(self.held) :].reshape(-1, 3)
+
+    def _local(self, rotation: np.ndarray, translation: np.ndarray, points: np.ndarray) -> np.ndarray:
+        camera = self.seen.camera
+        return np.einsum("nij,nj->ni", rotation[camera], points[self.seen.point]) + translation[camera]
+
+    def _places(self) -> tuple[np.ndarray, np.ndarray]:
+        """Row and column of each value of the derivative, in the order in which `slopes` gives them."""
+        row = np.arange(2 * len(self.column)).reshape(-1, 2, 1)
+        point = (len(self.held) + 3 * self.seen.point)[:, None, None] + np.arange(3)
+        free = np.flatnonzero(self.column >= 0)
+        camera = (TURN_AND_SHIFT * self.column[free])[:, None, None] + np.arange(TURN_AND_SHIFT)
+        pairs = (np.broadcast_arrays(row, point), np.broadcast_arrays(row[free], camera))
+        own = np.arange(len(self.held))
+        rows = [one.ravel() for one, _ in pairs] + [row.size + own]
+        columns = [other.ravel() for _, other in pairs] + [own]
+        return np.concatenate(rows), np.concatenate(columns)
+
+
+def held(before: Cameras, after: Cameras, seen: Sightings) -> Cameras:
+    """The adjusted cameras in the world of those before: moved, turned and scaled together, which no image shows.
+
+    The world is where most cameras, as they stood before, see the points where they see them now; those that moved are
+    outvoted. Scale, floor and axes of the calibration stay.
+    """
+    from scipy.optimize import least_squares
+
+    points = seen.met(after)
+    rows = _some_of_each(seen, np.isfinite(points).all(axis=1))
+    camera, places = seen.camera[rows], points[seen.point[rows]]
+    goal, middle = _imaged(after, camera, places), places.mean(axis=0)
+
+    def misses(world: np.ndarray) -> np.ndarray:
+        turn = np.exp(world[6]) * exponential(world[:3])[0]
+        moved = (places - middle) @ turn.T + middle + world[3:6]
+        return ((_imaged(before, camera, moved) - goal) * before.focal[camera][:, None]).ravel()
+
+    world = np.zeros(7)
+    for loss in ("soft_l1", "cauchy"):
+        world = least_squares(misses, world, loss=loss, f_scale=ADJUSTING.world_px, x_scale="jac").x
+    turn, scale = exponential(world[:3])[0], np.exp(world[6])
+    shift = middle + world[3:6] - scale * turn @ middle
+    rotation = after.rotation @ turn.T
+    return replace(after, rotation=rotation, translation=scale * after.translation - rotation @ shift)
+
+
+def _some_of_each(seen: Sightings, sound: np.ndarray) -> np.ndarray:
+    """Rows of the sightings of sound points (P,), as many of each camera."""
+    usable = np.flatnonzero(sound[seen.point])
+    shuffled = np.random.default_rng(0).permutation(usable)
+    cameras = np.unique(seen.camera[usable])
+    return np.concatenate([shuffled[seen.camera[shuffled] == one][: ADJUSTING.world_rows] for one in cameras])
+
+
+def _imaged(cameras: Cameras, camera: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(N, 2) normalised image of points (N, 3) m, each in its camera."""
+    local = np.einsum("nij,nj->ni", cameras.rotation[camera], points) + cameras.translation[camera]
+    return local[:, :2] / local[:, 2:]

@@ -1,0 +1,211 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A calibration refined by a take of its own: label, find what was moved, adjust, label again.
+
+Parts of the take are labelled, spread over it. The odd ones are adjusted to; the even ones say how good it is, so that
+what is told of errors is of blobs that no camera was fitted to.
+"""
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from ..data.errors import JobError
+from ..data.takes import Blobs, LabelledChunk
+from ..geometry.cameras import Cameras
+from ..pipelines.blobs import BlobOptions, label_blobs
+from ..pipelines.cross_check import MethodAgreement
+from ..points.models import Model
+from ..review.odd_cameras import CameraCheck
+from .adjusting import adjusted, held
+from .sightings import Sightings
+
+
+@dataclass(frozen=True)
+class RefineOptions:
+    """How a calibration is refined; reckoned.
+
+    parts          of a take that are labelled, spread over it, at most
+    part_frames    frames of each at most: what a subject is known by after, and little enough to do twice
+    max_rounds     of labelling and adjusting: cameras that were moved get their names in the second
+    settled_px     a round that moves no camera's image by more is the last
+    min_points     seen by three cameras or more, for any refining
+    min_blobs      of a camera in the odd parts; with fewer it stays as it is
+    min_gain_px    by which the error of some camera must fall, and
+    min_gain       the part of it; else there is nothing to refine
+    min_named      of the usual camera's markers, the share that must have a name
+    """
+
+    parts: int = 12
+    part_frames: int = 40
+    max_rounds: int = 3
+    settled_px: float = 0.5
+    min_points: int = 100
+    min_blobs: int = 60
+    min_gain_px: float = 0.05
+    min_gain: float = 0.1
+    min_named: float = 0.1
+
+
+REFINING = RefineOptions()
+
+
+@dataclass(frozen=True, eq=False)
+class Refinement:
+    """What became of C cameras.
+
+    cameras  refined, or as they were where nothing was to be refined
+    refined  whether they were
+    before   (C,) px: reprojection error with the calibration as it was, median over blobs that nothing was fitted to
+    after    (C,) px: the same with `cameras`; NaN in both where a camera has no such blobs
+    blobs    (C,) how many these are
+    shifted  (C,) m that each camera was moved
+    turned   (C,) rad that each was turned
+    rounds   of labelling
+    frames   that were labelled
+    doubts   sentences about what was odd of the cameras
+    """
+
+    cameras: Cameras
+    refined: bool
+    before: np.ndarray
+    after: np.ndarray
+    blobs: np.ndarray
+    shifted: np.ndarray
+    turned: np.ndarray
+    rounds: int
+    frames: int
+    doubts: tuple[str, ...] = ()
+
+
+def parts_of(first: int, last: int) -> list[tuple[int, int]]:
+    """The frames of a take from `first` to `last` that are looked at: first and last frame of each part, ascending."""
+    count = last - first + 1
+    parts = min(REFINING.parts, max(count // 2, 1))
+    length = min(REFINING.part_frames, count // parts)
+    starts = first + np.linspace(0, count - length, parts).round().astype(int)
+    return [(int(start), int(start) + length - 1) for start in starts]
+
+
+def refine_cameras(
+    parts: Sequence[Blobs], cameras: Cameras, model: Model, options: BlobOptions
+) -> Generator[tuple[float, str], None, Refinement]:
+    """Moves and turns the cameras so that the named blobs of the parts of a take meet. Intrinsics stay.
+
+    Raises JobError where this calibration cannot be refined by this take: too few cameras, cameras with each other's
+    names, another room's calibration or unit, nobody recognised, too little seen. Yields the share that is done, and
+    what it is doing.
+    """
+    if len(cameras) < 3:
+        raise JobError(f"{len(cameras)} cameras cannot tell which of them was moved; expected three or more")
+    given, rounds, doubts = cameras, 0, ()
+    while True:
+        span = (rounds / REFINING.max_rounds, (rounds + 1) / REFINING.max_rounds)
+        labelled, check = yield from _labelled(parts, given, model, options, span)
+        if not rounds:
+            _refuse(check)
+            doubts = tuple(suspect.reason for suspect in check.suspects())
+        rounds += 1
+        places, more = check.moved, rounds < REFINING.max_rounds
+        if places and more:
+            given = _with_places(given, places)
+            continue
+        yield span[1], "adjust the cameras"
+        with threadpool_limits(1, user_api="blas"):
+            fitted, kept_back = (_seen(parts, labelled, cameras, first) for first in (0, 1))
+            adjusted_now = _adjusted(cameras, given, fitted)
+            still = _image_shift(given, adjusted_now, fitted) < REFINING.settled_px
+        given = adjusted_now
+        if still or not more:
+            break
+    yield 1.0, "compare"
+    frames = sum(len(part.frames) for part in parts)
+    return _judged(cameras, given, kept_back, rounds, frames, doubts)
+
+
+def _labelled(
+    parts: Sequence[Blobs], cameras: Cameras, model: Model, options: BlobOptions, span: tuple[float, float]
+) -> Generator[tuple[float, str], None, tuple[list[LabelledChunk], CameraCheck]]:
+    """Each part labelled on its own, and what that says of the cameras."""
+    check, labelled = CameraCheck(cameras, model.markerset), []
+    for number, part in enumerate(parts):
+        yield span[0] + (span[1] - span[0]) * number / len(parts), f"label frames from {part.frames[0]}"
+        [chunk] = label_blobs([part], cameras, model, options, MethodAgreement())
+        check.add(part, chunk)
+        labelled.append(chunk)
+    return labelled, check
+
+
+def _refuse(check: CameraCheck):
+    """JobError where moving cameras would mend nothing."""
+    if check.wrong_room:
+        raise JobError(check.wrong_room)
+    if check.order is not None:
+        raise JobError(f"{check.suspects()[0].reason}; expected every camera's blobs under its own name")
+    if not check.usual > REFINING.min_named:
+        raise JobError(
+            "nobody was recognised, so there are no named blobs to go by; expected a take of somebody who wears "
+            f"{check.markerset.name}"
+        )
+
+
+def _with_places(cameras: Cameras, places: dict) -> Cameras:
+    rotation, translation = cameras.rotation.copy(), cameras.translation.copy()
+    for index, place in places.items():
+        rotation[index], translation[index] = place.rotation, place.translation
+    return replace(cameras, rotation=rotation, translation=translation)
+
+
+def _seen(parts: Sequence[Blobs], labelled: Sequence[LabelledChunk], cameras: Cameras, first: int) -> Sightings:
+    """What every other part shows, from the first or the second on."""
+    pairs = [(part, chunk.labels) for part, chunk in zip(parts, labelled, strict=True)]
+    found = Sightings.of(pairs[first::2] or pairs, cameras)
+    if found.count < REFINING.min_points:
+        raise JobError(
+            f"only {found.count} named markers are seen by three cameras at a time; expected {REFINING.min_points} or "
+            "more, so a longer take, or more cameras that look at the same place"
+        )
+    return found
+
+
+def _adjusted(before: Cameras, given: Cameras, fitted: Sightings) -> Cameras:
+    """The cameras adjusted, in the world that they were in before."""
+    chosen = fitted.spread(given)
+    free = chosen.blobs(len(given)) >= REFINING.min_blobs
+    return held(before, adjusted(given, chosen, free), chosen)
+
+
+def _image_shift(one: Cameras, other: Cameras, seen: Sightings) -> float:
+    """The px by which the camera that moved most sees the points elsewhere, median over its blobs."""
+    points, away = seen.met(other), []
+    for index in np.unique(seen.camera):
+        mine = points[seen.point[seen.camera == index]]
+        there, here = (cameras.select([index]).project(mine)[0] for cameras in (one, other))
+        away.append(np.nanmedian(np.linalg.norm(there - here, axis=1)))
+    return float(np.max(away))
+
+
+def _judged(
+    before: Cameras, after: Cameras, kept_back: Sightings, rounds: int, frames: int, doubts: tuple[str, ...]
+) -> Refinement:
+    """The refined cameras where they are clearly better in the blobs kept back, else those before."""
+    old, new = kept_back.errors(before), kept_back.errors(after)
+    gain = old - new
+    with np.errstate(invalid="ignore"):
+        better = (gain > REFINING.min_gain_px) & (gain > REFINING.min_gain * old)
+    refined = bool(better.any() and np.nanmean(gain) > 0)
+    cameras, errors = (after, new) if refined else (before, old)
+    turn = np.einsum("cij,cij->c", cameras.rotation, before.rotation)
+    return Refinement(
+        cameras,
+        refined,
+        old,
+        errors,
+        kept_back.blobs(len(before)),
+        np.linalg.norm(cameras.centres - before.centres, axis=1),
+        np.arccos(np.clip((turn - 1) / 2, -1, 1)),
+        rounds,
+        frames,
+        doubts,
+    )

@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The worst moments of a labelled take, kept as they are found: what a picture of each is drawn from."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from ..data.takes import Blobs, LabelledChunk, Motion, PointRows, Suspect, rows_in_frame
+from .suspects import SUSPECTING
+
+
+@dataclass(frozen=True)
+class MomentOptions:
+    """Which moments are kept; reckoned, by what a person looks through.
+
+    most       in the end
+    alike      of one kind that are kept, each of other markers
+    kinds      of doubts that are kept
+    around_m   from the middle of the markers to unnamed points that are kept, and
+    others     how many of these
+    """
+
+    most: int = 6
+    alike: int = 3
+    kinds: int = 24
+    around_m: float = 1.5
+    others: int = 200
+
+
+MOMENTS = MomentOptions()
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """A frame that a person should look at.
+
+    suspect   why, and of which frames
+    frame     by the source's number, the one of these in which it shows most
+    badness   m s: how far its markers are from where the body has them, for how long
+    doubtful  indices of its markers
+    markers   (M, 3) m, NaN where missing, and where the body has them, `expected`; joints (J, 3) m
+    heading   (2,) where the subject faces, seen from above
+    others    (U, 3) m, points without a name around; `asked` (3,) m, the one that it is about, NaN where it is none
+    """
+
+    suspect: Suspect
+    frame: int
+    badness: float
+    doubtful: tuple[int, ...]
+    markers: np.ndarray
+    expected: np.ndarray
+    joints: np.ndarray
+    heading: np.ndarray
+    others: np.ndarray
+    asked: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A doubt with the frames of its chunk that it is about, from `start` up to, not including, `stop`."""
+
+    suspect: Suspect
+    badness: float
+    start: int
+    stop: int
+    doubtful: tuple[int, ...]
+
+    def most_seen(self, off: np.ndarray) -> int:
+        """The frame in which most of its markers are there and, of these, they are farthest off (F, M) the body."""
+        far = off[self.start : self.stop][:, self.doubtful]
+        seen = np.isfinite(far).sum(axis=1)
+        return self.start + int(np.where(seen == seen.max(), np.nan_to_num(far).sum(axis=1), -1.0).argmax())
+
+
+class MomentKeeper:
+    """Keeps the worst moments of a take while its chunks come; `rate` is in frames a second."""
+
+    def __init__(self, rate: float):
+        self.rate = rate
+        self.kinds: dict[str, list[Moment]] = {}
+
+    def add(self, rows: Blobs | PointRows, chunk: LabelledChunk, doubts: Sequence[Suspect], words: Mapping[str, int]):
+        """Adds the doubts about markers of a chunk."""
+        off = np.linalg.norm(chunk.motion.markers - chunk.motion.expected, axis=-1)
+        # Where the body has no such marker, or nothing is named, it counts like one that is just too far away.
+        summed = np.cumsum(np.nan_to_num(off, nan=SUSPECTING.max_off_body_m), axis=0)
+        summed = np.concatenate([np.zeros((1, off.shape[1])), summed]) / self.rate
+        first, kind_of = int(chunk.motion.frames[0]), cache(_kind_of)
+        worst: dict[tuple, _Found] = {}
+        for doubt in doubts:
+            doubtful = tuple(words[name] for name in doubt.markers if name in words)
+            start, stop = max(doubt.first - first, 0), min(doubt.last - first + 1, len(off))
+            if start >= stop or not doubtful:
+                continue
+            badness = sum(float(summed[stop, index] - summed[start, index]) for index in doubtful)
+            key = kind_of(doubt.words, doubt.markers), doubtful
+            if key not in worst or worst[key].badness < badness:
+                worst[key] = _Found(doubt, badness, start, stop, doubtful)
+        for (kind, _), found in sorted(worst.items(), key=lambda item: -item[1].badness):
+            self._keep(kind, found, off, rows, chunk)
+
+    def worst(self, most: int = MOMENTS.most) -> tuple[Moment, ...]:
+        """The worst of each kind first, then the next of each."""
+        kinds = sorted(self.kinds.values(), key=lambda kept: -kept[0].badness)
+        turns = [kept[turn] for turn in range(MOMENTS.alike) for kept in kinds if turn < len(kept)]
+        return tuple(turns[:most])
+
+    def _keep(self, kind: str, found: _Found, off: np.ndarray, rows: Blobs | PointRows, chunk: LabelledChunk):
+        kept = self.kinds.get(kind, [])
+        same = next((one for one in kept if one.doubtful == found.doubtful), None)
+        if same is not None and same.badness >= found.badness:
+            return
+        kept = [one for one in kept if one is not same]
+        if len(kept) == MOMENTS.alike and kept[-1].badness >= found.badness:
+            return
+        kept = sorted([*kept, _moment(found, found.most_seen(off), rows, chunk)], key=lambda one: -one.badness)
+        self.kinds[kind] = kept[: MOMENTS.alike]
+        if len(self.kinds) > MOMENTS.kinds:
+            del self.kinds[min(self.kinds, key=lambda name: self.kinds[name][0].badness)]
+
+
+def _kind_of(words: str, markers: tuple[str, ...]) -> str:
+    """What is said, without of whom."""
+    return " ".join(word for word in words.split() if word.rstrip(",:") not in markers)
+
+
+def _moment(found: _Found, index: int, rows: Blobs | PointRows, chunk: LabelledChunk) -> Moment:
+    motion = chunk.motion
+    markers = motion.markers[index]
+    others, asked = np.zeros((0, 3)), np.full(3, np.nan)
+    if isinstance(rows, PointRows):
+        part = rows_in_frame(rows, index)
+        xyz, named = rows.xyz[part], chunk.labels.named[part]
+        middle = np.nanmedian(np.concatenate([markers, xyz]), axis=0)
+        near = np.linalg.norm(xyz - middle, axis=1) < MOMENTS.around_m
+        others = xyz[~named & near][: MOMENTS.others]
+        own = rows.trajectory[part] == found.suspect.trajectory
+        asked = xyz[own][0] if own.any() else asked
+    return Moment(
+        found.suspect,
+        int(motion.frames[index]),
+        found.badness,
+        found.doubtful,
+        markers.copy(),  # a view would keep the whole chunk
+        motion.expected[index].copy(),
+        motion.joints[index].copy(),
+        _heading(motion, index),
+        others,
+        asked,
+    )
+
+
+def _heading(motion: Motion, index: int) -> np.ndarray:
+    """(2,) where the root's x axis points, seen from above; without a body, across the markers."""
+    ahead = motion.rotations[index, 0, :2, 0]
+    size = float(np.linalg.norm(ahead))
+    if np.isfinite(motion.joints[index, 0]).all() and size > 0:
+        return ahead / size
+    flat = motion.markers[index, :, :2]
+    flat = flat[np.isfinite(flat).all(axis=1)]
+    if len(flat) < 2:
+        return np.array([1.0, 0.0])
+    return np.linalg.svd(flat - flat.mean(axis=0), full_matrices=False)[2][-1]

@@ -1,0 +1,468 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is the matter with a labelled take, the worst first: what is missing, left over, off, doubtful, or a camera's.
+
+Each trouble says in full what it is, in which frames, of which markers, what to do about it and how many marker-frames
+are at stake: one marker in one frame is one. What a person answered stays in the list as answered, and counts nothing.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..data.takes import Blobs, Labels, Motion, PointRows, Suspect
+from ..edits.kinds import NO_EDITS, Accepted, Delete, Edit, Edits, Right
+from ..geometry.cameras import NO_CAMERAS, Cameras
+from .answering import PAIR, accepted_in, right_in, settled_in
+from .camera_blobs import CameraBlobs
+from .leftovers import LEAVING, Leftover, find_leftovers
+from .summary import MM_PER_M
+from .suspects import FAR_OFF, SUSPECTING
+
+# What is the matter, in the words of the list and of reports.
+MISSING, LEFT_OVER, OFF_BODY, DOUBTFUL, OF_CAMERA, NOBODY_THERE = (
+    "missing",
+    "left over",
+    "off the body",
+    "doubtful",
+    "camera",
+    "nobody",
+)
+TROUBLE_KINDS = (NOBODY_THERE, MISSING, LEFT_OVER, OFF_BODY, DOUBTFUL, OF_CAMERA)
+# What helps.
+NAME_IT, FILL, UNLABEL, RIGHT, SWAP = "name", "fill", "unlabel", "right", "swap"
+REFINE, LABEL, DELETE = "refine", "label", "delete"
+
+
+@dataclass(frozen=True)
+class TroubleOptions:
+    """What is worth a line in the list; reckoned.
+
+    min_missing_share    of the frames with a subject that a marker lacks, or
+    min_gap_s            the length of a gap, from which it is listed: shorter ones any method fills
+    max_filled_gap_s     the longest gap that filling is advised for; in longer ones a person names what is there
+    never_share          of the frames: a marker found in fewer is said to be found almost never
+    min_camera_unnamed   share of the blobs beside markers that a camera may leave unnamed, and
+    times_usual          as many times the median of the others, is a camera's trouble; of its error likewise, and
+    min_error_px         at least so much of it
+    change_s             at stake for each marker where a trajectory goes over to another: how long a person looks at
+    extra_weight         at stake for a frame of a point on the body beside which no marker is missing: it may be one
+                         that the set lacks, which is no label of this set; and of what is said of the whole take
+    min_share_of_points  of the points left over for a moment each, of all points, that is worth a line
+    """
+
+    min_missing_share: float = 0.01
+    min_gap_s: float = 0.5
+    max_filled_gap_s: float = 1.0
+    never_share: float = 0.02
+    min_camera_unnamed: float = 0.2
+    times_usual: float = 2.0
+    min_error_px: float = 1.0
+    change_s: float = 1.0
+    extra_weight: float = 0.1
+    min_share_of_points: float = 0.005
+
+
+TROUBLING = TroubleOptions()
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """One thing that is the matter with a take.
+
+    kind          one of TROUBLE_KINDS
+    first, last   the frames to look at, the source's numbers, both included
+    reason        what it is, in full
+    markers       the markers that it is about, and
+    trajectories  the trajectories of points, by their index in the file, and
+    cameras       the cameras
+    stake         marker-frames that are wrong or missing if it is as it looks; 0 once it is answered
+    advice        what to do, in words
+    action        what does it: NAME_IT, FILL, UNLABEL, RIGHT, SWAP, REFINE, LABEL or DELETE; empty where only a person
+                  can
+    answered      whether a person has answered it
+    ranges        all frames that it is about, where that is not one range
+    """
+
+    kind: str
+    first: int
+    last: int
+    reason: str
+    markers: tuple[str, ...] = ()
+    trajectories: tuple[int, ...] = ()
+    cameras: tuple[str, ...] = ()
+    stake: float = 0.0
+    advice: str = ""
+    action: str = ""
+    answered: bool = False
+    ranges: tuple[tuple[int, int], ...] = ()
+
+    @property
+    def about(self) -> str:
+        """What it is about, in a few words."""
+        tracks = [f"trajectory {number}" for number in self.trajectories]
+        words = [*self.markers] or [*self.cameras] or tracks[:1]
+        return " ".join(words) if len(words) > 1 or len(tracks) < 2 or self.markers else f"{len(tracks)} trajectories"
+
+    def answers(self) -> list[Edit]:
+        """What a person says with "it is right": markers are, points are none, or what is said may be as it is."""
+        ranges = self.ranges or ((self.first, self.last),)
+        if self.kind in (MISSING, OFF_BODY) or (self.kind == DOUBTFUL and self.markers and not self.trajectories):
+            return [Right(name, frames=span) for name in self.markers for span in ranges]
+        if self.kind == LEFT_OVER and self.trajectories:
+            return [Delete(number, frames=span) for number in self.trajectories for span in ranges]
+        return [Accepted(self.reason, frames=span) for span in ranges]
+
+    def as_dict(self) -> dict:
+        """What a report says of it."""
+        said = {"kind": self.kind, "first": self.first, "last": self.last, "reason": self.reason}
+        about = {
+            "markers": list(self.markers),
+            "trajectories": [int(number) for number in self.trajectories],
+            "cameras": list(self.cameras),
+        }
+        more = {"stake": float(f"{self.stake:.4g}"), "advice": self.advice, "action": self.action}
+        return said | about | more | {"answered": self.answered}
+
+
+class TakeTrouble:
+    """Looks at a take chunk by chunk while it is labelled, or at all of it at once; `found` gives the list.
+
+    names are the M markers'; edits what a person said, which answers some of it; rate in frames a second.
+    """
+
+    def __init__(self, names: Sequence[str], rate: float, edits: Edits = NO_EDITS, cameras: Cameras = NO_CAMERAS):
+        self.names, self.rate, self.edits = tuple(names), rate, edits
+        self.words = {name: index for index, name in enumerate(self.names)}
+        self.by_camera = CameraBlobs(cameras)
+        self.first = self.last = 0
+        self.frames = self.subject_frames = self.points = 0
+        count = len(self.names)
+        self._missing, self._excused = _Ranges(count), _Ranges(count)
+        self._off, self._accepted = _Ranges(count), _Ranges(count)
+        self._nobody = _Ranges(1)
+        self._left: tuple[Leftover, ...] = ()
+        self._brief = 0
+
+    def add(self, rows: Blobs | PointRows, labels: Labels, motion: Motion):
+        """Adds a chunk, which follows the last; points come as one chunk."""
+        frames = motion.frames
+        self.first = int(frames[0]) if not self.frames else self.first
+        self.frames, self.last = self.frames + len(frames), int(frames[-1])
+        present = np.isfinite(motion.markers).all(axis=2)
+        here = (motion.confidence > 0) | present.any(axis=1)
+        self.subject_frames += int(here.sum())
+        if isinstance(rows, PointRows):
+            self.points += len(rows)
+            self._left, self._brief = find_leftovers(rows, labels, motion, self.rate)
+        else:
+            self.by_camera.add(rows, labels, motion)
+        right = right_in(self.edits, self.words, frames)
+        lacking = ~present & here[:, None]
+        off = np.linalg.norm(motion.markers - motion.expected, axis=2)
+        with np.errstate(invalid="ignore"):
+            far = off > SUSPECTING.max_off_body_m
+        self._nobody.add(frames, ~here[:, None])
+        self._missing.add(frames, lacking & ~right)
+        self._excused.add(frames, lacking & right)
+        self._off.add(frames, far & ~right, off)
+        self._accepted.add(frames, far & right, off)
+
+    def found(self, suspects: Iterable[Suspect] = (), answered: Iterable[Suspect] = ()) -> tuple[Trouble, ...]:
+        """All trouble, the worst first and what is answered last; suspects are the doubts, open and answered."""
+        found = [*self._of_nobody(), *self._of_missing(), *self._of_leftovers(), *self._of_body()]
+        doubts = list(self._of_doubts(suspects))
+        told = {name for one in doubts for name in one.cameras}
+        found += [*doubts, *(one for one in self._of_cameras() if one.cameras[0] not in told)]
+        found += [replace(one, stake=0.0, answered=True) for one in self._of_doubts(answered)]
+        found = [self._accepted_by(one) for one in found]
+        return tuple(sorted(found, key=lambda one: (one.answered, -one.stake, one.first)))
+
+    def _accepted_by(self, one: Trouble) -> Trouble:
+        """A trouble as answered, where a person accepted what it says in all of its frames."""
+        ranges = one.ranges or ((one.first, one.last),)
+        accepted = all(accepted_in(self.edits, one.reason, np.arange(a, b + 1)).all() for a, b in ranges)
+        return replace(one, stake=0.0, answered=True) if accepted and not one.answered else one
+
+    def _of_nobody(self):
+        for first, last, _, _ in self._nobody.of(0):
+            yield Trouble(
+                NOBODY_THERE,
+                first,
+                last,
+                f"nobody was found in {_frames(first, last)}",
+                stake=float((last - first + 1) * len(self.names)),
+                advice="Look whether the subject is there; if so, name some markers and label again",
+                action=LABEL,
+            )
+
+    def _of_missing(self):
+        for index, name in enumerate(self.names):
+            open_, excused = self._missing.of(index), self._excused.of(index)
+            for ranges, answered in ((open_, False), (excused, True)):
+                lost = sum(last - first + 1 for first, last, _, _ in ranges)
+                longest = max(ranges, key=lambda one: one[1] - one[0], default=None)
+                if longest is None:
+                    continue
+                length = longest[1] - longest[0] + 1
+                worth = lost >= TROUBLING.min_missing_share * self.subject_frames
+                if answered or worth or length >= TROUBLING.min_gap_s * self.rate:
+                    yield self._missing_marker(name, ranges, lost, longest, answered)
+
+    def _missing_marker(self, name: str, ranges: list, lost: int, longest: tuple, answered: bool) -> Trouble:
+        share, length = 1 - lost / max(self.subject_frames, 1), longest[1] - longest[0] + 1
+        where = f"the longest of {len(ranges)} gaps is {_frames(longest[0], longest[1])}"
+        if len(ranges) == 1:
+            where = f"not in {_frames(longest[0], longest[1])}"
+        short = length <= TROUBLING.max_filled_gap_s * self.rate
+        beside = [one for one in self._left if one.beside is not None and self.names[one.beside] == name]
+        if not share:
+            reason, action = f"{name} is never found", RIGHT
+            advice = f"If {name} was not worn, say It Is Right; else name the point that is {name}, and label again"
+        elif share < TROUBLING.never_share:
+            reason, action = f"{name} is found in {_percent(share)} of the frames only; {where}", NAME_IT
+            advice = f"Look whether what is called {name} is {name}; name the point that is, and label again"
+        else:
+            reason, action = f"{name} is found in {_percent(share)} of the frames; {where}", FILL if short else NAME_IT
+            advice = "Fill the gaps" if short else f"Name the point that is {name} there, else fill the gaps"
+        if beside:
+            most = max(beside, key=lambda one: one.frames)
+            reason += f"; trajectory {most.trajectory}, which has no name, is {most.distance * MM_PER_M:.0f} mm from "
+            reason += "where it should be"
+            action, advice = NAME_IT, f"Look whether trajectory {most.trajectory} is {name}; if so, name it"
+        return Trouble(
+            MISSING,
+            longest[0],
+            longest[1],
+            reason,
+            (name,),
+            tuple(one.trajectory for one in beside),
+            stake=0.0 if answered else float(lost),
+            advice=advice,
+            action=action,
+            answered=answered,
+            ranges=tuple((first, last) for first, last, _, _ in ranges),
+        )
+
+    def _of_leftovers(self):
+        extra = []
+        for one in self._left:
+            answered = settled_in(self.edits, one.trajectory, one.first, one.last)
+            if one.beside is None and not answered:
+                extra.append(one)
+                continue
+            yield self._left_over(one, answered)
+        yield from self._extras(extra)
+        if self._brief > TROUBLING.min_share_of_points * self.points:
+            yield Trouble(
+                LEFT_OVER,
+                self.first,
+                self.last,
+                f"{self._brief} points on the body have no name, each for less than {LEAVING.min_s:g} s at a time: "
+                f"{self._brief / max(self.subject_frames, 1):.1f} a frame",
+                stake=TROUBLING.extra_weight * self._brief,
+                advice="Look whether they are markers or reflections; markers get names where neighbours have theirs",
+            )
+
+    def _left_over(self, one: Leftover, answered: bool) -> Trouble:
+        words = f"trajectory {one.trajectory} is on the body and has no name in {_frames(one.first, one.last)}"
+        markers: tuple[str, ...] = ()
+        advice, action = "Say that it is no marker, or name it", ""
+        if one.beside is not None:
+            markers = (self.names[one.beside],)
+            words += f"; {markers[0]}, which is not found there, should be {one.distance * MM_PER_M:.0f} mm from it"
+            advice, action = f"Look whether it is {markers[0]}; if so, name it, else delete it", NAME_IT
+        stake = 0.0 if answered else float(one.frames)
+        return Trouble(
+            LEFT_OVER,
+            one.first,
+            one.last,
+            words,
+            markers,
+            (one.trajectory,),
+            stake=stake,
+            advice=advice,
+            action=action,
+            answered=answered,
+        )
+
+    def _extras(self, extra: list[Leftover]):
+        """Points beside which no marker is missing: one line for all of them."""
+        if not extra:
+            return
+        numbers = list(dict.fromkeys(one.trajectory for one in extra))
+        frames = sum(one.frames for one in extra)
+        if len(numbers) == 1:
+            who = f"trajectory {numbers[0]} is on the body and has no name"
+        else:
+            who = f"{len(numbers)} trajectories are on the body and have no name"
+        yield Trouble(
+            LEFT_OVER,
+            min(one.first for one in extra),
+            max(one.last for one in extra),
+            f"{who}, {frames} frames in all; no marker of the set is missing beside "
+            f"{'it' if len(numbers) == 1 else 'them'}",
+            (),
+            tuple(numbers),
+            stake=TROUBLING.extra_weight * frames,
+            advice="Markers that the set lacks can be learned; what is none is no marker",
+            action=DELETE,
+        )
+
+    def _of_body(self):
+        for index, name in enumerate(self.names):
+            for ranges, answered in ((self._off.of(index), False), (self._accepted.of(index), True)):
+                if not ranges:
+                    continue
+                frames = sum(last - first + 1 for first, last, _, _ in ranges)
+                worst = max(ranges, key=lambda one: one[2])
+                mean = sum(total for *_, total in ranges) / frames
+                where = "" if len(ranges) == 1 else f" over {frames} frames in {len(ranges)} places"
+                yield Trouble(
+                    OFF_BODY,
+                    worst[0],
+                    worst[1],
+                    f"{name} and where the body has it are up to {worst[2] * MM_PER_M:.0f} mm apart in "
+                    f"{_frames(worst[0], worst[1])}, {mean * MM_PER_M:.0f} mm on average{where}",
+                    (name,),
+                    stake=0.0 if answered else float(frames),
+                    advice=f"Look whether it is {name}: if not, unlabel or swap it; if so, say It Is Right",
+                    action=UNLABEL,
+                    answered=answered,
+                    ranges=tuple((first, last) for first, last, _, _ in ranges),
+                )
+
+    def _of_doubts(self, suspects: Iterable[Suspect]):
+        for one in suspects:
+            if FAR_OFF in one.words:
+                continue  # said with figures above
+            of_cameras = self.by_camera.names if one.words.startswith("camera") else ()
+            cameras = tuple(name for name in of_cameras if name in one.words)
+            if cameras:
+                yield Trouble(
+                    OF_CAMERA,
+                    one.first,
+                    one.last,
+                    one.reason,
+                    cameras=cameras,
+                    stake=sum(self.by_camera.blobs_of(name) for name in cameras) / max(len(self.by_camera.names), 1),
+                    advice="Mend the calibration or the names of the cameras, then label again",
+                    action=REFINE if "moved" in one.words else "",
+                )
+                continue
+            advice, action = _advice_of(one)
+            tracks = () if one.trajectory is None else (one.trajectory,)
+            stake = self._stake_of(one)
+            yield Trouble(
+                DOUBTFUL,
+                one.first,
+                one.last,
+                one.reason,
+                one.markers,
+                tracks,
+                stake=stake,
+                advice=advice,
+                action=action,
+            )
+
+    def _stake_of(self, suspect: Suspect) -> float:
+        """Marker-frames at stake in a doubt."""
+        frames = float(suspect.frames)
+        if (
+            suspect.trajectory is not None and len(suspect.markers) == PAIR
+        ):  # a change of names; in the gap there is none
+            frames = min(frames, TROUBLING.change_s * self.rate)
+        if suspect.trajectory is None and not suspect.markers and suspect.frames >= self.frames:  # about the whole take
+            frames *= TROUBLING.extra_weight
+        return frames * max(len(suspect.markers), 1)
+
+    def _of_cameras(self):
+        figures = self.by_camera.figures()
+        unnamed = np.array([one.unnamed_share for one in figures])
+        error = np.array([one.error_px for one in figures])
+        for index, one in enumerate(figures):
+            usual, typical = (_median_of_others(values, index) for values in (unnamed, error))
+            said = []
+            if one.unnamed_share > max(TROUBLING.min_camera_unnamed, TROUBLING.times_usual * usual):
+                said.append(
+                    f"of its blobs beside markers {_percent(one.unnamed_share)} have no name, in other cameras "
+                    f"{_percent(usual)}"
+                )
+            if one.error_px > max(TROUBLING.min_error_px, TROUBLING.times_usual * typical):
+                said.append(f"its blobs are {one.error_px:.1f} px off the markers, those of others {typical:.1f} px")
+            if not said:
+                continue
+            lost = one.unnamed_beside + (one.named if len(said) == 2 or "px off" in said[0] else 0)
+            yield Trouble(
+                OF_CAMERA,
+                self.first,
+                self.last,
+                f"camera {one.name}: {'; '.join(said)}",
+                cameras=(one.name,),
+                stake=lost / max(len(figures), 1),
+                advice="Refine the calibration, then label again",
+                action=REFINE,
+            )
+
+
+def summary_of_trouble(found: Sequence[Trouble]) -> str:
+    """The list in half a sentence, for a line of results; empty where there is nothing open."""
+    left = [one for one in found if not one.answered]
+    if not left:
+        return ""
+    return f"{len(left)} to look at, worst: {left[0].reason}"
+
+
+def _advice_of(suspect: Suspect) -> tuple[str, str]:
+    """What to do about a doubt, and what does it."""
+    pair = len(suspect.markers) == PAIR
+    if suspect.trajectory is not None and "stays unnamed" in suspect.words:
+        return f"Look whether it is {suspect.markers[0]}; if so, name it" if suspect.markers else "Name it", NAME_IT
+    if pair and suspect.trajectory is not None:
+        return f"Look which of {' and '.join(suspect.markers)} it is; name it so, or say It Is Right", ""
+    if pair:
+        return "Look which is which: swap them, or say It Is Right", SWAP
+    if suspect.markers:
+        return f"Look at {', '.join(suspect.markers)}: correct what is wrong, or say It Is Right", RIGHT
+    return "Look at these frames", ""
+
+
+def _frames(first: int, last: int) -> str:
+    return f"frame {first}" if first == last else f"frames {first}–{last}"
+
+
+def _percent(share: float) -> str:
+    """A share that is never rounded up to all or down to nothing."""
+    value = 100 * share
+    return f"{value:.0f} %" if 1 <= value <= 99 else f"{value:.1f} %" if 0.1 <= value <= 99.9 else f"{value:.3g} %"
+
+
+def _median_of_others(values: np.ndarray, index: int) -> float:
+    others = np.delete(values, index)
+    others = others[np.isfinite(others)]
+    return float(np.median(others)) if len(others) else float("inf")
+
+
+class _Ranges:
+    """Ranges of frames of each of M markers, gathered over chunks: (first, last, worst value, sum of the values)."""
+
+    def __init__(self, count: int):
+        self._of: list[list[tuple[int, int, float, float]]] = [[] for _ in range(count)]
+
+    def add(self, frames: np.ndarray, flags: np.ndarray, values: np.ndarray | None = None):
+        """Adds the flagged frames of a chunk (F,), flags (F, M); values (F, M) of which the worst and sum are kept."""
+        for index in np.flatnonzero(flags.any(axis=0)).tolist():
+            edges = np.flatnonzero(np.diff(np.r_[False, flags[:, index], False].astype(np.int8)))
+            mine, own = self._of[index], None if values is None else values[:, index]
+            for start, stop in edges.reshape(-1, 2).tolist():
+                part = np.zeros(1) if own is None else own[start:stop]
+                worst, total = float(part.max()), float(part.sum())
+                first, last = int(frames[start]), int(frames[stop - 1])
+                if mine and mine[-1][1] + 1 == first:
+                    before = mine.pop()
+                    first, worst, total = before[0], max(before[2], worst), before[3] + total
+                mine.append((first, last, worst, total))
+
+    def of(self, index: int) -> list[tuple[int, int, float, float]]:
+        """The ranges of one marker."""
+        return self._of[index]

@@ -1,0 +1,339 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The pictures of a take as SVG: its markers over time, how lengths are spread, and the person at one moment."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...core.review.moments import Moment
+from ...core.review.overview import CELL_STATES, GAP_CELL, OVERVIEW, LengthLog, TakeOverview
+from .markup import Html, element, joined_html, percent
+
+
+@dataclass(frozen=True)
+class DrawingOptions:
+    """How pictures are laid out; by looking at them.
+
+    view, view_height  of a picture of a person, and the `margin` around whom, in its units
+    neighbours         markers beside the doubtful ones that are called by their names
+    most_letters       of a name in a picture; the whole name is in its title
+    letter             the width of a letter, in units, for keeping names apart
+    plot, plot_height  of a curve or a histogram
+    """
+
+    view: int = 300
+    view_height: int = 320
+    margin: int = 30
+    neighbours: int = 4
+    most_letters: int = 18
+    letter: float = 6.4
+    plot: int = 720
+    plot_height: int = 190
+
+
+DRAWING = DrawingOptions()
+# From the most to the least serious, for what only some frames of a column are.
+SERIOUS = ("doubtful", "gap", "edited", "filled", "named")
+
+
+def bar(share: float | None, of: str) -> Html:
+    """A share as a bar with its number; `of` says of what it is, to whom cannot see it. None is shown as nothing."""
+    if share is None:
+        return Html("–")
+    width = round(100 * min(max(share, 0.0), 1.0), 2)
+    shown = element(
+        "svg",
+        element("rect", class_="rest", width=100, height=10),
+        element("rect", class_="block", width=width, height=10),
+        viewBox="0 0 100 10",
+        preserveAspectRatio="none",
+        role="img",
+        aria_label=f"{of}: {percent(share)}",
+    )
+    return element("div", shown, element("span", percent(share)), class_="bar")
+
+
+def time_strips(overview: TakeOverview) -> list[Html]:
+    """A strip a marker: what most frames of a column are, and below it the most serious that some of them are."""
+    cells = overview.cells
+    counts = cells.values[: cells.used].astype(int)
+    most = counts.argmax(axis=2)
+    order = [CELL_STATES.index(state) for state in SERIOUS]
+    there = counts[:, :, order] > 0
+    worst = np.array(order)[there.argmax(axis=2)]
+    also = np.where(worst != most, worst, -1)
+    totals = counts.sum(axis=0)
+    return [
+        _strip(most[:, index], also[:, index], totals[index], name)
+        for index, name in enumerate(overview.subject.markers)
+    ]
+
+
+def _strip(most: np.ndarray, also: np.ndarray, totals: np.ndarray, name: str) -> Html:
+    paths = []
+    for state, word in enumerate(CELL_STATES):
+        base, below = _runs(most == state), _runs(also == state)
+        if base and state != GAP_CELL:
+            paths.append(element("path", class_=f"base {word}", d="".join(f"M{a} 5h{b - a}" for a, b in base)))
+        if below:
+            paths.append(element("path", class_=f"also {word}", d="".join(f"M{a} 9h{b - a}" for a, b in below)))
+    paths.sort(key=lambda path: "also" in path)
+    whole = max(int(totals.sum()), 1)
+    said = ", ".join(f"{word} {percent(n / whole)}" for word, n in zip(CELL_STATES, totals, strict=True) if n)
+    size = f"0 0 {len(most)} 10"
+    label = f"{name}: {said}"
+    return element("svg", *paths, class_="s", viewBox=size, preserveAspectRatio="none", role="img", aria_label=label)
+
+
+def _runs(where: np.ndarray) -> list[tuple[int, int]]:
+    """Begin and end of every run of True in (B,)."""
+    edges = np.flatnonzero(np.diff(np.r_[False, where, False].astype(np.int8)))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
+def strip_legend(states: Sequence[str]) -> Html:
+    """What the colours of strips stand for."""
+    words = {
+        "named": "named",
+        "doubtful": "named, doubtful",
+        "gap": "gap: not found",
+        "filled": "filled, not measured",
+        "edited": "corrected by hand",
+    }
+
+    def swatch(state: str) -> Html:
+        path = element("path", class_=f"base {state}", d="M0 5h10")
+        return element("svg", path, class_="s", viewBox="0 0 10 10", preserveAspectRatio="none", aria_hidden="true")
+
+    return element("ul", *(element("li", swatch(state), words[state]) for state in states), class_="legend")
+
+
+def histogram(log: LengthLog, title: str) -> Html:
+    """How lengths are spread, over a logarithmic axis, ten classes a decade."""
+    each = OVERVIEW.per_decade // 10
+    counts = log.spread.counts[0].reshape(-1, each).sum(axis=1)
+    at = np.flatnonzero(counts > 1e-4 * counts.sum())
+    first, last = at[0] // 10 * 10, -(-(at[-1] + 1) // 10) * 10
+    shares = counts[first:last] / counts.sum()
+    low, high = OVERVIEW.least_mm * 10.0 ** (np.array([first, last]) / 10)
+    axes = _Axes(low, high, 0.0, float(shares.max()) * 1.08)
+    wide = (axes.right - axes.left) / len(shares)
+    blocks = [
+        f"M{axes.left + place * wide + 0.5:.1f} {axes.bottom}V{axes.up(share):.1f}h{wide - 1:.1f}V{axes.bottom}z"
+        for place, share in enumerate(shares)
+        if share > 0
+    ]
+    marks = _decades(low, high)
+    ticks = [joined_html(axes.tick(mark, length_tick(mark)) for mark in marks)]
+    ticks.append(element("text", f"{percent(float(shares.max()))} of samples", x=axes.left, y=12, class_="small"))
+    return _plot(title, *ticks, element("path", class_="block", d="".join(blocks)))
+
+
+def over_time(log: LengthLog, overview: TakeOverview, title: str) -> Html:
+    """The mean of all markers and the largest of them, over the take, on a logarithmic axis."""
+    mean, largest = log.means, log.largest.values[: log.largest.used]
+    known = mean[np.isfinite(mean) & (mean > 0)]
+    low = 10.0 ** np.floor(np.log10(max(float(np.quantile(known, 0.02)), OVERVIEW.least_mm)))
+    high = max(10.0 ** np.ceil(np.log10(float(largest.max()))), 10 * low)
+    axes = _Axes(low, high, np.log10(low), np.log10(high))
+    place = axes.left + (np.arange(len(mean)) + 0.5) / len(mean) * (axes.right - axes.left)
+    lines = []
+    for kind, values in (("most", largest), ("mean", mean)):
+        values = np.where(values > 0, values, np.nan)
+        lines.append(element("path", class_=kind, d=_path(place, axes.up(np.log10(np.clip(values, low, high))))))
+    grid = [axes.level(np.log10(mark), length_tick(mark)) for mark in _decades(low, high)]
+    frames = np.unique(np.linspace(overview.first or 0, overview.last, 5).round().astype(int))
+    span = max(overview.last - (overview.first or 0), 1)
+    for frame in frames.tolist():
+        x = axes.left + (frame - (overview.first or 0)) / span * (axes.right - axes.left)
+        grid.append(element("text", f"{frame}", x=round(x, 1), y=axes.bottom + 16, text_anchor="middle"))
+    words = element("text", "largest", x=axes.right - 4, y=12, text_anchor="end", fill="currentColor", class_="small")
+    return _plot(title, *grid, *lines, words)
+
+
+def _path(x: np.ndarray, y: np.ndarray) -> str:
+    """A line through what is known."""
+    known = np.isfinite(y)
+    parts = []
+    for start, stop in _runs(known):
+        points = " ".join(f"{a:.1f} {b:.1f}" for a, b in zip(x[start:stop], y[start:stop], strict=True))
+        parts.append(f"M{points}" if stop - start > 1 else f"M{points}h1")
+    return "".join(parts)
+
+
+@dataclass(frozen=True)
+class _Axes:
+    """Where a plot's lengths from `low` to `high` lie across, and its values from `least` to `most` upwards."""
+
+    low: float
+    high: float
+    least: float
+    most: float
+    left: float = 52.0
+    right: float = DRAWING.plot - 28.0
+    bottom: float = DRAWING.plot_height - 24.0
+    top: float = 18.0
+
+    def up(self, value):
+        return self.bottom - (value - self.least) / (self.most - self.least) * (self.bottom - self.top)
+
+    def tick(self, value: float, words: str) -> Html:
+        share = np.log10(value / self.low) / np.log10(self.high / self.low)
+        x = round(self.left + share * (self.right - self.left), 1)
+        line = element("path", class_="grid", d=f"M{x} {self.top}V{self.bottom}")
+        return joined_html([line, element("text", words, x=x, y=self.bottom + 16, text_anchor="middle")])
+
+    def level(self, value: float, words: str) -> Html:
+        y = round(float(self.up(value)), 1)
+        line = element("path", class_="grid", d=f"M{self.left} {y}H{self.right}")
+        return joined_html([line, element("text", words, x=self.left - 6, y=y + 4, text_anchor="end")])
+
+
+def _decades(low: float, high: float) -> list[float]:
+    return [10.0**power for power in range(round(np.log10(low)), round(np.log10(high)) + 1)]
+
+
+def length_tick(value: float) -> str:
+    """A length at an axis, mm."""
+    return f"{value:g} mm"
+
+
+def _plot(title: str, *content: object) -> Html:
+    size = f"0 0 {DRAWING.plot} {DRAWING.plot_height}"
+    return element("svg", element("title", title), *content, viewBox=size, role="img")
+
+
+def moment_views(moment: Moment, names: Sequence[str], parents: Sequence[int]) -> Html:
+    """The person at a moment from the front and from the right: doubtful markers ringed, those beside them named."""
+    ahead = np.array([*moment.heading, 0.0])
+    left = np.array([-ahead[1], ahead[0], 0.0])
+    who = ", ".join(names[index] for index in moment.doubtful)
+    title = f"Frame {moment.frame}: {who} and the markers beside, "
+    shown = [
+        _view(moment, names, parents, left, title + "from the front", "from the front"),
+        _view(moment, names, parents, ahead, title + "from the right", "from the right"),
+    ]
+    return element("div", *shown, class_="views")
+
+
+def _view(
+    moment: Moment, names: Sequence[str], parents: Sequence[int], across: np.ndarray, title: str, words: str
+) -> Html:
+    drawn = _Canvas.of(moment, across)
+    parts: list[Html] = [drawn.floor()]
+    for joint, parent in enumerate(parents[: len(moment.joints)]):
+        if parent >= 0:
+            parts.append(drawn.bone(moment.joints[parent], moment.joints[joint]))
+    parts += [drawn.cross(place) for place in moment.others]
+    doubtful = list(moment.doubtful)
+    plain = [index for index in range(len(names)) if index not in doubtful]
+    parts += [drawn.circle(moment.markers[index], "dot", 3.2) for index in plain]
+    taken: list[tuple[float, float, float, float]] = []
+    for index in doubtful:
+        parts.append(drawn.between(moment.markers[index], moment.expected[index]))
+        parts.append(drawn.circle(moment.expected[index], "body", 5))
+        parts.append(drawn.circle(moment.markers[index], "doubt", 3.6))
+        parts.append(drawn.circle(moment.markers[index], "ring", 9))
+    parts.append(drawn.circle(moment.asked, "ring", 9))
+    for index in doubtful:
+        shown = moment.markers[index] if np.isfinite(moment.markers[index]).all() else moment.expected[index]
+        parts.append(drawn.name(shown, names[index], "hot", taken, 11))
+    for index in _beside(moment):
+        parts.append(drawn.name(moment.markers[index], names[index], "small", taken, 6))
+    parts.append(element("text", words, x=10, y=18, class_="small"))
+    size = f"0 0 {DRAWING.view} {DRAWING.view_height}"
+    kept = [part for part in parts if part is not None]
+    return element("svg", element("title", title), *kept, viewBox=size, role="img")
+
+
+def _beside(moment: Moment) -> list[int]:
+    """The markers nearest to what is doubtful, the nearest first."""
+    doubtful = list(moment.doubtful)
+    about = np.concatenate([moment.markers[doubtful], moment.expected[doubtful], moment.asked[None]])
+    about = about[np.isfinite(about).all(axis=1)]
+    known = [i for i in np.flatnonzero(np.isfinite(moment.markers).all(axis=1)).tolist() if i not in moment.doubtful]
+    if not len(about) or not known:
+        return []
+    off = np.linalg.norm(moment.markers[known][:, None] - about[None], axis=2).min(axis=1)
+    return [known[place] for place in np.argsort(off)[: DRAWING.neighbours]]
+
+
+@dataclass(frozen=True, eq=False)
+class _Canvas:
+    """A view along a horizontal direction: metres `across` go to the right, z goes up."""
+
+    across: np.ndarray
+    middle: np.ndarray
+    scale: float
+
+    @classmethod
+    def of(cls, moment: Moment, across: np.ndarray) -> "_Canvas":
+        doubtful = list(moment.doubtful)
+        shown = np.concatenate([moment.markers, moment.joints, moment.expected[doubtful], moment.asked[None]])
+        shown = shown[np.isfinite(shown).all(axis=1)]
+        flat = np.column_stack([shown @ across, shown[:, 2]]) if len(shown) else np.zeros((1, 2))
+        low, high = flat.min(axis=0), flat.max(axis=0)
+        room = np.array([DRAWING.view, DRAWING.view_height]) - 2.0 * DRAWING.margin
+        scale = float((room / np.maximum(high - low, 0.3)).min())
+        return cls(across, (low + high) / 2, scale)
+
+    def at(self, place: np.ndarray) -> tuple[float, float] | None:
+        """Where a place (3,) m lies; None where it is not known or outside."""
+        flat = np.array([place @ self.across, place[2]])
+        if not np.isfinite(flat).all():
+            return None
+        x, y = (flat - self.middle) * self.scale
+        x, y = round(DRAWING.view / 2 + float(x), 1), round(DRAWING.view_height / 2 - float(y), 1)
+        inside = 0 <= x <= DRAWING.view and 0 <= y <= DRAWING.view_height
+        return (x, y) if inside else None
+
+    def floor(self) -> Html | None:
+        y = round(DRAWING.view_height / 2 + float(self.middle[1]) * self.scale, 1)
+        return element("path", class_="grid", d=f"M10 {y}H{DRAWING.view - 10}") if 0 < y < DRAWING.view_height else None
+
+    def bone(self, one: np.ndarray, other: np.ndarray) -> Html | None:
+        return self._line(one, other, "bone")
+
+    def between(self, one: np.ndarray, other: np.ndarray) -> Html | None:
+        return self._line(one, other, "body")
+
+    def _line(self, one: np.ndarray, other: np.ndarray, kind: str) -> Html | None:
+        a, b = self.at(one), self.at(other)
+        return None if a is None or b is None else element("path", class_=kind, d=f"M{a[0]} {a[1]}L{b[0]} {b[1]}")
+
+    def circle(self, place: np.ndarray, kind: str, radius: float) -> Html | None:
+        at = self.at(place)
+        return None if at is None else element("circle", class_=kind, cx=at[0], cy=at[1], r=radius)
+
+    def cross(self, place: np.ndarray) -> Html | None:
+        at = self.at(place)
+        return None if at is None else element("path", class_="other", d=f"M{at[0] - 2.5} {at[1]}h5m-2.5-2.5v5")
+
+    def name(self, place: np.ndarray, name: str, kind: str, taken: list, away: float) -> Html | None:
+        """A name beside its marker, where it covers no other name; none where there is no such place."""
+        at = self.at(place)
+        if at is None:
+            return None
+        short = name if len(name) <= DRAWING.most_letters else name[: DRAWING.most_letters - 1] + "…"
+        wide = DRAWING.letter * len(short) + 2
+        x, y = at
+        places = [
+            (x + away, y + 4),
+            (x - away - wide, y + 4),
+            (x - wide / 2, y - away - 2),
+            (x - wide / 2, y + away + 9),
+        ]
+        places += [(x + away, y - 9), (x + away, y + 17), (x - away - wide, y - 9), (x - away - wide, y + 17)]
+        for left, base in places:
+            box = (left, base - 10, left + wide, base + 2)
+            inside = box[0] >= 2 and box[2] <= DRAWING.view - 2 and box[1] >= 22 and box[3] <= DRAWING.view_height - 2
+            if inside and not any(_overlap(box, other) for other in taken):
+                taken.append(box)
+                whole = element("title", name) if short != name else None
+                return element("text", short, whole, x=round(left, 1), y=round(base, 1), class_=kind)
+        return None
+
+
+def _overlap(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
+    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]

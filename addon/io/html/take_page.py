@@ -1,0 +1,390 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`STEM.report.html`: what a person who gets a labelled take should see of it before using it."""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ...core.edits.wording import words_of
+from ...core.review.overview import CELL_STATES, TakeOverview
+from .drawings import bar, histogram, moment_views, over_time, strip_legend, time_strips
+from .markup import (
+    GENERATOR,
+    Html,
+    count_of,
+    element,
+    escaped,
+    joined_html,
+    length,
+    name_of,
+    percent,
+    section,
+    table,
+    write_page,
+)
+
+# How labels came about, in the order of label files.
+STEP_WORDS = {
+    "exclusive": "by the program: the only marker near that blob",
+    "conflict": "by the program: the likeliest of several",
+    "remaining": "by the program: what was left over",
+    "evidence": "by the program: by likelihood",
+    "ensemble": "by the program: by partial solvers",
+    "fit": "by the program: by the fitted body",
+    "trajectory": "by the program: by the rest of its trajectory",
+    "edit": "by hand",
+}
+
+
+@dataclass(frozen=True)
+class PageOptions:
+    """How many rows a page lists before it says how many more there are; reckoned, by what a person reads.
+
+    most_rows  of doubts, edits and notes, and
+    most_gaps  of gaps, the worst of which come first
+    """
+
+    most_rows: int = 250
+    most_gaps: int = 40
+
+
+PAGES = PageOptions()
+
+
+def write_take_page(path: Path, report: Mapping, overview: TakeOverview, source: str, written: str):
+    """Writes the page of a take: its report, and an overview of all of its frames.
+
+    source is the name of its file, written the day on which this is, both as text.
+    """
+    title = f"{report['take']}: labelled take"
+    parts = (
+        _head(report, overview),
+        _tiles(report, overview),
+        _notes(report),
+        _worst(overview),
+        _to_look_at(report),
+        _found(report),
+        _by_time(overview),
+        _lengths(overview),
+        _cameras(report, overview),
+        _by_whom(report, overview),
+        _filled(report),
+        _made(report, overview, source),
+        element(
+            "footer",
+            f"Made by {GENERATOR} {report['version']} on {written}. This page asks for nothing from elsewhere.",
+        ),
+    )
+    write_page(path, title, (part for part in parts if part is not None))
+
+
+def _head(report: Mapping, overview: TakeOverview) -> Html:
+    seconds = overview.frames / report["rate"]
+    words = f"{count_of(overview.frames, 'frame')} ({_clock(seconds)}), marker set "
+    return joined_html(
+        [
+            element("h1", name_of(report["take"])),
+            element(
+                "p", words, name_of(report["model"]), f", labelled by {GENERATOR} {report['version']}", class_="soft"
+            ),
+        ]
+    )
+
+
+def _clock(seconds: float) -> str:
+    return f"{seconds:.1f} s" if seconds < 60 else f"{int(seconds // 60)} min {seconds % 60:.0f} s"
+
+
+def _tiles(report: Mapping, overview: TakeOverview) -> Html:
+    totals = overview.cells.values.sum(axis=(0, 1))
+    state = dict(zip(CELL_STATES, totals.tolist(), strict=True))
+    things = "points" if "points" in report else "blobs"
+    count = report[things]
+    with_name = state["named"] + state["doubtful"] + state["edited"]
+    cells = max(float(totals.sum()), 1.0)
+    never = _never(report)
+    markers = len(report["markers"])
+    tiles = [
+        (percent((count - report["unlabelled"]) / count if count else None), f"of {count:,} {things} named"),
+        (percent(with_name / cells), f"of all samples found; {markers - len(never)} of {markers} markers"),
+        (
+            percent(report["frames_whole"] / max(report["frames"], 1)),
+            "of frames whole" + (f", but for {count_of(len(never), 'marker')} never found" if never else ""),
+        ),
+        (
+            percent(state["doubtful"] / max(with_name, 1)),
+            f"of found samples doubtful; {len(report['suspect'])} to look at",
+        ),
+    ]
+    if state["filled"]:
+        tiles.append((percent(state["filled"] / cells), "of all samples filled, not measured"))
+    if overview.edits:
+        tiles.append((f"{len(overview.edits):,}", "corrections by hand"))
+    return element("ul", *(element("li", element("strong", figure), words) for figure, words in tiles), class_="tiles")
+
+
+def _never(report: Mapping) -> list[str]:
+    """The markers that are in space in no frame."""
+    return [name for name, row in report["markers"].items() if not row["labelled_frames"]]
+
+
+def _notes(report: Mapping) -> Html | None:
+    said = [*report.get("camera_doubts", ()), *report.get("calibration", ()), *report.get("notes", ())]
+    if never := _never(report):
+        said.insert(0, f"never found: {', '.join(never)}")
+    if report.get("frames_without_person"):
+        said.append(f"nobody was found in {count_of(report['frames_without_person'], 'frame')}")
+    if report.get("rate_assumed"):
+        said.append(f"nobody gave the rate: {report['rate']:g} frames a second were assumed")
+    if report.get("unit_assumed"):
+        said.append(f"the file names no unit: {report['unit_assumed']} was assumed")
+    if "c3d_first_frame" in report:
+        said.append(f"frames of the C3D file are numbered from {report['c3d_first_frame']}")
+    said += [f"{name} is {short} in the C3D file" for name, short in report.get("c3d_names", {}).items()]
+    if not said:
+        return None
+    lines = (element("li", _sentence(words)) for words in said[: PAGES.most_rows])
+    return element("div", element("ul", *lines), class_="notes", role="note", aria_label="Notes")
+
+
+def _sentence(words: str) -> str:
+    return words[:1].upper() + words[1:]
+
+
+def _worst(overview: TakeOverview) -> Html | None:
+    figures = []
+    for moment in overview.moments():
+        suspect = moment.suspect
+        names = overview.subject.markers
+        figures.append(
+            element(
+                "figure",
+                element("h3", f"Frame {moment.frame}"),
+                moment_views(moment, names, overview.subject.parents),
+                element("figcaption", f"{_sentence(suspect.reason)}. {_frames(suspect.first, suspect.last)}."),
+            )
+        )
+    if not figures:
+        return None
+    words = (
+        "Doubtful markers are ringed and the markers beside them named; a dotted circle is where the body has the "
+        "marker, a cross a point without a name. From the front the subject's left is on the right."
+    )
+    return section("Worst moments", element("p", words, class_="soft"), element("div", *figures, class_="moments"))
+
+
+def _frames(first: int, last: int) -> str:
+    return f"Frame {first}" if first == last else f"Frames {first} to {last}"
+
+
+def _to_look_at(report: Mapping) -> Html:
+    found = sorted(report["suspect"], key=lambda one: one["first"] - one["last"])
+    if not found:
+        return section("Frames to look at", element("p", "None."))
+    rows = [(_frames(one["first"], one["last"]), _sentence(one["reason"])) for one in found[: PAGES.most_rows]]
+    return section(
+        "Frames to look at", table(("Where", "Why"), rows, "The longest first"), _more(found, PAGES.most_rows)
+    )
+
+
+def _more(rows: Sequence, most: int, where: str = "the report as JSON") -> Html | None:
+    left = len(rows) - most
+    return element("p", f"And {left:,} more, which {where} lists.", class_="soft") if left > 0 else None
+
+
+def _found(report: Mapping) -> Html:
+    frames = max(report["frames"], 1)
+    residual = any(row["mean_residual_mm"] is not None for row in report["markers"].values())
+    heads = ["Marker", "Found", "Gaps", "Longest"] + (["Residual, mm"] if residual else [])
+    rows = []
+    for name, row in sorted(report["markers"].items(), key=lambda item: item[1]["labelled_frames"]):
+        share = row["labelled_frames"] / frames
+        cells = [name_of(name), bar(share, f"Frames with {name}")]
+        cells += [f"{row['gaps']:,}", f"{row['longest_gap']:,}"]
+        rows.append(cells + ([length(row["mean_residual_mm"])] if residual else []))
+    words = "Frames in which each marker was found, the least found first; gaps, and the longest in frames"
+    return section("Found, marker by marker", table(heads, rows, words, range(2, len(heads))))
+
+
+def _by_time(overview: TakeOverview) -> Html | None:
+    if not overview.frames:
+        return None
+    totals = overview.cells.values.sum(axis=(0, 1))
+    states = [state for state, n in zip(CELL_STATES, totals, strict=True) if n or state in ("named", "gap")]
+    width = overview.cells.width
+    if width == 1:
+        words = "Every column is a frame."
+    else:
+        words = (
+            f"Every column is {width} frames: its colour says what most of them are, "
+            "the strip at its foot the most serious that some of them are."
+        )
+    rows = [
+        element("tr", element("th", name_of(name), scope="row", title=name), element("td", strip))
+        for name, strip in zip(overview.subject.markers, time_strips(overview), strict=True)
+    ]
+    first = overview.first or 0
+    # The last column may reach beyond the take, so that of the axis does too.
+    shown = overview.cells.used * width
+    marks = [first + round(part * (shown - 1) / 4) for part in range(5)]
+    axis = element("div", *(element("span", f"{min(mark, overview.last)}") for mark in marks), class_="axis")
+    heads = element(
+        "tr", element("th", "Marker", scope="col"), element("th", f"Frames {first} to {overview.last}", scope="col")
+    )
+    whole = element(
+        "table",
+        element("caption", words),
+        element("thead", heads),
+        element("tbody", *rows),
+        element("tfoot", element("tr", element("td"), element("td", axis))),
+        class_="time",
+    )
+    wide = element("div", whole, class_="wide", tabindex="0", role="region", aria_label="Markers over time")
+    return section("Over time", strip_legend(states), wide)
+
+
+def _lengths(overview: TakeOverview) -> Html | None:
+    parts = []
+    kinds = (
+        (overview.residual, "Residual", "How far the rays of a sample miss its point, or what its file says of that"),
+        (overview.off_body, "Distance from the body", "How far each marker is from where the fitted body has it"),
+    )
+    for log, title, words in kinds:
+        if not log.any:
+            continue
+        half, most = log.spread.quantile(0.5), log.spread.quantile(0.99)
+        said = f"{words}: half of them below {length(half)} mm, 99 of 100 below {length(most)} mm. "
+        said += "Below, over the take: the mean of all markers, and, in the thinner line, the largest."
+        plots = histogram(log, f"{title}: how it is spread"), over_time(log, overview, f"{title} over the take")
+        parts.append(element("h3", title))
+        figure = element("figure", *plots, element("figcaption", said), class_="plot")
+        parts.append(element("div", figure, class_="wide"))
+    return section("Residuals", *parts)
+
+
+def _cameras(report: Mapping, overview: TakeOverview) -> Html | None:
+    names = overview.cameras.names
+    if not names:
+        return None
+    doubts, said = report.get("camera_doubts", ()), report.get("cameras", {})
+    rows = []
+    for index, name in enumerate(names):
+        blobs, named = overview.blobs[index].tolist()
+        share = named / blobs if blobs else None
+        seen = said.get(name, {})
+        of_image = seen["named"] / seen["in_image"] if seen.get("in_image") else None
+        flags = [words for words in doubts if re.search(rf"(?<!\w){re.escape(name)}(?!\w)", words)]
+        rows.append(
+            (
+                name_of(name),
+                f"{blobs:,}",
+                bar(share, f"Named blobs of {name}"),
+                percent(of_image),
+                length(overview.pixels.quantile(0.5, index)),
+                length(overview.pixels.quantile(0.95, index)),
+                joined_html(element("div", _sentence(words)) for words in flags) if flags else "–",
+            )
+        )
+    heads = ("Camera", "Blobs", "Named", "Of its markers", "Median, px", "95 of 100, px", "To look at")
+    words = (
+        "Blobs and how many of them have a name; how many of the markers in its image have a blob; how far named blobs "
+        "are from where their marker is (reprojection error)"
+    )
+    return section("Cameras", table(heads, rows, words, (1, 3, 4, 5)))
+
+
+def _by_whom(report: Mapping, overview: TakeOverview) -> Html | None:
+    steps = {step: count for step, count in report.get("steps", {}).items() if count}
+    whole = max(sum(steps.values()), 1)
+    rows = [(STEP_WORDS.get(step, step), f"{count:,}", percent(count / whole)) for step, count in steps.items()]
+    parts = [table(("Names given", "How many", "Part"), rows, "How the names came about", (1, 2))] if rows else []
+    if overview.edits:
+        outcomes = [*overview.outcomes, *[None] * (len(overview.edits) - len(overview.outcomes))]
+        listed = [
+            (f"{number}", words_of(edit), "–" if out is None else f"{out.labels:,}" if out.labels else out.reason)
+            for number, (edit, out) in enumerate(zip(overview.edits, outcomes, strict=True), 1)
+        ]
+        words = "What a person said, in the order in which it is applied, and how many labels or frames that is about"
+        parts.append(table(("Number", "Said", "About"), listed[: PAGES.most_rows], words))
+        parts.append(_more(listed, PAGES.most_rows, "the file of the edits"))
+    elif rows:
+        parts.append(element("p", "Nothing was said by hand."))
+    return section("Named by program and by hand", *parts)
+
+
+def _filled(report: Mapping) -> Html | None:
+    if "filled" not in report:
+        return None
+    done, left = report["filled"], report["left"]
+    parts = [
+        element(
+            "p",
+            f"{count_of(len(done), 'gap')} filled by the program, {len(left):,} left. Nothing of that was measured.",
+        )
+    ]
+    if done:
+        kinds = [_of_method(method, rows) for method, rows in _grouped(done).items()]
+        heads = ("Method", "Gaps", "Frames", "Mean error to expect, mm")
+        parts.append(table(heads, kinds, "By method", (1, 2, 3)))
+        worst = sorted(done, key=lambda row: -(row["expected_mm"] or 0.0))
+        rows = [
+            (name_of(row["marker"]), _frames(row["first"], row["last"]), row["method"], length(row["expected_mm"]))
+            for row in worst[: PAGES.most_gaps]
+        ]
+        words = "Gaps that were filled, those with the largest error to expect first"
+        parts += [
+            table(("Marker", "Where", "Method", "Error to expect, mm"), rows, words, (3,)),
+            _more(worst, PAGES.most_gaps),
+        ]
+    if left:
+        rows = [
+            (name_of(row["marker"]), _frames(row["first"], row["last"]), _sentence(f"it {row['reason']}"))
+            for row in left[: PAGES.most_gaps]
+        ]
+        parts += [table(("Marker", "Where", "Why"), rows, "Gaps that were left"), _more(left, PAGES.most_gaps)]
+    return section("Filled gaps", *parts)
+
+
+def _grouped(rows: Iterable[Mapping]) -> dict[str, list[Mapping]]:
+    found: dict[str, list[Mapping]] = {}
+    for row in rows:
+        found.setdefault(row["method"], []).append(row)
+    return dict(sorted(found.items(), key=lambda item: -len(item[1])))
+
+
+def _of_method(method: str, rows: Sequence[Mapping]) -> tuple:
+    frames = np.array([row["last"] - row["first"] + 1 for row in rows])
+    known = np.array([row["expected_mm"] is not None for row in rows])
+    errors = np.array([row["expected_mm"] or 0.0 for row in rows])
+    mean = float((errors * frames)[known].sum() / frames[known].sum()) if known.any() else None
+    return method, f"{len(rows):,}", f"{int(frames.sum()):,}", length(mean)
+
+
+def _made(report: Mapping, overview: TakeOverview, source: str) -> Html:
+    facts = {
+        "File": name_of(source) if source else None,
+        "Frames": f"{overview.first} to {overview.last}" if overview.frames else None,
+        "Rate": f"{report['rate']:g} a second" + (", assumed" if report.get("rate_assumed") else ""),
+        "Marker set": name_of(report["model"]),
+        "Method": report.get("method"),
+        "Labels asked to be right": percent(report["target"]) if "target" in report else None,
+        "Hidden markers by": report.get("occlusion"),
+        "Up in the file": report.get("up_axis"),
+        "Trajectories": f"{report['trajectories']:,}" if "trajectories" in report else None,
+        "Cameras": f"{len(overview.cameras)}" if len(overview.cameras) else None,
+        "Both methods": _agreement(report["agreement"]) if "agreement" in report else None,
+        "Edits from": name_of(report["edits"]["file"]) if report.get("edits", {}).get("file") else None,
+        "Program": f"{GENERATOR} {report['version']}",
+        "SHA-256 of the file": report.get("made_of", {}).get("input"),
+    }
+    said = [
+        joined_html([element("dt", name), element("dd", value)]) for name, value in facts.items() if value is not None
+    ]
+    return section("How it was made", element("dl", *said))
+
+
+def _agreement(counts: Mapping) -> str:
+    return ", ".join(f"{escaped(kind)} {count:,}" for kind, count in counts.items())

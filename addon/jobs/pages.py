@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Pages that people pass on: of a take that is being labelled, of one that a Blender file keeps, and over a folder."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from ..core.data.takes import Blobs, LabelledChunk, PointRows
+from ..core.edits.kinds import NO_EDITS, Edits
+from ..core.geometry.cameras import Cameras
+from ..core.review.odd_cameras import CameraCheck
+from ..core.review.overview import OverviewSubject, TakeOverview
+from ..core.review.summary import TakeSummary
+from ..io.html import is_page, write_folder_page, write_take_page
+from ..io.report import facts_of_edits, take_report
+from ..io.whole import check_targets, whole_file
+from ..version import version
+from .job import PAGE
+
+
+@dataclass(frozen=True, eq=False)
+class KeptTake:
+    """A labelled take as a Blender file keeps it, for its page.
+
+    name, source  of the take and of its file, the latter empty where there is none
+    model         the marker set's name
+    rows, chunk   all of it
+    edits         those that the labels follow
+    """
+
+    name: str
+    source: str
+    model: str
+    rate: float
+    subject: OverviewSubject
+    cameras: Cameras
+    rows: Blobs | PointRows
+    chunk: LabelledChunk
+    edits: Edits = NO_EDITS
+
+
+def write_kept_page(path: Path, take: KeptTake):
+    """Writes the page of a take that was labelled before."""
+    overview = TakeOverview(take.subject, take.rate, take.cameras, take.edits)
+    overview.add(take.rows, take.chunk)
+    summary = TakeSummary(take.subject.markers)
+    summary.add(take.chunk)
+    report = take_report(summary, take.name, take.model, take.rate, version(), {})
+    report |= facts_of_edits(None, take.chunk.outcomes)
+    if isinstance(take.rows, Blobs):
+        check = CameraCheck(take.cameras)
+        check.add(take.rows, take.chunk)
+        report |= {"cameras": check.of_cameras(), "camera_doubts": [doubt.reason for doubt in check.suspects()]}
+    else:
+        report["points"] = report.pop("blobs")
+    write_take_page(path, report, overview, Path(take.source).name, today())
+
+
+def today() -> str:
+    """The day, by the world's clock, as pages have it."""
+    return datetime.now(UTC).date().isoformat()
+
+
+def folder_page_path(out: Path, stems: Sequence[str]) -> Path:
+    """The page over the takes of a folder: `summary`, with a number where a take is called so."""
+    taken = {stem.casefold() for stem in stems}
+    name, number = "summary", 1
+    while name in taken:
+        number += 1
+        name = f"summary-{number}"
+    return out / (name + PAGE)
+
+
+def check_folder_page(path: Path, overwrite: bool, resume: bool):
+    """Raises InputError where a page over a folder may not be written; who resumes may replace an earlier one."""
+    check_targets([path], overwrite or (resume and is_page(path)))
+
+
+def write_takes_page(path: Path, reports: Sequence[Mapping], failed: Sequence[tuple[str, str]]):
+    """Writes the page over the takes of a folder, where `check_folder_page` let it pass."""
+    with whole_file(path, overwrite=True) as temporary:
+        write_folder_page(temporary, reports, failed, PAGE, today())

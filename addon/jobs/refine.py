@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A calibration refined by a take of blobs, from file to file; memory does not grow with the take."""
+
+from collections.abc import Generator
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+from ..blendfile import open_cameras
+from ..core.calibration.refining import Refinement, parts_of, refine_cameras
+from ..core.data.errors import InputError, UserError
+from ..core.data.progress import Progress, within
+from ..core.data.takes import Blobs
+from ..core.geometry.cameras import Cameras
+from ..core.pipelines.blobs import BlobOptions
+from ..io.blobs import frames_in, read_blobs
+from ..io.cameras import calibration_files, write_cameras
+from ..io.markersets import markerset_file
+from ..io.models import open_model
+from ..io.whole import whole_file
+from .job import USUAL_RATE
+
+READ = 0.1  # of the work, as progress tells it
+
+
+@dataclass(frozen=True)
+class RefineJob:
+    """What to refine.
+
+    source   the blob file
+    cameras  the calibration, a file or what was read of one
+    model    a built-in model's name or the path of one
+    out      the `.toml` to write
+    frames   first and last frame to go by, both included, None for the take's own
+    rate     frames a second, None where nobody knows
+    up       the axis that points up in the calibration, None for what it says or tells
+    """
+
+    source: Path
+    cameras: Path | Cameras
+    model: str
+    out: Path
+    frames: tuple[int | None, int | None] | None = None
+    rate: float | None = None
+    up: str | None = None
+    overwrite: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """What became of a job: what there is to say, and the cameras as they are written."""
+
+    report: dict
+    cameras: Cameras
+
+
+def refine_file(job: RefineJob) -> Generator[Progress, None, Refined]:
+    """Writes the refined calibration, or the same one where there is nothing to refine.
+
+    Raises UserError with the file where it can be told.
+    """
+    begin = perf_counter()
+    if job.out.suffix.lower() != ".toml":
+        raise InputError("is no file of a calibration that is written; expected a name that ends in .toml", job.out)
+    files = calibration_files(job.cameras) if isinstance(job.cameras, Path) else []
+    with whole_file(job.out, job.overwrite, [job.source, markerset_file(job.model), *files]) as target:
+        model = open_model(job.model)
+        cameras = job.cameras if isinstance(job.cameras, Cameras) else open_cameras(job.cameras, job.up)
+        rate = USUAL_RATE if job.rate is None else job.rate
+        parts = yield from _read_parts(job, cameras)
+        try:
+            work = refine_cameras(parts, cameras, model, BlobOptions(rate=rate))
+            found = yield from within(work, READ, 1.0)
+        except UserError as error:
+            raise error if error.file else type(error)(error.message, job.source) from error
+        write_cameras(target, found.cameras)
+    return Refined(_report(job, found, rate, perf_counter() - begin), found.cameras)
+
+
+def _read_parts(job: RefineJob, cameras: Cameras) -> Generator[Progress, None, list[Blobs]]:
+    """The parts of the take that are looked at; InputError for a file that is not sound."""
+    ends = frames_in(job.source, cameras) or (0, 0)
+    first, last = job.frames or (None, None)
+    first = ends[0] if first is None else max(first, ends[0])
+    last = ends[1] if last is None else min(last, ends[1])
+    wanted = parts_of(first, max(first, last))
+    pieces: list[list[Blobs]] = [[] for _ in wanted]
+    for rows in read_blobs(job.source, cameras, job.frames):
+        for part, frames in zip(pieces, wanted, strict=True):
+            piece = _between(rows.blobs, *frames)
+            if len(piece.frames):
+                part.append(piece)
+        yield Progress(READ * rows.fraction, f"read frame {rows.blobs.frames[-1]}")
+    return [Blobs.join(part) for part in pieces if part]
+
+
+def _between(blobs: Blobs, first: int, last: int) -> Blobs:
+    """The blobs of the frames from `first` to `last`, by the source's numbers."""
+    low, high = np.searchsorted(blobs.frames, [first, last + 1])
+    rows = (blobs.frame >= low) & (blobs.frame < high)
+    return Blobs(blobs.frames[low:high], blobs.frame[rows] - low, blobs.camera[rows], blobs.xy[rows], blobs.area[rows])
+
+
+def _report(job: RefineJob, found: Refinement, rate: float, seconds: float) -> dict:
+    """What there is to say; errors in px, shifts in mm, turns in degrees."""
+    return {
+        "take": job.source.stem,
+        "out": str(job.out),
+        "rate": rate,
+        "rate_assumed": job.rate is None,
+        "refined": found.refined,
+        "cameras": {
+            name: {
+                "before_px": _number(found.before[index]),
+                "after_px": _number(found.after[index]),
+                "blobs": int(found.blobs[index]),
+                "shifted_mm": _number(1000 * found.shifted[index]),
+                "turned_deg": _number(np.degrees(found.turned[index])),
+            }
+            for index, name in enumerate(found.cameras.names)
+        },
+        "camera_doubts": list(found.doubts),
+        "frames_labelled": found.frames,
+        "rounds": found.rounds,
+        **({"calibration": list(found.cameras.remarks)} if found.cameras.remarks else {}),
+        "seconds": round(seconds, 3),
+    }
+
+
+def _number(value: float) -> float | None:
+    """Three digits, as reports have them; None where nothing is known."""
+    return float(f"{value:.3g}") if np.isfinite(value) else None

@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Gaps filled in the scene, by what the rest of the take says, and taken back: kept beside labels and edits."""
+
+from collections.abc import Callable, Generator, Sequence
+from functools import partial
+
+import bpy
+from bpy.props import EnumProperty, IntProperty
+
+from ..core.body.posing import POSING
+from ..core.data.background import in_background
+from ..core.data.errors import InputError, UserError
+from ..core.data.markersets import MarkerSet
+from ..core.filling.filling import FilledTake, FillOptions, fill_take
+from ..core.filling.kept import KeptFill, kept_fills_of, replaced_fills
+from ..io.filled import left_rows
+from ..io.names import written
+from ..props import chosen_markerset, refresh_review
+from ..scene.fills import keep_fills, kept_fills
+from ..scene.opened import opened
+from ..scene.stored import Stored
+from ..scene.take import SOURCE, is_take, show_edits, takes_of
+from .correcting import selected_markers
+from .reporting import reports_trouble
+from .stepping import WorksInSteps
+
+EXTENTS = (
+    ("GAP", "Gap", "The gaps at the current frame: of the selected markers, of all where none is selected"),
+    ("MARKER", "Marker", "All gaps of the selected markers"),
+    ("TAKE", "Take", "All gaps of the take"),
+)
+
+
+def extent_property(words: str):
+    """The property that says of what an operator is."""
+    return EnumProperty(name="Extent", description=words, items=EXTENTS, default="TAKE")
+
+
+def keep_and_show(context: bpy.types.Context, fills: Sequence[KeptFill]):
+    """Gives the active take other fills, and shows what follows."""
+    scene, collection = context.scene, context.scene.mocap_autolabel.take
+    before = opened.take(collection, scene)
+    keep_fills(collection, fills)
+    show_edits(collection, before, opened.take(collection, scene), scene.mocap_autolabel.keep_unnamed)
+    scene.frame_set(scene.frame_current)
+    refresh_review(context.window_manager, scene)
+
+
+def fills_so_far(scene: bpy.types.Scene, source: str) -> tuple[KeptFill, ...]:
+    """What was filled of the take of the same file when it was labelled before."""
+    latest = [scene.mocap_autolabel.take, *reversed(takes_of(scene))]
+    same = (take for take in latest if is_take(take) and source and take[SOURCE] == written(source))
+    return next((fills for fills in map(kept_fills, same) if fills), ())
+
+
+def fills_kept(context: bpy.types.Context) -> str:
+    """What a relabelling left of the active take's fills, as the end of a sentence; empty where there were none."""
+    fills = context.window_manager.mocap_autolabel.fills
+    lost = sum(bool(fill.reason) for fill in fills)
+    told = f"; {len(fills) - lost} fills hold" if fills else ""
+    return told + (f", {lost} no longer fit and are left out" if lost else "")
+
+
+def wanted_markers(context: bpy.types.Context, stored: Stored, extent: str) -> tuple[int, ...] | None:
+    """The indices of the markers that an operator is about, None for all."""
+    names = selected_markers(context)
+    if extent == "MARKER" and not names:
+        raise InputError("no marker is selected; expected those whose gaps are meant")
+    return None if extent == "TAKE" or not names else tuple(stored.names.index(name) for name in names)
+
+
+class OfTake:
+    """Operators on the active take, of blobs or points."""
+
+    @classmethod
+    def poll(cls, context):
+        if not is_take(context.scene.mocap_autolabel.take):
+            cls.poll_message_set("Label a take first")
+            return False
+        if context.mode != "OBJECT":
+            cls.poll_message_set("Go to object mode first")
+            return False
+        return True
+
+
+class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, WorksInSteps, bpy.types.Operator):
+    """Fill gaps by what the rest of the take says; what was measured stays, and what is filled is marked as such."""
+
+    bl_idname = "mocap_autolabel.fill_gaps"
+    bl_label = "Fill Gaps"
+    bl_options = {"REGISTER", "UNDO"}
+
+    extent: extent_property("Which gaps to fill")
+    doing = "Filling gaps"
+
+    def steps(self, context) -> Generator[float, None, FilledTake]:
+        """The filling, beside the window."""
+        stored, options = self._asked(context)
+        markerset, columns = body_of(context, stored, options.method)
+        work = partial(fill_take, stored.unfilled.markers, stored.rate, options, markerset, columns)
+        return in_background(lambda tell: told_all_the_way(work(), tell))
+
+    def _asked(self, context) -> tuple[Stored, FillOptions]:
+        settings = context.scene.mocap_autolabel
+        stored = opened.take(settings.take, context.scene)
+        frame = None
+        if self.extent == "GAP":
+            frame = stored.source_frame(context.scene.frame_current) - int(stored.motion.frames[0])
+        longest = settings.fill_longest if settings.use_fill_longest else None
+        markers = wanted_markers(context, stored, self.extent)
+        return stored, FillOptions(settings.fill_method, longest, markers, frame)
+
+    @reports_trouble
+    def _shown(self, context) -> set[str]:
+        filled, settings = self._result, context.scene.mocap_autolabel
+        stored = opened.take(settings.take, context.scene)
+        if not filled.gaps and not filled.left:
+            raise InputError("there is no gap to fill; expected a marker that is missing, and seen elsewhere")
+        new = kept_fills_of(filled, stored.names, stored.motion.frames)
+        if new:
+            keep_and_show(context, replaced_fills(stored.fitting, new))
+        note_left(context, left_rows(filled.left, stored.names, int(stored.motion.frames[0]) + stored.shift))
+        self.report({"INFO"} if new else {"WARNING"}, told_of(filled, new))
+        return {"FINISHED"} if new else {"CANCELLED"}
+
+    def _show(self, context, result: FilledTake) -> set[str]:
+        self._result = result
+        return self._shown(context)
+
+
+def told_all_the_way(work: Generator[float, None, FilledTake], tell: Callable[[float], None]) -> FilledTake:
+    """What the work returns; a `tell` that raises ends it."""
+    while True:
+        try:
+            tell(next(work))
+        except StopIteration as done:
+            return done.value
+
+
+def body_of(context: bpy.types.Context, stored: Stored, method: str) -> tuple[MarkerSet | None, object]:
+    """The chosen marker set where the take's markers are its own, and the take's index of each, -1 where it has none.
+
+    Without one the body fills nothing; InputError where it was asked for.
+    """
+    import numpy as np
+
+    try:
+        markerset = chosen_markerset(context.scene.mocap_autolabel)
+    except UserError:
+        markerset = None
+    index = {name: place for place, name in enumerate(stored.names)}
+    columns = np.array([] if markerset is None else [index.get(name, -1) for name in markerset.markers], dtype=int)
+    if (columns >= 0).sum() >= POSING.min_markers:
+        return markerset, columns
+    if method == "body":
+        raise InputError("the chosen marker set is not the take's; expected the one that it was labelled by")
+    return None, None
+
+
+def told_of(filled: FilledTake, new: Sequence[KeptFill]) -> str:
+    """What came of a filling, for a person to read."""
+    off = [1000 * fill.expected for fill in new if fill.expected == fill.expected]
+    words = f"{len(new)} of {len(new) + len(filled.left)} gaps filled"
+    if off:
+        words += (
+            f", expected error {max(off):.1f} mm" if len(off) == 1 else f", expected errors up to {max(off):.1f} mm"
+        )
+    if filled.left:
+        words += f"; the first that was left {filled.left[0].reason}"
+    return words
+
+
+def note_left(context: bpy.types.Context, rows: Sequence[dict]):
+    """Lists the gaps that were left, with the reasons; frames are Blender's."""
+    left = context.window_manager.mocap_autolabel.left_gaps
+    left.clear()
+    for told in rows:
+        row = left.add()
+        row.name, row.first, row.last, row.reason = (told[key] for key in ("marker", "first", "last", "reason"))
+
+
+class HasFills(OfTake):
+    """Operators on the fills that there are."""
+
+    @classmethod
+    def poll(cls, context):
+        if not super().poll(context):
+            return False
+        if len(context.window_manager.mocap_autolabel.fills):
+            return True
+        cls.poll_message_set("Nothing was filled")
+        return False
+
+
+class MOCAP_AUTOLABEL_OT_take_back_fills(HasFills, bpy.types.Operator):
+    """Make filled gaps gaps again."""
+
+    bl_idname = "mocap_autolabel.take_back_fills"
+    bl_label = "Take Back Fills"
+    bl_options = {"REGISTER", "UNDO"}
+
+    extent: extent_property("Which fills to take back")
+    index: IntProperty(
+        name="Index",
+        description="Which of the list alone, from 0; -1 for the extent",
+        default=-1,
+        options={"SKIP_SAVE"},
+    )
+
+    @reports_trouble
+    def execute(self, context):
+        scene = context.scene
+        stored = opened.take(scene.mocap_autolabel.take, scene)
+        gone = [number for number, fill in enumerate(stored.fills) if self._is_meant(context, stored, number, fill)]
+        if not gone:
+            raise InputError("nothing that was filled is there; expected a filled gap")
+        keep_and_show(context, [fill for number, fill in enumerate(stored.fills) if number not in gone])
+        state = context.window_manager.mocap_autolabel
+        state.fill_index = max(min(state.fill_index, len(state.fills) - 1), 0)
+        self.report({"INFO"}, f"{len(gone)} fills taken back")
+        return {"FINISHED"}
+
+    def _is_meant(self, context, stored: Stored, number: int, fill: KeptFill) -> bool:
+        if self.index >= 0:
+            return number == self.index
+        markers = wanted_markers(context, stored, self.extent)
+        mine = markers is None or fill.marker in {stored.names[marker] for marker in markers}
+        frame = context.scene.frame_current - stored.shift
+        return mine and (self.extent != "GAP" or fill.first <= frame <= fill.last)
+
+
+CLASSES = (MOCAP_AUTOLABEL_OT_fill_gaps, MOCAP_AUTOLABEL_OT_take_back_fills)

@@ -1,0 +1,242 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Through the trouble of a take, the worst first: go there, see what is meant, do what helps or say it is right."""
+
+import bpy
+import numpy as np
+from bpy.props import BoolProperty, IntProperty
+
+from ..core.data.errors import InputError
+from ..core.data.takes import PointRows, rows_in_frame
+from ..core.edits.kinds import AssignPoint, Edit, Swap, UnlabelMarker
+from ..core.review.trouble import DELETE, FILL, LABEL, LEFT_OVER, NAME_IT, REFINE, RIGHT, SWAP, UNLABEL, Trouble
+from ..props import refresh_review
+from ..scene import naming
+from ..scene.cameras import camera_name
+from ..scene.corrections import keep_edits
+from ..scene.opened import opened
+from ..scene.stored import Stored
+from ..scene.take import holds_points, is_take
+from ..scene.trouble import trouble_of
+from .correcting import correct
+from .reporting import reports_trouble
+
+ROOM = 4.0  # times the reach of what is meant that a view shows around it
+LEAST_ROOM = 1.2  # m that a view shows at least, so that one knows the limb
+# The operators for what no edit mends; a button is there where the operator is.
+ELSEWHERE = {
+    FILL: "mocap_autolabel.fill_gaps",
+    REFINE: "mocap_autolabel.refine_calibration",
+    LABEL: "mocap_autolabel.label",
+}
+WORDS = {FILL: "Fill Gaps", REFINE: "Refine Calibration", LABEL: "Label Again"}
+
+
+def operator_of(trouble: Trouble) -> str:
+    """The operator that does what is advised, where there is one; else nothing."""
+    name = ELSEWHERE.get(trouble.action, "")
+    known = name and bpy.types.Operator.bl_rna_get_subclass_py("MOCAP_AUTOLABEL_OT_" + name.partition(".")[2])
+    return name if known else ""
+
+
+def mending(trouble: Trouble) -> list[Edit]:
+    """The edits that do what is advised, where edits can."""
+    ranges = trouble.ranges or ((trouble.first, trouble.last),)
+    if trouble.action == NAME_IT and trouble.markers and trouble.trajectories:
+        return [AssignPoint(trouble.trajectories[0], trouble.markers[0], frames=span) for span in ranges]
+    if trouble.action == SWAP:
+        return [Swap((trouble.markers[0], trouble.markers[1]), frames=span) for span in ranges]
+    if trouble.action == UNLABEL:
+        return [UnlabelMarker(trouble.markers[0], frames=span) for span in ranges]
+    if trouble.action == DELETE:
+        return trouble.answers()
+    return []
+
+
+def words_for(trouble: Trouble) -> str:
+    """What the button says that does what is advised; empty where none can."""
+    if trouble.action in (DELETE, RIGHT) or not (mending(trouble) or operator_of(trouble)):
+        return ""
+    if trouble.action == NAME_IT:
+        return f"Name {trouble.trajectories[0]} {trouble.markers[0]}"
+    if trouble.action == SWAP:
+        return f"Swap {trouble.markers[0]} and {trouble.markers[1]}"
+    return f"Unlabel {trouble.markers[0]}" if trouble.action == UNLABEL else WORDS[trouble.action]
+
+
+def words_of_answer(trouble: Trouble) -> str:
+    """What the button says that answers."""
+    return "No Marker" if trouble.kind == LEFT_OVER and trouble.trajectories else "It Is Right"
+
+
+def places_of(trouble: Trouble, stored: Stored, frame: int) -> np.ndarray:
+    """(K, 3) m where what is meant is in a frame: markers, or where the body has them, and points of trajectories."""
+    index = int(np.searchsorted(stored.motion.frames, frame))
+    markers = [stored.words[name] for name in trouble.markers if name in stored.words]
+    found, expected = stored.motion.markers[index, markers], stored.motion.expected[index, markers]
+    places = [np.where(np.isfinite(found), found, expected)]
+    if isinstance(stored.rows, PointRows) and trouble.trajectories:
+        rows = rows_in_frame(stored.rows, index)
+        places.append(stored.rows.xyz[rows][np.isin(stored.rows.trajectory[rows], trouble.trajectories)])
+    every = np.concatenate(places)
+    return every[np.isfinite(every).all(axis=1)]
+
+
+def show(context: bpy.types.Context, trouble: Trouble):
+    """Goes to the first frame of a trouble, selects what it is about and brings that into every 3D view."""
+    scene = context.scene
+    stored = opened.take(scene.mocap_autolabel.take, scene)
+    frame = trouble.first
+    if not len(places_of(trouble, stored, frame)) and trouble.last > frame:
+        frame = (trouble.first + trouble.last) // 2
+    scene.frame_set(frame + stored.shift)
+    _select(context, trouble, stored)
+    places = places_of(trouble, stored, frame)
+    if not len(places):
+        return
+    middle = (places.min(axis=0) + places.max(axis=0)) / 2
+    reach = float(np.linalg.norm(places - middle, axis=1).max())
+    for area in context.screen.areas if context.screen is not None else ():
+        if area.type == "VIEW_3D" and area.spaces.active.region_3d.view_perspective != "CAMERA":
+            view = area.spaces.active.region_3d
+            view.view_location = middle.tolist()
+            view.view_distance = max(ROOM * reach, LEAST_ROOM)
+
+
+def _select(context: bpy.types.Context, trouble: Trouble, stored: Stored):
+    """Selects the markers and cameras of a trouble, and picks its trajectory."""
+    scene = context.scene
+    take, cameras = scene.mocap_autolabel.take, scene.mocap_autolabel.cameras
+    if context.mode == "OBJECT":
+        for item in context.selected_objects:
+            item.select_set(False)
+        meant = [item for item in take.all_objects if item.get(naming.MARKER) in trouble.markers]
+        if cameras is not None and trouble.cameras:
+            meant += [
+                one for one in cameras.all_objects if one.type == "CAMERA" and camera_name(one) in trouble.cameras
+            ]
+        for item in meant:
+            if item.name in context.view_layer.objects:
+                item.select_set(True)
+                context.view_layer.objects.active = item
+    frame = scene.frame_current - stored.shift
+    if trouble.trajectories and not context.selected_objects and isinstance(stored.rows, PointRows):
+        rows = rows_in_frame(stored.rows, int(np.searchsorted(stored.motion.frames, frame)))
+        if trouble.trajectories[0] in stored.rows.trajectory[rows]:
+            bpy.ops.mocap_autolabel.pick_point(point=int(trouble.trajectories[0]))
+
+
+def say(context: bpy.types.Context, edits: list[Edit]):
+    """Adds edits to those of the active take."""
+    scene = context.scene
+    collection = scene.mocap_autolabel.take
+    more = opened.take(collection, scene).edits.added(*edits)
+    if holds_points(collection):
+        correct(context, more)
+        return
+    keep_edits(collection, more)
+    refresh_review(context.window_manager, scene)
+
+
+class OfTrouble:
+    """Operators on one line of the list of what is the matter with the active take."""
+
+    bl_options = {"REGISTER", "UNDO"}
+    index: IntProperty(name="Index", description="Which of the list, from 0", min=0, options={"SKIP_SAVE"})
+
+    @classmethod
+    def poll(cls, context):
+        if not is_take(context.scene.mocap_autolabel.take):
+            cls.poll_message_set("Label a take first")
+            return False
+        return True
+
+    def trouble(self, context: bpy.types.Context) -> Trouble:
+        """The line that is meant; InputError where there is none."""
+        found = trouble_of(context.scene.mocap_autolabel.take, context.scene)
+        if self.index >= len(found):
+            raise InputError(f"there is no trouble {self.index + 1}; expected one of the {len(found)} in the list")
+        return found[self.index]
+
+
+class MOCAP_AUTOLABEL_OT_show_trouble(OfTrouble, bpy.types.Operator):
+    """Go to the frame, select what is meant, light it up and bring it into view."""
+
+    bl_idname = "mocap_autolabel.show_trouble"
+    bl_label = "Show"
+
+    @reports_trouble
+    def execute(self, context):
+        trouble = self.trouble(context)
+        context.window_manager.mocap_autolabel.trouble_index = self.index
+        show(context, trouble)
+        return {"FINISHED"}
+
+
+class MOCAP_AUTOLABEL_OT_next_trouble(OfTrouble, bpy.types.Operator):
+    """Go to the next trouble that is listed and open."""
+
+    bl_idname = "mocap_autolabel.next_trouble"
+    bl_label = "Next Trouble"
+
+    back: BoolProperty(name="Back", description="To the one before", options={"SKIP_SAVE"})
+
+    @reports_trouble
+    def execute(self, context):
+        state = context.window_manager.mocap_autolabel
+        listed = [number for number, row in enumerate(state.troubles) if is_listed(state, row) and not row.answered]
+        if not listed:
+            self.report({"INFO"}, "Nothing is left to look at")
+            return {"CANCELLED"}
+        at = state.trouble_index
+        later = [number for number in listed if (number < at if self.back else number > at)]
+        self.index = (later or listed)[-1 if self.back else 0]
+        state.trouble_index = self.index
+        show(context, self.trouble(context))
+        return {"FINISHED"}
+
+
+class MOCAP_AUTOLABEL_OT_accept_trouble(OfTrouble, bpy.types.Operator):
+    """Say that it was looked at and is right as it is: it is not asked again, whatever is labelled anew."""
+
+    bl_idname = "mocap_autolabel.accept_trouble"
+    bl_label = "It Is Right"
+
+    @reports_trouble
+    def execute(self, context):
+        say(context, self.trouble(context).answers())
+        return {"FINISHED"}
+
+
+class MOCAP_AUTOLABEL_OT_mend_trouble(OfTrouble, bpy.types.Operator):
+    """Do what is advised."""
+
+    bl_idname = "mocap_autolabel.mend_trouble"
+    bl_label = "Do That"
+
+    @reports_trouble
+    def execute(self, context):
+        trouble = self.trouble(context)
+        if edits := mending(trouble):
+            say(context, edits)
+            return {"FINISHED"}
+        name = operator_of(trouble)
+        if not name:
+            raise InputError("nothing does that by itself; expected a person to look")
+        show(context, trouble)
+        module, _, function = name.partition(".")
+        return getattr(getattr(bpy.ops, module), function)("INVOKE_DEFAULT")
+
+
+def is_listed(state: bpy.types.PropertyGroup, row: bpy.types.PropertyGroup) -> bool:
+    """Whether the choices above the list let a line of it be seen."""
+    of_kind = state.trouble_kind in ("ALL", row.kind)
+    done = state.trouble_done == "ALL" or row.answered == (state.trouble_done == "DONE")
+    return of_kind and done and (not state.trouble_marker or state.trouble_marker in row.name.split())
+
+
+CLASSES = (
+    MOCAP_AUTOLABEL_OT_show_trouble,
+    MOCAP_AUTOLABEL_OT_next_trouble,
+    MOCAP_AUTOLABEL_OT_accept_trouble,
+    MOCAP_AUTOLABEL_OT_mend_trouble,
+)

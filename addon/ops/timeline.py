@@ -1,0 +1,380 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The trajectory timeline: rows over the Dope Sheet that are clicked, dragged along and scrolled."""
+
+import weakref
+from dataclasses import dataclass
+
+import bpy
+from bpy.props import BoolProperty, FloatProperty, IntProperty, StringProperty
+
+from ..core.data.takes import NO_MARKER
+from ..props import NOTHING_PICKED, redraw_dope_sheets
+from ..scene import naming
+from ..scene.opened import opened
+from ..scene.stored import Stored
+from ..scene.take import is_take
+from ..scene.trajectories import FOLDED, Runs, runs_of
+
+SCRUB_HEIGHT, ROW_HEIGHT, LEGEND_HEIGHT = (
+    24,
+    17,
+    22,
+)  # px of the interface; the first is Blender's, of the frame numbers
+DRAG = 4  # px of the interface that the mouse moves before a click is a drag
+WHEEL_ROWS = 3  # rows that a notch of the wheel scrolls
+
+
+@dataclass
+class KeptRuns:
+    """The rows of the take that was asked for last, made anew where that is another, or edited."""
+
+    of: weakref.ref | None = None
+    unfolded: bool = False
+    runs: Runs | None = None
+
+    def get(self, stored: Stored, unfolded: bool) -> Runs:
+        """The rows of a take."""
+        if self.of is None or self.of() is not stored or self.unfolded != unfolded:
+            self.of, self.unfolded, self.runs = weakref.ref(stored), unfolded, runs_of(stored, unfolded)
+        return self.runs
+
+
+_kept = KeptRuns()
+
+
+def timeline_shown(context: bpy.types.Context) -> bool:
+    """Whether the rows lie over the editor of the context."""
+    space, settings = context.space_data, context.scene.mocap_autolabel
+    over = space is not None and space.type == "DOPESHEET_EDITOR" and space.mode == "DOPESHEET"
+    return over and settings.show_timeline and is_take(settings.take)
+
+
+def shown_runs(context: bpy.types.Context) -> Runs:
+    """The rows of the active take."""
+    scene = context.scene
+    stored = opened.take(scene.mocap_autolabel.take, scene)
+    return _kept.get(stored, context.window_manager.mocap_autolabel.timeline_unfolded)
+
+
+@dataclass(frozen=True)
+class RowPlaces:
+    """Where rows are in a region of the editor, px of the region from its lower left corner.
+
+    height  of the region
+    scale   px for one of the interface
+    scroll  rows above the first that is seen
+    """
+
+    height: float
+    scale: float
+    scroll: float
+
+    @classmethod
+    def of(cls, context: bpy.types.Context, region: bpy.types.Region) -> "RowPlaces":
+        """Those in a region of the context's editor."""
+        scroll = context.window_manager.mocap_autolabel.timeline_scroll
+        return cls(region.height, context.preferences.system.ui_scale, scroll)
+
+    @property
+    def top(self) -> float:
+        """Where the rows end below the frame numbers."""
+        return self.height - SCRUB_HEIGHT * self.scale
+
+    @property
+    def bottom(self) -> float:
+        """Where they end above the legend."""
+        return LEGEND_HEIGHT * self.scale
+
+    @property
+    def row(self) -> float:
+        """How high a row is."""
+        return ROW_HEIGHT * self.scale
+
+    def upper(self, row: float) -> float:
+        """The upper end of a row."""
+        return self.top + (self.scroll - row) * self.row
+
+    def at(self, y: float) -> int:
+        """The row there, whether there is one or not; -1 outside."""
+        return int((self.top - y) / self.row + self.scroll) if self.bottom < y < self.top else -1
+
+    def most_scroll(self, rows: int) -> float:
+        """The scroll that shows the last row at the bottom."""
+        return max(rows - (self.top - self.bottom) / self.row, 0.0)
+
+
+def frame_at(region: bpy.types.Region, x: float) -> int:
+    """The frame at a place of the editor's main region."""
+    return round(region.view2d.region_to_view(x, 0)[0])
+
+
+class OnTimeline:
+    """Operators in an editor that shows the rows; elsewhere their keys are Blender's."""
+
+    @classmethod
+    def poll(cls, context):
+        return timeline_shown(context)
+
+
+class MOCAP_AUTOLABEL_OT_timeline_pick(bpy.types.Operator):
+    """Go to this frame of a marker or trajectory and pick it, or select a range of frames by dragging."""
+
+    bl_idname = "mocap_autolabel.timeline_pick"
+    bl_label = "Pick in the Timeline"
+    bl_options = {"UNDO"}  # with REGISTER, its panel would lie over the legend
+
+    marker: StringProperty(name="Marker", description="The marker to select", options={"SKIP_SAVE"})
+    trajectory: IntProperty(
+        name="Trajectory", description="Or the trajectory to pick", default=-1, options={"SKIP_SAVE"}
+    )
+    first: IntProperty(name="First", description="The frame to go to, or the first of the range")
+    last: IntProperty(name="Last", description="The last frame of the range; the first where only one is meant")
+    extend: BoolProperty(name="Extend", description="Keep what is selected", options={"SKIP_SAVE"})
+
+    @classmethod
+    def poll(cls, context):
+        return is_take(context.scene.mocap_autolabel.take) and context.mode == "OBJECT"
+
+    def execute(self, context):
+        scene, settings = context.scene, context.scene.mocap_autolabel
+        if self.first != self.last:
+            select_range(scene, self.first, self.last)
+        if self.first == self.last or not self.first <= scene.frame_current <= self.last:
+            scene.frame_set(self.first)
+        if not self.extend:
+            for item in context.selected_objects:
+                item.select_set(False)
+        settings.picked = NOTHING_PICKED if self.trajectory < 0 else self.trajectory
+        for item in settings.take.all_objects if self.marker else ():
+            if item.get(naming.MARKER) == self.marker and not item.hide_viewport:
+                item.select_set(True)
+                context.view_layer.objects.active = item
+        return {"FINISHED"}
+
+
+def select_range(scene: bpy.types.Scene, first: int, last: int):
+    """Makes these frames the scene's preview range, which is the Selected Range of corrections."""
+    scene.use_preview_range = True
+    # Each is held apart by the other, so the one that gives way goes first.
+    scene.frame_preview_start, scene.frame_preview_end = first, last
+    scene.frame_preview_start = first
+
+
+class MOCAP_AUTOLABEL_OT_timeline_click(OnTimeline, bpy.types.Operator):
+    """Click a row to go there and pick; drag along it to select a range; a click on the short ones unfolds them."""
+
+    bl_idname = "mocap_autolabel.timeline_click"
+    bl_label = "Pick or Select a Range in the Timeline"
+    bl_options = {"INTERNAL"}
+
+    extend: BoolProperty(name="Extend", description="Keep what is selected", options={"SKIP_SAVE"})
+
+    def invoke(self, context, event):
+        runs, region = shown_runs(context), context.region
+        places = RowPlaces.of(context, region)
+        row = places.at(event.mouse_region_y)
+        if event.mouse_region_y >= places.top:
+            return {"PASS_THROUGH"}
+        if not 0 <= row < len(runs):
+            return {"CANCELLED"}  # nothing is there, and the channels below are not meant
+        self._row, self._x = row, event.mouse_region_x
+        scene = context.scene
+        self._along = region.type == "WINDOW"
+        self._frame = frame_at(region, event.mouse_region_x) if self._along else scene.frame_current
+        self._before = scene.use_preview_range, scene.frame_preview_start, scene.frame_preview_end
+        self._dragged = False
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context, event):
+        if event.type in ("ESC", "RIGHTMOUSE"):
+            self._take_back(context.scene)
+            return {"CANCELLED"}
+        if event.type == "MOUSEMOVE":
+            self._drag(context, event)
+        if event.type == "LEFTMOUSE" and event.value == "RELEASE":
+            return self._let_go(context, event)
+        return {"RUNNING_MODAL"}
+
+    def _drag(self, context, event):
+        """Shows the range that is dragged over, so far."""
+        off = abs(event.mouse_region_x - self._x)
+        if self._along and (self._dragged or off > DRAG * context.preferences.system.ui_scale):
+            self._dragged = True
+            select_range(context.scene, *self._range(context, event))
+            redraw_dope_sheets(context.window_manager)
+
+    def _range(self, context, event) -> tuple[int, int]:
+        first, last = shown_runs(context).span
+        ends = sorted((self._frame, frame_at(context.region, event.mouse_region_x)))
+        return min(max(ends[0], first), last), max(min(ends[1], last), first)
+
+    def _let_go(self, context, event) -> set[str]:
+        runs, state = shown_runs(context), context.window_manager.mocap_autolabel
+        if self._row >= len(runs):
+            return {"CANCELLED"}  # something else made the rows fewer meanwhile
+        first = last = runs.nearest_frame(self._row, self._frame)
+        if self._dragged:
+            first, last = self._range(context, event)
+        elif runs.names[self._row].endswith(FOLDED) and runs.marker[self._row] == NO_MARKER:
+            state.timeline_unfolded = True
+            redraw_dope_sheets(context.window_manager)
+            return {"FINISHED"}
+        marker = runs.names[self._row] if runs.marker[self._row] != NO_MARKER else ""
+        if self._dragged:
+            self._take_back(context.scene)  # so that undo goes back to what was there before the drag
+        if context.mode != "OBJECT":
+            context.scene.frame_set(first)
+            return {"FINISHED"}
+        return bpy.ops.mocap_autolabel.timeline_pick(
+            "EXEC_DEFAULT",
+            True,  # an undo step of its own: this operator is none
+            marker=marker,
+            trajectory=int(runs.trajectory[self._row]),
+            first=first,
+            last=last,
+            extend=self.extend,
+        )
+
+    def _take_back(self, scene: bpy.types.Scene):
+        """Gives the scene the preview range that it had."""
+        if self._dragged:
+            used, first, last = self._before
+            select_range(scene, first, last)
+            scene.use_preview_range = used
+
+
+class MOCAP_AUTOLABEL_OT_timeline_scroll(OnTimeline, bpy.types.Operator):
+    """Scroll the rows."""
+
+    bl_idname = "mocap_autolabel.timeline_scroll"
+    bl_label = "Scroll the Timeline"
+    bl_options = {"INTERNAL"}
+
+    rows: FloatProperty(name="Rows", description="How many, down the list")
+
+    def execute(self, context):
+        region = next(region for region in context.area.regions if region.type == "WINDOW")
+        scroll_by(context, region, self.rows)
+        return {"FINISHED"}
+
+
+def scroll_by(context: bpy.types.Context, region: bpy.types.Region, rows: float):
+    """Scrolls so many rows down the list, no further than there are rows."""
+    state = context.window_manager.mocap_autolabel
+    most = RowPlaces.of(context, region).most_scroll(len(shown_runs(context)))
+    state.timeline_scroll = min(max(state.timeline_scroll + rows, 0.0), most)
+    redraw_dope_sheets(context.window_manager)
+
+
+class MOCAP_AUTOLABEL_OT_timeline_pan(OnTimeline, bpy.types.Operator):
+    """Drag the rows and the time, as in any of Blender's editors."""
+
+    bl_idname = "mocap_autolabel.timeline_pan"
+    bl_label = "Pan the Timeline"
+    bl_options = {"INTERNAL"}
+
+    def invoke(self, context, event):
+        if event.type == "TRACKPADPAN":
+            self._pan(context, event.mouse_x - event.mouse_prev_x, event.mouse_y - event.mouse_prev_y)
+            return {"FINISHED"}
+        self._last = event.mouse_x, event.mouse_y
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context, event):
+        if event.type == "MOUSEMOVE":
+            self._pan(context, event.mouse_x - self._last[0], event.mouse_y - self._last[1])
+            self._last = event.mouse_x, event.mouse_y
+        if event.type == "ESC" or (event.type == "MIDDLEMOUSE" and event.value == "RELEASE"):
+            return {"FINISHED"}
+        return {"RUNNING_MODAL"}
+
+    def _pan(self, context, right: float, up: float):
+        region = next(region for region in context.area.regions if region.type == "WINDOW")
+        with context.temp_override(region=region):
+            bpy.ops.view2d.pan("EXEC_DEFAULT", deltax=round(-right), deltay=0)
+        scroll_by(context, region, up / RowPlaces.of(context, region).row)
+
+
+class MOCAP_AUTOLABEL_OT_show_timeline(bpy.types.Operator):
+    """Show every trajectory as a row over time, in a Dope Sheet: the one that there is, or the timeline made one."""
+
+    bl_idname = "mocap_autolabel.show_timeline"
+    bl_label = "Show in the Dope Sheet"
+    bl_options = {"REGISTER"}
+
+    @classmethod
+    def poll(cls, context):
+        if is_take(context.scene.mocap_autolabel.take):
+            return True
+        cls.poll_message_set("Label a take first")
+        return False
+
+    def execute(self, context):
+        context.scene.mocap_autolabel.show_timeline = True
+        areas = [area for area in context.screen.areas if area.type == "DOPESHEET_EDITOR"] if context.screen else []
+        if areas and not any(area.spaces.active.mode == "DOPESHEET" for area in areas):
+            area = max(areas, key=lambda area: area.width * area.height)
+            area.ui_type = "DOPESHEET"
+            area.spaces.active.show_region_channels = True
+            frame_take(context, area)
+        if not areas:
+            self.report({"INFO"}, "Open a Dope Sheet to see it")
+        return {"FINISHED"}
+
+
+def frame_take(context: bpy.types.Context, area: bpy.types.Area):
+    """Lets a Dope Sheet show the scene's frames from the first to the last."""
+    region = next(region for region in area.regions if region.type == "WINDOW")
+    with context.temp_override(area=area, region=region):
+        if bpy.ops.action.view_all.poll():
+            bpy.ops.action.view_all()
+
+
+class MOCAP_AUTOLABEL_OT_timeline_keys(OnTimeline, bpy.types.Operator):
+    """Keys that lie below the rows are not seen, and follow the labels: what would change them does nothing here."""
+
+    bl_idname = "mocap_autolabel.timeline_keys"
+    bl_label = "Leave the Keys Below"
+    bl_options = {"INTERNAL"}
+
+    def execute(self, context):
+        self.report({"INFO"}, "The markers' keys follow the labels. Turn Trajectories off to edit keys by hand")
+        return {"FINISHED"}
+
+
+CLASSES = (
+    MOCAP_AUTOLABEL_OT_timeline_pick,
+    MOCAP_AUTOLABEL_OT_timeline_click,
+    MOCAP_AUTOLABEL_OT_timeline_scroll,
+    MOCAP_AUTOLABEL_OT_timeline_pan,
+    MOCAP_AUTOLABEL_OT_timeline_keys,
+    MOCAP_AUTOLABEL_OT_show_timeline,
+)
+
+# Of each event: its type, its modifiers, the operator of MOCAP_AUTOLABEL and its properties.
+_EVERYWHERE = (
+    ("LEFTMOUSE", {}, "timeline_click", {}),
+    ("LEFTMOUSE", {"shift": True}, "timeline_click", {"extend": True}),
+    ("WHEELDOWNMOUSE", {"shift": True}, "timeline_scroll", {"rows": WHEEL_ROWS}),
+    ("WHEELUPMOUSE", {"shift": True}, "timeline_scroll", {"rows": -WHEEL_ROWS}),
+    ("MIDDLEMOUSE", {}, "timeline_pan", {}),
+    ("TRACKPADPAN", {}, "timeline_pan", {}),
+    ("X", {}, "timeline_keys", {}),
+    ("DEL", {}, "timeline_keys", {}),
+)
+_ON_ROWS = (
+    *((key, {}, "timeline_keys", {}) for key in "GSETVR"),
+    ("D", {"shift": True}, "timeline_keys", {}),
+    ("V", {"ctrl": True}, "timeline_keys", {}),
+)
+_ON_NAMES = (  # where Blender's wheel scrolls, because there is no time to zoom
+    ("WHEELDOWNMOUSE", {}, "timeline_scroll", {"rows": WHEEL_ROWS}),
+    ("WHEELUPMOUSE", {}, "timeline_scroll", {"rows": -WHEEL_ROWS}),
+)
+# By Blender's keymap and the kind of editor that it is for.
+KEYS = {
+    ("Dopesheet", "DOPESHEET_EDITOR"): _EVERYWHERE + _ON_ROWS,
+    ("Animation Channels", "EMPTY"): _EVERYWHERE + _ON_NAMES,
+}

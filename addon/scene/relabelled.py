@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A take that was labelled again: put into what the scene has of it, with the list of what that changed."""
+
+import json
+from dataclasses import asdict, replace
+
+import bpy
+import numpy as np
+
+from ..core.data.merging import LabelledRange, can_merge, merged
+from ..core.review.changes import Change, changes
+from . import naming
+from .corrections import kept_edits
+from .opened import opened
+from .take import SOURCE, Take, remove_take, show_take, takes_of
+
+CHANGES = "mocap_changes"
+MOST_KEPT = 500  # changes that a file keeps, the longest first: a list that a person reads
+
+
+def show_again(context: bpy.types.Context, take: Take, unnamed: bool, whole: bool) -> bpy.types.Collection:
+    """Shows a take in place of what the scene has of the same file in the same markers, which it is put into.
+
+    A take of the same file in other markers stays, hidden. The frame stays where it is, and the range of frames that
+    the scene plays unless all of the take was labelled for the first time (`whole`).
+    """
+    scene = context.scene
+    played = scene.frame_start, scene.frame_end, scene.frame_current
+    others = [one for one in takes_of(scene) if take.source and one[SOURCE] == take.source]
+    found: tuple[Change, ...] | None = None
+    before = None
+    for collection in reversed(others):
+        old = range_of(collection, scene)
+        if found is None and _same_markers(collection, take, old):
+            before, found = old, ()
+            whole_take = merged(old, as_range(take))
+            found = changes_of(old, whole_take, take.markerset.markers)
+            take = replace(
+                take,
+                rows=whole_take.rows,
+                labels=whole_take.labels,
+                motion=whole_take.motion,
+                suspects=whole_take.suspects,
+                unedited=whole_take.unedited,
+            )
+            remove_take(collection)
+        else:
+            collection.hide_viewport = True
+    shown = show_take(context, take, unnamed)
+    if found is not None:
+        keep_changes(shown, found)
+    if before is not None or not whole:
+        _keep_playing(scene, played)
+    return shown
+
+
+def as_range(take: Take) -> LabelledRange:
+    """What was labelled just now."""
+    return LabelledRange(take.rows, take.labels, take.motion, take.suspects, take.unedited)
+
+
+def range_of(collection: bpy.types.Collection, scene: bpy.types.Scene) -> LabelledRange:
+    """What the scene has of a take."""
+    stored, raw = opened.take(collection, scene), opened.unedited(collection, scene)
+    unedited = None if kept_edits(collection) is None else raw.labels
+    return LabelledRange(stored.rows, stored.labels, stored.motion, raw.suspects, unedited)
+
+
+def changes_of(old: LabelledRange, new: LabelledRange, names: tuple[str, ...]) -> tuple[Change, ...]:
+    """What is otherwise in the frames that both have; nothing where their rows are not the same."""
+    frames = np.intersect1d(old.motion.frames, new.motion.frames)
+    parts = [_in_frames(one, frames) for one in (old, new)]
+    if len(parts[0][0]) != len(parts[1][0]) or (parts[0][0] != parts[1][0]).any():
+        return ()
+    frame, before = parts[0]
+    return changes(frame, before, parts[1][1], names, frames)
+
+
+def _in_frames(one: LabelledRange, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of the rows in some frames, by the index of these: where they are, and the markers that they are."""
+    number = one.motion.frames[one.rows.frame]
+    inside = np.isin(number, frames)
+    return np.searchsorted(frames, number[inside]), one.labels.marker[inside]
+
+
+def keep_changes(collection: bpy.types.Collection, found: tuple[Change, ...]):
+    """Keeps with a take what its last labelling changed."""
+    collection[CHANGES] = json.dumps([asdict(one) for one in found[:MOST_KEPT]])
+
+
+def kept_changes(collection: bpy.types.Collection) -> tuple[Change, ...]:
+    """What the last labelling of a take changed."""
+    return tuple(Change(**row) for row in json.loads(collection.get(CHANGES, "[]")))
+
+
+def _same_markers(collection: bpy.types.Collection, take: Take, old: LabelledRange) -> bool:
+    return collection[naming.MARKERSET] == take.markerset.name and can_merge(old, as_range(take))
+
+
+def _keep_playing(scene: bpy.types.Scene, played: tuple[int, int, int]):
+    """Gives the scene back the frames that it played, where the take lies in them, or else those and the take's."""
+    first, last, current = played
+    scene.frame_start, scene.frame_end = min(first, scene.frame_start), max(last, scene.frame_end)
+    scene.frame_set(current)

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The panel of gaps: filled, what error to expect, and taken back."""
+
+import bpy
+
+from ..ops.correcting import selected_markers
+from ..ops.filling import EXTENTS
+from ..scene.opened import opened
+from ..scene.take import is_take
+from .panels import draw_text
+
+
+class MOCAP_AUTOLABEL_PT_fill_gaps(bpy.types.Panel):
+    """Gaps and what they were filled with."""
+
+    bl_label = "Fill Gaps"
+    bl_space_type, bl_region_type, bl_category = "VIEW_3D", "UI", "Mocap"
+    bl_parent_id = "MOCAP_AUTOLABEL_PT_review"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context):
+        return is_take(context.scene.mocap_autolabel.take)
+
+    def draw(self, context):
+        layout, settings = self.layout, context.scene.mocap_autolabel
+        state = context.window_manager.mocap_autolabel
+        split = layout.split(factor=0.35, align=True)
+        split.label(text="Method:")
+        split.prop(settings, "fill_method", text="")
+        row = layout.row(heading="Longest")
+        row.prop(settings, "use_fill_longest", text="")
+        value = row.row()
+        value.active = settings.use_fill_longest
+        value.prop(settings, "fill_longest", text="")
+        extent_buttons(layout, "mocap_autolabel.fill_gaps")
+        for words, icon in here(context):
+            layout.label(text=words, icon=icon)
+        if len(state.fills):
+            draw_fills(layout, state)
+        if len(state.left_gaps):
+            layout.label(text=f"{len(state.left_gaps)} gaps left:")
+            layout.template_list("MOCAP_AUTOLABEL_UL_left_gaps", "", state, "left_gaps", state, "left_index", rows=2)
+            if state.left_index < len(state.left_gaps):
+                draw_text(layout, f"The gap {state.left_gaps[state.left_index].reason}")
+
+
+def extent_buttons(layout: bpy.types.UILayout, operator: str):
+    """A button for each extent of an operator."""
+    row = layout.row(align=True)
+    for extent, words, _ in EXTENTS:
+        row.operator(operator, text=words).extent = extent
+
+
+def draw_fills(layout: bpy.types.UILayout, state: bpy.types.PropertyGroup):
+    """The fills, and what takes them back."""
+    row = layout.row()
+    row.template_list("MOCAP_AUTOLABEL_UL_fills", "", state, "fills", state, "fill_index", rows=3, maxrows=8)
+    row.operator("mocap_autolabel.take_back_fills", text="", icon="REMOVE").index = state.fill_index
+    if state.fill_index < len(state.fills):
+        fill = state.fills[state.fill_index]
+        if fill.reason:
+            draw_text(layout, f"Left out: {fill.reason}. Fill the gap again, or take this back", "ERROR")
+        else:
+            layout.label(text=f"By {fill.method}")
+    misfits = sum(bool(fill.reason) for fill in state.fills)
+    if misfits:
+        layout.label(text=f"{misfits} no longer fit the labels", icon="ERROR")
+    layout.label(text="Take Back Fills of:")
+    extent_buttons(layout, "mocap_autolabel.take_back_fills")
+
+
+def here(context: bpy.types.Context) -> list[tuple[str, str]]:
+    """What the current frame is for the selected markers: words and an icon for each that is missing or filled."""
+    scene = context.scene
+    stored = opened.take(scene.mocap_autolabel.take, scene)
+    frame, told = scene.frame_current - stored.shift, []
+    for name in selected_markers(context)[:3]:
+        fill = next((one for one in stored.fitting if one.marker == name and one.first <= frame <= one.last), None)
+        if fill is not None:
+            off = f"±{1000 * fill.expected:.1f} mm" if fill.expected == fill.expected else "error unknown"
+            told.append(
+                (
+                    f"{name}: filled {fill.first + stored.shift}–{fill.last + stored.shift}, {off}",
+                    "KEYTYPE_GENERATED_VEC",
+                )
+            )
+    return told
+
+
+class MOCAP_AUTOLABEL_UL_fills(bpy.types.UIList):
+    """A filled gap a row, with the error to expect."""
+
+    def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0):
+        draw_gap(layout, item, f"{item.expected:.1f} mm" if item.expected >= 0 else "–")
+
+
+class MOCAP_AUTOLABEL_UL_left_gaps(bpy.types.UIList):
+    """A gap that was left a row."""
+
+    def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0):
+        draw_gap(layout, item, "")
+
+
+def draw_gap(layout: bpy.types.UILayout, item: bpy.types.PropertyGroup, words: str):
+    """A row of a gap: its marker, its frames, which jump there, and words at the end."""
+    row = layout.row(align=True)
+    row.label(text=item.name, icon="ERROR" if item.reason and words else "NONE")
+    frames = str(item.first) if item.first == item.last else f"{item.first}–{item.last}"
+    jump = row.operator("mocap_autolabel.jump", text=frames, emboss=False)
+    jump.frame, jump.marker = item.first, item.name
+    row.label(text=words)
+
+
+CLASSES = (MOCAP_AUTOLABEL_UL_fills, MOCAP_AUTOLABEL_UL_left_gaps, MOCAP_AUTOLABEL_PT_fill_gaps)

@@ -1,0 +1,367 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The trajectory timeline, drawn over the Dope Sheet: what every marker is in every frame, in one buffer of the GPU."""
+
+import weakref
+from contextlib import ExitStack
+from dataclasses import dataclass
+
+import bpy
+import gpu
+import numpy as np
+from gpu_extras.batch import batch_for_shader
+
+from ..core.data.takes import NO_MARKER
+from ..ops.correcting import selected_markers
+from ..ops.timeline import KEYS, RowPlaces, shown_runs, timeline_shown
+from ..props import NOTHING_PICKED, redraw_dope_sheets
+from ..scene.take import is_take
+from ..scene.trajectories import CORRECTED, DOUBTFUL, FILLED, GAP, NAMED, STATES, UNNAMED, Runs
+from .lettering import Letters, pixel_matrix
+
+# Okabe and Ito's colours, which are told apart whatever one's eyes, and for each a form of its own as well.
+STATE_COLOURS = {
+    NAMED: (0.0, 0.62, 0.451),
+    UNNAMED: (0.62, 0.62, 0.62),
+    GAP: (0.902, 0.624, 0.0),
+    FILLED: (0.337, 0.706, 0.914),
+    CORRECTED: (0.941, 0.894, 0.259),
+    DOUBTFUL: (0.835, 0.369, 0.0),
+}
+# Lower and upper end of what is drawn, in heights of a row.
+STATE_HEIGHTS = {
+    NAMED: (0.18, 0.82),
+    UNNAMED: (0.32, 0.68),
+    GAP: (0.44, 0.56),
+    FILLED: (0.14, 0.5),
+    CORRECTED: (0.18, 0.82),
+    DOUBTFUL: (0.05, 0.95),
+}
+LEAST_WIDTH = 2.0  # px of the interface of what is no name: a gap of one frame in 20,000 is seen as well
+GROUND, STRIPE, CHOSEN_ROW, LEGEND_EDGE = (
+    (0.105, 0.105, 0.105),
+    (0.125, 0.125, 0.125),
+    (0.2, 0.25, 0.33),
+    (0.05, 0.05, 0.05),
+)
+PREVIEW_EDGE, BEYOND_RANGE = (0.95, 0.5, 0.1, 1.0), (0.0, 0.0, 0.0, 0.5)
+BEHIND_NAMES = (0.05, 0.05, 0.05, 0.75)
+WORDS, WORDS_CHOSEN, WORDS_FAINT = (0.8, 0.8, 0.8, 1.0), (1.0, 1.0, 1.0, 1.0), (0.55, 0.55, 0.55, 1.0)
+LETTERS = 11.0  # px of the interface
+NAME_MARGIN = 8  # px of the interface beside names
+
+VERTEX = """
+void main()
+{
+  float left = (run.x - view.x) * view.y;
+  float right = (run.y - view.x) * view.y;
+  if (run.w > 0.5) {
+    float middle = 0.5 * (left + right);
+    float half_width = max(0.5 * (right - left), 0.5 * view.w);
+    left = middle - half_width;
+    right = middle + half_width;
+  }
+  vec2 place = vec2(mix(left, right, corner.x), -(run.z + 1.0 - corner.y) * view.z);
+  state = run.w;
+  across = corner.y;
+  gl_Position = ModelViewProjectionMatrix * vec4(place, 0.0, 1.0);
+}
+"""
+# A branch for each state: `ground` lies between what is drawn and the row's ends.
+_BRANCHES = "".join(
+    f"if (is_state == {state}) {{ fill = vec3{STATE_COLOURS[state]}; ends = vec2{STATE_HEIGHTS[state]}; }}\n"
+    for state in STATE_COLOURS
+)
+FRAGMENT = f"""
+void main()
+{{
+  int is_state = int(state + 0.5);
+  vec3 fill = vec3(0.0);
+  vec2 ends = vec2(0.0);
+  {_BRANCHES}
+  bool inside = across > ends.x && across < ends.y;
+  if (!inside && is_state == {NAMED}) {{ discard; }}
+  if (is_state == {DOUBTFUL} && mod(gl_FragCoord.x + gl_FragCoord.y, 8.0) < 3.0) {{ fill *= 0.35; }}
+  if (is_state == {CORRECTED} && abs(across - 0.5) < 0.1) {{ fill *= 0.25; }}
+  colour = vec4(inside ? fill : vec3{GROUND}, 1.0);
+}}
+"""
+
+
+@dataclass
+class DrawnRuns:
+    """The buffer of the rows that were drawn last, and the shader; made when they are needed first."""
+
+    of: weakref.ref | None = None
+    batch: gpu.types.GPUBatch | None = None
+    shader: gpu.types.GPUShader | None = None
+    legend: list[gpu.types.GPUBatch] | None = None
+
+    def ready(self, runs: Runs):
+        """Makes what there is not yet, for these rows."""
+        if self.shader is None:
+            self.shader = make_shader()
+            self.legend = [buffer_of(self.shader, np.array([[0, 1, 0, state]])) for state in range(len(STATES))]
+        if self.of is None or self.of() is not runs:
+            self.of, self.batch = weakref.ref(runs), buffer_of(self.shader, corners_of(runs))
+
+    def forget(self):
+        """Lets go of what the GPU has."""
+        self.of = self.batch = self.shader = self.legend = None
+
+
+_drawn, _letters = DrawnRuns(), Letters()
+
+
+def corners_of(runs: Runs) -> np.ndarray:
+    """(N, 4) left and right end in frames after the take's first, row and state, in the order of drawing."""
+    table = runs.runs[np.argsort(runs.runs[:, 3], kind="stable")]
+    first = runs.span[0]
+    return np.column_stack([table[:, 1] - first - 0.5, table[:, 2] - first + 0.5, table[:, 0], table[:, 3]])
+
+
+def make_shader() -> gpu.types.GPUShader:
+    """The shader that places runs by the editor's view and gives each state its colour and form."""
+    info, between = gpu.types.GPUShaderCreateInfo(), gpu.types.GPUStageInterfaceInfo("mocap_autolabel_run")
+    between.flat("FLOAT", "state")
+    between.smooth("FLOAT", "across")
+    info.push_constant("MAT4", "ModelViewProjectionMatrix")
+    info.push_constant("VEC4", "view")
+    info.vertex_in(0, "VEC4", "run")
+    info.vertex_in(1, "VEC2", "corner")
+    info.vertex_out(between)
+    info.fragment_out(0, "VEC4", "colour")
+    info.vertex_source(VERTEX)
+    info.fragment_source(FRAGMENT)
+    return gpu.shader.create_from_info(info)
+
+
+def buffer_of(shader: gpu.types.GPUShader, runs: np.ndarray) -> gpu.types.GPUBatch:
+    """Runs (N, 4) as two triangles each."""
+    count = len(runs)
+    corner = np.tile(np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32), (count, 1))
+    faces = (4 * np.arange(count)[:, None] + [0, 1, 2, 0, 2, 3]).reshape(-1, 3).astype(np.int32)
+    content = {"run": np.repeat(runs.astype(np.float32), 4, axis=0), "corner": corner}
+    return batch_for_shader(shader, "TRIS", content, indices=faces)
+
+
+def draw_rows():
+    """Draws the rows over the editor's main region; Blender calls this at every redraw."""
+    context = bpy.context
+    if not timeline_shown(context):
+        return
+    runs, region = shown_runs(context), context.region
+    places, pixels = RowPlaces.of(context, region), Pixels(region)
+    _drawn.ready(runs)
+    with pixels:
+        draw_ground(context, pixels, runs, places)
+        left, right = (region.view2d.region_to_view(x, 0)[0] for x in (0, region.width))
+        wide = region.width / max(right - left, 1e-6)
+        shader, scale = _drawn.shader, places.scale
+        shader.bind()
+        # What lies under the frame numbers, Blender draws over afterwards; under the legend, we do.
+        with gpu.matrix.push_pop():
+            gpu.matrix.translate((0.0, places.upper(0)))
+            shader.uniform_float("view", (left - runs.span[0], wide, places.row, LEAST_WIDTH * scale))
+            _drawn.batch.draw(shader)
+        draw_preview_range(context.scene, pixels, places, (left, wide))
+        draw_state_legend(pixels, places)
+        if not context.space_data.show_region_channels:
+            draw_names(context, pixels, runs, places)
+
+
+def draw_names_beside():
+    """Draws the names of the rows over the editor's channels; Blender calls this at every redraw."""
+    context = bpy.context
+    if not timeline_shown(context):
+        return
+    runs, region = shown_runs(context), context.region
+    places, pixels = RowPlaces.of(context, region), Pixels(region)
+    with pixels:
+        draw_ground(context, pixels, runs, places)
+        draw_names(context, pixels, runs, places)
+        pixels.box(0, 0, region.width, places.bottom, (*GROUND, 1.0))
+
+
+class Pixels:
+    """A region to draw on in its own pixels, from its lower left corner."""
+
+    def __init__(self, region: bpy.types.Region):
+        self.size = region.width, region.height
+        self._flat = gpu.shader.from_builtin("UNIFORM_COLOR")
+
+    def __enter__(self):
+        wide, high = self.size
+        gpu.matrix.push()
+        gpu.matrix.push_projection()
+        gpu.matrix.load_identity()
+        gpu.matrix.load_projection_matrix(pixel_matrix(wide, high))
+        gpu.state.blend_set("ALPHA")
+        return self
+
+    def __exit__(self, *_):
+        gpu.state.blend_set("NONE")
+        gpu.matrix.pop_projection()
+        gpu.matrix.pop()
+
+    def box(self, left: float, lower: float, right: float, upper: float, colour: tuple[float, ...]):
+        """A filled box."""
+        self.boxes(np.array([[left, lower, right, upper]]), colour)
+
+    def boxes(self, ends: np.ndarray, colour: tuple[float, ...]):
+        """Filled boxes (N, 4): left, lower, right, upper end."""
+        if not len(ends):
+            return
+        corners = ends[:, [0, 1, 2, 1, 2, 3, 0, 1, 2, 3, 0, 3]].reshape(-1, 2)
+        self._flat.bind()
+        self._flat.uniform_float("color", colour)
+        batch_for_shader(self._flat, "TRIS", {"pos": corners.astype(np.float32).tolist()}).draw(self._flat)
+
+
+def draw_ground(context: bpy.types.Context, pixels: Pixels, runs: Runs, places: RowPlaces):
+    """The ground of the rows, every second one lighter and the chosen ones blue; it covers Blender's channels."""
+    wide = pixels.size[0]
+    pixels.box(0, 0, wide, places.top, (*GROUND, 1.0))
+    seen = rows_seen(runs, places)
+    for rows, colour in ((seen[seen % 2 == 1], STRIPE), (chosen_rows(context, runs, seen), CHOSEN_ROW)):
+        upper = places.upper(rows)
+        ends = np.column_stack([0 * upper, np.maximum(upper - places.row, 0), 0 * upper + wide, upper])
+        pixels.boxes(np.minimum(ends, [wide, wide + places.top, wide, places.top]), (*colour, 1.0))
+
+
+def rows_seen(runs: Runs, places: RowPlaces) -> np.ndarray:
+    """The rows of which at least a part is in the region."""
+    first = int(places.scroll)
+    return np.arange(first, min(len(runs), first + int(places.height / places.row) + 2))
+
+
+def chosen_rows(context: bpy.types.Context, runs: Runs, seen: np.ndarray) -> np.ndarray:
+    """Those of the rows whose markers are selected, or whose trajectory is picked."""
+    names, picked = set(selected_markers(context)), context.scene.mocap_autolabel.picked
+    is_chosen = [
+        runs.names[row] in names
+        if runs.marker[row] != NO_MARKER
+        else picked != NOTHING_PICKED and runs.trajectory[row] == picked
+        for row in seen
+    ]
+    return seen[np.array(is_chosen, bool)]
+
+
+def draw_preview_range(scene: bpy.types.Scene, pixels: Pixels, places: RowPlaces, view: tuple[float, float]):
+    """Darkens what is outside the preview range, or the scene's range where there is none, as Blender does."""
+    left, wide = view
+    preview = scene.use_preview_range
+    first, last = (
+        (scene.frame_preview_start, scene.frame_preview_end) if preview else (scene.frame_start, scene.frame_end)
+    )
+    begin, end = (first - 0.5 - left) * wide, (last + 0.5 - left) * wide
+    pixels.box(0, places.bottom, max(begin, 0), places.top, BEYOND_RANGE)
+    pixels.box(min(end, pixels.size[0]), places.bottom, pixels.size[0], places.top, BEYOND_RANGE)
+    if preview:
+        thin = places.scale
+        for x in (begin, end):
+            pixels.box(x - thin, places.bottom, x + thin, places.top, PREVIEW_EDGE)
+
+
+def draw_state_legend(pixels: Pixels, places: RowPlaces):
+    """What colours and forms mean, at the bottom."""
+    scale, high = places.scale, places.bottom
+    pixels.box(0, 0, pixels.size[0], high, (*GROUND, 1.0))
+    pixels.box(0, high - scale, pixels.size[0], high, (*LEGEND_EDGE, 1.0))
+    x, words = NAME_MARGIN * scale, []
+    _drawn.shader.bind()
+    for state, swatch in zip(range(len(STATES)), _drawn.legend, strict=True):
+        with gpu.matrix.push_pop():
+            gpu.matrix.translate((x, high - 3 * scale))
+            _drawn.shader.uniform_float("view", (0.0, 26 * scale, high - 6 * scale, 0.0))
+            swatch.draw(_drawn.shader)
+        x += 32 * scale
+        words.append((STATES[state], x, high / 2 - 3 * scale, WORDS))
+        x += _letters.width(STATES[state], LETTERS * scale) + 18 * scale
+    _letters.draw(words, LETTERS * scale)
+
+
+def draw_names(context: bpy.types.Context, pixels: Pixels, runs: Runs, places: RowPlaces):
+    """The names of the rows that are seen whole, and how much of the take each has, over the channels or the rows."""
+    wide, beside = pixels.size[0], context.region.type == "CHANNELS"
+    scale, frames = places.scale, max(runs.span[1] - runs.span[0] + 1, 1)
+    size, margin = LETTERS * scale, NAME_MARGIN * scale
+    seen = rows_seen(runs, places)
+    base = places.upper(seen) - 0.5 * places.row - 0.35 * size
+    seen = seen[(base + size <= places.top) & (base >= places.bottom)]
+    chosen = set(chosen_rows(context, runs, seen).tolist())
+    words = []
+    for row in seen.tolist():
+        y = places.upper(row) - 0.5 * places.row - 0.35 * size
+        words.append((runs.names[row], margin, y, WORDS_CHOSEN if row in chosen else WORDS))
+        share = f"{runs.found[row] / frames:.1%}"
+        x = wide - _letters.width(share, size) - margin
+        if beside and x > _letters.width(runs.names[row], size) + 3 * margin:
+            words.append((share, x, y, WORDS_FAINT))
+    if not beside and words:
+        longest = max(_letters.width(text, size) for text, *_ in words)
+        pixels.box(0, places.bottom, longest + 2 * margin, places.top, BEHIND_NAMES)
+    _letters.draw(words, size)
+
+
+def draw_toggle(self, context):
+    """The toggle in the editor's header."""
+    if context.space_data.mode == "DOPESHEET" and is_take(context.scene.mocap_autolabel.take):
+        self.layout.prop(context.scene.mocap_autolabel, "show_timeline", toggle=True, icon="NLA")
+
+
+def draw_view_menu(self, context):
+    """What the editor's menu has of the timeline."""
+    if context.space_data.mode != "DOPESHEET" or not is_take(context.scene.mocap_autolabel.take):
+        return
+    self.layout.separator()
+    self.layout.prop(context.scene.mocap_autolabel, "show_timeline")
+    self.layout.prop(context.window_manager.mocap_autolabel, "timeline_unfolded")
+
+
+class MOCAP_AUTOLABEL_PT_timeline(bpy.types.Panel):
+    """The trajectory timeline's switch."""
+
+    bl_label = "Trajectory Timeline"
+    bl_space_type, bl_region_type, bl_category = "VIEW_3D", "UI", "Mocap"
+    bl_parent_id = "MOCAP_AUTOLABEL_PT_review"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context):
+        return is_take(context.scene.mocap_autolabel.take)
+
+    def draw(self, context):
+        column = self.layout.column()
+        settings = context.scene.mocap_autolabel
+        if settings.show_timeline:
+            column.prop(settings, "show_timeline", icon="NLA", toggle=True)
+        else:
+            column.operator("mocap_autolabel.show_timeline", icon="NLA")
+        column.prop(context.window_manager.mocap_autolabel, "timeline_unfolded")
+
+
+CLASSES = (MOCAP_AUTOLABEL_PT_timeline,)
+
+
+def add_timeline(stack: ExitStack):
+    """Adds what draws the timeline, its switches and its keys; each brings its way back to `stack`."""
+    for draw, kind, when in ((draw_rows, "WINDOW", "POST_VIEW"), (draw_names_beside, "CHANNELS", "POST_PIXEL")):
+        drawing = bpy.types.SpaceDopeSheetEditor.draw_handler_add(draw, (), kind, when)
+        stack.callback(bpy.types.SpaceDopeSheetEditor.draw_handler_remove, drawing, kind)
+    stack.callback(_drawn.forget)
+    stack.callback(_letters.forget)
+    for menu, draw in ((bpy.types.DOPESHEET_HT_header, draw_toggle), (bpy.types.DOPESHEET_MT_view, draw_view_menu)):
+        menu.append(draw)
+        stack.callback(menu.remove, draw)
+    keys = bpy.context.window_manager.keyconfigs.addon
+    if keys is None:  # a Blender without windows has none
+        return
+    for (name, space), items in KEYS.items():
+        keymap = keys.keymaps.new(name=name, space_type=space, region_type="WINDOW")
+        for event, modifiers, operator, properties in items:
+            value = "ANY" if event == "TRACKPADPAN" else "PRESS"
+            item = keymap.keymap_items.new(f"mocap_autolabel.{operator}", event, value, **modifiers)
+            for key, wanted in properties.items():
+                setattr(item.properties, key, wanted)
+            stack.callback(keymap.keymap_items.remove, item)
+    stack.callback(lambda: redraw_dope_sheets(bpy.context.window_manager))

@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The list of what is the matter with a take in the sidebar: the worst first, in full, with what helps."""
+
+import textwrap
+
+import bpy
+
+from ..core.review.trouble import DOUBTFUL, LEFT_OVER, MISSING, NOBODY_THERE, OF_CAMERA, OFF_BODY
+from ..ops.reviewing import is_listed, words_for, words_of_answer
+from ..scene.take import is_take
+from ..scene.trouble import trouble_of
+
+ICONS = {
+    NOBODY_THERE: "GHOST_DISABLED",
+    MISSING: "EMPTY_AXIS",
+    LEFT_OVER: "DOT",
+    OFF_BODY: "ARMATURE_DATA",
+    DOUBTFUL: "QUESTION",
+    OF_CAMERA: "CAMERA_DATA",
+}
+LETTER = 6.6  # px of the interface that a letter of a panel is wide, on average
+MARGIN = 56  # px of the interface beside the words of a panel
+
+
+def draw_in_full(context: bpy.types.Context, layout: bpy.types.UILayout, words: str, icon: str = "NONE"):
+    """A sentence on as many lines as the sidebar's width takes."""
+    width = context.region.width / context.preferences.system.ui_scale
+    column = layout.column(align=True)
+    column.scale_y = 0.75
+    for number, line in enumerate(textwrap.wrap(words, max(int((width - MARGIN) / LETTER), 12))):
+        column.label(text=line, icon="BLANK1" if number and icon != "NONE" else icon)
+
+
+class MOCAP_AUTOLABEL_PT_trouble(bpy.types.Panel):
+    """What to look at before trusting the take."""
+
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "Mocap"
+    bl_label = "To Look at"
+    bl_parent_id = "MOCAP_AUTOLABEL_PT_review"
+
+    @classmethod
+    def poll(cls, context):
+        return is_take(context.scene.mocap_autolabel.take)
+
+    def draw_header_preset(self, context):
+        rows = context.window_manager.mocap_autolabel.troubles
+        left = sum(not row.answered for row in rows)
+        self.layout.label(text=f"{left} open" if left else "nothing open", icon="NONE" if left else "CHECKMARK")
+
+    def draw(self, context):
+        layout, state = self.layout, context.window_manager.mocap_autolabel
+        if not len(state.troubles):
+            layout.label(text="Nothing", icon="CHECKMARK")
+            return
+        row = layout.row(align=True)
+        row.prop(state, "trouble_done", expand=True)
+        row = layout.row(align=True)
+        row.prop(state, "trouble_kind", text="")
+        row.prop_search(state, "trouble_marker", state, "markers", text="", icon="EMPTY_AXIS")
+        layout.template_list(
+            "MOCAP_AUTOLABEL_UL_trouble", "", state, "troubles", state, "trouble_index", rows=5, maxrows=10
+        )
+        row = layout.row(align=True)
+        row.operator("mocap_autolabel.next_trouble", text="Previous", icon="TRIA_LEFT").back = True
+        row.operator("mocap_autolabel.next_trouble", text="Next", icon="TRIA_RIGHT").back = False
+        found = trouble_of(context.scene.mocap_autolabel.take, context.scene)
+        if state.trouble_index < len(found) == len(state.troubles) and is_listed(
+            state, state.troubles[state.trouble_index]
+        ):
+            self._draw_one(context, found[state.trouble_index], state.trouble_index)
+
+    def _draw_one(self, context, trouble, index: int):
+        box = self.layout.box()
+        sentence = trouble.reason[0].upper() + trouble.reason[1:]
+        draw_in_full(context, box, sentence, ICONS[trouble.kind])
+        if trouble.answered:
+            box.label(text="Looked at, and right", icon="CHECKMARK")
+            return
+        draw_in_full(context, box, trouble.advice, "INFO")
+        column = box.column(align=True)
+        if words := words_for(trouble):
+            column.operator("mocap_autolabel.mend_trouble", text=words, icon="PLAY").index = index
+        answer = column.operator("mocap_autolabel.accept_trouble", text=words_of_answer(trouble), icon="CHECKMARK")
+        answer.index = index
+
+
+class MOCAP_AUTOLABEL_UL_trouble(bpy.types.UIList):
+    """A trouble a row, the worst first: where it is, what it is about, and how many frames of a marker are at stake."""
+
+    def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0):
+        split = layout.split(factor=0.47, align=True)
+        frames = str(item.first) if item.first == item.last else f"{item.first}–{item.last}"
+        split.operator("mocap_autolabel.show_trouble", text=frames, icon=ICONS[item.kind]).index = index
+        split = split.split(factor=0.72, align=True)
+        split.label(text=item.name or item.kind)
+        split.label(text="", icon="CHECKMARK") if item.answered else split.label(text=f"{item.stake:.0f}")
+
+    def filter_items(self, context, data, property_name):
+        """Which rows the choices above let be seen; their order stays."""
+        rows = getattr(data, property_name)
+        return [self.bitflag_filter_item if is_listed(data, row) else 0 for row in rows], []
+
+
+class MOCAP_AUTOLABEL_PT_changes(bpy.types.Panel):
+    """What labelling again changed."""
+
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "Mocap"
+    bl_label = "Changed by Labelling Again"
+    bl_parent_id = "MOCAP_AUTOLABEL_PT_review"
+
+    @classmethod
+    def poll(cls, context):
+        return bool(len(context.window_manager.mocap_autolabel.changes))
+
+    def draw(self, context):
+        state = context.window_manager.mocap_autolabel
+        self.layout.template_list(
+            "MOCAP_AUTOLABEL_UL_changes", "", state, "changes", state, "change_index", rows=3, maxrows=8
+        )
+        if state.change_index < len(state.changes):
+            draw_in_full(context, self.layout, state.changes[state.change_index].words)
+
+
+class MOCAP_AUTOLABEL_UL_changes(bpy.types.UIList):
+    """A change a row, the longest first."""
+
+    def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0):
+        row = layout.row(align=True)
+        jump = row.operator("mocap_autolabel.jump", text=str(item.first), icon="TIME")
+        jump.frame, jump.marker = item.first, item.name
+        row.label(text=item.words)
+
+
+CLASSES = (
+    MOCAP_AUTOLABEL_UL_trouble,
+    MOCAP_AUTOLABEL_UL_changes,
+    MOCAP_AUTOLABEL_PT_trouble,
+    MOCAP_AUTOLABEL_PT_changes,
+)

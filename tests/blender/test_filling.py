@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Gaps filled in the scene: marked, exported and told as filled, taken back, and kept through all that happens."""
+
+import importlib
+
+import bpy
+import numpy as np
+import pytest
+
+from addon.io.points import read_points
+from addon.scene.take import show_take
+from tests.blender import test_correcting
+from tests.blender.test_correcting import FRAMES, GHOST, choose, keys_of, shown
+
+files, labelled = test_correcting.files, test_correcting.labelled  # fixtures
+GAP = slice(FRAMES // 3, FRAMES // 2)  # of RASI, and all are lost in two frames before
+HERE = 101 + GAP.start + 2
+
+
+def kinds_of(name: str) -> dict[int, str]:
+    """The type of the keys of a marker, by frame."""
+    data = shown()[name].animation_data
+    bag = data.action.layers[0].strips[0].channelbag(data.action_slot)
+    return {int(key.co[0]): key.type for key in bag.fcurves.find("location", index=1).keyframe_points}
+
+
+def rows() -> list[tuple]:
+    """The list of fills in the sidebar."""
+    return [(row.name, row.first, row.last, row.reason) for row in bpy.context.window_manager.mocap_autolabel.fills]
+
+
+@pytest.fixture
+def filled(labelled):
+    """The take with the gap of RASI filled."""
+    labelled.scene.mocap_autolabel.fill_method = "rigid"
+    choose("RASI")
+    labelled.scene.frame_set(HERE)
+    assert bpy.ops.mocap_autolabel.fill_gaps(extent="GAP") == {"FINISHED"}
+    return labelled
+
+
+def test_a_gap_is_filled_and_its_keys_are_marked(filled, files):
+    assert rows() == [("RASI", 101 + GAP.start, 100 + GAP.stop, "")]
+    kinds = kinds_of("RASI")
+    assert {frame for frame, kind in kinds.items() if kind == "GENERATED"} == {101 + f for f in range(30)[GAP]}
+    assert set(kinds.values()) == {"GENERATED", "KEYFRAME"}
+    keys = keys_of("RASI")
+    assert np.linalg.norm(np.diff(keys[:, 1:], axis=0), axis=1).max() < 0.2, "it goes where the markers beside it go"
+
+
+def test_exports_tell_what_is_filled_and_what_was_measured(filled, files):
+    column = files.names.index("RASI")
+    assert bpy.ops.mocap_autolabel.export_c3d(filepath=str(files.folder / "ours.c3d")) == {"FINISHED"}
+    take = read_points(files.folder / "ours.c3d")
+    residual = take.residual[:, take.names.index("RASI")]
+    measured = np.isfinite(files.xyz[:, column, 0])
+    assert (residual[GAP] == 0).all()
+    assert (residual[measured] > 0).all()
+    lost = ~measured
+    lost[GAP] = False
+    assert np.isnan(residual[lost]).all()
+    told = (files.folder / "ours.filled.csv").read_text().splitlines()
+    assert told[0] == "marker,first,last,method,expected_mm"
+    assert told[1].startswith(f"RASI,{101 + GAP.start},{100 + GAP.stop},rigid,")
+    bpy.ops.mocap_autolabel.export_trc(filepath=str(files.folder / "trc.trc"))
+    assert (files.folder / "trc.filled.csv").read_text().splitlines() == told
+    bpy.ops.mocap_autolabel.take_back_fills(extent="TAKE")
+    bpy.ops.mocap_autolabel.export_c3d(filepath=str(files.folder / "ours.c3d"))
+    assert (files.folder / "ours.filled.csv").read_text().splitlines() == told[:1], "the old list would lie"
+
+
+@pytest.mark.parametrize("extent", ["GAP", "MARKER", "TAKE"])
+def test_fills_are_taken_back(filled, extent):
+    before = keys_of("RASI")
+    filled.scene.mocap_autolabel.fill_method = "spline"
+    assert bpy.ops.mocap_autolabel.fill_gaps(extent="TAKE") == {"FINISHED"}
+    assert len(rows()) > 10, "all markers were lost in two frames"
+    assert bpy.ops.mocap_autolabel.take_back_fills(extent=extent) == {"FINISHED"}
+    left = [row for row in rows() if row[0] == "RASI"]
+    assert len(left) == (1 if extent == "GAP" else 0)
+    assert (len(rows()) == 0) == (extent == "TAKE")
+    assert len(keys_of("RASI")) == len(before) - len(range(30)[GAP]) + (2 if left else 0)
+
+
+def test_undo_and_files_keep_them(filled, files):
+    bpy.ops.ed.undo_push(message="Filled")
+    bpy.ops.mocap_autolabel.take_back_fills(index=0)
+    assert rows() == []
+    bpy.ops.ed.undo_push(message="Taken back")
+    bpy.ops.ed.undo()
+    assert len(rows()) == 1
+    assert "GENERATED" in kinds_of("RASI").values()
+    keys = keys_of("RASI")
+    bpy.ops.wm.save_as_mainfile(filepath=str(files.folder / "walk.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(files.folder / "walk.blend"))
+    assert len(rows()) == 1
+    choose("LKNE", "RKNE")
+    assert bpy.ops.mocap_autolabel.swap_markers(scope="WHOLE") == {"FINISHED"}
+    assert rows()[0][3] == ""
+    np.testing.assert_array_equal(keys_of("RASI"), keys)
+    bpy.ops.mocap_autolabel.export_c3d(filepath=str(files.folder / "again.c3d"))
+    assert (read_points(files.folder / "again.c3d").residual == 0).sum() == len(range(30)[GAP])
+
+
+def test_labelling_again_keeps_them(filled):
+    keys = keys_of("RASI")
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    assert [row[3] for row in rows()] == [""]
+    np.testing.assert_array_equal(keys_of("RASI"), keys)
+    assert "GENERATED" in kinds_of("RASI").values()
+
+
+def test_a_fill_that_a_correction_contradicts_is_left_out_with_a_word_and_comes_back(filled):
+    keys = keys_of("RASI")
+    choose()
+    assert bpy.ops.mocap_autolabel.pick_point(point=GHOST) == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.name_point(marker="RASI", scope="FRAME") == {"FINISHED"}
+    assert "named in some of its frames now" in rows()[0][3]
+    assert "GENERATED" not in kinds_of("RASI").values()
+    assert len(keys_of("RASI")) == len(keys) - len(range(30)[GAP]) + 1
+    assert bpy.ops.mocap_autolabel.clear_corrections() == {"FINISHED"}
+    np.testing.assert_array_equal(keys_of("RASI"), keys)
+    assert rows()[0][3] == ""
+
+
+def test_a_new_filling_puts_away_what_no_longer_fits(filled):
+    choose()
+    bpy.ops.mocap_autolabel.pick_point(point=GHOST)
+    bpy.ops.mocap_autolabel.name_point(marker="RASI", scope="FRAME")
+    choose("RASI")
+    filled.scene.frame_set(HERE + 1)
+    filled.scene.mocap_autolabel.fill_method = "spline"
+    assert bpy.ops.mocap_autolabel.fill_gaps(extent="GAP") == {"FINISHED"}
+    assert rows() == [("RASI", HERE + 1, 100 + GAP.stop, "")]
+
+
+def test_filled_ones_stand_out_in_the_overlay_and_are_no_labels(filled, files, extension):
+    marks = importlib.import_module(f"{extension}.addon.ui.marks")
+    opened = importlib.import_module(f"{extension}.addon.scene.opened").opened
+    stored = opened.take(filled.scene.mocap_autolabel.take, filled.scene)
+    seen = marks.point_marks(stored, GAP.start)
+    assert [stored.names[index] for index in np.flatnonzero(seen.filled)] == ["RASI"]
+    assert np.isfinite(seen.named[seen.filled]).all()
+    table = files.folder / "ours.labels.csv"
+    bpy.ops.mocap_autolabel.export_labels(filepath=str(table))
+    assert sum("RASI" in line for line in table.read_text().splitlines()) == np.isfinite(files.xyz[:, 2, 0]).sum()
+
+
+def test_a_take_of_blobs_is_filled_too(extension, empty, made):
+    empty.scene.mocap_autolabel.take = show_take(empty, made.take(40))
+    empty.scene.mocap_autolabel.fill_method = "rigid"
+    choose("RASI")
+    assert bpy.ops.mocap_autolabel.fill_gaps(extent="MARKER") == {"FINISHED"}
+    assert {row[0] for row in rows()} == {"RASI"}
+    assert "GENERATED" in kinds_of("RASI").values()
+
+
+def test_what_cannot_be_filled_is_one_sentence(labelled):
+    settings = labelled.scene.mocap_autolabel
+    choose()
+    with pytest.raises(RuntimeError, match="no marker is selected; expected"):
+        bpy.ops.mocap_autolabel.fill_gaps(extent="MARKER")
+    with pytest.raises(RuntimeError, match="there is no gap to fill; expected"):
+        bpy.ops.mocap_autolabel.fill_gaps(extent="GAP")
+    with pytest.raises(RuntimeError, match="Nothing was filled"):
+        bpy.ops.mocap_autolabel.take_back_fills()
+    settings.use_fill_longest, settings.fill_longest = True, 1
+    assert bpy.ops.mocap_autolabel.fill_gaps(extent="TAKE") == {"CANCELLED"}
+    left = labelled.window_manager.mocap_autolabel.left_gaps
+    assert {row.reason for row in left} == {"is longer than 1 frames"}
+    settings.use_fill_longest, settings.fill_method = False, "body"
+    settings.markerset, settings.markerset_path = "FILE", ""
+    with pytest.raises(RuntimeError, match="is not the take's; expected"):
+        bpy.ops.mocap_autolabel.fill_gaps(extent="TAKE")
+    labelled.scene.frame_set(110)
+    choose("LKNE")
+    settings.fill_method = "spline"
+    assert bpy.ops.mocap_autolabel.fill_gaps(extent="TAKE") == {"FINISHED"}
+    choose("LKNE")
+    with pytest.raises(RuntimeError, match="nothing that was filled is there; expected"):
+        bpy.ops.mocap_autolabel.take_back_fills(extent="GAP")

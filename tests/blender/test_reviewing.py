@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The list of what is the matter with a take, in Blender: true, worst first, gone to, mended and answered for good."""
+
+import importlib
+from dataclasses import replace
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+import pytest
+
+from addon.core.data.takes import NO_MARKER, Points, Suspect
+from addon.io.edits import read_edits
+from addon.io.markersets import write_markerset
+from addon.io.points import write_c3d
+from addon.scene import naming
+from addon.scene.take import show_take
+
+FRAMES, FIRST, LOST, GHOST = 60, 101, "LKNE", 13
+
+
+@pytest.fixture
+def state(extension, empty, made, tmp_path, monkeypatch):
+    """A take in a scene of which one knee was never named, though its point is there, and a ghost is far away."""
+    markerset = made.markerset()
+    motion = made.motion(markerset, FRAMES)
+    xyz = np.concatenate([motion.markers, np.tile([2.5, 2.5, 0.2], (FRAMES, 1, 1))], axis=1)
+    residual = np.where(np.isfinite(xyz[..., 0]), 0.0002, np.nan)
+    write_c3d(tmp_path / "walk.c3d", Points(("",) * xyz.shape[1], xyz, residual, 60.0, FIRST))
+    write_markerset(tmp_path / "small.markerset.json", markerset)
+    pipeline = importlib.import_module(f"{extension}.addon.core.points.whole_take.pipeline")
+    takes = importlib.import_module(f"{extension}.addon.core.data.takes")
+    knee = markerset.markers.index(LOST)
+    truth = np.where(np.isin(np.arange(GHOST + 1), [knee, GHOST]), NO_MARKER, np.arange(GHOST + 1))
+
+    def name(points, rate):
+        there = np.isfinite(points).all(axis=2)
+        marker = np.where(there, truth, NO_MARKER)
+        named = marker != NO_MARKER
+        yield takes.Labels(marker, np.where(named, takes.BY_FIT, takes.NO_STEP), named * 1.0, named * 1.0)
+
+    monkeypatch.setattr(pipeline, "namer_of", lambda *_: SimpleNamespace(step=takes.BY_FIT, name=name))
+    assert bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "walk.c3d")) == {"FINISHED"}
+    bpy.ops.mocap_autolabel.open_markerset(filepath=str(tmp_path / "small.markerset.json"))
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    state = bpy.context.window_manager.mocap_autolabel
+    state.trouble_kind, state.trouble_done, state.trouble_marker, state.trouble_index = "ALL", "OPEN", "", 0
+    return SimpleNamespace(review=state, knee=knee, folder=tmp_path, extension=extension)
+
+
+def rows(state, **wanted):
+    """Numbers and rows of the list, with some values."""
+    return [
+        (number, row)
+        for number, row in enumerate(state.review.troubles)
+        if all(getattr(row, key) == value for key, value in wanted.items())
+    ]
+
+
+def selected() -> list[str]:
+    return [item[naming.MARKER] for item in bpy.context.selected_objects]
+
+
+def test_a_marker_that_was_never_found_is_said_and_shown_and_named_by_one_button(state):
+    number, row = rows(state, kind="missing", name=LOST)[0]
+    assert row.reason.startswith(f"{LOST} is never found; trajectory {state.knee}, which has no name, is ")
+    stakes = [row.stake for row in state.review.troubles]
+    assert stakes == sorted(stakes, reverse=True)
+    assert not any(str(GHOST) in row.name for row in state.review.troubles), "it is nowhere near the body"
+    assert bpy.ops.mocap_autolabel.show_trouble(index=number) == {"FINISHED"}
+    assert bpy.context.scene.frame_current == row.first
+    assert selected() == [], "an empty that is not there cannot be selected"
+    assert bpy.ops.mocap_autolabel.mend_trouble(index=number) == {"FINISHED"}
+    assert not rows(state, name=LOST, kind="missing")
+    assert not rows(state, kind="left over")
+
+
+def test_what_is_right_is_done_and_does_not_come_back(state):
+    number, _ = rows(state, kind="missing", name=LOST)[0]
+    assert bpy.ops.mocap_autolabel.accept_trouble(index=number) == {"FINISHED"}
+    [(number, row)] = rows(state, kind="missing", name=LOST)
+    assert row.answered
+    assert row.stake == 0
+    over, left = rows(state, kind="left over")[0]
+    assert not left.answered
+    assert bpy.ops.mocap_autolabel.accept_trouble(index=over) == {"FINISHED"}
+    assert all(row.answered for _, row in rows(state, kind="left over"))
+    bpy.ops.mocap_autolabel.save_corrections()
+    assert next(type(one).__name__ for one in read_edits(state.folder / "walk.edits.json")) == "Right"
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    assert [row.answered for _, row in rows(state, kind="missing", name=LOST)] == [True]
+    assert all(row.answered for _, row in rows(state, kind="left over"))
+    bpy.ops.mocap_autolabel.clear_corrections()
+    assert not any(row.answered for row in state.review.troubles)
+
+
+def test_the_next_is_the_next_that_is_listed_and_open(state):
+    reviewing = importlib.import_module(f"{state.extension}.addon.ops.reviewing")
+    listed = [number for number, row in enumerate(state.review.troubles) if reviewing.is_listed(state.review, row)]
+    assert listed == list(range(len(state.review.troubles)))
+    assert len(listed) > 1
+    bpy.ops.mocap_autolabel.next_trouble()
+    assert state.review.trouble_index == 1
+    bpy.ops.mocap_autolabel.next_trouble(back=True)
+    assert state.review.trouble_index == 0
+    state.review.trouble_kind = "left over"
+    bpy.ops.mocap_autolabel.next_trouble()
+    assert state.review.troubles[state.review.trouble_index].kind == "left over"
+    state.review.trouble_kind, state.review.trouble_marker = "ALL", LOST
+    seen = [row.name for row in state.review.troubles if reviewing.is_listed(state.review, row)]
+    assert seen
+    assert all(LOST in name for name in seen)
+    state.review.trouble_done = "DONE"
+    assert bpy.ops.mocap_autolabel.next_trouble() == {"CANCELLED"}
+
+
+def test_one_that_is_not_there_is_said(state):
+    with pytest.raises(RuntimeError, match="expected one of the"):
+        bpy.ops.mocap_autolabel.show_trouble(index=999)
+
+
+def test_a_take_of_blobs_has_its_cameras_and_can_be_answered(extension, empty, made):
+    moved = Suspect(101, 160, "camera cam 1 seems to have moved: its blobs are 1.7 px off")
+    empty.scene.mocap_autolabel.take = show_take(empty, replace(made.take(60), suspects=(moved,)))
+    state = empty.window_manager.mocap_autolabel
+    state.trouble_done = "ALL"
+    [number] = [number for number, row in enumerate(state.troubles) if row.kind == "camera"]
+    assert state.troubles[number].name == "cam 1"
+    assert bpy.ops.mocap_autolabel.show_trouble(index=number) == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.accept_trouble(index=number) == {"FINISHED"}
+    assert [row.answered for row in state.troubles if row.kind == "camera"] == [True]
+    assert len(state.corrections) == 1
+
+
+def test_a_range_labelled_again_is_put_into_the_take(state, monkeypatch):
+    scene, settings = bpy.context.scene, bpy.context.scene.mocap_autolabel
+    pipeline = importlib.import_module(f"{state.extension}.addon.core.points.whole_take.pipeline")
+    before = pipeline.namer_of().name
+
+    def name(points, rate):
+        """As before, and the knee as well; but no wrist."""
+        for labels in before(points, rate):
+            for column, marker in ((state.knee, state.knee), (7, NO_MARKER)):
+                labels.marker[:, column] = marker
+                labels.step[:, column] = labels.step[0, 0] if marker != NO_MARKER else 0
+                labels.confidence[:, column] = labels.rate[:, column] = float(marker != NO_MARKER)
+            yield labels
+
+    monkeypatch.setattr(pipeline, "namer_of", lambda *_: SimpleNamespace(step=6, name=name))
+    scene.frame_set(140)
+    settings.use_range, settings.range_first, settings.range_last = True, 121, 130
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    assert [one.name for one in scene.collection.children if naming.TAKE in one] == [settings.take.name]
+    assert (scene.frame_start, scene.frame_end, scene.frame_current) == (101, 160, 140)
+    stored = importlib.import_module(f"{state.extension}.addon.scene.opened").opened.take(settings.take, scene)
+    assert stored.motion.frames.tolist() == list(range(101, 161))
+    found = np.isfinite(stored.motion.markers[:, state.knee, 0])
+    assert stored.motion.frames[found].tolist() == list(range(121, 131))
+    wrist = stored.names[7]
+    words = [row.words for row in state.review.changes]
+    assert words == [f"{LOST} is named now in frames 121–130", f"{wrist} is named no more in frames 121–130"]
+    settings.use_range = False
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    assert len([one for one in scene.collection.children if naming.TAKE in one]) == 1
+    words = [row.words for row in state.review.changes]
+    assert f"{LOST} is named now in frames 101–120" in words
+    assert not any("121" in one for one in words)
+
+
+def test_a_range_labelled_first_leaves_the_scene_its_frames(state):
+    scene, settings = bpy.context.scene, bpy.context.scene.mocap_autolabel
+    bpy.ops.mocap_autolabel.clear()
+    settings.use_range, settings.range_first, settings.range_last = True, 121, 130
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    assert (scene.frame_start, scene.frame_end) == (101, 160)
+    settings.range_first, settings.range_last = 141, 150
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    stored = importlib.import_module(f"{state.extension}.addon.scene.opened").opened.take(settings.take, scene)
+    assert stored.motion.frames.tolist() == list(range(121, 151))
+    named = np.bincount(stored.rows.frame[stored.labels.named], minlength=30) > 0
+    assert named.tolist() == [True] * 10 + [False] * 10 + [True] * 10

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`label --html`: a page for each take, whole or not at all with its other files, and one over several takes."""
+
+import errno
+import json
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+
+from addon.demo.take import MODEL
+from addon.io.html.markup import count_of
+from addon.jobs import outcome
+from tests.io.pages import read
+
+FEW = ("--frames", "100:103")
+
+
+@pytest.fixture
+def takes(room, tmp_path):
+    """Gives copies of the blobs under other names."""
+
+    def copies(*names):
+        (tmp_path / "takes").mkdir(exist_ok=True)
+        return [Path(shutil.copy(room.blobs, tmp_path / "takes" / f"{name}.csv")) for name in names]
+
+    return copies
+
+
+def page(path) -> str:
+    """All that a page says."""
+    return " ".join(" ".join(read(path.read_text(encoding="utf-8")).said).split())
+
+
+def test_a_take_of_blobs_has_a_page_beside_its_other_files(label, tmp_path):
+    edits = tmp_path / "mine.json"
+    said = [
+        {"kind": "unlabel", "marker": "C7", "frames": [101, 102]},
+        {"kind": "assign", "camera": "cam1", "frame": 103, "x": 2, "y": 3, "marker": "LASI"},
+    ]
+    edits.write_text(json.dumps({"version": 1, "edits": said}))
+    out = tmp_path / "out"
+    assert label(*FEW, "--html", "--fill", "--edits", edits).status == 0
+    report = json.loads((out / "walk.report.json").read_text())
+    assert sorted(report["made_of"]["results"]) == [".c3d", ".labels.csv", ".report.html"]
+    text = page(out / "walk.report.html")
+    share = 100 * (report["blobs"] - report["unlabelled"]) / report["blobs"]
+    for words in (
+        f"{share:.1f} % of {report['blobs']:,} blobs named",
+        "4 frames (0.0 s)",
+        "Nothing is C7, frames 101–102",
+        "cam1 has no blob within 2 px of 2, 3 in frame 103",
+        f"{count_of(len(report['filled']), 'gap')} filled by the program, {len(report['left'])} left",
+        "Nobody gave the rate: 100 frames a second were assumed",
+        "cam8",
+        "Edits from mine.json",
+    ):
+        assert words in text, words
+    assert not (out / "summary.report.html").exists()
+    assert ", done before\n" in label(*FEW, "--html", "--fill", "--edits", edits, "--resume").out
+
+
+def test_a_page_that_cannot_be_written_costs_all_files(label, tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(outcome, "write_take_page", full)
+    answer = label(*FEW, "--html")
+    assert "No space left on device" in answer.reason
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_several_takes_have_a_page_over_all_of_them(label, takes, tmp_path):
+    out = tmp_path / "out"
+    inputs = takes("one", "summary", "broken")
+    inputs[2].write_text("no,blobs\n")
+    answer = label(*FEW, "--html", "--jobs", "2", blobs=inputs)
+    assert answer.status == 2
+    assert f"over all takes: {out / 'summary-2.report.html'}" in answer.out
+    text = (out / "summary-2.report.html").read_text(encoding="utf-8")
+    links = [each["href"] for each in read(text).of("a")]
+    assert sorted(links) == ["./one.report.html", "./summary.report.html"]
+    assert all((out / link).is_file() for link in links)
+    said = page(out / "summary-2.report.html")
+    assert "2 takes labelled, 1 failed" in said
+    assert "broken" in said
+    assert "summary.csv" in page(out / "summary.report.html")
+
+
+def test_a_page_over_takes_is_replaced_only_by_who_may(label, takes, tmp_path):
+    out, inputs = tmp_path / "out", takes("one", "two")
+    assert json.loads(label(*FEW, "--html", "--json", blobs=inputs).out)["summary"] == str(out / "summary.report.html")
+    (out / "one.report.json").unlink()
+    (out / "two.report.json").unlink()
+    for path in (*out.glob("one.*"), *out.glob("two.*")):
+        path.unlink()
+    refused = label(*FEW, "--html", blobs=inputs)
+    assert "summary.report.html: exists already" in refused.reason
+    assert [path.name for path in out.iterdir()] == ["summary.report.html"]
+    assert label(*FEW, "--html", "--resume", blobs=inputs).status == 0
+    (out / "summary.report.html").write_text("my own")
+    assert "summary.report.html: exists already" in label(*FEW, "--html", "--resume", blobs=inputs).reason
+    assert (out / "summary.report.html").read_text() == "my own"
+    assert label(*FEW, "--html", "--resume", "--overwrite", blobs=inputs).status == 0
+    assert "2 takes labelled" in page(out / "summary.report.html")
+
+
+def test_a_take_of_points_has_a_page(run, room, tmp_path):
+    out = tmp_path / "out"
+    answer = run("label", room.c3d, "--model", MODEL, "--out", out, "--html", "--method", "fit")
+    assert answer.status == 0
+    text = page(out / "take.report.html")
+    assert "points named" in text
+    assert "Cameras" not in text
+    assert "Method fit" in text

@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A review that tells the truth: what is missing, left over or off the body is said, worst first."""
+
+import numpy as np
+import pytest
+
+from addon.core.data.takes import BY_FIT, NO_MARKER, NO_STEP, Labels, Motion, PointRows, Suspect
+from addon.core.edits.kinds import Delete, Edits, Right, Swap
+from addon.core.review.trouble import DOUBTFUL, LEFT_OVER, MISSING, OFF_BODY, TakeTrouble, summary_of_trouble
+
+RATE, FIRST, FRAMES = 100.0, 11, 200
+NAMES = ("HEAD", "LHEE", "RHEE")
+PLACES = np.array([[0.0, 0, 1.7], [0, 0.1, 0.05], [0, -0.1, 0.05]])
+
+
+def take(markers: np.ndarray, others: dict[int, np.ndarray] | None = None):
+    """Rows, labels and motion: a trajectory for each of the markers (F, M, 3), then others by number (F, 3)."""
+    count = len(markers)
+    xyz = np.concatenate([markers, *(one[:, None] for one in (others or {}).values())], axis=1)
+    numbers = np.array([*range(len(NAMES)), *(others or {})])
+    frame, column = np.nonzero(np.isfinite(xyz[..., 0]))
+    marker = np.where(column < len(NAMES), column, NO_MARKER)
+    named = marker != NO_MARKER
+    labels = Labels(marker, np.where(named, BY_FIT, NO_STEP), named * 1.0)
+    rows = PointRows(FIRST + np.arange(count), frame, numbers[column], xyz[frame, column], None)
+    nothing = np.zeros((count, len(NAMES)))
+    expected = np.tile(PLACES, (count, 1, 1))
+    pose = expected[:, :1], np.tile(np.eye(3), (count, 1, 1, 1)), np.ones((count, 3)), np.ones(count)
+    return rows, labels, Motion(rows.frames, markers, nothing, nothing, nothing, expected, *pose)
+
+
+def trouble(markers, others=None, edits=(), suspects=(), answered=()):
+    looking = TakeTrouble(NAMES, RATE, Edits(tuple(edits)))
+    looking.add(*take(markers, others))
+    return looking.found(suspects, answered)
+
+
+def steady() -> np.ndarray:
+    return np.tile(PLACES, (FRAMES, 1, 1))
+
+
+def without(*names: str, frames: slice = slice(None)) -> np.ndarray:
+    markers = steady()
+    for name in names:
+        markers[frames, NAMES.index(name)] = np.nan
+    return markers
+
+
+def test_a_take_without_trouble_has_none():
+    assert trouble(steady()) == ()
+    assert summary_of_trouble(()) == ""
+
+
+def test_a_heel_that_was_never_found_is_said_with_the_point_beside_it():
+    [alone] = trouble(without("LHEE"))
+    assert (alone.kind, alone.markers, alone.first, alone.last) == (MISSING, ("LHEE",), FIRST, FIRST + FRAMES - 1)
+    assert alone.stake == FRAMES
+    assert alone.reason == "LHEE is never found"
+    beside = np.tile(PLACES[1] + [0.1, 0, 0], (FRAMES, 1))
+    missing, left = trouble(without("LHEE"), {7: beside})
+    assert {missing.kind, left.kind} == {MISSING, LEFT_OVER}
+    assert missing.trajectories == left.trajectories == (7,)
+    assert "trajectory 7, which has no name, is 100 mm from where it should be" in missing.reason
+    assert left.markers == ("LHEE",)
+    assert missing.action == left.action == "name"
+
+
+def test_gaps_count_by_their_frames_and_the_worst_is_first():
+    markers = without("LHEE", frames=slice(20, 40))
+    markers[50:150, 2] = np.nan
+    found = trouble(markers)
+    assert [(one.markers, one.stake, one.action) for one in found] == [
+        (("RHEE",), 100.0, "fill"),
+        (("LHEE",), 20.0, "fill"),
+    ]
+    assert found[0].reason == "RHEE is found in 50 % of the frames; not in frames 61–160"
+    assert trouble(without("LHEE", frames=slice(20, 21))) == ()
+    assert summary_of_trouble(found) == f"2 to look at, worst: {found[0].reason}"
+
+
+def test_what_is_right_is_answered_and_counts_nothing():
+    [answered] = trouble(without("LHEE"), edits=[Right("LHEE")])
+    assert answered.answered and answered.stake == 0
+    assert summary_of_trouble([answered]) == ""
+    half = trouble(without("LHEE"), edits=[Right("LHEE", frames=(FIRST, FIRST + 99))])
+    assert [(one.answered, one.stake, one.first) for one in half] == [(False, 100.0, FIRST + 100), (True, 0.0, FIRST)]
+    again = trouble(without("LHEE"), edits=[Right("LHEE"), Swap(("LHEE", "RHEE"))])
+    assert [one.answered for one in again] == [False]
+
+
+def test_a_point_far_from_the_body_is_none_of_its_own_and_one_on_it_is():
+    far, brief = np.tile([3.0, 3, 1], (FRAMES, 1)), np.full((FRAMES, 3), np.nan)
+    brief[10:14] = PLACES[0]
+    assert all(7 not in one.trajectories for one in trouble(steady(), {7: far, 8: brief}))
+    on = np.tile(PLACES[0] + [0.05, 0, 0], (FRAMES, 1))
+    [left] = trouble(steady(), {9: on})
+    assert (left.kind, left.trajectories, left.markers) == (LEFT_OVER, (9,), ())
+    assert left.stake == pytest.approx(0.1 * FRAMES)
+    [gone] = trouble(steady(), {9: on}, edits=[Delete(9)])
+    assert gone.answered
+    halves = [Delete(9, frames=(FIRST, 100)), Delete(9, frames=(101, FIRST + FRAMES - 1))]
+    assert trouble(steady(), {9: on}, edits=halves)[0].answered
+    assert not trouble(steady(), {9: on}, edits=halves[:1])[0].answered
+
+
+def test_how_far_the_body_is_off_is_said_in_mm_with_the_marker_and_when():
+    markers = steady()
+    markers[30:40, 2, 0] += 0.285
+    markers[35, 2, 0] -= 0.1
+    [off] = trouble(markers)
+    assert (off.kind, off.markers, off.first, off.last, off.stake) == (OFF_BODY, ("RHEE",), 41, 50, 10.0)
+    assert "up to 285 mm apart in frames 41–50" in off.reason
+    assert trouble(markers, edits=[Right("RHEE", frames=(41, 50))])[0].answered
+
+
+def test_doubts_are_in_the_list_once_with_what_to_do():
+    pair = Suspect(20, 29, "LHEE and RHEE may have each other's names in the whole take", markers=("LHEE", "RHEE"))
+    far = Suspect(20, 29, "LHEE is far from where the body has it", markers=("LHEE",))
+    [doubt] = trouble(steady(), suspects=[pair, far])
+    assert (doubt.kind, doubt.stake, doubt.action) == (DOUBTFUL, 20.0, "swap")
+    [answered] = trouble(steady(), answered=[pair])
+    assert answered.answered and answered.stake == 0
+
+
+@pytest.mark.parametrize("parts", [1, 2, 7])
+def test_a_take_in_chunks_has_the_same_trouble(parts):
+    markers = without("LHEE", frames=slice(20, 160))
+    markers[60:90, 2, 0] += 0.2
+    whole = trouble(markers)
+    rows, labels, motion = take(markers)
+    looking = TakeTrouble(NAMES, RATE)
+    for some in np.array_split(np.arange(FRAMES), parts):
+        own = (rows.frame >= some[0]) & (rows.frame <= some[-1])
+        names = ("frames", "markers", "residual", "residual_px", "conflicts", "expected")
+        names += ("joints", "rotations", "scale", "confidence")
+        piece = Motion(*(getattr(motion, name)[some] for name in names))
+        part = PointRows(rows.frames[some], rows.frame[own] - some[0], rows.trajectory[own], rows.xyz[own], None)
+        looking.add(part, labels[own], piece)
+    found = looking.found()
+    assert [(one.kind, one.first, one.last, one.stake) for one in found] == [
+        (one.kind, one.first, one.last, one.stake) for one in whole
+    ]

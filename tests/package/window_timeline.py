@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The trajectory timeline in a real Blender's window: clicked, dragged along, scrolled and timed.
+
+Runs as the window's script. Its task is `timeline.json` in the folder MOCAP_OUT: the zip, and how many frames. It
+judges nothing: what it saw goes to `seen.json` beside its pictures.
+"""
+
+import importlib
+import json
+import os
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(ROOT / "scripts"), str(Path(__file__).resolve().parent)]
+
+import window  # noqa: E402
+from timeline_take import make_take  # noqa: E402
+
+OUT = Path(os.environ["MOCAP_OUT"])
+EXTENSION = "bl_ext.user_default.mocap_autolabel"
+REDRAWS = 40
+
+
+def walk() -> Iterator[float]:
+    """Show a take, open the timeline, click, drag, undo, scroll, unfold, and time redraws."""
+    task, seen = json.loads((OUT / "timeline.json").read_text()), {}
+    bpy.ops.extensions.package_install_files(filepath=task["zip"], repo="user_default", enable_on_install=True)
+    of = lambda name: importlib.import_module(f"{EXTENSION}.addon.{name}")  # noqa: E731
+    settings = lambda: bpy.context.scene.mocap_autolabel  # noqa: E731
+    begin = time.perf_counter()
+    settings().take = of("scene.take").show_take(bpy.context, make_take(EXTENSION, task["frames"]))
+    seen["s to show the take"] = time.perf_counter() - begin
+    bpy.ops.ed.undo_push(message="Shown")
+    yield 1
+    bpy.ops.mocap_autolabel.show_timeline()
+    yield 1
+    # The editor gets most of the window.
+    area = window.area("DOPESHEET_EDITOR")
+    with bpy.context.temp_override(area=area):
+        bpy.ops.screen.area_move("EXEC_DEFAULT", x=area.x + 20, y=area.y + area.height, delta=330)
+    yield 1
+    of("ops.timeline").frame_take(bpy.context, window.area("DOPESHEET_EDITOR"))
+    yield 1
+    yield from window.screenshot("timeline-whole")
+
+    main, names = window.region("WINDOW", "DOPESHEET_EDITOR"), window.region("CHANNELS", "DOPESHEET_EDITOR")
+    timeline = of("ops.timeline")
+    with bpy.context.temp_override(area=window.area("DOPESHEET_EDITOR"), region=main):
+        runs, places = timeline.shown_runs(bpy.context), timeline.RowPlaces.of(bpy.context, main)
+    row_y = lambda row: int(main.y + places.upper(row) - 0.5 * places.row)  # noqa: E731
+    x_of = lambda frame: main.x + main.view2d.view_to_region(frame, 0, clip=False)[0]  # noqa: E731
+    span = runs.span[1] - runs.span[0]
+    seen["rows"] = [len(runs), runs.names[:4]]
+
+    at = runs.span[0] + span // 3
+    yield from window.click(x_of(at), row_y(3))
+    yield 0.5
+    seen["click"] = looked(at)
+    yield from window.drag((x_of(at), row_y(5)), (x_of(at + span // 4), row_y(5)))
+    yield 0.5
+    seen["drag"] = looked(at) | {"wanted": [at, at + span // 4], "row": runs.names[5]}
+    yield from window.screenshot("timeline-range")
+    bpy.ops.ed.undo()
+    yield 0.5
+    seen["undone"] = looked(at)
+    yield from window.drag((x_of(at), row_y(6)), (x_of(at + span // 4), row_y(6)), stop="ESC")
+    yield 0.5
+    seen["stopped"] = looked(at)
+    yield from window.click(names.x + 30, row_y(2))
+    yield 0.5
+    seen["name clicked"] = looked(at) | {"row": runs.names[2]}
+    yield from window.click(x_of(at), row_y(0), shift=True)
+    yield 0.5
+    seen["added"] = sorted(item.name for item in bpy.context.selected_objects)
+
+    before = len(bpy.data.actions[0].layers[0].strips[0].channelbags[0].fcurves)
+    yield from window.press("X", x_of(at), row_y(8))
+    yield 0.5
+    seen["keys left"] = len(bpy.data.actions[0].layers[0].strips[0].channelbags[0].fcurves) == before
+    state = bpy.context.window_manager.mocap_autolabel
+    for _ in range(8):
+        yield from window.press("WHEELDOWNMOUSE", x_of(at), row_y(8), shift=True, held=False)
+    seen["scrolled"] = state.timeline_scroll
+    yield from window.press("WHEELDOWNMOUSE", names.x + 20, row_y(8), held=False)
+    seen["scrolled by names"] = state.timeline_scroll
+    wide = lambda: main.view2d.region_to_view(main.width, 0)[0] - main.view2d.region_to_view(0, 0)[0]  # noqa: E731
+    width = wide()
+    yield from window.press("WHEELUPMOUSE", x_of(at), row_y(20), held=False)
+    yield 0.5
+    seen["zoomed"] = wide() / width
+    state.timeline_scroll = 60.0
+    yield from window.screenshot("timeline-ghosts")
+    with bpy.context.temp_override(area=window.area("DOPESHEET_EDITOR"), region=main):
+        now = timeline.RowPlaces.of(bpy.context, main)
+    ghost = 63
+    found = runs.runs[runs.runs[:, 0] == ghost][0]
+    y = int(main.y + now.upper(ghost) - 0.5 * now.row)
+    yield from window.click(min(max(x_of(int(found[1:3].mean())), main.x + 5), main.x + main.width - 40), y)
+    yield 0.5
+    seen["ghost"] = {"picked": settings().picked, "wanted": int(runs.trajectory[ghost])}
+
+    of("ops.timeline").frame_take(bpy.context, window.area("DOPESHEET_EDITOR"))
+    state.timeline_scroll = 0.0
+    seen["timing"] = yield from times(of)
+    state.timeline_unfolded = True
+    yield from window.screenshot("timeline-unfolded")
+    with bpy.context.temp_override(area=window.area("DOPESHEET_EDITOR"), region=main):
+        seen["rows unfolded"] = len(timeline.shown_runs(bpy.context))
+    settings().show_timeline = False
+    yield from window.screenshot("timeline-off")
+    (OUT / "seen.json").write_text(json.dumps(seen, indent=1))
+
+
+def looked(at: int) -> dict:
+    """What an action left in the scene."""
+    scene = bpy.context.scene
+    return {
+        "frame": scene.frame_current,
+        "asked": at,
+        "selected": [item.name for item in bpy.context.selected_objects],
+        "range": [scene.use_preview_range, scene.frame_preview_start, scene.frame_preview_end],
+    }
+
+
+def times(of) -> Iterator[float]:
+    """Milliseconds of a redraw of the rows, the GPU's included, while the time is panned; and of making them anew."""
+    drawing, timeline, spent, made = of("ui.timeline"), of("ops.timeline"), [], []
+
+    def timed():
+        import gpu
+
+        if not drawing.timeline_shown(bpy.context):
+            return
+        buffer = gpu.state.active_framebuffer_get()
+        buffer.read_color(0, 0, 1, 1, 4, 0, "UBYTE")
+        begin = time.perf_counter()
+        drawing.draw_rows()
+        buffer.read_color(0, 0, 1, 1, 4, 0, "UBYTE")
+        spent.append(1000 * (time.perf_counter() - begin))
+
+    handler = bpy.types.SpaceDopeSheetEditor.draw_handler_add(timed, (), "WINDOW", "POST_VIEW")
+    area, main = window.area("DOPESHEET_EDITOR"), window.region("WINDOW", "DOPESHEET_EDITOR")
+    for step in range(REDRAWS):
+        with bpy.context.temp_override(area=area, region=main):
+            bpy.ops.view2d.pan("EXEC_DEFAULT", deltax=7 if step % 2 else -5, deltay=0)
+        bpy.context.window_manager.mocap_autolabel.timeline_scroll = step % 9
+        area.tag_redraw()
+        yield 0.05
+    bpy.types.SpaceDopeSheetEditor.draw_handler_remove(handler, "WINDOW")
+    stored = of("scene.opened").opened.take(bpy.context.scene.mocap_autolabel.take, bpy.context.scene)
+    for _ in range(3):
+        begin = time.perf_counter()
+        runs = of("scene.trajectories").runs_of(stored)
+        made.append(1000 * (time.perf_counter() - begin))
+    del timeline
+    return {
+        "redraws": len(spent),
+        "median ms": float(np.median(spent)),
+        "worst ms": float(np.max(spent[2:])),
+        "making the rows ms": min(made),
+        "runs": len(runs.runs),
+    }
+
+
+window.play(walk())
