@@ -7,7 +7,6 @@ from pathlib import Path
 from ..core.data.errors import InputError
 from ..core.geometry.cameras import Cameras
 from . import opencv, selfcal
-from .camera_up import z_up
 from .motive_cameras import read_mcal
 from .opencv import read_yml
 from .qualisys import read_qca
@@ -15,6 +14,7 @@ from .selfcal import read_selfcal
 from .source import read_xml
 from .toml_cameras import read_toml, write_toml
 from .vicon import read_xcp
+from .world import z_up
 
 EXPECTED = (
     "expected a camera calibration: .toml, Vicon .xcp, Qualisys .qca.txt or .xml, Motive .mcal, OpenCV .yml, "

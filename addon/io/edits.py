@@ -5,7 +5,7 @@ from pathlib import Path
 
 from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet
-from ..core.edits.applying import names_of, refuse_unknown
+from ..core.edits.applying import refuse_unknown
 from ..core.edits.kinds import NO_EDITS, Edits
 from ..core.edits.rows import document_of, edits_of
 from .report import compact
@@ -30,7 +30,7 @@ def open_edits(edits: Edits | Path | None, take: Path, markerset: MarkerSet, **k
     path = edits if isinstance(edits, Path) else None
     edits = read_edits(path) if path else edits or NO_EDITS
     try:
-        refuse_unknown(edits, names_of(markerset), **known)
+        refuse_unknown(edits, markerset.by_name, **known)
     except InputError as error:
         raise InputError(error.message, path or take) from None
     return edits

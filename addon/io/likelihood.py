@@ -31,7 +31,7 @@ def likelihood_text(likelihood: Likelihood, indent: int = 2) -> str:
         "least": _rows(calibration.least, indent + 2),
     }
     if likelihood.rigid_bodies is not None:
-        lines["plates"] = json.dumps([list(map(int, group)) for group in likelihood.rigid_bodies.groups])
+        lines["plates"] = json.dumps([list(map(int, body)) for body in likelihood.rigid_bodies.members])
         lines["form"] = _rows(likelihood.rigid_bodies.form, indent + 2)
         lines["low"] = _rows(_lower(likelihood.rigid_bodies.low), indent + 2)
         lines["high"] = _rows(_lower(likelihood.rigid_bodies.high), indent + 2)
@@ -78,12 +78,12 @@ def read_likelihood(reader: Reader, value: object, markers: tuple[str, ...]) -> 
 
 
 def _rigid_bodies(reader: Reader, part: dict, count: int) -> RigidBodies:
-    groups = part["plates"]
-    flat = [index for group in groups for index in group] if _is_lists(groups) else [None]
+    bodies = part["plates"]
+    flat = [index for body in bodies for index in body] if _is_lists(bodies) else [None]
     if any(type(index) is not int or not 0 <= index < count for index in flat) or len(set(flat)) != len(flat):
         reader.fail("evidence plates are not lists of different markers' indices; expected [[0, 1, 2], …]")
     return RigidBodies(
-        groups=tuple(np.array(group, dtype=int) for group in groups),
+        members=tuple(np.array(body, dtype=int) for body in bodies),
         form=_table(reader, part, "form", count, 3),
         low=_symmetric(reader, part, "low", count),
         high=_symmetric(reader, part, "high", count),

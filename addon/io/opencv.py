@@ -8,11 +8,11 @@ import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.geometry.cameras import Cameras
-from .camera_up import z_up
 from .filestorage import parse_filestorage
 from .rig import RigCamera, refuse_crowd, rig, rotation_from_vector
 from .source import CALIBRATION_LIMIT, read_text
 from .toml_cameras import lens
+from .world import z_up
 
 KIND = "an OpenCV .yml calibration with intrinsics and extrinsics"
 

@@ -8,9 +8,9 @@ import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.geometry.cameras import Cameras
-from .camera_up import z_up
 from .rig import RigCamera, refuse_crowd, rig
 from .source import numbers, read_xml
+from .world import z_up
 
 KIND = "a Qualisys calibration"
 

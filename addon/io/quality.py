@@ -23,7 +23,7 @@ def quality_report(layout: MarkerLayout, found: Ambiguity, advice: Sequence[Advi
         "goal": goal,
         "subjects": layout.subjects,
         "markers": {
-            name: {"separation": _rounded(found.of_markers[index]), "rival": _rival(found, index)}
+            name: {"separation": _rounded(found.of_markers[index]), "rival": _taken_for(found, index)}
             for index, name in enumerate(found.markers)
         },
         "pairs": [
@@ -73,7 +73,7 @@ def _advice(advice: Advice, markerset: MarkerSet) -> dict:
     }
 
 
-def _rival(found: Ambiguity, index: int) -> str:
+def _taken_for(found: Ambiguity, index: int) -> str:
     return found.markers[int(found.hidden[index].argmax())]
 
 

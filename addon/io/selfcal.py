@@ -13,9 +13,9 @@ import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.geometry.cameras import Cameras, distort
-from .camera_up import z_up
 from .rig import RigCamera, refuse_crowd, rig
 from .source import CALIBRATION_LIMIT, numbers, read_text
+from .world import z_up
 
 KIND = "a self-calibration folder with *.Pmat.cal, *.rad and Res.dat"
 

@@ -13,9 +13,9 @@ from ..core.data.errors import InputError
 from ..core.geometry import inverse_lens
 from ..core.geometry.camera_up import AXIS_NAMES, guess_up
 from ..core.geometry.cameras import Cameras
-from .camera_up import z_up
 from .rig import RigCamera, refuse_crowd, rig, rotation_from_vector
 from .source import CALIBRATION_LIMIT, read_text
+from .world import z_up
 
 # Ours beside the shared keys: a lens of Vicon's kind, exact, where `distortions` can only come near it.
 INVERSE = "vicon_radial"

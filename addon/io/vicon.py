@@ -10,9 +10,9 @@ import numpy as np
 from ..core.data.errors import InputError
 from ..core.geometry import inverse_lens
 from ..core.geometry.cameras import Cameras
-from .camera_up import z_up
 from .rig import RigCamera, refuse_crowd, rig, rotation_from_quaternion
 from .source import numbers, read_xml
+from .world import z_up
 
 KIND = "a Vicon .xcp calibration"
 

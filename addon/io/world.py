@@ -2,9 +2,12 @@
 """Units of a take whose file does not say, and the turns from worlds with another axis up."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 
+from ..core.geometry.camera_up import guess_up, turned
+from ..core.geometry.cameras import Cameras
 from .rig import Z_UP_FROM_Y_UP
 
 # Metres in one of each unit that files name.
@@ -54,3 +57,18 @@ def _extent(xyz: np.ndarray) -> np.ndarray:
 def _travel(xyz: np.ndarray) -> float:
     """The farthest that any point is from the origin."""
     return float(np.nanmax(np.abs(xyz)))
+
+
+def z_up(cameras: Cameras, up: str = "") -> Cameras:
+    """The cameras of a file whose world has the axis `up`, such as "y" or "-x", pointing up; turned to z up.
+
+    Where nobody says (`up` is empty), the cameras themselves tell; a turn that was decided so is among the `remarks`.
+    """
+    axis = up or guess_up(cameras) or "z"
+    if axis == "z":
+        return cameras
+    cameras = turned(cameras, up_rotation(axis.upper() if axis[0] == "-" else "+" + axis.upper()))
+    if up:
+        return cameras
+    remark = f"the cameras stand with {axis} up in the calibration, which does not say: turned to z up"
+    return replace(cameras, remarks=(*cameras.remarks, remark))

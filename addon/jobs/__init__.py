@@ -6,7 +6,7 @@ from collections.abc import Generator
 from ..core.data.errors import InputError
 from ..core.data.progress import Progress
 from ..core.points.naming import METHODS
-from ..core.points.pipeline import USUAL_TARGET
+from ..core.points.whole_take.pipeline import USUAL_TARGET
 from ..io.points import holds_points
 from .job import OCCLUSIONS, USUAL_RATE, LabelJob, Labelled, occlusion_here
 

@@ -22,18 +22,17 @@ from ..core.pipelines.cross_check import MethodAgreement
 from ..core.points.models import Model
 from ..core.review.answering import without_accepted
 from ..core.review.odd_cameras import CameraCheck
+from ..core.review.overview import OverviewSubject, TakeOverview
 from ..core.review.summary import TakeSummary
 from ..core.review.trouble import TakeTrouble
 from ..io.blobs import BlobRows, frames_in, read_blobs
 from ..io.edits import open_edits
 from ..io.labels import LabelWriter
 from ..io.models import open_model
-from ..io.report import facts_of_edits
 from ..io.scratch import scratch_folder, told_of
 from .fill import fill_labelled
 from .job import LabelJob, Labelled, timed
 from .outcome import Outcome, facts_of_trouble, write_take
-from .pages import overview_for
 from .resuming import open_files
 from .spool import append
 
@@ -54,7 +53,8 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         settings = BlobOptions(job.method, job.frame_rate, job.target, job.options, _occlusion(job, model), edits)
         agreement, check = MethodAgreement(), CameraCheck(cameras, model.markerset)
         trouble = TakeTrouble(model.markerset.markers, job.frame_rate, edits, cameras)
-        overview = overview_for(job, model.markerset, job.frame_rate, cameras, edits)
+        subject = OverviewSubject.of(model.markerset)
+        overview = TakeOverview(subject, job.frame_rate, cameras, edits) if job.html else None
         source = Source(job, cameras)
         work = label_blobs(source.blobs(), cameras, model, settings, agreement)
         results = Results(job, files, model.markerset.markers, stack)
@@ -74,7 +74,6 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
             results.doubt(doubts)
         results.labels.file.flush()
         facts = _facts(job, blob_method(settings), cameras, results, agreement)
-        facts |= facts_of_edits(job.edits_file, joined(results.outcomes))
         counts = {one.name: one.as_dict() for one in trouble.by_camera.figures()}
         of_cameras = {name: row | counts[name] for name, row in check.of_cameras().items()}
         facts |= {"cameras": of_cameras, "camera_doubts": [doubt.reason for doubt in doubts]}
@@ -82,9 +81,10 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         points, fills = results.motion.points(), ()
         if job.fill:
             with timed(clock, "fill"):
-                points, of_gaps, fills = yield from fill_labelled(points, model.markerset)
+                points, of_gaps, fills = yield from fill_labelled(points, model.markerset, overview)
             facts |= of_gaps
-        made = Outcome(points, results.chunks, cameras, results.summary, facts, inputs, fills=fills, overview=overview)
+        said = {"outcomes": joined(results.outcomes), "overview": overview, "fills": fills}
+        made = Outcome(points, results.chunks, cameras, results.summary, facts, inputs, **said)
         report = write_take(job, files, model.markerset, made, clock)
     return Labelled(report, results.chunks if job.keep else [], edits)
 

@@ -13,7 +13,7 @@ from ..core.blobs.search import Hints
 from ..core.body.occlusion import Occlusion
 from ..core.edits.kinds import NO_EDITS, Edits
 from ..core.geometry.cameras import Cameras
-from ..core.points.pipeline import USUAL_TARGET
+from ..core.points.whole_take.pipeline import USUAL_TARGET
 from ..io.cameras import calibration_files
 from ..io.edits import edits_beside
 from ..io.markersets import markerset_file

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ..blendfile import Chunks, save_blend
 from ..core.data.markersets import MarkerSet
-from ..core.data.takes import PointRows, Points, Suspect
+from ..core.data.takes import EditOutcome, PointRows, Points, Suspect
 from ..core.edits.kinds import NO_EDITS, Edits
 from ..core.filling.kept import KeptFill
 from ..core.geometry.cameras import Cameras
@@ -15,14 +15,15 @@ from ..core.review.overview import TakeOverview
 from ..core.review.summary import TakeSummary
 from ..core.review.trouble import TakeTrouble, summary_of_trouble
 from ..io.c3d import first_number, names_in_c3d
+from ..io.html import write_take_page
 from ..io.labels import write_point_labels
 from ..io.points import write_c3d, write_trc
-from ..io.report import REPORT, take_report, write_report
+from ..io.report import REPORT, facts_of_edits, take_report, write_report
 from ..io.source import digest
 from ..version import version
 from .changed import facts_of_changes
 from .job import PAGE, LabelJob, timed
-from .pages import write_job_page
+from .pages import today
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +36,7 @@ class Outcome:
     summary  for the report, and `facts` that only some reports say
     made_of  what the results come from
     edits    of points, those that the labels follow
+    outcomes what became of each edit
     overview what the take's page is drawn from; None where the job writes none
     fills    the gaps that were filled, which a Blender file keeps apart from what was measured
     """
@@ -46,6 +48,7 @@ class Outcome:
     facts: dict
     made_of: dict
     edits: Edits = NO_EDITS
+    outcomes: tuple[EditOutcome, ...] = ()
     overview: TakeOverview | None = None
     fills: tuple[KeptFill, ...] = ()
 
@@ -66,11 +69,17 @@ def write_take(job: LabelJob, files: dict[str, Path], markerset: MarkerSet, made
             write_trc(files[".trc"], made.points)
         results = {ending: digest([path]) for ending, path in files.items() if ending not in (PAGE, REPORT)}
     report = take_report(made.summary, job.source.stem, markerset.name, rate, version(), clock)
-    report |= renumbered(made.points) | made.facts | changed | {"made_of": {**made.made_of, "results": results}}
+    report |= (
+        renumbered(made.points)
+        | facts_of_edits(job.edits_file, made.outcomes)
+        | made.facts
+        | changed
+        | {"made_of": {**made.made_of, "results": results}}
+    )
     if "points" in report:
         del report["blobs"]
     if made.overview is not None:
-        write_job_page(files[PAGE], job, report, made.overview)
+        write_take_page(files[PAGE], report, made.overview, job.source.name, today())
         results[PAGE] = digest([files[PAGE]])
     write_report(files[REPORT], report)
     return report

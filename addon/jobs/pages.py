@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from ..core.data.markersets import MarkerSet
 from ..core.data.takes import Blobs, LabelledChunk, PointRows
-from ..core.edits.applying import names_of
 from ..core.edits.kinds import NO_EDITS, Edits
-from ..core.geometry.cameras import NO_CAMERAS, Cameras
+from ..core.geometry.cameras import Cameras
 from ..core.review.odd_cameras import CameraCheck
 from ..core.review.overview import OverviewSubject, TakeOverview
 from ..core.review.summary import TakeSummary
@@ -18,25 +16,7 @@ from ..io.html import is_page, write_folder_page, write_take_page
 from ..io.report import facts_of_edits, take_report
 from ..io.whole import check_targets, whole_file
 from ..version import version
-from .job import PAGE, LabelJob
-
-
-def overview_for(
-    job: LabelJob, markerset: MarkerSet, rate: float, cameras: Cameras = NO_CAMERAS, edits: Edits = NO_EDITS
-) -> TakeOverview | None:
-    """What the page of a job is drawn from, to be filled as chunks come; None where the job writes none."""
-    if not job.html:
-        return None
-    parents = tuple(markerset.skeleton.parents.tolist())
-    subject = OverviewSubject(markerset.markers, names_of(markerset), parents)
-    return TakeOverview(subject, rate, cameras, edits)
-
-
-def write_job_page(path: Path, job: LabelJob, report: Mapping, overview: TakeOverview):
-    """Writes the page of a take that was labelled."""
-    for row in report.get("filled", ()):
-        overview.fill(row["marker"], row["first"], row["last"])
-    write_take_page(path, report, overview, job.source.name, today())
+from .job import PAGE
 
 
 @dataclass(frozen=True, eq=False)

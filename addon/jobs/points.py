@@ -14,17 +14,16 @@ from ..core.data.takes import LARGEST_FRAME, STEPS, Labels, PointRows
 from ..core.geometry.cameras import NO_CAMERAS
 from ..core.points.motion import labelled_points
 from ..core.points.naming import chosen_method
-from ..core.points.pipeline import PointOptions, label_points
+from ..core.points.whole_take.pipeline import PointOptions, label_points
+from ..core.review.overview import OverviewSubject, TakeOverview
 from ..core.review.summary import TakeSummary
 from ..core.review.trouble import TakeTrouble
 from ..io.edits import open_edits
 from ..io.models import open_model
 from ..io.points import FilePoints, read_points
-from ..io.report import facts_of_edits
 from .fill import fill_labelled
 from .job import LabelJob, Labelled, timed
 from .outcome import Outcome, facts_of_trouble, write_take
-from .pages import overview_for
 from .resuming import open_files
 
 
@@ -44,7 +43,8 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
                 raise InputError(words, job.source)
             if job.blend:
                 refuse_long(take.first_frame, last)
-            known = {"points": take.columns.tolist(), "frames": _whole(take, job)}
+            # Of a part of a take nobody knows how long it is.
+            known = {"points": take.columns.tolist(), "frames": None if job.frames else (take.first_frame, last)}
             edits = open_edits(job.edits_applied, job.source, model.markerset, **known)
             options = PointOptions(chosen_method(model, job.method), job.target, job.options, edits)
         labelled = yield from label_points(take, model, options)
@@ -54,27 +54,23 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         chunk = replace(labelled, labels=labelled.labels[present], unedited=unedited)
         summary = TakeSummary(markerset.markers)
         summary.add(chunk)
-        overview = overview_for(job, markerset, take.rate, edits=edits)
+        overview = TakeOverview(OverviewSubject.of(markerset), take.rate, edits=edits) if job.html else None
         if overview is not None:
             overview.add(rows, chunk)
         points = labelled_points(take, labelled, markerset)
-        facts = _facts(take, chunk.labels, options) | facts_of_edits(job.edits_file, labelled.outcomes)
+        facts = _facts(take, chunk.labels, options)
         trouble = TakeTrouble(markerset.markers, take.rate, edits)
         trouble.add(rows, chunk.labels, chunk.motion)
         facts |= facts_of_trouble(trouble, chunk.suspects)
         fills = ()
         if job.fill:
             with timed(clock, "fill"):
-                points, of_gaps, fills = yield from fill_labelled(points, markerset)
+                points, of_gaps, fills = yield from fill_labelled(points, markerset, overview)
             facts |= of_gaps
-        made = Outcome(points, [(rows, chunk)], NO_CAMERAS, summary, facts, inputs, edits, overview, fills)
+        said = labelled.outcomes, overview, fills
+        made = Outcome(points, [(rows, chunk)], NO_CAMERAS, summary, facts, inputs, edits, *said)
         report = write_take(job, files, markerset, made, clock)
     return Labelled(report, made.chunks if job.keep else [], edits)
-
-
-def _whole(take: FilePoints, job: LabelJob) -> tuple[int, int] | None:
-    """The first and last frame of a take of which all is labelled; of a part nobody knows how long the take is."""
-    return None if job.frames else (take.first_frame, int(take.frames[-1]))
 
 
 def _facts(take: FilePoints, given: Labels, options: PointOptions) -> dict:

@@ -11,7 +11,6 @@ import numpy as np
 from ..core.data.errors import JobError
 from ..core.data.markersets import MarkerSet
 from ..core.data.takes import STEPS, Blobs, LabelledChunk, Labels, Motion, PointRows, Suspect
-from ..core.edits.applying import names_of
 from ..core.edits.following import changed_markers
 from ..core.edits.kinds import Edits
 from ..core.filling.kept import KeptFill, filled_samples, put_fills
@@ -328,7 +327,7 @@ def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Coll
     # Blender's whole numbers have 32 bits, and a shift may need 33.
     collection[RATE], collection[SHIFT], collection[SOURCE] = float(take.rate), float(shift), take.source
     collection[SUSPECTS] = json.dumps([_suspect_row(suspect) for suspect in take.suspects])
-    collection[MARKER_WORDS] = json.dumps(names_of(take.markerset))
+    collection[MARKER_WORDS] = json.dumps(take.markerset.by_name)
     collection[PARENTS] = json.dumps(take.markerset.skeleton.parents.tolist())
     if take.edits is not None:
         keep_edits(collection, take.edits)

@@ -25,7 +25,7 @@ from addon.core.data.progress import finished
 from addon.core.data.takes import Points
 from addon.core.edits.kinds import AssignBlob, AssignPoint, Edits
 from addon.core.points.models import Model
-from addon.core.points.pipeline import USUAL_TARGET, PointOptions, label_points
+from addon.core.points.whole_take.pipeline import USUAL_TARGET, PointOptions, label_points
 from addon.demo.take import MODEL, make_performance
 from addon.io.cameras import write_cameras
 from addon.io.markersets import open_markerset

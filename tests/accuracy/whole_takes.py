@@ -19,7 +19,7 @@ from addon.core.data.errors import JobError
 from addon.core.data.progress import finished
 from addon.core.data.takes import Points
 from addon.core.points.models import Model
-from addon.core.points.pipeline import USUAL_TARGET, PointOptions, label_points
+from addon.core.points.whole_take.pipeline import USUAL_TARGET, PointOptions, label_points
 from addon.core.training.pipeline import TrainingOptions, train
 from addon.core.training.takes import LabelledTake
 from addon.io.markersets import builtin_markersets, open_markerset

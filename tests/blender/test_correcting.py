@@ -42,7 +42,7 @@ def files(tmp_path, made):
 @pytest.fixture
 def labelled(extension, empty, files, monkeypatch):
     """The take in a scene, named as it is, by a naming that knows."""
-    pipeline = importlib.import_module(f"{extension}.addon.core.points.pipeline")
+    pipeline = importlib.import_module(f"{extension}.addon.core.points.whole_take.pipeline")
     takes = importlib.import_module(f"{extension}.addon.core.data.takes")
     truth = np.arange(GHOST + 1)
     truth[GHOST] = NO_MARKER

@@ -68,7 +68,7 @@ def imported(extension, empty, files):
 @pytest.fixture
 def naming_known(extension, monkeypatch, files):
     """The job with a naming that knows the truth."""
-    pipeline = importlib.import_module(f"{extension}.addon.core.points.pipeline")
+    pipeline = importlib.import_module(f"{extension}.addon.core.points.whole_take.pipeline")
     takes = importlib.import_module(f"{extension}.addon.core.data.takes")
 
     def name(points, rate):

@@ -28,7 +28,7 @@ def state(extension, empty, made, tmp_path, monkeypatch):
     residual = np.where(np.isfinite(xyz[..., 0]), 0.0002, np.nan)
     write_c3d(tmp_path / "walk.c3d", Points(("",) * xyz.shape[1], xyz, residual, 60.0, FIRST))
     write_markerset(tmp_path / "small.markerset.json", markerset)
-    pipeline = importlib.import_module(f"{extension}.addon.core.points.pipeline")
+    pipeline = importlib.import_module(f"{extension}.addon.core.points.whole_take.pipeline")
     takes = importlib.import_module(f"{extension}.addon.core.data.takes")
     knee = markerset.markers.index(LOST)
     truth = np.where(np.isin(np.arange(GHOST + 1), [knee, GHOST]), NO_MARKER, np.arange(GHOST + 1))
@@ -134,7 +134,7 @@ def test_a_take_of_blobs_has_its_cameras_and_can_be_answered(extension, empty, m
 
 def test_a_range_labelled_again_is_put_into_the_take(state, monkeypatch):
     scene, settings = bpy.context.scene, bpy.context.scene.mocap_autolabel
-    pipeline = importlib.import_module(f"{state.extension}.addon.core.points.pipeline")
+    pipeline = importlib.import_module(f"{state.extension}.addon.core.points.whole_take.pipeline")
     before = pipeline.namer_of().name
 
     def name(points, rate):

@@ -66,7 +66,7 @@ def test_a_page_that_cannot_be_written_costs_all_files(label, tmp_path, monkeypa
     def full(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(outcome, "write_job_page", full)
+    monkeypatch.setattr(outcome, "write_take_page", full)
     answer = label(*FEW, "--html")
     assert "No space left on device" in answer.reason
     assert list((tmp_path / "out").iterdir()) == []

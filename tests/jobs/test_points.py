@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import product
 
 import ezc3d
 import numpy as np
@@ -16,9 +17,9 @@ from addon.core.body.bodies import BodyModel
 from addon.core.body.posing import POSING
 from addon.core.data.errors import JobError
 from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, NO_STEP, Labels, PointRows, Points, Suspect, Verdict
-from addon.core.points import pipeline
 from addon.core.points.likelihood.frames import LikelihoodNamer
-from addon.core.points.pipeline import begins
+from addon.core.points.whole_take import pipeline
+from addon.core.points.whole_take.pipeline import begins
 from addon.io.markersets import open_markerset
 from addon.io.points import read_points, write_c3d
 from addon.jobs import LabelJob, label_file
@@ -179,8 +180,8 @@ def test_progress_is_told_from_the_first_look_at_the_take(source, of_two_minds, 
 def test_only_the_number_of_a_trajectory_is_made_the_file_s(source, monkeypatch):
     said = (Suspect(12, 13, "goes over from trajectory 1 to B", 1), Suspect(12, 13, "trajectory 1 jumps"))
     use(monkeypatch, Known(right, 0.9999))
-    solved = pipeline.labels_of
-    monkeypatch.setattr(pipeline, "labels_of", lambda *given: Verdict(solved(*given).labels, said))
+    solved = pipeline.verdict_of
+    monkeypatch.setattr(pipeline, "verdict_of", lambda *given: Verdict(solved(*given).labels, said))
     report = json.loads((label(source) / "walk.report.json").read_text())
     assert [row["reason"] for row in report["suspect"]] == [
         "trajectory 4 goes over from trajectory 1 to B",
@@ -200,14 +201,13 @@ def test_progress_only_grows_and_goes_on_while_the_body_is_posed(source, of_two_
 
 
 def test_each_part_begins_where_the_work_before_it_is_done():
-    for method in ("likelihood", "fit"):
-        for frames in (1, 100, 100_000):
-            for unordered in (False, True):
-                shares = begins(frames, method, unordered)
-                assert list(shares) == ["adapt", "others", "name", "learn", "vote", "pose", "write"]
-                assert list(shares.values()) == sorted(shares.values())
-                assert shares["adapt"] == 0 and shares["write"] < 1
-                assert (shares["learn"] < shares["vote"]) == unordered
+    for method, frames, unordered, edited in product(("likelihood", "fit"), (1, 100, 100_000), *[(False, True)] * 2):
+        shares = begins(frames, method, unordered, edited)
+        assert " ".join(shares) == "adapt others name learn name again vote hear vote again pose write"
+        assert list(shares.values()) == sorted(shares.values())
+        assert shares["adapt"] == 0 and shares["write"] < 1
+        assert (shares["learn"] < shares["name again"] < shares["vote"]) == unordered
+        assert (shares["vote again"] < shares["pose"]) == edited
     long = begins(100_000, "likelihood")
     assert long["name"] < 0.01
     assert long["vote"] > 0.6

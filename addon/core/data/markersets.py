@@ -120,6 +120,12 @@ class MarkerSet:
         """(M, 3) marker positions in the rest pose, model axes, heights: the paper's normalised model, X_j."""
         return self.skeleton.rest_joints[self.attachment] + self.offsets
 
+    @cached_property
+    def by_name(self) -> dict[str, int]:
+        """The index of each marker by its name, and by its aliases."""
+        own = {name: index for index, name in enumerate(self.markers)}
+        return {alias: own[name] for alias, name in self.aliases.items() if name in own} | own
+
     def index(self, name: str) -> int:
         """Index of a marker by name or alias; KeyError when it has neither."""
         name = self.aliases.get(name, name)

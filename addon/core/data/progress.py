@@ -3,9 +3,12 @@
 
 from collections.abc import Generator, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 Result = TypeVar("Result")
+NO_SPANS: Mapping[str, tuple[float, float]] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -24,42 +27,32 @@ class Stage:
     note: str
 
 
-def in_stages(
-    work: Generator[Stage | float | tuple[float, str], None, Result], begins: Mapping[str, float]
+def within(
+    work: Generator[Stage | float | tuple[float, str], None, Result],
+    first: float,
+    last: float,
+    note: str = "",
+    spans: Mapping[str, tuple[float, float]] = NO_SPANS,
 ) -> Generator[Progress, None, Result]:
-    """Work that says which stage begins and then how far that is, as progress of the whole; gives its result.
+    """Work as part of a whole, from `first` to `last` of it; gives its result.
 
-    `begins` says how far along the whole is when each stage begins, in their order. Of a stage the share of it that is
-    done is told, and with it what is being done where that is not always the stage's note.
+    It yields the share of it that is done, and with it what it is doing where that is not always `note`. Where a stage
+    of it begins it yields that: from there on the share is of the stage, whose part of the whole is in `spans`.
     """
-    ends = dict(zip(begins, [*begins.values(), 1.0][1:], strict=True))
-    first = last = 0.0
-    note = ""
     while True:
         try:
             told = next(work)
         except StopIteration as end:
             return end.value
         if isinstance(told, Stage):
-            first, last, note, told = begins[told.name], ends[told.name], told.note, 0.0
+            (first, last), note, told = spans[told.name], told.note, 0.0
         share, doing = told if isinstance(told, tuple) else (told, note)
         yield Progress(first + (last - first) * share, doing)
 
 
-def within(
-    work: Generator[float | tuple[float, str], None, Result], first: float, last: float, note: str = ""
-) -> Generator[Progress, None, Result]:
-    """Work as part of a whole, from `first` to `last` of it; gives its result.
-
-    It yields the share of it that is done, and with it what it is doing where that is not always `note`.
-    """
-    while True:
-        try:
-            told = next(work)
-        except StopIteration as end:
-            return end.value
-        share, doing = told if isinstance(told, tuple) else (told, note)
-        yield Progress(first + (last - first) * share, doing)
+def in_stages(work: Generator, begins: Mapping[str, float]) -> Generator[Progress, None, Any]:
+    """All of the work, by how far along it is when each of its stages begins, in their order; gives its result."""
+    return within(work, 0.0, 0.0, spans=dict(zip(begins, pairwise((*begins.values(), 1.0)), strict=True)))
 
 
 def finished(work: Generator[Any, None, Result]) -> Result:

@@ -71,7 +71,7 @@ class PointCells:
     def of(cls, take: Points, markerset: MarkerSet) -> "PointCells":
         """Those of a take."""
         columns = np.arange(take.xyz.shape[1]) if take.columns is None else take.columns
-        return cls(names_of(markerset), len(markerset), take.first_frame, take.present, columns)
+        return cls(markerset.by_name, len(markerset), take.first_frame, take.present, columns)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +103,7 @@ class BlobCells:
         slot = np.empty(len(blobs), int)
         slot[order] = np.arange(len(blobs)) - np.repeat(np.cumsum(counts) - counts, counts)
         present = np.arange(max(int(counts.max(initial=0)), 1)) < counts[:, None]
-        return cls(names_of(markerset), len(markerset), cameras, blobs, image, slot, present)
+        return cls(markerset.by_name, len(markerset), cameras, blobs, image, slot, present)
 
     def table(self, labels: Labels) -> Labels:
         """The labels (N,) of the blobs, (R, K)."""
@@ -128,12 +128,6 @@ class AppliedEdits:
     edited: Edited
     outcomes: tuple[EditOutcome, ...]
     places: Mapping[tuple[int, int], np.ndarray]
-
-
-def names_of(markerset: MarkerSet) -> dict[str, int]:
-    """The index of each marker by its name, and by its aliases."""
-    own = {name: index for index, name in enumerate(markerset.markers)}
-    return {alias: own[name] for alias, name in markerset.aliases.items() if name in own} | own
 
 
 def refuse_unknown(

@@ -4,7 +4,7 @@
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
 
 from ..data.errors import InputError
 from ..data.takes import LARGEST_FRAME
@@ -25,11 +25,25 @@ from .kinds import (
 )
 
 EDITS_VERSION = 1
-# A person makes hundreds; beyond this it is no list of a person's.
-MOST_EDITS = 100_000
-FARTHEST_M = 10_000.0  # from the origin that a marker may be placed: beyond any room
-FARTHEST_PIXEL = 1e7  # that a blob may be looked for at, beyond any camera
-LAST_POINT = 2**31 - 1  # that a trajectory may be counted as
+
+
+@dataclass(frozen=True)
+class EditLimits:
+    """What an edit may say; reckoned, so that nothing a person means is beyond it.
+
+    max_edits  a person makes hundreds
+    max_m      from the origin that a marker may be placed: beyond any room
+    max_px     that a blob may be looked for at: beyond any camera
+    max_point  that a trajectory may be counted as
+    """
+
+    max_edits: int = 100_000
+    max_m: float = 10_000.0
+    max_px: float = 1e7
+    max_point: int = 2**31 - 1
+
+
+EDIT_LIMITS = EditLimits()
 
 # Of every kind the shapes that it may have: the keys that its rows must have, and the edit that they make.
 FORMS: dict[str, tuple[tuple[type[Edit], tuple[str, ...]], ...]] = {
@@ -57,8 +71,8 @@ def edits_of(document: object) -> Edits:
         raise InputError(f"is of version {_shown(version)}; expected edits of version {EDITS_VERSION}")
     if not isinstance(rows, list):
         raise InputError('has no list "edits"; expected {"version": 1, "edits": [...]}')
-    if len(rows) > MOST_EDITS:
-        raise InputError(f"has {len(rows)} edits; expected at most {MOST_EDITS}")
+    if len(rows) > EDIT_LIMITS.max_edits:
+        raise InputError(f"has {len(rows)} edits; expected at most {EDIT_LIMITS.max_edits}")
     more = {key: value for key, value in document.items() if key not in ("version", "edits")}
     if not _can_be_kept(more):
         raise InputError("holds beside its edits what JSON cannot hold; expected finite numbers and letters of Unicode")
@@ -123,7 +137,7 @@ def _shape(whole: type[Edit], keys: Sequence[str]) -> str:
 
 
 def _point(value: object, number: int) -> int:
-    if not _is_whole(value) or not 0 <= value <= LAST_POINT:
+    if not _is_whole(value) or not 0 <= value <= EDIT_LIMITS.max_point:
         raise InputError(f"edit {number} has the point {_shown(value)}; expected the number of a trajectory, from 0")
     return value
 
@@ -164,14 +178,14 @@ def _markers(value: object, number: int) -> tuple[str, str]:
 
 
 def _pixel(value: object, number: int) -> float:
-    if not _is_number(value) or abs(value) > FARTHEST_PIXEL:
+    if not _is_number(value) or abs(value) > EDIT_LIMITS.max_px:
         raise InputError(f"edit {number} looks for a blob at {_shown(value)}; expected x and y in px")
     return float(value)
 
 
 def _xyz(value: object, number: int) -> tuple[float, float, float]:
     fine = isinstance(value, list) and len(value) == 3 and all(map(_is_number, value))
-    if not fine or max(map(abs, value)) > FARTHEST_M:
+    if not fine or max(map(abs, value)) > EDIT_LIMITS.max_m:
         raise InputError(f"edit {number} has the place {_shown(value)}; expected x, y and z in m")
     x, y, z = map(float, value)
     return x, y, z

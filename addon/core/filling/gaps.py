@@ -8,9 +8,22 @@ import numpy as np
 from ..data.takes import evenly_spread
 from ..geometry.rigid import pairwise_distances
 
-SPREAD_FRAMES = 600  # that the spread of distances is taken from; more change the order of neighbours no more
-FEWEST_TOGETHER = 10  # frames that two markers must share for the spread of their distance to say anything
-HELP_RATIO = 4  # a filled sample helps to fill gaps this many times as long as its own: those err far more than it
+
+@dataclass(frozen=True)
+class NeighbourOptions:
+    """Which markers are known well enough to fill a gap by; reckoned.
+
+    spread_frames  that the spread of distances is taken from; more change the order of neighbours no more
+    min_together   frames that two markers must share for the spread of their distance to say anything
+    help_ratio     a filled sample helps to fill gaps this many times as long as its own: those err far more than it
+    """
+
+    spread_frames: int = 600
+    min_together: int = 10
+    help_ratio: int = 4
+
+
+NEIGHBOURS = NeighbourOptions()
 
 
 @dataclass(frozen=True, order=True)
@@ -86,7 +99,7 @@ class KnownMarkers:
     def helping(self, gap: Gap) -> np.ndarray:
         """The markers that are known all through a gap and its ends, those that move most like it first."""
         part = self.window(gap)
-        known = np.isfinite(self.xyz[part, :, 0]) & (HELP_RATIO * self.length[part] <= len(gap))
+        known = np.isfinite(self.xyz[part, :, 0]) & (NEIGHBOURS.help_ratio * self.length[part] <= len(gap))
         spread = np.where(known.all(axis=0), self.spread[gap.marker], np.inf)
         spread[gap.marker] = np.inf
         order = np.argsort(spread, kind="stable")
@@ -94,9 +107,9 @@ class KnownMarkers:
 
 
 def _spread(xyz: np.ndarray) -> np.ndarray:
-    distances = pairwise_distances(xyz[evenly_spread(len(xyz), SPREAD_FRAMES)])
+    distances = pairwise_distances(xyz[evenly_spread(len(xyz), NEIGHBOURS.spread_frames)])
     known = np.isfinite(distances)
     count = np.maximum(known.sum(axis=0), 1)
     mean = np.where(known, distances, 0).sum(axis=0) / count
     square = (np.where(known, distances - mean, 0) ** 2).sum(axis=0) / count
-    return np.where(known.sum(axis=0) >= FEWEST_TOGETHER, np.sqrt(square), np.inf)
+    return np.where(known.sum(axis=0) >= NEIGHBOURS.min_together, np.sqrt(square), np.inf)

@@ -45,12 +45,28 @@ class KernelPrior:
 
 
 PRIOR_SCALES = KernelPrior()
-MEAN_SHARE = 0.3  # of the marker's variance, by which its mean may be off; reckoned
-LEAST_SD_M = 1e-4  # of a marker in its neighbours' axes; a made-up take has none
+
+
+@dataclass(frozen=True)
+class CovarianceOptions:
+    """How covariances are kept sound; reckoned.
+
+    mean_share  of the marker's variance, by which its mean may be off
+    min_sd_m    of a marker in its neighbours' axes; a made-up take has none
+    max_folds   times the folds of the prior, that a scale may be from its median: no take needs more
+    unsolvable  what the search is told where a covariance is none in numbers of this precision
+    rounding    part of its diagonal that is added to a covariance, so that rounding leaves it one
+    """
+
+    mean_share: float = 0.3
+    min_sd_m: float = 1e-4
+    max_folds: float = 3.0
+    unsolvable: float = 1e12
+    rounding: float = 1e-10
+
+
+COVARIANCE = CovarianceOptions()
 AXES = 3
-FARTHEST_FOLDS = 3.0  # times the folds of the prior, that a scale may be from its median: no take needs more
-UNSOLVABLE = 1e12  # what the search is told where a covariance is none in numbers of this precision
-ROUNDING = 1e-10  # part of its diagonal that is added to a covariance, so that rounding leaves it one
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +109,7 @@ class Alikeness:
         total = alike + bent
         total += lasting
         total += brief
-        total += MEAN_SHARE * self.variance
+        total += COVARIANCE.mean_share * self.variance
         if not wanted:
             return total, []
         by_slow_s, by_jitter_s = way * way * fall, short * short * (1 + short) / 3 * drop
@@ -113,10 +129,10 @@ class LearnedScales:
     def __post_init__(self):
         from scipy.optimize import minimize
 
-        start, reach = self.prior.medians, FARTHEST_FOLDS * np.array(self.prior.folds)
+        start, reach = self.prior.medians, COVARIANCE.max_folds * np.array(self.prior.folds)
         bounds, options = list(zip(start - reach, start + reach, strict=True)), {"maxiter": self.steps}
         found = minimize(self._unlikely, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
-        self.scales = found.x if found.fun < UNSOLVABLE else start
+        self.scales = found.x if found.fun < COVARIANCE.unsolvable else start
 
     def _unlikely(self, scales: np.ndarray) -> tuple[float, np.ndarray]:
         """Minus the logarithm of the posterior, and its derivatives."""
@@ -126,11 +142,11 @@ class LearnedScales:
         covariance, slopes = self.alike.slopes(scales)
         noise = np.exp(2 * scales[7])
         size = len(covariance)
-        covariance[np.diag_indices(size)] += noise + ROUNDING * np.trace(covariance) / size
+        covariance[np.diag_indices(size)] += noise + COVARIANCE.rounding * np.trace(covariance) / size
         try:
             factor = cho_factor(covariance, lower=True)
         except np.linalg.LinAlgError:  # the search went where rounding wins
-            return UNSOLVABLE, np.zeros(len(scales))
+            return COVARIANCE.unsolvable, np.zeros(len(scales))
         solved = cho_solve(factor, self.offsets)
         inner = AXES * cho_solve(factor, np.eye(size)) - solved @ solved.T
         fit = 0.5 * (self.offsets * solved).sum() + AXES * np.log(np.diag(factor[0])).sum()

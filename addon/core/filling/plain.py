@@ -6,30 +6,48 @@ first) and `own`, the frames (T,) whose samples of the marker may be looked at. 
 where it cannot say any. A gap at the start or end of the take has one end only.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ..data.takes import evenly_spread
 from ..geometry.rigid import MIN_POINTS, laid_on
 from .gaps import Gap, KnownMarkers
 
-SPLINE_SIDE = 8  # frames at either side; farther ones change a cubic spline inside the gap no more
-FEWEST_FOR_CUBIC = 2  # at either side; with fewer there is no slope, and a shape-preserving curve is drawn
-RIGID_NEIGHBOURS = 4  # as programs for labs take them; a fifth moves the less like the marker
-PCA_FRAMES = 1500  # of a long take; more make the same components
-PCA_FEWEST = 60  # frames with marker and neighbours; fewer know no components
-PCA_SHARE = 0.9999  # of the variance that components are kept for, as for the peers' PCA filling
+
+@dataclass(frozen=True)
+class PlainOptions:
+    """What the usual ways look at; reckoned, where nothing else is said.
+
+    spline_side       frames at either side; farther ones change a cubic spline inside the gap no more
+    min_cubic         of them at either side; with fewer there is no slope, and a shape-preserving curve is drawn
+    rigid_neighbours  as programs for labs take them; a fifth moves the less like the marker
+    pca_frames        of a long take; more make the same components
+    min_pca_frames    with marker and neighbours; fewer know no components
+    pca_share         of the variance that components are kept for, as for the peers' PCA filling
+    """
+
+    spline_side: int = 8
+    min_cubic: int = 2
+    rigid_neighbours: int = 4
+    pca_frames: int = 1500
+    min_pca_frames: int = 60
+    pca_share: float = 0.9999
+
+
+PLAIN_FILLING = PlainOptions()
 
 
 def spline(take: KnownMarkers, gap: Gap, _: np.ndarray, own: np.ndarray) -> np.ndarray | None:
     """A cubic spline through the frames around; shape-preserving where they are too few. Never beyond them."""
     from scipy.interpolate import CubicSpline, PchipInterpolator
 
-    before = np.flatnonzero(own[: gap.start])[-SPLINE_SIDE:]
-    after = gap.stop + np.flatnonzero(own[gap.stop :])[:SPLINE_SIDE]
+    before = np.flatnonzero(own[: gap.start])[-PLAIN_FILLING.spline_side :]
+    after = gap.stop + np.flatnonzero(own[gap.stop :])[: PLAIN_FILLING.spline_side]
     if not len(before) or not len(after):
         return None
     at = np.r_[before, after]
-    cubic = min(len(before), len(after)) >= FEWEST_FOR_CUBIC
+    cubic = min(len(before), len(after)) >= PLAIN_FILLING.min_cubic
     curve = (CubicSpline if cubic else PchipInterpolator)(at, take.xyz[at, gap.marker])
     return curve(gap.frames)
 
@@ -43,7 +61,7 @@ def pattern(take: KnownMarkers, gap: Gap, neighbours: np.ndarray, own: np.ndarra
 
 def rigid(take: KnownMarkers, gap: Gap, neighbours: np.ndarray, own: np.ndarray) -> np.ndarray | None:
     """Carried by the neighbours as by a rigid body (Kabsch), from either end; the two are blended."""
-    group = neighbours[:RIGID_NEIGHBOURS]
+    group = neighbours[: PLAIN_FILLING.rigid_neighbours]
     if len(group) < MIN_POINTS:
         return None
     part = take.window(gap)
@@ -65,14 +83,14 @@ def pca(take: KnownMarkers, gap: Gap, neighbours: np.ndarray, own: np.ndarray) -
     # In a trial there may be others missing than in the gap that it stands for.
     neighbours = neighbours[np.isfinite(take.xyz[part][:, neighbours, 0]).all(axis=0)]
     rows, group = _together(take, neighbours, own)
-    if len(rows) < PCA_FEWEST or len(group) < MIN_POINTS:
+    if len(rows) < PLAIN_FILLING.min_pca_frames or len(group) < MIN_POINTS:
         return None
     seen, middle = _about_middle(take.xyz[rows][:, group])
     whole = np.concatenate([seen, take.xyz[rows, gap.marker] - middle], axis=1)
     mean = whole.mean(axis=0)
     values, axes = np.linalg.eigh((whole - mean).T @ (whole - mean))
     values = np.maximum(values[::-1], 0)
-    kept = 1 + int(np.searchsorted(np.cumsum(values), PCA_SHARE * values.sum()))
+    kept = 1 + int(np.searchsorted(np.cumsum(values), PLAIN_FILLING.pca_share * values.sum()))
     axes = axes[:, ::-1][:, :kept]
     around, middle = _about_middle(take.xyz[part][:, group])
     weights = np.linalg.lstsq(axes[:-3], (around - mean[:-3]).T, rcond=None)[0]
@@ -82,14 +100,14 @@ def pca(take: KnownMarkers, gap: Gap, neighbours: np.ndarray, own: np.ndarray) -
 def _together(take: KnownMarkers, neighbours: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Frames with the marker and neighbours, and which: the neighbours that are rarest go, until frames are many."""
     at = np.flatnonzero(own)
-    at = at[evenly_spread(len(at), 2 * PCA_FRAMES)] if len(at) else at
+    at = at[evenly_spread(len(at), 2 * PLAIN_FILLING.pca_frames)] if len(at) else at
     known = np.isfinite(take.xyz[at][:, neighbours, 0])
     group, whole = np.arange(len(neighbours)), known.all(axis=1)
-    while len(group) > MIN_POINTS and whole.sum() < max(PCA_FEWEST, len(at) // 4):
+    while len(group) > MIN_POINTS and whole.sum() < max(PLAIN_FILLING.min_pca_frames, len(at) // 4):
         group = np.delete(group, known[:, group].sum(axis=0).argmin())
         whole = known[:, group].all(axis=1)
     rows = at[whole]
-    return rows[evenly_spread(len(rows), PCA_FRAMES)] if len(rows) else rows, neighbours[group]
+    return rows[evenly_spread(len(rows), PLAIN_FILLING.pca_frames)] if len(rows) else rows, neighbours[group]
 
 
 def _about_middle(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -13,7 +13,7 @@ import numpy as np
 from ..data.takes import evenly_spread
 from ..geometry.rigid import MIN_POINTS, in_axes, laid_on, mean_form
 from .gaps import Gap, KnownMarkers
-from .kernels import LEAST_SD_M, ROUNDING, Alikeness, LearnedScales
+from .kernels import COVARIANCE, Alikeness, LearnedScales
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,6 @@ class RegressionOptions:
     dense_s       seconds on either side from which all are
     near_step     every so many frames within `near_s`
     keep_share    of the marker's frames that must have all features; a neighbour that is rarer is no feature
-    end_s         seconds at either end of the gap in which the features must be known in half of the frames
     nearness_m    added to the spread of distances in the weight of a feature, so that none is all that counts
     sharpness     power of that weight
     fewest        frames to learn from
@@ -44,7 +43,6 @@ class RegressionOptions:
     dense_s: float = 0.1
     near_step: int = 2
     keep_share: float = 0.3
-    end_s: float = 0.1
     nearness_m: float = 0.003
     sharpness: float = 2.0
     fewest: int = 40
@@ -118,7 +116,7 @@ def learned(
         length = 1.0
     own_places = in_axes(turn, place, take.xyz[rows, marker][:, None])[:, 0]
     middle = own_places.mean(axis=0)
-    variance = max(((own_places - middle) ** 2).sum(axis=1).mean() / 3, LEAST_SD_M**2)
+    variance = max(((own_places - middle) ** 2).sum(axis=1).mean() / 3, COVARIANCE.min_sd_m**2)
     weight = weight / length
     if scales is None:
         features, seconds = (inner - mean) * weight, rows / rate
@@ -142,7 +140,7 @@ def regress(
     alike = Alikeness.of((features, known), (seconds, seconds[:count]), model.variance)
     covariance = alike.covariance(model.scales)
     inner, across = covariance[:count].copy(), covariance[count:]
-    inner[np.diag_indices(count)] += np.exp(2 * model.scales[7]) + ROUNDING * np.trace(inner) / count
+    inner[np.diag_indices(count)] += np.exp(2 * model.scales[7]) + COVARIANCE.rounding * np.trace(inner) / count
     try:
         factor = cho_factor(inner, lower=True)
     except np.linalg.LinAlgError:  # frames so much alike that rounding wins

@@ -5,11 +5,26 @@ With r the distance from the principal point in the image that was seen, straigh
 Taking the lens out is this formula; putting it in is the solution of one equation a point.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 TERMS = 3  # a, b and c
-NEWTON_STEPS = 200  # far more than Newton's method needs for points in front of a camera
-TOLERANCE = 1e-14
+
+
+@dataclass(frozen=True)
+class NewtonOptions:
+    """When Newton's method ends; reckoned.
+
+    max_steps  far more than it needs for points in front of a camera
+    max_error  of the distance from the principal point, or absolute below 1: what double precision can tell
+    """
+
+    max_steps: int = 200
+    max_error: float = 1e-14
+
+
+NEWTON = NewtonOptions()
 
 
 def straighten(image: np.ndarray, lens: np.ndarray) -> np.ndarray:
@@ -92,9 +107,9 @@ def _solve(straight: np.ndarray, lens: np.ndarray) -> np.ndarray:
         while len(short := rises & (high * _growth(high**2, lens) < straight)) and short.any():
             high[short] *= 2
         seen = np.minimum(straight, high)
-        for _ in range(NEWTON_STEPS):
+        for _ in range(NEWTON.max_steps):
             error = seen * _growth(seen**2, lens) - straight
-            if np.abs(error / np.maximum(straight, 1)).max(initial=0) < TOLERANCE:
+            if np.abs(error / np.maximum(straight, 1)).max(initial=0) < NEWTON.max_error:
                 break
             low, high = np.where(error < 0, seen, low), np.where(error > 0, seen, high)
             with np.errstate(divide="ignore", invalid="ignore"):

@@ -16,12 +16,11 @@ from ..edits.applying import BlobCells, nearest_blob
 from ..edits.kinds import NO_EDITS, AssignBlob, Edits
 from ..edits.replay import ANYBODY, Replay
 from ..geometry.cameras import Cameras
-from ..points.deciding import consistent, decide
 from ..points.models import Model
 from ..points.motion import motion_of
 from ..points.naming import Namer, namer_of
 from ..points.refusals import REFUSAL, sure_share
-from ..points.whole_take.deciding import can_be_solved, labels_of, solution_of
+from ..points.whole_take.deciding import can_be_solved, solution_of, verdict_of
 from ..points.whole_take.rulings import Rulings
 from ..reconstruction.trajectories import RECONSTRUCTION, Reconstructed, Reconstructor
 from ..review.suspects import find_suspects
@@ -156,15 +155,11 @@ def _decided(
     work: _Work, window: _Window, found: Labels, said: tuple[Suspect, ...], rulings: Rulings | None = None
 ) -> Verdict:
     """The names of a window's points, from what frames say on their own, and from what a person says of some."""
-    markerset, first = work.model.markerset, int(window.frames[0])
+    first, solution = int(window.frames[0]), None
     tracklet = window.tracklet if rulings is None else rulings.parted()
     if work.namer.step == BY_LIKELIHOOD and found.named.any() and can_be_solved(work.model, window.tracklet):
-        given = found, tracklet, window.xyz, work.model, work.rate, first
-        solution = solution_of(*given, rulings=rulings)
-        verdict = labels_of(solution, found, work.target, markerset.markers, first)
-    else:
-        verdict = decide(found, tracklet, work.model, work.target, first)
-        verdict = consistent(verdict, window.xyz, work.model.likelihood, first)
+        solution = solution_of(found, tracklet, window.xyz, work.model, work.rate, first, rulings=rulings)
+    verdict = verdict_of(solution, found, tracklet, window.xyz, work.model, work.target, first)
     return Verdict(verdict.labels, tuple(_without_number(one) for one in verdict.suspects) + said)
 
 

@@ -73,7 +73,7 @@ def borne_out(verdict: Verdict, adaptation: Adaptation, first_frame: int) -> Ver
 def _found(seen: Recognition) -> np.ndarray:
     """(M,) True for markers that single frames may name: on a rigid body of known form, or in a known place."""
     found = np.zeros(len(seen.sure), dtype=bool)
-    found[[marker for group in seen.rigid_bodies.groups for marker in group]] = True
+    found[[marker for group in seen.rigid_bodies.members for marker in group]] = True
     found[seen.single[seen.single != NO_MARKER]] = True
     # Beside a rigid body whose form is known, such as an ankle at its foot.
     for marker in np.flatnonzero(seen.sure):

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..data.markersets import MarkerSet
 from ..data.takes import BY_EDIT, NO_MARKER, Blobs, EditOutcome, LabelledChunk, PointRows
 from ..edits.applying import joined
 from ..edits.kinds import NO_EDITS, Edits, Place
@@ -139,6 +140,11 @@ class OverviewSubject:
     markers: tuple[str, ...]
     words: Mapping[str, int]
     parents: tuple[int, ...] = ()
+
+    @classmethod
+    def of(cls, markerset: MarkerSet) -> "OverviewSubject":
+        """Whoever wears the markers of a set."""
+        return cls(markerset.markers, markerset.by_name, tuple(markerset.skeleton.parents.tolist()))
 
 
 class TakeOverview:

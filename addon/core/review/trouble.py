@@ -163,6 +163,11 @@ class TakeTrouble:
         present = np.isfinite(motion.markers).all(axis=2)
         here = (motion.confidence > 0) | present.any(axis=1)
         self.subject_frames += int(here.sum())
+        if isinstance(rows, PointRows):
+            self.points += len(rows)
+            self._left, self._brief = find_leftovers(rows, labels, motion, self.rate)
+        else:
+            self.by_camera.add(rows, labels, motion)
         right = right_in(self.edits, self.words, frames)
         lacking = ~present & here[:, None]
         off = np.linalg.norm(motion.markers - motion.expected, axis=2)
@@ -173,11 +178,6 @@ class TakeTrouble:
         self._excused.add(frames, lacking & right)
         self._off.add(frames, far & ~right, off)
         self._accepted.add(frames, far & right, off)
-        if isinstance(rows, PointRows):
-            self.points += len(rows)
-            self._left, self._brief = find_leftovers(rows, labels, motion, self.rate)
-        else:
-            self.by_camera.add(rows, labels, motion)
 
     def found(self, suspects: Iterable[Suspect] = (), answered: Iterable[Suspect] = ()) -> tuple[Trouble, ...]:
         """All trouble, the worst first and what is answered last; suspects are the doubts, open and answered."""

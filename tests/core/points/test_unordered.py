@@ -13,9 +13,9 @@ from addon.core.points.likelihood.calibration import raised
 from addon.core.points.likelihood.frames import label_frames
 from addon.core.points.likelihood.subject import loosened, of_subject, off_expected
 from addon.core.points.likelihood.trials import Trial, make_trial
-from addon.core.points.pipeline import PointOptions, label_points
 from addon.core.points.tracklets import cut
 from addon.core.points.unordered import UNORDERED, is_unordered, learn_subject
+from addon.core.points.whole_take.pipeline import PointOptions, label_points
 from addon.core.simulation.virtual import Act, draw_person, perform
 from addon.io.models import open_model
 

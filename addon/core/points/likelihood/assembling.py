@@ -70,7 +70,7 @@ def rigid_body_order(
 
     Rigid bodies that share a joint say more of each other than those that do not.
     """
-    width, groups = rigid_bodies.high - rigid_bodies.low, rigid_bodies.groups
+    width, groups = rigid_bodies.high - rigid_bodies.low, rigid_bodies.members
     loose = np.array([[np.partition(width[np.ix_(a, b)].ravel(), 2)[2] for b in groups] for a in groups])
     order = linking_order(loose)
     ordered = []
@@ -93,11 +93,11 @@ def _beam(
     used = np.zeros((frames, 1, count + 1), dtype=bool)
     rows = np.arange(frames)[:, None]
     for index, links in rigid_body_order(rigid_bodies, options):
-        group = rigid_bodies.groups[index]
+        group = rigid_bodies.members[index]
         found = place(rigid_bodies, group, points, distance)
         total = score[:, :, None] + found.score[:, None]
         for other, weight in links:
-            cost = _link_cost(rigid_bodies, group, rigid_bodies.groups[other], found, naming, distance, options)
+            cost = _link_cost(rigid_bodies, group, rigid_bodies.members[other], found, naming, distance, options)
             total = total - weight * options.breach_weight * cost
         # A hidden marker's place is the column beyond the last point, which is never used up.
         slots = np.where(found.points >= 0, found.points, count)

@@ -69,7 +69,7 @@ class Training:
     genetics: Genetics = field(default_factory=Genetics)
 
 
-def train_ensemble(
+def train_partial_solvers(
     points: np.ndarray,
     markers,
     targets: float | np.ndarray = 0.9999,

@@ -56,12 +56,12 @@ RIGID_BODY = RigidBodyOptions()
 class RigidBodies:
     """Rigid groups of M markers, and the distances between all.
 
-    groups  for each rigid body the indices (n,) of its markers
+    members  for each rigid body the indices (n,) of its markers
     form    (M, 3) m, each marker in its rigid body's own axes; 0 for markers on none
     low, high  (M, M) m, the range of every distance
     """
 
-    groups: tuple[np.ndarray, ...]
+    members: tuple[np.ndarray, ...]
     form: np.ndarray
     low: np.ndarray
     high: np.ndarray

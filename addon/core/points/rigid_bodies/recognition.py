@@ -206,7 +206,7 @@ def _with_single_markers(
         place = np.where(np.isfinite(own), own, 0).sum(axis=1) / np.maximum(np.isfinite(own).sum(axis=1), 1)
         place[~np.isfinite(own[..., 0]).any(axis=1)] = np.nan
         _set_ranges(low, high, marker, sure, place, at[:, sure], often)
-    return RigidBodies(rigid_bodies.groups, rigid_bodies.form, low, high)
+    return RigidBodies(rigid_bodies.members, rigid_bodies.form, low, high)
 
 
 def _known(forms, count: int, options: RecognitionOptions) -> bool | None:

@@ -162,7 +162,7 @@ def learn_structure(
 
 def _learn(rigid_bodies: RigidBodies, subjects: Sequence[np.ndarray], options: StructureOptions) -> Structure:
     frames = np.concatenate([points[evenly_spread(len(points), options.sample_frames)] for points in subjects])
-    groups = [_firm(group, frames, options) for group in rigid_bodies.groups]
+    groups = [_firm(group, frames, options) for group in rigid_bodies.members]
     poses = [laid_on(_centred(rigid_bodies.form[group]), frames[:, group]) for group in groups]
     turn, place = (np.stack(part, axis=1) for part in zip(*poses, strict=True))
     tails = [options.tail_percent, 100 - options.tail_percent]

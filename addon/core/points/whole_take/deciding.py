@@ -69,8 +69,8 @@ def solution_of(
     voted = decide(named, tracklet, model, BELIEVING.sure_target, first_frame)
     kept = consistent(voted, points, model.likelihood, first_frame).labels.marker
     sure = kept if rulings is None else rulings.start
-    pieces = parted(tracklet, voted.labels.marker)
-    return solve_take(points, pieces, named, sure, model, rate, progress, rulings)
+    tracklet = parted(tracklet, voted.labels.marker)
+    return solve_take(points, tracklet, named, sure, model, rate, progress, rulings)
 
 
 def parted(tracklet: np.ndarray, voted: np.ndarray) -> np.ndarray:
@@ -84,6 +84,22 @@ def parted(tracklet: np.ndarray, voted: np.ndarray) -> np.ndarray:
             found[after:, column][own[after:] == own[after]] = count
             count += 1
     return found
+
+
+def verdict_of(
+    solution: Solution | None,
+    named: Labels,
+    tracklet: np.ndarray,
+    points: np.ndarray,
+    model: Model,
+    target: float,
+    first_frame: int,
+) -> Verdict:
+    """What is sure enough for the target: by the solution, else by the tracklets (T, P) and what contradicts them."""
+    if solution is not None:
+        return labels_of(solution, named, target, model.markerset.markers, first_frame)
+    verdict = decide(named, tracklet, model, target, first_frame)
+    return consistent(verdict, points, model.likelihood, first_frame)
 
 
 def labels_of(solution: Solution, named: Labels, target: float, names: Sequence[str], first_frame: int = 0) -> Verdict:

@@ -13,7 +13,7 @@ from ...data.takes import evenly_spread
 from ..tracklets import VOTE
 from .likeness import worth_of_each
 from .pairs import PAIRING, PairDistances
-from .pieces import Tracklets
+from .tracklets import Tracklets
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...data.takes import NO_MARKER
-from .pieces import Tracklets
+from .tracklets import Tracklets
 
 
 @dataclass(frozen=True)

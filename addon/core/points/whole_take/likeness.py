@@ -7,7 +7,7 @@ import numpy as np
 
 from ...data.takes import NO_MARKER
 from .pairs import PairDistances
-from .pieces import Tracklets
+from .tracklets import Tracklets
 
 
 @dataclass(frozen=True)

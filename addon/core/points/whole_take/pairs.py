@@ -142,8 +142,8 @@ def in_take(trained: PairDistances, placed: np.ndarray) -> PairDistances:
     shown = coverage * count / (count + counts_for)
     spread = (1 - shown) * known + shown * within
     sampling = (spread + PAIRING.min_sd_m**2) / np.maximum(count, 1e-9)
-    trust = np.where(some, unsure / (unsure + sampling), 0)
-    return PairDistances(prior + trust * (mean - prior), (1 - trust) * unsure, spread)
+    weight = np.where(some, unsure / (unsure + sampling), 0)
+    return PairDistances(prior + weight * (mean - prior), (1 - weight) * unsure, spread)
 
 
 def _size(trained: PairDistances, mean: np.ndarray, within: np.ndarray, count: np.ndarray) -> tuple[float, float]:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What edits are to a take that is solved: pieces that are surely a marker, surely not, or not there at all.
+"""What edits are to a take that is solved: tracklets that are surely a marker, surely not, or not there at all.
 
-Edits are evidence. A piece that a person named keeps that name through all rounds, and what is named beside it, how far
-markers are from each other in this take, and which of two is which follow from it as from any other name.
+Edits are evidence. A tracklet that a person named keeps that name through all rounds, and what is named beside it, how
+far markers are from each other in this take, and which of two is which follow from it as from any other name.
 """
 
 from dataclasses import dataclass, replace
@@ -12,7 +12,7 @@ import numpy as np
 
 from ...data.takes import BY_EDIT, BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels
 from ...edits.replay import ANYBODY, FREE, NOBODY, Edited
-from .pieces import Tracklets
+from .tracklets import Tracklets
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class RulingOptions:
     """How much edits say. Both reckoned.
 
     odds        log odds of what a person said: more than all frames and distances together
-    min_nobody  part of a piece's frames in which its marker is nobody's, by an edit, for it not to be that marker
+    min_nobody  part of a tracklet's frames in which its marker is nobody's, by an edit, for it not to be that marker
     carried     confidence in a frame that a trajectory which a person named elsewhere is still that marker
     """
 
@@ -108,7 +108,7 @@ class Rulings:
         return found
 
     def of(self, tracklets: Tracklets) -> Tracklets:
-        """Pieces as `parted` cuts them, with what a person says of each as votes that nothing outweighs."""
+        """Tracklets as `parted` cuts them, with what a person says of each as votes that nothing outweighs."""
         edited, markers = self.edited, self.edited.claim.shape[1]
         first = tracklets.begin[:-1]
         at = tracklets.row[first], tracklets.column[first]
@@ -127,7 +127,7 @@ class Rulings:
         return replace(tracklets, votes=votes, held=held)
 
     def begun(self, tracklets: Tracklets, marker: np.ndarray) -> np.ndarray:
-        """The markers (N,) that pieces are begun with, where a person named one of two that may have been exchanged.
+        """The markers (N,) that tracklets are begun with, where a person named one of two that may have been exchanged.
 
         What had the name until then is tried with the name that the other had.
         """

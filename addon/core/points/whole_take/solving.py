@@ -21,8 +21,8 @@ from .layout import Question, named_by_layout, usual_residual
 from .likeness import likeness, links, worth_of_length
 from .matching import margins, matched
 from .pairs import PairDistances, in_take, trained_pairs, widened, with_unknown
-from .pieces import Tracklets, tracklets_of
 from .rulings import Rulings
+from .tracklets import Tracklets, tracklets_of
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ class _Solving:
         self.points, self.tracklets, self.model, self.rate = points, tracklets, model, rate
         self.known = self.trained = trained_pairs(model)
         self.markers = len(model.markerset)
-        # Odds grow less than a tracklet does: its pieces would say more than all of it where they are only added up.
+        # Odds grow less than a tracklet does: its parts would say more than all of it where they are only added up.
         self.duration = tracklets.count / worth_of_length(tracklets, rate)
         self.marker = self.best = self.margin = self.odds = np.zeros(0)
 

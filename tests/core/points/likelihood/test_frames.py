@@ -127,7 +127,7 @@ def test_plates_are_found_in_poses_that_were_never_seen():
     names = tuple(f"P{rigid_body}{corner}" for rigid_body in range(5) for corner in "abcd")
     likelihood = learn_likelihood([(plate_chain(1), "limb")], names)
     assert likelihood.rigid_bodies is not None
-    assert sorted(map(len, likelihood.rigid_bodies.groups)) == [4] * 5
+    assert sorted(map(len, likelihood.rigid_bodies.members)) == [4] * 5
     trial = make_trial(plate_chain(2), (0, 4), (0, 6), np.random.default_rng(3))
     _, wrong, recall = named(likelihood, trial)
     assert wrong < 0.01

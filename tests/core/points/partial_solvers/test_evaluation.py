@@ -10,7 +10,7 @@ from addon.core.evaluation.figures import Figures
 from addon.core.points.partial_solvers.features import all_features
 from addon.core.points.partial_solvers.frames import label_frames
 from addon.core.points.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS
-from addon.core.points.partial_solvers.training import Training, train_ensemble
+from addon.core.points.partial_solvers.training import Training, train_partial_solvers
 from tests.accuracy.partial import pages
 from tests.accuracy.partial.clouds import Clouds, Trouble, drawn, mirrored, other_side, spoilt, together
 from tests.accuracy.partial.report import BLOCKS
@@ -151,7 +151,7 @@ def test_a_mirror_changes_nothing_for_the_papers_functions_and_much_for_turn():
     points = moving(6, 260, sway=0.05, seed=3)
     for functions in (PAPER_FUNCTIONS, FUNCTIONS):
         options = Training(functions=functions, survey_frames=40, check_frames=120, wrong=300)
-        partial_solvers = train_ensemble(points[:200], tuple("ABCDEF"), 0.95, options)
+        partial_solvers = train_partial_solvers(points[:200], tuple("ABCDEF"), 0.95, options)
         plain, turned = (label_frames(partial_solvers, some).marker for some in (points[200:], mirrored(points[200:])))
         assert (plain >= 0).mean() > 0.5
         if functions == PAPER_FUNCTIONS:

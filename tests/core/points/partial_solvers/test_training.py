@@ -17,7 +17,7 @@ from addon.core.points.partial_solvers.masks import Masks
 from addon.core.points.partial_solvers.model import FUNCTIONS
 from addon.core.points.partial_solvers.search import Genetics
 from addon.core.points.partial_solvers.solver import TreeSearch
-from addon.core.points.partial_solvers.training import SEARCHES, Training, train_ensemble
+from addon.core.points.partial_solvers.training import SEARCHES, Training, train_partial_solvers
 from tests.core.points.partial_solvers.toys import moving
 
 NAMES = tuple("ABCDEFG")
@@ -31,7 +31,7 @@ def points():
 
 @pytest.fixture(scope="module")
 def partial_solvers(points):
-    return train_ensemble(points, NAMES, 0.99, OPTIONS)
+    return train_partial_solvers(points, NAMES, 0.99, OPTIONS)
 
 
 def shuffled(points, seed=0, hide=0, ghosts=0):
@@ -85,7 +85,7 @@ def test_strong_classifiers_accept_every_right_labelling(partial_solvers, points
 
 
 def test_the_same_seed_gives_the_same_ensemble(partial_solvers, points):
-    again = train_ensemble(points, NAMES, 0.99, OPTIONS)
+    again = train_partial_solvers(points, NAMES, 0.99, OPTIONS)
     assert [solver.markers.tolist() for solver in again.solvers] == [
         s.markers.tolist() for s in partial_solvers.solvers
     ]
@@ -98,7 +98,7 @@ def test_the_same_seed_gives_the_same_ensemble(partial_solvers, points):
 @pytest.mark.parametrize("search", SEARCHES)
 @pytest.mark.parametrize("goal", ["own", "any"])
 def test_every_search_names_points(points, search, goal):
-    partial_solvers = train_ensemble(
+    partial_solvers = train_partial_solvers(
         points, NAMES, 0.97, Training(**{**vars(OPTIONS), "search": search, "goal": goal, "survey_frames": 40})
     )
     seen, truth = shuffled(points[:60], hide=1)
@@ -111,7 +111,7 @@ def test_every_search_names_points(points, search, goal):
 def test_each_marker_has_its_own_target(points):
     targets = np.full(7, 0.9)
     targets[2] = 1.0
-    partial_solvers = train_ensemble(points, NAMES, targets, OPTIONS)
+    partial_solvers = train_partial_solvers(points, NAMES, targets, OPTIONS)
     for solver in partial_solvers.solvers:
         asked = targets[solver.markers]
         assert (solver.record.rates[solver.reached] >= asked[solver.reached]).all()
@@ -174,15 +174,15 @@ def test_nothing_to_name(partial_solvers, shape):
 
 def test_too_little_to_learn_from():
     with pytest.raises(InputError, match="only 2 markers"):
-        train_ensemble(np.zeros((50, 2, 3)), ("A", "B"))
+        train_partial_solvers(np.zeros((50, 2, 3)), ("A", "B"))
     with pytest.raises(InputError, match="fewer than two frames"):
-        train_ensemble(np.full((50, 4, 3), np.nan), NAMES[:4])
+        train_partial_solvers(np.full((50, 4, 3), np.nan), NAMES[:4])
 
 
 def test_frames_with_gaps_can_be_learned_from(points):
     gappy = points.copy()
     gappy[np.random.default_rng(0).random(gappy.shape[:2]) < 0.05] = np.nan
-    partial_solvers = train_ensemble(gappy, NAMES, 0.95, OPTIONS)
+    partial_solvers = train_partial_solvers(gappy, NAMES, 0.95, OPTIONS)
     named = label_frames(partial_solvers, points[:80]).marker
     given = named >= 0
     assert given.mean() > 0.6
@@ -191,7 +191,7 @@ def test_frames_with_gaps_can_be_learned_from(points):
 
 def test_progress_ends_near_the_whole(points):
     shares = []
-    train_ensemble(points, NAMES, 0.99, OPTIONS, lambda share, words: shares.append((share, words)))
+    train_partial_solvers(points, NAMES, 0.99, OPTIONS, lambda share, words: shares.append((share, words)))
     assert shares[0][0] == 0.0
     assert 0.9 < shares[-1][0] <= 1.0
     assert all(after >= before for (before, _), (after, _) in pairwise(shares))

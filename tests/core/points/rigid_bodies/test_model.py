@@ -41,7 +41,7 @@ def limbs(markers: int, seed: int = 0) -> np.ndarray:
 
 def test_rigid_things_that_move_against_each_other_are_plates():
     rigid_bodies = learn_rigid_bodies([things(3, 4)], RADIUS)
-    assert sorted(group.tolist() for group in rigid_bodies.groups) == [[0, 1, 2, 3], [4, 5, 6, 7], [8, 9, 10, 11]]
+    assert sorted(group.tolist() for group in rigid_bodies.members) == [[0, 1, 2, 3], [4, 5, 6, 7], [8, 9, 10, 11]]
 
 
 def test_limbs_that_keep_their_form_roughly_are_no_plates():
@@ -51,7 +51,7 @@ def test_limbs_that_keep_their_form_roughly_are_no_plates():
 
 def test_a_prop_is_one_plate():
     rigid_bodies = learn_rigid_bodies([things(1, 5)], RADIUS)
-    assert [group.tolist() for group in rigid_bodies.groups] == [[0, 1, 2, 3, 4]]
+    assert [group.tolist() for group in rigid_bodies.members] == [[0, 1, 2, 3, 4]]
 
 
 def test_who_stands_still_is_no_prop():
@@ -64,7 +64,7 @@ def test_who_stands_still_is_no_prop():
 def test_a_recorded_set_on_plates_is_one_whatever_takes_teach_it(shared_data, takes):
     recorded = [read_points(shared_data / "people" / "clouthier" / f"{name}.c3d").xyz for name in takes]
     rigid_bodies = learn_rigid_bodies([np.concatenate(recorded)], RADIUS)
-    assert rigid_bodies is not None and len(rigid_bodies.groups) == 13
+    assert rigid_bodies is not None and len(rigid_bodies.members) == 13
 
 
 @pytest.mark.parametrize("take", ["HC038A/HC038A11", "HC044A/HC044A15", "HC030A/HC030A05"])
@@ -79,4 +79,4 @@ def test_what_is_apart_but_not_rigid_for_its_size_is_no_set_on_plates(radius):
     rng = np.random.default_rng(4)
     points = things(3, 4) + rng.normal(0, 0.002, (FRAMES, 12, 3))
     rigid_bodies = learn_rigid_bodies([points], radius)
-    assert rigid_bodies is None or rigid_bodies.groups
+    assert rigid_bodies is None or rigid_bodies.members

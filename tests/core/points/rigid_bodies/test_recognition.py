@@ -116,11 +116,11 @@ def test_other_people_in_other_plates_are_recognised_side_by_side(learned, seed,
 def test_the_forms_and_distances_are_the_persons_own(learned):
     points = walk(body(2, **OTHER), 12)
     person = who(learned, points)
-    assert len(person.rigid_bodies.groups) >= 9
-    for group in person.rigid_bodies.groups:
+    assert len(person.rigid_bodies.members) >= 9
+    for group in person.rigid_bodies.members:
         own = np.linalg.norm(points[:, group, None] - points[:, None, group], axis=-1).mean(axis=0)
         assert np.abs(person.rigid_bodies.lengths(group) - own).max() < 0.002
-    one, two = person.rigid_bodies.groups[0][0], person.rigid_bodies.groups[1][0]
+    one, two = person.rigid_bodies.members[0][0], person.rigid_bodies.members[1][0]
     distance = np.linalg.norm(points[:, one] - points[:, two], axis=1)
     assert (
         distance.min() - 0.01

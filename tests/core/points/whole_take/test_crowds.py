@@ -12,8 +12,8 @@ from addon.core.points.whole_take.blocks import block_exchanges
 from addon.core.points.whole_take.deciding import labels_of
 from addon.core.points.whole_take.extras import EXTRAS, with_extras
 from addon.core.points.whole_take.layout import named_by_layout, usual_residual
-from addon.core.points.whole_take.pieces import tracklets_of
 from addon.core.points.whole_take.solving import solve_take
+from addon.core.points.whole_take.tracklets import tracklets_of
 from addon.demo.take import make_performance
 from addon.io.markersets import open_markerset
 from addon.io.models import open_model

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 from addon.core.data.takes import BY_EDIT, NO_MARKER, Labels
-from addon.core.edits.applying import PointCells, apply_to_points, names_of
+from addon.core.edits.applying import PointCells, apply_to_points
 from addon.core.edits.kinds import AssignPoint, Delete, Edits, Right, UnlabelMarker, UnlabelPoint
 from addon.core.points.tracklets import cut
 from addon.core.points.whole_take.deciding import labels_of, solution_of
-from addon.core.points.whole_take.pieces import tracklets_of
 from addon.core.points.whole_take.rulings import Rulings
+from addon.core.points.whole_take.tracklets import tracklets_of
 from addon.demo.take import make_performance
 from addon.io.markersets import open_markerset
 from addon.io.models import open_model
@@ -42,7 +42,7 @@ def everything(model, points):
 
 def rulings_of(model, points, labels: Labels, *edits) -> Rulings:
     present = np.isfinite(points[..., 0])
-    cells = PointCells(names_of(model.markerset), len(model.markerset), 1, present, np.arange(points.shape[1]))
+    cells = PointCells(model.markerset.by_name, len(model.markerset), 1, present, np.arange(points.shape[1]))
     return Rulings(apply_to_points(labels, Edits(edits), cells).edited, labels, cut(points, RATE))
 
 

@@ -10,8 +10,8 @@ from addon.core.points.whole_take.deciding import can_be_solved, labels_of, part
 from addon.core.points.whole_take.exchanges import undone
 from addon.core.points.whole_take.layout import named_by_layout
 from addon.core.points.whole_take.pairs import in_take, trained_pairs
-from addon.core.points.whole_take.pieces import tracklets_of
 from addon.core.points.whole_take.solving import solve_take
+from addon.core.points.whole_take.tracklets import tracklets_of
 from addon.demo.take import make_performance
 from addon.io.markersets import open_markerset
 from addon.io.models import open_model

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Trains the ensembles of the built-in models: python scripts/learn_ensembles.py --data PEOPLE.
+"""Trains the partial solvers of the built-in models: python scripts/learn_partial_solvers.py --data PEOPLE.
 
 PEOPLE is laid out as for learn_markersets.py, which comes first. Takes minutes a model.
 """
@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 
 from addon.core.body import anatomy
 from addon.core.points.partial_solvers.model import FUNCTIONS
-from addon.core.points.partial_solvers.training import Training, train_ensemble
+from addon.core.points.partial_solvers.training import Training, train_partial_solvers
 from addon.io.markersets import SUFFIX
 from addon.io.models import read_model, write_model
 from scripts.learn_markersets import read_takes
@@ -32,7 +32,7 @@ SMALLER = {"survey_frames": 64, "most_features": 20_000, "most_solvers": 8}
 
 def main(arguments: list[str] | None = None):
     """Trains the ensembles that were asked for and writes them into the models' files."""
-    parser = argparse.ArgumentParser(description="Trains the ensembles of the built-in models.")
+    parser = argparse.ArgumentParser(description="Trains the partial solvers of the built-in models.")
     parser.add_argument("--data", type=Path, default=ROOT.parent / "shared" / "data" / "people")
     parser.add_argument("--out", type=Path, default=ROOT / "assets")
     parser.add_argument("--sets", nargs="*", default=list(anatomy.SETS), choices=list(anatomy.SETS))
@@ -44,7 +44,7 @@ def main(arguments: list[str] | None = None):
         points = np.concatenate([points for points, _ in read_takes(given.data, model.markerset.markers)])
         options = Training(functions=FUNCTIONS, **SMALLER if len(model.markerset) >= MANY else {})
         with threadpool_limits(1, user_api="blas"):
-            partial_solvers = train_ensemble(points, model.markerset.markers, HIT_RATE, options)
+            partial_solvers = train_partial_solvers(points, model.markerset.markers, HIT_RATE, options)
         write_model(path, replace(model, partial_solvers=partial_solvers))
         print(f"{name}: {len(partial_solvers)} partial solvers, {time.perf_counter() - began:.0f} s")
 

@@ -15,25 +15,24 @@ from typing import TypeVar
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ..blobs.pipeline import Options
-from ..data.background import in_background
-from ..data.progress import Progress, Stage, in_stages
-from ..data.takes import BY_FIT, LabelledChunk, Labels, Motion, Points, Verdict
-from ..edits.applying import AppliedEdits, PointCells, apply_to_points, names_of
-from ..edits.kinds import NO_EDITS, Edits
-from ..review.answering import unanswered, without_accepted
-from ..review.suspects import called_by, find_suspects, summarised
-from .adaptation import Adaptation, adapt, borne_out
-from .deciding import consistent, decide
-from .models import Model
-from .motion import motion_of
-from .naming import Namer, namer_of
-from .refusals import refuse_floods, refuse_others, refuse_unlike, refuse_unrecognised
-from .tracklets import are_lasting, cut, renamed
-from .unordered import UNORDERED, is_unordered, learn_subject
-from .whole_take.deciding import can_be_solved, labels_of, solution_of
-from .whole_take.rulings import Rulings
-from .whole_take.solving import Solution
+from ...blobs.pipeline import Options
+from ...data.background import in_background
+from ...data.progress import Progress, Stage, in_stages
+from ...data.takes import BY_FIT, LabelledChunk, Labels, Motion, Points, Verdict
+from ...edits.applying import AppliedEdits, PointCells, apply_to_points
+from ...edits.kinds import NO_EDITS, Edits
+from ...review.answering import unanswered, without_accepted
+from ...review.suspects import called_by, find_suspects, summarised
+from ..adaptation import Adaptation, adapt, borne_out
+from ..models import Model
+from ..motion import motion_of
+from ..naming import Namer, namer_of
+from ..refusals import refuse_floods, refuse_others, refuse_unlike, refuse_unrecognised
+from ..tracklets import are_lasting, cut, renamed
+from ..unordered import UNORDERED, is_unordered, learn_subject
+from .deciding import can_be_solved, solution_of, verdict_of
+from .rulings import Rulings
+from .solving import Solution
 
 Result = TypeVar("Result")
 USUAL_TARGET = 0.999  # the part of the labels that must be right, unless another is asked for
@@ -150,7 +149,7 @@ def _labelled(
     yield Stage("write", "write")
     suspects = verdict.suspects + find_suspects(motion, model.markerset.markers, take.rate)
     if applied:
-        suspects = unanswered(suspects, applied.edited, names_of(model.markerset), take.first_frame)
+        suspects = unanswered(suspects, applied.edited, model.markerset.by_name, take.first_frame)
     if take.columns is not None:  # as in label files: by the trajectories' index in the file
         suspects = called_by(suspects, take.columns)
     outcomes = applied.outcomes if applied else ()
@@ -168,7 +167,7 @@ def _frame_by_frame(take: Points, tracklet: np.ndarray, model: Model, options: P
     solvable = learned and can_be_solved(adaptation.model, tracklet)
     refuse_others(adaptation.model, namer, take.xyz, solvable)
     yield Stage("name", f"frame {take.first_frame}")
-    labels = yield from _named(namer, take)
+    labels = yield from _named(namer, take.xyz, take.rate, take.frames)
     if learned and is_unordered(adaptation.model, tracklet):
         yield Stage("learn", "learn the subject from sure frames")
         trained = adaptation.model.likelihood
@@ -176,17 +175,18 @@ def _frame_by_frame(take: Points, tracklet: np.ndarray, model: Model, options: P
         if likelihood is not trained:
             yield Stage("name again", f"frame {take.first_frame}")
             adaptation = replace(adaptation, model=replace(adaptation.model, likelihood=likelihood))
-            labels = yield from _named(namer_of(adaptation.model, options.method, options.hints), take)
+            again = namer_of(adaptation.model, options.method, options.hints)
+            labels = yield from _named(again, take.xyz, take.rate, take.frames)
     return NamedFrames(take, tracklet, adaptation, namer, labels, solvable)
 
 
-def _named(namer: Namer, take: Points) -> Steps[Labels]:
-    """The labels (T, P) of a take's frames, each on its own."""
+def _named(namer: Namer, points: np.ndarray, rate: float, frames: np.ndarray) -> Steps[Labels]:
+    """The labels (T, P) of points (T, P, 3) m, each frame on its own; `frames` (T,) are the source's numbers."""
     parts, done = [], 0
-    for part in namer.name(take.xyz, take.rate):
+    for part in namer.name(points, rate):
         parts.append(part)
         done += len(part.marker)
-        yield done / len(take.xyz), f"frame {take.first_frame + done - 1}"
+        yield done / len(points), f"frame {frames[done - 1]}"
     return Labels.join(parts)
 
 
@@ -221,12 +221,9 @@ def _decided(
 
     By the solution; where there is none, by the tracklets (T, P), the rest of the take, and its motion.
     """
-    take, model, names = frames.take, frames.model, frames.model.markerset.markers
-    if solution is not None:
-        verdict = labels_of(solution, named, target, names, take.first_frame)
-    else:
-        verdict = decide(named, tracklet, model, target, take.first_frame)
-        verdict = consistent(verdict, take.xyz, model.likelihood, take.first_frame)
+    take, names = frames.take, frames.model.markerset.markers
+    verdict = verdict_of(solution, named, tracklet, take.xyz, frames.model, target, take.first_frame)
+    if solution is None:
         verdict = borne_out(verdict, frames.adaptation, take.first_frame)
     # Frames in no order have no trajectories that could go over to another marker.
     lasting, marker = are_lasting(frames.tracklet), verdict.labels.marker
@@ -254,11 +251,11 @@ def _with_edits(
 
 def _without_deleted(frames: NamedFrames, deleted: np.ndarray) -> Steps[Labels]:
     """What frames say once the points that are no markers, deleted (T, P), are gone from them."""
-    rows = np.flatnonzero(deleted.any(axis=1))
+    take, rows = frames.take, np.flatnonzero(deleted.any(axis=1))
     if not len(rows) or frames.namer.step == BY_FIT:  # which needs all frames in their order
         return frames.labels
-    seen = np.where(deleted[rows, :, None], np.nan, frames.take.xyz[rows])
-    anew = yield from _named(frames.namer, replace(frames.take, xyz=seen))
+    seen = np.where(deleted[rows, :, None], np.nan, take.xyz[rows])
+    anew = yield from _named(frames.namer, seen, take.rate, take.frames[rows])
     columns = [getattr(frames.labels, name).copy() for name in ("marker", "step", "confidence", "rate")]
     for name, whole in zip(("marker", "step", "confidence", "rate"), columns, strict=True):
         whole[rows] = getattr(anew, name)

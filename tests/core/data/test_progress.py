@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Stages of long work as progress of the whole."""
+
+import pytest
+
+from addon.core.data.progress import Stage, finished, in_stages
+
+BEGINS = {"read": 0.0, "skip": 0.25, "solve": 0.25, "write": 0.75}
+
+
+def work():
+    yield Stage("read", "read it")
+    yield 0.5
+    yield 1.0
+    yield Stage("skip", "nothing to do")
+    yield 0.5
+    yield Stage("solve", "solve it")
+    yield 0.5, "frame 7"
+    yield Stage("write", "write it")
+    return "done"
+
+
+def test_stages_are_told_as_parts_of_the_whole():
+    told = [(progress.fraction, progress.note) for progress in in_stages(work(), BEGINS)]
+    assert told == [
+        (0.0, "read it"),
+        (0.125, "read it"),
+        (0.25, "read it"),
+        (0.25, "nothing to do"),
+        (0.25, "nothing to do"),
+        (0.25, "solve it"),
+        (0.5, "frame 7"),
+        (0.75, "write it"),
+    ]
+    assert finished(in_stages(work(), BEGINS)) == "done"
+
+
+def test_a_stage_that_nobody_planned_is_a_mistake_of_the_program():
+    with pytest.raises(KeyError):
+        finished(in_stages(iter([Stage("dance", "")]), BEGINS))
