@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the tool Label does beside picking: names dot after dot, puts a marker where none was seen, goes to trouble."""
+"""What the tool Label does beside picking: names dot after dot, puts a marker where none was seen, and more."""
 
 import bpy
 import numpy as np
-from bpy.props import BoolProperty, EnumProperty, FloatVectorProperty
+from bpy.props import EnumProperty, FloatVectorProperty
 from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_3d
 
 from ..core.data.errors import InputError
-from ..core.data.takes import NO_POINT, Suspect
+from ..core.data.takes import NO_POINT
 from ..core.edits.kinds import AssignPoint, Edit, Place
 from ..props import SCOPES
 from ..scene.likely import on_ray, predicted
@@ -16,7 +16,7 @@ from ..scene.picking import missing
 from ..scene.stored import Stored
 from .correcting import correct, frames_in_scope, marker_items
 from .gestures import gesture, is_over_view, place_in, window_region
-from .picking import InView, OfPoints, dot_at, dots_here, selected_markers, show_picked
+from .picking import InView, OfPoints, dot_at, selected_markers, show_picked
 from .reporting import reports_trouble
 
 # Keys that change what is looked at, which go on meaning what they mean while dots are named.
@@ -306,49 +306,8 @@ class MOCAP_AUTOLABEL_OT_place_which(InView, bpy.types.Operator):
 _kept_missing: list[tuple[str, str, str, str, int]] = []
 
 
-class MOCAP_AUTOLABEL_OT_next_trouble(OfPoints, bpy.types.Operator):
-    """Go to the next range of To Look at, and pick what it is about."""
-
-    bl_idname = "mocap_autolabel.next_trouble"
-    bl_label = "Next Trouble"
-    bl_options = {"REGISTER", "UNDO"}
-
-    back: BoolProperty(name="Back", description="To the one before instead", options={"SKIP_SAVE"})
-
-    @classmethod
-    def description(cls, _context, properties):
-        """What the button says of itself."""
-        return f"Go to the {'last' if properties.back else 'next'} range of To Look at, and pick what it is about"
-
-    @reports_trouble
-    def execute(self, context):
-        scene = context.scene
-        stored = opened.take(scene.mocap_autolabel.take, scene)
-        suspect = next_suspect(stored, scene.frame_current - stored.shift, self.back)
-        if suspect is None:
-            words = "before" if self.back else "after"
-            raise InputError(f"nothing is to be looked at {words} frame {scene.frame_current}; expected trouble")
-        scene.frame_set(suspect.first + stored.shift)
-        points = [] if suspect.trajectory is None else [suspect.trajectory]
-        markers = [stored.names.index(name) for name in suspect.markers if name in stored.names]
-        dots = dots_here(stored, scene)
-        points += dots.trajectory[np.isin(dots.marker, markers) & (dots.trajectory != NO_POINT)].tolist()
-        show_picked(context, stored, list(dict.fromkeys(points)), markers)
-        self.report({"INFO"}, suspect.reason)
-        return {"FINISHED"}
-
-
-def next_suspect(stored: Stored, frame: int, back: bool) -> Suspect | None:
-    """The nearest suspect that begins after a frame of the source, or before it; None where there is none."""
-    found = [one for one in stored.suspects if (one.first < frame if back else one.first > frame)]
-    if back:
-        return max(found, key=lambda one: one.first, default=None)
-    return min(found, key=lambda one: one.first, default=None)
-
-
 CLASSES = (
     MOCAP_AUTOLABEL_OT_quick_label,
     MOCAP_AUTOLABEL_OT_place_marker,
     MOCAP_AUTOLABEL_OT_place_which,
-    MOCAP_AUTOLABEL_OT_next_trouble,
 )

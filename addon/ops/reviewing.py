@@ -6,11 +6,10 @@ import numpy as np
 from bpy.props import BoolProperty, IntProperty
 
 from ..core.data.errors import InputError
-from ..core.data.takes import PointRows, rows_in_frame
+from ..core.data.takes import NO_POINT, PointRows, rows_in_frame
 from ..core.edits.kinds import AssignPoint, Edit, Swap, UnlabelMarker
 from ..core.review.trouble import DELETE, FILL, LABEL, LEFT_OVER, NAME_IT, REFINE, RIGHT, SWAP, UNLABEL, Trouble
 from ..props import refresh_review
-from ..scene import naming
 from ..scene.cameras import camera_name
 from ..scene.corrections import keep_edits
 from ..scene.opened import opened
@@ -19,6 +18,7 @@ from ..scene.take import holds_points, is_take
 from ..scene.trouble import trouble_of
 from .correcting import correct
 from .framing import bring_into_view
+from .picking import dots_here, show_picked
 from .reporting import reports_trouble
 
 # The operators for what no edit mends; a button is there where the operator is.
@@ -27,7 +27,7 @@ ELSEWHERE = {
     REFINE: "mocap_autolabel.refine_calibration",
     LABEL: "mocap_autolabel.label",
 }
-WORDS = {FILL: "Fill Gaps", REFINE: "Refine Calibration", LABEL: "Label Again"}
+BUTTONS = {FILL: "Fill Gaps", REFINE: "Refine Calibration", LABEL: "Label Again"}
 
 
 def operator_of(trouble: Trouble) -> str:
@@ -59,7 +59,7 @@ def words_for(trouble: Trouble) -> str:
         return f"Name {trouble.trajectories[0]} {trouble.markers[0]}"
     if trouble.action == SWAP:
         return f"Swap {trouble.markers[0]} and {trouble.markers[1]}"
-    return f"Unlabel {trouble.markers[0]}" if trouble.action == UNLABEL else WORDS[trouble.action]
+    return f"Unlabel {trouble.markers[0]}" if trouble.action == UNLABEL else BUTTONS[trouble.action]
 
 
 def words_of_answer(trouble: Trouble) -> str:
@@ -94,26 +94,25 @@ def show(context: bpy.types.Context, trouble: Trouble):
 
 
 def _select(context: bpy.types.Context, trouble: Trouble, stored: Stored):
-    """Selects the markers and cameras of a trouble, and picks its trajectory."""
-    scene = context.scene
-    take, cameras = scene.mocap_autolabel.take, scene.mocap_autolabel.cameras
-    if context.mode == "OBJECT":
-        for item in context.selected_objects:
-            item.select_set(False)
-        meant = [item for item in take.all_objects if item.get(naming.MARKER) in trouble.markers]
-        if cameras is not None and trouble.cameras:
-            meant += [
-                one for one in cameras.all_objects if one.type == "CAMERA" and camera_name(one) in trouble.cameras
-            ]
-        for item in meant:
-            if item.name in context.view_layer.objects:
-                item.select_set(True)
-                context.view_layer.objects.active = item
-    frame = scene.frame_current - stored.shift
-    if trouble.trajectories and not context.selected_objects and isinstance(stored.rows, PointRows):
-        rows = rows_in_frame(stored.rows, int(np.searchsorted(stored.motion.frames, frame)))
-        if trouble.trajectories[0] in stored.rows.trajectory[rows]:
-            bpy.ops.mocap_autolabel.pick_point(point=int(trouble.trajectories[0]))
+    """Picks the markers and trajectories of a trouble, and selects its cameras."""
+    if context.mode != "OBJECT":
+        return
+    scene, cameras = context.scene, context.scene.mocap_autolabel.cameras
+    markers = [stored.words[name] for name in trouble.markers if name in stored.words]
+    show_picked(context, stored, _points_of(scene, trouble, stored, markers), markers)
+    for item in cameras.all_objects if cameras is not None and trouble.cameras else ():
+        if item.type == "CAMERA" and camera_name(item) in trouble.cameras and item.name in context.view_layer.objects:
+            item.select_set(True)
+            context.view_layer.objects.active = item
+
+
+def _points_of(scene: bpy.types.Scene, trouble: Trouble, stored: Stored, markers: list[int]) -> list[int]:
+    """The trajectories in the current frame of some markers, and those of a trouble."""
+    if not isinstance(stored.rows, PointRows):
+        return []
+    dots = dots_here(stored, scene)
+    meant = np.isin(dots.marker, markers) | np.isin(dots.trajectory, trouble.trajectories)
+    return dots.trajectory[meant & (dots.trajectory != NO_POINT)].tolist()
 
 
 def say(context: bpy.types.Context, edits: list[Edit]):

@@ -5,7 +5,7 @@ import textwrap
 
 import bpy
 
-from ..core.review.trouble import DOUBTFUL, LEFT_OVER, MISSING, NOBODY_THERE, OF_CAMERA, OFF_BODY
+from ..core.review.trouble import IN_DOUBT, LEFT_OVER, MISSING, NOBODY_THERE, OF_CAMERA, OFF_BODY
 from ..ops.reviewing import is_listed, words_for, words_of_answer
 from ..scene.take import is_take
 from ..scene.trouble import known_cameras, known_trouble
@@ -15,7 +15,7 @@ ICONS = {
     MISSING: "EMPTY_AXIS",
     LEFT_OVER: "DOT",
     OFF_BODY: "ARMATURE_DATA",
-    DOUBTFUL: "QUESTION",
+    IN_DOUBT: "QUESTION",
     OF_CAMERA: "CAMERA_DATA",
 }
 LETTER = 6.6  # px of the interface that a letter of a panel is wide, on average

@@ -2,8 +2,6 @@
 """The tool Label: which dots a hand means, what they are called most likely, and what its keys say of them."""
 
 import importlib
-import json
-from dataclasses import replace
 
 import bpy
 import numpy as np
@@ -11,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addon.core.data.takes import NO_MARKER, NO_STEP, Labels, PointRows, Suspect
+from addon.core.data.takes import NO_MARKER, NO_STEP, Labels, PointRows
 from addon.core.edits.kinds import AssignPoint, Delete, Place
 from addon.core.geometry.cameras import NO_CAMERAS
 from addon.io.edits import read_edits
@@ -172,28 +170,6 @@ def test_a_marker_that_is_placed_is_there_and_can_be_taken_back(labelled, files)
     assert (type(edit), edit.marker, edit.frame) == (Place, "RASI", 101 + gap)
     bpy.ops.mocap_autolabel.remove_correction(index=0)
     assert 101 + gap not in keys_of("RASI")[:, 0]
-
-
-def test_trouble_is_gone_through_in_both_ways(extension, stored):
-    tool = importlib.import_module(f"{extension}.addon.ops.label_tool")
-    several = replace(stored, suspects=(Suspect(105, 106, "one"), Suspect(125, 126, "two"), Suspect(110, 130, "three")))
-    assert [tool.next_suspect(several, frame, False).first for frame in (101, 105, 110)] == [105, 110, 125]
-    assert [tool.next_suspect(several, frame, True).first for frame in (130, 125, 110)] == [125, 110, 105]
-    assert tool.next_suspect(several, 125, False) is None
-
-
-def test_the_next_trouble_is_shown_and_picked(extension, labelled, files):  # noqa: F811
-    take = labelled.scene.mocap_autolabel.take
-    take["mocap_suspects"] = json.dumps([[110, 115, "LKNE jumps", None, ["LKNE"]], [125, 125, "may be C7", GHOST, []]])
-    importlib.import_module(f"{extension}.addon.scene.opened").opened.forget()
-    labelled.scene.frame_set(101)
-    for frame, points in ((110, [files.names.index("LKNE")]), (125, [GHOST])):
-        assert bpy.ops.mocap_autolabel.next_trouble() == {"FINISHED"}
-        assert (labelled.scene.frame_current, picked()) == (frame, points)
-    with pytest.raises(RuntimeError, match="nothing is to be looked at after frame 125; expected"):
-        bpy.ops.mocap_autolabel.next_trouble()
-    bpy.ops.mocap_autolabel.next_trouble(back=True)
-    assert labelled.scene.frame_current == 110
 
 
 def test_every_key_of_the_tool_does_something_of_ours(extension):

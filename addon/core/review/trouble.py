@@ -20,7 +20,7 @@ from .summary import MM_PER_M
 from .suspects import FAR_OFF, SUSPECTING
 
 # What is the matter, in the words of the list and of reports.
-MISSING, LEFT_OVER, OFF_BODY, DOUBTFUL, OF_CAMERA, NOBODY_THERE = (
+MISSING, LEFT_OVER, OFF_BODY, IN_DOUBT, OF_CAMERA, NOBODY_THERE = (
     "missing",
     "left over",
     "off the body",
@@ -28,7 +28,7 @@ MISSING, LEFT_OVER, OFF_BODY, DOUBTFUL, OF_CAMERA, NOBODY_THERE = (
     "camera",
     "nobody",
 )
-TROUBLE_KINDS = (NOBODY_THERE, MISSING, LEFT_OVER, OFF_BODY, DOUBTFUL, OF_CAMERA)
+TROUBLE_KINDS = (NOBODY_THERE, MISSING, LEFT_OVER, OFF_BODY, IN_DOUBT, OF_CAMERA)
 # What helps.
 NAME_IT, FILL, UNLABEL, RIGHT, SWAP = "name", "fill", "unlabel", "right", "swap"
 REFINE, LABEL, DELETE = "refine", "label", "delete"
@@ -118,7 +118,7 @@ class Trouble:
         ranges = self.ranges or ((self.first, self.last),)
         if len(ranges) > MOST_ANSWERS:
             return [Accepted(self.topic, frames=(ranges[0][0], ranges[-1][1]))]
-        if self.kind in (MISSING, OFF_BODY) or (self.kind == DOUBTFUL and self.markers and not self.trajectories):
+        if self.kind in (MISSING, OFF_BODY) or (self.kind == IN_DOUBT and self.markers and not self.trajectories):
             return [Right(name, frames=span) for name in self.markers for span in ranges]
         if self.kind == LEFT_OVER and self.trajectories:
             return [Delete(number, frames=span) for number in self.trajectories for span in ranges]
@@ -365,7 +365,7 @@ class TakeTrouble:
             tracks = () if one.trajectory is None else (one.trajectory,)
             stake = self._stake_of(one)
             yield Trouble(
-                DOUBTFUL,
+                IN_DOUBT,
                 one.first,
                 one.last,
                 one.reason,

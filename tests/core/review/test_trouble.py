@@ -6,7 +6,7 @@ import pytest
 
 from addon.core.data.takes import BY_FIT, NO_MARKER, NO_STEP, Labels, Motion, PointRows, Suspect
 from addon.core.edits.kinds import Accepted, Delete, Edits, Right, Swap
-from addon.core.review.trouble import DOUBTFUL, LEFT_OVER, MISSING, OFF_BODY, TakeTrouble, summary_of_trouble
+from addon.core.review.trouble import IN_DOUBT, LEFT_OVER, MISSING, OFF_BODY, TakeTrouble, summary_of_trouble
 
 RATE, FIRST, FRAMES = 100.0, 11, 200
 NAMES = ("HEAD", "LHEE", "RHEE")
@@ -117,7 +117,7 @@ def test_doubts_are_in_the_list_once_with_what_to_do():
     pair = Suspect(20, 29, "LHEE and RHEE may have each other's names in the whole take", markers=("LHEE", "RHEE"))
     far = Suspect(20, 29, "LHEE is far from where the body has it", markers=("LHEE",))
     [doubt] = trouble(steady(), suspects=[pair, far])
-    assert (doubt.kind, doubt.stake, doubt.action) == (DOUBTFUL, 20.0, "swap")
+    assert (doubt.kind, doubt.stake, doubt.action) == (IN_DOUBT, 20.0, "swap")
     [answered] = trouble(steady(), answered=[pair])
     assert answered.answered and answered.stake == 0
 
