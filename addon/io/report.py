@@ -6,9 +6,10 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from ..core.data.errors import InputError
-from ..core.data.takes import EditOutcome
+from ..core.data.takes import EditOutcome, Suspect
 from ..core.edits.applying import summary_of
 from ..core.review.summary import TakeSummary
+from ..core.review.trouble import TakeTrouble, summary_of_trouble
 from .source import digest
 
 REPORT = ".report.json"  # the last of a take's files to appear: where it is the others are
@@ -51,6 +52,12 @@ def facts_of_edits(file: Path | None, outcomes: Iterable[EditOutcome]) -> dict:
     if not outcomes:
         return {}
     return {"edits": {"file": None if file is None else file.name, **summary_of(outcomes)}}
+
+
+def facts_of_trouble(trouble: TakeTrouble, suspects: Iterable[Suspect]) -> dict:
+    """What a report says is the matter with a take, the worst first, and the same in half a sentence."""
+    found = trouble.found(suspects)
+    return {"trouble": [one.as_dict() for one in found], "to_look_at": summary_of_trouble(found)}
 
 
 def write_report(path: Path, report: dict):

@@ -29,10 +29,11 @@ from ..io.blobs import BlobRows, frames_in, read_blobs
 from ..io.edits import open_edits
 from ..io.labels import LabelWriter
 from ..io.models import open_model
+from ..io.report import facts_of_trouble
 from ..io.scratch import scratch_folder, told_of
 from .fill import fill_labelled
 from .job import LabelJob, Labelled, timed
-from .outcome import Outcome, facts_of_trouble, write_take
+from .outcome import Outcome, write_take
 from .resuming import open_files
 from .spool import append
 

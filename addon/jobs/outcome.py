@@ -1,19 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What the labelling made of a take, and its files."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 from ..blendfile import Chunks, save_blend
 from ..core.data.markersets import MarkerSet
-from ..core.data.takes import EditOutcome, PointRows, Points, Suspect
+from ..core.data.takes import EditOutcome, PointRows, Points
 from ..core.edits.kinds import NO_EDITS, Edits
 from ..core.filling.kept import KeptFill
 from ..core.geometry.cameras import Cameras
 from ..core.review.overview import TakeOverview
 from ..core.review.summary import TakeSummary
-from ..core.review.trouble import TakeTrouble, summary_of_trouble
 from ..io.c3d import first_number, names_in_c3d
 from ..io.html import write_take_page
 from ..io.labels import write_point_labels
@@ -83,12 +81,6 @@ def write_take(job: LabelJob, files: dict[str, Path], markerset: MarkerSet, made
         results[PAGE] = digest([files[PAGE]])
     write_report(files[REPORT], report)
     return report
-
-
-def facts_of_trouble(trouble: TakeTrouble, suspects: Iterable[Suspect]) -> dict:
-    """What a report says is the matter with a take, the worst first, and the same in half a sentence."""
-    found = trouble.found(suspects)
-    return {"trouble": [one.as_dict() for one in found], "to_look_at": summary_of_trouble(found)}
 
 
 def renumbered(points: Points) -> dict:

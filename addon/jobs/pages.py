@@ -8,12 +8,15 @@ from pathlib import Path
 
 from ..core.data.takes import Blobs, LabelledChunk, PointRows
 from ..core.edits.kinds import NO_EDITS, Edits
+from ..core.filling.kept import KeptFill
 from ..core.geometry.cameras import Cameras
 from ..core.review.odd_cameras import CameraCheck
 from ..core.review.overview import OverviewSubject, TakeOverview
 from ..core.review.summary import TakeSummary
+from ..core.review.trouble import TakeTrouble
+from ..io.filled import kept_rows
 from ..io.html import is_page, write_folder_page, write_take_page
-from ..io.report import facts_of_edits, take_report
+from ..io.report import facts_of_edits, facts_of_trouble, take_report
 from ..io.whole import check_targets, whole_file
 from ..version import version
 from .job import PAGE
@@ -27,6 +30,7 @@ class KeptTake:
     model         the marker set's name
     rows, chunk   all of it
     edits         those that the labels follow
+    fills         the gaps that were filled, which are not in the chunk
     """
 
     name: str
@@ -38,6 +42,7 @@ class KeptTake:
     rows: Blobs | PointRows
     chunk: LabelledChunk
     edits: Edits = NO_EDITS
+    fills: tuple[KeptFill, ...] = ()
 
 
 def write_kept_page(path: Path, take: KeptTake):
@@ -48,6 +53,13 @@ def write_kept_page(path: Path, take: KeptTake):
     summary.add(take.chunk)
     report = take_report(summary, take.name, take.model, take.rate, version(), {})
     report |= facts_of_edits(None, take.chunk.outcomes)
+    trouble = TakeTrouble(take.subject.markers, take.rate, take.edits, take.cameras)
+    trouble.add(take.rows, take.chunk.labels, take.chunk.motion)
+    report |= facts_of_trouble(trouble, take.chunk.suspects)
+    for fill in take.fills:
+        overview.fill(fill.marker, fill.first, fill.last)
+    if take.fills:
+        report |= {"filled": kept_rows(take.fills), "left": []}
     if isinstance(take.rows, Blobs):
         check = CameraCheck(take.cameras)
         check.add(take.rows, take.chunk)

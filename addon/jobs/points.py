@@ -21,9 +21,10 @@ from ..core.review.trouble import TakeTrouble
 from ..io.edits import open_edits
 from ..io.models import open_model
 from ..io.points import FilePoints, read_points
+from ..io.report import facts_of_trouble
 from .fill import fill_labelled
 from .job import LabelJob, Labelled, timed
-from .outcome import Outcome, facts_of_trouble, write_take
+from .outcome import Outcome, write_take
 from .resuming import open_files
 
 

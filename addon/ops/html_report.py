@@ -29,8 +29,9 @@ class MOCAP_AUTOLABEL_OT_export_report(ExportsTake, bpy.types.Operator):
             bpy.ops.wm.path_open(filepath=self.filepath)
         return done
 
-    def write(self, path: Path, stored: Stored):
+    def write(self, paths: list[Path], stored: Stored):
         """Writes the page."""
+        [path] = paths
         write_kept_page(path, kept_take(stored))
 
 
@@ -44,8 +45,9 @@ def kept_take(stored: Stored) -> KeptTake:
         OverviewSubject(stored.names, stored.words, stored.parents),
         stored.cameras,
         stored.rows,
-        LabelledChunk(stored.labels, stored.motion, stored.suspects, outcomes=stored.outcomes),
+        LabelledChunk(stored.labels, stored.unfilled, stored.suspects, outcomes=stored.outcomes),
         stored.edits,
+        stored.fitting,
     )
 
 

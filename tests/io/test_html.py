@@ -12,8 +12,9 @@ from addon.core.data.takes import BY_EDIT, NO_MARKER, EditOutcome, LabelledChunk
 from addon.core.edits.kinds import AssignPoint, Edits, Place
 from addon.core.review.overview import OverviewSubject, TakeOverview
 from addon.core.review.summary import TakeSummary
+from addon.core.review.trouble import TakeTrouble
 from addon.io.html import is_page, write_folder_page, write_take_page
-from addon.io.report import take_report
+from addon.io.report import facts_of_trouble, take_report
 from tests.io.pages import read
 
 HOSTILE = '</title><script>alert("1")</script><img src=x onerror=alert(1)>&\'"\u202e\x07\udc80'
@@ -59,6 +60,9 @@ def page_of(tmp_path, rows, chunk, names, said=None, **more) -> str:
     report |= more
     for row in report.get("filled", ()):
         overview.fill(row["marker"], row["first"], row["last"])
+    trouble = TakeTrouble(subject.markers, 100.0, said or Edits())
+    trouble.add(rows, chunk.labels, chunk.motion)
+    report |= facts_of_trouble(trouble, chunk.suspects)
     path = tmp_path / "walk.report.html"
     write_take_page(path, report, overview, more.get("source", "walk.c3d"), "2026-11-22")
     return path.read_text(encoding="utf-8")
@@ -200,7 +204,7 @@ REPORT = {
     "frames_whole": 90,
     "points": 200,
     "unlabelled": 4,
-    "suspect": [],
+    "trouble": [],
     "markers": {"LASI": {"labelled_frames": 100}, "RASI": {"labelled_frames": 96}},
 }
 

@@ -185,7 +185,7 @@ class TakeOverview:
             self.first = int(motion.frames[0])
         found = find_suspects(motion, self.subject.markers, self.rate)
         found = unanswered_of_blobs(found, self.edits, self.subject.words)
-        doubts = [one for one in dict.fromkeys((*found, *chunk.suspects)) if one.markers]
+        doubts = [one for one in dict.fromkeys((*found, *chunk.suspects)) if one.markers and one.doubtful is None]
         cells = self._cells(rows, chunk, doubts)
         self.cells.add(cells[..., None] == np.arange(len(CELL_STATES)))
         measured = cells != FILLED_CELL

@@ -18,7 +18,7 @@ def write_folder_page(
     `page` is what the name of a take's own page ends in, which lies beside this one; written is the day, as text.
     """
     failed = list(failed)
-    ordered = sorted(reports, key=lambda report: (_found_part(report), -len(report["suspect"])))
+    ordered = sorted(reports, key=lambda report: (_found_part(report), -_open_trouble(report)))
     words = f"{count_of(len(reports), 'take')} labelled" + (f", {len(failed)} failed" if failed else "")
     version = f"{GENERATOR} {reports[0]['version']}" if reports else GENERATOR
     parts = (
@@ -36,6 +36,11 @@ def _found_part(report: Mapping) -> float:
     """The part of all samples, markers times frames, that was found."""
     found = sum(row["labelled_frames"] for row in report["markers"].values())
     return found / max(report["frames"] * len(report["markers"]), 1)
+
+
+def _open_trouble(report: Mapping) -> int:
+    """How much is to be looked at."""
+    return sum(not one["answered"] for one in report["trouble"])
 
 
 def _named_part(report: Mapping) -> float | None:
@@ -61,7 +66,7 @@ def _takes(reports: Sequence[Mapping], page: str) -> Html | None:
         whole, found, name = report["frames_whole"] / max(report["frames"], 1), _found_part(report), report["take"]
         cells = [element("a", name_of(name), href=_link(name + page)), f"{report['frames']:,}"]
         cells += [bar(found, f"Samples found of {name}"), bar(whole, f"Frames whole of {name}")]
-        cells += [percent(_named_part(report)), f"{len(report['suspect']):,}"]
+        cells += [percent(_named_part(report)), f"{_open_trouble(report):,}"]
         if filled:
             cells.append(_gaps(report))
         rows.append(cells)

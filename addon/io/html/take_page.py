@@ -116,7 +116,7 @@ def _tiles(report: Mapping, overview: TakeOverview) -> Html:
         ),
         (
             percent(state["doubtful"] / max(with_name, 1)),
-            f"of found samples doubtful; {len(report['suspect'])} to look at",
+            f"of found samples doubtful; {sum(not one['answered'] for one in report['trouble'])} to look at",
         ),
     ]
     if state["filled"]:
@@ -181,13 +181,15 @@ def _frames(first: int, last: int) -> str:
 
 
 def _to_look_at(report: Mapping) -> Html:
-    found = sorted(report["suspect"], key=lambda one: one["first"] - one["last"])
+    found = [one for one in report["trouble"] if not one["answered"]]
     if not found:
-        return section("Frames to look at", element("p", "None."))
-    rows = [(_frames(one["first"], one["last"]), _sentence(one["reason"])) for one in found[: PAGES.most_rows]]
-    return section(
-        "Frames to look at", table(("Where", "Why"), rows, "The longest first"), _more(found, PAGES.most_rows)
-    )
+        return section("To look at", element("p", "Nothing."))
+    rows = [
+        (_frames(one["first"], one["last"]), _sentence(one["reason"]), _sentence(one["advice"]))
+        for one in found[: PAGES.most_rows]
+    ]
+    words = "The worst first: where most would be wrong or missing if it is as it looks"
+    return section("To look at", table(("Where", "What", "What to do"), rows, words), _more(found, PAGES.most_rows))
 
 
 def _more(rows: Sequence, most: int, where: str = "the report as JSON") -> Html | None:
