@@ -109,7 +109,8 @@ def states_of(stored: Stored) -> np.ndarray:
 
 def markers_of(suspect: Suspect, of_word: dict[str, int]) -> list[int]:
     """The markers that a suspect is about: those that it gives, else those whose names are among its words."""
-    words = suspect.markers or re.findall(r"[^\s,;:]+", suspect.words)
+    # A colon may be a part of a name, that of its subject before it.
+    words = suspect.markers or [word.rstrip(":") for word in re.findall(r"[^\s,;]+", suspect.words)]
     return [of_word[word] for word in dict.fromkeys(words) if word in of_word]
 
 

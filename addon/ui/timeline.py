@@ -164,7 +164,8 @@ def draw_rows():
             shader.uniform_float("view", (left - runs.span[0], wide, places.row, LEAST_WIDTH * scale))
             _drawn.batch.draw(shader)
         draw_preview_range(context.scene, pixels, places, (left, wide))
-        draw_state_legend(pixels, places)
+        if places.bottom:
+            draw_state_legend(pixels, places)
         if not context.space_data.show_region_channels:
             draw_names(context, pixels, runs, places)
 

@@ -148,6 +148,21 @@ def test_filled_ones_stand_out_in_the_overlay_and_are_no_labels(filled, files, e
     assert sum("RASI" in line for line in table.read_text().splitlines()) == np.isfinite(files.xyz[:, 2, 0]).sum()
 
 
+@pytest.mark.parametrize("method", ["auto", "regression", "rigid", "pattern", "pca", "body", "spline"])
+def test_each_method_says_what_it_filled_by(labelled, method):
+    labelled.scene.mocap_autolabel.fill_method = method
+    choose("RASI")
+    labelled.scene.frame_set(HERE)
+    state = labelled.window_manager.mocap_autolabel
+    if bpy.ops.mocap_autolabel.fill_gaps(extent="GAP") == {"CANCELLED"}:
+        assert method in ("pca", "regression"), "half a second is not enough to learn from"
+        assert state.left_gaps[0].reason
+        return
+    [row] = state.fills
+    assert row.method == method or method == "auto"
+    assert 0 <= row.expected < 100
+
+
 def test_a_take_of_blobs_is_filled_too(extension, empty, made):
     empty.scene.mocap_autolabel.take = show_take(empty, made.take(40))
     empty.scene.mocap_autolabel.fill_method = "rigid"

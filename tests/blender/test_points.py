@@ -228,6 +228,7 @@ def test_doubtful_points_are_told_from_sure_ones(extension):
             None,
         ),
         labels=SimpleNamespace(marker=np.array([0, 2, -1, -1, -1, -1]), confidence=np.array([1.0, 0.9, 0, 0, 0, 0])),
+        fitting=(),
     )
     first, second, third = (marks.point_marks(stored, index) for index in range(3))
     assert first.doubtful.tolist() == [False, False, True]

@@ -107,6 +107,7 @@ def test_a_place_is_the_row_that_is_seen_there(extension, empty):
     end = timeline.RowPlaces(600.0, 1.5, most)
     assert end.upper(100) == pytest.approx(end.bottom)
     assert places.most_scroll(3) == 0
+    assert timeline.RowPlaces(90.0, 1.0, 0.0).bottom == 0, "a low editor has room for rows, not for a legend"
 
 
 def test_a_click_goes_there_and_picks(labelled):
