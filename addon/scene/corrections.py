@@ -67,7 +67,7 @@ def edited(stored: Stored, edits: Edits) -> Stored:
         stored,
         labels=labels,
         motion=_motion(stored.motion, rows, labels, applied),
-        suspects=without_accepted(_unanswered(stored, applied, columns), edits),
+        suspects=without_accepted(_unanswered(stored, applied, columns, present), edits),
         edits=edits,
         outcomes=applied.outcomes,
     )
@@ -86,7 +86,7 @@ def _motion(motion: Motion, rows: PointRows, labels: Labels, applied: AppliedEdi
     return replace(motion, markers=xyz, residual=off)
 
 
-def _unanswered(stored: Stored, applied: AppliedEdits, columns: np.ndarray) -> tuple[Suspect, ...]:
+def _unanswered(stored: Stored, applied: AppliedEdits, columns: np.ndarray, present: np.ndarray) -> tuple[Suspect, ...]:
     """The suspects that no edit answers, called by the trajectories' own numbers as before."""
     column = {int(number): place for place, number in enumerate(columns)}
     asked = [
@@ -94,4 +94,4 @@ def _unanswered(stored: Stored, applied: AppliedEdits, columns: np.ndarray) -> t
         for one in stored.suspects
         if one.trajectory is None or one.trajectory in column
     ]
-    return called_by(unanswered(asked, applied.edited, stored.words, int(stored.motion.frames[0])), columns)
+    return called_by(unanswered(asked, applied.edited, stored.words, int(stored.motion.frames[0]), present), columns)

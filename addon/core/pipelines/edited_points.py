@@ -43,7 +43,7 @@ class EditedVerdict:
         """The suspects, of trajectories by their column, that no edit answers."""
         if self.applied is None:
             return suspects
-        return unanswered(suspects, self.applied.edited, cells.names, cells.first_frame)
+        return unanswered(suspects, self.applied.edited, cells.names, cells.first_frame, cells.present)
 
 
 def with_edits(
