@@ -32,7 +32,11 @@ class MOCAP_AUTOLABEL_OT_judge_markers(Laid, WorksInSteps, bpy.types.Operator):
         return judge_steps(context.scene)
 
     def _show(self, context, result: dict) -> set[str]:
-        keep_report(edited_collection(context.scene), quality_text(result))
+        collection = edited_collection(context.scene)
+        if collection is None:
+            self.report({"WARNING"}, "The marker set was put away meanwhile")
+            return {"CANCELLED"}
+        keep_report(collection, quality_text(result))
         poor = sum(pair["separation"] < result["goal"] for pair in result["pairs"])
         self.report({"INFO"}, f"{poor} ambiguous pairs, {len(result['advice'])} changes advised")
         return {"FINISHED"}

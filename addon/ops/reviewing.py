@@ -41,7 +41,8 @@ def mending(trouble: Trouble) -> list[Edit]:
     """The edits that do what is advised, where edits can."""
     ranges = trouble.ranges or ((trouble.first, trouble.last),)
     if trouble.action == NAME_IT and trouble.markers and trouble.trajectories:
-        return [AssignPoint(trouble.trajectories[0], trouble.markers[0], frames=span) for span in ranges]
+        where = trouble.named_in or ranges
+        return [AssignPoint(trouble.trajectories[0], trouble.markers[0], frames=span) for span in where]
     if trouble.action == SWAP:
         return [Swap((trouble.markers[0], trouble.markers[1]), frames=span) for span in ranges]
     if trouble.action == UNLABEL:

@@ -7,6 +7,7 @@ from typing import Any
 
 import bpy
 
+from ..core.data.errors import InputError
 from .reporting import reports_trouble
 
 BUDGET = 0.1  # s of work between two looks at the keyboard
@@ -44,8 +45,11 @@ class WorksInSteps:
 
     @reports_trouble
     def _begin(self, context) -> set[str]:
-        self._steps = self.steps(context)
         manager = context.window_manager
+        if manager.mocap_autolabel.doing:
+            words = f"{manager.mocap_autolabel.doing.split(':')[0].lower()} goes on"
+            raise InputError(f"{words}; expected it to come to its end first, or to be cancelled")
+        self._steps = self.steps(context)
         self._timer = manager.event_timer_add(TICK, window=context.window)
         manager.progress_begin(0, 100)
         self._began = perf_counter()

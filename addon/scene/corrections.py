@@ -99,11 +99,13 @@ def _unanswered(stored: Stored, followed: FollowedEdits, following: Following) -
     columns = np.array(sorted({one.trajectory for one in stored.suspects if one.trajectory is not None}), int)
     column = {int(number): place for place, number in enumerate(columns)}
     rule = np.full((len(stored.motion.frames), len(columns)), FREE, np.int8)
+    present = np.zeros(rule.shape, bool)
     for number, place in column.items():
         rows = following.rows_of(number)
+        present[stored.rows.frame[rows], place] = True
         rule[stored.rows.frame[rows], place] = np.where(followed.said[rows], SAID, FREE)
     asked = [
         one if one.trajectory is None else replace(one, trajectory=column[one.trajectory]) for one in stored.suspects
     ]
     answers = Answers(rule, followed.right)
-    return called_by(unanswered(asked, answers, stored.words, int(stored.motion.frames[0])), columns)
+    return called_by(unanswered(asked, answers, stored.words, int(stored.motion.frames[0]), present), columns)

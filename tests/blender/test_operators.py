@@ -358,6 +358,9 @@ def test_the_panel_says_how_long_it_takes_and_its_button_cancels(ready, labellin
     assert state.doing.startswith("Labelling: 0%")
     with pytest.raises(RuntimeError, match="going on already"):
         bpy.ops.mocap_autolabel.label()
+    other = Modal(labelling.module)
+    assert other._begin(context) == {"CANCELLED"}
+    assert "labelling goes on; expected" in other.reports[0][1]
     assert bpy.ops.mocap_autolabel.cancel() == {"FINISHED"}
     assert operator.modal(context, SimpleNamespace(type="TIMER")) == {"CANCELLED"}
     assert state.doing == ""

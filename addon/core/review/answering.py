@@ -25,13 +25,18 @@ class Answers:
 
 
 def unanswered(
-    suspects: Iterable[Suspect], edited: Edited | Answers, names: Mapping[str, int], first_frame: int
+    suspects: Iterable[Suspect],
+    edited: Edited | Answers,
+    names: Mapping[str, int],
+    first_frame: int,
+    present: np.ndarray | None = None,
 ) -> tuple[Suspect, ...]:
     """The suspects of a take of points without the frames in which a person answered them.
 
     What is asked about a marker is answered by its being right, about a pair of them by one of the two, about more by
     all; what is asked about the name of a trajectory, called by its column, by any edit of it. names are the indices of
-    the markers, first_frame the source's number of the first.
+    the markers, first_frame the source's number of the first; present (T, P) where there are points, of which alone a
+    trajectory's name is asked.
     """
     left: list[Suspect] = []
     for suspect in suspects:
@@ -39,7 +44,10 @@ def unanswered(
         markers = [names[name] for name in suspect.markers if name in names]
         answered = _enough(edited.right[rows][:, markers])
         if suspect.trajectory is not None:
-            answered = answered | (edited.rule[rows, suspect.trajectory] != FREE)
+            named = edited.rule[rows, suspect.trajectory] != FREE
+            if present is not None and named.any():
+                named = named | ~present[rows, suspect.trajectory]
+            answered = answered | named
         # A change of names is answered where either of its ends is.
         of_a_change = len(suspect.markers) > 1 and suspect.trajectory is not None
         left += [] if of_a_change and answered.any() else _rest(suspect, answered)

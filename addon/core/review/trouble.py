@@ -85,6 +85,7 @@ class Trouble:
                   can
     answered      whether a person has answered it
     ranges        all frames that it is about, where that is not one range
+    named_in      where it is advised to name the first trajectory: the frames in which it has no name
     """
 
     kind: str
@@ -99,6 +100,7 @@ class Trouble:
     action: str = ""
     answered: bool = False
     ranges: tuple[tuple[int, int], ...] = ()
+    named_in: tuple[tuple[int, int], ...] = ()
 
     @property
     def about(self) -> str:
@@ -236,8 +238,11 @@ class TakeTrouble:
         else:
             reason, action = f"{name} is found in {_percent(share)} of the frames; {where}", FILL if short else NAME_IT
             advice = "Fill the gaps" if short else f"Name the point that is {name} there, else fill the gaps"
+        named_in: tuple[tuple[int, int], ...] = ()
         if beside:
             most = max(beside, key=lambda one: one.frames)
+            beside.sort(key=lambda one: one.trajectory != most.trajectory)
+            named_in = tuple((one.first, one.last) for one in beside if one.trajectory == most.trajectory)
             reason += f"; trajectory {most.trajectory}, which has no name, is {most.distance * MM_PER_M:.0f} mm from "
             reason += "where it should be"
             action, advice = NAME_IT, f"Look whether trajectory {most.trajectory} is {name}; if so, name it"
@@ -247,12 +252,13 @@ class TakeTrouble:
             longest[1],
             reason,
             (name,),
-            tuple(one.trajectory for one in beside),
+            tuple(dict.fromkeys(one.trajectory for one in beside)),
             stake=0.0 if answered else float(lost),
             advice=advice,
             action=action,
             answered=answered,
             ranges=tuple((first, last) for first, last, _, _ in ranges),
+            named_in=named_in,
         )
 
     def _of_leftovers(self):

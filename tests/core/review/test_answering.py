@@ -58,3 +58,12 @@ def test_of_more_than_two_markers_all_have_to_be_right():
     many = Suspect(12, 20, "A B C: jumps", markers=("A", "B", "C"))
     assert left([many], Right("A"), Right("B")) == [(12, 20, "A B C: jumps")]
     assert left([many], Right("A"), Right("B"), Right("C")) == []
+
+
+def test_of_a_trajectory_only_points_are_asked():
+    nameless = Suspect(12, 20, "may be D and stays unnamed", 3, ("D",))
+    cells = PointCells(INDEX, len(NAMES), FIRST, np.ones((FRAMES, 5), bool), COLUMNS)
+    cells.present[15 - FIRST :, 3] = False
+    edited = apply_to_points(LABELS, Edits((AssignPoint(7, "D"),)), cells).edited
+    assert unanswered([nameless], edited, INDEX, FIRST, cells.present) == ()
+    assert unanswered([nameless], edited, INDEX, FIRST) == (Suspect(15, 20, nameless.words, 3),)

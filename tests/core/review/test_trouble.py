@@ -65,6 +65,16 @@ def test_a_heel_that_was_never_found_is_said_with_the_point_beside_it():
     assert missing.action == left.action == "name"
 
 
+def test_a_point_is_to_be_named_where_it_is_and_nowhere_else():
+    beside = np.tile(PLACES[1] + [0.1, 0, 0], (FRAMES, 1))
+    beside[60:] = np.nan
+    markers = without("LHEE", frames=slice(0, 60))
+    markers[100:180, 1] = np.nan
+    missing = next(one for one in trouble(markers, {7: beside}) if one.kind == MISSING)
+    assert (missing.trajectories, missing.named_in) == ((7,), ((FIRST, FIRST + 59),))
+    assert missing.ranges == ((FIRST, FIRST + 59), (FIRST + 100, FIRST + 179))
+
+
 def test_gaps_count_by_their_frames_and_the_worst_is_first():
     markers = without("LHEE", frames=slice(20, 40))
     markers[50:150, 2] = np.nan

@@ -149,7 +149,8 @@ def _labelled(
     yield Stage("write", "write")
     suspects = verdict.suspects + find_suspects(motion, model.markerset.markers, take.rate)
     if applied:
-        suspects = unanswered(suspects, applied.edited, model.markerset.by_name, take.first_frame)
+        asked = applied.edited, model.markerset.by_name, take.first_frame, take.present
+        suspects = unanswered(suspects, *asked)
     if take.columns is not None:  # as in label files: by the trajectories' index in the file
         suspects = called_by(suspects, take.columns)
     outcomes = applied.outcomes if applied else ()
