@@ -132,7 +132,9 @@ def correct() -> Iterator[float]:
 
 def dot_of(marker: str) -> tuple[int, int]:
     """Where a marker's empty, on its dot, is in the window."""
-    item = next(item for item in bpy.context.scene.mocap_autolabel.take.all_objects if item.name == marker)
+    item = next(
+        item for item in bpy.context.scene.mocap_autolabel.take.all_objects if item.get("mocap_marker") == marker
+    )
     region = window.region("WINDOW")
     view = window.area().spaces.active.region_3d
     x, y = location_3d_to_region_2d(region, view, item.matrix_world.translation)

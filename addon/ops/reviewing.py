@@ -163,10 +163,10 @@ class MOCAP_AUTOLABEL_OT_show_trouble(OfTrouble, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class MOCAP_AUTOLABEL_OT_next_listed(OfTrouble, bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_next_trouble(OfTrouble, bpy.types.Operator):
     """Go to the next trouble that is listed and open."""
 
-    bl_idname = "mocap_autolabel.next_listed"
+    bl_idname = "mocap_autolabel.next_trouble"
     bl_label = "Next Trouble"
 
     back: BoolProperty(name="Back", description="To the one before", options={"SKIP_SAVE"})
@@ -227,7 +227,7 @@ def is_listed(state: bpy.types.PropertyGroup, row: bpy.types.PropertyGroup) -> b
 
 CLASSES = (
     MOCAP_AUTOLABEL_OT_show_trouble,
-    MOCAP_AUTOLABEL_OT_next_listed,
+    MOCAP_AUTOLABEL_OT_next_trouble,
     MOCAP_AUTOLABEL_OT_accept_trouble,
     MOCAP_AUTOLABEL_OT_mend_trouble,
 )

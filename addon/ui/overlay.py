@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Drawn over the 3D view: through a camera its blobs, the body's markers and the links between them; names anywhere."""
 
+from collections.abc import Iterable
+from functools import lru_cache
+
 import blf
 import bpy
 import gpu
@@ -119,23 +122,26 @@ class Canvas:
 
     def names(self, words: list[str], places: np.ndarray):
         """Words beside places (N, 2) px, as many as there is room for."""
-        blf.size(0, TEXT_SIZE * self.scale)
-        sizes = np.array([blf.dimensions(0, word) for word in words]).reshape(-1, 2)
+        sizes = np.array([_word_size(word, TEXT_SIZE * self.scale) for word in words]).reshape(-1, 2)
         height = TEXT_SIZE * self.scale
         gap, mark = (RING_RADIUS + 2) * self.scale, BLOB_RADIUS * self.scale
         starts = marks.room_for_words(places, sizes[:, 0], height, gap, mark, self.covered)
-        for word, (x, y) in zip(words, starts, strict=True):
-            if np.isfinite(x):
-                self.text(word, x, y)
+        there = np.isfinite(starts[:, 0])
+        self._write(zip((words[at] for at in np.flatnonzero(there)), starts[there].tolist(), strict=True), WHITE)
 
     def text(self, words: str, x: float, y: float, colour: tuple[float, ...] = WHITE):
         """Words that begin at x, y px, with a shadow that keeps them readable on anything."""
+        self._write([(words, (x, y))], colour)
+
+    def _write(self, words: Iterable[tuple[str, tuple[float, float]]], colour: tuple[float, ...]):
+        """Words, each where it begins, with the shadow set once for all."""
         blf.size(0, TEXT_SIZE * self.scale)
         blf.enable(0, blf.SHADOW)
         blf.shadow(0, 3, 0.0, 0.0, 0.0, 0.9)
         blf.color(0, *colour)
-        blf.position(0, x, y, 0)
-        blf.draw(0, words)
+        for word, (x, y) in words:
+            blf.position(0, x, y, 0)
+            blf.draw(0, word)
         blf.disable(0, blf.SHADOW)
 
 
@@ -144,6 +150,13 @@ def covered(area: bpy.types.Area, region: bpy.types.Region) -> np.ndarray:
     over = [one for one in area.regions if one.type in COVERING and one.width > 1 and one.height > 1]
     boxes = [[one.x, one.y, one.x + one.width, one.y + one.height] for one in over]
     return np.array(boxes, dtype=float).reshape(-1, 4) - np.tile([region.x, region.y], 2)
+
+
+@lru_cache(maxsize=1024)
+def _word_size(word: str, size: float) -> tuple[float, float]:
+    """Width and height of a word, px: a marker's name is asked for at every redraw."""
+    blf.size(0, size)
+    return blf.dimensions(0, word)
 
 
 def draw_camera(canvas: Canvas, stored: Stored, index: int, camera: bpy.types.Object, settings):

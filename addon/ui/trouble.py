@@ -68,8 +68,8 @@ class MOCAP_AUTOLABEL_PT_trouble(bpy.types.Panel):
             "MOCAP_AUTOLABEL_UL_trouble", "", state, "troubles", state, "trouble_index", rows=5, maxrows=10
         )
         row = layout.row(align=True)
-        row.operator("mocap_autolabel.next_listed", text="Previous", icon="TRIA_LEFT").back = True
-        row.operator("mocap_autolabel.next_listed", text="Next", icon="TRIA_RIGHT").back = False
+        row.operator("mocap_autolabel.next_trouble", text="Previous", icon="TRIA_LEFT").back = True
+        row.operator("mocap_autolabel.next_trouble", text="Next", icon="TRIA_RIGHT").back = False
         found = known_trouble(context.scene.mocap_autolabel.take, context.scene) or ()
         if state.trouble_index < len(found) == len(state.troubles) and is_listed(
             state, state.troubles[state.trouble_index]

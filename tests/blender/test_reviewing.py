@@ -99,19 +99,19 @@ def test_the_next_is_the_next_that_is_listed_and_open(state):
     listed = [number for number, row in enumerate(state.review.troubles) if reviewing.is_listed(state.review, row)]
     assert listed == list(range(len(state.review.troubles)))
     assert len(listed) > 1
-    bpy.ops.mocap_autolabel.next_listed()
+    bpy.ops.mocap_autolabel.next_trouble()
     assert state.review.trouble_index == 1
-    bpy.ops.mocap_autolabel.next_listed(back=True)
+    bpy.ops.mocap_autolabel.next_trouble(back=True)
     assert state.review.trouble_index == 0
     state.review.trouble_kind = "left over"
-    bpy.ops.mocap_autolabel.next_listed()
+    bpy.ops.mocap_autolabel.next_trouble()
     assert state.review.troubles[state.review.trouble_index].kind == "left over"
     state.review.trouble_kind, state.review.trouble_marker = "ALL", LOST
     seen = [row.name for row in state.review.troubles if reviewing.is_listed(state.review, row)]
     assert seen
     assert all(LOST in name for name in seen)
     state.review.trouble_done = "DONE"
-    assert bpy.ops.mocap_autolabel.next_listed() == {"CANCELLED"}
+    assert bpy.ops.mocap_autolabel.next_trouble() == {"CANCELLED"}
 
 
 def test_one_that_is_not_there_is_said(state):

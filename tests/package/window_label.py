@@ -224,7 +224,10 @@ def picked() -> list[int]:
 
 
 def corrections() -> list[str]:
-    return [row.name for row in bpy.context.window_manager.mocap_autolabel.corrections]
+    """What was said so far; the sidebar's list comes a moment later."""
+    stored, _ = now()
+    words_of = importlib.import_module(f"{ADDON}.core.edits.wording").words_of
+    return [words_of(edit, stored.shift) for edit in stored.edits]
 
 
 def asked() -> str:
