@@ -84,13 +84,13 @@ def _take_changed(self, context):
     refresh_review(context.window_manager, context.scene)
 
 
-def _timeline_changed(_self, context):
-    redraw_dope_sheets(context.window_manager)
+def _timeline_changed(_self, _context):
+    redraw_dope_sheets()
 
 
-def redraw_dope_sheets(manager: bpy.types.WindowManager):
+def redraw_dope_sheets():
     """Lets every Dope Sheet be drawn anew."""
-    for area in (area for window in manager.windows for area in window.screen.areas):
+    for area in (area for window in bpy.context.window_manager.windows for area in window.screen.areas):
         if area.type == "DOPESHEET_EDITOR":
             area.tag_redraw()
 
@@ -430,7 +430,7 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     state.suspects.clear()
     state.corrections.clear()
     state.fills.clear()
-    redraw_dope_sheets(manager)
+    redraw_dope_sheets()
     state.changes.clear()
     if not is_take(collection):
         state.troubles.clear()

@@ -99,6 +99,7 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, WorksInSteps, bpy.types.Operator):
     def steps(self, context) -> Generator[float, None, FilledTake]:
         """The filling, beside the window."""
         stored, options = self._asked(context)
+        self._of = context.scene.mocap_autolabel.take.session_uid
         markerset, columns = body_of(context, stored, options.method)
         work = partial(fill_take, stored.unfilled.markers, stored.rate, options, markerset, columns)
         return in_background(lambda tell: told_all_the_way(work(), tell))
@@ -116,6 +117,8 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, WorksInSteps, bpy.types.Operator):
     @reports_trouble
     def _shown(self, context) -> set[str]:
         filled, settings = self._result, context.scene.mocap_autolabel
+        if not is_take(settings.take) or settings.take.session_uid != self._of:
+            raise InputError("another take is shown than the one whose gaps were filled; expected it to stay")
         stored = opened.take(settings.take, context.scene)
         if not filled.gaps and not filled.left:
             raise InputError("there is no gap to fill; expected a marker that is missing, and seen elsewhere")

@@ -362,4 +362,4 @@ def add_timeline(stack: ExitStack):
             for key, wanted in properties.items():
                 setattr(item.properties, key, wanted)
             stack.callback(keymap.keymap_items.remove, item)
-    stack.callback(lambda: redraw_dope_sheets(bpy.context.window_manager))
+    stack.callback(redraw_dope_sheets)

@@ -163,6 +163,25 @@ def test_each_method_says_what_it_filled_by(labelled, method):
     assert 0 <= row.expected < 100
 
 
+def test_what_was_filled_goes_into_no_other_take(labelled, monkeypatch, extension):
+    filling = importlib.import_module(f"{extension}.addon.ops.filling")
+    settings = labelled.scene.mocap_autolabel
+    before = settings.take
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    after, settings.take = settings.take, before
+
+    def changed_meanwhile(work):
+        yield 0.5
+        settings.take = after
+        return work(lambda _: None)
+
+    monkeypatch.setattr(filling, "in_background", changed_meanwhile)
+    settings.fill_method = "rigid"
+    with pytest.raises(RuntimeError, match="another take is shown than the one whose gaps were filled; expected"):
+        bpy.ops.mocap_autolabel.fill_gaps(extent="TAKE")
+    assert rows() == []
+
+
 def test_a_take_of_blobs_is_filled_too(extension, empty, made):
     empty.scene.mocap_autolabel.take = show_take(empty, made.take(40))
     empty.scene.mocap_autolabel.fill_method = "rigid"
