@@ -352,6 +352,25 @@ def _shadowed(frame: Frame, naming: Naming) -> np.ndarray:
     return shadowed
 
 
+def give_nearer(frame: Frame, naming: Naming):
+    """Gives a blob that two markers on one line may have made to the nearer of them, which hides the other.
+
+    Not where no other camera sees the nearer one, nor where the other would not have two blobs left.
+    """
+    nll = nll_given_names(frame, naming)
+    camera, behind, before = np.nonzero(frame.in_front & (naming.slot >= 0)[..., None] & (naming.slot < 0)[:, None])
+    slot = naming.slot[camera, behind]
+    lead = nll[camera, before, slot] - nll[camera, behind, slot]
+    fits = (nll[camera, before, slot] < TOO_FAR) & (lead < frame.rules.min_lead) & (frame.fixed[camera, behind] < 0)
+    fits &= (naming.slot >= 0).sum(axis=0)[before] > 0
+    for index in np.argsort(lead, kind="stable"):
+        c, m, k = camera[index], before[index], slot[index]
+        still = naming.slot[c, m] < 0 and naming.owner[c, k] == behind[index]
+        if fits[index] and still and (naming.slot[:, behind[index]] >= 0).sum() > 2:
+            naming.withdraw(c, behind[index])
+            naming.give(c, m, k, REMAINING)
+
+
 def _undisputed(frame: Frame, is_open: np.ndarray) -> np.ndarray:
     """(C, M, K) where a marker fits one blob clearly better than its other open blobs, and the blob it."""
     nll = np.where(is_open, frame.nll, TOO_FAR)

@@ -22,6 +22,7 @@ from ..geometry.cameras import Cameras
 from ..geometry.views import VIEWING, View, split_views
 from ..review.suspects import find_suspects
 from .absent import absent_markers
+from .between import put_between
 from .confidence import label_confidences, swap_doubts
 from .continuity import renamed
 from .labelling import hand_over
@@ -155,6 +156,7 @@ class TakeLabeller:
                     self.track = stretch.track
                 chunk.suspect(stretch.first, stretch.last, "names did not suit the rest of the take and are new")
             self._rename(chunk)
+            put_between(chunk.results, self.setup.rate)
             absent = absent_markers(chunk.results)
             for result in chunk.results if len(absent) else ():
                 if result is not None:
@@ -255,9 +257,10 @@ class TakeLabeller:
     def _best_found(self, chunk: "_Chunk", at: int, end: int) -> tuple[int, Found | None]:
         """The frame of a few spread over the range whose names suit a body best."""
         best, best_index, good = None, at, 0
+        alone = len(chunk.views) == 1 or self.setup.rate < TAKES.min_rate
         for index in chunk.promising(at, end):
             with self.setup.clock("place"):
-                found = find_subject(chunk.views[index], self.setup, self.hints, chunk.fixed[index])
+                found = find_subject(chunk.views[index], self.setup, self.hints, chunk.fixed[index], alone)
             if found is None or found.by_chance:
                 continue
             if found.confidence < TAKES.min_confidence or found.named < TAKES.min_named:

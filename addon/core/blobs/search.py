@@ -13,8 +13,10 @@ from ..body.prior import Prior
 from ..data.errors import JobError
 from ..geometry import rotations
 from ..geometry.views import VIEWING, View
+from .arms import with_arms_held
 from .cloud import Cloud, build_cloud
-from .labelling import Expectation, Naming
+from .jointly import JOINTLY, name_jointly
+from .labelling import Expectation, Frame, Naming, give_nearer, name_merged
 from .placement import blob_centre, make_starts, principal_guess
 from .subject import Setup, Subject, expect, learn_noise, learn_own, name, named_pull, refit
 from .swaps import Swaps, swap_names, try_swaps, withdraw_unexpected, without_own
@@ -35,6 +37,11 @@ class FindOptions:
                       finalists differ by half as much
     temper            by how much costs overstate their differences, as blobs share their errors
     clear_confidence  a placement surer than this needs no second opinion
+    good_cost         for each blob, and each image of a marker that should be seen: a body that costs more may hold
+                      its arms otherwise. On people with their arms set (`tests.accuracy.strangers`) right bodies
+                      and wrong ones overlap between 2.5 and 2.7
+    joint_rounds      of naming a frame that is alone all at once
+    elsewhere_cost    squared deviations that a marker worn elsewhere than in the set counts for there
     rounds            of naming: names show how the markers sit on this subject, which sharpens the next round
     round_steps       iterations of a round's fit to the names
     settled_steps     iterations once exchanges of names are settled
@@ -54,6 +61,7 @@ class FindOptions:
         (0.05, 0.15, 4, True),
     )
     blob_stages: tuple[tuple[float, float, int], ...] = ((0.06, 0.25, 3), (0.03, 0.12, 3), (0.02, 0.08, 3))
+    good_cost: float = 2.3
     max_finalists: int = 3
     min_distance_m: float = 0.10
     temper: float = 12.0
@@ -64,6 +72,8 @@ class FindOptions:
     noise_rate: float = 0.7
     own_rate: float = 0.9
     max_exchanges: int = 3
+    joint_rounds: int = 3
+    elsewhere_cost: float = 16.0
     unnamed_cost: float = 12.0
     fixed_cost: float = 60.0
 
@@ -156,10 +166,13 @@ class Found:
         return self.cost / self.naming.slot.shape[1] + FINDING.unnamed_cost * (1 - self.named)
 
 
-def find_subject(view: View, setup: Setup, hints: Hints, fixed: np.ndarray | None = None) -> Found | None:
+def find_subject(
+    view: View, setup: Setup, hints: Hints, fixed: np.ndarray | None = None, alone: bool = False
+) -> Found | None:
     """The subject in this frame, or None when the blobs hold nobody.
 
-    `fixed` (C, M) are the blobs that a person named, -1 where nobody did; they say which placement is right.
+    `fixed` (C, M) are the blobs that a person named, -1 where nobody did; they say which placement is right. A frame
+    that is `alone` is not one of a take that will be followed from it, so all that it says of its names is used here.
     Raises JobError when the cameras cannot fix a position at all.
     """
     cloud = build_cloud(view, setup.sight)
@@ -167,15 +180,35 @@ def find_subject(view: View, setup: Setup, hints: Hints, fixed: np.ndarray | Non
         return None
     prior = _prior_for(hints, setup)
     starts = first_starts(view, cloud, setup, hints)
-    bodies, cost = fit_cloud(starts, cloud, setup, prior)
-    finalists = bodies.pick(_distinct(bodies, cost, setup)[: FINDING.max_finalists])
-    fit = fit_blobs(finalists, view, setup, prior)
+    fit = _fit_starts(starts, cloud, view, setup, prior)
+    if _mean_cost(fit, view, setup) > FINDING.good_cost:
+        fit = _fit_starts(starts, cloud, view, setup, prior, arms=True)
     best, second, confidence = _judged(fit, _handicap(fit.bodies, hints) + _off_fixed(fit.state, view, setup, fixed))
-    found = name_found(view, picked(fit.state, [best]), setup, prior, confidence, fit.trace[:, best], fixed)
+
+    def named(index: int) -> Found:
+        placed = picked(fit.state, [index])
+        found = name_found(view, placed, setup, prior, confidence, fit.trace[:, index], fixed)
+        return name_alone(view, found, placed, setup, prior, fixed) if alone else found
+
+    found = named(best)
     if second is None or confidence > FINDING.clear_confidence:
         return found
-    other = name_found(view, picked(fit.state, [second]), setup, prior, confidence, fit.trace[:, second], fixed)
-    return _better_named(found, other)
+    return _better_named(found, named(second))
+
+
+def _fit_starts(starts: Bodies, cloud: Cloud, view: View, setup: Setup, prior, arms: bool = False) -> Fit:
+    """The best of the starts against the cloud, against the blobs."""
+    bodies, cost = fit_cloud(starts, cloud, setup, prior, arms)
+    finalists = bodies.pick(_distinct(bodies, cost, setup)[: FINDING.max_finalists])
+    return fit_blobs(finalists, view, setup, prior)
+
+
+def _mean_cost(fit: Fit, view: View, setup: Setup) -> float:
+    """What the best body costs for each blob, and each image of a marker that should have one."""
+    best = int(np.argmin(fit.cost))
+    state = picked(fit.state, [best])
+    due = int(setup.visible(state.bodies.scale, state.posed).sum())
+    return float(fit.cost[best]) / max(view.count + due, 1)
 
 
 def _better_named(first: Found, second: Found) -> Found:
@@ -225,14 +258,19 @@ def first_starts(view: View, cloud: Cloud, setup: Setup, hints: Hints) -> Bodies
     return make_starts(setup.model, point, hints.height or guess.height, facings)
 
 
-def fit_cloud(starts: Bodies, cloud: Cloud, setup: Setup, prior) -> tuple[Bodies, np.ndarray]:
-    """All starts against the cloud, from coarse to fine; returns the bodies and their costs (B,)."""
+def fit_cloud(starts: Bodies, cloud: Cloud, setup: Setup, prior, arms: bool = False) -> tuple[Bodies, np.ndarray]:
+    """All starts against the cloud, from coarse to fine; returns the bodies and their costs (B,).
+
+    With `arms`, also with their arms held otherwise.
+    """
     bodies = starts
     for softness, reach, steps, free in FINDING.cloud_stages:
         pull = partial(_cloud_pull, cloud=cloud, softness=softness, reach=reach)
         fit_some = fit_body if free else fit_placement
         fit = fit_some(setup.model, bodies, pull, steps, prior)
         bodies = fit.bodies
+        if arms and not free:
+            bodies = with_arms_held(bodies, setup.model)
     return bodies, fit.cost
 
 
@@ -281,6 +319,66 @@ def name_found(
     unnamed = int((view.real & (naming.owner < 0)).sum())
     cost = float(state.cost[0]) + FINDING.unnamed_cost * unnamed
     return Found(subject, naming, expected, confidence, trace, swaps, cost)
+
+
+def name_alone(view: View, found: Found, placed: State, setup: Setup, prior, fixed: np.ndarray | None) -> Found:
+    """The same for a frame that no others will tell more of: all names at once, from those found and from the body.
+
+    `placed` is the body before anything was named. Of the two namings the one stays that suits a body better.
+    """
+    bodies = placed.bodies
+    plain = Subject(bodies, setup.marker_sd * float(bodies.scale.mean()), found.subject.pixel)
+    bare = _at_once(view, expect(plain, placed, setup), found.subject.pixel, setup, fixed)[0]
+    tried = [_joint(view, one, found.subject, setup, prior, fixed) for one in (found.naming, bare)]
+    best = min(tried, key=lambda one: one.cost)
+    naming = best.naming
+    swaps = settle(view, naming, best.subject, best.state, setup, prior)
+    loose, state = refit(view, naming, best.subject, setup, FINDING.settled_steps, prior)
+    subject = replace(loose, own_sd=without_own(loose, setup).own_sd)
+    points = naming.meeting.points
+    subject = learn_own(points, subject, state.posed, setup, FINDING.own_rate)
+    after = body_state(setup.model, subject.bodies, named_pull(view, naming, subject, setup), prior)
+    expected = expect(subject, after, setup)
+    met = np.isfinite(points[:, :1])
+    expected = replace(expected, points=np.where(met, points, expected.points))
+    frame = Frame(view, setup.sight, expected, replace(setup.rules, pixel=subject.pixel), fixed)
+    naming = Naming(frame, naming.slot, naming.step, naming.owner, naming.partner, naming.conflicts)
+    give_nearer(frame, naming)
+    name_merged(frame, naming)
+    return replace(found, subject=subject, naming=naming, expected=expected, swaps=swaps, cost=best.cost)
+
+
+@dataclass(frozen=True, eq=False)
+class _Joint:
+    """Names given all at once, the body that they make with its state, and what it costs."""
+
+    naming: Naming
+    subject: Subject
+    state: State
+    cost: float
+
+
+def _joint(view: View, naming: Naming, subject: Subject, setup: Setup, prior, fixed: np.ndarray | None) -> _Joint:
+    """All names once more, all at once, until they suit the body that they make."""
+    elsewhere = np.zeros(setup.model.marker_count, bool)
+    plain, seen = without_own(subject, setup), []
+    while True:
+        # A marker that is worn elsewhere says little of where the body is.
+        loose = replace(plain, own_sd=np.hypot(plain.own_sd, elsewhere * JOINTLY.elsewhere_m))
+        loose, state = refit(view, naming, loose, setup, FINDING.round_steps, prior)
+        plain = replace(plain, bodies=loose.bodies)
+        if len(seen) == FINDING.joint_rounds or any((slot == naming.slot).all() for slot in seen):
+            break
+        seen.append(naming.slot.copy())
+        naming, elsewhere = _at_once(view, expect(plain, state, setup), subject.pixel, setup, fixed)
+    unnamed = int((view.real & (naming.owner < 0)).sum())
+    cost = float(state.cost[0]) + FINDING.unnamed_cost * unnamed + FINDING.elsewhere_cost * int(elsewhere.sum())
+    return _Joint(naming, loose, state, cost)
+
+
+def _at_once(view: View, expected: Expectation, pixel: float, setup: Setup, fixed) -> tuple[Naming, np.ndarray]:
+    """See `jointly.name_jointly`."""
+    return name_jointly(Frame(view, setup.sight, expected, replace(setup.rules, pixel=pixel), fixed))
 
 
 def settle(view: View, naming: Naming, subject: Subject, state: State, setup: Setup, prior) -> Swaps:

@@ -1,0 +1,243 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""All names of one frame at once: which sets of blobs that meet in a point are which markers, over all cameras.
+
+The three steps of algorithm 1 decide camera by camera, and what is decided stays. Here every set of blobs whose rays
+meet, every pair of them and every single blob may be any marker near it. What each says of the frame is a likelihood:
+how far the point is from where the body has the marker, how well the rays meet, which cameras should have seen it and
+did not, and that a blob without a name is a ghost. The best choice in which nothing is used twice is the naming.
+"""
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy.optimize import Bounds, LinearConstraint, milp
+from scipy.sparse import coo_array
+
+from ..data.takes import REMAINING
+from ..geometry.views import View
+from .labelling import Expectation, Frame, Naming
+
+
+@dataclass(frozen=True)
+class AtOnceOptions:
+    """What is likely in a frame that is named at once; reckoned, but for how markers are worn elsewhere.
+
+    That was taken from `s02`, `p1` and `p2` of `tests.accuracy.strangers`: one marker in ten is 4 to 8 cm from where
+    the body that is fitted to all of them has it, nearly all others within 4 cm.
+
+    seen              chance that a camera has a blob of a marker which the body does not hide from it, and
+    seen_hidden       of one that it should hide: nobody's body is exactly the model's
+    elsewhere         chance that somebody wears a marker elsewhere than the set has it
+    elsewhere_m       by so much, standard deviation along each axis
+    max_distance_m    of a marker from where the body has it
+    ghosts            unnamed blobs a camera that are taken for granted beside those it has
+    min_sine          of the angle between two rays that fix a point
+    subset_cameras    rays of a set of which every subset is tried; of larger ones, those without one ray
+    hypotheses        of a marker, the best, that are chosen from
+    """
+
+    seen: float = 0.93
+    seen_hidden: float = 0.25
+    elsewhere: float = 0.1
+    elsewhere_m: float = 0.05
+    max_distance_m: float = 0.22
+    ghosts: float = 1.0
+    min_sine: float = 0.02
+    subset_cameras: int = 5
+    hypotheses: int = 40
+
+
+JOINTLY = AtOnceOptions()
+
+
+@dataclass(frozen=True, eq=False)
+class Hypotheses:
+    """H possible names of sets of blobs: marker (H,), slot (H, C), -1 where no camera, and gain (H,).
+
+    The gain is by how much the name is likelier than that all its blobs are ghosts, and the marker unseen; as squared
+    deviations are counted. elsewhere (H,) says whether it takes the marker for worn elsewhere.
+    """
+
+    marker: np.ndarray
+    slot: np.ndarray
+    gain: np.ndarray
+    elsewhere: np.ndarray
+
+
+def name_jointly(frame: Frame, options: AtOnceOptions = JOINTLY) -> tuple[Naming, np.ndarray]:
+    """The likeliest names of a frame's blobs, and which markers (M,) are worn elsewhere by them."""
+    expected = frame.expected
+    found = hypotheses_of(frame, expected, options)
+    chosen = _best(found, frame.view)
+    naming = Naming.empty(frame)
+    for index in chosen:
+        camera = np.flatnonzero(found.slot[index] >= 0)
+        marker = np.full(len(camera), found.marker[index])
+        naming.give(camera, marker, found.slot[index, camera], REMAINING)
+    elsewhere = np.zeros(len(expected.points), bool)
+    elsewhere[found.marker[chosen]] = found.elsewhere[chosen]
+    return naming, elsewhere
+
+
+def hypotheses_of(frame: Frame, expected: Expectation, options: AtOnceOptions = JOINTLY) -> Hypotheses:
+    """Everything that may be worth a name."""
+    sight = frame.sight
+    sets = _sets(frame, options)
+    met = frame.rays.meet(sets.T)
+    fine = np.isfinite(met.points[:, 0])
+    sets, points, miss = sets[fine], met.points[fine], met.miss.T[fine]
+    seen = sets >= 0
+    arm = points[:, None] - sight.centres
+    depth = np.linalg.norm(arm, axis=2)
+    noise = frame.rules.pixel / sight.focal * depth + frame.rules.slack_m
+    meets = (miss < frame.rules.max_miss * noise).all(axis=1)
+    sets, points, miss, seen, depth, noise = (part[meets] for part in (sets, points, miss, seen, depth, noise))
+    near = np.linalg.norm(points[:, None] - expected.points, axis=2) < options.max_distance_m
+    which, marker = np.nonzero(near)
+    ghost = _ghost_density(frame, options)
+    across = frame.rays.across[np.arange(len(sight.centres)), np.maximum(sets, 0)]
+    information = np.einsum("qc,qcij->qij", seen / noise**2, across)
+    spread = np.linalg.inv(information)
+    rays = -((miss / noise) ** 2 * seen).sum(axis=1)
+    rays -= (seen * 2 * np.log(2 * np.pi * noise**2)).sum(axis=1)
+    rays -= (seen * 2 * (np.log(ghost) + 2 * np.log(sight.focal / depth))).sum(axis=1)
+    rays += np.linalg.slogdet(2 * np.pi * spread)[1]
+    off = points[which] - expected.points[marker]
+    place, elsewhere = _placed(off, expected.covariance[marker] + spread[which], options)
+    gain = rays[which] + place + _detections(expected, seen[which], marker, options)
+    many = Hypotheses(marker, sets[which], gain, elsewhere)
+    return _pruned(many, _singles(frame, expected, ghost, options), frame, options)
+
+
+def _placed(off: np.ndarray, spread: np.ndarray, options: AtOnceOptions) -> tuple[np.ndarray, np.ndarray]:
+    """(H,) twice the log density of offsets (H, D) of spread (H, D, D), worn as in the set or elsewhere."""
+    usual = _normal(off, spread) + 2 * np.log(1 - options.elsewhere)
+    wide = spread + options.elsewhere_m**2 * np.eye(off.shape[1])
+    other = _normal(off, wide) + 2 * np.log(options.elsewhere)
+    return np.maximum(usual, other), other > usual
+
+
+def _normal(off: np.ndarray, spread: np.ndarray) -> np.ndarray:
+    square = np.einsum("hi,hi->h", off, np.linalg.solve(spread, off[..., None])[..., 0])
+    return -square - np.linalg.slogdet(2 * np.pi * spread)[1]
+
+
+def _detections(expected: Expectation, seen: np.ndarray, marker: np.ndarray, options: AtOnceOptions) -> np.ndarray:
+    """(H,) what it says that the cameras `seen` (H, C) have a blob of the marker, and the others do not."""
+    chance = np.where(expected.visible, options.seen, options.seen_hidden)
+    odds = 2 * (np.log(chance) - np.log(1 - chance)).T[marker]
+    return (seen * odds).sum(axis=1)
+
+
+def _ghost_density(frame: Frame, options: AtOnceOptions) -> np.ndarray:
+    """(C,) ghosts a square pixel: blobs beyond the markers that a camera should see."""
+    low, high = frame.sight.corners
+    area = (high - low).prod(axis=1) * frame.sight.focal**2
+    more = np.maximum(frame.view.real.sum(axis=1) - frame.expected.visible.sum(axis=1), 0)
+    return (options.ghosts + more) / area
+
+
+def _singles(frame: Frame, expected: Expectation, ghost: np.ndarray, options: AtOnceOptions) -> Hypotheses:
+    """Single blobs as markers that no other camera sees."""
+    off = frame.view.image[:, None] - frame.image[:, :, None]
+    near = np.linalg.norm(off, axis=3) * frame.depth[..., None] < options.max_distance_m
+    camera, marker, blob = np.nonzero(near & frame.view.real[:, None])
+    depth, noise = frame.depth[camera, marker], frame.metres[camera, marker]
+    slope = frame.slope[camera, marker] * depth[:, None, None]
+    spread = slope @ expected.covariance[marker] @ slope.swapaxes(1, 2) + noise[:, None, None] ** 2 * np.eye(2)
+    off = off[camera, marker, blob] * depth[:, None]
+    place, elsewhere = _placed(off, spread, options)
+    gain = place - 2 * (np.log(ghost[camera]) + 2 * np.log(frame.sight.focal[camera] / depth))
+    slot = np.full((len(camera), len(frame.cameras)), -1)
+    slot[np.arange(len(camera)), camera] = blob
+    gain = gain + _detections(expected, slot >= 0, marker, options)
+    return Hypotheses(marker, slot, gain, elsewhere)
+
+
+def _sets(frame: Frame, options: AtOnceOptions) -> np.ndarray:
+    """(Q, C) slots of blobs whose rays meet near a marker: pairs, what other cameras add to them, and subsets."""
+    view, sight, rules = frame.view, frame.sight, frame.rules
+    off = view.image[:, None] - frame.image[:, :, None]
+    near = (np.linalg.norm(off, axis=3) * frame.depth[..., None] < options.max_distance_m).any(axis=1) & view.real
+    camera, slot = np.nonzero(near)
+    direction, origin = frame.rays.direction[camera, slot], sight.centres[camera]
+    first, second = np.triu_indices(len(camera), 1)
+    other = camera[first] != camera[second]
+    first, second = first[other], second[other]
+    between = origin[second] - origin[first]
+    cosine = np.einsum("ni,ni->n", direction[first], direction[second])
+    one, two = np.einsum("ni,ni->n", between, direction[first]), np.einsum("ni,ni->n", between, direction[second])
+    sine2 = np.maximum(1 - cosine**2, options.min_sine**2)
+    here, there = (one - cosine * two) / sine2, (cosine * one - two) / sine2
+    gap = np.linalg.norm(
+        origin[first] + here[:, None] * direction[first] - origin[second] - there[:, None] * direction[second], axis=1
+    )
+    noise = rules.pixel * (here / sight.focal[camera[first]] + there / sight.focal[camera[second]]) + 2 * rules.slack_m
+    meets = (here > 0) & (there > 0) & (gap < rules.max_miss * noise) & (1 - cosine**2 > options.min_sine**2)
+    first, second, here = first[meets], second[meets], here[meets]
+    middle = origin[first] + here[:, None] * direction[first]
+    closest = (np.linalg.norm(middle[:, None] - frame.expected.points, axis=2) < options.max_distance_m).any(axis=1)
+    first, second, middle = first[closest], second[closest], middle[closest]
+    members = np.full((len(first), sight.count), -1)
+    each = np.arange(len(first))
+    members[each, camera[first]], members[each, camera[second]] = slot[first], slot[second]
+    if not len(first):
+        return members
+    whole = _completed(members, middle, frame)
+    parts = [members, whole]
+    cameras = np.arange(sight.count)
+    count = (whole >= 0).sum(axis=1)
+    for without in cameras:
+        fewer = whole.copy()
+        fewer[:, without] = -1
+        parts.append(fewer[count > 2])
+    for without in combinations(cameras, 2) if sight.count <= options.subset_cameras else ():
+        fewer = whole.copy()
+        fewer[:, list(without)] = -1
+        parts.append(fewer[(fewer >= 0).sum(axis=1) >= 2])
+    sets = np.unique(np.concatenate(parts), axis=0)
+    return sets[(sets >= 0).sum(axis=1) >= 2]
+
+
+def _completed(members: np.ndarray, points: np.ndarray, frame: Frame) -> np.ndarray:
+    """(Q, C) the sets with the blobs of the other cameras that lie on their points."""
+    sight = frame.sight
+    local = sight.local(points[None])[0]
+    image = sight.image(local)
+    off = np.linalg.norm(frame.view.image[:, None] - image[:, :, None], axis=3) * local[..., 2][..., None]
+    nearest = off.argmin(axis=2)
+    least = np.take_along_axis(off, nearest[..., None], axis=2)[..., 0]
+    noise = frame.rules.pixel / sight.focal[:, None] * local[..., 2] + frame.rules.slack_m
+    return np.where(members >= 0, members, np.where(least < frame.rules.max_off_point * noise, nearest, -1).T)
+
+
+def _pruned(many: Hypotheses, singles: Hypotheses, frame: Frame, options: AtOnceOptions) -> Hypotheses:
+    """The best of each marker, without those that contradict what a person named."""
+    marker, slot, gain, elsewhere = (
+        np.concatenate([getattr(many, name), getattr(singles, name)]) for name in Hypotheses.__dataclass_fields__
+    )
+    said = np.zeros(frame.view.real.shape, bool)
+    camera, named = np.nonzero(frame.fixed >= 0)
+    said[camera, frame.fixed[camera, named]] = True
+    used = said[frame.cameras, np.maximum(slot, 0)] | (frame.fixed[:, marker].T >= 0)
+    gain = np.where((used & (slot >= 0)).any(axis=1), 0, gain)
+    order = np.lexsort((-gain, marker))
+    rank = np.arange(len(order)) - np.searchsorted(marker[order], marker[order])
+    kept = order[(rank < options.hypotheses) & (gain[order] > 0)]
+    return Hypotheses(marker[kept], slot[kept], gain[kept], elsewhere[kept])
+
+
+def _best(found: Hypotheses, view: View) -> np.ndarray:
+    """Indices of the hypotheses that together gain most, each marker and each blob used once."""
+    if not len(found.gain):
+        return np.zeros(0, int)
+    which, camera = np.nonzero(found.slot >= 0)
+    row = camera * view.real.shape[1] + found.slot[which, camera]
+    markers = found.marker.max() + 1
+    rows = np.concatenate([found.marker, markers + row])
+    columns = np.concatenate([np.arange(len(found.gain)), which])
+    shape = (int(rows.max()) + 1, len(found.gain))
+    once = LinearConstraint(coo_array((np.ones(len(rows)), (rows, columns)), shape=shape).tocsc(), ub=np.ones(shape[0]))
+    answer = milp(-found.gain, integrality=np.ones(shape[1]), bounds=Bounds(0, 1), constraints=once)
+    return np.flatnonzero(answer.x > 0.5) if answer.x is not None else np.zeros(0, int)

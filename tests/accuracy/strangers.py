@@ -1,0 +1,240 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Single frames of strangers in the paper's rig, in the markers of `body26`: python -m tests.accuracy.strangers.
+
+People of other labs than the one that the set was learned from, who stand in poses that nobody had there. The last ones
+are what it is judged by; by the others the search's numbers were chosen (`--chosen-on`).
+"""
+
+import argparse
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from addon.core.geometry.rotations import exponential
+from addon.core.simulation.rigs import paper_rig
+from addon.core.simulation.simulate import CaptureOptions, capture, joined
+
+from . import people
+from .captures import Score, Trial
+from .flesh import Move, flesh, moved_flesh
+from .models import Labeller, left_out_model
+from .standing import OFF_THE_MIDDLE
+from .tables import share, table
+
+DRAWS = 20
+PEOPLE = people.DATA / "people"
+_ACTOR = {"LASI": "LFWT", "RASI": "RFWT", "SACR": "LBWT RBWT"}
+_SERVE = {"SACR": "LPSI RPSI"}
+_BLADE = {
+    **_ACTOR,
+    **{
+        side + ours: " ".join(side + one for one in theirs.split())
+        for side in "LR"
+        for ours, theirs in {
+            "SHO": "FSH BSH",
+            "WRA": "IWR",
+            "WRB": "OWR",
+            "FIN": "IHAND OHAND",
+            "HEE": "HEL",
+        }.items()
+    },
+}
+
+
+@dataclass(frozen=True)
+class Stranger:
+    """Where somebody's markers are: which of the file's, in the middle of which each of `body26` is taken to be.
+
+    number     of the draws, which is theirs for ever
+    whole      whether frames of the whole take are drawn, and not of its first second
+    left_out   who must not have been learned from
+    """
+
+    file: str
+    worn: dict[str, str]
+    number: int
+    whole: bool = False
+    left_out: tuple[str, ...] = ()
+
+
+JUDGED = {
+    "`ball`": Stranger("cmu41/ball/basketball.c3d", _ACTOR, 0),
+    "`bd`, T-pose": Stranger("cmu41/bd/HDM_bd_05-01_01_120.c3d", _ACTOR, 1),
+    "`s135`": Stranger("cmu41/s135/135_02.c3d", _ACTOR, 3),
+    "tennis": Stranger("tennis/kinematics_tennis_serve.c3d", _SERVE, 4, left_out=("Derrick",)),
+}
+CHOSEN_ON = {
+    "`s02`, fists raised": Stranger("cmu41/s02/02_05.c3d", _ACTOR, 2),
+    "`s02`, whole take": Stranger("cmu41/s02/02_05.c3d", _ACTOR, 5, whole=True),
+    "`p1`, whole take": Stranger("actors53/p1/freeform.c3d", _BLADE, 6, whole=True),
+    "`p2`, whole take": Stranger("actors53/p2/squat.c3d", _BLADE, 7, whole=True),
+}
+UPRIGHT = 0.6  # m, how far apart the feet of somebody who stands are at most
+LOWEST_HEAD = 0.85  # of its greatest height, of somebody who stands
+Y_UP = ("p1", "p2")
+
+
+@dataclass(frozen=True)
+class Worn:
+    """How the arms of the lab's own people are set, and their markers worn elsewhere, to be strangers.
+
+    abducted, flexed, bent  rad, the least and the most of the upper arm to the side and ahead, and of the elbow
+    everywhere_m            standard deviation along each axis of every marker's place
+    moved                   this many markers are worn
+    moved_m                 up to so far off
+    """
+
+    abducted: tuple[float, float] = (0.0, 1.7)
+    flexed: tuple[float, float] = (-0.3, 1.6)
+    bent: tuple[float, float] = (0.0, 2.2)
+    everywhere_m: float = 0.006
+    moved: int = 2
+    moved_m: float = 0.09
+
+
+WORN = Worn()
+
+
+def recording_of(stranger: Stranger) -> people.Recording:
+    """The stranger's take in the markers of `body26`."""
+    names, xyz, rate = people.read_c3d(PEOPLE / stranger.file)
+    person = stranger.file.split("/")[1]
+    if person in Y_UP:
+        xyz = xyz[..., [0, 2, 1]] * [1.0, -1.0, 1.0]
+    own = [[names.index(one) for one in stranger.worn.get(marker, marker).split()] for marker in people.BODY26]
+    xyz = np.stack([xyz[:, some].mean(axis=1) for some in own], axis=1)
+    return people.Recording(person, "standing", PEOPLE / stranger.file, people.BODY26, xyz, rate)
+
+
+def frames_of(take: people.Recording, whole: bool) -> np.ndarray:
+    """The frames of a take, or of its first second, in which somebody stands and every marker is there."""
+    at = {name: take.xyz[:, index] for index, name in enumerate(take.names)}
+    stands = np.isfinite(take.xyz).all(axis=(1, 2))
+    stands &= np.linalg.norm((at["LANK"] - at["RANK"])[:, :2], axis=1) < UPRIGHT
+    if whole:
+        return np.flatnonzero(stands & (at["LFHD"][:, 2] > LOWEST_HEAD * np.nanmax(at["LFHD"][:, 2])))
+    return np.flatnonzero(stands[: int(take.rate)])
+
+
+def standing_strangers(stranger: Stranger, count: int = DRAWS) -> Iterator[Trial]:
+    """`count` captures of one frame each: place, facing, rig, ghosts and frame are drawn."""
+    take = recording_of(stranger)
+    frames = frames_of(take, stranger.whole)
+    body = flesh(take.names, take.xyz)
+    for number in range(count):
+        generator = np.random.default_rng([7, number, stranger.number])
+        frame = int(generator.choice(frames))
+        yaw, place = generator.uniform(0, 2 * np.pi), generator.uniform(-OFF_THE_MIDDLE, OFF_THE_MIDDLE, 2)
+        yield _captured(take, body, frame, yaw, place, generator, number)
+
+
+def posed_people(persons, count: int, seed: int = 11) -> Iterator[Trial]:
+    """`count` captures of people of the lab itself, standing, with other arms and their markers worn elsewhere."""
+    recordings = people.takes(persons, "standing")
+    for number in range(count):
+        generator = np.random.default_rng([seed, number])
+        take = recordings[number % len(recordings)]
+        whole = np.flatnonzero(np.isfinite(take.pick(people.BODY26)).all(axis=(1, 2)))
+        frame = int(generator.choice(whole))
+        xyz = take.pick(people.BODY26)[frame : frame + 1]
+        xyz = _worn_elsewhere(_arms_set(xyz, generator), generator)
+        own = replace(take, names=people.BODY26, xyz=xyz)
+        yaw, place = generator.uniform(0, 2 * np.pi), generator.uniform(-OFF_THE_MIDDLE, OFF_THE_MIDDLE, 2)
+        yield _captured(own, flesh(own.names, own.xyz), 0, yaw, place, generator, number)
+
+
+def _captured(take, body, frame: int, yaw: float, place: np.ndarray, generator, number: int) -> Trial:
+    xyz = take.xyz[frame]
+    middle = np.nanmean(xyz, axis=0) * [1, 1, 0]
+    middle[2] = np.nanmin(xyz[:, 2]) - 0.03
+    move, part = Move(yaw, middle, np.append(place, 0.0)), slice(frame, frame + 1)
+    moved, rig, xyz = moved_flesh(body, part, move), paper_rig(generator), move(take.xyz[part])
+    options = replace(CaptureOptions(), seed=int(generator.integers(2**31)))
+    seen = joined(capture(xyz, people.BODY26, rig, options, moved))
+    title = f"{take.person} frame {frame} trial {number}"
+    hidden = moved.hidden(slice(None), xyz, rig.centres)[0]
+    return Trial(title, take.person, rig, seen.blobs, seen.truth, xyz, 0.0, moved.stature, take.rate, hidden)
+
+
+def _arms_set(xyz: np.ndarray, generator, worn: Worn = WORN) -> np.ndarray:
+    """(1, M, 3) m with both arms turned at shoulders and elbows: alike in half of the draws."""
+    index = people.BODY26.index
+    xyz = xyz.copy()
+    left = xyz[0, index("LASI")] - xyz[0, index("RASI")]
+    left = left * [1, 1, 0] / np.linalg.norm(left[:2])
+    ahead = np.cross(left, [0, 0, 1.0])
+    alike, angles = generator.uniform() < 0.5, []
+    for side, sign in (("L", 1), ("R", -1)):
+        if not (alike and angles):
+            angles = [generator.uniform(*limits) for limits in (worn.abducted, worn.flexed, worn.bent)]
+        abducted, flexed, bent = angles
+        arm = [index(side + name) for name in ("ELB", "WRA", "WRB", "FIN")]
+        shoulder = xyz[0, index(side + "SHO")] - [0, 0, 0.05]
+        turn = _turn(left, -flexed) @ _turn(ahead, sign * abducted)
+        xyz[0, arm] = (xyz[0, arm] - shoulder) @ turn.T + shoulder
+        elbow = xyz[0, arm[0]].copy()
+        xyz[0, arm[1:]] = (xyz[0, arm[1:]] - elbow) @ _turn(turn @ left, -bent).T + elbow
+    return xyz
+
+
+def _turn(axis: np.ndarray, angle: float) -> np.ndarray:
+    return exponential(axis / np.linalg.norm(axis) * angle)[0]
+
+
+def _worn_elsewhere(xyz: np.ndarray, generator, worn: Worn = WORN) -> np.ndarray:
+    xyz = xyz + generator.normal(0, worn.everywhere_m, xyz.shape)
+    for marker in generator.choice(xyz.shape[1], worn.moved, replace=False):
+        way = generator.normal(size=3)
+        xyz[0, marker] += way / np.linalg.norm(way) * generator.uniform(0, worn.moved_m)
+    return xyz
+
+
+def cases(chosen_on: bool, count: int = DRAWS) -> Iterator[tuple[str, tuple[str, ...], Iterator[Trial]]]:
+    """Title, who is left out of training, and captures of all that is judged by, or that numbers were chosen on."""
+    for title, stranger in (CHOSEN_ON if chosen_on else JUDGED).items():
+        yield title, stranger.left_out, standing_strangers(stranger, count)
+    for fold in people.folds() if chosen_on else ():
+        yield f"{' '.join(fold)}, arms set, worn elsewhere", fold, posed_people(fold, count)
+
+
+def main() -> int:
+    """Measures and prints."""
+    parser = argparse.ArgumentParser(prog="python -m tests.accuracy.strangers", description=__doc__.splitlines()[0])
+    parser.add_argument("--chosen-on", action="store_true", help="those that the numbers were chosen on instead")
+    parser.add_argument("--count", type=int, default=DRAWS, help="captures of each")
+    parser.add_argument("--show", action="store_true", help="list the captures that are not perfect")
+    given = parser.parse_args()
+    if not people.available():
+        print("the recorded people are not here; expected them in ../shared/data/people", file=sys.stderr)
+        return 1
+    rows, total, seconds = [], Score(people.BODY26), 0.0
+    with threadpool_limits(1, user_api="blas"):
+        for title, left_out, trials in cases(given.chosen_on, given.count):
+            score, label = Score(people.BODY26), Labeller(left_out_model("body26", left_out))
+            for trial in trials:
+                names, steps = label(trial.blobs, trial.cameras)
+                score.count(trial, names, steps)
+                total.count(trial, names, steps)
+            seconds += sum(label.seconds.values())
+            rows.append(_row(title, score))
+            for flawed, errors in score.flawed if given.show else ():
+                print(flawed, len(errors), errors[:6], file=sys.stderr)
+    columns = ("person", "frames perfect", "wrong labels", "markers' blobs left unnamed", "recall")
+    print(table(columns, [*rows, _row("all", total)]))
+    print(f"\n{1000 * seconds / total.takes:.0f} ms a frame")
+    return 0
+
+
+def _row(title: str, score: Score) -> list[str]:
+    counts = score.counts
+    missed = sum(not given for _, errors in score.flawed for given, true in errors)
+    wrong = share(counts.given - counts.right, counts.given, 2)
+    recall = f"{100 * counts.as_dict()['recall']:.2f} %"
+    return [title, share(score.takes - len(score.flawed), score.takes), wrong, str(missed), recall]
+
+
+if __name__ == "__main__":
+    sys.exit(main())
