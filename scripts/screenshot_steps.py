@@ -128,6 +128,7 @@ def correct() -> Iterator[float]:
     yield from window.press("F", *place)
     yield from window.screenshot("label-quick")
     yield from window.press("ESC", *place)
+    bpy.ops.mocap_autolabel.clear_corrections()
 
 
 def dot_of(marker: str) -> tuple[int, int]:
