@@ -98,6 +98,13 @@ def test_what_is_right_is_answered_and_counts_nothing():
     assert [one.answered for one in again] == [False]
 
 
+def test_what_is_right_by_another_name_of_its_marker_is_answered():
+    names = {name: index for index, name in enumerate(NAMES)} | {"l_heel": 1}
+    looking = TakeTrouble(NAMES, RATE, Edits((Right("l_heel"),)), words=names)
+    looking.add(*take(without("LHEE")))
+    assert [one.answered for one in looking.found()] == [True]
+
+
 def test_a_point_far_from_the_body_is_none_of_its_own_and_one_on_it_is():
     far, brief = np.tile([3.0, 3, 1], (FRAMES, 1)), np.full((FRAMES, 3), np.nan)
     brief[10:14] = PLACES[0]
