@@ -333,7 +333,6 @@ class ReviewState(bpy.types.PropertyGroup):
     markers: CollectionProperty(type=MarkerRow)
     marker_index: IntProperty()
     suspects: CollectionProperty(type=SuspectRow)
-    suspect_index: IntProperty()
     corrections: CollectionProperty(type=CorrectionRow)
     correction_index: IntProperty()
     doubts: CollectionProperty(type=bpy.types.PropertyGroup)

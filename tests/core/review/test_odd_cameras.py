@@ -268,3 +268,15 @@ def test_a_long_take_keeps_few_frames():
 )
 def test_a_sentence_is_about_the_cameras_that_it_names_and_no_others(words, about):
     assert list(cameras_in(words, ["1", "2", "12", "cam1", "cam2", "cam12"])) == about
+
+
+def test_cameras_that_saw_nothing_make_no_other_room():
+    blobs, marker, markers = captured(RIG)
+    assert not any("room" in words for words in said(RIG, *_only(3, blobs, marker), markers))
+
+
+def _only(count: int, blobs: Blobs, marker: np.ndarray) -> tuple[Blobs, np.ndarray]:
+    """The blobs of the first cameras, and their markers."""
+    rows = blobs.camera < count
+    own = blobs.frame[rows], blobs.camera[rows], blobs.xy[rows], blobs.area[rows]
+    return Blobs(blobs.frames, *own), marker[rows]
