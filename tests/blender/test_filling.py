@@ -177,12 +177,10 @@ def test_each_method_says_what_it_filled_by(labelled, method):
     assert 0 <= row.expected < 100
 
 
-def test_what_was_filled_goes_into_no_other_take(labelled, monkeypatch, extension):
+def test_what_was_filled_goes_into_no_other_take(labelled, made, monkeypatch, extension):
     filling = importlib.import_module(f"{extension}.addon.ops.filling")
     settings = labelled.scene.mocap_autolabel
-    before = settings.take
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
-    after, settings.take = settings.take, before
+    after = show_take(labelled, made.take(40))
 
     def changed_meanwhile(work):
         yield 0.5

@@ -209,9 +209,16 @@ class CameraCheck:
         return self.figures.seen >= STANDING_OUT.min_seen
 
     @property
+    def _saw_something(self) -> np.ndarray:
+        """(C,) whether a camera has any blobs: one that was off during the take is not what is usual."""
+        cameras = np.concatenate([frame.camera for frame in self.frames]) if self.frames else np.zeros(0, int)
+        return np.bincount(cameras, minlength=len(self.cameras)) > 0
+
+    @property
     def usual(self) -> float:
         """The share of markers that have a blob in the usual camera."""
-        return float(np.median(self.figures.share[self._known])) if self._known.any() else 0.0
+        told = self._known & self._saw_something
+        return float(np.median(self.figures.share[told])) if told.any() else 0.0
 
     @property
     def _order_or_own(self) -> np.ndarray:
