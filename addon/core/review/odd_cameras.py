@@ -51,6 +51,7 @@ class StandOutOptions:
 
 
 STANDING_OUT = StandOutOptions()
+OF_ROOM = "the room seems"  # how sentences about a room as a whole begin
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +173,7 @@ class CameraCheck:
         """What is wrong with the room as a whole: another than the take's, or of another size; empty if nothing is."""
         if self._nothing_meets and self.order is None:
             return (
-                "the room seems not to be this take's: by this calibration the blobs of no camera meet those of the "
+                f"{OF_ROOM} not to be this take's: by this calibration the blobs of no camera meet those of the "
                 f"others ({np.nanmedian(self.agreement.meeting()):.0%} do beyond chance)"
             )
         if self.order is not None or self.markerset is None:
@@ -182,7 +183,7 @@ class CameraCheck:
             return ""
         size = f"about {times:g} times too large" if times > 1 else f"about {1 / times:g} times too small"
         unit = {1000: ", as if millimetres were read as metres", 100: ", as if centimetres were read as metres"}
-        return f"the room seems to be {size}{unit.get(times, '')}: what its cameras see is {_plain(high)} m high"
+        return f"{OF_ROOM} to be {size}{unit.get(times, '')}: what its cameras see is {_plain(high)} m high"
 
     @cached_property
     def moved(self) -> dict[int, CameraPlace]:

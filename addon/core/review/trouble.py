@@ -16,7 +16,7 @@ from ..geometry.cameras import NO_CAMERAS, Cameras
 from .answering import PAIR, accepted_in, right_in, settled_in
 from .camera_blobs import CameraBlobs
 from .leftovers import LEAVING, Leftover, find_leftovers
-from .odd_cameras import cameras_in
+from .odd_cameras import OF_ROOM, cameras_in
 from .summary import MM_PER_M
 from .suspects import FAR_OFF, SUSPECTING
 
@@ -362,6 +362,16 @@ class TakeTrouble:
         for one in suspects:
             if FAR_OFF in one.words:
                 continue  # said with figures above
+            if one.words.startswith(OF_ROOM):
+                yield Trouble(
+                    OF_CAMERA,
+                    one.first,
+                    one.last,
+                    one.reason,
+                    stake=float(one.frames * len(self.names)),  # no name is to be trusted
+                    advice="Import the calibration that the take was recorded with, in metres, then label again",
+                )
+                continue
             if cameras := cameras_in(one.words, self.by_camera.names):
                 yield Trouble(
                     OF_CAMERA,
