@@ -2,6 +2,7 @@
 """What the sidebar remembers: the choices of a scene, saved with it, and the tables of a review, worked out anew."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from zlib import crc32
 
@@ -333,7 +334,6 @@ class ReviewState(bpy.types.PropertyGroup):
     markers: CollectionProperty(type=MarkerRow)
     marker_index: IntProperty()
     suspects: CollectionProperty(type=SuspectRow)
-    suspect_index: IntProperty()
     corrections: CollectionProperty(type=CorrectionRow)
     correction_index: IntProperty()
     doubts: CollectionProperty(type=bpy.types.PropertyGroup)
@@ -361,7 +361,7 @@ class ReviewState(bpy.types.PropertyGroup):
         description="What kind of trouble is listed",
         items=(
             ("ALL", "All", "All that is the matter"),
-            *((kind, kind.capitalize(), f"Only what is {kind}") for kind in TROUBLE_KINDS),
+            *((kind, kind.capitalize(), f"Only trouble of the kind {kind!r}") for kind in TROUBLE_KINDS),
         ),
     )
     trouble_marker: StringProperty(name="Marker", description="List what is about this marker only")
@@ -453,7 +453,9 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
         bpy.app.timers.register(list_trouble, first_interval=LATER)
     for change in kept_changes(collection):
         row = state.changes.add()
-        row.name, row.first, row.words = change.marker, change.first + stored.shift, change.words
+        # In the frames that Blender counts, as the row beside it.
+        shown = replace(change, first=change.first + stored.shift, last=change.last + stored.shift)
+        row.name, row.first, row.words = shown.marker, shown.first, shown.words
     for edit, outcome in zip(stored.edits, stored.outcomes, strict=True):
         row = state.corrections.add()
         row.name, row.idle = words_of(edit, stored.shift), outcome.reason

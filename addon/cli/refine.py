@@ -54,7 +54,8 @@ def _lines(report: dict) -> list[str]:
     """What is said to people."""
     width = max(map(len, report["cameras"]))
     lines = [f"{name:{width}}  {_of_camera(row)}" for name, row in report["cameras"].items()]
-    done = f"{report['rounds']} rounds of {report['frames_labelled']} frames, {report['seconds']:.1f} s"
+    rounds = f"{report['rounds']} round{'' if report['rounds'] == 1 else 's'}"
+    done = f"{rounds} of {report['frames_labelled']} frames, {report['seconds']:.1f} s"
     last = "refined" if report["refined"] else "nothing to refine, the cameras are written as they were"
     return [*lines, *report["camera_doubts"], *report.get("calibration", []), f"{report['out']}: {last}; {done}"]
 

@@ -53,7 +53,7 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         edits = open_edits(job.edits_applied, job.source, model.markerset, **known)
         settings = BlobOptions(job.method, job.frame_rate, job.target, job.options, _occlusion(job, model), edits)
         agreement, check = MethodAgreement(), CameraCheck(cameras, model.markerset)
-        trouble = TakeTrouble(model.markerset.markers, job.frame_rate, edits, cameras)
+        trouble = TakeTrouble(model.markerset.markers, job.frame_rate, edits, cameras, model.markerset.by_name)
         subject = OverviewSubject.of(model.markerset)
         overview = TakeOverview(subject, job.frame_rate, cameras, edits) if job.html else None
         source = Source(job, cameras)

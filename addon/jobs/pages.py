@@ -53,7 +53,7 @@ def write_kept_page(path: Path, take: KeptTake):
     summary.add(take.chunk)
     report = take_report(summary, take.name, take.model, take.rate, version(), {})
     report |= facts_of_edits(None, take.chunk.outcomes)
-    trouble = TakeTrouble(take.subject.markers, take.rate, take.edits, take.cameras)
+    trouble = TakeTrouble(take.subject.markers, take.rate, take.edits, take.cameras, take.subject.words)
     trouble.add(take.rows, take.chunk.labels, take.chunk.motion)
     report |= facts_of_trouble(trouble, take.chunk.suspects)
     for fill in take.fills:

@@ -60,7 +60,7 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
             overview.add(rows, chunk)
         points = labelled_points(take, labelled, markerset)
         facts = _facts(take, chunk.labels, options)
-        trouble = TakeTrouble(markerset.markers, take.rate, edits)
+        trouble = TakeTrouble(markerset.markers, take.rate, edits, words=markerset.by_name)
         trouble.add(rows, chunk.labels, chunk.motion)
         facts |= facts_of_trouble(trouble, chunk.suspects)
         fills = ()

@@ -222,7 +222,8 @@ def is_listed(state: bpy.types.PropertyGroup, row: bpy.types.PropertyGroup) -> b
     """Whether the choices above the list let a line of it be seen."""
     of_kind = state.trouble_kind in ("ALL", row.kind)
     done = state.trouble_done == "ALL" or row.answered == (state.trouble_done == "DONE")
-    return of_kind and done and (not state.trouble_marker or state.trouble_marker in row.name.split())
+    # A name may hold blanks itself.
+    return of_kind and done and (not state.trouble_marker or f" {state.trouble_marker} " in f" {row.name} ")
 
 
 CLASSES = (

@@ -62,10 +62,10 @@ def as_range(take: Take) -> LabelledRange:
 
 
 def range_of(collection: bpy.types.Collection, scene: bpy.types.Scene) -> LabelledRange:
-    """What the scene has of a take."""
+    """What the scene has of a take; fills and smoothing, which are kept beside it, are not in its motion."""
     stored, raw = opened.take(collection, scene), opened.unedited(collection, scene)
     unedited = None if kept_edits(collection) is None else raw.labels
-    return LabelledRange(stored.rows, stored.labels, stored.motion, raw.suspects, unedited)
+    return LabelledRange(stored.rows, stored.labels, stored.unfilled, raw.suspects, unedited)
 
 
 def changes_of(old: LabelledRange, new: LabelledRange, names: tuple[str, ...]) -> tuple[Change, ...]:

@@ -48,7 +48,7 @@ def _looked_at(stored: Stored, collection: bpy.types.Collection, scene: bpy.type
     """The trouble and the cameras of a take."""
     if not len(stored.motion.frames):
         return (), []
-    looking = TakeTrouble(stored.names, stored.rate, stored.edits, stored.cameras)
+    looking = TakeTrouble(stored.names, stored.rate, stored.edits, stored.cameras, stored.words)
     looking.add(stored.rows, stored.labels, stored.motion)
     answered = ()
     if kept_text(collection) is not None:

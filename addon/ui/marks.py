@@ -8,7 +8,7 @@ import numpy as np
 
 from ..core.data.takes import CONFLICT, EXCLUSIVE, NO_MARKER, REMAINING, STEPS, PointRows, rows_in_frame
 from ..scene.take import Stored
-from ..scene.trajectories import SURE_NAME
+from ..scene.trajectories import SURE_NAME, markers_of
 
 GREEN, CYAN, MAGENTA, GREY = (
     (0.15, 0.85, 0.3, 1.0),
@@ -93,9 +93,10 @@ class PointMarks:
 def point_marks(stored: Stored, index: int) -> PointMarks:
     """What there is in frame `index`: doubtful is what has little confidence or is named among the suspects."""
     frame = stored.motion.frames[index] if len(stored.motion.frames) else 0
-    reasons = [suspect.reason for suspect in stored.suspects if suspect.first <= frame <= suspect.last]
-    words = {word.rstrip(":") for reason in reasons for word in re.findall(r"[^\s,;]+", reason)}
-    doubtful = np.array([name in words for name in stored.names], dtype=bool)
+    here = [suspect for suspect in stored.suspects if suspect.first <= frame <= suspect.last]
+    reasons, of_word = [suspect.reason for suspect in here], {name: at for at, name in enumerate(stored.names)}
+    doubtful = np.zeros(len(stored.names), dtype=bool)
+    doubtful[[marker for suspect in here for marker in markers_of(suspect, of_word)]] = True
     markers, labels = stored.motion.markers[index], stored.labels
     here_filled = {fill.marker for fill in stored.fitting if fill.first <= frame <= fill.last}
     filled = np.array([name in here_filled for name in stored.names], dtype=bool)

@@ -112,6 +112,20 @@ def test_labelling_again_keeps_them(filled):
     assert "GENERATED" in kinds_of("RASI").values()
 
 
+def test_labelling_a_part_again_leaves_fills_and_smoothing_beside_what_was_measured(filled, files, extension):
+    settings = filled.scene.mocap_autolabel
+    settings.cutoff = 5.0
+    assert bpy.ops.mocap_autolabel.smooth() == {"FINISHED"}
+    keys = keys_of("RASI")
+    settings.use_range, settings.range_first, settings.range_last = True, 121, 125
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    assert rows() == [("RASI", 101 + GAP.start, 100 + GAP.stop, "")]
+    np.testing.assert_allclose(keys_of("RASI"), keys, atol=1e-5)
+    stored = importlib.import_module(f"{extension}.addon.scene.opened").opened.take(settings.take, filled.scene)
+    measured = stored.unfilled.markers[:, files.names.index("RASI")]
+    np.testing.assert_allclose(measured, files.xyz[:, files.names.index("RASI")], atol=1e-5)
+
+
 def test_a_fill_that_a_correction_contradicts_is_left_out_with_a_word_and_comes_back(filled):
     keys = keys_of("RASI")
     choose()
@@ -163,12 +177,10 @@ def test_each_method_says_what_it_filled_by(labelled, method):
     assert 0 <= row.expected < 100
 
 
-def test_what_was_filled_goes_into_no_other_take(labelled, monkeypatch, extension):
+def test_what_was_filled_goes_into_no_other_take(labelled, made, monkeypatch, extension):
     filling = importlib.import_module(f"{extension}.addon.ops.filling")
     settings = labelled.scene.mocap_autolabel
-    before = settings.take
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
-    after, settings.take = settings.take, before
+    after = show_take(labelled, made.take(40))
 
     def changed_meanwhile(work):
         yield 0.5

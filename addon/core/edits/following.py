@@ -189,7 +189,9 @@ class Following:
             rows = rows[slice(*np.searchsorted(self.rows.frame[rows], [frames.start, frames.stop]).tolist())]
             own[self.rows.frame[rows] - frames.start, column] = rows
         others = self._row_of[frames, markers]
-        listed = np.isin(self.rows.trajectory[others], points) if points else False
+        there = others >= 0
+        listed = np.zeros(others.shape, bool)
+        listed[there] = np.isin(self.rows.trajectory[others[there]], points)
         return np.concatenate([own, np.where(listed, NO_POINT, others)], axis=1)
 
     def _labels_in(self, table: np.ndarray, markers: np.ndarray) -> Labels:

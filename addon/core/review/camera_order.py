@@ -42,7 +42,8 @@ class ChanceOptions:
 
     beside        from where to where beside an epipolar line blobs are counted that are there by chance, times what
                   counts as on it
-    min_blobs     of two cameras in the frames that are looked at, before anything is said of them
+    min_blobs     of two cameras in the frames that are looked at, before anything is said of them; half as many of
+                  each: a camera that saw nothing meets nobody in a sound room either
     max_meeting   share of a camera's blobs, beyond chance, that meet those of the camera it goes best with, where
                   it goes with none: under calibrations of other rooms the median camera of 15 had 0.11 at most, in 9
                   sound rooms, recorded ones among them, the poorest camera 0.43
@@ -85,8 +86,9 @@ class CameraAgreement:
         NaN where there are too few blobs to say.
         """
         best = np.full(len(self.cameras), np.nan)
+        counts = [sum(map(len, blobs)) for blobs in self.blobs]
         for one, other in combinations(range(len(self.cameras)), 2):
-            if sum(len(blobs) for name in (one, other) for blobs in self.blobs[name]) < MEETING_BY_CHANCE.min_blobs:
+            if 2 * min(counts[one], counts[other]) < MEETING_BY_CHANCE.min_blobs:
                 continue
             share, chance = self._counted(one, other, one, other)
             beyond = (share - chance) / max(1 - chance, 1e-9)

@@ -7,7 +7,7 @@ cameras are tried in another order, and it is looked for beside where it was cal
 blobs meet at all, and how large what they show is.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -51,6 +51,7 @@ class StandOutOptions:
 
 
 STANDING_OUT = StandOutOptions()
+OF_ROOM = "the room seems"  # how sentences about a room as a whole begin
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +173,7 @@ class CameraCheck:
         """What is wrong with the room as a whole: another than the take's, or of another size; empty if nothing is."""
         if self._nothing_meets and self.order is None:
             return (
-                "the room seems not to be this take's: by this calibration the blobs of no camera meet those of the "
+                f"{OF_ROOM} not to be this take's: by this calibration the blobs of no camera meet those of the "
                 f"others ({np.nanmedian(self.agreement.meeting()):.0%} do beyond chance)"
             )
         if self.order is not None or self.markerset is None:
@@ -182,7 +183,7 @@ class CameraCheck:
             return ""
         size = f"about {times:g} times too large" if times > 1 else f"about {1 / times:g} times too small"
         unit = {1000: ", as if millimetres were read as metres", 100: ", as if centimetres were read as metres"}
-        return f"the room seems to be {size}{unit.get(times, '')}: what its cameras see is {_plain(high)} m high"
+        return f"{OF_ROOM} to be {size}{unit.get(times, '')}: what its cameras see is {_plain(high)} m high"
 
     @cached_property
     def moved(self) -> dict[int, CameraPlace]:
@@ -209,9 +210,16 @@ class CameraCheck:
         return self.figures.seen >= STANDING_OUT.min_seen
 
     @property
+    def _saw_something(self) -> np.ndarray:
+        """(C,) whether a camera has any blobs: one that was off during the take is not what is usual."""
+        cameras = np.concatenate([frame.camera for frame in self.frames]) if self.frames else np.zeros(0, int)
+        return np.bincount(cameras, minlength=len(self.cameras)) > 0
+
+    @property
     def usual(self) -> float:
         """The share of markers that have a blob in the usual camera."""
-        return float(np.median(self.figures.share[self._known])) if self._known.any() else 0.0
+        told = self._known & self._saw_something
+        return float(np.median(self.figures.share[told])) if told.any() else 0.0
 
     @property
     def _order_or_own(self) -> np.ndarray:
@@ -254,6 +262,17 @@ class CameraCheck:
                     f"camera {names[index]} seems to have moved since the calibration: its blobs are {offset:.1f} px "
                     "off the points of the other cameras"
                 )
+
+
+def cameras_in(words: str, names: Sequence[str]) -> tuple[str, ...]:
+    """The cameras, of these names, that a sentence of `CameraCheck` is about; none where it is about something else."""
+    return tuple(name for name in names if _is_about(words, name))
+
+
+def _is_about(words: str, name: str) -> bool:
+    # By what stands around a name, as cameras may be called 1, 2 and 12, and the sentences hold figures.
+    single = words.startswith((f"camera {name} seems ", f"camera {name} shows ", f"cameras {name} and "))
+    return single or f" and {name} seem to have " in words or f" of {name} fit the calibration " in words
 
 
 def _plain(metres: float) -> str:

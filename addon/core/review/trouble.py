@@ -5,7 +5,7 @@ Each trouble says in full what it is, in which frames, of which markers, what to
 are at stake: one marker in one frame is one. What a person answered stays in the list as answered, and counts nothing.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from ..geometry.cameras import NO_CAMERAS, Cameras
 from .answering import PAIR, accepted_in, right_in, settled_in
 from .camera_blobs import CameraBlobs
 from .leftovers import LEAVING, Leftover, find_leftovers
+from .odd_cameras import OF_ROOM, cameras_in
 from .summary import MM_PER_M
 from .suspects import FAR_OFF, SUSPECTING
 
@@ -141,12 +142,20 @@ class Trouble:
 class TakeTrouble:
     """Looks at a take chunk by chunk while it is labelled, or at all of it at once; `found` gives the list.
 
-    names are the M markers'; edits what a person said, which answers some of it; rate in frames a second.
+    names are the M markers'; edits what a person said, which answers some of it; words the index of each marker by all
+    that edits may call it, its name alone unless they are given; rate in frames a second.
     """
 
-    def __init__(self, names: Sequence[str], rate: float, edits: Edits = NO_EDITS, cameras: Cameras = NO_CAMERAS):
+    def __init__(
+        self,
+        names: Sequence[str],
+        rate: float,
+        edits: Edits = NO_EDITS,
+        cameras: Cameras = NO_CAMERAS,
+        words: Mapping[str, int] | None = None,
+    ):
         self.names, self.rate, self.edits = tuple(names), rate, edits
-        self.words = {name: index for index, name in enumerate(self.names)}
+        self.words = words or {name: index for index, name in enumerate(self.names)}
         self.by_camera = CameraBlobs(cameras)
         self.first = self.last = 0
         self.frames = self.subject_frames = self.points = 0
@@ -353,9 +362,17 @@ class TakeTrouble:
         for one in suspects:
             if FAR_OFF in one.words:
                 continue  # said with figures above
-            of_cameras = self.by_camera.names if one.words.startswith("camera") else ()
-            cameras = tuple(name for name in of_cameras if name in one.words)
-            if cameras:
+            if one.words.startswith(OF_ROOM):
+                yield Trouble(
+                    OF_CAMERA,
+                    one.first,
+                    one.last,
+                    one.reason,
+                    stake=float(one.frames * len(self.names)),  # no name is to be trusted
+                    advice="Import the calibration that the take was recorded with, in metres, then label again",
+                )
+                continue
+            if cameras := cameras_in(one.words, self.by_camera.names):
                 yield Trouble(
                     OF_CAMERA,
                     one.first,

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """`STEM.report.html`: what a person who gets a labelled take should see of it before using it."""
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ...core.edits.wording import words_of
+from ...core.review.odd_cameras import cameras_in
 from ...core.review.overview import CELL_STATES, TakeOverview
 from .drawings import bar, histogram, moment_views, over_time, strip_legend, time_strips
 from .markup import (
@@ -279,7 +279,7 @@ def _cameras(report: Mapping, overview: TakeOverview) -> Html | None:
         share = named / blobs if blobs else None
         seen = said.get(name, {})
         of_image = seen["named"] / seen["in_image"] if seen.get("in_image") else None
-        flags = [words for words in doubts if re.search(rf"(?<!\w){re.escape(name)}(?!\w)", words)]
+        flags = [words for words in doubts if name in cameras_in(words, names)]
         rows.append(
             (
                 name_of(name),

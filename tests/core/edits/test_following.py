@@ -10,7 +10,7 @@ from addon.core.data.takes import Labels, PointRows
 from addon.core.edits import following
 from addon.core.edits.applying import apply_to_points
 from addon.core.edits.following import Following, changed_markers
-from addon.core.edits.kinds import NO_EDITS, AssignPoint, Edits, Swap
+from addon.core.edits.kinds import NO_EDITS, AssignPoint, Edits, Place, Swap
 from addon.core.edits.replay import FREE
 
 from .lists import COLUMNS, FIRST, FRAMES, NAMES, edit, edits, take
@@ -95,3 +95,13 @@ def test_edits_that_share_nothing_are_worked_out_once():
     both = take_of.apply(Edits((one, other))).groups
     assert [group is kept for group in both] == [True] + [False] * (len(both) - 1)
     assert take_of.apply(NO_EDITS).groups == ()
+
+
+def test_a_take_in_which_nothing_was_seen_can_be_edited():
+    _, cells = take(3)
+    nothing = PointRows(FIRST + np.arange(FRAMES), np.zeros(0, int), np.zeros(0, int), np.zeros((0, 3)), None)
+    placed = Place(NAMES[0], FIRST + 1, (0.0, 0.0, 1.0))
+    said = Edits((AssignPoint(int(COLUMNS[0]), NAMES[1]), Swap((NAMES[0], NAMES[1])), placed))
+    after = Following(nothing, Labels.none(0), cells.names, cells.count).apply(said)
+    assert [outcome.labels for outcome in after.outcomes] == [0, 0, 1]
+    assert list(after.places) == [(1, cells.names[NAMES[0]])]

@@ -12,7 +12,7 @@ import pytest
 from addon.core.data.takes import NO_MARKER, Blobs, Labels
 from addon.core.geometry.cameras import Cameras
 from addon.core.geometry.rotations import exponential
-from addon.core.review.odd_cameras import CameraCheck
+from addon.core.review.odd_cameras import CameraCheck, _renamed, cameras_in
 from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.simulate import disturbed
 from addon.io.blobs import read_blobs
@@ -252,3 +252,33 @@ def test_a_long_take_keeps_few_frames():
     for _ in range(40):
         check.add(blobs, SimpleNamespace(labels=labels, motion=SimpleNamespace(expected=markers)))
     assert 40 <= len(check.frames) <= 80
+
+
+@pytest.mark.parametrize(
+    ("words", "about"),
+    [
+        ("camera cam12 seems to have moved since the calibration: its blobs fit with it turned by 2.0° and", ["cam12"]),
+        ("camera 2 seems to have moved since the calibration: it is turned by 1.0° and shifted by 12 mm", ["2"]),
+        ("camera 12 shows almost none of the markers in its image (1% have a blob, with the others 2%)", ["12"]),
+        (_renamed(["1", "12"]), ["1", "12"]),
+        (_renamed(["cam1", "cam2", "cam12"]), ["cam1", "cam2", "cam12"]),
+        ("the room seems to be about 1000 times too large: what its cameras see is 2 m high", []),
+        ("cam1 is far from where the body has it", []),
+    ],
+)
+def test_a_sentence_is_about_the_cameras_that_it_names_and_no_others(words, about):
+    assert list(cameras_in(words, ["1", "2", "12", "cam1", "cam2", "cam12"])) == about
+
+
+def test_cameras_that_saw_nothing_make_no_other_room_and_are_told():
+    blobs, marker, markers = captured(RIG)
+    told = said(RIG, *_only(3, blobs, marker), markers)
+    assert len(told) == len(RIG) - 3
+    assert all("shows almost none of the markers in its image (0% have a blob" in words for words in told)
+
+
+def _only(count: int, blobs: Blobs, marker: np.ndarray) -> tuple[Blobs, np.ndarray]:
+    """The blobs of the first cameras, and their markers."""
+    rows = blobs.camera < count
+    own = blobs.frame[rows], blobs.camera[rows], blobs.xy[rows], blobs.area[rows]
+    return Blobs(blobs.frames, *own), marker[rows]

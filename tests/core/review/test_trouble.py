@@ -6,7 +6,7 @@ import pytest
 
 from addon.core.data.takes import BY_FIT, NO_MARKER, NO_STEP, Labels, Motion, PointRows, Suspect
 from addon.core.edits.kinds import Accepted, Delete, Edits, Right, Swap
-from addon.core.review.trouble import IN_DOUBT, LEFT_OVER, MISSING, OFF_BODY, TakeTrouble, summary_of_trouble
+from addon.core.review.trouble import IN_DOUBT, LEFT_OVER, MISSING, OF_CAMERA, OFF_BODY, TakeTrouble, summary_of_trouble
 
 RATE, FIRST, FRAMES = 100.0, 11, 200
 NAMES = ("HEAD", "LHEE", "RHEE")
@@ -98,6 +98,13 @@ def test_what_is_right_is_answered_and_counts_nothing():
     assert [one.answered for one in again] == [False]
 
 
+def test_what_is_right_by_another_name_of_its_marker_is_answered():
+    names = {name: index for index, name in enumerate(NAMES)} | {"l_heel": 1}
+    looking = TakeTrouble(NAMES, RATE, Edits((Right("l_heel"),)), words=names)
+    looking.add(*take(without("LHEE")))
+    assert [one.answered for one in looking.found()] == [True]
+
+
 def test_a_point_far_from_the_body_is_none_of_its_own_and_one_on_it_is():
     far, brief = np.tile([3.0, 3, 1], (FRAMES, 1)), np.full((FRAMES, 3), np.nan)
     brief[10:14] = PLACES[0]
@@ -130,6 +137,16 @@ def test_doubts_are_in_the_list_once_with_what_to_do():
     assert (doubt.kind, doubt.stake, doubt.action) == (IN_DOUBT, 20.0, "swap")
     [answered] = trouble(steady(), answered=[pair])
     assert answered.answered and answered.stake == 0
+
+
+def test_another_room_is_the_worst_as_no_name_is_to_be_trusted():
+    room = Suspect(FIRST, FIRST + FRAMES - 1, "the room seems to be about 1000 times too large: what its cameras see is")
+    first, second = trouble(without("LHEE"), suspects=[room])
+    assert (first.kind, first.cameras, first.stake) == (OF_CAMERA, (), 1.0 * FRAMES * len(NAMES))
+    assert "Import the calibration" in first.advice
+    assert second.markers == ("LHEE",)
+    [answered] = trouble(steady(), suspects=[room], edits=first.answers())
+    assert answered.answered
 
 
 @pytest.mark.parametrize("parts", [1, 2, 7])
