@@ -356,6 +356,7 @@ class ReviewState(bpy.types.PropertyGroup):
     change_index: IntProperty()
     troubles: CollectionProperty(type=TroubleRow)
     trouble_index: IntProperty()
+    trouble_shown: StringProperty()
     trouble_kind: EnumProperty(
         name="Reason",
         description="What kind of trouble is listed",

@@ -85,6 +85,7 @@ def show(context: bpy.types.Context, trouble: Trouble):
     """Goes to the first frame of a trouble, selects what it is about and brings that into every 3D view."""
     scene = context.scene
     stored = opened.take(scene.mocap_autolabel.take, scene)
+    context.window_manager.mocap_autolabel.trouble_shown = trouble.reason
     frame = trouble.first
     if not len(places_of(trouble, stored, frame)) and trouble.last > frame:
         frame = (trouble.first + trouble.last) // 2
@@ -179,7 +180,9 @@ class MOCAP_AUTOLABEL_OT_next_trouble(OfTrouble, bpy.types.Operator):
             self.report({"INFO"}, "Nothing is left to look at")
             return {"CANCELLED"}
         at = state.trouble_index
-        later = [number for number in listed if (number < at if self.back else number > at)]
+        # What was answered or mended left its place to another one, and at first none was shown: that one is next.
+        here = not self.back and state.troubles[at].reason != state.trouble_shown
+        later = [number for number in listed if (number < at if self.back else number > at or (here and number == at))]
         self.index = (later or listed)[-1 if self.back else 0]
         state.trouble_index = self.index
         show(context, self.trouble(context))

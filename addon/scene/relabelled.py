@@ -28,12 +28,14 @@ def show_again(context: bpy.types.Context, take: Take, unnamed: bool, whole: boo
     played = scene.frame_start, scene.frame_end, scene.frame_current
     others = [one for one in takes_of(scene) if take.source and one[SOURCE] == take.source]
     found: tuple[Change, ...] | None = None
-    before = None
+    before, lay = None, None
     for collection in reversed(others):
         old = range_of(collection, scene)
         if found is None and _same_markers(collection, take, old):
             # What was said while the labelling went on is said of what came of it as well.
             before, said = old, kept_edits(collection)
+            shift = opened.take(collection, scene).shift
+            lay = int(old.motion.frames[0]) + shift, int(old.motion.frames[-1]) + shift
             whole_take = merged(old, as_range(take))
             found = changes_of(old, whole_take, take.markerset.markers)
             take = replace(
@@ -52,7 +54,7 @@ def show_again(context: bpy.types.Context, take: Take, unnamed: bool, whole: boo
     if found is not None:
         keep_changes(shown, found)
     if before is not None or not whole:
-        _keep_playing(scene, played)
+        _keep_playing(scene, played, lay)
     return shown
 
 
@@ -99,8 +101,16 @@ def _same_markers(collection: bpy.types.Collection, take: Take, old: LabelledRan
     return collection[naming.MARKERSET] == take.markerset.name and can_merge(old, as_range(take))
 
 
-def _keep_playing(scene: bpy.types.Scene, played: tuple[int, int, int]):
-    """Gives the scene back the frames that it played, where the take lies in them, or else those and the take's."""
+def _keep_playing(scene: bpy.types.Scene, played: tuple[int, int, int], lay: tuple[int, int] | None):
+    """Gives the scene back the frames that it played, and with them those of the take that are new.
+
+    `lay` are the first and last frame of the take before: where a person had the scene begin later or end sooner, so it
+    does still. None where there was no take.
+    """
     first, last, current = played
-    scene.frame_start, scene.frame_end = min(first, scene.frame_start), max(last, scene.frame_end)
+    if lay is None or first <= lay[0]:
+        first = min(first, scene.frame_start)
+    if lay is None or last >= lay[1]:
+        last = max(last, scene.frame_end)
+    scene.frame_start, scene.frame_end = first, last
     scene.frame_set(current)

@@ -99,6 +99,9 @@ def test_the_next_is_the_next_that_is_listed_and_open(state):
     listed = [number for number, row in enumerate(state.review.troubles) if reviewing.is_listed(state.review, row)]
     assert listed == list(range(len(state.review.troubles)))
     assert len(listed) > 1
+    state.review.trouble_shown, state.review.trouble_index = "", 0
+    bpy.ops.mocap_autolabel.next_trouble()
+    assert state.review.trouble_index == 0, "the worst, which nobody was shown yet, comes first"
     bpy.ops.mocap_autolabel.next_trouble()
     assert state.review.trouble_index == 1
     bpy.ops.mocap_autolabel.next_trouble(back=True)
@@ -112,6 +115,25 @@ def test_the_next_is_the_next_that_is_listed_and_open(state):
     assert all(LOST in name for name in seen)
     state.review.trouble_done = "DONE"
     assert bpy.ops.mocap_autolabel.next_trouble() == {"CANCELLED"}
+
+
+def test_what_takes_the_place_of_an_answered_one_is_next(state):
+    state.review.trouble_shown, state.review.trouble_index = "", 0
+    worst, second = [row.reason for row in state.review.troubles][:2]
+    bpy.ops.mocap_autolabel.next_trouble()
+    bpy.ops.mocap_autolabel.accept_trouble(index=0)
+    assert worst in [row.reason for row in state.review.troubles if row.answered]
+    bpy.ops.mocap_autolabel.next_trouble()
+    shown = state.review.troubles[state.review.trouble_index]
+    assert (shown.reason, shown.answered) == (second, False)
+
+
+def test_a_scene_that_was_made_shorter_stays_so_when_a_take_is_labelled_again(state):
+    scene = bpy.context.scene
+    assert (scene.frame_start, scene.frame_end) == (101, 160)
+    scene.frame_start, scene.frame_end = 105, 150
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    assert (scene.frame_start, scene.frame_end) == (105, 150)
 
 
 def test_one_that_is_not_there_is_said(state):

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Nothing is lost on a take's whole way through a real Blender's window; `room_tour.py` walks, this file judges."""
+
+import json
+from pathlib import Path
+
+import pytest
+from matplotlib.image import imread
+
+from scripts.virtual_take import write_virtual_points
+
+from .conftest import zip_for
+
+pytestmark = [pytest.mark.real_blender, pytest.mark.window, pytest.mark.slow]
+FRAMES, FRAME = 120, 40
+KEPT = ("range", "edits", "fills", "answered")
+
+
+@pytest.fixture(scope="module")
+def room(blender_program, make_zip, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("room")
+    write_virtual_points(folder, FRAMES)
+    task = {
+        "zip": str(make_zip(zip_for(blender_program.version[:2]))),
+        "points": str(folder / "walk.c3d"),
+        "markerset": "body26",
+        "frame": FRAME,
+    }
+    (folder / "room.json").write_text(json.dumps(task))
+    script = Path(__file__).with_name("room_tour.py")
+    try:
+        done = blender_program.window(script, folder, home=folder / "home", seconds=300)
+    except LookupError as reason:
+        pytest.skip(str(reason))
+    log = done.stdout + done.stderr
+    assert (folder / "seen.json").exists(), log
+    return json.loads((folder / "seen.json").read_text()) | {"folder": folder, "log": log}
+
+
+def test_keys_correct_and_answer(room):
+    assert room["labelled"]["edits"] == []
+    unlabelled, *answers = room["corrected"]["edits"]
+    assert "has no name" in unlabelled
+    assert answers
+    assert len(room["corrected"]["answered"]) == 1
+    assert room["corrected"]["lost"] < room["labelled"]["lost"]
+
+
+def test_what_is_said_filled_and_cut_reaches_the_file(room):
+    labelled, corrected, filled = (room[step] for step in ("labelled", "corrected", "filled"))
+    assert filled["fills"]
+    assert len({labelled["file"], corrected["file"], filled["file"]}) == 3
+    assert filled["edits"] == corrected["edits"]
+
+
+@pytest.mark.parametrize("step", ["labelled again", "undone", "redone", "reopened"])
+def test_nothing_is_lost(room, step):
+    assert {what: room[step][what] for what in KEPT} == {what: room["filled"][what] for what in KEPT}
+
+
+def test_undo_brings_the_labels_and_the_file_back_that_were_before(room):
+    assert (room["undone"]["labels"], room["undone"]["file"]) == (room["filled"]["labels"], room["filled"]["file"])
+
+
+def test_a_reopened_file_is_what_was_saved(room):
+    assert room["reopened"] == room["redone"]
+
+
+def test_nothing_is_amiss_in_the_log(room):
+    assert "Traceback" not in room["log"]
+
+
+@pytest.mark.parametrize("name", ["1-filled", "2-reopened"])
+def test_the_window_shows_something(room, name):
+    assert imread(room["folder"] / f"{name}.png")[..., :3].std() > 0.05
