@@ -27,6 +27,7 @@ from .scene.armature import SCALE
 from .scene.naming import CAMERAS
 from .scene.opened import opened
 from .scene.preview import hide_preview
+from .scene.redrawing import redraw
 from .scene.relabelled import kept_changes
 from .scene.review import review_markers
 from .scene.take import is_take
@@ -86,14 +87,7 @@ def _take_changed(self, context):
 
 
 def _timeline_changed(_self, _context):
-    redraw_dope_sheets()
-
-
-def redraw_dope_sheets():
-    """Lets every Dope Sheet be drawn anew."""
-    for area in (area for window in bpy.context.window_manager.windows for area in window.screen.areas):
-        if area.type == "DOPESHEET_EDITOR":
-            area.tag_redraw()
+    redraw("DOPESHEET_EDITOR")
 
 
 class TrainingTakeRow(bpy.types.PropertyGroup):
@@ -431,7 +425,7 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     state.suspects.clear()
     state.corrections.clear()
     state.fills.clear()
-    redraw_dope_sheets()
+    redraw("DOPESHEET_EDITOR")
     state.changes.clear()
     if not is_take(collection):
         state.troubles.clear()
@@ -482,9 +476,7 @@ def list_trouble():
         row.advice, row.action = trouble.advice, trouble.action
         row.stake, row.answered = trouble.stake, trouble.answered
     state.trouble_index = max(min(state.trouble_index, len(state.troubles) - 1), 0)
-    for area in (area for window in bpy.context.window_manager.windows for area in window.screen.areas):
-        if area.type == "VIEW_3D":
-            area.tag_redraw()
+    redraw("VIEW_3D")
 
 
 CLASSES = (

@@ -17,6 +17,7 @@ from ..scene.corrections import keep_edits
 from ..scene.likely import likely_markers
 from ..scene.opened import opened
 from ..scene.picking import dots_of
+from ..scene.redrawing import redraw
 from ..scene.stored import Stored
 from ..scene.take import holds_points, show_edits
 from .picking import OfPoints, picked_points, selected_markers, show_picked
@@ -88,9 +89,7 @@ def review_soon():
 def review_now():
     """Fills the tables of the review."""
     refresh_review(bpy.context.window_manager, bpy.context.scene)
-    for area in (area for window in bpy.context.window_manager.windows for area in window.screen.areas):
-        if area.type == "VIEW_3D":
-            area.tag_redraw()
+    redraw("VIEW_3D")
 
 
 def frames_in_scope(scope: str, stored: Stored, scene: bpy.types.Scene) -> tuple[int, int] | None:

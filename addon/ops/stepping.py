@@ -8,6 +8,7 @@ from typing import Any
 import bpy
 
 from ..core.data.errors import InputError
+from ..scene.redrawing import redraw
 from .reporting import reports_trouble
 
 BUDGET = 0.1  # s of work between two looks at the keyboard
@@ -96,7 +97,7 @@ class WorksInSteps:
         state.doing, state.share = f"{self.doing}: {fraction:.0%}{left}", fraction
         context.window_manager.progress_update(round(100 * fraction))
         context.workspace.status_text_set(f"{state.doing}. Esc cancels")
-        redraw_sidebars(context)
+        redraw("VIEW_3D", "UI")
 
     def _end(self, context):
         """Gives back the timer, the progress and the status bar; once."""
@@ -107,7 +108,7 @@ class WorksInSteps:
         context.window_manager.progress_end()
         context.workspace.status_text_set(None)
         context.window_manager.mocap_autolabel.doing = ""
-        redraw_sidebars(context)
+        redraw("VIEW_3D", "UI")
         self._timer = None
 
 
@@ -117,15 +118,6 @@ def time_left(spent: float, fraction: float) -> str:
         return ""
     seconds = spent / fraction * (1 - fraction)
     return f"{max(round(seconds), 1)} s" if seconds < 90 else f"{round(seconds / 60)} min"
-
-
-def redraw_sidebars(context: bpy.types.Context):
-    """Lets the sidebars of the 3D views be drawn anew."""
-    for area in context.screen.areas if context.screen is not None else ():
-        if area.type == "VIEW_3D":
-            for region in area.regions:
-                if region.type == "UI":
-                    region.tag_redraw()
 
 
 class MOCAP_AUTOLABEL_OT_cancel(bpy.types.Operator):

@@ -8,8 +8,8 @@ import bpy
 from bpy.props import BoolProperty, FloatProperty, IntProperty, StringProperty
 
 from ..core.data.takes import NO_MARKER
-from ..props import redraw_dope_sheets
 from ..scene.opened import opened
+from ..scene.redrawing import redraw
 from ..scene.stored import Stored
 from ..scene.take import is_take
 from ..scene.trajectories import FOLDED, Runs, runs_of
@@ -203,7 +203,7 @@ class MOCAP_AUTOLABEL_OT_timeline_click(OnTimeline, bpy.types.Operator):
         if self._along and (self._dragged or off > DRAG * context.preferences.system.ui_scale):
             self._dragged = True
             select_range(context.scene, *self._range(context, event))
-            redraw_dope_sheets()
+            redraw("DOPESHEET_EDITOR")
 
     def _range(self, context, event) -> tuple[int, int]:
         first, last = shown_runs(context).span
@@ -219,7 +219,7 @@ class MOCAP_AUTOLABEL_OT_timeline_click(OnTimeline, bpy.types.Operator):
             first, last = self._range(context, event)
         elif runs.names[self._row].endswith(FOLDED) and runs.marker[self._row] == NO_MARKER:
             state.timeline_unfolded = True
-            redraw_dope_sheets()
+            redraw("DOPESHEET_EDITOR")
             return {"FINISHED"}
         marker = runs.names[self._row] if runs.marker[self._row] != NO_MARKER else ""
         if self._dragged:
@@ -276,7 +276,7 @@ def scroll_by(context: bpy.types.Context, region: bpy.types.Region, rows: float)
     places = RowPlaces.of(context, region, count)
     scroll = min(max(places.scroll + rows, 0.0), places.most_scroll(count))
     context.window_manager.mocap_autolabel.timeline_scroll = scroll
-    redraw_dope_sheets()
+    redraw("DOPESHEET_EDITOR")
 
 
 class MOCAP_AUTOLABEL_OT_timeline_pan(OnTimeline, bpy.types.Operator):

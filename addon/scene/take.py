@@ -194,8 +194,13 @@ def _changed(before: Stored, after: Stored, refilled: np.ndarray) -> list[int]:
     about = range(len(after.names))
     if before.motion is before.unfilled and after.motion is after.unfilled:
         about = changed_markers(before.groups, after.groups)
-    same = (np.array_equal(one[:, index], other[:, index], equal_nan=True) for index in about)
-    return [index for index, alike in zip(about, same, strict=True) if refilled[index] or not alike]
+    return [index for index in about if refilled[index] or not _alike(one[:, index], other[:, index])]
+
+
+def _alike(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether places (F, 3) are the same to the bit, NaN too: quicker by whole numbers, and mostly known early."""
+    one, other = one.view(np.int64), other.view(np.int64)
+    return np.array_equal(one[:, 0], other[:, 0]) and np.array_equal(one, other)
 
 
 def takes_of(scene: bpy.types.Scene) -> list[bpy.types.Collection]:

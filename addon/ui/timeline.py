@@ -13,7 +13,7 @@ from gpu_extras.batch import batch_for_shader
 from ..core.data.takes import NO_MARKER
 from ..ops.picking import picked_points, selected_markers
 from ..ops.timeline import KEYS, RowPlaces, shown_runs, timeline_shown
-from ..props import redraw_dope_sheets
+from ..scene.redrawing import redraw
 from ..scene.take import is_take
 from ..scene.trajectories import CORRECTED, DOUBTFUL, FILLED, GAP, NAMED, STATES, UNNAMED, Runs
 from .lettering import Letters, pixel_matrix
@@ -362,4 +362,4 @@ def add_timeline(stack: ExitStack):
             for key, wanted in properties.items():
                 setattr(item.properties, key, wanted)
             stack.callback(keymap.keymap_items.remove, item)
-    stack.callback(redraw_dope_sheets)
+    stack.callback(redraw, "DOPESHEET_EDITOR")

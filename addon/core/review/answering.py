@@ -72,6 +72,8 @@ def unanswered_of_blobs(suspects: Iterable[Suspect], edits: Edits, names: Mappin
 
 def without_accepted(suspects: Iterable[Suspect], edits: Edits) -> tuple[Suspect, ...]:
     """The suspects without the frames in which a person accepted what they say."""
+    if not any(isinstance(edit, Accepted) for edit in edits):
+        return tuple(suspects)
     left: list[Suspect] = []
     for suspect in suspects:
         frames = np.arange(suspect.first, suspect.last + 1)
@@ -101,9 +103,11 @@ def right_in(edits: Edits, names: Mapping[str, int], frames: np.ndarray) -> np.n
     right = np.zeros((len(frames), max(names.values(), default=-1) + 1), bool)
     for edit in edits:
         if isinstance(edit, Right | Swap | UnlabelMarker | AssignPoint):
-            rows = np.ones(len(frames), bool) if edit.frames is None else _within(frames, edit.frames)
-            own = [names[name] for name in markers_of(edit) if name in names]
-            right[np.ix_(rows, own)] = isinstance(edit, Right)
+            span = edit.frames
+            rows = slice(None) if span is None else slice(*np.searchsorted(frames, [span[0], span[1] + 1]).tolist())
+            for name in markers_of(edit):
+                if name in names:
+                    right[rows, names[name]] = isinstance(edit, Right)
     return right
 
 

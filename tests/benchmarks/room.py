@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Prints what a person waits for in a real window with everything on: python -m tests.benchmarks.room.
+
+A take of 20,000 frames of 62 markers: shown, scrubbed, picked in, corrected with a step of undo, saved and opened.
+"""
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from scripts import build, real_blender
+
+
+def main() -> int:
+    """Opens the window, and prints the figures."""
+    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.room", description=__doc__.splitlines()[0])
+    parser.parse_args()
+    script = Path(__file__).resolve().parent / "window_room.py"
+    with tempfile.TemporaryDirectory(prefix="mocap-room-") as name:
+        folder = Path(name)
+        try:
+            blender = real_blender.find()
+            package = build.build("{}.{}".format(*blender.version), "linux-x64", folder)
+            (folder / "room.json").write_text(json.dumps({"zip": str(package)}))
+            done = blender.window(script, folder, home=folder / "home", seconds=500)
+        except LookupError as reason:
+            sys.exit(f"tests.benchmarks.room: {reason}")
+        if not (folder / "seen.json").exists():
+            sys.exit(f"tests.benchmarks.room: the window closed early\n{done.stdout}{done.stderr}")
+        seen = json.loads((folder / "seen.json").read_text())
+    version = "{}.{}.{}".format(*blender.version)
+    print(f"Blender {version}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}, drawn by software\n")
+    print("| what | by the clock | least | of the processor | least |\n| --- | ---: | ---: | ---: | ---: |")
+    for what, times in seen.items():
+        (clock, core), (least, least_core) = 1000 * np.median(times, axis=0), 1000 * np.min(times, axis=0)
+        print(f"| {what} | {clock:.1f} ms | {least:.1f} ms | {core:.1f} ms | {least_core:.1f} ms |")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
