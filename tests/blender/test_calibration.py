@@ -90,7 +90,7 @@ def test_cameras_that_were_changed_meanwhile_stay(extension, scene, files, monke
         return module.Refined({**report, "out": "there/new.toml"}, files.true)
 
     monkeypatch.setattr(module, "refine_steps", changed_meanwhile)
-    with pytest.raises(RuntimeError, match="which are in new.toml; expected them to stay"):
+    with pytest.raises(RuntimeError, match=r"which are in new\.toml; expected them to stay"):
         bpy.ops.mocap_autolabel.refine_calibration()
     assert settings.cameras == other
     assert not other.hide_viewport
