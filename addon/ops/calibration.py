@@ -8,6 +8,7 @@ import bpy
 from bpy.props import StringProperty
 
 from ..core.data.background import drained, in_background
+from ..core.data.errors import InputError
 from ..jobs.refine import Refined, RefineJob, refine_file
 from ..props import chosen_model, frames_wanted
 from ..scene import cameras as scene_cameras
@@ -50,6 +51,7 @@ class MOCAP_AUTOLABEL_OT_refine_calibration(WorksInSteps, bpy.types.Operator):
 
     def steps(self, context):
         """The refining."""
+        self._of = context.scene.mocap_autolabel.cameras.session_uid
         return refine_steps(refine_job_of(context, self.filepath))
 
     def _show(self, context, refined: Refined) -> set[str]:
@@ -60,6 +62,9 @@ class MOCAP_AUTOLABEL_OT_refine_calibration(WorksInSteps, bpy.types.Operator):
             self.report({"INFO"}, f"Nothing to refine: {_worst(report)}")
             return {"FINISHED"}
         settings = scene.mocap_autolabel
+        if settings.cameras is None or settings.cameras.session_uid != self._of:
+            words = f"other cameras are chosen than those that were refined, which are in {Path(report['out']).name}"
+            raise InputError(f"{words}; expected them to stay, so import that file")
         settings.cameras = show_refined(scene, settings.cameras, refined.cameras, report)
         self.report({"INFO"}, f"{_worst(report)}, in {Path(report['out']).name}; label again to use it")
         return {"FINISHED"}

@@ -44,8 +44,8 @@ def dots_of(stored: Stored, index: int) -> Dots:
 
 
 def missing(stored: Stored, index: int) -> np.ndarray:
-    """(M,) True for the markers that nothing is in frame `index`."""
-    return ~np.isfinite(stored.motion.markers[index]).all(axis=1)
+    """(M,) True for the markers that nothing is in frame `index`; what is filled is nothing that was seen."""
+    return ~np.isfinite(stored.unfilled.markers[index]).all(axis=1)
 
 
 def to_region(points: np.ndarray, perspective: np.ndarray, size: tuple[int, int]) -> np.ndarray:

@@ -12,7 +12,7 @@ from ..core.review.changes import Change, changes
 from . import naming
 from .corrections import kept_edits
 from .opened import opened
-from .take import SOURCE, Take, remove_take, show_take, takes_of
+from .take import MARKER_NAMES, SOURCE, Take, remove_take, show_take, takes_of
 
 CHANGES = "mocap_changes"
 MOST_KEPT = 500  # changes that a file keeps, the longest first: a list that a person reads
@@ -98,7 +98,10 @@ def kept_changes(collection: bpy.types.Collection) -> tuple[Change, ...]:
 
 
 def _same_markers(collection: bpy.types.Collection, take: Take, old: LabelledRange) -> bool:
-    return collection[naming.MARKERSET] == take.markerset.name and can_merge(old, as_range(take))
+    # A set that was learned anew has the same name, and may have its markers in another order.
+    names = tuple(json.loads(collection[MARKER_NAMES]))
+    alike = collection[naming.MARKERSET] == take.markerset.name and names == take.markerset.markers
+    return alike and can_merge(old, as_range(take))
 
 
 def _keep_playing(scene: bpy.types.Scene, played: tuple[int, int, int], lay: tuple[int, int] | None):

@@ -77,6 +77,25 @@ def test_a_moved_camera_is_refined_and_the_new_file_chosen(scene, files):
     path.unlink()
 
 
+def test_cameras_that_were_changed_meanwhile_stay(extension, scene, files, monkeypatch):
+    made = scene("moved.toml")
+    settings = made.mocap_autolabel
+    module = importlib.import_module(f"{extension}.addon.ops.calibration")
+    other = scene_cameras.add_cameras(made, files.true)
+
+    def changed_meanwhile(_):
+        yield 0.5
+        settings.cameras = other
+        report = {"cameras": {"cam 0": {"before_px": 2.0, "after_px": 0.4}}, "camera_doubts": [], "refined": True}
+        return module.Refined({**report, "out": "there/new.toml"}, files.true)
+
+    monkeypatch.setattr(module, "refine_steps", changed_meanwhile)
+    with pytest.raises(RuntimeError, match=r"which are in new\.toml; expected them to stay"):
+        bpy.ops.mocap_autolabel.refine_calibration()
+    assert settings.cameras == other
+    assert not other.hide_viewport
+
+
 def test_the_panel_tells_errors_and_offers_to_label_again(extension, scene, files):
     made = scene("room.toml")
     panel = importlib.import_module(f"{extension}.addon.ui.calibration")

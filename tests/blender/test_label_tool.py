@@ -2,6 +2,7 @@
 """The tool Label: which dots a hand means, what they are called most likely, and what its keys say of them."""
 
 import importlib
+from dataclasses import replace
 
 import bpy
 import numpy as np
@@ -94,6 +95,14 @@ def test_the_missing_marker_that_is_nearest_is_the_likeliest(stored):
     near = likely_markers(stored, 20, rows, stored.motion.expected[20, 7])
     assert near[:2] == [2, 7], "a dot that has a name comes behind what is missing"
     assert sorted(near) == list(range(len(stored.names)))
+
+
+def test_a_marker_that_was_filled_is_missing_still_and_expected_where_it_was_filled(stored):
+    filled = replace(stored.motion, markers=stored.motion.markers.copy())
+    filled.markers[:, 2] = [0.1, 0.2, 1.0]
+    after = replace(stored, measured=stored.motion, motion=filled)
+    assert np.flatnonzero(picking.missing(after, 15)).tolist() == [2]
+    np.testing.assert_allclose(predicted(after, 15)[2], [0.1, 0.2, 1.0])
 
 
 def test_a_place_on_a_ray_is_as_deep_as_what_is_near():

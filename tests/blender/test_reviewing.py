@@ -2,6 +2,7 @@
 """The list of what is the matter with a take, in Blender: true, worst first, gone to, mended and answered for good."""
 
 import importlib
+import json
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -187,6 +188,16 @@ def test_a_range_labelled_again_is_put_into_the_take(state, monkeypatch):
     words = [row.words for row in state.review.changes]
     assert f"{LOST} is named now in frames 101–120" in words
     assert not any("121" in one for one in words)
+
+
+def test_a_set_of_the_same_name_with_other_markers_is_put_into_no_take(state):
+    settings, before = bpy.context.scene.mocap_autolabel, bpy.context.scene.mocap_autolabel.take
+    before["mocap_names"] = json.dumps(json.loads(before["mocap_names"])[::-1])
+    importlib.import_module(f"{state.extension}.addon.scene.opened").opened.forget()
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    assert settings.take != before
+    assert before.hide_viewport
+    assert not len(state.review.changes)
 
 
 def test_a_range_labelled_first_leaves_the_scene_its_frames(state):

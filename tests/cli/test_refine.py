@@ -66,6 +66,8 @@ def test_what_cannot_be_done(refine, run, room, tmp_path):
     assert "is read and would be written over" in over.reason
     assert room.cameras.read_bytes() == before
     assert refine("--frames", "500:600", out="late.toml").reason.startswith(f"{room.blobs}: has no blobs in frames")
+    few = refine("--frames", "100:101", out="few.toml").reason
+    assert "named markers are seen by three cameras at a time; expected 100 or more, so a longer take" in few
     two = tmp_path / "two.toml"
     write_cameras(two, read_cameras(room.cameras).select([0, 1]))
     blobs = tmp_path / "two.csv"

@@ -140,7 +140,7 @@ def test_doubts_are_in_the_list_once_with_what_to_do():
 
 
 def test_another_room_is_the_worst_as_no_name_is_to_be_trusted():
-    room = Suspect(FIRST, FIRST + FRAMES - 1, "the room seems to be about 1000 times too large")
+    room = Suspect(FIRST, FIRST + FRAMES - 1, "the room seems to be about 1000 times too large: its cameras see")
     first, second = trouble(without("LHEE"), suspects=[room])
     assert (first.kind, first.cameras, first.stake) == (OF_CAMERA, (), 1.0 * FRAMES * len(NAMES))
     assert "Import the calibration" in first.advice
