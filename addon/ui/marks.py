@@ -158,4 +158,6 @@ def _boxes_beside(places: np.ndarray, widths: np.ndarray, height: float, gap: fl
 
 def _meets(boxes: np.ndarray, others: np.ndarray) -> np.ndarray:
     """Whether boxes (..., 4) lie on others (..., 4): left, lower, right, upper end."""
-    return ((boxes[..., :2] < others[..., 2:]) & (others[..., :2] < boxes[..., 2:])).all(axis=-1)
+    left, lower, right, upper = np.moveaxis(boxes, -1, 0)
+    other_left, other_lower, other_right, other_upper = np.moveaxis(others, -1, 0)
+    return (left < other_right) & (other_left < right) & (lower < other_upper) & (other_lower < upper)
