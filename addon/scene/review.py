@@ -44,7 +44,7 @@ def review_markers(names: tuple[str, ...], motion: Motion) -> list[MarkerReview]
 
 def _runs(flags: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Where runs of True begin and how long they are."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
     return edges[::2], edges[1::2] - edges[::2]
 
 

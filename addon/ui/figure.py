@@ -13,7 +13,7 @@ from ..core.review.trouble import Trouble
 from ..ops.reviewing import places_of
 from ..scene import naming
 from ..scene.opened import opened
-from ..scene.sides import SIDE_COLOURS, colours_of, kept_sides
+from ..scene.sides import KEPT_SIDES, SIDE_COLOURS, colours_of, kept_sides
 from ..scene.stored import Stored
 from ..scene.take import is_take
 from ..scene.trouble import known_trouble
@@ -27,6 +27,8 @@ MEANT_COLOUR = (1.0, 1.0, 1.0, 1.0)
 MISSING_RADIUS, MEANT_RADIUS = 5.0, 11.0
 DASH = 0.02  # m of a dash that leads over a gap, and of the space behind it
 MOST_DASHES = 60
+# What the bones of the figure that was drawn last are called by, and their colours.
+_colours_of_bones: list = []
 
 
 def draw():
@@ -58,15 +60,27 @@ def draw_figure(canvas: Canvas, collection: bpy.types.Collection):
     armature = next((item for item in collection.objects if item.type == "ARMATURE"), None)
     if armature is None or not armature.visible_get():
         return
-    bones = list(armature.pose.bones)
+    bones = armature.pose.bones
     world = np.array(armature.matrix_world, dtype=float)
-    ends = np.array([[*bone.head, *bone.tail] for bone in bones], dtype=float).reshape(-1, 2, 3)
-    ends = ends @ world[:3, :3].T + world[:3, 3]
-    light = np.array([FAR_BONE if len(bone.parent_recursive) % 2 else 1.0 for bone in bones])
-    sides = kept_sides(armature)
-    colours = np.array([SIDE_COLOURS[sides.get(bone.name, "")] for bone in bones]) * light[:, None]
-    whole = np.concatenate([colours, np.ones((len(bones), 1))], axis=1)
-    canvas.lines(canvas.place(ends), np.repeat(whole[:, None], 2, axis=1), FIGURE_WIDTH)
+    ends = np.empty((2, len(bones), 3), dtype=np.float32)
+    for end, name in zip(ends, ("head", "tail"), strict=True):
+        bones.foreach_get(name, flat := np.empty(end.size, dtype=np.float32))
+        end[:] = flat.reshape(-1, 3)
+    ends = ends.swapaxes(0, 1) @ world[:3, :3].T + world[:3, 3]
+    canvas.lines(canvas.place(ends), _bone_colours(armature), FIGURE_WIDTH)
+
+
+def _bone_colours(armature: bpy.types.Object) -> np.ndarray:
+    """(J, 2, 4) the colours of the ends of the bones, worked out once for their names and sides."""
+    names = tuple(bone.name for bone in armature.data.bones)
+    key = (armature.session_uid, names, armature.get(KEPT_SIDES, ""))
+    if _colours_of_bones[:1] != [key]:
+        light = np.array([FAR_BONE if len(bone.parent_recursive) % 2 else 1.0 for bone in armature.data.bones])
+        sides = kept_sides(armature)
+        colours = np.array([SIDE_COLOURS[sides.get(name, "")] for name in names]).reshape(-1, 3) * light[:, None]
+        whole = np.concatenate([colours, np.ones((len(names), 1))], axis=1)
+        _colours_of_bones[:] = [key, np.repeat(whole[:, None], 2, axis=1)]
+    return _colours_of_bones[1]
 
 
 def missing(stored: Stored, index: int) -> np.ndarray:

@@ -127,14 +127,14 @@ class Canvas:
         gap, mark = (RING_RADIUS + 2) * self.scale, BLOB_RADIUS * self.scale
         starts = marks.room_for_words(places, sizes[:, 0], height, gap, mark, self.covered)
         there = np.isfinite(starts[:, 0])
-        self._write(zip((words[at] for at in np.flatnonzero(there)), starts[there].tolist(), strict=True), WHITE)
+        self.texts(zip((words[at] for at in np.flatnonzero(there)), starts[there].tolist(), strict=True))
 
     def text(self, words: str, x: float, y: float, colour: tuple[float, ...] = WHITE):
-        """Words that begin at x, y px, with a shadow that keeps them readable on anything."""
-        self._write([(words, (x, y))], colour)
+        """Words that begin at x, y px."""
+        self.texts([(words, (x, y))], colour)
 
-    def _write(self, words: Iterable[tuple[str, tuple[float, float]]], colour: tuple[float, ...]):
-        """Words, each where it begins, with the shadow set once for all."""
+    def texts(self, words: Iterable[tuple[str, tuple[float, float]]], colour: tuple[float, ...] = WHITE):
+        """Words, each where it begins, px, with the shadow that keeps them readable on anything set once for all."""
         blf.size(0, TEXT_SIZE * self.scale)
         blf.enable(0, blf.SHADOW)
         blf.shadow(0, 3, 0.0, 0.0, 0.0, 0.9)
@@ -225,15 +225,15 @@ def draw_legend(canvas: Canvas, camera: str, blobs: int, named: int):
 def draw_colours(canvas: Canvas, title: str, rows):
     """A title and below it colours, each one or from one to another, with the words for them."""
     left, bottom, line = LEGEND_LEFT * canvas.scale, LEGEND_BOTTOM * canvas.scale, 18 * canvas.scale
-    canvas.text(title, left, bottom + line * len(rows))
     gpu.state.blend_set("ALPHA")
-    for row, (_, colour) in enumerate(reversed(rows)):
-        y = bottom + line * row + line * 0.25
-        ends = np.array([[[left, y], [left + 22 * canvas.scale, y]]])
-        canvas.lines(ends, np.broadcast_to(colour, (2, 4))[None], LINK_WIDTH * 1.5)
+    lower = bottom + line * np.arange(len(rows))[::-1]
+    y = lower + line * 0.25
+    ends = np.stack([np.column_stack([0 * y + left, y]), np.column_stack([0 * y + left + 22 * canvas.scale, y])], 1)
+    colours = np.array([np.broadcast_to(colour, (2, 4)) for _, colour in rows])
+    canvas.lines(ends, colours, LINK_WIDTH * 1.5)
     gpu.state.blend_set("NONE")
-    for row, (words, _) in enumerate(reversed(rows)):
-        canvas.text(words, left + 30 * canvas.scale, bottom + line * row)
+    beside = [(words, (left + 30 * canvas.scale, y)) for (words, _), y in zip(rows, lower.tolist(), strict=True)]
+    canvas.texts([(title, (left, bottom + line * len(rows))), *beside])
 
 
 def _circle(radius: float) -> np.ndarray:

@@ -33,8 +33,9 @@ def walk() -> Iterator[float]:
     bpy.ops.extensions.package_install_files(filepath=task["zip"], repo="user_default", enable_on_install=True)
     of = lambda name: importlib.import_module(f"{EXTENSION}.addon.{name}")  # noqa: E731
     settings = lambda: bpy.context.scene.mocap_autolabel  # noqa: E731
+    take = make_take(EXTENSION, task["frames"])
     begin = time.perf_counter()
-    settings().take = of("scene.take").show_take(bpy.context, make_take(EXTENSION, task["frames"]))
+    settings().take = of("scene.take").show_take(bpy.context, take)
     seen["s to show the take"] = time.perf_counter() - begin
     bpy.ops.ed.undo_push(message="Shown")
     yield 1

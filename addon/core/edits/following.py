@@ -98,6 +98,7 @@ class Following:
         self._own: dict[int, np.ndarray] = {}
         self._names: dict[int, list[int]] = {}
         self._groups: dict[tuple[int, tuple[Edit, ...]], Group] = {}
+        self._reach: dict[Edit, tuple[set[tuple[str, int]], slice]] = {}
 
     def rows_of(self, point: int) -> np.ndarray:
         """(K,) the rows of a trajectory, in the order of the frames."""
@@ -129,7 +130,10 @@ class Following:
 
     def _parted(self, edits: Edits) -> Iterator[tuple[slice, list[int]]]:
         """Blocks of frames, each with edits, by their index, that share a marker or a trajectory in it."""
-        about = [(self._about(edit), self._span(edit), index) for index, edit in enumerate(edits)]
+        known, self._reach = self._reach, {}
+        for edit in edits:
+            self._reach[edit] = known.get(edit) or (self._about(edit), self._span(edit))
+        about = [(*self._reach[edit], index) for index, edit in enumerate(edits)]
         size = FOLLOWING.block_frames
         for start in range(0, len(self.rows.frames), size):
             groups: list[tuple[set, list[int]]] = []

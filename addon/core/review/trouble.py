@@ -139,6 +139,33 @@ class Trouble:
         return said | about | more | {"answered": self.answered}
 
 
+@dataclass(frozen=True, eq=False)
+class MarkerSight:
+    """Where the M markers of a motion of F frames are seen.
+
+    present  (F, M) True where a marker is there
+    off      (F, M) m from where the body has it; NaN without one of the two
+    """
+
+    present: np.ndarray
+    off: np.ndarray
+
+    @classmethod
+    def of(cls, motion: Motion) -> "MarkerSight":
+        """That of a motion."""
+        # Axis by axis, as NumPy is slow along one of three.
+        x, y, z = np.moveaxis(motion.markers, 2, 0)
+        away = motion.markers - motion.expected
+        return cls(np.isfinite(x) & np.isfinite(y) & np.isfinite(z), np.sqrt(np.einsum("fmx,fmx->fm", away, away)))
+
+    def look_again(self, motion: Motion, markers: Sequence[int]):
+        """Makes it that of a motion which is another in some markers only; quicker than looking at all of them."""
+        places, columns = motion.markers[:, markers], list(markers)
+        away = places - motion.expected[:, markers]
+        self.present[:, columns] = np.isfinite(places).all(axis=2)
+        self.off[:, columns] = np.sqrt(np.einsum("fmx,fmx->fm", away, away))
+
+
 class TakeTrouble:
     """Looks at a take chunk by chunk while it is labelled, or at all of it at once; `found` gives the list.
 
@@ -166,14 +193,13 @@ class TakeTrouble:
         self._left: tuple[Leftover, ...] = ()
         self._brief = 0
 
-    def add(self, rows: Blobs | PointRows, labels: Labels, motion: Motion):
-        """Adds a chunk, which follows the last; points come as one chunk."""
+    def add(self, rows: Blobs | PointRows, labels: Labels, motion: Motion, sight: "MarkerSight | None" = None):
+        """Adds a chunk, which follows the last; points come as one. `sight` is the motion's, where it is known."""
+        sight = MarkerSight.of(motion) if sight is None else sight
         frames = motion.frames
         self.first = int(frames[0]) if not self.frames else self.first
         self.frames, self.last = self.frames + len(frames), int(frames[-1])
-        # Axis by axis, as NumPy is slow along one of three.
-        x, y, z = np.moveaxis(motion.markers, 2, 0)
-        present = np.isfinite(x) & np.isfinite(y) & np.isfinite(z)
+        present, off = sight.present, sight.off
         here = (motion.confidence > 0) | present.any(axis=1)
         self.subject_frames += int(here.sum())
         if isinstance(rows, PointRows):
@@ -183,8 +209,6 @@ class TakeTrouble:
             self.by_camera.add(rows, labels, motion)
         right = right_in(self.edits, self.words, frames)
         lacking = ~present & here[:, None]
-        away = motion.markers - motion.expected
-        off = np.sqrt(np.einsum("fmx,fmx->fm", away, away))
         with np.errstate(invalid="ignore"):
             far = off > SUSPECTING.max_off_body_m
         self._nobody.add(frames, ~here[:, None])
