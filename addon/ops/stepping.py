@@ -13,6 +13,7 @@ from .reporting import reports_trouble
 
 BUDGET = 0.1  # s of work between two looks at the keyboard
 TICK = 0.02  # s
+TELL_EVERY = 0.25  # s between two words on how far it is: Blender draws the whole window anew for each
 TELLING_AFTER, TELLING_FROM = 3.0, 0.02  # s and share of the work from which on its end can be told
 
 
@@ -24,6 +25,7 @@ class WorksInSteps:
 
     doing = "Working"
     _timer = None
+    _told = float("-inf")
 
     def steps(self, context: bpy.types.Context) -> Generator[float, None, Any]:
         """The work; UserError when something is missing."""
@@ -53,7 +55,7 @@ class WorksInSteps:
         self._steps = self.steps(context)
         self._timer = manager.event_timer_add(TICK, window=context.window)
         manager.progress_begin(0, 100)
-        self._began = perf_counter()
+        self._began, self._told = perf_counter(), float("-inf")
         manager.mocap_autolabel.cancelled = False
         manager.modal_handler_add(self)
         self._tell(context, 0.0)
@@ -91,7 +93,10 @@ class WorksInSteps:
         self._end(context)
 
     def _tell(self, context, fraction: float):
-        spent = perf_counter() - self._began
+        now = perf_counter()
+        if now - self._told < TELL_EVERY:
+            return
+        self._told, spent = now, now - self._began
         left = f", {time_left(spent, fraction)} left" if time_left(spent, fraction) else ""
         state = context.window_manager.mocap_autolabel
         state.doing, state.share = f"{self.doing}: {fraction:.0%}{left}", fraction
