@@ -66,7 +66,9 @@ def traces() -> dict:
     functions = [f for handler in handlers.values() if isinstance(handler, list) for f in handler]
     types = _types()
     for kind in types:
-        functions += getattr(getattr(kind, "draw", None), "_draw_funcs", [])
+        drawn = getattr(getattr(kind, "draw", None), "_draw_funcs", [])
+        # Blender lists what the kind itself draws too, once somebody has ever added to it.
+        functions += [f for f in drawn if f.__qualname__ != f"{kind.__name__}.draw"]
     keymaps = bpy.context.window_manager.keyconfigs.addon
     return {
         "types": sorted(kind.__name__ for kind in types),

@@ -11,8 +11,6 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy.optimize import Bounds, LinearConstraint, milp
-from scipy.sparse import coo_array
 
 from ..data.takes import REMAINING
 from ..geometry.views import View
@@ -230,6 +228,9 @@ def _pruned(many: Hypotheses, singles: Hypotheses, frame: Frame, options: AtOnce
 
 def _best(found: Hypotheses, view: View) -> np.ndarray:
     """Indices of the hypotheses that together gain most, each marker and each blob used once."""
+    from scipy.optimize import Bounds, LinearConstraint, milp
+    from scipy.sparse import coo_array
+
     if not len(found.gain):
         return np.zeros(0, int)
     which, camera = np.nonzero(found.slot >= 0)
