@@ -138,11 +138,14 @@ def turn_wheel(way: str, x: int, y: int, **modifiers: bool) -> Iterator[float]:
     yield WHILE_IT_DRAWS
 
 
-def buttons(found: dict[str, tuple[int, int]], step: int = 9) -> Iterator[float]:
-    """Find the sidebar's operator buttons by pointing down along it; `found` gets operator name -> place."""
+def buttons(found: dict[str, tuple[int, int]], step: int = 9, until: str = "", top: float = 1.0) -> Iterator[float]:
+    """Find the sidebar's operator buttons by pointing down along it; `found` gets operator name -> place.
+
+    It begins at the part `top` of the sidebar's height, and ends with the button of the operator `until`.
+    """
     sidebar = region("UI")
     x = sidebar.x + sidebar.width // 2 - 20
-    for y in range(sidebar.y + sidebar.height - 5, sidebar.y + 5, -step):
+    for y in range(sidebar.y + int(top * sidebar.height) - 5, sidebar.y + 5, -step):
         point(x, y)
         yield 0.05
         with bpy.context.temp_override(area=area(), region=sidebar):
@@ -153,6 +156,8 @@ def buttons(found: dict[str, tuple[int, int]], step: int = 9) -> Iterator[float]
         command = bpy.context.window_manager.clipboard
         if command.startswith("bpy.ops."):
             found.setdefault(command.removeprefix("bpy.ops.").partition("(")[0], (x, y))
+            if until in found:
+                return
 
 
 def _event(kind: str, value: str, x: int, y: int, **modifiers: bool) -> None:

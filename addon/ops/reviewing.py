@@ -9,7 +9,7 @@ from ..core.data.errors import InputError
 from ..core.data.takes import NO_POINT, PointRows, rows_in_frame
 from ..core.edits.kinds import AssignPoint, Edit, Swap, UnlabelMarker
 from ..core.review.trouble import DELETE, FILL, LABEL, LEFT_OVER, NAME_IT, REFINE, RIGHT, SWAP, UNLABEL, Trouble
-from ..props import refresh_review
+from ..props import list_trouble, refresh_review
 from ..scene.cameras import camera_name
 from ..scene.corrections import keep_edits
 from ..scene.opened import opened
@@ -174,6 +174,7 @@ class MOCAP_AUTOLABEL_OT_next_trouble(OfTrouble, bpy.types.Operator):
 
     @reports_trouble
     def execute(self, context):
+        list_trouble()  # after a correction it comes a moment later, and its lines would not be those of the take
         state = context.window_manager.mocap_autolabel
         listed = [number for number, row in enumerate(state.troubles) if is_listed(state, row) and not row.answered]
         if not listed:
