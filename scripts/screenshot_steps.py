@@ -122,7 +122,7 @@ def correct() -> Iterator[float]:
         place = dot_of(name)
         yield from window.click(*place)
         yield from window.press("U", *place)
-    yield from window.press("L", *place)
+    yield from window.tap("L", *place)
     yield from window.screenshot("label-pie")
     yield from window.press("ESC", *place)
     yield from window.press("F", *place)

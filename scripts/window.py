@@ -128,6 +128,13 @@ def press(key: str, x: int, y: int) -> Iterator[float]:
         yield WHILE_IT_DRAWS
 
 
+def tap(key: str, x: int, y: int) -> Iterator[float]:
+    """Press a key and let it go at once, with the pointer at a place: a pie stays open only so."""
+    for value in ("PRESS", "RELEASE"):
+        _event(key, value, x, y)
+    yield WHILE_IT_DRAWS
+
+
 def turn_wheel(way: str, x: int, y: int, **modifiers: bool) -> Iterator[float]:
     """Turn the wheel by a notch, `way` WHEELUPMOUSE or WHEELDOWNMOUSE, with the pointer at a place."""
     point(x - 1, y)
