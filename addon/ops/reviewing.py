@@ -7,7 +7,7 @@ from bpy.props import BoolProperty, IntProperty
 
 from ..core.data.errors import InputError
 from ..core.data.takes import NO_POINT, PointRows, rows_in_frame
-from ..core.edits.kinds import AssignPoint, Edit, Swap, UnlabelMarker
+from ..core.edits.kinds import Accepted, AssignPoint, Edit, Right, Swap, UnlabelMarker
 from ..core.review.trouble import DELETE, FILL, LABEL, LEFT_OVER, NAME_IT, REFINE, RIGHT, SWAP, UNLABEL, Trouble
 from ..props import list_trouble, refresh_review
 from ..scene.cameras import camera_name
@@ -117,8 +117,8 @@ def _points_of(scene: bpy.types.Scene, trouble: Trouble, stored: Stored, markers
     return dots.trajectory[meant & (dots.trajectory != NO_POINT)].tolist()
 
 
-def say(context: bpy.types.Context, edits: list[Edit]):
-    """Adds edits to those of the active take."""
+def say(operator: bpy.types.Operator, context: bpy.types.Context, edits: list[Edit]):
+    """Adds edits to those of the active take; `operator` tells where their names come with the next labelling only."""
     scene = context.scene
     collection = scene.mocap_autolabel.take
     more = opened.take(collection, scene).edits.added(*edits)
@@ -127,6 +127,8 @@ def say(context: bpy.types.Context, edits: list[Edit]):
         return
     keep_edits(collection, more)
     refresh_review(context.window_manager, scene)
+    if not all(isinstance(edit, Right | Accepted) for edit in edits):
+        operator.report({"INFO"}, "Kept; blobs get their names by it when the take is labelled again")
 
 
 class OfTrouble:
@@ -198,7 +200,7 @@ class MOCAP_AUTOLABEL_OT_accept_trouble(OfTrouble, bpy.types.Operator):
 
     @reports_trouble
     def execute(self, context):
-        say(context, self.trouble(context).answers())
+        say(self, context, self.trouble(context).answers())
         return {"FINISHED"}
 
 
@@ -212,7 +214,7 @@ class MOCAP_AUTOLABEL_OT_mend_trouble(OfTrouble, bpy.types.Operator):
     def execute(self, context):
         trouble = self.trouble(context)
         if edits := mending(trouble):
-            say(context, edits)
+            say(self, context, edits)
             return {"FINISHED"}
         name = operator_of(trouble)
         if not name:

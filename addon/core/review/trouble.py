@@ -413,6 +413,8 @@ class TakeTrouble:
                 )
                 continue
             advice, action = _advice_of(one)
+            if action == NAME_IT and not self._is_on_body(one):
+                advice, action = "It is off the body: look what it is; if it is nothing, say No Marker", ""
             tracks = () if one.trajectory is None else (one.trajectory,)
             stake = self._stake_of(one)
             yield Trouble(
@@ -426,6 +428,13 @@ class TakeTrouble:
                 advice=advice,
                 action=action,
             )
+
+    def _is_on_body(self, suspect: Suspect) -> bool:
+        """Whether a trajectory without a name that is doubted is left over on the body, in some of these frames."""
+        return any(
+            one.trajectory == suspect.trajectory and one.first <= suspect.last and suspect.first <= one.last
+            for one in self._left
+        )
 
     def _stake_of(self, suspect: Suspect) -> float:
         """Marker-frames at stake in a doubt."""

@@ -86,6 +86,17 @@ def test_a_point_is_to_be_named_where_it_is_and_nowhere_else():
     assert missing.ranges == ((FIRST, FIRST + 59), (FIRST + 100, FIRST + 179))
 
 
+def test_a_doubted_point_is_offered_a_name_on_the_body_only():
+    asked = Suspect(FIRST, FIRST + 99, "may be LHEE, stays unnamed", 7, ("LHEE",))
+    beside = np.tile(PLACES[1] + [0.1, 0, 0], (FRAMES, 1))
+    for away, action in ((0.0, "name"), (2.7, "")):
+        doubt = next(
+            one for one in trouble(without("LHEE"), {7: beside + away}, suspects=[asked]) if one.kind == IN_DOUBT
+        )
+        assert (doubt.trajectories, doubt.action) == ((7,), action)
+        assert ("off the body" in doubt.advice) == (away > 0)
+
+
 def test_gaps_count_by_their_frames_and_the_worst_is_first():
     markers = without("LHEE", frames=slice(20, 40))
     markers[50:150, 2] = np.nan
