@@ -78,12 +78,12 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         counts = {one.name: one.as_dict() for one in trouble.by_camera.figures()}
         of_cameras = {name: row | counts[name] for name, row in check.of_cameras().items()}
         facts |= {"cameras": of_cameras, "camera_doubts": [doubt.reason for doubt in doubts]}
-        facts |= facts_of_trouble(trouble, results.summary.suspects)
         points, fills = results.motion.points(), ()
         if job.fill:
             with timed(clock, "fill"):
-                points, of_gaps, fills = yield from fill_labelled(points, model.markerset, overview)
+                points, of_gaps, fills = yield from fill_labelled(points, model.markerset, (overview, trouble))
             facts |= of_gaps
+        facts |= facts_of_trouble(trouble, results.summary.suspects)
         said = {"outcomes": joined(results.outcomes), "overview": overview, "fills": fills}
         made = Outcome(points, results.chunks, cameras, results.summary, facts, inputs, **said)
         report = write_take(job, files, model.markerset, made, clock)

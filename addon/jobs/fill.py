@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Gaps of a labelled take filled, from file to file, and of a take that was just labelled."""
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
@@ -16,6 +16,7 @@ from ..core.data.takes import Points
 from ..core.filling.filling import FilledTake, FillOptions, fill_take
 from ..core.filling.kept import KeptFill, kept_fills_of
 from ..core.review.overview import TakeOverview
+from ..core.review.trouble import TakeTrouble
 from ..io.filled import gap_rows, left_rows, write_filled
 from ..io.markersets import markerset_file
 from ..io.models import open_model
@@ -96,12 +97,12 @@ def fill_file(job: FillJob) -> Generator[Progress, None, dict]:
 
 
 def fill_labelled(
-    points: Points, markerset: MarkerSet, overview: TakeOverview | None
+    points: Points, markerset: MarkerSet, told: Iterable[TakeOverview | TakeTrouble | None]
 ) -> Generator[Progress, None, tuple[Points, dict, tuple[KeptFill, ...]]]:
     """A take whose first columns are a model's markers with their gaps filled.
 
-    Gives it with what a report says of that, and with the fills as a Blender file keeps them. Where there is an
-    `overview`, it is told of what was filled.
+    Gives it with what a report says of that, and with the fills as a Blender file keeps them. Those that are
+    `told` hear of what was filled.
     """
     own = np.arange(len(markerset))
     xyz = np.asarray(points.xyz[:, : len(own)], dtype=float)
@@ -111,8 +112,9 @@ def fill_labelled(
         "filled": gap_rows(filled.gaps, markerset.markers, points.first_frame),
         "left": left_rows(filled.left, markerset.markers, points.first_frame),
     }
-    for row in facts["filled"] if overview is not None else ():
-        overview.fill(row["marker"], row["first"], row["last"])
+    for one in (one for one in told if one is not None):
+        for row in facts["filled"]:
+            one.fill(row["marker"], row["first"], row["last"])
     return put_into(points, filled, own), facts, kept_fills_of(filled, markerset.markers, points.frames)
 
 

@@ -55,9 +55,10 @@ def write_kept_page(path: Path, take: KeptTake):
     report |= facts_of_edits(None, take.chunk.outcomes)
     trouble = TakeTrouble(take.subject.markers, take.rate, take.edits, take.cameras, take.subject.words)
     trouble.add(take.rows, take.chunk.labels, take.chunk.motion)
-    report |= facts_of_trouble(trouble, take.chunk.suspects)
     for fill in take.fills:
         overview.fill(fill.marker, fill.first, fill.last)
+        trouble.fill(fill.marker, fill.first, fill.last)
+    report |= facts_of_trouble(trouble, take.chunk.suspects)
     if take.fills:
         report |= {"filled": kept_rows(take.fills), "left": []}
     if isinstance(take.rows, Blobs):

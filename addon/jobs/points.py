@@ -62,12 +62,12 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         facts = _facts(take, chunk.labels, options)
         trouble = TakeTrouble(markerset.markers, take.rate, edits, words=markerset.by_name)
         trouble.add(rows, chunk.labels, chunk.motion)
-        facts |= facts_of_trouble(trouble, chunk.suspects)
         fills = ()
         if job.fill:
             with timed(clock, "fill"):
-                points, of_gaps, fills = yield from fill_labelled(points, markerset, overview)
+                points, of_gaps, fills = yield from fill_labelled(points, markerset, (overview, trouble))
             facts |= of_gaps
+        facts |= facts_of_trouble(trouble, chunk.suspects)
         said = labelled.outcomes, overview, fills
         made = Outcome(points, [(rows, chunk)], NO_CAMERAS, summary, facts, inputs, edits, *said)
         report = write_take(job, files, markerset, made, clock)

@@ -190,6 +190,7 @@ class TakeTrouble:
         self._missing, self._excused = _Ranges(count), _Ranges(count)
         self._off, self._accepted = _Ranges(count), _Ranges(count)
         self._nobody = _Ranges(1)
+        self._filled: dict[str, list[tuple[int, int]]] = {}
         self._left: tuple[Leftover, ...] = ()
         self._brief = 0
 
@@ -216,6 +217,10 @@ class TakeTrouble:
         self._excused.add(frames, lacking & right)
         self._off.add(frames, far & ~right, off)
         self._accepted.add(frames, far & right, off)
+
+    def fill(self, marker: str, first: int, last: int):
+        """Notes that a marker's gap from frame `first` to `last`, by the source's numbers, was filled: no trouble now."""
+        self._filled.setdefault(marker, []).append((first, last))
 
     def found(self, suspects: Iterable[Suspect] = (), answered: Iterable[Suspect] = ()) -> tuple[Trouble, ...]:
         """All trouble, the worst first and what is answered last; suspects are the doubts, open and answered."""
@@ -248,7 +253,8 @@ class TakeTrouble:
 
     def _of_missing(self):
         for index, name in enumerate(self.names):
-            open_, excused = self._missing.of(index), self._excused.of(index)
+            filled, excused = self._filled.get(name, ()), self._excused.of(index)
+            open_ = [one for one in self._missing.of(index) if not any(a <= one[0] and one[1] <= b for a, b in filled)]
             for ranges, answered in ((open_, False), (excused, True)):
                 lost = sum(last - first + 1 for first, last, _, _ in ranges)
                 longest = max(ranges, key=lambda one: one[1] - one[0], default=None)

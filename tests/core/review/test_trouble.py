@@ -86,6 +86,14 @@ def test_a_point_is_to_be_named_where_it_is_and_nowhere_else():
     assert missing.ranges == ((FIRST, FIRST + 59), (FIRST + 100, FIRST + 179))
 
 
+def test_a_gap_that_was_filled_is_no_trouble():
+    looking = TakeTrouble(NAMES, RATE)
+    looking.add(*take(without("LHEE", frames=slice(20, 80))))
+    assert [one.markers for one in looking.found()] == [("LHEE",)]
+    looking.fill("LHEE", FIRST + 20, FIRST + 79)
+    assert looking.found() == ()
+
+
 def test_a_doubted_point_is_offered_a_name_on_the_body_only():
     asked = Suspect(FIRST, FIRST + 99, "may be LHEE, stays unnamed", 7, ("LHEE",))
     beside = np.tile(PLACES[1] + [0.1, 0, 0], (FRAMES, 1))
