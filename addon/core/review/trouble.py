@@ -219,7 +219,7 @@ class TakeTrouble:
         self._accepted.add(frames, far & right, off)
 
     def fill(self, marker: str, first: int, last: int):
-        """Notes that a marker's gap from frame `first` to `last`, by the source's numbers, was filled: no trouble now."""
+        """Notes that a marker's gap from frame `first` to `last`, by the source's numbers, was filled: no trouble."""
         self._filled.setdefault(marker, []).append((first, last))
 
     def found(self, suspects: Iterable[Suspect] = (), answered: Iterable[Suspect] = ()) -> tuple[Trouble, ...]:
