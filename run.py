@@ -24,7 +24,9 @@ STAMP = "mocap-autolabel.installed"
 REAL_BLENDER = ROOT.parent / "shared" / "tools" / "real-blender"
 # Every file of tests in one process, so that what its tests share is made once.
 SIDE_BY_SIDE = ("-n", str(min(os.cpu_count() or 1, 8)), "--dist", "loadfile")
-NOT_IN_THE_SECOND_PYTHON = ("tests/accuracy", "tests/benchmarks")
+# The second is there for its Blender. Its core is run by the tests of jobs, command line and Blender, so the core's
+# own tests need not take their time twice.
+NOT_IN_THE_SECOND_PYTHON = ("tests/accuracy", "tests/benchmarks", "tests/core")
 
 
 def main(argv):
