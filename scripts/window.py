@@ -63,6 +63,21 @@ def scroll_sidebar(down: bool = True) -> Iterator[float]:
     yield 1
 
 
+def scroll_to(*names: str) -> Iterator[float]:
+    """Scroll the sidebar from its start until the buttons of these operators are seen at once; gives where each is."""
+    yield from scroll_sidebar(down=False)
+    for _ in range(8):
+        found: dict[str, tuple[int, int]] = {}
+        yield from buttons(found)
+        if all(name in found for name in names):
+            break
+        with bpy.context.temp_override(area=area(), region=region("UI")):
+            for _ in range(5):
+                bpy.ops.view2d.scroll_down()
+        yield 1
+    return found
+
+
 def grow(kind: str, pixels: int) -> Iterator[float]:
     """Move the upper edge of the window's largest area of a kind up, or down where `pixels` is less than nothing."""
     shown = area(kind)

@@ -61,8 +61,7 @@ def walk() -> Iterator[float]:
     yield 1
     state().trouble_marker = LOST
     view.view_location, view.view_distance, turn = (9, 9, 9), 30, list(view.view_rotation)
-    yield from window.scroll_sidebar()
-    places = yield from find_buttons()
+    places = yield from window.scroll_to(NEXT)
     seen["buttons"] = sorted(places)
     yield from window.click(*places[NEXT])
     yield 1
@@ -70,7 +69,7 @@ def walk() -> Iterator[float]:
     row = state().troubles[state().trouble_index]
     seen["shown"] = {"name": row.name, "reason": row.reason, "frame": bpy.context.scene.frame_current}
     yield from window.screenshot("3-trouble")
-    places = yield from find_buttons()
+    places = yield from window.scroll_to(MEND)
     yield from window.click(*places[MEND])
     yield 1
     seen["left after mending"] = [one.reason for one in state().troubles]
@@ -78,7 +77,7 @@ def walk() -> Iterator[float]:
     bpy.ops.ed.undo()
     yield 1
     seen["back after undo"] = [one.reason for one in state().troubles]
-    places = yield from find_buttons()
+    places = yield from window.scroll_to(ACCEPT)
     yield from window.click(*places[ACCEPT])
     yield 1
     seen["answered"] = sum(one.answered for one in state().troubles)

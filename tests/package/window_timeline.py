@@ -107,7 +107,10 @@ def walk() -> Iterator[float]:
     y = int(main.y + now.upper(ghost) - 0.5 * now.row)
     yield from window.click(min(max(x_of(int(found[1:3].mean())), main.x + 5), main.x + main.width - 40), y)
     yield 0.5
-    seen["ghost"] = {"picked": settings().picked, "wanted": int(runs.trajectory[ghost])}
+    seen["ghost"] = {
+        "picked": bpy.context.window_manager.mocap_autolabel.picked[0].point,
+        "wanted": int(runs.trajectory[ghost]),
+    }
 
     of("ops.timeline").frame_take(bpy.context, window.area("DOPESHEET_EDITOR"))
     state.timeline_scroll = 0.0

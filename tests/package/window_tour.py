@@ -55,18 +55,19 @@ def walk() -> Iterator[float]:
     seen["labelled"] = settings().take is not None
     window.show_all()
     yield from window.screenshot("3-labelled")
-    seen["to review"] = places = yield from find_buttons()
+    seen["to review"] = yield from window.scroll_to(CLEAR)
 
     yield from window.scroll_sidebar()
     seen["at the end"] = yield from find_buttons()
     for kind, name in (("labels", "take.labels.csv"), ("c3d", "take.c3d"), ("trc", "take.trc")):
         getattr(bpy.ops.mocap_autolabel, f"export_{kind}")(filepath=str(OUT / name))
-    yield from window.scroll_sidebar(down=False)
 
+    places = yield from window.scroll_to(LOOK)
     yield from window.click(*places[LOOK])
     yield 1
     seen["view"] = window.area().spaces.active.region_3d.view_perspective
     yield from window.screenshot("4-through-a-camera")
+    places = yield from window.scroll_to(CLEAR)
     yield from window.click(*places[CLEAR])
     yield 1
     seen["cleared"] = settings().take is None
