@@ -41,15 +41,15 @@ def walk() -> Iterator[float]:
 
     places = yield from find_buttons()
     yield from window.click(*places[LABEL])
-    yield 1
+    yield 0.5
     seen["doing"] = state().doing
-    yield from window.screenshot("2-labelling")
     sidebar = window.region("UI")
     yield from window.click(sidebar.x + sidebar.width - FROM_RIGHT, places[LABEL][1])
     yield 1
     seen["after Cancel"] = {"running": bool(state().doing), "take": settings().take is not None}
 
     bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
+    yield from window.screenshot("2-labelling")  # after the cancelling: a picture takes as long as labelling
     until = time.monotonic() + PATIENCE
     while (settings().take is None or state().doing) and time.monotonic() < until:
         yield 0.5
