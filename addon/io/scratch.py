@@ -12,7 +12,7 @@ import tempfile
 import time
 import uuid
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
@@ -64,27 +64,32 @@ def unwritable_scratch(error: OSError, folder: Path) -> JobError:
 def own_folder(parent: Path, prefix: str, trouble: Callable[[OSError, Path], JobError]) -> Iterator[Path]:
     """A new folder in `parent`, gone at the end. Raises what `trouble` makes of it where none can be made."""
     folder = parent / f"{prefix}{uuid.uuid4().hex[:TOKEN]}"
-    try:
-        lock = _made(folder)
-    except OSError as error:
-        shutil.rmtree(folder, ignore_errors=True)
-        raise trouble(error, parent) from None
-    try:
+    with ExitStack() as stack:
+        stack.callback(_remove, folder)  # from before it is made on: a request to end may come at any line
+        try:
+            folder.mkdir(mode=0o700)  # only its user may look into it
+            lock = stack.enter_context((folder / LOCK).open("xb", buffering=0))
+            _hold(lock)
+        except OSError as error:
+            raise trouble(error, parent) from None
         yield folder
-    finally:
-        lock.close()
+
+
+def _remove(folder: Path):
+    """Takes a folder away, to its end also where a request to end comes meanwhile."""
+    try:
         # Windows does not give up files that are still looked at; then the next run takes them away.
         shutil.rmtree(folder, ignore_errors=True)
+    except KeyboardInterrupt:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
 
 
-def _made(folder: Path) -> IO:
-    """Makes a folder that only its user may look into, and the lock in it, held as long as the file is open."""
-    folder.mkdir(mode=0o700)
-    lock = (folder / LOCK).open("xb", buffering=0)
+def _hold(lock: IO):
+    """Locks a new folder's lock for as long as it is open, and says so in it."""
     # Where a file system knows no locks the file stays empty, and nobody ever takes the folder for forsaken.
     if _locked(lock):
         lock.write(LOCKED)
-    return lock
 
 
 def take_away_forsaken(parent: Path, prefix: str, rescue: Callable[[Path], None] | None = None):

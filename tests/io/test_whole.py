@@ -3,6 +3,7 @@
 
 import errno
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from addon.core.data.errors import InputError, JobError
+from addon.io import scratch
 from addon.io.whole import PART, finish_renaming, whole_file, whole_files
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -234,6 +236,31 @@ def test_a_stop_between_two_names_is_one_after_the_last(tmp_path, monkeypatch):
         for part in parts:
             part.write_text("new")
     assert sorted(tmp_path.iterdir()) == targets
+
+
+@pytest.mark.parametrize("step", ["_locked", "_hold"])
+def test_a_stop_while_the_folder_of_parts_is_made_leaves_none(tmp_path, monkeypatch, step):
+    def stopped(_lock):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(scratch, step, stopped)
+    with pytest.raises(KeyboardInterrupt), whole_file(tmp_path / "take.csv"):
+        pytest.fail("the block must not begin")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_stop_while_the_folder_of_parts_is_taken_away_leaves_none(tmp_path, monkeypatch):
+    whole, stops = shutil.rmtree, [KeyboardInterrupt]
+
+    def stopped_once(folder, **how):
+        if stops:
+            raise stops.pop()
+        whole(folder, **how)
+
+    monkeypatch.setattr(shutil, "rmtree", stopped_once)
+    with pytest.raises(KeyboardInterrupt), whole_file(tmp_path / "take.csv") as part:
+        part.write_text("whole")
+    assert [path.name for path in tmp_path.iterdir()] == ["take.csv"]
 
 
 def test_the_file_that_the_system_names_is_to_blame(tmp_path):
