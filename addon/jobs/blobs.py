@@ -13,9 +13,12 @@ import numpy as np
 
 from ..blendfile import Chunks, mesh_occlusion, open_cameras, refuse_long
 from ..core.body.occlusion import Occlusion
+from ..core.data.errors import InputError
 from ..core.data.progress import Progress
 from ..core.data.takes import BY_EDIT, STEPS, Blobs, EditOutcome, LabelledChunk, Motion, Points, Suspect
-from ..core.edits.applying import joined
+from ..core.edits.applying import BLOB_EDITING, joined
+from ..core.edits.blob_tracks import followed, wants_tracks
+from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import Cameras
 from ..core.pipelines.blobs import BlobOptions, blob_method, label_blobs, steps_of
 from ..core.pipelines.cross_check import MethodAgreement
@@ -50,7 +53,7 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         inputs, files = open_files(job, stack)  # before they are read
         model, cameras = open_model(job.model), _cameras(job)
         known = {"cameras": cameras.names, "frames": _frames_if_edited(job, cameras)}
-        edits = open_edits(job.edits_applied, job.source, model.markerset, **known)
+        edits = _tracked(open_edits(job.edits_applied, job.source, model.markerset, **known), job, cameras)
         settings = BlobOptions(job.method, job.frame_rate, job.target, job.options, _occlusion(job, model), edits)
         agreement, check = MethodAgreement(), CameraCheck(cameras, model.markerset)
         trouble = TakeTrouble(model.markerset.markers, job.frame_rate, edits, cameras, model.markerset.by_name)
@@ -93,6 +96,19 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
 def _frames_if_edited(job: LabelJob, cameras: Cameras) -> tuple[int, int] | None:
     """The first and last frame of a take that is edited, to check the edits' frames by; None for a part of one."""
     return frames_in(job.source, cameras) if job.edits_applied and not job.frames else None
+
+
+def _tracked(edits: Edits, job: LabelJob, cameras: Cameras) -> Edits:
+    """The edits, which know the tracks of the blobs that they are of: for that their cameras' blobs are read before."""
+    wanted = wants_tracks(edits).values()
+    if not wanted:
+        return edits
+    frames = min(span[0] for span in wanted), max(span[1] for span in wanted)
+    chunks = (rows.blobs for rows in read_blobs(job.source, cameras, frames))
+    try:
+        return followed(edits, chunks, cameras.names, BLOB_EDITING.max_distance_px)
+    except InputError:  # nothing is there in these frames; whatever else is wrong with the file, reading it tells
+        return edits
 
 
 def _facts(job: LabelJob, method: str, cameras: Cameras, results: "Results", agreement: MethodAgreement) -> dict:
