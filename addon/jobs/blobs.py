@@ -88,7 +88,7 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
             facts |= of_gaps
         facts |= facts_of_trouble(trouble, results.summary.suspects)
         said = {"outcomes": joined(results.outcomes), "overview": overview, "fills": fills}
-        made = Outcome(points, results.chunks, cameras, results.summary, facts, inputs, **said)
+        made = Outcome(points, results.chunks, cameras, results.summary, facts, inputs, edits, **said)
         report = write_take(job, files, model.markerset, made, clock)
     return Labelled(report, results.chunks if job.keep else [], edits)
 
