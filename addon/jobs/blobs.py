@@ -19,11 +19,13 @@ from ..core.data.takes import BY_EDIT, STEPS, Blobs, EditOutcome, LabelledChunk,
 from ..core.edits.applying import BLOB_EDITING, joined
 from ..core.edits.blob_tracks import followed, wants_tracks
 from ..core.edits.kinds import Edits
+from ..core.filling.rays import MarkerRays, rays_of
 from ..core.geometry.cameras import Cameras
 from ..core.pipelines.blobs import BlobOptions, blob_method, label_blobs, steps_of
 from ..core.pipelines.cross_check import MethodAgreement
 from ..core.points.models import Model
 from ..core.review.answering import without_accepted
+from ..core.review.doubtful import doubtful_ranges, doubtful_samples
 from ..core.review.odd_cameras import CameraCheck
 from ..core.review.overview import OverviewSubject, TakeOverview
 from ..core.review.summary import TakeSummary
@@ -61,7 +63,8 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         overview = TakeOverview(subject, job.frame_rate, cameras, edits) if job.html else None
         source = Source(job, cameras)
         work = label_blobs(source.blobs(), cameras, model, settings, agreement)
-        results = Results(job, files, model.markerset.markers, stack)
+        results = Results(job, cameras, files, model.markerset.markers, stack)
+        said_of, doubtful = (model.markerset.markers, job.frame_rate), {}
         clock = {"load": perf_counter() - begin, "write": 0.0}
         for chunk in work:
             row = source.taken.popleft()
@@ -71,6 +74,11 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
             if overview is not None:
                 overview.add(row.blobs, chunk)
             trouble.add(row.blobs, chunk.labels, chunk.motion)
+            asked = doubtful_samples(
+                row.blobs, chunk.labels, chunk.motion, chunk.suspects, *said_of, edits, model.markerset.by_name
+            )
+            for name, spans in doubtful_ranges(asked, chunk.motion.frames, model.markerset.markers).items():
+                doubtful.setdefault(name, []).extend(spans)
             yield Progress(row.fraction, f"frame {row.blobs.frames[-1]}")
         clock["load"] += source.seconds
         with timed(clock, "label"):
@@ -84,9 +92,11 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         points, fills = results.motion.points(), ()
         if job.fill:
             with timed(clock, "fill"):
-                points, of_gaps, fills = yield from fill_labelled(points, model.markerset, (overview, trouble))
+                points, of_gaps, fills = yield from fill_labelled(
+                    points, model.markerset, (overview, trouble), MarkerRays.join(results.rays)
+                )
             facts |= of_gaps
-        facts |= facts_of_trouble(trouble, results.summary.suspects)
+        facts |= facts_of_trouble(trouble, results.summary.suspects) | {"doubtful": doubtful}
         said = {"outcomes": joined(results.outcomes), "overview": overview, "fills": fills}
         made = Outcome(points, results.chunks, cameras, results.summary, facts, inputs, edits, **said)
         report = write_take(job, files, model.markerset, made, clock)
@@ -163,10 +173,16 @@ class Results:
 
     chunks    the chunks, where the job keeps them
     outcomes  what became of the edits in each chunk
+    rays      of the markers that one camera alone sees, by chunk, each with the index of its first frame; where gaps
+              are to be filled
     """
 
-    def __init__(self, job: LabelJob, files: dict[str, Path], markers: tuple[str, ...], stack: ExitStack):
+    def __init__(
+        self, job: LabelJob, cameras: Cameras, files: dict[str, Path], markers: tuple[str, ...], stack: ExitStack
+    ):
         self.blend, self.kept = job.blend, job.keep or job.blend
+        self.cameras = cameras if job.fill else None
+        self.rays: list[tuple[int, MarkerRays]] = []
         self.motion = stack.enter_context(MotionFile(stack.enter_context(scratch_folder()), markers, job.frame_rate))
         self.labels = stack.enter_context(LabelWriter(files[".labels.csv"], markers))
         self.summary = TakeSummary(markers)
@@ -177,6 +193,10 @@ class Results:
         """Writes the labels and keeps what the end needs; JobError once a `.blend` is wanted that cannot be."""
         self.labels.write(row.keys, chunk.labels)
         self.motion.append(chunk.motion)
+        if self.cameras is not None:
+            missing = ~np.isfinite(chunk.motion.markers).all(axis=2)
+            first = int(chunk.motion.frames[0]) - self.motion.first_frame
+            self.rays.append((first, rays_of(row.blobs, chunk.labels, self.cameras, missing)))
         if self.blend:
             refuse_long(self.motion.first_frame, int(row.blobs.frames[-1]))
         self.summary.add(chunk)

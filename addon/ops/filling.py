@@ -5,14 +5,17 @@ from collections.abc import Callable, Generator, Sequence
 from functools import partial
 
 import bpy
+import numpy as np
 from bpy.props import EnumProperty, IntProperty
 
 from ..core.body.posing import POSING
 from ..core.data.background import in_background
 from ..core.data.errors import InputError, UserError
 from ..core.data.markersets import MarkerSet
+from ..core.data.takes import Blobs
 from ..core.filling.filling import FilledTake, FillOptions, fill_take
 from ..core.filling.kept import KeptFill, kept_fills_of, replaced_fills
+from ..core.filling.rays import NO_RAYS, MarkerRays, rays_of
 from ..io.filled import left_rows
 from ..io.names import written
 from ..props import chosen_markerset, refresh_review
@@ -101,7 +104,7 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, WorksInSteps, bpy.types.Operator):
         stored, options = self._asked(context)
         self._of = context.scene.mocap_autolabel.take.session_uid
         markerset, columns = body_of(context, stored, options.method)
-        work = partial(fill_take, stored.unfilled.markers, stored.rate, options, markerset, columns)
+        work = partial(fill_take, stored.unfilled.markers, stored.rate, options, markerset, columns, _rays(stored))
         return in_background(lambda tell: told_all_the_way(work(), tell))
 
     def _asked(self, context) -> tuple[Stored, FillOptions]:
@@ -134,6 +137,14 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, WorksInSteps, bpy.types.Operator):
         return self._shown(context)
 
 
+def _rays(stored: Stored) -> MarkerRays:
+    """The rays of markers that one camera alone sees; none in a take of points."""
+    if not isinstance(stored.rows, Blobs):
+        return NO_RAYS
+    missing = ~np.isfinite(stored.unfilled.markers).all(axis=2)
+    return rays_of(stored.rows, stored.labels, stored.cameras, missing)
+
+
 def told_all_the_way(work: Generator[float, None, FilledTake], tell: Callable[[float], None]) -> FilledTake:
     """What the work returns; a `tell` that raises ends it."""
     while True:
@@ -148,8 +159,6 @@ def body_of(context: bpy.types.Context, stored: Stored, method: str) -> tuple[Ma
 
     Without one the body fills nothing; InputError where it was asked for.
     """
-    import numpy as np
-
     try:
         markerset = chosen_markerset(context.scene.mocap_autolabel)
     except UserError:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core.data.takes import CONFLICT, EXCLUSIVE, NO_MARKER, REMAINING, STEPS, PointRows, rows_in_frame
+from ..core.review.doubtful import SURE_NAME, markers_of
 from ..scene.take import Stored
-from ..scene.trajectories import SURE_NAME, markers_of
 
 GREEN, CYAN, MAGENTA, GREY = (
     (0.15, 0.85, 0.3, 1.0),

@@ -42,7 +42,7 @@ def measured_at(motion: Motion, blobs: Blobs, labels: Labels, cameras: Cameras, 
     """The motion with the markers of some samples, `where` (T, M), where the rays of their blobs meet."""
     markers, residual, pixels = (getattr(motion, name).copy() for name in ("markers", "residual", "residual_px"))
     if where.any():
-        found = _met(blobs, labels, cameras, where)
+        found = measured_points(blobs, labels, cameras, where)
         for own, again in zip((markers, residual, pixels), found, strict=True):
             own[where] = again
     return replace(motion, markers=markers, residual=residual, residual_px=pixels)
@@ -54,7 +54,7 @@ def put_places(motion: Motion, places: Mapping[tuple[int, int], np.ndarray]):
         motion.markers[at], motion.residual[at], motion.residual_px[at] = place, 0.0, np.nan
 
 
-def _met(
+def measured_points(
     blobs: Blobs, labels: Labels, cameras: Cameras, where: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of K samples where rays meet (K, 3) m, and how far they miss that, root mean square, (K,) m and (K,) px."""
