@@ -22,6 +22,7 @@ from ..scene.smoothing import kept_cutoff
 from ..scene.stored import Stored
 from ..scene.take import SOURCE, is_take, show_edits, takes_of
 from .correcting import selected_markers
+from .polling import OfTake
 from .reporting import reports_trouble
 from .stepping import WorksInSteps
 
@@ -70,20 +71,6 @@ def wanted_markers(context: bpy.types.Context, stored: Stored, extent: str) -> t
     if extent == "MARKER" and not names:
         raise InputError("no marker is selected; expected those whose gaps are meant")
     return None if extent == "TAKE" or not names else tuple(stored.names.index(name) for name in names)
-
-
-class OfTake:
-    """Operators on the active take, of blobs or points."""
-
-    @classmethod
-    def poll(cls, context):
-        if not is_take(context.scene.mocap_autolabel.take):
-            cls.poll_message_set("Label a take first")
-            return False
-        if context.mode != "OBJECT":
-            cls.poll_message_set("Go to object mode first")
-            return False
-        return True
 
 
 class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, WorksInSteps, bpy.types.Operator):
@@ -189,13 +176,9 @@ class HasFills(OfTake):
     """Operators on the fills that there are."""
 
     @classmethod
-    def poll(cls, context):
-        if not super().poll(context):
-            return False
-        if len(context.window_manager.mocap_autolabel.fills):
-            return True
-        cls.poll_message_set("Nothing was filled")
-        return False
+    def lacks(cls, context):
+        filled = len(context.window_manager.mocap_autolabel.fills)
+        return super().lacks(context) or ("" if filled else "Nothing was filled")
 
 
 class MOCAP_AUTOLABEL_OT_take_back_fills(HasFills, bpy.types.Operator):
