@@ -17,6 +17,7 @@ from ..scene.redrawing import redraw
 from ..scene.take import is_take
 from ..scene.trajectories import CORRECTED, DOUBTFUL, FILLED, GAP, NAMED, STATES, UNNAMED, Runs
 from .lettering import Letters, pixel_matrix
+from .parts import Reviewing
 
 # Okabe and Ito's colours, which are told apart whatever one's eyes, and for each a form of its own as well.
 STATE_COLOURS = {
@@ -316,17 +317,11 @@ def draw_view_menu(self, context):
     self.layout.prop(context.window_manager.mocap_autolabel, "timeline_unfolded")
 
 
-class MOCAP_AUTOLABEL_PT_timeline(bpy.types.Panel):
+class MOCAP_AUTOLABEL_PT_timeline(Reviewing, bpy.types.Panel):
     """The trajectory timeline's switch."""
 
     bl_label = "Trajectory Timeline"
-    bl_space_type, bl_region_type, bl_category = "VIEW_3D", "UI", "Mocap"
-    bl_parent_id = "MOCAP_AUTOLABEL_PT_review"
     bl_options = {"DEFAULT_CLOSED"}
-
-    @classmethod
-    def poll(cls, context):
-        return is_take(context.scene.mocap_autolabel.take)
 
     def draw(self, context):
         column = self.layout.column()
