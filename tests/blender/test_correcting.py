@@ -40,20 +40,11 @@ def files(tmp_path, made):
 
 
 @pytest.fixture
-def labelled(extension, empty, files, monkeypatch):
+def labelled(extension, empty, files, name_as):
     """The take in a scene, named as it is, by a naming that knows."""
-    pipeline = importlib.import_module(f"{extension}.addon.core.points.whole_take.pipeline")
-    takes = importlib.import_module(f"{extension}.addon.core.data.takes")
     truth = np.arange(GHOST + 1)
     truth[GHOST] = NO_MARKER
-
-    def name(points, rate):
-        there = np.isfinite(points).all(axis=2)
-        marker = np.where(there, truth, NO_MARKER)
-        named = marker != NO_MARKER
-        yield takes.Labels(marker, np.where(named, takes.BY_FIT, takes.NO_STEP), named * 1.0, named * 1.0)
-
-    monkeypatch.setattr(pipeline, "namer_of", lambda *_: SimpleNamespace(step=takes.BY_FIT, name=name))
+    name_as(truth)
     assert bpy.ops.mocap_autolabel.import_points(filepath=str(files.take)) == {"FINISHED"}
     assert bpy.ops.mocap_autolabel.open_markerset(filepath=str(files.folder / "small.markerset.json")) == {"FINISHED"}
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
