@@ -11,6 +11,7 @@ from ..core.body.posing import POSING
 from ..core.data.background import in_background
 from ..core.data.errors import InputError, UserError
 from ..core.data.markersets import MarkerSet
+from ..core.data.progress import finished
 from ..core.filling.filling import FilledTake, FillOptions, fill_take
 from ..core.filling.kept import KeptFill, kept_fills_of, replaced_fills
 from ..io.filled import left_rows
@@ -89,7 +90,7 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, WorksInSteps, bpy.types.Operator):
         self._of = context.scene.mocap_autolabel.take.session_uid
         markerset, columns = body_of(context, stored, options.method)
         work = partial(fill_take, stored.unfilled.markers, stored.rate, options, markerset, columns)
-        return in_background(lambda tell: told_all_the_way(work(), tell))
+        return in_background(lambda tell: finished(work(), tell))
 
     def _asked(self, context) -> tuple[Stored, FillOptions]:
         settings = context.scene.mocap_autolabel
@@ -119,15 +120,6 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, WorksInSteps, bpy.types.Operator):
     def _show(self, context, result: FilledTake) -> set[str]:
         self._result = result
         return self._shown(context)
-
-
-def told_all_the_way(work: Generator[float, None, FilledTake], tell: Callable[[float], None]) -> FilledTake:
-    """What the work returns; a `tell` that raises ends it."""
-    while True:
-        try:
-            tell(next(work))
-        except StopIteration as done:
-            return done.value
 
 
 def body_of(context: bpy.types.Context, stored: Stored, method: str) -> tuple[MarkerSet | None, object]:

@@ -14,6 +14,7 @@ import bpy
 import numpy as np
 import pytest
 
+from addon.core.data.progress import finished
 from addon.io.blobs import write_blobs
 from addon.io.cameras import write_cameras
 from addon.io.markersets import open_markerset, write_markerset
@@ -171,11 +172,7 @@ def test_what_is_odd_about_cameras_is_said_and_kept_with_the_take(ready, labelli
     job = importlib.import_module(labelling.module.label_file.__module__ + ".blobs")
     suspect = job.Suspect(100, 105, words)
     monkeypatch.setattr(job.CameraCheck, "suspects", lambda _: (suspect,))
-    steps = labelling.module.label_steps(labelling.module.job_of(ready), "walk")
-    with pytest.raises(StopIteration) as done:
-        while True:
-            next(steps)
-    take = done.value.value
+    take = finished(labelling.module.label_steps(labelling.module.job_of(ready), "walk"))
     assert take.doubts == (words,)
     operator = SimpleNamespace(report=lambda level, text: said.append((level, text)))
     assert labelling.module.MOCAP_AUTOLABEL_OT_label._show(operator, ready, take) == {"FINISHED"}

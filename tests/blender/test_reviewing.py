@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 import pytest
 
+from addon.core.data.progress import finished
 from addon.core.data.takes import NO_MARKER, Points, Suspect
 from addon.io.edits import read_edits
 from addon.io.markersets import write_markerset
@@ -213,9 +214,6 @@ def test_what_is_said_while_labelling_goes_on_is_not_lost(state):
     for item in context.scene.mocap_autolabel.take.all_objects:
         item.select_set(item.get(naming.MARKER) == "RKNE")
     assert bpy.ops.mocap_autolabel.unlabel(scope="WHOLE") == {"FINISHED"}
-    with pytest.raises(StopIteration) as done:
-        while True:
-            next(steps)
-    assert labelling.MOCAP_AUTOLABEL_OT_label._show(again, context, done.value.value) == {"FINISHED"}
+    assert labelling.MOCAP_AUTOLABEL_OT_label._show(again, context, finished(steps)) == {"FINISHED"}
     assert len(state.review.corrections) == 1
     assert rows(state, kind="missing", name="RKNE")
