@@ -12,8 +12,8 @@ from ..core.data.background import in_background
 from ..core.data.errors import InputError, UserError
 from ..core.data.markersets import MarkerSet
 from ..core.data.progress import finished
-from ..core.filling.filling import FilledTake, FillOptions, fill_take
-from ..core.filling.kept import KeptFill, kept_fills_of, replaced_fills
+from ..core.filling.filling import FilledTake, FillOptions, fill_take, kept_fills_of
+from ..core.filling.kept import KeptFill, replaced_fills
 from ..io.filled import left_rows
 from ..io.names import written
 from ..props import chosen_markerset, refresh_review
