@@ -228,3 +228,16 @@ def name_as(extension, monkeypatch) -> Callable[[np.ndarray], None]:
         monkeypatch.setattr(pipeline, "namer_of", lambda *_: SimpleNamespace(step=takes.BY_FIT, name=name))
 
     return know
+
+
+@pytest.fixture
+def suspects(extension) -> Callable[[], list[tuple[int, int, str]]]:
+    """What is doubted of the active take now: first and last of Blender's frames, and why."""
+    opened = importlib.import_module(f"{extension}.addon.scene.opened").opened
+
+    def of_active_take() -> list[tuple[int, int, str]]:
+        scene = bpy.context.scene
+        stored = opened.take(scene.mocap_autolabel.take, scene)
+        return [(one.first + stored.shift, one.last + stored.shift, one.reason) for one in stored.suspects]
+
+    return of_active_take
