@@ -142,11 +142,9 @@ class MOCAP_AUTOLABEL_OT_learn_take(Trains, bpy.types.Operator):
     bl_label = "Learn from This Take"
 
     @classmethod
-    def poll(cls, context):
-        if is_take(context.scene.mocap_autolabel.take):
-            return True
-        cls.poll_message_set("Label a take first, and correct it")
-        return False
+    def lacks(cls, context):
+        words = lacks_take(context)
+        return f"{words}, and correct it" if words else ""
 
     def steps(self, context):
         """The training."""

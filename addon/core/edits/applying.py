@@ -269,6 +269,8 @@ def apply_to_blobs(labels: Labels, edits: Edits, cells: BlobCells) -> AppliedEdi
         elif rows is not None and isinstance(edit, BlobEdit):
             found, reason = blobs_of(edit, cells)
             done = _of_blobs(replay, edit, cells.image[found], cells.slot[found], cells.names)
+            if isinstance(edit, AssignBlob):
+                _give_up_places(places, replay, cells.names[edit.marker], cells.blobs.frame[found], len(cells.cameras))
         elif rows is not None and isinstance(edit, Accepted):
             done = rows.stop - rows.start
         elif rows is not None:
@@ -289,6 +291,13 @@ def _move_places(places: dict, edit: Edit, rows: slice, names: Mapping[str, int]
     if isinstance(edit, Swap):
         places.update({(frame, sum(marker) - name): xyz for (frame, name), xyz in moved.items()})
     return len(moved)
+
+
+def _give_up_places(places: dict, replay: Replay, marker: int, frames: np.ndarray, cameras: int):
+    """Takes away where a marker was placed in some frames (K,), once blobs of two cameras say where it is."""
+    for frame in frames.tolist():
+        if (frame, marker) in places and replay.seen(np.arange(frame * cameras, (frame + 1) * cameras), marker) >= 2:
+            del places[frame, marker]
 
 
 def _of_blobs(replay: Replay, edit: BlobEdit, image: np.ndarray, slot: np.ndarray, names: Mapping[str, int]) -> int:

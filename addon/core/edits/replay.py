@@ -183,6 +183,10 @@ class Replay:
         self.right[at, marker] = True
         return len(at)
 
+    def seen(self, at: np.ndarray, marker: int) -> int:
+        """In how many of some rows (K,) a column is the marker."""
+        return int((self._holder(at, marker) >= 0).sum())
+
     def done(self) -> Edited:
         """The labels as they are now."""
         labels, rules = self.labels, (np.flatnonzero((self.rule != FREE).any(axis=0)))

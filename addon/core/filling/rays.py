@@ -36,7 +36,7 @@ class RayOptions:
     margin_s     seconds on either side that are looked at as well
     """
 
-    lasts_s: float = 0.3
+    lasts_s: float = 0.15
     blob_px: float = 0.5
     least_m: float = 0.0005
     end_m: float = 0.003
