@@ -69,8 +69,7 @@ def hardly_found(counts: np.ndarray, frames: int, names: Sequence[str]) -> list[
     hardly = [f"{names[index]} ({counts[index]})" for index in few if counts[index]]
     said = []
     if never:
-        verb = "stay" if len(never) > 1 else "stays"
-        said.append(f"{listed(never)}: found in no frame that could be learned, so what was known before {verb}")
+        said.append(f"{listed(never)}: found in no frame that could be learned, so what was known before stays")
     if hardly:
         said.append(f"{listed(hardly)}: found in hardly any frames that could be learned, so little is new of them")
     return said
