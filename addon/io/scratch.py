@@ -35,7 +35,7 @@ FORSAKEN = 86400.0  # s; nobody takes so long from making a lock to holding it
 def scratch_folder() -> Iterator[Path]:
     """A folder among the system's temporary ones, gone at the end; JobError that names the place where there is none.
 
-    What is written there goes through `told_of`.
+    What is written there goes through `naming_scratch`.
     """
     try:
         parent = Path(tempfile.gettempdir())
@@ -47,7 +47,7 @@ def scratch_folder() -> Iterator[Path]:
 
 
 @contextmanager
-def told_of(folder: Path) -> Iterator[None]:
+def naming_scratch(folder: Path) -> Iterator[None]:
     """Turns what the system says of writing to a scratch folder into a JobError that names it and not the output."""
     try:
         yield

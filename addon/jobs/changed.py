@@ -12,7 +12,7 @@ from ..core.data.takes import NO_MARKER
 from ..core.review.changes import changes, summary_of_changes
 from ..io.labels import LabelFile
 
-MOST_TOLD = 200  # changes that a report lists, the longest first: a list that a person reads
+MAX_LISTED = 200  # changes that a report lists, the longest first: a list that a person reads
 
 
 def facts_of_changes(before: Path, after: Path, markers: Sequence[str]) -> dict:
@@ -26,7 +26,7 @@ def facts_of_changes(before: Path, after: Path, markers: Sequence[str]) -> dict:
         return {}
     if found is None:
         return {}
-    return {"changed": [one.as_dict() for one in found[:MOST_TOLD]], "changed_in_all": summary_of_changes(found)}
+    return {"changed": [one.as_dict() for one in found[:MAX_LISTED]], "changed_in_all": summary_of_changes(found)}
 
 
 def _changes(old: LabelFile, new: LabelFile, markers: Sequence[str]):

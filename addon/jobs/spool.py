@@ -9,7 +9,7 @@ import numpy as np
 
 from ..core.data.takes import Points
 from ..core.reconstruction.trajectories import RECONSTRUCTION, Reconstructed
-from ..io.scratch import told_of
+from ..io.scratch import naming_scratch
 
 MOST_COLUMNS = 255  # beyond this, trajectories that are far apart in time share a column
 REST = 1.0  # s between two trajectories of one column
@@ -26,12 +26,12 @@ class TrajectoryFile:
         self.spans = np.zeros((0, 3), np.int64)
 
     def __enter__(self) -> Self:
-        with told_of(self.folder):
+        with naming_scratch(self.folder):
             self.file = self.path.open("w+b")
         return self
 
     def __exit__(self, *_: object):
-        with suppress(OSError):  # of a full disk, which was told
+        with suppress(OSError):  # of a full disk, which was said
             self.file.close()
 
     def append(self, part: Reconstructed):
@@ -41,7 +41,7 @@ class TrajectoryFile:
         self._note(part.trajectory, len(self.counts) + part.frame)
         rows = np.empty(len(part.points), ROW)
         rows["trajectory"], rows["xyz"], rows["residual"] = part.trajectory, part.points, part.residual
-        with told_of(self.folder):
+        with naming_scratch(self.folder):
             append(self.file, rows)
         self.counts += np.bincount(part.frame, minlength=len(part.frames)).tolist()
 
@@ -55,7 +55,7 @@ class TrajectoryFile:
         np.maximum.at(self.spans[:, 2], trajectory, frame)
 
     def points(self) -> Points:
-        """The whole take, a trajectory a column, in the order in which they begin; read from disk piece by piece.
+        """The whole take, a trajectory a column, in the order in which they begin; read from disk part by part.
 
         Passing coincidences of rays are left out.
         """

@@ -9,6 +9,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable
 from functools import partial
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,7 @@ from .walking import RATE, walking
 PLATFORM = "linux-x64"
 ROOMS = ("vicon12", "ring")
 TAKE_COLUMNS = ("take", "cameras", "frames", "blobs", "labels", "wrong", "recall", "F1", "most often", "frames/s")
+BOTH_COLUMNS = ("take", "cameras", "frames", "blobs", "labels", "wrong", "precision", "recall")
 # Words of a command line in, the ended program out.
 Program = Callable[..., subprocess.CompletedProcess]
 
@@ -65,8 +67,9 @@ class Door:
 
 def here(*words: str) -> subprocess.CompletedProcess:
     """The command line of this Python, with rays cast at the body as inside Blender."""
-    program = Path(sys.executable).with_name("mocap-autolabel")
-    return subprocess.run([program, *words, "--occlusion", "bvh"], capture_output=True, text=True, check=False)
+    program = (sys.executable, "-c", "import sys; from addon.cli import main; sys.exit(main(sys.argv[1:]))")
+    command = (*program, *words, "--occlusion", "bvh")
+    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=build.ROOT)
 
 
 def run_walking(plan: Plan):
@@ -121,35 +124,57 @@ def _take_cells(trial: Trial, score: Score, speed: float) -> list:
 
 
 def run_door(plan: Plan):
-    """Standing frames, and one person's walks a group, by a real Blender and by the command line of this Python."""
+    """Standing frames, and every walk and turn of everybody, by a real Blender and by this Python's command line."""
     blender = real_blender.find()
-    rows = []
+    rows, takes = [], []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        inside = _install(blender, folder)
-        for set_name in plan.sets:
-            for kind, trials_of, rate, count in (
-                ("standing frames, paper's rig", standing, 100.0, max(plan.count // 4, 2)),
-                ("walks and turns, vicon12", walking, RATE, 2),
-            ):
-                score, differing = None, 0
-                for number, fold in enumerate(plan.folds):
-                    markerset = left_out_model(set_name, fold)
-                    score = score or Score(markerset.markers)
-                    place = folder / f"{set_name}-{rate:.0f}-{number}"
-                    doors = [
-                        Door(markerset, program, place.with_suffix(f".{which}"), rate)
-                        for which, program in (("blender", inside), ("here", here))
-                    ]
-                    for trial in trials_of(markerset.markers, fold, count, plan.seed):
-                        (names, steps), (others, _) = (door(trial.blobs, trial.cameras) for door in doors)
-                        score.count(trial, names, steps)
-                        differing += int((names != others).sum())
-                blobs = share(differing, score.blobs, 3)
-                rows.append([set_name, kind, score.takes, *score_cells(score.counts), blobs])
+        programs = {"blender": _install(blender, folder), "here": here}
+        # The most people first, so that a run that is stopped has seen them all.
+        for set_name, room in product(reversed(plan.sets), (*ROOMS, None)):
+            title = f"walks and turns, {room}" if room else "standing frames, paper's rig"
+            score, differing = None, 0
+            for number, fold in enumerate(plan.folds):
+                markerset = left_out_model(set_name, fold)
+                score = score or Score(markerset.markers)
+                for trial, (names, others) in _by_doors(plan, markerset, fold, room, programs, folder / f"{number}"):
+                    alone = Score(markerset.markers)
+                    for one in (score, alone):
+                        one.count(trial, *names)
+                    otherwise = int((names[0] != others[0]).sum())
+                    differing += otherwise
+                    if room:
+                        takes.append([set_name, room, *_both_cells(trial, alone), otherwise])
+                        print(*takes[-1], sep=" | ", file=sys.stderr, flush=True)
+            blobs = share(differing, score.blobs, 3)
+            rows.append([set_name, title, score.takes, *score_cells(score.counts), blobs])
+            show(plan, score)
     print(f"\n### Through the command line of a real Blender, ghosts ({plan.people()})\n")
     print("Blender {}.{}.{}".format(*blender.version) + "\n")
     print(table(("set", "captures", "takes", *SCORE_COLUMNS, "blobs named otherwise than outside Blender"), rows))
+    print("\n" + table(("set", "room", *BOTH_COLUMNS, "named otherwise outside"), takes))
+
+
+def _by_doors(plan: Plan, markerset: MarkerSet, fold, room: str | None, programs: dict[str, Program], place: Path):
+    """Yields each capture, and what every door says of it; `room` None means standing frames in the paper's rig."""
+    if room:
+        trials, rate = walking(markerset.markers, fold, None, plan.seed, room=room), RATE
+    else:
+        trials, rate = standing(markerset.markers, fold, max(plan.count // 4, 2), plan.seed), 100.0
+    doors = [
+        Door(markerset, program, place.with_name(f"{markerset.name}-{room}-{place.name}-{which}"), rate)
+        for which, program in programs.items()
+    ]
+    for trial in trials:
+        yield trial, [door(trial.blobs, trial.cameras) for door in doors]
+
+
+def _both_cells(trial: Trial, score: Score) -> list:
+    """The cells under `BOTH_COLUMNS` of one take."""
+    counts = score.counts
+    rates = [f"{100 * counts.as_dict()[name]:.2f} %" for name in ("precision", "recall")]
+    wrong = counts.given - counts.right
+    return [trial.title, len(trial.cameras), counts.frames, len(trial.blobs), counts.given, wrong, *rates]
 
 
 def _install(blender: real_blender.RealBlender, folder: Path) -> Program:

@@ -14,7 +14,7 @@ MAX_WAIT_S = 0.2  # s; so long a step waits for news
 
 
 def in_background(work: Callable[[Callable[[float], None]], Any]) -> Generator[float, None, Any]:
-    """Runs `work(tell)` in a thread; yields the last share that it told, now and then, and returns its result.
+    """Runs `work(tell)` in a thread; yields the last share that it gave, now and then, and returns its result.
 
     What `work` raises is raised here. Closing the generator makes the next `tell` end the work.
     """
@@ -40,13 +40,13 @@ def in_background(work: Callable[[Callable[[float], None]], Any]) -> Generator[f
     try:
         while True:
             try:
-                told = news.get(timeout=MAX_WAIT_S)
+                item = news.get(timeout=MAX_WAIT_S)
             except queue.Empty:
                 yield share
                 continue
-            if told is WORK_DONE:
+            if item is WORK_DONE:
                 break
-            share = told
+            share = item
             yield share
     finally:
         stop.set()
@@ -56,7 +56,7 @@ def in_background(work: Callable[[Callable[[float], None]], Any]) -> Generator[f
 
 
 def drained(steps: Generator[Progress, None, Any], tell: Callable[[float], None]) -> Any:
-    """What a job returns, having told how far it is all the way; a `tell` that raises ends it."""
+    """What a job returns, having said how far it is all the way; a `tell` that raises ends it."""
     with closing(steps):
         while True:
             try:

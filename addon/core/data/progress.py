@@ -41,12 +41,12 @@ def within(
     """
     while True:
         try:
-            told = next(work)
+            item = next(work)
         except StopIteration as end:
             return end.value
-        if isinstance(told, Stage):
-            (first, last), note, told = spans[told.name], told.note, 0.0
-        share, doing = told if isinstance(told, tuple) else (told, note)
+        if isinstance(item, Stage):
+            (first, last), note, item = spans[item.name], item.note, 0.0
+        share, doing = item if isinstance(item, tuple) else (item, note)
         yield Progress(first + (last - first) * share, doing)
 
 

@@ -222,8 +222,8 @@ def _sound(way: Way) -> Way:
     """The same, with no answer where a part of it is no number: it would be the best of all trials."""
 
     def answer(gap: Gap, own: np.ndarray) -> Answer:
-        told = way(gap, own)
-        return None if told is None or not np.isfinite(told[0]).all() else told
+        answer = way(gap, own)
+        return None if answer is None or not np.isfinite(answer[0]).all() else answer
 
     return answer
 

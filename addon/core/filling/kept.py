@@ -60,14 +60,14 @@ def put_fills(motion: Motion, names: Sequence[str], fills: Sequence[KeptFill]) -
     if not fills:
         return motion, ()
     markers, residual = motion.markers.copy(), motion.residual.copy()
-    misfits = []
+    reasons = []
     for fill in fills:
-        reason = _misfit(motion, names, fill)
-        misfits.append(reason)
+        reason = _why_not(motion, names, fill)
+        reasons.append(reason)
         if not reason:
             at = fill_rows(motion.frames, fill), list(names).index(fill.marker)
             markers[at], residual[at] = fill.xyz, 0.0
-    return replace(motion, markers=markers, residual=residual), tuple(misfits)
+    return replace(motion, markers=markers, residual=residual), tuple(reasons)
 
 
 def fill_rows(frames: np.ndarray, fill: KeptFill) -> slice:
@@ -89,7 +89,7 @@ def replaced_fills(old: Iterable[KeptFill], new: Sequence[KeptFill]) -> tuple[Ke
     return tuple(sorted([*left, *new], key=lambda fill: (fill.marker, fill.first)))
 
 
-def _misfit(motion: Motion, names: Sequence[str], fill: KeptFill) -> str:
+def _why_not(motion: Motion, names: Sequence[str], fill: KeptFill) -> str:
     if fill.marker not in names:
         return "the take has no such marker"
     rows, own = fill_rows(motion.frames, fill), motion.markers[:, list(names).index(fill.marker)]

@@ -25,9 +25,9 @@ GAP_CELL, NAMED_CELL, DOUBTFUL_CELL, FILLED_CELL, EDITED_CELL = range(len(CELL_S
 class OverviewOptions:
     """How finely a take is kept; reckoned, by what a page shows and may weigh, and by memory.
 
-    columns      pieces of time at most, an even number; they get longer as the take does
+    columns      spans of time at most, an even number; they get longer as the take does
     per_decade   classes of a histogram in which a value grows tenfold: its quantiles are known to 6 %
-    least_mm     the smallest length that is told from others, and
+    least_mm     the smallest length that is distinguished from others, and
     decades      in which all lengths are
     least_px, pixel_decades  the same of reprojection errors
     at_once      frames whose markers are projected into all cameras at a time

@@ -226,8 +226,8 @@ class TakeTrouble:
         """All trouble, the worst first and what is answered last; suspects are the doubts, open and answered."""
         found = [*self._of_nobody(), *self._of_missing(), *self._of_leftovers(), *self._of_body()]
         doubts = list(self._of_doubts(suspects))
-        told = {name for one in doubts for name in one.cameras}
-        found += [*doubts, *(one for one in self._of_cameras() if one.cameras[0] not in told)]
+        doubted = {name for one in doubts for name in one.cameras}
+        found += [*doubts, *(one for one in self._of_cameras() if one.cameras[0] not in doubted)]
         found += [replace(one, stake=0.0, answered=True) for one in self._of_doubts(answered)]
         if any(isinstance(edit, Accepted) for edit in self.edits):
             found = [self._accepted_by(one) for one in found]
@@ -274,7 +274,7 @@ class TakeTrouble:
         beside = [one for one in self._left if one.beside is not None and self.names[one.beside] == name]
         if not share:
             reason, action = f"{name} is never found", RIGHT
-            advice = f"If {name} was not worn, say It Is Right; else name the point that is {name}, and label again"
+            advice = f"If {name} was not on the subject, say It Is Right; else name its point, and label again"
         elif share < TROUBLING.never_share:
             reason, action = f"{name} is found in {_percent(share)} of the frames only; {where}", NAME_IT
             advice = f"Look whether what is called {name} is {name}; name the point that is, and label again"
@@ -402,7 +402,7 @@ class TakeTrouble:
                     one.first,
                     one.last,
                     one.reason,
-                    stake=float(one.frames * len(self.names)),  # no name is to be trusted
+                    stake=float(one.frames * len(self.names)),  # no name can be relied on
                     advice="Import the calibration that the take was recorded with, in metres, then label again",
                 )
                 continue
