@@ -12,7 +12,7 @@ import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.data.takes import STEPS, Labels, PointRows
-from .blobs import LONGEST_LINE, csv_field
+from .blobs import BLOB_FILE, csv_field
 from .source import open_binary
 
 BLOB_KEYS = ("frame", "camera", "x", "y")
@@ -192,12 +192,14 @@ class LabelFile:
 
     def _texts(self) -> Iterator[str]:
         number = 0
-        while line := self.file.readline(LONGEST_LINE + 1):
+        while line := self.file.readline(BLOB_FILE.max_line_bytes + 1):
             number += 1
             if b"\0" in line:
                 raise InputError(f"is a binary file; expected {self.what}", self.path, number)
-            if len(line) > LONGEST_LINE:
-                raise InputError(f"has a line of over {LONGEST_LINE >> 20} MB; expected {self.what}", self.path, number)
+            if len(line) > BLOB_FILE.max_line_bytes:
+                raise InputError(
+                    f"has a line of over {BLOB_FILE.max_line_bytes >> 20} MB; expected {self.what}", self.path, number
+                )
             if not self._wanted:  # no name has a line's end in it, and a quote could go on to the end of the file
                 raise InputError(f"has a quote that is not closed; expected {self.what}", self.path, number - 1)
             self._wanted = False

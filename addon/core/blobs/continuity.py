@@ -12,7 +12,7 @@ import numpy as np
 
 from .labelling import Naming
 from .swaps import swap_names
-from .tracking import FrameResult
+from .tracking import FrameResult, met_points
 
 
 @dataclass(frozen=True)
@@ -71,11 +71,8 @@ def renamed(
 
     Returns the first and last of frames that were changed alike, both included, and the markers (K,) concerned.
     """
-    markers = next((len(result.naming.slot[0]) for result in results if result is not None), 0)
-    points = np.full((len(results), markers, 3), np.nan)
-    for index, result in enumerate(results):
-        if result is not None:
-            points[index] = result.naming.meeting.points
+    points = met_points(results)
+    markers = points.shape[1]
     tracklets = _tracklets(points, rate, options)
     target = _targets(tracklets, _joined(tracklets, rate, options), markers, options)
     wanted = np.full(points.shape[:2], -1)

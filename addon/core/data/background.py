@@ -5,12 +5,25 @@ import queue
 import threading
 from collections.abc import Callable, Generator
 from contextlib import closing
+from dataclasses import dataclass
 from typing import Any
 
 from .progress import Progress
 
 WORK_DONE = object()
-MAX_WAIT_S = 0.2  # s; so long a step waits for news
+
+
+@dataclass(frozen=True)
+class BackgroundOptions:
+    """How work in a thread is watched; reckoned.
+
+    max_wait_s  that a step waits for news of it: as long as a window may stand still
+    """
+
+    max_wait_s: float = 0.2
+
+
+BACKGROUND = BackgroundOptions()
 
 
 def in_background(work: Callable[[Callable[[float], None]], Any]) -> Generator[float, None, Any]:
@@ -40,7 +53,7 @@ def in_background(work: Callable[[Callable[[float], None]], Any]) -> Generator[f
     try:
         while True:
             try:
-                item = news.get(timeout=MAX_WAIT_S)
+                item = news.get(timeout=BACKGROUND.max_wait_s)
             except queue.Empty:
                 yield share
                 continue

@@ -9,9 +9,19 @@ import numpy as np
 from ..data.takes import Motion
 from .filling import FilledTake
 
-# m; how far samples beside a fill may be from those it was made between. Files keep single precision, 1e-6 m at 10 m;
-# another trajectory in the marker's place is hardly ever as near.
-SAME_PLACE_M = 1e-4
+
+@dataclass(frozen=True)
+class FillKeepingOptions:
+    """When a fill still goes with a take; reckoned.
+
+    same_place_m  how far samples beside a fill may be from those that it was made between: files keep single precision,
+                  1e-6 m at 10 m, and another trajectory in the marker's place is hardly ever as near
+    """
+
+    same_place_m: float = 1e-4
+
+
+FILL_KEEPING = FillKeepingOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +112,6 @@ def _why_not(motion: Motion, names: Sequence[str], fill: KeptFill) -> str:
         beside[0] = own[rows.start - 1]
     if rows.stop < len(own):
         beside[1] = own[rows.stop]
-    if not np.allclose(beside, fill.path[[0, -1]], rtol=0, atol=SAME_PLACE_M, equal_nan=True):
+    if not np.allclose(beside, fill.path[[0, -1]], rtol=0, atol=FILL_KEEPING.same_place_m, equal_nan=True):
         return "the marker is elsewhere now right before or after it"
     return ""

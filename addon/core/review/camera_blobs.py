@@ -16,15 +16,16 @@ class BesideOptions:
     beside_m     from where the body has a marker that has no blob in this image: a blob there may be it
     bin_px       of the table of errors from which the median is taken
     most_px      up to which it goes
+    frames_once  whose markers are projected into all cameras at a time
     """
 
     beside_m: float = 0.05
     bin_px: float = 0.02
     most_px: float = 40.0
+    frames_once: int = 500
 
 
 BESIDE = BesideOptions()
-PROJECTED_AT_ONCE = 500  # whose markers are projected into all cameras at a time
 
 
 @dataclass(frozen=True)
@@ -70,13 +71,13 @@ class CameraBlobs:
 
     def add(self, blobs: Blobs, labels: Labels, motion: Motion):
         """Adds a chunk."""
-        for first in range(0, len(blobs.frames), PROJECTED_AT_ONCE):
-            last = min(first + PROJECTED_AT_ONCE, len(blobs.frames))
+        for first in range(0, len(blobs.frames), BESIDE.frames_once):
+            last = min(first + BESIDE.frames_once, len(blobs.frames))
             rows = slice(*np.searchsorted(blobs.frame, [first, last]).tolist())
             self._add(blobs.frame[rows] - first, blobs.camera[rows], blobs.xy[rows], labels.marker[rows], motion, first)
 
     def _add(self, frame, camera, xy, marker, motion: Motion, first: int):
-        count, frames = len(self.names), slice(first, first + PROJECTED_AT_ONCE)
+        count, frames = len(self.names), slice(first, first + BESIDE.frames_once)
         named = marker != NO_MARKER
         self._blobs += np.bincount(camera, minlength=count)
         self._named += np.bincount(camera[named], minlength=count)

@@ -34,9 +34,6 @@ TROUBLE_KINDS = (NOBODY_THERE, MISSING, LEFT_OVER, OFF_BODY, IN_DOUBT, OF_CAMERA
 NAME_IT, FILL, UNLABEL, RIGHT, SWAP = "name", "fill", "unlabel", "right", "swap"
 REFINE, LABEL, DELETE = "refine", "label", "delete"
 
-# Ranges that are answered one by one; more are answered as a whole, which locks no label between them.
-MOST_ANSWERS = 8
-
 
 @dataclass(frozen=True)
 class TroubleOptions:
@@ -53,6 +50,8 @@ class TroubleOptions:
     extra_weight         at stake for a frame of a point on the body beside which no marker is missing: it may be one
                          that the set lacks, which is no label of this set; and of what is said of the whole take
     min_share_of_points  of the points left over for a moment each, of all points, that is worth a line
+    max_answers          ranges that are answered one by one; more are answered as a whole, which locks no label between
+                         them
     """
 
     min_missing_share: float = 0.01
@@ -65,6 +64,7 @@ class TroubleOptions:
     change_s: float = 1.0
     extra_weight: float = 0.1
     min_share_of_points: float = 0.005
+    max_answers: int = 8
 
 
 TROUBLING = TroubleOptions()
@@ -119,7 +119,7 @@ class Trouble:
     def answers(self) -> list[Edit]:
         """What a person says with "it is right": markers are, points are none, or what is said may be as it is."""
         ranges = self.ranges or ((self.first, self.last),)
-        if len(ranges) > MOST_ANSWERS:
+        if len(ranges) > TROUBLING.max_answers:
             return [Accepted(self.topic, frames=(ranges[0][0], ranges[-1][1]))]
         if self.kind in (MISSING, OFF_BODY) or (self.kind == IN_DOUBT and self.markers and not self.trajectories):
             return [Right(name, frames=span) for name in self.markers for span in ranges]

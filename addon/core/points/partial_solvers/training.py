@@ -13,6 +13,7 @@ from functools import partial
 import numpy as np
 
 from ...data.errors import InputError
+from ...data.progress import finished
 from . import search as searches
 from .assess import Occlusions, assess, draw_occlusions
 from .boosting import Boosting, boost, learn_intervals, rejections, wrong_labellings
@@ -74,20 +75,12 @@ def train_partial_solvers(
     markers,
     targets: float | np.ndarray = 0.9999,
     options: Training | None = None,
-    progress: Callable[[float, str], None] | None = None,
 ) -> PartialSolvers:
     """The ensemble of labelled frames (T, M, 3) m, z up, NaN where missing, of one or many people.
 
     targets: τ, for all markers or (M,). Raises InputError when there are too few frames or markers to learn from.
     """
-    steps = training(points, markers, targets, options)
-    while True:
-        try:
-            share, words = next(steps)
-        except StopIteration as end:
-            return end.value
-        if progress:
-            progress(share, words)
+    return finished(training(points, markers, targets, options))
 
 
 def training(
