@@ -7,7 +7,8 @@ import subprocess
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -32,6 +33,7 @@ from .walking import RATE, walking
 PLATFORM = "linux-x64"
 ROOMS = ("vicon12", "ring")
 TAKE_COLUMNS = ("take", "cameras", "frames", "blobs", "labels", "wrong", "recall", "F1", "most often", "frames/s")
+SUM_COLUMNS = ("takes", "wrong labels", "precision", "recall", "F1", "blobs named otherwise than outside Blender")
 BOTH_COLUMNS = ("take", "cameras", "frames", "blobs", "labels", "wrong", "precision", "recall")
 # Words of a command line in, the ended program out.
 Program = Callable[..., subprocess.CompletedProcess]
@@ -124,49 +126,75 @@ def _take_cells(trial: Trial, score: Score, speed: float) -> list:
 
 
 def run_door(plan: Plan):
-    """Standing frames, and every walk and turn of everybody, by a real Blender and by this Python's command line."""
-    blender = real_blender.find()
+    """Every walk and turn of everybody in both rooms, by a real Blender and by this Python's command line."""
     rows, takes = [], []
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        programs = {"blender": _install(blender, folder), "here": here}
-        # The most people first, so that a run that is stopped has seen them all.
-        for set_name, room in product(reversed(plan.sets), (*ROOMS, None)):
-            title = f"walks and turns, {room}" if room else "standing frames, paper's rig"
-            score, differing = None, 0
+    with tempfile.TemporaryDirectory() as name, _both(Path(name)) as programs:
+        for set_name, room in product(plan.sets, ROOMS):
+            score, differing = Score(left_out_model(set_name, plan.folds[0]).markers), 0
             for number, fold in enumerate(plan.folds):
                 markerset = left_out_model(set_name, fold)
-                score = score or Score(markerset.markers)
-                for trial, (names, others) in _by_doors(plan, markerset, fold, room, programs, folder / f"{number}"):
+                trials = walking(markerset.markers, fold, None, plan.seed, room=room)
+                place = Path(name) / f"{set_name}-{room}-{number}"
+                for trial, labels, otherwise in _by_both(trials, markerset, programs, place, RATE):
                     alone = Score(markerset.markers)
                     for one in (score, alone):
-                        one.count(trial, *names)
-                    otherwise = int((names[0] != others[0]).sum())
+                        one.count(trial, *labels)
                     differing += otherwise
-                    if room:
-                        takes.append([set_name, room, *_both_cells(trial, alone), otherwise])
-                        print(*takes[-1], sep=" | ", file=sys.stderr, flush=True)
-            blobs = share(differing, score.blobs, 3)
-            rows.append([set_name, title, score.takes, *score_cells(score.counts), blobs])
+                    takes.append([set_name, room, *_both_cells(trial, alone), otherwise])
+                    print(*takes[-1], sep=" | ", file=sys.stderr, flush=True)
+            rows.append([set_name, f"walks and turns, {room}", *_sum_cells(score, differing)])
             show(plan, score)
-    print(f"\n### Through the command line of a real Blender, ghosts ({plan.people()})\n")
-    print("Blender {}.{}.{}".format(*blender.version) + "\n")
-    print(table(("set", "captures", "takes", *SCORE_COLUMNS, "blobs named otherwise than outside Blender"), rows))
+    print(f"\n### Walks and turns through the command line of a real Blender, ghosts ({plan.people()})\n")
+    print(table(("set", "captures", *SUM_COLUMNS), rows))
     print("\n" + table(("set", "room", *BOTH_COLUMNS, "named otherwise outside"), takes))
 
 
-def _by_doors(plan: Plan, markerset: MarkerSet, fold, room: str | None, programs: dict[str, Program], place: Path):
-    """Yields each capture, and what every door says of it; `room` None means standing frames in the paper's rig."""
-    if room:
-        trials, rate = walking(markerset.markers, fold, None, plan.seed, room=room), RATE
-    else:
-        trials, rate = standing(markerset.markers, fold, max(plan.count // 4, 2), plan.seed), 100.0
+def run_door_standing(plan: Plan):
+    """Standing frames in the paper's rig, by a real Blender and by this Python's command line."""
+    rows = []
+    with tempfile.TemporaryDirectory() as name, _both(Path(name)) as programs:
+        for set_name in plan.sets:
+            score, differing = Score(left_out_model(set_name, plan.folds[0]).markers), 0
+            for number, fold in enumerate(plan.folds):
+                markerset = left_out_model(set_name, fold)
+                trials = standing(markerset.markers, fold, max(plan.count // 4, 2), plan.seed)
+                for trial, labels, otherwise in _by_both(
+                    trials, markerset, programs, Path(name) / f"{set_name}-{number}"
+                ):
+                    score.count(trial, *labels)
+                    differing += otherwise
+            rows.append([set_name, "standing frames, paper's rig", *_sum_cells(score, differing)])
+            show(plan, score)
+    print(f"\n### Standing frames through the command line of a real Blender, ghosts ({plan.people()})\n")
+    print(table(("set", "captures", *SUM_COLUMNS), rows))
+
+
+@contextmanager
+def _both(folder: Path) -> Iterator[tuple[Program, Program]]:
+    """The command lines of a real Blender, with the zip installed, and of this Python; says which Blender."""
+    blender = real_blender.find()
+    yield _install(blender, folder), here
+    print("\nBlender {}.{}.{}".format(*blender.version))
+
+
+def _by_both(trials: Iterable[Trial], markerset: MarkerSet, programs, place: Path, rate: float = 100.0):
+    """Yields each capture, its names and steps by the first program, and how many blobs the second names otherwise."""
     doors = [
-        Door(markerset, program, place.with_name(f"{markerset.name}-{room}-{place.name}-{which}"), rate)
-        for which, program in programs.items()
+        Door(markerset, program, place.with_name(f"{place.name}-{number}"), rate)
+        for number, program in enumerate(programs)
     ]
     for trial in trials:
-        yield trial, [door(trial.blobs, trial.cameras) for door in doors]
+        labels, others = (door(trial.blobs, trial.cameras) for door in doors)
+        yield trial, labels, int((labels[0] != others[0]).sum())
+
+
+def _sum_cells(score: Score, differing: int) -> list:
+    """The cells under `SUM_COLUMNS`."""
+    counts = score.counts
+    figures = counts.as_dict()
+    wrong = share(counts.given - counts.right, counts.given, 3)
+    rates = [f"{100 * figures[name]:.2f} %" for name in ("precision", "recall", "f1")]
+    return [score.takes, wrong, *rates, share(differing, score.blobs, 3)]
 
 
 def _both_cells(trial: Trial, score: Score) -> list:
