@@ -28,7 +28,7 @@ LOCK = ".mocap-autolabel.lock"
 TOKEN = 12  # letters that tell one folder from another
 LOCKED = b"locked\n"
 OWN: set[Path] = set()  # folders of this process that are there, or about to be
-FORSAKEN = 86400.0  # s; nobody takes so long from making a lock to holding it
+FORSAKEN_S = 86400.0  # s; nobody takes so long from making a lock to holding it
 
 
 @contextmanager
@@ -132,7 +132,7 @@ def _take_away(folder: Path, rescue: Callable[[Path], None] | None):
 
 
 def _forsaken(folder: Path) -> bool:
-    return time.time() - folder.stat().st_mtime > FORSAKEN
+    return time.time() - folder.stat().st_mtime > FORSAKEN_S
 
 
 def _locked(file: IO) -> bool:

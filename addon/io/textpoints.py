@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..core.data.errors import InputError
-from ..core.data.takes import LARGEST_FRAME
+from ..core.data.takes import MAX_FRAME
 
 
 @dataclass(frozen=True)
@@ -71,10 +71,10 @@ def _frame(field: str, path: Path, line: int) -> int:
         value = float(field)
     except ValueError:
         value = np.nan
-    if value % 1 == 0 and abs(value) <= LARGEST_FRAME:
+    if value % 1 == 0 and abs(value) <= MAX_FRAME:
         return int(value)
     raise InputError(
-        f"begins with {field.strip()[:40]!r}; expected a frame number, a whole one up to {LARGEST_FRAME}", path, line
+        f"begins with {field.strip()[:40]!r}; expected a frame number, a whole one up to {MAX_FRAME}", path, line
     )
 
 

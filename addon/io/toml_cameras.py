@@ -21,7 +21,7 @@ from .world import z_up
 INVERSE = "vicon_radial"
 
 # A camera's key is `matrix` or `cameras.0.matrix`. Every dot nests a table, and the parser goes through all of them.
-DEEPEST = 8
+MAX_KEY_PARTS = 8
 _WORDS = re.compile(
     r'''"""(?:[^"\\]|\\.|"(?!""))*(?:""")?|"(?:[^"\\\n]|\\.)*"?|'''
     r"""'''(?:[^']|'(?!''))*(?:''')?|'[^'\n]*'?|#[^\n]*""",
@@ -57,8 +57,8 @@ def _refuse_depth(text: str, path: Path):
     plain = _WORDS.sub(lambda found: "s" + "\n" * found.group().count("\n"), text)
     line = 1
     for piece in re.split(r"([=,\[\]{}\n])", plain):
-        if piece.count(".") >= DEEPEST:
-            raise InputError(f"has a key of more than {DEEPEST} parts; expected a camera calibration", path, line)
+        if piece.count(".") >= MAX_KEY_PARTS:
+            raise InputError(f"has a key of more than {MAX_KEY_PARTS} parts; expected a camera calibration", path, line)
         line += piece == "\n"
 
 

@@ -137,7 +137,7 @@ def errors(xyz: np.ndarray, rate: float, cut: Cut) -> dict[str, float]:
             path = peer(name, take, gap)
             found[name].append(np.nan if path is None else _off(path, truth[:, marker]))
     # The error is asked for whatever is to be expected, and the take's own gaps in other markers stay.
-    options = FillOptions(markers=tuple(columns), max_gap=len(truth), most_off_m=np.inf)
+    options = FillOptions(markers=tuple(columns), max_gap=len(truth), max_off_m=np.inf)
     filled = finished(fill_take(hidden, rate, options))
     for marker in columns:
         found["auto"].append(_off(filled.xyz[cut.start : cut.stop, marker], truth[:, marker]))

@@ -15,13 +15,13 @@ class BesideOptions:
 
     beside_m     from where the body has a marker that has no blob in this image: a blob there may be it
     bin_px       of the table of errors from which the median is taken
-    most_px      up to which it goes
+    max_px       up to which it goes
     frames_once  whose markers are projected into all cameras at a time
     """
 
     beside_m: float = 0.05
     bin_px: float = 0.02
-    most_px: float = 40.0
+    max_px: float = 40.0
     frames_once: int = 500
 
 
@@ -67,7 +67,7 @@ class CameraBlobs:
         self.cameras, self.names = cameras, cameras.names
         count = len(cameras.names)
         self._blobs, self._named, self._beside = (np.zeros(count, np.int64) for _ in range(3))
-        self._errors = np.zeros((count, int(BESIDE.most_px / BESIDE.bin_px) + 1), np.int64)
+        self._errors = np.zeros((count, int(BESIDE.max_px / BESIDE.bin_px) + 1), np.int64)
 
     def add(self, blobs: Blobs, labels: Labels, motion: Motion):
         """Adds a chunk."""
@@ -84,7 +84,7 @@ class CameraBlobs:
         own = camera[named], frame[named], marker[named]
         error = np.linalg.norm(self.cameras.project(motion.markers[frames])[own] - xy[named], axis=1)
         known = np.isfinite(error)
-        column = (np.minimum(error[known], BESIDE.most_px) / BESIDE.bin_px).astype(int)
+        column = (np.minimum(error[known], BESIDE.max_px) / BESIDE.bin_px).astype(int)
         np.add.at(self._errors, (own[0][known], column), 1)
         given = np.zeros((count, *motion.expected[frames].shape[:2]), bool)
         given[own] = True

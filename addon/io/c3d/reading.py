@@ -12,7 +12,7 @@ from ..source import read_bytes
 from .layout import FileLayout, find_layout
 from .parameters import C3dFile
 
-LARGEST_RATE = 1e6
+MAX_RATE_HZ = 1e6
 CORNER_NUMBERS = 12  # of a force plate
 
 
@@ -58,7 +58,7 @@ def _rate(file: C3dFile, given: float | None) -> tuple[float, tuple[str, ...]]:
     """Frames a second, and what there is to say of that."""
     claims = [file.number(key, 0) for key in ("POINT:RATE", "TRIAL:CAMERA_RATE")]
     claims.insert(1, file.header_real(10))
-    stated = next((claim for claim in claims if 0 < claim < LARGEST_RATE), None)
+    stated = next((claim for claim in claims if 0 < claim < MAX_RATE_HZ), None)
     if stated is not None:
         return stated, ()
     if given is None:
