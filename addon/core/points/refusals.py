@@ -86,7 +86,7 @@ def refuse_others(model: Model, namer: Namer, points: np.ndarray, solvable: bool
     count = _points_at_a_time(points)
     frames = np.flatnonzero(count >= min(REFUSAL.min_points, len(model.markerset)))
     if not len(frames):
-        raise JobError("has no frame with enough points to distinguish markers; expected four or more at a time")
+        raise JobError("has no frame with enough points to tell markers apart; expected four or more at a time")
     some = points[frames[evenly_spread(len(frames), REFUSAL.sample_frames)]]
     first = _each_alone(namer, some)
     alone = sure_share(first, some, len(model.markerset))
