@@ -10,8 +10,8 @@ import gpu
 import numpy as np
 
 from ..core.review.trouble import Trouble
+from ..ops.picking import selected_markers
 from ..ops.reviewing import places_of
-from ..scene import naming
 from ..scene.opened import opened
 from ..scene.sides import KEPT_SIDES, SIDE_COLOURS, colours_of, kept_sides
 from ..scene.stored import Stored
@@ -26,7 +26,7 @@ MISSING_COLOUR = (0.75, 0.75, 0.75, 0.55)
 MEANT_COLOUR = (1.0, 1.0, 1.0, 1.0)
 MISSING_RADIUS, MEANT_RADIUS = 5.0, 11.0
 DASH = 0.02  # m of a dash that leads over a gap, and of the space behind it
-MOST_DASHES = 60
+MAX_DASHES = 60
 # What the bones of the figure that was drawn last are called by, and their colours.
 _colours_of_bones: list = []
 
@@ -47,7 +47,8 @@ def draw():
         draw_figure(canvas, settings.take)
         canvas.rings(canvas.place(missing(stored, index)), MISSING_COLOUR, MISSING_RADIUS)
     if settings.show_trails:
-        draw_trails(canvas, stored, index, selected(context, stored))
+        names = [name for name in selected_markers(context) if name in stored.words]
+        draw_trails(canvas, stored, index, [stored.words[name] for name in names])
     if (trouble := meant(context, settings.take, stored)) is not None:
         places = canvas.place(places_of(trouble, stored, context.scene.frame_current - stored.shift))
         for radius in (MEANT_RADIUS, MEANT_RADIUS + 1.5):
@@ -89,12 +90,6 @@ def missing(stored: Stored, index: int) -> np.ndarray:
     return stored.motion.expected[index, ~found]
 
 
-def selected(context: bpy.types.Context, stored: Stored) -> list[int]:
-    """The markers of the take whose empties are selected."""
-    names = {item[naming.MARKER] for item in context.selected_objects if naming.MARKER in item}
-    return [index for index, name in enumerate(stored.names) if name in names]
-
-
 def draw_trails(canvas: Canvas, stored: Stored, index: int, markers: list[int]):
     """Where markers were and will be, a second either way, fading."""
     colours = colours_of(stored.names)
@@ -126,7 +121,7 @@ def trail(path: np.ndarray, index: int, reach: int) -> tuple[np.ndarray, np.ndar
 
 def _dashes(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """(D, 2, 3) dashes from one place to another."""
-    count = int(np.clip(np.linalg.norm(other - one) / (2 * DASH), 1, MOST_DASHES))
+    count = int(np.clip(np.linalg.norm(other - one) / (2 * DASH), 1, MAX_DASHES))
     share = (np.arange(count)[:, None] + np.array([0.25, 0.75])) / count
     return one + share[..., None] * (other - one)
 

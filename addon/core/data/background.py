@@ -4,11 +4,10 @@
 import queue
 import threading
 from collections.abc import Callable, Generator
-from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
 
-from .progress import Progress
+from .progress import Progress, finished
 
 WORK_DONE = object()
 
@@ -70,13 +69,7 @@ def in_background(work: Callable[[Callable[[float], None]], Any]) -> Generator[f
 
 def drained(steps: Generator[Progress, None, Any], tell: Callable[[float], None]) -> Any:
     """What a job returns, having said how far it is all the way; a `tell` that raises ends it."""
-    with closing(steps):
-        while True:
-            try:
-                progress = next(steps)
-            except StopIteration as done:
-                return done.value
-            tell(progress.fraction)
+    return finished(steps, lambda progress: tell(progress.fraction))
 
 
 class _StoppedError(Exception):
