@@ -441,10 +441,10 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     for edit, outcome in zip(stored.edits, stored.outcomes, strict=True):
         row = state.corrections.add()
         row.name, row.idle = words_of(edit, stored.shift), outcome.reason
-    for fill, misfit in zip(stored.fills, stored.misfits, strict=True):
+    for fill, reason in zip(stored.fills, stored.unfit, strict=True):
         row = state.fills.add()
         row.name, row.first, row.last = fill.marker, fill.first + stored.shift, fill.last + stored.shift
-        row.method, row.reason = fill.method, misfit
+        row.method, row.reason = fill.method, reason
         row.expected = 1000 * fill.expected if math.isfinite(fill.expected) else -1
 
 

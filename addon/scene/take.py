@@ -138,10 +138,10 @@ def show_take(context: bpy.types.Context, take: Take, unnamed: bool = False) -> 
     add_body(_child(collection, f"{collection.name} body"), armature, take.markerset, build.scale)
     empties = _child(collection, f"{collection.name} markers")
     names = take.markerset.markers
-    motion, misfits = put_fills(take.motion, names, take.fills)
+    motion, unfit = put_fills(take.motion, names, take.fills)
     if take.cutoff is not None:
         motion = replace(motion, markers=smoothed(motion.markers, take.rate, take.cutoff))
-    fitting = [fill for fill, misfit in zip(take.fills, misfits, strict=True) if not misfit]
+    fitting = [fill for fill, reason in zip(take.fills, unfit, strict=True) if not reason]
     scene_markers.add_markers(
         empties, action, names, motion, frames, filled_samples(take.motion.frames, names, fitting)
     )
