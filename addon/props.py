@@ -309,9 +309,9 @@ class GapRow(bpy.types.PropertyGroup):
 
 
 class PickedPoint(bpy.types.PropertyGroup):
-    """A trajectory that is picked in the 3D view."""
+    """A trajectory, or a blob of a camera, that is picked in the 3D view."""
 
-    point: IntProperty(name="Trajectory", description="Its number in the file")
+    point: IntProperty(name="Number", description="Of a trajectory that in the file, of a blob its row in the take")
 
 
 class ReviewState(bpy.types.PropertyGroup):

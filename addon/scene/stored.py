@@ -9,6 +9,7 @@ import numpy as np
 from ..core.data.errors import InputError
 from ..core.data.takes import Blobs, EditOutcome, Labels, Motion, PointRows, Suspect
 from ..core.edits.following import Group
+from ..core.edits.following_blobs import BlobGroup
 from ..core.edits.kinds import NO_EDITS, Edits
 from ..core.filling.kept import KeptFill, filled_samples
 from ..core.geometry.cameras import Cameras
@@ -30,6 +31,7 @@ class Stored:
     cutoff    Hz, by which `motion` is smoothed; None where it is not
     placed    index of the frame and marker of each that a person placed
     groups    what the edits make of the take, for telling what one more of them changes
+    own_labels  whether the labels are what the program gave before any edit; not so of blobs of the first versions
     """
 
     name: str
@@ -67,7 +69,8 @@ class Stored:
         return filled_samples(self.motion.frames, self.names, self.fitting)
 
     placed: tuple[tuple[int, int], ...] = ()
-    groups: tuple[Group, ...] = ()
+    groups: tuple[Group | BlobGroup, ...] = ()
+    own_labels: bool = True
 
     def source_frame(self, current: int) -> int:
         """Blender's current frame in the source's numbers; InputError outside the take."""
