@@ -49,7 +49,7 @@ class Limb:
 
 
 def readings(found: Segments) -> list[tuple[Limb, ...]]:
-    """The ways to read a tree of groups as a person with a head, two arms and two legs, those with most groups first.
+    """The ways to read a tree of groups as a person with two arms and two legs, those with most groups.
 
     Of each way its mirror image is another one. Empty where the tree is no person's.
     """
@@ -88,14 +88,16 @@ def _read(near: dict[int, list[int]], spine: tuple[int, ...]) -> Iterator[tuple[
     pelvis, thorax = spine[0], spine[-1]
     legs = _limbs(near, pelvis, spine[1], LIMBS.min_leg, len(LEG))
     arms = _limbs(near, thorax, spine[-2], len(ARM), len(ARM))
-    heads = [group for group in near[thorax] if group != spine[-2]]
     pairs = [(one, two) for one, two in permutations(legs, 2) if one[0] != two[0] and len(one) == len(two)]
-    for pair, (left, right), head in product(pairs, permutations(arms, 2), heads):
-        if left[0] != right[0] and head not in (left[0], right[0]):
-            limbs = [Limb(HEAD, head, thorax)]
-            for side, leg, arm in zip(BODY_SIDES, pair, (left, right), strict=True):
-                limbs += _chain(LEG, side, pelvis, leg) + _chain(ARM, side, thorax, arm)
-            yield tuple(limbs)
+    for pair, (left, right) in product(pairs, permutations(arms, 2)):
+        if left[0] == right[0]:
+            continue
+        limbs = []
+        for side, leg, arm in zip(BODY_SIDES, pair, (left, right), strict=True):
+            limbs += _chain(LEG, side, pelvis, leg) + _chain(ARM, side, thorax, arm)
+        # Who never nods shows no head of its own: its markers are found on the body afterwards.
+        heads = [group for group in near[thorax] if group not in (spine[-2], left[0], right[0])]
+        yield from ((Limb(HEAD, head, thorax), *limbs) for head in heads) if heads else (tuple(limbs),)
 
 
 def _limbs(near: dict[int, list[int]], root: int, origin: int, fewest: int, most: int) -> list[tuple[int, ...]]:
