@@ -281,14 +281,6 @@ class MarkerRow(bpy.types.PropertyGroup):
     residual: FloatProperty(name="Residual", description="Mean distance between the marker's rays and its place, mm")
 
 
-class SuspectRow(bpy.types.PropertyGroup):
-    """One range of frames to look at."""
-
-    first: IntProperty(name="First", description="First frame")
-    last: IntProperty(name="Last", description="Last frame")
-    reason: StringProperty(name="Reason", description="Why to look at these frames")
-
-
 class TroubleRow(bpy.types.PropertyGroup):
     """One thing that is the matter with the take; `name` is what it is about."""
 
@@ -336,7 +328,6 @@ class ReviewState(bpy.types.PropertyGroup):
 
     markers: CollectionProperty(type=MarkerRow)
     marker_index: IntProperty()
-    suspects: CollectionProperty(type=SuspectRow)
     corrections: CollectionProperty(type=CorrectionRow)
     correction_index: IntProperty()
     doubts: CollectionProperty(type=bpy.types.PropertyGroup)
@@ -431,7 +422,6 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     """Fills the tables of the review from the scene's active take, or empties them; frames are Blender's."""
     state, collection = manager.mocap_autolabel, scene.mocap_autolabel.take
     state.markers.clear()
-    state.suspects.clear()
     state.corrections.clear()
     state.fills.clear()
     redraw("DOPESHEET_EDITOR")
@@ -448,9 +438,6 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
         row.labelled = marker.labelled / len(frames) if len(frames) else 0.0
         row.first_gap = int(frames[marker.first_gap]) if marker.first_gap >= 0 else -1
         row.residual = marker.residual * 1000
-    for suspect in stored.suspects:
-        row = state.suspects.add()
-        row.first, row.last, row.reason = suspect.first + stored.shift, suspect.last + stored.shift, suspect.reason
     if bpy.app.background or is_quick(stored):
         list_trouble()
     elif not bpy.app.timers.is_registered(list_trouble):
@@ -492,7 +479,6 @@ CLASSES = (
     TrainingTakeRow,
     SceneSettings,
     MarkerRow,
-    SuspectRow,
     TroubleRow,
     ChangeRow,
     CorrectionRow,

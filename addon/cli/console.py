@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from ..core.data.errors import JobError, UserError
+from ..core.data.progress import finished
 
 PROGRAM = "mocap-autolabel"
 # A terminal is told often, a log file now and then, s.
@@ -65,14 +66,8 @@ class ProgressLine:
     def drain(self, work: Generator, name: str):
         """Runs a generator of `Progress` to its end and gives what it returns."""
         try:
-            while True:
-                try:
-                    step = next(work)
-                except StopIteration as end:
-                    return end.value
-                self.tell(f"{name}: {step.fraction:4.0%} {step.note}")
+            return finished(work, lambda step: self.tell(f"{name}: {step.fraction:4.0%} {step.note}"))
         finally:
-            work.close()
             self.clear()
 
     def tell(self, words: str, at_once: bool = False):

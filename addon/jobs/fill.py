@@ -13,8 +13,8 @@ from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet
 from ..core.data.progress import Progress, within
 from ..core.data.takes import Points
-from ..core.filling.filling import FilledTake, FillOptions, fill_take
-from ..core.filling.kept import KeptFill, kept_fills_of
+from ..core.filling.filling import FilledTake, FillOptions, fill_take, kept_fills_of
+from ..core.filling.kept import KeptFill
 from ..core.review.overview import TakeOverview
 from ..core.review.trouble import TakeTrouble
 from ..io.filled import gap_rows, left_rows, write_filled

@@ -20,7 +20,8 @@ from ..scene.picking import dots_of
 from ..scene.redrawing import redraw
 from ..scene.stored import Stored
 from ..scene.take import holds_points, show_edits
-from .picking import OfPoints, picked_points, selected_markers, show_picked
+from .picking import picked_points, selected_markers, show_picked
+from .polling import OfPoints
 from .reporting import reports_trouble
 
 REVIEW_DELAY = 0.05  # s from an edit to the tables that follow it
@@ -245,13 +246,9 @@ class HasEdits(OfPoints):
     """Operators on the edits that there are."""
 
     @classmethod
-    def poll(cls, context):
-        if not super().poll(context):
-            return False
-        if len(context.window_manager.mocap_autolabel.corrections):
-            return True
-        cls.poll_message_set("Nothing was corrected")
-        return False
+    def lacks(cls, context):
+        corrected = len(context.window_manager.mocap_autolabel.corrections)
+        return super().lacks(context) or ("" if corrected else "Nothing was corrected")
 
 
 class MOCAP_AUTOLABEL_OT_remove_correction(HasEdits, bpy.types.Operator):

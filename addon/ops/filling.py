@@ -11,8 +11,9 @@ from ..core.body.posing import POSING
 from ..core.data.background import in_background
 from ..core.data.errors import InputError, UserError
 from ..core.data.markersets import MarkerSet
-from ..core.filling.filling import FilledTake, FillOptions, fill_take
-from ..core.filling.kept import KeptFill, kept_fills_of, replaced_fills
+from ..core.data.progress import finished
+from ..core.filling.filling import FilledTake, FillOptions, fill_take, kept_fills_of
+from ..core.filling.kept import KeptFill, replaced_fills
 from ..io.filled import left_rows
 from ..io.names import written
 from ..props import chosen_markerset, refresh_review
@@ -22,6 +23,7 @@ from ..scene.smoothing import kept_cutoff
 from ..scene.stored import Stored
 from ..scene.take import SOURCE, is_take, show_edits, takes_of
 from .correcting import selected_markers
+from .polling import OfTake
 from .reporting import reports_trouble
 from .stepping import WorksInSteps
 
@@ -72,20 +74,6 @@ def wanted_markers(context: bpy.types.Context, stored: Stored, extent: str) -> t
     return None if extent == "TAKE" or not names else tuple(stored.names.index(name) for name in names)
 
 
-class OfTake:
-    """Operators on the active take, of blobs or points."""
-
-    @classmethod
-    def poll(cls, context):
-        if not is_take(context.scene.mocap_autolabel.take):
-            cls.poll_message_set("Label a take first")
-            return False
-        if context.mode != "OBJECT":
-            cls.poll_message_set("Go to object mode first")
-            return False
-        return True
-
-
 class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, WorksInSteps, bpy.types.Operator):
     """Fill gaps by what the rest of the take says; what was measured stays, and what is filled is marked as such."""
 
@@ -102,7 +90,7 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, WorksInSteps, bpy.types.Operator):
         self._of = context.scene.mocap_autolabel.take.session_uid
         markerset, columns = body_of(context, stored, options.method)
         work = partial(fill_take, stored.unfilled.markers, stored.rate, options, markerset, columns)
-        return in_background(lambda tell: told_all_the_way(work(), tell))
+        return in_background(lambda tell: finished(work(), tell))
 
     def _asked(self, context) -> tuple[Stored, FillOptions]:
         settings = context.scene.mocap_autolabel
@@ -132,15 +120,6 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, WorksInSteps, bpy.types.Operator):
     def _show(self, context, result: FilledTake) -> set[str]:
         self._result = result
         return self._shown(context)
-
-
-def told_all_the_way(work: Generator[float, None, FilledTake], tell: Callable[[float], None]) -> FilledTake:
-    """What the work returns; a `tell` that raises ends it."""
-    while True:
-        try:
-            tell(next(work))
-        except StopIteration as done:
-            return done.value
 
 
 def body_of(context: bpy.types.Context, stored: Stored, method: str) -> tuple[MarkerSet | None, object]:
@@ -189,13 +168,9 @@ class HasFills(OfTake):
     """Operators on the fills that there are."""
 
     @classmethod
-    def poll(cls, context):
-        if not super().poll(context):
-            return False
-        if len(context.window_manager.mocap_autolabel.fills):
-            return True
-        cls.poll_message_set("Nothing was filled")
-        return False
+    def lacks(cls, context):
+        filled = len(context.window_manager.mocap_autolabel.fills)
+        return super().lacks(context) or ("" if filled else "Nothing was filled")
 
 
 class MOCAP_AUTOLABEL_OT_take_back_fills(HasFills, bpy.types.Operator):

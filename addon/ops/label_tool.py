@@ -16,7 +16,8 @@ from ..scene.picking import missing
 from ..scene.stored import Stored
 from .correcting import correct, frames_in_scope, marker_items
 from .gestures import gesture, is_over_view, place_in, window_region
-from .picking import InView, OfPoints, dot_at, selected_markers, show_picked
+from .picking import InView, dot_at, selected_markers, show_picked
+from .polling import OfPoints
 from .reporting import reports_trouble
 
 # Keys that change what is looked at, which go on meaning what they mean while dots are named.

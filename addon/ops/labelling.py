@@ -36,6 +36,7 @@ from ..scene.take import (
 from .filling import fills_kept, kept_before
 from .framing import fit_timelines, show_take_whole
 from .importing import cameras_at_hand
+from .polling import TellsWhyNot, lacks_object_mode
 from .stepping import WorksInSteps
 
 
@@ -113,7 +114,7 @@ def _take_of(labelled: Labelled, job: LabelJob, name: str) -> Take:
     return Take(name, rate, cameras, markerset, rows, labels, motion, suspects, source, doubts, edits, unedited)
 
 
-class MOCAP_AUTOLABEL_OT_label(WorksInSteps, bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_label(TellsWhyNot, WorksInSteps, bpy.types.Operator):
     """Name every marker of the take, and show it on an armature with a body."""
 
     bl_idname = "mocap_autolabel.label"
@@ -123,22 +124,14 @@ class MOCAP_AUTOLABEL_OT_label(WorksInSteps, bpy.types.Operator):
     doing = "Labelling"
 
     @classmethod
-    def poll(cls, context):
+    def lacks(cls, context):
         settings = context.scene.mocap_autolabel
-        if not settings.points_path:
-            if not cameras_at_hand(context.scene):
-                cls.poll_message_set("Import the calibration of the cameras first, or 3D points")
-                return False
-            if not settings.blobs_path:
-                cls.poll_message_set("Import the blobs first, or 3D points")
-                return False
-        if context.mode != "OBJECT":
-            cls.poll_message_set("Go to object mode first")
-            return False
-        if context.window_manager.mocap_autolabel.doing:
-            cls.poll_message_set("Something is going on already; wait for it, or cancel it")
-            return False
-        return True
+        if not settings.points_path and not cameras_at_hand(context.scene):
+            return "Import the calibration of the cameras first, or 3D points"
+        if not settings.points_path and not settings.blobs_path:
+            return "Import the blobs first, or 3D points"
+        going_on = "Something is going on already; wait for it, or cancel it"
+        return lacks_object_mode(context) or (going_on if context.window_manager.mocap_autolabel.doing else "")
 
     def steps(self, context):
         """The labelling."""

@@ -19,6 +19,7 @@ from ..scene.picking import Dots, combined, dots_of, inside_box, inside_lasso, n
 from ..scene.stored import Stored
 from ..scene.take import holds_points
 from .gestures import gesture, is_over_view, place_in, window_region
+from .polling import OfPoints
 from .reporting import reports_trouble
 
 PICK_RADIUS = 20.0  # px of the interface from the mouse to a dot that is meant, as for Blender's own picking of points
@@ -28,20 +29,6 @@ MODES = (
     ("ADD", "Add", "Beside what was picked"),
     ("TOGGLE", "Add or Take Away", "Each that was not picked is, and each that was is not"),
 )
-
-
-class OfPoints:
-    """Operators on the active take, which is one of 3D points."""
-
-    @classmethod
-    def poll(cls, context):
-        if not holds_points(context.scene.mocap_autolabel.take):
-            cls.poll_message_set("Label a take of 3D points first")
-            return False
-        if context.mode != "OBJECT":
-            cls.poll_message_set("Go to object mode first")
-            return False
-        return True
 
 
 def selected_markers(context: bpy.types.Context) -> list[str]:

@@ -14,11 +14,12 @@ from ..scene.cameras import camera_name
 from ..scene.corrections import keep_edits
 from ..scene.opened import opened
 from ..scene.stored import Stored
-from ..scene.take import holds_points, is_take
+from ..scene.take import holds_points
 from ..scene.trouble import trouble_of
 from .correcting import correct
 from .framing import bring_into_view
 from .picking import dots_here, show_picked
+from .polling import WithTake
 from .reporting import reports_trouble
 
 # The operators for what no edit mends; a button is there where the operator is.
@@ -131,18 +132,11 @@ def say(operator: bpy.types.Operator, context: bpy.types.Context, edits: list[Ed
         operator.report({"INFO"}, "Kept; blobs get their names by it when the take is labelled again")
 
 
-class OfTrouble:
+class OfTrouble(WithTake):
     """Operators on one line of the list of what is the matter with the active take."""
 
     bl_options = {"REGISTER", "UNDO"}
     index: IntProperty(name="Index", description="Which of the list, from 0", min=0, options={"SKIP_SAVE"})
-
-    @classmethod
-    def poll(cls, context):
-        if not is_take(context.scene.mocap_autolabel.take):
-            cls.poll_message_set("Label a take first")
-            return False
-        return True
 
     def trouble(self, context: bpy.types.Context) -> Trouble:
         """The line that is meant; InputError where there is none."""

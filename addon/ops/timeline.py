@@ -14,6 +14,7 @@ from ..scene.stored import Stored
 from ..scene.take import is_take
 from ..scene.trajectories import FOLDED, Runs, runs_of
 from .picking import picked_points, selected_markers, show_picked
+from .polling import WithTake
 
 SCRUB_HEIGHT, ROW_HEIGHT, LEGEND_HEIGHT = (
     24,
@@ -309,19 +310,12 @@ class MOCAP_AUTOLABEL_OT_timeline_pan(OnTimeline, bpy.types.Operator):
         scroll_by(context, region, up / (ROW_HEIGHT * context.preferences.system.ui_scale))
 
 
-class MOCAP_AUTOLABEL_OT_show_timeline(bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_show_timeline(WithTake, bpy.types.Operator):
     """Show every trajectory as a row over time, in a Dope Sheet: the one that there is, or the timeline made one."""
 
     bl_idname = "mocap_autolabel.show_timeline"
     bl_label = "Show in the Dope Sheet"
     bl_options = {"REGISTER"}
-
-    @classmethod
-    def poll(cls, context):
-        if is_take(context.scene.mocap_autolabel.take):
-            return True
-        cls.poll_message_set("Label a take first")
-        return False
 
     def execute(self, context):
         context.scene.mocap_autolabel.show_timeline = True

@@ -20,8 +20,8 @@ from ..prefs import markerset_folder
 from ..props import SceneSettings, choose_own, own_model
 from ..scene.opened import opened
 from ..scene.stored import Stored
-from ..scene.take import is_take
 from .importing import POINTS, ReadsPoints
+from .polling import TellsWhyNot, lacks_take
 from .reporting import reports_trouble
 from .stepping import WorksInSteps
 
@@ -77,7 +77,7 @@ class MOCAP_AUTOLABEL_OT_remove_training_take(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class Trains(WorksInSteps):
+class Trains(TellsWhyNot, WorksInSteps):
     """What the trainings share: the marker set is chosen, and what is doubted of its takes is said."""
 
     bl_options = {"REGISTER", "UNDO"}
@@ -102,11 +102,8 @@ class MOCAP_AUTOLABEL_OT_train(Trains, bpy.types.Operator):
     bl_label = "Train"
 
     @classmethod
-    def poll(cls, context):
-        if len(context.scene.mocap_autolabel.training_takes):
-            return True
-        cls.poll_message_set("Add labelled takes first")
-        return False
+    def lacks(cls, context):
+        return "" if len(context.scene.mocap_autolabel.training_takes) else "Add labelled takes first"
 
     def steps(self, context):
         """The training."""
@@ -120,11 +117,9 @@ class MOCAP_AUTOLABEL_OT_learn_frame(Trains, bpy.types.Operator):
     bl_label = "Learn from This Frame"
 
     @classmethod
-    def poll(cls, context):
-        if is_take(context.scene.mocap_autolabel.take):
-            return True
-        cls.poll_message_set("Label a take first, and put the names of one frame right")
-        return False
+    def lacks(cls, context):
+        words = lacks_take(context)
+        return f"{words}, and put the names of one frame right" if words else ""
 
     def steps(self, context):
         """The training."""

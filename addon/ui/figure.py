@@ -10,8 +10,8 @@ import gpu
 import numpy as np
 
 from ..core.review.trouble import Trouble
+from ..ops.picking import selected_markers
 from ..ops.reviewing import places_of
-from ..scene import naming
 from ..scene.opened import opened
 from ..scene.sides import KEPT_SIDES, SIDE_COLOURS, colours_of, kept_sides
 from ..scene.stored import Stored
@@ -48,7 +48,8 @@ def draw():
         draw_figure(canvas, settings.take)
         canvas.rings(canvas.place(missing(stored, index)), MISSING_COLOUR, MISSING_RADIUS)
     if settings.show_trails:
-        draw_trails(canvas, stored, index, selected(context, stored))
+        names = [name for name in selected_markers(context) if name in stored.words]
+        draw_trails(canvas, stored, index, [stored.words[name] for name in names])
     if (trouble := meant(context, settings.take, stored)) is not None:
         places = canvas.place(places_of(trouble, stored, context.scene.frame_current - stored.shift))
         for radius in (MEANT_RADIUS, MEANT_RADIUS + 1.5):
@@ -102,12 +103,6 @@ def missing(stored: Stored, index: int) -> np.ndarray:
     """(K, 3) m where the body has the markers that nothing is in a frame."""
     found = np.isfinite(stored.motion.markers[index]).all(axis=1)
     return stored.motion.expected[index, ~found]
-
-
-def selected(context: bpy.types.Context, stored: Stored) -> list[int]:
-    """The markers of the take whose empties are selected."""
-    names = {item[naming.MARKER] for item in context.selected_objects if naming.MARKER in item}
-    return [index for index, name in enumerate(stored.names) if name in names]
 
 
 def draw_trails(canvas: Canvas, stored: Stored, index: int, markers: list[int]):

@@ -11,6 +11,7 @@ from ..core.data.takes import NO_MARKER, NO_POINT
 from ..ops.correcting import likely_here
 from ..ops.gestures import gesture
 from ..ops.picking import picked_points, selected_markers
+from ..ops.polling import lacks_points
 from ..scene.opened import opened
 from ..scene.picking import dots_of, path_of
 from ..scene.take import holds_points
@@ -75,8 +76,8 @@ class LabelTool(bpy.types.WorkSpaceTool):
     @staticmethod
     def draw_settings(context, layout, _tool):
         """The header's settings of the tool."""
-        if not holds_points(context.scene.mocap_autolabel.take):
-            layout.label(text="Label a take of 3D points first", icon="INFO")
+        if words := lacks_points(context):
+            layout.label(text=words, icon="INFO")
             return
         layout.prop(context.scene.mocap_autolabel, "scope")
         layout.operator("mocap_autolabel.quick_label", icon="SORTALPHA")

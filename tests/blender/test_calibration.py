@@ -131,7 +131,7 @@ def test_what_is_odd_about_cameras_stays_with_the_take(scene, files):
 def test_without_cameras_or_blobs_the_button_says_why(extension, empty, files):
     module = importlib.import_module(f"{extension}.addon.ops.calibration")
     operator, said = module.MOCAP_AUTOLABEL_OT_refine_calibration, []
-    cls = SimpleNamespace(poll_message_set=said.append)
+    cls = SimpleNamespace(poll_message_set=said.append, lacks=operator.lacks)
     assert not operator.poll.__func__(cls, empty)
     assert bpy.ops.mocap_autolabel.import_cameras(filepath=str(files.folder / "room.toml")) == {"FINISHED"}
     assert not operator.poll.__func__(cls, empty)

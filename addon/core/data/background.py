@@ -4,10 +4,9 @@
 import queue
 import threading
 from collections.abc import Callable, Generator
-from contextlib import closing
 from typing import Any
 
-from .progress import Progress
+from .progress import Progress, finished
 
 WORK_DONE = object()
 MAX_WAIT_S = 0.2  # s; so long a step waits for news
@@ -57,13 +56,7 @@ def in_background(work: Callable[[Callable[[float], None]], Any]) -> Generator[f
 
 def drained(steps: Generator[Progress, None, Any], tell: Callable[[float], None]) -> Any:
     """What a job returns, having told how far it is all the way; a `tell` that raises ends it."""
-    with closing(steps):
-        while True:
-            try:
-                progress = next(steps)
-            except StopIteration as done:
-                return done.value
-            tell(progress.fraction)
+    return finished(steps, lambda progress: tell(progress.fraction))
 
 
 class _StoppedError(Exception):

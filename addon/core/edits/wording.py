@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Edits in words, for the list that a person reads."""
 
+from ..data.wording import words_of_frames
 from .kinds import (
     Accepted,
     AssignBlob,
@@ -23,7 +24,7 @@ def words_of(edit: Edit, shift: int = 0) -> str:
     if frames is None:
         return f"{said}, all frames"
     first, last = (number + shift for number in frames)
-    return f"{said}, frame {first}" if first == last else f"{said}, frames {first}–{last}"
+    return f"{said}, {words_of_frames(first, last)}"
 
 
 def _said(edit: Edit) -> str:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A take's gaps filled, the shortest first, each by the method that errs least on gaps like it cut into the take."""
 
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,6 +11,7 @@ from ..data.markersets import MarkerSet
 from . import plain
 from .fitted import FittedSubject
 from .gaps import Gap, KnownMarkers, find_gaps
+from .kept import KeptFill
 from .regression import MarkerModel, learned, neighbours_of, regress
 from .trials import Answer, Choice, Way, choose, graded, pace_of, paces
 
@@ -99,6 +100,17 @@ def fill_take(
             filler.fill(gap)
             done += _cost(gap)
     return filler.outcome()
+
+
+def kept_fills_of(filled: FilledTake, names: Sequence[str], frames: np.ndarray) -> tuple[KeptFill, ...]:
+    """What was filled of a take of these markers, whose frames (T,) have these numbers in the source."""
+    padded = np.pad(filled.xyz, ((1, 1), (0, 0), (0, 0)), constant_values=np.nan)
+    made = []
+    for one in filled.gaps:
+        path = padded[one.gap.start : one.gap.stop + 2, one.gap.marker].copy()
+        first, last = int(frames[one.gap.start]), int(frames[one.gap.stop - 1])
+        made.append(KeptFill(names[one.gap.marker], first, last, one.method, one.expected, path))
+    return tuple(made)
 
 
 def _cost(gap: Gap) -> int:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..data.takes import Motion
-from .filling import FilledTake
 
 # m; how far samples beside a fill may be from those it was made between. Files keep single precision, 1e-6 m at 10 m;
 # another trajectory in the marker's place is hardly ever as near.
@@ -39,17 +38,6 @@ class KeptFill:
     def meets(self, marker: str, first: int, last: int) -> bool:
         """Whether it has some of these frames of that marker."""
         return self.marker == marker and self.first <= last and first <= self.last
-
-
-def kept_fills_of(filled: FilledTake, names: Sequence[str], frames: np.ndarray) -> tuple[KeptFill, ...]:
-    """What was filled of a take of these markers, whose frames (T,) have these numbers in the source."""
-    padded = np.pad(filled.xyz, ((1, 1), (0, 0), (0, 0)), constant_values=np.nan)
-    made = []
-    for one in filled.gaps:
-        path = padded[one.gap.start : one.gap.stop + 2, one.gap.marker].copy()
-        first, last = int(frames[one.gap.start]), int(frames[one.gap.stop - 1])
-        made.append(KeptFill(names[one.gap.marker], first, last, one.method, one.expected, path))
-    return tuple(made)
 
 
 def put_fills(motion: Motion, names: Sequence[str], fills: Sequence[KeptFill]) -> tuple[Motion, tuple[str, ...]]:

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from ..data.takes import NO_MARKER
+from ..data.wording import words_of_frames
 
 GAINED, LOST, OTHER = "gained", "lost", "other"
 BRIDGED = 2  # frames between two changes of one kind that a person looks at as one; reckoned
@@ -30,8 +31,7 @@ class Change:
     def words(self) -> str:
         """What changed, for a person to read."""
         said = {GAINED: "is named now", LOST: "is named no more", OTHER: "is another point or blob now"}[self.what]
-        when = f"frame {self.first}" if self.first == self.last else f"frames {self.first}–{self.last}"
-        return f"{self.marker} {said} in {when}"
+        return f"{self.marker} {said} in {words_of_frames(self.first, self.last)}"
 
     def as_dict(self) -> dict:
         """What a report says of it."""

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..data.takes import Blobs, Labels, Motion, PointRows, Suspect
+from ..data.wording import words_of_frames
 from ..edits.kinds import NO_EDITS, Accepted, Delete, Edit, Edits, Right
 from ..geometry.cameras import NO_CAMERAS, Cameras
 from .answering import PAIR, accepted_in, right_in, settled_in
@@ -245,7 +246,7 @@ class TakeTrouble:
                 NOBODY_THERE,
                 first,
                 last,
-                f"nobody was found in {_frames(first, last)}",
+                f"nobody was found in {words_of_frames(first, last)}",
                 stake=float((last - first + 1) * len(self.names)),
                 advice="Look whether the subject is there; if so, name some markers and label again",
                 action=LABEL,
@@ -267,9 +268,9 @@ class TakeTrouble:
 
     def _missing_marker(self, name: str, ranges: list, lost: int, longest: tuple, answered: bool) -> Trouble:
         share, length = 1 - lost / max(self.subject_frames, 1), longest[1] - longest[0] + 1
-        where = f"the longest of {len(ranges)} gaps is {_frames(longest[0], longest[1])}"
+        where = f"the longest of {len(ranges)} gaps is {words_of_frames(longest[0], longest[1])}"
         if len(ranges) == 1:
-            where = f"not in {_frames(longest[0], longest[1])}"
+            where = f"not in {words_of_frames(longest[0], longest[1])}"
         short = length <= TROUBLING.max_filled_gap_s * self.rate
         beside = [one for one in self._left if one.beside is not None and self.names[one.beside] == name]
         if not share:
@@ -325,7 +326,7 @@ class TakeTrouble:
             )
 
     def _left_over(self, one: Leftover, answered: bool) -> Trouble:
-        words = f"trajectory {one.trajectory} is on the body and has no name in {_frames(one.first, one.last)}"
+        words = f"trajectory {one.trajectory} is on the body and has no name in {words_of_frames(one.first, one.last)}"
         markers: tuple[str, ...] = ()
         advice, action = "Say that it is no marker, or name it", ""
         if one.beside is not None:
@@ -383,7 +384,7 @@ class TakeTrouble:
                     worst[0],
                     worst[1],
                     f"{name} and where the body has it are up to {worst[2] * MM_PER_M:.0f} mm apart in "
-                    f"{_frames(worst[0], worst[1])}, {mean * MM_PER_M:.0f} mm on average{where}",
+                    f"{words_of_frames(worst[0], worst[1])}, {mean * MM_PER_M:.0f} mm on average{where}",
                     (name,),
                     stake=0.0 if answered else float(frames),
                     advice=f"Look whether it is {name}: if not, unlabel or swap it; if so, say It Is Right",
@@ -502,10 +503,6 @@ def _advice_of(suspect: Suspect) -> tuple[str, str]:
     if suspect.markers:
         return f"Look at {', '.join(suspect.markers)}: correct what is wrong, or say It Is Right", RIGHT
     return "Look at these frames", ""
-
-
-def _frames(first: int, last: int) -> str:
-    return f"frame {first}" if first == last else f"frames {first}–{last}"
 
 
 def _percent(share: float) -> str:

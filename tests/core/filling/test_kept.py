@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from addon.core.data.takes import Motion
-from addon.core.filling.filling import FilledGap, FilledTake
+from addon.core.filling.filling import FilledGap, FilledTake, kept_fills_of
 from addon.core.filling.gaps import Gap
-from addon.core.filling.kept import KeptFill, filled_samples, kept_fills_of, put_fills, replaced_fills
+from addon.core.filling.kept import KeptFill, filled_samples, put_fills, replaced_fills
 
 NAMES = ("A", "B")
 FRAMES = 50 + np.arange(12)

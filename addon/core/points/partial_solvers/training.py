@@ -13,6 +13,7 @@ from functools import partial
 import numpy as np
 
 from ...data.errors import InputError
+from ...data.progress import finished
 from . import search as searches
 from .assess import Occlusions, assess, draw_occlusions
 from .boosting import Boosting, boost, learn_intervals, rejections, wrong_labellings
@@ -80,14 +81,7 @@ def train_partial_solvers(
 
     targets: τ, for all markers or (M,). Raises InputError when there are too few frames or markers to learn from.
     """
-    steps = training(points, markers, targets, options)
-    while True:
-        try:
-            share, words = next(steps)
-        except StopIteration as end:
-            return end.value
-        if progress:
-            progress(share, words)
+    return finished(training(points, markers, targets, options), progress and (lambda told: progress(*told)))
 
 
 def training(
