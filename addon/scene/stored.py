@@ -25,6 +25,7 @@ class Stored:
     outcomes  what became of each edit
     model     the name of the marker set
     parents   of each joint of the skeleton, -1 for the root; none where the file does not keep them
+    segments  the names of what turns about these joints; none where the file does not keep them
     fills     gaps that were filled; `motion` has those that go with it
     unfit     why each fill does not go with the take as it is now, "" where it does
     measured  the motion without fills and not smoothed; None where that is `motion`
@@ -49,6 +50,7 @@ class Stored:
     outcomes: tuple[EditOutcome, ...] = ()
     model: str = ""
     parents: tuple[int, ...] = ()
+    segments: tuple[str, ...] = ()
     fills: tuple[KeptFill, ...] = ()
     unfit: tuple[str, ...] = ()
     measured: Motion | None = None

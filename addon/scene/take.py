@@ -39,7 +39,7 @@ RATE, SHIFT, SUSPECTS, SOURCE, MARKER_NAMES = (
 )
 STEP_NAMES = "mocap_steps"
 MARKER_WORDS = "mocap_marker_words"
-PARENTS = "mocap_parents"
+PARENTS, SEGMENTS = "mocap_parents", "mocap_segments"
 # What the first version, which did not keep them, called the steps of points.
 POINT_STEPS_OF_VERSION_1 = ("", "evidence", "ensemble", "fit", "trajectory")
 TRAJECTORY, POINT, RESIDUAL = "trajectory", "point", "point_residual"
@@ -269,6 +269,7 @@ def unedited_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> S
         model=str(collection.get(naming.MARKERSET, "")),
         parents=tuple(json.loads(collection.get(PARENTS, "[]"))),
         own_labels=isinstance(rows, PointRows) or kept_text(collection) is None or OWN_LABELS in collection,
+        segments=tuple(json.loads(collection.get(SEGMENTS, "[]"))),
     )
 
 
@@ -339,6 +340,7 @@ def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Coll
     collection[SUSPECTS] = json.dumps([_suspect_row(suspect) for suspect in take.suspects])
     collection[MARKER_WORDS] = json.dumps(take.markerset.by_name)
     collection[PARENTS] = json.dumps(take.markerset.skeleton.parents.tolist())
+    collection[SEGMENTS] = json.dumps(take.markerset.skeleton.segments)
     if take.edits is not None:
         keep_edits(collection, take.edits)
     keep_fills(collection, take.fills)
