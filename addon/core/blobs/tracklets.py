@@ -12,7 +12,7 @@ import numpy as np
 
 from ..data.takes import REMAINING
 from ..geometry.views import View
-from .labelling import TOO_FAR, Naming
+from .labelling import TOO_FAR, Frame, Naming
 from .tracking import FrameResult
 
 
@@ -132,52 +132,79 @@ def _claims(tracklet: list[np.ndarray], count: int, results, markers: int, optio
 
 def _settle(naming: Naming, claim: np.ndarray, options: TrackletOptions) -> list[int]:
     """Gives markers the blobs that tracklets claim (C, K) for them, as far as they meet; returns those changed."""
-    frame = naming.frame
+    fixed = naming.frame.fixed
     camera, slot = np.nonzero((claim >= 0) & (claim != naming.owner))
-    said = (frame.fixed[camera, claim[camera, slot]] >= 0) | (frame.fixed[camera] == slot[:, None]).any(axis=1)
-    camera, slot = camera[~said], slot[~said]
-    some = np.unique(claim[camera, slot])
-    return [int(marker) for marker in some if _settled(naming, claim, int(marker), options)]
+    marker, owner = claim[camera, slot], naming.owner[camera, slot]
+    left = (fixed[camera, marker] >= 0) | (fixed[camera] == slot[:, None]).any(axis=1)
+    left |= (owner >= 0) & (naming.partner[camera, owner] >= 0)  # either of two markers may give it its name
+    return [one for one in np.unique(marker[~left]).tolist() if _settled(naming, claim, one, options)]
 
 
 def _settled(naming: Naming, claim: np.ndarray, marker: int, options: TrackletOptions) -> bool:
     """Names one marker's blobs by where most of what its tracklets and the frame say meet; True if any changed."""
     frame, cameras = naming.frame, naming.frame.cameras
-    claimed = claim == marker
-    claimed_slot = np.where(claimed.sum(axis=1) == 1, claimed.argmax(axis=1), -1)
     old = naming.slot[:, marker].copy()
-    confirmed = (old >= 0) & claimed[cameras, np.maximum(old, 0)]
-    claimed_slot = np.where(confirmed, old, claimed_slot)
-    against = (old >= 0) & (claim[cameras, np.maximum(old, 0)] >= 0) & ~confirmed
-    undecided = np.where((old >= 0) & ~confirmed & ~against & (claimed_slot < 0), old, -1)
+    of_old = np.where(old >= 0, claim[cameras, np.maximum(old, 0)], -1)
+    claimed = claim == marker
+    claimed[frame.fixed[:, marker] >= 0] = False
+    slot = np.where(claimed.sum(axis=1) == 1, claimed.argmax(axis=1), -1)
+    slot = np.where(of_old == marker, old, slot)
+    undecided = np.where((slot < 0) & (of_old < 0), old, slot)
     rays = np.where(naming.partner[:, marker] < 0, old, -1)
-    tried = np.stack([claimed_slot, np.maximum(claimed_slot, undecided), rays], axis=1)
-    points = frame.rays.meet(tried).points
+    points = frame.rays.meet(np.stack([slot, undecided, rays], axis=1)).points
     points = points[np.isfinite(points[:, 0])]
     if not len(points):
         return False
-    image = frame.sight.image(frame.sight.local(points[None]))[0]
-    candidates = np.where(claimed_slot >= 0, claimed_slot, np.where(frame.fixed[:, marker] >= 0, old, undecided))
-    off = frame.view.image[cameras, np.maximum(candidates, 0)][:, None] - image
-    off = np.hypot(off[..., 0], off[..., 1]) * frame.depth[:, [marker]]
-    near = (off < options.part_m + frame.metres[:, [marker]]) & (candidates >= 0)[:, None]
-    weight = (near * np.where(claimed_slot >= 0, 2, 1)[:, None]).sum(axis=0)
-    best = int(np.argmax(weight - 1e-3 * np.where(near, off, 0).sum(axis=0)))
-    near, off = near[:, best], off[:, best]
-    if near.sum() < 2:
+    room = frame.metres[:, marker]
+    mine, other = (_off(frame, points, marker, one) for one in (slot, old))
+    near, kept = mine < (options.part_m + room)[:, None], other < (frame.rules.max_off_point * room)[:, None]
+    weight = np.where(near, 2, kept & (of_old < 0)[:, None])
+    best = int(np.argmax(weight.sum(axis=0) - np.where(near, np.minimum(mine, 1), 0).sum(axis=0)))
+    near, kept, off = near[:, best], kept[:, best], mine[:, best]
+    new = np.where(kept, old, np.where(near, slot, -1))
+    held = (new >= 0) & (new != old) & _suits_its_marker(naming, new)
+    new = np.where(held, old, new)
+    if (new >= 0).sum() < 2 or (new == old).all():
         return False
-    new = np.where(near, candidates, -1)
-    if (new == old).all():
-        return False
-    gone = np.flatnonzero((old >= 0) & (new != old))
-    naming.withdraw(gone, np.full(len(gone), marker))
-    naming.partner[gone, marker] = -1
-    for index in np.flatnonzero((new >= 0) & (new != old)):
-        other = naming.owner[index, new[index]]
-        if other >= 0:
-            naming.withdraw(np.array([index]), np.array([other]))
-            naming.partner[index, other] = -1
-        naming.give(index, marker, new[index], REMAINING)
-        part = off[index] > frame.rules.max_off_point * frame.metres[index, marker]
-        naming.partner[index, marker] = marker if part else -1
+    _give(naming, marker, new, off > frame.rules.max_off_point * room)
     return True
+
+
+def _off(frame: Frame, points: np.ndarray, marker: int, slot: np.ndarray) -> np.ndarray:
+    """(C, P) m, how far blobs in slots (C,) are from points (P, 3) m at a marker's depth; TOO_FAR where none."""
+    image = frame.sight.image(frame.sight.local(points[None]))[0]
+    off = np.linalg.norm(frame.view.image[frame.cameras, np.maximum(slot, 0)][:, None] - image, axis=2)
+    return np.where((slot >= 0)[:, None], off * frame.depth[:, [marker]], TOO_FAR)
+
+
+def _suits_its_marker(naming: Naming, slot: np.ndarray) -> np.ndarray:
+    """(C,) whether the blobs in slots (C,) lie where the other blobs of the markers that they are named after meet."""
+    frame = naming.frame
+    suits = np.zeros(len(slot), bool)
+    for camera in np.flatnonzero(slot >= 0):
+        owner = naming.owner[camera, slot[camera]]
+        if owner >= 0:
+            rays = naming.rays[:, owner].copy()
+            rays[camera] = -1
+            point = frame.rays.meet(rays[:, None]).points
+            off = _off(frame, point, owner, slot)[camera, 0]
+            suits[camera] = off < frame.rules.max_off_point * frame.metres[camera, owner]
+    return suits
+
+
+def _give(naming: Naming, marker: int, slot: np.ndarray, part: np.ndarray):
+    """Names the blobs in slots (C,) after a marker, and none else; `part` (C,) where they show a part of it only."""
+    old = naming.slot[:, marker].copy()
+    for camera in np.flatnonzero(slot != old):
+        if old[camera] >= 0:
+            _take(naming, camera, marker)
+        if slot[camera] >= 0:
+            if naming.owner[camera, slot[camera]] >= 0:
+                _take(naming, camera, naming.owner[camera, slot[camera]])
+            naming.give(camera, marker, slot[camera], REMAINING)
+            naming.partner[camera, marker] = marker if part[camera] else -1
+
+
+def _take(naming: Naming, camera: int, marker: int):
+    naming.withdraw(np.array([camera]), np.array([marker]))
+    naming.partner[camera, marker] = -1
