@@ -102,9 +102,10 @@ def _links(before: View, view: View, speed: np.ndarray, depth: np.ndarray, rate:
     known = np.isfinite(speed[..., 0])
     there = before.image + np.where(known[..., None], speed, 0)
     reach = np.where(known, options.noise_m + options.push_m_s2 / rate**2, options.speed_m_s / rate)
-    between = there[:, :, None] - view.image[:, None]
-    away = np.hypot(between[..., 0], between[..., 1]) * depth[:, None, None]
-    away = np.where(before.real[..., None] & view.real[:, None], away, TOO_FAR)
+    square = there @ (-2 * view.across)
+    square += view.square + (there**2).sum(axis=2)[..., None]
+    away = np.sqrt(np.maximum(square, 0)) * depth[:, None, None]
+    away[~(before.real[..., None] & view.real[:, None])] = TOO_FAR
     nearest, least = away.argmin(axis=2), away.min(axis=2)
     camera, old = np.nonzero(least < reach)
     new, least = nearest[camera, old], least[camera, old]
@@ -181,14 +182,14 @@ def _suits_its_marker(naming: Naming, slot: np.ndarray) -> np.ndarray:
     """(C,) whether the blobs in slots (C,) lie where the other blobs of the markers that they are named after meet."""
     frame = naming.frame
     suits = np.zeros(len(slot), bool)
-    for camera in np.flatnonzero(slot >= 0):
-        owner = naming.owner[camera, slot[camera]]
-        if owner >= 0:
-            rays = naming.rays[:, owner].copy()
-            rays[camera] = -1
-            point = frame.rays.meet(rays[:, None]).points
-            off = _off(frame, point, owner, slot)[camera, 0]
-            suits[camera] = off < frame.rules.max_off_point * frame.metres[camera, owner]
+    camera = np.flatnonzero(slot >= 0)
+    owner = naming.owner[camera, slot[camera]]
+    camera, owner = camera[owner >= 0], owner[owner >= 0]
+    if len(camera):
+        rays = naming.rays[:, owner]
+        rays[camera, np.arange(len(camera))] = -1
+        square = frame.against_points(frame.rays.meet(rays).points, owner)
+        suits[camera] = square[camera, np.arange(len(camera)), slot[camera]] < TOO_FAR
     return suits
 
 
