@@ -236,6 +236,15 @@ class SceneSettings(bpy.types.PropertyGroup):
         soft_max=50.0,
         precision=1,
     )
+    bone_names: EnumProperty(
+        name="Bone Names",
+        description="What the bones of the character are called, so that the rig that is to move finds them",
+        items=(
+            ("HUMANIK", "Mixamo, HumanIK", "Hips, Spine, LeftArm, LeftUpLeg: what most retargeting knows"),
+            ("UNREAL", "Unreal", "pelvis, spine_01, upperarm_l, thigh_l: as Unreal's mannequin has them"),
+            ("RIGIFY", "Rigify", "spine, upper_arm.L, thigh.L: as the human that comes with Blender has them"),
+        ),
+    )
     show_overlay: BoolProperty(
         name="Overlay",
         description="Draw blobs, the body's markers and links over the view",
@@ -441,10 +450,10 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     for edit, outcome in zip(stored.edits, stored.outcomes, strict=True):
         row = state.corrections.add()
         row.name, row.idle = words_of(edit, stored.shift), outcome.reason
-    for fill, misfit in zip(stored.fills, stored.misfits, strict=True):
+    for fill, reason in zip(stored.fills, stored.unfit, strict=True):
         row = state.fills.add()
         row.name, row.first, row.last = fill.marker, fill.first + stored.shift, fill.last + stored.shift
-        row.method, row.reason = fill.method, misfit
+        row.method, row.reason = fill.method, reason
         row.expected = 1000 * fill.expected if math.isfinite(fill.expected) else -1
 
 

@@ -35,7 +35,7 @@ from ..io.edits import open_edits
 from ..io.labels import LabelWriter
 from ..io.models import open_model
 from ..io.report import facts_of_trouble
-from ..io.scratch import scratch_folder, told_of
+from ..io.scratch import naming_scratch, scratch_folder
 from .fill import fill_labelled
 from .job import LabelJob, Labelled, timed
 from .outcome import Outcome, write_take
@@ -226,20 +226,20 @@ class MotionFile:
         self.files = []
 
     def __enter__(self) -> Self:
-        with told_of(self.folder):
+        with naming_scratch(self.folder):
             self.files = [path.open("w+b") for path in self.paths]
         return self
 
     def __exit__(self, *_):
         for file in self.files:
-            with suppress(OSError):  # of a full disk, which was told
+            with suppress(OSError):  # of a full disk, which was said
                 file.close()
 
     def append(self, motion: Motion):
         """Adds the frames of the next chunk."""
         if self.first_frame is None:
             self.first_frame = int(motion.frames[0])
-        with told_of(self.folder):
+        with naming_scratch(self.folder):
             for file, part in zip(self.files, (motion.markers, motion.residual), strict=True):
                 append(file, part.astype(np.float32))
 

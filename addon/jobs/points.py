@@ -10,7 +10,7 @@ import numpy as np
 from ..blendfile import refuse_long
 from ..core.data.errors import InputError
 from ..core.data.progress import Progress
-from ..core.data.takes import LARGEST_FRAME, STEPS, Labels, PointRows
+from ..core.data.takes import MAX_FRAME, STEPS, Labels, PointRows
 from ..core.geometry.cameras import NO_CAMERAS
 from ..core.points.motion import labelled_points
 from ..core.points.naming import chosen_method
@@ -40,8 +40,8 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         with timed(clock, "load"):
             model, take = open_model(job.model), read_points(job.source, frames=job.frames, up=job.up, rate=job.rate)
             last = int(take.frames[-1])
-            if last > LARGEST_FRAME:
-                words = f"goes on to frame {last}; expected frame numbers up to {LARGEST_FRAME}"
+            if last > MAX_FRAME:
+                words = f"goes on to frame {last}; expected frame numbers up to {MAX_FRAME}"
                 raise InputError(words, job.source)
             if job.blend:
                 refuse_long(take.first_frame, last)

@@ -211,7 +211,7 @@ def chosen_markers(
             takes[0].path,
         )
     if len(markers) < LEARN.min_markers:
-        raise InputError(f"{len(markers)} markers are too few to be told apart; expected {LEARN.min_markers} or more")
+        raise InputError(f"{len(markers)} markers are too few to distinguish; expected {LEARN.min_markers} or more")
     return markers
 
 

@@ -65,8 +65,8 @@ def fills_kept(context: bpy.types.Context) -> str:
     """What a relabelling left of the active take's fills, as the end of a sentence; empty where there were none."""
     fills = context.window_manager.mocap_autolabel.fills
     lost = sum(bool(fill.reason) for fill in fills)
-    told = f"; {len(fills) - lost} fills hold" if fills else ""
-    return told + (f", {lost} no longer fit and are left out" if lost else "")
+    holding = f"; {len(fills) - lost} fills hold" if fills else ""
+    return holding + (f", {lost} no longer fit and are left out" if lost else "")
 
 
 def wanted_markers(context: bpy.types.Context, stored: Stored, extent: str) -> tuple[int, ...] | None:
@@ -117,7 +117,7 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, WorksInSteps, bpy.types.Operator):
         if new:
             keep_and_show(context, partial(keep_fills, fills=replaced_fills(stored.fitting, new)))
         note_left(context, left_rows(filled.left, stored.names, int(stored.motion.frames[0]) + stored.shift))
-        self.report({"INFO"} if new else {"WARNING"}, told_of(filled, new))
+        self.report({"INFO"} if new else {"WARNING"}, outcome_of(filled, new))
         return {"FINISHED"} if new else {"CANCELLED"}
 
     def _show(self, context, result: FilledTake) -> set[str]:
@@ -151,7 +151,7 @@ def body_of(context: bpy.types.Context, stored: Stored, method: str) -> tuple[Ma
     return None, None
 
 
-def told_of(filled: FilledTake, new: Sequence[KeptFill]) -> str:
+def outcome_of(filled: FilledTake, new: Sequence[KeptFill]) -> str:
     """What came of a filling, for a person to read."""
     off = [1000 * fill.expected for fill in new if fill.expected == fill.expected]
     words = f"{len(new)} of {len(new) + len(filled.left)} gaps filled"
@@ -168,9 +168,9 @@ def note_left(context: bpy.types.Context, rows: Sequence[dict]):
     """Lists the gaps that were left, with the reasons; frames are Blender's."""
     left = context.window_manager.mocap_autolabel.left_gaps
     left.clear()
-    for told in rows:
+    for gap in rows:
         row = left.add()
-        row.name, row.first, row.last, row.reason = (told[key] for key in ("marker", "first", "last", "reason"))
+        row.name, row.first, row.last, row.reason = (gap[key] for key in ("marker", "first", "last", "reason"))
 
 
 class HasFills(OfTake):

@@ -154,8 +154,8 @@ class MOCAP_AUTOLABEL_OT_label(TellsWhyNot, WorksInSteps, bpy.types.Operator):
         kept = f"; {len(take.edits)} corrections hold" if take.edits else ""
         kept += fills_kept(context)
         changed = summary_of_changes(kept_changes(settings.take))
-        told = f"; {changed} than before" if changed else ""
-        self.report({"INFO"}, f"{named} of {len(take.rows)} {things} named in {frames} frames{kept}{told}")
+        than_before = f"; {changed} than before" if changed else ""
+        self.report({"INFO"}, f"{named} of {len(take.rows)} {things} named in {frames} frames{kept}{than_before}")
         return {"FINISHED"}
 
 

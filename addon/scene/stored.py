@@ -25,8 +25,9 @@ class Stored:
     outcomes  what became of each edit
     model     the name of the marker set
     parents   of each joint of the skeleton, -1 for the root; none where the file does not keep them
+    segments  the names of what turns about these joints; none where the file does not keep them
     fills     gaps that were filled; `motion` has those that go with it
-    misfits   why each fill does not go with the take as it is now, "" where it does
+    unfit     why each fill does not go with the take as it is now, "" where it does
     measured  the motion without fills and not smoothed; None where that is `motion`
     cutoff    Hz, by which `motion` is smoothed; None where it is not
     placed    index of the frame and marker of each that a person placed
@@ -49,8 +50,9 @@ class Stored:
     outcomes: tuple[EditOutcome, ...] = ()
     model: str = ""
     parents: tuple[int, ...] = ()
+    segments: tuple[str, ...] = ()
     fills: tuple[KeptFill, ...] = ()
-    misfits: tuple[str, ...] = ()
+    unfit: tuple[str, ...] = ()
     measured: Motion | None = None
     cutoff: float | None = None
 
@@ -62,7 +64,7 @@ class Stored:
     @property
     def fitting(self) -> tuple[KeptFill, ...]:
         """The fills that are in the motion."""
-        return tuple(fill for fill, misfit in zip(self.fills, self.misfits, strict=True) if not misfit)
+        return tuple(fill for fill, reason in zip(self.fills, self.unfit, strict=True) if not reason)
 
     def filled(self) -> np.ndarray:
         """(F, M) True where a sample was filled."""

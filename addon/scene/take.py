@@ -39,7 +39,7 @@ RATE, SHIFT, SUSPECTS, SOURCE, MARKER_NAMES = (
 )
 STEP_NAMES = "mocap_steps"
 MARKER_WORDS = "mocap_marker_words"
-PARENTS = "mocap_parents"
+PARENTS, SEGMENTS = "mocap_parents", "mocap_segments"
 # What the first version, which did not keep them, called the steps of points.
 POINT_STEPS_OF_VERSION_1 = ("", "evidence", "ensemble", "fit", "trajectory")
 TRAJECTORY, POINT, RESIDUAL = "trajectory", "point", "point_residual"
@@ -139,10 +139,10 @@ def show_take(context: bpy.types.Context, take: Take, unnamed: bool = False) -> 
     add_body(_child(collection, f"{collection.name} body"), armature, take.markerset, build.scale)
     empties = _child(collection, f"{collection.name} markers")
     names = take.markerset.markers
-    motion, misfits = put_fills(take.motion, names, take.fills)
+    motion, unfit = put_fills(take.motion, names, take.fills)
     if take.cutoff is not None:
         motion = replace(motion, markers=smoothed(motion.markers, take.rate, take.cutoff))
-    fitting = [fill for fill, misfit in zip(take.fills, misfits, strict=True) if not misfit]
+    fitting = [fill for fill, reason in zip(take.fills, unfit, strict=True) if not reason]
     scene_markers.add_markers(
         empties, action, names, motion, frames, filled_samples(take.motion.frames, names, fitting)
     )
@@ -269,6 +269,7 @@ def unedited_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> S
         model=str(collection.get(naming.MARKERSET, "")),
         parents=tuple(json.loads(collection.get(PARENTS, "[]"))),
         own_labels=isinstance(rows, PointRows) or kept_text(collection) is None or OWN_LABELS in collection,
+        segments=tuple(json.loads(collection.get(SEGMENTS, "[]"))),
     )
 
 
@@ -339,6 +340,7 @@ def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Coll
     collection[SUSPECTS] = json.dumps([_suspect_row(suspect) for suspect in take.suspects])
     collection[MARKER_WORDS] = json.dumps(take.markerset.by_name)
     collection[PARENTS] = json.dumps(take.markerset.skeleton.parents.tolist())
+    collection[SEGMENTS] = json.dumps(take.markerset.skeleton.segments)
     if take.edits is not None:
         keep_edits(collection, take.edits)
     keep_fills(collection, take.fills)

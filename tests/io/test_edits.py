@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from addon.core.data.errors import InputError
-from addon.core.data.takes import LARGEST_FRAME
+from addon.core.data.takes import MAX_FRAME
 from addon.core.edits.kinds import (
     AssignBlob,
     AssignPoint,
@@ -37,7 +37,7 @@ CONTRACT = """{"version": 1, "edits": [
 {"kind": "right",   "marker": "LKNE", "frames": [100, 250]}
 ]}"""
 
-number = st.integers(-LARGEST_FRAME, LARGEST_FRAME)
+number = st.integers(-MAX_FRAME, MAX_FRAME)
 near = st.integers(0, 1000)
 frames = st.none() | st.tuples(number, number).map(lambda two: (min(two), max(two)))
 name = st.text(st.characters(exclude_categories=["Cs"]), min_size=1).filter(str.strip)

@@ -59,7 +59,7 @@ def test_markers_are_those_in_common_or_those_asked_for(tmp_path):
     with pytest.raises(InputError, match="'a,b', which has a sign that label files need"):
         chosen_markers(odd, None)
     assert chosen_markers(odd, NAMES) == NAMES
-    with pytest.raises(InputError, match="too few to be told apart"):
+    with pytest.raises(InputError, match="too few to distinguish"):
         chosen_markers(takes, ["A", "B"])
     [points] = gathered(takes, ("X", "A", "Y")).values()
     assert points.shape == (60, 3, 3)

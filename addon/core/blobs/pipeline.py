@@ -33,6 +33,7 @@ from .seeding import contradicted, fixed_in, seeds_of
 from .subject import Setup
 from .swaps import exchange_loss, exchanged, swap_names
 from .tracking import Followed, FrameResult, Track, follow
+from .tracklets import name_by_tracklets
 
 
 @dataclass(frozen=True)
@@ -158,6 +159,7 @@ class TakeLabeller:
                 chunk.suspect(stretch.first, stretch.last, "names did not suit the rest of the take and are new")
             self._rename(chunk)
             put_between(chunk.results, self.setup.rate)
+            name_by_tracklets(chunk.views, chunk.results, self.setup.rate)
             absent = absent_markers(chunk.results)
             for result in chunk.results if len(absent) else ():
                 if result is not None:

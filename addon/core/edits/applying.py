@@ -37,7 +37,19 @@ from .kinds import (
 from .replay import Edited, Replay
 
 OF_POINTS = (AssignPoint, UnlabelPoint, Delete)
-MOST_NAMES = 8  # that a sentence lists
+
+
+@dataclass(frozen=True)
+class SentenceOptions:
+    """What a sentence about edits lists; reckoned.
+
+    max_names  of markers or cameras: as many as a person takes in at a glance
+    """
+
+    max_names: int = 8
+
+
+SENTENCES = SentenceOptions()
 
 
 @dataclass(frozen=True)
@@ -154,7 +166,7 @@ def refuse_unknown(
     for number, edit in enumerate(edits, 1):
         for name in markers_of(edit):
             if name not in names:
-                some = ", ".join(list(names)[:MOST_NAMES])
+                some = ", ".join(list(names)[: SENTENCES.max_names])
                 raise InputError(f"edit {number} names {name!r}; expected a marker of the model, such as {some}")
         if isinstance(edit, Swap) and len({names[name] for name in edit.markers}) == 1:
             raise InputError(f"edit {number} swaps a marker with itself; expected two markers")
@@ -181,7 +193,7 @@ def _refuse_camera(edit: Edit, number: int, cameras: set[str]):
     if isinstance(edit, OF_POINTS):
         raise InputError(f"edit {number} is of a point in a take of blobs; expected one with camera, frame, x and y")
     if isinstance(edit, BlobEdit) and edit.camera not in cameras:
-        some = ", ".join(sorted(cameras)[:MOST_NAMES])
+        some = ", ".join(sorted(cameras)[: SENTENCES.max_names])
         raise InputError(f"edit {number} is of the camera {edit.camera!r}; expected one of {some}")
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 
 from ..data.errors import InputError
-from ..data.takes import LARGEST_FRAME
+from ..data.takes import MAX_FRAME
 from .kinds import (
     EDIT_KINDS,
     Accepted,
@@ -157,7 +157,7 @@ def _point(value: object, number: int) -> int:
 
 
 def _frame(value: object, number: int) -> int:
-    if not _is_whole(value) or abs(value) > LARGEST_FRAME:
+    if not _is_whole(value) or abs(value) > MAX_FRAME:
         raise InputError(f"edit {number} has the frame {_shown(value)}; expected a whole number, as in the source")
     return value
 

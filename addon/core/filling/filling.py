@@ -30,16 +30,16 @@ class FillOptions:
     max_gap     frames of the longest gap to fill; None for any
     markers     indices of the markers to fill; None for all
     frame       index of a frame that is in every gap to fill; None for gaps anywhere
-    most_off_m  a gap in the take is left where the error to expect is larger: it would show a motion that was not there
-    most_open_m the same at its start or end, where nothing holds the far side
+    max_off_m   a gap in the take is left where the error to expect is larger: it would show a motion that was not there
+    max_open_m  the same at its start or end, where nothing holds the far side
     """
 
     method: str = "auto"
     max_gap: int | None = None
     markers: tuple[int, ...] | None = None
     frame: int | None = None
-    most_off_m: float = 0.1
-    most_open_m: float = 0.03
+    max_off_m: float = 0.1
+    max_open_m: float = 0.03
 
     def asks_for(self, gap: Gap) -> bool:
         """Whether a gap is one of those to fill."""
@@ -168,7 +168,7 @@ class _Filler:
         path = sum(answer[0] for answer in answers.values()) / len(answers)
         path, expected, held_by = held(path, gap, choice.expected(sure), self.rays, own, self.rate)
         open_ended = gap.start == 0 or gap.stop == len(own)
-        limit = self.options.most_open_m if open_ended else self.options.most_off_m
+        limit = self.options.max_open_m if open_ended else self.options.max_off_m
         if expected > limit:
             where = " at an end of the take" if open_ended else ""
             reason = f"would be off by {1000 * expected:.0f} mm, where {1000 * limit:.0f} mm are allowed{where}"
@@ -238,8 +238,8 @@ def _sound(way: Way) -> Way:
     """The same, with no answer where a part of it is no number: it would be the best of all trials."""
 
     def answer(gap: Gap, own: np.ndarray) -> Answer:
-        told = way(gap, own)
-        return None if told is None or not np.isfinite(told[0]).all() else told
+        answer = way(gap, own)
+        return None if answer is None or not np.isfinite(answer[0]).all() else answer
 
     return answer
 

@@ -87,7 +87,7 @@ def label_blobs(
 def _labelled(
     chunks: Iterable[Blobs], cameras: Cameras, model: Model, options: BlobOptions, agreement: MethodAgreement
 ) -> Iterator[LabelledChunk]:
-    """The same with the edits as evidence only."""
+    """The same with the edits as constraints only."""
     labellers = _labellers(cameras, model, options)
     if len(labellers) == 1:
         return labellers[0](chunks)
