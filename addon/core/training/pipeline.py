@@ -257,8 +257,8 @@ def _subjects(
 def _others(everyone: dict[str, np.ndarray], markerset: MarkerSet) -> dict[str, np.ndarray]:
     """Made-up people who move as those do who were recorded, where few were and it is known how bodies differ.
 
-    Also where nobody who was recorded shows a marker: they show it where the body has it. None for markers on rigid bodies:
-    nothing is known of how those differ.
+    Also where nobody who was recorded shows a marker: they show it where the body has it. None for markers on rigid
+    bodies: nothing is known of how those differ.
     """
     moving = {subject: points for subject, points in everyone.items() if shows_poses(points)}
     unseen = not np.isfinite(np.concatenate(list(everyone.values()))[..., 0]).any(axis=0).all()
