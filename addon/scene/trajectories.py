@@ -10,13 +10,26 @@ from ..core.data.takes import BY_EDIT, NO_MARKER, PointRows, Suspect
 from ..core.edits.kinds import Place
 from .stored import Stored
 
-SURE_NAME = 0.99  # confidence below which a name is doubtful
 # What a stretch is, in the order in which stretches are drawn: what is rare and short lies on top.
 STATES = ("named", "unnamed", "gap", "filled", "edited", "doubtful")
 NAMED, UNNAMED, GAP, FILLED, CORRECTED, DOUBTFUL = range(len(STATES))
-# s; trajectories without a name that are shorter, in all of a take, share a row: mostly ghosts that flicker.
-LONG_S = 1.0
 FOLDED = "short ones"
+
+
+@dataclass(frozen=True)
+class RowOptions:
+    """How trajectories are shown; reckoned.
+
+    min_confidence  of a name, below which it is doubtful
+    min_own_row_s   that a trajectory without a name is there, in all of a take, to have its own row: shorter ones are
+                    mostly ghosts that flicker
+    """
+
+    min_confidence: float = 0.99
+    min_own_row_s: float = 1.0
+
+
+TRAJECTORY_ROWS = RowOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +78,7 @@ def runs_of(stored: Stored, unfolded: bool = False) -> Runs:
         fresh = np.diff(there, prepend=there[0] - 1) != 0
         own, row = there[fresh], np.cumsum(fresh) - 1
         count = np.bincount(row)
-        long_enough = unfolded | (count >= LONG_S * stored.rate)
+        long_enough = unfolded | (count >= TRAJECTORY_ROWS.min_own_row_s * stored.rate)
         rank = np.argsort(np.where(long_enough, -count, 1), kind="stable")
         kept = rank[: int(long_enough.sum())]
         place = np.full(len(own), len(kept))
@@ -88,7 +101,10 @@ def states_of(stored: Stored) -> np.ndarray:
     states = np.where(there, NAMED, GAP).astype(np.int8)
     if isinstance(stored.rows, PointRows):
         labels, frame = stored.labels, stored.rows.frame
-        for unlike, state in ((labels.confidence < SURE_NAME, DOUBTFUL), (labels.step == BY_EDIT, CORRECTED)):
+        for unlike, state in (
+            (labels.confidence < TRAJECTORY_ROWS.min_confidence, DOUBTFUL),
+            (labels.step == BY_EDIT, CORRECTED),
+        ):
             which = np.flatnonzero(unlike)
             which = which[labels.marker[which] != NO_MARKER]
             states[frame[which], labels.marker[which]] = state

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..core.data.takes import CONFLICT, EXCLUSIVE, NO_MARKER, REMAINING, STEPS, PointRows, rows_in_frame
 from ..scene.take import Stored
-from ..scene.trajectories import SURE_NAME, markers_of
+from ..scene.trajectories import TRAJECTORY_ROWS, markers_of
 
 GREEN, CYAN, MAGENTA, GREY = (
     (0.15, 0.85, 0.3, 1.0),
@@ -104,7 +104,7 @@ def point_marks(stored: Stored, index: int) -> PointMarks:
         return PointMarks(markers, doubtful, np.empty((0, 3)), filled, {})
     here = rows_in_frame(stored.rows, index)
     marker, confidence = labels.marker[here], labels.confidence[here]
-    doubtful[marker[(marker != NO_MARKER) & (confidence < SURE_NAME)]] = True
+    doubtful[marker[(marker != NO_MARKER) & (confidence < TRAJECTORY_ROWS.min_confidence)]] = True
     left = here.start + np.flatnonzero(marker == NO_MARKER)
     numbers = stored.rows.trajectory[left].tolist()
     # Reasons count things as well, so a number is a trajectory's only where they call it one.
