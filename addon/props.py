@@ -236,6 +236,15 @@ class SceneSettings(bpy.types.PropertyGroup):
         soft_max=50.0,
         precision=1,
     )
+    bone_names: EnumProperty(
+        name="Bone Names",
+        description="What the bones of the character are called, so that the rig that is to move finds them",
+        items=(
+            ("HUMANIK", "Mixamo, HumanIK", "Hips, Spine, LeftArm, LeftUpLeg: what most retargeting knows"),
+            ("UNREAL", "Unreal", "pelvis, spine_01, upperarm_l, thigh_l: as Unreal's mannequin has them"),
+            ("RIGIFY", "Rigify", "spine, upper_arm.L, thigh.L: as the human that comes with Blender has them"),
+        ),
+    )
     show_overlay: BoolProperty(
         name="Overlay",
         description="Draw blobs, the body's markers and links over the view",
@@ -309,9 +318,9 @@ class GapRow(bpy.types.PropertyGroup):
 
 
 class PickedPoint(bpy.types.PropertyGroup):
-    """A trajectory that is picked in the 3D view."""
+    """A trajectory, or a blob of a camera, that is picked in the 3D view."""
 
-    point: IntProperty(name="Trajectory", description="Its number in the file")
+    point: IntProperty(name="Number", description="Of a trajectory that in the file, of a blob its row in the take")
 
 
 class ReviewState(bpy.types.PropertyGroup):

@@ -5,6 +5,7 @@ from collections.abc import Callable, Generator, Sequence
 from functools import partial
 
 import bpy
+import numpy as np
 from bpy.props import EnumProperty, IntProperty
 
 from ..core.body.posing import POSING
@@ -12,8 +13,10 @@ from ..core.data.background import in_background
 from ..core.data.errors import InputError, UserError
 from ..core.data.markersets import MarkerSet
 from ..core.data.progress import finished
+from ..core.data.takes import Blobs
 from ..core.filling.filling import FilledTake, FillOptions, fill_take, kept_fills_of
 from ..core.filling.kept import KeptFill, replaced_fills
+from ..core.filling.rays import NO_RAYS, MarkerRays, rays_of
 from ..io.filled import left_rows
 from ..io.names import written
 from ..props import chosen_markerset, refresh_review
@@ -89,7 +92,7 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, WorksInSteps, bpy.types.Operator):
         stored, options = self._asked(context)
         self._of = context.scene.mocap_autolabel.take.session_uid
         markerset, columns = body_of(context, stored, options.method)
-        work = partial(fill_take, stored.unfilled.markers, stored.rate, options, markerset, columns)
+        work = partial(fill_take, stored.unfilled.markers, stored.rate, options, markerset, columns, _rays(stored))
         return in_background(lambda tell: finished(work(), tell))
 
     def _asked(self, context) -> tuple[Stored, FillOptions]:
@@ -122,13 +125,19 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, WorksInSteps, bpy.types.Operator):
         return self._shown(context)
 
 
+def _rays(stored: Stored) -> MarkerRays:
+    """The rays of markers that one camera alone sees; none in a take of points."""
+    if not isinstance(stored.rows, Blobs):
+        return NO_RAYS
+    missing = ~np.isfinite(stored.unfilled.markers).all(axis=2)
+    return rays_of(stored.rows, stored.labels, stored.cameras, missing)
+
+
 def body_of(context: bpy.types.Context, stored: Stored, method: str) -> tuple[MarkerSet | None, object]:
     """The chosen marker set where the take's markers are its own, and the take's index of each, -1 where it has none.
 
     Without one the body fills nothing; InputError where it was asked for.
     """
-    import numpy as np
-
     try:
         markerset = chosen_markerset(context.scene.mocap_autolabel)
     except UserError:

@@ -39,7 +39,7 @@ def watch(blender_program, make_zip) -> Callable[..., dict]:
     Gives what it saw, beside the folder in which its pictures are and Blender's log.
     """
 
-    def run(script: str, folder: Path, seconds: float = 300, **task) -> dict:
+    def run(script: str, folder: Path, seconds: float = 600, **task) -> dict:
         package = str(make_zip(zip_for(blender_program.version[:2])))
         (folder / "task.json").write_text(json.dumps({"zip": package, **task}))
         try:

@@ -22,7 +22,7 @@ OUT = Path(os.environ["MOCAP_OUT"])
 LABEL = "mocap_autolabel.label"
 NEXT, MEND, ACCEPT = (f"mocap_autolabel.{name}" for name in ("next_trouble", "mend_trouble", "accept_trouble"))
 LOST = "LKNE"
-PATIENCE = 120.0
+PATIENCE = 200.0  # s; a busy machine draws slowly
 FROM_RIGHT = 50  # px from the sidebar's right end to the middle of the cross beside the progress
 
 

@@ -27,7 +27,7 @@ import window
 
 OUT = Path(os.environ["MOCAP_OUT"])
 ADDON = "bl_ext.user_default.mocap_autolabel.addon"
-PATIENCE = 100.0
+PATIENCE = 200.0  # s; a busy machine draws slowly
 RANGE = (5, 25)  # frames that a person takes off the scene at its start and end
 LOST, RIGHT = "LKNE", "RKNE"
 Place = tuple[int, int]

@@ -16,7 +16,7 @@ def seen(watch, tmp_path_factory):
     folder = tmp_path_factory.mktemp("label")
     write_virtual_points(folder, FRAMES)
     task = {"points": str(folder / "walk.c3d"), "markerset": "body26", "frame": FRAME}
-    return watch("window_label.py", folder, seconds=400, **task)
+    return watch("window_label.py", folder, **task)
 
 
 def test_the_dot_under_the_pointer_is_picked_and_not_the_body_before_it(seen):

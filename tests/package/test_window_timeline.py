@@ -13,7 +13,7 @@ A_PIXEL = 3  # frames, about
 @pytest.fixture(scope="module")
 def seen(watch, tmp_path_factory):
     folder = tmp_path_factory.mktemp("timeline")
-    return watch("window_timeline.py", folder, seconds=450, frames=FRAMES)
+    return watch("window_timeline.py", folder, frames=FRAMES)
 
 
 def test_markers_and_what_has_no_name_have_rows(seen):

@@ -25,7 +25,7 @@ import window
 
 OUT = Path(os.environ["MOCAP_OUT"])
 ADDON = "bl_ext.user_default.mocap_autolabel.addon"
-PATIENCE = 120.0
+PATIENCE = 200.0  # s; a busy machine draws slowly
 Place = tuple[int, int]
 
 

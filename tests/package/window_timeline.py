@@ -148,7 +148,7 @@ def fill(of, seen: dict) -> Iterator[float]:
     seen["filling stopped"] = [len(bpy.context.window_manager.windows[0].modal_operators), len(state.fills)]
     bpy.context.scene.mocap_autolabel.fill_method = "rigid"
     yield from window.click(x, y)
-    until = time.monotonic() + 100
+    until = time.monotonic() + 200
     while not len(state.fills) and time.monotonic() < until:
         yield 0.5
     seen["filled"] = len(state.fills)

@@ -20,7 +20,7 @@ import window
 
 OUT = Path(os.environ["MOCAP_OUT"])
 LABEL, CLEAR, LOOK = "mocap_autolabel.label", "mocap_autolabel.clear", "mocap_autolabel.look_through"
-PATIENCE = 90.0
+PATIENCE = 200.0  # s; a busy machine draws slowly
 
 
 def walk() -> Iterator[float]:

@@ -33,6 +33,7 @@ class AtOnceOptions:
     min_sine          of the angle between two rays that fix a point
     subset_cameras    rays of a set of which every subset is tried; of larger ones, those without one ray
     hypotheses        of a marker, the best, that are chosen from
+    seen_behind       chance that a camera has a blob of a marker behind a nearer one on the same line
     """
 
     seen: float = 0.93
@@ -44,6 +45,7 @@ class AtOnceOptions:
     min_sine: float = 0.02
     subset_cameras: int = 5
     hypotheses: int = 40
+    seen_behind: float = 0.1
 
 
 JOINTLY = AtOnceOptions()
@@ -67,7 +69,7 @@ def name_jointly(frame: Frame, options: AtOnceOptions = JOINTLY) -> tuple[Naming
     """The likeliest names of a frame's blobs, and which markers (M,) are placed elsewhere by them."""
     expected = frame.expected
     found = hypotheses_of(frame, expected, options)
-    chosen = _best(found, frame.view)
+    chosen = _shaded(found, _best(found, frame.view), frame, options)
     naming = Naming.empty(frame)
     for index in chosen:
         camera = np.flatnonzero(found.slot[index] >= 0)
@@ -242,3 +244,46 @@ def _best(found: Hypotheses, view: View) -> np.ndarray:
     once = LinearConstraint(coo_array((np.ones(len(rows)), (rows, columns)), shape=shape).tocsc(), ub=np.ones(shape[0]))
     answer = milp(-found.gain, integrality=np.ones(shape[1]), bounds=Bounds(0, 1), constraints=once)
     return np.flatnonzero(answer.x > 0.5) if answer.x is not None else np.zeros(0, int)
+
+
+def _shaded(found: Hypotheses, chosen: np.ndarray, frame: Frame, options: AtOnceOptions) -> np.ndarray:
+    """The choice with blobs given to the nearer of two markers on one line where that is likelier.
+
+    Each name on its own takes it for odd that a camera which should see its marker has no blob of it. Behind a nearer
+    marker it is not: the blob is then the nearer one's. The best such change is made, and so on.
+    """
+    chosen = chosen.copy()
+    index = {(int(m), *slot): at for at, (m, slot) in enumerate(zip(found.marker, found.slot.tolist(), strict=True))}
+    chance = np.where(frame.expected.visible, options.seen, options.seen_hidden)
+    relief = 2 * (np.log(1 - options.seen_behind) - np.log(1 - chance))
+    for _ in range(len(chosen)):
+        changes = np.array(list(_handed_over(found, chosen, index)), int).reshape(-1, 5)
+        giver, taker, camera, less, more = changes.T
+        gain = found.gain[less] + found.gain[more] - found.gain[chosen[giver]] - found.gain[chosen[taker]]
+        gain = gain + relief[camera, found.marker[less]]
+        behind, before = (frame.rays.meet(found.slot[of].T).points for of in (chosen[giver], more))
+        away = [np.linalg.norm(points - frame.sight.centres[camera], axis=1) for points in (behind, before)]
+        gain = np.where(away[1] < away[0] - frame.rules.min_behind_m, gain, 0)
+        if not (gain > 0).any():
+            break
+        best = int(gain.argmax())
+        chosen[giver[best]], chosen[taker[best]] = less[best], more[best]
+    return chosen
+
+
+def _handed_over(found: Hypotheses, chosen: np.ndarray, index: dict):
+    """Of the choice, every blob that one marker may give to another which its camera lacks.
+
+    Yields where in `chosen` the giver and the taker are, the camera, and what they are then, in `found`.
+    """
+    for giver, own in enumerate(chosen):
+        for camera in np.flatnonzero(found.slot[own] >= 0):
+            slot = found.slot[own].copy()
+            slot[camera] = -1
+            less = index.get((int(found.marker[own]), *slot.tolist()))
+            for taker in np.flatnonzero(found.slot[chosen, camera] < 0) if less is not None else ():
+                slot = found.slot[chosen[taker]].copy()
+                slot[camera] = found.slot[own, camera]
+                more = index.get((int(found.marker[chosen[taker]]), *slot.tolist()))
+                if more is not None:
+                    yield giver, taker, camera, less, more

@@ -12,6 +12,7 @@ from . import plain
 from .fitted import FittedSubject
 from .gaps import Gap, KnownMarkers, find_gaps
 from .kept import KeptFill
+from .rays import NO_RAYS, MarkerRays, held
 from .regression import MarkerModel, learned, neighbours_of, regress
 from .trials import Answer, Choice, Way, choose, graded, pace_of, paces
 
@@ -84,13 +85,14 @@ def fill_take(
     options: FillOptions,
     markerset: MarkerSet | None = None,
     columns: np.ndarray | None = None,
+    rays: MarkerRays = NO_RAYS,
 ) -> Generator[float, None, FilledTake]:
     """Fills the gaps of named markers (T, M, 3) m, NaN where missing; yields the share of the work that is done.
 
     With a `markerset` its body fills too; `columns` are the take's indices of its markers, -1 where it has none.
-    Without one the method "body" leaves all gaps.
+    Without one the method "body" leaves all gaps. `rays` of cameras that see a marker alone hold what is filled.
     """
-    filler = _Filler(xyz, rate, options, markerset, columns)
+    filler = _Filler(xyz, rate, options, markerset, columns, rays)
     gaps = find_gaps(filler.take.known)
     wanted = [gap for gap in gaps if options.asks_for(gap)]
     done, whole = 0, sum(_cost(gap) for gap in wanted)
@@ -127,6 +129,7 @@ class _Filler:
     options: FillOptions
     markerset: MarkerSet | None
     columns: np.ndarray | None
+    rays: MarkerRays
     take: KnownMarkers = field(init=False)
     measured: np.ndarray = field(init=False)
     fitted_subject: FittedSubject | None = field(init=False, default=None)
@@ -162,7 +165,8 @@ class _Filler:
             self.left.append(LeftGap(gap, self._why_not(gap, own)))
             return
         sure = next((answer[1] for answer in answers.values() if answer[1] is not None), None)
-        expected = choice.expected(sure)
+        path = sum(answer[0] for answer in answers.values()) / len(answers)
+        path, expected, held_by = held(path, gap, choice.expected(sure), self.rays, own, self.rate)
         open_ended = gap.start == 0 or gap.stop == len(own)
         limit = self.options.max_open_m if open_ended else self.options.max_off_m
         if expected > limit:
@@ -170,8 +174,8 @@ class _Filler:
             reason = f"would be off by {1000 * expected:.0f} mm, where {1000 * limit:.0f} mm are allowed{where}"
             self.left.append(LeftGap(gap, reason))
             return
-        self.take.put(gap, sum(answer[0] for answer in answers.values()) / len(answers))
-        self.done.append(FilledGap(gap, "+".join(answers), expected))
+        self.take.put(gap, path)
+        self.done.append(FilledGap(gap, "+".join([*answers, *(["ray"] if held_by else [])]), expected))
 
     def _ways(self, neighbours: np.ndarray, helping: np.ndarray) -> dict[str, Way]:
         """The methods that are asked for, the favourite first, for a gap with these neighbours."""
