@@ -9,7 +9,7 @@ import bpy
 from bpy.props import StringProperty
 
 from ..core.data.errors import JobError
-from ..scene.character import BVH_AXES, BLENDER_AXES, add_character
+from ..scene.character import BLENDER_AXES, BVH_AXES, add_character
 from ..scene.opened import opened
 from ..scene.take import Stored, set_time
 from .exporting import ExportsTake
