@@ -318,9 +318,9 @@ class GapRow(bpy.types.PropertyGroup):
 
 
 class PickedPoint(bpy.types.PropertyGroup):
-    """A trajectory that is picked in the 3D view."""
+    """A trajectory, or a blob of a camera, that is picked in the 3D view."""
 
-    point: IntProperty(name="Trajectory", description="Its number in the file")
+    point: IntProperty(name="Number", description="Of a trajectory that in the file, of a blob its row in the take")
 
 
 class ReviewState(bpy.types.PropertyGroup):
@@ -450,10 +450,10 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     for edit, outcome in zip(stored.edits, stored.outcomes, strict=True):
         row = state.corrections.add()
         row.name, row.idle = words_of(edit, stored.shift), outcome.reason
-    for fill, misfit in zip(stored.fills, stored.misfits, strict=True):
+    for fill, reason in zip(stored.fills, stored.unfit, strict=True):
         row = state.fills.add()
         row.name, row.first, row.last = fill.marker, fill.first + stored.shift, fill.last + stored.shift
-        row.method, row.reason = fill.method, misfit
+        row.method, row.reason = fill.method, reason
         row.expected = 1000 * fill.expected if math.isfinite(fill.expected) else -1
 
 

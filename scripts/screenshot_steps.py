@@ -101,8 +101,8 @@ def character(middle: Vector) -> Iterator[float]:
         added.data.display_type = "OCTAHEDRAL"
         if rest:
             added.data.pose_position = "REST"
-            added.location = (middle.x + 0.4 * aside, middle.y + aside, 0.0)
-    look_at((middle.x, middle.y + 0.8, 1.0), distance=4.2)
+            added.location = (middle.x + aside, middle.y, 0.0)
+    look_at((middle.x + 0.8, middle.y, 1.0), distance=4.4, about=15)
     yield from window.scroll_sidebar()
     yield from window.screenshot("character")
     yield from window.scroll_sidebar(down=False)
@@ -177,12 +177,12 @@ def laid_out() -> bpy.types.Collection:
     return next(one for one in bpy.context.scene.collection.children if "mocap_edited_markerset" in one)
 
 
-def look_at(place: tuple[float, float, float], distance: float) -> None:
-    """Turn the 3D view to a place, from in front, a little above."""
+def look_at(place: tuple[float, float, float], distance: float, about: float = 65.0) -> None:
+    """Turn the 3D view to a place, from a little above, by degrees about the vertical from where -y is in front."""
     view = window.area().spaces.active.region_3d
     view.view_perspective = "PERSP"
     view.view_location = place
-    view.view_rotation = Euler((math.radians(72), 0, math.radians(65))).to_quaternion()
+    view.view_rotation = Euler((math.radians(72), 0, math.radians(about))).to_quaternion()
     view.view_distance = distance
 
 

@@ -17,7 +17,7 @@ from ..core.data.errors import JobError, UserError
 from ..core.data.progress import finished
 
 PROGRAM = "mocap-autolabel"
-# A terminal is told often, a log file now and then, s.
+# A terminal hears often, a log file now and then, s.
 TERMINAL_PAUSE, LOG_PAUSE = 0.1, 2.0
 
 
@@ -36,7 +36,7 @@ def open_streams():
 def complain(trouble: UserError | str):
     """One line on standard error: `mocap-autolabel: FILE:LINE: what is wrong; what was expected`."""
     for stream, text in ((sys.stdout, ""), (sys.stderr, f"{PROGRAM}: {' '.join(str(trouble).split())}\n")):
-        with suppress(OSError):  # where nobody can be told, the exit status tells
+        with suppress(OSError):  # where nobody can hear, the exit status tells
             stream.write(text)
             stream.flush()
 
@@ -89,7 +89,7 @@ class ProgressLine:
             self.width = 0
 
     def _write(self, text: str):
-        """Nobody loses a take because its progress cannot be told."""
+        """Nobody loses a take because its progress cannot be shown."""
         try:
             sys.stderr.write(text)
             sys.stderr.flush()

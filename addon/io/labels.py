@@ -12,7 +12,7 @@ import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.data.takes import STEPS, Labels, PointRows
-from .blobs import LONGEST_LINE, csv_field
+from .blobs import BLOB_FILE, csv_field
 from .source import open_binary
 
 BLOB_KEYS = ("frame", "camera", "x", "y")
@@ -240,7 +240,7 @@ class LabelFile:
             yield text
 
     def _lines(self) -> Iterator[bytes]:
-        while line := self.file.readline(LONGEST_LINE + 1):
+        while line := self.file.readline(BLOB_FILE.max_line_bytes + 1):
             self._lines_so_far += 1
             self._line = self._lines_so_far
             yield line
@@ -248,8 +248,8 @@ class LabelFile:
     def _text(self, line: bytes) -> str:
         if b"\0" in line:
             raise self._error(f"is a binary file; expected {self.what}")
-        if len(line) > LONGEST_LINE:
-            raise self._error(f"has a line of over {LONGEST_LINE >> 20} MB; expected {self.what}")
+        if len(line) > BLOB_FILE.max_line_bytes:
+            raise self._error(f"has a line of over {BLOB_FILE.max_line_bytes >> 20} MB; expected {self.what}")
         return line.decode("utf-8-sig" if self._line == 1 else "utf-8", "surrogateescape")
 
     def _error(self, words: str) -> InputError:

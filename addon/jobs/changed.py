@@ -13,7 +13,7 @@ from ..core.data.takes import NO_MARKER
 from ..core.review.changes import changes, summary_of_changes
 from ..io.labels import LabelFile, UnreadRow
 
-MOST_TOLD = 200  # changes that a report lists, the longest first: a list that a person reads
+MAX_LISTED = 200  # changes that a report lists, the longest first: a list that a person reads
 
 
 def facts_of_changes(before: Path, after: Path, markers: Sequence[str]) -> dict:
@@ -25,7 +25,7 @@ def facts_of_changes(before: Path, after: Path, markers: Sequence[str]) -> dict:
             found = _changes(old, new, markers)
     except (InputError, OSError):  # whatever lies there, it is about to be replaced
         return {}
-    return {"changed": [one.as_dict() for one in found[:MOST_TOLD]], "changed_in_all": summary_of_changes(found)}
+    return {"changed": [one.as_dict() for one in found[:MAX_LISTED]], "changed_in_all": summary_of_changes(found)}
 
 
 def _changes(old: LabelFile, new: LabelFile, markers: Sequence[str]):

@@ -10,7 +10,7 @@ import bpy
 from ..core.body.occlusion import Occlusion
 from ..core.data.background import drained, in_background
 from ..core.data.errors import InputError, UserError
-from ..core.data.takes import Blobs, PointRows
+from ..core.data.takes import Blobs
 from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import NO_CAMERAS
 from ..core.review.changes import summary_of_changes
@@ -107,8 +107,7 @@ def _take_of(labelled: Labelled, job: LabelJob, name: str) -> Take:
     markerset, rate = open_markerset(job.model), labelled.report["rate"]
     doubts = tuple(labelled.report.get("camera_doubts", ()))
     source = written(str(job.source))
-    points = isinstance(rows, PointRows)
-    unedited = join_unedited([chunk for _, chunk in labelled.chunks]) if labelled.edits and points else None
+    unedited = join_unedited([chunk for _, chunk in labelled.chunks]) if labelled.edits else None
     # An empty list that was given stays one: what lies beside the take was taken back in the scene.
     edits = labelled.edits if labelled.edits or job.edits is not None else None
     return Take(name, rate, cameras, markerset, rows, labels, motion, suspects, source, doubts, edits, unedited)
@@ -155,8 +154,8 @@ class MOCAP_AUTOLABEL_OT_label(TellsWhyNot, WorksInSteps, bpy.types.Operator):
         kept = f"; {len(take.edits)} corrections hold" if take.edits else ""
         kept += fills_kept(context)
         changed = summary_of_changes(kept_changes(settings.take))
-        told = f"; {changed} than before" if changed else ""
-        self.report({"INFO"}, f"{named} of {len(take.rows)} {things} named in {frames} frames{kept}{told}")
+        than_before = f"; {changed} than before" if changed else ""
+        self.report({"INFO"}, f"{named} of {len(take.rows)} {things} named in {frames} frames{kept}{than_before}")
         return {"FINISHED"}
 
 

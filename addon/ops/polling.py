@@ -3,17 +3,12 @@
 
 import bpy
 
-from ..scene.take import holds_points, is_take
+from ..scene.take import is_take
 
 
 def lacks_take(context: bpy.types.Context) -> str:
     """What to do where no labelled take is active; else nothing."""
     return "" if is_take(context.scene.mocap_autolabel.take) else "Label a take first"
-
-
-def lacks_points(context: bpy.types.Context) -> str:
-    """What to do where no labelled take of 3D points is active; else nothing."""
-    return "" if holds_points(context.scene.mocap_autolabel.take) else "Label a take of 3D points first"
 
 
 def lacks_object_mode(context: bpy.types.Context) -> str:
@@ -51,11 +46,3 @@ class OfTake(TellsWhyNot):
     @classmethod
     def lacks(cls, context):
         return lacks_take(context) or lacks_object_mode(context)
-
-
-class OfPoints(TellsWhyNot):
-    """Operators on the active take, which is one of 3D points."""
-
-    @classmethod
-    def lacks(cls, context):
-        return lacks_points(context) or lacks_object_mode(context)

@@ -7,14 +7,12 @@ from bpy.props import BoolProperty, IntProperty
 
 from ..core.data.errors import InputError
 from ..core.data.takes import NO_POINT, PointRows, rows_in_frame
-from ..core.edits.kinds import Accepted, AssignPoint, Edit, Right, Swap, UnlabelMarker
+from ..core.edits.kinds import AssignPoint, Edit, Swap, UnlabelMarker
 from ..core.review.trouble import DELETE, FILL, LABEL, LEFT_OVER, NAME_IT, REFINE, RIGHT, SWAP, UNLABEL, Trouble
-from ..props import list_trouble, refresh_review
+from ..props import list_trouble
 from ..scene.cameras import camera_name
-from ..scene.corrections import keep_edits
 from ..scene.opened import opened
 from ..scene.stored import Stored
-from ..scene.take import holds_points
 from ..scene.trouble import trouble_of
 from .correcting import correct
 from .framing import bring_into_view
@@ -118,18 +116,10 @@ def _points_of(scene: bpy.types.Scene, trouble: Trouble, stored: Stored, markers
     return dots.trajectory[meant & (dots.trajectory != NO_POINT)].tolist()
 
 
-def say(operator: bpy.types.Operator, context: bpy.types.Context, edits: list[Edit]):
-    """Adds edits to those of the active take; `operator` tells where their names come with the next labelling only."""
+def say(context: bpy.types.Context, edits: list[Edit]):
+    """Adds edits to those of the active take, and shows what follows."""
     scene = context.scene
-    collection = scene.mocap_autolabel.take
-    more = opened.take(collection, scene).edits.added(*edits)
-    if holds_points(collection):
-        correct(context, more)
-        return
-    keep_edits(collection, more)
-    refresh_review(context.window_manager, scene)
-    if not all(isinstance(edit, Right | Accepted) for edit in edits):
-        operator.report({"INFO"}, "Kept; blobs get their names by it when the take is labelled again")
+    correct(context, opened.take(scene.mocap_autolabel.take, scene).edits.added(*edits))
 
 
 class OfTrouble(WithTake):
@@ -194,7 +184,7 @@ class MOCAP_AUTOLABEL_OT_accept_trouble(OfTrouble, bpy.types.Operator):
 
     @reports_trouble
     def execute(self, context):
-        say(self, context, self.trouble(context).answers())
+        say(context, self.trouble(context).answers())
         return {"FINISHED"}
 
 
@@ -208,7 +198,7 @@ class MOCAP_AUTOLABEL_OT_mend_trouble(OfTrouble, bpy.types.Operator):
     def execute(self, context):
         trouble = self.trouble(context)
         if edits := mending(trouble):
-            say(self, context, edits)
+            say(context, edits)
             return {"FINISHED"}
         name = operator_of(trouble)
         if not name:

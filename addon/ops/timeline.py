@@ -23,7 +23,7 @@ SCRUB_HEIGHT, ROW_HEIGHT, LEGEND_HEIGHT = (
 )  # px of the interface; the first is Blender's, of the frame numbers
 DRAG = 4  # px of the interface that the mouse moves before a click is a drag
 WHEEL_ROWS = 3  # rows that a notch of the wheel scrolls
-LEAST_ROWS = 5  # that there must be room for beside a legend
+MIN_ROWS = 5  # that there must be room for beside a legend
 
 
 @dataclass
@@ -87,7 +87,7 @@ class RowPlaces:
     @property
     def bottom(self) -> float:
         """Where they end above the legend; a low editor has none."""
-        return LEGEND_HEIGHT * self.scale if self.top > LEAST_ROWS * self.row else 0.0
+        return LEGEND_HEIGHT * self.scale if self.top > MIN_ROWS * self.row else 0.0
 
     @property
     def row(self) -> float:

@@ -17,7 +17,7 @@ from ..core.data.takes import Motion
 from . import animation
 from .sides import keep_sides
 
-SHORTEST_BONE = 0.02  # m; Blender deletes bones without length
+MIN_BONE_M = 0.02  # m; Blender deletes bones without length
 SCALE = "mocap_scale"  # m for one unit of the marker set, (3,), on the armature
 MOVED_BONE = 1e-6  # m; a joint that wanders less than this against its parent needs no location keys
 
@@ -90,8 +90,8 @@ def bone_tails(markerset: MarkerSet, build: Build) -> np.ndarray:
             tails[index] = ahead[np.argmin(np.abs(ahead[:, 1] - joint[1]).round(3) - ahead[:, 2] * 1e-6)]
         else:
             tails[index] = joint + _reach(markerset, index) * build.scale
-        if np.linalg.norm(tails[index] - joint) < SHORTEST_BONE:
-            tails[index] = joint + SHORTEST_BONE * np.array([0.0, 0.0, 1.0])
+        if np.linalg.norm(tails[index] - joint) < MIN_BONE_M:
+            tails[index] = joint + MIN_BONE_M * np.array([0.0, 0.0, 1.0])
     return tails
 
 

@@ -30,7 +30,7 @@ class MOCAP_AUTOLABEL_PT_calibration(Step, bpy.types.Panel):
         if health == []:
             layout.label(text="All cameras go together", icon="CHECKMARK")
         elif health is None:
-            layout.label(text="Told when a take is labelled", icon="INFO")
+            layout.label(text="Shown when a take is labelled", icon="INFO")
         layout.operator("mocap_autolabel.refine_calibration", icon="CON_CAMERASOLVER")
         if report is not None:
             _draw_errors(layout, report)

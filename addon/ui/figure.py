@@ -26,7 +26,7 @@ MISSING_COLOUR = (0.75, 0.75, 0.75, 0.55)
 MEANT_COLOUR = (1.0, 1.0, 1.0, 1.0)
 MISSING_RADIUS, MEANT_RADIUS = 5.0, 11.0
 DASH = 0.02  # m of a dash that leads over a gap, and of the space behind it
-MOST_DASHES = 60
+MAX_DASHES = 60
 JOINED = 0.005  # m; a bone that begins nearer than this to an end of the one above hangs on it
 # What the bones of the figure that was drawn last are called by, and their colours with the bones above them.
 _colours_of_bones: list = []
@@ -136,7 +136,7 @@ def trail(path: np.ndarray, index: int, reach: int) -> tuple[np.ndarray, np.ndar
 
 def _dashes(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """(D, 2, 3) dashes from one place to another."""
-    count = int(np.clip(np.linalg.norm(other - one) / (2 * DASH), 1, MOST_DASHES))
+    count = int(np.clip(np.linalg.norm(other - one) / (2 * DASH), 1, MAX_DASHES))
     share = (np.arange(count)[:, None] + np.array([0.25, 0.75])) / count
     return one + share[..., None] * (other - one)
 

@@ -56,9 +56,9 @@ def draw_fills(context: bpy.types.Context, layout: bpy.types.UILayout, state: bp
             draw_text(context, layout, f"Left out: {fill.reason}. Fill the gap again, or take this back", "ERROR")
         else:
             layout.label(text=f"By {fill.method}")
-    misfits = sum(bool(fill.reason) for fill in state.fills)
-    if misfits:
-        layout.label(text=f"{misfits} no longer fit the labels", icon="ERROR")
+    unfit = sum(bool(fill.reason) for fill in state.fills)
+    if unfit:
+        layout.label(text=f"{unfit} no longer fit the labels", icon="ERROR")
     layout.label(text="Take Back Fills of:")
     extent_buttons(layout, "mocap_autolabel.take_back_fills")
 
@@ -67,18 +67,18 @@ def here(context: bpy.types.Context) -> list[tuple[str, str]]:
     """What the current frame is for the selected markers: words and an icon for each that is missing or filled."""
     scene = context.scene
     stored = opened.take(scene.mocap_autolabel.take, scene)
-    frame, told = scene.frame_current - stored.shift, []
+    frame, lines = scene.frame_current - stored.shift, []
     for name in selected_markers(context)[:3]:
         fill = next((one for one in stored.fitting if one.marker == name and one.first <= frame <= one.last), None)
         if fill is not None:
             off = f"±{1000 * fill.expected:.1f} mm" if fill.expected == fill.expected else "error unknown"
-            told.append(
+            lines.append(
                 (
                     f"{name}: filled {fill.first + stored.shift}–{fill.last + stored.shift}, {off}",
                     "KEYTYPE_GENERATED_VEC",
                 )
             )
-    return told
+    return lines
 
 
 class MOCAP_AUTOLABEL_UL_fills(bpy.types.UIList):

@@ -5,12 +5,12 @@ import bpy
 
 from ..io.markersets import SUFFIX
 from ..ops.importing import cameras_at_hand
-from ..ops.picking import picked_points, selected_markers
+from ..ops.picking import picked_points, selected_markers, words_of_picked
 from ..props import OWN_FILE
 from ..scene import naming
 from ..scene.cameras import camera_name
 from ..scene.markerset_edit import edited_collection
-from ..scene.take import holds_points, is_take
+from ..scene.take import is_take
 from . import trouble
 from .parts import Reviewing, Step, draw_text
 
@@ -131,6 +131,7 @@ class MOCAP_AUTOLABEL_PT_train(Step, bpy.types.Panel):
         if not (own and settings.train_on):
             layout.prop(settings, "trained_name")
         layout.operator("mocap_autolabel.train", icon="PLAY")
+        layout.operator("mocap_autolabel.learn_take", icon="PLAY")
         layout.operator("mocap_autolabel.learn_frame", icon="PLAY")
         for doubt in context.window_manager.mocap_autolabel.doubts:
             draw_text(context, layout, doubt.name, icon="ERROR")
@@ -246,10 +247,6 @@ class MOCAP_AUTOLABEL_PT_corrections(Reviewing, bpy.types.Panel):
 
     bl_label = "Corrections"
 
-    @classmethod
-    def poll(cls, context):
-        return holds_points(context.scene.mocap_autolabel.take)
-
     def draw(self, context):
         layout, state = self.layout, context.window_manager.mocap_autolabel
         layout.operator("mocap_autolabel.pick_point", icon="EYEDROPPER")
@@ -257,7 +254,7 @@ class MOCAP_AUTOLABEL_PT_corrections(Reviewing, bpy.types.Panel):
         if names:
             layout.label(text=", ".join(names), icon="EMPTY_DATA")
         elif points:
-            layout.label(text=f"Trajectory {', '.join(map(str, points))}", icon="DOT")
+            layout.label(text=words_of_picked(context, points), icon="DOT")
         grid = layout.grid_flow(columns=2, even_columns=True, align=True)
         grid.operator("mocap_autolabel.name_point", icon="SORTALPHA")
         grid.operator("mocap_autolabel.unlabel", icon="X")

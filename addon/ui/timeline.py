@@ -37,7 +37,7 @@ STATE_HEIGHTS = {
     CORRECTED: (0.18, 0.82),
     DOUBTFUL: (0.05, 0.95),
 }
-LEAST_WIDTH = 2.0  # px of the interface of what is no name: a gap of one frame in 20,000 is seen as well
+MIN_WIDTH = 2.0  # px of the interface of what is no name: a gap of one frame in 20,000 is seen as well
 GROUND, STRIPE, CHOSEN_ROW, LEGEND_EDGE = (
     (0.105, 0.105, 0.105),
     (0.125, 0.125, 0.125),
@@ -159,7 +159,7 @@ def draw_rows():
         # What lies under the frame numbers, Blender draws over afterwards; under the legend, we do.
         with gpu.matrix.push_pop():
             gpu.matrix.translate((0.0, places.upper(0)))
-            shader.uniform_float("view", (left - runs.span[0], wide, places.row, LEAST_WIDTH * scale))
+            shader.uniform_float("view", (left - runs.span[0], wide, places.row, MIN_WIDTH * scale))
             _drawn.batch.draw(shader)
         draw_preview_range(context.scene, pixels, places, (left, wide))
         if places.bottom:

@@ -303,13 +303,13 @@ def test_what_cannot_be_done_is_one_sentence_and_changes_nothing(labelled, files
         bpy.ops.mocap_autolabel.unlabel()
     assert "mocap_edits" not in collection
     scene.mocap_autolabel.take = None
-    with pytest.raises(RuntimeError, match="Label a take of 3D points first"):
+    with pytest.raises(RuntimeError, match="Label a take first"):
         bpy.ops.mocap_autolabel.unlabel()
 
 
 def test_a_take_of_blobs_has_none(extension, empty, made):
     empty.scene.mocap_autolabel.take = show_take(empty, made.take())
-    with pytest.raises(RuntimeError, match="Label a take of 3D points first"):
+    with pytest.raises(RuntimeError, match="Label a take first"):
         bpy.ops.mocap_autolabel.name_point(marker="")
 
 

@@ -124,6 +124,26 @@ def test_files_become_named_markers(ready, files):
     }
 
 
+def test_the_real_labelling_casts_rays_unless_the_closed_form_is_chosen(extension, ready, monkeypatch):
+    """And names the same blobs alike, but for one in a hundred."""
+    occlusion = importlib.import_module(f"{extension}.addon.scene.occlusion")
+    take = importlib.import_module(f"{extension}.addon.scene.take")
+    asked, hidden = [], occlusion.MeshOcclusion.hidden
+    monkeypatch.setattr(occlusion.MeshOcclusion, "hidden", lambda self, *of: asked.append(self) or hidden(self, *of))
+    settings, named, rays = ready.scene.mocap_autolabel, {}, {}
+    settings.use_range, settings.range_first, settings.range_last = True, 105, 110
+    for way in ("bvh", "capsules"):
+        settings.occlusion = way
+        assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+        named[way] = take.stored_take(settings.take, ready.scene).labels.marker
+        rays[way] = len(asked)
+        asked.clear()
+    assert rays["bvh"] > 0
+    assert rays["capsules"] == 0
+    assert (named["bvh"] >= 0).mean() > 0.8
+    assert (named["bvh"] == named["capsules"]).mean() > 0.99
+
+
 def test_the_operator_hands_on_what_was_chosen(ready, files, labelling):
     settings = ready.scene.mocap_autolabel
     settings.use_facing, settings.facing = True, 1.5

@@ -10,7 +10,7 @@ from addon.core.data.errors import InputError
 from addon.core.data.takes import NO_MARKER
 from addon.core.review.changes import changes, summary_of_changes
 from addon.io.labels import LabelFile
-from addon.jobs.changed import MOST_TOLD, facts_of_changes
+from addon.jobs.changed import MAX_LISTED, facts_of_changes
 
 MARKERS = ("LASI", "RASI", "Bob:LKNE", "a,b")
 NAMES = ("", "LASI", "RASI", "Bob:LKNE", '"a,b"', "of another model")
@@ -31,7 +31,7 @@ def all_rows_read(before, after) -> dict:
     frame, was, now = np.array(table, dtype=np.int64).reshape(-1, 3).T
     frames, at = np.unique(frame, return_inverse=True)
     found = changes(at.ravel(), was, now, MARKERS, frames)
-    return {"changed": [one.as_dict() for one in found[:MOST_TOLD]], "changed_in_all": summary_of_changes(found)}
+    return {"changed": [one.as_dict() for one in found[:MAX_LISTED]], "changed_in_all": summary_of_changes(found)}
 
 
 def labels(rng, blobs: bool) -> tuple[str, list[list[str]]]:

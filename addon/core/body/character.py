@@ -190,7 +190,7 @@ def _ends(site: BoneSite, index: Mapping[str, int], joints: np.ndarray, ends: np
 
 
 def _turn(site: BoneSite, bone: np.ndarray) -> np.ndarray:
-    """(3, 3) from the body's axes to those of the T-pose: the least turn by which the bone (3,) points as it should."""
+    """(3, 3) from a body's axes to those of the T-pose: the least turn that makes the bone (3,) point as it should."""
     ahead = FACING @ bone / max(float(np.linalg.norm(bone)), 1e-9)
     if site.direction is None:
         return FACING

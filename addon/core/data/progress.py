@@ -8,7 +8,7 @@ from itertools import pairwise
 from types import MappingProxyType
 from typing import Any, TypeVar
 
-Result, Told = TypeVar("Result"), TypeVar("Told")
+Result, Item = TypeVar("Result"), TypeVar("Item")
 NO_SPANS: Mapping[str, tuple[float, float]] = MappingProxyType({})
 
 
@@ -42,12 +42,12 @@ def within(
     """
     while True:
         try:
-            told = next(work)
+            item = next(work)
         except StopIteration as end:
             return end.value
-        if isinstance(told, Stage):
-            (first, last), note, told = spans[told.name], told.note, 0.0
-        share, doing = told if isinstance(told, tuple) else (told, note)
+        if isinstance(item, Stage):
+            (first, last), note, item = spans[item.name], item.note, 0.0
+        share, doing = item if isinstance(item, tuple) else (item, note)
         yield Progress(first + (last - first) * share, doing)
 
 
@@ -56,13 +56,13 @@ def in_stages(work: Generator, begins: Mapping[str, float]) -> Generator[Progres
     return within(work, 0.0, 0.0, spans=dict(zip(begins, pairwise((*begins.values(), 1.0)), strict=True)))
 
 
-def finished(work: Generator[Told, None, Result], tell: Callable[[Told], None] | None = None) -> Result:
-    """What work returns once it is stepped to its end; `tell` is told all that it yields, and ends it by raising."""
+def finished(work: Generator[Item, None, Result], tell: Callable[[Item], None] | None = None) -> Result:
+    """What work returns once it is stepped to its end; `tell` hears all that it yields, and ends it by raising."""
     with closing(work):
         while True:
             try:
-                told = next(work)
+                item = next(work)
             except StopIteration as end:
                 return end.value
             if tell is not None:
-                tell(told)
+                tell(item)

@@ -6,11 +6,14 @@ from .kinds import (
     Accepted,
     AssignBlob,
     AssignPoint,
+    BlobEdit,
     Delete,
+    DeleteBlob,
     Edit,
     Place,
     Right,
     Swap,
+    UnlabelBlob,
     UnlabelMarker,
     UnlabelPoint,
     frames_of,
@@ -28,11 +31,11 @@ def words_of(edit: Edit, shift: int = 0) -> str:
 
 
 def _said(edit: Edit) -> str:
+    if isinstance(edit, BlobEdit):
+        return _said_of_blob(edit)
     match edit:
         case AssignPoint():
             return f"{edit.marker} is trajectory {edit.point}"
-        case AssignBlob():
-            return f"{edit.marker} is the blob at {edit.x:.0f} {edit.y:.0f} of {edit.camera}"
         case UnlabelMarker():
             return f"Nothing is {edit.marker}"
         case UnlabelPoint():
@@ -47,4 +50,16 @@ def _said(edit: Edit) -> str:
             return f"{edit.marker} is right"
         case Accepted():
             return f"It is right that {edit.doubt}"
+    raise TypeError(f"{type(edit).__name__}; expected a kind of edit")
+
+
+def _said_of_blob(edit: BlobEdit) -> str:
+    where = f"he blob at {edit.x:.0f} {edit.y:.0f} of {edit.camera}"
+    match edit:
+        case AssignBlob():
+            return f"{edit.marker} is t{where}"
+        case UnlabelBlob():
+            return f"T{where} has no name"
+        case DeleteBlob():
+            return f"T{where} is no marker"
     raise TypeError(f"{type(edit).__name__}; expected a kind of edit")

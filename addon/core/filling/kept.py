@@ -8,9 +8,19 @@ import numpy as np
 
 from ..data.takes import Motion
 
-# m; how far samples beside a fill may be from those it was made between. Files keep single precision, 1e-6 m at 10 m;
-# another trajectory in the marker's place is hardly ever as near.
-SAME_PLACE_M = 1e-4
+
+@dataclass(frozen=True)
+class FillKeepingOptions:
+    """When a fill still goes with a take; reckoned.
+
+    same_place_m  how far samples beside a fill may be from those that it was made between: files keep single precision,
+                  1e-6 m at 10 m, and another trajectory in the marker's place is hardly ever as near
+    """
+
+    same_place_m: float = 1e-4
+
+
+FILL_KEEPING = FillKeepingOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,14 +58,14 @@ def put_fills(motion: Motion, names: Sequence[str], fills: Sequence[KeptFill]) -
     if not fills:
         return motion, ()
     markers, residual = motion.markers.copy(), motion.residual.copy()
-    misfits = []
+    reasons = []
     for fill in fills:
-        reason = _misfit(motion, names, fill)
-        misfits.append(reason)
+        reason = _why_not(motion, names, fill)
+        reasons.append(reason)
         if not reason:
             at = fill_rows(motion.frames, fill), list(names).index(fill.marker)
             markers[at], residual[at] = fill.xyz, 0.0
-    return replace(motion, markers=markers, residual=residual), tuple(misfits)
+    return replace(motion, markers=markers, residual=residual), tuple(reasons)
 
 
 def fill_rows(frames: np.ndarray, fill: KeptFill) -> slice:
@@ -77,7 +87,7 @@ def replaced_fills(old: Iterable[KeptFill], new: Sequence[KeptFill]) -> tuple[Ke
     return tuple(sorted([*left, *new], key=lambda fill: (fill.marker, fill.first)))
 
 
-def _misfit(motion: Motion, names: Sequence[str], fill: KeptFill) -> str:
+def _why_not(motion: Motion, names: Sequence[str], fill: KeptFill) -> str:
     if fill.marker not in names:
         return "the take has no such marker"
     rows, own = fill_rows(motion.frames, fill), motion.markers[:, list(names).index(fill.marker)]
@@ -90,6 +100,6 @@ def _misfit(motion: Motion, names: Sequence[str], fill: KeptFill) -> str:
         beside[0] = own[rows.start - 1]
     if rows.stop < len(own):
         beside[1] = own[rows.stop]
-    if not np.allclose(beside, fill.path[[0, -1]], rtol=0, atol=SAME_PLACE_M, equal_nan=True):
+    if not np.allclose(beside, fill.path[[0, -1]], rtol=0, atol=FILL_KEEPING.same_place_m, equal_nan=True):
         return "the marker is elsewhere now right before or after it"
     return ""

@@ -35,9 +35,6 @@ TROUBLE_KINDS = (NOBODY_THERE, MISSING, LEFT_OVER, OFF_BODY, IN_DOUBT, OF_CAMERA
 NAME_IT, FILL, UNLABEL, RIGHT, SWAP = "name", "fill", "unlabel", "right", "swap"
 REFINE, LABEL, DELETE = "refine", "label", "delete"
 
-# Ranges that are answered one by one; more are answered as a whole, which locks no label between them.
-MOST_ANSWERS = 8
-
 
 @dataclass(frozen=True)
 class TroubleOptions:
@@ -54,6 +51,8 @@ class TroubleOptions:
     extra_weight         at stake for a frame of a point on the body beside which no marker is missing: it may be one
                          that the set lacks, which is no label of this set; and of what is said of the whole take
     min_share_of_points  of the points left over for a moment each, of all points, that is worth a line
+    max_answers          ranges that are answered one by one; more are answered as a whole, which locks no label between
+                         them
     """
 
     min_missing_share: float = 0.01
@@ -66,6 +65,7 @@ class TroubleOptions:
     change_s: float = 1.0
     extra_weight: float = 0.1
     min_share_of_points: float = 0.005
+    max_answers: int = 8
 
 
 TROUBLING = TroubleOptions()
@@ -120,7 +120,7 @@ class Trouble:
     def answers(self) -> list[Edit]:
         """What a person says with "it is right": markers are, points are none, or what is said may be as it is."""
         ranges = self.ranges or ((self.first, self.last),)
-        if len(ranges) > MOST_ANSWERS:
+        if len(ranges) > TROUBLING.max_answers:
             return [Accepted(self.topic, frames=(ranges[0][0], ranges[-1][1]))]
         if self.kind in (MISSING, OFF_BODY) or (self.kind == IN_DOUBT and self.markers and not self.trajectories):
             return [Right(name, frames=span) for name in self.markers for span in ranges]
@@ -227,8 +227,8 @@ class TakeTrouble:
         """All trouble, the worst first and what is answered last; suspects are the doubts, open and answered."""
         found = [*self._of_nobody(), *self._of_missing(), *self._of_leftovers(), *self._of_body()]
         doubts = list(self._of_doubts(suspects))
-        told = {name for one in doubts for name in one.cameras}
-        found += [*doubts, *(one for one in self._of_cameras() if one.cameras[0] not in told)]
+        doubted = {name for one in doubts for name in one.cameras}
+        found += [*doubts, *(one for one in self._of_cameras() if one.cameras[0] not in doubted)]
         found += [replace(one, stake=0.0, answered=True) for one in self._of_doubts(answered)]
         if any(isinstance(edit, Accepted) for edit in self.edits):
             found = [self._accepted_by(one) for one in found]
@@ -275,7 +275,7 @@ class TakeTrouble:
         beside = [one for one in self._left if one.beside is not None and self.names[one.beside] == name]
         if not share:
             reason, action = f"{name} is never found", RIGHT
-            advice = f"If {name} was not worn, say It Is Right; else name the point that is {name}, and label again"
+            advice = f"If {name} was not on the subject, say It Is Right; else name its point, and label again"
         elif share < TROUBLING.never_share:
             reason, action = f"{name} is found in {_percent(share)} of the frames only; {where}", NAME_IT
             advice = f"Look whether what is called {name} is {name}; name the point that is, and label again"
@@ -403,7 +403,7 @@ class TakeTrouble:
                     one.first,
                     one.last,
                     one.reason,
-                    stake=float(one.frames * len(self.names)),  # no name is to be trusted
+                    stake=float(one.frames * len(self.names)),  # no name can be relied on
                     advice="Import the calibration that the take was recorded with, in metres, then label again",
                 )
                 continue

@@ -257,7 +257,7 @@ def _subjects(
 def _others(everyone: dict[str, np.ndarray], markerset: MarkerSet) -> dict[str, np.ndarray]:
     """Made-up people who move as those do who were recorded, where few were and it is known how bodies differ.
 
-    None for markers on plates: nothing is known of how those differ.
+    None for markers on rigid bodies: nothing is known of how those differ.
     """
     moving = {subject: points for subject, points in everyone.items() if shows_poses(points)}
     known = len(markerset.spread.modes) and moving and len(everyone) <= IMAGINING.max_known

@@ -121,7 +121,7 @@ def test_what_is_no_person_has_no_person(known, monkeypatch):
     parts, place = [], np.zeros((len(time), 3))
     for link in range(3):
         turn = rotations.exponential(np.column_stack([np.sin(time + link), 0.5 * np.cos(2 * time), 0 * time]))[0]
-        parts.append(place[:, None] + np.einsum("fij,mj->fmi", turn, box + np.array([0, 0, 0.25])))
+        parts.append(place[:, None] + np.einsum("fij,mj->fmi", turn, np.add(box, [0, 0, 0.25])))
         place = place + turn @ np.array([0, 0, 0.5])
     points = np.concatenate(parts, axis=1)
     monkeypatch.setattr(people, "PEOPLE", replace(people.PEOPLE, reach_quantiles=(0.5,)))
