@@ -102,7 +102,7 @@ def character(middle: Vector) -> Iterator[float]:
         if rest:
             added.data.pose_position = "REST"
             added.location = (middle.x + aside, middle.y, 0.0)
-    look_at((middle.x + 0.8, middle.y, 1.0), distance=4.4, about=15)
+    look_at((middle.x + 1.15, middle.y, 1.0), distance=4.6, about=15)
     yield from window.scroll_sidebar()
     yield from window.screenshot("character")
     yield from window.scroll_sidebar(down=False)
