@@ -6,7 +6,7 @@ as one are read as limbs (`limbs`). Each guess poses the body on all of the take
 carries it, and the guess is kept that explains the take best. What no person's body explains is none.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -73,26 +73,33 @@ class FoundPerson:
 
 def person_in(
     subjects: Sequence[np.ndarray], markers: Sequence[str], name: str, bodies: Sequence[MarkerSet]
-) -> FoundPerson | None:
+) -> Generator[float, None, FoundPerson | None]:
     """The person whom labelled frames of each subject (T, M, 3) m show moving, on one of the known bodies.
 
-    None where no body suits: a thing, an animal, a hand, or too little of a person.
+    None where no body suits: a thing, an animal, a hand, or too little of a person. Yields the share that is done.
     """
     posable = [(body, poses) for body in bodies if len(poses := known_poses(body, bodies))]
-    sides = marker_sides(markers)
+    sides, tried = marker_sides(markers), 0
+    yield 0.0
+    for guesses, most in (
+        (_read_guesses(subjects, markers, name, posable), PEOPLE.settled_ways),
+        (_laid_guesses(subjects, markers, name, posable, sides), 1),
+    ):
+        found: list[FoundPerson] = []
+        for guess in guesses:
+            person = None if guess is None else _judged(guess[1], guess[0], subjects, sides)
+            found += [] if person is None else [person]
+            tried += 1
+            yield min(tried / (PEOPLE.settled_ways + len(PEOPLE.reach_quantiles) + 1), 1.0)
+            if len(found) == most:
+                break
+        if found:
+            return min(found, key=lambda one: one.cost)
+    return None
 
-    def judged(guesses: Iterator[tuple[str, MarkerSet]]) -> Iterator[FoundPerson]:
-        found = (_judged(guess, known, subjects, sides) for known, guess in guesses)
-        return (person for person in found if person is not None)
 
-    read = list(judged(_read_guesses(subjects, markers, name, posable)))
-    if read:
-        return min(read, key=lambda one: one.cost)
-    return next(judged(_laid_guesses(subjects, markers, name, posable, sides)), None)
-
-
-def _read_guesses(subjects, markers, name, posable) -> Iterator[tuple[str, MarkerSet]]:
-    """Marker sets by the limbs that groups of markers are read as, the likeliest first."""
+def _read_guesses(subjects, markers, name, posable) -> Iterator[tuple[str, MarkerSet] | None]:
+    """Marker sets by the limbs that groups of markers are read as, the likeliest first; None once these are found."""
     whole = [(body, poses) for body, poses in posable if has_limbs(body)]
     if not whole:
         return
@@ -101,6 +108,7 @@ def _read_guesses(subjects, markers, name, posable) -> Iterator[tuple[str, Marke
     found = find_segments(scaled)
     ways = [(_misfit(body, found, scaled, way), way) for way in readings(found)]
     ways.sort(key=lambda one: one[0])
+    yield None
     for misfit, way in ways[: PEOPLE.settled_ways]:
         if misfit > PEOPLE.settled_ratio * ways[0][0]:
             return
@@ -115,11 +123,13 @@ def _read_guesses(subjects, markers, name, posable) -> Iterator[tuple[str, Marke
             yield known, without_markers(guess, np.arange(len(markers)))
 
 
-def _laid_guesses(subjects, markers, name, posable, sides) -> Iterator[tuple[str, MarkerSet]]:
-    """Marker sets of known bodies that were laid into frames."""
+def _laid_guesses(subjects, markers, name, posable, sides) -> Iterator[tuple[str, MarkerSet] | None]:
+    """Marker sets of known bodies that were laid into frames; None for a frame into which none was."""
     for frame in _frames(subjects):
         laid = laid_body(frame, posable, sides, LOOSELY)
-        if laid is not None:
+        if laid is None:
+            yield None
+        else:
             yield from _tried(laid.body.name, laid.body, subjects, markers, name, laid.place)
 
 

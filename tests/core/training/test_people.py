@@ -2,6 +2,7 @@
 """A person's body found in takes whose marker names say nothing; what is no person stays what it is."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -75,7 +76,7 @@ def test_plates_of_unknown_names_are_read_as_limbs_of_their_side(plated, known):
     """Seen in a mirror, left is right: only how people bend says which is which."""
     worn, points, joints = plated
     mirror = np.array([1.0, -1, 1])
-    person = person_in([points * mirror], worn.markers, "ann", known)
+    person = finished(person_in([points * mirror], worn.markers, "ann", known))
     names = list(person.markerset.skeleton.segments)
     assert [other_side(names[one]) for one in person.markerset.attachment] == [names[one] for one in worn.attachment]
     assert names[0] == "pelvis"
@@ -105,7 +106,7 @@ def test_a_reading_names_the_tree_and_its_mirror_image(plated, known):
 def test_markers_in_usual_places_are_known_without_their_names(known):
     body = open_markerset("body26")
     points = make_performance(body).take.xyz[::4]
-    person = person_in([points], [f"M{number}" for number in range(26)], "ann", [*known, body])
+    person = finished(person_in([points], [f"M{number}" for number in range(26)], "ann", [*known, body]))
     expected = [body.skeleton.segments[one] for one in body.attachment]
     given = [person.markerset.skeleton.segments[one] for one in person.markerset.attachment]
     same = [one == two for one, two in zip(given, expected, strict=True)]
@@ -125,7 +126,17 @@ def test_what_is_no_person_has_no_person(known, monkeypatch):
         place = place + turn @ np.array([0, 0, 0.5])
     points = np.concatenate(parts, axis=1)
     monkeypatch.setattr(people, "PEOPLE", replace(people.PEOPLE, reach_quantiles=(0.5,)))
-    assert person_in([points], [f"B{number}" for number in range(18)], "box", known[:1]) is None
+    shares: list[float] = []
+    names = [f"B{number}" for number in range(18)]
+    assert finished(person_in([points], names, "box", known[:1]), shares.append) is None
+    assert shares == sorted(shares)
+    assert shares[0] == 0 < shares[-1] <= 1
+
+
+def found_at_once(person, *_):
+    """Stands for the search for a person."""
+    yield 1.0
+    return person
 
 
 def test_points_are_named_the_same_however_the_subject_is_drawn(known, monkeypatch):
@@ -137,7 +148,7 @@ def test_points_are_named_the_same_however_the_subject_is_drawn(known, monkeypat
     drawn = replace(body, name="ann", markers=names, aliases={})
     models = []
     for person in (None, FoundPerson(drawn, "body26", np.zeros(len(body)), 0.0)):
-        monkeypatch.setattr(pipeline, "person_in", lambda *_, person=person: person)
+        monkeypatch.setattr(pipeline, "person_in", partial(found_at_once, person))
         models.append(finished(train([take], names, TrainingOptions("ann", search="none"), None, known)))
     groups, whole = models
     assert whole.model.markerset.skeleton.segments == body.skeleton.segments
