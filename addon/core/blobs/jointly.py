@@ -19,14 +19,14 @@ from .labelling import Expectation, Frame, Naming
 
 @dataclass(frozen=True)
 class AtOnceOptions:
-    """What is likely in a frame that is named at once; reckoned, but for how markers are worn elsewhere.
+    """What is likely in a frame that is named at once; reckoned, but for markers that are placed elsewhere.
 
     That was taken from `s02`, `p1` and `p2` of `tests.accuracy.strangers`: one marker in ten is 4 to 8 cm from where
     the body that is fitted to all of them has it, nearly all others within 4 cm.
 
     seen              chance that a camera has a blob of a marker which the body does not hide from it, and
     seen_hidden       of one that it should hide: nobody's body is exactly the model's
-    elsewhere         chance that somebody wears a marker elsewhere than the set has it
+    elsewhere         chance that a subject has a marker elsewhere than the set has it
     elsewhere_m       by so much, standard deviation along each axis
     max_distance_m    of a marker from where the body has it
     ghosts            unnamed blobs a camera that are taken for granted beside those it has
@@ -58,7 +58,7 @@ class Hypotheses:
     """H possible names of sets of blobs: marker (H,), slot (H, C), -1 where no camera, and gain (H,).
 
     The gain is by how much the name is likelier than that all its blobs are ghosts, and the marker unseen; as squared
-    deviations are counted. elsewhere (H,) says whether it takes the marker for worn elsewhere.
+    deviations are counted. elsewhere (H,) says whether it takes the marker for placed elsewhere.
     """
 
     marker: np.ndarray
@@ -68,7 +68,7 @@ class Hypotheses:
 
 
 def name_jointly(frame: Frame, options: AtOnceOptions = JOINTLY) -> tuple[Naming, np.ndarray]:
-    """The likeliest names of a frame's blobs, and which markers (M,) are worn elsewhere by them."""
+    """The likeliest names of a frame's blobs, and which markers (M,) are placed elsewhere by them."""
     expected = frame.expected
     found = hypotheses_of(frame, expected, options)
     chosen = _shaded(found, _best(found, frame.view), frame, options)
@@ -113,7 +113,7 @@ def hypotheses_of(frame: Frame, expected: Expectation, options: AtOnceOptions = 
 
 
 def _placed(off: np.ndarray, spread: np.ndarray, options: AtOnceOptions) -> tuple[np.ndarray, np.ndarray]:
-    """(H,) twice the log density of offsets (H, D) of spread (H, D, D), worn as in the set or elsewhere."""
+    """(H,) twice the log density of offsets (H, D) of spread (H, D, D), placed as in the set or elsewhere."""
     usual = _normal(off, spread) + 2 * np.log(1 - options.elsewhere)
     wide = spread + options.elsewhere_m**2 * np.eye(off.shape[1])
     other = _normal(off, wide) + 2 * np.log(options.elsewhere)

@@ -20,6 +20,7 @@ from ..edits.applying import BlobCells, apply_to_blobs
 from ..edits.kinds import NO_EDITS, Edits
 from ..geometry.cameras import Cameras
 from ..geometry.views import VIEWING, View, split_views
+from ..review.doubtful import WHOLE_FRAME
 from ..review.suspects import find_suspects
 from .absent import absent_markers
 from .between import put_between
@@ -228,7 +229,7 @@ class TakeLabeller:
         self.placement = found.confidence
         self.sure = swap_doubts(found.swaps, self.setup.model.marker_count)
         if found.confidence < TAKES.min_clear_confidence:
-            chunk.suspect(index, index, f"the placement is only {found.confidence:.0%} sure")
+            chunk.suspect(index, index, f"{WHOLE_FRAME} {found.confidence:.0%} sure")
         points, visible = found.naming.meeting.points, found.expected.visible
         start = Track.begin(found.subject, points, visible, self.setup.model)
         chunk.results[index] = FrameResult(
