@@ -18,7 +18,7 @@ from .tracking import FrameResult
 
 @dataclass(frozen=True)
 class TrackletOptions:
-    """When blobs are one tracklet, and when its name overrules a frame's; reckoned, but as said.
+    """When blobs are one tracklet, and when its name overrules a frame's; all reckoned, none tried otherwise.
 
     noise_m       by which a blob may be off beside what moves it: partly hidden ones jump
     push_m_s2     how hard markers change their velocity; limbs of people who run
@@ -117,17 +117,20 @@ def _links(before: View, view: View, speed: np.ndarray, depth: np.ndarray, rate:
 
 def _claims(tracklet: list[np.ndarray], count: int, results, markers: int, options: TrackletOptions):
     """By frame, (C, K) the marker that each blob's tracklet mostly is, -1 where none."""
-    frames = np.zeros((count, markers))
+    named = [np.zeros(0, int)]
     for own, result in zip(tracklet, results, strict=True):
         if result is not None:
             camera, slot = np.nonzero(result.naming.owner >= 0)
-            np.add.at(frames, (own[camera, slot], result.naming.owner[camera, slot]), 1)
-    best = frames.argmax(axis=1)
-    each = np.arange(count)
-    most = frames[each, best]
-    frames[each, best] = 0
-    mostly = np.where(most >= np.maximum(options.min_frames, options.min_ratio * frames.max(axis=1)), best, -1)
-    mostly = np.append(mostly, -1)
+            named.append(own[camera, slot] * markers + result.naming.owner[camera, slot])
+    pair, frames = np.unique(np.concatenate(named), return_counts=True)
+    order = np.lexsort((-frames, pair // markers))
+    pair, frames = pair[order], frames[order]
+    one, first = np.unique(pair // markers, return_index=True)
+    rest = np.append(frames, 0)[first + 1]
+    rest[np.diff(np.append(first, len(pair))) == 1] = 0
+    sure = frames[first] >= np.maximum(options.min_frames, options.min_ratio * rest)
+    mostly = np.full(count + 1, -1)  # the last is of where no blob is
+    mostly[one[sure]] = pair[first[sure]] % markers
     return [mostly[own] for own in tracklet]
 
 
