@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from addon.core.blobs.image_tracklets import name_by_tracklets, tracklets_of
 from addon.core.blobs.labelling import Frame, Naming
-from addon.core.blobs.tracklets import name_by_tracklets, tracklets_of
 from addon.core.geometry.views import View
 from tests.core.blobs.followed import RIG, exchange, followed, take_name, wrong_names
 from tests.core.scenes import RATE
@@ -126,7 +126,7 @@ def test_blobs_that_meet_are_other_tracklets_afterwards():
     numbers, count = tracklets_of(images(near, far), depths, RATE)
     first, last = set(numbers[0][0].tolist()), set(numbers[-1][0].tolist())
     assert len(first) == 2 and not first & last and count >= 4
-    numbers, count = tracklets_of(images(near, far + [0, 0.2]), depths, RATE)
+    numbers, count = tracklets_of(images(near, far + np.array([0, 0.2])), depths, RATE)
     assert count == 2 and (numbers[0] == numbers[-1]).all()
 
 
