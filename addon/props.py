@@ -29,7 +29,7 @@ from .scene.opened import opened
 from .scene.preview import hide_preview
 from .scene.redrawing import redraw
 from .scene.relabelled import kept_changes
-from .scene.review import review_markers
+from .scene.review import marker_reviews
 from .scene.take import is_take
 from .scene.trouble import is_quick, trouble_of
 
@@ -432,8 +432,7 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
         return
     stored = opened.take(collection, scene)
     frames = stored.motion.frames + stored.shift
-    found = review_markers(stored.names, stored.unfilled)  # what is filled was not found
-    for marker in sorted(found, key=lambda one: (one.labelled, -one.gaps)):
+    for marker in sorted(marker_reviews(stored), key=lambda one: (one.labelled, -one.gaps)):
         row = state.markers.add()
         row.name, row.gaps, row.longest_gap = marker.name, marker.gaps, marker.longest_gap
         row.labelled = marker.labelled / len(frames) if len(frames) else 0.0

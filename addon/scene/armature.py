@@ -95,16 +95,24 @@ def bone_tails(markerset: MarkerSet, build: Build) -> np.ndarray:
 
 
 def pose_armature(
-    armature: bpy.types.Object, action: bpy.types.Action, markerset: MarkerSet, motion: Motion, frames: np.ndarray
+    armature: bpy.types.Object,
+    actions: animation.TakeActions,
+    markerset: MarkerSet,
+    motion: Motion,
+    frames: np.ndarray,
 ):
     """Keys every bone at Blender's `frames` (F,) so that its head is the joint and it turns as its segment does."""
-    bag = animation.bind(armature, action)
+    keyed = []
     for index, (location, quaternion) in enumerate(pose_channels(armature, markerset, motion)):
-        bone = armature.pose.bones[markerset.skeleton.segments[index]]
-        path = f'pose.bones["{bpy.utils.escape_identifier(bone.name)}"]'
-        animation.key(bag, f"{path}.rotation_quaternion", frames, quaternion, bone.name)
+        keyed.append((index, "rotation_quaternion", quaternion))
         if index == 0 or np.nanmax(np.abs(location), initial=0.0) > MOVED_BONE:
-            animation.key(bag, f"{path}.location", frames, location, bone.name)
+            keyed.append((index, "location", location))
+    keys = sum(int(np.isfinite(values).sum()) for _, _, values in keyed)
+    bag = animation.bind(armature, actions.for_keys(keys))
+    for index, channel, values in keyed:
+        bone = armature.pose.bones[markerset.skeleton.segments[index]]
+        path = f'pose.bones["{bpy.utils.escape_identifier(bone.name)}"].{channel}'
+        animation.key(bag, path, frames, values, bone.name)
 
 
 def pose_channels(

@@ -66,6 +66,13 @@ class Stored:
         """(F, M) True where a sample was filled."""
         return filled_samples(self.motion.frames, self.names, self.fitting)
 
+    def filled_markers(self) -> dict[int, np.ndarray]:
+        """(F,) True where a sample was filled, of each marker that was filled at all, by its index."""
+        fills = self.fitting
+        names = tuple(dict.fromkeys(fill.marker for fill in fills))
+        flags = filled_samples(self.motion.frames, names, fills)
+        return {self.names.index(name): column for name, column in zip(names, flags.T, strict=True)}
+
     placed: tuple[tuple[int, int], ...] = ()
     groups: tuple[Group, ...] = ()
 
@@ -76,3 +83,9 @@ class Stored:
             words = f"expected one of the take, {first + self.shift} to {last + self.shift}"
             raise InputError(f"the current frame is {current}; {words}")
         return frame
+
+
+def differ_by_edits(one: Stored, other: Stored) -> bool:
+    """Whether two takes are one with different edits, neither of them filled or smoothed."""
+    same = one.rows is other.rows and one.motion.expected is other.motion.expected
+    return same and all(take.motion is take.unfilled for take in (one, other))

@@ -2,13 +2,15 @@
 """A take as rows over time, each a marker or a trajectory without a name: what every stretch is. No drawing here."""
 
 import re
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..core.data.takes import BY_EDIT, NO_MARKER, PointRows, Suspect
+from ..core.edits.following import changed_frames
 from ..core.edits.kinds import Place
-from .stored import Stored
+from .stored import Stored, differ_by_edits
 
 SURE_NAME = 0.99  # confidence below which a name is doubtful
 # What a stretch is, in the order in which stretches are drawn: what is rare and short lies on top.
@@ -52,58 +54,135 @@ class Runs:
 
 def runs_of(stored: Stored, unfolded: bool = False) -> Runs:
     """The rows of a take; `unfolded` gives each short trajectory a row of its own too."""
-    frames = stored.motion.frames + stored.shift
+    return KeptRows().runs(stored, unfolded)
+
+
+@dataclass(eq=False)
+class KeptRows:
+    """The rows of the take that was asked for last: of one that was edited since, only what changed is made anew.
+
+    stored    that take
+    markers   (N, 4) stretches of each of its markers, frames by their index, and
+    found     frames in which each has a point, filled ones not counted
+    unfolded  whether short trajectories have rows of their own, and
+    points    the names, numbers, frames with a point and stretches of trajectories
+    made      what came of it
+    """
+
+    stored: Stored | None = None
+    markers: list[np.ndarray] = field(default_factory=list)
+    found: list[int] = field(default_factory=list)
+    unfolded: bool = False
+    points: tuple[list[str], list[int], list[int], list[np.ndarray]] = ([], [], [], [])
+    made: Runs | None = None
+
+    def runs(self, stored: Stored, unfolded: bool) -> Runs:
+        """The rows of a take, the same ones as long as it is the same."""
+        if self.made is None or stored is not self.stored or unfolded != self.unfolded:
+            same = unfolded == self.unfolded and self._same_points(stored)
+            self._look_at_markers(stored)
+            self.points = self.points if same else _rows_of_points(stored, unfolded)
+            self.stored, self.unfolded = stored, unfolded
+            self.made = self._joined()
+        return self.made
+
+    def forget(self):
+        """Lets go of the take."""
+        self.stored = self.made = None
+
+    def _same_points(self, stored: Stored) -> bool:
+        last = self.stored
+        if last is None or last.rows is not stored.rows or last.rate != stored.rate:
+            return False
+        return last.labels is stored.labels or np.array_equal(last.labels.named, stored.labels.named)
+
+    def _look_at_markers(self, stored: Stored):
+        changed = range(len(stored.names))
+        if self.stored is not None and differ_by_edits(self.stored, stored):
+            changed = sorted(_about(self.stored, stored))
+        else:
+            self.markers, self.found = [np.empty((0, 4), int)] * len(changed), [0] * len(changed)
+        if not changed:
+            return
+        states = states_of(stored, changed)
+        for index, column in zip(changed, states.T, strict=True):
+            self.found[index] = int(((column != GAP) & (column != FILLED)).sum())
+            self.markers[index] = _runs_of_states(index, column)
+
+    def _joined(self) -> Runs:
+        frames = self.stored.motion.frames + self.stored.shift
+        names, numbers, found, tables = self.points
+        runs = np.concatenate([np.empty((0, 4), int), *self.markers, *tables])
+        runs[:, 1:3] = frames[runs[:, 1:3]] if len(frames) else 0
+        count = len(self.stored.names)
+        marker = np.append(np.arange(count), np.full(len(names), NO_MARKER))
+        numbers = np.append(np.full(count, -1), np.array(numbers, int))
+        span = (int(frames[0]), int(frames[-1])) if len(frames) else (0, 0)
+        found = np.array([*self.found, *found], int)
+        return Runs((*self.stored.names, *names), marker, numbers, found, runs, span)
+
+
+def _about(before: Stored, after: Stored) -> set[int]:
+    """The markers of which two takes that differ by edits may say something else, places or doubts."""
+    of_word = {name: index for index, name in enumerate(after.names)}
+    doubts = set(before.suspects) ^ set(after.suspects)
+    about = {marker for suspect in doubts for marker in markers_of(suspect, of_word)}
+    return about | set(changed_frames(before.groups, after.groups))
+
+
+def _rows_of_points(stored: Stored, unfolded: bool) -> tuple[list[str], list[int], list[int], list[np.ndarray]]:
+    """The names, numbers, frames with a point and stretches (N, 4) of the trajectories without a name."""
     left = np.flatnonzero(~stored.labels.named) if isinstance(stored.rows, PointRows) else np.empty(0, int)
-    states = states_of(stored)
-    seen = ((states != GAP) & (states != FILLED)).sum(axis=0)
-    tables = [_runs_of_table(states)]
-    names, numbers, found = list(stored.names), [-1] * len(stored.names), seen.tolist()
-    if len(left):
-        # Rows are in the order of frames, which a stable sort keeps within each trajectory.
-        left = left[np.argsort(stored.rows.trajectory[left].astype(np.int32), kind="stable")]
-        there, frame = stored.rows.trajectory[left], stored.rows.frame[left]
-        fresh = np.diff(there, prepend=there[0] - 1) != 0
-        own, row = there[fresh], np.cumsum(fresh) - 1
-        count = np.bincount(row)
-        long_enough = unfolded | (count >= LONG_S * stored.rate)
-        rank = np.argsort(np.where(long_enough, -count, 1), kind="stable")
-        kept = rank[: int(long_enough.sum())]
-        place = np.full(len(own), len(kept))
-        place[kept] = np.arange(len(kept))
-        tables.append(_runs_of_points(place[row] + len(names), row, frame, len(names) + len(kept)))
-        short = int((~long_enough).sum())
-        names += [f"trajectory {number}" for number in own[kept]] + [f"{short} {FOLDED}"] * bool(short)
-        numbers += own[kept].tolist() + [-1] * bool(short)
-        found += count[kept].tolist() + [int(count[~long_enough].sum())] * bool(short)
-    runs = np.concatenate(tables)
-    runs[:, 1:3] = frames[runs[:, 1:3]] if len(frames) else 0
-    marker = np.where(np.arange(len(names)) < len(stored.names), np.arange(len(names)), NO_MARKER)
-    span = (int(frames[0]), int(frames[-1])) if len(frames) else (0, 0)
-    return Runs(tuple(names), marker, np.array(numbers, int), np.array(found, int), runs, span)
+    if not len(left):
+        return [], [], [], []
+    # Rows are in the order of frames, which a stable sort keeps within each trajectory.
+    left = left[np.argsort(stored.rows.trajectory[left].astype(np.int32), kind="stable")]
+    there, frame = stored.rows.trajectory[left], stored.rows.frame[left]
+    fresh = np.diff(there, prepend=there[0] - 1) != 0
+    own, row = there[fresh], np.cumsum(fresh) - 1
+    count = np.bincount(row)
+    long_enough = unfolded | (count >= LONG_S * stored.rate)
+    rank = np.argsort(np.where(long_enough, -count, 1), kind="stable")
+    kept = rank[: int(long_enough.sum())]
+    place = np.full(len(own), len(kept))
+    place[kept] = np.arange(len(kept))
+    markers = len(stored.names)
+    table = _runs_of_points(place[row] + markers, row, frame, markers + len(kept))
+    short = int((~long_enough).sum())
+    names = [f"trajectory {number}" for number in own[kept]] + [f"{short} {FOLDED}"] * bool(short)
+    numbers = own[kept].tolist() + [-1] * bool(short)
+    found = count[kept].tolist() + [int(count[~long_enough].sum())] * bool(short)
+    return names, numbers, found, [table]
 
 
-def states_of(stored: Stored) -> np.ndarray:
-    """(F, M) one of STATES for every frame and marker."""
-    there = np.isfinite(stored.motion.markers[..., 0])
+def states_of(stored: Stored, markers: Sequence[int]) -> np.ndarray:
+    """(F, K) one of STATES for every frame and each of K markers, by their index."""
+    markers = list(markers)
+    there = np.isfinite(stored.motion.markers[:, markers, 0])
     states = np.where(there, NAMED, GAP).astype(np.int8)
+    column_of = np.full(len(stored.names) + 1, -1)  # the last is that of NO_MARKER, -1
+    column_of[markers] = np.arange(len(markers))
     if isinstance(stored.rows, PointRows):
-        labels, frame = stored.labels, stored.rows.frame
-        for unlike, state in ((labels.confidence < SURE_NAME, DOUBTFUL), (labels.step == BY_EDIT, CORRECTED)):
-            which = np.flatnonzero(unlike)
-            which = which[labels.marker[which] != NO_MARKER]
-            states[frame[which], labels.marker[which]] = state
+        labels, frame, column = stored.labels, stored.rows.frame, column_of[stored.labels.marker]
+        own = np.flatnonzero(column >= 0)
+        for unlike, state in ((labels.confidence[own] < SURE_NAME, DOUBTFUL), (labels.step[own] == BY_EDIT, CORRECTED)):
+            states[frame[own[unlike]], column[own[unlike]]] = state
     of_word = {name: index for index, name in enumerate(stored.names)}
     for suspect in stored.suspects:
-        part = slice(*np.searchsorted(stored.motion.frames, [suspect.first, suspect.last + 1]))
-        for marker in markers_of(suspect, of_word):
-            column = states[part, marker]
+        doubted = [column_of[marker] for marker in markers_of(suspect, of_word) if column_of[marker] >= 0]
+        part = slice(*np.searchsorted(stored.motion.frames, [suspect.first, suspect.last + 1])) if doubted else None
+        for place in doubted:
+            column = states[part, place]
             column[column == NAMED] = DOUBTFUL
     for edit in stored.edits:
-        if isinstance(edit, Place) and edit.marker in stored.words:
+        place = column_of[stored.words[edit.marker]] if isinstance(edit, Place) and edit.marker in stored.words else -1
+        if place >= 0:
             row = int(np.searchsorted(stored.motion.frames, edit.frame))
-            if row < len(states) and there[row, stored.words[edit.marker]]:
-                states[row, stored.words[edit.marker]] = CORRECTED
-    states[stored.filled()] = FILLED
+            if row < len(states) and there[row, place]:
+                states[row, place] = CORRECTED
+    for marker, filled in stored.filled_markers().items():
+        if column_of[marker] >= 0:
+            states[filled, column_of[marker]] = FILLED
     return states
 
 
@@ -114,17 +193,11 @@ def markers_of(suspect: Suspect, of_word: dict[str, int]) -> list[int]:
     return [of_word[word] for word in dict.fromkeys(words) if word in of_word]
 
 
-def _runs_of_table(states: np.ndarray) -> np.ndarray:
-    """(N, 4) row, first and last frame (0-based) and state of the stretches of a table (F, M), a row a column."""
-    frames = len(states)
-    flat = states.T.ravel()
-    if not len(flat):
-        return np.empty((0, 4), int)
-    fresh = np.diff(flat, prepend=-1) != 0
-    fresh[::frames] = True
-    first = np.flatnonzero(fresh)
-    last = np.append(first[1:], len(flat)) - 1
-    return np.column_stack([first // frames, first % frames, last % frames, flat[first]]).astype(int)
+def _runs_of_states(row: int, states: np.ndarray) -> np.ndarray:
+    """(N, 4) row, first and last frame (0-based) and state of the stretches of a row with these states (F,)."""
+    first = np.flatnonzero(np.diff(states, prepend=np.int8(-1)))
+    last = np.append(first[1:], len(states)) - 1
+    return np.column_stack([np.full(len(first), row), first, last[: len(first)], states[first]]).astype(int)
 
 
 def _runs_of_points(row: np.ndarray, trajectory: np.ndarray, frame: np.ndarray, folded: int) -> np.ndarray:
