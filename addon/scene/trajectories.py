@@ -62,6 +62,7 @@ class KeptRows:
     """The rows of the take that was asked for last: of one that was edited since, only what changed is made anew.
 
     stored    that take
+    states    (M, F) of its markers
     markers   (N, 4) stretches of each of its markers, frames by their index, and
     found     frames in which each has a point, filled ones not counted
     unfolded  whether short trajectories have rows of their own, and
@@ -70,6 +71,7 @@ class KeptRows:
     """
 
     stored: Stored | None = None
+    states: np.ndarray = field(default_factory=lambda: np.empty((0, 0), np.int8))
     markers: list[np.ndarray] = field(default_factory=list)
     found: list[int] = field(default_factory=list)
     unfolded: bool = False
@@ -97,17 +99,22 @@ class KeptRows:
         return last.labels is stored.labels or np.array_equal(last.labels.named, stored.labels.named)
 
     def _look_at_markers(self, stored: Stored):
-        changed = range(len(stored.names))
+        whole = slice(0, len(stored.motion.frames))
+        changed = dict.fromkeys(range(len(stored.names)), whole)
         if self.stored is not None and differ_by_edits(self.stored, stored):
-            changed = sorted(_about(self.stored, stored))
+            changed = _about(self.stored, stored)
         else:
+            self.states = np.empty((len(changed), whole.stop), np.int8)
             self.markers, self.found = [np.empty((0, 4), int)] * len(changed), [0] * len(changed)
         if not changed:
             return
-        states = states_of(stored, changed)
-        for index, column in zip(changed, states.T, strict=True):
-            self.found[index] = int(((column != GAP) & (column != FILLED)).sum())
-            self.markers[index] = _runs_of_states(index, column)
+        markers, spans = list(changed), changed.values()
+        frames = slice(min(span.start for span in spans), max(span.stop for span in spans))
+        self.states[markers, frames] = states_of(stored, markers, frames).T
+        for index in markers:
+            states = self.states[index]
+            self.found[index] = int(((states != GAP) & (states != FILLED)).sum())
+            self.markers[index] = _runs_of_states(index, states)
 
     def _joined(self) -> Runs:
         frames = self.stored.motion.frames + self.stored.shift
@@ -122,12 +129,19 @@ class KeptRows:
         return Runs((*self.stored.names, *names), marker, numbers, found, runs, span)
 
 
-def _about(before: Stored, after: Stored) -> set[int]:
-    """The markers of which two takes that differ by edits may say something else, places or doubts."""
+def _about(before: Stored, after: Stored) -> dict[int, slice]:
+    """The markers of which two takes that differ by edits may say something else, and the frames in which they may.
+
+    Frames are given by their index.
+    """
     of_word = {name: index for index, name in enumerate(after.names)}
-    doubts = set(before.suspects) ^ set(after.suspects)
-    about = {marker for suspect in doubts for marker in markers_of(suspect, of_word)}
-    return about | set(changed_frames(before.groups, after.groups))
+    about = changed_frames(before.groups, after.groups)
+    for suspect in set(before.suspects) ^ set(after.suspects):
+        start, stop = np.searchsorted(after.motion.frames, [suspect.first, suspect.last + 1]).tolist()
+        for marker in markers_of(suspect, of_word):
+            own = about.get(marker, slice(start, stop))
+            about[marker] = slice(min(own.start, start), max(own.stop, stop))
+    return about
 
 
 def _rows_of_points(stored: Stored, unfolded: bool) -> tuple[list[str], list[int], list[int], list[np.ndarray]]:
@@ -155,34 +169,39 @@ def _rows_of_points(stored: Stored, unfolded: bool) -> tuple[list[str], list[int
     return names, numbers, found, [table]
 
 
-def states_of(stored: Stored, markers: Sequence[int]) -> np.ndarray:
-    """(F, K) one of STATES for every frame and each of K markers, by their index."""
-    markers = list(markers)
-    there = np.isfinite(stored.motion.markers[:, markers, 0])
+def states_of(stored: Stored, markers: Sequence[int], frames: slice) -> np.ndarray:
+    """(F, K) one of STATES for each of F frames, by their index from start to stop, and of K markers, by theirs."""
+    markers, begin = list(markers), frames.start
+    there = np.isfinite(stored.motion.markers[frames, :, 0][:, markers])
     states = np.where(there, NAMED, GAP).astype(np.int8)
     column_of = np.full(len(stored.names) + 1, -1)  # the last is that of NO_MARKER, -1
     column_of[markers] = np.arange(len(markers))
     if isinstance(stored.rows, PointRows):
-        labels, frame, column = stored.labels, stored.rows.frame, column_of[stored.labels.marker]
-        own = np.flatnonzero(column >= 0)
-        for unlike, state in ((labels.confidence[own] < SURE_NAME, DOUBTFUL), (labels.step[own] == BY_EDIT, CORRECTED)):
-            states[frame[own[unlike]], column[own[unlike]]] = state
+        rows = slice(*np.searchsorted(stored.rows.frame, [begin, frames.stop]).tolist())
+        labels, frame = stored.labels, stored.rows.frame[rows] - begin
+        column = column_of[labels.marker[rows]]
+        for unlike, state in (
+            (labels.confidence[rows] < SURE_NAME, DOUBTFUL),
+            (labels.step[rows] == BY_EDIT, CORRECTED),
+        ):
+            which = np.flatnonzero(unlike & (column >= 0))
+            states[frame[which], column[which]] = state
     of_word = {name: index for index, name in enumerate(stored.names)}
+    own_frames = stored.motion.frames[frames]
     for suspect in stored.suspects:
-        doubted = [column_of[marker] for marker in markers_of(suspect, of_word) if column_of[marker] >= 0]
-        part = slice(*np.searchsorted(stored.motion.frames, [suspect.first, suspect.last + 1])) if doubted else None
-        for place in doubted:
+        part = slice(*np.searchsorted(own_frames, [suspect.first, suspect.last + 1]).tolist())
+        doubted = markers_of(suspect, of_word) if part.start < part.stop else ()
+        for place in (column_of[marker] for marker in doubted if column_of[marker] >= 0):
             column = states[part, place]
             column[column == NAMED] = DOUBTFUL
     for edit in stored.edits:
         place = column_of[stored.words[edit.marker]] if isinstance(edit, Place) and edit.marker in stored.words else -1
-        if place >= 0:
-            row = int(np.searchsorted(stored.motion.frames, edit.frame))
-            if row < len(states) and there[row, place]:
-                states[row, place] = CORRECTED
+        row = int(np.searchsorted(own_frames, edit.frame)) if place >= 0 else len(states)
+        if row < len(states) and own_frames[row] == edit.frame and there[row, place]:
+            states[row, place] = CORRECTED
     for marker, filled in stored.filled_markers().items():
         if column_of[marker] >= 0:
-            states[filled, column_of[marker]] = FILLED
+            states[filled[frames], column_of[marker]] = FILLED
     return states
 
 

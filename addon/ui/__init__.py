@@ -33,6 +33,8 @@ def add_handlers(stack: ExitStack):
     stack.callback(opened.forget)
     stack.callback(forget_trouble)
     stack.callback(forget_rows)
+    stack.callback(overlay.letters.forget)
+    stack.callback(overlay.discs.forget)
     stack.callback(_stop_timer, list_trouble)
     events = bpy.app.handlers
     for listeners, function in (

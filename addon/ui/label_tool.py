@@ -4,7 +4,6 @@
 from contextlib import ExitStack
 
 import bpy
-import gpu
 import numpy as np
 
 from ..core.data.takes import NO_MARKER, NO_POINT
@@ -164,13 +163,11 @@ def draw():
         return
     stored = opened.take(collection, scene)
     index = marks.frame_index(stored, scene.frame_current)
-    canvas = Canvas(context)
-    gpu.state.blend_set("ALPHA")
-    if index >= 0:
-        draw_picked(canvas, stored, index, picked_points(context))
-    if gesture.is_in(context.region):
-        draw_gesture(canvas)
-    gpu.state.blend_set("NONE")
+    with Canvas(context) as canvas:
+        if index >= 0:
+            draw_picked(canvas, stored, index, picked_points(context))
+        if gesture.is_in(context.region):
+            draw_gesture(canvas)
 
 
 def draw_picked(canvas: Canvas, stored, index: int, points: list[int]):
