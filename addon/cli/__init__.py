@@ -7,6 +7,7 @@ Every verb has a file here with `add_parser`; this one turns whatever happens in
 import sys
 
 from ..blendfile import drop_banner
+from ..io.scratch import take_away_own
 from .console import complain, open_streams, stoppable
 from .failures import as_trouble
 from .parser import build_parser
@@ -26,6 +27,7 @@ def main(argv: list[str] | None = None) -> int:
     except SystemExit as error:  # --help and --version
         return DONE if error.code in (None, 0) else BAD_INPUT
     except KeyboardInterrupt:
+        take_away_own()
         complain("stopped before the end; nothing half-written was left")
     except Exception as error:  # noqa: BLE001 - the contract promises one sentence, never a traceback, for our own faults too
         trouble = as_trouble(error, "--traceback" in argv)

@@ -27,6 +27,7 @@ SCRATCH = "mocap-autolabel-"
 LOCK = ".mocap-autolabel.lock"
 TOKEN = 12  # letters that tell one folder from another
 LOCKED = b"locked\n"
+OWN: set[Path] = set()  # folders of this process that are there, or about to be
 FORSAKEN = 86400.0  # s; nobody takes so long from making a lock to holding it
 
 
@@ -65,7 +66,8 @@ def own_folder(parent: Path, prefix: str, trouble: Callable[[OSError, Path], Job
     """A new folder in `parent`, gone at the end. Raises what `trouble` makes of it where none can be made."""
     folder = parent / f"{prefix}{uuid.uuid4().hex[:TOKEN]}"
     with ExitStack() as stack:
-        stack.callback(_remove, folder)  # from before it is made on: a request to end may come at any line
+        OWN.add(folder)  # before it is made: a request to end may come at any line
+        stack.callback(_remove, folder)
         try:
             folder.mkdir(mode=0o700)  # only its user may look into it
             lock = stack.enter_context((folder / LOCK).open("xb", buffering=0))
@@ -75,14 +77,16 @@ def own_folder(parent: Path, prefix: str, trouble: Callable[[OSError, Path], Job
         yield folder
 
 
+def take_away_own():
+    """Takes away the folders of this process whose blocks a request to end broke between two lines."""
+    while OWN:
+        _remove(next(iter(OWN)))
+
+
 def _remove(folder: Path):
-    """Takes a folder away, to its end also where a request to end comes meanwhile."""
-    try:
-        # Windows does not give up files that are still looked at; then the next run takes them away.
-        shutil.rmtree(folder, ignore_errors=True)
-    except KeyboardInterrupt:
-        shutil.rmtree(folder, ignore_errors=True)
-        raise
+    # Windows does not give up files that are still looked at; then the next run takes them away.
+    shutil.rmtree(folder, ignore_errors=True)
+    OWN.discard(folder)
 
 
 def _hold(lock: IO):

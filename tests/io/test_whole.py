@@ -249,7 +249,7 @@ def test_a_stop_while_the_folder_of_parts_is_made_leaves_none(tmp_path, monkeypa
     assert not list(tmp_path.iterdir())
 
 
-def test_a_stop_while_the_folder_of_parts_is_taken_away_leaves_none(tmp_path, monkeypatch):
+def test_what_a_stop_leaves_of_the_folder_of_parts_is_taken_away_before_the_process_ends(tmp_path, monkeypatch):
     whole, stops = shutil.rmtree, [KeyboardInterrupt]
 
     def stopped_once(folder, **how):
@@ -260,6 +260,8 @@ def test_a_stop_while_the_folder_of_parts_is_taken_away_leaves_none(tmp_path, mo
     monkeypatch.setattr(shutil, "rmtree", stopped_once)
     with pytest.raises(KeyboardInterrupt), whole_file(tmp_path / "take.csv") as part:
         part.write_text("whole")
+    assert len(list(tmp_path.iterdir())) == 2
+    scratch.take_away_own()
     assert [path.name for path in tmp_path.iterdir()] == ["take.csv"]
 
 
