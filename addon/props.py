@@ -18,7 +18,8 @@ from bpy.props import (
 )
 
 from .core.data.errors import InputError
-from .core.edits.wording import words_of
+from .core.edits.wording import counted_on, words_of
+from .core.filling.kept import resting_on
 from .core.review.trouble import TROUBLE_KINDS
 from .io.markersets import SUFFIX, builtin_markersets, open_markerset
 from .io.names import written
@@ -313,6 +314,7 @@ class GapRow(bpy.types.PropertyGroup):
     last: IntProperty(name="Last", description="Last frame")
     method: StringProperty(name="Method", description="What filled it")
     expected: FloatProperty(name="Expected Error", description="Mean error to expect, mm; -1 where it is not known")
+    rests_on: StringProperty(name="Rests on", description="Which of its ends the marker was measured at")
     reason: StringProperty(name="Reason", description="Why it is not filled; empty where it is")
 
 
@@ -440,7 +442,11 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
         row.residual = marker.residual * 1000
     for suspect in stored.suspects:
         row = state.suspects.add()
-        row.first, row.last, row.reason = suspect.first + stored.shift, suspect.last + stored.shift, suspect.reason
+        row.first, row.last, row.reason = (
+            suspect.first + stored.shift,
+            suspect.last + stored.shift,
+            counted_on(suspect.reason, stored.shift),
+        )
     if bpy.app.background or is_quick(stored):
         list_trouble()
     elif not bpy.app.timers.is_registered(list_trouble):
@@ -452,11 +458,11 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
         row.name, row.first, row.words = shown.marker, shown.first, shown.words
     for edit, outcome in zip(stored.edits, stored.outcomes, strict=True):
         row = state.corrections.add()
-        row.name, row.idle = words_of(edit, stored.shift), outcome.reason
+        row.name, row.idle = words_of(edit, stored.shift), counted_on(outcome.reason, stored.shift)
     for fill, misfit in zip(stored.fills, stored.misfits, strict=True):
         row = state.fills.add()
         row.name, row.first, row.last = fill.marker, fill.first + stored.shift, fill.last + stored.shift
-        row.method, row.reason = fill.method, misfit
+        row.method, row.reason, row.rests_on = fill.method, misfit, resting_on(fill.ends)
         row.expected = 1000 * fill.expected if math.isfinite(fill.expected) else -1
 
 
@@ -470,7 +476,7 @@ def list_trouble():
     shift = opened.take(collection, scene).shift
     for trouble in trouble_of(collection, scene):
         row = state.troubles.add()
-        row.name, row.kind, row.reason = trouble.about, trouble.kind, trouble.reason
+        row.name, row.kind, row.reason = trouble.about, trouble.kind, counted_on(trouble.reason, shift)
         row.first, row.last = trouble.first + shift, trouble.last + shift
         row.advice, row.action = trouble.advice, trouble.action
         row.stake, row.answered = trouble.stake, trouble.answered

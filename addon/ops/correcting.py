@@ -11,6 +11,7 @@ from bpy.props import EnumProperty, IntProperty
 from ..core.data.errors import InputError
 from ..core.data.takes import NO_POINT
 from ..core.edits.kinds import NO_EDITS, AssignPoint, Delete, Edit, Edits, Right, Swap, UnlabelPoint
+from ..core.edits.wording import counted_on
 from ..io.edits import EDITS_ENDING, write_edits
 from ..props import SCOPES, refresh_review
 from ..scene.corrections import keep_edits
@@ -70,7 +71,8 @@ def correct(context: bpy.types.Context, edits: Edits) -> Stored:
     after = opened.take_with(collection, scene, edits)
     for outcome in after.outcomes[len(before.edits) :]:
         if not outcome.labels:
-            raise InputError(f"{outcome.reason}; expected frames in which there is something to correct")
+            reason = counted_on(outcome.reason, before.shift)
+            raise InputError(f"{reason}; expected frames in which there is something to correct")
     keep_edits(collection, edits)
     show_edits(collection, before, after, scene.mocap_autolabel.keep_unnamed)
     scene.frame_set(scene.frame_current)

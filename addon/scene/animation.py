@@ -26,7 +26,7 @@ class KeyOptions:
     most_single: int = 300
 
 
-KEYS = KeyOptions()
+KEYING = KeyOptions()
 
 
 @dataclass(eq=False)
@@ -40,7 +40,7 @@ class TakeActions:
 
     def for_keys(self, keys: int) -> bpy.types.Action:
         """The action that the next object's keys go into, which are so many."""
-        if self.action is None or self.keys + keys > KEYS.most_keys:
+        if self.action is None or self.keys + keys > KEYING.most_keys:
             self.count, self.keys = self.count + 1, 0
             self.action = bpy.data.actions.new(self.name if self.count == 1 else f"{self.name} {self.count}")
         self.keys += keys
@@ -119,12 +119,12 @@ def move(bag: bpy.types.ActionChannelbag, path: str, frames: np.ndarray, before:
     was, now = np.isfinite(before).all(axis=1), np.isfinite(after).all(axis=1)
     curves = [bag.fcurves.find(path, index=index) for index in range(after.shape[1])]
     more = int(now.sum()) - int(was.sum())
-    if not now.any() or -more > KEYS.most_single:
+    if not now.any() or -more > KEYING.most_single:
         return False
     if any(curve is None or len(curve.keyframe_points) != was.sum() for curve in curves):
         return False
     rows = np.flatnonzero(((before != after) & now[:, None]).any(axis=1))
-    few = len(rows) <= KEYS.most_single and bool((was == now).all())
+    few = len(rows) <= KEYING.most_single and bool((was == now).all())
     for index, curve in enumerate(curves):
         points = curve.keyframe_points
         if few:  # their handles, of which straight lines make nothing, stay until Blender sets them anew

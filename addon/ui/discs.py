@@ -10,7 +10,7 @@ from gpu_extras.batch import batch_for_shader
 CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], np.float32)
 SOFT = 1.0  # px over which an edge fades
 
-VERTEX = """
+DISC_VERTEX = """
 void main()
 {
   at = corner * (radii.x + radii.y + 1.0);
@@ -19,7 +19,7 @@ void main()
   gl_Position = ModelViewProjectionMatrix * vec4(pos + at, 0.0, 1.0);
 }
 """
-FRAGMENT = f"""
+DISC_FRAGMENT = f"""
 void main()
 {{
   float away = length(at);
@@ -68,6 +68,6 @@ def disc_shader() -> gpu.types.GPUShader:
         info.vertex_in(place, kind, name)
     info.vertex_out(between)
     info.fragment_out(0, "VEC4", "colour")
-    info.vertex_source(VERTEX)
-    info.fragment_source(FRAGMENT)
+    info.vertex_source(DISC_VERTEX)
+    info.fragment_source(DISC_FRAGMENT)
     return gpu.shader.create_from_info(info)

@@ -63,6 +63,8 @@ def draw_fills(layout: bpy.types.UILayout, state: bpy.types.PropertyGroup):
             draw_text(layout, f"Left out: {fill.reason}. Fill the gap again, or take this back", "ERROR")
         else:
             layout.label(text=f"By {fill.method}")
+            if fill.rests_on != "both ends":
+                layout.label(text=f"Rests on {fill.rests_on} alone, and what moves with it", icon="INFO")
     misfits = sum(bool(fill.reason) for fill in state.fills)
     if misfits:
         layout.label(text=f"{misfits} no longer fit the labels", icon="ERROR")

@@ -43,7 +43,7 @@ void main()
 
 # Words, where they begin (px) and their colour.
 Word = tuple[str, float, float, tuple[float, float, float, float]]
-BLACK = (0.0, 0.0, 0.0, 1.0)
+SHADOW_COLOUR = (0.0, 0.0, 0.0, 1.0)
 
 
 @dataclass(eq=False)
@@ -76,7 +76,7 @@ class Letters:
         places = 2 * np.concatenate([own for _, own, _ in parts])
         colours = np.repeat(np.array([colour for *_, colour in words], np.float32), count, axis=0)
         if shadow:  # below all letters: none lies on another
-            dark = np.broadcast_to(np.array(BLACK, np.float32), colours.shape) * [1, 1, 1, 0.9]
+            dark = np.broadcast_to(np.array(SHADOW_COLOUR, np.float32), colours.shape) * [1, 1, 1, 0.9]
             boxes, places = np.concatenate([boxes, boxes]), np.concatenate([places + 1, places])
             colours = np.concatenate([dark.astype(np.float32), colours])
         self._make_picture()

@@ -55,7 +55,7 @@ BEFORE = path(1, [(5, 9), (40, 44)])
 )
 @pytest.mark.parametrize("most_single", [300, 1])
 def test_moved_keys_are_those_that_keying_anew_makes(bag, after, most_single, monkeypatch):
-    monkeypatch.setattr(animation, "KEYS", KeyOptions(most_single=most_single))
+    monkeypatch.setattr(animation, "KEYING", KeyOptions(most_single=most_single))
     animation.key(bag, "location", FRAMES, BEFORE, "LKNE")
     moved = animation.move(bag, "location", FRAMES, BEFORE, after)
     fewer = np.isfinite(BEFORE[:, 0]).sum() - np.isfinite(after[:, 0]).sum()
@@ -82,7 +82,7 @@ def test_keys_that_a_hand_took_away_or_that_all_go_are_not_moved(bag):
 
 
 def test_the_keys_of_a_take_go_into_few_actions(empty, monkeypatch):
-    monkeypatch.setattr(animation, "KEYS", KeyOptions(most_keys=100))
+    monkeypatch.setattr(animation, "KEYING", KeyOptions(most_keys=100))
     actions = animation.TakeActions("Mocap: walk")
     names = [actions.for_keys(keys).name for keys in (250, 60, 40, 1, 90, 0)]
     assert names == ["Mocap: walk", "Mocap: walk 2", "Mocap: walk 2", *["Mocap: walk 3"] * 3]

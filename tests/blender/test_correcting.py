@@ -134,7 +134,7 @@ def test_two_names_are_swapped_everywhere(labelled, files):
 @pytest.mark.parametrize("scope", ["FRAME", "RANGE", "WHOLE"])
 def test_markers_in_actions_of_their_own_follow_too(extension, monkeypatch, request, files, scope):
     animation = importlib.import_module(f"{extension}.addon.scene.animation")
-    monkeypatch.setattr(animation, "KEYS", animation.KeyOptions(most_keys=100, most_single=4))
+    monkeypatch.setattr(animation, "KEYING", animation.KeyOptions(most_keys=100, most_single=4))
     labelled = request.getfixturevalue("labelled")
     assert len({item.animation_data.action for item in shown().values()}) == GHOST
     scene = labelled.scene
