@@ -1,18 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A take as rows over time, each a marker or a trajectory without a name: what every stretch is. No drawing here."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..core.data.takes import BY_EDIT, NO_MARKER, PointRows, Suspect
+from ..core.data.takes import BY_EDIT, NO_MARKER, PointRows
 from ..core.edits.following import changed_frames
 from ..core.edits.kinds import Place
+from ..core.review.doubtful import SURE_NAME, markers_of
 from .stored import Stored, differ_by_edits
 
-SURE_NAME = 0.99  # confidence below which a name is doubtful
 # What a stretch is, in the order in which stretches are drawn: what is rare and short lies on top.
 STATES = ("named", "unnamed", "gap", "filled", "edited", "doubtful")
 NAMED, UNNAMED, GAP, FILLED, CORRECTED, DOUBTFUL = range(len(STATES))
@@ -176,16 +175,16 @@ def states_of(stored: Stored, markers: Sequence[int], frames: slice) -> np.ndarr
     states = np.where(there, NAMED, GAP).astype(np.int8)
     column_of = np.full(len(stored.names) + 1, -1)  # the last is that of NO_MARKER, -1
     column_of[markers] = np.arange(len(markers))
-    if isinstance(stored.rows, PointRows):
-        rows = slice(*np.searchsorted(stored.rows.frame, [begin, frames.stop]).tolist())
-        labels, frame = stored.labels, stored.rows.frame[rows] - begin
-        column = column_of[labels.marker[rows]]
-        for unlike, state in (
-            (labels.confidence[rows] < SURE_NAME, DOUBTFUL),
-            (labels.step[rows] == BY_EDIT, CORRECTED),
-        ):
-            which = np.flatnonzero(unlike & (column >= 0))
-            states[frame[which], column[which]] = state
+    rows = slice(*np.searchsorted(stored.rows.frame, [begin, frames.stop]).tolist())
+    labels, frame = stored.labels, stored.rows.frame[rows] - begin
+    column = column_of[labels.marker[rows]]
+    unsure = labels.confidence[rows] < SURE_NAME
+    if not isinstance(stored.rows, PointRows):
+        unsure[:] = False  # of blobs every camera has its own say
+    for unlike, state in ((unsure, DOUBTFUL), (labels.step[rows] == BY_EDIT, CORRECTED)):
+        which = np.flatnonzero(unlike & (column >= 0))
+        states[frame[which], column[which]] = state
+    states[~there] = GAP  # of a blob that one camera alone has, whoever named it
     of_word = {name: index for index, name in enumerate(stored.names)}
     own_frames = stored.motion.frames[frames]
     for suspect in stored.suspects:
@@ -203,13 +202,6 @@ def states_of(stored: Stored, markers: Sequence[int], frames: slice) -> np.ndarr
         if column_of[marker] >= 0:
             states[filled[frames], column_of[marker]] = FILLED
     return states
-
-
-def markers_of(suspect: Suspect, of_word: dict[str, int]) -> list[int]:
-    """The markers that a suspect is about: those that it gives, else those whose names are among its words."""
-    # A colon may be a part of a name, that of its subject before it.
-    words = suspect.markers or [word.rstrip(":") for word in re.findall(r"[^\s,;]+", suspect.words)]
-    return [of_word[word] for word in dict.fromkeys(words) if word in of_word]
 
 
 def _runs_of_states(row: int, states: np.ndarray) -> np.ndarray:

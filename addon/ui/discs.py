@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import gpu
 import numpy as np
-from gpu_extras.batch import batch_for_shader
 
-CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], np.float32)
+from .boxes import BOX_CORNERS, box_batch
+
 SOFT = 1.0  # px over which an edge fades
 
 DISC_VERTEX = """
@@ -41,16 +41,15 @@ class Discs:
         """Dots around centres (N, 2) px in colours (N, 4): radii (N, 2) px of the colour, and how wide the rim is."""
         if self.shader is None:
             self.shader = disc_shader()
-        count = len(centres)
-        content = {
-            "pos": np.repeat(centres.astype(np.float32), 4, axis=0),
-            "corner": np.tile(CORNERS, (count, 1)),
-            "radii": np.repeat(radii.astype(np.float32), 4, axis=0),
-            "color": np.repeat(colours.astype(np.float32), 4, axis=0),
+        shape = (len(centres), 4, 2)
+        of_corners = {
+            "pos": np.broadcast_to(centres[:, None], shape),
+            "corner": np.broadcast_to(2 * BOX_CORNERS - 1, shape),
+            "radii": np.broadcast_to(radii[:, None], shape),
+            "color": np.repeat(colours[:, None], 4, axis=1),
         }
-        faces = (4 * np.arange(count)[:, None] + [0, 1, 2, 0, 2, 3]).reshape(-1, 3).astype(np.int32)
         self.shader.bind()
-        batch_for_shader(self.shader, "TRIS", content, indices=faces).draw(self.shader)
+        box_batch(self.shader, **of_corners).draw(self.shader)
 
     def forget(self):
         """Lets go of what the GPU has."""

@@ -12,10 +12,10 @@ import blf
 import bpy
 import gpu
 import numpy as np
-from gpu_extras.batch import batch_for_shader
 from mathutils import Matrix
 
 from ..scene.redrawing import redraw
+from .boxes import BOX_CORNERS, box_batch
 
 LETTERS_IN_A_ROW = 32  # places in a row of the texture, of which each letter has two: its own and its shadow's
 USUAL = tuple(
@@ -154,19 +154,13 @@ class Letters:
     def _draw_boxes(self, starts: np.ndarray, places: np.ndarray, colours: np.ndarray):
         if self.shader is None:
             self.shader = letter_shader()
-        corner = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
-        ends = starts[:, None] - [REACH, 0] + corner * np.array(self.cell)
-        cells = np.column_stack([places % LETTERS_IN_A_ROW, places // LETTERS_IN_A_ROW])[:, None] + corner
+        ends = starts[:, None] - [REACH, 0] + BOX_CORNERS * np.array(self.cell)
+        cells = np.column_stack([places % LETTERS_IN_A_ROW, places // LETTERS_IN_A_ROW])[:, None] + BOX_CORNERS
         size = np.array([self.picture.width, self.picture.height]) / np.array(self.cell)
-        faces = (4 * np.arange(len(starts))[:, None] + [0, 1, 2, 0, 2, 3]).reshape(-1, 3)
-        content = {
-            "pos": ends.reshape(-1, 2).astype(np.float32),
-            "uv": (cells / size).reshape(-1, 2).astype(np.float32),
-            "color": np.repeat(colours, 4, axis=0),
-        }
         self.shader.bind()
         self.shader.uniform_sampler("letters", self.picture.texture_color)
-        batch_for_shader(self.shader, "TRIS", content, indices=faces.astype(np.int32)).draw(self.shader)
+        tints = np.repeat(colours[:, None], 4, axis=1)
+        box_batch(self.shader, pos=ends, uv=cells / size, color=tints).draw(self.shader)
 
 
 def _draw_again():

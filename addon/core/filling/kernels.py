@@ -55,7 +55,7 @@ class CovarianceOptions:
     min_sd_m    of a marker in its neighbours' axes; a made-up take has none
     max_folds   times the folds of the prior, that a scale may be from its median: no take needs more
     nothing_left  lengths over which what falls off exponentially is gone: e to the -40 is less than rounding
-    unsolvable  what the search is told where a covariance is none in numbers of this precision
+    unsolvable  what the search gets where a covariance is none in numbers of this precision
     rounding    part of its diagonal that is added to a covariance, so that rounding leaves it one
     """
 
@@ -77,13 +77,13 @@ class Alikeness:
 
     pose    (A, B) products of pose features
     square  (A, B) squares of their distances
-    apart   (A, B) seconds
+    lag     (A, B) seconds
     variance of the marker in its neighbours' axes, m²
     """
 
     pose: np.ndarray
     square: np.ndarray
-    apart: np.ndarray
+    lag: np.ndarray
     variance: float
 
     @classmethod
@@ -104,13 +104,13 @@ class Alikeness:
         alike = (self.variance * linear) * self.pose
         over = 1 / (1 + self.square * (0.5 / reach**2))
         bent = (self.variance * curved) * over  # rational quadratic
-        way = self.apart * (np.sqrt(3) / slow_s)
+        way = self.lag * (np.sqrt(3) / slow_s)
         fall = np.exp(-way)
         fall *= slow**2
         lasting = (1 + way) * fall  # Matérn 3/2
         # Few frames are so near to each other that jitter lasts from one to the other: only these are worked out.
-        near = np.flatnonzero(self.apart.ravel() < COVARIANCE.nothing_left * jitter_s / np.sqrt(5))
-        short = self.apart.ravel()[near] * (np.sqrt(5) / jitter_s)
+        near = np.flatnonzero(self.lag.ravel() < COVARIANCE.nothing_left * jitter_s / np.sqrt(5))
+        short = self.lag.ravel()[near] * (np.sqrt(5) / jitter_s)
         drop = jitter**2 * np.exp(-short)
         brief = (1 + short + short * short / 3) * drop  # Matérn 5/2
         total = alike + bent

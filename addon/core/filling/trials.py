@@ -21,9 +21,9 @@ class GapTrialOptions:
     gaps         cut for each marker, length and set of neighbours that a gap of the take has
     first        of them after which a method that errs `hopeless` times as much as the best is tried no more
     hopeless     the same
-    grade        lengths, and how fast neighbours move, are told apart in steps of this factor: errors grow slowly
+    grade        lengths, and how fast neighbours move, are distinguished in steps of this factor: errors grow slowly
     alike        factor within which the neighbours must move as fast in a trial; where no place is like that, those
-                 that are most like it are taken, and what does not turn with the neighbours is not trusted
+                 that are most like it are taken, and what does not turn with the neighbours is not used
     least        part of all places that are always looked at
     still_m_s    speed that is no motion but noise
     carried_by   neighbours whose middle tells how fast they move
@@ -34,7 +34,7 @@ class GapTrialOptions:
                  (chosen on `s02`, `ball` and `p1` of the recorded people)
     alike_by     neighbours that gaps of one class have in common, the nearest ones: what is farther decides little
     good_m       error of a spline in trials below which nothing else is tried: no more than what markers jitter by
-    trust_limit  factor by which the error to expect is changed at most where the favourite is more, or less, sure of a
+    max_factor  factor by which the error to expect is changed at most where the favourite is more, or less, sure of a
                  gap than it was in the trials
     """
 
@@ -51,7 +51,7 @@ class GapTrialOptions:
     lead: float = 0.15
     alike_by: int = 6
     good_m: float = 0.0003
-    trust_limit: float = 3.0
+    max_factor: float = 3.0
 
 
 TRIALS = GapTrialOptions()
@@ -66,7 +66,7 @@ class Choice:
 
     parts     names of methods, the mean of which is taken
     error     m, mean over the trials; NaN where there were none: then what the favourite tells of itself is taken
-    sureness  m, mean standard deviation that the favourite told in them; NaN where it told none
+    sureness  m, mean standard deviation that the favourite gave in them; NaN where it gave none
     """
 
     parts: tuple[str, ...]
@@ -85,7 +85,7 @@ class Choice:
         if not self.sureness > 0:  # nothing was tried
             return MEAN_OF_DISTANCE * float(sure.mean())
         ratio = float(sure.mean()) / self.sureness
-        return self.error * float(np.clip(ratio, 1 / TRIALS.trust_limit, TRIALS.trust_limit))
+        return self.error * float(np.clip(ratio, 1 / TRIALS.max_factor, TRIALS.max_factor))
 
 
 def graded(amount: float) -> float:
@@ -164,9 +164,9 @@ def choose(
             names = _hopeful(names, errors)
         hidden, truth = own_in_trial(own, trial, gap, rate), take.xyz[trial.start : trial.stop, gap.marker]
         answers = {name: ways[name](trial, hidden) for name in names}
-        told = answers.get(next(iter(ways)))
-        if told is not None and told[1] is not None:
-            sure.append(float(told[1].mean()))
+        answer = answers.get(next(iter(ways)))
+        if answer is not None and answer[1] is not None:
+            sure.append(float(answer[1].mean()))
         found = {name: answer[0] for name, answer in answers.items() if answer is not None}
         for parts in _mixes(tuple(found), next(iter(ways))):
             mean = sum(found[part] for part in parts) / len(parts)
