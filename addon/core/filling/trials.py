@@ -49,8 +49,8 @@ class GapTrialOptions:
     shortest: float = 0.25
     open_s: float = 2.0
     lead: float = 0.15
-    alike_by: int = 6
-    good_m: float = 0.0003
+    alike_by: int = 10
+    good_m: float = 0.0002
     max_factor: float = 3.0
 
 

@@ -6,8 +6,8 @@ import pytest
 
 from addon.core.body.bodies import BodyModel
 from addon.core.data.progress import finished
-from addon.core.filling.filling import FILL_METHODS, FillOptions, fill_take
-from addon.core.filling.kept import kept_fills_of, resting_on
+from addon.core.filling.filling import FILL_METHODS, FillOptions, fill_take, kept_fills_of
+from addon.core.filling.kept import resting_on
 from addon.core.geometry.rotations import exponential
 from addon.core.simulation.virtual import Act, perform
 from tests.core.scenes import built_in, person_of
