@@ -66,7 +66,7 @@ def marker_reviews(stored: Stored) -> list[MarkerReview]:
     if _reviewed and differ_by_edits(_reviewed[0][0], stored):
         before, reviews = _reviewed[0]
         for index in changed_frames(before.groups, stored.groups):
-            reviews[index] = review_marker(stored.names[index], stored.motion, index)
+            reviews[index] = review_marker(stored.names[index], stored.unfilled, index)
     else:
         reviews = review_markers(stored.names, stored.unfilled)  # what is filled was not found
     _reviewed[:] = [(stored, reviews)]

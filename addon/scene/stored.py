@@ -91,8 +91,9 @@ class Stored:
 
 
 def differ_by_edits(one: Stored, other: Stored) -> bool:
-    """Whether two takes are one of points with different edits, neither of them filled or smoothed."""
+    """Whether two takes are one of points with different edits, the same fills in both, and neither smoothed."""
     if not isinstance(one.rows, PointRows):
         return False  # of blobs nothing says what an edit changes
     same = one.rows is other.rows and one.motion.expected is other.motion.expected
-    return same and all(take.motion is take.unfilled for take in (one, other))
+    same_fills = one.fills is other.fills and one.unfit == other.unfit
+    return same and same_fills and one.cutoff is None and other.cutoff is None

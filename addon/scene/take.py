@@ -28,7 +28,7 @@ from .cloud import FRAME, add_cloud, cloud_table
 from .corrections import OWN_LABELS, edited, keep_edits, kept_edits, kept_text, motion_of_labels
 from .fills import FILL_PATHS, filled_in, keep_fills, kept_fills
 from .smoothing import keep_cutoff, kept_cutoff, smoothed_in
-from .stored import Stored
+from .stored import Stored, differ_by_edits
 
 ROWS, MOTION, POSE, FRAME_TABLE = "mocap_blobs", "mocap_motion", "mocap_pose", "mocap_frames"
 RATE, SHIFT, SUSPECTS, SOURCE, MARKER_NAMES = (
@@ -197,7 +197,7 @@ def _changed(
     """The markers that are elsewhere after other edits, fills or smoothing, or whose filled samples are others."""
     one, other = before.motion.markers, after.motion.markers
     about = {index: slice(None) for index in range(len(after.names))}
-    if before.motion is before.unfilled and after.motion is after.unfilled:
+    if differ_by_edits(before, after):
         about = changed_frames(before.groups, after.groups)
     either = filled.keys() | was_filled.keys()
     refilled = {index for index in either if not _flags_alike(filled.get(index), was_filled.get(index))}
@@ -248,9 +248,14 @@ def stored_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> Sto
     return finished_take(collection, stored if edits is None else edited(stored, edits))
 
 
-def finished_take(collection: bpy.types.Collection, stored: Stored) -> Stored:
-    """A take with its fills in it, and then smoothed, as the file has these; `stored` has its edits and neither."""
-    fills, cutoff = kept_fills(collection), kept_cutoff(collection)
+def finished_take(
+    collection: bpy.types.Collection, stored: Stored, fills: tuple[KeptFill, ...] | None = None
+) -> Stored:
+    """A take with its fills in it, and then smoothed, as the file has these; `stored` has its edits and neither.
+
+    The `fills` need not be read where they are known.
+    """
+    fills, cutoff = kept_fills(collection) if fills is None else fills, kept_cutoff(collection)
     after = filled_in(stored, fills) if fills else stored
     return after if cutoff is None else smoothed_in(after, cutoff)
 

@@ -50,7 +50,7 @@ class GapTrialOptions:
     open_s: float = 2.0
     lead: float = 0.15
     alike_by: int = 10
-    good_m: float = 0.0002
+    good_m: float = 0.0001
     max_factor: float = 3.0
 
 
