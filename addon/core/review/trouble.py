@@ -214,13 +214,14 @@ class TakeTrouble:
         with np.errstate(invalid="ignore"):
             far = off > SUSPECTING.max_off_body_m
         self._nobody.add(frames, ~here[None])
-        # Of most takes nothing, or little, was looked at and is right.
-        right = np.ascontiguousarray(right_in(self.edits, self.words, frames).T)
-        excused, accepted = lacking & right, far & right
-        self._excused.add(frames, excused)
-        self._accepted.add(frames, accepted, off)
-        self._missing.add(frames, lacking & ~excused)
-        self._off.add(frames, far & ~accepted, off)
+        right = right_in(self.edits, self.words, frames)
+        if right.any():
+            right = np.ascontiguousarray(right.T)
+            self._excused.add(frames, lacking & right)
+            self._accepted.add(frames, far & right, off)
+            lacking, far = lacking & ~right, far & ~right
+        self._missing.add(frames, lacking)
+        self._off.add(frames, far, off)
 
     def fill(self, marker: str, first: int, last: int):
         """Notes that a marker's gap from frame `first` to `last`, by the source's numbers, was filled: no trouble."""
