@@ -137,11 +137,10 @@ def room_for_words(
     flat = boxes.reshape(-1, 4)
     meets = _meets(flat[:, None], flat)
     taken = _meets(flat[:, None], covered).any(axis=1)
-    for place, (index, alone) in enumerate(zip(there.tolist(), clear, strict=True)):
-        free = ~taken[4 * place : 4 * place + 4]
-        if free.any():
-            best = free & alone
-            chosen = 4 * place + int((best if best.any() else free).argmax())
+    for place, (index, alone) in enumerate(zip(there.tolist(), clear.tolist(), strict=True)):
+        free = [way for way, full in enumerate(taken[4 * place : 4 * place + 4].tolist()) if not full]
+        if free:
+            chosen = 4 * place + next((way for way in free if alone[way]), free[0])
             starts[index] = flat[chosen, :2]
             taken |= meets[chosen]
     return starts
