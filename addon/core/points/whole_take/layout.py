@@ -128,7 +128,7 @@ def _questions(tried: np.ndarray, gain: np.ndarray, there: np.ndarray) -> tuple[
     found = []
     for row, value in zip(tried, gain.tolist(), strict=True):
         pair = np.flatnonzero(row != np.arange(len(row)))
-        if len(pair) == 2 and there[pair].all() and value > -LAYOUT_NAMING.max_question:
+        if len(pair) == 2 and there[pair].any() and value > -LAYOUT_NAMING.max_question:
             found.append(Question(int(pair[0]), int(pair[1]), -value))
     return tuple(found)
 

@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 from ...data.takes import NO_MARKER, Labels
 from ..models import Model
 from .exchanges import undone
-from .extras import with_extras
+from .extras import is_crowd, with_extras
 from .layout import Question, named_by_layout, usual_residual
 from .likeness import likeness, links, worth_of_length
 from .matching import margins, matched
@@ -123,6 +123,7 @@ class _Solving:
         self.points, self.tracklets, self.model, self.rate = points, tracklets, model, rate
         self.known = self.trained = trained_pairs(model)
         self.markers = len(model.markerset)
+        self.crowd = is_crowd(tracklets, self.markers)
         # Odds grow less than a tracklet does: its parts would say more than all of it where they are only added up.
         self.duration = tracklets.count / worth_of_length(tracklets, rate)
         self.marker = self.best = self.margin = self.odds = np.zeros(0)
@@ -159,12 +160,8 @@ class _Solving:
         likely = np.where(self.odds.max(axis=1) > 0, self.odds.argmax(axis=1), NO_MARKER)
         likely = np.where(likely < self.markers, likely, NO_MARKER)
         marker = np.where(own, marker, NO_MARKER)
-        residual = usual_residual(self.model.likelihood, self._placed()) if self._crowd else 0.0
-        return Solution(self.tracklets, marker, self.margin, likely, questions, self._crowd, residual)
-
-    @property
-    def _crowd(self) -> bool:
-        return len(self.trained.mean) > self.markers
+        residual = usual_residual(self.model.likelihood, self._placed()) if self.crowd else 0.0
+        return Solution(self.tracklets, marker, self.margin, likely, questions, self.crowd, residual)
 
     def _placed(self) -> np.ndarray:
         return self.tracklets.placed(self.points, self.marker, len(self.trained.mean))
@@ -194,7 +191,7 @@ class _Solving:
     def _put_right(self, wide: PairDistances, absent: bool) -> tuple[Question, ...]:
         """Takes back exchanges, and gives the questions that are left."""
         self._undo(wide)
-        if self._crowd:
+        if self.crowd:
             # In a crowd two that may be each other are both unsure of their names, and the layout tells them.
             free = (self.marker == NO_MARKER) & ~np.isin(self.best, self.marker)
             self.marker = np.where(free, self.best, self.marker)
