@@ -14,7 +14,7 @@ import numpy as np
 from ...data.takes import NO_POINT
 from ...geometry.rigid import pairwise_distances
 from ..likelihood.model import Known
-from ..likelihood.naming import Settled, name_odds, settle
+from ..likelihood.naming import IMPOSSIBLE, Settled, name_odds, settle
 from .pairs import PAIRING
 
 
@@ -31,7 +31,7 @@ class BlockOptions:
     """
 
     sizes: tuple[int, ...] = (3, 4)
-    around: int = 8
+    around: tuple[int, ...] = (8, 14)
     rounds: int = 3
     points: int = 6
     proposed: int = 4
@@ -39,6 +39,7 @@ class BlockOptions:
 
 
 BLOCKS = BlockOptions()
+NOBODY_NAMED = np.zeros(0, int)
 
 
 def block_exchanges(known: Known, now: Settled, place: np.ndarray) -> np.ndarray:
@@ -48,7 +49,9 @@ def block_exchanges(known: Known, now: Settled, place: np.ndarray) -> np.ndarray
     """
     found = [_choices(known, now, place, block) for block in _blocks(known.fine.mean)]
     missing = np.flatnonzero((now.naming >= 0).mean(axis=0) < BLOCKS.min_seen)
-    found += [_moved_up(known, now, place, _about(known.fine.mean, marker)) for marker in missing.tolist()]
+    about = [_about(known.fine.mean, marker, size) for marker in missing.tolist() for size in BLOCKS.around]
+    found += [_moved_up(known, now, place, block) for block in about]
+    found += [_moved_up(known, now, place, block, missing) for block in about]
     return np.concatenate(found) if found else np.zeros((0, len(place)), int)
 
 
@@ -89,17 +92,19 @@ def _choices(known: Known, now: Settled, place: np.ndarray, block: np.ndarray) -
     return np.array(rows, dtype=int).reshape(-1, every)
 
 
-def _about(mean: np.ndarray, marker: int) -> np.ndarray:
-    """A marker and those of a mean shape (M, 3) m that sit about it."""
+def _about(mean: np.ndarray, marker: int, size: int) -> np.ndarray:
+    """A marker and those of a mean shape (M, 3) m that sit about it, so many in all."""
     apart = np.linalg.norm(mean - mean[marker], axis=1)
-    order = np.argsort(apart, kind="stable")[: BLOCKS.around]
-    return np.sort(order[apart[order] < PAIRING.max_confused_m])
+    return np.sort(np.argsort(apart, kind="stable")[:size])
 
 
-def _moved_up(known: Known, now: Settled, place: np.ndarray, block: np.ndarray) -> np.ndarray:
+def _moved_up(
+    known: Known, now: Settled, place: np.ndarray, block: np.ndarray, named: np.ndarray = NOBODY_NAMED
+) -> np.ndarray:
     """(X, M + E) what a block (B,) is by everyone else, and then by each other too, where one of it is missing.
 
-    Each may have the name of the next, all the way to the missing one: no exchange of a few is likelier then.
+    Each may have the name of the next, all the way to the missing one: no exchange of a few is likelier then. Those of
+    the missing that are to be `named` take a point even where that is unlikely, for it to be weighed.
     """
     from scipy.optimize import linear_sum_assignment
 
@@ -111,7 +116,8 @@ def _moved_up(known: Known, now: Settled, place: np.ndarray, block: np.ndarray) 
         odds = name_odds(known.fine, rest)[:, block][:, :, place[free]]
         there = now.present[:, None, place[free]]
         usual = np.nanmedian(np.where(there.mean(axis=0) >= BLOCKS.min_seen, np.where(there, odds, np.nan), 0.0), axis=0)
-        _, column = linear_sum_assignment(usual, maximize=True)
+        forced = np.isin(block, named)[:, None] & ~(there.mean(axis=0) >= BLOCKS.min_seen)
+        _, column = linear_sum_assignment(np.where(forced, IMPOSSIBLE, usual), maximize=True)
         row = _row(block, free[column], every)
         if row.tobytes() in found:
             break

@@ -129,8 +129,10 @@ def _believed(solution: Solution, target: float, markers: int) -> np.ndarray:
     believed = np.where(solution.margin >= needed, solution.marker, NO_MARKER)
     least = BELIEVING.layout_of_target * asked
     for question in solution.questions:
-        if question.other < markers and question.odds + _agreement(solution, question) < least:
-            believed[np.isin(believed, (question.one, question.other))] = NO_MARKER
+        agreement = 0.0 if question.shifted else _agreement(solution, question) if question.other < markers else np.inf
+        if question.odds + agreement < least:
+            doubted = [name for name in (question.one, question.other) if name < markers]
+            believed[np.isin(believed, doubted)] = NO_MARKER
     return believed
 
 

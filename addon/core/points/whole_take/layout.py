@@ -50,11 +50,15 @@ NOTHING_HELD = np.zeros(0, int)
 
 @dataclass(frozen=True)
 class Question:
-    """Two markers that may be each other, and the log odds of the names that they have against the other way round."""
+    """Two markers that may be each other, and the log odds of the names that they have against the other way round.
+
+    `shifted` where more than the two would change names, each to the next one's: then frames err as the take does.
+    """
 
     one: int
     other: int
     odds: float
+    shifted: bool = False
 
 
 def named_by_layout(
@@ -80,6 +84,7 @@ def named_by_layout(
         if gain.max(initial=0) <= LAYOUT_NAMING.min_gain:
             tried = _without_held(block_exchanges(known, now, place), held)
             others, gain = _gains(known, now, place, tried)
+            questions += _chains(tried, gain, len(likelihood))
         if gain.max(initial=0) <= LAYOUT_NAMING.min_gain:
             return name, questions
         best = int(gain.argmax())
@@ -131,6 +136,17 @@ def _questions(tried: np.ndarray, gain: np.ndarray, there: np.ndarray) -> tuple[
         if len(pair) == 2 and there[pair].any() and value > -LAYOUT_NAMING.max_question:
             found.append(Question(int(pair[0]), int(pair[1]), -value))
     return tuple(found)
+
+
+def _chains(tried: np.ndarray, gain: np.ndarray, markers: int) -> tuple[Question, ...]:
+    """The same of those (X, M + E) of several at once: each marker and the one whose point it would take."""
+    found: dict[tuple[int, int], float] = {}
+    for row, value in zip(tried.tolist(), gain.tolist(), strict=True):
+        moved = [(one, other) for one, other in enumerate(row) if one != other]
+        if len(moved) > 2 and value > -LAYOUT_NAMING.max_question:
+            for pair in (pair for pair in moved if pair[0] < markers):
+                found[pair] = min(-value, found.get(pair, np.inf))
+    return tuple(Question(*pair, odds, shifted=True) for pair, odds in found.items())
 
 
 def _frames(placed: np.ndarray, markers: int) -> np.ndarray:
