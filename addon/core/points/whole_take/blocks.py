@@ -48,9 +48,14 @@ def block_exchanges(known: Known, now: Settled, place: np.ndarray) -> np.ndarray
     now are the settled frames, place (M + E,) the point that each marker has in them, extras after the set's own.
     """
     found = [_choices(known, now, place, block) for block in _blocks(known.fine.mean)]
+    return np.concatenate(found) if found else np.zeros((0, len(place)), int)
+
+
+def shifts(known: Known, now: Settled, place: np.ndarray) -> np.ndarray:
+    """(X, M + E) the same of names that are all one place off, on the way to a marker that is missing."""
     missing = np.flatnonzero((now.naming >= 0).mean(axis=0) < BLOCKS.min_seen)
     about = [_about(known.fine.mean, marker, size) for marker in missing.tolist() for size in BLOCKS.around]
-    found += [_moved_up(known, now, place, block) for block in about]
+    found = [_moved_up(known, now, place, block) for block in about]
     found += [_moved_up(known, now, place, block, missing) for block in about]
     return np.concatenate(found) if found else np.zeros((0, len(place)), int)
 
@@ -115,8 +120,9 @@ def _moved_up(
         rest = settle(known.fine, known.constraints, now.points, now.present, naming)
         odds = name_odds(known.fine, rest)[:, block][:, :, place[free]]
         there = now.present[:, None, place[free]]
-        usual = np.nanmedian(np.where(there.mean(axis=0) >= BLOCKS.min_seen, np.where(there, odds, np.nan), 0.0), axis=0)
-        forced = np.isin(block, named)[:, None] & ~(there.mean(axis=0) >= BLOCKS.min_seen)
+        often = there.mean(axis=0) >= BLOCKS.min_seen
+        usual = np.nanmedian(np.where(often, np.where(there, odds, np.nan), 0.0), axis=0)
+        forced = np.isin(block, named)[:, None] & ~often
         _, column = linear_sum_assignment(np.where(forced, IMPOSSIBLE, usual), maximize=True)
         row = _row(block, free[column], every)
         if row.tobytes() in found:

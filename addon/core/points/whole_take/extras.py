@@ -36,19 +36,22 @@ def is_crowd(tracklets: Tracklets, markers: int) -> bool:
     return float(np.median(begun - ended)) >= EXTRAS.crowd * markers
 
 
-def with_extras(tracklets: Tracklets, marker: np.ndarray, markers: int) -> tuple[np.ndarray, int]:
+def with_extras(
+    tracklets: Tracklets, marker: np.ndarray, markers: int, missing: bool = False
+) -> tuple[np.ndarray, int]:
     """The markers (N,) with extra ones, numbered from `markers` on, and how many there are.
 
-    Extras so far that a tracklet still is stay. In a crowd, and where a marker is missing and there is something to be
-    it, those without a name that are there in the frame in which most of them are become one extra each. The rest of
-    their tracklets is for the take to find.
+    Extras so far that a tracklet still is stay. In a crowd and, with `missing`, where a marker is missing and there is
+    something to be it, those without a name that are there in the frame in which most of them are become one extra
+    each. The rest of their tracklets is for the take to find.
     """
     before, number = np.unique(marker[marker >= markers], return_inverse=True)
     marker = marker.copy()
     marker[marker >= markers] = markers + number
     known = markers + len(before)
     free = np.flatnonzero((marker == NO_MARKER) & (tracklets.count >= EXTRAS.min_frames))
-    if not len(free) or not (is_crowd(tracklets, markers) or _is_shifted(tracklets, marker, free, markers)):
+    shifted = missing and _is_shifted(tracklets, marker, free, markers)
+    if not len(free) or not (shifted or is_crowd(tracklets, markers)):
         return marker, len(before)
     first, last = tracklets.first[free], tracklets.last[free]
     there = (first[:, None] <= first) & (first <= last[:, None])

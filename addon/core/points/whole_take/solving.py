@@ -135,9 +135,13 @@ class _Solving:
             self._undo(self.trained)
         questions: tuple[Question, ...] = ()
         looked_at = None
-        for number, freedom in enumerate(ROUNDS.freedoms):
+        # Once more at the end where a marker is missing: what nothing else could be may be in its place.
+        for number, freedom in enumerate((*ROUNDS.freedoms, ROUNDS.freedoms[-1])):
             if progress is not None:
-                progress(number / len(ROUNDS.freedoms))
+                progress(number / (len(ROUNDS.freedoms) + 1))
+            again = number == len(ROUNDS.freedoms)
+            if number and not self._add_extras(again) and again:
+                break
             least = ROUNDS.margins if number else ROUNDS.first_margins
             wide = widened(self.trained, freedom.bend, freedom.motion_m, freedom.layout_m)
             for _ in range(ROUNDS.max_layouts):
@@ -152,8 +156,6 @@ class _Solving:
                 least = ROUNDS.margins
             else:
                 self._spread(wide, freedom.link, least)
-            if freedom is not ROUNDS.freedoms[-1]:
-                self._add_extras()
         # What is likely but not believed has its name here too: how sure it must be is for whoever asks.
         marker = np.where(self.marker == NO_MARKER, self.best, self.marker)
         own = (marker != NO_MARKER) & (marker < self.markers)
@@ -223,12 +225,17 @@ class _Solving:
             marker[index] = held[index]
         return marker
 
-    def _add_extras(self):
-        """Has what is there beside the markers compete with them; extras that nothing is any more leave."""
-        self.marker, count = with_extras(self.tracklets, self.marker, self.markers)
+    def _add_extras(self, missing: bool) -> bool:
+        """Has what is there beside the markers compete with them; extras that nothing is any more leave.
+
+        Whether there are new ones. With `missing`, also where one of the markers is.
+        """
+        before = np.unique(self.marker[self.marker >= self.markers])
+        self.marker, count = with_extras(self.tracklets, self.marker, self.markers, missing)
         self.trained = with_unknown(self.known, count)
         votes = np.pad(self.tracklets.votes[:, : self.markers], ((0, 0), (0, count)))
         self.tracklets = replace(self.tracklets, votes=votes)
+        return count > len(before)
 
 
 def _majority(tracklets: Tracklets, sure: np.ndarray, markers: int) -> np.ndarray:

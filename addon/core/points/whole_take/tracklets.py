@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ...data.takes import BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels
+from ...data.takes import BY_TRAJECTORY, NO_MARKER, Labels
 from ..tracklets import VOTE, frame_log_odds
 
 
