@@ -93,7 +93,7 @@ def save_blend(
 ):
     """Saves a Blender file with nothing in it but the take. What was open in this Blender is gone.
 
-    Of points those without a name are there as one object, and the edits that the labels follow can be gone on with.
+    Of points those without a name are there as one object. The edits that the labels follow can be gone on with.
     Filled gaps are marked, and can be taken back.
     """
     start_blender()

@@ -236,6 +236,15 @@ class SceneSettings(bpy.types.PropertyGroup):
         soft_max=50.0,
         precision=1,
     )
+    bone_names: EnumProperty(
+        name="Bone Names",
+        description="What the bones of the character are called, so that the rig that is to move finds them",
+        items=(
+            ("HUMANIK", "Mixamo, HumanIK", "Hips, Spine, LeftArm, LeftUpLeg: what most retargeting knows"),
+            ("UNREAL", "Unreal", "pelvis, spine_01, upperarm_l, thigh_l: as Unreal's mannequin has them"),
+            ("RIGIFY", "Rigify", "spine, upper_arm.L, thigh.L: as the human that comes with Blender has them"),
+        ),
+    )
     show_overlay: BoolProperty(
         name="Overlay",
         description="Draw blobs, the body's markers and links over the view",
@@ -270,14 +279,6 @@ class MarkerRow(bpy.types.PropertyGroup):
     longest_gap: IntProperty(name="Longest Gap", description="Frames of the longest gap")
     first_gap: IntProperty(name="First Gap", description="Frame where the first gap begins")
     residual: FloatProperty(name="Residual", description="Mean distance between the marker's rays and its place, mm")
-
-
-class SuspectRow(bpy.types.PropertyGroup):
-    """One range of frames to look at."""
-
-    first: IntProperty(name="First", description="First frame")
-    last: IntProperty(name="Last", description="Last frame")
-    reason: StringProperty(name="Reason", description="Why to look at these frames")
 
 
 class TroubleRow(bpy.types.PropertyGroup):
@@ -317,9 +318,9 @@ class GapRow(bpy.types.PropertyGroup):
 
 
 class PickedPoint(bpy.types.PropertyGroup):
-    """A trajectory that is picked in the 3D view."""
+    """A trajectory, or a blob of a camera, that is picked in the 3D view."""
 
-    point: IntProperty(name="Trajectory", description="Its number in the file")
+    point: IntProperty(name="Number", description="Of a trajectory that in the file, of a blob its row in the take")
 
 
 class ReviewState(bpy.types.PropertyGroup):
@@ -327,7 +328,6 @@ class ReviewState(bpy.types.PropertyGroup):
 
     markers: CollectionProperty(type=MarkerRow)
     marker_index: IntProperty()
-    suspects: CollectionProperty(type=SuspectRow)
     corrections: CollectionProperty(type=CorrectionRow)
     correction_index: IntProperty()
     doubts: CollectionProperty(type=bpy.types.PropertyGroup)
@@ -422,7 +422,6 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     """Fills the tables of the review from the scene's active take, or empties them; frames are Blender's."""
     state, collection = manager.mocap_autolabel, scene.mocap_autolabel.take
     state.markers.clear()
-    state.suspects.clear()
     state.corrections.clear()
     state.fills.clear()
     redraw("DOPESHEET_EDITOR")
@@ -439,9 +438,6 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
         row.labelled = marker.labelled / len(frames) if len(frames) else 0.0
         row.first_gap = int(frames[marker.first_gap]) if marker.first_gap >= 0 else -1
         row.residual = marker.residual * 1000
-    for suspect in stored.suspects:
-        row = state.suspects.add()
-        row.first, row.last, row.reason = suspect.first + stored.shift, suspect.last + stored.shift, suspect.reason
     if bpy.app.background or is_quick(stored):
         list_trouble()
     elif not bpy.app.timers.is_registered(list_trouble):
@@ -454,10 +450,10 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     for edit, outcome in zip(stored.edits, stored.outcomes, strict=True):
         row = state.corrections.add()
         row.name, row.idle = words_of(edit, stored.shift), outcome.reason
-    for fill, misfit in zip(stored.fills, stored.misfits, strict=True):
+    for fill, reason in zip(stored.fills, stored.unfit, strict=True):
         row = state.fills.add()
         row.name, row.first, row.last = fill.marker, fill.first + stored.shift, fill.last + stored.shift
-        row.method, row.reason = fill.method, misfit
+        row.method, row.reason = fill.method, reason
         row.expected = 1000 * fill.expected if math.isfinite(fill.expected) else -1
 
 
@@ -483,7 +479,6 @@ CLASSES = (
     TrainingTakeRow,
     SceneSettings,
     MarkerRow,
-    SuspectRow,
     TroubleRow,
     ChangeRow,
     CorrectionRow,

@@ -27,7 +27,7 @@ from scripts.learn_markersets import read_takes
 
 HIT_RATE = 0.9999
 MANY = 30  # markers from which a search is made smaller, so that it ends within half an hour
-SMALLER = {"survey_frames": 64, "most_features": 20_000, "most_solvers": 8}
+SMALLER = {"survey_frames": 64, "max_features": 20_000, "max_solvers": 8}
 
 
 def main(arguments: list[str] | None = None):

@@ -67,8 +67,7 @@ def scroll_to(*names: str) -> Iterator[float]:
     """Scroll the sidebar from its start until the buttons of these operators are seen at once; gives where each is."""
     yield from scroll_sidebar(down=False)
     for _ in range(8):
-        found: dict[str, tuple[int, int]] = {}
-        yield from buttons(found)
+        found = yield from all_buttons()
         if all(name in found for name in names):
             break
         with bpy.context.temp_override(area=area(), region=region("UI")):
@@ -180,6 +179,13 @@ def buttons(found: dict[str, tuple[int, int]], step: int = 9, until: str = "", t
             found.setdefault(command.removeprefix("bpy.ops.").partition("(")[0], (x, y))
             if until in found:
                 return
+
+
+def all_buttons() -> Iterator[float]:
+    """Find the sidebar's operator buttons; gives operator name -> place."""
+    found: dict[str, tuple[int, int]] = {}
+    yield from buttons(found)
+    return found
 
 
 def _event(kind: str, value: str, x: int, y: int, **modifiers: bool) -> None:

@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable
 
 from ..core.geometry.camera_up import AXIS_NAMES
+from ..jobs.job import USUAL_RATE
 
 
 def frame_range(text: str) -> tuple[int | None, int | None]:
@@ -72,6 +73,16 @@ def add_up(parser: argparse.ArgumentParser, flag: str = "--up", where: str = "th
         choices=AXIS_NAMES,
         help=f"the axis that points up in {where} (default: what is said there, or else what is in there tells; "
         f"{flag} -y and {flag}=-y are the same)",
+    )
+
+
+def add_blob_rate(parser: argparse.ArgumentParser):
+    """`--rate HZ`, for files of blobs, which say none."""
+    parser.add_argument(
+        "--rate",
+        type=number(0.1, 100_000, "rate"),
+        metavar="HZ",
+        help=f"frames a second, which a blob file does not say (default {USUAL_RATE:g})",
     )
 
 

@@ -14,9 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from ..core.data.errors import JobError, UserError
+from ..core.data.progress import finished
 
 PROGRAM = "mocap-autolabel"
-# A terminal is told often, a log file now and then, s.
+# A terminal hears often, a log file now and then, s.
 TERMINAL_PAUSE, LOG_PAUSE = 0.1, 2.0
 
 
@@ -35,7 +36,7 @@ def open_streams():
 def complain(trouble: UserError | str):
     """One line on standard error: `mocap-autolabel: FILE:LINE: what is wrong; what was expected`."""
     for stream, text in ((sys.stdout, ""), (sys.stderr, f"{PROGRAM}: {' '.join(str(trouble).split())}\n")):
-        with suppress(OSError):  # where nobody can be told, the exit status tells
+        with suppress(OSError):  # where nobody can hear, the exit status tells
             stream.write(text)
             stream.flush()
 
@@ -65,14 +66,8 @@ class ProgressLine:
     def drain(self, work: Generator, name: str):
         """Runs a generator of `Progress` to its end and gives what it returns."""
         try:
-            while True:
-                try:
-                    step = next(work)
-                except StopIteration as end:
-                    return end.value
-                self.tell(f"{name}: {step.fraction:4.0%} {step.note}")
+            return finished(work, lambda step: self.tell(f"{name}: {step.fraction:4.0%} {step.note}"))
         finally:
-            work.close()
             self.clear()
 
     def tell(self, words: str, at_once: bool = False):
@@ -94,7 +89,7 @@ class ProgressLine:
             self.width = 0
 
     def _write(self, text: str):
-        """Nobody loses a take because its progress cannot be told."""
+        """Nobody loses a take because its progress cannot be shown."""
         try:
             sys.stderr.write(text)
             sys.stderr.flush()

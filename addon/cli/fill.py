@@ -10,7 +10,7 @@ from .console import ProgressLine, print_results
 
 DESCRIPTION = """Fills the gaps of a labelled take, a .c3d or .trc. Measured samples stay as they are; filled ones have
 the residual 0 in FILE.c3d, and FILE.filled.csv says of each gap the method and the mean error to expect."""
-LEFT_TOLD = 5  # gaps that were left, told to people one by one
+LEFT_SHOWN = 5  # gaps that were left, shown to people one by one
 
 
 def add_parser(verbs):
@@ -57,15 +57,15 @@ def run(arguments) -> int:
 
 def _lines(result: dict) -> list[str]:
     """What is said to people."""
-    told = [row["expected_mm"] for row in result["filled"] if row["expected_mm"] is not None]
+    expected = [row["expected_mm"] for row in result["filled"] if row["expected_mm"] is not None]
     often = f"{len(result['filled'])} of {len(result['filled']) + len(result['left'])} gaps filled"
     samples = f"{result['samples_filled']} of {result['samples_missing']} missing samples"
-    off = f", expected error up to {max(told):.1f} mm" if told else ""
+    off = f", expected error up to {max(expected):.1f} mm" if expected else ""
     lines = [f"{result['out']}: {result['frames']} frames, {often}, {samples}{off}, {result['seconds']:.1f} s"]
-    left = result["left"][:LEFT_TOLD]
+    left = result["left"][:LEFT_SHOWN]
     lines += [f"left: {row['marker']}, frames {row['first']} to {row['last']}: the gap {row['reason']}" for row in left]
-    if len(result["left"]) > LEFT_TOLD:
-        lines.append(f"left: {len(result['left']) - LEFT_TOLD} more, see --json")
+    if len(result["left"]) > LEFT_SHOWN:
+        lines.append(f"left: {len(result['left']) - LEFT_SHOWN} more, see --json")
     if result["never_seen"]:
         lines.append(f"never seen, so not filled: {', '.join(result['never_seen'])}")
     if "c3d_first_frame" in result:

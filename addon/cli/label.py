@@ -15,7 +15,7 @@ from ..io.blobs import check_header
 from ..io.edits import edits_beside, open_edits
 from ..io.models import open_model
 from ..io.points import holds_points
-from ..io.scratch import told_of
+from ..io.scratch import naming_scratch
 from ..io.whole import finish_renaming, keep_apart
 from ..jobs.pages import check_folder_page, folder_page_path, write_takes_page
 from ..jobs.resuming import results_of
@@ -146,7 +146,7 @@ def run(arguments) -> int:
     except UserError as error:  # the takes are there all the same
         failures.append((arguments.out, error))
     if arguments.result and not failures:
-        with told_of(arguments.result.parent):
+        with naming_scratch(arguments.result.parent):
             arguments.result.write_text(json.dumps(reports[0]), encoding="utf-8")
     if reports or arguments.json:
         lines = [line for report in reports for line in (_line_of(report, passed), *_doubts(report))]

@@ -15,8 +15,8 @@ from ..jobs.quality import judge_placement
 from .arguments import add_overwrite, names, number, whole
 from .console import ProgressLine, print_results
 
-DESCRIPTION = """Judges where the markers of a model sit, before anybody wears them. How far two names stand apart is
-told in standard deviations, with a quarter of the markers hidden: at 2 the likelier of the two is wrong in up to 16 %
+DESCRIPTION = """Judges where the markers of a model sit, before anybody wears them. How far two names are separated is
+given in standard deviations, with a quarter of the markers hidden: at 2 the likelier of the two is wrong in up to 16 %
 of the frames, at 4 in 2.3 %, at 6 in 0.1 %. For the worst pairs it says which marker to move, or where to add one."""
 MOST = 10  # changes that can be asked for
 SHOWN = 8  # pairs

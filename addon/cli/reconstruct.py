@@ -3,9 +3,8 @@
 
 from pathlib import Path
 
-from ..jobs.job import USUAL_RATE
 from ..jobs.rebuild import RebuildJob, rebuild_file
-from .arguments import add_frames, add_overwrite, add_up, number
+from .arguments import add_blob_rate, add_frames, add_overwrite, add_up
 from .console import ProgressLine, print_results
 
 DESCRIPTION = """Finds the points in space that the unnamed blobs of several cameras show, and joins them into unnamed
@@ -18,12 +17,7 @@ def add_parser(verbs):
     parser.add_argument("blobs", metavar="BLOBS", type=Path, help="a file of blobs")
     parser.add_argument("--cameras", required=True, type=Path, metavar="CAMERAS", help="the calibration")
     parser.add_argument("--out", required=True, type=Path, metavar="FILE", help="the .c3d (or .trc) to write")
-    parser.add_argument(
-        "--rate",
-        type=number(0.1, 100_000, "rate"),
-        metavar="HZ",
-        help=f"frames a second, which a blob file does not say (default {USUAL_RATE:g})",
-    )
+    add_blob_rate(parser)
     add_frames(parser)
     add_up(parser)
     add_overwrite(parser)

@@ -3,9 +3,8 @@
 
 from pathlib import Path
 
-from ..jobs.job import USUAL_RATE
 from ..jobs.refine import RefineJob, refine_file
-from .arguments import add_frames, add_overwrite, add_up, number
+from .arguments import add_blob_rate, add_frames, add_overwrite, add_up
 from .console import ProgressLine, print_results
 
 DESCRIPTION = """Moves and turns the cameras so that the take's own labelled blobs meet, as when a camera was bumped
@@ -21,12 +20,7 @@ def add_parser(verbs):
     parser.add_argument("--cameras", required=True, type=Path, metavar="CAMERAS", help="the calibration")
     parser.add_argument("--model", required=True, metavar="MODEL", help="what the subject wears: a name or a file")
     parser.add_argument("--out", required=True, type=Path, metavar="FILE.toml", help="the calibration to write")
-    parser.add_argument(
-        "--rate",
-        type=number(0.1, 100_000, "rate"),
-        metavar="HZ",
-        help=f"frames a second, which a blob file does not say (default {USUAL_RATE:g})",
-    )
+    add_blob_rate(parser)
     add_frames(parser)
     add_up(parser, where="the calibration")
     add_overwrite(parser)

@@ -88,11 +88,11 @@ def run(arguments) -> int:
         points = read_points(arguments.take, up=arguments.up, rate=arguments.rate)
         take = capturing.cut(capturing.labelled_markers(points), arguments.frames)
         take = capturing.of_subject(take, arguments.subject) if arguments.subject else take
-        markerset, worn, body = _dress(take, arguments)
+        markerset, markers, body = _what_is_captured(take, arguments)
         if arguments.centre:
-            worn, body = capturing.moved(worn, body, capturing.to_centre(worn, cameras))
+            markers, body = capturing.moved(markers, body, capturing.to_centre(markers, cameras))
         work = capturing.write_capture(
-            worn, cameras, _options(arguments), body, arguments.out, arguments.overwrite, read
+            markers, cameras, _options(arguments), body, arguments.out, arguments.overwrite, read
         )
         captured = progress.drain(work, arguments.take.stem)
     except UserError as error:
@@ -100,9 +100,9 @@ def run(arguments) -> int:
     result = {
         "take": arguments.take.stem,
         "model": markerset and markerset.name,
-        "markers": list(worn.names),
+        "markers": list(markers.names),
         "cameras": list(cameras.names),
-        "first_frame": worn.first_frame,
+        "first_frame": markers.first_frame,
         **asdict(captured),
         "up_axis": points.up,
         "notes": list(points.notes),
@@ -111,7 +111,7 @@ def run(arguments) -> int:
     if cameras.remarks:
         result["calibration"] = list(cameras.remarks)
     way = f", the body of {markerset.name} in the way" if body else ""
-    what = f"{captured.blobs} blobs of {len(worn.names)} markers in {captured.frames} frames, {len(cameras)} cameras"
+    what = f"{captured.blobs} blobs of {len(markers.names)} markers in {captured.frames} frames, {len(cameras)} cameras"
     lines = [
         f"{arguments.out}: {what}{way}",
         f"{capturing.truth_path(arguments.out)}: {captured.ghosts} ghosts, {captured.merged} merged blobs",
@@ -122,7 +122,7 @@ def run(arguments) -> int:
     return 0
 
 
-def _dress(take: capturing.LabelledMarkers, arguments):
+def _what_is_captured(take: capturing.LabelledMarkers, arguments):
     """The marker set, the take with only the markers to capture, and the body in their way."""
     if arguments.model:
         markerset = open_markerset(arguments.model)

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import IO
 
 from ..core.data.errors import InputError, JobError, UserError
-from ..io.scratch import scratch_folder, told_of
+from ..io.scratch import naming_scratch, scratch_folder
 
 ROOT = Path(__file__).resolve().parents[2]
 EXTENSION = "mocap_autolabel"
@@ -118,7 +118,7 @@ def door() -> list[str]:
 
 def _start(number: int, command: list[str], scratch: Path) -> Worker:
     folder = scratch / str(number)
-    with told_of(scratch):
+    with naming_scratch(scratch):
         folder.mkdir()
         outputs = tuple((folder / name).open("wb") for name in ("stdout", "stderr"))
     line = [*door(), command[0], "--result", str(folder / "result.json"), *command[1:]]

@@ -16,19 +16,31 @@ from .source import open_binary
 
 KIND = "a blob file with the header frame,camera,x,y"
 
-BLOCK_BYTES = 1 << 22
-LONGEST_LINE = 1 << 20
 
-# A chunk is cut short at a frame's end beyond this many rows, so that ghosts by the million do not fill the memory.
-CHUNK_ROWS = 200_000
+@dataclass(frozen=True)
+class BlobFileOptions:
+    """How blob files are read, and what is none; reckoned.
 
-# Nobody has cameras for so many blobs at one time.
-FRAME_ROWS = 500_000
+    block_bytes      that are read at a time
+    max_line_bytes   of a line; a longer one is no row
+    chunk_rows       beyond which a chunk is cut short at a frame's end, so that ghosts by the million do not fill the
+                     memory
+    max_frame_rows   blobs of a frame: nobody has cameras for more at one time
+    max_unseen       frames without blobs, which are written as well, as C3D and TRC number frames one by one: an empty
+                     room for minutes is sound, also when hardly anything was seen so far
+    unseen_for_seen  more of them for every frame with blobs: a file that is nearly all gap has a wrong column or a time
+                     for its frame
+    """
 
-# Frames that nobody saw are written as well: C3D and TRC number frames one by one. An empty room for minutes is sound,
-# also when hardly anything was seen so far; a file that is nearly all gap has a wrong column or a time for its frame.
-UNSEEN_FRAMES = 100_000
-UNSEEN_FOR_A_SEEN = 10
+    block_bytes: int = 1 << 22
+    max_line_bytes: int = 1 << 20
+    chunk_rows: int = 200_000
+    max_frame_rows: int = 500_000
+    max_unseen: int = 100_000
+    unseen_for_seen: int = 10
+
+
+BLOB_FILE = BlobFileOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +62,8 @@ def read_blobs(
 ) -> Iterator[BlobRows]:
     """The take in chunks of at most `chunk_frames` consecutive frames; `frames` keeps those from A to B, both included.
 
-    Frames without blobs between the first and the last are there as empty frames; of those there may be UNSEEN_FRAMES,
-    and UNSEEN_FOR_A_SEEN for every frame with blobs so far. Rows may come in any order within a frame; frames ascend.
+    Frames without blobs between the first and the last are there as empty frames; of those there may be as
+    many as `BLOB_FILE` says. Rows may come in any order within a frame; frames ascend.
     Columns may come in any order and others may stand among them.
     Raises InputError with the file and line for whatever breaks that, and when there is no blob at all.
     """
@@ -76,13 +88,15 @@ def frames_in(path: Path, cameras: Cameras) -> tuple[int, int] | None:
     with open_binary(path) as file:
         size = file.seek(0, 2)
         file.seek(0)
-        head = file.read(BLOCK_BYTES)
-        file.seek(max(size - BLOCK_BYTES, 0))
+        head = file.read(BLOB_FILE.block_bytes)
+        file.seek(max(size - BLOB_FILE.block_bytes, 0))
         tail = file.read()
     try:
         header, start = read_header(head, path)
         begin = parse_rows(head[start:].rpartition(b"\n")[0] or head[start:], header, cameras, path, 2)
-        end = parse_rows(tail[start:] if size <= BLOCK_BYTES else tail.partition(b"\n")[2], header, cameras, path, 2)
+        end = parse_rows(
+            tail[start:] if size <= BLOB_FILE.block_bytes else tail.partition(b"\n")[2], header, cameras, path, 2
+        )
     except InputError:
         return None
     return (int(begin.frame[0]), int(end.frame[-1])) if len(begin) and len(end) else None
@@ -91,7 +105,7 @@ def frames_in(path: Path, cameras: Cameras) -> tuple[int, int] | None:
 def check_header(path: Path):
     """Raises InputError where a file does not begin as one of blobs does."""
     with open_binary(path) as file:
-        read_header(file.read(BLOCK_BYTES), path)
+        read_header(file.read(BLOB_FILE.block_bytes), path)
 
 
 def _blocks(path: Path, cameras: Cameras) -> Iterator[tuple[Rows, float, bool]]:
@@ -99,11 +113,11 @@ def _blocks(path: Path, cameras: Cameras) -> Iterator[tuple[Rows, float, bool]]:
     with open_binary(path) as file:
         size = max(file.seek(0, 2), 1)
         file.seek(0)
-        carry = file.read(BLOCK_BYTES)
+        carry = file.read(BLOB_FILE.block_bytes)
         header, start = read_header(carry, path)
         carry, line, previous = carry[start:], 2, None
         while True:
-            more = file.read(BLOCK_BYTES)
+            more = file.read(BLOB_FILE.block_bytes)
             finished = not more
             if finished:
                 block, carry = carry, b""
@@ -111,8 +125,10 @@ def _blocks(path: Path, cameras: Cameras) -> Iterator[tuple[Rows, float, bool]]:
                 block, newline, carry = carry.rpartition(b"\n")
                 block += newline
                 carry += more
-                if len(carry) > BLOCK_BYTES + LONGEST_LINE:
-                    raise InputError(f"has a line of over {LONGEST_LINE >> 20} MB; expected {KIND}", path, line)
+                if len(carry) > BLOB_FILE.block_bytes + BLOB_FILE.max_line_bytes:
+                    raise InputError(
+                        f"has a line of over {BLOB_FILE.max_line_bytes >> 20} MB; expected {KIND}", path, line
+                    )
             rows = parse_rows(block, header, cameras, path, line)
             previous = _check_order(rows, previous, path)
             yield rows, 1.0 if finished else (file.tell() - len(carry)) / size, finished
@@ -156,13 +172,13 @@ class _Tally:
         steps = np.diff(rows.frame, prepend=rows.frame[0] - 1 if self.last is None else self.last)
         seen = self.seen + np.cumsum(steps > 0)
         unseen = self.unseen + np.cumsum(np.maximum(steps - 1, 0))
-        allowed = UNSEEN_FRAMES + UNSEEN_FOR_A_SEEN * seen
+        allowed = BLOB_FILE.max_unseen + BLOB_FILE.unseen_for_seen * seen
         if (unseen > allowed).any():
             at = int(np.argmax(unseen > allowed))
             raise InputError(
                 f"leaps from frame {rows.frame[at] - steps[at]} to {rows.frame[at]}, which makes {unseen[at]} frames "
-                f"without blobs and {seen[at]} with some; expected at most {UNSEEN_FRAMES} without, and "
-                f"{UNSEEN_FOR_A_SEEN} more for each with some (is the column frame a time?)",
+                f"without blobs and {seen[at]} with some; expected at most {BLOB_FILE.max_unseen} without, and "
+                f"{BLOB_FILE.unseen_for_seen} more for each with some (is the column frame a time?)",
                 self.path,
                 rows.line_of(at),
             )
@@ -172,11 +188,11 @@ class _Tally:
         begins = np.flatnonzero(np.diff(rows.frame, prepend=rows.frame[0] - 1))
         counts = np.diff(begins, append=len(rows))
         counts[0] += self.crowd if rows.frame[0] == self.last else 0
-        if counts.max() > FRAME_ROWS:
-            at = int(begins[np.argmax(counts > FRAME_ROWS)])
+        if counts.max() > BLOB_FILE.max_frame_rows:
+            at = int(begins[np.argmax(counts > BLOB_FILE.max_frame_rows)])
             raise InputError(
-                f"has over {FRAME_ROWS} blobs in frame {rows.frame[at]}; expected one frame of a capture and then the "
-                "next",
+                f"has over {BLOB_FILE.max_frame_rows} blobs in frame {rows.frame[at]}; expected one frame of a capture "
+                "and then the next",
                 self.path,
                 rows.line_of(at),
             )
@@ -210,17 +226,22 @@ class _Pending:
         if not self.begun:
             return
         end = self.last_frame + 1 if finished else self.last_frame
-        if end - self.next_frame < self.chunk_frames and self.count < CHUNK_ROWS and not finished:
+        if end - self.next_frame < self.chunk_frames and self.count < BLOB_FILE.chunk_rows and not finished:
             return
         rows = Rows.join(self.rows)
         while self.next_frame < end:
             stop = min(self.next_frame + self.chunk_frames, end)
-            if stop == end and not finished and end - self.next_frame < self.chunk_frames and len(rows) < CHUNK_ROWS:
+            if (
+                stop == end
+                and not finished
+                and end - self.next_frame < self.chunk_frames
+                and len(rows) < BLOB_FILE.chunk_rows
+            ):
                 break
             count = int(np.searchsorted(rows.frame, stop))
-            if count > CHUNK_ROWS:
+            if count > BLOB_FILE.chunk_rows:
                 # Back to the end of the last frame that fits; one frame alone is never divided.
-                stop = max(int(rows.frame[CHUNK_ROWS]), self.next_frame + 1)
+                stop = max(int(rows.frame[BLOB_FILE.chunk_rows]), self.next_frame + 1)
                 count = int(np.searchsorted(rows.frame, stop))
             yield self._chunk(rows.cut(0, count), stop)
             rows, self.next_frame = rows.cut(count, len(rows)), stop

@@ -26,7 +26,7 @@ _BY_ROOT = {"cameras": read_xcp, "calibration": read_qca, "calibrationprofile": 
 
 
 def read_cameras(path: Path, read_blend: Callable[[Path], Cameras] | None = None, up: str | None = None) -> Cameras:
-    """The cameras of a calibration, told by its suffix and content, in metres with z up.
+    """The cameras of a calibration, known by its suffix and content, in metres with z up.
 
     `read_blend` reads the cameras of a `.blend` scene where Blender is at hand. `up` is the axis of the file's world
     that points up, one of x y z -x -y -z; without it the file says, or the cameras tell, and `remarks` say which.

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..core.data.errors import InputError
 
-DEEPEST_YAML = 12
+MAX_YAML_DEPTH = 12
 KIND = "OpenCV's YAML"
 
 # A text that does not end goes on to the end: looked for again from every quote in it, it would take its square.
@@ -49,7 +49,7 @@ class _Lines:
 
     def block(self, indent: int, depth: int) -> object:
         """The node whose lines are indented by `indent` or more: a list when it begins with a dash, else a dict."""
-        if depth > DEEPEST_YAML:
+        if depth > MAX_YAML_DEPTH:
             raise self.fail("is nested too deeply")
         indent = self.lines[self.position][1]
         if self.lines[self.position][2].startswith(("- ", "-\t")) or self.lines[self.position][2] == "-":

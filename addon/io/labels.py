@@ -6,13 +6,13 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.data.takes import STEPS, Labels, PointRows
-from .blobs import LONGEST_LINE, csv_field
+from .blobs import BLOB_FILE, csv_field
 from .source import open_binary
 
 BLOB_KEYS = ("frame", "camera", "x", "y")
@@ -93,6 +93,19 @@ class LabelRow:
     confidence: float
 
 
+class UnreadRow(NamedTuple):
+    """One row as it stands in its file, of which only the frame was read.
+
+    line   where it stands in the file
+    frame  the frame
+    text   the whole line
+    """
+
+    line: int
+    frame: int
+    text: bytes
+
+
 class LabelFile:
     """A labels or truth file of blobs or of 3D points, open and read row by row; a context manager.
 
@@ -105,6 +118,7 @@ class LabelFile:
         self.file = open_binary(path)
         self._reader = csv.reader(self._texts())
         self._wanted = False
+        self._lines_so_far = self._line = 0  # the second is the line that an error would name
 
     def __enter__(self) -> Self:
         try:
@@ -129,16 +143,42 @@ class LabelFile:
             if not fields:
                 continue
             row = self._row(fields)
-            if previous is not None and row.frame < previous:
-                raise self._error(f"goes back from frame {previous} to {row.frame}; expected ascending frames")
-            previous = row.frame
+            previous = self._in_order(previous, row.frame)
             yield row
+
+    def unread_rows(self) -> Iterator[UnreadRow]:
+        """All rows in their order, each unread: for whoever can mostly tell by its text what it says."""
+        previous = beginning = None
+        for text in self._lines():
+            if not text.strip(b"\r\n"):
+                continue
+            line, begins = self._line, text.partition(b",")[0]
+            # Rows of a frame mostly begin alike.
+            if begins != beginning or self._columns[0]:
+                beginning = begins
+                previous = self._in_order(previous, self.read(UnreadRow(line, 0, text)).frame)
+            yield UnreadRow(line, previous, text)
+
+    def read(self, row: UnreadRow) -> LabelRow:
+        """What a row says."""
+        self._line = row.line
+        return self._row(next(csv.reader(self._one_line(row.text))))
+
+    def _in_order(self, previous: int | None, frame: int) -> int:
+        """The frame of the next row."""
+        if previous is not None and frame < previous:
+            raise self._error(f"goes back from frame {previous} to {frame}; expected ascending frames")
+        return frame
+
+    def _one_line(self, line: bytes) -> Iterator[str]:
+        yield self._text(line)
+        raise self._error(f"has a quote that is not closed; expected {self.what}")
 
     def _read_header(self):
         fields = self._fields()
         if fields is None:
             raise InputError(f"is empty; expected {self.what}", self.path)
-        header = [name.strip().lower() for name in fields]
+        self.header = header = [name.strip().lower() for name in fields]
         self.keys = BLOB_KEYS if "camera" in header else POINT_KEYS
         missing = [name for name in (*self.keys, "marker") if name not in header]
         if missing:
@@ -163,7 +203,7 @@ class LabelFile:
             raise self._error(f"has a key that is no number; expected {self.what} as frame,…") from None
         step = "" if self._step is None else fields[self._step].strip()
         share = np.nan if self._confidence is None else self._share(fields[self._confidence])
-        return LabelRow(self._reader.line_num, self._whole(frame), key, marker, step, share)
+        return LabelRow(self._line, self._whole(frame), key, marker, step, share)
 
     def _whole(self, text: str) -> int:
         try:
@@ -191,20 +231,29 @@ class LabelFile:
             raise self._error(f"is no CSV file ({error}); expected {self.what}") from None
 
     def _texts(self) -> Iterator[str]:
-        number = 0
-        while line := self.file.readline(LONGEST_LINE + 1):
-            number += 1
-            if b"\0" in line:
-                raise InputError(f"is a binary file; expected {self.what}", self.path, number)
-            if len(line) > LONGEST_LINE:
-                raise InputError(f"has a line of over {LONGEST_LINE >> 20} MB; expected {self.what}", self.path, number)
+        for line in self._lines():
+            text = self._text(line)
             if not self._wanted:  # no name has a line's end in it, and a quote could go on to the end of the file
-                raise InputError(f"has a quote that is not closed; expected {self.what}", self.path, number - 1)
+                self._line -= 1
+                raise self._error(f"has a quote that is not closed; expected {self.what}")
             self._wanted = False
-            yield line.decode("utf-8-sig" if number == 1 else "utf-8", "surrogateescape")
+            yield text
+
+    def _lines(self) -> Iterator[bytes]:
+        while line := self.file.readline(BLOB_FILE.max_line_bytes + 1):
+            self._lines_so_far += 1
+            self._line = self._lines_so_far
+            yield line
+
+    def _text(self, line: bytes) -> str:
+        if b"\0" in line:
+            raise self._error(f"is a binary file; expected {self.what}")
+        if len(line) > BLOB_FILE.max_line_bytes:
+            raise self._error(f"has a line of over {BLOB_FILE.max_line_bytes >> 20} MB; expected {self.what}")
+        return line.decode("utf-8-sig" if self._line == 1 else "utf-8", "surrogateescape")
 
     def _error(self, words: str) -> InputError:
-        return InputError(words, self.path, self._reader.line_num)
+        return InputError(words, self.path, self._line)
 
 
 def _finite(text: str) -> float:

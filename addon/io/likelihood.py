@@ -17,7 +17,7 @@ LIKELIHOOD_DIGITS = 6
 
 
 def likelihood_text(likelihood: Likelihood, indent: int = 2) -> str:
-    """The JSON text of evidence: one mode, tie or row of a table a line."""
+    """The JSON text of a likelihood: one mode, distance constraint or row of a table a line."""
     shape, constraints, calibration = likelihood.shape, likelihood.constraints, likelihood.calibration
     lines = {
         "subjects": str(likelihood.subjects),
@@ -40,7 +40,7 @@ def likelihood_text(likelihood: Likelihood, indent: int = 2) -> str:
 
 
 def read_likelihood(reader: Reader, value: object, markers: tuple[str, ...]) -> Likelihood:
-    """Evidence about these markers, checked in every part; raises InputError naming what is not as expected."""
+    """The likelihood of these markers, checked in every part; raises InputError naming what is not as expected."""
     part = reader.mapping(value, "evidence")
     count = len(markers)
     modes = _table(reader, part, "modes", columns=3 * count)
@@ -50,10 +50,10 @@ def read_likelihood(reader: Reader, value: object, markers: tuple[str, ...]) -> 
         reader.fail('evidence "rates" are not parts from 0 to 1; expected one or more')
     weights = _list(reader, part, "trust", FEATURES)
     if ((constraints[:, :2] < 0) | (constraints[:, :2] >= count)).any() or (constraints[:, 2:] <= 0).any():
-        reader.fail("evidence ties name a marker that is not there or a length below 0; expected two indices, m and m")
+        reader.fail('evidence "ties" name no marker or a length below 0; expected two indices, m and m')
     noise = _list(reader, part, "noise", count)
     if (noise <= 0).any():
-        reader.fail("evidence noise is not above 0; expected a variance for each marker")
+        reader.fail('evidence "noise" is not above 0; expected a variance for each marker')
     return Likelihood(
         markers=markers,
         shape=Shape(
@@ -81,7 +81,7 @@ def _rigid_bodies(reader: Reader, part: dict, count: int) -> RigidBodies:
     bodies = part["plates"]
     flat = [index for body in bodies for index in body] if _is_lists(bodies) else [None]
     if any(type(index) is not int or not 0 <= index < count for index in flat) or len(set(flat)) != len(flat):
-        reader.fail("evidence plates are not lists of different markers' indices; expected [[0, 1, 2], …]")
+        reader.fail('evidence "plates" are not lists of different indices of markers; expected [[0, 1, 2], …]')
     return RigidBodies(
         members=tuple(np.array(body, dtype=int) for body in bodies),
         form=_table(reader, part, "form", count, 3),

@@ -4,6 +4,7 @@
 import math
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
@@ -12,10 +13,20 @@ import numpy as np
 from ..core.data.errors import InputError
 from .names import EXPECTED, can_be_written, is_unicode
 
-# Heights, metres and square radians of a body are all far below this.
-LARGEST_FIELD = 1e3
-# A person wears a hundred markers at most and has fewer joints; a table of every pair of these still has room.
-MOST_ROWS = 1000
+
+@dataclass(frozen=True)
+class FieldLimits:
+    """What no marker set holds; reckoned.
+
+    max_number  heights, metres and square radians of a body are all far below it
+    max_rows    of a table: a subject has a hundred markers at most and fewer joints
+    """
+
+    max_number: float = 1e3
+    max_rows: int = 1000
+
+
+FIELDS = FieldLimits()
 
 
 def finite(value: float) -> float:
@@ -46,8 +57,8 @@ class Reader:
         value = top.get(key)
         if not isinstance(value, list) or not (value or empty):
             self.fail(f'"{key}" is missing or empty; expected a list')
-        if len(value) > MOST_ROWS:
-            self.fail(f'"{key}" has {len(value)} rows; expected at most {MOST_ROWS}')
+        if len(value) > FIELDS.max_rows:
+            self.fail(f'"{key}" has {len(value)} rows; expected at most {FIELDS.max_rows}')
         words = [f"{key}[{index}]" for index in range(len(value))]
         return [(where, self.mapping(row, where)) for where, row in zip(words, value, strict=True)]
 
@@ -101,7 +112,7 @@ class Reader:
         return np.array(found, dtype=int)
 
     def number(
-        self, row: dict, key: str, where: str, low: float = -LARGEST_FIELD, high: float = LARGEST_FIELD
+        self, row: dict, key: str, where: str, low: float = -FIELDS.max_number, high: float = FIELDS.max_number
     ) -> float:
         """The number under `key`, within bounds."""
         value = row.get(key)
@@ -147,4 +158,8 @@ class Reader:
 
 def _is_number(value: object) -> bool:
     """True for a finite JSON number of a size that a body can have; True and false are none."""
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and -LARGEST_FIELD <= value <= LARGEST_FIELD
+    return (
+        isinstance(value, (int, float))
+        and not isinstance(value, bool)
+        and -FIELDS.max_number <= value <= FIELDS.max_number
+    )

@@ -13,12 +13,12 @@ from ..core.points.partial_solvers.model import DOMAIN, FUNCTIONS, NO_POINT, Cla
 from .likelihood import likelihood_text, read_likelihood
 from .markersets import markerset_file, markerset_in, markerset_text, open_document, open_markerset
 from .names import can_be_written
-from .packed import LARGEST_PACKED, declared_bytes, pack, unpack
+from .packed import MAX_PACKED_BYTES, declared_bytes, pack, unpack
 
 # What the parts are called in the file. The training takes had another name at first, and are read by it too.
 LIKELIHOOD, PARTIAL_SOLVERS, TRAINING_TAKES = "evidence", "ensemble", "training_takes"
 FORMER_TRAINING_TAKES = "lessons"
-FARTHEST_MARKER = 1e3  # m; no marker of a training take is farther away
+MAX_MARKER_M = 1e3  # m; no marker of a training take is farther away
 
 
 def open_model(name: str | Path) -> Model:
@@ -56,8 +56,8 @@ def _training_takes(top: dict, markers: int, path: Path) -> tuple[TrainingTake, 
     rows = top.get(TRAINING_TAKES, top.get(FORMER_TRAINING_TAKES, []))
     if not isinstance(rows, list):
         raise InputError("has damaged training takes; expected a list", path)
-    if declared_bytes(rows) > LARGEST_PACKED:
-        raise InputError(f"has over {LARGEST_PACKED >> 20} MB of training takes; expected what was trained", path)
+    if declared_bytes(rows) > MAX_PACKED_BYTES:
+        raise InputError(f"has over {MAX_PACKED_BYTES >> 20} MB of training takes; expected what was trained", path)
     takes = tuple(unpack(TrainingTake, row, TRAINING_TAKES, path) for row in rows)
     if not all(_sound_training_take(take, markers) for take in takes):
         words = "has training takes that are not about its markers in metres"
@@ -97,7 +97,7 @@ def _sound_training_take(take: TrainingTake, markers: int) -> bool:
         points.ndim == 3
         and points.dtype.kind == "f"
         and points.shape[1:] == (markers, 3)
-        and not (np.abs(points) > FARTHEST_MARKER).any()
+        and not (np.abs(points) > MAX_MARKER_M).any()
         and all(map(can_be_written, (take.subject, *take.takes)))
         and take.frames >= 0
     )

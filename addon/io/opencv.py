@@ -2,6 +2,7 @@
 """Cameras in `.yml` files that OpenCV's FileStorage wrote: intrinsics and extrinsics, in one file or in two."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from ..core.data.errors import InputError
 from ..core.geometry.cameras import Cameras
 from .filestorage import parse_filestorage
 from .rig import RigCamera, refuse_crowd, rig, rotation_from_vector
-from .source import CALIBRATION_LIMIT, read_text
+from .source import TEXTS, read_text
 from .toml_cameras import lens
 from .world import z_up
 
@@ -27,14 +28,22 @@ TRANSLATION = ("T", "t", "translation", "translation_vector", "tvec")
 WIDTH, HEIGHT = ("W", "width", "image_width"), ("H", "height", "image_height")
 SIZE = ("size", "image_size", "imageSize", "resolution")
 
-# Beside its cameras such a file may hold the points that they were calibrated with.
-YML_LIMIT = 4 * CALIBRATION_LIMIT
 
-# Longer is no name of a matrix and its camera.
-LONGEST = 100
+@dataclass(frozen=True)
+class YmlLimits:
+    """What is no calibration in metres; reckoned.
 
-# No room has a camera this many metres from its origin: then the file is in millimetres.
-FARTHEST = 200.0
+    max_key         letters: longer is no name of a matrix and its camera
+    max_distance_m  of a camera from the origin: if one is farther off, the file is in millimetres
+    max_bytes       of a file: beside its cameras it may hold the points that they were calibrated with
+    """
+
+    max_key: int = 100
+    max_distance_m: float = 200.0
+    max_bytes: int = 4 * TEXTS.calibration
+
+
+YML_LIMITS = YmlLimits()
 
 
 def read_yml(path: Path, up: str = "") -> Cameras:
@@ -46,12 +55,12 @@ def read_yml(path: Path, up: str = "") -> Cameras:
     """
     document = {}
     for file in files_of(path):
-        nodes = parse_filestorage(read_text(file, KIND, YML_LIMIT), file)
+        nodes = parse_filestorage(read_text(file, KIND, YML_LIMITS.max_bytes), file)
         document.update({key: value for key, value in nodes.items() if key not in document or value is not None})
     cameras = list(_cameras(document, path))
     if not cameras:
         raise InputError(f"has no camera with a matrix; expected {KIND}", path)
-    if any(np.linalg.norm(camera.translation) > FARTHEST for camera in cameras):
+    if any(np.linalg.norm(camera.translation) > YML_LIMITS.max_distance_m for camera in cameras):
         cameras = [RigCamera(c.name, c.size, c.matrix, c.distortion, c.rotation, c.translation / 1000) for c in cameras]
     return z_up(rig(cameras, path), up)
 
@@ -102,7 +111,7 @@ def _suffixes(document: dict) -> list[str]:
     """What stands behind `K`, `M` or `camera_matrix` in the names of matrices, such as `_01` or `1`."""
     found = {}
     for key, value in document.items():
-        if len(key) > LONGEST or not isinstance(value, np.ndarray) or value.size != 9:
+        if len(key) > YML_LIMITS.max_key or not isinstance(value, np.ndarray) or value.size != 9:
             continue
         for stem in MATRIX:
             rest = key[len(stem) :]

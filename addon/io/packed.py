@@ -17,7 +17,7 @@ import numpy as np
 from ..core.data.errors import InputError
 
 ARRAY_KINDS = {f"{letter}{size}": f"<{letter}{size}" for letter in "iuf" for size in (1, 2, 4, 8)} | {"b1": "|b1"}
-LARGEST_PACKED = 1 << 28  # bytes of all arrays of a file; no model comes near
+MAX_PACKED_BYTES = 1 << 28  # bytes of all arrays of a file; no model comes near
 DIGEST = "digest"
 
 
@@ -33,8 +33,8 @@ def unpack(kind: type, packed: object, what: str, path: Path):
     if not isinstance(packed, dict):
         raise broken
     # What is compressed can be a thousand times as large, so nothing is unpacked before it is known to have room.
-    if declared_bytes(packed) > LARGEST_PACKED:
-        raise InputError(f"has over {LARGEST_PACKED >> 20} MB of {what}; expected what was trained", path)
+    if declared_bytes(packed) > MAX_PACKED_BYTES:
+        raise InputError(f"has over {MAX_PACKED_BYTES >> 20} MB of {what}; expected what was trained", path)
     content = {key: value for key, value in packed.items() if key != DIGEST}
     try:
         if packed.get(DIGEST) != _digest(content):

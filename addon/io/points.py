@@ -43,7 +43,7 @@ class FilePoints(Points):
 
 
 def holds_points(path: Path) -> bool:
-    """Whether a file is a take of 3D points and not of blobs, told by its suffix and a `.csv` by its first line."""
+    """Whether a file is a take of 3D points and not of blobs, known by its suffix and a `.csv` by its first line."""
     suffix = Path(path).suffix.lower()
     return suffix in (".c3d", ".trc") or (suffix == ".csv" and is_motive(path))
 
@@ -54,7 +54,7 @@ Frames = tuple[int | None, int | None] | None  # first and last, both included; 
 def read_points(
     path: Path, everything: bool = False, frames: Frames = None, up: str | None = None, rate: float | None = None
 ) -> FilePoints:
-    """A take of 3D points, told by its suffix: markers only, unless `everything` is asked for.
+    """A take of 3D points, known by its suffix: markers only, unless `everything` is asked for.
 
     Left out are the model outputs, axes of segments and joint centres that Vicon mixes among the markers.
     `up` is the axis that points up in the file, one of x y z -x -y -z, where that is known better than from the file;
@@ -118,7 +118,7 @@ def _from_c3d(take: C3dTake, path: Path, everything: bool, up: str | None) -> Fi
     return FilePoints(
         names,
         measured @ up_rotation(upright.axis).T,
-        _told(take.residual)[:, columns] * metre,
+        _stated(take.residual)[:, columns] * metre,
         take.rate,
         take.first_frame,
         columns,
@@ -128,8 +128,8 @@ def _from_c3d(take: C3dTake, path: Path, everything: bool, up: str | None) -> Fi
     )
 
 
-def _told(residual: np.ndarray) -> np.ndarray:
-    """Residuals (T, P) as told: a file that has none above zero tells none, else zero says that a sample was filled."""
+def _stated(residual: np.ndarray) -> np.ndarray:
+    """Residuals (T, P) as stated: a file that has none above zero states none, else zero says: filled."""
     return residual if (residual > 0).any() else np.full_like(residual, np.nan)
 
 

@@ -185,7 +185,7 @@ def find_up(
     best = max(SIGNED_AXES, key=votes.get)
     needed = (WEIGHING.habit, WEIGHING.habit_opposite) if doubtful else (WEIGHING.word, WEIGHING.word_opposite)
     up = best if votes[best] - votes[base] > needed[best[1] == base[1]] else base
-    return Upright(up, _told(said, up, usual, reasons[up]))
+    return Upright(up, _note(said, up, usual, reasons[up]))
 
 
 def _largest_subject(xyz: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, list[str]]:
@@ -205,7 +205,7 @@ def _word(said: str, usual: str, maker: str) -> tuple[str, bool]:
     return said, said == "+Y"  # many programs write that without meaning it, and nobody writes +Z by mistake
 
 
-def _told(said: str, up: str, usual: str, reasons: Sequence[str]) -> tuple[str, ...]:
+def _note(said: str, up: str, usual: str, reasons: Sequence[str]) -> tuple[str, ...]:
     if up == (said if said in SIGNED_AXES else usual):
         return ()
     word = f"says that {said} is up, but" if said in SIGNED_AXES else "does not say which axis is up, and"

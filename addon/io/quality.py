@@ -11,7 +11,7 @@ from ..core.data.markersets import MarkerSet
 from ..core.placement_quality import Advice, Ambiguity, MarkerLayout, separation
 from ..core.placement_quality.renamings import TURNED_ROUND
 
-CLEAR = 8.0  # standard deviations; pairs farther apart are not listed
+CLEAR = 8.0  # standard deviations; pairs better separated are not listed
 QUALITY_DIGITS = 2
 
 

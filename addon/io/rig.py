@@ -14,14 +14,22 @@ from .names import is_unicode
 # A world with y up into ours with z up: x stays, y becomes z, z becomes -y.
 Z_UP_FROM_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
-# Printed rotations carry four digits or more; what is further off than this is no rotation at all.
-ROTATION_TOLERANCE = 1e-2
 
-# No room has more cameras than this.
-MOST_CAMERAS = 1000
+@dataclass(frozen=True)
+class RigLimits:
+    """What no camera room has; reckoned.
 
-# No room, lens or sensor holds a number beyond this in m, px or lens units.
-LARGEST_NUMBER = 1e9
+    max_rotation_error  of a rotation times its transpose: printed ones carry four digits or more
+    max_cameras         no room has more
+    max_number          in m, px or lens units
+    """
+
+    max_rotation_error: float = 1e-2
+    max_cameras: int = 1000
+    max_number: float = 1e9
+
+
+RIG_LIMITS = RigLimits()
 
 
 @dataclass(frozen=True)
@@ -43,8 +51,8 @@ class RigCamera:
 
 def refuse_crowd(count: int, path: Path):
     """InputError where a file says it has more cameras than any room, before each of them is looked at."""
-    if count > MOST_CAMERAS:
-        raise InputError(f"has {count} cameras; expected at most {MOST_CAMERAS}", path)
+    if count > RIG_LIMITS.max_cameras:
+        raise InputError(f"has {count} cameras; expected at most {RIG_LIMITS.max_cameras}", path)
 
 
 def rig(cameras: Sequence[RigCamera], path: Path) -> Cameras:
@@ -76,7 +84,7 @@ def _check(camera: RigCamera, path: Path):
     values = np.concatenate(
         [np.ravel(part) for part in (camera.size, camera.matrix, *lenses, camera.rotation, camera.translation)]
     )
-    if not (np.abs(values) < LARGEST_NUMBER).all():
+    if not (np.abs(values) < RIG_LIMITS.max_number).all():
         raise InputError(
             f"camera {camera.name} has a value that is not a number of any camera; expected a complete calibration",
             path,
@@ -92,7 +100,7 @@ def _check(camera: RigCamera, path: Path):
 
 def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
     """The rotation next to a printed, rounded one (3, 3); a matrix that is none is given back as it is."""
-    if np.abs(matrix @ matrix.T - np.eye(3)).max() > ROTATION_TOLERANCE:
+    if np.abs(matrix @ matrix.T - np.eye(3)).max() > RIG_LIMITS.max_rotation_error:
         return matrix
     left, _, right = np.linalg.svd(matrix)
     return left @ right

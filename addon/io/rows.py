@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from ..core.data.errors import InputError
-from ..core.data.takes import LARGEST_FRAME
+from ..core.data.takes import MAX_FRAME
 from ..core.geometry.cameras import Cameras
 
 COLUMNS = ("frame", "camera", "x", "y")
 
-# No sensor is a million pixels wide: beyond this, or LARGEST_FRAME, a number stands in the wrong column.
-LARGEST_PIXEL = 1e6
+# No sensor is a million pixels wide: beyond this, or MAX_FRAME, a number stands in the wrong column.
+MAX_PIXEL = 1e6
 HEAD_BYTES = 4096  # where a file that is no text shows it; later a byte that is no text has a line of its own
 
 _FIELD = re.compile(rb'("(?:[^"]|"")*"|[^,"]*)(,|$)')
@@ -147,9 +147,9 @@ def parse_plain(block: bytes, header: Header, cameras: Cameras, line: int) -> Ro
     area = np.full(len(ends), np.nan) if header.area < 0 else _areas(text, *field(header.area))
     if any(part is None for part in (frame, x, y, camera, area)):
         return None
-    if (np.abs(frame) > LARGEST_FRAME).any() or (frame % 1).any():
+    if (np.abs(frame) > MAX_FRAME).any() or (frame % 1).any():
         return None
-    if max(np.abs(x).max(initial=0), np.abs(y).max(initial=0)) > LARGEST_PIXEL or (area < 0).any():
+    if max(np.abs(x).max(initial=0), np.abs(y).max(initial=0)) > MAX_PIXEL or (area < 0).any():
         return None
     keys = _keys(block, edges, header)
     return Rows(frame.astype(np.int64), camera, np.column_stack([x, y]), area, keys, np.arange(line, line + len(ends)))
@@ -274,11 +274,11 @@ def _split(content: bytes, count: int, path: Path, line: int) -> list[str]:
 
 def _row(fields: list[str], header: Header, indices: dict[str, int], path: Path, line: int) -> tuple:
     frame = _number(fields[header.frame], "frame", path, line)
-    if frame % 1 or abs(frame) > LARGEST_FRAME:
-        limit = f" up to {LARGEST_FRAME}" if abs(frame) > LARGEST_FRAME else ""
+    if frame % 1 or abs(frame) > MAX_FRAME:
+        limit = f" up to {MAX_FRAME}" if abs(frame) > MAX_FRAME else ""
         raise InputError(f"frame is {fields[header.frame].strip()[:40]}; expected a whole number{limit}", path, line)
     x, y = (_number(fields[index], name, path, line) for name, index in (("x", header.x), ("y", header.y)))
-    if max(abs(x), abs(y)) > LARGEST_PIXEL:
+    if max(abs(x), abs(y)) > MAX_PIXEL:
         raise InputError(f"blob at {x:g}, {y:g} is on no image; expected pixels", path, line)
     area = np.nan
     if header.area >= 0 and fields[header.area].strip(' \t"').lower() not in ("", "nan"):

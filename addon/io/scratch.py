@@ -28,14 +28,14 @@ LOCK = ".mocap-autolabel.lock"
 TOKEN = 12  # letters that tell one folder from another
 LOCKED = b"locked\n"
 OWN: set[Path] = set()  # folders of this process that are there, or about to be
-FORSAKEN = 86400.0  # s; nobody takes so long from making a lock to holding it
+FORSAKEN_S = 86400.0  # s; nobody takes so long from making a lock to holding it
 
 
 @contextmanager
 def scratch_folder() -> Iterator[Path]:
     """A folder among the system's temporary ones, gone at the end; JobError that names the place where there is none.
 
-    What is written there goes through `told_of`.
+    What is written there goes through `naming_scratch`.
     """
     try:
         parent = Path(tempfile.gettempdir())
@@ -47,7 +47,7 @@ def scratch_folder() -> Iterator[Path]:
 
 
 @contextmanager
-def told_of(folder: Path) -> Iterator[None]:
+def naming_scratch(folder: Path) -> Iterator[None]:
     """Turns what the system says of writing to a scratch folder into a JobError that names it and not the output."""
     try:
         yield
@@ -132,7 +132,7 @@ def _take_away(folder: Path, rescue: Callable[[Path], None] | None):
 
 
 def _forsaken(folder: Path) -> bool:
-    return time.time() - folder.stat().st_mtime > FORSAKEN
+    return time.time() - folder.stat().st_mtime > FORSAKEN_S
 
 
 def _locked(file: IO) -> bool:

@@ -5,6 +5,7 @@ import codecs
 import hashlib
 import json
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 from xml.etree import ElementTree
@@ -13,17 +14,26 @@ import numpy as np
 
 from ..core.data.errors import InputError
 
-# Parsed, a value takes up to a hundred times the letters that it was written with, and no file of ours has a tenth of
-# these. Long texts, such as packed arrays, cost no more than their letters.
-MOST_VALUES = 2_000_000
 
-# A calibration or a marker set is a few kilobytes to a few megabytes (camera masks); beyond this it is another file.
-TEXT_LIMIT = 64 * 1024 * 1024
+@dataclass(frozen=True)
+class TextLimits:
+    """Bytes beyond which a text is another file than is meant; reckoned.
 
-# Parsed, a byte of XML takes up to 100, one of TOML up to 350; calibrations of hundreds of cameras have far
-# fewer bytes, also with the masks of their images, which only XML holds.
-XML_LIMIT = 8 * 1024 * 1024
-CALIBRATION_LIMIT = 1024 * 1024
+    max_values   of JSON: parsed, a value takes up to a hundred times the letters that it was written with, and no file
+                 of ours has a tenth of these. Long texts, such as packed arrays, cost no more than their letters
+    text         a calibration or a marker set is a few kilobytes to a few megabytes (camera masks)
+    xml          parsed, a byte of XML takes up to 100; calibrations of hundreds of cameras have far fewer bytes, also
+                 with the masks of their images, which only XML holds
+    calibration  the same without masks: a byte of TOML takes up to 350
+    """
+
+    max_values: int = 2_000_000
+    text: int = 64 * 1024 * 1024
+    xml: int = 8 * 1024 * 1024
+    calibration: int = 1024 * 1024
+
+
+TEXTS = TextLimits()
 
 # Longer marks first: the UTF-32 one begins with the UTF-16 one.
 _MARKS = (
@@ -65,7 +75,7 @@ def read_bytes(path: Path, limit: int | None = None) -> bytes:
     return content
 
 
-def read_text(path: Path, kind: str, limit: int = TEXT_LIMIT) -> str:
+def read_text(path: Path, kind: str, limit: int = TEXTS.text) -> str:
     """The text of a small file in UTF-8, or UTF-16 or -32 with its mark; InputError when it is no text.
 
     `kind` names the format in the error, such as "a camera calibration"; `limit` is the most bytes that one has.
@@ -94,7 +104,7 @@ def read_xml(path: Path, kind: str) -> ElementTree.Element:
 
     Declarations of entities are refused: no calibration has them, and a few nested ones fill the memory.
     """
-    text = read_text(path, kind, XML_LIMIT)
+    text = read_text(path, kind, TEXTS.xml)
     if text.startswith("<?xml"):
         # The declared encoding is that of the bytes, not of the decoded text.
         start, end, rest = text.partition("?>")
@@ -143,8 +153,8 @@ def read_json(path: Path, kind: str) -> object:
     """
     text = read_text(path, kind)
     # Every value but the first stands behind one of these signs.
-    if sum(map(text.count, ",[{")) > MOST_VALUES:
-        raise InputError(f"has more than {MOST_VALUES} values; expected {kind}", path)
+    if sum(map(text.count, ",[{")) > TEXTS.max_values:
+        raise InputError(f"has more than {TEXTS.max_values} values; expected {kind}", path)
     try:
         return json.loads(text)
     except json.JSONDecodeError as error:

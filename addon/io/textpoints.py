@@ -8,14 +8,24 @@ from pathlib import Path
 import numpy as np
 
 from ..core.data.errors import InputError
-from ..core.data.takes import LARGEST_FRAME
+from ..core.data.takes import MAX_FRAME
 
-# Beyond this no coordinate is one, in any unit.
-LARGEST_COORDINATE = 1e9
 
-# A take may leave frames out, but not nearly all of them: what it would fill the memory with is no take.
-LARGEST_GAP = 10_000
-MOST_FRAMES_A_ROW = 100
+@dataclass(frozen=True)
+class TextPointLimits:
+    """What is no take of points; reckoned.
+
+    max_coordinate    in any unit
+    max_gap           frames that are left out between two rows: what it would fill the memory with is no take
+    max_frames_a_row  and in all, beside that gap, for every row
+    """
+
+    max_coordinate: float = 1e9
+    max_gap: int = 10_000
+    max_frames_a_row: int = 100
+
+
+TEXT_POINTS = TextPointLimits()
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,11 +54,11 @@ def rows_to_xyz(
     frames, values = [], []
     for line, fields in rows:
         frames.append(_frame(fields[0], path, line))
-        if len(frames) > 1 and not 0 < frames[-1] - frames[-2] <= LARGEST_GAP:
+        if len(frames) > 1 and not 0 < frames[-1] - frames[-2] <= TEXT_POINTS.max_gap:
             raise InputError(f"goes from frame {frames[-2]} to {frames[-1]}; expected ascending frames", path, line)
         values.append([_value(fields, column + axis, path, line) for column in columns for axis in range(3)])
     number = np.array(frames)
-    if number[-1] - number[0] > LARGEST_GAP + MOST_FRAMES_A_ROW * len(frames):
+    if number[-1] - number[0] > TEXT_POINTS.max_gap + TEXT_POINTS.max_frames_a_row * len(frames):
         raise InputError(f"has {len(frames)} rows for frames {number[0]} to {number[-1]}; expected every frame", path)
     xyz = np.full((number[-1] - number[0] + 1, len(columns), 3), np.nan)
     xyz[number - number[0]] = np.array(values, dtype=float).reshape(len(frames), len(columns), 3)
@@ -61,10 +71,10 @@ def _frame(field: str, path: Path, line: int) -> int:
         value = float(field)
     except ValueError:
         value = np.nan
-    if value % 1 == 0 and abs(value) <= LARGEST_FRAME:
+    if value % 1 == 0 and abs(value) <= MAX_FRAME:
         return int(value)
     raise InputError(
-        f"begins with {field.strip()[:40]!r}; expected a frame number, a whole one up to {LARGEST_FRAME}", path, line
+        f"begins with {field.strip()[:40]!r}; expected a frame number, a whole one up to {MAX_FRAME}", path, line
     )
 
 
@@ -76,6 +86,6 @@ def _value(fields: list[str], index: int, path: Path, line: int) -> float:
         value = float(field)
     except ValueError:
         raise InputError(f"has {field.strip()[:40]!r} as a coordinate; expected a number", path, line) from None
-    if abs(value) > LARGEST_COORDINATE:
+    if abs(value) > TEXT_POINTS.max_coordinate:
         raise InputError(f"has {field.strip()[:40]!r} as a coordinate; expected a position in a room", path, line)
     return value

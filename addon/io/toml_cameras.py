@@ -14,14 +14,14 @@ from ..core.geometry import inverse_lens
 from ..core.geometry.camera_up import AXIS_NAMES, guess_up
 from ..core.geometry.cameras import Cameras
 from .rig import RigCamera, refuse_crowd, rig, rotation_from_vector
-from .source import CALIBRATION_LIMIT, read_text
+from .source import TEXTS, read_text
 from .world import z_up
 
 # Ours beside the shared keys: a lens of Vicon's kind, exact, where `distortions` can only come near it.
 INVERSE = "vicon_radial"
 
 # A camera's key is `matrix` or `cameras.0.matrix`. Every dot nests a table, and the parser goes through all of them.
-DEEPEST = 8
+MAX_KEY_PARTS = 8
 _WORDS = re.compile(
     r'''"""(?:[^"\\]|\\.|"(?!""))*(?:""")?|"(?:[^"\\\n]|\\.)*"?|'''
     r"""'''(?:[^']|'(?!''))*(?:''')?|'[^'\n]*'?|#[^\n]*""",
@@ -34,7 +34,7 @@ def read_toml(path: Path, up: str = "") -> Cameras:
 
     `up` is the axis that points up where it is known better than from the file or its cameras.
     """
-    text = read_text(path, "a .toml camera calibration", CALIBRATION_LIMIT)
+    text = read_text(path, "a .toml camera calibration", TEXTS.calibration)
     _refuse_depth(text, path)
     try:
         document = tomllib.loads(text)
@@ -57,8 +57,8 @@ def _refuse_depth(text: str, path: Path):
     plain = _WORDS.sub(lambda found: "s" + "\n" * found.group().count("\n"), text)
     line = 1
     for piece in re.split(r"([=,\[\]{}\n])", plain):
-        if piece.count(".") >= DEEPEST:
-            raise InputError(f"has a key of more than {DEEPEST} parts; expected a camera calibration", path, line)
+        if piece.count(".") >= MAX_KEY_PARTS:
+            raise InputError(f"has a key of more than {MAX_KEY_PARTS} parts; expected a camera calibration", path, line)
         line += piece == "\n"
 
 

@@ -200,7 +200,7 @@ def _make_folders(targets: Sequence[Path]):
             raise InputError(
                 f"cannot be made a folder ({error.strerror}); expected a place to write", target.parent
             ) from None
-        # Told before the work, not after it.
+        # Said before the work, not after it.
         if not os.access(target.parent, os.W_OK | os.X_OK):
             raise InputError("is a folder that may not be written; expected a place to write", target.parent)
 

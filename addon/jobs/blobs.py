@@ -13,14 +13,19 @@ import numpy as np
 
 from ..blendfile import Chunks, mesh_occlusion, open_cameras, refuse_long
 from ..core.body.occlusion import Occlusion
+from ..core.data.errors import InputError
 from ..core.data.progress import Progress
 from ..core.data.takes import BY_EDIT, STEPS, Blobs, EditOutcome, LabelledChunk, Motion, Points, Suspect
-from ..core.edits.applying import joined
+from ..core.edits.applying import BLOB_EDITING, joined
+from ..core.edits.blob_tracks import followed, wants_tracks
+from ..core.edits.kinds import Edits
+from ..core.filling.rays import MarkerRays, rays_of
 from ..core.geometry.cameras import Cameras
 from ..core.pipelines.blobs import BlobOptions, blob_method, label_blobs, steps_of
 from ..core.pipelines.cross_check import MethodAgreement
 from ..core.points.models import Model
 from ..core.review.answering import without_accepted
+from ..core.review.doubtful import doubtful_ranges, doubtful_samples
 from ..core.review.odd_cameras import CameraCheck
 from ..core.review.overview import OverviewSubject, TakeOverview
 from ..core.review.summary import TakeSummary
@@ -30,7 +35,7 @@ from ..io.edits import open_edits
 from ..io.labels import LabelWriter
 from ..io.models import open_model
 from ..io.report import facts_of_trouble
-from ..io.scratch import scratch_folder, told_of
+from ..io.scratch import naming_scratch, scratch_folder
 from .fill import fill_labelled
 from .job import LabelJob, Labelled, timed
 from .outcome import Outcome, write_take
@@ -50,7 +55,7 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         inputs, files = open_files(job, stack)  # before they are read
         model, cameras = open_model(job.model), _cameras(job)
         known = {"cameras": cameras.names, "frames": _frames_if_edited(job, cameras)}
-        edits = open_edits(job.edits_applied, job.source, model.markerset, **known)
+        edits = _tracked(open_edits(job.edits_applied, job.source, model.markerset, **known), job, cameras)
         settings = BlobOptions(job.method, job.frame_rate, job.target, job.options, _occlusion(job, model), edits)
         agreement, check = MethodAgreement(), CameraCheck(cameras, model.markerset)
         trouble = TakeTrouble(model.markerset.markers, job.frame_rate, edits, cameras, model.markerset.by_name)
@@ -58,7 +63,8 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         overview = TakeOverview(subject, job.frame_rate, cameras, edits) if job.html else None
         source = Source(job, cameras)
         work = label_blobs(source.blobs(), cameras, model, settings, agreement)
-        results = Results(job, files, model.markerset.markers, stack)
+        results = Results(job, cameras, files, model.markerset.markers, stack)
+        said_of, doubtful = (model.markerset.markers, job.frame_rate), {}
         clock = {"load": perf_counter() - begin, "write": 0.0}
         for chunk in work:
             row = source.taken.popleft()
@@ -68,6 +74,11 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
             if overview is not None:
                 overview.add(row.blobs, chunk)
             trouble.add(row.blobs, chunk.labels, chunk.motion)
+            asked = doubtful_samples(
+                row.blobs, chunk.labels, chunk.motion, chunk.suspects, *said_of, edits, model.markerset.by_name
+            )
+            for name, spans in doubtful_ranges(asked, chunk.motion.frames, model.markerset.markers).items():
+                doubtful.setdefault(name, []).extend(spans)
             yield Progress(row.fraction, f"frame {row.blobs.frames[-1]}")
         clock["load"] += source.seconds
         with timed(clock, "label"):
@@ -81,11 +92,13 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         points, fills = results.motion.points(), ()
         if job.fill:
             with timed(clock, "fill"):
-                points, of_gaps, fills = yield from fill_labelled(points, model.markerset, (overview, trouble))
+                points, of_gaps, fills = yield from fill_labelled(
+                    points, model.markerset, (overview, trouble), MarkerRays.join(results.rays)
+                )
             facts |= of_gaps
-        facts |= facts_of_trouble(trouble, results.summary.suspects)
+        facts |= facts_of_trouble(trouble, results.summary.suspects) | {"doubtful": doubtful}
         said = {"outcomes": joined(results.outcomes), "overview": overview, "fills": fills}
-        made = Outcome(points, results.chunks, cameras, results.summary, facts, inputs, **said)
+        made = Outcome(points, results.chunks, cameras, results.summary, facts, inputs, edits, **said)
         report = write_take(job, files, model.markerset, made, clock)
     return Labelled(report, results.chunks if job.keep else [], edits)
 
@@ -93,6 +106,19 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
 def _frames_if_edited(job: LabelJob, cameras: Cameras) -> tuple[int, int] | None:
     """The first and last frame of a take that is edited, to check the edits' frames by; None for a part of one."""
     return frames_in(job.source, cameras) if job.edits_applied and not job.frames else None
+
+
+def _tracked(edits: Edits, job: LabelJob, cameras: Cameras) -> Edits:
+    """The edits, which know the tracks of the blobs that they are of: for that their cameras' blobs are read before."""
+    wanted = wants_tracks(edits).values()
+    if not wanted:
+        return edits
+    frames = min(span[0] for span in wanted), max(span[1] for span in wanted)
+    chunks = (rows.blobs for rows in read_blobs(job.source, cameras, frames))
+    try:
+        return followed(edits, chunks, cameras.names, BLOB_EDITING.max_distance_px)
+    except InputError:  # nothing is there in these frames; whatever else is wrong with the file, reading it tells
+        return edits
 
 
 def _facts(job: LabelJob, method: str, cameras: Cameras, results: "Results", agreement: MethodAgreement) -> dict:
@@ -147,10 +173,16 @@ class Results:
 
     chunks    the chunks, where the job keeps them
     outcomes  what became of the edits in each chunk
+    rays      of the markers that one camera alone sees, by chunk, each with the index of its first frame; where gaps
+              are to be filled
     """
 
-    def __init__(self, job: LabelJob, files: dict[str, Path], markers: tuple[str, ...], stack: ExitStack):
+    def __init__(
+        self, job: LabelJob, cameras: Cameras, files: dict[str, Path], markers: tuple[str, ...], stack: ExitStack
+    ):
         self.blend, self.kept = job.blend, job.keep or job.blend
+        self.cameras = cameras if job.fill else None
+        self.rays: list[tuple[int, MarkerRays]] = []
         self.motion = stack.enter_context(MotionFile(stack.enter_context(scratch_folder()), markers, job.frame_rate))
         self.labels = stack.enter_context(LabelWriter(files[".labels.csv"], markers))
         self.summary = TakeSummary(markers)
@@ -161,6 +193,10 @@ class Results:
         """Writes the labels and keeps what the end needs; JobError once a `.blend` is wanted that cannot be."""
         self.labels.write(row.keys, chunk.labels)
         self.motion.append(chunk.motion)
+        if self.cameras is not None:
+            missing = ~np.isfinite(chunk.motion.markers).all(axis=2)
+            first = int(chunk.motion.frames[0]) - self.motion.first_frame
+            self.rays.append((first, rays_of(row.blobs, chunk.labels, self.cameras, missing)))
         if self.blend:
             refuse_long(self.motion.first_frame, int(row.blobs.frames[-1]))
         self.summary.add(chunk)
@@ -190,20 +226,20 @@ class MotionFile:
         self.files = []
 
     def __enter__(self) -> Self:
-        with told_of(self.folder):
+        with naming_scratch(self.folder):
             self.files = [path.open("w+b") for path in self.paths]
         return self
 
     def __exit__(self, *_):
         for file in self.files:
-            with suppress(OSError):  # of a full disk, which was told
+            with suppress(OSError):  # of a full disk, which was said
                 file.close()
 
     def append(self, motion: Motion):
         """Adds the frames of the next chunk."""
         if self.first_frame is None:
             self.first_frame = int(motion.frames[0])
-        with told_of(self.folder):
+        with naming_scratch(self.folder):
             for file, part in zip(self.files, (motion.markers, motion.residual), strict=True):
                 append(file, part.astype(np.float32))
 

@@ -13,8 +13,9 @@ from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet
 from ..core.data.progress import Progress, within
 from ..core.data.takes import Points
-from ..core.filling.filling import FilledTake, FillOptions, fill_take
-from ..core.filling.kept import KeptFill, kept_fills_of
+from ..core.filling.filling import FilledTake, FillOptions, fill_take, kept_fills_of
+from ..core.filling.kept import KeptFill
+from ..core.filling.rays import NO_RAYS, MarkerRays
 from ..core.review.overview import TakeOverview
 from ..core.review.trouble import TakeTrouble
 from ..io.filled import gap_rows, left_rows, write_filled
@@ -30,7 +31,7 @@ class FillJob:
     """What to fill.
 
     source   the labelled take, `.c3d`, `.trc` or Motive `.csv`
-    out      the `.c3d` to write; the gaps are told beside it, in a file that ends in `.filled.csv`
+    out      the `.c3d` to write; the gaps are listed beside it, in a file that ends in `.filled.csv`
     method   one of FILL_METHODS
     max_gap  frames of the longest gap to fill, None for any
     markers  names of those to fill, empty for all
@@ -97,22 +98,25 @@ def fill_file(job: FillJob) -> Generator[Progress, None, dict]:
 
 
 def fill_labelled(
-    points: Points, markerset: MarkerSet, told: Iterable[TakeOverview | TakeTrouble | None]
+    points: Points,
+    markerset: MarkerSet,
+    listeners: Iterable[TakeOverview | TakeTrouble | None],
+    rays: MarkerRays = NO_RAYS,
 ) -> Generator[Progress, None, tuple[Points, dict, tuple[KeptFill, ...]]]:
-    """A take whose first columns are a model's markers with their gaps filled.
+    """A take whose first columns are a model's markers with their gaps filled, as `rays` hold them.
 
-    Gives it with what a report says of that, and with the fills as a Blender file keeps them. Those that are
-    `told` hear of what was filled.
+    Gives it with what a report says of that, and with the fills as a Blender file keeps them. `listeners`
+    hear of what was filled.
     """
     own = np.arange(len(markerset))
     xyz = np.asarray(points.xyz[:, : len(own)], dtype=float)
-    work = fill_take(xyz, points.rate, FillOptions(), markerset, own)
+    work = fill_take(xyz, points.rate, FillOptions(), markerset, own, rays)
     filled = yield from within(work, 0.0, 1.0, "fill gaps")
     facts = {
         "filled": gap_rows(filled.gaps, markerset.markers, points.first_frame),
         "left": left_rows(filled.left, markerset.markers, points.first_frame),
     }
-    for one in (one for one in told if one is not None):
+    for one in (one for one in listeners if one is not None):
         for row in facts["filled"]:
             one.fill(row["marker"], row["first"], row["last"])
     return put_into(points, filled, own), facts, kept_fills_of(filled, markerset.markers, points.frames)

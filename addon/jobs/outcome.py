@@ -33,7 +33,7 @@ class Outcome:
     cameras  that saw it; none for points
     summary  for the report, and `facts` that only some reports say
     made_of  what the results come from
-    edits    of points, those that the labels follow
+    edits    those that the labels follow
     outcomes what became of each edit
     overview what the take's page is drawn from; None where the job writes none
     fills    the gaps that were filled, which a Blender file keeps apart from what was measured

@@ -10,11 +10,12 @@ import numpy as np
 from ..blendfile import refuse_long
 from ..core.data.errors import InputError
 from ..core.data.progress import Progress
-from ..core.data.takes import LARGEST_FRAME, STEPS, Labels, PointRows
+from ..core.data.takes import MAX_FRAME, STEPS, Labels, PointRows
 from ..core.geometry.cameras import NO_CAMERAS
 from ..core.points.motion import labelled_points
 from ..core.points.naming import chosen_method
 from ..core.points.whole_take.pipeline import PointOptions, label_points
+from ..core.review.doubtful import doubtful_ranges, doubtful_samples
 from ..core.review.overview import OverviewSubject, TakeOverview
 from ..core.review.summary import TakeSummary
 from ..core.review.trouble import TakeTrouble
@@ -39,8 +40,8 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         with timed(clock, "load"):
             model, take = open_model(job.model), read_points(job.source, frames=job.frames, up=job.up, rate=job.rate)
             last = int(take.frames[-1])
-            if last > LARGEST_FRAME:
-                words = f"goes on to frame {last}; expected frame numbers up to {LARGEST_FRAME}"
+            if last > MAX_FRAME:
+                words = f"goes on to frame {last}; expected frame numbers up to {MAX_FRAME}"
                 raise InputError(words, job.source)
             if job.blend:
                 refuse_long(take.first_frame, last)
@@ -68,6 +69,10 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
                 points, of_gaps, fills = yield from fill_labelled(points, markerset, (overview, trouble))
             facts |= of_gaps
         facts |= facts_of_trouble(trouble, chunk.suspects)
+        asked = doubtful_samples(
+            rows, chunk.labels, chunk.motion, chunk.suspects, markerset.markers, take.rate, edits, markerset.by_name
+        )
+        facts["doubtful"] = doubtful_ranges(asked, chunk.motion.frames, markerset.markers)
         said = labelled.outcomes, overview, fills
         made = Outcome(points, [(rows, chunk)], NO_CAMERAS, summary, facts, inputs, edits, *said)
         report = write_take(job, files, markerset, made, clock)

@@ -89,14 +89,14 @@ def _read_parts(job: RefineJob, cameras: Cameras) -> Generator[Progress, None, l
     first = ends[0] if first is None else max(first, ends[0])
     last = ends[1] if last is None else min(last, ends[1])
     wanted = parts_of(first, max(first, last))
-    pieces: list[list[Blobs]] = [[] for _ in wanted]
+    chunks: list[list[Blobs]] = [[] for _ in wanted]
     for rows in read_blobs(job.source, cameras, job.frames):
-        for part, frames in zip(pieces, wanted, strict=True):
-            piece = rows.blobs.between(*frames)
-            if len(piece.frames):
-                part.append(piece)
+        for part, frames in zip(chunks, wanted, strict=True):
+            chunk = rows.blobs.between(*frames)
+            if len(chunk.frames):
+                part.append(chunk)
         yield Progress(READ * rows.fraction, f"read frame {rows.blobs.frames[-1]}")
-    return [Blobs.join(part) for part in pieces if part]
+    return [Blobs.join(part) for part in chunks if part]
 
 
 def _report(job: RefineJob, found: Refinement, rate: float, seconds: float) -> dict:

@@ -2,6 +2,7 @@
 """Trajectories on disk while a take is worked on, and as the columns of a file in the end."""
 
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Self
 
@@ -9,10 +10,23 @@ import numpy as np
 
 from ..core.data.takes import Points
 from ..core.reconstruction.trajectories import RECONSTRUCTION, Reconstructed
-from ..io.scratch import told_of
+from ..io.scratch import naming_scratch
 
-MOST_COLUMNS = 255  # beyond this, trajectories that are far apart in time share a column
-REST = 1.0  # s between two trajectories of one column
+
+@dataclass(frozen=True)
+class SpoolOptions:
+    """How trajectories become the columns of a file; reckoned.
+
+    max_columns  beyond which trajectories that are far from each other in time share one: as many as one list of names
+                 in a C3D file holds
+    rest_s       s between two trajectories of one column
+    """
+
+    max_columns: int = 255
+    rest_s: float = 1.0
+
+
+SPOOLING = SpoolOptions()
 
 ROW = np.dtype([("trajectory", "<i4"), ("xyz", "<f4", 3), ("residual", "<f4")])
 
@@ -26,12 +40,12 @@ class TrajectoryFile:
         self.spans = np.zeros((0, 3), np.int64)
 
     def __enter__(self) -> Self:
-        with told_of(self.folder):
+        with naming_scratch(self.folder):
             self.file = self.path.open("w+b")
         return self
 
     def __exit__(self, *_: object):
-        with suppress(OSError):  # of a full disk, which was told
+        with suppress(OSError):  # of a full disk, which was said
             self.file.close()
 
     def append(self, part: Reconstructed):
@@ -41,7 +55,7 @@ class TrajectoryFile:
         self._note(part.trajectory, len(self.counts) + part.frame)
         rows = np.empty(len(part.points), ROW)
         rows["trajectory"], rows["xyz"], rows["residual"] = part.trajectory, part.points, part.residual
-        with told_of(self.folder):
+        with naming_scratch(self.folder):
             append(self.file, rows)
         self.counts += np.bincount(part.frame, minlength=len(part.frames)).tolist()
 
@@ -55,7 +69,7 @@ class TrajectoryFile:
         np.maximum.at(self.spans[:, 2], trajectory, frame)
 
     def points(self) -> Points:
-        """The whole take, a trajectory a column, in the order in which they begin; read from disk piece by piece.
+        """The whole take, a trajectory a column, in the order in which they begin; read from disk part by part.
 
         Passing coincidences of rays are left out.
         """
@@ -71,12 +85,12 @@ class TrajectoryFile:
         column = np.full(len(self.spans), -1)
         kept = np.flatnonzero(self.spans[:, 0] >= min(RECONSTRUCTION.min_points, len(self.counts)))
         kept = kept[np.argsort(self.spans[kept, 1], kind="stable")]
-        column[kept] = np.arange(len(kept)) if len(kept) <= MOST_COLUMNS else self._packed(kept)
+        column[kept] = np.arange(len(kept)) if len(kept) <= SPOOLING.max_columns else self._packed(kept)
         return column
 
     def _packed(self, kept: np.ndarray) -> np.ndarray:
         """Columns for trajectories in the order in which they begin, each the first that has rested."""
-        rest = REST * self.rate
+        rest = SPOOLING.rest_s * self.rate
         ends = np.full(len(kept), -np.inf)
         columns = np.empty(len(kept), int)
         for index, (first, last) in enumerate(self.spans[kept, 1:].tolist()):

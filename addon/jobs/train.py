@@ -11,6 +11,7 @@ from ..core.data.errors import InputError
 from ..core.data.progress import Progress
 from ..core.points.models import Model
 from ..core.points.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS
+from ..core.training.looked_at import listed
 from ..core.training.pipeline import TRAINING_SHARES, Trained, TrainingOptions, train
 from ..core.training.takes import subject_rows
 from ..io.markersets import SUFFIX, builtin_markersets, markerset_file, open_markerset
@@ -20,7 +21,7 @@ from ..io.report import compact
 from ..io.whole import keep_apart, whole_files
 from ..version import version
 from .job import timed
-from .training_takes import KnownBetter, TakeFile, chosen_markers, read_takes
+from .training_takes import KnownBetter, TakeFile, chosen_markers, read_takes, unseen_markers
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,8 @@ class TrainJob:
     keep      keep frames of the takes in the model, so that it can be trained on
     report    a file for what the training has to say, None for none
     known     of takes by their path, what is known better than from the file
+    shown     labelled takes that are at hand, beside those of the files
+    body      a marker set whose body may be that of the takes, beside the built-in ones; None for no other
     """
 
     takes: tuple[Path, ...]
@@ -54,6 +57,8 @@ class TrainJob:
     report: Path | None = None
     overwrite: bool = False
     known: Mapping[Path, KnownBetter] = field(default_factory=dict)
+    shown: tuple[TakeFile, ...] = ()
+    body: str | None = None
 
 
 def train_file(job: TrainJob) -> Generator[Progress, None, dict]:
@@ -70,16 +75,32 @@ def train_file(job: TrainJob) -> Generator[Progress, None, dict]:
         yield Progress(0.0, "read the takes")
         with timed(clock, "read"):
             base = _base(job)
-            takes = read_takes(job.takes, job.subjects, job.known)
-            markers = chosen_markers(takes, job.markers, base.markerset.markers if base else ())
-            bodies = [open_markerset(name) for name in builtin_markersets()]
+            takes = [*read_takes(job.takes, job.subjects, job.known), *job.shown]
+            bodies = [open_markerset(name) for name in (*builtin_markersets(), *([job.body] if job.body else []))]
+            kept, lost = unseen_markers(takes, bodies)
+            markers = chosen_markers(takes, job.markers, base.markerset.markers if base else (), kept)
         trained = yield from train(takes, markers, _options(job, base), base, bodies)
         yield Progress(TRAINING_SHARES["end"], "write the model")
         write_model(files[0], _with_source(trained.model))
         report = _report(job, takes, trained, clock | trained.seconds)
+        said = " ".join(trained.doubts)
+        new = {name for name in kept if name in markers and name not in said}
+        report["doubts"] += told_of_unseen(new, set(lost) - set(markers))
         if job.report:
             write_training_report(files[1], report)
     return report
+
+
+def told_of_unseen(kept: set[str], lost: set[str]) -> list[str]:
+    """What is said of markers that the takes name and never show: those that stay in the set, and those that do not."""
+    said = []
+    if kept:
+        words = "are" if len(kept) > 1 else "is"
+        said.append(f"{listed(sorted(kept))} {words} not seen in any take: where it sits is taken from the known body")
+    if lost:
+        words = "are" if len(lost) > 1 else "is"
+        said.append(f"{listed(sorted(lost))} {words} not seen in any take, and no body that is known has it: left out")
+    return said
 
 
 def _base(job: TrainJob) -> Model | None:

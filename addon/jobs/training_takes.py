@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Files of labelled takes to learn from: which markers, whose, and every way in which they cannot be used."""
 
+import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,10 +11,17 @@ from pathlib import Path
 import numpy as np
 
 from ..core.data.errors import InputError, UserError
+from ..core.data.markersets import MarkerSet
 from ..core.points.likelihood.learn import LEARN
+from ..core.review.answering import right_in
+from ..core.training.looked_at import learnable
 from ..core.training.takes import LabelledTake, odd_size
+from ..core.training.transfer import known_body, known_places
+from ..io.edits import edits_beside, read_edits
 from ..io.names import can_be_named, written
 from ..io.points import FilePoints, read_points
+from ..io.report import REPORT
+from ..io.source import digest
 
 
 @dataclass(frozen=True)
@@ -64,10 +72,61 @@ def _read(path: Path, subjects: Sequence[tuple[str, str]], known: KnownBetter) -
     folder = path.resolve().parent.name or "subject"  # of a drive there is no name
     subject = next((name for name, glob in subjects if _suits(path, glob)), folder)
     doubts = [f"{path.name} has the label {name} twice, so it was left out there" for name in doubled]
+    own = own_output(path)
+    if own is not None:
+        xyz, said = looked_at(own, path, names, xyz, points.first_frame)
+        doubts += [f"{path.name}: {words}" for words in said]
     if points.assumed:
         doubts.append(f"{path.name} names no unit, so it was taken to be in {points.assumed}")
     doubts += [f"{path.name}: {note}" for note in points.notes]
     return TakeFile(written(path.name), written(subject), names, xyz, tuple(doubts), path)
+
+
+def own_output(path: Path) -> dict | None:
+    """The report beside a take that `label` wrote, where the take is as it was written; else None.
+
+    A file that was changed since was corrected elsewhere, and its labels are what somebody says.
+    """
+    beside = path.with_name(path.stem + REPORT)
+    try:
+        report = json.loads(beside.read_text(encoding="utf-8"))
+        made = report["made_of"]["results"].get(path.suffix)
+        fitting = isinstance(report.get("doubtful"), dict) and made == digest([path])
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
+        return None
+    return report if fitting else None
+
+
+def looked_at(
+    report: dict, path: Path, names: Sequence[str], xyz: np.ndarray, first_frame: int
+) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Of our own take's markers (T, P, 3) m what is worth learning, by its report and by the edits beside it.
+
+    What was filled was not measured; what was doubtful teaches once a person said that it is right.
+    """
+    asked, filled = (np.zeros(xyz.shape[:2], bool) for _ in range(2))
+    rows = [(name, *span) for name, spans in report["doubtful"].items() for span in spans]
+    gaps = [(row["marker"], row["first"], row["last"]) for row in report.get("filled", [])]
+    for flags, spans in ((asked, rows), (filled, gaps)):
+        for name, first, last in spans:
+            if name in names:
+                flags[max(first - first_frame, 0) : max(last - first_frame + 1, 0), list(names).index(name)] = True
+    edits = edits_beside(path)
+    if edits is not None:
+        of_name = {name: at for at, name in enumerate(names)}
+        asked &= ~right_in(read_edits(edits), of_name, first_frame + np.arange(len(xyz)))
+    learned = learnable(np.where(filled[..., None], np.nan, xyz), asked, names)
+    refuse_doubtful(learned.xyz)
+    return learned.xyz, learned.doubts
+
+
+def refuse_doubtful(xyz: np.ndarray):
+    """Raises InputError where nothing of a take (T, M, 3) can be learned."""
+    if not np.isfinite(xyz).any():
+        raise InputError(
+            "is doubtful in all of its frames, and nobody looked at it; expected labels that a person corrected, or "
+            "said to be right"
+        )
 
 
 def _suits(path: Path, glob: str) -> bool:
@@ -98,17 +157,32 @@ def _named(points: FilePoints) -> tuple[tuple[str, ...], np.ndarray, tuple[str, 
     return tuple(points.names[index].rpartition(":")[2] for index in kept), points.xyz[:, kept], tuple(doubled)
 
 
+def unseen_markers(takes: Sequence[TakeFile], bodies: Sequence[MarkerSet]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Markers that all takes name, none shows: those that a known body has, so that they can stay; and the others."""
+    common = set.intersection(*(set(take.names) for take in takes))
+    names = [name for name in takes[0].names if name in common]
+    unseen = [name for name in names if not any(_has(take, name) for take in takes)]
+    body = known_body(names, bodies) if unseen else None
+    known = [] if body is None else [one for one, at in zip(names, known_places(body, names), strict=True) if at >= 0]
+    return tuple(name for name in unseen if name in known), tuple(name for name in unseen if name not in known)
+
+
 def chosen_markers(
-    takes: Sequence[TakeFile], wanted: Sequence[str] | None, base: Sequence[str] = ()
+    takes: Sequence[TakeFile],
+    wanted: Sequence[str] | None,
+    base: Sequence[str] = (),
+    known: Sequence[str] = (),
 ) -> tuple[str, ...]:
     """The markers to learn: `wanted`, or those of the model that is trained on, or those that all takes have.
+
+    Those that no take shows stay where they are `known`.
 
     Raises InputError where a wanted one is nowhere, too few are common, or the takes have few of the model's.
     """
     if wanted or base:
         markers = tuple(dict.fromkeys(wanted or base))
         lacking = [name for name in markers if not any(_has(take, name) for take in takes)]
-        unknown = [name for name in lacking if name not in base]
+        unknown = [name for name in lacking if name not in (*base, *known)]
         if unknown:
             raise InputError(f"no take has a marker {unknown[0]}; expected some of {', '.join(takes[0].names[:12])}, …")
         if base and len(lacking) > len(markers) / 2:
@@ -117,7 +191,8 @@ def chosen_markers(
                 takes[0].path,
             )
     else:
-        common = set.intersection(*({name for name in take.names if _has(take, name)} for take in takes))
+        shown = ({name for name in take.names if _has(take, name) or name in known} for take in takes)
+        common = set.intersection(*shown)
         markers = tuple(name for name in takes[0].names if name in common)
         if len(markers) < LEARN.min_markers <= min(len(take.names) for take in takes):
             one, two = _least_alike(takes)
@@ -135,7 +210,7 @@ def chosen_markers(
             takes[0].path,
         )
     if len(markers) < LEARN.min_markers:
-        raise InputError(f"{len(markers)} markers are too few to be told apart; expected {LEARN.min_markers} or more")
+        raise InputError(f"{len(markers)} markers are too few to distinguish; expected {LEARN.min_markers} or more")
     return markers
 
 

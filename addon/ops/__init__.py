@@ -3,6 +3,7 @@
 
 from . import (
     calibration,
+    character,
     correcting,
     exporting,
     filling,
@@ -38,5 +39,6 @@ CLASSES = (
     *reviewing.CLASSES,
     *label_tool.CLASSES,
     *exporting.CLASSES,
+    *character.CLASSES,
     *html_report.CLASSES,
 )

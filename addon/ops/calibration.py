@@ -14,12 +14,13 @@ from ..props import chosen_model, frames_wanted
 from ..scene import cameras as scene_cameras
 from ..scene.calibration import show_refined
 from .importing import cameras_at_hand
+from .polling import TellsWhyNot
 from .stepping import WorksInSteps
 
 ENDING = ".refined.toml"
 
 
-class MOCAP_AUTOLABEL_OT_refine_calibration(WorksInSteps, bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_refine_calibration(TellsWhyNot, WorksInSteps, bpy.types.Operator):
     """Move and turn the cameras so that the take's own named blobs meet; a new calibration is written beside them."""
 
     bl_idname = "mocap_autolabel.refine_calibration"
@@ -36,18 +37,13 @@ class MOCAP_AUTOLABEL_OT_refine_calibration(WorksInSteps, bpy.types.Operator):
     doing = "Refining the calibration"
 
     @classmethod
-    def poll(cls, context):
+    def lacks(cls, context):
         settings = context.scene.mocap_autolabel
         if settings.points_path:
-            cls.poll_message_set("3D points need no cameras")
-            return False
+            return "3D points need no cameras"
         if not cameras_at_hand(context.scene):
-            cls.poll_message_set("Import the calibration of the cameras first")
-            return False
-        if not settings.blobs_path:
-            cls.poll_message_set("Import the blobs first: the cameras are refined by them")
-            return False
-        return True
+            return "Import the calibration of the cameras first"
+        return "" if settings.blobs_path else "Import the blobs first: the cameras are refined by them"
 
     def steps(self, context):
         """The refining."""

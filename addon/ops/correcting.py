@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a person says of the labels of a take of 3D points: each time one edit more, and the scene follows it."""
+"""What a person says of the labels of a take, of points or blobs: each time one edit more, and the scene follows."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,18 +9,35 @@ import numpy as np
 from bpy.props import EnumProperty, IntProperty
 
 from ..core.data.errors import InputError
-from ..core.data.takes import NO_POINT
-from ..core.edits.kinds import NO_EDITS, AssignPoint, Delete, Edit, Edits, Right, Swap, UnlabelPoint
+from ..core.data.takes import NO_MARKER, NO_POINT, PointRows
+from ..core.edits.kinds import (
+    NO_EDITS,
+    Accepted,
+    AssignBlob,
+    AssignPoint,
+    BlobEdit,
+    Delete,
+    DeleteBlob,
+    Edit,
+    Edits,
+    Right,
+    Swap,
+    UnlabelBlob,
+    UnlabelMarker,
+    UnlabelPoint,
+)
 from ..io.edits import EDITS_ENDING, write_edits
 from ..props import SCOPES, refresh_review
+from ..scene.blob_dots import blob_edit, likely_of_blob, rows_of_markers
 from ..scene.corrections import keep_edits
 from ..scene.likely import likely_markers
 from ..scene.opened import opened
 from ..scene.picking import dots_of
 from ..scene.redrawing import redraw
 from ..scene.stored import Stored
-from ..scene.take import holds_points, show_edits
-from .picking import OfPoints, picked_points, selected_markers, show_picked
+from ..scene.take import is_take, show_edits
+from .picking import picked_points, selected_markers, show_picked
+from .polling import OfTake
 from .reporting import reports_trouble
 
 REVIEW_DELAY = 0.05  # s from an edit to the tables that follow it
@@ -35,7 +52,7 @@ def marker_items(_self, context) -> list[tuple[str, str, str, str, int]]:
     """The markers for an enumeration, the likeliest for what is picked first; a number stays one marker's."""
     context = context or bpy.context  # a menu that sets the marker of a button brings none
     scene = context.scene
-    if scene is not None and holds_points(scene.mocap_autolabel.take):
+    if scene is not None and is_take(scene.mocap_autolabel.take):
         stored = opened.take(scene.mocap_autolabel.take, scene)
         order = likely_here(context, stored)
         _kept_names[:] = [(stored.names[marker], stored.names[marker], "", "NONE", marker) for marker in order]
@@ -50,12 +67,17 @@ def likely_here(context: bpy.types.Context, stored: Stored) -> list[int]:
         return list(range(len(stored.names)))
     asked = (stored, frame, points[-1])
     if _likely[:3] != list(asked):
-        _likely[:] = [*asked, _likely_of(stored, frame - int(stored.motion.frames[0]), points[-1])]
+        _likely[:] = [*asked, _likely_of(context, stored, frame - int(stored.motion.frames[0]), points[-1])]
     return _likely[3]
 
 
-def _likely_of(stored: Stored, index: int, point: int) -> list[int]:
-    """All markers, the likeliest for a trajectory in frame `index` first; in their own order where it has no point."""
+def _likely_of(context: bpy.types.Context, stored: Stored, index: int, point: int) -> list[int]:
+    """All markers, the likeliest for a blob, or a trajectory in frame `index`, first.
+
+    In their own order where that has no point.
+    """
+    if not isinstance(stored.rows, PointRows):
+        return likely_of_blob(stored, opened.tracks(context.scene.mocap_autolabel.take, context.scene), point)
     dots = dots_of(stored, index)
     found = np.flatnonzero(dots.trajectory == point)
     if not len(found):
@@ -67,6 +89,9 @@ def correct(context: bpy.types.Context, edits: Edits) -> Stored:
     """Gives the active take other edits, shows what follows and returns it; InputError where new ones find nothing."""
     scene, collection = context.scene, context.scene.mocap_autolabel.take
     before = opened.take(collection, scene)
+    said = edits.items[len(before.edits) :]
+    if not before.own_labels and not all(isinstance(edit, Right | Accepted) for edit in said):
+        raise InputError("an earlier version put its corrections into these labels; expected the take labelled again")
     after = opened.take_with(collection, scene, edits)
     for outcome in after.outcomes[len(before.edits) :]:
         if not outcome.labels:
@@ -119,7 +144,7 @@ def trajectory_of(stored: Stored, marker: str, frame: int) -> int:
     return int(found[0])
 
 
-class Corrects(OfPoints):
+class Corrects(OfTake):
     """What the edits share: their frames. They differ in `edits`, which makes them; UserError if it cannot."""
 
     bl_options = {"REGISTER", "UNDO"}
@@ -147,17 +172,42 @@ class Corrects(OfPoints):
 
 
 def chosen_trajectories(context: bpy.types.Context, stored: Stored) -> list[int]:
-    """The trajectories that are picked, else those of the selected markers in the current frame."""
+    """The trajectories that are picked, else those of the selected markers in the current frame; of blobs the rows."""
     if picked := picked_points(context):
         return picked
     frame = stored.source_frame(context.scene.frame_current)
-    if names := selected_markers(context):
+    names = selected_markers(context)
+    if names and isinstance(stored.rows, PointRows):
         return [trajectory_of(stored, name, frame) for name in names]
-    raise InputError("nothing is selected; expected a marker, or a picked point")
+    markers = [stored.names.index(name) for name in names]
+    if rows := rows_of_markers(stored, frame - int(stored.motion.frames[0]), markers) if names else []:
+        return rows
+    if names:
+        raise InputError(f"no camera has a blob of {' '.join(names)} in this frame; expected one that has")
+    raise InputError("nothing is selected; expected a marker, or a picked point or blob")
+
+
+def edit_of(
+    kinds: tuple[type[Edit], type[BlobEdit]],
+    stored: Stored,
+    number: int,
+    frames: tuple[int, int] | None,
+    *marker: str,
+) -> Edit:
+    """An edit, of one of two kinds, of a trajectory or of a blob's track, in some frames, None for all."""
+    if isinstance(stored.rows, PointRows):
+        return kinds[0](number, *marker, frames=frames)
+    return blob_edit(kinds[1], stored, number, frames, *marker)
 
 
 def refuse_beside_each_other(stored: Stored, points: Sequence[int], frames: tuple[int, int] | None):
-    """Raises InputError where several trajectories have points in one of some frames: they cannot be one marker."""
+    """Raises InputError where several trajectories have points in one of some frames: they cannot be one marker.
+
+    Of blobs where several are of one camera.
+    """
+    if not isinstance(stored.rows, PointRows):
+        _refuse_one_image(stored, points)
+        return
     rows = np.isin(stored.rows.trajectory, points)
     number = stored.rows.frames[stored.rows.frame[rows]]
     if frames is not None:
@@ -168,6 +218,16 @@ def refuse_beside_each_other(stored: Stored, points: Sequence[int], frames: tupl
             f"{len(points)} points are picked, several of them in frame {stored.rows.frames[many[0]] + stored.shift}"
         )
         raise InputError(f"{words}; expected one, or pieces of a marker that follow each other")
+
+
+def _refuse_one_image(stored: Stored, rows: Sequence[int]):
+    """Raises InputError where several of some blobs are of one camera."""
+    camera = stored.rows.camera[list(rows)]
+    many = np.flatnonzero(np.bincount(camera) > 1)
+    if len(many):
+        name = stored.cameras.names[int(many[0])]
+        words = f"{int((camera == many[0]).sum())} blobs of {name} are picked"
+        raise InputError(f"{words}; expected one of each camera, as a marker has")
 
 
 class MOCAP_AUTOLABEL_OT_name_point(Corrects, bpy.types.Operator):
@@ -188,7 +248,7 @@ class MOCAP_AUTOLABEL_OT_name_point(Corrects, bpy.types.Operator):
         """The trajectory is the marker, and so are others that go on where it ends."""
         chosen = chosen_trajectories(context, stored)
         refuse_beside_each_other(stored, chosen, frames)
-        return [AssignPoint(point, self.marker, frames=frames) for point in chosen]
+        return [edit_of((AssignPoint, AssignBlob), stored, one, frames, self.marker) for one in chosen]
 
 
 class MOCAP_AUTOLABEL_OT_unlabel(Corrects, bpy.types.Operator):
@@ -198,8 +258,12 @@ class MOCAP_AUTOLABEL_OT_unlabel(Corrects, bpy.types.Operator):
     bl_label = "Unlabel"
 
     def edits(self, context, stored: Stored, frames: tuple[int, int] | None) -> Sequence[Edit]:
-        """The trajectories have no name."""
-        return [UnlabelPoint(point, frames=frames) for point in chosen_trajectories(context, stored)]
+        """The trajectories, or blobs, have no name; where markers of blobs alone are selected, nothing is these."""
+        names = selected_markers(context)
+        if names and not isinstance(stored.rows, PointRows) and not picked_points(context):
+            return [UnlabelMarker(name, frames=frames) for name in names]
+        chosen = chosen_trajectories(context, stored)
+        return [edit_of((UnlabelPoint, UnlabelBlob), stored, one, frames) for one in chosen]
 
 
 class MOCAP_AUTOLABEL_OT_no_marker(Corrects, bpy.types.Operator):
@@ -210,7 +274,14 @@ class MOCAP_AUTOLABEL_OT_no_marker(Corrects, bpy.types.Operator):
 
     def edits(self, context, stored: Stored, frames: tuple[int, int] | None) -> Sequence[Edit]:
         """The trajectories are no markers."""
-        return [Delete(point, frames=frames) for point in chosen_trajectories(context, stored)]
+        chosen = chosen_trajectories(context, stored)
+        return [edit_of((Delete, DeleteBlob), stored, one, frames) for one in chosen]
+
+
+def _are_of_one_image(stored: Stored, rows: Sequence[int]) -> bool:
+    """Whether blobs are of one camera and all have a name."""
+    camera, marker = stored.rows.camera[list(rows)], stored.labels.marker[list(rows)]
+    return bool((camera == camera[0]).all() and (marker != NO_MARKER).all())
 
 
 class MOCAP_AUTOLABEL_OT_swap_markers(Corrects, bpy.types.Operator):
@@ -220,7 +291,12 @@ class MOCAP_AUTOLABEL_OT_swap_markers(Corrects, bpy.types.Operator):
     bl_label = "Swap"
 
     def edits(self, context, stored: Stored, frames: tuple[int, int] | None) -> Sequence[Edit]:
-        """The two markers exchanged."""
+        """The two markers exchanged; where two blobs of one camera are picked, in that camera."""
+        picked = picked_points(context)
+        if not isinstance(stored.rows, PointRows) and len(picked) == 2 and _are_of_one_image(stored, picked):
+            names = [stored.names[stored.labels.marker[row]] for row in picked]
+            both = zip(picked, names[::-1], strict=True)
+            return [blob_edit(AssignBlob, stored, row, frames, name) for row, name in both]
         names = sorted(selected_markers(context))
         if len(names) != 2:
             raise InputError(f"{len(names)} markers are selected; expected the two that have each other's names")
@@ -241,17 +317,13 @@ class MOCAP_AUTOLABEL_OT_is_right(Corrects, bpy.types.Operator):
         return [Right(name, frames=frames) for name in names]
 
 
-class HasEdits(OfPoints):
+class HasEdits(OfTake):
     """Operators on the edits that there are."""
 
     @classmethod
-    def poll(cls, context):
-        if not super().poll(context):
-            return False
-        if len(context.window_manager.mocap_autolabel.corrections):
-            return True
-        cls.poll_message_set("Nothing was corrected")
-        return False
+    def lacks(cls, context):
+        corrected = len(context.window_manager.mocap_autolabel.corrections)
+        return super().lacks(context) or ("" if corrected else "Nothing was corrected")
 
 
 class MOCAP_AUTOLABEL_OT_remove_correction(HasEdits, bpy.types.Operator):
@@ -290,7 +362,7 @@ class MOCAP_AUTOLABEL_OT_clear_corrections(HasEdits, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class MOCAP_AUTOLABEL_OT_save_corrections(OfPoints, bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_save_corrections(OfTake, bpy.types.Operator):
     """Write the corrections beside the take, where the command line and other scenes take them up."""
 
     bl_idname = "mocap_autolabel.save_corrections"

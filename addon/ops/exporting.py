@@ -16,24 +16,18 @@ from ..io.labels import LabelWriter, write_point_labels
 from ..io.points import write_c3d, write_trc
 from ..io.whole import whole_files
 from ..scene.opened import opened
-from ..scene.take import Stored, is_take
+from ..scene.take import Stored
+from .polling import WithTake
 from .reporting import reports_trouble
 
 
-class ExportsTake(ExportHelper):
+class ExportsTake(WithTake, ExportHelper):
     """What the exports share: they need a labelled take, and name the file after it.
 
     They differ in `write`, which writes a take to a path and to those of the files `beside` it; UserError if it cannot.
     """
 
     bl_options = {"REGISTER"}
-
-    @classmethod
-    def poll(cls, context):
-        if is_take(context.scene.mocap_autolabel.take):
-            return True
-        cls.poll_message_set("Label a take first")
-        return False
 
     def invoke(self, context, event):
         if not self.filepath:

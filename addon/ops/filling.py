@@ -5,14 +5,18 @@ from collections.abc import Callable, Generator, Sequence
 from functools import partial
 
 import bpy
+import numpy as np
 from bpy.props import EnumProperty, IntProperty
 
 from ..core.body.posing import POSING
 from ..core.data.background import in_background
 from ..core.data.errors import InputError, UserError
 from ..core.data.markersets import MarkerSet
-from ..core.filling.filling import FilledTake, FillOptions, fill_take
-from ..core.filling.kept import KeptFill, kept_fills_of, replaced_fills
+from ..core.data.progress import finished
+from ..core.data.takes import Blobs
+from ..core.filling.filling import FilledTake, FillOptions, fill_take, kept_fills_of
+from ..core.filling.kept import KeptFill, replaced_fills
+from ..core.filling.rays import NO_RAYS, MarkerRays, rays_of
 from ..io.filled import left_rows
 from ..io.names import written
 from ..props import chosen_markerset, refresh_review
@@ -22,6 +26,7 @@ from ..scene.smoothing import kept_cutoff
 from ..scene.stored import Stored
 from ..scene.take import SOURCE, is_take, show_edits, takes_of
 from .correcting import selected_markers
+from .polling import OfTake
 from .reporting import reports_trouble
 from .stepping import WorksInSteps
 
@@ -60,8 +65,8 @@ def fills_kept(context: bpy.types.Context) -> str:
     """What a relabelling left of the active take's fills, as the end of a sentence; empty where there were none."""
     fills = context.window_manager.mocap_autolabel.fills
     lost = sum(bool(fill.reason) for fill in fills)
-    told = f"; {len(fills) - lost} fills hold" if fills else ""
-    return told + (f", {lost} no longer fit and are left out" if lost else "")
+    holding = f"; {len(fills) - lost} fills hold" if fills else ""
+    return holding + (f", {lost} no longer fit and are left out" if lost else "")
 
 
 def wanted_markers(context: bpy.types.Context, stored: Stored, extent: str) -> tuple[int, ...] | None:
@@ -70,20 +75,6 @@ def wanted_markers(context: bpy.types.Context, stored: Stored, extent: str) -> t
     if extent == "MARKER" and not names:
         raise InputError("no marker is selected; expected those whose gaps are meant")
     return None if extent == "TAKE" or not names else tuple(stored.names.index(name) for name in names)
-
-
-class OfTake:
-    """Operators on the active take, of blobs or points."""
-
-    @classmethod
-    def poll(cls, context):
-        if not is_take(context.scene.mocap_autolabel.take):
-            cls.poll_message_set("Label a take first")
-            return False
-        if context.mode != "OBJECT":
-            cls.poll_message_set("Go to object mode first")
-            return False
-        return True
 
 
 class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, WorksInSteps, bpy.types.Operator):
@@ -101,8 +92,8 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, WorksInSteps, bpy.types.Operator):
         stored, options = self._asked(context)
         self._of = context.scene.mocap_autolabel.take.session_uid
         markerset, columns = body_of(context, stored, options.method)
-        work = partial(fill_take, stored.unfilled.markers, stored.rate, options, markerset, columns)
-        return in_background(lambda tell: told_all_the_way(work(), tell))
+        work = partial(fill_take, stored.unfilled.markers, stored.rate, options, markerset, columns, _rays(stored))
+        return in_background(lambda tell: finished(work(), tell))
 
     def _asked(self, context) -> tuple[Stored, FillOptions]:
         settings = context.scene.mocap_autolabel
@@ -126,7 +117,7 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, WorksInSteps, bpy.types.Operator):
         if new:
             keep_and_show(context, partial(keep_fills, fills=replaced_fills(stored.fitting, new)))
         note_left(context, left_rows(filled.left, stored.names, int(stored.motion.frames[0]) + stored.shift))
-        self.report({"INFO"} if new else {"WARNING"}, told_of(filled, new))
+        self.report({"INFO"} if new else {"WARNING"}, outcome_of(filled, new))
         return {"FINISHED"} if new else {"CANCELLED"}
 
     def _show(self, context, result: FilledTake) -> set[str]:
@@ -134,13 +125,12 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, WorksInSteps, bpy.types.Operator):
         return self._shown(context)
 
 
-def told_all_the_way(work: Generator[float, None, FilledTake], tell: Callable[[float], None]) -> FilledTake:
-    """What the work returns; a `tell` that raises ends it."""
-    while True:
-        try:
-            tell(next(work))
-        except StopIteration as done:
-            return done.value
+def _rays(stored: Stored) -> MarkerRays:
+    """The rays of markers that one camera alone sees; none in a take of points."""
+    if not isinstance(stored.rows, Blobs):
+        return NO_RAYS
+    missing = ~np.isfinite(stored.unfilled.markers).all(axis=2)
+    return rays_of(stored.rows, stored.labels, stored.cameras, missing)
 
 
 def body_of(context: bpy.types.Context, stored: Stored, method: str) -> tuple[MarkerSet | None, object]:
@@ -148,8 +138,6 @@ def body_of(context: bpy.types.Context, stored: Stored, method: str) -> tuple[Ma
 
     Without one the body fills nothing; InputError where it was asked for.
     """
-    import numpy as np
-
     try:
         markerset = chosen_markerset(context.scene.mocap_autolabel)
     except UserError:
@@ -163,7 +151,7 @@ def body_of(context: bpy.types.Context, stored: Stored, method: str) -> tuple[Ma
     return None, None
 
 
-def told_of(filled: FilledTake, new: Sequence[KeptFill]) -> str:
+def outcome_of(filled: FilledTake, new: Sequence[KeptFill]) -> str:
     """What came of a filling, for a person to read."""
     off = [1000 * fill.expected for fill in new if fill.expected == fill.expected]
     words = f"{len(new)} of {len(new) + len(filled.left)} gaps filled"
@@ -180,22 +168,18 @@ def note_left(context: bpy.types.Context, rows: Sequence[dict]):
     """Lists the gaps that were left, with the reasons; frames are Blender's."""
     left = context.window_manager.mocap_autolabel.left_gaps
     left.clear()
-    for told in rows:
+    for gap in rows:
         row = left.add()
-        row.name, row.first, row.last, row.reason = (told[key] for key in ("marker", "first", "last", "reason"))
+        row.name, row.first, row.last, row.reason = (gap[key] for key in ("marker", "first", "last", "reason"))
 
 
 class HasFills(OfTake):
     """Operators on the fills that there are."""
 
     @classmethod
-    def poll(cls, context):
-        if not super().poll(context):
-            return False
-        if len(context.window_manager.mocap_autolabel.fills):
-            return True
-        cls.poll_message_set("Nothing was filled")
-        return False
+    def lacks(cls, context):
+        filled = len(context.window_manager.mocap_autolabel.fills)
+        return super().lacks(context) or ("" if filled else "Nothing was filled")
 
 
 class MOCAP_AUTOLABEL_OT_take_back_fills(HasFills, bpy.types.Operator):

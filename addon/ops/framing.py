@@ -5,8 +5,8 @@ import bpy
 import numpy as np
 
 ROOM = 4.0  # times the reach of what is meant that a view shows around it
-LEAST_ROOM = 1.2  # m that a view shows at least, so that one knows the limb
-MOST_PLACES = 5000  # that the extent of a take is told from
+MIN_ROOM = 1.2  # m that a view shows at least, so that one knows the limb
+MAX_PLACES = 5000  # that the extent of a take is told from
 
 
 def bring_into_view(context: bpy.types.Context, places: np.ndarray, room: float = ROOM):
@@ -20,14 +20,14 @@ def bring_into_view(context: bpy.types.Context, places: np.ndarray, room: float 
         if area.type == "VIEW_3D" and area.spaces.active.region_3d.view_perspective != "CAMERA":
             view = area.spaces.active.region_3d
             view.view_location = middle.tolist()
-            view.view_distance = max(room * reach, LEAST_ROOM)
+            view.view_distance = max(room * reach, MIN_ROOM)
 
 
 def show_take_whole(context: bpy.types.Context, points: np.ndarray):
     """Lets 3D views show points (N, 3) m but for the farthest few, which may be ghosts, and timelines all frames."""
     some = points[np.isfinite(points).all(axis=1)]
     if len(some):
-        some = some[np.linspace(0, len(some) - 1, min(len(some), MOST_PLACES)).astype(int)]
+        some = some[np.linspace(0, len(some) - 1, min(len(some), MAX_PLACES)).astype(int)]
         ends = np.percentile(some, [2, 98], axis=0)
         bring_into_view(context, ends, room=2.4)
     fit_timelines(context)

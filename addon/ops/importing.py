@@ -21,6 +21,7 @@ from ..scene.opened import opened
 from ..scene.preview import remove_preview, show_points, store_preview
 from ..scene.take import frame_shift, set_time
 from .framing import fit_timelines, show_take_whole
+from .polling import TellsWhyNot
 from .reporting import reports_trouble
 
 BLOBS, POINTS = "*.csv", "*.c3d;*.trc;*.csv"
@@ -71,7 +72,7 @@ class MOCAP_AUTOLABEL_OT_import_cameras(ImportsFile, bpy.types.Operator):
         return "; ".join([f"{len(cameras)} cameras: {', '.join(cameras.names)}", *cameras.remarks])
 
 
-class MOCAP_AUTOLABEL_OT_use_cameras(bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_use_cameras(TellsWhyNot, bpy.types.Operator):
     """Take the cameras of this scene as they stand for the ones that recorded the take."""
 
     bl_idname = "mocap_autolabel.use_cameras"
@@ -79,11 +80,8 @@ class MOCAP_AUTOLABEL_OT_use_cameras(bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
-    def poll(cls, context):
-        if any(item.type == "CAMERA" for item in context.scene.objects):
-            return True
-        cls.poll_message_set("This scene has no cameras")
-        return False
+    def lacks(cls, context):
+        return "" if any(item.type == "CAMERA" for item in context.scene.objects) else "This scene has no cameras"
 
     @reports_trouble
     def execute(self, context):
@@ -93,7 +91,7 @@ class MOCAP_AUTOLABEL_OT_use_cameras(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class MOCAP_AUTOLABEL_OT_import_blobs(ImportsFile, bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_import_blobs(TellsWhyNot, ImportsFile, bpy.types.Operator):
     """Choose the file of the blobs to label, and look at them through the cameras."""
 
     bl_idname = "mocap_autolabel.import_blobs"
@@ -101,11 +99,8 @@ class MOCAP_AUTOLABEL_OT_import_blobs(ImportsFile, bpy.types.Operator):
     filter_glob: StringProperty(default=BLOBS, options={"HIDDEN"})
 
     @classmethod
-    def poll(cls, context):
-        if cameras_at_hand(context.scene):
-            return True
-        cls.poll_message_set("Import the calibration of the cameras first")
-        return False
+    def lacks(cls, context):
+        return "" if cameras_at_hand(context.scene) else "Import the calibration of the cameras first"
 
     def take_in(self, context, path: Path) -> str:
         """Takes blobs only."""

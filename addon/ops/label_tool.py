@@ -7,16 +7,18 @@ from bpy.props import EnumProperty, FloatVectorProperty
 from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_3d
 
 from ..core.data.errors import InputError
-from ..core.data.takes import NO_POINT
-from ..core.edits.kinds import AssignPoint, Edit, Place
+from ..core.data.takes import NO_MARKER, NO_POINT, PointRows
+from ..core.edits.kinds import AssignBlob, AssignPoint, Edit, Place
 from ..props import SCOPES
+from ..scene.blob_dots import asked_in_image, ray_of
 from ..scene.likely import on_ray, predicted
 from ..scene.opened import opened
 from ..scene.picking import missing
 from ..scene.stored import Stored
-from .correcting import correct, frames_in_scope, marker_items
+from .correcting import correct, edit_of, frames_in_scope, marker_items
 from .gestures import gesture, is_over_view, place_in, window_region
-from .picking import InView, OfPoints, dot_at, selected_markers, show_picked
+from .picking import InView, dot_at, image_in, selected_markers, show_picked
+from .polling import OfTake
 from .reporting import reports_trouble
 
 # Keys that change what is looked at, which go on meaning what they mean while dots are named.
@@ -26,6 +28,14 @@ LOOKING = ("ARROW", "NUMPAD", "WHEEL", "MOUSE", "TRACKPAD", "TIMER", "HOME", "AC
 def index_here(stored: Stored, scene: bpy.types.Scene) -> int:
     """Which of the take's frames the current one is; InputError outside the take."""
     return stored.source_frame(scene.frame_current) - int(stored.motion.frames[0])
+
+
+def camera_of(context: bpy.types.Context, stored: Stored, area: bpy.types.Area) -> int:
+    """Which of a take's cameras a view looks through; InputError where through none."""
+    image = image_in(stored, context.scene, area)
+    if image is None:
+        raise InputError("the view looks through no camera of the take; expected one, as blobs are named in its image")
+    return image[0]
 
 
 class WorksInView:
@@ -109,7 +119,11 @@ class MOCAP_AUTOLABEL_OT_quick_label(WorksInView, InView, bpy.types.Operator):
         self._last = -1
         return self._begun(context, event)
 
+    @reports_trouble
     def _begun(self, context, event) -> set[str]:
+        stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
+        if not isinstance(stored.rows, PointRows):
+            camera_of(context, stored, context.area)
         self.begin(context, event)
         if self._ask(context):
             return {"RUNNING_MODAL"}
@@ -129,7 +143,7 @@ class MOCAP_AUTOLABEL_OT_quick_label(WorksInView, InView, bpy.types.Operator):
         """Asks for the next marker that is missing; without one it ends, and says so."""
         stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
         self._asked_in = context.scene.frame_current
-        marker = self._next(stored, context.scene)
+        marker = self._next(context, stored)
         if marker is None:
             self.cancel(context)
             self.report({"INFO"}, f"No marker is missing in frame {context.scene.frame_current}")
@@ -137,16 +151,23 @@ class MOCAP_AUTOLABEL_OT_quick_label(WorksInView, InView, bpy.types.Operator):
         gesture.marker = marker
         place = predicted(stored, index_here(stored, context.scene))[marker]
         gesture.place = tuple(place) if np.isfinite(place).all() else None
-        left = int(missing(stored, index_here(stored, context.scene)).sum())
+        left = int(self._asked(context, stored).sum())
         name = stored.names[marker]
         keys = "Space: not here    Backspace: take the last back    Esc: end"
         self.tell(context, f"{name}?", f"Quick Label: click {name}, {left} missing in this frame    {keys}")
         return True
 
-    def _next(self, stored: Stored, scene: bpy.types.Scene) -> int | None:
+    def _asked(self, context, stored: Stored) -> np.ndarray:
+        """(M,) True for the markers that are asked for; of blobs in the camera that the view looks through."""
+        index = index_here(stored, context.scene)
+        if isinstance(stored.rows, PointRows):
+            return missing(stored, index)
+        return asked_in_image(stored, index, camera_of(context, stored, self._area))
+
+    def _next(self, context, stored: Stored) -> int | None:
         """The next marker after the last one, from the first again at the end; those that were skipped never."""
         try:
-            free = np.flatnonzero(missing(stored, index_here(stored, scene)))
+            free = np.flatnonzero(self._asked(context, stored))
         except InputError:
             return None
         free = [marker for marker in free.tolist() if marker not in self._skipped]
@@ -157,9 +178,10 @@ class MOCAP_AUTOLABEL_OT_quick_label(WorksInView, InView, bpy.types.Operator):
         stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
         dots, found = dot_at(context, stored, self._area, gesture.mouse)
         if found is None or dots.trajectory[found] == NO_POINT:
-            raise InputError("no point is there; expected a click on one")
+            raise InputError("no dot is there; expected a click on one")
         name, point = stored.names[gesture.marker], int(dots.trajectory[found])
-        edit = AssignPoint(point, name, frames=frames_in_scope(self.scope, stored, context.scene))
+        frames = frames_in_scope(self.scope, stored, context.scene)
+        edit = edit_of((AssignPoint, AssignBlob), stored, point, frames, name)
         after = correct(context, stored.edits.added(edit))
         show_picked(context, after, [point])
         self._said.append(edit)
@@ -185,7 +207,7 @@ class MOCAP_AUTOLABEL_OT_quick_label(WorksInView, InView, bpy.types.Operator):
         return {"RUNNING_MODAL"} if self._ask(context) else {"FINISHED"}
 
 
-class MOCAP_AUTOLABEL_OT_place_marker(WorksInView, OfPoints, bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_place_marker(WorksInView, OfTake, bpy.types.Operator):
     """It is here: put the selected marker where it must be in this frame, though no point was seen."""
 
     bl_idname = "mocap_autolabel.place_marker"
@@ -228,7 +250,7 @@ class MOCAP_AUTOLABEL_OT_place_marker(WorksInView, OfPoints, bpy.types.Operator)
             self.marker = (names or free)[0]
         marker = stored.names.index(self.marker)
         self.begin(context, self._event)
-        gesture.marker = marker
+        gesture.marker, self._stored = marker, stored
         self._near = predicted(stored, index)[marker]
         if not np.isfinite(self._near).all():
             self._near = np.array(self._area.spaces.active.region_3d.view_location)
@@ -244,16 +266,30 @@ class MOCAP_AUTOLABEL_OT_place_marker(WorksInView, OfPoints, bpy.types.Operator)
             gesture.place = tuple(self._under_pointer())
 
     def _under_pointer(self) -> np.ndarray:
-        """(3,) m on the ray under the pointer: as deep as the place where it was put, or should be."""
+        """(3,) m on the ray under the pointer: as deep as the place where it was put, or should be.
+
+        Through a camera that is the ray of the blob there, unless that is another marker.
+        """
         view = self._area.spaces.active.region_3d
+        near = self._near if self._at is None else self._at
+        if (row := self._blob_under_pointer()) is not None:
+            return on_ray(*ray_of(self._stored, row), near)
         ray = (
             function(self._region, view, gesture.mouse) for function in (region_2d_to_origin_3d, region_2d_to_vector_3d)
         )
         origin, direction = (np.array(part, dtype=float) for part in ray)
-        near = self._near if self._at is None else self._at
         if view.is_perspective:
             return on_ray(origin, direction, near)
         return origin + direction * float((near - origin) @ direction)
+
+    def _blob_under_pointer(self) -> int | None:
+        """The row of the blob that the pointer is at, of the marker or without a name; None for no such blob."""
+        stored = self._stored
+        if isinstance(stored.rows, PointRows) or image_in(stored, bpy.context.scene, self._area) is None:
+            return None
+        dots, found = dot_at(bpy.context, stored, self._area, gesture.mouse)
+        mine = found is not None and dots.marker[found] in (NO_MARKER, gesture.marker)
+        return int(dots.trajectory[found]) if mine else None
 
     def click(self, context) -> set[str]:
         """The marker is put under the pointer."""

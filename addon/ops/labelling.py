@@ -10,7 +10,7 @@ import bpy
 from ..core.body.occlusion import Occlusion
 from ..core.data.background import drained, in_background
 from ..core.data.errors import InputError, UserError
-from ..core.data.takes import Blobs, PointRows
+from ..core.data.takes import Blobs
 from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import NO_CAMERAS
 from ..core.review.changes import summary_of_changes
@@ -36,6 +36,7 @@ from ..scene.take import (
 from .filling import fills_kept, kept_before
 from .framing import fit_timelines, show_take_whole
 from .importing import cameras_at_hand
+from .polling import TellsWhyNot, lacks_object_mode
 from .stepping import WorksInSteps
 
 
@@ -106,14 +107,13 @@ def _take_of(labelled: Labelled, job: LabelJob, name: str) -> Take:
     markerset, rate = open_markerset(job.model), labelled.report["rate"]
     doubts = tuple(labelled.report.get("camera_doubts", ()))
     source = written(str(job.source))
-    points = isinstance(rows, PointRows)
-    unedited = join_unedited([chunk for _, chunk in labelled.chunks]) if labelled.edits and points else None
+    unedited = join_unedited([chunk for _, chunk in labelled.chunks]) if labelled.edits else None
     # An empty list that was given stays one: what lies beside the take was taken back in the scene.
     edits = labelled.edits if labelled.edits or job.edits is not None else None
     return Take(name, rate, cameras, markerset, rows, labels, motion, suspects, source, doubts, edits, unedited)
 
 
-class MOCAP_AUTOLABEL_OT_label(WorksInSteps, bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_label(TellsWhyNot, WorksInSteps, bpy.types.Operator):
     """Name every marker of the take, and show it on an armature with a body."""
 
     bl_idname = "mocap_autolabel.label"
@@ -123,22 +123,14 @@ class MOCAP_AUTOLABEL_OT_label(WorksInSteps, bpy.types.Operator):
     doing = "Labelling"
 
     @classmethod
-    def poll(cls, context):
+    def lacks(cls, context):
         settings = context.scene.mocap_autolabel
-        if not settings.points_path:
-            if not cameras_at_hand(context.scene):
-                cls.poll_message_set("Import the calibration of the cameras first, or 3D points")
-                return False
-            if not settings.blobs_path:
-                cls.poll_message_set("Import the blobs first, or 3D points")
-                return False
-        if context.mode != "OBJECT":
-            cls.poll_message_set("Go to object mode first")
-            return False
-        if context.window_manager.mocap_autolabel.doing:
-            cls.poll_message_set("Something is going on already; wait for it, or cancel it")
-            return False
-        return True
+        if not settings.points_path and not cameras_at_hand(context.scene):
+            return "Import the calibration of the cameras first, or 3D points"
+        if not settings.points_path and not settings.blobs_path:
+            return "Import the blobs first, or 3D points"
+        going_on = "Something is going on already; wait for it, or cancel it"
+        return lacks_object_mode(context) or (going_on if context.window_manager.mocap_autolabel.doing else "")
 
     def steps(self, context):
         """The labelling."""
@@ -162,8 +154,8 @@ class MOCAP_AUTOLABEL_OT_label(WorksInSteps, bpy.types.Operator):
         kept = f"; {len(take.edits)} corrections hold" if take.edits else ""
         kept += fills_kept(context)
         changed = summary_of_changes(kept_changes(settings.take))
-        told = f"; {changed} than before" if changed else ""
-        self.report({"INFO"}, f"{named} of {len(take.rows)} {things} named in {frames} frames{kept}{told}")
+        than_before = f"; {changed} than before" if changed else ""
+        self.report({"INFO"}, f"{named} of {len(take.rows)} {things} named in {frames} frames{kept}{than_before}")
         return {"FINISHED"}
 
 

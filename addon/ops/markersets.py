@@ -16,6 +16,7 @@ from ..prefs import markerset_folder
 from ..props import OWN_FILE, chosen_markerset
 from ..scene import naming
 from ..scene.markerset_edit import edited_collection, is_unmoved, read_markerset, reattach, show_markerset, skeleton_of
+from .polling import TellsWhyNot, lacks_object_mode
 from .reporting import reports_trouble
 
 # Blender keeps no reference to the texts of a dynamic enumeration.
@@ -29,15 +30,12 @@ def _segment_items(_self, context) -> list[tuple[str, str, str]]:
     return _kept_segments
 
 
-class Laid:
+class Laid(TellsWhyNot):
     """Needs a marker set that is laid out."""
 
     @classmethod
-    def poll(cls, context):
-        if edited_collection(context.scene) is None:
-            cls.poll_message_set("Show a marker set first")
-            return False
-        return True
+    def lacks(cls, context):
+        return "Show a marker set first" if edited_collection(context.scene) is None else ""
 
 
 class MOCAP_AUTOLABEL_OT_open_markerset(bpy.types.Operator, ImportHelper):
@@ -58,7 +56,7 @@ class MOCAP_AUTOLABEL_OT_open_markerset(bpy.types.Operator, ImportHelper):
         return {"FINISHED"}
 
 
-class MOCAP_AUTOLABEL_OT_edit_markerset(bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_edit_markerset(TellsWhyNot, bpy.types.Operator):
     """Lay the marker set out in the rest pose, to move its markers and capsules and attach them to other bones."""
 
     bl_idname = "mocap_autolabel.edit_markerset"
@@ -66,11 +64,8 @@ class MOCAP_AUTOLABEL_OT_edit_markerset(bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
-    def poll(cls, context):
-        if context.mode != "OBJECT":
-            cls.poll_message_set("Go to object mode first")
-            return False
-        return True
+    def lacks(cls, context):
+        return lacks_object_mode(context)
 
     @reports_trouble
     def execute(self, context):
@@ -81,7 +76,7 @@ class MOCAP_AUTOLABEL_OT_edit_markerset(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class MOCAP_AUTOLABEL_OT_reattach(bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_reattach(Laid, bpy.types.Operator):
     """Attach the selected markers and capsules to another segment, where they stand."""
 
     bl_idname = "mocap_autolabel.reattach"
@@ -92,14 +87,9 @@ class MOCAP_AUTOLABEL_OT_reattach(bpy.types.Operator):
     segment: EnumProperty(name="Segment", description="The segment that carries them", items=_segment_items)
 
     @classmethod
-    def poll(cls, context):
-        if edited_collection(context.scene) is None:
-            cls.poll_message_set("Show a marker set first")
-            return False
-        if not any(naming.MARKER in item or naming.CAPSULE in item for item in context.selected_objects):
-            cls.poll_message_set("Select markers or capsules first")
-            return False
-        return True
+    def lacks(cls, context):
+        chosen = any(naming.MARKER in item or naming.CAPSULE in item for item in context.selected_objects)
+        return super().lacks(context) or ("" if chosen else "Select markers or capsules first")
 
     def invoke(self, context, event):
         context.window_manager.invoke_search_popup(self)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Dots picked in the 3D view, by a click, a box or a lasso: trajectories, and the markers that they are.
+"""Dots picked in the 3D view, by a click, a box or a lasso: trajectories or a camera's blobs, and what they are.
 
 What is picked is no step of undo of its own, as for every step Blender looks the whole file through; it is kept beside
 the file, and stays picked when a correction is undone.
@@ -12,13 +12,16 @@ import numpy as np
 from bpy.props import EnumProperty, IntProperty
 
 from ..core.data.errors import InputError
-from ..core.data.takes import NO_MARKER, NO_POINT
+from ..core.data.takes import NO_MARKER, NO_POINT, PointRows
 from ..scene import naming
+from ..scene.blob_dots import blob_dots, marker_dots, rows_now
+from ..scene.cameras import camera_name, camera_through
 from ..scene.opened import opened
 from ..scene.picking import Dots, combined, dots_of, inside_box, inside_lasso, nearest, to_region
 from ..scene.stored import Stored
-from ..scene.take import holds_points
+from ..scene.take import holds_points, is_take
 from .gestures import gesture, is_over_view, place_in, window_region
+from .polling import OfTake
 from .reporting import reports_trouble
 
 PICK_RADIUS = 20.0  # px of the interface from the mouse to a dot that is meant, as for Blender's own picking of points
@@ -28,20 +31,6 @@ MODES = (
     ("ADD", "Add", "Beside what was picked"),
     ("TOGGLE", "Add or Take Away", "Each that was not picked is, and each that was is not"),
 )
-
-
-class OfPoints:
-    """Operators on the active take, which is one of 3D points."""
-
-    @classmethod
-    def poll(cls, context):
-        if not holds_points(context.scene.mocap_autolabel.take):
-            cls.poll_message_set("Label a take of 3D points first")
-            return False
-        if context.mode != "OBJECT":
-            cls.poll_message_set("Go to object mode first")
-            return False
-        return True
 
 
 def selected_markers(context: bpy.types.Context) -> list[str]:
@@ -54,25 +43,36 @@ def selected_markers(context: bpy.types.Context) -> list[str]:
 
 
 def picked_points(context: bpy.types.Context) -> list[int]:
-    """The trajectories that are picked; none once other markers were selected than those that they were."""
-    state = context.window_manager.mocap_autolabel
+    """The trajectories that are picked, or rows of blobs; none once other markers were selected than what they were.
+
+    A blob is picked as its track in its camera: in another frame it is the row there.
+    """
+    state, scene = context.window_manager.mocap_autolabel, context.scene
     if not len(state.picked) or state.picked_with != _selection(context):
         return []
-    return [row.point for row in state.picked]
+    picked, take = [row.point for row in state.picked], scene.mocap_autolabel.take
+    if holds_points(take):
+        return picked
+    stored = opened.take(take, scene)
+    return rows_now(stored, opened.tracks(take, scene), picked, index_of(stored, scene.frame_current))
+
+
+def index_of(stored: Stored, frame: int) -> int:
+    """Which of the take's frames Blender's `frame` is, or would be."""
+    return frame - stored.shift - int(stored.motion.frames[0])
 
 
 def show_picked(context: bpy.types.Context, stored: Stored, points: Sequence[int], markers: Iterable[int] = ()):
-    """Picks trajectories and selects the empties of the markers that they are in the current frame, and of `markers`.
+    """Picks trajectories, or rows of blobs, and selects the empties of what they are in the current frame.
+
+    Those of `markers` as well.
 
     The last one becomes the active object.
     """
     scene, state = context.scene, context.window_manager.mocap_autolabel
     for item in context.selected_objects:
         item.select_set(False)
-    marker = {}
-    if points:
-        dots = dots_here(stored, scene)
-        marker = {int(point): int(name) for point, name in zip(dots.trajectory, dots.marker, strict=True)}
+    marker = _names_of(stored, scene, points) if points else {}
     wanted = [marker[point] for point in points if marker.get(point, NO_MARKER) != NO_MARKER]
     empties = {item.get(naming.MARKER): item for item in scene.mocap_autolabel.take.all_objects}
     for name in (stored.names[index] for index in (*markers, *wanted)):
@@ -86,6 +86,23 @@ def show_picked(context: bpy.types.Context, stored: Stored, points: Sequence[int
     state.picked_with = _selection(context)
 
 
+def _names_of(stored: Stored, scene: bpy.types.Scene, points: Sequence[int]) -> dict[int, int]:
+    """The marker of each trajectory in the current frame, or of each of some rows of blobs."""
+    if not isinstance(stored.rows, PointRows):
+        return {row: int(stored.labels.marker[row]) for row in points if row < len(stored.rows)}
+    dots = dots_here(stored, scene)
+    return {int(point): int(name) for point, name in zip(dots.trajectory, dots.marker, strict=True)}
+
+
+def words_of_picked(context: bpy.types.Context, points: Sequence[int]) -> str:
+    """What is picked, in words: trajectories, or whose blobs."""
+    take = context.scene.mocap_autolabel.take
+    if holds_points(take):
+        return f"Trajectory {', '.join(map(str, points))}"
+    stored = opened.take(take, context.scene)
+    return f"Blob of {', '.join(stored.cameras.names[stored.rows.camera[row]] for row in points)}"
+
+
 def keep_picked(context: bpy.types.Context):
     """Before a step is undone: what is picked no longer is let go."""
     if not picked_points(context):
@@ -97,20 +114,33 @@ def restore_picked(context: bpy.types.Context):
     state, take = context.window_manager.mocap_autolabel, context.scene.mocap_autolabel.take
     if not len(state.picked):
         return
-    if not holds_points(take) or context.mode != "OBJECT":
+    if not is_take(take) or context.mode != "OBJECT":
         state.picked.clear()
         return
     show_picked(context, opened.take(take, context.scene), [row.point for row in state.picked])
 
 
-def dots_here(stored: Stored, scene: bpy.types.Scene) -> Dots:
-    """The dots of the current frame; InputError outside the take."""
-    return dots_of(stored, stored.source_frame(scene.frame_current) - int(stored.motion.frames[0]))
+def dots_here(stored: Stored, scene: bpy.types.Scene, area: bpy.types.Area | None = None) -> Dots:
+    """The dots of the current frame, of blobs those of the camera that a view looks through; InputError outside."""
+    index = stored.source_frame(scene.frame_current) - int(stored.motion.frames[0])
+    if isinstance(stored.rows, PointRows):
+        return dots_of(stored, index)
+    image = None if area is None else image_in(stored, scene, area)
+    return marker_dots(stored, index) if image is None else blob_dots(stored, index, *image)
+
+
+def image_in(stored: Stored, scene: bpy.types.Scene, area: bpy.types.Area) -> tuple[int, np.ndarray] | None:
+    """Which of a take's cameras a view looks through, and the pose (4, 4) of Blender's; None where through none."""
+    camera = camera_through(area.spaces.active, scene)
+    if camera is None or camera_name(camera) not in stored.cameras.names:
+        return None
+    pose = np.array(camera.matrix_world.normalized(), dtype=float)
+    return stored.cameras.names.index(camera_name(camera)), pose
 
 
 def dots_in_view(context: bpy.types.Context, stored: Stored, area: bpy.types.Area) -> tuple[Dots, np.ndarray]:
     """The dots of the current frame, and (K, 2) where they are in a 3D view, px of its region."""
-    dots, region = dots_here(stored, context.scene), window_region(area)
+    dots, region = dots_here(stored, context.scene, area), window_region(area)
     perspective = np.array(area.spaces.active.region_3d.perspective_matrix, dtype=float)
     return dots, to_region(dots.xyz, perspective, (region.width, region.height))
 
@@ -122,15 +152,18 @@ def dot_at(context: bpy.types.Context, stored: Stored, area: bpy.types.Area, mou
 
 
 def pick(context: bpy.types.Context, stored: Stored, point: int, mode: str = "SET"):
-    """Picks a trajectory that has a point in the current frame; InputError where it has none."""
-    if not dots_here(stored, context.scene).of([point]).any():
-        words = f"trajectory {point} has no point in frame {context.scene.frame_current}"
-        raise InputError(f"{words}; expected one that has")
+    """Picks a trajectory that has a point in the current frame, or a row of a blob there; InputError where none is."""
+    frame = context.scene.frame_current
+    if not isinstance(stored.rows, PointRows):
+        if point >= len(stored.rows) or stored.rows.frame[point] != index_of(stored, frame):
+            raise InputError(f"row {point} is no blob of frame {frame}; expected one of its blobs")
+    elif not dots_here(stored, context.scene).of([point]).any():
+        raise InputError(f"trajectory {point} has no point in frame {frame}; expected one that has")
     show_picked(context, stored, combined(picked_points(context), [point], mode))
 
 
 def _pick_dots(context: bpy.types.Context, stored: Stored, dots: Dots, found: np.ndarray, mode: str):
-    """Picks the dots `found` (K,) of a frame: points as trajectories, placed markers as their empties."""
+    """Picks the dots `found` (K,) of a frame: points as trajectories, blobs as rows, others as markers' empties."""
     points = dots.trajectory[found]
     placed = dots.marker[found][points == NO_POINT].tolist()
     show_picked(context, stored, combined(picked_points(context), points[points != NO_POINT].tolist(), mode), placed)
@@ -141,7 +174,7 @@ def _selection(context: bpy.types.Context) -> str:
     return "\n".join(sorted(selected_markers(context)))
 
 
-class InView(OfPoints):
+class InView(OfTake):
     """Operators of a hand in a 3D view."""
 
     @classmethod
@@ -238,7 +271,7 @@ class MOCAP_AUTOLABEL_OT_pick_region(PicksInView, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class MOCAP_AUTOLABEL_OT_pick_none(OfPoints, bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_pick_none(OfTake, bpy.types.Operator):
     """Pick nothing any more."""
 
     bl_idname = "mocap_autolabel.pick_none"
@@ -251,14 +284,14 @@ class MOCAP_AUTOLABEL_OT_pick_none(OfPoints, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class MOCAP_AUTOLABEL_OT_pick_point(OfPoints, bpy.types.Operator):
-    """Click a point in the view: a named one is selected as its marker, of another the trajectory is remembered."""
+class MOCAP_AUTOLABEL_OT_pick_point(OfTake, bpy.types.Operator):
+    """Click a point, or a blob through its camera: what has a name is selected as its marker."""
 
     bl_idname = "mocap_autolabel.pick_point"
     bl_label = "Pick a Point"
     bl_options = {"REGISTER", "UNDO"}
 
-    point: IntProperty(name="Trajectory", description="Its number in the file", min=0, options={"SKIP_SAVE"})
+    point: IntProperty(name="Number", description="A trajectory's, or a blob's row", min=0, options={"SKIP_SAVE"})
     mode: EnumProperty(
         name="Mode", description="What becomes of what was picked before", items=MODES, options={"SKIP_SAVE"}
     )
@@ -299,7 +332,7 @@ class MOCAP_AUTOLABEL_OT_pick_point(OfPoints, bpy.types.Operator):
         stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
         dots, found = dot_at(context, stored, context.area, self._mouse)
         if found is None or dots.trajectory[found] == NO_POINT:
-            raise InputError("no point is there; expected a click on one")
+            raise InputError("no dot is there; expected a click on one")
         self.point = int(dots.trajectory[found])
         return self.execute(context)
 

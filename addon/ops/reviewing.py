@@ -7,18 +7,17 @@ from bpy.props import BoolProperty, IntProperty
 
 from ..core.data.errors import InputError
 from ..core.data.takes import NO_POINT, PointRows, rows_in_frame
-from ..core.edits.kinds import Accepted, AssignPoint, Edit, Right, Swap, UnlabelMarker
+from ..core.edits.kinds import AssignPoint, Edit, Swap, UnlabelMarker
 from ..core.review.trouble import DELETE, FILL, LABEL, LEFT_OVER, NAME_IT, REFINE, RIGHT, SWAP, UNLABEL, Trouble
-from ..props import list_trouble, refresh_review
+from ..props import list_trouble
 from ..scene.cameras import camera_name
-from ..scene.corrections import keep_edits
 from ..scene.opened import opened
 from ..scene.stored import Stored
-from ..scene.take import holds_points, is_take
 from ..scene.trouble import trouble_of
 from .correcting import correct
 from .framing import bring_into_view
 from .picking import dots_here, show_picked
+from .polling import WithTake
 from .reporting import reports_trouble
 
 # The operators for what no edit mends; a button is there where the operator is.
@@ -117,32 +116,17 @@ def _points_of(scene: bpy.types.Scene, trouble: Trouble, stored: Stored, markers
     return dots.trajectory[meant & (dots.trajectory != NO_POINT)].tolist()
 
 
-def say(operator: bpy.types.Operator, context: bpy.types.Context, edits: list[Edit]):
-    """Adds edits to those of the active take; `operator` tells where their names come with the next labelling only."""
+def say(context: bpy.types.Context, edits: list[Edit]):
+    """Adds edits to those of the active take, and shows what follows."""
     scene = context.scene
-    collection = scene.mocap_autolabel.take
-    more = opened.take(collection, scene).edits.added(*edits)
-    if holds_points(collection):
-        correct(context, more)
-        return
-    keep_edits(collection, more)
-    refresh_review(context.window_manager, scene)
-    if not all(isinstance(edit, Right | Accepted) for edit in edits):
-        operator.report({"INFO"}, "Kept; blobs get their names by it when the take is labelled again")
+    correct(context, opened.take(scene.mocap_autolabel.take, scene).edits.added(*edits))
 
 
-class OfTrouble:
+class OfTrouble(WithTake):
     """Operators on one line of the list of what is the matter with the active take."""
 
     bl_options = {"REGISTER", "UNDO"}
     index: IntProperty(name="Index", description="Which of the list, from 0", min=0, options={"SKIP_SAVE"})
-
-    @classmethod
-    def poll(cls, context):
-        if not is_take(context.scene.mocap_autolabel.take):
-            cls.poll_message_set("Label a take first")
-            return False
-        return True
 
     def trouble(self, context: bpy.types.Context) -> Trouble:
         """The line that is meant; InputError where there is none."""
@@ -200,7 +184,7 @@ class MOCAP_AUTOLABEL_OT_accept_trouble(OfTrouble, bpy.types.Operator):
 
     @reports_trouble
     def execute(self, context):
-        say(self, context, self.trouble(context).answers())
+        say(context, self.trouble(context).answers())
         return {"FINISHED"}
 
 
@@ -214,7 +198,7 @@ class MOCAP_AUTOLABEL_OT_mend_trouble(OfTrouble, bpy.types.Operator):
     def execute(self, context):
         trouble = self.trouble(context)
         if edits := mending(trouble):
-            say(self, context, edits)
+            say(context, edits)
             return {"FINISHED"}
         name = operator_of(trouble)
         if not name:

@@ -8,7 +8,8 @@ import bpy
 from ..core.filling.smoothing import smoothed
 from ..scene.opened import opened
 from ..scene.smoothing import keep_cutoff, kept_cutoff
-from .filling import OfTake, keep_and_show
+from .filling import keep_and_show
+from .polling import OfTake
 from .reporting import reports_trouble
 
 
@@ -36,13 +37,10 @@ class MOCAP_AUTOLABEL_OT_take_back_smoothing(OfTake, bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
-    def poll(cls, context):
-        if not super().poll(context):
-            return False
-        if kept_cutoff(context.scene.mocap_autolabel.take) is not None:
-            return True
-        cls.poll_message_set("Nothing is smoothed")
-        return False
+    def lacks(cls, context):
+        if words := super().lacks(context):
+            return words
+        return "Nothing is smoothed" if kept_cutoff(context.scene.mocap_autolabel.take) is None else ""
 
     @reports_trouble
     def execute(self, context):

@@ -8,6 +8,7 @@ from typing import Any
 import bpy
 
 from ..core.data.errors import InputError
+from ..core.data.progress import finished
 from ..scene.redrawing import redraw
 from .reporting import reports_trouble
 
@@ -36,12 +37,7 @@ class WorksInSteps:
 
     @reports_trouble
     def execute(self, context):
-        steps = self.steps(context)
-        while True:
-            try:
-                next(steps)
-            except StopIteration as done:
-                return self._show(context, done.value)
+        return self._show(context, finished(self.steps(context)))
 
     def invoke(self, context, event):
         return self.execute(context) if bpy.app.background else self._begin(context)

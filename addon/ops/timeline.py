@@ -14,6 +14,7 @@ from ..scene.stored import Stored
 from ..scene.take import is_take
 from ..scene.trajectories import FOLDED, Runs, runs_of
 from .picking import picked_points, selected_markers, show_picked
+from .polling import WithTake
 
 SCRUB_HEIGHT, ROW_HEIGHT, LEGEND_HEIGHT = (
     24,
@@ -22,7 +23,7 @@ SCRUB_HEIGHT, ROW_HEIGHT, LEGEND_HEIGHT = (
 )  # px of the interface; the first is Blender's, of the frame numbers
 DRAG = 4  # px of the interface that the mouse moves before a click is a drag
 WHEEL_ROWS = 3  # rows that a notch of the wheel scrolls
-LEAST_ROWS = 5  # that there must be room for beside a legend
+MIN_ROWS = 5  # that there must be room for beside a legend
 
 
 @dataclass
@@ -86,7 +87,7 @@ class RowPlaces:
     @property
     def bottom(self) -> float:
         """Where they end above the legend; a low editor has none."""
-        return LEGEND_HEIGHT * self.scale if self.top > LEAST_ROWS * self.row else 0.0
+        return LEGEND_HEIGHT * self.scale if self.top > MIN_ROWS * self.row else 0.0
 
     @property
     def row(self) -> float:
@@ -309,19 +310,12 @@ class MOCAP_AUTOLABEL_OT_timeline_pan(OnTimeline, bpy.types.Operator):
         scroll_by(context, region, up / (ROW_HEIGHT * context.preferences.system.ui_scale))
 
 
-class MOCAP_AUTOLABEL_OT_show_timeline(bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_show_timeline(WithTake, bpy.types.Operator):
     """Show every trajectory as a row over time, in a Dope Sheet: the one that there is, or the timeline made one."""
 
     bl_idname = "mocap_autolabel.show_timeline"
     bl_label = "Show in the Dope Sheet"
     bl_options = {"REGISTER"}
-
-    @classmethod
-    def poll(cls, context):
-        if is_take(context.scene.mocap_autolabel.take):
-            return True
-        cls.poll_message_set("Label a take first")
-        return False
 
     def execute(self, context):
         context.scene.mocap_autolabel.show_timeline = True

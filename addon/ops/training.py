@@ -5,6 +5,7 @@ import glob
 from collections.abc import Generator
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
@@ -14,16 +15,22 @@ from bpy_extras.io_utils import ImportHelper
 from ..core.data.background import drained, in_background
 from ..core.data.errors import InputError
 from ..core.data.takes import Points
+from ..core.review.doubtful import doubtful_samples
+from ..core.training.looked_at import learnable
 from ..io.markersets import SUFFIX
+from ..io.names import written
 from ..io.points import read_points, write_c3d
 from ..prefs import markerset_folder
-from ..props import SceneSettings, choose_own, own_model
+from ..props import SceneSettings, choose_own, chosen_markerset, chosen_model, own_model
 from ..scene.opened import opened
 from ..scene.stored import Stored
-from ..scene.take import is_take
 from .importing import POINTS, ReadsPoints
+from .polling import TellsWhyNot, lacks_take
 from .reporting import reports_trouble
 from .stepping import WorksInSteps
+
+if TYPE_CHECKING:  # with all that can be learned, which nobody who starts waits for
+    from ..jobs.training_takes import TakeFile
 
 
 class MOCAP_AUTOLABEL_OT_add_training_takes(ReadsPoints, bpy.types.Operator, ImportHelper):
@@ -77,7 +84,7 @@ class MOCAP_AUTOLABEL_OT_remove_training_take(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class Trains(WorksInSteps):
+class Trains(TellsWhyNot, WorksInSteps):
     """What the trainings share: the marker set is chosen, and what is doubted of its takes is said."""
 
     bl_options = {"REGISTER", "UNDO"}
@@ -102,11 +109,8 @@ class MOCAP_AUTOLABEL_OT_train(Trains, bpy.types.Operator):
     bl_label = "Train"
 
     @classmethod
-    def poll(cls, context):
-        if len(context.scene.mocap_autolabel.training_takes):
-            return True
-        cls.poll_message_set("Add labelled takes first")
-        return False
+    def lacks(cls, context):
+        return "" if len(context.scene.mocap_autolabel.training_takes) else "Add labelled takes first"
 
     def steps(self, context):
         """The training."""
@@ -120,17 +124,67 @@ class MOCAP_AUTOLABEL_OT_learn_frame(Trains, bpy.types.Operator):
     bl_label = "Learn from This Frame"
 
     @classmethod
-    def poll(cls, context):
-        if is_take(context.scene.mocap_autolabel.take):
-            return True
-        cls.poll_message_set("Label a take first, and put the names of one frame right")
-        return False
+    def lacks(cls, context):
+        words = lacks_take(context)
+        return f"{words}, and put the names of one frame right" if words else ""
 
     def steps(self, context):
         """The training."""
         scene = context.scene
         stored = opened.take(scene.mocap_autolabel.take, scene)
         return learn_steps(scene.mocap_autolabel, named_in_frame(stored, scene.frame_current), stored.name)
+
+
+class MOCAP_AUTOLABEL_OT_learn_take(Trains, bpy.types.Operator):
+    """Learn from all of this take: names that you gave or answered, and those that nothing is asked about."""
+
+    bl_idname = "mocap_autolabel.learn_take"
+    bl_label = "Learn from This Take"
+
+    @classmethod
+    def lacks(cls, context):
+        words = lacks_take(context)
+        return f"{words}, and correct it" if words else ""
+
+    def steps(self, context):
+        """The training."""
+        scene = context.scene
+        stored = opened.take(scene.mocap_autolabel.take, scene)
+        return learn_take_steps(scene.mocap_autolabel, looked_at_of(stored))
+
+
+def looked_at_of(stored: Stored) -> "TakeFile":
+    """What of a take is worth learning, as a take of its file; InputError where that is nothing.
+
+    What was filled or placed was not measured, and what is doubtful and nobody looked at may be wrong.
+    """
+    from ..jobs.training_takes import TakeFile, refuse_doubtful
+
+    motion = stored.unfilled
+    measured = np.where((motion.residual == 0)[..., None], np.nan, motion.markers)
+    asked = doubtful_samples(
+        stored.rows, stored.labels, motion, stored.suspects, stored.names, stored.rate, stored.edits, stored.words
+    )
+    learned = learnable(measured, asked, stored.names)
+    refuse_doubtful(learned.xyz)
+    source = Path(bpy.path.abspath(stored.source)) if stored.source else Path(stored.name)
+    subject = written(source.resolve().parent.name) or "subject"
+    return TakeFile(written(source.name), subject, stored.names, learned.xyz, learned.doubts, source)
+
+
+def learn_take_steps(settings: SceneSettings, take: "TakeFile") -> Generator[float, None, dict]:
+    """Trains on what was looked at of a take: an own marker set on from what it knows, else a new one.
+
+    All markers of the take's set stay in it.
+    """
+    from ..jobs.train import TrainJob, train_file
+
+    base, body = own_model(settings), chosen_model(settings)
+    if set(take.names) != set(chosen_markerset(settings).markers):
+        raise InputError("the chosen marker set is not the take's; expected the one that it was labelled by")
+    name, out = (None, Path(base)) if base else _new_model(settings)
+    job = TrainJob((), out, take.names, name, search="none", base=base, overwrite=bool(base), shown=(take,), body=body)
+    return in_background(lambda tell: drained(train_file(job), tell))
 
 
 def named_in_frame(stored: Stored, frame: int) -> Points:
@@ -196,4 +250,5 @@ CLASSES = (
     MOCAP_AUTOLABEL_OT_remove_training_take,
     MOCAP_AUTOLABEL_OT_train,
     MOCAP_AUTOLABEL_OT_learn_frame,
+    MOCAP_AUTOLABEL_OT_learn_take,
 )

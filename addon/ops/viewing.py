@@ -9,6 +9,7 @@ from ..scene import naming
 from ..scene.cameras import is_mocap_camera, look_through
 from ..scene.opened import opened
 from ..scene.take import is_take, remove_take
+from .polling import TellsWhyNot, lacks_object_mode
 
 
 class MOCAP_AUTOLABEL_OT_look_through(bpy.types.Operator):
@@ -60,7 +61,7 @@ class MOCAP_AUTOLABEL_OT_jump(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class MOCAP_AUTOLABEL_OT_clear(bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_clear(TellsWhyNot, bpy.types.Operator):
     """Remove the labelled take from the scene; its cameras and blobs stay."""
 
     bl_idname = "mocap_autolabel.clear"
@@ -68,14 +69,10 @@ class MOCAP_AUTOLABEL_OT_clear(bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
-    def poll(cls, context):
+    def lacks(cls, context):
         if not is_take(context.scene.mocap_autolabel.take):
-            cls.poll_message_set("There is no labelled take in this scene")
-            return False
-        if context.mode != "OBJECT":
-            cls.poll_message_set("Go to object mode first")
-            return False
-        return True
+            return "There is no labelled take in this scene"
+        return lacks_object_mode(context)
 
     def execute(self, context):
         settings = context.scene.mocap_autolabel

@@ -5,6 +5,7 @@ A bone rests along its segment, so its own axes are not the segment's: B, the bo
 A segment with world rotation R and joint p puts its bone at [R B | p] in the armature, which stands at the origin.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import bpy
@@ -16,7 +17,7 @@ from ..core.data.takes import Motion
 from . import animation
 from .sides import keep_sides
 
-SHORTEST_BONE = 0.02  # m; Blender deletes bones without length
+MIN_BONE_M = 0.02  # m; Blender deletes bones without length
 SCALE = "mocap_scale"  # m for one unit of the marker set, (3,), on the armature
 MOVED_BONE = 1e-6  # m; a joint that wanders less than this against its parent needs no location keys
 
@@ -89,8 +90,8 @@ def bone_tails(markerset: MarkerSet, build: Build) -> np.ndarray:
             tails[index] = ahead[np.argmin(np.abs(ahead[:, 1] - joint[1]).round(3) - ahead[:, 2] * 1e-6)]
         else:
             tails[index] = joint + _reach(markerset, index) * build.scale
-        if np.linalg.norm(tails[index] - joint) < SHORTEST_BONE:
-            tails[index] = joint + SHORTEST_BONE * np.array([0.0, 0.0, 1.0])
+        if np.linalg.norm(tails[index] - joint) < MIN_BONE_M:
+            tails[index] = joint + MIN_BONE_M * np.array([0.0, 0.0, 1.0])
     return tails
 
 
@@ -98,13 +99,23 @@ def pose_armature(
     armature: bpy.types.Object, action: bpy.types.Action, markerset: MarkerSet, motion: Motion, frames: np.ndarray
 ):
     """Keys every bone at Blender's `frames` (F,) so that its head is the joint and it turns as its segment does."""
+    key_bones(armature, action, markerset.skeleton.segments, pose_channels(armature, markerset, motion), frames)
+
+
+def key_bones(
+    armature: bpy.types.Object,
+    action: bpy.types.Action,
+    names: Sequence[str],
+    channels: Sequence[tuple[np.ndarray, np.ndarray]],
+    frames: np.ndarray,
+):
+    """Keys the bones that are called so, the root first, with their channels at Blender's `frames` (F,)."""
     bag = animation.bind(armature, action)
-    for index, (location, quaternion) in enumerate(pose_channels(armature, markerset, motion)):
-        bone = armature.pose.bones[markerset.skeleton.segments[index]]
-        path = f'pose.bones["{bpy.utils.escape_identifier(bone.name)}"]'
-        animation.key(bag, f"{path}.rotation_quaternion", frames, quaternion, bone.name)
+    for index, (name, (location, quaternion)) in enumerate(zip(names, channels, strict=True)):
+        path = f'pose.bones["{bpy.utils.escape_identifier(name)}"]'
+        animation.key(bag, f"{path}.rotation_quaternion", frames, quaternion, name)
         if index == 0 or np.nanmax(np.abs(location), initial=0.0) > MOVED_BONE:
-            animation.key(bag, f"{path}.location", frames, location, bone.name)
+            animation.key(bag, f"{path}.location", frames, location, name)
 
 
 def pose_channels(
@@ -114,13 +125,22 @@ def pose_channels(
 
     Blender composes matrix = parent matrix · parent rest⁻¹ · rest · channels; this solves for the channels.
     """
-    skeleton = markerset.skeleton
     rest = rest_matrices(armature, markerset)
-    posed = np.tile(np.eye(4), (*motion.joints.shape[:2], 1, 1))
-    posed[..., :3, :3] = motion.rotations @ rest[:, :3, :3]
-    posed[..., :3, 3] = motion.joints
+    return bone_channels(markerset.skeleton.parents, rest, motion.rotations, motion.joints)
+
+
+def bone_channels(
+    parents: np.ndarray, rest: np.ndarray, rotations: np.ndarray, heads: np.ndarray
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """The channels of bones with rest matrices (J, 4, 4) that are turned from the rest by rotations (F, J, 3, 3).
+
+    `heads` (F, J, 3) m is where they begin, both in the armature's space.
+    """
+    posed = np.tile(np.eye(4), (*heads.shape[:2], 1, 1))
+    posed[..., :3, :3] = rotations @ rest[:, :3, :3]
+    posed[..., :3, 3] = heads
     channels = []
-    for index, parent in enumerate(skeleton.parents):
+    for index, parent in enumerate(parents):
         if parent >= 0:
             before = posed[:, parent] @ (np.linalg.inv(rest[parent]) @ rest[index])
         else:

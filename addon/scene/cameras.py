@@ -129,6 +129,14 @@ def camera_name(camera: bpy.types.Object) -> str:
     return str(camera.get(naming.CAMERA, camera.name))
 
 
+def camera_through(space: bpy.types.Space, scene: bpy.types.Scene) -> bpy.types.Object | None:
+    """The calibrated camera that a 3D view looks through; None where it looks through none."""
+    if space.region_3d.view_perspective != "CAMERA":
+        return None
+    camera = space.camera if space.use_local_camera else scene.camera
+    return camera if is_mocap_camera(camera) else None
+
+
 def look_through(scene: bpy.types.Scene, camera: bpy.types.Object):
     """Makes `camera` the scene's camera, with its picture's size and pixel aspect, which Blender keeps per scene."""
     scene.camera = camera

@@ -18,10 +18,13 @@ from ..core.edits.replay import FREE
 from ..core.edits.rows import document_of, edits_of
 from ..core.review.answering import SAID, Answers, unanswered, without_accepted
 from ..core.review.suspects import called_by
-from .answers import answered_blobs
+from .answers import BlobCorrecting, answered_blobs
 from .stored import Stored
 
 EDITS = "mocap_edits"
+OWN_LABELS = (
+    "mocap_own_labels"  # of a take of blobs: its labels are the program's own, which the first versions had not
+)
 
 
 def text_of(edits: Edits) -> str:
@@ -31,6 +34,8 @@ def text_of(edits: Edits) -> str:
 
 def keep_edits(collection: bpy.types.Collection, edits: Edits):
     """Keeps the edits with the take that `collection` holds."""
+    if EDITS not in collection:
+        collection[OWN_LABELS] = True  # nobody said anything yet, so the labels follow from nothing else
     collection[EDITS] = text_of(edits)
 
 
@@ -49,20 +54,24 @@ def kept_edits(collection: bpy.types.Collection) -> Edits | None:
     return None if text is None else edits_of(json.loads(text))
 
 
-def following_of(stored: Stored) -> Following:
-    """What works the edits of a take of points out; stored has the labels that the program gave."""
+def following_of(stored: Stored) -> Following | BlobCorrecting:
+    """What works the edits of a take out; stored has the labels that the program gave."""
+    if not isinstance(stored.rows, PointRows):
+        return BlobCorrecting(stored)
     return Following(stored.rows, stored.labels, stored.words, len(stored.names))
 
 
-def edited(stored: Stored, edits: Edits, following: Following | None = None) -> Stored:
-    """A take of points with its edits applied: labels, markers and what is left to look at; the body stays.
+def edited(stored: Stored, edits: Edits, following: Following | BlobCorrecting | None = None) -> Stored:
+    """A take with its edits applied: labels, markers and what is left to look at; the body stays.
 
-    stored has the labels that the program gave, `following` is its own and makes one more edit quick. Of blobs
-    the labels stay as well: they were made with the edits.
+    stored has the labels that the program gave, `following` is its own and makes one more edit quick. Where the labels
+    are not the program's own they stay as well: they were made with the edits.
     """
-    if not isinstance(stored.rows, PointRows):
+    if not stored.own_labels:
         return answered_blobs(stored, edits)
     following = following or following_of(stored)
+    if isinstance(following, BlobCorrecting):
+        return following.apply(stored, edits)
     followed = following.apply(edits)
     return replace(
         stored,

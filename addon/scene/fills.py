@@ -64,8 +64,8 @@ def kept_fills(collection: bpy.types.Collection) -> tuple[KeptFill, ...]:
 
 def filled_in(stored: Stored, fills: Sequence[KeptFill]) -> Stored:
     """A take without fills as it is with these."""
-    motion, misfits = put_fills(stored.motion, stored.names, fills)
-    return replace(stored, measured=stored.motion, motion=motion, fills=tuple(fills), misfits=misfits)
+    motion, unfit = put_fills(stored.motion, stored.names, fills)
+    return replace(stored, measured=stored.motion, motion=motion, fills=tuple(fills), unfit=unfit)
 
 
 def _number(value: float) -> float | None:

@@ -7,7 +7,7 @@ from ..core.data.takes import NO_MARKER
 from .picking import missing
 from .stored import Stored
 
-NEAR_SECONDS = 5.0  # to each side: in more time a person wears a marker otherwise, or the body was lost between
+NEAR_SECONDS = 5.0  # to each side: in more time a marker may have been placed anew, or the body was lost between
 
 
 def predicted(stored: Stored, index: int) -> np.ndarray:

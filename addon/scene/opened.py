@@ -7,9 +7,11 @@ import bpy
 import numpy as np
 
 from ..core.data.takes import PointRows
+from ..core.edits.blob_tracks import BlobTracks
 from ..core.edits.following import Following
 from ..core.edits.kinds import Edits
 from . import cameras as scene_cameras
+from .answers import BlobCorrecting
 from .corrections import edited, following_of, kept_edits, kept_text, text_of
 from .fills import fills_text
 from .preview import holds_points, read_points_preview, read_preview
@@ -32,7 +34,7 @@ class Opened:
     stored: dict[int, Stored] = field(default_factory=dict)
     edited: dict[int, tuple[str, Stored]] = field(default_factory=dict)
     final: dict[int, tuple[tuple[str | None, float | None], Stored, Stored]] = field(default_factory=dict)
-    following: dict[int, Following] = field(default_factory=dict)
+    following: dict[int, Following | BlobCorrecting] = field(default_factory=dict)
     trajectories: dict[int, tuple[PointRows, np.ndarray]] = field(default_factory=dict)
 
     def take(self, collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
@@ -54,7 +56,7 @@ class Opened:
 
     def _edited(self, collection: bpy.types.Collection, scene: bpy.types.Scene, edits: Edits, text: str) -> Stored:
         key, before = collection.session_uid, self.unedited(collection, scene)
-        if key not in self.following and isinstance(before.rows, PointRows):
+        if key not in self.following and before.own_labels:
             self.following[key] = following_of(before)
         after = edited(before, edits, self.following.get(key))
         self.edited[key] = (text, after)
@@ -84,6 +86,13 @@ class Opened:
         if found is None or found[0] is not stored.rows:
             found = self.trajectories[point] = stored.rows, np.flatnonzero(stored.rows.trajectory == point)
         return found[1]
+
+    def tracks(self, collection: bpy.types.Collection, scene: bpy.types.Scene) -> BlobTracks:
+        """The tracks of the blobs of a take of blobs."""
+        key = collection.session_uid
+        if not isinstance(self.following.get(key), BlobCorrecting):
+            self.following[key] = BlobCorrecting(self.unedited(collection, scene))
+        return self.following[key].tracks
 
     def preview(self, mesh: bpy.types.Mesh, cameras: bpy.types.Collection | None, scene: bpy.types.Scene) -> Stored:
         """The unlabelled points that `mesh` holds, or its blobs as seen by `cameras`."""

@@ -8,7 +8,7 @@ import numpy as np
 from ..core.data.takes import NO_MARKER, NO_POINT, rows_in_frame
 from .stored import Stored
 
-NEAREST_DEPTH = 1e-6  # of homogeneous coordinates: what is nearer lies behind the viewer
+MIN_DEPTH = 1e-6  # of homogeneous coordinates: what is nearer lies behind the viewer
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ def to_region(points: np.ndarray, perspective: np.ndarray, size: tuple[int, int]
     """(..., 2) px in a region of `size` of points (..., 3) m, by its perspective matrix; NaN behind the viewer."""
     flat = np.concatenate([points, np.ones((*points.shape[:-1], 1))], axis=-1) @ perspective.T
     with np.errstate(invalid="ignore", divide="ignore"):
-        image = flat[..., :2] / np.where(flat[..., 3:] > NEAREST_DEPTH, flat[..., 3:], np.nan)
+        image = flat[..., :2] / np.where(flat[..., 3:] > MIN_DEPTH, flat[..., 3:], np.nan)
     return (image + 1) / 2 * np.asarray(size, dtype=float)
 
 

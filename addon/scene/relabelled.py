@@ -15,7 +15,7 @@ from .opened import opened
 from .take import MARKER_NAMES, SOURCE, Take, remove_take, show_take, takes_of
 
 CHANGES = "mocap_changes"
-MOST_KEPT = 500  # changes that a file keeps, the longest first: a list that a person reads
+MAX_KEPT = 500  # changes that a file keeps, the longest first: a list that a person reads
 
 
 def show_again(context: bpy.types.Context, take: Take, unnamed: bool, whole: bool) -> bpy.types.Collection:
@@ -89,7 +89,7 @@ def _in_frames(one: LabelledRange, frames: np.ndarray) -> tuple[np.ndarray, np.n
 
 def keep_changes(collection: bpy.types.Collection, found: tuple[Change, ...]):
     """Keeps with a take what its last labelling changed."""
-    collection[CHANGES] = json.dumps([asdict(one) for one in found[:MOST_KEPT]])
+    collection[CHANGES] = json.dumps([asdict(one) for one in found[:MAX_KEPT]])
 
 
 def kept_changes(collection: bpy.types.Collection) -> tuple[Change, ...]:

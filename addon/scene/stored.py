@@ -9,6 +9,7 @@ import numpy as np
 from ..core.data.errors import InputError
 from ..core.data.takes import Blobs, EditOutcome, Labels, Motion, PointRows, Suspect
 from ..core.edits.following import Group
+from ..core.edits.following_blobs import BlobGroup
 from ..core.edits.kinds import NO_EDITS, Edits
 from ..core.filling.kept import KeptFill, filled_samples
 from ..core.geometry.cameras import Cameras
@@ -24,12 +25,14 @@ class Stored:
     outcomes  what became of each edit
     model     the name of the marker set
     parents   of each joint of the skeleton, -1 for the root; none where the file does not keep them
+    segments  the names of what turns about these joints; none where the file does not keep them
     fills     gaps that were filled; `motion` has those that go with it
-    misfits   why each fill does not go with the take as it is now, "" where it does
+    unfit     why each fill does not go with the take as it is now, "" where it does
     measured  the motion without fills and not smoothed; None where that is `motion`
     cutoff    Hz, by which `motion` is smoothed; None where it is not
     placed    index of the frame and marker of each that a person placed
     groups    what the edits make of the take, for telling what one more of them changes
+    own_labels  whether the labels are what the program gave before any edit; not so of blobs of the first versions
     """
 
     name: str
@@ -47,8 +50,9 @@ class Stored:
     outcomes: tuple[EditOutcome, ...] = ()
     model: str = ""
     parents: tuple[int, ...] = ()
+    segments: tuple[str, ...] = ()
     fills: tuple[KeptFill, ...] = ()
-    misfits: tuple[str, ...] = ()
+    unfit: tuple[str, ...] = ()
     measured: Motion | None = None
     cutoff: float | None = None
 
@@ -60,14 +64,15 @@ class Stored:
     @property
     def fitting(self) -> tuple[KeptFill, ...]:
         """The fills that are in the motion."""
-        return tuple(fill for fill, misfit in zip(self.fills, self.misfits, strict=True) if not misfit)
+        return tuple(fill for fill, reason in zip(self.fills, self.unfit, strict=True) if not reason)
 
     def filled(self) -> np.ndarray:
         """(F, M) True where a sample was filled."""
         return filled_samples(self.motion.frames, self.names, self.fitting)
 
     placed: tuple[tuple[int, int], ...] = ()
-    groups: tuple[Group, ...] = ()
+    groups: tuple[Group | BlobGroup, ...] = ()
+    own_labels: bool = True
 
     def source_frame(self, current: int) -> int:
         """Blender's current frame in the source's numbers; InputError outside the take."""

@@ -17,13 +17,14 @@ from ..core.filling.kept import KeptFill, filled_samples, put_fills
 from ..core.filling.smoothing import smoothed
 from ..core.geometry import rotations
 from ..core.geometry.cameras import NO_CAMERAS, Cameras
+from ..core.geometry.measuring import measured_again
 from . import armature as armatures
 from . import cameras as scene_cameras
 from . import markers as scene_markers
 from . import naming, storage
 from .body import add_body
 from .cloud import FRAME, add_cloud, cloud_table
-from .corrections import edited, keep_edits, kept_edits, kept_text, motion_of_labels
+from .corrections import OWN_LABELS, edited, keep_edits, kept_edits, kept_text, motion_of_labels
 from .fills import FILL_PATHS, filled_in, keep_fills, kept_fills
 from .smoothing import keep_cutoff, kept_cutoff, smoothed_in
 from .stored import Stored
@@ -38,7 +39,7 @@ RATE, SHIFT, SUSPECTS, SOURCE, MARKER_NAMES = (
 )
 STEP_NAMES = "mocap_steps"
 MARKER_WORDS = "mocap_marker_words"
-PARENTS = "mocap_parents"
+PARENTS, SEGMENTS = "mocap_parents", "mocap_segments"
 # What the first version, which did not keep them, called the steps of points.
 POINT_STEPS_OF_VERSION_1 = ("", "evidence", "ensemble", "fit", "trajectory")
 TRAJECTORY, POINT, RESIDUAL = "trajectory", "point", "point_residual"
@@ -59,7 +60,7 @@ class Take:
     suspects   ranges of frames to look at
     source     the file of the take, empty if there is none
     doubts     sentences about the whole take, said once when it is shown
-    edits      what a person said of the points, which the labels follow; None where nobody said anything
+    edits      what a person said of the rows, which the labels follow; None where nobody said anything
     unedited   the program's own labels, of which the edits give these; None where they are these
     fills      gaps that were filled, which `motion` has not
     cutoff     Hz, by which the markers are shown smoothed, which `motion` is not; None for as they are
@@ -138,10 +139,10 @@ def show_take(context: bpy.types.Context, take: Take, unnamed: bool = False) -> 
     add_body(_child(collection, f"{collection.name} body"), armature, take.markerset, build.scale)
     empties = _child(collection, f"{collection.name} markers")
     names = take.markerset.markers
-    motion, misfits = put_fills(take.motion, names, take.fills)
+    motion, unfit = put_fills(take.motion, names, take.fills)
     if take.cutoff is not None:
         motion = replace(motion, markers=smoothed(motion.markers, take.rate, take.cutoff))
-    fitting = [fill for fill, misfit in zip(take.fills, misfits, strict=True) if not misfit]
+    fitting = [fill for fill, reason in zip(take.fills, unfit, strict=True) if not reason]
     scene_markers.add_markers(
         empties, action, names, motion, frames, filled_samples(take.motion.frames, names, fitting)
     )
@@ -267,6 +268,8 @@ def unedited_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> S
         _words(collection, names),
         model=str(collection.get(naming.MARKERSET, "")),
         parents=tuple(json.loads(collection.get(PARENTS, "[]"))),
+        own_labels=isinstance(rows, PointRows) or kept_text(collection) is None or OWN_LABELS in collection,
+        segments=tuple(json.loads(collection.get(SEGMENTS, "[]"))),
     )
 
 
@@ -309,6 +312,9 @@ def _read_steps(collection: bpy.types.Collection, table: dict[str, np.ndarray]) 
 def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Collection | None, shift: int):
     title, motion = collection.name, take.motion
     labels = take.labels if take.unedited is None else take.unedited
+    if take.unedited is not None and isinstance(take.rows, Blobs):
+        # What a person placed has the residual 0, as nothing that was measured has.
+        motion = measured_again(motion, take.rows, take.labels, labels, take.cameras, also=motion.residual == 0)
     columns = _row_columns(take.rows) | {"marker": labels.marker, "step": labels.step, "confidence": labels.confidence}
     collection[ROWS] = storage.store_table(f"{title} rows", columns)
     collection[STEP_NAMES] = json.dumps(STEPS)
@@ -334,6 +340,7 @@ def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Coll
     collection[SUSPECTS] = json.dumps([_suspect_row(suspect) for suspect in take.suspects])
     collection[MARKER_WORDS] = json.dumps(take.markerset.by_name)
     collection[PARENTS] = json.dumps(take.markerset.skeleton.parents.tolist())
+    collection[SEGMENTS] = json.dumps(take.markerset.skeleton.segments)
     if take.edits is not None:
         keep_edits(collection, take.edits)
     keep_fills(collection, take.fills)

@@ -1,16 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A take as rows over time, each a marker or a trajectory without a name: what every stretch is. No drawing here."""
 
-import re
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.data.takes import BY_EDIT, NO_MARKER, PointRows, Suspect
+from ..core.data.takes import BY_EDIT, NO_MARKER, PointRows
 from ..core.edits.kinds import Place
+from ..core.review.doubtful import markers_of, unsure_names
 from .stored import Stored
 
-SURE_NAME = 0.99  # confidence below which a name is doubtful
 # What a stretch is, in the order in which stretches are drawn: what is rare and short lies on top.
 STATES = ("named", "unnamed", "gap", "filled", "edited", "doubtful")
 NAMED, UNNAMED, GAP, FILLED, CORRECTED, DOUBTFUL = range(len(STATES))
@@ -86,12 +85,10 @@ def states_of(stored: Stored) -> np.ndarray:
     """(F, M) one of STATES for every frame and marker."""
     there = np.isfinite(stored.motion.markers[..., 0])
     states = np.where(there, NAMED, GAP).astype(np.int8)
-    if isinstance(stored.rows, PointRows):
-        labels, frame = stored.labels, stored.rows.frame
-        for unlike, state in ((labels.confidence < SURE_NAME, DOUBTFUL), (labels.step == BY_EDIT, CORRECTED)):
-            which = np.flatnonzero(unlike)
-            which = which[labels.marker[which] != NO_MARKER]
-            states[frame[which], labels.marker[which]] = state
+    states[unsure_names(stored.rows, stored.labels, states.shape)] = DOUBTFUL
+    by_hand = np.flatnonzero((stored.labels.step == BY_EDIT) & (stored.labels.marker != NO_MARKER))
+    states[stored.rows.frame[by_hand], stored.labels.marker[by_hand]] = CORRECTED
+    states[~there] = GAP  # of a blob that one camera alone has, whoever named it
     of_word = {name: index for index, name in enumerate(stored.names)}
     for suspect in stored.suspects:
         part = slice(*np.searchsorted(stored.motion.frames, [suspect.first, suspect.last + 1]))
@@ -105,13 +102,6 @@ def states_of(stored: Stored) -> np.ndarray:
                 states[row, stored.words[edit.marker]] = CORRECTED
     states[stored.filled()] = FILLED
     return states
-
-
-def markers_of(suspect: Suspect, of_word: dict[str, int]) -> list[int]:
-    """The markers that a suspect is about: those that it gives, else those whose names are among its words."""
-    # A colon may be a part of a name, that of its subject before it.
-    words = suspect.markers or [word.rstrip(":") for word in re.findall(r"[^\s,;]+", suspect.words)]
-    return [of_word[word] for word in dict.fromkeys(words) if word in of_word]
 
 
 def _runs_of_table(states: np.ndarray) -> np.ndarray:

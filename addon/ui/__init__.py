@@ -9,10 +9,23 @@ from ..ops.correcting import review_now
 from ..props import list_trouble
 from ..scene.opened import opened
 from ..scene.trouble import forget_trouble
-from . import calibration, figure, filling, handlers, label_tool, overlay, panels, quality, smoothing, timeline
+from . import (
+    calibration,
+    character,
+    figure,
+    filling,
+    handlers,
+    label_tool,
+    overlay,
+    panels,
+    quality,
+    smoothing,
+    timeline,
+)
 
 CLASSES = (
     *panels.CLASSES,
+    *character.CLASSES,
     *calibration.CLASSES,
     *filling.CLASSES,
     *smoothing.CLASSES,

@@ -6,7 +6,7 @@ import bpy
 from ..ops.importing import cameras_at_hand
 from ..scene.calibration import kept_health, kept_refinement
 from ..scene.take import holds_points, is_take
-from .panels import Step, draw_text
+from .parts import Step, draw_text
 
 
 class MOCAP_AUTOLABEL_PT_calibration(Step, bpy.types.Panel):
@@ -26,11 +26,11 @@ class MOCAP_AUTOLABEL_PT_calibration(Step, bpy.types.Panel):
         take = settings.take if is_take(settings.take) and not holds_points(settings.take) else None
         health = kept_health(take)
         for words in health or ():
-            draw_text(layout, words[0].upper() + words[1:], icon="ERROR")
+            draw_text(context, layout, words[0].upper() + words[1:], icon="ERROR")
         if health == []:
             layout.label(text="All cameras go together", icon="CHECKMARK")
         elif health is None:
-            layout.label(text="Told when a take is labelled", icon="INFO")
+            layout.label(text="Shown when a take is labelled", icon="INFO")
         layout.operator("mocap_autolabel.refine_calibration", icon="CON_CAMERASOLVER")
         if report is not None:
             _draw_errors(layout, report)

@@ -10,8 +10,8 @@ import gpu
 import numpy as np
 
 from ..core.review.trouble import Trouble
+from ..ops.picking import selected_markers
 from ..ops.reviewing import places_of
-from ..scene import naming
 from ..scene.opened import opened
 from ..scene.sides import KEPT_SIDES, SIDE_COLOURS, colours_of, kept_sides
 from ..scene.stored import Stored
@@ -26,8 +26,9 @@ MISSING_COLOUR = (0.75, 0.75, 0.75, 0.55)
 MEANT_COLOUR = (1.0, 1.0, 1.0, 1.0)
 MISSING_RADIUS, MEANT_RADIUS = 5.0, 11.0
 DASH = 0.02  # m of a dash that leads over a gap, and of the space behind it
-MOST_DASHES = 60
-# What the bones of the figure that was drawn last are called by, and their colours.
+MAX_DASHES = 60
+JOINED = 0.005  # m; a bone that begins nearer than this to an end of the one above hangs on it
+# What the bones of the figure that was drawn last are called by, and their colours with the bones above them.
 _colours_of_bones: list = []
 
 
@@ -47,7 +48,8 @@ def draw():
         draw_figure(canvas, settings.take)
         canvas.rings(canvas.place(missing(stored, index)), MISSING_COLOUR, MISSING_RADIUS)
     if settings.show_trails:
-        draw_trails(canvas, stored, index, selected(context, stored))
+        names = [name for name in selected_markers(context) if name in stored.words]
+        draw_trails(canvas, stored, index, [stored.words[name] for name in names])
     if (trouble := meant(context, settings.take, stored)) is not None:
         places = canvas.place(places_of(trouble, stored, context.scene.frame_current - stored.shift))
         for radius in (MEANT_RADIUS, MEANT_RADIUS + 1.5):
@@ -67,11 +69,24 @@ def draw_figure(canvas: Canvas, collection: bpy.types.Collection):
         bones.foreach_get(name, flat := np.empty(end.size, dtype=np.float32))
         end[:] = flat.reshape(-1, 3)
     ends = ends.swapaxes(0, 1) @ world[:3, :3].T + world[:3, 3]
-    canvas.lines(canvas.place(ends), _bone_colours(armature), FIGURE_WIDTH)
+    colours, above = _bone_colours(armature)
+    apart, joining = links(ends, above)
+    canvas.lines(canvas.place(np.concatenate([ends, joining])), np.concatenate([colours, colours[apart]]), FIGURE_WIDTH)
 
 
-def _bone_colours(armature: bpy.types.Object) -> np.ndarray:
-    """(J, 2, 4) the colours of the ends of the bones, worked out once for their names and sides."""
+def links(ends: np.ndarray, above: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Lines that hang bones on those above them: collar bones, hips. Which bones (L,), and the lines (L, 2, 3).
+
+    ends (J, 2, 3) m of the bones, above (J,) the one that each hangs on, -1 for none.
+    """
+    reach = np.linalg.norm(ends[above] - ends[:, :1], axis=2)
+    apart = np.flatnonzero((above >= 0) & (reach.min(axis=1) > JOINED))
+    nearest = ends[above[apart], reach[apart].argmin(axis=1)]
+    return apart, np.stack([nearest, ends[apart, 0]], axis=1)
+
+
+def _bone_colours(armature: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
+    """(J, 2, 4) the colours of the ends of the bones, and (J,) the bone above each; worked out once for an armature."""
     names = tuple(bone.name for bone in armature.data.bones)
     key = (armature.session_uid, names, armature.get(KEPT_SIDES, ""))
     if _colours_of_bones[:1] != [key]:
@@ -79,7 +94,8 @@ def _bone_colours(armature: bpy.types.Object) -> np.ndarray:
         sides = kept_sides(armature)
         colours = np.array([SIDE_COLOURS[sides.get(name, "")] for name in names]).reshape(-1, 3) * light[:, None]
         whole = np.concatenate([colours, np.ones((len(names), 1))], axis=1)
-        _colours_of_bones[:] = [key, np.repeat(whole[:, None], 2, axis=1)]
+        above = np.array([-1 if bone.parent is None else names.index(bone.parent.name) for bone in armature.data.bones])
+        _colours_of_bones[:] = [key, (np.repeat(whole[:, None], 2, axis=1), above)]
     return _colours_of_bones[1]
 
 
@@ -87,12 +103,6 @@ def missing(stored: Stored, index: int) -> np.ndarray:
     """(K, 3) m where the body has the markers that nothing is in a frame."""
     found = np.isfinite(stored.motion.markers[index]).all(axis=1)
     return stored.motion.expected[index, ~found]
-
-
-def selected(context: bpy.types.Context, stored: Stored) -> list[int]:
-    """The markers of the take whose empties are selected."""
-    names = {item[naming.MARKER] for item in context.selected_objects if naming.MARKER in item}
-    return [index for index, name in enumerate(stored.names) if name in names]
 
 
 def draw_trails(canvas: Canvas, stored: Stored, index: int, markers: list[int]):
@@ -126,7 +136,7 @@ def trail(path: np.ndarray, index: int, reach: int) -> tuple[np.ndarray, np.ndar
 
 def _dashes(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """(D, 2, 3) dashes from one place to another."""
-    count = int(np.clip(np.linalg.norm(other - one) / (2 * DASH), 1, MOST_DASHES))
+    count = int(np.clip(np.linalg.norm(other - one) / (2 * DASH), 1, MAX_DASHES))
     share = (np.arange(count)[:, None] + np.array([0.25, 0.75])) / count
     return one + share[..., None] * (other - one)
 

@@ -6,21 +6,14 @@ import bpy
 from ..ops.correcting import selected_markers
 from ..ops.filling import EXTENTS
 from ..scene.opened import opened
-from ..scene.take import is_take
-from .panels import draw_text
+from .parts import Reviewing, draw_text, frames_in_short
 
 
-class MOCAP_AUTOLABEL_PT_fill_gaps(bpy.types.Panel):
+class MOCAP_AUTOLABEL_PT_fill_gaps(Reviewing, bpy.types.Panel):
     """Gaps and what they were filled with."""
 
     bl_label = "Fill Gaps"
-    bl_space_type, bl_region_type, bl_category = "VIEW_3D", "UI", "Mocap"
-    bl_parent_id = "MOCAP_AUTOLABEL_PT_review"
     bl_options = {"DEFAULT_CLOSED"}
-
-    @classmethod
-    def poll(cls, context):
-        return is_take(context.scene.mocap_autolabel.take)
 
     def draw(self, context):
         layout, settings = self.layout, context.scene.mocap_autolabel
@@ -37,12 +30,12 @@ class MOCAP_AUTOLABEL_PT_fill_gaps(bpy.types.Panel):
         for words, icon in here(context):
             layout.label(text=words, icon=icon)
         if len(state.fills):
-            draw_fills(layout, state)
+            draw_fills(context, layout, state)
         if len(state.left_gaps):
             layout.label(text=f"{len(state.left_gaps)} gaps left:")
             layout.template_list("MOCAP_AUTOLABEL_UL_left_gaps", "", state, "left_gaps", state, "left_index", rows=2)
             if state.left_index < len(state.left_gaps):
-                draw_text(layout, f"The gap {state.left_gaps[state.left_index].reason}")
+                draw_text(context, layout, f"The gap {state.left_gaps[state.left_index].reason}")
 
 
 def extent_buttons(layout: bpy.types.UILayout, operator: str):
@@ -52,7 +45,7 @@ def extent_buttons(layout: bpy.types.UILayout, operator: str):
         row.operator(operator, text=words).extent = extent
 
 
-def draw_fills(layout: bpy.types.UILayout, state: bpy.types.PropertyGroup):
+def draw_fills(context: bpy.types.Context, layout: bpy.types.UILayout, state: bpy.types.PropertyGroup):
     """The fills, and what takes them back."""
     row = layout.row()
     row.template_list("MOCAP_AUTOLABEL_UL_fills", "", state, "fills", state, "fill_index", rows=3, maxrows=8)
@@ -60,12 +53,12 @@ def draw_fills(layout: bpy.types.UILayout, state: bpy.types.PropertyGroup):
     if state.fill_index < len(state.fills):
         fill = state.fills[state.fill_index]
         if fill.reason:
-            draw_text(layout, f"Left out: {fill.reason}. Fill the gap again, or take this back", "ERROR")
+            draw_text(context, layout, f"Left out: {fill.reason}. Fill the gap again, or take this back", "ERROR")
         else:
             layout.label(text=f"By {fill.method}")
-    misfits = sum(bool(fill.reason) for fill in state.fills)
-    if misfits:
-        layout.label(text=f"{misfits} no longer fit the labels", icon="ERROR")
+    unfit = sum(bool(fill.reason) for fill in state.fills)
+    if unfit:
+        layout.label(text=f"{unfit} no longer fit the labels", icon="ERROR")
     layout.label(text="Take Back Fills of:")
     extent_buttons(layout, "mocap_autolabel.take_back_fills")
 
@@ -74,18 +67,18 @@ def here(context: bpy.types.Context) -> list[tuple[str, str]]:
     """What the current frame is for the selected markers: words and an icon for each that is missing or filled."""
     scene = context.scene
     stored = opened.take(scene.mocap_autolabel.take, scene)
-    frame, told = scene.frame_current - stored.shift, []
+    frame, lines = scene.frame_current - stored.shift, []
     for name in selected_markers(context)[:3]:
         fill = next((one for one in stored.fitting if one.marker == name and one.first <= frame <= one.last), None)
         if fill is not None:
             off = f"±{1000 * fill.expected:.1f} mm" if fill.expected == fill.expected else "error unknown"
-            told.append(
+            lines.append(
                 (
                     f"{name}: filled {fill.first + stored.shift}–{fill.last + stored.shift}, {off}",
                     "KEYTYPE_GENERATED_VEC",
                 )
             )
-    return told
+    return lines
 
 
 class MOCAP_AUTOLABEL_UL_fills(bpy.types.UIList):
@@ -106,8 +99,7 @@ def draw_gap(layout: bpy.types.UILayout, item: bpy.types.PropertyGroup, words: s
     """A row of a gap: its marker, its frames, which jump there, and words at the end."""
     row = layout.row(align=True)
     row.label(text=item.name, icon="ERROR" if item.reason and words else "NONE")
-    frames = str(item.first) if item.first == item.last else f"{item.first}–{item.last}"
-    jump = row.operator("mocap_autolabel.jump", text=frames, emboss=False)
+    jump = row.operator("mocap_autolabel.jump", text=frames_in_short(item.first, item.last), emboss=False)
     jump.frame, jump.marker = item.first, item.name
     row.label(text=words)
 

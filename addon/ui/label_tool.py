@@ -7,13 +7,16 @@ import bpy
 import gpu
 import numpy as np
 
-from ..core.data.takes import NO_MARKER, NO_POINT
+from ..core.data.takes import NO_MARKER, PointRows
 from ..ops.correcting import likely_here
 from ..ops.gestures import gesture
-from ..ops.picking import picked_points, selected_markers
+from ..ops.picking import image_in, picked_points, selected_markers
+from ..ops.polling import lacks_take
+from ..scene.blob_dots import blob_dots, marker_dots, on_rays, track_around
 from ..scene.opened import opened
-from ..scene.picking import dots_of, path_of
-from ..scene.take import holds_points
+from ..scene.picking import Dots, dots_of, path_of
+from ..scene.stored import Stored
+from ..scene.take import is_take
 from . import marks
 from .marks import ORANGE, WHITE
 from .overlay import BLOB_RADIUS, Canvas
@@ -25,6 +28,7 @@ NAMED_PATH, UNNAMED_PATH = (0.3, 0.85, 1.0, 0.9), (0.85, 0.85, 0.85, 0.8)
 ASKED = (1.0, 0.9, 0.2, 1.0)
 PATH_SECONDS = 2.0  # to each side of the current frame: farther off a walk covers itself
 PATH_LINES = 400  # most that are drawn of one path: a redraw has 6 ms
+Path = tuple[np.ndarray, np.ndarray]  # lines (S, 2, 3) m, and which of them (S,) lead from where there was a name
 MENU = "MOCAP_AUTOLABEL_MT_label"
 
 
@@ -75,8 +79,8 @@ class LabelTool(bpy.types.WorkSpaceTool):
     @staticmethod
     def draw_settings(context, layout, _tool):
         """The header's settings of the tool."""
-        if not holds_points(context.scene.mocap_autolabel.take):
-            layout.label(text="Label a take of 3D points first", icon="INFO")
+        if words := lacks_take(context):
+            layout.label(text=words, icon="INFO")
             return
         layout.prop(context.scene.mocap_autolabel, "scope")
         layout.operator("mocap_autolabel.quick_label", icon="SORTALPHA")
@@ -89,7 +93,7 @@ class NamesPie:
 
     @classmethod
     def poll(cls, context):
-        return holds_points(context.scene.mocap_autolabel.take)
+        return is_take(context.scene.mocap_autolabel.take)
 
     def draw(self, context):
         pie = self.layout.menu_pie()
@@ -151,7 +155,7 @@ class MOCAP_AUTOLABEL_MT_label(bpy.types.Menu):
 
 def draw_menu(self, context):
     """The menu *Label* in the 3D view's header, where there is something to label."""
-    if context.mode == "OBJECT" and holds_points(context.scene.mocap_autolabel.take):
+    if context.mode == "OBJECT" and is_take(context.scene.mocap_autolabel.take):
         self.layout.menu(MENU)
 
 
@@ -160,26 +164,44 @@ def draw():
     context = bpy.context
     scene = context.scene
     collection, space = scene.mocap_autolabel.take, context.space_data
-    if not space.overlay.show_overlays or not holds_points(collection):
+    if not space.overlay.show_overlays or not is_take(collection):
         return
     stored = opened.take(collection, scene)
     index = marks.frame_index(stored, scene.frame_current)
     canvas = Canvas(context)
     gpu.state.blend_set("ALPHA")
     if index >= 0:
-        draw_picked(canvas, stored, index, picked_points(context))
+        draw_picked(canvas, stored, index, *shown_of(context, stored, index))
     if gesture.is_in(context.region):
         draw_gesture(canvas)
     gpu.state.blend_set("NONE")
 
 
-def draw_picked(canvas: Canvas, stored, index: int, points: list[int]):
-    """The picked dots glow, with where they come from and go to; a ring is around what a person placed."""
-    dots = dots_of(stored, index)
-    canvas.rings(canvas.place(dots.xyz[dots.trajectory == NO_POINT]), ASKED, GLOW_RADIUS)
+def shown_of(context: bpy.types.Context, stored: Stored, index: int) -> tuple[Dots, list[int], list[Path]]:
+    """The dots of frame `index` in the current view, which of them are picked, and the paths of these."""
+    points, paths = picked_points(context), []
     reach = max(1, round(PATH_SECONDS * stored.rate))
-    for point in points:
-        ends, named = path_of(stored, opened.rows_of(stored, point), index, reach, PATH_LINES)
+    if isinstance(stored.rows, PointRows):
+        paths = [path_of(stored, opened.rows_of(stored, one), index, reach, PATH_LINES) for one in points]
+        return dots_of(stored, index), points, paths
+    image = image_in(stored, context.scene, context.area)
+    if image is None:
+        return marker_dots(stored, index), [], []
+    camera, pose = image
+    points = [row for row in points if stored.rows.camera[row] == camera]
+    tracks = opened.tracks(context.scene.mocap_autolabel.take, context.scene)
+    for row in points:
+        rows = track_around(stored, tracks, row, reach)
+        places = on_rays(stored, rows, pose)
+        paths.append((np.stack([places[:-1], places[1:]], axis=1), stored.labels.marker[rows[:-1]] != NO_MARKER))
+    return blob_dots(stored, index, camera, pose), points, paths
+
+
+def draw_picked(canvas: Canvas, stored: Stored, index: int, dots: Dots, points: list[int], paths: list[Path]):
+    """The picked dots glow, with where they come from and go to; a ring is around what a person placed."""
+    placed = [marker for frame, marker in stored.placed if frame == index]
+    canvas.rings(canvas.place(stored.motion.markers[index, placed]), ASKED, GLOW_RADIUS)
+    for ends, named in paths:
         colours = np.where(named[:, None], NAMED_PATH, UNNAMED_PATH)
         canvas.lines(canvas.place(ends), np.repeat(colours[:, None], 2, axis=1), 1.6)
     picked = dots.of(points)

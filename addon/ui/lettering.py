@@ -11,8 +11,9 @@ from dataclasses import dataclass, field
 import blf
 import gpu
 import numpy as np
-from gpu_extras.batch import batch_for_shader
 from mathutils import Matrix
+
+from .boxes import BOX_CORNERS, box_batch
 
 LETTERS_IN_A_ROW = 32  # letters in a row of the texture
 
@@ -68,7 +69,7 @@ class Letters:
         if not boxes:
             return
         self._make_picture()
-        self._draw_boxes(np.array(boxes), np.array(places), np.array(colours, np.float32))
+        self._draw_boxes(np.array(boxes), np.array(places), np.array(colours))
 
     def forget(self):
         """Lets go of what the GPU has."""
@@ -123,19 +124,13 @@ class Letters:
         if self.shader is None:
             self.shader = letter_shader()
         # A letter may reach a pixel beyond its step to either side.
-        corner = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
-        ends = starts[:, None] - [1, 0] + corner * np.array(self.cell)
-        cells = np.column_stack([places % LETTERS_IN_A_ROW, places // LETTERS_IN_A_ROW])[:, None] + corner
+        ends = starts[:, None] - [1, 0] + BOX_CORNERS * np.array(self.cell)
+        cells = np.column_stack([places % LETTERS_IN_A_ROW, places // LETTERS_IN_A_ROW])[:, None] + BOX_CORNERS
         size = np.array([self.picture.width, self.picture.height]) / np.array(self.cell)
-        faces = (4 * np.arange(len(starts))[:, None] + [0, 1, 2, 0, 2, 3]).reshape(-1, 3)
-        content = {
-            "pos": ends.reshape(-1, 2).astype(np.float32),
-            "uv": (cells / size).reshape(-1, 2).astype(np.float32),
-            "color": np.repeat(colours, 4, axis=0),
-        }
         self.shader.bind()
         self.shader.uniform_sampler("letters", self.picture.texture_color)
-        batch_for_shader(self.shader, "TRIS", content, indices=faces.astype(np.int32)).draw(self.shader)
+        tints = np.repeat(colours[:, None], 4, axis=1)
+        box_batch(self.shader, pos=ends, uv=cells / size, color=tints).draw(self.shader)
 
 
 def letter_shader() -> gpu.types.GPUShader:

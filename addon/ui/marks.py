@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.data.takes import CONFLICT, EXCLUSIVE, NO_MARKER, REMAINING, STEPS, PointRows, rows_in_frame
+from ..core.data.takes import BY_EDIT, CONFLICT, EXCLUSIVE, NO_MARKER, REMAINING, STEPS, PointRows, rows_in_frame
+from ..core.review.doubtful import SURE_NAME, markers_of
+from ..scene.blob_dots import on_rays, rows_of_image
 from ..scene.take import Stored
-from ..scene.trajectories import SURE_NAME, markers_of
 
 GREEN, CYAN, MAGENTA, GREY = (
     (0.15, 0.85, 0.3, 1.0),
@@ -18,6 +19,7 @@ GREEN, CYAN, MAGENTA, GREY = (
 )
 CALLED = re.compile(r"\btrajector(?:y|ies)((?: \d+)+)")  # trajectories in a reason, one or a list of them
 ORANGE, RED = (1.0, 0.75, 0.2, 1.0), (1.0, 0.15, 0.2, 1.0)
+YELLOW = (1.0, 0.9, 0.2, 1.0)  # a person named it, as in the timeline
 BLUE = (0.337, 0.706, 0.914, 1.0)  # filled, as in the timeline
 BLACK, WHITE = (0.02, 0.02, 0.02, 1.0), (1.0, 1.0, 1.0, 1.0)
 
@@ -27,6 +29,7 @@ STEP_COLOURS = np.tile(np.array(GREY), (len(STEPS), 2, 1))
 STEP_COLOURS[EXCLUSIVE] = GREEN, GREEN
 STEP_COLOURS[CONFLICT] = CYAN, MAGENTA
 STEP_COLOURS[REMAINING] = BLACK, WHITE
+STEP_COLOURS[BY_EDIT] = YELLOW, YELLOW
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,14 +57,9 @@ def frame_index(stored: Stored, frame: int) -> int:
 
 def camera_marks(stored: Stored, index: int, camera: int, pose: np.ndarray) -> CameraMarks:
     """What camera number `camera` saw in frame `index`; `pose` (4, 4) is the Blender camera's, which looks along -z."""
-    blobs, labels = stored.rows, stored.labels
-    here = rows_in_frame(blobs, index)
-    rows = here.start + np.flatnonzero(blobs.camera[here] == camera)
-    image = stored.cameras.undistort(blobs.xy[rows], blobs.camera[rows])
-    ahead = np.column_stack([image[:, 0], -image[:, 1], np.full(len(rows), -1.0)])
-    return CameraMarks(
-        ahead @ pose[:3, :3].T + pose[:3, 3], labels.marker[rows], labels.step[rows], stored.motion.expected[index]
-    )
+    rows, labels = rows_of_image(stored, index, camera), stored.labels
+    places = on_rays(stored, rows, pose)
+    return CameraMarks(places, labels.marker[rows], labels.step[rows], stored.motion.expected[index])
 
 
 def links(marks: CameraMarks) -> tuple[np.ndarray, np.ndarray]:

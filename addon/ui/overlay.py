@@ -10,10 +10,10 @@ import gpu
 import numpy as np
 from gpu_extras.batch import batch_for_shader
 
-from ..core.data.takes import NO_MARKER, PointRows
+from ..core.data.takes import BY_EDIT, CONFLICT, EXCLUSIVE, NO_MARKER, NO_STEP, REMAINING, PointRows
 from ..ops.importing import cameras_at_hand
 from ..scene import naming
-from ..scene.cameras import camera_name, is_mocap_camera
+from ..scene.cameras import camera_name, camera_through
 from ..scene.markerset_edit import edited_collection
 from ..scene.opened import opened
 from ..scene.picking import to_region
@@ -26,7 +26,13 @@ BLOB_RADIUS, RING_RADIUS, LINK_WIDTH, TEXT_SIZE = 3.5, 5.5, 2.2, 11.0
 RING_COLOUR = (1.0, 1.0, 1.0, 0.45)
 CORNERS = 16
 LEGEND_LEFT, LEGEND_BOTTOM = 60, 20
-LEGEND = (("nothing else near", 1), ("chosen among several", 2), ("left over, and fits", 3), ("no name", 0))
+LEGEND = (
+    ("nothing else near", EXCLUSIVE),
+    ("chosen among several", CONFLICT),
+    ("left over, and fits", REMAINING),
+    ("no name", NO_STEP),
+)
+BY_HAND = ("named by hand", BY_EDIT)
 COVERING = ("TOOLS", "UI", "HEADER", "TOOL_HEADER", "ASSET_SHELF", "ASSET_SHELF_HEADER")
 
 
@@ -46,7 +52,7 @@ def draw():
     index = marks.frame_index(stored, context.scene.frame_current) if stored else -1
     if index < 0:
         return
-    camera = looking_through(context)
+    camera = camera_through(context.space_data, context.scene)
     if camera is not None and camera_name(camera) in stored.cameras.names:
         draw_camera(canvas, stored, index, camera, settings)
     else:
@@ -61,15 +67,6 @@ def shown(scene: bpy.types.Scene) -> Stored | None:
     if settings.preview is not None and (holds_points(settings.preview) or cameras_at_hand(scene)):
         return opened.preview(settings.preview, settings.cameras, scene)
     return None
-
-
-def looking_through(context: bpy.types.Context) -> bpy.types.Object | None:
-    """The calibrated camera that the current view looks through."""
-    space = context.space_data
-    if space.region_3d.view_perspective != "CAMERA":
-        return None
-    camera = space.camera if space.use_local_camera else context.scene.camera
-    return camera if is_mocap_camera(camera) else None
 
 
 class Canvas:
@@ -176,7 +173,8 @@ def draw_camera(canvas: Canvas, stored: Stored, index: int, camera: bpy.types.Ob
         named = np.flatnonzero(seen.marker != NO_MARKER)
         canvas.names([stored.names[marker] for marker in seen.marker[named]], places[named])
     if stored.names:
-        draw_legend(canvas, camera_name(camera), len(places), int((seen.marker != NO_MARKER).sum()))
+        legend = (*LEGEND, *([BY_HAND] if (seen.step == BY_EDIT).any() else []))
+        draw_legend(canvas, camera_name(camera), len(places), int((seen.marker != NO_MARKER).sum()), legend)
     else:
         canvas.text(
             f"{camera_name(camera)}: {len(places)} blobs", LEGEND_LEFT * canvas.scale, LEGEND_BOTTOM * canvas.scale
@@ -216,9 +214,9 @@ def draw_point_legend(canvas: Canvas, named: int, points: int, labelled: bool, f
     draw_colours(canvas, f"{named} of {points} points named", rows)
 
 
-def draw_legend(canvas: Canvas, camera: str, blobs: int, named: int):
-    """What the colours of blobs mean, and how many have a name."""
-    rows = [(words, STEP_COLOURS[step]) for words, step in LEGEND]
+def draw_legend(canvas: Canvas, camera: str, blobs: int, named: int, legend):
+    """What the colours of blobs mean, by the steps of a `legend`, and how many have a name."""
+    rows = [(words, STEP_COLOURS[step]) for words, step in legend]
     draw_colours(canvas, f"{camera}: {named} of {blobs} blobs named", rows)
 
 

@@ -1,30 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The sidebar tab "Mocap": the steps from files to named markers, in the order a person takes them."""
 
-import textwrap
-
 import bpy
 
 from ..io.markersets import SUFFIX
 from ..ops.importing import cameras_at_hand
-from ..ops.picking import picked_points, selected_markers
+from ..ops.picking import picked_points, selected_markers, words_of_picked
 from ..props import OWN_FILE
 from ..scene import naming
 from ..scene.cameras import camera_name
 from ..scene.markerset_edit import edited_collection
-from ..scene.take import holds_points, is_take
+from ..scene.take import is_take
 from . import trouble
+from .parts import Reviewing, Step, draw_text
 
 FEW_MARKERS_SHOWN = 5  # cameras that fit below each other
-LINE = 34  # letters that fit beside each other in a sidebar of the usual width
-
-
-class Step:
-    """Where every panel of ours lives."""
-
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "Mocap"
 
 
 class MOCAP_AUTOLABEL_PT_cameras(Step, bpy.types.Panel):
@@ -141,9 +131,10 @@ class MOCAP_AUTOLABEL_PT_train(Step, bpy.types.Panel):
         if not (own and settings.train_on):
             layout.prop(settings, "trained_name")
         layout.operator("mocap_autolabel.train", icon="PLAY")
+        layout.operator("mocap_autolabel.learn_take", icon="PLAY")
         layout.operator("mocap_autolabel.learn_frame", icon="PLAY")
         for doubt in context.window_manager.mocap_autolabel.doubts:
-            draw_text(layout, doubt.name, icon="ERROR")
+            draw_text(context, layout, doubt.name, icon="ERROR")
 
 
 class MOCAP_AUTOLABEL_PT_label(Step, bpy.types.Panel):
@@ -216,16 +207,6 @@ class MOCAP_AUTOLABEL_PT_review(Step, bpy.types.Panel):
             layout.operator("mocap_autolabel.clear", icon="TRASH")
 
 
-class Reviewing:
-    """Shown only with a take to review."""
-
-    bl_parent_id = "MOCAP_AUTOLABEL_PT_review"
-
-    @classmethod
-    def poll(cls, context):
-        return is_take(context.scene.mocap_autolabel.take)
-
-
 def cells(layout: bpy.types.UILayout, measured: bool) -> list[bpy.types.UILayout]:
     """The cells of a row of the markers' table, the gaps' the widest; the last only where residuals were measured."""
     row, made = layout.row(), []
@@ -247,15 +228,7 @@ def draw_choice(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, n
     row.prop(settings, name, text="")
 
 
-def draw_text(layout: bpy.types.UILayout, words: str, icon: str = "NONE"):
-    """A sentence that is longer than the sidebar is wide."""
-    column = layout.column(align=True)
-    column.scale_y = 0.75
-    for number, line in enumerate(textwrap.wrap(words, LINE)):
-        column.label(text=line, icon="NONE" if number else icon)
-
-
-class MOCAP_AUTOLABEL_PT_markers(Step, Reviewing, bpy.types.Panel):
+class MOCAP_AUTOLABEL_PT_markers(Reviewing, bpy.types.Panel):
     """Every marker with its gaps and residual, the one that was found least first."""
 
     bl_label = "Markers"
@@ -269,14 +242,10 @@ class MOCAP_AUTOLABEL_PT_markers(Step, Reviewing, bpy.types.Panel):
         layout.template_list("MOCAP_AUTOLABEL_UL_markers", "", state, "markers", state, "marker_index", rows=6)
 
 
-class MOCAP_AUTOLABEL_PT_corrections(Step, Reviewing, bpy.types.Panel):
+class MOCAP_AUTOLABEL_PT_corrections(Reviewing, bpy.types.Panel):
     """What a person says of the labels."""
 
     bl_label = "Corrections"
-
-    @classmethod
-    def poll(cls, context):
-        return holds_points(context.scene.mocap_autolabel.take)
 
     def draw(self, context):
         layout, state = self.layout, context.window_manager.mocap_autolabel
@@ -285,7 +254,7 @@ class MOCAP_AUTOLABEL_PT_corrections(Step, Reviewing, bpy.types.Panel):
         if names:
             layout.label(text=", ".join(names), icon="EMPTY_DATA")
         elif points:
-            layout.label(text=f"Trajectory {', '.join(map(str, points))}", icon="DOT")
+            layout.label(text=words_of_picked(context, points), icon="DOT")
         grid = layout.grid_flow(columns=2, even_columns=True, align=True)
         grid.operator("mocap_autolabel.name_point", icon="SORTALPHA")
         grid.operator("mocap_autolabel.unlabel", icon="X")
@@ -302,7 +271,7 @@ class MOCAP_AUTOLABEL_PT_corrections(Step, Reviewing, bpy.types.Panel):
             column.operator("mocap_autolabel.clear_corrections", text="", icon="TRASH")
             if state.correction_index < len(state.corrections):
                 row = state.corrections[state.correction_index]
-                draw_text(layout, f"{row.name}: {row.idle}" if row.idle else row.name)
+                draw_text(context, layout, f"{row.name}: {row.idle}" if row.idle else row.name)
         layout.operator("mocap_autolabel.save_corrections", icon="FILE_TICK")
 
 

@@ -9,7 +9,7 @@ from ..scene.markerset_edit import edited_collection
 from ..scene.quality import changed_since, kept_report, marker_items, targets
 from .marks import BLACK, CYAN, GREEN, ORANGE, RED
 from .overlay import BLOB_RADIUS, RING_RADIUS, Canvas, draw_colours
-from .panels import Step, draw_text
+from .parts import Step, draw_text
 
 PAIRS_SHOWN = 6  # of the list
 HEAD, BARB = 11.0, 0.45  # px of an arrow's head, and how wide it is of that
@@ -97,12 +97,12 @@ class MOCAP_AUTOLABEL_PT_quality(Step, bpy.types.Panel):
         if report is None:
             return
         if changed_since(collection):
-            draw_text(layout, "Markers have changed since; judge them again", icon="ERROR")
+            draw_text(context, layout, "Markers have changed since; judge them again", icon="ERROR")
         _draw_list(layout.column(align=True), report)
         for number, row in enumerate(report["advice"], 1):
             box = layout.box()
             gain = f"{' and '.join(row['for'])} from {row['before']:.1f} to {row['after']:.1f}"
-            draw_text(box, f"{number}. {row['words'][0].upper()}{row['words'][1:]}. {gain}", icon="LIGHT")
+            draw_text(context, box, f"{number}. {row['words'][0].upper()}{row['words'][1:]}. {gain}", icon="LIGHT")
             box.operator("mocap_autolabel.take_advice", icon="EMPTY_ARROWS").number = number
 
 

@@ -4,20 +4,14 @@
 import bpy
 
 from ..scene.smoothing import kept_cutoff
-from ..scene.take import is_take
+from .parts import Reviewing
 
 
-class MOCAP_AUTOLABEL_PT_smoothing(bpy.types.Panel):
+class MOCAP_AUTOLABEL_PT_smoothing(Reviewing, bpy.types.Panel):
     """What is too fast to be the person taken from the markers."""
 
     bl_label = "Smoothing"
-    bl_space_type, bl_region_type, bl_category = "VIEW_3D", "UI", "Mocap"
-    bl_parent_id = "MOCAP_AUTOLABEL_PT_review"
     bl_options = {"DEFAULT_CLOSED"}
-
-    @classmethod
-    def poll(cls, context):
-        return is_take(context.scene.mocap_autolabel.take)
 
     def draw(self, context):
         layout, settings = self.layout, context.scene.mocap_autolabel

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import bpy
 import gpu
 import numpy as np
-from gpu_extras.batch import batch_for_shader
 
 from ..core.data.takes import NO_MARKER
 from ..ops.picking import picked_points, selected_markers
@@ -16,7 +15,9 @@ from ..ops.timeline import KEYS, RowPlaces, shown_runs, timeline_shown
 from ..scene.redrawing import redraw
 from ..scene.take import is_take
 from ..scene.trajectories import CORRECTED, DOUBTFUL, FILLED, GAP, NAMED, STATES, UNNAMED, Runs
+from .boxes import BOX_CORNERS, box_batch
 from .lettering import Letters, pixel_matrix
+from .parts import Reviewing
 
 # Okabe and Ito's colours, which are told apart whatever one's eyes, and for each a form of its own as well.
 STATE_COLOURS = {
@@ -36,7 +37,7 @@ STATE_HEIGHTS = {
     CORRECTED: (0.18, 0.82),
     DOUBTFUL: (0.05, 0.95),
 }
-LEAST_WIDTH = 2.0  # px of the interface of what is no name: a gap of one frame in 20,000 is seen as well
+MIN_WIDTH = 2.0  # px of the interface of what is no name: a gap of one frame in 20,000 is seen as well
 GROUND, STRIPE, CHOSEN_ROW, LEGEND_EDGE = (
     (0.105, 0.105, 0.105),
     (0.125, 0.125, 0.125),
@@ -137,11 +138,8 @@ def make_shader() -> gpu.types.GPUShader:
 
 def buffer_of(shader: gpu.types.GPUShader, runs: np.ndarray) -> gpu.types.GPUBatch:
     """Runs (N, 4) as two triangles each."""
-    count = len(runs)
-    corner = np.tile(np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32), (count, 1))
-    faces = (4 * np.arange(count)[:, None] + [0, 1, 2, 0, 2, 3]).reshape(-1, 3).astype(np.int32)
-    content = {"run": np.repeat(runs.astype(np.float32), 4, axis=0), "corner": corner}
-    return batch_for_shader(shader, "TRIS", content, indices=faces)
+    corner = np.broadcast_to(BOX_CORNERS, (len(runs), *BOX_CORNERS.shape))
+    return box_batch(shader, run=np.repeat(runs[:, None], 4, axis=1), corner=corner)
 
 
 def draw_rows():
@@ -161,7 +159,7 @@ def draw_rows():
         # What lies under the frame numbers, Blender draws over afterwards; under the legend, we do.
         with gpu.matrix.push_pop():
             gpu.matrix.translate((0.0, places.upper(0)))
-            shader.uniform_float("view", (left - runs.span[0], wide, places.row, LEAST_WIDTH * scale))
+            shader.uniform_float("view", (left - runs.span[0], wide, places.row, MIN_WIDTH * scale))
             _drawn.batch.draw(shader)
         draw_preview_range(context.scene, pixels, places, (left, wide))
         if places.bottom:
@@ -212,10 +210,10 @@ class Pixels:
         """Filled boxes (N, 4): left, lower, right, upper end."""
         if not len(ends):
             return
-        corners = ends[:, [0, 1, 2, 1, 2, 3, 0, 1, 2, 3, 0, 3]].reshape(-1, 2)
+        corners = ends[:, [[0, 1], [2, 1], [2, 3], [0, 3]]]
         self._flat.bind()
         self._flat.uniform_float("color", colour)
-        batch_for_shader(self._flat, "TRIS", {"pos": corners.astype(np.float32).tolist()}).draw(self._flat)
+        box_batch(self._flat, pos=corners).draw(self._flat)
 
 
 def draw_ground(context: bpy.types.Context, pixels: Pixels, runs: Runs, places: RowPlaces):
@@ -316,17 +314,11 @@ def draw_view_menu(self, context):
     self.layout.prop(context.window_manager.mocap_autolabel, "timeline_unfolded")
 
 
-class MOCAP_AUTOLABEL_PT_timeline(bpy.types.Panel):
+class MOCAP_AUTOLABEL_PT_timeline(Reviewing, bpy.types.Panel):
     """The trajectory timeline's switch."""
 
     bl_label = "Trajectory Timeline"
-    bl_space_type, bl_region_type, bl_category = "VIEW_3D", "UI", "Mocap"
-    bl_parent_id = "MOCAP_AUTOLABEL_PT_review"
     bl_options = {"DEFAULT_CLOSED"}
-
-    @classmethod
-    def poll(cls, context):
-        return is_take(context.scene.mocap_autolabel.take)
 
     def draw(self, context):
         column = self.layout.column()

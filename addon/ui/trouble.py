@@ -1,14 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The list of what is the matter with a take in the sidebar: the worst first, in full, with what helps."""
 
-import textwrap
-
 import bpy
 
 from ..core.review.trouble import IN_DOUBT, LEFT_OVER, MISSING, NOBODY_THERE, OF_CAMERA, OFF_BODY
 from ..ops.reviewing import is_listed, words_for, words_of_answer
-from ..scene.take import is_take
 from ..scene.trouble import known_cameras, known_trouble
+from .parts import Reviewing, draw_text, frames_in_short
 
 ICONS = {
     NOBODY_THERE: "GHOST_DISABLED",
@@ -18,17 +16,6 @@ ICONS = {
     IN_DOUBT: "QUESTION",
     OF_CAMERA: "CAMERA_DATA",
 }
-LETTER = 6.6  # px of the interface that a letter of a panel is wide, on average
-MARGIN = 56  # px of the interface beside the words of a panel
-
-
-def draw_in_full(context: bpy.types.Context, layout: bpy.types.UILayout, words: str, icon: str = "NONE"):
-    """A sentence on as many lines as the sidebar's width takes."""
-    width = context.region.width / context.preferences.system.ui_scale
-    column = layout.column(align=True)
-    column.scale_y = 0.75
-    for number, line in enumerate(textwrap.wrap(words, max(int((width - MARGIN) / LETTER), 12))):
-        column.label(text=line, icon="BLANK1" if number and icon != "NONE" else icon)
 
 
 def in_short(stake: float) -> str:
@@ -36,18 +23,10 @@ def in_short(stake: float) -> str:
     return f"{stake:.0f}" if stake < 1000 else f"{stake / 1000:.1f}k"
 
 
-class MOCAP_AUTOLABEL_PT_trouble(bpy.types.Panel):
+class MOCAP_AUTOLABEL_PT_trouble(Reviewing, bpy.types.Panel):
     """What to look at before trusting the take."""
 
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "Mocap"
     bl_label = "To Look at"
-    bl_parent_id = "MOCAP_AUTOLABEL_PT_review"
-
-    @classmethod
-    def poll(cls, context):
-        return is_take(context.scene.mocap_autolabel.take)
 
     def draw_header_preset(self, context):
         rows = context.window_manager.mocap_autolabel.troubles
@@ -79,11 +58,11 @@ class MOCAP_AUTOLABEL_PT_trouble(bpy.types.Panel):
     def _draw_one(self, context, trouble, index: int):
         box = self.layout.box()
         sentence = trouble.reason[0].upper() + trouble.reason[1:]
-        draw_in_full(context, box, sentence, ICONS[trouble.kind])
+        draw_text(context, box, sentence, ICONS[trouble.kind])
         if trouble.answered:
             box.label(text="Looked at, and right", icon="CHECKMARK")
             return
-        draw_in_full(context, box, trouble.advice, "INFO")
+        draw_text(context, box, trouble.advice, "INFO")
         column = box.column(align=True)
         if words := words_for(trouble):
             column.operator("mocap_autolabel.mend_trouble", text=words, icon="PLAY").index = index
@@ -96,7 +75,7 @@ class MOCAP_AUTOLABEL_UL_trouble(bpy.types.UIList):
 
     def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0):
         split = layout.split(factor=0.46, align=True)
-        frames = str(item.first) if item.first == item.last else f"{item.first}–{item.last}"
+        frames = frames_in_short(item.first, item.last)
         split.operator("mocap_autolabel.show_trouble", text=frames, icon=ICONS[item.kind]).index = index
         split = split.split(factor=0.62, align=True)
         split.label(text=item.name or item.kind)
@@ -108,20 +87,15 @@ class MOCAP_AUTOLABEL_UL_trouble(bpy.types.UIList):
         return [self.bitflag_filter_item if is_listed(data, row) else 0 for row in rows], []
 
 
-class MOCAP_AUTOLABEL_PT_camera_blobs(bpy.types.Panel):
+class MOCAP_AUTOLABEL_PT_camera_blobs(Reviewing, bpy.types.Panel):
     """How well each camera's blobs are named, and how far they are off."""
 
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "Mocap"
     bl_label = "Cameras"
-    bl_parent_id = "MOCAP_AUTOLABEL_PT_review"
     bl_options = {"DEFAULT_CLOSED"}
 
     @classmethod
     def poll(cls, context):
-        take = context.scene.mocap_autolabel.take
-        return is_take(take) and bool(known_cameras(take, context.scene))
+        return super().poll(context) and bool(known_cameras(context.scene.mocap_autolabel.take, context.scene))
 
     def draw(self, context):
         grid = self.layout.grid_flow(row_major=True, columns=4, even_columns=False, align=True)
@@ -134,14 +108,10 @@ class MOCAP_AUTOLABEL_PT_camera_blobs(bpy.types.Panel):
                 grid.label(text=words)
 
 
-class MOCAP_AUTOLABEL_PT_changes(bpy.types.Panel):
+class MOCAP_AUTOLABEL_PT_changes(Reviewing, bpy.types.Panel):
     """What labelling again changed."""
 
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "Mocap"
     bl_label = "Changed by Labelling Again"
-    bl_parent_id = "MOCAP_AUTOLABEL_PT_review"
 
     @classmethod
     def poll(cls, context):
@@ -153,7 +123,7 @@ class MOCAP_AUTOLABEL_PT_changes(bpy.types.Panel):
             "MOCAP_AUTOLABEL_UL_changes", "", state, "changes", state, "change_index", rows=3, maxrows=8
         )
         if state.change_index < len(state.changes):
-            draw_in_full(context, self.layout, state.changes[state.change_index].words)
+            draw_text(context, self.layout, state.changes[state.change_index].words)
 
 
 class MOCAP_AUTOLABEL_UL_changes(bpy.types.UIList):

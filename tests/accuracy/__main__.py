@@ -16,7 +16,7 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from . import people, runs, starts, tracking
-from .door import run_door, run_walking
+from .door import run_door, run_door_standing, run_walking
 from .rebuilding import run_rebuilding
 
 RUNS = {
@@ -30,6 +30,7 @@ RUNS = {
     "sweeps": runs.run_sweeps,
     "rebuilding": run_rebuilding,
     "door": run_door,
+    "door-standing": run_door_standing,
 }
 QUICK = ("standing", "starts", "speed", "walking")
 

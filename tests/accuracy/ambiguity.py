@@ -83,10 +83,10 @@ def predicted_and_measured(markerset: MarkerSet, frames: int) -> tuple[str, str]
         pairs, markers = pairs + found.hidden / len(groups), markers + found.of_markers / len(groups)
         counts += confusion(likelihood, takes, left_out, frames)
     one, two = np.triu_indices(len(markerset), 1)
-    either, apart = (counts + counts.T)[one, two], pairs[one, two]
+    either, distance = (counts + counts.T)[one, two], pairs[one, two]
     wrong = (counts.sum(axis=1) - np.diag(counts)) / counts.sum(axis=1)
-    of_pairs, most = rank_correlation(apart, either)
-    ever = rank_correlation(apart[either > 0], either[either > 0])[0]
+    of_pairs, most = rank_correlation(distance, either)
+    ever = rank_correlation(distance[either > 0], either[either > 0])[0]
     row = (
         markerset.name,
         share(int(either.sum()), int(counts.sum()), 2),
@@ -99,8 +99,8 @@ def predicted_and_measured(markerset: MarkerSet, frames: int) -> tuple[str, str]
         (
             f"{takes.names[one[at]]} and {takes.names[two[at]]}",
             either[at],
-            f"{separation(apart[at]):.1f}",
-            f"{1 + (apart > apart[at]).sum()}",
+            f"{separation(distance[at]):.1f}",
+            f"{1 + (distance > distance[at]).sum()}",
         )
         for at in np.argsort(-either, kind="stable")[:SHOWN]
     ]

@@ -7,8 +7,10 @@ import subprocess
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from functools import partial
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +33,8 @@ from .walking import RATE, walking
 PLATFORM = "linux-x64"
 ROOMS = ("vicon12", "ring")
 TAKE_COLUMNS = ("take", "cameras", "frames", "blobs", "labels", "wrong", "recall", "F1", "most often", "frames/s")
+SUM_COLUMNS = ("takes", "wrong labels", "precision", "recall", "F1", "blobs named otherwise than outside Blender")
+BOTH_COLUMNS = ("take", "cameras", "frames", "blobs", "labels", "wrong", "precision", "recall")
 # Words of a command line in, the ended program out.
 Program = Callable[..., subprocess.CompletedProcess]
 
@@ -65,8 +69,9 @@ class Door:
 
 def here(*words: str) -> subprocess.CompletedProcess:
     """The command line of this Python, with rays cast at the body as inside Blender."""
-    program = Path(sys.executable).with_name("mocap-autolabel")
-    return subprocess.run([program, *words, "--occlusion", "bvh"], capture_output=True, text=True, check=False)
+    program = (sys.executable, "-c", "import sys; from addon.cli import main; sys.exit(main(sys.argv[1:]))")
+    command = (*program, *words, "--occlusion", "bvh")
+    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=build.ROOT)
 
 
 def run_walking(plan: Plan):
@@ -121,35 +126,83 @@ def _take_cells(trial: Trial, score: Score, speed: float) -> list:
 
 
 def run_door(plan: Plan):
-    """Standing frames, and one person's walks a group, by a real Blender and by the command line of this Python."""
-    blender = real_blender.find()
+    """Every walk and turn of everybody in both rooms, by a real Blender and by this Python's command line."""
+    rows, takes = [], []
+    with tempfile.TemporaryDirectory() as name, _both(Path(name)) as programs:
+        for set_name, room in product(plan.sets, ROOMS):
+            score, differing = Score(left_out_model(set_name, plan.folds[0]).markers), 0
+            for number, fold in enumerate(plan.folds):
+                markerset = left_out_model(set_name, fold)
+                trials = walking(markerset.markers, fold, None, plan.seed, room=room)
+                place = Path(name) / f"{set_name}-{room}-{number}"
+                for trial, labels, otherwise in _by_both(trials, markerset, programs, place, RATE):
+                    alone = Score(markerset.markers)
+                    for one in (score, alone):
+                        one.count(trial, *labels)
+                    differing += otherwise
+                    takes.append([set_name, room, *_both_cells(trial, alone), otherwise])
+                    print(*takes[-1], sep=" | ", file=sys.stderr, flush=True)
+            rows.append([set_name, f"walks and turns, {room}", *_sum_cells(score, differing)])
+            show(plan, score)
+    print(f"\n### Walks and turns through the command line of a real Blender, ghosts ({plan.people()})\n")
+    print(table(("set", "captures", *SUM_COLUMNS), rows))
+    print("\n" + table(("set", "room", *BOTH_COLUMNS, "named otherwise outside"), takes))
+
+
+def run_door_standing(plan: Plan):
+    """Standing frames in the paper's rig, by a real Blender and by this Python's command line."""
     rows = []
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        inside = _install(blender, folder)
+    with tempfile.TemporaryDirectory() as name, _both(Path(name)) as programs:
         for set_name in plan.sets:
-            for kind, trials_of, rate, count in (
-                ("standing frames, paper's rig", standing, 100.0, max(plan.count // 4, 2)),
-                ("walks and turns, vicon12", walking, RATE, 2),
-            ):
-                score, differing = None, 0
-                for number, fold in enumerate(plan.folds):
-                    markerset = left_out_model(set_name, fold)
-                    score = score or Score(markerset.markers)
-                    place = folder / f"{set_name}-{rate:.0f}-{number}"
-                    doors = [
-                        Door(markerset, program, place.with_suffix(f".{which}"), rate)
-                        for which, program in (("blender", inside), ("here", here))
-                    ]
-                    for trial in trials_of(markerset.markers, fold, count, plan.seed):
-                        (names, steps), (others, _) = (door(trial.blobs, trial.cameras) for door in doors)
-                        score.count(trial, names, steps)
-                        differing += int((names != others).sum())
-                blobs = share(differing, score.blobs, 3)
-                rows.append([set_name, kind, score.takes, *score_cells(score.counts), blobs])
-    print(f"\n### Through the command line of a real Blender, ghosts ({plan.people()})\n")
-    print("Blender {}.{}.{}".format(*blender.version) + "\n")
-    print(table(("set", "captures", "takes", *SCORE_COLUMNS, "blobs named otherwise than outside Blender"), rows))
+            score, differing = Score(left_out_model(set_name, plan.folds[0]).markers), 0
+            for number, fold in enumerate(plan.folds):
+                markerset = left_out_model(set_name, fold)
+                trials = standing(markerset.markers, fold, max(plan.count // 4, 2), plan.seed)
+                for trial, labels, otherwise in _by_both(
+                    trials, markerset, programs, Path(name) / f"{set_name}-{number}"
+                ):
+                    score.count(trial, *labels)
+                    differing += otherwise
+            rows.append([set_name, "standing frames, paper's rig", *_sum_cells(score, differing)])
+            show(plan, score)
+    print(f"\n### Standing frames through the command line of a real Blender, ghosts ({plan.people()})\n")
+    print(table(("set", "captures", *SUM_COLUMNS), rows))
+
+
+@contextmanager
+def _both(folder: Path) -> Iterator[tuple[Program, Program]]:
+    """The command lines of a real Blender, with the zip installed, and of this Python; says which Blender."""
+    blender = real_blender.find()
+    yield _install(blender, folder), here
+    print("\nBlender {}.{}.{}".format(*blender.version))
+
+
+def _by_both(trials: Iterable[Trial], markerset: MarkerSet, programs, place: Path, rate: float = 100.0):
+    """Yields each capture, its names and steps by the first program, and how many blobs the second names otherwise."""
+    doors = [
+        Door(markerset, program, place.with_name(f"{place.name}-{number}"), rate)
+        for number, program in enumerate(programs)
+    ]
+    for trial in trials:
+        labels, others = (door(trial.blobs, trial.cameras) for door in doors)
+        yield trial, labels, int((labels[0] != others[0]).sum())
+
+
+def _sum_cells(score: Score, differing: int) -> list:
+    """The cells under `SUM_COLUMNS`."""
+    counts = score.counts
+    figures = counts.as_dict()
+    wrong = share(counts.given - counts.right, counts.given, 3)
+    rates = [f"{100 * figures[name]:.2f} %" for name in ("precision", "recall", "f1")]
+    return [score.takes, wrong, *rates, share(differing, score.blobs, 3)]
+
+
+def _both_cells(trial: Trial, score: Score) -> list:
+    """The cells under `BOTH_COLUMNS` of one take."""
+    counts = score.counts
+    rates = [f"{100 * counts.as_dict()[name]:.2f} %" for name in ("precision", "recall")]
+    wrong = counts.given - counts.right
+    return [trial.title, len(trial.cameras), counts.frames, len(trial.blobs), counts.given, wrong, *rates]
 
 
 def _install(blender: real_blender.RealBlender, folder: Path) -> Program:

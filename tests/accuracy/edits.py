@@ -36,7 +36,7 @@ from .tables import table
 from .whole_takes import CASES, Case, Take, actors, cut_up, model_of
 
 ACTOR, PERSON = "actor41", "bd"
-WORN = open_markerset(ACTOR).markers
+MARKERS = open_markerset(ACTOR).markers
 CAPTURED, CAPTURED_FRAMES = (400, 1000, 2000, 3000), 150
 
 
@@ -110,7 +110,7 @@ def blob_rows() -> Iterator[list[str]]:
             captured(take, folder / "room.toml", source)
             with truth_path(source).open(newline="") as file:
                 rows = list(csv.DictReader(file))
-            truth = np.array([WORN.index(row["marker"]) if row["marker"] in WORN else -1 for row in rows])
+            truth = np.array([MARKERS.index(row["marker"]) if row["marker"] in MARKERS else -1 for row in rows])
             merged = np.array(["|" in row["marker"] for row in rows])
             job = LabelJob(source, room, ACTOR, folder / "out", rate=take.rate, keep=True, overwrite=True)
             before = markers_of_blobs(job)
@@ -130,7 +130,7 @@ def blob_rows() -> Iterator[list[str]]:
                 f"{first} to {first + CAPTURED_FRAMES}",
                 str(len(rows)),
                 str(len(wrong)),
-                f"{row['marker']}, which was {WORN[most[0]]}",
+                f"{row['marker']}, which was {MARKERS[most[0]]}",
                 f"{found.right}, {found.wrong}, {found.lost}",
             ]
 

@@ -5,7 +5,7 @@ Gaps of four lengths are cut at random into recorded takes, into one marker or i
 once, and filled by the usual methods and by the product's `auto`, which says what error to expect. Errors are means
 over the frames of a gap, then the gaps of a take, then the takes, mm.
 
-The constants of the filling were chosen on the takes of CHOSEN_ON; what the others show is told apart.
+The constants of the filling were chosen on the takes of CHOSEN_ON; what the others show is printed beside it.
 """
 
 import argparse
@@ -67,11 +67,11 @@ def cuts(xyz: np.ndarray, length: int, count: int, at_once: int, seed: int) -> I
     """Gaps at random where the markers are known, also a little before and after."""
     rng = np.random.default_rng([seed, length, at_once])
     known = np.isfinite(xyz[..., 0])
-    apart = np.nanmean(np.linalg.norm(xyz[::20, :, None] - xyz[::20, None], axis=-1), axis=0)
+    distance = np.nanmean(np.linalg.norm(xyz[::20, :, None] - xyz[::20, None], axis=-1), axis=0)
     while count:
         marker, start = rng.integers(xyz.shape[1]), rng.integers(MARGIN, len(xyz) - length - MARGIN)
         there = known[start - MARGIN : start + length + MARGIN].all(axis=0)
-        near = [int(other) for other in np.argsort(apart[marker]) if there[other]]
+        near = [int(other) for other in np.argsort(distance[marker]) if there[other]]
         if there[marker] and len(near) >= at_once:
             count -= 1
             yield Cut(tuple(near[:at_once]), start, start + length)
@@ -137,7 +137,7 @@ def errors(xyz: np.ndarray, rate: float, cut: Cut) -> dict[str, float]:
             path = peer(name, take, gap)
             found[name].append(np.nan if path is None else _off(path, truth[:, marker]))
     # The error is asked for whatever is to be expected, and the take's own gaps in other markers stay.
-    options = FillOptions(markers=tuple(columns), max_gap=len(truth), most_off_m=np.inf)
+    options = FillOptions(markers=tuple(columns), max_gap=len(truth), max_off_m=np.inf)
     filled = finished(fill_take(hidden, rate, options))
     for marker in columns:
         found["auto"].append(_off(filled.xyz[cut.start : cut.stop, marker], truth[:, marker]))

@@ -44,8 +44,8 @@ def other_person(points: np.ndarray, structure: Structure, rng: np.random.Genera
         # A marker on no plate goes with the one that it moves with most.
         rigid_body = next((index for index, core in enumerate(cores) if marker in core), None)
         if rigid_body is None:
-            apart = np.linalg.norm(points[:, marker, None] - middles, axis=2)
-            rigid_body = int(np.nanargmin(np.nanmean(np.where(np.isfinite(apart), apart, np.nan), axis=0)))
+            distance = np.linalg.norm(points[:, marker, None] - middles, axis=2)
+            rigid_body = int(np.nanargmin(np.nanmean(np.where(np.isfinite(distance), distance, np.nan), axis=0)))
         local = np.einsum("tji,tj->ti", turn[:, rigid_body], points[:, marker] - place[:, rigid_body])
         made[:, marker] = np.einsum("tij,tj->ti", turn[:, rigid_body], local) + moved[:, rigid_body]
     for rigid_body, (core, form) in enumerate(zip(cores, forms, strict=True)):

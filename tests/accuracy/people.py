@@ -66,8 +66,8 @@ def takes(people=None, kind: str | None = None) -> list[Recording]:
 
 def other_lab(names) -> np.ndarray:
     """(T, M, 3) m of the markers `names` in a tennis serve; its player wears LPSI and RPSI for SACR, which is NaN."""
-    worn, xyz, rate = read_c3d(SERVE)
-    return Recording("tennis", "serve", SERVE, worn, xyz, rate).pick(names)
+    known, xyz, rate = read_c3d(SERVE)
+    return Recording("tennis", "serve", SERVE, known, xyz, rate).pick(names)
 
 
 def folds(count: int = 5) -> list[tuple[str, ...]]:
@@ -78,16 +78,16 @@ def folds(count: int = 5) -> list[tuple[str, ...]]:
 
 @cache
 def _read(path: Path, person: str, kind: str) -> Recording:
-    names, xyz, rate = _read_worn(path)
+    names, xyz, rate = _read_known(path)
     renamed = EXCHANGED.get(path.stem, {})
     return Recording(person, kind, path, tuple(renamed.get(name, name) for name in names), xyz, rate)
 
 
-def _read_worn(path: Path) -> tuple[tuple[str, ...], np.ndarray, float]:
+def _read_known(path: Path) -> tuple[tuple[str, ...], np.ndarray, float]:
     """Of a take, the markers that any of our marker sets has."""
     names, xyz, rate = read_c3d(path)
-    worn = [index for index, name in enumerate(names) if name in {*GAIT15, *BODY26}]
-    return tuple(names[index] for index in worn), xyz[:, worn], rate
+    known = [index for index, name in enumerate(names) if name in {*GAIT15, *BODY26}]
+    return tuple(names[index] for index in known), xyz[:, known], rate
 
 
 def read_c3d(path: Path) -> tuple[tuple[str, ...], np.ndarray, float]:

@@ -185,12 +185,12 @@ def raw_take(model: Model) -> str:
     there = np.isfinite(take.xyz[..., 0])
     missing = [name for index, name in enumerate(names) if not np.isfinite(placed[:, index, 0]).any()]
     prop, cluster = adaptation.recognition.prop & there, adaptation.recognition.cluster
-    worn = there & ~prop
+    of_subject = there & ~prop
     rows = [
         ("plates recognised", f"{int((cluster >= 0).sum())} of {len(cluster)}"),
         ("least margin of a plate, log odds", f"{adaptation.recognition.margin.min():.1f}"),
         ("trajectories of things that stand about", f"{int(prop.any(axis=0).sum())}"),
-        ("other points that are named", f"{100 * (decided.marker >= 0)[worn].mean():.1f} %"),
+        ("other points that are named", f"{100 * (decided.marker >= 0)[of_subject].mean():.1f} %"),
         ("markers that are not found", " ".join(missing) or "none"),
         *anatomical.statements(placed, names, take.rate),
     ]

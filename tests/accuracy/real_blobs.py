@@ -232,10 +232,10 @@ def filled_marker(measured: Run, name: str = "L_IAS") -> str:
     at = np.array(sorted(frames)) - TESTED[0]
     ours, theirs = own.xyz[at, own.names.index(name)], took.xyz[at + TESTED[0] - 1, took.names.index(name)]
     miss = 1000 * own.residual[at, own.names.index(name)]
-    apart = 1000 * np.linalg.norm(ours - theirs, axis=-1)
+    distance = 1000 * np.linalg.norm(ours - theirs, axis=-1)
     return (
         f"{name}: in {len(frames)} frames a blob without truth bears its name. Its blobs of two cameras and more "
-        f"meet there to {np.nanmedian(miss):.1f} mm (median), {np.nanmedian(apart):.0f} mm from where the recording "
+        f"meet there to {np.nanmedian(miss):.1f} mm (median), {np.nanmedian(distance):.0f} mm from where the recording "
         "has the marker."
     )
 

@@ -144,17 +144,17 @@ def run_rebuilding(plan):
     rows = []
     everyone = people.everyone()
     takes = max(plan.count // 10, 1)
-    for name, worn in (("gait15", people.GAIT15), ("body26", people.BODY26)):
+    for name, markers in (("gait15", people.GAIT15), ("body26", people.BODY26)):
         if name not in plan.sets:
             continue
         runs = {
-            "standing, the paper's 4 cameras": standing(worn, everyone, plan.count, plan.seed),
-            "walks, ring of 4": walking(worn, everyone, takes, plan.seed, room="ring", cameras=(4, 4)),
-            "walks, vicon12, 6 to 8": walking(worn, everyone, takes, plan.seed),
-            "walks, vicon12, all 12": walking(worn, everyone, takes, plan.seed, cameras=(12, 12)),
+            "standing, the paper's 4 cameras": standing(markers, everyone, plan.count, plan.seed),
+            "walks, ring of 4": walking(markers, everyone, takes, plan.seed, room="ring", cameras=(4, 4)),
+            "walks, vicon12, 6 to 8": walking(markers, everyone, takes, plan.seed),
+            "walks, vicon12, all 12": walking(markers, everyone, takes, plan.seed, cameras=(12, 12)),
         }
         for title, trials in runs.items():
-            rebuilt = Rebuilt(worn).add(trials)
+            rebuilt = Rebuilt(markers).add(trials)
             rows.append([name, title, str(rebuilt.frames), *rebuilt.cells()])
     print(f"\n### Points from unnamed blobs ({plan.count} frames, {takes} walks, seed {plan.seed})\n")
     print(table(("set", "capture", "frames", *COLUMNS), rows))

@@ -104,8 +104,8 @@ def world(before: Cameras, after: Cameras) -> str:
     """By how much the markers of the second half are elsewhere with the refined calibration."""
     seen = truly_named(before)
     sound = seen.rows(~np.isin(seen.camera, [before.names.index(name) for name in MOVED]))
-    apart = np.linalg.norm(sound.met(before) - sound.met(after), axis=1)
-    middle, far = 1000 * np.nanmedian(apart), 1000 * np.nanpercentile(apart, 95)
+    distance = np.linalg.norm(sound.met(before) - sound.met(after), axis=1)
+    middle, far = 1000 * np.nanmedian(distance), 1000 * np.nanpercentile(distance, 95)
     return (
         f"The markers are {middle:.2f} mm (median; 95 % within {far:.2f} mm) from where the nine cameras that were not "
         "moved have them by the old calibration."
@@ -141,14 +141,14 @@ def virtual() -> str:
         first, last = scene.blobs.frames[[0, -1]].tolist()
         parts = [scene.blobs.between(*part) for part in parts_of(first, last)]
         found = finished(refine_cameras(parts, given, model, BlobOptions(rate=RATE)))
-        apart = [image_distance(cameras, true, scene.points) for cameras in (given, found.cameras)]
+        distance = [image_distance(cameras, true, scene.points) for cameras in (given, found.cameras)]
         amount = (
             f"{', '.join(true.names[i] for i in which)} by {degrees:g}° and {millimetres:g} mm" if which else "none"
         )
         misplaced = 1000 * np.linalg.norm(found.cameras.centres - true.centres, axis=1).max()
         errors = (f"{np.nanmax(each):.2f}" for each in (found.before, found.after))
         said = f"{found.rounds} rounds" if found.refined else "nothing to refine"
-        rows.append([count, amount, *errors, *(f"{each:.2f}" for each in apart), f"{misplaced:.1f}", said])
+        rows.append([count, amount, *errors, *(f"{each:.2f}" for each in distance), f"{misplaced:.1f}", said])
         print(f"{count} cameras, moved {amount}: done", file=sys.stderr, flush=True)
     off = ("off the truth before, px", "after, px", "places after, mm")
     return table(("cameras", "moved", "worst error before, px", "after, px", *off, "said"), rows)
@@ -156,8 +156,8 @@ def virtual() -> str:
 
 def image_distance(cameras: Cameras, true: Cameras, points: np.ndarray) -> float:
     """The px by which the worst camera sees points (T, M, 3) m elsewhere than it truly does, median over the points."""
-    apart = np.linalg.norm(cameras.project(points) - true.project(points), axis=-1)
-    return float(np.nanmedian(apart, axis=(1, 2)).max())
+    distance = np.linalg.norm(cameras.project(points) - true.project(points), axis=-1)
+    return float(np.nanmedian(distance, axis=(1, 2)).max())
 
 
 def main() -> int:

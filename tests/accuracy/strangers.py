@@ -54,7 +54,7 @@ class Stranger:
     """
 
     file: str
-    worn: dict[str, str]
+    names: dict[str, str]
     number: int
     whole: bool = False
     left_out: tuple[str, ...] = ()
@@ -78,8 +78,8 @@ Y_UP = ("p1", "p2")
 
 
 @dataclass(frozen=True)
-class Worn:
-    """How the arms of the lab's own people are set, and their markers worn elsewhere, to be strangers.
+class Difference:
+    """How the arms of the lab's own people are set, and their markers placed elsewhere, to be strangers.
 
     abducted, flexed, bent  rad, the least and the most of the upper arm to the side and ahead, and of the elbow
     everywhere_m            standard deviation along each axis of every marker's place
@@ -95,7 +95,7 @@ class Worn:
     moved_m: float = 0.09
 
 
-WORN = Worn()
+DIFFERENCE = Difference()
 
 
 def recording_of(stranger: Stranger) -> people.Recording:
@@ -104,7 +104,7 @@ def recording_of(stranger: Stranger) -> people.Recording:
     person = stranger.file.split("/")[1]
     if person in Y_UP:
         xyz = xyz[..., [0, 2, 1]] * [1.0, -1.0, 1.0]
-    own = [[names.index(one) for one in stranger.worn.get(marker, marker).split()] for marker in people.BODY26]
+    own = [[names.index(one) for one in stranger.names.get(marker, marker).split()] for marker in people.BODY26]
     xyz = np.stack([xyz[:, some].mean(axis=1) for some in own], axis=1)
     return people.Recording(person, "standing", PEOPLE / stranger.file, people.BODY26, xyz, rate)
 
@@ -132,7 +132,7 @@ def standing_strangers(stranger: Stranger, count: int = DRAWS) -> Iterator[Trial
 
 
 def posed_people(persons, count: int, seed: int = 11) -> Iterator[Trial]:
-    """`count` captures of people of the lab itself, standing, with other arms and their markers worn elsewhere."""
+    """`count` captures of people of the lab itself, standing, with other arms and their markers placed elsewhere."""
     recordings = people.takes(persons, "standing")
     for number in range(count):
         generator = np.random.default_rng([seed, number])
@@ -140,7 +140,7 @@ def posed_people(persons, count: int, seed: int = 11) -> Iterator[Trial]:
         whole = np.flatnonzero(np.isfinite(take.pick(people.BODY26)).all(axis=(1, 2)))
         frame = int(generator.choice(whole))
         xyz = take.pick(people.BODY26)[frame : frame + 1]
-        xyz = _worn_elsewhere(_arms_set(xyz, generator), generator)
+        xyz = _placed_elsewhere(_arms_set(xyz, generator), generator)
         own = replace(take, names=people.BODY26, xyz=xyz)
         yaw, place = generator.uniform(0, 2 * np.pi), generator.uniform(-OFF_THE_MIDDLE, OFF_THE_MIDDLE, 2)
         yield _captured(own, flesh(own.names, own.xyz), 0, yaw, place, generator, number)
@@ -159,7 +159,7 @@ def _captured(take, body, frame: int, yaw: float, place: np.ndarray, generator, 
     return Trial(title, take.person, rig, seen.blobs, seen.truth, xyz, 0.0, moved.stature, take.rate, hidden)
 
 
-def _arms_set(xyz: np.ndarray, generator, worn: Worn = WORN) -> np.ndarray:
+def _arms_set(xyz: np.ndarray, generator, difference: Difference = DIFFERENCE) -> np.ndarray:
     """(1, M, 3) m with both arms turned at shoulders and elbows: alike in half of the draws."""
     index = people.BODY26.index
     xyz = xyz.copy()
@@ -169,7 +169,9 @@ def _arms_set(xyz: np.ndarray, generator, worn: Worn = WORN) -> np.ndarray:
     alike, angles = generator.uniform() < 0.5, []
     for side, sign in (("L", 1), ("R", -1)):
         if not (alike and angles):
-            angles = [generator.uniform(*limits) for limits in (worn.abducted, worn.flexed, worn.bent)]
+            angles = [
+                generator.uniform(*limits) for limits in (difference.abducted, difference.flexed, difference.bent)
+            ]
         abducted, flexed, bent = angles
         arm = [index(side + name) for name in ("ELB", "WRA", "WRB", "FIN")]
         shoulder = xyz[0, index(side + "SHO")] - [0, 0, 0.05]
@@ -184,11 +186,11 @@ def _turn(axis: np.ndarray, angle: float) -> np.ndarray:
     return exponential(axis / np.linalg.norm(axis) * angle)[0]
 
 
-def _worn_elsewhere(xyz: np.ndarray, generator, worn: Worn = WORN) -> np.ndarray:
-    xyz = xyz + generator.normal(0, worn.everywhere_m, xyz.shape)
-    for marker in generator.choice(xyz.shape[1], worn.moved, replace=False):
+def _placed_elsewhere(xyz: np.ndarray, generator, difference: Difference = DIFFERENCE) -> np.ndarray:
+    xyz = xyz + generator.normal(0, difference.everywhere_m, xyz.shape)
+    for marker in generator.choice(xyz.shape[1], difference.moved, replace=False):
         way = generator.normal(size=3)
-        xyz[0, marker] += way / np.linalg.norm(way) * generator.uniform(0, worn.moved_m)
+        xyz[0, marker] += way / np.linalg.norm(way) * generator.uniform(0, difference.moved_m)
     return xyz
 
 
@@ -197,7 +199,7 @@ def cases(chosen_on: bool, count: int = DRAWS) -> Iterator[tuple[str, tuple[str,
     for title, stranger in (CHOSEN_ON if chosen_on else JUDGED).items():
         yield title, stranger.left_out, standing_strangers(stranger, count)
     for fold in people.folds() if chosen_on else ():
-        yield f"{' '.join(fold)}, arms set, worn elsewhere", fold, posed_people(fold, count)
+        yield f"{' '.join(fold)}, arms set, placed elsewhere", fold, posed_people(fold, count)
 
 
 def main() -> int:

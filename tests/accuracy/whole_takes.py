@@ -27,7 +27,7 @@ from addon.io.models import open_model, write_model
 from addon.io.points import write_c3d
 
 from .labs import OTHER_MOTIONS, WALKS, gait15_of
-from .partial.clouds import Trouble, drawn, spoilt, worn_differently
+from .partial.clouds import Trouble, drawn, placed_differently, spoilt
 from .people import BODY26, DATA, EXCHANGED, GAIT15, MCGILL, everyone, read_c3d
 from .points import Counts, named
 from .tables import share, table
@@ -155,8 +155,8 @@ def lab59() -> tuple[str, ...]:
     common = None
     for person in everyone():
         names, xyz, _ = read_c3d(sorted((MCGILL / person).glob("*.c3d"))[1])
-        worn = {name for index, name in enumerate(names) if np.isfinite(xyz[:, index, 0]).any()}
-        common = worn if common is None else common & worn
+        seen = {name for index, name in enumerate(names) if np.isfinite(xyz[:, index, 0]).any()}
+        common = seen if common is None else common & seen
     return tuple(sorted(name for name in common if name in PHYSICAL))
 
 
@@ -224,7 +224,7 @@ def case_clouds_elsewhere(trouble: Trouble) -> Iterator[Case]:
     """Five people's `gait15`, and the others' walks in a lab that puts two markers elsewhere, in random order."""
     for case in case_few("gait15", GAIT15, False):
         moved = (
-            Take(one.subject, one.name, GAIT15, worn_differently(one.xyz, GAIT15), one.rate) for one in case.tested
+            Take(one.subject, one.name, GAIT15, placed_differently(one.xyz, GAIT15), one.rate) for one in case.tested
         )
         name = case.name.replace("pieces gait15", "clouds elsewhere")
         yield Case(name, case.training, tuple(map(_cloudy, moved)), GAIT15, trouble)

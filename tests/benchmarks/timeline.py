@@ -25,9 +25,7 @@ def main() -> int:
         try:
             blender = real_blender.find()
             package = build.build("{}.{}".format(*blender.version), "linux-x64", folder)
-            (folder / "timeline.json").write_text(
-                json.dumps({"zip": str(package), "frames": given.frames, "timing": True})
-            )
+            (folder / "task.json").write_text(json.dumps({"zip": str(package), "frames": given.frames, "timing": True}))
             done = blender.window(script, folder, home=folder / "home", seconds=300)
         except LookupError as reason:
             sys.exit(f"tests.benchmarks.timeline: {reason}")

@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A small person, four cameras around her, and a take that is known to the last digit, inside a fresh Blender."""
 
+import importlib
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -207,3 +210,34 @@ def extension(tmp_path_factory):
     yield MODULE
     addon_utils.disable(MODULE, default_set=True)
     repos.remove(repository)
+
+
+@pytest.fixture
+def name_as(extension, monkeypatch) -> Callable[[np.ndarray], None]:
+    """Lets the extension name the trajectories of points by a naming that knows: the marker of each, or NO_MARKER."""
+    pipeline = importlib.import_module(f"{extension}.addon.core.points.whole_take.pipeline")
+    takes = importlib.import_module(f"{extension}.addon.core.data.takes")
+
+    def know(truth: np.ndarray):
+        def name(points, rate):
+            there = np.isfinite(points).all(axis=2)
+            marker = np.where(there, truth, NO_MARKER)
+            named = marker != NO_MARKER
+            yield takes.Labels(marker, np.where(named, takes.BY_FIT, takes.NO_STEP), named * 1.0, named * 1.0)
+
+        monkeypatch.setattr(pipeline, "namer_of", lambda *_: SimpleNamespace(step=takes.BY_FIT, name=name))
+
+    return know
+
+
+@pytest.fixture
+def suspects(extension) -> Callable[[], list[tuple[int, int, str]]]:
+    """What is doubted of the active take now: first and last of Blender's frames, and why."""
+    opened = importlib.import_module(f"{extension}.addon.scene.opened").opened
+
+    def of_active_take() -> list[tuple[int, int, str]]:
+        scene = bpy.context.scene
+        stored = opened.take(scene.mocap_autolabel.take, scene)
+        return [(one.first + stored.shift, one.last + stored.shift, one.reason) for one in stored.suspects]
+
+    return of_active_take

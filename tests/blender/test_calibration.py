@@ -118,7 +118,7 @@ def test_the_panel_tells_errors_and_offers_to_label_again(extension, scene, file
     draw(SimpleNamespace(layout=Layout()), bpy.context)
     assert buttons == [("mocap_autolabel.refine_calibration", ""), ("mocap_autolabel.label", "Label Again")]
     assert said[-6:] == ["cam 0", "2.19 px", "0.41 px", "cam 1", "–", "–"]
-    assert "Told when a take is labelled" in said
+    assert "Shown when a take is labelled" in said
 
 
 def test_what_is_odd_about_cameras_stays_with_the_take(scene, files):
@@ -131,7 +131,7 @@ def test_what_is_odd_about_cameras_stays_with_the_take(scene, files):
 def test_without_cameras_or_blobs_the_button_says_why(extension, empty, files):
     module = importlib.import_module(f"{extension}.addon.ops.calibration")
     operator, said = module.MOCAP_AUTOLABEL_OT_refine_calibration, []
-    cls = SimpleNamespace(poll_message_set=said.append)
+    cls = SimpleNamespace(poll_message_set=said.append, lacks=operator.lacks)
     assert not operator.poll.__func__(cls, empty)
     assert bpy.ops.mocap_autolabel.import_cameras(filepath=str(files.folder / "room.toml")) == {"FINISHED"}
     assert not operator.poll.__func__(cls, empty)

@@ -216,7 +216,7 @@ def test_doubtful_points_are_told_from_sure_ones(extension):
         suspects=(
             takes.Suspect(6, 9, "B jumps"),
             takes.Suspect(1, 5, "trajectory 41 may be C2 or D and stays unnamed"),
-            takes.Suspect(1, 9, "the plates sit elsewhere: 4 of 13 were recognised by how they move"),
+            takes.Suspect(1, 9, "the rigid bodies sit elsewhere: 4 of 13 were recognised by how they move"),
             takes.Suspect(7, 9, "trajectories 4 41: as trajectory 4 goes over from A to B"),
             takes.Suspect(7, 9, "A B: jumps"),
         ),

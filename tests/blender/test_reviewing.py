@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 import pytest
 
+from addon.core.data.progress import finished
 from addon.core.data.takes import NO_MARKER, Points, Suspect
 from addon.io.edits import read_edits
 from addon.io.markersets import write_markerset
@@ -21,7 +22,7 @@ FRAMES, FIRST, LOST, GHOST = 60, 101, "LKNE", 13
 
 
 @pytest.fixture
-def state(extension, empty, made, tmp_path, monkeypatch):
+def state(extension, empty, made, tmp_path, name_as):
     """A take in a scene of which one knee was never named, though its point is there, and a ghost is far away."""
     markerset = made.markerset()
     motion = made.motion(markerset, FRAMES)
@@ -29,18 +30,9 @@ def state(extension, empty, made, tmp_path, monkeypatch):
     residual = np.where(np.isfinite(xyz[..., 0]), 0.0002, np.nan)
     write_c3d(tmp_path / "walk.c3d", Points(("",) * xyz.shape[1], xyz, residual, 60.0, FIRST))
     write_markerset(tmp_path / "small.markerset.json", markerset)
-    pipeline = importlib.import_module(f"{extension}.addon.core.points.whole_take.pipeline")
-    takes = importlib.import_module(f"{extension}.addon.core.data.takes")
     knee = markerset.markers.index(LOST)
     truth = np.where(np.isin(np.arange(GHOST + 1), [knee, GHOST]), NO_MARKER, np.arange(GHOST + 1))
-
-    def name(points, rate):
-        there = np.isfinite(points).all(axis=2)
-        marker = np.where(there, truth, NO_MARKER)
-        named = marker != NO_MARKER
-        yield takes.Labels(marker, np.where(named, takes.BY_FIT, takes.NO_STEP), named * 1.0, named * 1.0)
-
-    monkeypatch.setattr(pipeline, "namer_of", lambda *_: SimpleNamespace(step=takes.BY_FIT, name=name))
+    name_as(truth)
     assert bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "walk.c3d")) == {"FINISHED"}
     bpy.ops.mocap_autolabel.open_markerset(filepath=str(tmp_path / "small.markerset.json"))
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
@@ -222,9 +214,6 @@ def test_what_is_said_while_labelling_goes_on_is_not_lost(state):
     for item in context.scene.mocap_autolabel.take.all_objects:
         item.select_set(item.get(naming.MARKER) == "RKNE")
     assert bpy.ops.mocap_autolabel.unlabel(scope="WHOLE") == {"FINISHED"}
-    with pytest.raises(StopIteration) as done:
-        while True:
-            next(steps)
-    assert labelling.MOCAP_AUTOLABEL_OT_label._show(again, context, done.value.value) == {"FINISHED"}
+    assert labelling.MOCAP_AUTOLABEL_OT_label._show(again, context, finished(steps)) == {"FINISHED"}
     assert len(state.review.corrections) == 1
     assert rows(state, kind="missing", name="RKNE")

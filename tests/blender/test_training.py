@@ -2,6 +2,7 @@
 """A marker set of one's own, learned from labelled takes in the sidebar, and used at once."""
 
 import importlib
+import shutil
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,6 +18,8 @@ from addon.io.markersets import open_markerset
 from addon.io.models import open_model
 from addon.io.points import read_points, write_c3d
 from addon.scene.take import Take, show_take
+
+from .conftest import MODULE
 
 
 @pytest.fixture(scope="module")
@@ -181,3 +184,62 @@ def test_a_frame_outside_the_take_teaches_nothing(standing, own_folder):
     with pytest.raises(RuntimeError, match="the current frame is 500; expected one of the take, 101 to 103"):
         bpy.ops.mocap_autolabel.learn_frame()
     assert not list(own_folder.iterdir())
+
+
+@pytest.fixture
+def jobs_given(extension, monkeypatch, standing):
+    """The jobs of trainings, which are not done."""
+    given = []
+
+    def train_file(job):
+        given.append(job)
+        yield SimpleNamespace(fraction=0.5)
+        known = {"out": str(job.out), "model": "hers", "markers": standing.names, "body": {"segments": {}}}
+        return {**known, "doubts": [doubt for take in job.shown for doubt in take.doubts], "replaced": []}
+
+    monkeypatch.setattr(importlib.import_module(f"{extension}.addon.jobs.train"), "train_file", train_file)
+    return given
+
+
+def unsure(standing, marker: str, frame: int):
+    """Makes a marker's name in one of the take's frames doubtful."""
+    table = standing.settings.take["mocap_blobs"]
+    of, at = ([one.value for one in table.attributes[name].data] for name in ("marker", "frame"))
+    [row] = [i for i, pair in enumerate(zip(of, at, strict=True)) if pair == (standing.names.index(marker), frame)]
+    table.attributes["confidence"].data[row].value = 0.5
+    importlib.import_module(f"{MODULE}.addon.scene.opened").opened.forget()
+
+
+def test_a_whole_take_is_learned_from_but_what_is_doubtful_and_nobody_looked_at(standing, own_folder, jobs_given):
+    unsure(standing, "RHEE", 1)
+    standing.settings.trained_name = "hers"
+    assert bpy.ops.mocap_autolabel.learn_take() == {"FINISHED"}
+    [job] = jobs_given
+    assert (job.takes, job.out, job.base, job.body) == ((), own_folder / "hers.markerset.json", None, "body26")
+    [take] = job.shown
+    assert job.markers == take.names == standing.names, "all markers stay in the set"
+    seen = np.isfinite(take.xyz[:, :, 0])
+    left, lost = standing.names.index("RHEE"), standing.names.index("LHEE")
+    assert seen[:, left].tolist() == [True, False, True]
+    assert seen[:, lost].tolist() == [True, False, True]
+    assert np.delete(seen, [left, lost], axis=1).all()
+    said = [row.name for row in standing.context.window_manager.mocap_autolabel.doubts]
+    assert said[0].startswith("RHEE: 1 doubtful frame that nobody looked at was not learned")
+
+
+def test_what_was_answered_is_learned_and_an_own_set_goes_on(standing, own_folder, jobs_given):
+    unsure(standing, "RHEE", 1)
+    item = next(one for one in standing.settings.take.all_objects if one.get("mocap_marker") == "RHEE")
+    bpy.context.view_layer.objects.active = item
+    item.select_set(True)
+    bpy.ops.mocap_autolabel.is_right(scope="WHOLE")
+    own = own_folder / "ours.markerset.json"
+    shutil.copy(Path(__file__).parents[2] / "assets" / "body26.markerset.json", own)
+    standing.settings.markerset = str(own)
+    assert bpy.ops.mocap_autolabel.learn_take() == {"FINISHED"}
+    [job] = jobs_given
+    assert np.isfinite(job.shown[0].xyz[:, standing.names.index("RHEE")]).all()
+    assert (Path(job.base), job.out, job.name, job.overwrite) == (own, own, None, True)
+    standing.settings.markerset = "gait15"
+    with pytest.raises(RuntimeError, match="the chosen marker set is not the take's; expected the one"):
+        bpy.ops.mocap_autolabel.learn_take()

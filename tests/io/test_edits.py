@@ -9,15 +9,17 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from addon.core.data.errors import InputError
-from addon.core.data.takes import LARGEST_FRAME
+from addon.core.data.takes import MAX_FRAME
 from addon.core.edits.kinds import (
     AssignBlob,
     AssignPoint,
     Delete,
+    DeleteBlob,
     Edits,
     Place,
     Right,
     Swap,
+    UnlabelBlob,
     UnlabelMarker,
     UnlabelPoint,
 )
@@ -35,7 +37,8 @@ CONTRACT = """{"version": 1, "edits": [
 {"kind": "right",   "marker": "LKNE", "frames": [100, 250]}
 ]}"""
 
-number = st.integers(-LARGEST_FRAME, LARGEST_FRAME)
+number = st.integers(-MAX_FRAME, MAX_FRAME)
+near = st.integers(0, 1000)
 frames = st.none() | st.tuples(number, number).map(lambda two: (min(two), max(two)))
 name = st.text(st.characters(exclude_categories=["Cs"]), min_size=1).filter(str.strip)
 point = st.integers(0, 2**31 - 1)
@@ -45,6 +48,9 @@ more = st.dictionaries(word, st.none() | st.booleans() | st.integers() | st.text
 edit = st.one_of(
     st.builds(AssignPoint, point, name, frames=frames, more=more),
     st.builds(AssignBlob, name, number, pixel, pixel, name, more=more),
+    st.builds(lambda at, off, *rest: AssignBlob("a", at, *rest, frames=(at, at + off)), near, near, pixel, pixel, name),
+    st.builds(UnlabelBlob, name, number, pixel, pixel),
+    st.builds(DeleteBlob, name, number, pixel, pixel, more=more),
     st.builds(UnlabelMarker, name, frames=frames),
     st.builds(UnlabelPoint, point, frames=frames),
     st.builds(Swap, st.lists(name, min_size=2, max_size=2, unique=True).map(tuple), frames=frames),
@@ -158,7 +164,12 @@ def test_files_that_are_no_edits_are_refused(path, text, said):
         ('{"kind": "assign", "marker": "A", "camera": "c", "x": 1}', "lacks point"),
         ('{"kind": "assign", "point": 3}', "lacks marker"),
         ('{"kind": "assign", "point": 3, "marker": "A", "frame": 5}', "has 'frame' beside point marker"),
-        ('{"kind": "assign", "camera": "c", "frame": 1, "x": 1, "y": 2, "marker": "A", "frames": [1, 2]}', "'frames'"),
+        (
+            '{"kind": "assign", "camera": "c", "frame": 3, "x": 1, "y": 2, "marker": "A", "frames": [1, 2]}',
+            "of frame 3",
+        ),
+        ('{"kind": "unlabel", "camera": "c", "frame": 1, "x": 1}', "lacks marker"),
+        ('{"kind": "delete", "camera": "c", "frame": 1, "x": 1}', "lacks point"),
         ('{"kind": "assign", "point": -1, "marker": "A"}', "has the point -1"),
         ('{"kind": "assign", "point": 1.0, "marker": "A"}', "has the point 1.0"),
         ('{"kind": "assign", "point": true, "marker": "A"}', "has the point True"),

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Takes to learn from: whose they are, which markers they share, and every way in which they cannot be used."""
 
+import json
 import re
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 
 from addon.core.data.errors import InputError
 from addon.core.data.takes import Points
+from addon.core.edits.kinds import Edits, Right
 from addon.core.points.models import TrainingTake, by_subject
 from addon.core.training.takes import (
     KEEPING,
@@ -18,8 +20,11 @@ from addon.core.training.takes import (
     training_takes_of,
     without_replaced,
 )
+from addon.io.edits import write_edits
+from addon.io.markersets import open_markerset
 from addon.io.points import read_points, write_c3d
-from addon.jobs.training_takes import chosen_markers, read_takes
+from addon.io.source import digest
+from addon.jobs.training_takes import chosen_markers, read_takes, unseen_markers
 
 NAMES = ("A", "B", "C", "D", "E")
 
@@ -54,7 +59,7 @@ def test_markers_are_those_in_common_or_those_asked_for(tmp_path):
     with pytest.raises(InputError, match="'a,b', which has a sign that label files need"):
         chosen_markers(odd, None)
     assert chosen_markers(odd, NAMES) == NAMES
-    with pytest.raises(InputError, match="too few to be told apart"):
+    with pytest.raises(InputError, match="too few to distinguish"):
         chosen_markers(takes, ["A", "B"])
     [points] = gathered(takes, ("X", "A", "Y")).values()
     assert points.shape == (60, 3, 3)
@@ -174,3 +179,63 @@ def test_another_take_of_the_same_name_is_added_and_said(tmp_path):
         "1.c3d of ann is another take than the one that the model knows by that name, so both are kept",
     ]
     assert without_replaced(before, read_takes([write(tmp_path / "bob" / "1.c3d", seed=1)], ())) == (before, [], [])
+
+
+def own_output(path: Path, report: dict | None = None) -> Path:
+    """A take as `label` writes it, with its report beside it, which doubts a marker and filled another."""
+    write(path)
+    rows = {"doubtful": {"A": [[5, 14]]}, "filled": [{"marker": "B", "first": 1, "last": 3}]}
+    made = {"made_of": {"results": {".c3d": digest([path])}, "options": {}}}
+    path.with_name(f"{path.stem}.report.json").write_text(json.dumps({**made, **rows, **(report or {})}))
+    return path
+
+
+def test_of_our_own_output_what_nobody_looked_at_is_not_learned(tmp_path):
+    [take] = read_takes([own_output(tmp_path / "walk.c3d")], ())
+    column = [take.names.index(name) for name in "ABC"]
+    seen = np.isfinite(take.xyz[:, column, 0])
+    assert np.flatnonzero(~seen[:, 0]).tolist() == list(range(4, 14)), "what is doubtful"
+    assert np.flatnonzero(~seen[:, 1]).tolist() == [0, 1, 2], "what was filled"
+    assert seen[:, 2].all()
+    [said] = take.doubts
+    assert said.startswith("walk.c3d: A: 10 doubtful frames that nobody looked at were not learned")
+
+
+def test_what_a_person_said_to_be_right_beside_it_is_learned(tmp_path):
+    path = own_output(tmp_path / "walk.c3d")
+    write_edits(tmp_path / "walk.edits.json", Edits((Right("A", frames=(5, 9)),)))
+    [take] = read_takes([path], ())
+    missing = np.flatnonzero(np.isnan(take.xyz[:, take.names.index("A"), 0]))
+    assert missing.tolist() == list(range(9, 14))
+
+
+def test_a_take_that_was_changed_since_is_what_somebody_says(tmp_path):
+    path = own_output(tmp_path / "walk.c3d")
+    write(path, seed=5)
+    [take] = read_takes([path], ())
+    assert np.isfinite(take.xyz).all()
+    assert take.doubts == ()
+    (tmp_path / "walk.report.json").write_text('{"made_of": 5}')
+    assert np.isfinite(read_takes([path], ())[0].xyz).all()
+
+
+def test_a_take_of_which_all_is_doubtful_teaches_nothing(tmp_path):
+    every = {name: [[1, 30]] for name in NAMES}
+    with pytest.raises(InputError, match="is doubtful in all of its frames, and nobody looked at it; expected"):
+        read_takes([own_output(tmp_path / "walk.c3d", {"doubtful": every, "filled": []})], ())
+
+
+def test_markers_that_no_take_shows_stay_where_a_known_body_has_them(tmp_path):
+    markerset = open_markerset("gait15")
+    names = (*markerset.markers, "NOTHING")
+    path = write(tmp_path / "walk.c3d", names)
+    take = read_points(path)
+    hidden = take.xyz.copy()
+    hidden[:, [names.index("LHEE"), names.index("RHEE"), -1]] = np.nan
+    write_c3d(path, Points(names, hidden, take.residual, 100.0, 1))
+    takes = read_takes([path], ())
+    known, lost = unseen_markers(takes, [markerset])
+    assert (known, lost) == (("RHEE", "LHEE"), ("NOTHING",))
+    assert set(chosen_markers(takes, None, (), known)) == set(markerset.markers)
+    assert set(chosen_markers(takes, None)) == set(markerset.markers) - {"LHEE", "RHEE"}
+    assert unseen_markers(takes, []) == ((), ("RHEE", "LHEE", "NOTHING"))

@@ -2,6 +2,7 @@
 """The built zips and the Blenders to try them in."""
 
 import importlib.util
+import json
 import platform
 import sys
 from collections.abc import Callable
@@ -29,6 +30,29 @@ def blender_program() -> real_blender.RealBlender:
         return real_blender.find()
     except LookupError as reason:
         pytest.skip(str(reason))
+
+
+@pytest.fixture(scope="session")
+def watch(blender_program, make_zip) -> Callable[..., dict]:
+    """Runs a script of this folder in a real Blender's window, which finds the zip and its `task` in `task.json`.
+
+    Gives what it saw, beside the folder in which its pictures are and Blender's log.
+    """
+
+    def run(script: str, folder: Path, seconds: float = 600, **task) -> dict:
+        package = str(make_zip(zip_for(blender_program.version[:2])))
+        (folder / "task.json").write_text(json.dumps({"zip": package, **task}))
+        try:
+            done = blender_program.window(
+                Path(__file__).with_name(script), folder, home=folder / "home", seconds=seconds
+            )
+        except LookupError as reason:
+            pytest.skip(str(reason))
+        log = done.stdout + done.stderr
+        assert (folder / "seen.json").exists(), log
+        return json.loads((folder / "seen.json").read_text()) | {"folder": folder, "log": log}
+
+    return run
 
 
 @pytest.fixture(scope="session")

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A person's way through the trouble of a take, walked in a real Blender's window by pointer and keys.
 
-Runs as the window's script. Its task is the JSON file `tour.json` in the folder MOCAP_OUT: the zip and the points. It
+Runs as the window's script. Its task is the JSON file `task.json` in the folder MOCAP_OUT: the zip and the points. It
 judges nothing: what it saw goes to `seen.json` beside its pictures.
 """
 
@@ -22,13 +22,13 @@ OUT = Path(os.environ["MOCAP_OUT"])
 LABEL = "mocap_autolabel.label"
 NEXT, MEND, ACCEPT = (f"mocap_autolabel.{name}" for name in ("next_trouble", "mend_trouble", "accept_trouble"))
 LOST = "LKNE"
-PATIENCE = 120.0
+PATIENCE = 200.0  # s; a busy machine draws slowly
 FROM_RIGHT = 50  # px from the sidebar's right end to the middle of the cross beside the progress
 
 
 def walk() -> Iterator[float]:
     """Import, label, cancel by the button, label, lose a knee, find it in the list, name it by a button, undo."""
-    task, seen = json.loads((OUT / "tour.json").read_text()), {}
+    task, seen = json.loads((OUT / "task.json").read_text()), {}
     settings = lambda: bpy.context.scene.mocap_autolabel  # noqa: E731 - Blender's own references go stale with undo
     state = lambda: bpy.context.window_manager.mocap_autolabel  # noqa: E731
     bpy.ops.extensions.package_install_files(filepath=task["zip"], repo="user_default", enable_on_install=True)
@@ -39,7 +39,7 @@ def walk() -> Iterator[float]:
     bpy.ops.ed.undo_push(message="Imported")
     yield from window.screenshot("1-imported")
 
-    places = yield from find_buttons()
+    places = yield from window.all_buttons()
     yield from window.click(*places[LABEL])
     yield 0.5
     seen["doing"] = state().doing
@@ -84,12 +84,6 @@ def walk() -> Iterator[float]:
     state().trouble_done, state().trouble_marker = "DONE", ""
     yield from window.screenshot("5-done")
     (OUT / "seen.json").write_text(json.dumps(seen, indent=1))
-
-
-def find_buttons() -> Iterator[float]:
-    found: dict[str, tuple[int, int]] = {}
-    yield from window.buttons(found)
-    return found
 
 
 window.play(walk())

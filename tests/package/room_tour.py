@@ -2,7 +2,7 @@
 """The whole way of a take through a real Blender's window: imported, labelled, corrected, filled, exported, labelled
 again, undone, redone, saved and reopened.
 
-Runs as the window's script. Its task is the JSON file `room.json` in the folder MOCAP_OUT: the zip and a take of
+Runs as the window's script. Its task is the JSON file `task.json` in the folder MOCAP_OUT: the zip and a take of
 points. It judges nothing: what the take was at each of these steps goes to `seen.json` beside its pictures.
 """
 
@@ -27,7 +27,7 @@ import window
 
 OUT = Path(os.environ["MOCAP_OUT"])
 ADDON = "bl_ext.user_default.mocap_autolabel.addon"
-PATIENCE = 100.0
+PATIENCE = 200.0  # s; a busy machine draws slowly
 RANGE = (5, 25)  # frames that a person takes off the scene at its start and end
 LOST, RIGHT = "LKNE", "RKNE"
 Place = tuple[int, int]
@@ -35,7 +35,7 @@ Place = tuple[int, int]
 
 def walk() -> Iterator[float]:
     """Does all of it, once."""
-    task, seen = json.loads((OUT / "room.json").read_text()), {}
+    task, seen = json.loads((OUT / "task.json").read_text()), {}
     bpy.ops.extensions.package_install_files(filepath=task["zip"], repo="user_default", enable_on_install=True)
     bpy.data.batch_remove(list(bpy.data.objects))
     bpy.ops.mocap_autolabel.import_points(filepath=task["points"])

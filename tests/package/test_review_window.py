@@ -1,34 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Trouble found, shown, mended and answered in a real Blender's window; `review_tour.py` walks, this file judges."""
 
-import json
-from pathlib import Path
-
 import numpy as np
 import pytest
 from matplotlib.image import imread
-
-from .conftest import zip_for
 
 pytestmark = [pytest.mark.real_blender, pytest.mark.window, pytest.mark.slow]
 
 
 @pytest.fixture(scope="module")
-def tour(blender_program, make_zip, tmp_path_factory):
+def tour(watch, tmp_path_factory):
     from scripts.virtual_take import write_virtual_points
 
     folder = tmp_path_factory.mktemp("review")
     write_virtual_points(folder, 240)
-    task = {"zip": str(make_zip(zip_for(blender_program.version[:2]))), "points": str(folder / "walk.c3d")}
-    (folder / "tour.json").write_text(json.dumps(task))
-    script = Path(__file__).with_name("review_tour.py")
-    try:
-        done = blender_program.window(script, folder, home=folder / "home", seconds=300)
-    except LookupError as reason:
-        pytest.skip(str(reason))
-    log = done.stdout + done.stderr
-    assert (folder / "seen.json").exists(), log
-    return json.loads((folder / "seen.json").read_text()) | {"folder": folder, "log": log}
+    return watch("review_tour.py", folder, points=str(folder / "walk.c3d"))
 
 
 def test_the_panel_says_what_goes_on_and_its_button_cancels(tour):

@@ -1,15 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Nothing is lost on a take's whole way through a real Blender's window; `room_tour.py` walks, this file judges."""
 
-import json
-from pathlib import Path
-
 import pytest
 from matplotlib.image import imread
 
 from scripts.virtual_take import write_virtual_points
-
-from .conftest import zip_for
 
 pytestmark = [pytest.mark.real_blender, pytest.mark.window, pytest.mark.slow]
 FRAMES, FRAME = 120, 40
@@ -17,24 +12,11 @@ KEPT = ("range", "edits", "fills", "answered")
 
 
 @pytest.fixture(scope="module")
-def room(blender_program, make_zip, tmp_path_factory):
+def room(watch, tmp_path_factory):
     folder = tmp_path_factory.mktemp("room")
     write_virtual_points(folder, FRAMES)
-    task = {
-        "zip": str(make_zip(zip_for(blender_program.version[:2]))),
-        "points": str(folder / "walk.c3d"),
-        "markerset": "body26",
-        "frame": FRAME,
-    }
-    (folder / "room.json").write_text(json.dumps(task))
-    script = Path(__file__).with_name("room_tour.py")
-    try:
-        done = blender_program.window(script, folder, home=folder / "home", seconds=300)
-    except LookupError as reason:
-        pytest.skip(str(reason))
-    log = done.stdout + done.stderr
-    assert (folder / "seen.json").exists(), log
-    return json.loads((folder / "seen.json").read_text()) | {"folder": folder, "log": log}
+    task = {"points": str(folder / "walk.c3d"), "markerset": "body26", "frame": FRAME}
+    return watch("room_tour.py", folder, **task)
 
 
 def test_keys_correct_and_answer(room):

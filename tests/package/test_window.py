@@ -1,37 +1,23 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A person's way through the sidebar of a real Blender's window; `window_tour.py` walks it, this file judges it."""
 
-import json
-from pathlib import Path
-
 import pytest
 from matplotlib.image import imread
 
 from addon.io.markersets import read_markerset
 
-from .conftest import zip_for
-
 pytestmark = [pytest.mark.real_blender, pytest.mark.window, pytest.mark.slow]
 
 
 @pytest.fixture(scope="module")
-def tour(blender_program, make_zip, virtual_take, tmp_path_factory):
+def tour(watch, virtual_take, tmp_path_factory):
     folder = tmp_path_factory.mktemp("tour")
     task = {
-        "zip": str(make_zip(zip_for(blender_program.version[:2]))),
         "cameras": str(virtual_take / "cameras.toml"),
         "blobs": str(virtual_take / "take.csv"),
         "markerset": "body26",
     }
-    (folder / "tour.json").write_text(json.dumps(task))
-    script = Path(__file__).with_name("window_tour.py")
-    try:
-        done = blender_program.window(script, folder, home=folder / "home", seconds=300)
-    except LookupError as reason:
-        pytest.skip(str(reason))
-    log = done.stdout + done.stderr
-    assert (folder / "seen.json").exists(), log
-    return json.loads((folder / "seen.json").read_text()) | {"folder": folder, "log": log}
+    return watch("window_tour.py", folder, **task)
 
 
 def test_the_steps_stand_in_order_from_the_start(tour):

@@ -1,40 +1,22 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A take corrected with the tool Label in a real Blender's window; `window_label.py` does it, this file judges it."""
 
-import json
-from pathlib import Path
-
 import numpy as np
 import pytest
 from matplotlib.image import imread
 
 from scripts.virtual_take import write_virtual_points
 
-from .conftest import zip_for
-
 pytestmark = [pytest.mark.real_blender, pytest.mark.window, pytest.mark.slow]
 FRAMES, FRAME = 120, 40
 
 
 @pytest.fixture(scope="module")
-def seen(blender_program, make_zip, tmp_path_factory):
+def seen(watch, tmp_path_factory):
     folder = tmp_path_factory.mktemp("label")
     write_virtual_points(folder, FRAMES)
-    task = {
-        "zip": str(make_zip(zip_for(blender_program.version[:2]))),
-        "points": str(folder / "walk.c3d"),
-        "markerset": "body26",
-        "frame": FRAME,
-    }
-    (folder / "label.json").write_text(json.dumps(task))
-    script = Path(__file__).with_name("window_label.py")
-    try:
-        done = blender_program.window(script, folder, home=folder / "home", seconds=400)
-    except LookupError as reason:
-        pytest.skip(str(reason))
-    log = done.stdout + done.stderr
-    assert (folder / "seen.json").exists(), log
-    return json.loads((folder / "seen.json").read_text()) | {"folder": folder, "log": log}
+    task = {"points": str(folder / "walk.c3d"), "markerset": "body26", "frame": FRAME}
+    return watch("window_label.py", folder, **task)
 
 
 def test_the_dot_under_the_pointer_is_picked_and_not_the_body_before_it(seen):

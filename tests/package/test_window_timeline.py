@@ -1,13 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The trajectory timeline under a person's mouse in a real window; `window_timeline.py` moves it, this file judges."""
 
-import json
-from pathlib import Path
-
 import pytest
 from matplotlib.image import imread
-
-from .conftest import zip_for
 
 pytestmark = [pytest.mark.real_blender, pytest.mark.window, pytest.mark.slow]
 FRAMES = 2000
@@ -16,18 +11,9 @@ A_PIXEL = 3  # frames, about
 
 
 @pytest.fixture(scope="module")
-def seen(blender_program, make_zip, tmp_path_factory):
+def seen(watch, tmp_path_factory):
     folder = tmp_path_factory.mktemp("timeline")
-    task = {"zip": str(make_zip(zip_for(blender_program.version[:2]))), "frames": FRAMES}
-    (folder / "timeline.json").write_text(json.dumps(task))
-    script = Path(__file__).with_name("window_timeline.py")
-    try:
-        done = blender_program.window(script, folder, home=folder / "home", seconds=450)
-    except LookupError as reason:
-        pytest.skip(str(reason))
-    log = done.stdout + done.stderr
-    assert (folder / "seen.json").exists(), log
-    return json.loads((folder / "seen.json").read_text()) | {"folder": folder, "log": log}
+    return watch("window_timeline.py", folder, frames=FRAMES)
 
 
 def test_markers_and_what_has_no_name_have_rows(seen):

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A hand that corrects a take with the tool Label in a real Blender's window, by pointer and keys.
 
-Runs as the window's script. Its task is the JSON file `label.json` in the folder MOCAP_OUT: the zip and a take of
+Runs as the window's script. Its task is the JSON file `task.json` in the folder MOCAP_OUT: the zip and a take of
 points. It judges nothing: what it saw goes to `seen.json` beside its pictures.
 """
 
@@ -25,13 +25,13 @@ import window
 
 OUT = Path(os.environ["MOCAP_OUT"])
 ADDON = "bl_ext.user_default.mocap_autolabel.addon"
-PATIENCE = 120.0
+PATIENCE = 200.0  # s; a busy machine draws slowly
 Place = tuple[int, int]
 
 
 def walk() -> Iterator[float]:
     """Install, import, label; pick in every way, name, swap, take names away and give them back, place, play."""
-    task, seen = json.loads((OUT / "label.json").read_text()), {}
+    task, seen = json.loads((OUT / "task.json").read_text()), {}
     bpy.ops.extensions.package_install_files(filepath=task["zip"], repo="user_default", enable_on_install=True)
     bpy.data.batch_remove(list(bpy.data.objects))
     bpy.ops.mocap_autolabel.import_points(filepath=task["points"])

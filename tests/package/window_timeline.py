@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The trajectory timeline in a real Blender's window: clicked, dragged along, scrolled and timed.
 
-Runs as the window's script. Its task is `timeline.json` in the folder MOCAP_OUT: the zip, and how many frames. It
+Runs as the window's script. Its task is `task.json` in the folder MOCAP_OUT: the zip, and how many frames. It
 judges nothing: what it saw goes to `seen.json` beside its pictures.
 """
 
@@ -29,7 +29,7 @@ REDRAWS = 40
 
 def walk() -> Iterator[float]:
     """Show a take, open the timeline, click, drag, undo, scroll, unfold, and time redraws."""
-    task, seen = json.loads((OUT / "timeline.json").read_text()), {}
+    task, seen = json.loads((OUT / "task.json").read_text()), {}
     bpy.ops.extensions.package_install_files(filepath=task["zip"], repo="user_default", enable_on_install=True)
     of = lambda name: importlib.import_module(f"{EXTENSION}.addon.{name}")  # noqa: E731
     settings = lambda: bpy.context.scene.mocap_autolabel  # noqa: E731
@@ -134,8 +134,8 @@ def fill(of, seen: dict) -> Iterator[float]:
     yield from window.grow("DOPESHEET_EDITOR", -330)
     yield from window.open_tab("Mocap")
     yield from window.scroll_sidebar()
-    state, found = bpy.context.window_manager.mocap_autolabel, {}
-    yield from window.buttons(found)
+    state = bpy.context.window_manager.mocap_autolabel
+    found = yield from window.all_buttons()
     seen["buttons"] = sorted(found)
     sidebar = window.region("UI")
     x, y = found["mocap_autolabel.fill_gaps"]
@@ -148,7 +148,7 @@ def fill(of, seen: dict) -> Iterator[float]:
     seen["filling stopped"] = [len(bpy.context.window_manager.windows[0].modal_operators), len(state.fills)]
     bpy.context.scene.mocap_autolabel.fill_method = "rigid"
     yield from window.click(x, y)
-    until = time.monotonic() + 100
+    until = time.monotonic() + 200
     while not len(state.fills) and time.monotonic() < until:
         yield 0.5
     seen["filled"] = len(state.fills)

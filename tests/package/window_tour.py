@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A person's way through the sidebar, walked in a real Blender's window by pointer and keys.
 
-Runs as the window's script. Its task is the JSON file `tour.json` in the folder MOCAP_OUT: the zip, the calibration and
+Runs as the window's script. Its task is the JSON file `task.json` in the folder MOCAP_OUT: the zip, the calibration and
 the blobs. It judges nothing: what it saw goes to `seen.json` beside its pictures.
 """
 
@@ -20,17 +20,17 @@ import window
 
 OUT = Path(os.environ["MOCAP_OUT"])
 LABEL, CLEAR, LOOK = "mocap_autolabel.label", "mocap_autolabel.clear", "mocap_autolabel.look_through"
-PATIENCE = 90.0
+PATIENCE = 200.0  # s; a busy machine draws slowly
 
 
 def walk() -> Iterator[float]:
     """Install, import, label and stop, label, export, look through a camera, clear, undo, save a marker set."""
-    task, seen = json.loads((OUT / "tour.json").read_text()), {}
+    task, seen = json.loads((OUT / "task.json").read_text()), {}
     settings = lambda: bpy.context.scene.mocap_autolabel  # noqa: E731 - Blender's own references go stale with undo
     bpy.ops.extensions.package_install_files(filepath=task["zip"], repo="user_default", enable_on_install=True)
     yield from window.open_tab("Mocap")
     yield from window.screenshot("1-empty")
-    seen["at first"] = yield from find_buttons()
+    seen["at first"] = yield from window.all_buttons()
 
     bpy.ops.mocap_autolabel.import_cameras(filepath=task["cameras"])
     bpy.ops.mocap_autolabel.import_blobs(filepath=task["blobs"])
@@ -38,7 +38,7 @@ def walk() -> Iterator[float]:
     bpy.ops.ed.undo_push(message="Imported")
     yield 1
     yield from window.screenshot("2-imported")
-    places = yield from find_buttons()
+    places = yield from window.all_buttons()
     seen["imported"] = places
 
     yield from window.click(*places[LABEL])
@@ -58,7 +58,7 @@ def walk() -> Iterator[float]:
     seen["to review"] = yield from window.scroll_to(CLEAR)
 
     yield from window.scroll_sidebar()
-    seen["at the end"] = yield from find_buttons()
+    seen["at the end"] = yield from window.all_buttons()
     for kind, name in (("labels", "take.labels.csv"), ("c3d", "take.c3d"), ("trc", "take.trc")):
         getattr(bpy.ops.mocap_autolabel, f"export_{kind}")(filepath=str(OUT / name))
 
@@ -79,12 +79,6 @@ def walk() -> Iterator[float]:
     seen["marker set"] = Path(settings().markerset_path).name
     yield from window.screenshot("5-marker-set")
     (OUT / "seen.json").write_text(json.dumps(seen, indent=1))
-
-
-def find_buttons() -> Iterator[float]:
-    found: dict[str, tuple[int, int]] = {}
-    yield from window.buttons(found)
-    return found
 
 
 def running() -> bool:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..data.takes import REMAINING
 from .labelling import TOO_FAR, Frame, Naming, withdraw_unmet
-from .tracking import FrameResult
+from .tracking import FrameResult, met_points
 
 
 @dataclass(frozen=True)
@@ -67,11 +67,7 @@ def put_between(
 
 
 def _put_once(results: list[FrameResult | None], rate: float, options: BetweenOptions) -> dict[int, list[int]]:
-    markers = next((len(result.naming.slot[0]) for result in results if result is not None), 0)
-    points = np.full((len(results), markers, 3), np.nan)
-    for index, result in enumerate(results):
-        if result is not None:
-            points[index] = result.naming.meeting.points
+    points = met_points(results)
     changed: dict[int, list[int]] = {}
     for index, passages in passages_of(points, rate, options).items():
         result = results[index]

@@ -12,7 +12,7 @@ import numpy as np
 
 from .labelling import Naming
 from .swaps import swap_names
-from .tracking import FrameResult
+from .tracking import FrameResult, met_points
 
 
 @dataclass(frozen=True)
@@ -22,10 +22,10 @@ class ContinuityOptions:
     max_push_m_s2  how hard a marker may change its velocity: a foot that is put down
     noise_m        by which a marker may be off beside that
     max_reach_m    from where a marker is expected, never farther: about half the way to its next neighbour
-    rival_share    of what a name's own next place is off where it is expected: another name's place nearer than that is
+    other_share    of what a name's own next place is off where it is expected: another name's place nearer than that is
                    the better next one
     max_gap_s      without a marker, over which its path goes on
-    min_length     frames of a piece of a path that show where it goes
+    min_length     frames of a tracklet that show where it goes
     min_frames     of a path that had the name which most have, and
     min_ratio      times as many as had any other
     """
@@ -33,7 +33,7 @@ class ContinuityOptions:
     max_push_m_s2: float = 120.0
     noise_m: float = 0.008
     max_reach_m: float = 0.03
-    rival_share: float = 0.7
+    other_share: float = 0.7
     max_gap_s: float = 0.05
     min_length: int = 3
     min_frames: int = 12
@@ -44,8 +44,8 @@ CONTINUITY = ContinuityOptions()
 
 
 @dataclass(frozen=True, eq=False)
-class Pieces:
-    """N pieces of paths, each smooth and under one name.
+class NamedTracklets:
+    """N tracklets, each smooth and under one name.
 
     marker       (N,) the name
     first, last  (N,) frames, both included
@@ -71,17 +71,14 @@ def renamed(
 
     Returns the first and last of frames that were changed alike, both included, and the markers (K,) concerned.
     """
-    markers = next((len(result.naming.slot[0]) for result in results if result is not None), 0)
-    points = np.full((len(results), markers, 3), np.nan)
-    for index, result in enumerate(results):
-        if result is not None:
-            points[index] = result.naming.meeting.points
-    pieces = _pieces(points, rate, options)
-    target = _targets(pieces, _joined(pieces, rate, options), markers, options)
+    points = met_points(results)
+    markers = points.shape[1]
+    tracklets = _tracklets(points, rate, options)
+    target = _targets(tracklets, _joined(tracklets, rate, options), markers, options)
     wanted = np.full(points.shape[:2], -1)
-    for piece in range(len(target)):
-        part = slice(pieces.first[piece], pieces.last[piece] + 1), pieces.marker[piece]
-        wanted[part] = np.where(np.isfinite(points[part][:, 0]), target[piece], -1)
+    for tracklet in range(len(target)):
+        part = slice(tracklets.first[tracklet], tracklets.last[tracklet] + 1), tracklets.marker[tracklet]
+        wanted[part] = np.where(np.isfinite(points[part][:, 0]), target[tracklet], -1)
     changed: list[tuple[int, int, np.ndarray]] = []
     for index in np.flatnonzero(((wanted != np.arange(markers)) & (wanted >= 0)).any(axis=1)).tolist():
         order = _order(wanted[index])
@@ -96,9 +93,9 @@ def renamed(
     return changed
 
 
-def _pieces(points: np.ndarray, rate: float, options: ContinuityOptions) -> Pieces:
+def _tracklets(points: np.ndarray, rate: float, options: ContinuityOptions) -> NamedTracklets:
     """The paths of all names (F, M, 3) m, cut where they are gone for long or do not go on smoothly."""
-    found = [piece for marker in range(points.shape[1]) for piece in _pieces_of(points, marker, rate, options)]
+    found = [tracklet for marker in range(points.shape[1]) for tracklet in _tracklets_of(points, marker, rate, options)]
     nowhere = np.full(3, np.nan)
     long = [len(at) >= options.min_length for _, at, _ in found]
     early = [_speed(at[:3], place[:3]) if ok else nowhere for ok, (_, at, place) in zip(long, found, strict=True)]
@@ -106,11 +103,11 @@ def _pieces(points: np.ndarray, rate: float, options: ContinuityOptions) -> Piec
     whole = [(marker, at[0], at[-1], len(at)) for marker, at, _ in found]
     marker, first, last, count = np.array(whole, dtype=int).reshape(-1, 4).T
     ends = [np.array([place[end] for _, _, place in found]).reshape(-1, 3) for end in (0, -1)]
-    return Pieces(marker, first, last, count, *ends, *(np.array(part).reshape(-1, 3) for part in (early, late)))
+    return NamedTracklets(marker, first, last, count, *ends, *(np.array(part).reshape(-1, 3) for part in (early, late)))
 
 
-def _pieces_of(points: np.ndarray, marker: int, rate: float, options: ContinuityOptions):
-    """The pieces of one name: marker, frames (N,) and places (N, 3) m of each."""
+def _tracklets_of(points: np.ndarray, marker: int, rate: float, options: ContinuityOptions):
+    """The tracklets of one name: marker, frames (N,) and places (N, 3) m of each."""
     at = np.flatnonzero(np.isfinite(points[:, marker, 0]))
     breaks = np.flatnonzero(_cuts(points, marker, at, rate, options)) + 1
     return [(marker, part, points[part, marker]) for part in np.split(at, breaks) if len(part)]
@@ -136,15 +133,15 @@ def _cuts(points: np.ndarray, marker: int, at: np.ndarray, rate: float, options:
         here, there = at[index], at[index + 1]
         nearest = np.inf
         if index:
-            nearest = _rival(points, marker, place[index], speed[index - 1], here, range(here + 1, there + 1))
+            nearest = _nearest_other(points, marker, place[index], speed[index - 1], here, range(here + 1, there + 1))
         if index + 1 < len(speed):
-            back = _rival(points, marker, place[index + 1], speed[index + 1], there, range(here, there))
+            back = _nearest_other(points, marker, place[index + 1], speed[index + 1], there, range(here, there))
             nearest = min(nearest, back)
-        cut[index] = nearest < options.rival_share * least[index]
+        cut[index] = nearest < options.other_share * least[index]
     return cut
 
 
-def _rival(points, marker: int, place: np.ndarray, speed: np.ndarray, when: int, frames: range) -> float:
+def _nearest_other(points, marker: int, place: np.ndarray, speed: np.ndarray, when: int, frames: range) -> float:
     """m, how near another name comes to where a marker would be in some frames, from its place and speed in one."""
     expected = place + speed * (np.array(frames) - when)[:, None]
     away = np.linalg.norm(points[frames.start : frames.stop] - expected[:, None], axis=2)
@@ -157,18 +154,18 @@ def _reach(gap: np.ndarray, rate: float, options: ContinuityOptions) -> np.ndarr
     return np.minimum(options.noise_m + options.max_push_m_s2 / 2 * (gap / rate) ** 2, options.max_reach_m)
 
 
-def _joined(pieces: Pieces, rate: float, options: ContinuityOptions) -> np.ndarray:
-    """(N,) the path of each piece: one goes on in another that begins soon and where it would be, and moves alike."""
-    gap = pieces.first[None] - pieces.last[:, None]
+def _joined(tracklets: NamedTracklets, rate: float, options: ContinuityOptions) -> np.ndarray:
+    """(N,) the path of each tracklet: it goes on in one that begins soon, where it would be, and moves alike."""
+    gap = tracklets.first[None] - tracklets.last[:, None]
     soon = (gap > 0) & (gap <= options.max_gap_s * rate + 1)
     one, other = np.nonzero(soon)
     gap = gap[one, other]
-    apart = pieces.begin[other] - pieces.end[one]
+    step = tracklets.begin[other] - tracklets.end[one]
     off = np.maximum(
-        np.linalg.norm(apart - pieces.late[one] * gap[:, None], axis=1),
-        np.linalg.norm(apart - pieces.early[other] * gap[:, None], axis=1),
+        np.linalg.norm(step - tracklets.late[one] * gap[:, None], axis=1),
+        np.linalg.norm(step - tracklets.early[other] * gap[:, None], axis=1),
     )
-    path = np.arange(len(pieces.marker))
+    path = np.arange(len(tracklets.marker))
     ended, begun = set(), set()
     for index in np.argsort(off, kind="stable"):
         a, b = int(one[index]), int(other[index])
@@ -179,12 +176,12 @@ def _joined(pieces: Pieces, rate: float, options: ContinuityOptions) -> np.ndarr
     return path
 
 
-def _targets(pieces: Pieces, path: np.ndarray, markers: int, options: ContinuityOptions) -> np.ndarray:
-    """(N,) the name that each piece should have."""
-    target = pieces.marker.copy()
+def _targets(tracklets: NamedTracklets, path: np.ndarray, markers: int, options: ContinuityOptions) -> np.ndarray:
+    """(N,) the name that each tracklet should have."""
+    target = tracklets.marker.copy()
     for own in np.unique(path):
         part = np.flatnonzero(path == own)
-        count = np.bincount(pieces.marker[part], weights=pieces.count[part], minlength=markers)
+        count = np.bincount(tracklets.marker[part], weights=tracklets.count[part], minlength=markers)
         best = int(count.argmax())
         rest = np.delete(count, best).max(initial=0)
         if count[best] >= max(options.min_frames, options.min_ratio * rest):

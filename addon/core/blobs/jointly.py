@@ -19,20 +19,21 @@ from .labelling import Expectation, Frame, Naming
 
 @dataclass(frozen=True)
 class AtOnceOptions:
-    """What is likely in a frame that is named at once; reckoned, but for how markers are worn elsewhere.
+    """What is likely in a frame that is named at once; reckoned, but for markers that are placed elsewhere.
 
     That was taken from `s02`, `p1` and `p2` of `tests.accuracy.strangers`: one marker in ten is 4 to 8 cm from where
     the body that is fitted to all of them has it, nearly all others within 4 cm.
 
     seen              chance that a camera has a blob of a marker which the body does not hide from it, and
     seen_hidden       of one that it should hide: nobody's body is exactly the model's
-    elsewhere         chance that somebody wears a marker elsewhere than the set has it
+    elsewhere         chance that a subject has a marker elsewhere than the set has it
     elsewhere_m       by so much, standard deviation along each axis
     max_distance_m    of a marker from where the body has it
     ghosts            unnamed blobs a camera that are taken for granted beside those it has
     min_sine          of the angle between two rays that fix a point
     subset_cameras    rays of a set of which every subset is tried; of larger ones, those without one ray
     hypotheses        of a marker, the best, that are chosen from
+    seen_behind       chance that a camera has a blob of a marker behind a nearer one on the same line
     """
 
     seen: float = 0.93
@@ -44,6 +45,7 @@ class AtOnceOptions:
     min_sine: float = 0.02
     subset_cameras: int = 5
     hypotheses: int = 40
+    seen_behind: float = 0.1
 
 
 JOINTLY = AtOnceOptions()
@@ -54,7 +56,7 @@ class Hypotheses:
     """H possible names of sets of blobs: marker (H,), slot (H, C), -1 where no camera, and gain (H,).
 
     The gain is by how much the name is likelier than that all its blobs are ghosts, and the marker unseen; as squared
-    deviations are counted. elsewhere (H,) says whether it takes the marker for worn elsewhere.
+    deviations are counted. elsewhere (H,) says whether it takes the marker for placed elsewhere.
     """
 
     marker: np.ndarray
@@ -64,10 +66,10 @@ class Hypotheses:
 
 
 def name_jointly(frame: Frame, options: AtOnceOptions = JOINTLY) -> tuple[Naming, np.ndarray]:
-    """The likeliest names of a frame's blobs, and which markers (M,) are worn elsewhere by them."""
+    """The likeliest names of a frame's blobs, and which markers (M,) are placed elsewhere by them."""
     expected = frame.expected
     found = hypotheses_of(frame, expected, options)
-    chosen = _best(found, frame.view)
+    chosen = _shaded(found, _best(found, frame.view), frame, options)
     naming = Naming.empty(frame)
     for index in chosen:
         camera = np.flatnonzero(found.slot[index] >= 0)
@@ -109,7 +111,7 @@ def hypotheses_of(frame: Frame, expected: Expectation, options: AtOnceOptions = 
 
 
 def _placed(off: np.ndarray, spread: np.ndarray, options: AtOnceOptions) -> tuple[np.ndarray, np.ndarray]:
-    """(H,) twice the log density of offsets (H, D) of spread (H, D, D), worn as in the set or elsewhere."""
+    """(H,) twice the log density of offsets (H, D) of spread (H, D, D), placed as in the set or elsewhere."""
     usual = _normal(off, spread) + 2 * np.log(1 - options.elsewhere)
     wide = spread + options.elsewhere_m**2 * np.eye(off.shape[1])
     other = _normal(off, wide) + 2 * np.log(options.elsewhere)
@@ -242,3 +244,46 @@ def _best(found: Hypotheses, view: View) -> np.ndarray:
     once = LinearConstraint(coo_array((np.ones(len(rows)), (rows, columns)), shape=shape).tocsc(), ub=np.ones(shape[0]))
     answer = milp(-found.gain, integrality=np.ones(shape[1]), bounds=Bounds(0, 1), constraints=once)
     return np.flatnonzero(answer.x > 0.5) if answer.x is not None else np.zeros(0, int)
+
+
+def _shaded(found: Hypotheses, chosen: np.ndarray, frame: Frame, options: AtOnceOptions) -> np.ndarray:
+    """The choice with blobs given to the nearer of two markers on one line where that is likelier.
+
+    Each name on its own takes it for odd that a camera which should see its marker has no blob of it. Behind a nearer
+    marker it is not: the blob is then the nearer one's. The best such change is made, and so on.
+    """
+    chosen = chosen.copy()
+    index = {(int(m), *slot): at for at, (m, slot) in enumerate(zip(found.marker, found.slot.tolist(), strict=True))}
+    chance = np.where(frame.expected.visible, options.seen, options.seen_hidden)
+    relief = 2 * (np.log(1 - options.seen_behind) - np.log(1 - chance))
+    for _ in range(len(chosen)):
+        changes = np.array(list(_handed_over(found, chosen, index)), int).reshape(-1, 5)
+        giver, taker, camera, less, more = changes.T
+        gain = found.gain[less] + found.gain[more] - found.gain[chosen[giver]] - found.gain[chosen[taker]]
+        gain = gain + relief[camera, found.marker[less]]
+        behind, before = (frame.rays.meet(found.slot[of].T).points for of in (chosen[giver], more))
+        away = [np.linalg.norm(points - frame.sight.centres[camera], axis=1) for points in (behind, before)]
+        gain = np.where(away[1] < away[0] - frame.rules.min_behind_m, gain, 0)
+        if not (gain > 0).any():
+            break
+        best = int(gain.argmax())
+        chosen[giver[best]], chosen[taker[best]] = less[best], more[best]
+    return chosen
+
+
+def _handed_over(found: Hypotheses, chosen: np.ndarray, index: dict):
+    """Of the choice, every blob that one marker may give to another which its camera lacks.
+
+    Yields where in `chosen` the giver and the taker are, the camera, and what they are then, in `found`.
+    """
+    for giver, own in enumerate(chosen):
+        for camera in np.flatnonzero(found.slot[own] >= 0):
+            slot = found.slot[own].copy()
+            slot[camera] = -1
+            less = index.get((int(found.marker[own]), *slot.tolist()))
+            for taker in np.flatnonzero(found.slot[chosen, camera] < 0) if less is not None else ():
+                slot = found.slot[chosen[taker]].copy()
+                slot[camera] = found.slot[own, camera]
+                more = index.get((int(found.marker[chosen[taker]]), *slot.tolist()))
+                if more is not None:
+                    yield giver, taker, camera, less, more

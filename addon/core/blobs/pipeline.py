@@ -20,6 +20,7 @@ from ..edits.applying import BlobCells, apply_to_blobs
 from ..edits.kinds import NO_EDITS, Edits
 from ..geometry.cameras import Cameras
 from ..geometry.views import VIEWING, View, split_views
+from ..review.doubtful import WHOLE_FRAME
 from ..review.suspects import find_suspects
 from .absent import absent_markers
 from .between import put_between
@@ -32,6 +33,7 @@ from .seeding import contradicted, fixed_in, seeds_of
 from .subject import Setup
 from .swaps import exchange_loss, exchanged, swap_names
 from .tracking import Followed, FrameResult, Track, follow
+from .tracklets import name_by_tracklets
 
 
 @dataclass(frozen=True)
@@ -157,6 +159,7 @@ class TakeLabeller:
                 chunk.suspect(stretch.first, stretch.last, "names did not suit the rest of the take and are new")
             self._rename(chunk)
             put_between(chunk.results, self.setup.rate)
+            name_by_tracklets(chunk.views, chunk.results, self.setup.rate)
             absent = absent_markers(chunk.results)
             for result in chunk.results if len(absent) else ():
                 if result is not None:
@@ -226,7 +229,7 @@ class TakeLabeller:
         self.placement = found.confidence
         self.sure = swap_doubts(found.swaps, self.setup.model.marker_count)
         if found.confidence < TAKES.min_clear_confidence:
-            chunk.suspect(index, index, f"the placement is only {found.confidence:.0%} sure")
+            chunk.suspect(index, index, f"{WHOLE_FRAME} {found.confidence:.0%} sure")
         points, visible = found.naming.meeting.points, found.expected.visible
         start = Track.begin(found.subject, points, visible, self.setup.model)
         chunk.results[index] = FrameResult(

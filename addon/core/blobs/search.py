@@ -41,7 +41,7 @@ class FindOptions:
                       its arms otherwise. On people with their arms set (`tests.accuracy.strangers`) right bodies
                       and wrong ones overlap between 2.5 and 2.7
     joint_rounds      of naming a frame that is alone all at once
-    elsewhere_cost    squared deviations that a marker worn elsewhere than in the set counts for there
+    elsewhere_cost    squared deviations that a marker placed elsewhere than in the set counts for there
     rounds            of naming: names show how the markers sit on this subject, which sharpens the next round
     round_steps       iterations of a round's fit to the names
     settled_steps     iterations once exchanges of names are settled
@@ -363,7 +363,7 @@ def _joint(view: View, naming: Naming, subject: Subject, setup: Setup, prior, fi
     elsewhere = np.zeros(setup.model.marker_count, bool)
     plain, seen = without_own(subject, setup), []
     while True:
-        # A marker that is worn elsewhere says little of where the body is.
+        # A marker that is placed elsewhere says little of where the body is.
         loose = replace(plain, own_sd=np.hypot(plain.own_sd, elsewhere * JOINTLY.elsewhere_m))
         loose, state = refit(view, naming, loose, setup, FINDING.round_steps, prior)
         plain = replace(plain, bodies=loose.bodies)

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..data.markersets import MarkerSet
 
-TINIEST = 1e-12  # m²: what is divided by is never less
+MIN_DIVISOR_M2 = 1e-12  # what is divided by is never less
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ def capsules_hide(
     # Distances come out of differences of squares, so nothing may be far from the origin.
     origin = start[:, :1]
     starts, points, eyes = start - origin, markers - origin, centres[None] - origin
-    length2 = np.maximum(np.einsum("bkx,bkx->bk", axis, axis), TINIEST)
+    length2 = np.maximum(np.einsum("bkx,bkx->bk", axis, axis), MIN_DIVISOR_M2)
     points, side_known = _pushed_out(starts, axis, length2, radius, points, standoff)
     distance2 = segment_distance2(starts, axis, length2, points, eyes)
     inside = distance2 < (radius * radius)[:, None, None, :]
@@ -125,7 +125,7 @@ def _pushed_out(starts, axis, length2, radius, points, standoff) -> tuple[np.nda
     outward = from_start - along[..., None] * axis[:, None]
     distance = np.sqrt(np.einsum("bmkx,bmkx->bmk", outward, outward))
     missing = np.maximum((radius + standoff[:, None])[:, None] - distance, 0.0)
-    pushed = points[:, :, None] + outward * (missing / np.maximum(distance, TINIEST))[..., None]
+    pushed = points[:, :, None] + outward * (missing / np.maximum(distance, MIN_DIVISOR_M2))[..., None]
     return pushed, distance > OCCLUDING.min_side_share * radius[:, None]
 
 
@@ -149,11 +149,11 @@ def segment_distance2(starts, axis, length2, points, eyes) -> np.ndarray:
     gap2 = point2 - 2 * point_start + start2
     gap_axis = point_axis - start_axis
     axis2 = length2[:, None, None]
-    ray2 = np.maximum(eye2 - 2 * eye_point + point2, TINIEST)
+    ray2 = np.maximum(eye2 - 2 * eye_point + point2, MIN_DIVISOR_M2)
     ray_gap = eye_point - eye_start - point2 + point_start
     ray_axis = eye_axis - point_axis
 
-    cross = np.maximum(ray2 * axis2 - ray_axis * ray_axis, TINIEST * TINIEST)
+    cross = np.maximum(ray2 * axis2 - ray_axis * ray_axis, MIN_DIVISOR_M2 * MIN_DIVISOR_M2)
     on_ray = np.minimum(np.maximum((ray_axis * gap_axis - ray_gap * axis2) / cross, 0.0), 1.0)
     on_axis = np.minimum(np.maximum((ray_axis * on_ray + gap_axis) / axis2, 0.0), 1.0)
     on_ray = np.minimum(np.maximum((ray_axis * on_axis - ray_gap) / ray2, 0.0), 1.0)

@@ -85,7 +85,7 @@ def fit_points(
 
     points (T, M, 3) m, NaN where missing, in the marker set's order; `height` m, if it was measured. Scale, shape and
     own offsets are the same in every body. A frame with too few markers gets NaN translation, quaternion and
-    bends. `progress` is told the share that is done. Raises ValueError when no frame has more.
+    bends. `progress` hears the share that is done. Raises ValueError when no frame has more.
     """
     seen = np.isfinite(points).all(axis=2)
     enough = np.flatnonzero(seen.sum(axis=1) >= POSING.min_markers)
@@ -94,8 +94,8 @@ def fit_points(
     if prior is None:
         prior = Prior(model, height=height, height_sd=None if height is None else POSING.height_sd_m)
     subject = fit_subject(model, points[_subject_frames(seen, enough)], prior)
-    told = _told(progress, len(enough))
-    posed = pose_subject(model, subject.pick(slice(0, 1)), points[enough], prior, told)
+    count = _counter(progress, len(enough))
+    posed = pose_subject(model, subject.pick(slice(0, 1)), points[enough], prior, count)
     return _spread_out(posed, enough, len(points))
 
 
@@ -111,20 +111,20 @@ def fit_subject(model: BodyModel, points: np.ndarray, prior: Prior, steps: int =
     return bodies
 
 
-def _told(progress: Callable[[float], None] | None, frames: int) -> Callable[[int], None]:
-    """A function that is told how many frames went how many steps on, and tells `progress` the share of it all."""
+def _counter(progress: Callable[[float], None] | None, frames: int) -> Callable[[int], None]:
+    """A function that hears how many frames went how many steps on, and tells `progress` the share of it all."""
     again = POSING.again_share * 3 * POSING.again_steps
     each = POSING.key_steps / POSING.key_stride + POSING.between_steps + again
     whole, done = POSING.subject_work + frames * each, POSING.subject_work
 
-    def told(work: int):
+    def count(work: int):
         nonlocal done
         done += work
         if progress is not None:
             progress(min(done / whole, 1.0))
 
-    told(0)
-    return told
+    count(0)
+    return count
 
 
 def pose_subject(
@@ -132,20 +132,20 @@ def pose_subject(
     subject: Bodies,
     points: np.ndarray,
     prior: Prior,
-    told: Callable[[int], None] = lambda _: None,
+    count: Callable[[int], None] = lambda _: None,
 ) -> Bodies:
     """One subject (a batch of 1) posed on frames (T, M, 3) m that all have enough markers; nothing else is fitted.
 
-    `told` is called with the number of frames times the steps that they were moved on by, batch after batch.
+    `count` is called with the number of frames times the steps that they were moved on by, batch after batch.
     """
     stiff = BodyModel(baked(model, subject))
     held = _Held(Prior(stiff, prior.strength, height=prior.height), slice(6, PLACEMENT))
     keys = np.unique(np.append(np.arange(0, len(points), POSING.key_stride), len(points) - 1))
     start = replace(aligned(stiff, points[keys], prior), scale=np.repeat(subject.scale, len(keys), axis=0))
-    posed = _fit_batches(stiff, start, points[keys], held, POSING.key_steps, told)
+    posed = _fit_batches(stiff, start, points[keys], held, POSING.key_steps, count)
     if len(keys) < len(points):
-        posed = _fit_batches(stiff, _between(posed, keys, len(points)), points, held, POSING.between_steps, told)
-        posed = _tried_again(stiff, posed, points, held, told)
+        posed = _fit_batches(stiff, _between(posed, keys, len(points)), points, held, POSING.between_steps, count)
+        posed = _tried_again(stiff, posed, points, held, count)
     return replace(
         posed,
         scale=np.repeat(subject.scale, len(points), axis=0),
@@ -296,16 +296,16 @@ class _Held:
         return cost, gradient, hessian
 
 
-def _fit_batches(model: BodyModel, start: Bodies, points: np.ndarray, prior, steps: int, told) -> Bodies:
+def _fit_batches(model: BodyModel, start: Bodies, points: np.ndarray, prior, steps: int, count) -> Bodies:
     parts = []
     for first in range(0, len(points), POSING.batch_frames):
         chosen = slice(first, first + POSING.batch_frames)
         parts.append(fit_body(model, start.pick(chosen), point_pull(points[chosen]), steps, prior).bodies)
-        told(steps * len(points[chosen]))
+        count(steps * len(points[chosen]))
     return Bodies.join(parts)
 
 
-def _tried_again(model: BodyModel, posed: Bodies, points: np.ndarray, prior: _Held, told) -> Bodies:
+def _tried_again(model: BodyModel, posed: Bodies, points: np.ndarray, prior: _Held, count) -> Bodies:
     """The frames that are posed worse than most, once more from where they are and from the frame before and after."""
     cost = point_pull(points)(model.pose(posed).markers).cost
     poor = np.flatnonzero(cost > POSING.max_cost_ratio * np.median(cost))
@@ -313,7 +313,7 @@ def _tried_again(model: BodyModel, posed: Bodies, points: np.ndarray, prior: _He
         if not len(poor):
             break
         start = posed.pick(np.clip(poor + shift, 0, len(points) - 1))
-        again = _fit_batches(model, start, points[poor], prior, POSING.again_steps, told)
+        again = _fit_batches(model, start, points[poor], prior, POSING.again_steps, count)
         new = point_pull(points[poor])(model.pose(again).markers).cost
         better = new < cost[poor]
         for name in Bodies.__dataclass_fields__:

@@ -4,17 +4,29 @@
 import queue
 import threading
 from collections.abc import Callable, Generator
-from contextlib import closing
+from dataclasses import dataclass
 from typing import Any
 
-from .progress import Progress
+from .progress import Progress, finished
 
 WORK_DONE = object()
-MAX_WAIT_S = 0.2  # s; so long a step waits for news
+
+
+@dataclass(frozen=True)
+class BackgroundOptions:
+    """How work in a thread is watched; reckoned.
+
+    max_wait_s  that a step waits for news of it: as long as a window may stand still
+    """
+
+    max_wait_s: float = 0.2
+
+
+BACKGROUND = BackgroundOptions()
 
 
 def in_background(work: Callable[[Callable[[float], None]], Any]) -> Generator[float, None, Any]:
-    """Runs `work(tell)` in a thread; yields the last share that it told, now and then, and returns its result.
+    """Runs `work(tell)` in a thread; yields the last share that it gave, now and then, and returns its result.
 
     What `work` raises is raised here. Closing the generator makes the next `tell` end the work.
     """
@@ -40,13 +52,13 @@ def in_background(work: Callable[[Callable[[float], None]], Any]) -> Generator[f
     try:
         while True:
             try:
-                told = news.get(timeout=MAX_WAIT_S)
+                item = news.get(timeout=BACKGROUND.max_wait_s)
             except queue.Empty:
                 yield share
                 continue
-            if told is WORK_DONE:
+            if item is WORK_DONE:
                 break
-            share = told
+            share = item
             yield share
     finally:
         stop.set()
@@ -56,14 +68,8 @@ def in_background(work: Callable[[Callable[[float], None]], Any]) -> Generator[f
 
 
 def drained(steps: Generator[Progress, None, Any], tell: Callable[[float], None]) -> Any:
-    """What a job returns, having told how far it is all the way; a `tell` that raises ends it."""
-    with closing(steps):
-        while True:
-            try:
-                progress = next(steps)
-            except StopIteration as done:
-                return done.value
-            tell(progress.fraction)
+    """What a job returns, having said how far it is all the way; a `tell` that raises ends it."""
+    return finished(steps, lambda progress: tell(progress.fraction))
 
 
 class _StoppedError(Exception):

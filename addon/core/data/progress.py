@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What long work says while it goes on."""
 
-from collections.abc import Generator, Mapping
+from collections.abc import Callable, Generator, Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from itertools import pairwise
 from types import MappingProxyType
 from typing import Any, TypeVar
 
-Result = TypeVar("Result")
+Result, Item = TypeVar("Result"), TypeVar("Item")
 NO_SPANS: Mapping[str, tuple[float, float]] = MappingProxyType({})
 
 
@@ -41,12 +42,12 @@ def within(
     """
     while True:
         try:
-            told = next(work)
+            item = next(work)
         except StopIteration as end:
             return end.value
-        if isinstance(told, Stage):
-            (first, last), note, told = spans[told.name], told.note, 0.0
-        share, doing = told if isinstance(told, tuple) else (told, note)
+        if isinstance(item, Stage):
+            (first, last), note, item = spans[item.name], item.note, 0.0
+        share, doing = item if isinstance(item, tuple) else (item, note)
         yield Progress(first + (last - first) * share, doing)
 
 
@@ -55,10 +56,13 @@ def in_stages(work: Generator, begins: Mapping[str, float]) -> Generator[Progres
     return within(work, 0.0, 0.0, spans=dict(zip(begins, pairwise((*begins.values(), 1.0)), strict=True)))
 
 
-def finished(work: Generator[Any, None, Result]) -> Result:
-    """What a generator returns once it is stepped to its end."""
-    while True:
-        try:
-            next(work)
-        except StopIteration as end:
-            return end.value
+def finished(work: Generator[Item, None, Result], tell: Callable[[Item], None] | None = None) -> Result:
+    """What work returns once it is stepped to its end; `tell` hears all that it yields, and ends it by raising."""
+    with closing(work):
+        while True:
+            try:
+                item = next(work)
+            except StopIteration as end:
+                return end.value
+            if tell is not None:
+                tell(item)

@@ -16,7 +16,7 @@ NO_STEP, EXCLUSIVE, CONFLICT, REMAINING, BY_LIKELIHOOD, BY_PARTIAL_SOLVERS, BY_F
 NO_MARKER = NO_POINT = -1
 
 # C3D files count frames no further than this, and blob files neither.
-LARGEST_FRAME = 2**32 - 1
+MAX_FRAME = 2**32 - 1
 
 
 @dataclass(frozen=True, eq=False)

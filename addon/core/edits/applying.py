@@ -19,12 +19,15 @@ from .kinds import (
     Accepted,
     AssignBlob,
     AssignPoint,
+    BlobEdit,
     Delete,
+    DeleteBlob,
     Edit,
     Edits,
     Place,
     Right,
     Swap,
+    UnlabelBlob,
     UnlabelMarker,
     UnlabelPoint,
     frames_of,
@@ -34,7 +37,19 @@ from .kinds import (
 from .replay import Edited, Replay
 
 OF_POINTS = (AssignPoint, UnlabelPoint, Delete)
-MOST_NAMES = 8  # that a sentence lists
+
+
+@dataclass(frozen=True)
+class SentenceOptions:
+    """What a sentence about edits lists; reckoned.
+
+    max_names  of markers or cameras: as many as a person takes in at a glance
+    """
+
+    max_names: int = 8
+
+
+SENTENCES = SentenceOptions()
 
 
 @dataclass(frozen=True)
@@ -97,13 +112,18 @@ class BlobCells:
     @classmethod
     def of(cls, blobs: Blobs, cameras: tuple[str, ...], markerset: MarkerSet) -> "BlobCells":
         """Those of a chunk."""
+        return cls.named(blobs, cameras, markerset.by_name, len(markerset))
+
+    @classmethod
+    def named(cls, blobs: Blobs, cameras: tuple[str, ...], names: Mapping[str, int], count: int) -> "BlobCells":
+        """Those of a chunk, by the indices of the `count` markers by their names."""
         image = blobs.frame * len(cameras) + blobs.camera
         counts = np.bincount(image, minlength=len(blobs.frames) * len(cameras))
         order = np.argsort(image, kind="stable")
         slot = np.empty(len(blobs), int)
         slot[order] = np.arange(len(blobs)) - np.repeat(np.cumsum(counts) - counts, counts)
         present = np.arange(max(int(counts.max(initial=0)), 1)) < counts[:, None]
-        return cls(markerset.by_name, len(markerset), cameras, blobs, image, slot, present)
+        return cls(names, count, cameras, blobs, image, slot, present)
 
     def table(self, labels: Labels) -> Labels:
         """The labels (N,) of the blobs, (R, K)."""
@@ -146,7 +166,7 @@ def refuse_unknown(
     for number, edit in enumerate(edits, 1):
         for name in markers_of(edit):
             if name not in names:
-                some = ", ".join(list(names)[:MOST_NAMES])
+                some = ", ".join(list(names)[: SENTENCES.max_names])
                 raise InputError(f"edit {number} names {name!r}; expected a marker of the model, such as {some}")
         if isinstance(edit, Swap) and len({names[name] for name in edit.markers}) == 1:
             raise InputError(f"edit {number} swaps a marker with itself; expected two markers")
@@ -162,7 +182,7 @@ def refuse_unknown(
 
 
 def _refuse_point(edit: Edit, number: int, points: set[int]):
-    if isinstance(edit, AssignBlob):
+    if isinstance(edit, BlobEdit):
         raise InputError(f"edit {number} is of a blob in a take of points; expected one with a point")
     if isinstance(edit, OF_POINTS) and edit.point not in points:
         words = f"edit {number} is of trajectory {edit.point}, which the take does not have"
@@ -172,8 +192,8 @@ def _refuse_point(edit: Edit, number: int, points: set[int]):
 def _refuse_camera(edit: Edit, number: int, cameras: set[str]):
     if isinstance(edit, OF_POINTS):
         raise InputError(f"edit {number} is of a point in a take of blobs; expected one with camera, frame, x and y")
-    if isinstance(edit, AssignBlob) and edit.camera not in cameras:
-        some = ", ".join(sorted(cameras)[:MOST_NAMES])
+    if isinstance(edit, BlobEdit) and edit.camera not in cameras:
+        some = ", ".join(sorted(cameras)[: SENTENCES.max_names])
         raise InputError(f"edit {number} is of the camera {edit.camera!r}; expected one of {some}")
 
 
@@ -219,6 +239,11 @@ def _rows(edit: Edit, first_frame: int, count: int) -> slice | None:
     return slice(first, after) if first < after else None
 
 
+def found_outside(edit: Edit) -> EditOutcome:
+    """What became of an edit that is of no frame of the take."""
+    return _outcome(edit, 0, True)
+
+
 def _outcome(edit: Edit, count: int, outside: bool) -> EditOutcome:
     """What became of an edit."""
     if count:
@@ -232,6 +257,8 @@ def _outcome(edit: Edit, count: int, outside: bool) -> EditOutcome:
         what = f"trajectory {edit.point} has no point"
     elif isinstance(edit, UnlabelPoint):
         what = f"trajectory {edit.point} has no name"
+    elif isinstance(edit, BlobEdit):
+        what = f"the blob at {edit.x:g}, {edit.y:g} of {edit.camera} has no name"
     elif isinstance(edit, Swap):
         what = f"neither {edit.markers[0]} nor {edit.markers[1]} is named"
     else:
@@ -251,11 +278,11 @@ def apply_to_blobs(labels: Labels, edits: Edits, cells: BlobCells) -> AppliedEdi
         rows, reason, done = _rows(edit, int(cells.blobs.frames[0]), len(cells.blobs.frames)), "", 0
         if rows is not None and isinstance(edit, Place):
             places[rows.start, cells.names[edit.marker]], done = np.array(edit.xyz), 1
-        elif rows is not None and isinstance(edit, AssignBlob):
-            found, reason = nearest_blob(edit, cells, rows.start)
-            if found is not None:
-                image = int(cells.image[found])
-                done = replay.assign(slice(image, image + 1), int(cells.slot[found]), cells.names[edit.marker])
+        elif rows is not None and isinstance(edit, BlobEdit):
+            found, reason = blobs_of(edit, cells)
+            done = _of_blobs(replay, edit, cells.image[found], cells.slot[found], cells.names)
+            if isinstance(edit, AssignBlob):
+                _give_up_places(places, replay, cells.names[edit.marker], cells.blobs.frame[found], len(cells.cameras))
         elif rows is not None and isinstance(edit, Accepted):
             done = rows.stop - rows.start
         elif rows is not None:
@@ -278,19 +305,46 @@ def _move_places(places: dict, edit: Edit, rows: slice, names: Mapping[str, int]
     return len(moved)
 
 
-def nearest_blob(edit: AssignBlob, cells: BlobCells, frame: int) -> tuple[int | None, str]:
-    """The row of the blob that an edit is of, in a frame by its index; None where there is none, and then why."""
+def _give_up_places(places: dict, replay: Replay, marker: int, frames: np.ndarray, cameras: int):
+    """Takes away where a marker was placed in some frames (K,), once blobs of two cameras say where it is."""
+    for frame in frames.tolist():
+        if (frame, marker) in places and replay.seen(np.arange(frame * cameras, (frame + 1) * cameras), marker) >= 2:
+            del places[frame, marker]
+
+
+def _of_blobs(replay: Replay, edit: BlobEdit, image: np.ndarray, slot: np.ndarray, names: Mapping[str, int]) -> int:
+    """Applies an edit of blobs, by image and slot (K,), one of an image at most; how many labels it is about."""
+    if isinstance(edit, AssignBlob):
+        return replay.assign_cells(image, slot, names[edit.marker])
+    work = {UnlabelBlob: replay.unlabel_cells, DeleteBlob: replay.delete_cells}[type(edit)]
+    return work(image, slot)
+
+
+def blobs_of(edit: BlobEdit, cells: BlobCells) -> tuple[np.ndarray, str]:
+    """(K,) the rows of the blobs of a chunk that an edit is of, one of a frame; and why, where there is none."""
+    first, count = int(cells.blobs.frames[0]), len(cells.blobs.frames)
+    own = np.array([[edit.frame, edit.x, edit.y]], dtype=float)
+    meant = own if edit.trail is None else np.concatenate([edit.trail, own])
+    meant = meant[(meant[:, 0] >= first) & (meant[:, 0] < first + count)]
+    where = np.full((count, 2), np.nan)
+    where[meant[:, 0].astype(int) - first] = meant[:, 1:]
     blobs = cells.blobs
-    there = np.flatnonzero((blobs.frame == frame) & (blobs.camera == cells.cameras.index(edit.camera)))
-    where = f"{edit.camera} has no blob within {BLOB_EDITING.max_distance_px:g} px of {edit.x:g}, {edit.y:g}"
-    where += f" in frame {edit.frame}"
-    if not len(there):
-        return None, where
-    off = np.hypot(*(blobs.xy[there] - (edit.x, edit.y)).T)
-    nearest = int(off.argmin())
-    if off[nearest] <= BLOB_EDITING.max_distance_px:
-        return int(there[nearest]), ""
-    return None, f"{where}, the nearest is {off[nearest]:.3g} px off"
+    of_camera = blobs.camera == cells.cameras.index(edit.camera)
+    there = np.flatnonzero(of_camera & np.isfinite(where[blobs.frame, 0]))
+    off = np.hypot(*(blobs.xy[there] - where[blobs.frame[there]]).T)
+    order = np.lexsort((off, blobs.frame[there]))
+    there, off = there[order], off[order]
+    nearest = np.diff(blobs.frame[there], prepend=-1) != 0
+    there, off = there[nearest], off[nearest]
+    near = off <= BLOB_EDITING.max_distance_px
+    return there[near], "" if near.any() or not len(meant) else _no_blob(edit, off)
+
+
+def _no_blob(edit: BlobEdit, off: np.ndarray) -> str:
+    """Why an edit finds no blob, of which the nearest are so far `off` (K,) px."""
+    words = f"{edit.camera} has no blob within {BLOB_EDITING.max_distance_px:g} px of {edit.x:g}, {edit.y:g}"
+    words += f" in frame {edit.frame}"
+    return f"{words}, the nearest is {off.min():.3g} px off" if len(off) else words
 
 
 def joined(chunks: Iterable[tuple[EditOutcome, ...]]) -> tuple[EditOutcome, ...]:

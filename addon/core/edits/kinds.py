@@ -11,6 +11,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Self
 
+import numpy as np
+
 
 @dataclass(frozen=True, kw_only=True)
 class Edit:
@@ -35,14 +37,35 @@ class AssignPoint(RangeEdit):
 
 
 @dataclass(frozen=True)
-class AssignBlob(Edit):
-    """The blob at x, y px of a camera's image in a frame is a marker."""
+class BlobEdit(RangeEdit):
+    """An edit of the blob at x, y px of a camera's image in a frame; with `frames`, of its track in that camera there.
+
+    trail  (K, 3) frame, x and y px of the other blobs of that track, made of the take by `blob_tracks.followed`; it is
+           no part of what was said and is kept nowhere
+    """
 
     camera: str
     frame: int
     x: float
     y: float
+    trail: np.ndarray | None = field(default=None, compare=False, repr=False, kw_only=True)
+
+
+@dataclass(frozen=True)
+class AssignBlob(BlobEdit):
+    """A blob is a marker."""
+
     marker: str
+
+
+@dataclass(frozen=True)
+class UnlabelBlob(BlobEdit):
+    """A blob is not what it is named, and has no name."""
+
+
+@dataclass(frozen=True)
+class DeleteBlob(BlobEdit):
+    """A blob is no marker, whoever asks."""
 
 
 @dataclass(frozen=True)
@@ -135,8 +158,10 @@ EDIT_KINDS: dict[type[Edit], str] = {
     AssignBlob: "assign",
     UnlabelMarker: "unlabel",
     UnlabelPoint: "unlabel",
+    UnlabelBlob: "unlabel",
     Swap: "swap",
     Delete: "delete",
+    DeleteBlob: "delete",
     Place: "place",
     Right: "right",
     Accepted: "right",
@@ -150,11 +175,13 @@ def kind_of(edit: Edit) -> str:
 
 def frames_of(edit: Edit) -> tuple[int, int] | None:
     """The first and last frame that an edit is about, None for all."""
-    return edit.frames if isinstance(edit, RangeEdit) else (edit.frame, edit.frame)
+    if isinstance(edit, RangeEdit) and not (isinstance(edit, BlobEdit) and edit.frames is None):
+        return edit.frames
+    return edit.frame, edit.frame
 
 
 def markers_of(edit: Edit) -> tuple[str, ...]:
     """The markers that an edit names."""
     if isinstance(edit, Swap):
         return edit.markers
-    return () if isinstance(edit, UnlabelPoint | Delete | Accepted) else (edit.marker,)
+    return () if isinstance(edit, UnlabelPoint | UnlabelBlob | Delete | DeleteBlob | Accepted) else (edit.marker,)

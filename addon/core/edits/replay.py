@@ -101,9 +101,13 @@ class Replay:
     def assign(self, rows: slice, column: int, marker: int) -> int:
         """The column is the marker wherever it is there."""
         at = self._there(rows, column)
+        return self.assign_cells(at, np.full(len(at), column), marker)
+
+    def assign_cells(self, at: np.ndarray, column: np.ndarray, marker: int) -> int:
+        """In some rows (K,), each once, a column (K,) is the marker."""
         self._let_go(at, column)
         self._take_away(at, marker)
-        self._claim(at, np.full(len(at), column), marker)
+        self._claim(at, column, marker)
         return len(at)
 
     def unlabel_marker(self, rows: slice, marker: int) -> int:
@@ -119,6 +123,10 @@ class Replay:
     def unlabel_column(self, rows: slice, column: int) -> int:
         """The column has no name, and is not the marker that it was taken for."""
         at = self._there(rows, column)
+        return self.unlabel_cells(at, np.full(len(at), column))
+
+    def unlabel_cells(self, at: np.ndarray, column: np.ndarray) -> int:
+        """In some rows (K,), each once, a column (K,) has no name, and is not the marker that it was taken for."""
         named = self._name(at, column)
         self._let_go(at, column)
         self.rule[at, column] = self.markers + 1
@@ -128,6 +136,10 @@ class Replay:
     def delete(self, rows: slice, column: int) -> int:
         """The column is no marker."""
         at = self._there(rows, column)
+        return self.delete_cells(at, np.full(len(at), column))
+
+    def delete_cells(self, at: np.ndarray, column: np.ndarray) -> int:
+        """In some rows (K,), each once, a column (K,) is no marker."""
         self._let_go(at, column)
         self.rule[at, column] = self.markers
         return len(at)
@@ -171,6 +183,10 @@ class Replay:
         self.right[at, marker] = True
         return len(at)
 
+    def seen(self, at: np.ndarray, marker: int) -> int:
+        """In how many of some rows (K,) a column is the marker."""
+        return int((self._holder(at, marker) >= 0).sum())
+
     def done(self) -> Edited:
         """The labels as they are now."""
         labels, rules = self.labels, (np.flatnonzero((self.rule != FREE).any(axis=0)))
@@ -212,13 +228,13 @@ class Replay:
         mine = np.where((own >= 0) & (self.rule[at, own] == FREE), own, NO_MARKER)
         return np.where(claim == ANYBODY, mine, claim)
 
-    def _name(self, at: np.ndarray, column: int) -> np.ndarray:
-        """(K,) what a column is called in some rows."""
+    def _name(self, at: np.ndarray, column: np.ndarray) -> np.ndarray:
+        """(K,) what columns (K,) are called in some rows (K,)."""
         found = np.full(len(at), NO_MARKER)
         rule = self.rule[at, column]
         given = (rule >= 0) & (rule < self.markers)
         found[given] = rule[given]
-        row, marker = np.nonzero((self.own[at] == column) & (self.claim[at] == ANYBODY))
+        row, marker = np.nonzero((self.own[at] == column[:, None]) & (self.claim[at] == ANYBODY))
         free = rule[row] == FREE
         found[row[free]] = marker[free]
         return found
@@ -228,8 +244,8 @@ class Replay:
         self.refused[at, column] = NO_MARKER
         self.claim[at, marker] = column
 
-    def _let_go(self, at: np.ndarray, column: int):
-        """What an edit gave the column it gives up; whoever the program named so is that marker again."""
+    def _let_go(self, at: np.ndarray, column: np.ndarray):
+        """What an edit gave columns (K,) they give up; whoever the program named so is that marker again."""
         rule = self.rule[at, column]
         given = (rule >= 0) & (rule < self.markers)
         self.claim[at[given], rule[given]] = ANYBODY

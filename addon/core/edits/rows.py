@@ -7,18 +7,21 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 
 from ..data.errors import InputError
-from ..data.takes import LARGEST_FRAME
+from ..data.takes import MAX_FRAME
 from .kinds import (
     EDIT_KINDS,
     Accepted,
     AssignBlob,
     AssignPoint,
+    BlobEdit,
     Delete,
+    DeleteBlob,
     Edit,
     Edits,
     Place,
     Right,
     Swap,
+    UnlabelBlob,
     UnlabelMarker,
     UnlabelPoint,
     kind_of,
@@ -45,16 +48,17 @@ class EditLimits:
 
 EDIT_LIMITS = EditLimits()
 
+BLOB_KEYS = ("camera", "frame", "x", "y")
 # Of every kind the shapes that it may have: the keys that its rows must have, and the edit that they make.
 FORMS: dict[str, tuple[tuple[type[Edit], tuple[str, ...]], ...]] = {
-    "assign": ((AssignPoint, ("point", "marker")), (AssignBlob, ("camera", "frame", "x", "y", "marker"))),
-    "unlabel": ((UnlabelMarker, ("marker",)), (UnlabelPoint, ("point",))),
+    "assign": ((AssignPoint, ("point", "marker")), (AssignBlob, (*BLOB_KEYS, "marker"))),
+    "unlabel": ((UnlabelMarker, ("marker",)), (UnlabelPoint, ("point",)), (UnlabelBlob, BLOB_KEYS)),
     "swap": ((Swap, ("markers",)),),
-    "delete": ((Delete, ("point",)),),
+    "delete": ((Delete, ("point",)), (DeleteBlob, BLOB_KEYS)),
     "place": ((Place, ("marker", "frame", "xyz")),),
     "right": ((Right, ("marker",)), (Accepted, ("doubt",))),
 }
-NO_FRAMES = (AssignBlob, Place)  # whose frame is one of their keys
+NO_FRAMES = (Place,)  # whose frame is one of their keys
 
 
 def edits_of(document: object) -> Edits:
@@ -89,6 +93,7 @@ def row_of(edit: Edit) -> dict:
     own = {one.name: getattr(edit, one.name) for one in fields(edit)}
     more = own.pop("more")
     frames = own.pop("frames", None)
+    own.pop("trail", None)
     row = {"kind": kind_of(edit), **{key: list(v) if isinstance(v, tuple) else v for key, v in own.items()}}
     return row | ({} if frames is None else {"frames": list(frames)}) | dict(more)
 
@@ -110,10 +115,19 @@ def edit_of(row: object, number: int) -> Edit:
     values = {key: CHECKS[key](row[key], number) for key in keys}
     if ranged and row.get("frames") is not None:
         values["frames"] = _frames(row["frames"], number)
+        if issubclass(whole, BlobEdit):
+            _refuse_elsewhere(values["frame"], values["frames"], number)
     more = {key: value for key, value in row.items() if key not in ALL_KEYS}
     if not _can_be_kept(more):
         raise InputError(f"edit {number} holds what JSON cannot hold; expected finite numbers and letters of Unicode")
     return whole(**values, more=more)
+
+
+def _refuse_elsewhere(frame: int, frames: tuple[int, int], number: int):
+    """Raises InputError where a blob's own frame is not among those that its track is followed through."""
+    if not frames[0] <= frame <= frames[1]:
+        words = f"edit {number} is of a blob of frame {frame}, in frames {frames[0]} to {frames[1]}"
+        raise InputError(f"{words}; expected frames with its own among them")
 
 
 def _form(row: dict, forms: Sequence[tuple[type[Edit], tuple[str, ...]]], number: int) -> tuple[type[Edit], tuple]:
@@ -143,7 +157,7 @@ def _point(value: object, number: int) -> int:
 
 
 def _frame(value: object, number: int) -> int:
-    if not _is_whole(value) or abs(value) > LARGEST_FRAME:
+    if not _is_whole(value) or abs(value) > MAX_FRAME:
         raise InputError(f"edit {number} has the frame {_shown(value)}; expected a whole number, as in the source")
     return value
 

@@ -1,15 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Edits in words, for the list that a person reads."""
 
+from ..data.wording import words_of_frames
 from .kinds import (
     Accepted,
     AssignBlob,
     AssignPoint,
+    BlobEdit,
     Delete,
+    DeleteBlob,
     Edit,
     Place,
     Right,
     Swap,
+    UnlabelBlob,
     UnlabelMarker,
     UnlabelPoint,
     frames_of,
@@ -23,15 +27,15 @@ def words_of(edit: Edit, shift: int = 0) -> str:
     if frames is None:
         return f"{said}, all frames"
     first, last = (number + shift for number in frames)
-    return f"{said}, frame {first}" if first == last else f"{said}, frames {first}–{last}"
+    return f"{said}, {words_of_frames(first, last)}"
 
 
 def _said(edit: Edit) -> str:
+    if isinstance(edit, BlobEdit):
+        return _said_of_blob(edit)
     match edit:
         case AssignPoint():
             return f"{edit.marker} is trajectory {edit.point}"
-        case AssignBlob():
-            return f"{edit.marker} is the blob at {edit.x:.0f} {edit.y:.0f} of {edit.camera}"
         case UnlabelMarker():
             return f"Nothing is {edit.marker}"
         case UnlabelPoint():
@@ -46,4 +50,16 @@ def _said(edit: Edit) -> str:
             return f"{edit.marker} is right"
         case Accepted():
             return f"It is right that {edit.doubt}"
+    raise TypeError(f"{type(edit).__name__}; expected a kind of edit")
+
+
+def _said_of_blob(edit: BlobEdit) -> str:
+    where = f"he blob at {edit.x:.0f} {edit.y:.0f} of {edit.camera}"
+    match edit:
+        case AssignBlob():
+            return f"{edit.marker} is t{where}"
+        case UnlabelBlob():
+            return f"T{where} has no name"
+        case DeleteBlob():
+            return f"T{where} is no marker"
     raise TypeError(f"{type(edit).__name__}; expected a kind of edit")

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A take's gaps filled, the shortest first, each by the method that errs least on gaps like it cut into the take."""
 
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,6 +11,8 @@ from ..data.markersets import MarkerSet
 from . import plain
 from .fitted import FittedSubject
 from .gaps import Gap, KnownMarkers, find_gaps
+from .kept import KeptFill
+from .rays import NO_RAYS, MarkerRays, held
 from .regression import MarkerModel, learned, neighbours_of, regress
 from .trials import Answer, Choice, Way, choose, graded, pace_of, paces
 
@@ -28,16 +30,16 @@ class FillOptions:
     max_gap     frames of the longest gap to fill; None for any
     markers     indices of the markers to fill; None for all
     frame       index of a frame that is in every gap to fill; None for gaps anywhere
-    most_off_m  a gap in the take is left where the error to expect is larger: it would show a motion that was not there
-    most_open_m the same at its start or end, where nothing holds the far side
+    max_off_m   a gap in the take is left where the error to expect is larger: it would show a motion that was not there
+    max_open_m  the same at its start or end, where nothing holds the far side
     """
 
     method: str = "auto"
     max_gap: int | None = None
     markers: tuple[int, ...] | None = None
     frame: int | None = None
-    most_off_m: float = 0.1
-    most_open_m: float = 0.03
+    max_off_m: float = 0.1
+    max_open_m: float = 0.03
 
     def asks_for(self, gap: Gap) -> bool:
         """Whether a gap is one of those to fill."""
@@ -83,13 +85,14 @@ def fill_take(
     options: FillOptions,
     markerset: MarkerSet | None = None,
     columns: np.ndarray | None = None,
+    rays: MarkerRays = NO_RAYS,
 ) -> Generator[float, None, FilledTake]:
     """Fills the gaps of named markers (T, M, 3) m, NaN where missing; yields the share of the work that is done.
 
     With a `markerset` its body fills too; `columns` are the take's indices of its markers, -1 where it has none.
-    Without one the method "body" leaves all gaps.
+    Without one the method "body" leaves all gaps. `rays` of cameras that see a marker alone hold what is filled.
     """
-    filler = _Filler(xyz, rate, options, markerset, columns)
+    filler = _Filler(xyz, rate, options, markerset, columns, rays)
     gaps = find_gaps(filler.take.known)
     wanted = [gap for gap in gaps if options.asks_for(gap)]
     done, whole = 0, sum(_cost(gap) for gap in wanted)
@@ -99,6 +102,17 @@ def fill_take(
             filler.fill(gap)
             done += _cost(gap)
     return filler.outcome()
+
+
+def kept_fills_of(filled: FilledTake, names: Sequence[str], frames: np.ndarray) -> tuple[KeptFill, ...]:
+    """What was filled of a take of these markers, whose frames (T,) have these numbers in the source."""
+    padded = np.pad(filled.xyz, ((1, 1), (0, 0), (0, 0)), constant_values=np.nan)
+    made = []
+    for one in filled.gaps:
+        path = padded[one.gap.start : one.gap.stop + 2, one.gap.marker].copy()
+        first, last = int(frames[one.gap.start]), int(frames[one.gap.stop - 1])
+        made.append(KeptFill(names[one.gap.marker], first, last, one.method, one.expected, path))
+    return tuple(made)
 
 
 def _cost(gap: Gap) -> int:
@@ -115,6 +129,7 @@ class _Filler:
     options: FillOptions
     markerset: MarkerSet | None
     columns: np.ndarray | None
+    rays: MarkerRays
     take: KnownMarkers = field(init=False)
     measured: np.ndarray = field(init=False)
     fitted_subject: FittedSubject | None = field(init=False, default=None)
@@ -150,16 +165,17 @@ class _Filler:
             self.left.append(LeftGap(gap, self._why_not(gap, own)))
             return
         sure = next((answer[1] for answer in answers.values() if answer[1] is not None), None)
-        expected = choice.expected(sure)
+        path = sum(answer[0] for answer in answers.values()) / len(answers)
+        path, expected, held_by = held(path, gap, choice.expected(sure), self.rays, own, self.rate)
         open_ended = gap.start == 0 or gap.stop == len(own)
-        limit = self.options.most_open_m if open_ended else self.options.most_off_m
+        limit = self.options.max_open_m if open_ended else self.options.max_off_m
         if expected > limit:
             where = " at an end of the take" if open_ended else ""
             reason = f"would be off by {1000 * expected:.0f} mm, where {1000 * limit:.0f} mm are allowed{where}"
             self.left.append(LeftGap(gap, reason))
             return
-        self.take.put(gap, sum(answer[0] for answer in answers.values()) / len(answers))
-        self.done.append(FilledGap(gap, "+".join(answers), expected))
+        self.take.put(gap, path)
+        self.done.append(FilledGap(gap, "+".join([*answers, *(["ray"] if held_by else [])]), expected))
 
     def _ways(self, neighbours: np.ndarray, helping: np.ndarray) -> dict[str, Way]:
         """The methods that are asked for, the favourite first, for a gap with these neighbours."""
@@ -222,8 +238,8 @@ def _sound(way: Way) -> Way:
     """The same, with no answer where a part of it is no number: it would be the best of all trials."""
 
     def answer(gap: Gap, own: np.ndarray) -> Answer:
-        told = way(gap, own)
-        return None if told is None or not np.isfinite(told[0]).all() else told
+        answer = way(gap, own)
+        return None if answer is None or not np.isfinite(answer[0]).all() else answer
 
     return answer
 

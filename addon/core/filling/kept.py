@@ -7,11 +7,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..data.takes import Motion
-from .filling import FilledTake
 
-# m; how far samples beside a fill may be from those it was made between. Files keep single precision, 1e-6 m at 10 m;
-# another trajectory in the marker's place is hardly ever as near.
-SAME_PLACE_M = 1e-4
+
+@dataclass(frozen=True)
+class FillKeepingOptions:
+    """When a fill still goes with a take; reckoned.
+
+    same_place_m  how far samples beside a fill may be from those that it was made between: files keep single precision,
+                  1e-6 m at 10 m, and another trajectory in the marker's place is hardly ever as near
+    """
+
+    same_place_m: float = 1e-4
+
+
+FILL_KEEPING = FillKeepingOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,17 +50,6 @@ class KeptFill:
         return self.marker == marker and self.first <= last and first <= self.last
 
 
-def kept_fills_of(filled: FilledTake, names: Sequence[str], frames: np.ndarray) -> tuple[KeptFill, ...]:
-    """What was filled of a take of these markers, whose frames (T,) have these numbers in the source."""
-    padded = np.pad(filled.xyz, ((1, 1), (0, 0), (0, 0)), constant_values=np.nan)
-    made = []
-    for one in filled.gaps:
-        path = padded[one.gap.start : one.gap.stop + 2, one.gap.marker].copy()
-        first, last = int(frames[one.gap.start]), int(frames[one.gap.stop - 1])
-        made.append(KeptFill(names[one.gap.marker], first, last, one.method, one.expected, path))
-    return tuple(made)
-
-
 def put_fills(motion: Motion, names: Sequence[str], fills: Sequence[KeptFill]) -> tuple[Motion, tuple[str, ...]]:
     """The motion with those of the fills that go with it, residual 0, and for each why it does not; "" where it does.
 
@@ -60,14 +58,14 @@ def put_fills(motion: Motion, names: Sequence[str], fills: Sequence[KeptFill]) -
     if not fills:
         return motion, ()
     markers, residual = motion.markers.copy(), motion.residual.copy()
-    misfits = []
+    reasons = []
     for fill in fills:
-        reason = _misfit(motion, names, fill)
-        misfits.append(reason)
+        reason = _why_not(motion, names, fill)
+        reasons.append(reason)
         if not reason:
             at = fill_rows(motion.frames, fill), list(names).index(fill.marker)
             markers[at], residual[at] = fill.xyz, 0.0
-    return replace(motion, markers=markers, residual=residual), tuple(misfits)
+    return replace(motion, markers=markers, residual=residual), tuple(reasons)
 
 
 def fill_rows(frames: np.ndarray, fill: KeptFill) -> slice:
@@ -89,7 +87,7 @@ def replaced_fills(old: Iterable[KeptFill], new: Sequence[KeptFill]) -> tuple[Ke
     return tuple(sorted([*left, *new], key=lambda fill: (fill.marker, fill.first)))
 
 
-def _misfit(motion: Motion, names: Sequence[str], fill: KeptFill) -> str:
+def _why_not(motion: Motion, names: Sequence[str], fill: KeptFill) -> str:
     if fill.marker not in names:
         return "the take has no such marker"
     rows, own = fill_rows(motion.frames, fill), motion.markers[:, list(names).index(fill.marker)]
@@ -102,6 +100,6 @@ def _misfit(motion: Motion, names: Sequence[str], fill: KeptFill) -> str:
         beside[0] = own[rows.start - 1]
     if rows.stop < len(own):
         beside[1] = own[rows.stop]
-    if not np.allclose(beside, fill.path[[0, -1]], rtol=0, atol=SAME_PLACE_M, equal_nan=True):
+    if not np.allclose(beside, fill.path[[0, -1]], rtol=0, atol=FILL_KEEPING.same_place_m, equal_nan=True):
         return "the marker is elsewhere now right before or after it"
     return ""

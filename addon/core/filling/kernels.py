@@ -54,7 +54,7 @@ class CovarianceOptions:
     mean_share  of the marker's variance, by which its mean may be off
     min_sd_m    of a marker in its neighbours' axes; a made-up take has none
     max_folds   times the folds of the prior, that a scale may be from its median: no take needs more
-    unsolvable  what the search is told where a covariance is none in numbers of this precision
+    unsolvable  what the search gets where a covariance is none in numbers of this precision
     rounding    part of its diagonal that is added to a covariance, so that rounding leaves it one
     """
 
@@ -75,13 +75,13 @@ class Alikeness:
 
     pose    (A, B) products of pose features
     square  (A, B) squares of their distances
-    apart   (A, B) seconds
+    lag     (A, B) seconds
     variance of the marker in its neighbours' axes, m²
     """
 
     pose: np.ndarray
     square: np.ndarray
-    apart: np.ndarray
+    lag: np.ndarray
     variance: float
 
     @classmethod
@@ -102,7 +102,7 @@ class Alikeness:
         alike = (self.variance * linear) * self.pose
         over = 1 / (1 + self.square * (0.5 / reach**2))
         bent = (self.variance * curved) * over  # rational quadratic
-        way, short = self.apart * (np.sqrt(3) / slow_s), self.apart * (np.sqrt(5) / jitter_s)
+        way, short = self.lag * (np.sqrt(3) / slow_s), self.lag * (np.sqrt(5) / jitter_s)
         fall, drop = slow**2 * np.exp(-way), jitter**2 * np.exp(-short)
         lasting = (1 + way) * fall  # Matérn 3/2
         brief = (1 + short + short * short / 3) * drop  # Matérn 5/2

@@ -29,7 +29,7 @@ class RegressionOptions:
     keep_share    of the marker's frames that must have all features; a neighbour that is rarer is no feature
     nearness_m    added to the spread of distances in the weight of a feature, so that none is all that counts
     sharpness     power of that weight
-    fewest        frames to learn from
+    min_frames    frames to learn from
     blocks        of frames that scales are learned from, spread over the take
     block         frames of each, by their distance from its first
     steps         of the search for scales; ten come as far as 25 do
@@ -45,7 +45,7 @@ class RegressionOptions:
     keep_share: float = 0.3
     nearness_m: float = 0.003
     sharpness: float = 2.0
-    fewest: int = 40
+    min_frames: int = 40
     blocks: int = 40
     block: tuple[int, ...] = (0, 1, 2, 4, 6, 8, 12)
     steps: int = 10
@@ -99,7 +99,7 @@ def learned(
 ) -> MarkerModel | None:
     """The model of a marker; scales are learned where none are given. None where there is too little to learn from."""
     rows = np.flatnonzero(own & np.isfinite(take.xyz[:, neighbours, 0]).all(axis=1))
-    if len(rows) < REGRESSION.fewest or len(neighbours) < MIN_POINTS:
+    if len(rows) < REGRESSION.min_frames or len(neighbours) < MIN_POINTS:
         return None
     some = take.xyz[rows[evenly_spread(len(rows), REGRESSION.form_frames)]][:, neighbours[: REGRESSION.axes_of]]
     form = mean_form(some[len(some) // 2], some)
@@ -132,7 +132,7 @@ def regress(
     from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
     rows = _rows(take, gap, model.neighbours, own, rate)
-    if len(rows) < REGRESSION.fewest:
+    if len(rows) < REGRESSION.min_frames:
         return None
     count, frames = len(rows), np.r_[rows, gap.frames]
     features, turn, place = model.seen_from(take.xyz[frames])
@@ -147,10 +147,10 @@ def regress(
         return None
     off = in_axes(turn[:count], place[:count], take.xyz[rows, gap.marker][:, None])[:, 0] - model.middle
     there = model.middle + across @ cho_solve(factor, off)
-    told = (solve_triangular(factor[0], across.T, lower=True) ** 2).sum(axis=0)
+    explained = (solve_triangular(factor[0], across.T, lower=True) ** 2).sum(axis=0)
     before = _variance_alone(features[count:], model)
     positions = np.einsum("fij,fj->fi", turn[count:], there) + place[count:]
-    return positions, np.sqrt(np.maximum(before - told, 0) + np.exp(2 * model.scales[7]))
+    return positions, np.sqrt(np.maximum(before - explained, 0) + np.exp(2 * model.scales[7]))
 
 
 def _variance_alone(features: np.ndarray, model: MarkerModel) -> np.ndarray:

@@ -21,9 +21,9 @@ class GapTrialOptions:
     gaps         cut for each marker, length and set of neighbours that a gap of the take has
     first        of them after which a method that errs `hopeless` times as much as the best is tried no more
     hopeless     the same
-    grade        lengths, and how fast neighbours move, are told apart in steps of this factor: errors grow slowly
+    grade        lengths, and how fast neighbours move, are distinguished in steps of this factor: errors grow slowly
     alike        factor within which the neighbours must move as fast in a trial; where no place is like that, those
-                 that are most like it are taken, and what does not turn with the neighbours is not trusted
+                 that are most like it are taken, and what does not turn with the neighbours is not used
     least        part of all places that are always looked at
     still_m_s    speed that is no motion but noise
     carried_by   neighbours whose middle tells how fast they move
@@ -32,7 +32,7 @@ class GapTrialOptions:
                  has ended by then
     lead         part by which another method must err less than the favourite to be taken: few trials are mostly luck
                  (chosen on `s02`, `ball` and `p1` of the recorded people)
-    trust_limit  factor by which the error to expect is changed at most where the favourite is more, or less, sure of a
+    max_factor   factor by which the error to expect is changed at most where the favourite is more, or less, sure of a
                  gap than it was in the trials
     """
 
@@ -47,7 +47,7 @@ class GapTrialOptions:
     shortest: float = 0.25
     open_s: float = 2.0
     lead: float = 0.15
-    trust_limit: float = 3.0
+    max_factor: float = 3.0
 
 
 TRIALS = GapTrialOptions()
@@ -61,7 +61,7 @@ class Choice:
 
     parts     names of methods, the mean of which is taken
     error     m, mean over the trials; NaN where there were none: then what the favourite tells of itself is taken
-    sureness  m, mean standard deviation that the favourite told in them; NaN where it told none
+    sureness  m, mean standard deviation that the favourite gave in them; NaN where it gave none
     """
 
     parts: tuple[str, ...]
@@ -80,7 +80,7 @@ class Choice:
         if not self.sureness > 0:  # nothing was tried
             return MEAN_OF_DISTANCE * float(sure.mean())
         ratio = float(sure.mean()) / self.sureness
-        return self.error * float(np.clip(ratio, 1 / TRIALS.trust_limit, TRIALS.trust_limit))
+        return self.error * float(np.clip(ratio, 1 / TRIALS.max_factor, TRIALS.max_factor))
 
 
 def graded(amount: float) -> float:
@@ -157,9 +157,9 @@ def choose(
             names = _hopeful(names, errors)
         hidden, truth = own_in_trial(own, trial, gap, rate), take.xyz[trial.start : trial.stop, gap.marker]
         answers = {name: ways[name](trial, hidden) for name in names}
-        told = answers.get(next(iter(ways)))
-        if told is not None and told[1] is not None:
-            sure.append(float(told[1].mean()))
+        answer = answers.get(next(iter(ways)))
+        if answer is not None and answer[1] is not None:
+            sure.append(float(answer[1].mean()))
         found = {name: answer[0] for name, answer in answers.items() if answer is not None}
         for parts in _mixes(tuple(found), next(iter(ways))):
             mean = sum(found[part] for part in parts) / len(parts)

@@ -16,7 +16,7 @@ class UprightOptions:
 
     min_upright    mean of how far the upper edges of the pictures point along an axis, 1 being all the way
     min_clear      of that mean direction's length that lies along the axis
-    max_alike      cosine of the angle about the axis that some two views must be apart
+    max_alike      cosine of the angle about the axis that some two views must have between them
     max_rise       mean sine of how far views may point upwards,
     max_rise_down  and what it takes to believe that all cameras hang head down
     """

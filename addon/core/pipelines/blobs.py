@@ -6,10 +6,8 @@ chunk holds in its labels, its markers in space and its doubts.
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from itertools import tee
-
-import numpy as np
 
 from ..blobs.pipeline import Options, label_take
 from ..body.occlusion import Occlusion
@@ -21,18 +19,14 @@ from ..data.takes import (
     BY_TRAJECTORY,
     CONFLICT,
     EXCLUSIVE,
-    NO_MARKER,
     REMAINING,
     Blobs,
     LabelledChunk,
-    Labels,
-    Motion,
 )
 from ..edits.applying import BlobCells, apply_to_blobs
 from ..edits.kinds import NO_EDITS, Edits
 from ..geometry.cameras import Cameras
-from ..geometry.triangulation import Rays
-from ..geometry.views import VIEWING, Sight, View, split_views
+from ..geometry.measuring import measured_again, put_places
 from ..points.models import Model
 from ..points.naming import chosen_method, plain_method
 from ..points.whole_take.pipeline import USUAL_TARGET
@@ -93,7 +87,7 @@ def label_blobs(
 def _labelled(
     chunks: Iterable[Blobs], cameras: Cameras, model: Model, options: BlobOptions, agreement: MethodAgreement
 ) -> Iterator[LabelledChunk]:
-    """The same with the edits as evidence only."""
+    """The same with the edits as constraints only."""
     labellers = _labellers(cameras, model, options)
     if len(labellers) == 1:
         return labellers[0](chunks)
@@ -132,7 +126,7 @@ def _with_edits(
 
     A marker whose blobs are others then is where these meet, and one that was placed is there; the body stays.
     """
-    sight, names = Sight(cameras), markerset.by_name
+    names = markerset.by_name
     for blobs, chunk in zip(chunks, labelled, strict=True):
         cells = BlobCells.of(blobs, cameras.names, markerset)
         before, first = chunk.labels, None
@@ -141,9 +135,8 @@ def _with_edits(
             first = apply_to_blobs(before, edits, cells)
             before = cells.rows(first.edited.below(cells.table(before), cells.table(chunk.labels)))
         applied = apply_to_blobs(before, edits, cells)
-        motion = _measured_again(chunk, blobs, applied.labels, cameras, sight)
-        for at, place in applied.places.items():
-            motion.markers[at], motion.residual[at], motion.residual_px[at] = place, 0.0, np.nan
+        motion = measured_again(chunk.motion, blobs, chunk.labels, applied.labels, cameras)
+        put_places(motion, applied.places)
         yield replace(
             chunk,
             labels=applied.labels,
@@ -152,38 +145,3 @@ def _with_edits(
             unedited=before,
             outcomes=(first or applied).outcomes,
         )
-
-
-def _measured_again(chunk: LabelledChunk, blobs: Blobs, labels: Labels, cameras: Cameras, sight: Sight) -> Motion:
-    """The motion of a chunk, with the markers where the blobs meet that are theirs now."""
-    motion = Motion(**{one.name: getattr(chunk.motion, one.name).copy() for one in fields(Motion)})
-    touched = _touched(blobs, chunk.labels, labels, motion.residual.shape)
-    frames = np.flatnonzero(touched.any(axis=1))
-    views = split_views(blobs, cameras) if len(frames) else []
-    for frame in frames.tolist():
-        marker = np.flatnonzero(touched[frame])
-        slot = _slots(views[frame], labels, marker)
-        met = Rays(views[frame], sight).meet(slot)
-        motion.markers[frame, marker], motion.residual[frame, marker] = met.points, met.residual
-        depth = np.maximum(sight.local(np.nan_to_num(met.points)[None])[0, ..., 2], VIEWING.min_depth_m)
-        seen = slot >= 0
-        scale = (sight.focal[:, None] / depth * seen).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
-        motion.residual_px[frame, marker] = met.residual * scale
-    return motion
-
-
-def _touched(blobs: Blobs, before: Labels, after: Labels, shape: tuple[int, int]) -> np.ndarray:
-    """(F, M) True where a marker has other blobs than before."""
-    found = np.zeros(shape, bool)
-    changed = np.flatnonzero(before.marker != after.marker)
-    for labels in (before, after):
-        named = changed[labels.marker[changed] != NO_MARKER]
-        found[blobs.frame[named], labels.marker[named]] = True
-    return found
-
-
-def _slots(view: View, labels: Labels, markers: np.ndarray) -> np.ndarray:
-    """(C, K) the blobs of a view that are some markers (K,), -1 where a camera has none."""
-    own = np.where(view.real, labels.marker[view.row], NO_MARKER)
-    same = own[:, None, :] == markers[None, :, None]
-    return np.where(same.any(axis=2), same.argmax(axis=2), -1)

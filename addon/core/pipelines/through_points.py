@@ -12,7 +12,7 @@ import numpy as np
 
 from ..blobs.pipeline import Options
 from ..data.takes import BY_LIKELIHOOD, BY_TRAJECTORY, Blobs, LabelledChunk, Labels, Suspect, Verdict
-from ..edits.applying import BlobCells, nearest_blob
+from ..edits.applying import BlobCells, blobs_of
 from ..edits.kinds import NO_EDITS, AssignBlob, Edits
 from ..edits.replay import ANYBODY, Replay
 from ..geometry.cameras import Cameras
@@ -191,11 +191,9 @@ def _rulings(
 
 def _named_rows(edits: Edits, cells: BlobCells) -> Iterator[tuple[int, int]]:
     """The rows of the blobs of a chunk that a person named, and their markers."""
-    first, count = int(cells.blobs.frames[0]), len(cells.blobs.frames)
     for edit in edits:
-        if isinstance(edit, AssignBlob) and 0 <= edit.frame - first < count:
-            row, _ = nearest_blob(edit, cells, edit.frame - first)
-            if row is not None:
+        if isinstance(edit, AssignBlob):
+            for row in blobs_of(edit, cells)[0].tolist():
                 yield row, cells.names[edit.marker]
 
 

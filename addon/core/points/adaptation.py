@@ -87,7 +87,7 @@ def _of_other_layout(seen: Recognition, names, found: np.ndarray, first_frame: i
     rigid_bodies = len(seen.cluster)
     sure = int((seen.cluster >= 0).sum())
     recognised = f"{sure} of {rigid_bodies} were recognised by how they move, and their forms taken from this take"
-    said = [f"the plates are not those of the training, or sit elsewhere: {recognised}"]
+    said = [f"the rigid bodies are not those of the training, or sit elsewhere: {recognised}"]
     missing = [names[marker] for marker in np.flatnonzero(~found)]
     if missing:
         said.append(f"not found for sure, so unnamed in the whole take: {' '.join(missing)}")
@@ -100,8 +100,8 @@ def _of_form_alone(seen: Recognition, first_frame: int) -> tuple[Suspect, ...]:
         return ()
     sure = int((seen.cluster >= 0).sum())
     words = (
-        f"how the plates move tells only {sure} of {len(seen.cluster)}, so names rest on the plates' forms alone: look "
-        "whether each is on its limb"
+        f"how the rigid bodies move tells only {sure} of {len(seen.cluster)}, so names rest on the rigid bodies' "
+        "forms alone: look whether each is on its limb"
     )
     return (Suspect(first_frame, first_frame + len(seen.part) - 1, words),)
 

@@ -23,7 +23,7 @@ def motion_of(
     """The named markers and the body posed on them.
 
     markers (T, M, 3) m and residual (T, M) m, NaN where one is not, by the labels (T, P); frames (T,) the source's
-    numbers. `progress` is told the share that is done.
+    numbers. `progress` hears the share that is done.
     """
     count, size = markers.shape[:2]
     model = BodyModel(markerset)

@@ -22,7 +22,7 @@ class RefusalOptions:
     sample_frames           that are looked at, spread over the take,
     sample_rate             and the frames a second that they are said to have: single frames have none
     max_points              of a frame; more are no marker system's, and would fill the memory
-    min_points              of a frame whose markers can be told from each other
+    min_points              of a frame whose markers can be distinguished
     min_rate                at which labels like it are right, of a label that counts; or,
     min_confidence          as a model that was trained on little may never promise so much, its confidence
     min_sure                share of the markers whose labels count, in a take of the model's

@@ -91,14 +91,14 @@ def cut(points: np.ndarray, rate: float, options: CutOptions = CUTTING) -> np.nd
 
 
 def _are_trajectories(points: np.ndarray, present: np.ndarray, options: CutOptions) -> bool:
-    """Whether the columns of points (T, P, 3) m, present (T, P), follow anything, as far as can be told."""
+    """Whether the columns of points (T, P, 3) m, present (T, P), follow anything, as far as can be known."""
     nearest = steps = 0
     for frame in evenly_spread(max(len(points) - 1, 0), options.pairs):
         before, after = np.flatnonzero(present[frame]), np.flatnonzero(present[frame + 1])
         before = before[present[frame + 1, before]]
         if len(before):
-            apart = np.linalg.norm(points[frame, before, None] - points[frame + 1, after], axis=2)
-            nearest += int((after[apart.argmin(axis=1)] == before).sum())
+            distance = np.linalg.norm(points[frame, before, None] - points[frame + 1, after], axis=2)
+            nearest += int((after[distance.argmin(axis=1)] == before).sum())
             steps += len(before)
     return steps < options.min_steps or nearest >= options.min_nearest * steps
 

@@ -32,7 +32,7 @@ class UnorderedOptions:
                      and no better
     max_rounds       of learning and naming
     same             part of the points that keep their names when nothing changes any more,
-    nearly_same      and when it is time to look for markers that are worn elsewhere:
+    nearly_same      and when it is time to look for markers that are placed elsewhere:
     rare             named less often than this part of what is usual; they are looked for
     loose_sd_radii   this far about where they are expected, and are there if they are
     near_radii       this near to one place of the body, in
@@ -123,7 +123,7 @@ def _named(likelihood: Likelihood, points: np.ndarray, first: float, part: float
 
 
 def _rare(clouds: np.ndarray, options: UnorderedOptions) -> np.ndarray:
-    """(M,) True for markers that are hardly ever named, as when they are worn where nobody in training had them."""
+    """(M,) True for markers that are hardly ever named, as when they are placed where nobody in training had them."""
     often = np.isfinite(clouds[..., 0]).mean(axis=0)
     return often < options.rare * np.median(often)
 
@@ -143,8 +143,8 @@ def _in_place(
         there = np.isfinite(off).all(axis=1)
         near = np.zeros(len(off), dtype=bool)
         if there.any():
-            apart = np.linalg.norm(off - np.median(off[there], axis=0), axis=1)
-            near = there & (apart < options.near_radii * shape.radius)
+            distance = np.linalg.norm(off - np.median(off[there], axis=0), axis=1)
+            near = there & (distance < options.near_radii * shape.radius)
         if near.sum() < options.min_near * max(there.sum(), usual):
             near[:] = False
         kept &= (labels.marker != marker) | near[:, None]
@@ -170,9 +170,9 @@ def _tried(
         again = yield from _named(likelihood, seen, (options.max_rounds + trial) / steps, 1 / steps)
         sure, before = _log_odds(again)[again.named], _log_odds(labels)[again.named]
         same = (again.marker == labels.marker)[again.named]
-        told = same | (sure - before < options.max_lead)
-        odds.append(sure[told])
-        right.append(same[told])
+        usable = same | (sure - before < options.max_lead)
+        odds.append(sure[usable])
+        right.append(same[usable])
     calibration = raised(likelihood.calibration, np.concatenate(odds), np.concatenate(right))
     return replace(likelihood, calibration=calibration)
 

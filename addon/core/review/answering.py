@@ -14,6 +14,7 @@ from .suspects import suspect_ranges
 
 SAID = 0  # of a trajectory in a frame: an edit says something of it, whatever that is
 PAIR = 2  # markers of which a doubt asks which is which
+FORMER_WORDS = "the plates", "the rigid bodies"  # what the first versions called them, and what they are called
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +84,7 @@ def without_accepted(suspects: Iterable[Suspect], edits: Edits) -> tuple[Suspect
 
 def topic_of(words: str) -> str:
     """What a review says, without its figures, which change when a take is labelled again."""
-    return re.sub(r"\d[\d.,]*(?= ?(?:px|mm|%))", "…", words)
+    return re.sub(r"\d[\d.,]*(?= ?(?:px|mm|%))", "…", words).replace(*FORMER_WORDS)
 
 
 def accepted_in(edits: Edits, words: str, frames: np.ndarray) -> np.ndarray:

@@ -15,16 +15,17 @@ class BesideOptions:
 
     beside_m     from where the body has a marker that has no blob in this image: a blob there may be it
     bin_px       of the table of errors from which the median is taken
-    most_px      up to which it goes
+    max_px       up to which it goes
+    frames_once  whose markers are projected into all cameras at a time
     """
 
     beside_m: float = 0.05
     bin_px: float = 0.02
-    most_px: float = 40.0
+    max_px: float = 40.0
+    frames_once: int = 500
 
 
 BESIDE = BesideOptions()
-PROJECTED_AT_ONCE = 500  # whose markers are projected into all cameras at a time
 
 
 @dataclass(frozen=True)
@@ -66,24 +67,24 @@ class CameraBlobs:
         self.cameras, self.names = cameras, cameras.names
         count = len(cameras.names)
         self._blobs, self._named, self._beside = (np.zeros(count, np.int64) for _ in range(3))
-        self._errors = np.zeros((count, int(BESIDE.most_px / BESIDE.bin_px) + 1), np.int64)
+        self._errors = np.zeros((count, int(BESIDE.max_px / BESIDE.bin_px) + 1), np.int64)
 
     def add(self, blobs: Blobs, labels: Labels, motion: Motion):
         """Adds a chunk."""
-        for first in range(0, len(blobs.frames), PROJECTED_AT_ONCE):
-            last = min(first + PROJECTED_AT_ONCE, len(blobs.frames))
+        for first in range(0, len(blobs.frames), BESIDE.frames_once):
+            last = min(first + BESIDE.frames_once, len(blobs.frames))
             rows = slice(*np.searchsorted(blobs.frame, [first, last]).tolist())
             self._add(blobs.frame[rows] - first, blobs.camera[rows], blobs.xy[rows], labels.marker[rows], motion, first)
 
     def _add(self, frame, camera, xy, marker, motion: Motion, first: int):
-        count, frames = len(self.names), slice(first, first + PROJECTED_AT_ONCE)
+        count, frames = len(self.names), slice(first, first + BESIDE.frames_once)
         named = marker != NO_MARKER
         self._blobs += np.bincount(camera, minlength=count)
         self._named += np.bincount(camera[named], minlength=count)
         own = camera[named], frame[named], marker[named]
         error = np.linalg.norm(self.cameras.project(motion.markers[frames])[own] - xy[named], axis=1)
         known = np.isfinite(error)
-        column = (np.minimum(error[known], BESIDE.most_px) / BESIDE.bin_px).astype(int)
+        column = (np.minimum(error[known], BESIDE.max_px) / BESIDE.bin_px).astype(int)
         np.add.at(self._errors, (own[0][known], column), 1)
         given = np.zeros((count, *motion.expected[frames].shape[:2]), bool)
         given[own] = True

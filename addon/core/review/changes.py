@@ -7,9 +7,22 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from ..data.takes import NO_MARKER
+from ..data.wording import words_of_frames
 
 GAINED, LOST, OTHER = "gained", "lost", "other"
-BRIDGED = 2  # frames between two changes of one kind that a person looks at as one; reckoned
+
+
+@dataclass(frozen=True)
+class ChangeOptions:
+    """What is one change to a person who looks at it; reckoned.
+
+    max_bridged  frames between two changes of one kind that are one
+    """
+
+    max_bridged: int = 2
+
+
+CHANGING = ChangeOptions()
 
 
 @dataclass(frozen=True)
@@ -30,8 +43,7 @@ class Change:
     def words(self) -> str:
         """What changed, for a person to read."""
         said = {GAINED: "is named now", LOST: "is named no more", OTHER: "is another point or blob now"}[self.what]
-        when = f"frame {self.first}" if self.first == self.last else f"frames {self.first}–{self.last}"
-        return f"{self.marker} {said} in {when}"
+        return f"{self.marker} {said} in {words_of_frames(self.first, self.last)}"
 
     def as_dict(self) -> dict:
         """What a report says of it."""
@@ -73,5 +85,5 @@ def summary_of_changes(found: Sequence[Change]) -> str:
 
 def _ranges(name: str, what: str, flags: np.ndarray, frames: np.ndarray) -> list[Change]:
     at = np.flatnonzero(flags)
-    parts = np.split(at, np.flatnonzero(np.diff(at) > BRIDGED + 1) + 1)
+    parts = np.split(at, np.flatnonzero(np.diff(at) > CHANGING.max_bridged + 1) + 1)
     return [Change(name, what, int(frames[part[0]]), int(frames[part[-1]]), len(part)) for part in parts]

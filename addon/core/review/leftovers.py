@@ -19,6 +19,7 @@ class LeaveOptions:
     min_share       of its frames in which it is on the body, or nearest to that marker
     samples         frames of each part that are looked at, spread evenly
     max_samples     of all points that are there for a moment only
+    points_once     whose distances from the body are held in memory
     """
 
     min_s: float = 0.25
@@ -28,10 +29,10 @@ class LeaveOptions:
     min_share: float = 0.6
     samples: int = 7
     max_samples: int = 4000
+    points_once: int = 2000
 
 
 LEAVING = LeaveOptions()
-MEASURED_AT_ONCE = 2000  # of which distances are held in memory
 
 
 @dataclass(frozen=True)
@@ -100,8 +101,8 @@ def _nearest(xyz: np.ndarray, frame: np.ndarray, motion: Motion) -> tuple[np.nda
     inf where there is no body, or no marker is missing.
     """
     off, marker, beside = np.full(len(xyz), np.inf), np.zeros(len(xyz), int), np.full(len(xyz), np.inf)
-    for start in range(0, len(xyz), MEASURED_AT_ONCE):
-        rows = slice(start, start + MEASURED_AT_ONCE)
+    for start in range(0, len(xyz), LEAVING.points_once):
+        rows = slice(start, start + LEAVING.points_once)
         own = frame[rows]
         expected, found = motion.expected[own], motion.markers[own]
         body = np.concatenate([expected, found, motion.joints[own]], axis=1)

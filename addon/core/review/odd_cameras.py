@@ -33,7 +33,7 @@ class StandOutOptions:
     min_sure          share of named markers below which a camera's name is not taken for granted
     min_moved_px      that all blobs of a camera are off together, and
     min_times_usual   as many times what is usual when it is left out
-    min_cameras       of which one can be told from the others
+    min_cameras       of which one can be distinguished from the others
     max_lacking       of the usual share of named markers: a camera with less is looked for beside where it was
     rich_frames       with the most blobs, of which it is asked whether blobs meet
     """
@@ -218,8 +218,8 @@ class CameraCheck:
     @property
     def usual(self) -> float:
         """The share of markers that have a blob in the usual camera."""
-        told = self._known & self._saw_something
-        return float(np.median(self.figures.share[told])) if told.any() else 0.0
+        judged = self._known & self._saw_something
+        return float(np.median(self.figures.share[judged])) if judged.any() else 0.0
 
     @property
     def _order_or_own(self) -> np.ndarray:
@@ -229,8 +229,8 @@ class CameraCheck:
     def _nothing_meets(self) -> bool:
         """Whether most cameras' blobs meet those of others by chance only."""
         meeting = self.agreement.meeting()
-        told = np.isfinite(meeting)
-        return bool(told.sum() >= 2 and np.median(meeting[told]) < MEETING_BY_CHANCE.max_meeting)
+        measured = np.isfinite(meeting)
+        return bool(measured.sum() >= 2 and np.median(meeting[measured]) < MEETING_BY_CHANCE.max_meeting)
 
     def _sentences(self) -> Iterator[str]:
         if self.wrong_room:

@@ -25,19 +25,19 @@ GAP_CELL, NAMED_CELL, DOUBTFUL_CELL, FILLED_CELL, EDITED_CELL = range(len(CELL_S
 class OverviewOptions:
     """How finely a take is kept; reckoned, by what a page shows and may weigh, and by memory.
 
-    columns      pieces of time at most, an even number; they get longer as the take does
+    columns      spans of time at most, an even number; they get longer as the take does
     per_decade   classes of a histogram in which a value grows tenfold: its quantiles are known to 6 %
-    least_mm     the smallest length that is told from others, and
+    min_mm       the smallest length that is distinguished from others, and
     decades      in which all lengths are
-    least_px, pixel_decades  the same of reprojection errors
+    min_px, pixel_decades  the same of reprojection errors
     at_once      frames whose markers are projected into all cameras at a time
     """
 
     columns: int = 1000
     per_decade: int = 40
-    least_mm: float = 0.001
+    min_mm: float = 0.001
     decades: int = 7
-    least_px: float = 0.001
+    min_px: float = 0.001
     pixel_decades: int = 5
     at_once: int = 500
 
@@ -104,7 +104,7 @@ class LengthLog:
     """One kind of length over a take, such as residuals, mm: how they are spread, and by time."""
 
     def __init__(self):
-        self.spread = Lengths(OVERVIEW.least_mm, OVERVIEW.decades)
+        self.spread = Lengths(OVERVIEW.min_mm, OVERVIEW.decades)
         self.sums, self.largest = TimeBins(2), TimeBins(join=np.maximum)
 
     def add(self, lengths: np.ndarray):
@@ -163,7 +163,7 @@ class TakeOverview:
         self.first: int | None = None
         self.cells = TimeBins(len(subject.markers), len(CELL_STATES))
         self.residual, self.off_body = LengthLog(), LengthLog()
-        self.pixels = Lengths(OVERVIEW.least_px, OVERVIEW.pixel_decades, max(len(cameras), 1))
+        self.pixels = Lengths(OVERVIEW.min_px, OVERVIEW.pixel_decades, max(len(cameras), 1))
         self.blobs = np.zeros((len(cameras), 2), np.int64)
         self.outcomes: tuple[EditOutcome, ...] = ()
         self.keeper = MomentKeeper(rate)

@@ -17,9 +17,9 @@ class SizeOptions:
 
     part         of the points, in percent from below and above, that the size is taken without: ghosts and false
                  crossings
-    min_points   in a frame before its size is told: one lamp has none
+    min_points   in a frame before its size is given: one lamp has none
     min_part     of the set's markers that these are
-    min_frames   whose size is told
+    min_frames   whose size is given
     max_times    larger, or smaller, than the set's markers at rest is what a person may be: more people, or one who
                  crouches
     """

@@ -40,7 +40,7 @@ class ListOptions:
 
 
 SUSPECTING = SuspectOptions()
-FAR_OFF = "is far from where the body has it"
+FAR_OFF, JUMPS = "is far from where the body has it", "jumps"
 LISTING = ListOptions()
 
 
@@ -55,7 +55,7 @@ def find_suspects(
     jumps = _jumps(motion.markers, rate, options.max_acceleration)
     found = []
     for index, name in enumerate(names):
-        for doubtful, what in ((off_body, FAR_OFF), (jumps, "jumps")):
+        for doubtful, what in ((off_body, FAR_OFF), (jumps, JUMPS)):
             found += suspect_ranges(
                 motion.frames, doubtful[:, index], f"{name} {what}", options.max_break_frames, (name,)
             )

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..data.takes import Blobs, Labels, Motion, PointRows, Suspect
+from ..data.wording import words_of_frames
 from ..edits.kinds import NO_EDITS, Accepted, Delete, Edit, Edits, Right
 from ..geometry.cameras import NO_CAMERAS, Cameras
 from .answering import PAIR, accepted_in, right_in, settled_in
@@ -34,9 +35,6 @@ TROUBLE_KINDS = (NOBODY_THERE, MISSING, LEFT_OVER, OFF_BODY, IN_DOUBT, OF_CAMERA
 NAME_IT, FILL, UNLABEL, RIGHT, SWAP = "name", "fill", "unlabel", "right", "swap"
 REFINE, LABEL, DELETE = "refine", "label", "delete"
 
-# Ranges that are answered one by one; more are answered as a whole, which locks no label between them.
-MOST_ANSWERS = 8
-
 
 @dataclass(frozen=True)
 class TroubleOptions:
@@ -53,6 +51,8 @@ class TroubleOptions:
     extra_weight         at stake for a frame of a point on the body beside which no marker is missing: it may be one
                          that the set lacks, which is no label of this set; and of what is said of the whole take
     min_share_of_points  of the points left over for a moment each, of all points, that is worth a line
+    max_answers          ranges that are answered one by one; more are answered as a whole, which locks no label between
+                         them
     """
 
     min_missing_share: float = 0.01
@@ -65,6 +65,7 @@ class TroubleOptions:
     change_s: float = 1.0
     extra_weight: float = 0.1
     min_share_of_points: float = 0.005
+    max_answers: int = 8
 
 
 TROUBLING = TroubleOptions()
@@ -119,7 +120,7 @@ class Trouble:
     def answers(self) -> list[Edit]:
         """What a person says with "it is right": markers are, points are none, or what is said may be as it is."""
         ranges = self.ranges or ((self.first, self.last),)
-        if len(ranges) > MOST_ANSWERS:
+        if len(ranges) > TROUBLING.max_answers:
             return [Accepted(self.topic, frames=(ranges[0][0], ranges[-1][1]))]
         if self.kind in (MISSING, OFF_BODY) or (self.kind == IN_DOUBT and self.markers and not self.trajectories):
             return [Right(name, frames=span) for name in self.markers for span in ranges]
@@ -226,8 +227,8 @@ class TakeTrouble:
         """All trouble, the worst first and what is answered last; suspects are the doubts, open and answered."""
         found = [*self._of_nobody(), *self._of_missing(), *self._of_leftovers(), *self._of_body()]
         doubts = list(self._of_doubts(suspects))
-        told = {name for one in doubts for name in one.cameras}
-        found += [*doubts, *(one for one in self._of_cameras() if one.cameras[0] not in told)]
+        doubted = {name for one in doubts for name in one.cameras}
+        found += [*doubts, *(one for one in self._of_cameras() if one.cameras[0] not in doubted)]
         found += [replace(one, stake=0.0, answered=True) for one in self._of_doubts(answered)]
         if any(isinstance(edit, Accepted) for edit in self.edits):
             found = [self._accepted_by(one) for one in found]
@@ -245,7 +246,7 @@ class TakeTrouble:
                 NOBODY_THERE,
                 first,
                 last,
-                f"nobody was found in {_frames(first, last)}",
+                f"nobody was found in {words_of_frames(first, last)}",
                 stake=float((last - first + 1) * len(self.names)),
                 advice="Look whether the subject is there; if so, name some markers and label again",
                 action=LABEL,
@@ -267,14 +268,14 @@ class TakeTrouble:
 
     def _missing_marker(self, name: str, ranges: list, lost: int, longest: tuple, answered: bool) -> Trouble:
         share, length = 1 - lost / max(self.subject_frames, 1), longest[1] - longest[0] + 1
-        where = f"the longest of {len(ranges)} gaps is {_frames(longest[0], longest[1])}"
+        where = f"the longest of {len(ranges)} gaps is {words_of_frames(longest[0], longest[1])}"
         if len(ranges) == 1:
-            where = f"not in {_frames(longest[0], longest[1])}"
+            where = f"not in {words_of_frames(longest[0], longest[1])}"
         short = length <= TROUBLING.max_filled_gap_s * self.rate
         beside = [one for one in self._left if one.beside is not None and self.names[one.beside] == name]
         if not share:
             reason, action = f"{name} is never found", RIGHT
-            advice = f"If {name} was not worn, say It Is Right; else name the point that is {name}, and label again"
+            advice = f"If {name} was not on the subject, say It Is Right; else name its point, and label again"
         elif share < TROUBLING.never_share:
             reason, action = f"{name} is found in {_percent(share)} of the frames only; {where}", NAME_IT
             advice = f"Look whether what is called {name} is {name}; name the point that is, and label again"
@@ -325,7 +326,7 @@ class TakeTrouble:
             )
 
     def _left_over(self, one: Leftover, answered: bool) -> Trouble:
-        words = f"trajectory {one.trajectory} is on the body and has no name in {_frames(one.first, one.last)}"
+        words = f"trajectory {one.trajectory} is on the body and has no name in {words_of_frames(one.first, one.last)}"
         markers: tuple[str, ...] = ()
         advice, action = "Say that it is no marker, or name it", ""
         if one.beside is not None:
@@ -383,7 +384,7 @@ class TakeTrouble:
                     worst[0],
                     worst[1],
                     f"{name} and where the body has it are up to {worst[2] * MM_PER_M:.0f} mm apart in "
-                    f"{_frames(worst[0], worst[1])}, {mean * MM_PER_M:.0f} mm on average{where}",
+                    f"{words_of_frames(worst[0], worst[1])}, {mean * MM_PER_M:.0f} mm on average{where}",
                     (name,),
                     stake=0.0 if answered else float(frames),
                     advice=f"Look whether it is {name}: if not, unlabel or swap it; if so, say It Is Right",
@@ -402,7 +403,7 @@ class TakeTrouble:
                     one.first,
                     one.last,
                     one.reason,
-                    stake=float(one.frames * len(self.names)),  # no name is to be trusted
+                    stake=float(one.frames * len(self.names)),  # no name can be relied on
                     advice="Import the calibration that the take was recorded with, in metres, then label again",
                 )
                 continue
@@ -502,10 +503,6 @@ def _advice_of(suspect: Suspect) -> tuple[str, str]:
     if suspect.markers:
         return f"Look at {', '.join(suspect.markers)}: correct what is wrong, or say It Is Right", RIGHT
     return "Look at these frames", ""
-
-
-def _frames(first: int, last: int) -> str:
-    return f"frame {first}" if first == last else f"frames {first}–{last}"
 
 
 def _percent(share: float) -> str:

@@ -38,7 +38,7 @@ class GaitOptions:
     sway_rad          how far waist, arms and head wander; nobody stands quite still,
     sway_hz           and how fast
     list_deg, pelvis_deg         to either side with every stride
-    arm_deg, elbow_deg, least_elbow_deg, thorax_deg, lean_deg, head_deg  of swings with every stride
+    arm_deg, elbow_deg, min_elbow_deg, thorax_deg, lean_deg, head_deg  of swings with every stride
     """
 
     max_spread: float = 2.0
@@ -58,7 +58,7 @@ class GaitOptions:
     pelvis_deg: float = 4.0
     arm_deg: float = 20.0
     elbow_deg: float = 14.0
-    least_elbow_deg: float = 8.0
+    min_elbow_deg: float = 8.0
     thorax_deg: float = 7.0
     lean_deg: float = 2.0
     head_deg: float = 4.0
@@ -202,7 +202,7 @@ def _bends(
         bend(f"upper_arm.{side}", 1, stride * away * np.radians(GAIT.arm_deg) * np.cos(2 * np.pi * phase))
         bend(f"upper_arm.{side}", 0, sign * GAIT.arms_up_rad * raised)
         elbow = stride * away * np.radians(GAIT.elbow_deg) * (1 - np.cos(2 * np.pi * phase)) / 2
-        bend(f"forearm.{side}", 1, -np.radians(GAIT.least_elbow_deg) - elbow)
+        bend(f"forearm.{side}", 1, -np.radians(GAIT.min_elbow_deg) - elbow)
     bend("thorax", 2, np.radians(GAIT.thorax_deg) * stride * np.cos(swing))
     bend("thorax", 1, np.radians(GAIT.lean_deg) * stride)
     bend("head", 2, -np.radians(GAIT.head_deg) * stride * np.cos(swing))

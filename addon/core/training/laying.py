@@ -69,17 +69,24 @@ class LaidBody:
     off: float
 
 
-def laid_body(frame: np.ndarray, bodies: Sequence[tuple[MarkerSet, np.ndarray]], sides: np.ndarray) -> LaidBody | None:
+def laid_body(
+    frame: np.ndarray,
+    bodies: Sequence[tuple[MarkerSet, np.ndarray]],
+    sides: np.ndarray,
+    options: LayingOptions = LAYING,
+) -> LaidBody | None:
     """The one of the bodies that fits the labelled frame (M, 3) m, NaN where missing, z up, best; None where none does.
 
     Each body comes with the poses (P, J, 3) that it may be in, as `Spread.poses` has them. `sides` (M,) as
-    `marker_sides` gives them.
+    `marker_sides` gives them. The options say when it fits.
     """
-    found = [one for body, poses in bodies if (one := _laid(frame, body, poses, sides)) is not None]
+    found = [one for body, poses in bodies if (one := _laid(frame, body, poses, sides, options)) is not None]
     return min(found, key=lambda one: one.off) if found else None
 
 
-def _laid(frame: np.ndarray, body: MarkerSet, poses: np.ndarray, sides: np.ndarray) -> LaidBody | None:
+def _laid(
+    frame: np.ndarray, body: MarkerSet, poses: np.ndarray, sides: np.ndarray, options: LayingOptions
+) -> LaidBody | None:
     """The body as it fits best of all starts; None where it does not fit."""
     there = np.flatnonzero(np.isfinite(frame).all(axis=1))
     if len(there) < MIN_POINTS:
@@ -94,9 +101,9 @@ def _laid(frame: np.ndarray, body: MarkerSet, poses: np.ndarray, sides: np.ndarr
     off = np.where(found, away, gate).mean(axis=1)
     own = marker_sides(body.markers) * np.where(found, sides[there][matched], 0)
     right, named = (own > 0).sum(axis=1), (own != 0).sum(axis=1)
-    fits = (off <= LAYING.max_off) & (found.mean(axis=1) >= LAYING.min_matched)
-    fits &= found.sum(axis=1) >= LAYING.min_cloud * len(cloud)
-    fits &= right >= LAYING.min_side_agree * named
+    fits = (off <= options.max_off) & (found.mean(axis=1) >= options.min_matched)
+    fits &= found.sum(axis=1) >= options.min_cloud * len(cloud)
+    fits &= right >= options.min_side_agree * named
     if not fits.any():
         return None
     best = np.where(fits, off, np.inf).argmin()

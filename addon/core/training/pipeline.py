@@ -24,6 +24,7 @@ from ..points.partial_solvers.training import SEARCHES, Training, training
 from ..points.rigid_bodies.model import learn_rigid_bodies
 from .imagining import IMAGINING, imagined, shows_poses, size_of, strangers
 from .laying import LaidBody, laid_body, marker_sides
+from .people import person_in
 from .poses import known_poses
 from .segments import segment_markerset
 from .takes import (
@@ -112,6 +113,20 @@ class _Compared:
     doubts: list[str]
 
 
+@dataclass(frozen=True, eq=False)
+class _Body:
+    """The body of a model, how it was found, and what is doubtful of it.
+
+    learned_on is the one that people and poses are made up on: what a take is labelled by does not depend on how the
+    subject is drawn.
+    """
+
+    markerset: MarkerSet
+    learned_on: MarkerSet
+    how: str
+    doubts: tuple[str, ...] = ()
+
+
 def train(
     takes: Sequence[LabelledTake],
     markers: Sequence[str],
@@ -129,10 +144,11 @@ def train(
         known = _compared(takes, markers, base)
         marks.append(perf_counter())
         yield Progress(TRAINING_SHARES["body"], "find the body")
-        markerset, how = _body(known.everyone, markers, options.name, bodies)
+        found = _body(known.everyone, markers, options.name, bodies)
+        markerset, how = found.markerset, found.how
         residual = _residual(markerset, known.everyone)
-        subjects, doubts = _subjects(known.everyone, markerset, bodies)
-        others = _others(known.everyone, markerset)
+        subjects, doubts = _subjects(known.everyone, found.learned_on, bodies)
+        others = _others(known.everyone, found.learned_on)
         marks.append(perf_counter())
         work = learning([(points, subject) for subject, points in (subjects | others).items()], markers)
         likelihood = yield from within(work, TRAINING_SHARES["likelihood"], TRAINING_SHARES["partial_solvers"])
@@ -147,7 +163,7 @@ def train(
         source["others"] = f"{len(others)} made up on {how}, by how its people differ"
     markerset = replace(markerset, source=source)
     model = Model(markerset, likelihood, solvers, known.training_takes if options.keep else ())
-    doubts = (*known.doubts, *doubts, *_doubts(model, len(known.everyone), residual))
+    doubts = (*known.doubts, *doubts, *found.doubts, *_doubts(model, len(known.everyone), residual))
     seconds = dict(zip(("compare", "body", "evidence", "ensemble"), np.diff(marks).tolist(), strict=True))
     return Trained(model, known.training_takes, known.replaced, how, residual, doubts, seconds)
 
@@ -165,32 +181,37 @@ def _compared(takes: Sequence[LabelledTake], markers: Sequence[str], base: Model
     return _Compared(everyone, (*before, *training_takes_of(takes, markers)), tuple(replaced), doubts)
 
 
-def _body(
-    everyone: dict[str, np.ndarray], markers: Sequence[str], name: str, bodies: Sequence[MarkerSet]
-) -> tuple[MarkerSet, str]:
+def _body(everyone: dict[str, np.ndarray], markers: Sequence[str], name: str, bodies: Sequence[MarkerSet]) -> _Body:
     """Skeleton and body, and how they were found.
 
     By the markers' names where a known body has them; where no pose but one is shown by how they lie in it; else by how
-    they move. Raises InputError where the takes do not show enough of that.
+    they move, as a person's if they move as one. Raises InputError where the takes do not show enough of that.
     """
     known, subjects = known_body(markers, bodies), list(everyone.values())
     try:
         if known is not None:
-            return transferred(known, subjects, markers, name), f"the body of {known.name}"
-        if not any(map(shows_poses, subjects)):
+            markerset = transferred(known, subjects, markers, name)
+            return _Body(markerset, markerset, f"the body of {known.name}")
+        moving = any(map(shows_poses, subjects))
+        if not moving:
             laid = _laid_body(subjects, markers, bodies)
             if laid is not None:
-                how = f"the body of {laid.body.name}, laid into a frame"
-                return transferred(laid.body, subjects, markers, name, laid.place), how
+                markerset = transferred(laid.body, subjects, markers, name, laid.place)
+                return _Body(markerset, markerset, f"the body of {laid.body.name}, laid into a frame")
         frames = sum(map(len, subjects))
         if frames < LEARN.min_frames:
             raise InputError(
                 f"{_shown(frames)} too little of how the markers move, and no body that is known fits; expected "
                 f"{LEARN.min_frames} frames or more, or one of a person's whole body"
             )
-        return segment_markerset(subjects, markers, name), "found from how the markers move"
+        groups = segment_markerset(subjects, markers, name)
+        person = person_in(subjects, markers, name, bodies) if moving else None
     except ValueError as error:
         raise InputError(f"{error}; expected takes that show the markers together") from None
+    if person is not None:
+        return _Body(person.markerset, groups, f"the body of {person.known}, by how the markers move")
+    doubt = f"no person's body was found in how the markers move: the figure is {len(groups.skeleton)} groups of them"
+    return _Body(groups, groups, "found from how the markers move", (doubt,))
 
 
 def _laid_body(subjects: Sequence[np.ndarray], markers: Sequence[str], bodies: Sequence[MarkerSet]) -> LaidBody | None:
@@ -236,7 +257,7 @@ def _subjects(
 def _others(everyone: dict[str, np.ndarray], markerset: MarkerSet) -> dict[str, np.ndarray]:
     """Made-up people who move as those do who were recorded, where few were and it is known how bodies differ.
 
-    None for markers on plates: nothing is known of how those differ.
+    None for markers on rigid bodies: nothing is known of how those differ.
     """
     moving = {subject: points for subject, points in everyone.items() if shows_poses(points)}
     known = len(markerset.spread.modes) and moving and len(everyone) <= IMAGINING.max_known

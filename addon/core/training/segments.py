@@ -90,10 +90,7 @@ def segment_markerset(subjects: Sequence[np.ndarray], markers: Sequence[str], na
 
     Raises ValueError when no frame shows three markers.
     """
-    thinned = [_thinned(points) for points in subjects]
-    size = np.array([_height(points) for points in thinned])
-    height = float(np.clip(size.mean(), SEGMENTING.min_height_m, SEGMENTING.max_height_m))
-    scaled = [points * (height / one) for points, one in zip(thinned, size, strict=True)]
+    scaled, size, height = of_one_size(subjects)
     found = find_segments(scaled)
     joints, shape = found.joints / height, found.shape / height
     sway = _sway(scaled, found) / height
@@ -122,6 +119,17 @@ def segment_markerset(subjects: Sequence[np.ndarray], markers: Sequence[str], na
         ),
         source={},
     )
+
+
+def of_one_size(subjects: Sequence[np.ndarray]) -> tuple[list[np.ndarray], np.ndarray, float]:
+    """Some of the frames of each subject (T, M, 3) m, made as tall as all are in the mean; and how tall, m.
+
+    Of the subjects as they are, (N,), and as they are made. Raises ValueError when no frame shows three markers.
+    """
+    thinned = [_thinned(points) for points in subjects]
+    size = np.array([_height(points) for points in thinned])
+    height = float(np.clip(size.mean(), SEGMENTING.min_height_m, SEGMENTING.max_height_m))
+    return [points * (height / one) for points, one in zip(thinned, size, strict=True)], size, height
 
 
 def find_segments(subjects: Sequence[np.ndarray]) -> Segments:

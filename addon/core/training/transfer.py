@@ -29,6 +29,8 @@ class TransferOptions:
                          anything moves, as in a single frame, a marker sits on what it is nearest to
     min_marker_sd        heights, by which subjects' markers sit elsewhere
     unknown_marker_sd    heights, the same of a marker that one subject only had
+    settled_surface_cost the same where all markers are to be hung up anew: a hand that no marker holds moves with any
+    settling_rounds      of posing a body on all markers and putting these where they are on it
     """
 
     frames: int = 120
@@ -39,6 +41,8 @@ class TransferOptions:
     surface_cost: float = 0.02
     min_marker_sd: float = 0.006
     unknown_marker_sd: float = 0.015
+    settled_surface_cost: float = 0.1
+    settling_rounds: int = 2
 
 
 TRANSFER = TransferOptions()
@@ -56,7 +60,12 @@ def known_body(markers: Sequence[str], known: Sequence[MarkerSet]) -> MarkerSet 
 
 
 def transferred(
-    body: MarkerSet, subjects: Sequence[np.ndarray], markers: Sequence[str], name: str, place: np.ndarray | None = None
+    body: MarkerSet,
+    subjects: Sequence[np.ndarray],
+    markers: Sequence[str],
+    name: str,
+    place: np.ndarray | None = None,
+    surface_cost: float = TRANSFER.surface_cost,
 ) -> MarkerSet:
     """The body of a known marker set with these markers, from labelled frames of each subject (T, M, 3) m.
 
@@ -77,7 +86,7 @@ def transferred(
     if not seen[place < 0].all():
         raise ValueError("a marker that the body does not know is never seen with enough of those that it knows")
     attachment = np.zeros(len(markers), dtype=int)
-    attachment[seen] = np.nanmean((spreads + TRANSFER.surface_cost * away)[:, seen], axis=0).argmin(axis=1)
+    attachment[seen] = np.nanmean((spreads + surface_cost * away)[:, seen], axis=0).argmin(axis=1)
     attachment[here] = bare.attachment
     offsets, sd = np.zeros((len(markers), 3)), np.zeros(len(markers))
     offsets[seen], sd[seen] = _placed(means[:, np.flatnonzero(seen), attachment[seen]])
@@ -99,6 +108,33 @@ def transferred(
         offsets=offsets,
         spread=replace(bare.spread, modes=modes, marker_sd=sd),
     )
+
+
+def settled(body: MarkerSet, subjects: Sequence[np.ndarray], rounds: int = TRANSFER.settling_rounds) -> MarkerSet:
+    """A marker set with all its markers where labelled frames of each subject (T, M, 3) m have them.
+
+    Each round poses the body on all of them, hangs every marker on the segment in whose axes it stays most constant,
+    and puts it where it is there. Raises ValueError when no frame shows markers enough to pose it.
+    """
+    here = np.arange(len(body))
+    for _ in range(rounds):
+        model = BodyModel(body)
+        found = [one for points in subjects if (one := _in_segments(model, _thinned(points, here), here)) is not None]
+        if not found:
+            raise ValueError("no frame shows enough of the markers together")
+        means, spreads = np.array([mean for mean, _ in found]), np.array([spread for _, spread in found])
+        away = np.array([_off_surface(body, mean) for mean in means])
+        seen = np.isfinite(spreads).any(axis=(0, 2))
+        attachment, offsets, sd = body.attachment.copy(), body.offsets.copy(), body.spread.marker_sd.copy()
+        attachment[seen] = np.nanmean((spreads + TRANSFER.settled_surface_cost * away)[:, seen], axis=0).argmin(axis=1)
+        offsets[seen], sd[seen] = _placed(means[:, np.flatnonzero(seen), attachment[seen]])
+        body = replace(body, attachment=attachment, offsets=offsets, spread=replace(body.spread, marker_sd=sd))
+    return body
+
+
+def without_markers(markerset: MarkerSet, kept: np.ndarray) -> MarkerSet:
+    """The marker set with only the markers at `kept` (K,), in that order."""
+    return _with_markers(markerset, kept)
 
 
 def known_places(markerset: MarkerSet, markers: Sequence[str]) -> np.ndarray:

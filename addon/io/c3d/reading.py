@@ -12,7 +12,7 @@ from ..source import read_bytes
 from .layout import FileLayout, find_layout
 from .parameters import C3dFile
 
-LARGEST_RATE = 1e6
+MAX_RATE_HZ = 1e6
 CORNER_NUMBERS = 12  # of a force plate
 
 
@@ -22,7 +22,7 @@ class C3dTake:
 
     labels      P names
     xyz         (T, P, 3) in the file's units; NaN where missing
-    residual    (T, P) in the file's units; NaN where missing or not told
+    residual    (T, P) in the file's units; NaN where missing or not stated
     rate        frames a second
     first_frame number of the first frame
     texts       text parameters, lists of texts by "GROUP:NAME"
@@ -58,9 +58,9 @@ def _rate(file: C3dFile, given: float | None) -> tuple[float, tuple[str, ...]]:
     """Frames a second, and what there is to say of that."""
     claims = [file.number(key, 0) for key in ("POINT:RATE", "TRIAL:CAMERA_RATE")]
     claims.insert(1, file.header_real(10))
-    told = next((claim for claim in claims if 0 < claim < LARGEST_RATE), None)
-    if told is not None:
-        return told, ()
+    stated = next((claim for claim in claims if 0 < claim < MAX_RATE_HZ), None)
+    if stated is not None:
+        return stated, ()
     if given is None:
         raise InputError(
             f"has a rate of {claims[0]:g} frames a second; expected a rate above zero, or one that is given", file.path
@@ -75,11 +75,11 @@ def _samples(file: C3dFile, layout: FileLayout) -> tuple[np.ndarray, np.ndarray]
     words = words.reshape(layout.frames, layout.stride)[:, : 4 * layout.points].reshape(layout.frames, -1, 4)
     with np.errstate(invalid="ignore", over="ignore"):
         xyz = words[..., :3].astype(float) * (1 if file.scale < 0 else file.scale)
-        word, told = _fourth_word(words[..., 3])
+        word, known = _fourth_word(words[..., 3])
         missing = ~(np.isfinite(xyz).all(axis=2) & (np.abs(xyz) < 1e9).all(axis=2)) | (xyz == 0).all(axis=2)
     missing |= word < 0
     xyz[missing] = np.nan
-    return xyz, np.where(missing | ~told, np.nan, (word & 0xFF) * abs(file.scale))
+    return xyz, np.where(missing | ~known, np.nan, (word & 0xFF) * abs(file.scale))
 
 
 def _fourth_word(words: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -90,9 +90,9 @@ def _fourth_word(words: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     that without a sign. What is no 16-bit number is no residual, unless it is below zero: then the sample is missing.
     """
     values = words.astype(float)
-    told = (values > -32769) & (values < 65536)
-    whole = np.where(told, values, np.where(values < 0, -1, 0)).astype(np.int64)
-    return np.where(np.isnan(values), -1, (whole + 0x8000) % 0x10000 - 0x8000), told
+    known = (values > -32769) & (values < 65536)
+    whole = np.where(known, values, np.where(values < 0, -1, 0)).astype(np.int64)
+    return np.where(np.isnan(values), -1, (whole + 0x8000) % 0x10000 - 0x8000), known
 
 
 def _plates(file: C3dFile) -> np.ndarray:

@@ -19,9 +19,9 @@ UNKNOWN_RESIDUAL_M = 0.0001
 
 MILLIMETRES = 1000.0
 FRAMES_AT_ONCE = 4096
-MOST_POINTS = 64 * 255
-LARGEST_MASK = 127  # of the cameras that saw a sample, beside the sign
-LONGEST_NAME = 255  # bytes
+MAX_POINTS = 64 * 255
+MAX_MASK = 127  # of the cameras that saw a sample, beside the sign
+MAX_NAME_BYTES = 255  # bytes
 LAST_NUMBER = 2**32 - 1  # of a frame
 
 
@@ -35,9 +35,9 @@ def names_in_c3d(labels: Sequence[str]) -> list[str]:
     fitted, used = [], set(labels)
     for label in labels:
         plain = "".join("_" if unicodedata.category(sign) in ("Cc", "Cs") else sign for sign in label)
-        name, number = _cut(plain, LONGEST_NAME), 2
+        name, number = _cut(plain, MAX_NAME_BYTES), 2
         while name != label and name in used:
-            name, number = f"{_cut(plain, LONGEST_NAME - 8)}~{number}", number + 1
+            name, number = f"{_cut(plain, MAX_NAME_BYTES - 8)}~{number}", number + 1
         used.add(name)
         fitted.append(name)
     return fitted
@@ -57,8 +57,8 @@ def write_c3d_file(path: Path, labels: list[str], xyz: np.ndarray, residual: np.
     Raises InputError where the file cannot hold the take.
     """
     frames, count = xyz.shape[:2]
-    if not count or not frames or count > MOST_POINTS:
-        raise InputError(f"cannot hold {count} points over {frames} frames; expected 1 to {MOST_POINTS} points", path)
+    if not count or not frames or count > MAX_POINTS:
+        raise InputError(f"cannot hold {count} points over {frames} frames; expected 1 to {MAX_POINTS} points", path)
     first = first_number(first_frame, frames)
     last = first + frames - 1
     section = _parameters(names_in_c3d(labels), frames, rate, first, last)
@@ -96,7 +96,7 @@ def _samples(xyz: np.ndarray, residual: np.ndarray) -> np.ndarray:
     steps = np.where(np.isfinite(residual), residual, UNKNOWN_RESIDUAL_M) * (MILLIMETRES / RESIDUAL_STEP)
     steps = np.clip(np.rint(steps), np.where(filled, 0, 1), 255)
     # ezc3d, and what is built on it, looks for the residual in the byte of the cameras, of which nothing is known here.
-    words[..., 3] = np.where(missing, -1, steps + 256 * np.minimum(steps, LARGEST_MASK))
+    words[..., 3] = np.where(missing, -1, steps + 256 * np.minimum(steps, MAX_MASK))
     words[missing, :3] = np.nan
     return words
 

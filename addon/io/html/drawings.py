@@ -17,7 +17,7 @@ class DrawingOptions:
 
     view, view_height  of a picture of a person, and the `margin` around whom, in its units
     neighbours         markers beside the doubtful ones that are called by their names
-    most_letters       of a name in a picture; the whole name is in its title
+    max_letters        of a name in a picture; the whole name is in its title
     letter             the width of a letter, in units, for keeping names apart
     plot, plot_height  of a curve or a histogram
     """
@@ -26,7 +26,7 @@ class DrawingOptions:
     view_height: int = 320
     margin: int = 30
     neighbours: int = 4
-    most_letters: int = 18
+    max_letters: int = 18
     letter: float = 6.4
     plot: int = 720
     plot_height: int = 190
@@ -116,7 +116,7 @@ def histogram(log: LengthLog, title: str) -> Html:
     at = np.flatnonzero((counts > 0) & (np.cumsum(counts) > 0.005 * counts.sum()))
     first, last = at[0] // 10 * 10, -(-(at[-1] + 1) // 10) * 10
     shares = counts[first:last] / counts.sum()
-    low, high = OVERVIEW.least_mm * 10.0 ** (np.array([first, last]) / 10)
+    low, high = OVERVIEW.min_mm * 10.0 ** (np.array([first, last]) / 10)
     axes = _Axes(low, high, 0.0, float(shares.max()) * 1.08)
     wide = (axes.right - axes.left) / len(shares)
     blocks = [
@@ -134,7 +134,7 @@ def over_time(log: LengthLog, overview: TakeOverview, title: str) -> Html:
     """The mean of all markers and the largest of them, over the take, on a logarithmic axis."""
     mean, largest = log.means, log.largest.values[: log.largest.used]
     known = mean[np.isfinite(mean) & (mean > 0)]
-    low = 10.0 ** np.floor(np.log10(max(float(np.quantile(known, 0.02)), OVERVIEW.least_mm)))
+    low = 10.0 ** np.floor(np.log10(max(float(np.quantile(known, 0.02)), OVERVIEW.min_mm)))
     high = max(10.0 ** np.ceil(np.log10(float(largest.max()))), 10 * low)
     axes = _Axes(low, high, np.log10(low), np.log10(high))
     place = axes.left + (np.arange(len(mean)) + 0.5) / len(mean) * (axes.right - axes.left)
@@ -315,7 +315,7 @@ class _Canvas:
         at = self.at(place)
         if at is None:
             return None
-        short = name if len(name) <= DRAWING.most_letters else name[: DRAWING.most_letters - 1] + "…"
+        short = name if len(name) <= DRAWING.max_letters else name[: DRAWING.max_letters - 1] + "…"
         wide = DRAWING.letter * len(short) + 2
         x, y = at
         places = [

@@ -43,12 +43,12 @@ STEP_WORDS = {
 class PageOptions:
     """How many rows a page lists before it says how many more there are; reckoned, by what a person reads.
 
-    most_rows  of doubts, edits and notes, and
-    most_gaps  of gaps, the worst of which come first
+    max_rows   of doubts, edits and notes, and
+    max_gaps   of gaps, the worst of which come first
     """
 
-    most_rows: int = 250
-    most_gaps: int = 40
+    max_rows: int = 250
+    max_gaps: int = 40
 
 
 PAGES = PageOptions()
@@ -146,7 +146,7 @@ def _notes(report: Mapping) -> Html | None:
     said += [f"{name} is {short} in the C3D file" for name, short in report.get("c3d_names", {}).items()]
     if not said:
         return None
-    lines = (element("li", _sentence(words)) for words in said[: PAGES.most_rows])
+    lines = (element("li", _sentence(words)) for words in said[: PAGES.max_rows])
     return element("div", element("ul", *lines), class_="notes", role="note", aria_label="Notes")
 
 
@@ -186,10 +186,10 @@ def _to_look_at(report: Mapping) -> Html:
         return section("To look at", element("p", "Nothing."))
     rows = [
         (_frames(one["first"], one["last"]), _sentence(one["reason"]), _sentence(one["advice"]))
-        for one in found[: PAGES.most_rows]
+        for one in found[: PAGES.max_rows]
     ]
     words = "The worst first: where most would be wrong or missing if it is as it looks"
-    return section("To look at", table(("Where", "What", "What to do"), rows, words), _more(found, PAGES.most_rows))
+    return section("To look at", table(("Where", "What", "What to do"), rows, words), _more(found, PAGES.max_rows))
 
 
 def _more(rows: Sequence, most: int, where: str = "the report as JSON") -> Html | None:
@@ -311,8 +311,8 @@ def _by_whom(report: Mapping, overview: TakeOverview) -> Html | None:
             for number, (edit, out) in enumerate(zip(overview.edits, outcomes, strict=True), 1)
         ]
         words = "What a person said, in the order in which it is applied, and how many labels or frames that is about"
-        parts.append(table(("Number", "Said", "About"), listed[: PAGES.most_rows], words))
-        parts.append(_more(listed, PAGES.most_rows, "the file of the edits"))
+        parts.append(table(("Number", "Said", "About"), listed[: PAGES.max_rows], words))
+        parts.append(_more(listed, PAGES.max_rows, "the file of the edits"))
     elif rows:
         parts.append(element("p", "Nothing was said by hand."))
     return section("Named by program and by hand", *parts)
@@ -335,19 +335,19 @@ def _filled(report: Mapping) -> Html | None:
         worst = sorted(done, key=lambda row: -(row["expected_mm"] or 0.0))
         rows = [
             (name_of(row["marker"]), _frames(row["first"], row["last"]), row["method"], length(row["expected_mm"]))
-            for row in worst[: PAGES.most_gaps]
+            for row in worst[: PAGES.max_gaps]
         ]
         words = "Gaps that were filled, those with the largest error to expect first"
         parts += [
             table(("Marker", "Where", "Method", "Error to expect, mm"), rows, words, (3,)),
-            _more(worst, PAGES.most_gaps),
+            _more(worst, PAGES.max_gaps),
         ]
     if left:
         rows = [
             (name_of(row["marker"]), _frames(row["first"], row["last"]), _sentence(f"it {row['reason']}"))
-            for row in left[: PAGES.most_gaps]
+            for row in left[: PAGES.max_gaps]
         ]
-        parts += [table(("Marker", "Where", "Why"), rows, "Gaps that were left"), _more(left, PAGES.most_gaps)]
+        parts += [table(("Marker", "Where", "Why"), rows, "Gaps that were left"), _more(left, PAGES.max_gaps)]
     return section("Filled gaps", *parts)
 
 

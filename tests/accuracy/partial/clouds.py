@@ -57,7 +57,7 @@ def shuffled(points: np.ndarray, truth: np.ndarray, markers: int, generator: np.
     return Clouds(points, truth, markers)
 
 
-def together(one: np.ndarray, other: np.ndarray, apart: float, generator: np.random.Generator) -> Clouds:
+def together(one: np.ndarray, other: np.ndarray, distance: float, generator: np.random.Generator) -> Clouds:
     """Two people in one cloud, both (N, M, 3), the other turned anyhow and `apart` m away.
 
     Truth M + m is the other's marker m; `markers` counts both people's.
@@ -68,7 +68,7 @@ def together(one: np.ndarray, other: np.ndarray, apart: float, generator: np.ran
     own = other - np.concatenate([np.nanmean(other[..., :2], axis=1), np.zeros((count, 1))], axis=1)[:, None]
     cos, sin = np.cos(turn)[:, None], np.sin(turn)[:, None]
     across, along = cos * own[..., 0] - sin * own[..., 1], sin * own[..., 0] + cos * own[..., 1]
-    place = middle + apart * np.stack([np.cos(bearing), np.sin(bearing)], axis=1)
+    place = middle + distance * np.stack([np.cos(bearing), np.sin(bearing)], axis=1)
     moved = np.stack([across + place[:, :1], along + place[:, 1:], own[..., 2]], axis=2)
     truth = np.tile(np.arange(2 * markers), (count, 1))
     return shuffled(np.concatenate([one, moved], axis=1), truth, 2 * markers, generator)
@@ -85,7 +85,7 @@ def other_side(names: tuple[str, ...]) -> np.ndarray:
     return np.array([names.index(other) if other in names else at for at, other in enumerate(swapped)])
 
 
-def worn_differently(frames: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
+def placed_differently(frames: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
     """The same people in a lab that puts the tibia marker 6 % of the leg lower and the heel 2 % nearer to the toe."""
     moved = frames.copy()
     for side in "LR":

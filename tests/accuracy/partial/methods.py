@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from addon.core.data.progress import finished
 from addon.core.data.takes import Labels
 from addon.core.points.likelihood import label_frames, learn_likelihood
 from addon.core.points.partial_solvers.frames import SolversNamer
@@ -62,13 +63,7 @@ class Faithful:
     def _namer(self, target: float) -> SolversNamer:
         if target not in self._namers:
             began = time.process_time()
-            steps = self.study.partial_solvers(self._names, target)
-            while True:
-                try:
-                    next(steps)
-                except StopIteration as end:
-                    partial_solvers = end.value
-                    break
+            partial_solvers = finished(self.study.partial_solvers(self._names, target))
             self._namers[target] = SolversNamer(partial_solvers)
             self._ensembles[target] = partial_solvers
             self.facts["ensembles"][str(target)] = {

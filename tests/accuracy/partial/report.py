@@ -439,7 +439,7 @@ def voters(results: Results) -> str:
         titles.append(f"weak classifiers, {column.title}")
         series.append([f"{count} ({percent(share, 1)})" for _, count, share in claims["voters"]])
         alive = results.pooled(column, "facts")["ensembles"]["0.9999"]["alive"]
-        titles += [f"whole solvers of the ensemble, {column.title}", f"markers still told, {column.title}"]
+        titles += [f"whole solvers of the ensemble, {column.title}", f"markers still named, {column.title}"]
         series += [[percent(row[place], 1) for row in alive] for place in (0, 1)]
     rows = [[hide, *(one[hide] for one in series)] for hide in range(len(series[0]))]
     return table(["hidden", *titles], rows)

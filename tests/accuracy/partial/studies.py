@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .clouds import Clouds, Trouble, drawn, mirrored, other_side, spoilt, together, worn_differently
+from .clouds import Clouds, Trouble, drawn, mirrored, other_side, placed_differently, spoilt, together
 from .methods import Faithful, Ours
 from .scores import in_the_mirror, score, swaps, sweep
 
@@ -19,7 +19,7 @@ HIDDEN = (1, 2, 3, 4, 5)
 TABLE_2 = 4  # hidden markers in the paper's table 2
 GHOSTS = range(11)
 NOISE = (0.0, 0.001, 0.002, 0.005, 0.01, 0.02)  # m
-APART = 1.5  # m between two people in one cloud
+DISTANCE_M = 1.5  # m between two people in one cloud
 # Confidences to sweep: 1 - 10^-x.
 LEVELS = 1.0 - 10.0 ** -np.linspace(0.0, 8.0, 161)
 CHUNK = 4096  # clouds named in one go
@@ -143,7 +143,7 @@ def mirror(method: Learned, test: Test) -> dict:
 
 def lab(method: Learned, test: Test) -> dict:
     """People who wear the tibia and heel markers differently from all that were learned: {hidden: {target: counts}}."""
-    frames = worn_differently(test.few(), test.names)
+    frames = placed_differently(test.few(), test.names)
     return {
         str(hide): _scored(method, spoilt(frames, Trouble(hide), test.generator(5, hide)), _targets(method, test))
         for hide in (0, 1, TABLE_2)
@@ -155,7 +155,7 @@ def crowd(method: Learned, test: Test) -> dict:
     people, clouds}."""
     generator = test.generator(6)
     one = test.few()
-    clouds = together(one, one[generator.permutation(len(one))], APART, generator)
+    clouds = together(one, one[generator.permutation(len(one))], DISTANCE_M, generator)
     count = len(test.names)
     found = {}
     for target, named in method.names(clouds.points, test.middle).items():

@@ -24,10 +24,10 @@ SPREAD = np.array([[0.1, 0.3, 0.3], [-0.4, 0.1, 0.8], [0.3, -0.35, 1.2], [-0.1, 
 
 def test_points_that_all_see_are_the_cloud():
     cloud = cloud_of(SPREAD)
-    apart = np.linalg.norm(cloud.points[:, None] - SPREAD[None], axis=-1)
-    assert (apart.min(axis=0) < 1e-6).all()
-    assert (cloud.support[apart.argmin(axis=0)] == 4).all()
-    assert (cloud.weight[apart.argmin(axis=0)] == 1).all()
+    distance = np.linalg.norm(cloud.points[:, None] - SPREAD[None], axis=-1)
+    assert (distance.min(axis=0) < 1e-6).all()
+    assert (cloud.support[distance.argmin(axis=0)] == 4).all()
+    assert (cloud.weight[distance.argmin(axis=0)] == 1).all()
 
 
 def test_a_point_that_two_cameras_see_is_in_it():
@@ -51,12 +51,12 @@ def test_a_persons_cloud_holds_what_two_cameras_see_and_little_else(name):
     scene = stand(built_in(name), RIG, seed=3, facing=1.0, options=FLAWLESS)
     cloud = build_cloud(scene.views()[0], Sight(RIG))
     seen = [sum(mark in text.split("|") for text in scene.truth) for mark in scene.markerset.markers]
-    apart = np.linalg.norm(cloud.points[:, None] - scene.points[0][None], axis=-1)
+    distance = np.linalg.norm(cloud.points[:, None] - scene.points[0][None], axis=-1)
     merged = {mark for text in scene.truth if "|" in text for mark in text.split("|")}
     alone = np.array([mark not in merged for mark in scene.markerset.markers])
     reachable = (np.array(seen) >= 2) & alone
-    assert (apart.min(axis=0)[reachable] < 0.01).mean() > 0.9
-    real = apart.min(axis=1) < 0.03
+    assert (distance.min(axis=0)[reachable] < 0.01).mean() > 0.9
+    real = distance.min(axis=1) < 0.03
     assert cloud.weight[~real].sum() < 0.5 * cloud.weight[real].sum()
 
 

@@ -42,7 +42,7 @@ def test_twins_are_even_and_strangers_certain():
 
 
 def test_the_nearer_the_twin_the_less_sure():
-    sure = [one_blob(apart) for apart in (0.0, 0.02, 0.04, 0.06, 0.09, 0.3)]
+    sure = [one_blob(distance) for distance in (0.0, 0.02, 0.04, 0.06, 0.09, 0.3)]
     assert np.all(np.diff(sure) > 0)
 
 

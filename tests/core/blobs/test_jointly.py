@@ -21,7 +21,7 @@ RIG = ring_rig(4, generator=np.random.default_rng(5))
 ROOM = CaptureOptions(noise=0.5, reflections=2, flicker=0.5)
 
 
-def standing(arms=None, worn=(), seed=4, options=ROOM):
+def standing(arms=None, moved=(), seed=4, options=ROOM):
     """Somebody in `body26`, the arms held in one of `ARMS`' ways, with markers worn (name, offset m) elsewhere."""
     markerset = built_in("body26")
     model = BodyModel(markerset)
@@ -29,7 +29,7 @@ def standing(arms=None, worn=(), seed=4, options=ROOM):
     if arms is not None:
         person = with_arms_held(person, model).pick([1 + arms])
     own = person.own.copy()
-    for name, offset in worn:
+    for name, offset in moved:
         own[0, markerset.index(name)] += np.array(offset) / 1.75
     return film(markerset, RIG, replace(person, own=own), replace(options, seed=seed))
 
@@ -56,7 +56,7 @@ def frame_of(scene, sd=0.015):
 
 
 def test_a_marker_worn_elsewhere_is_named_and_said_to_be():
-    scene = standing(worn=[("LWRB", (0.0, 0.0, -0.11))])
+    scene = standing(moved=[("LWRB", (0.0, 0.0, -0.11))])
     naming, elsewhere = name_jointly(frame_of(scene))
     marker = scene.markerset.index("LWRB")
     named = [scene.truth[scene.views()[0].row[c, k]] for c, k in enumerate(naming.slot[:, marker]) if k >= 0]

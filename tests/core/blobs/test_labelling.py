@@ -207,12 +207,12 @@ def test_conflict_case_three_names_nothing_when_two_blobs_are_as_near():
 
 
 @pytest.mark.parametrize("apart", [0.03, 0.05])
-def test_two_close_markers_are_told_apart_by_the_cameras_that_see_them_apart(apart):
+def test_two_close_markers_are_told_apart_by_the_cameras_that_see_them_apart(distance):
     """A16: where they overlap from one camera, the others' triangulation says which is which; all names right."""
     eye = RIG.centres[0]
     first = np.array([0.05, 0.1, 1.1])
     aside = np.cross(eye - first, [0, 0, 1.0])
-    second = first + apart * aside / np.linalg.norm(aside)
+    second = first + distance * aside / np.linalg.norm(aside)
     points = np.array([first, second])
     naming = consistent(label(pixels_of(points), expect_at(points + OFF, 0.015)))
     right = (naming.slot == [0, 1]) | (naming.slot == -1)

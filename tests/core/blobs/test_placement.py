@@ -99,8 +99,8 @@ def test_no_blobs_are_reported():
 
 def test_the_blobs_centre_is_near_the_person():
     scene = stand(built_in("body26"), RIG, seed=4, facing=2.0)
-    apart = blob_centre(scene.views()[0], RIG.extrinsics) - scene.points[0].mean(axis=0)
-    assert np.linalg.norm(apart) < 0.15
+    distance = blob_centre(scene.views()[0], RIG.extrinsics) - scene.points[0].mean(axis=0)
+    assert np.linalg.norm(distance) < 0.15
 
 
 def body_cloud(facing, height=1.7, ghosts=0, name="body26"):

@@ -57,8 +57,8 @@ def test_through_360_degrees_and_from_1_1_to_2_metres(name):
         wrong += (given & ~right).sum()
         named += given.sum()
         assert turn_off(scene, found) < np.radians(25)
-        apart = found.expected.points - scene.points[0]
-        assert np.median(np.linalg.norm(apart, axis=1)) < 0.02
+        distance = found.expected.points - scene.points[0]
+        assert np.median(np.linalg.norm(distance, axis=1)) < 0.02
     assert perfect >= 11
     assert wrong <= 0.005 * named
 

@@ -38,3 +38,26 @@ def test_stages_are_told_as_parts_of_the_whole():
 def test_a_stage_that_nobody_planned_is_a_mistake_of_the_program():
     with pytest.raises(KeyError):
         finished(in_stages(iter([Stage("dance", "")]), BEGINS))
+
+
+def test_all_that_work_yields_is_told_and_who_is_told_can_end_it():
+    ended, told = [], []
+
+    def long():
+        try:
+            yield "a"
+            yield "b"
+        finally:
+            ended.append(True)
+        return 3
+
+    assert finished(long(), told.append) == 3
+    assert told == ["a", "b"]
+
+    def refuse(word):
+        raise RuntimeError(word)
+
+    with pytest.raises(RuntimeError, match="a"):
+        finished(going := long(), refuse)
+    assert len(ended) == 2
+    assert going.gi_frame is None, "it would go on when nobody waits any more"

@@ -90,7 +90,7 @@ def test_a_marker_is_carried_through_a_long_gap_and_the_error_is_about_the_one_e
     gaps = [(7, 120, 200), (1, 40, 100), (12, 220, 300), (9, 250, 330), (3, 150, 250)]
     found = filled(holed(chain, *gaps))
     got = [off(found, chain, *gap) for gap in gaps]
-    spline = filled(holed(chain, *gaps), method="spline", most_off_m=np.inf)
+    spline = filled(holed(chain, *gaps), method="spline", max_off_m=np.inf)
     assert max(got) < 0.001
     assert np.mean([off(spline, chain, *gap) for gap in gaps]) > 20 * max(got)
     expected = [one.expected for one in found.gaps]
@@ -115,7 +115,7 @@ def test_nothing_is_drawn_beyond_the_ends_by_what_cannot_carry_it(chain):
     carried = filled(cut)
     assert {one.method for one in carried.gaps} == {"regression"}
     assert off(carried, chain, 2, 0, 30) < 0.002
-    strict = filled(cut, most_open_m=0.0)
+    strict = filled(cut, max_open_m=0.0)
     assert not strict.filled.any()
     assert "are allowed at an end of the take" in strict.left[0].reason
     lonely = holed(chain[:, :1], (0, 0, 30))
@@ -148,7 +148,7 @@ def test_a_spline_bridges_where_nothing_else_is_known(chain):
 
 
 def test_a_gap_whose_error_would_be_large_is_left(chain):
-    left = filled(holed(chain[:, :1], (0, 100, 220)), most_off_m=0.01)
+    left = filled(holed(chain[:, :1], (0, 100, 220)), max_off_m=0.01)
     assert not left.gaps
     assert "where 10 mm are allowed" in left.left[0].reason
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from addon.core.data.takes import Motion
-from addon.core.filling.filling import FilledGap, FilledTake
+from addon.core.filling.filling import FilledGap, FilledTake, kept_fills_of
 from addon.core.filling.gaps import Gap
-from addon.core.filling.kept import KeptFill, filled_samples, kept_fills_of, put_fills, replaced_fills
+from addon.core.filling.kept import KeptFill, filled_samples, put_fills, replaced_fills
 
 NAMES = ("A", "B")
 FRAMES = 50 + np.arange(12)
@@ -36,8 +36,8 @@ def motion_of(markers: np.ndarray) -> Motion:
 
 
 def test_fills_are_put_in_as_they_were_made_with_residual_0(take):
-    motion, misfits = put_fills(motion_of(take.markers), NAMES, take.fills)
-    assert misfits == ("", "")
+    motion, unfit = put_fills(motion_of(take.markers), NAMES, take.fills)
+    assert unfit == ("", "")
     np.testing.assert_array_equal(motion.markers, take.whole)
     np.testing.assert_array_equal(motion.residual == 0, take.flags)
     np.testing.assert_array_equal(filled_samples(FRAMES, NAMES, take.fills), take.flags)
@@ -55,9 +55,9 @@ def test_fills_are_put_in_as_they_were_made_with_residual_0(take):
 )
 def test_a_fill_is_left_out_where_the_take_is_another_around_it(take, frame, marker, value, which, reason):
     take.markers[frame, marker] = value
-    motion, misfits = put_fills(motion_of(take.markers), NAMES, take.fills)
-    assert reason in misfits[which]
-    assert misfits[1 - which] == ""
+    motion, unfit = put_fills(motion_of(take.markers), NAMES, take.fills)
+    assert reason in unfit[which]
+    assert unfit[1 - which] == ""
     filled = motion.residual == 0
     assert filled[:, 1 - marker].any()
     assert not filled[:, marker].any()
@@ -69,8 +69,8 @@ def test_a_fill_of_another_marker_or_of_other_frames_is_left_out(take):
         (KeptFill("C", one.first, one.last, "pca", 0.0, one.path), "no such marker"),
         (KeptFill("A", 60, 70, "pca", 0.0, np.zeros((13, 3))), "not all of its frames"),
     ):
-        motion, misfits = put_fills(motion_of(take.markers), NAMES, [other])
-        assert reason in misfits[0]
+        motion, unfit = put_fills(motion_of(take.markers), NAMES, [other])
+        assert reason in unfit[0]
         np.testing.assert_array_equal(motion.markers, take.markers)
 
 

@@ -45,7 +45,7 @@ def random_shape(seed: int = 0, markers: int = 7) -> Shape:
     return Shape(mean, 0.04 * generator.standard_normal((markers, 3, 3)), generator.uniform(2e-4, 8e-4, markers))
 
 
-def as_worn(shape: Shape) -> MarkerLayout:
+def layout_of(shape: Shape) -> MarkerLayout:
     """MarkerLayout by a thing that has as many markers."""
     made = marker_layout(prop(shape.mean))
     return replace(made, shape=shape)
@@ -61,7 +61,7 @@ def test_a_square_is_bad_and_a_kite_is_good():
 
 
 def test_a_square_that_is_exact_is_the_same_from_four_sides():
-    exact = judge(as_worn(Shape(SQUARE, np.zeros((4, 3, 1)), np.full(4, 1e-4))))
+    exact = judge(layout_of(Shape(SQUARE, np.zeros((4, 3, 1)), np.full(4, 1e-4))))
     assert sorted(renaming.yaw for renaming in exact.whole) == pytest.approx([np.pi / 2, np.pi, 3 * np.pi / 2])
     np.testing.assert_allclose(exact.overlaps, 1, atol=1e-9)
     assert separation(exact.seen)[0, 1] == pytest.approx(0, abs=1e-3)
@@ -132,7 +132,7 @@ def test_where_the_subject_stands_and_faces_changes_nothing():
     shape = random_shape()
     mean = np.array([3.0, -2.0, 1.0]) + turned(shape.mean, np.array(0.7))
     modes = np.moveaxis(turned(np.moveaxis(shape.modes, 2, 0), np.full(3, 0.7)), 0, 2)
-    here, there = judge(as_worn(shape), whole=[]), judge(as_worn(Shape(mean, modes, shape.noise)), whole=[])
+    here, there = judge(layout_of(shape), whole=[]), judge(layout_of(Shape(mean, modes, shape.noise)), whole=[])
     np.testing.assert_allclose(there.hidden, here.hidden, rtol=1e-5, atol=1e-9)
     np.testing.assert_allclose(there.seen, here.seen, rtol=1e-5, atol=1e-9)
 

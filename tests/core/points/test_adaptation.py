@@ -60,7 +60,7 @@ def test_somebody_else_is_named_with_plates_of_their_own_and_the_report_begins_w
     assert adaptation.model.likelihood.rigid_bodies is adaptation.recognition.rigid_bodies
     assert model.likelihood.rigid_bodies is not adaptation.recognition.rigid_bodies
     decided = borne_out(named_by(right_of(points)), adaptation, FIRST_FRAME)
-    assert decided.suspects[0].reason.startswith("the plates are not those of the training")
+    assert decided.suspects[0].reason.startswith("the rigid bodies are not those of the training")
     assert (decided.suspects[0].first, decided.suspects[0].last) == (FIRST_FRAME, FIRST_FRAME + len(points) - 1)
     unnamed = {NAMES[index] for index in np.flatnonzero((decided.labels.marker == NO_MARKER).all(axis=0))}
     (missing,) = [s.reason for s in decided.suspects if s.reason.startswith("not found for sure")]
@@ -118,4 +118,4 @@ def test_where_the_motion_does_not_tell_it_is_said_that_forms_alone_do(model):
     assert adaptation.model is model
     decided = borne_out(named_by(right_of(points)), adaptation, FIRST_FRAME)
     assert (decided.labels.marker == right_of(points)).all()
-    assert any("rest on the plates' forms alone" in suspect.reason for suspect in decided.suspects)
+    assert any("rest on the rigid bodies' forms alone" in suspect.reason for suspect in decided.suspects)

@@ -6,7 +6,7 @@ import numpy as np
 from addon.core.points.deciding import stray_suspects, strays
 from addon.core.points.likelihood.distances import DistanceConstraints
 
-TIES = DistanceConstraints(np.array(np.triu_indices(4, 1)).T, np.full(6, 0.2), np.full(6, 0.004), 0.05)
+CONSTRAINTS = DistanceConstraints(np.array(np.triu_indices(4, 1)).T, np.full(6, 0.2), np.full(6, 0.004), 0.05)
 
 
 def rigid_body(frames: int = 100) -> np.ndarray:
@@ -20,7 +20,7 @@ def test_a_marker_that_leaves_its_plate_is_found_and_its_mates_are_not():
     markers[40:46, 2] += 0.06
     markers[:, 4] += np.random.default_rng(2).normal(0, 0.2, (100, 3))
     markers[10:20, 0] = np.nan
-    stray = strays(markers, TIES)
+    stray = strays(markers, CONSTRAINTS)
     assert np.argwhere(stray).tolist() == [[frame, 2] for frame in range(40, 46)]
 
 
@@ -29,8 +29,8 @@ def test_nothing_is_said_of_too_few_mates_or_frames():
     markers[40:46, 2] += 0.06
     markers[:, :1] = np.nan
     markers[30:60, 1] = np.nan
-    assert not strays(markers, TIES).any()
-    assert not strays(rigid_body(3)[:, [0, 1, 2, 3, 4]] * np.nan, TIES).any()
+    assert not strays(markers, CONSTRAINTS).any()
+    assert not strays(rigid_body(3)[:, [0, 1, 2, 3, 4]] * np.nan, CONSTRAINTS).any()
 
 
 def test_ranges_bridge_short_interruptions():

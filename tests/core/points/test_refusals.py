@@ -103,8 +103,8 @@ def test_another_marker_set_is_said_so(gait, plated):
 
 
 @pytest.mark.parametrize("apart", [1.5, 4.0])
-def test_two_subjects_are_said_so(gait, apart):
-    both = np.concatenate([person(1), person(2, at=(0.3, apart))], axis=1)
+def test_two_subjects_are_said_so(gait, distance):
+    both = np.concatenate([person(1), person(2, at=(0.3, distance))], axis=1)
     said = refused(gait, both)
     assert "two subjects" in said or "several subjects at once" in said
 

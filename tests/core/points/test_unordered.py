@@ -81,12 +81,7 @@ def test_the_pipeline_learns_where_nothing_connects_frames(model, clouds):
     residual = np.where(np.isfinite(points[..., 0]), 0.0005, np.nan)
     work = label_points(Points(("",) * points.shape[1], points, residual, RATE, 1), model, PointOptions("likelihood"))
     shares = []
-    while True:
-        try:
-            shares.append(next(work).fraction)
-        except StopIteration as end:
-            chunk = end.value
-            break
+    chunk = finished(work, lambda progress: shares.append(progress.fraction))
     assert shares == sorted(shares)
     marker = chunk.labels.marker
     assert (marker == clouds.truth)[clouds.truth >= 0].mean() > 0.98

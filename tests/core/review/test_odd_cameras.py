@@ -182,7 +182,7 @@ def test_a_room_that_is_not_this_takes_is_told_once(count, named):
     assert words[0].startswith("the room seems not to be this take's: by this calibration the blobs of no camera meet")
 
 
-class Worn(list):
+class ListedMarkers(list):
     """As much of a marker set as its size needs."""
 
     rest_markers = np.random.default_rng(3).uniform([-0.15, -0.15, 0.03], [0.15, 0.15, 1], (MARKERS, 3))
@@ -204,7 +204,7 @@ def test_a_room_in_the_wrong_unit_is_told_with_how_much(count, times, words):
     rig = ring_rig(count, generator=np.random.default_rng(count))
     blobs, marker, markers = captured(rig)
     room = replace(rig, translation=times * rig.translation)
-    check = CameraCheck(room, Worn([None] * MARKERS))
+    check = CameraCheck(room, ListedMarkers([None] * MARKERS))
     unknown = Labels(np.full_like(marker, NO_MARKER), 0 * marker, 0.0 * marker)
     check.add(blobs, SimpleNamespace(labels=unknown, motion=SimpleNamespace(expected=np.full_like(markers, np.nan))))
     told = [suspect.reason for suspect in check.suspects()]

@@ -46,19 +46,19 @@ def trouble(markers, others=None, edits=(), suspects=(), answered=()):
     return looking.found(suspects, answered)
 
 
-def steady() -> np.ndarray:
+def even() -> np.ndarray:
     return np.tile(PLACES, (FRAMES, 1, 1))
 
 
 def without(*names: str, frames: slice = slice(None)) -> np.ndarray:
-    markers = steady()
+    markers = even()
     for name in names:
         markers[frames, NAMES.index(name)] = np.nan
     return markers
 
 
 def test_a_take_without_trouble_has_none():
-    assert trouble(steady()) == ()
+    assert trouble(even()) == ()
     assert summary_of_trouble(()) == ""
 
 
@@ -138,20 +138,20 @@ def test_what_is_right_by_another_name_of_its_marker_is_answered():
 def test_a_point_far_from_the_body_is_none_of_its_own_and_one_on_it_is():
     far, brief = np.tile([3.0, 3, 1], (FRAMES, 1)), np.full((FRAMES, 3), np.nan)
     brief[10:14] = PLACES[0]
-    assert all(7 not in one.trajectories for one in trouble(steady(), {7: far, 8: brief}))
+    assert all(7 not in one.trajectories for one in trouble(even(), {7: far, 8: brief}))
     on = np.tile(PLACES[0] + [0.05, 0, 0], (FRAMES, 1))
-    [left] = trouble(steady(), {9: on})
+    [left] = trouble(even(), {9: on})
     assert (left.kind, left.trajectories, left.markers) == (LEFT_OVER, (9,), ())
     assert left.stake == pytest.approx(0.1 * FRAMES)
-    [gone] = trouble(steady(), {9: on}, edits=[Delete(9)])
+    [gone] = trouble(even(), {9: on}, edits=[Delete(9)])
     assert gone.answered
     halves = [Delete(9, frames=(FIRST, 100)), Delete(9, frames=(101, FIRST + FRAMES - 1))]
-    assert trouble(steady(), {9: on}, edits=halves)[0].answered
-    assert not trouble(steady(), {9: on}, edits=halves[:1])[0].answered
+    assert trouble(even(), {9: on}, edits=halves)[0].answered
+    assert not trouble(even(), {9: on}, edits=halves[:1])[0].answered
 
 
 def test_how_far_the_body_is_off_is_said_in_mm_with_the_marker_and_when():
-    markers = steady()
+    markers = even()
     markers[30:40, 2, 0] += 0.285
     markers[35, 2, 0] -= 0.1
     [off] = trouble(markers)
@@ -163,9 +163,9 @@ def test_how_far_the_body_is_off_is_said_in_mm_with_the_marker_and_when():
 def test_doubts_are_in_the_list_once_with_what_to_do():
     pair = Suspect(20, 29, "LHEE and RHEE may have each other's names in the whole take", markers=("LHEE", "RHEE"))
     far = Suspect(20, 29, "LHEE is far from where the body has it", markers=("LHEE",))
-    [doubt] = trouble(steady(), suspects=[pair, far])
+    [doubt] = trouble(even(), suspects=[pair, far])
     assert (doubt.kind, doubt.stake, doubt.action) == (IN_DOUBT, 20.0, "swap")
-    [answered] = trouble(steady(), answered=[pair])
+    [answered] = trouble(even(), answered=[pair])
     assert answered.answered and answered.stake == 0
 
 
@@ -175,7 +175,7 @@ def test_another_room_is_the_worst_as_no_name_is_to_be_trusted():
     assert (first.kind, first.cameras, first.stake) == (OF_CAMERA, (), 1.0 * FRAMES * len(NAMES))
     assert "Import the calibration" in first.advice
     assert second.markers == ("LHEE",)
-    [answered] = trouble(steady(), suspects=[room], edits=first.answers())
+    [answered] = trouble(even(), suspects=[room], edits=first.answers())
     assert answered.answered
 
 
@@ -200,7 +200,7 @@ def test_a_take_in_chunks_has_the_same_trouble(parts):
 
 
 def test_many_gaps_are_answered_by_one_edit_that_locks_nothing_between_them():
-    markers = steady()
+    markers = even()
     markers[::10, 1] = np.nan
     [gaps] = trouble(markers)
     assert gaps.stake == 20
@@ -217,7 +217,7 @@ def test_what_an_edit_changed_is_looked_at_again_as_if_all_were():
     rng = np.random.default_rng(3)
     markers, expected = rng.normal(size=(2, 40, 5, 3))
     markers[rng.random((40, 5)) < 0.2] = np.nan
-    motion = replace(take(steady()[:40])[2], markers=markers, expected=expected)
+    motion = replace(take(even()[:40])[2], markers=markers, expected=expected)
     sight = MarkerSight.of(motion)
     moved = markers.copy()
     moved[3:9, 1], moved[20:, 4] = markers[3:9, 2], np.nan

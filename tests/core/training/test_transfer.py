@@ -42,13 +42,13 @@ def test_a_new_marker_goes_to_the_segment_that_carries_it(known, take):
     posed = model.pose(fit_points(model, points[:, order]))
     shin = body.skeleton.segments.index("shank.L")
     extra = posed.joints[:, shin] + np.einsum("fij,j->fi", posed.rotations[:, shin], [0.06, 0.02, -0.1])
-    worn = np.concatenate([points, extra[:, None]], axis=1)
-    found = transferred(body, [worn, worn[::2]], [*names, "LXTRA"], "mine")
+    shown = np.concatenate([points, extra[:, None]], axis=1)
+    found = transferred(body, [shown, shown[::2]], [*names, "LXTRA"], "mine")
     assert found.markers == (*names, "LXTRA")
     assert found.skeleton.segments[found.attachment[-1]] == "shank.L"
     assert found.spread.modes.shape[1] == len(found.skeleton) + len(found.markers)
     fresh = BodyModel(found)
-    away = np.linalg.norm(fresh.pose(fit_points(fresh, worn)).markers - worn, axis=2)
+    away = np.linalg.norm(fresh.pose(fit_points(fresh, shown)).markers - shown, axis=2)
     assert np.nanmedian(away) < 0.012
     assert np.nanmedian(away[:, -1]) < 0.012
 

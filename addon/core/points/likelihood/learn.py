@@ -75,7 +75,7 @@ def learning(
 def _by_subject(takes, markers: tuple[str, ...]) -> dict[str, np.ndarray]:
     """All usable frames of every subject."""
     if len(markers) < LEARN.min_markers:
-        raise InputError(f"{len(markers)} markers are too few to be told apart; expected {LEARN.min_markers} or more")
+        raise InputError(f"{len(markers)} markers are too few to distinguish; expected {LEARN.min_markers} or more")
     gathered: dict[str, list[np.ndarray]] = {}
     for points, subject in takes:
         if points.ndim != 3 or points.shape[1:] != (len(markers), 3):
@@ -126,10 +126,10 @@ def _learn_calibration(
         if len(subjects) == 1 and rigid_bodies is None:
             tested = as_other_subjects(shape, tested, rng)
         for trial, usual in _trials(tested, known, rng):
-            yield done / len(splits), "learn the evidence"
+            yield done / len(splits), "learn the likelihood"
             found += _tried(known, trial, usual)
     if not sum(len(right) for _, right, _ in found):
-        raise InputError("in no frame could a marker be told from the others; expected takes that show more of them")
+        raise InputError("in no frame could a marker be distinguished; expected takes that show more of them")
     return learn_calibration(*(np.concatenate(column) for column in zip(*found, strict=True)))
 
 

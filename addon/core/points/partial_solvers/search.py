@@ -74,12 +74,12 @@ def covering(
     heirs: Callable[[int], Iterable[int]],
     hidden: np.ndarray,
     most: int,
-    least_gain: float,
+    min_gain: float,
 ) -> Iterator[set[int]]:
     """Of the solvers found, few that are enough: between them they answer in most of the occlusions `hidden` (N,).
 
     Takes what answers in the most occlusions that are still without an answer, the smaller of equals, until one more
-    would gain less than the share `least_gain`, or there are `most`. A solver that does not hold when it is its turn
+    would gain less than the share `min_gain`, or there are `most`. A solver that does not hold when it is its turn
     makes room for its heirs. Yields those taken so far, after every step.
     """
     waiting = {subset: (hidden & subset) == 0 for subset in found}
@@ -88,7 +88,7 @@ def covering(
     while waiting and len(taken) < most:
         gains = {subset: int((answers & without).sum()) for subset, answers in waiting.items()}
         best = min(waiting, key=lambda subset: (-gains[subset], subset.bit_count(), subset))
-        if gains[best] < max(least_gain * len(hidden), 1):
+        if gains[best] < max(min_gain * len(hidden), 1):
             break
         answers = waiting.pop(best)
         if holds(best):

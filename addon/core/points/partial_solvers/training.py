@@ -13,6 +13,7 @@ from functools import partial
 import numpy as np
 
 from ...data.errors import InputError
+from ...data.progress import finished
 from . import search as searches
 from .assess import Occlusions, assess, draw_occlusions
 from .boosting import Boosting, boost, learn_intervals, rejections, wrong_labellings
@@ -43,9 +44,9 @@ class Training:
     max_surveyed   markers; above, the solvers are too many to go through them all,
     group          and a marker's solvers are looked for among so many
     patterns       occlusions that are thought through when solvers are chosen
-    most_features  above that many, ratios are drawn by chance
-    most_solvers   kept of each run of the search: those that together answer in the most occlusions
-    least_gain     share of the occlusions in which one more solver must answer first to be kept
+    max_features   above that many, ratios are drawn by chance
+    max_solvers    kept of each run of the search: those that together answer in the most occlusions
+    min_gain       share of the occlusions in which one more solver must answer first to be kept
     """
 
     search: str = "top-down"
@@ -61,9 +62,9 @@ class Training:
     max_surveyed: int = 15
     group: int = 12
     patterns: int = 2000
-    most_features: int = 60_000
-    most_solvers: int = 16
-    least_gain: float = 0.002
+    max_features: int = 60_000
+    max_solvers: int = 16
+    min_gain: float = 0.002
     boosting: Boosting = field(default_factory=Boosting)
     occlusions: Occlusions = field(default_factory=Occlusions)
     genetics: Genetics = field(default_factory=Genetics)
@@ -74,20 +75,12 @@ def train_partial_solvers(
     markers,
     targets: float | np.ndarray = 0.9999,
     options: Training | None = None,
-    progress: Callable[[float, str], None] | None = None,
 ) -> PartialSolvers:
     """The ensemble of labelled frames (T, M, 3) m, z up, NaN where missing, of one or many people.
 
     targets: τ, for all markers or (M,). Raises InputError when there are too few frames or markers to learn from.
     """
-    steps = training(points, markers, targets, options)
-    while True:
-        try:
-            share, words = next(steps)
-        except StopIteration as end:
-            return end.value
-        if progress:
-            progress(share, words)
+    return finished(training(points, markers, targets, options))
 
 
 def training(
@@ -152,7 +145,7 @@ class SolverStudy:
         self._generator = np.random.default_rng(options.seed)
         clouds = tables(points)
         learned = learn_intervals(
-            clouds, *all_features(self.markers, options.functions, options.most_features, options.seed)
+            clouds, *all_features(self.markers, options.functions, options.max_features, options.seed)
         )
         learned = _widened(learned, options.margin)
         wrong = wrong_labellings(np.arange(len(points)), self.markers, options.wrong, self._generator)
@@ -231,7 +224,7 @@ class SolverStudy:
             yield
         genetic = self.options.search == "genetic"
         heirs = (lambda _: ()) if genetic else _heirs(found, len(ground.group), good)
-        limits = (self.hidden(ground), self.options.most_solvers, self.options.least_gain)
+        limits = (self.hidden(ground), self.options.max_solvers, self.options.min_gain)
         for taken in searches.covering(sorted(found), partial(self._holds, ground), heirs, *limits):
             self.found = {ground.outside(subset) for subset in taken}
             yield

@@ -32,7 +32,7 @@ class RigidBodyOptions:
     tail_percent     at either end of a distance's range that is left out, as outliers; reckoned
     slack_range      of a distance's range, and
     slack_m          that it may leave the range by before it counts; reckoned: no take shows all poses
-    unseen_m         how far apart two markers may be that were never seen together: anywhere
+    unseen_m         how far two markers may be from each other that were never seen together: anywhere
     """
 
     max_rigid_sd: float = 0.015

@@ -26,7 +26,7 @@ class UndoOptions:
     rounds           of asking which is which, and learning it anew
     min_odds         log odds of an exchange that is undone
     max_odds         that one frame can say
-    independent_s    that frames must be apart to count as two
+    independent_s    that frames must lie between two to count as two
     """
 
     frames: int = 600

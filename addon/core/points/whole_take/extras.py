@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is on the subject and none of the set's markers: told from them by being a marker of its own, without a name."""
+"""What is on the subject and none of the set's markers: each a marker of its own, without a name."""
 
 from dataclasses import dataclass
 

@@ -2,7 +2,7 @@
 """A take of 3D points from end to end: name each frame on its own, solve the take as a whole, pose the body.
 
 The counterpart of `blobs.pipeline` for points. What the take shows of its subject is learned first; takes that the
-model is not for are refused, before the work and after it. Edits are evidence, and they hold in the end: the labels
+model is not for are refused, before the work and after it. Edits are constraints, and they hold in the end: the labels
 without them tell what edits such as an exchange mean; the take is solved again with what they say of its points, and
 they are applied to what comes of it.
 """

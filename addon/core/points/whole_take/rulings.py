@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What edits are to a take that is solved: tracklets that are surely a marker, surely not, or not there at all.
 
-Edits are evidence. A tracklet that a person named keeps that name through all rounds, and what is named beside it, how
-far markers are from each other in this take, and which of two is which follow from it as from any other name.
+Edits are constraints. A tracklet that a person named keeps that name through all rounds, and what is named beside it,
+how far markers are from each other in this take, and which of two is which follow from it as from any other name.
 """
 
 from dataclasses import dataclass, replace

@@ -4,7 +4,7 @@
 Round after round, what is believed shows how far the subject's markers are from each other; that says how likely each
 tracklet is each marker; all tracklets are matched with the markers at once; what is far enough ahead is believed in the
 next round. Then names that were exchanged for a while, or for all of the take, are put right, what is always there
-beside the markers is told from them, and so on with more freedom of motion, until nothing changes.
+beside the markers is distinguished from them, and so on with more freedom of motion, until nothing changes.
 """
 
 from collections.abc import Callable
@@ -51,7 +51,7 @@ class RoundOptions:
     freedoms       that follow each other
     max_rounds     of each
     max_layouts    times that a freedom is gone on with after names were put right
-    min_markers    that a set must have to be told by distances
+    min_markers    that a set must have to be known by distances
     min_anchored   part of a marker's points that a person must have named for its name to stay in all of the take
     """
 
@@ -107,7 +107,7 @@ def solve_take(
     """Names the tracklets (T, P), -1 where there is none, of points (T, P, 3) m at `rate` frames a second.
 
     named is what frames say on their own, sure (T, P) the markers that are believed of it. The model has a likelihood.
-    `progress` is told the share that is done; `rulings` is what a person said, whose tracklets these are.
+    `progress` hears the share that is done; `rulings` is what a person said, whose tracklets these are.
     """
     tracklets = tracklets_of(points, tracklet, named, len(model.markerset))
     if rulings is not None:

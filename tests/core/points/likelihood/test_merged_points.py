@@ -26,9 +26,9 @@ def test_a_point_of_two_markers_is_either_of_them_or_nobody(at):
         chance = np.random.default_rng(seed)
         xyz = model.pose(perform(model, draw_person(markerset, chance), [Act(1.0)], rate=60)).markers
         xyz = xyz[:: len(xyz) // FRAMES][:FRAMES] + chance.normal(0, 0.0005, (FRAMES, len(markers), 3))
-        apart = np.median(np.linalg.norm(xyz[:, :, None] - xyz[:, None], axis=-1), axis=0)
+        distance = np.median(np.linalg.norm(xyz[:, :, None] - xyz[:, None], axis=-1), axis=0)
         for one, two in combinations(markers, 2):
-            if apart[one, two] > NEAR:
+            if distance[one, two] > NEAR:
                 continue
             merged = xyz.copy()
             merged[:, one] += at * (xyz[:, two] - xyz[:, one])

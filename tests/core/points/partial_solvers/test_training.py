@@ -17,7 +17,7 @@ from addon.core.points.partial_solvers.masks import Masks
 from addon.core.points.partial_solvers.model import FUNCTIONS
 from addon.core.points.partial_solvers.search import Genetics
 from addon.core.points.partial_solvers.solver import TreeSearch
-from addon.core.points.partial_solvers.training import SEARCHES, Training, train_partial_solvers
+from addon.core.points.partial_solvers.training import SEARCHES, Training, train_partial_solvers, training
 from tests.core.points.partial_solvers.toys import moving
 
 NAMES = tuple("ABCDEFG")
@@ -190,8 +190,7 @@ def test_frames_with_gaps_can_be_learned_from(points):
 
 
 def test_progress_ends_near_the_whole(points):
-    shares = []
-    train_partial_solvers(points, NAMES, 0.99, OPTIONS, lambda share, words: shares.append((share, words)))
+    shares = list(training(points, NAMES, 0.99, OPTIONS))
     assert shares[0][0] == 0.0
     assert 0.9 < shares[-1][0] <= 1.0
     assert all(after >= before for (before, _), (after, _) in pairwise(shares))

@@ -1,0 +1,211 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Blobs that go on in one camera's image: nearly always one marker's, whatever a few of their frames are called.
+
+A marker that is partly hidden draws its blob aside, two rays may meet where no marker is, and then a blob loses its
+name or has a neighbour's for some frames. But in the image it moves on as it did, and before and after it is named.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..data.takes import REMAINING
+from ..geometry.views import View
+from .labelling import TOO_FAR, Frame, Naming
+from .tracking import FrameResult
+
+
+@dataclass(frozen=True)
+class TrackletOptions:
+    """When blobs are one tracklet, and when its name overrules a frame's; reckoned, but as said.
+
+    noise_m       by which a blob may be off beside what moves it: partly hidden ones jump
+    push_m_s2     how hard markers change their velocity; limbs of people who run
+    speed_m_s     at most, of a blob of which nothing is known yet
+    rival_ratio   another blob must be so many times as far off, and
+    rival_m       by so much more
+    min_frames    of a tracklet that have its name, and
+    min_ratio     times as many as have any other
+    part_m        by which the middle of a marker that is partly hidden may be off: as large as markers are
+    rounds        of all this: a blob that lost a wrong name is free for its own
+    """
+
+    noise_m: float = 0.004
+    push_m_s2: float = 40.0
+    speed_m_s: float = 4.0
+    rival_ratio: float = 2.0
+    rival_m: float = 0.003
+    min_frames: int = 12
+    min_ratio: float = 4.0
+    part_m: float = 0.008
+    rounds: int = 2
+
+
+TRACKLETS = TrackletOptions()
+
+
+def name_by_tracklets(
+    views: Sequence[View], results: Sequence[FrameResult | None], rate: float, options: TrackletOptions = TRACKLETS
+) -> dict[int, list[int]]:
+    """Gives blobs the names of their tracklets where these meet in space; returns the markers changed, by frame."""
+    changed: dict[int, list[int]] = {}
+    markers = next((len(result.naming.slot[0]) for result in results if result is not None), 0)
+    if not markers:
+        return changed
+    tracklet, count = tracklets_of(views, _depths(results), rate, options)
+    for _ in range(options.rounds):
+        claims = _claims(tracklet, count, results, markers, options)
+        moved = {}
+        for index, (result, claim) in enumerate(zip(results, claims, strict=True)):
+            if result is not None and (some := _settle(result.naming, claim, options)):
+                moved[index] = some
+        if not moved:
+            break
+        for index, some in moved.items():
+            changed[index] = sorted({*changed.get(index, []), *some})
+    return changed
+
+
+def _depths(results: Sequence[FrameResult | None]) -> list[np.ndarray | None]:
+    """By frame, (C,) m, how far from each camera the subject is; None where nobody is."""
+    return [None if result is None else np.median(result.naming.frame.depth, axis=1) for result in results]
+
+
+def tracklets_of(
+    views: Sequence[View], depths: Sequence[np.ndarray | None], rate: float, options: TrackletOptions = TRACKLETS
+) -> tuple[list[np.ndarray], int]:
+    """By frame, (C, K) the number of each blob's tracklet, -1 where there is no blob; and how many there are.
+
+    `depths` (C,) m are how far from each camera the subject is, by frame: there a blob's way is measured.
+    """
+    numbers: list[np.ndarray] = []
+    speed, count = None, 0
+    for index, view in enumerate(views):
+        own = np.full(view.real.shape, -1)
+        ahead = np.full(view.image.shape, np.nan)
+        if index and depths[index] is not None and depths[index - 1] is not None:
+            before = views[index - 1]
+            camera, old, new = _links(before, view, speed, depths[index], rate, options)
+            own[camera, new] = numbers[-1][camera, old]
+            ahead[camera, new] = view.image[camera, new] - before.image[camera, old]
+        fresh = view.real & (own < 0)
+        own[fresh] = count + np.arange(fresh.sum())
+        count += int(fresh.sum())
+        numbers.append(own)
+        speed = ahead
+    return numbers, count
+
+
+def _links(before: View, view: View, speed: np.ndarray, depth: np.ndarray, rate: float, options: TrackletOptions):
+    """Cameras, slots before and slots now of the blobs that are one; speed (C, K, 2) a frame, NaN where unknown."""
+    known = np.isfinite(speed[..., 0])
+    there = before.image + np.where(known[..., None], speed, 0)
+    reach = np.where(known, options.noise_m + options.push_m_s2 / rate**2, options.speed_m_s / rate)
+    square = there @ (-2 * view.across)
+    square += view.square + (there**2).sum(axis=2)[..., None]
+    away = np.sqrt(np.maximum(square, 0)) * depth[:, None, None]
+    away[~(before.real[..., None] & view.real[:, None])] = TOO_FAR
+    nearest, least = away.argmin(axis=2), away.min(axis=2)
+    camera, old = np.nonzero(least < reach)
+    new, least = nearest[camera, old], least[camera, old]
+    room = options.rival_ratio * least + options.rival_m
+    rivals = (away[camera, old] < room[:, None]).sum(axis=1) + (away[camera, :, new] < room[:, None]).sum(axis=1)
+    clear = rivals == 2
+    return camera[clear], old[clear], new[clear]
+
+
+def _claims(tracklet: list[np.ndarray], count: int, results, markers: int, options: TrackletOptions):
+    """By frame, (C, K) the marker that each blob's tracklet mostly is, -1 where none."""
+    frames = np.zeros((count, markers))
+    for own, result in zip(tracklet, results, strict=True):
+        if result is not None:
+            camera, slot = np.nonzero(result.naming.owner >= 0)
+            np.add.at(frames, (own[camera, slot], result.naming.owner[camera, slot]), 1)
+    best = frames.argmax(axis=1)
+    each = np.arange(count)
+    most = frames[each, best]
+    frames[each, best] = 0
+    mostly = np.where(most >= np.maximum(options.min_frames, options.min_ratio * frames.max(axis=1)), best, -1)
+    mostly = np.append(mostly, -1)
+    return [mostly[own] for own in tracklet]
+
+
+def _settle(naming: Naming, claim: np.ndarray, options: TrackletOptions) -> list[int]:
+    """Gives markers the blobs that tracklets claim (C, K) for them, as far as they meet; returns those changed."""
+    fixed = naming.frame.fixed
+    camera, slot = np.nonzero((claim >= 0) & (claim != naming.owner))
+    marker, owner = claim[camera, slot], naming.owner[camera, slot]
+    left = (fixed[camera, marker] >= 0) | (fixed[camera] == slot[:, None]).any(axis=1)
+    left |= (owner >= 0) & (naming.partner[camera, owner] >= 0)  # either of two markers may give it its name
+    return [one for one in np.unique(marker[~left]).tolist() if _settled(naming, claim, one, options)]
+
+
+def _settled(naming: Naming, claim: np.ndarray, marker: int, options: TrackletOptions) -> bool:
+    """Names one marker's blobs by where most of what its tracklets and the frame say meet; True if any changed."""
+    frame, cameras = naming.frame, naming.frame.cameras
+    old = naming.slot[:, marker].copy()
+    of_old = np.where(old >= 0, claim[cameras, np.maximum(old, 0)], -1)
+    claimed = claim == marker
+    claimed[frame.fixed[:, marker] >= 0] = False
+    slot = np.where(claimed.sum(axis=1) == 1, claimed.argmax(axis=1), -1)
+    slot = np.where(of_old == marker, old, slot)
+    undecided = np.where((slot < 0) & (of_old < 0), old, slot)
+    rays = np.where(naming.partner[:, marker] < 0, old, -1)
+    points = frame.rays.meet(np.stack([slot, undecided, rays], axis=1)).points
+    points = points[np.isfinite(points[:, 0])]
+    if not len(points):
+        return False
+    room = frame.metres[:, marker]
+    mine, other = (_off(frame, points, marker, one) for one in (slot, old))
+    near, kept = mine < (options.part_m + room)[:, None], other < (frame.rules.max_off_point * room)[:, None]
+    weight = np.where(near, 2, kept & (of_old < 0)[:, None])
+    best = int(np.argmax(weight.sum(axis=0) - np.where(near, np.minimum(mine, 1), 0).sum(axis=0)))
+    near, kept, off = near[:, best], kept[:, best], mine[:, best]
+    new = np.where(kept, old, np.where(near, slot, -1))
+    held = (new >= 0) & (new != old) & _suits_its_marker(naming, new)
+    new = np.where(held, old, new)
+    if (new >= 0).sum() < 2 or (new == old).all():
+        return False
+    _give(naming, marker, new, off > frame.rules.max_off_point * room)
+    return True
+
+
+def _off(frame: Frame, points: np.ndarray, marker: int, slot: np.ndarray) -> np.ndarray:
+    """(C, P) m, how far blobs in slots (C,) are from points (P, 3) m at a marker's depth; TOO_FAR where none."""
+    image = frame.sight.image(frame.sight.local(points[None]))[0]
+    off = np.linalg.norm(frame.view.image[frame.cameras, np.maximum(slot, 0)][:, None] - image, axis=2)
+    return np.where((slot >= 0)[:, None], off * frame.depth[:, [marker]], TOO_FAR)
+
+
+def _suits_its_marker(naming: Naming, slot: np.ndarray) -> np.ndarray:
+    """(C,) whether the blobs in slots (C,) lie where the other blobs of the markers that they are named after meet."""
+    frame = naming.frame
+    suits = np.zeros(len(slot), bool)
+    camera = np.flatnonzero(slot >= 0)
+    owner = naming.owner[camera, slot[camera]]
+    camera, owner = camera[owner >= 0], owner[owner >= 0]
+    if len(camera):
+        rays = naming.rays[:, owner]
+        rays[camera, np.arange(len(camera))] = -1
+        square = frame.against_points(frame.rays.meet(rays).points, owner)
+        suits[camera] = square[camera, np.arange(len(camera)), slot[camera]] < TOO_FAR
+    return suits
+
+
+def _give(naming: Naming, marker: int, slot: np.ndarray, part: np.ndarray):
+    """Names the blobs in slots (C,) after a marker, and none else; `part` (C,) where they show a part of it only."""
+    old = naming.slot[:, marker].copy()
+    for camera in np.flatnonzero(slot != old):
+        if old[camera] >= 0:
+            _take(naming, camera, marker)
+        if slot[camera] >= 0:
+            if naming.owner[camera, slot[camera]] >= 0:
+                _take(naming, camera, naming.owner[camera, slot[camera]])
+            naming.give(camera, marker, slot[camera], REMAINING)
+            naming.partner[camera, marker] = marker if part[camera] else -1
+
+
+def _take(naming: Naming, camera: int, marker: int):
+    naming.withdraw(np.array([camera]), np.array([marker]))
+    naming.partner[camera, marker] = -1

@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The track of a blob in its camera: which blob of the frame after is the same, for as long as that is plain.
+
+What a person says of one blob holds for its track, so a track ends where it is not plain: where the blob is not seen,
+where another one comes near, or where the next may be another's. A track that ends too soon costs one more click; one
+that goes over to a neighbour gives a wrong name.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..data.takes import Blobs
+from .kinds import BlobEdit, Edit, Edits
+
+
+@dataclass(frozen=True)
+class BlobTrackOptions:
+    """When two blobs of frames that follow each other are plainly one; px.
+
+    Chosen on the second half of a recording of real blobs, 11 cameras of 4096 px: of 400 tracks a mean of 317 of 500
+    frames is followed, and 0.21 % of their blobs are another marker's.
+
+    reach_px   from where its velocity leads: what a hand's change of speed makes in a frame at 60 to 200 Hz; reckoned
+    begin_px   the same where no velocity is known yet; reckoned
+    apart      times as far as the nearest blob the second one must be,
+    begin_apart  the same where no velocity is known yet; reckoned, and
+    apart_px   this far at least: nearer ones merge and part again, and nobody knows which is which
+    """
+
+    reach_px: float = 12.0
+    begin_px: float = 30.0
+    apart: float = 4.0
+    begin_apart: float = 2.0
+    apart_px: float = 8.0
+
+
+BLOB_TRACKS = BlobTrackOptions()
+
+
+@dataclass(frozen=True, eq=False)
+class CameraBlobs:
+    """The N blobs of one camera in F frames that follow each other.
+
+    first   the source's number of the first frame
+    rows    (N,) which of the take's they are, in the order of the frames
+    starts  (F + 1,) where the blobs of each frame begin
+    xy      (N, 2) px
+    """
+
+    first: int
+    rows: np.ndarray
+    starts: np.ndarray
+    xy: np.ndarray
+
+    @classmethod
+    def of(cls, blobs: Blobs, camera: int) -> "CameraBlobs":
+        """Those of a camera, by its index."""
+        rows = np.flatnonzero(blobs.camera == camera)
+        starts = np.searchsorted(blobs.frame[rows], np.arange(len(blobs.frames) + 1))
+        return cls(int(blobs.frames[0]) if len(blobs.frames) else 0, rows, starts, blobs.xy[rows])
+
+    def at(self, frame: int, x: float, y: float, radius: float) -> int | None:
+        """The blob nearest to a place in a frame by its number, as an index into these; None without one so near."""
+        part = self._in(frame - self.first)
+        off = np.hypot(*(self.xy[part] - (x, y)).T)
+        return part.start + int(off.argmin()) if len(off) and off.min() <= radius else None
+
+    def track(self, frame: int, found: int, frames: tuple[int, int]) -> np.ndarray:
+        """(K,) the blobs, as indices into these, of the track of `found` in `frame` through frames around it."""
+        before = self._followed(frame, found, frames[0], -1)
+        return np.array([*before[::-1], found, *self._followed(frame, found, frames[1], 1)], dtype=int)
+
+    def _followed(self, frame: int, found: int, last: int, step: int) -> list[int]:
+        """The blobs that follow one, frame by frame up to the last, forwards or backwards in time."""
+        at, place, velocity, track = frame - self.first, self.xy[found], None, []
+        end = min(max(last - self.first, 0), len(self.starts) - 2)
+        while at != end:
+            here, after = self._in(at), self._in(at + step)
+            next_one = _same(self.xy[here], found - here.start, self.xy[after], velocity)
+            if next_one is None:
+                break
+            at, found = at + step, after.start + next_one
+            moved = self.xy[found] - place
+            velocity = moved if velocity is None else (velocity + moved) / 2
+            place = self.xy[found]
+            track.append(found)
+        return track
+
+    def _in(self, index: int) -> slice:
+        """The blobs of frame `index`; none outside of the take."""
+        if not 0 <= index < len(self.starts) - 1:
+            return slice(0, 0)
+        return slice(int(self.starts[index]), int(self.starts[index + 1]))
+
+
+def _same(here: np.ndarray, found: int, after: np.ndarray, velocity: np.ndarray | None) -> int | None:
+    """Which blob of those `after` (L, 2) px plainly is the one of those `here` (K, 2); None where none is."""
+    if not len(after):
+        return None
+    led = here[found] if velocity is None else here[found] + velocity
+    off = np.hypot(*(after - led).T)
+    nearest = int(off.argmin())
+    options = BLOB_TRACKS
+    reach, apart = (options.begin_px, options.begin_apart) if velocity is None else (options.reach_px, options.apart)
+    if off[nearest] > reach:
+        return None
+    clear = max(apart * off[nearest], options.apart_px)
+    if len(after) > 1 and np.partition(off, 1)[1] < clear:
+        return None
+    # Another blob may be nearer to it, whose it is then: this one is not seen any more.
+    others = np.hypot(*(here - after[nearest]).T)
+    others[found] = np.inf
+    return None if others.min() < max(off[nearest], BLOB_TRACKS.apart_px) else nearest
+
+
+class BlobTracks:
+    """The tracks of a take's blobs, each followed once."""
+
+    def __init__(self, blobs: Blobs, cameras: tuple[str, ...], radius: float):
+        """`radius` px is how far from its place the blob of an edit may be."""
+        self.blobs, self.cameras, self.radius = blobs, cameras, radius
+        self._of: dict[int, CameraBlobs] = {}
+        self._trails: dict[tuple, np.ndarray] = {}
+
+    def camera(self, camera: int) -> CameraBlobs:
+        """The blobs of a camera, by its index."""
+        if camera not in self._of:
+            self._of[camera] = CameraBlobs.of(self.blobs, camera)
+        return self._of[camera]
+
+    def rows(self, row: int) -> np.ndarray:
+        """(K,) the rows of the track of a row's blob, in all frames."""
+        key = ("row", row)
+        if key not in self._trails:
+            own = self.camera(int(self.blobs.camera[row]))
+            frame = int(self.blobs.frames[self.blobs.frame[row]])
+            span = int(self.blobs.frames[0]), int(self.blobs.frames[-1])
+            track = own.track(frame, int(np.searchsorted(own.rows, row)), span)
+            self._trails[key] = own.rows[track]
+        return self._trails[key]
+
+    def followed(self, edits: Edits) -> Edits:
+        """The edits, of which those of blobs in some frames know the blobs of their tracks there."""
+        return edits.of(
+            self._with_trail(edit) if isinstance(edit, BlobEdit) and edit.frames else edit for edit in edits
+        )
+
+    def _with_trail(self, edit: Edit) -> Edit:
+        if not isinstance(edit, BlobEdit) or edit.frames is None:
+            return edit
+        key = (edit.camera, edit.frame, edit.x, edit.y, edit.frames)
+        if key not in self._trails:
+            self._trails[key] = self._trail(edit)
+        return replace(edit, trail=self._trails[key])
+
+    def _trail(self, edit: BlobEdit) -> np.ndarray:
+        """(K, 3) frame, x and y px of the track of an edit's blob; none where it finds no blob."""
+        own = self.camera(self.cameras.index(edit.camera))
+        found = own.at(edit.frame, edit.x, edit.y, self.radius)
+        if found is None:
+            return np.empty((0, 3))
+        track = own.track(edit.frame, found, edit.frames)
+        number = self.blobs.frames[self.blobs.frame[own.rows[track]]]
+        return np.column_stack([number, own.xy[track]]).astype(float)
+
+
+def wants_tracks(edits: Edits) -> Mapping[str, tuple[int, int]]:
+    """The cameras in which tracks are to be followed, each with the first and last frame of these."""
+    wanted: dict[str, tuple[int, int]] = {}
+    for edit in edits:
+        if isinstance(edit, BlobEdit) and edit.frames:
+            first, last = wanted.get(edit.camera, edit.frames)
+            wanted[edit.camera] = min(first, edit.frames[0]), max(last, edit.frames[1])
+    return wanted
+
+
+def followed(edits: Edits, chunks: Iterable[Blobs], cameras: tuple[str, ...], radius: float) -> Edits:
+    """The edits of a take that is read chunk by chunk, of which those of tracks know the blobs of these.
+
+    Keeps the blobs of the cameras that tracks are of and nothing else; reads nothing where there are none.
+    """
+    wanted = wants_tracks(edits)
+    if not wanted:
+        return edits
+    some = [index for index, name in enumerate(cameras) if name in wanted]
+    first, last = min(span[0] for span in wanted.values()), max(span[1] for span in wanted.values())
+    parts = [_of_cameras(chunk.between(first, last), some) for chunk in chunks]
+    return BlobTracks(Blobs.join(part for part in parts if len(part.frames)), cameras, radius).followed(edits)
+
+
+def _of_cameras(blobs: Blobs, cameras: list[int]) -> Blobs:
+    kept = np.isin(blobs.camera, cameras)
+    return replace(blobs, **{name: getattr(blobs, name)[kept] for name in ("frame", "camera", "xy", "area")})

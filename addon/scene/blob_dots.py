@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The dots of a take of blobs: through a camera its blobs, from anywhere else the markers; and what a blob may be.
+
+The counterpart of `picking` and `likely` for blobs. A blob goes by its row in the take, as a point does by its
+trajectory; what it is in other frames is told by its track in the camera.
+"""
+
+import numpy as np
+
+from ..core.data.errors import InputError
+from ..core.data.takes import NO_MARKER, NO_POINT, rows_in_frame
+from ..core.edits.blob_tracks import BlobTracks
+from ..core.edits.kinds import BlobEdit
+from .likely import predicted
+from .picking import Dots, missing
+from .stored import Stored
+
+PLACE_DIGITS = 2  # of a pixel that an edit keeps: the file's single precision is finer, and people read it
+
+
+def rows_of_image(stored: Stored, index: int, camera: int) -> np.ndarray:
+    """(K,) the rows of the blobs of a camera, by its index, in frame `index`."""
+    here = rows_in_frame(stored.rows, index)
+    return here.start + np.flatnonzero(stored.rows.camera[here] == camera)
+
+
+def on_rays(stored: Stored, rows: np.ndarray, pose: np.ndarray) -> np.ndarray:
+    """(K, 3) m, a point on the ray of each blob, lens taken out; `pose` (4, 4) is the Blender camera's."""
+    image = stored.cameras.undistort(stored.rows.xy[rows], stored.rows.camera[rows])
+    ahead = np.column_stack([image[:, 0], -image[:, 1], np.full(len(rows), -1.0)])
+    return ahead @ pose[:3, :3].T + pose[:3, 3]
+
+
+def blob_dots(stored: Stored, index: int, camera: int, pose: np.ndarray) -> Dots:
+    """The blobs of a camera in frame `index`, where `pose` (4, 4), the Blender camera's, has them."""
+    rows = rows_of_image(stored, index, camera)
+    return Dots(rows, stored.labels.marker[rows], on_rays(stored, rows, pose))
+
+
+def marker_dots(stored: Stored, index: int) -> Dots:
+    """The markers in frame `index`, which are no blobs of one camera."""
+    markers = np.flatnonzero(~missing(stored, index))
+    return Dots(np.full(len(markers), NO_POINT), markers, stored.unfilled.markers[index, markers])
+
+
+def rows_now(stored: Stored, tracks: BlobTracks, rows: list[int], index: int) -> list[int]:
+    """The rows in frame `index` of the tracks of some rows; a track that is not there then has none."""
+    found = []
+    for row in rows:
+        if row >= len(stored.rows):
+            continue
+        if stored.rows.frame[row] == index:
+            found.append(row)
+            continue
+        track = tracks.rows(row)
+        found += track[stored.rows.frame[track] == index].tolist()
+    return found
+
+
+def rows_of_markers(stored: Stored, index: int, markers: list[int]) -> list[int]:
+    """The rows of all cameras in frame `index` that are some markers."""
+    here = rows_in_frame(stored.rows, index)
+    return (here.start + np.flatnonzero(np.isin(stored.labels.marker[here], markers))).tolist()
+
+
+def missing_in_image(stored: Stored, index: int, camera: int) -> np.ndarray:
+    """(M,) True for the markers that no blob of a camera is in frame `index`."""
+    found = np.ones(len(stored.names), bool)
+    own = stored.labels.marker[rows_of_image(stored, index, camera)]
+    found[own[own != NO_MARKER]] = False
+    return found
+
+
+def asked_in_image(stored: Stored, index: int, camera: int) -> np.ndarray:
+    """(M,) True for the markers to ask for in an image: those without a place in space; else all that it lacks."""
+    lacking = missing_in_image(stored, index, camera)
+    nowhere = lacking & missing(stored, index)
+    return nowhere if nowhere.any() else lacking
+
+
+def likely_of_blob(stored: Stored, tracks: BlobTracks, row: int) -> list[int]:
+    """All markers, the likeliest for a blob first.
+
+    First come those that no blob of its image is, of which those that its track is in other frames; then the others. Of
+    each the one that is seen, or should be seen, nearest to it in the image.
+    """
+    index, camera = int(stored.rows.frame[row]), int(stored.rows.camera[row])
+    seen = stored.unfilled.markers[index]
+    place = np.where(np.isfinite(seen), seen, predicted(stored, index))
+    off = np.linalg.norm(stored.cameras.project(place)[camera] - stored.rows.xy[row], axis=1)
+    free = missing_in_image(stored, index, camera)
+    names = stored.labels.marker[tracks.rows(row)]
+    elsewhere = np.bincount(names[names != NO_MARKER], minlength=len(stored.names)) > 0
+    return np.lexsort((np.nan_to_num(off, nan=np.inf), ~(free & elsewhere), ~free)).tolist()
+
+
+def ray_of(stored: Stored, row: int) -> tuple[np.ndarray, np.ndarray]:
+    """Where a blob's ray begins (3,) m, and its direction (3,)."""
+    camera = int(stored.rows.camera[row])
+    image = stored.cameras.undistort(stored.rows.xy[[row]], np.array([camera]))[0]
+    return stored.cameras.centres[camera], np.append(image, 1.0) @ stored.cameras.rotation[camera]
+
+
+def track_around(stored: Stored, tracks: BlobTracks, row: int, reach: int) -> np.ndarray:
+    """(K,) the rows of a blob's track up to `reach` frames before and after it."""
+    track = tracks.rows(row)
+    return track[np.abs(stored.rows.frame[track] - stored.rows.frame[row]) <= reach]
+
+
+def blob_edit(kind: type[BlobEdit], stored: Stored, row: int, frames: tuple[int, int] | None, *marker: str) -> BlobEdit:
+    """An edit of a blob: in its own frame alone, or along its track in some frames, None for all of the take."""
+    frame = int(stored.rows.frames[stored.rows.frame[row]])
+    span = (int(stored.rows.frames[0]), int(stored.rows.frames[-1])) if frames is None else frames
+    if not span[0] <= frame <= span[1]:
+        words = f"the blob is of frame {frame + stored.shift}, and frames {span[0] + stored.shift} to"
+        raise InputError(f"{words} {span[1] + stored.shift} are to be corrected; expected its own among them")
+    x, y = (round(float(value), PLACE_DIGITS) for value in stored.rows.xy[row])
+    camera = stored.cameras.names[int(stored.rows.camera[row])]
+    return kind(camera, frame, x, y, *marker, frames=None if span == (frame, frame) else span)

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A take's body as the armature of a character, for retargeting: usual bone names, at rest in a T-pose.
+
+Every bone's Z axis faces where the character looks, but for feet and toes, whose Z axis is up.
+"""
+
+import bpy
+import numpy as np
+from mathutils import Vector
+
+from ..core.body.character import BONE_NAMES, Character, character_of
+from ..core.data.errors import InputError
+from . import armature as armatures
+from . import naming
+from .stored import Stored
+
+CHARACTER_OF = "mocap_character"  # on the armature: whose names its bones have
+Z_UP, Y_UP = np.eye(3), np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+
+
+def take_armature(collection: bpy.types.Collection) -> bpy.types.Object:
+    """The armature that a take was shown with; InputError when it was deleted."""
+    for item in collection.all_objects:
+        if item.type == "ARMATURE" and armatures.SCALE in item:
+            return item
+    raise InputError(f"{collection.name} has lost its armature; expected the one that it was shown with")
+
+
+def character_in(collection: bpy.types.Collection, stored: Stored) -> Character:
+    """The character that a take's body is; InputError where it is no person's or too old a version labelled it."""
+    armature = take_armature(collection)
+    if not stored.segments:
+        raise InputError(f"{stored.name} was labelled by an older version; expected a take that is labelled again")
+    bones = [armature.data.bones.get(name) for name in stored.segments]
+    if None in bones:
+        gone = stored.segments[bones.index(None)]
+        raise InputError(f"{armature.name} has no bone {gone}; expected the bones that it was shown with")
+    heads, tails = (np.array([getattr(bone, end) for bone in bones]) for end in ("head_local", "tail_local"))
+    return character_of(stored.segments, heads, tails)
+
+
+def add_character(
+    context: bpy.types.Context,
+    collection: bpy.types.Collection,
+    stored: Stored,
+    names: str,
+    axes: np.ndarray = Z_UP,
+) -> bpy.types.Object:
+    """Adds the armature of a take's character, keyed in every frame in which the subject was found.
+
+    `names` is one of `BONE_NAMES`; `axes` (3, 3) turns it all into the axes of another program. Needs object mode;
+    adds no undo step of its own. Raises InputError as `character_in` does.
+    """
+    character, words = character_in(collection, stored), BONE_NAMES[names]
+    called = [words[name] for name in character.names]
+    data = bpy.data.armatures.new(naming.title(stored.name, "character"))
+    armature = bpy.data.objects.new(f"{stored.name} character", data)
+    armature[CHARACTER_OF] = names
+    collection.objects.link(armature)
+    _add_bones(context, armature, character, called, axes)
+    rest = np.array([data.bones[name].matrix_local for name in called], dtype=float)
+    heads, rotations = character.posed(stored.motion.joints, stored.motion.rotations)
+    channels = armatures.bone_channels(character.parents, rest, axes @ rotations @ axes.T, heads @ axes.T)
+    # Only the root moves: each bone begins where the one above has it, and hundredths of millimetres are no motion.
+    still = [(np.zeros_like(location), turn) for location, turn in channels[1:]]
+    action = bpy.data.actions.new(armature.name)
+    armatures.key_bones(armature, action, called, [channels[0], *still], stored.motion.frames + stored.shift)
+    return armature
+
+
+def _add_bones(
+    context: bpy.types.Context, armature: bpy.types.Object, character: Character, called: list[str], axes: np.ndarray
+):
+    """Makes the bones; what is active and selected stays so."""
+    layer = context.view_layer
+    before = layer.objects.active
+    layer.objects.active = armature
+    bpy.ops.object.mode_set(mode="EDIT")
+    bones = armature.data.edit_bones
+    ahead, up = axes @ [0.0, -1, 0], axes @ [0.0, 0, 1]
+    for index, name in enumerate(called):
+        bone = bones.new(name)
+        bone.head, bone.tail = axes @ character.heads[index], axes @ character.tails[index]
+        bone.align_roll(Vector(up if character.names[index].startswith(("foot", "toes")) else ahead))
+        above = character.parents[index]
+        if above >= 0:
+            bone.parent = bones[called[above]]
+            bone.use_connect = (bone.head - bone.parent.tail).length < armatures.MOVED_BONE
+    bpy.ops.object.mode_set(mode="OBJECT")
+    layer.objects.active = before
+    for bone in armature.pose.bones:
+        bone.rotation_mode = "QUATERNION"

@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The take's character: usual bones at rest in a T-pose, exported, read again, and copied onto a rig of one's own."""
+
+from dataclasses import replace
+
+import bpy
+import numpy as np
+import pytest
+
+from addon.core.body.character import BONE_NAMES
+from addon.core.data.errors import InputError
+from addon.io.markersets import open_markerset
+from addon.scene import character as characters
+from addon.scene import take as takes
+
+FRAMES = 24
+# What a retargeted joint may be off the body's: files have places to 0.001 mm and angles to 0.000001 degrees, the root
+# alone moves, and each subject has bones of one length.
+MOST_OFF_M = 0.002
+JOINTS = {
+    "Hips": "pelvis",
+    "Spine": "thorax",
+    "Neck": "head",
+    **{
+        f"{word}{bone}": f"{segment}.{side}"
+        for side, word in (("L", "Left"), ("R", "Right"))
+        for bone, segment in (
+            ("Arm", "upper_arm"),
+            ("ForeArm", "forearm"),
+            ("Hand", "hand"),
+            ("UpLeg", "thigh"),
+            ("Leg", "shank"),
+            ("Foot", "foot"),
+        )
+    },
+}
+
+
+def person(made, frames=FRAMES):
+    """A take of a whole body that bends every joint while it walks and turns, two frames of it lost."""
+    small, markerset = made.take(frames), open_markerset("body26")
+    motion = made.motion(markerset, frames)
+    rows, labels = made.blobs(markerset, small.cameras, motion)
+    return replace(small, rate=60.0, markerset=markerset, motion=motion, rows=rows, labels=labels)
+
+
+def found(take):
+    return np.flatnonzero(np.isfinite(take.motion.joints).all(axis=(1, 2)))
+
+
+@pytest.fixture
+def shown(empty, made, extension):
+    """The take in a scene, with the extension."""
+    take = person(made)
+    collection = takes.show_take(bpy.context, take)
+    bpy.context.scene.mocap_autolabel.take = collection
+    return take
+
+
+def joint_errors(take, armature, words, first):
+    """m, how far each bone begins from the joint it stands for, the worst of the frames in which somebody was found."""
+    worst = dict.fromkeys(words, 0.0)
+    segments = take.markerset.skeleton.segments
+    for index in found(take):
+        bpy.context.scene.frame_set(first + int(index))
+        place = np.array(armature.matrix_world)
+        for bone, segment in words.items():
+            head = place[:3, :3] @ np.array(armature.pose.bones[bone].head) + place[:3, 3]
+            off = np.linalg.norm(head - take.motion.joints[index, segments.index(segment)])
+            worst[bone] = max(worst[bone], float(off))
+    return worst
+
+
+@pytest.mark.parametrize("names", BONE_NAMES)
+def test_bones_begin_at_the_joints_in_every_frame(shown, names):
+    bpy.context.scene.mocap_autolabel.bone_names = names
+    assert bpy.ops.mocap_autolabel.add_character() == {"FINISHED"}
+    armature = next(item for item in bpy.data.objects if characters.CHARACTER_OF in item)
+    key = {called: bone for bone, called in BONE_NAMES["HUMANIK"].items()}
+    words = {BONE_NAMES[names][key[bone]]: segment for bone, segment in JOINTS.items()}
+    errors = joint_errors(shown, armature, words, int(shown.motion.frames[0]))
+    assert max(errors.values()) < MOST_OFF_M, errors
+
+
+def test_the_rest_is_a_t_pose_that_looks_along_minus_y(shown):
+    bpy.ops.mocap_autolabel.add_character()
+    bones = next(item for item in bpy.data.objects if characters.CHARACTER_OF in item).data.bones
+    for name, direction in (
+        ("LeftArm", (1, 0, 0)),
+        ("RightForeArm", (-1, 0, 0)),
+        ("LeftHand", (1, 0, 0)),
+        ("Spine1", (0, 0, 1)),
+        ("Head", (0, 0, 1)),
+        ("RightLeg", (0, 0, -1)),
+        ("LeftToeBase", (0, -1, 0)),
+    ):
+        bone = bones[name]
+        ahead = np.array(bone.tail_local - bone.head_local) / bone.length
+        np.testing.assert_allclose(ahead, direction, atol=1e-4, err_msg=name)
+    for name in ("Spine", "LeftArm", "RightForeArm", "LeftUpLeg", "RightLeg"):
+        np.testing.assert_allclose(np.array(bones[name].matrix_local)[:3, 2], (0, -1, 0), atol=1e-3, err_msg=name)
+    assert len([bone for bone in bones if bone.parent is None]) == 1
+    assert bones["LeftArm"].parent.name == "LeftShoulder"
+    assert min(bone.head_local.z for bone in bones) > 0
+
+
+def plain_rig(source):
+    """A rig with the joints and names of `source` at rest, but bones that point and roll as nobody's do."""
+    data = bpy.data.armatures.new("plain")
+    rig = bpy.data.objects.new("plain", data)
+    bpy.context.scene.collection.objects.link(rig)
+    bpy.context.view_layer.objects.active = rig
+    bpy.ops.object.mode_set(mode="EDIT")
+    world = source.matrix_world
+    for number, bone in enumerate(source.data.bones):
+        own = data.edit_bones.new(bone.name)
+        own.head = world @ bone.head_local
+        tip = world @ bone.tail_local - own.head
+        own.tail = own.head + tip.normalized() * 0.07
+        own.roll = 0.4 * number
+        if bone.parent is not None:
+            own.parent = data.edit_bones[bone.parent.name]
+    bpy.ops.object.mode_set(mode="OBJECT")
+    for bone in rig.pose.bones:
+        copied = bone.constraints.new("COPY_ROTATION")
+        copied.target, copied.subtarget = source, bone.name
+        copied.target_space, copied.owner_space = "LOCAL_OWNER_ORIENT", "LOCAL"
+    root = rig.pose.bones["Hips"].constraints.new("COPY_LOCATION")
+    root.target, root.subtarget = source, "Hips"
+    return rig
+
+
+def read_bvh(path):
+    bpy.ops.import_anim.bvh(filepath=path, global_scale=0.01, frame_start=1)
+
+
+def read_fbx(path):
+    if not hasattr(bpy.types, "IMPORT_SCENE_OT_fbx"):
+        pytest.skip("this Blender reads no FBX")
+    bpy.ops.import_scene.fbx(filepath=path, anim_offset=0.0)
+
+
+@pytest.mark.parametrize(("kind", "read", "first"), [("bvh", read_bvh, 1), ("fbx", read_fbx, 101)])
+def test_a_rig_that_copies_the_file_by_bone_names_moves_as_the_body(shown, tmp_path, kind, read, first):
+    scene, path = bpy.context.scene, tmp_path / f"walk.{kind}"
+    played = scene.frame_start, scene.frame_end, scene.frame_current
+    before = set(bpy.data.objects)
+    assert getattr(bpy.ops.mocap_autolabel, f"export_{kind}")(filepath=str(path)) == {"FINISHED"}
+    assert set(bpy.data.objects) == before
+    assert (scene.frame_start, scene.frame_end, scene.frame_current) == played
+    read(str(path))
+    source = next(item for item in bpy.data.objects if item not in before and item.type == "ARMATURE")
+    errors = joint_errors(shown, plain_rig(source), JOINTS, first)
+    assert max(errors.values()) < MOST_OFF_M, errors
+
+
+def test_who_is_no_person_has_no_character(empty, made, extension):
+    take = made.take()
+    collection = takes.show_take(empty, take)
+    stored = takes.stored_take(collection, empty.scene)
+    with pytest.raises(InputError, match="no person's skeleton"):
+        characters.add_character(empty, collection, stored, "HUMANIK")
+    del collection[takes.SEGMENTS]
+    with pytest.raises(InputError, match="older version"):
+        characters.character_in(collection, takes.stored_take(collection, empty.scene))

@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Blobs named through cameras in Blender: what is named in two is in space at once, and stays so from then on."""
+
+import importlib
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+import pytest
+
+from addon.core.data.takes import BY_EDIT, NO_MARKER, NO_STEP
+from addon.core.edits.kinds import AssignBlob, DeleteBlob, Place, Right, UnlabelBlob
+from addon.io.blobs import BlobWriter
+from addon.io.cameras import write_cameras
+from addon.io.edits import read_edits
+from addon.io.markersets import write_markerset
+from addon.io.points import read_points
+
+from .test_correcting import choose, keys_of, picked, rows_of_export, shown
+
+FRAMES, LOST = 30, "RKNE"
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory, made):
+    """A take of blobs of the small person, its cameras, and which marker each blob is."""
+    folder, markerset, cameras = tmp_path_factory.mktemp("blobs"), made.markerset(), made.cameras(lens=-0.05)
+    motion = made.motion(markerset, FRAMES)
+    for part in (motion.markers, motion.joints, motion.rotations, motion.expected):
+        part[3:5] = part[2]  # nobody is lost
+    blobs, labels = made.blobs(markerset, cameras, motion)
+    write_cameras(folder / "room.toml", cameras)
+    write_markerset(folder / "small.markerset.json", markerset)
+    with BlobWriter(folder / "walk.csv", cameras) as writer:
+        writer.write(blobs)
+    return SimpleNamespace(
+        folder=folder, blobs=blobs, truth=labels, motion=motion, names=markerset.markers, cameras=cameras
+    )
+
+
+@pytest.fixture
+def labelled(extension, empty, files, made, monkeypatch):
+    """The take in a scene, labelled by a naming that knows all markers but one."""
+    pipeline = importlib.import_module(f"{extension}.addon.core.pipelines.blobs")
+    takes = importlib.import_module(f"{extension}.addon.core.data.takes")
+    lost = files.names.index(LOST)
+
+    def label_take(chunks, cameras, markerset, rate, options, occlusion=None, edits=()):
+        for blobs in chunks:
+            rows = np.isin(files.motion.frames[files.blobs.frame], blobs.frames)
+            marker = np.where(files.truth.marker[rows] == lost, NO_MARKER, files.truth.marker[rows])
+            step = np.where(marker == NO_MARKER, NO_STEP, files.truth.step[rows])
+            part = np.isin(files.motion.frames, blobs.frames)
+            motion = takes.Motion(*(getattr(files.motion, name)[part].copy() for name in vars(files.motion)))
+            motion.markers[:, lost] = np.nan
+            yield takes.LabelledChunk(takes.Labels(marker, step, np.where(marker == NO_MARKER, 0, 0.9)), motion)
+
+    monkeypatch.setattr(pipeline, "label_take", label_take)
+    beside = files.folder / "walk.edits.json"
+    beside.unlink(missing_ok=True)
+    bpy.ops.mocap_autolabel.import_cameras(filepath=str(files.folder / "room.toml"))
+    bpy.ops.mocap_autolabel.import_blobs(filepath=str(files.folder / "walk.csv"))
+    bpy.ops.mocap_autolabel.open_markerset(filepath=str(files.folder / "small.markerset.json"))
+    empty.scene.mocap_autolabel.rate = 60.0
+    empty.scene.mocap_autolabel.occlusion = "capsules"
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    empty.scene.frame_set(115)
+    return empty
+
+
+def row_of(files, name: str, camera: int, frame: int = 115) -> int:
+    """The row of a marker's blob."""
+    index = files.names.index(name)
+    own = (files.truth.marker == index) & (files.blobs.camera == camera)
+    return int(np.flatnonzero(own & (files.blobs.frame == frame - 101))[0])
+
+
+def cameras_that_see(files, name: str, frame: int = 115) -> list[int]:
+    own = (files.truth.marker == files.names.index(name)) & (files.blobs.frame == frame - 101)
+    return files.blobs.camera[own].tolist()
+
+
+def name_in_two(files, scope: str = "FRAME"):
+    """Names the lost marker's blob in two cameras."""
+    for camera in cameras_that_see(files, LOST)[:2]:
+        bpy.ops.mocap_autolabel.pick_point(point=row_of(files, LOST, camera))
+        assert bpy.ops.mocap_autolabel.name_point(marker=LOST, scope=scope) == {"FINISHED"}
+
+
+def take_now(labelled):
+    opened = importlib.import_module("addon.scene.take")
+    return opened.stored_take(labelled.scene.mocap_autolabel.take, labelled.scene)
+
+
+def test_a_marker_that_is_named_in_two_cameras_is_in_space_at_once(labelled, files):
+    first, second = cameras_that_see(files, LOST)[:2]
+    bpy.ops.mocap_autolabel.pick_point(point=row_of(files, LOST, first))
+    bpy.ops.mocap_autolabel.name_point(marker=LOST, scope="FRAME")
+    assert len(keys_of(LOST)) == 0, "one camera makes a ray, no point"
+    bpy.ops.mocap_autolabel.pick_point(point=row_of(files, LOST, second))
+    bpy.ops.mocap_autolabel.name_point(marker=LOST, scope="FRAME")
+    [key] = keys_of(LOST)
+    truth = files.motion.expected[14, files.names.index(LOST)]
+    assert key[0] == 115
+    np.testing.assert_allclose(key[1:], truth, atol=1e-4)
+    np.testing.assert_allclose(shown()[LOST].matrix_world.translation, truth, atol=1e-4)
+    words = [row.name for row in bpy.context.window_manager.mocap_autolabel.corrections]
+    assert len(words) == 2 and all("RKNE is the blob at" in one and one.endswith("frame 115") for one in words)
+    stored = take_now(labelled)
+    assert (stored.labels.step == BY_EDIT).sum() == 2
+    bpy.ops.mocap_autolabel.export_c3d(filepath=str(files.folder / "ours.c3d"))
+    take = read_points(files.folder / "ours.c3d")
+    own = take.xyz[:, take.names.index(LOST)]
+    assert np.flatnonzero(np.isfinite(own[:, 0])).tolist() == [14]
+    rows = rows_of_export(files.folder / "ours.labels.csv")
+    assert sum(row[4:6] == [LOST, "edit"] for row in rows) == 2
+
+
+def test_a_name_holds_along_the_track_of_the_blob(labelled, files):
+    name_in_two(files, "WHOLE")
+    keys = keys_of(LOST)
+    assert len(keys) > 10
+    truth = files.motion.expected[keys[:, 0].astype(int) - 101, files.names.index(LOST)]
+    np.testing.assert_allclose(keys[:, 1:], truth, atol=1e-3)
+    stored = take_now(labelled)
+    by_hand = stored.labels.step == BY_EDIT
+    assert (files.truth.marker[by_hand] == files.names.index(LOST)).all()
+    for scope, wanted in (("ON", slice(14, None)), ("BACK", slice(None, 15))):
+        bpy.ops.mocap_autolabel.clear_corrections()
+        name_in_two(files, scope)
+        frames = keys_of(LOST)[:, 0].astype(int) - 101
+        assert set(frames) <= set(np.arange(FRAMES)[wanted].tolist())
+        assert 14 in frames
+
+
+def test_what_is_said_of_blobs_is_kept_over_save_undo_and_relabelling(labelled, files, tmp_path):
+    name_in_two(files)
+    place = keys_of(LOST)[0]
+    path = tmp_path / "take.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    bpy.ops.wm.open_mainfile(filepath=str(path))
+    np.testing.assert_allclose(take_now(bpy.context).motion.markers[14, files.names.index(LOST)], place[1:], atol=1e-5)
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    np.testing.assert_allclose(keys_of(LOST), [place], atol=1e-4)
+    assert len(take_now(bpy.context).edits) == 2
+    bpy.ops.mocap_autolabel.remove_correction(index=1)
+    assert len(keys_of(LOST)) == 0, "without it the marker is gone, also from a take that was labelled with it"
+    bpy.context.scene.frame_set(115)
+    bpy.ops.mocap_autolabel.pick_point(point=row_of(files, "C7", 0))
+    before = keys_of("C7")
+    bpy.ops.mocap_autolabel.unlabel(scope="FRAME")
+    bpy.ops.mocap_autolabel.remove_correction(index=1)
+    np.testing.assert_allclose(keys_of("C7"), before, atol=2e-4)
+
+
+def test_blobs_lose_their_names_swap_and_are_none(labelled, files):
+    row, other = row_of(files, "LANK", 1), row_of(files, "LKNE", 1)
+    bpy.ops.mocap_autolabel.pick_point(point=row)
+    assert [item.name for item in bpy.context.selected_objects] == ["LANK"]
+    bpy.ops.mocap_autolabel.pick_point(point=other, mode="TOGGLE")
+    assert picked() == [row, other]
+    with pytest.raises(RuntimeError, match="2 blobs of cam 1 are picked; expected one of each camera"):
+        bpy.ops.mocap_autolabel.name_point(marker="C7", scope="FRAME")
+    bpy.ops.mocap_autolabel.swap_markers(scope="FRAME")
+    labels = take_now(labelled).labels.marker
+    assert (files.names[labels[row]], files.names[labels[other]]) == ("LKNE", "LANK")
+    bpy.ops.mocap_autolabel.clear_corrections()
+    bpy.ops.mocap_autolabel.pick_point(point=row)
+    bpy.ops.mocap_autolabel.unlabel(scope="FRAME")
+    bpy.ops.mocap_autolabel.pick_point(point=other)
+    bpy.ops.mocap_autolabel.no_marker(scope="FRAME")
+    labels = take_now(labelled).labels.marker
+    assert (labels[[row, other]] == NO_MARKER).all()
+    bpy.ops.mocap_autolabel.save_corrections()
+    kinds = [type(edit) for edit in read_edits(files.folder / "walk.edits.json")]
+    assert kinds == [UnlabelBlob, DeleteBlob]
+
+
+def test_a_picked_blob_is_picked_along_its_track(labelled, files, extension):
+    module = importlib.import_module(f"{extension}.addon.ops.picking")
+    row = row_of(files, "LANK", 1)
+    bpy.ops.mocap_autolabel.pick_point(point=row)
+    for frame in (116, 114):
+        bpy.context.scene.frame_set(frame)
+        assert module.picked_points(bpy.context) == [row_of(files, "LANK", 1, frame)]
+    bpy.context.scene.frame_set(200)
+    assert module.picked_points(bpy.context) == []
+    bpy.context.scene.frame_set(116)
+    bpy.context.scene.use_preview_range = True
+    bpy.context.scene.frame_preview_start, bpy.context.scene.frame_preview_end = 120, 125
+    with pytest.raises(RuntimeError, match="the blob is of frame 116"):
+        bpy.ops.mocap_autolabel.name_point(marker="LKNE", scope="RANGE")
+
+
+def test_the_lost_marker_is_the_likeliest_for_its_blob(labelled, files, extension):
+    dots = importlib.import_module(f"{extension}.addon.scene.blob_dots")
+    opened = importlib.import_module(f"{extension}.addon.scene.opened").opened
+    scene = labelled.scene
+    stored, tracks = (work(scene.mocap_autolabel.take, scene) for work in (opened.take, opened.tracks))
+    row = row_of(files, LOST, cameras_that_see(files, LOST)[0])
+    assert stored.names[dots.likely_of_blob(stored, tracks, row)[0]] == LOST
+    camera = int(files.blobs.camera[row])
+    assert np.flatnonzero(dots.asked_in_image(stored, 14, camera)).tolist() == [files.names.index(LOST)]
+    origin, direction = dots.ray_of(stored, row)
+    truth = files.motion.expected[14, files.names.index(LOST)]
+    off = np.linalg.norm(np.cross(truth - origin, direction / np.linalg.norm(direction)))
+    assert off < 1e-3, "a marker lies on its blob's ray, the lens taken out"
+
+
+def test_markers_of_blobs_are_placed_and_answered(labelled, files):
+    assert bpy.ops.mocap_autolabel.place_marker(marker=LOST, location=(0.1, 0.2, 0.5)) == {"FINISHED"}
+    [key] = keys_of(LOST)
+    np.testing.assert_allclose(key, (115, 0.1, 0.2, 0.5), atol=1e-6)
+    choose("C7")
+    bpy.ops.mocap_autolabel.is_right(scope="WHOLE")
+    choose("LANK")
+    bpy.ops.mocap_autolabel.unlabel(scope="FRAME")
+    assert 115 not in keys_of("LANK")[:, 0]
+    edits = take_now(labelled).edits
+    assert [type(edit) for edit in edits.items[:2]] == [Place, Right]
+    name_in_two(files)
+    np.testing.assert_allclose(keys_of(LOST)[0, 1:], files.motion.expected[14, files.names.index(LOST)], atol=1e-4)
+    assert isinstance(take_now(labelled).edits[-1], AssignBlob)
+
+
+def test_the_timeline_shows_what_a_person_named(labelled, files, extension):
+    name_in_two(files)
+    rows = importlib.import_module("addon.scene.trajectories")
+    states = rows.states_of(take_now(labelled))[:, files.names.index(LOST)]
+    assert states[14] == rows.CORRECTED
+    assert (np.delete(states, 14) == rows.GAP).all()
