@@ -16,7 +16,6 @@ from addon.io.edits import read_edits, write_edits
 from addon.io.markersets import write_markerset
 from addon.io.points import read_points, write_c3d
 from addon.scene import naming
-from addon.scene.take import show_take
 from tests.io.pages import read as read_page
 
 FRAMES = 30
@@ -120,6 +119,29 @@ def test_two_names_are_swapped_everywhere(labelled, files):
         assert ("edit" in named[frame, str(point)]) == (frame == "125")
     [row] = bpy.context.window_manager.mocap_autolabel.corrections
     assert row.name == "LKNE and RKNE swapped, frames 120–130"
+
+
+@pytest.mark.parametrize("scope", ["FRAME", "RANGE", "WHOLE"])
+def test_markers_in_actions_of_their_own_follow_too(extension, monkeypatch, request, files, scope):
+    animation = importlib.import_module(f"{extension}.addon.scene.animation")
+    monkeypatch.setattr(animation, "KEYING", animation.KeyOptions(most_keys=100, most_single=4))
+    labelled = request.getfixturevalue("labelled")
+    assert len({item.animation_data.action for item in shown().values()}) == GHOST
+    scene = labelled.scene
+    scene.use_preview_range, scene.frame_preview_start, scene.frame_preview_end = True, 110, 115
+    scene.frame_set(112)
+    frames = {"FRAME": slice(11, 12), "RANGE": slice(9, 15), "WHOLE": slice(None)}[scope]
+    one, other = files.names.index("LKNE"), files.names.index("RKNE")
+    choose("LKNE", "RKNE")
+    assert bpy.ops.mocap_autolabel.swap_markers(scope=scope) == {"FINISHED"}
+    follows(files, "LKNE", other, frames)
+    follows(files, "RKNE", one, frames)
+    choose("LKNE")
+    assert bpy.ops.mocap_autolabel.unlabel(scope=scope) == {"FINISHED"}
+    assert not np.isin(keys_of("LKNE")[:, 0], 101 + np.arange(FRAMES)[frames]).any()
+    bpy.ops.mocap_autolabel.clear_corrections()
+    follows(files, "LKNE", one)
+    follows(files, "RKNE", other)
 
 
 def test_a_name_is_taken_away_and_given_to_what_was_picked(labelled, files):
@@ -305,12 +327,6 @@ def test_what_cannot_be_done_is_one_sentence_and_changes_nothing(labelled, files
     scene.mocap_autolabel.take = None
     with pytest.raises(RuntimeError, match="Label a take first"):
         bpy.ops.mocap_autolabel.unlabel()
-
-
-def test_a_take_of_blobs_has_none(extension, empty, made):
-    empty.scene.mocap_autolabel.take = show_take(empty, made.take())
-    with pytest.raises(RuntimeError, match="Label a take first"):
-        bpy.ops.mocap_autolabel.name_point(marker="")
 
 
 def test_the_page_of_a_take_says_what_was_said_of_it(labelled, files, tmp_path):

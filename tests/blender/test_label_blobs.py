@@ -226,6 +226,6 @@ def test_markers_of_blobs_are_placed_and_answered(labelled, files):
 def test_the_timeline_shows_what_a_person_named(labelled, files, extension):
     name_in_two(files)
     rows = importlib.import_module("addon.scene.trajectories")
-    states = rows.states_of(take_now(labelled))[:, files.names.index(LOST)]
+    states = rows.states_of(take_now(labelled), [files.names.index(LOST)], slice(0, FRAMES))[:, 0]
     assert states[14] == rows.CORRECTED
     assert (np.delete(states, 14) == rows.GAP).all()
