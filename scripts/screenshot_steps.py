@@ -40,6 +40,7 @@ def steps() -> Iterator[float]:
     bpy.context.scene.frame_set(bpy.context.scene.frame_start + 100)
     yield 1
     yield from window.screenshot("through-camera")
+    yield from name_blob()
     body = next(item for item in settings.take.all_objects if item.type == "ARMATURE")
     middle = body.matrix_world @ (sum((Vector(corner) for corner in body.bound_box), Vector()) / 8)
     look_at((middle.x, middle.y, 1.0), distance=6.5)
@@ -58,6 +59,7 @@ def steps() -> Iterator[float]:
     yield from label()
     bpy.context.scene.frame_set(bpy.context.scene.frame_start + 100)
     yield from window.screenshot("points-labelled")
+    yield from character(middle)
     yield from correct()
     yield from fill_and_correct()
     yield from window.grow("DOPESHEET_EDITOR", 330)
@@ -87,6 +89,27 @@ def label() -> Iterator[float]:
     until = time.monotonic() + PATIENCE
     while bpy.context.scene.mocap_autolabel.take is None and time.monotonic() < until:
         yield 0.5
+
+
+def character(middle: Vector) -> Iterator[float]:
+    """Add the character, at rest beside the one that moves, with the names of its bones."""
+    settings = bpy.context.scene.mocap_autolabel
+    settings.show_overlay = False
+    for rest, aside in ((False, 0.0), (True, 1.6)):
+        bpy.ops.mocap_autolabel.add_character()
+        added = next(item for item in bpy.data.objects if "mocap_character" in item and not item.show_in_front)
+        added.show_in_front, added.data.show_names = True, rest
+        added.data.display_type = "OCTAHEDRAL"
+        if rest:
+            added.data.pose_position = "REST"
+            added.location = (middle.x + aside, middle.y, 0.0)
+    look_at((middle.x + 1.15, middle.y, 1.0), distance=4.6, about=15)
+    yield from window.scroll_sidebar()
+    yield from window.screenshot("character")
+    yield from window.scroll_sidebar(down=False)
+    bpy.data.batch_remove([item for item in bpy.data.objects if "mocap_character" in item])
+    settings.show_overlay = True
+    look_at((middle.x, middle.y, 1.0), distance=3.2)
 
 
 def fill_and_correct() -> Iterator[float]:
@@ -131,6 +154,21 @@ def correct() -> Iterator[float]:
     bpy.ops.mocap_autolabel.clear_corrections()
 
 
+def name_blob() -> Iterator[float]:
+    """Through a camera take a blob's name away, and open the pie of what it may be."""
+    with bpy.context.temp_override(area=window.area(), region=window.region("WINDOW")):
+        bpy.ops.wm.tool_set_by_id(name="mocap_autolabel.label_tool")
+    place = dot_of("RKNE")
+    yield from window.click(*place)
+    yield from window.press("U", *place)
+    yield from window.tap("L", *place)
+    yield from window.screenshot("label-blob")
+    yield from window.press("ESC", *place)
+    bpy.ops.mocap_autolabel.clear_corrections()
+    with bpy.context.temp_override(area=window.area(), region=window.region("WINDOW")):
+        bpy.ops.wm.tool_set_by_id(name="builtin.select_box")
+
+
 def dot_of(marker: str) -> tuple[int, int]:
     """Where a marker's empty, on its dot, is in the window."""
     item = next(
@@ -155,12 +193,12 @@ def laid_out() -> bpy.types.Collection:
     return next(one for one in bpy.context.scene.collection.children if "mocap_edited_markerset" in one)
 
 
-def look_at(place: tuple[float, float, float], distance: float) -> None:
-    """Turn the 3D view to a place, from in front, a little above."""
+def look_at(place: tuple[float, float, float], distance: float, about: float = 65.0) -> None:
+    """Turn the 3D view to a place, from a little above, by degrees about the vertical from where -y is in front."""
     view = window.area().spaces.active.region_3d
     view.view_perspective = "PERSP"
     view.view_location = place
-    view.view_rotation = Euler((math.radians(72), 0, math.radians(65))).to_quaternion()
+    view.view_rotation = Euler((math.radians(72), 0, math.radians(about))).to_quaternion()
     view.view_distance = distance
 
 

@@ -9,11 +9,11 @@ import bpy
 from bpy.props import StringProperty
 
 from ..core.data.errors import JobError
-from ..scene.character import Y_UP, Z_UP, add_character
+from ..scene.character import BLENDER_AXES, BVH_AXES, add_character
 from ..scene.opened import opened
 from ..scene.take import Stored, set_time
 from .exporting import ExportsTake
-from .filling import OfTake
+from .polling import OfTake
 from .reporting import reports_trouble
 
 BVH_UNITS = 100.0  # to a metre: BVH has no unit, and what reads it takes centimetres
@@ -30,12 +30,12 @@ class MOCAP_AUTOLABEL_OT_add_character(OfTake, bpy.types.Operator):
     def execute(self, context):
         settings = context.scene.mocap_autolabel
         stored = opened.take(settings.take, context.scene)
-        armature = add_character(context, settings.take, stored, settings.bone_names, Z_UP)
+        armature = add_character(context, settings.take, stored, settings.bone_names, BLENDER_AXES)
         self.report({"INFO"}, f"Added {armature.name}")
         return {"FINISHED"}
 
 
-class ExportsCharacter(ExportsTake):
+class ExportsCharacter(OfTake, ExportsTake):
     """The exports of the take's character by Blender's own exporters.
 
     They differ in `axes`, which the armature is turned into, and in `export`, which writes it: JobError if it cannot.
@@ -55,7 +55,7 @@ class MOCAP_AUTOLABEL_OT_export_bvh(ExportsCharacter, bpy.types.Operator):
 
     bl_idname = "mocap_autolabel.export_bvh"
     bl_label = "Export BVH"
-    filename_ext, axes = ".bvh", Y_UP
+    filename_ext, axes = ".bvh", BVH_AXES
     filter_glob: StringProperty(default="*.bvh", options={"HIDDEN"})
 
     def export(self, path: Path, stored: Stored):
@@ -77,7 +77,7 @@ class MOCAP_AUTOLABEL_OT_export_fbx(ExportsCharacter, bpy.types.Operator):
 
     bl_idname = "mocap_autolabel.export_fbx"
     bl_label = "Export FBX"
-    filename_ext, axes = ".fbx", Z_UP
+    filename_ext, axes = ".fbx", BLENDER_AXES
     filter_glob: StringProperty(default="*.fbx", options={"HIDDEN"})
 
     def export(self, path: Path, stored: Stored):

@@ -15,7 +15,7 @@ from . import naming
 from .stored import Stored
 
 CHARACTER_OF = "mocap_character"  # on the armature: whose names its bones have
-Z_UP, Y_UP = np.eye(3), np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+BLENDER_AXES, BVH_AXES = np.eye(3), np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 
 
 def take_armature(collection: bpy.types.Collection) -> bpy.types.Object:
@@ -44,7 +44,7 @@ def add_character(
     collection: bpy.types.Collection,
     stored: Stored,
     names: str,
-    axes: np.ndarray = Z_UP,
+    axes: np.ndarray = BLENDER_AXES,
 ) -> bpy.types.Object:
     """Adds the armature of a take's character, keyed in every frame in which the subject was found.
 

@@ -3,19 +3,14 @@
 
 import bpy
 
-from ..scene.take import is_take
+from .parts import Reviewing
 
 
-class MOCAP_AUTOLABEL_PT_character(bpy.types.Panel):
+class MOCAP_AUTOLABEL_PT_character(Reviewing, bpy.types.Panel):
     """The body as other rigs have it."""
 
     bl_label = "Character"
-    bl_space_type, bl_region_type, bl_category = "VIEW_3D", "UI", "Mocap"
     bl_parent_id = "MOCAP_AUTOLABEL_PT_export"
-
-    @classmethod
-    def poll(cls, context):
-        return is_take(context.scene.mocap_autolabel.take)
 
     def draw(self, context):
         layout = self.layout

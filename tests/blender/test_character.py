@@ -14,9 +14,8 @@ from addon.scene import character as characters
 from addon.scene import take as takes
 
 FRAMES = 24
-# What a retargeted joint may be off the body's: files have places to 0.001 mm and angles to 0.000001 degrees, the root
-# alone moves, and each subject has bones of one length.
-MOST_OFF_M = 0.002
+# What a retargeted joint or marker may be off: the root alone moves, and floats of single precision are in between.
+MOST_OFF_M = 0.0001
 JOINTS = {
     "Hips": "pelvis",
     "Spine": "thorax",
@@ -55,6 +54,19 @@ def shown(empty, made, extension):
     collection = takes.show_take(bpy.context, take)
     bpy.context.scene.mocap_autolabel.take = collection
     return take
+
+
+def marker_errors(take, armature, first):
+    """m, how far markers stray in the axes of the bones that stand for what carries them, the worst of each."""
+    bone_of = {segment: bone for bone, segment in JOINTS.items()}
+    names = [bone_of[take.markerset.skeleton.segments[one]] for one in take.markerset.attachment]
+    places = np.full((len(found(take)), len(names), 3), np.nan)
+    for row, index in enumerate(found(take)):
+        bpy.context.scene.frame_set(first + int(index))
+        for marker, bone in enumerate(names):
+            axes = np.array(armature.matrix_world @ armature.pose.bones[bone].matrix)
+            places[row, marker] = (take.motion.markers[index, marker] - axes[:3, 3]) @ axes[:3, :3]
+    return np.linalg.norm(places - np.nanmean(places, axis=0), axis=2)
 
 
 def joint_errors(take, armature, words, first):
@@ -150,8 +162,10 @@ def test_a_rig_that_copies_the_file_by_bone_names_moves_as_the_body(shown, tmp_p
     assert (scene.frame_start, scene.frame_end, scene.frame_current) == played
     read(str(path))
     source = next(item for item in bpy.data.objects if item not in before and item.type == "ARMATURE")
-    errors = joint_errors(shown, plain_rig(source), JOINTS, first)
+    rig = plain_rig(source)
+    errors = joint_errors(shown, rig, JOINTS, first)
     assert max(errors.values()) < MOST_OFF_M, errors
+    assert np.nanmax(marker_errors(shown, rig, first)) < MOST_OFF_M
 
 
 def test_who_is_no_person_has_no_character(empty, made, extension):

@@ -16,7 +16,7 @@ from .anatomy import BODY_SIDES
 
 # From the body's axes (x forward, y left) to a character's (-y forward, x left).
 FACING = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
-UP, DOWN, FORWARD = (0.0, 0, 1), (0.0, 0, -1), (0.0, -1, 0)
+UPWARDS, DOWNWARDS, FORWARDS = (0.0, 0, 1), (0.0, 0, -1), (0.0, -1, 0)
 
 
 @dataclass(frozen=True)
@@ -73,31 +73,31 @@ def _arm_and_leg(side: str) -> tuple[BoneSite, ...]:
         BoneSite(arm, shoulder, arm, forearm, out),
         BoneSite(forearm, arm, forearm, hand, out),
         BoneSite(hand, forearm, hand, None, out),
-        BoneSite(thigh, "hips", thigh, shank, DOWN),
-        BoneSite(shank, thigh, shank, foot, DOWN),
+        BoneSite(thigh, "hips", thigh, shank, DOWNWARDS),
+        BoneSite(shank, thigh, shank, foot, DOWNWARDS),
         BoneSite(foot, shank, foot, None, None, until=CHARACTER.toes),
-        BoneSite(f"toes.{side}", foot, foot, None, FORWARD, along=CHARACTER.toes),
+        BoneSite(f"toes.{side}", foot, foot, None, FORWARDS, along=CHARACTER.toes),
     )
 
 
 BONES = (
     BoneSite("hips", None, "pelvis", "thorax", None),
-    BoneSite("spine", "hips", "thorax", "head", UP, until=CHARACTER.chest),
-    BoneSite("chest", "spine", "thorax", "head", UP, along=CHARACTER.chest),
-    BoneSite("neck", "chest", "head", None, UP, until=CHARACTER.skull),
-    BoneSite("head", "neck", "head", None, UP, along=CHARACTER.skull),
+    BoneSite("spine", "hips", "thorax", "head", UPWARDS, until=CHARACTER.chest),
+    BoneSite("chest", "spine", "thorax", "head", UPWARDS, along=CHARACTER.chest),
+    BoneSite("neck", "chest", "head", None, UPWARDS, until=CHARACTER.skull),
+    BoneSite("head", "neck", "head", None, UPWARDS, along=CHARACTER.skull),
     *_arm_and_leg("L"),
     *_arm_and_leg("R"),
 )
-_TRUNK = ("hips", "spine", "chest", "neck", "head")
-_LIMBS = ("shoulder", "upper_arm", "forearm", "hand", "thigh", "shank", "foot", "toes")
+_TRUNK_BONES = ("hips", "spine", "chest", "neck", "head")
+_LIMB_BONES = ("shoulder", "upper_arm", "forearm", "hand", "thigh", "shank", "foot", "toes")
 
 
 def _both_sides(trunk: str, limbs: str, sides: tuple[str, str]) -> Mapping[str, str]:
     """The names of all bones; in `limbs` the side stands where `*` is."""
-    names = dict(zip(_TRUNK, trunk.split(), strict=True))
+    names = dict(zip(_TRUNK_BONES, trunk.split(), strict=True))
     for side, word in zip(BODY_SIDES, sides, strict=True):
-        for limb, name in zip(_LIMBS, limbs.split(), strict=True):
+        for limb, name in zip(_LIMB_BONES, limbs.split(), strict=True):
             names[f"{limb}.{side}"] = name.replace("*", word)
     return names
 

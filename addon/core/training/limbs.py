@@ -19,7 +19,7 @@ from .segments import Segments
 LEG, ARM = ("thigh", "shank", "foot"), ("upper_arm", "forearm")
 # Segments whose markers' middle is shown too: the joint at the near end does not say where the far one points.
 ENDS = ("head", "foot", "forearm")
-TRUNK, BACK, HEAD = "pelvis", "thorax", "head"
+TRUNK, BACK, HEAD_SEGMENT = "pelvis", "thorax", "head"
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def _read(near: dict[int, list[int]], spine: tuple[int, ...]) -> Iterator[tuple[
             limbs += _chain(LEG, side, pelvis, leg) + _chain(ARM, side, thorax, arm)
         # Who never nods shows no head of its own: its markers are found on the body afterwards.
         heads = [group for group in near[thorax] if group not in (spine[-2], left[0], right[0])]
-        yield from ((Limb(HEAD, head, thorax), *limbs) for head in heads) if heads else (tuple(limbs),)
+        yield from ((Limb(HEAD_SEGMENT, head, thorax), *limbs) for head in heads) if heads else (tuple(limbs),)
 
 
 def _limbs(near: dict[int, list[int]], root: int, origin: int, fewest: int, most: int) -> list[tuple[int, ...]]:
@@ -161,7 +161,7 @@ def guide(body: MarkerSet, way: Sequence[Limb], sd: float) -> MarkerSet:
 def has_limbs(body: MarkerSet) -> bool:
     """Whether a known body has a trunk, a head, arms and legs, and markers on its ends."""
     segments = body.skeleton.segments
-    wanted = [HEAD, *(f"{name}.{side}" for side in BODY_SIDES for name in (*LEG, *ARM))]
+    wanted = [HEAD_SEGMENT, *(f"{name}.{side}" for side in BODY_SIDES for name in (*LEG, *ARM))]
     if not {TRUNK, BACK, *wanted} <= set(segments):
         return False
     ends = [name for name in wanted if name.partition(".")[0] in ENDS]

@@ -6,7 +6,7 @@ as one are read as limbs (`limbs`). Each guess poses the body on all of the take
 carries it, and the guess is kept that explains the take best. What no person's body explains is none.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,7 +29,8 @@ class PeopleOptions:
 
     reach_quantiles  of how high frames reach, where bodies are laid into them: who stands with the arms down
     screened_frames  of a subject, that each reading of limbs is tried on
-    settled_ways     so many of the likeliest readings are settled on all markers
+    settled_ways     so many of the likeliest readings are settled on all markers, of those
+    settled_ratio    times the likeliest one's misfit that the others may have
     site_sd          heights, how well joints between groups are known
     checked_frames   of each subject, that a settled body is judged by
     max_off          heights, how far markers may be from where the body has them, in the mean of their medians
@@ -41,6 +42,7 @@ class PeopleOptions:
     reach_quantiles: tuple[float, ...] = (0.5, 0.3, 0.7)
     screened_frames: int = 12
     settled_ways: int = 2
+    settled_ratio: float = 1.3
     site_sd: float = 0.02
     checked_frames: int = 40
     max_off: float = 0.008
@@ -54,7 +56,7 @@ LOOSELY = replace(LAYING, min_matched=0.6, min_cloud=0.4, max_off=0.027)
 
 
 @dataclass(frozen=True, eq=False)
-class Person:
+class FoundPerson:
     """A person's body found in takes.
 
     markerset  the takes' markers on it
@@ -71,34 +73,45 @@ class Person:
 
 def person_in(
     subjects: Sequence[np.ndarray], markers: Sequence[str], name: str, bodies: Sequence[MarkerSet]
-) -> Person | None:
+) -> Generator[float, None, FoundPerson | None]:
     """The person whom labelled frames of each subject (T, M, 3) m show moving, on one of the known bodies.
 
-    None where no body suits: a thing, an animal, a hand, or too little of a person.
+    None where no body suits: a thing, an animal, a hand, or too little of a person. Yields the share that is done.
     """
     posable = [(body, poses) for body in bodies if len(poses := known_poses(body, bodies))]
-    sides = marker_sides(markers)
+    sides, tried = marker_sides(markers), 0
+    yield 0.0
+    for guesses, most in (
+        (_read_guesses(subjects, markers, name, posable), PEOPLE.settled_ways),
+        (_laid_guesses(subjects, markers, name, posable, sides), 1),
+    ):
+        found: list[FoundPerson] = []
+        for guess in guesses:
+            person = None if guess is None else _judged(guess[1], guess[0], subjects, sides)
+            found += [] if person is None else [person]
+            tried += 1
+            yield min(tried / (PEOPLE.settled_ways + len(PEOPLE.reach_quantiles) + 1), 1.0)
+            if len(found) == most:
+                break
+        if found:
+            return min(found, key=lambda one: one.cost)
+    return None
 
-    def judged(guesses: Iterator[tuple[str, MarkerSet]]) -> Iterator[Person]:
-        found = (_judged(guess, known, subjects, sides) for known, guess in guesses)
-        return (person for person in found if person is not None)
 
-    read = list(judged(_read_guesses(subjects, markers, name, posable)))
-    if read:
-        return min(read, key=lambda one: one.cost)
-    return next(judged(_laid_guesses(subjects, markers, name, posable, sides)), None)
-
-
-def _read_guesses(subjects, markers, name, posable) -> Iterator[tuple[str, MarkerSet]]:
-    """Marker sets by the limbs that groups of markers are read as, the likeliest first."""
+def _read_guesses(subjects, markers, name, posable) -> Iterator[tuple[str, MarkerSet] | None]:
+    """Marker sets by the limbs that groups of markers are read as, the likeliest first; None once these are found."""
     whole = [(body, poses) for body, poses in posable if has_limbs(body)]
     if not whole:
         return
     body, _ = max(whole, key=lambda one: len(one[1]))
     scaled, sizes, height = of_one_size(subjects)
     found = find_segments(scaled)
-    ways = sorted(readings(found), key=lambda way: _misfit(body, found, scaled, way))
-    for way in ways[: PEOPLE.settled_ways]:
+    ways = [(_misfit(body, found, scaled, way), way) for way in readings(found)]
+    ways.sort(key=lambda one: one[0])
+    yield None
+    for misfit, way in ways[: PEOPLE.settled_ways]:
+        if misfit > PEOPLE.settled_ratio * ways[0][0]:
+            return
         guided = guide(body, way, PEOPLE.site_sd)
         both = [
             np.concatenate([points, sites_of(found, points, way)], axis=1) * (size / height)
@@ -110,11 +123,13 @@ def _read_guesses(subjects, markers, name, posable) -> Iterator[tuple[str, Marke
             yield known, without_markers(guess, np.arange(len(markers)))
 
 
-def _laid_guesses(subjects, markers, name, posable, sides) -> Iterator[tuple[str, MarkerSet]]:
-    """Marker sets of known bodies that were laid into frames."""
+def _laid_guesses(subjects, markers, name, posable, sides) -> Iterator[tuple[str, MarkerSet] | None]:
+    """Marker sets of known bodies that were laid into frames; None for a frame into which none was."""
     for frame in _frames(subjects):
         laid = laid_body(frame, posable, sides, LOOSELY)
-        if laid is not None:
+        if laid is None:
+            yield None
+        else:
             yield from _tried(laid.body.name, laid.body, subjects, markers, name, laid.place)
 
 
@@ -156,7 +171,7 @@ def _cost(model: BodyModel, bodies: Bodies, points: np.ndarray) -> tuple[float, 
     return float(data.mean()), float(Prior(model).terms(bodies)[0].mean())
 
 
-def _judged(guess: MarkerSet, known: str, subjects: Sequence[np.ndarray], sides: np.ndarray) -> Person | None:
+def _judged(guess: MarkerSet, known: str, subjects: Sequence[np.ndarray], sides: np.ndarray) -> FoundPerson | None:
     """The person that a guess makes of the subjects; None where its body is not theirs."""
     try:
         body = settled(guess, subjects)
@@ -174,7 +189,7 @@ def _judged(guess: MarkerSet, known: str, subjects: Sequence[np.ndarray], sides:
     near = np.nanmean(off) <= PEOPLE.max_off and np.nanquantile(off, 0.9) <= PEOPLE.max_marker_off
     if not near or usual > PEOPLE.max_unusual or not _sides_agree(body, sides):
         return None
-    return Person(body, known, off, float(suits + usual))
+    return FoundPerson(body, known, off, float(suits + usual))
 
 
 def _sides_agree(body: MarkerSet, sides: np.ndarray) -> bool:

@@ -144,7 +144,8 @@ def train(
         known = _compared(takes, markers, base)
         marks.append(perf_counter())
         yield Progress(TRAINING_SHARES["body"], "find the body")
-        found = _body(known.everyone, markers, options.name, bodies)
+        work = _body(known.everyone, markers, options.name, bodies)
+        found = yield from within(work, TRAINING_SHARES["body"], TRAINING_SHARES["likelihood"], "find the body")
         markerset, how = found.markerset, found.how
         residual = _residual(markerset, known.everyone)
         subjects, doubts = _subjects(known.everyone, found.learned_on, bodies)
@@ -181,7 +182,9 @@ def _compared(takes: Sequence[LabelledTake], markers: Sequence[str], base: Model
     return _Compared(everyone, (*before, *training_takes_of(takes, markers)), tuple(replaced), doubts)
 
 
-def _body(everyone: dict[str, np.ndarray], markers: Sequence[str], name: str, bodies: Sequence[MarkerSet]) -> _Body:
+def _body(
+    everyone: dict[str, np.ndarray], markers: Sequence[str], name: str, bodies: Sequence[MarkerSet]
+) -> Generator[float, None, _Body]:
     """Skeleton and body, and how they were found.
 
     By the markers' names where a known body has them; where no pose but one is shown by how they lie in it; else by how
@@ -205,7 +208,7 @@ def _body(everyone: dict[str, np.ndarray], markers: Sequence[str], name: str, bo
                 f"{LEARN.min_frames} frames or more, or one of a person's whole body"
             )
         groups = segment_markerset(subjects, markers, name)
-        person = person_in(subjects, markers, name, bodies) if moving else None
+        person = (yield from person_in(subjects, markers, name, bodies)) if moving else None
     except ValueError as error:
         raise InputError(f"{error}; expected takes that show the markers together") from None
     if person is not None:
@@ -257,13 +260,16 @@ def _subjects(
 def _others(everyone: dict[str, np.ndarray], markerset: MarkerSet) -> dict[str, np.ndarray]:
     """Made-up people who move as those do who were recorded, where few were and it is known how bodies differ.
 
-    None for markers on rigid bodies: nothing is known of how those differ.
+    Also where nobody who was recorded shows a marker: they show it where the body has it. None for markers on rigid
+    bodies: nothing is known of how those differ.
     """
     moving = {subject: points for subject, points in everyone.items() if shows_poses(points)}
-    known = len(markerset.spread.modes) and moving and len(everyone) <= IMAGINING.max_known
+    unseen = not np.isfinite(np.concatenate(list(everyone.values()))[..., 0]).any(axis=0).all()
+    few = len(everyone) <= IMAGINING.max_known or unseen
+    known = len(markerset.spread.modes) and moving and few
     if not known or learn_rigid_bodies(list(everyone.values()), size_of(next(iter(moving.values())))) is not None:
         return {}
-    each = IMAGINING.strangers // len(moving)
+    each = max(IMAGINING.strangers // len(moving), 1)
     made = {}
     for seed, (subject, points) in enumerate(moving.items()):
         for number, frames in enumerate(strangers(markerset, points, each, seed), 1):

@@ -2,6 +2,7 @@
 """A person's body found in takes whose marker names say nothing; what is no person stays what it is."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -9,13 +10,19 @@ import pytest
 from addon.core.body.anatomy import other_side
 from addon.core.body.bodies import BodyModel
 from addon.core.body.posing import fit_points
+from addon.core.data.progress import finished
 from addon.core.data.takes import evenly_spread
 from addon.core.geometry import rotations
+from addon.core.points.likelihood import learn
+from addon.core.training import people, pipeline
 from addon.core.training.limbs import guide, has_limbs, readings, sites_of
-from addon.core.training.people import person_in
+from addon.core.training.people import FoundPerson, person_in
+from addon.core.training.pipeline import TrainingOptions, train
 from addon.core.training.poses import known_poses, posed_bodies
 from addon.core.training.segments import find_segments, of_one_size
+from addon.core.training.takes import LabelledTake
 from addon.demo.take import make_performance
+from addon.io.likelihood import likelihood_text
 from addon.io.markersets import open_markerset
 
 FRAMES = 100
@@ -69,7 +76,7 @@ def test_plates_of_unknown_names_are_read_as_limbs_of_their_side(plated, known):
     """Seen in a mirror, left is right: only how people bend says which is which."""
     worn, points, joints = plated
     mirror = np.array([1.0, -1, 1])
-    person = person_in([points * mirror], worn.markers, "ann", known)
+    person = finished(person_in([points * mirror], worn.markers, "ann", known))
     names = list(person.markerset.skeleton.segments)
     assert [other_side(names[one]) for one in person.markerset.attachment] == [names[one] for one in worn.attachment]
     assert names[0] == "pelvis"
@@ -99,7 +106,7 @@ def test_a_reading_names_the_tree_and_its_mirror_image(plated, known):
 def test_markers_in_usual_places_are_known_without_their_names(known):
     body = open_markerset("body26")
     points = make_performance(body).take.xyz[::4]
-    person = person_in([points], [f"M{number}" for number in range(26)], "ann", [*known, body])
+    person = finished(person_in([points], [f"M{number}" for number in range(26)], "ann", [*known, body]))
     expected = [body.skeleton.segments[one] for one in body.attachment]
     given = [person.markerset.skeleton.segments[one] for one in person.markerset.attachment]
     same = [one == two for one, two in zip(given, expected, strict=True)]
@@ -108,7 +115,7 @@ def test_markers_in_usual_places_are_known_without_their_names(known):
     assert all(one == two for one, two in sides)
 
 
-def test_what_is_no_person_has_no_person(known):
+def test_what_is_no_person_has_no_person(known, monkeypatch):
     """A chain of three boxes that swing: as large as a child, and nobody."""
     rng, time = np.random.default_rng(2), np.linspace(0, 6, 80)
     box = rng.uniform(-0.15, 0.15, (6, 3))
@@ -118,4 +125,34 @@ def test_what_is_no_person_has_no_person(known):
         parts.append(place[:, None] + np.einsum("fij,mj->fmi", turn, np.add(box, [0, 0, 0.25])))
         place = place + turn @ np.array([0, 0, 0.5])
     points = np.concatenate(parts, axis=1)
-    assert person_in([points], [f"B{number}" for number in range(18)], "box", known[:1]) is None
+    monkeypatch.setattr(people, "PEOPLE", replace(people.PEOPLE, reach_quantiles=(0.5,)))
+    shares: list[float] = []
+    names = [f"B{number}" for number in range(18)]
+    assert finished(person_in([points], names, "box", known[:1]), shares.append) is None
+    assert shares == sorted(shares)
+    assert shares[0] == 0 < shares[-1] <= 1
+
+
+def found_at_once(person, *_):
+    """Stands for the search for a person."""
+    yield 1.0
+    return person
+
+
+def test_points_are_named_the_same_however_the_subject_is_drawn(known, monkeypatch):
+    body = open_markerset("body26")
+    points = make_performance(body).take.xyz[::6]
+    names = tuple(f"M{number}" for number in range(len(body)))
+    take = LabelledTake("walk.c3d", "ann", names, points)
+    monkeypatch.setattr(learn, "LEARN", replace(learn.LEARN, max_frames=40))
+    drawn = replace(body, name="ann", markers=names, aliases={})
+    models = []
+    for person in (None, FoundPerson(drawn, "body26", np.zeros(len(body)), 0.0)):
+        monkeypatch.setattr(pipeline, "person_in", partial(found_at_once, person))
+        models.append(finished(train([take], names, TrainingOptions("ann", search="none"), None, known)))
+    groups, whole = models
+    assert whole.model.markerset.skeleton.segments == body.skeleton.segments
+    assert whole.body == "the body of body26, by how the markers move"
+    assert any(doubt.startswith("no person's body was found") for doubt in groups.doubts)
+    assert not any(doubt.startswith("no person's body was found") for doubt in whole.doubts)
+    assert likelihood_text(groups.model.likelihood) == likelihood_text(whole.model.likelihood)
