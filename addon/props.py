@@ -18,7 +18,8 @@ from bpy.props import (
 )
 
 from .core.data.errors import InputError
-from .core.edits.wording import words_of
+from .core.edits.wording import counted_on, words_of
+from .core.filling.kept import resting_on
 from .core.review.trouble import TROUBLE_KINDS
 from .io.markersets import SUFFIX, builtin_markersets, open_markerset
 from .io.names import written
@@ -29,7 +30,7 @@ from .scene.opened import opened
 from .scene.preview import hide_preview
 from .scene.redrawing import redraw
 from .scene.relabelled import kept_changes
-from .scene.review import review_markers
+from .scene.review import marker_reviews
 from .scene.take import is_take
 from .scene.trouble import is_quick, trouble_of
 
@@ -314,6 +315,7 @@ class GapRow(bpy.types.PropertyGroup):
     last: IntProperty(name="Last", description="Last frame")
     method: StringProperty(name="Method", description="What filled it")
     expected: FloatProperty(name="Expected Error", description="Mean error to expect, mm; -1 where it is not known")
+    rests_on: StringProperty(name="Rests on", description="Which of its ends the marker was measured at")
     reason: StringProperty(name="Reason", description="Why it is not filled; empty where it is")
 
 
@@ -431,8 +433,7 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
         return
     stored = opened.take(collection, scene)
     frames = stored.motion.frames + stored.shift
-    found = review_markers(stored.names, stored.unfilled)  # what is filled was not found
-    for marker in sorted(found, key=lambda one: (one.labelled, -one.gaps)):
+    for marker in sorted(marker_reviews(stored), key=lambda one: (one.labelled, -one.gaps)):
         row = state.markers.add()
         row.name, row.gaps, row.longest_gap = marker.name, marker.gaps, marker.longest_gap
         row.labelled = marker.labelled / len(frames) if len(frames) else 0.0
@@ -449,11 +450,11 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
         row.name, row.first, row.words = shown.marker, shown.first, shown.words
     for edit, outcome in zip(stored.edits, stored.outcomes, strict=True):
         row = state.corrections.add()
-        row.name, row.idle = words_of(edit, stored.shift), outcome.reason
+        row.name, row.idle = words_of(edit, stored.shift), counted_on(outcome.reason, stored.shift)
     for fill, reason in zip(stored.fills, stored.unfit, strict=True):
         row = state.fills.add()
         row.name, row.first, row.last = fill.marker, fill.first + stored.shift, fill.last + stored.shift
-        row.method, row.reason = fill.method, reason
+        row.method, row.reason, row.rests_on = fill.method, reason, resting_on(fill.ends)
         row.expected = 1000 * fill.expected if math.isfinite(fill.expected) else -1
 
 
@@ -467,7 +468,7 @@ def list_trouble():
     shift = opened.take(collection, scene).shift
     for trouble in trouble_of(collection, scene):
         row = state.troubles.add()
-        row.name, row.kind, row.reason = trouble.about, trouble.kind, trouble.reason
+        row.name, row.kind, row.reason = trouble.about, trouble.kind, counted_on(trouble.reason, shift)
         row.first, row.last = trouble.first + shift, trouble.last + shift
         row.advice, row.action = trouble.advice, trouble.action
         row.stake, row.answered = trouble.stake, trouble.answered

@@ -40,6 +40,7 @@ def steps() -> Iterator[float]:
     bpy.context.scene.frame_set(bpy.context.scene.frame_start + 100)
     yield 1
     yield from window.screenshot("through-camera")
+    yield from name_blob()
     body = next(item for item in settings.take.all_objects if item.type == "ARMATURE")
     middle = body.matrix_world @ (sum((Vector(corner) for corner in body.bound_box), Vector()) / 8)
     look_at((middle.x, middle.y, 1.0), distance=6.5)
@@ -151,6 +152,21 @@ def correct() -> Iterator[float]:
     yield from window.screenshot("label-quick")
     yield from window.press("ESC", *place)
     bpy.ops.mocap_autolabel.clear_corrections()
+
+
+def name_blob() -> Iterator[float]:
+    """Through a camera take a blob's name away, and open the pie of what it may be."""
+    with bpy.context.temp_override(area=window.area(), region=window.region("WINDOW")):
+        bpy.ops.wm.tool_set_by_id(name="mocap_autolabel.label_tool")
+    place = dot_of("RKNE")
+    yield from window.click(*place)
+    yield from window.press("U", *place)
+    yield from window.tap("L", *place)
+    yield from window.screenshot("label-blob")
+    yield from window.press("ESC", *place)
+    bpy.ops.mocap_autolabel.clear_corrections()
+    with bpy.context.temp_override(area=window.area(), region=window.region("WINDOW")):
+        bpy.ops.wm.tool_set_by_id(name="builtin.select_box")
 
 
 def dot_of(marker: str) -> tuple[int, int]:

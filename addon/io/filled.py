@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..core.filling.filling import FilledGap, LeftGap
-from ..core.filling.kept import KeptFill
+from ..core.filling.kept import KeptFill, resting_on
 
 GAP_COLUMNS = ("marker", "first", "last", "method", "expected_mm")
 
@@ -16,20 +16,14 @@ GAP_COLUMNS = ("marker", "first", "last", "method", "expected_mm")
 def gap_rows(gaps: Sequence[FilledGap], names: Sequence[str], first_frame: int) -> list[dict]:
     """Each gap with its marker's name, the source's first and last frame, the method and the error to expect, mm.
 
-    The error is None where it is not known.
+    The error is None where it is not known. `rests_on`, for reports, says at which ends the marker was measured.
     """
-    return [
-        dict(zip(GAP_COLUMNS, (*_where(one, names, first_frame), one.method, _millimetres(one.expected)), strict=True))
-        for one in gaps
-    ]
+    return [_row(*_where(one, names, first_frame), one.method, one.expected, resting_on(one.ends)) for one in gaps]
 
 
 def kept_rows(fills: Iterable[KeptFill]) -> list[dict]:
     """The same rows of fills that a take keeps."""
-    return [
-        dict(zip(GAP_COLUMNS, (f.marker, f.first, f.last, f.method, _millimetres(f.expected)), strict=True))
-        for f in fills
-    ]
+    return [_row(f.marker, f.first, f.last, f.method, f.expected, resting_on(f.ends)) for f in fills]
 
 
 def left_rows(left: Sequence[LeftGap], names: Sequence[str], first_frame: int) -> list[dict]:
@@ -41,9 +35,14 @@ def left_rows(left: Sequence[LeftGap], names: Sequence[str], first_frame: int) -
 def write_filled(path: Path, rows: Sequence[dict]):
     """Writes rows of `gap_rows`; an error that is not known is an empty field."""
     with Path(path).open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, GAP_COLUMNS, lineterminator="\n")
+        writer = csv.DictWriter(file, GAP_COLUMNS, extrasaction="ignore", lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)
+
+
+def _row(marker: str, first: int, last: int, method: str, expected: float, rests_on: str) -> dict:
+    told = zip(GAP_COLUMNS, (marker, first, last, method, _millimetres(expected)), strict=True)
+    return dict(told) | {"rests_on": rests_on}
 
 
 def _where(one: FilledGap | LeftGap, names: Sequence[str], first_frame: int) -> tuple[str, int, int]:

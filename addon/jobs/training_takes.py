@@ -162,7 +162,8 @@ def unseen_markers(takes: Sequence[TakeFile], bodies: Sequence[MarkerSet]) -> tu
     common = set.intersection(*(set(take.names) for take in takes))
     names = [name for name in takes[0].names if name in common]
     unseen = [name for name in names if not any(_has(take, name) for take in takes)]
-    body = known_body(names, bodies) if unseen else None
+    # Of other bodies it is not known how people differ, so nobody can be made up who shows the marker.
+    body = known_body(names, [one for one in bodies if len(one.spread.modes)]) if unseen else None
     known = [] if body is None else [one for one, at in zip(names, known_places(body, names), strict=True) if at >= 0]
     return tuple(name for name in unseen if name in known), tuple(name for name in unseen if name not in known)
 

@@ -26,6 +26,7 @@ from ..core.edits.kinds import (
     UnlabelMarker,
     UnlabelPoint,
 )
+from ..core.edits.wording import counted_on
 from ..io.edits import EDITS_ENDING, write_edits
 from ..props import SCOPES, refresh_review
 from ..scene.blob_dots import blob_edit, likely_of_blob, rows_of_markers
@@ -95,7 +96,8 @@ def correct(context: bpy.types.Context, edits: Edits) -> Stored:
     after = opened.take_with(collection, scene, edits)
     for outcome in after.outcomes[len(before.edits) :]:
         if not outcome.labels:
-            raise InputError(f"{outcome.reason}; expected frames in which there is something to correct")
+            reason = counted_on(outcome.reason, before.shift)
+            raise InputError(f"{reason}; expected frames in which there is something to correct")
     keep_edits(collection, edits)
     show_edits(collection, before, after, scene.mocap_autolabel.keep_unnamed)
     scene.frame_set(scene.frame_current)

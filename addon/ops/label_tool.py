@@ -117,14 +117,15 @@ class MOCAP_AUTOLABEL_OT_quick_label(WorksInView, InView, bpy.types.Operator):
         self._skipped: set[int] = set()
         self._said: list[Edit] = []
         self._last = -1
-        return self._begun(context, event)
+        self._event = event
+        return self._begun(context)
 
     @reports_trouble
-    def _begun(self, context, event) -> set[str]:
+    def _begun(self, context) -> set[str]:
         stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
         if not isinstance(stored.rows, PointRows):
             camera_of(context, stored, context.area)
-        self.begin(context, event)
+        self.begin(context, self._event)
         if self._ask(context):
             return {"RUNNING_MODAL"}
         return {"FINISHED"}

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The trajectory timeline: rows over the Dope Sheet that are clicked, dragged along and scrolled."""
 
-import weakref
 from dataclasses import dataclass, replace
 
 import bpy
@@ -10,9 +9,8 @@ from bpy.props import BoolProperty, FloatProperty, IntProperty, StringProperty
 from ..core.data.takes import NO_MARKER
 from ..scene.opened import opened
 from ..scene.redrawing import redraw
-from ..scene.stored import Stored
 from ..scene.take import is_take
-from ..scene.trajectories import FOLDED, Runs, runs_of
+from ..scene.trajectories import FOLDED, KeptRows, Runs
 from .picking import picked_points, selected_markers, show_picked
 from .polling import WithTake
 
@@ -26,22 +24,12 @@ WHEEL_ROWS = 3  # rows that a notch of the wheel scrolls
 MIN_ROWS = 5  # that there must be room for beside a legend
 
 
-@dataclass
-class KeptRuns:
-    """The rows of the take that was asked for last, made anew where that is another, or edited."""
-
-    of: weakref.ref | None = None
-    unfolded: bool = False
-    runs: Runs | None = None
-
-    def get(self, stored: Stored, unfolded: bool) -> Runs:
-        """The rows of a take."""
-        if self.of is None or self.of() is not stored or self.unfolded != unfolded:
-            self.of, self.unfolded, self.runs = weakref.ref(stored), unfolded, runs_of(stored, unfolded)
-        return self.runs
+_kept = KeptRows()
 
 
-_kept = KeptRuns()
+def forget_rows():
+    """Lets go of the rows: another file was loaded, or the extension ends."""
+    _kept.forget()
 
 
 def timeline_shown(context: bpy.types.Context) -> bool:
@@ -55,7 +43,7 @@ def shown_runs(context: bpy.types.Context) -> Runs:
     """The rows of the active take."""
     scene = context.scene
     stored = opened.take(scene.mocap_autolabel.take, scene)
-    return _kept.get(stored, context.window_manager.mocap_autolabel.timeline_unfolded)
+    return _kept.runs(stored, context.window_manager.mocap_autolabel.timeline_unfolded)
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Keys in bulk: thousands of frames of many channels into one action, one slot an object."""
+"""Keys in bulk: thousands of frames of many channels into few actions, one slot an object."""
+
+from dataclasses import dataclass
 
 import bpy
 import numpy as np
@@ -8,6 +10,41 @@ LINEAR = 1  # the value of BEZT_IPO_LIN behind Keyframe.interpolation
 # The values of BEZT_KEYTYPE_KEYFRAME and BEZT_KEYTYPE_GENERATED behind Keyframe.type, from Blender 4.4 on: the second
 # is for keys that are "set automatically by a tool", and is drawn and selected apart.
 SET_BY_HAND, SET_BY_TOOL = 0, 5
+
+
+@dataclass(frozen=True)
+class KeyOptions:
+    """How keys are laid out and moved.
+
+    most_keys    that an action has before the next object's go into another. Blender copies an action whole whenever
+                 one of its keys moved, which takes 7 ms of a processor for a million (5.2): with an action for all of
+                 20,000 frames of 62 markers each correction would wait 35 ms for it. Takes of usual length fit in one
+    most_single  keys of a curve that are moved one by one; for more it is quicker to give all of them their places
+    """
+
+    most_keys: int = 500_000
+    most_single: int = 300
+
+
+KEYING = KeyOptions()
+
+
+@dataclass(eq=False)
+class TakeActions:
+    """The actions that a take's keys go into: one called `name`, and further ones where they are many."""
+
+    name: str
+    action: bpy.types.Action | None = None
+    keys: int = 0
+    count: int = 0
+
+    def for_keys(self, keys: int) -> bpy.types.Action:
+        """The action that the next object's keys go into, which are so many."""
+        if self.action is None or self.keys + keys > KEYING.most_keys:
+            self.count, self.keys = self.count + 1, 0
+            self.action = bpy.data.actions.new(self.name if self.count == 1 else f"{self.name} {self.count}")
+        self.keys += keys
+        return self.action
 
 
 def bind(item: bpy.types.Object, action: bpy.types.Action) -> bpy.types.ActionChannelbag:
@@ -22,15 +59,18 @@ def bind(item: bpy.types.Object, action: bpy.types.Action) -> bpy.types.ActionCh
 
 
 def channels(item: bpy.types.Object, action: bpy.types.Action | None) -> bpy.types.ActionChannelbag:
-    """The channels of `item`, those of its location emptied; new ones in `action` where it has none."""
+    """The channels of `item`; new ones in `action` where it has none."""
     data = item.animation_data
     if data is None or data.action is None or data.action_slot is None:
         return bind(item, action or bpy.data.actions.new(item.name))
-    bag = data.action.layers[0].strips[0].channelbag(data.action_slot, ensure=True)
+    return data.action.layers[0].strips[0].channelbag(data.action_slot, ensure=True)
+
+
+def clear(bag: bpy.types.ActionChannelbag, path: str):
+    """Empties the channels of the property at `path`."""
     for curve in bag.fcurves:
-        if curve.data_path == "location":
+        if curve.data_path == path:
             curve.keyframe_points.clear()
-    return bag
 
 
 def key(
@@ -68,3 +108,41 @@ def key(
         if kinds is not None:
             curve.keyframe_points.foreach_set("type", kinds)
         curve.update()
+
+
+def move(bag: bpy.types.ActionChannelbag, path: str, frames: np.ndarray, before: np.ndarray, after: np.ndarray) -> bool:
+    """Moves the keys of `before` (F, n), as `key` made them at Blender's `frames` (F,), to where `after` (F, n) is.
+
+    Does no more than what is other needs; none of the keys may be, or become, of a tool's type. False, and nothing is
+    done, where that is not enough: the keys are not those of `before`, all have to go, or very many.
+    """
+    was, now = np.isfinite(before).all(axis=1), np.isfinite(after).all(axis=1)
+    curves = [bag.fcurves.find(path, index=index) for index in range(after.shape[1])]
+    more = int(now.sum()) - int(was.sum())
+    if not now.any() or -more > KEYING.most_single:
+        return False
+    if any(curve is None or len(curve.keyframe_points) != was.sum() for curve in curves):
+        return False
+    rows = np.flatnonzero(((before != after) & now[:, None]).any(axis=1))
+    few = len(rows) <= KEYING.most_single and bool((was == now).all())
+    for index, curve in enumerate(curves):
+        points = curve.keyframe_points
+        if few:  # their handles, of which straight lines make nothing, stay until Blender sets them anew
+            places = np.cumsum(now)[rows] - 1
+            for place, frame, value in zip(places.tolist(), frames[rows].tolist(), after[rows, index], strict=True):
+                points[place].co = frame, value
+        else:
+            _resize(points, more)
+            places = np.column_stack([frames[now], after[now, index]])
+            points.foreach_set("co", places.astype(np.float32).ravel())
+            curve.update()
+    return True
+
+
+def _resize(points: bpy.types.FCurveKeyframePoints, more: int):
+    """Adds keys at the end of a curve, or takes the last ones away."""
+    for _ in range(-more):
+        points.remove(points[-1], fast=True)
+    if more > 0:
+        points.add(more)
+        points.foreach_set("interpolation", np.full(len(points), LINEAR, dtype=np.int32))

@@ -5,7 +5,7 @@ A bone rests along its segment, so its own axes are not the segment's: B, the bo
 A segment with world rotation R and joint p puts its bone at [R B | p] in the armature, which stands at the origin.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import bpy
@@ -96,10 +96,16 @@ def bone_tails(markerset: MarkerSet, build: Build) -> np.ndarray:
 
 
 def pose_armature(
-    armature: bpy.types.Object, action: bpy.types.Action, markerset: MarkerSet, motion: Motion, frames: np.ndarray
+    armature: bpy.types.Object,
+    actions: animation.TakeActions,
+    markerset: MarkerSet,
+    motion: Motion,
+    frames: np.ndarray,
 ):
     """Keys every bone at Blender's `frames` (F,) so that its head is the joint and it turns as its segment does."""
-    key_bones(armature, action, markerset.skeleton.segments, pose_channels(armature, markerset, motion), frames)
+    segments, channels = markerset.skeleton.segments, pose_channels(armature, markerset, motion)
+    keys = sum(int(np.isfinite(values).sum()) for _, _, values in keyed_channels(segments, channels))
+    key_bones(armature, actions.for_keys(keys), segments, channels, frames)
 
 
 def key_bones(
@@ -111,11 +117,19 @@ def key_bones(
 ):
     """Keys the bones that are called so, the root first, with their channels at Blender's `frames` (F,)."""
     bag = animation.bind(armature, action)
+    for name, channel, values in keyed_channels(names, channels):
+        path = f'pose.bones["{bpy.utils.escape_identifier(name)}"].{channel}'
+        animation.key(bag, path, frames, values, name)
+
+
+def keyed_channels(
+    names: Sequence[str], channels: Sequence[tuple[np.ndarray, np.ndarray]]
+) -> Iterator[tuple[str, str, np.ndarray]]:
+    """The bones that are called so, the root first, with the channels that need keys, and the values of these."""
     for index, (name, (location, quaternion)) in enumerate(zip(names, channels, strict=True)):
-        path = f'pose.bones["{bpy.utils.escape_identifier(name)}"]'
-        animation.key(bag, f"{path}.rotation_quaternion", frames, quaternion, name)
+        yield name, "rotation_quaternion", quaternion
         if index == 0 or np.nanmax(np.abs(location), initial=0.0) > MOVED_BONE:
-            animation.key(bag, f"{path}.location", frames, location, name)
+            yield name, "location", location
 
 
 def pose_channels(

@@ -12,13 +12,13 @@ DISPLAY_SIZE = 0.012
 
 def add_markers(
     collection: bpy.types.Collection,
-    action: bpy.types.Action,
+    actions: animation.TakeActions,
     names: tuple[str, ...],
     motion: Motion,
     frames: np.ndarray,
     filled: np.ndarray | None = None,
 ) -> list[bpy.types.Object]:
-    """Adds one empty for each of the M `names` to `collection`, keyed in `action` at Blender's `frames` (F,).
+    """Adds one empty for each of the M `names` to `collection`, keyed in `actions` at Blender's `frames` (F,).
 
     A marker that was never seen has no keys, stands where the body would carry it at first, and is hidden: standing
     still in the moving body it would look like a wrong name. `filled` (F, M) says which samples were filled.
@@ -30,6 +30,7 @@ def add_markers(
         empty.empty_display_size = DISPLAY_SIZE
         empty[naming.MARKER] = name
         collection.objects.link(empty)
+        action = actions.for_keys(int(np.isfinite(motion.markers[:, index]).sum()))
         show_marker(empty, action, motion, index, frames, None if filled is None else filled[:, index])
         empties.append(empty)
     return empties
@@ -42,17 +43,24 @@ def show_marker(
     index: int,
     frames: np.ndarray,
     filled: np.ndarray | None = None,
+    before: np.ndarray | None = None,
 ):
     """Keys the empty of marker `index` where it was seen, at Blender's `frames` (F,), in the place of former keys.
 
     Keys of samples that were filled, `filled` (F,), are of Blender's type for what a tool made up.
-    `action` is where an empty without keys gets them; None for one of its own.
+    `action` is where an empty without keys gets them; None for one of its own. It is quicker to tell where the empty is
+    keyed `before` (F, 3), if nothing was filled there.
     """
     seen = motion.markers[:, index]
     unseen = not np.isfinite(seen).any()
     empty.location = _first_finite(motion.expected[:, index] if unseen else seen)
-    empty.hide_viewport = empty.hide_render = unseen
-    animation.key(animation.channels(empty, action), "location", frames, seen, empty[naming.MARKER], filled)
+    if empty.hide_viewport != unseen or empty.hide_render != unseen:  # Blender orders its whole scene anew for these
+        empty.hide_viewport = empty.hide_render = unseen
+    bag = animation.channels(empty, action)
+    some = filled is not None and filled.any()
+    if some or before is None or not animation.move(bag, "location", frames, before, seen):
+        animation.clear(bag, "location")
+        animation.key(bag, "location", frames, seen, empty[naming.MARKER], filled)
 
 
 def _first_finite(points: np.ndarray) -> np.ndarray:

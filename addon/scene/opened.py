@@ -69,7 +69,8 @@ class Opened:
         kept = self.final.get(collection.session_uid)
         if kept is not None and kept[0] == said and kept[1] is stored:
             return kept[2]
-        after = finished_take(collection, stored)
+        same_fills = kept is not None and kept[0][0] == said[0]
+        after = finished_take(collection, stored, kept[2].fills if same_fills else None)
         self.final[collection.session_uid] = (said, stored, after)
         return after
 

@@ -6,6 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core.data.takes import Motion
+from ..core.edits.following import changed_frames
+from .stored import Stored, differ_by_edits
+
+# The take that was reviewed last, and what came of it.
+_reviewed: list[tuple[Stored, list["MarkerReview"]]] = []
 
 
 @dataclass(frozen=True)
@@ -31,15 +36,17 @@ class MarkerReview:
 
 def review_markers(names: tuple[str, ...], motion: Motion) -> list[MarkerReview]:
     """A `MarkerReview` for each of the markers, in order."""
-    rows = []
-    there = np.isfinite(motion.markers[..., 0]).T.copy()  # a place is whole or not at all
-    means = [_means(values, there) for values in (motion.residual, motion.residual_px)]
-    for index, name in enumerate(names):
-        starts, lengths = _runs(~there[index])
-        first = int(starts[0]) if len(starts) else -1
-        found, longest = int(there[index].sum()), int(lengths.max(initial=0))
-        rows.append(MarkerReview(name, found, len(starts), longest, first, *(float(mean[index]) for mean in means)))
-    return rows
+    return [review_marker(name, motion, index) for index, name in enumerate(names)]
+
+
+def review_marker(name: str, motion: Motion, index: int) -> MarkerReview:
+    """The `MarkerReview` of one marker."""
+    there = np.isfinite(motion.markers[:, index, 0])  # a place is whole or not at all
+    starts, lengths = _runs(~there)
+    first = int(starts[0]) if len(starts) else -1
+    found, longest = int(there.sum()), int(lengths.max(initial=0))
+    means = (_mean(values[there, index]) for values in (motion.residual, motion.residual_px))
+    return MarkerReview(name, found, len(starts), longest, first, *means)
 
 
 def _runs(flags: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -48,12 +55,24 @@ def _runs(flags: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return edges[::2], edges[1::2] - edges[::2]
 
 
-def _means(values: np.ndarray, there: np.ndarray) -> np.ndarray:
-    """(M,) the mean of what is known of values (F, M) where a marker is there (M, F); NaN without any."""
-    known = np.isfinite(values)
-    if not known.any():
-        return np.full(values.shape[1], np.nan)
-    known &= there.T
-    count = known.sum(axis=0)
-    total = np.where(known, values, 0.0).sum(axis=0)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+def _mean(values: np.ndarray) -> float:
+    """The mean of what is known; NaN where nothing is."""
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if len(known) else float("nan")
+
+
+def marker_reviews(stored: Stored) -> list[MarkerReview]:
+    """That of each marker of a take as it is; of one that was edited since, only what that changed is looked at."""
+    if _reviewed and differ_by_edits(_reviewed[0][0], stored):
+        before, reviews = _reviewed[0]
+        for index in changed_frames(before.groups, stored.groups):
+            reviews[index] = review_marker(stored.names[index], stored.unfilled, index)
+    else:
+        reviews = review_markers(stored.names, stored.unfilled)  # what is filled was not found
+    _reviewed[:] = [(stored, reviews)]
+    return list(reviews)
+
+
+def forget_reviews():
+    """Lets go of what was worked out: another file was loaded, or the extension ends."""
+    _reviewed.clear()

@@ -2,7 +2,7 @@
 """The colours of the body's left and right: blue and orange, which people who see few colours tell apart, and light."""
 
 import json
-from collections.abc import Sequence
+from functools import lru_cache
 
 import bpy
 import numpy as np
@@ -17,8 +17,9 @@ KEPT_SIDES = "mocap_sides"
 SIDE_COLOURS = {"L": (0.13, 0.47, 0.95), "R": (1.0, 0.56, 0.1), "": (0.93, 0.93, 0.88)}
 
 
-def colours_of(names: Sequence[str]) -> list[tuple[float, float, float]]:
-    """The colours of markers or segments by their sides."""
+@lru_cache(maxsize=8)
+def colours_of(names: tuple[str, ...]) -> list[tuple[float, float, float]]:
+    """The colours of markers or segments by their sides; asked for at every redraw, so they are kept."""
     known = set(names)
     return [SIDE_COLOURS[side_in(name, known)] for name in names]
 

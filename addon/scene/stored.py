@@ -70,6 +70,13 @@ class Stored:
         """(F, M) True where a sample was filled."""
         return filled_samples(self.motion.frames, self.names, self.fitting)
 
+    def filled_markers(self) -> dict[int, np.ndarray]:
+        """(F,) True where a sample was filled, of each marker that was filled at all, by its index."""
+        fills = self.fitting
+        names = tuple(dict.fromkeys(fill.marker for fill in fills))
+        flags = filled_samples(self.motion.frames, names, fills)
+        return {self.names.index(name): column for name, column in zip(names, flags.T, strict=True)}
+
     placed: tuple[tuple[int, int], ...] = ()
     groups: tuple[Group | BlobGroup, ...] = ()
     own_labels: bool = True
@@ -81,3 +88,12 @@ class Stored:
             words = f"expected one of the take, {first + self.shift} to {last + self.shift}"
             raise InputError(f"the current frame is {current}; {words}")
         return frame
+
+
+def differ_by_edits(one: Stored, other: Stored) -> bool:
+    """Whether two takes are one of points with different edits, the same fills in both, and neither smoothed."""
+    if not isinstance(one.rows, PointRows):
+        return False  # of blobs nothing says what an edit changes
+    same = one.rows is other.rows and one.motion.expected is other.motion.expected
+    same_fills = one.fills is other.fills and one.unfit == other.unfit
+    return same and same_fills and one.cutoff is None and other.cutoff is None

@@ -2,7 +2,7 @@
 """A labelled take as a whole: gathered from the labelling, shown in a scene, kept in the file and read back."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 
 import bpy
@@ -11,7 +11,7 @@ import numpy as np
 from ..core.data.errors import JobError
 from ..core.data.markersets import MarkerSet
 from ..core.data.takes import STEPS, Blobs, LabelledChunk, Labels, Motion, PointRows, Suspect
-from ..core.edits.following import changed_markers
+from ..core.edits.following import changed_frames
 from ..core.edits.kinds import Edits
 from ..core.filling.kept import KeptFill, filled_samples, put_fills
 from ..core.filling.smoothing import smoothed
@@ -22,12 +22,13 @@ from . import armature as armatures
 from . import cameras as scene_cameras
 from . import markers as scene_markers
 from . import naming, storage
+from .animation import TakeActions
 from .body import add_body
 from .cloud import FRAME, add_cloud, cloud_table
 from .corrections import OWN_LABELS, edited, keep_edits, kept_edits, kept_text, motion_of_labels
 from .fills import FILL_PATHS, filled_in, keep_fills, kept_fills
 from .smoothing import keep_cutoff, kept_cutoff, smoothed_in
-from .stored import Stored
+from .stored import Stored, differ_by_edits
 
 ROWS, MOTION, POSE, FRAME_TABLE = "mocap_blobs", "mocap_motion", "mocap_pose", "mocap_frames"
 RATE, SHIFT, SUSPECTS, SOURCE, MARKER_NAMES = (
@@ -132,10 +133,10 @@ def show_take(context: bpy.types.Context, take: Take, unnamed: bool = False) -> 
     frames = take.motion.frames + shift
     camera_collection = scene_cameras.find_or_add_cameras(scene, take.cameras) if len(take.cameras) else None
     collection = _child(scene.collection, naming.title(take.name))
-    action = bpy.data.actions.new(collection.name)
+    actions = TakeActions(collection.name)
     build = armatures.build_of(take.markerset, take.motion)
     armature = armatures.add_armature(context, collection, f"{take.name} armature", take.markerset, build)
-    armatures.pose_armature(armature, action, take.markerset, take.motion, frames)
+    armatures.pose_armature(armature, actions, take.markerset, take.motion, frames)
     add_body(_child(collection, f"{collection.name} body"), armature, take.markerset, build.scale)
     empties = _child(collection, f"{collection.name} markers")
     names = take.markerset.markers
@@ -144,7 +145,7 @@ def show_take(context: bpy.types.Context, take: Take, unnamed: bool = False) -> 
         motion = replace(motion, markers=smoothed(motion.markers, take.rate, take.cutoff))
     fitting = [fill for fill, reason in zip(take.fills, unfit, strict=True) if not reason]
     scene_markers.add_markers(
-        empties, action, names, motion, frames, filled_samples(take.motion.frames, names, fitting)
+        empties, actions, names, motion, frames, filled_samples(take.motion.frames, names, fitting)
     )
     if isinstance(take.rows, PointRows):
         show_unnamed(collection, f"{take.name} unnamed", take.rows, take.labels, shift, unnamed)
@@ -179,23 +180,33 @@ def show_edits(collection: bpy.types.Collection, before: Stored, after: Stored, 
     frames = after.motion.frames + after.shift
     action = next((item.animation_data.action for item in collection.all_objects if item.animation_data), None)
     items = {item[naming.MARKER]: item for item in collection.all_objects if naming.MARKER in item}
-    filled = after.filled()
-    for index in _changed(before, after, (filled != before.filled()).any(axis=0)):
+    filled, was_filled = after.filled_markers(), before.filled_markers()
+    for index in _changed(before, after, filled, was_filled):
         item = items.get(after.names[index])
         if item is not None:
-            scene_markers.show_marker(item, action, after.motion, index, frames, filled[:, index])
+            shown = None if index in was_filled else before.motion.markers[:, index]
+            scene_markers.show_marker(item, action, after.motion, index, frames, filled.get(index), shown)
     points = isinstance(after.rows, PointRows)
     if points and not np.array_equal(before.labels.named, after.labels.named):
         show_unnamed(collection, f"{after.name} unnamed", after.rows, after.labels, after.shift, unnamed)
 
 
-def _changed(before: Stored, after: Stored, refilled: np.ndarray) -> list[int]:
-    """The markers that are elsewhere after other edits, fills or smoothing; of the refilled (M,) that is known."""
+def _changed(
+    before: Stored, after: Stored, filled: Mapping[int, np.ndarray], was_filled: Mapping[int, np.ndarray]
+) -> list[int]:
+    """The markers that are elsewhere after other edits, fills or smoothing, or whose filled samples are others."""
     one, other = before.motion.markers, after.motion.markers
-    about = range(len(after.names))
-    if before.motion is before.unfilled and after.motion is after.unfilled:
-        about = changed_markers(before.groups, after.groups)
-    return [index for index in about if refilled[index] or not _alike(one[:, index], other[:, index])]
+    about = {index: slice(None) for index in range(len(after.names))}
+    if differ_by_edits(before, after):
+        about = changed_frames(before.groups, after.groups)
+    either = filled.keys() | was_filled.keys()
+    refilled = {index for index in either if not _flags_alike(filled.get(index), was_filled.get(index))}
+    moved = {index for index, frames in about.items() if not _alike(one[frames, index], other[frames, index])}
+    return sorted(refilled | moved)
+
+
+def _flags_alike(one: np.ndarray | None, other: np.ndarray | None) -> bool:
+    return one is not None and other is not None and np.array_equal(one, other)
 
 
 def _alike(one: np.ndarray, other: np.ndarray) -> bool:
@@ -237,9 +248,14 @@ def stored_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> Sto
     return finished_take(collection, stored if edits is None else edited(stored, edits))
 
 
-def finished_take(collection: bpy.types.Collection, stored: Stored) -> Stored:
-    """A take with its fills in it, and then smoothed, as the file has these; `stored` has its edits and neither."""
-    fills, cutoff = kept_fills(collection), kept_cutoff(collection)
+def finished_take(
+    collection: bpy.types.Collection, stored: Stored, fills: tuple[KeptFill, ...] | None = None
+) -> Stored:
+    """A take with its fills in it, and then smoothed, as the file has these; `stored` has its edits and neither.
+
+    The `fills` need not be read where they are known.
+    """
+    fills, cutoff = kept_fills(collection) if fills is None else fills, kept_cutoff(collection)
     after = filled_in(stored, fills) if fills else stored
     return after if cutoff is None else smoothed_in(after, cutoff)
 

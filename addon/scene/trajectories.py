@@ -1,21 +1,35 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A take as rows over time, each a marker or a trajectory without a name: what every stretch is. No drawing here."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..core.data.takes import BY_EDIT, NO_MARKER, PointRows
+from ..core.edits.following import changed_frames
 from ..core.edits.kinds import Place
-from ..core.review.doubtful import markers_of, unsure_names
-from .stored import Stored
+from ..core.review.doubtful import SURE_NAME, markers_of
+from .stored import Stored, differ_by_edits
 
 # What a stretch is, in the order in which stretches are drawn: what is rare and short lies on top.
 STATES = ("named", "unnamed", "gap", "filled", "edited", "doubtful")
 NAMED, UNNAMED, GAP, FILLED, CORRECTED, DOUBTFUL = range(len(STATES))
-# s; trajectories without a name that are shorter, in all of a take, share a row: mostly ghosts that flicker.
-LONG_S = 1.0
 FOLDED = "short ones"
+
+
+@dataclass(frozen=True)
+class RowOptions:
+    """How trajectories are shown; reckoned.
+
+    min_own_row_s  that a trajectory without a name is there, in all of a take, to have its own row: shorter ones are
+                   mostly ghosts that flicker
+    """
+
+    min_own_row_s: float = 1.0
+
+
+TRAJECTORY_ROWS = RowOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,70 +65,162 @@ class Runs:
 
 def runs_of(stored: Stored, unfolded: bool = False) -> Runs:
     """The rows of a take; `unfolded` gives each short trajectory a row of its own too."""
-    frames = stored.motion.frames + stored.shift
+    return KeptRows().runs(stored, unfolded)
+
+
+@dataclass(eq=False)
+class KeptRows:
+    """The rows of the take that was asked for last: of one that was edited since, only what changed is made anew.
+
+    stored    that take
+    states    (M, F) of its markers
+    markers   (N, 4) stretches of each of its markers, frames by their index, and
+    found     frames in which each has a point, filled ones not counted
+    unfolded  whether short trajectories have rows of their own, and
+    points    the names, numbers, frames with a point and stretches of trajectories
+    made      what came of it
+    """
+
+    stored: Stored | None = None
+    states: np.ndarray = field(default_factory=lambda: np.empty((0, 0), np.int8))
+    markers: list[np.ndarray] = field(default_factory=list)
+    found: list[int] = field(default_factory=list)
+    unfolded: bool = False
+    points: tuple[list[str], list[int], list[int], list[np.ndarray]] = ([], [], [], [])
+    made: Runs | None = None
+
+    def runs(self, stored: Stored, unfolded: bool) -> Runs:
+        """The rows of a take, the same ones as long as it is the same."""
+        if self.made is None or stored is not self.stored or unfolded != self.unfolded:
+            same = unfolded == self.unfolded and self._same_points(stored)
+            self._look_at_markers(stored)
+            self.points = self.points if same else _rows_of_points(stored, unfolded)
+            self.stored, self.unfolded = stored, unfolded
+            self.made = self._joined()
+        return self.made
+
+    def forget(self):
+        """Lets go of the take."""
+        self.stored = self.made = None
+
+    def _same_points(self, stored: Stored) -> bool:
+        last = self.stored
+        if last is None or last.rows is not stored.rows or last.rate != stored.rate:
+            return False
+        return last.labels is stored.labels or np.array_equal(last.labels.named, stored.labels.named)
+
+    def _look_at_markers(self, stored: Stored):
+        whole = slice(0, len(stored.motion.frames))
+        changed = dict.fromkeys(range(len(stored.names)), whole)
+        if self.stored is not None and differ_by_edits(self.stored, stored):
+            changed = _about(self.stored, stored)
+        else:
+            self.states = np.empty((len(changed), whole.stop), np.int8)
+            self.markers, self.found = [np.empty((0, 4), int)] * len(changed), [0] * len(changed)
+        if not changed:
+            return
+        markers, spans = list(changed), changed.values()
+        frames = slice(min(span.start for span in spans), max(span.stop for span in spans))
+        self.states[markers, frames] = states_of(stored, markers, frames).T
+        for index in markers:
+            states = self.states[index]
+            self.found[index] = int(((states != GAP) & (states != FILLED)).sum())
+            self.markers[index] = _runs_of_states(index, states)
+
+    def _joined(self) -> Runs:
+        frames = self.stored.motion.frames + self.stored.shift
+        names, numbers, found, tables = self.points
+        runs = np.concatenate([np.empty((0, 4), int), *self.markers, *tables])
+        runs[:, 1:3] = frames[runs[:, 1:3]] if len(frames) else 0
+        count = len(self.stored.names)
+        marker = np.append(np.arange(count), np.full(len(names), NO_MARKER))
+        numbers = np.append(np.full(count, -1), np.array(numbers, int))
+        span = (int(frames[0]), int(frames[-1])) if len(frames) else (0, 0)
+        found = np.array([*self.found, *found], int)
+        return Runs((*self.stored.names, *names), marker, numbers, found, runs, span)
+
+
+def _about(before: Stored, after: Stored) -> dict[int, slice]:
+    """The markers of which two takes that differ by edits may say something else, and the frames in which they may.
+
+    Frames are given by their index.
+    """
+    of_word = {name: index for index, name in enumerate(after.names)}
+    about = changed_frames(before.groups, after.groups)
+    for suspect in set(before.suspects) ^ set(after.suspects):
+        start, stop = np.searchsorted(after.motion.frames, [suspect.first, suspect.last + 1]).tolist()
+        for marker in markers_of(suspect, of_word):
+            own = about.get(marker, slice(start, stop))
+            about[marker] = slice(min(own.start, start), max(own.stop, stop))
+    return about
+
+
+def _rows_of_points(stored: Stored, unfolded: bool) -> tuple[list[str], list[int], list[int], list[np.ndarray]]:
+    """The names, numbers, frames with a point and stretches (N, 4) of the trajectories without a name."""
     left = np.flatnonzero(~stored.labels.named) if isinstance(stored.rows, PointRows) else np.empty(0, int)
-    states = states_of(stored)
-    seen = ((states != GAP) & (states != FILLED)).sum(axis=0)
-    tables = [_runs_of_table(states)]
-    names, numbers, found = list(stored.names), [-1] * len(stored.names), seen.tolist()
-    if len(left):
-        # Rows are in the order of frames, which a stable sort keeps within each trajectory.
-        left = left[np.argsort(stored.rows.trajectory[left].astype(np.int32), kind="stable")]
-        there, frame = stored.rows.trajectory[left], stored.rows.frame[left]
-        fresh = np.diff(there, prepend=there[0] - 1) != 0
-        own, row = there[fresh], np.cumsum(fresh) - 1
-        count = np.bincount(row)
-        long_enough = unfolded | (count >= LONG_S * stored.rate)
-        rank = np.argsort(np.where(long_enough, -count, 1), kind="stable")
-        kept = rank[: int(long_enough.sum())]
-        place = np.full(len(own), len(kept))
-        place[kept] = np.arange(len(kept))
-        tables.append(_runs_of_points(place[row] + len(names), row, frame, len(names) + len(kept)))
-        short = int((~long_enough).sum())
-        names += [f"trajectory {number}" for number in own[kept]] + [f"{short} {FOLDED}"] * bool(short)
-        numbers += own[kept].tolist() + [-1] * bool(short)
-        found += count[kept].tolist() + [int(count[~long_enough].sum())] * bool(short)
-    runs = np.concatenate(tables)
-    runs[:, 1:3] = frames[runs[:, 1:3]] if len(frames) else 0
-    marker = np.where(np.arange(len(names)) < len(stored.names), np.arange(len(names)), NO_MARKER)
-    span = (int(frames[0]), int(frames[-1])) if len(frames) else (0, 0)
-    return Runs(tuple(names), marker, np.array(numbers, int), np.array(found, int), runs, span)
+    if not len(left):
+        return [], [], [], []
+    # Rows are in the order of frames, which a stable sort keeps within each trajectory.
+    left = left[np.argsort(stored.rows.trajectory[left].astype(np.int32), kind="stable")]
+    there, frame = stored.rows.trajectory[left], stored.rows.frame[left]
+    fresh = np.diff(there, prepend=there[0] - 1) != 0
+    own, row = there[fresh], np.cumsum(fresh) - 1
+    count = np.bincount(row)
+    long_enough = unfolded | (count >= TRAJECTORY_ROWS.min_own_row_s * stored.rate)
+    rank = np.argsort(np.where(long_enough, -count, 1), kind="stable")
+    kept = rank[: int(long_enough.sum())]
+    place = np.full(len(own), len(kept))
+    place[kept] = np.arange(len(kept))
+    markers = len(stored.names)
+    table = _runs_of_points(place[row] + markers, row, frame, markers + len(kept))
+    short = int((~long_enough).sum())
+    names = [f"trajectory {number}" for number in own[kept]] + [f"{short} {FOLDED}"] * bool(short)
+    numbers = own[kept].tolist() + [-1] * bool(short)
+    found = count[kept].tolist() + [int(count[~long_enough].sum())] * bool(short)
+    return names, numbers, found, [table]
 
 
-def states_of(stored: Stored) -> np.ndarray:
-    """(F, M) one of STATES for every frame and marker."""
-    there = np.isfinite(stored.motion.markers[..., 0])
+def states_of(stored: Stored, markers: Sequence[int], frames: slice) -> np.ndarray:
+    """(F, K) one of STATES for each of F frames, by their index from start to stop, and of K markers, by theirs."""
+    markers, begin = list(markers), frames.start
+    there = np.isfinite(stored.motion.markers[frames, :, 0][:, markers])
     states = np.where(there, NAMED, GAP).astype(np.int8)
-    states[unsure_names(stored.rows, stored.labels, states.shape)] = DOUBTFUL
-    by_hand = np.flatnonzero((stored.labels.step == BY_EDIT) & (stored.labels.marker != NO_MARKER))
-    states[stored.rows.frame[by_hand], stored.labels.marker[by_hand]] = CORRECTED
+    column_of = np.full(len(stored.names) + 1, -1)  # the last is that of NO_MARKER, -1
+    column_of[markers] = np.arange(len(markers))
+    rows = slice(*np.searchsorted(stored.rows.frame, [begin, frames.stop]).tolist())
+    labels, frame = stored.labels, stored.rows.frame[rows] - begin
+    column = column_of[labels.marker[rows]]
+    unsure = labels.confidence[rows] < SURE_NAME
+    if not isinstance(stored.rows, PointRows):
+        unsure[:] = False  # of blobs every camera has its own say
+    for unlike, state in ((unsure, DOUBTFUL), (labels.step[rows] == BY_EDIT, CORRECTED)):
+        which = np.flatnonzero(unlike & (column >= 0))
+        states[frame[which], column[which]] = state
     states[~there] = GAP  # of a blob that one camera alone has, whoever named it
     of_word = {name: index for index, name in enumerate(stored.names)}
+    own_frames = stored.motion.frames[frames]
     for suspect in stored.suspects:
-        part = slice(*np.searchsorted(stored.motion.frames, [suspect.first, suspect.last + 1]))
-        for marker in markers_of(suspect, of_word):
-            column = states[part, marker]
+        part = slice(*np.searchsorted(own_frames, [suspect.first, suspect.last + 1]).tolist())
+        doubted = markers_of(suspect, of_word) if part.start < part.stop else ()
+        for place in (column_of[marker] for marker in doubted if column_of[marker] >= 0):
+            column = states[part, place]
             column[column == NAMED] = DOUBTFUL
     for edit in stored.edits:
-        if isinstance(edit, Place) and edit.marker in stored.words:
-            row = int(np.searchsorted(stored.motion.frames, edit.frame))
-            if row < len(states) and there[row, stored.words[edit.marker]]:
-                states[row, stored.words[edit.marker]] = CORRECTED
-    states[stored.filled()] = FILLED
+        place = column_of[stored.words[edit.marker]] if isinstance(edit, Place) and edit.marker in stored.words else -1
+        row = int(np.searchsorted(own_frames, edit.frame)) if place >= 0 else len(states)
+        if row < len(states) and own_frames[row] == edit.frame and there[row, place]:
+            states[row, place] = CORRECTED
+    for marker, filled in stored.filled_markers().items():
+        if column_of[marker] >= 0:
+            states[filled[frames], column_of[marker]] = FILLED
     return states
 
 
-def _runs_of_table(states: np.ndarray) -> np.ndarray:
-    """(N, 4) row, first and last frame (0-based) and state of the stretches of a table (F, M), a row a column."""
-    frames = len(states)
-    flat = states.T.ravel()
-    if not len(flat):
-        return np.empty((0, 4), int)
-    fresh = np.diff(flat, prepend=-1) != 0
-    fresh[::frames] = True
-    first = np.flatnonzero(fresh)
-    last = np.append(first[1:], len(flat)) - 1
-    return np.column_stack([first // frames, first % frames, last % frames, flat[first]]).astype(int)
+def _runs_of_states(row: int, states: np.ndarray) -> np.ndarray:
+    """(N, 4) row, first and last frame (0-based) and state of the stretches of a row with these states (F,)."""
+    first = np.flatnonzero(np.diff(states, prepend=np.int8(-1)))
+    last = np.append(first[1:], len(states)) - 1
+    return np.column_stack([np.full(len(first), row), first, last[: len(first)], states[first]]).astype(int)
 
 
 def _runs_of_points(row: np.ndarray, trajectory: np.ndarray, frame: np.ndarray, folded: int) -> np.ndarray:

@@ -4,12 +4,13 @@
 import bpy
 import numpy as np
 
-from ..core.edits.following import changed_markers
+from ..core.edits.following import changed_frames
 from ..core.review.camera_blobs import CameraFinding
 from ..core.review.trouble import MarkerSight, TakeTrouble, Trouble
 from .corrections import kept_text
 from .opened import opened
-from .stored import Stored
+from .review import forget_reviews
+from .stored import Stored, differ_by_edits
 
 QUICK = 20_000  # frames times markers that are looked at in some 0.04 s, measured: 0.17 s for 92,000 on a busy machine
 # The take that was looked at last, and what was found: a panel and its buttons ask for the same.
@@ -46,24 +47,19 @@ def forget_trouble():
     """Lets go of what was found: another file was loaded, or the extension ends."""
     _last.clear()
     _sight.clear()
+    forget_reviews()
 
 
 def _sight_of(stored: Stored) -> MarkerSight:
     """Where the markers of a take are seen: of one that was edited since, only what that changed is looked at again."""
-    if _sight and _differ_by_edits(_sight[0][0], stored):
+    if _sight and differ_by_edits(_sight[0][0], stored):
         before, sight = _sight[0]
-        if changed := changed_markers(before.groups, stored.groups):
+        if changed := changed_frames(before.groups, stored.groups):
             sight.look_again(stored.motion, changed)
     else:
         sight = MarkerSight.of(stored.motion)
     _sight[:] = [(stored, sight)]
     return sight
-
-
-def _differ_by_edits(one: Stored, other: Stored) -> bool:
-    """Whether two takes are one with different edits, neither of them filled or smoothed."""
-    same = one.rows is other.rows and one.motion.expected is other.motion.expected
-    return same and all(take.motion is take.unfilled for take in (one, other))
 
 
 def _looked_at(stored: Stored, collection: bpy.types.Collection, scene: bpy.types.Scene):

@@ -6,6 +6,7 @@ from contextlib import ExitStack
 import bpy
 
 from ..ops.correcting import review_now
+from ..ops.timeline import forget_rows
 from ..props import list_trouble
 from ..scene.opened import opened
 from ..scene.trouble import forget_trouble
@@ -44,6 +45,9 @@ def add_handlers(stack: ExitStack):
     label_tool.add_tool(stack)
     stack.callback(opened.forget)
     stack.callback(forget_trouble)
+    stack.callback(forget_rows)
+    stack.callback(overlay.letters.forget)
+    stack.callback(overlay.discs.forget)
     stack.callback(_stop_timer, list_trouble)
     events = bpy.app.handlers
     for listeners, function in (

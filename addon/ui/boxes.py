@@ -13,5 +13,9 @@ def box_batch(shader: gpu.types.GPUShader, **attributes: np.ndarray) -> gpu.type
     """N boxes as two triangles each; what a shader is told of every corner is (N, 4, C), by its name there."""
     count = len(next(iter(attributes.values())))
     faces = (4 * np.arange(count)[:, None] + [0, 1, 2, 0, 2, 3]).reshape(-1, 3).astype(np.int32)
-    content = {name: values.astype(np.float32).reshape(-1, values.shape[-1]) for name, values in attributes.items()}
+    # Rows one after the other, as the GPU reads them, however they lie: what is broadcast lies otherwise.
+    content = {
+        name: np.ascontiguousarray(values.reshape(-1, values.shape[-1]), np.float32)
+        for name, values in attributes.items()
+    }
     return batch_for_shader(shader, "TRIS", content, indices=faces)

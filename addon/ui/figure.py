@@ -6,7 +6,6 @@ frame a thin ring is drawn in the place that the body has for it.
 """
 
 import bpy
-import gpu
 import numpy as np
 
 from ..core.review.trouble import Trouble
@@ -42,19 +41,17 @@ def draw():
     index = marks.frame_index(stored, context.scene.frame_current)
     if index < 0:
         return
-    canvas = Canvas(context)
-    gpu.state.blend_set("ALPHA")
-    if settings.show_figure:
-        draw_figure(canvas, settings.take)
-        canvas.rings(canvas.place(missing(stored, index)), MISSING_COLOUR, MISSING_RADIUS)
-    if settings.show_trails:
-        names = [name for name in selected_markers(context) if name in stored.words]
-        draw_trails(canvas, stored, index, [stored.words[name] for name in names])
-    if (trouble := meant(context, settings.take, stored)) is not None:
-        places = canvas.place(places_of(trouble, stored, context.scene.frame_current - stored.shift))
-        for radius in (MEANT_RADIUS, MEANT_RADIUS + 1.5):
-            canvas.rings(places, MEANT_COLOUR, radius)
-    gpu.state.blend_set("NONE")
+    with Canvas(context) as canvas:
+        if settings.show_figure:
+            draw_figure(canvas, settings.take)
+            canvas.rings(canvas.place(missing(stored, index)), MISSING_COLOUR, MISSING_RADIUS)
+        if settings.show_trails:
+            names = [name for name in selected_markers(context) if name in stored.words]
+            draw_trails(canvas, stored, index, [stored.words[name] for name in names])
+        if (trouble := meant(context, settings.take, stored)) is not None:
+            places = canvas.place(places_of(trouble, stored, context.scene.frame_current - stored.shift))
+            for radius in (MEANT_RADIUS, MEANT_RADIUS + 1.5):
+                canvas.rings(places, MEANT_COLOUR, radius)
 
 
 def draw_figure(canvas: Canvas, collection: bpy.types.Collection):
@@ -108,13 +105,12 @@ def missing(stored: Stored, index: int) -> np.ndarray:
 def draw_trails(canvas: Canvas, stored: Stored, index: int, markers: list[int]):
     """Where markers were and will be, a second either way, fading."""
     colours = colours_of(stored.names)
-    for marker in markers:
-        ends, faded, gaps = trail(stored.motion.markers[:, marker], index, max(round(stored.rate), 2))
-        if len(ends):
-            tints = np.concatenate([np.tile(colours[marker], (*faded.shape, 1)), faded[..., None]], axis=2)
-            canvas.lines(canvas.place(ends), tints, TRAIL_WIDTH)
-        if len(gaps):
-            canvas.lines(canvas.place(gaps), np.tile(MISSING_COLOUR, (len(gaps), 2, 1)), 1.2)
+    trails = [trail(stored.motion.markers[:, one], index, max(round(stored.rate), 2)) for one in markers]
+    for marker, (ends, faded, _) in zip(markers, trails, strict=True):
+        tints = np.concatenate([np.tile(colours[marker], (*faded.shape, 1)), faded[..., None]], axis=2)
+        canvas.lines(canvas.place(ends), tints, TRAIL_WIDTH)
+    for _, _, gaps in trails:
+        canvas.lines(canvas.place(gaps), np.tile(MISSING_COLOUR, (len(gaps), 2, 1)), 1.2)
 
 
 def trail(path: np.ndarray, index: int, reach: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

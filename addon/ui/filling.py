@@ -56,6 +56,8 @@ def draw_fills(context: bpy.types.Context, layout: bpy.types.UILayout, state: bp
             draw_text(context, layout, f"Left out: {fill.reason}. Fill the gap again, or take this back", "ERROR")
         else:
             layout.label(text=f"By {fill.method}")
+            if fill.rests_on != "both ends":
+                layout.label(text=f"Rests on {fill.rests_on} alone, and what moves with it", icon="INFO")
     unfit = sum(bool(fill.reason) for fill in state.fills)
     if unfit:
         layout.label(text=f"{unfit} no longer fit the labels", icon="ERROR")

@@ -5,6 +5,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ..ops.picking import keep_picked, restore_picked
+from ..ops.timeline import forget_rows
 from ..props import SceneSettings, TrainingTakeRow, refresh_review
 from ..scene import naming
 from ..scene.opened import opened
@@ -19,6 +20,7 @@ def after_load(*_):
     for scene in bpy.data.scenes:
         adopt_training_takes(scene.mocap_autolabel)
     forget_trouble()
+    forget_rows()
     bpy.context.window_manager.mocap_autolabel.picked.clear()
     adopt_takes()
 

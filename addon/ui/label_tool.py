@@ -4,7 +4,6 @@
 from contextlib import ExitStack
 
 import bpy
-import gpu
 import numpy as np
 
 from ..core.data.takes import NO_MARKER, PointRows
@@ -168,13 +167,11 @@ def draw():
         return
     stored = opened.take(collection, scene)
     index = marks.frame_index(stored, scene.frame_current)
-    canvas = Canvas(context)
-    gpu.state.blend_set("ALPHA")
-    if index >= 0:
-        draw_picked(canvas, stored, index, *shown_of(context, stored, index))
-    if gesture.is_in(context.region):
-        draw_gesture(canvas)
-    gpu.state.blend_set("NONE")
+    with Canvas(context) as canvas:
+        if index >= 0:
+            draw_picked(canvas, stored, index, *shown_of(context, stored, index))
+        if gesture.is_in(context.region):
+            draw_gesture(canvas)
 
 
 def shown_of(context: bpy.types.Context, stored: Stored, index: int) -> tuple[Dots, list[int], list[Path]]:

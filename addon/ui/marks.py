@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core.data.takes import BY_EDIT, CONFLICT, EXCLUSIVE, NO_MARKER, REMAINING, STEPS, PointRows, rows_in_frame
-from ..core.review.doubtful import SURE_NAME, markers_of
+from ..core.review.doubtful import DOUBTFUL_NAMES, markers_of
 from ..scene.blob_dots import on_rays, rows_of_image
 from ..scene.take import Stored
 
@@ -102,7 +102,7 @@ def point_marks(stored: Stored, index: int) -> PointMarks:
         return PointMarks(markers, doubtful, np.empty((0, 3)), filled, {})
     here = rows_in_frame(stored.rows, index)
     marker, confidence = labels.marker[here], labels.confidence[here]
-    doubtful[marker[(marker != NO_MARKER) & (confidence < SURE_NAME)]] = True
+    doubtful[marker[(marker != NO_MARKER) & (confidence < DOUBTFUL_NAMES.min_confidence)]] = True
     left = here.start + np.flatnonzero(marker == NO_MARKER)
     numbers = stored.rows.trajectory[left].tolist()
     # Reasons count things as well, so a number is a trajectory's only where they call it one.
@@ -137,11 +137,10 @@ def room_for_words(
     flat = boxes.reshape(-1, 4)
     meets = _meets(flat[:, None], flat)
     taken = _meets(flat[:, None], covered).any(axis=1)
-    for place, (index, alone) in enumerate(zip(there.tolist(), clear, strict=True)):
-        free = ~taken[4 * place : 4 * place + 4]
-        if free.any():
-            best = free & alone
-            chosen = 4 * place + int((best if best.any() else free).argmax())
+    for place, (index, alone) in enumerate(zip(there.tolist(), clear.tolist(), strict=True)):
+        free = [way for way, full in enumerate(taken[4 * place : 4 * place + 4].tolist()) if not full]
+        if free:
+            chosen = 4 * place + next((way for way in free if alone[way]), free[0])
             starts[index] = flat[chosen, :2]
             taken |= meets[chosen]
     return starts

@@ -2,9 +2,8 @@
 """Drawn over the 3D view: through a camera its blobs, the body's markers and the links between them; names anywhere."""
 
 from collections.abc import Iterable
-from functools import lru_cache
+from typing import Self
 
-import blf
 import bpy
 import gpu
 import numpy as np
@@ -20,7 +19,9 @@ from ..scene.picking import to_region
 from ..scene.preview import holds_points
 from ..scene.take import Stored, is_take
 from . import marks
-from .marks import BLACK, BLUE, GREY, ORANGE, RED, STEP_COLOURS, WHITE
+from .discs import Discs
+from .lettering import Letters, Word
+from .marks import BLUE, GREY, ORANGE, RED, STEP_COLOURS, WHITE
 
 BLOB_RADIUS, RING_RADIUS, LINK_WIDTH, TEXT_SIZE = 3.5, 5.5, 2.2, 11.0
 RING_COLOUR = (1.0, 1.0, 1.0, 0.45)
@@ -33,6 +34,7 @@ LEGEND = (
     ("no name", NO_STEP),
 )
 BY_HAND = ("named by hand", BY_EDIT)
+letters, discs = Letters(), Discs()
 COVERING = ("TOOLS", "UI", "HEADER", "TOOL_HEADER", "ASSET_SHELF", "ASSET_SHELF_HEADER")
 
 
@@ -42,13 +44,24 @@ def draw():
     settings, space = context.scene.mocap_autolabel, context.space_data
     if not settings.show_overlay or not space.overlay.show_overlays:
         return
-    canvas = Canvas(context)
-    laid_out = edited_collection(context.scene)
-    if laid_out is not None and settings.show_names:
+    with Canvas(context) as canvas:
+        if settings.show_names:
+            draw_laid_out(canvas, context.scene)
+        draw_frame(canvas, context)
+
+
+def draw_laid_out(canvas: "Canvas", scene: bpy.types.Scene):
+    """The names of the markers of a set that is being changed."""
+    laid_out = edited_collection(scene)
+    if laid_out is not None:
         items = [item for item in laid_out.all_objects if naming.MARKER in item and item.visible_get()]
         places = np.array([item.matrix_world.translation for item in items], dtype=float).reshape(-1, 3)
         canvas.names([str(item[naming.MARKER]) for item in items], canvas.place(places))
-    stored = shown(context.scene)
+
+
+def draw_frame(canvas: "Canvas", context: bpy.types.Context):
+    """What there is of the take in the current frame."""
+    settings, stored = context.scene.mocap_autolabel, shown(context.scene)
     index = marks.frame_index(stored, context.scene.frame_current) if stored else -1
     if index < 0:
         return
@@ -70,7 +83,11 @@ def shown(scene: bpy.types.Scene) -> Stored | None:
 
 
 class Canvas:
-    """The region that is drawn on: points of the world become its pixels; onto what is covered no words go."""
+    """The region that is drawn on: points of the world become its pixels; onto what is covered no words go.
+
+    It is entered to be drawn on, and what was asked for is drawn when it is left: each call of the GPU costs more than
+    what it draws.
+    """
 
     covered = marks.NOTHING_COVERED
 
@@ -81,34 +98,32 @@ class Canvas:
         self.scale = context.preferences.system.ui_scale
         self.covered = covered(context.area, region)
 
+    def __enter__(self) -> Self:
+        self._waiting: list[tuple[float | None, list[tuple[np.ndarray, ...]]]] = []
+        self._words: list[Word] = []
+        gpu.state.blend_set("ALPHA")
+        return self
+
+    def __exit__(self, *_):
+        self.done()
+        gpu.state.blend_set("NONE")
+
     def place(self, points: np.ndarray) -> np.ndarray:
         """(..., 2) px of points (..., 3) m; NaN behind the viewer."""
         return to_region(points, self.perspective, self.size)
 
     def lines(self, ends: np.ndarray, colours: np.ndarray, width: float):
-        """Lines between ends (L, 2, 2) px in colours (L, 2, 4) that run into each other."""
+        """Lines between ends (L, 2, 2) px in colours (L, 2, 4) that run into each other; drawn by `done`."""
         there = np.isfinite(ends).all(axis=(1, 2))
-        if not there.any():
-            return
-        shader = gpu.shader.from_builtin("POLYLINE_SMOOTH_COLOR")
-        shader.bind()
-        shader.uniform_float("viewportSize", self.size)
-        shader.uniform_float("lineWidth", width * self.scale)
-        _batch(shader, "LINES", ends[there].reshape(-1, 2), colours[there].reshape(-1, 4)).draw(shader)
+        if there.any():
+            self._add(width, ends[there].reshape(-1, 2), colours[there].reshape(-1, 4))
 
-    def discs(self, centres: np.ndarray, colours: np.ndarray, radius: float):
-        """Filled circles around centres (N, 2) px in colours (N, 4)."""
+    def discs(self, centres: np.ndarray, colours: np.ndarray, radius: float, rim: float = 0.0):
+        """Filled circles around centres (N, 2) px in colours (N, 4), with a black rim so wide; drawn by `done`."""
         there = np.isfinite(centres).all(axis=1)
-        if not there.any():
-            return
-        rim = _circle(radius * self.scale)
-        middle = centres[there][:, None]
-        corners = np.stack(
-            [np.broadcast_to(middle, (len(middle), CORNERS, 2)), middle + rim, middle + np.roll(rim, -1, axis=0)], 2
-        )
-        shader = gpu.shader.from_builtin("SMOOTH_COLOR")
-        shader.bind()
-        _batch(shader, "TRIS", corners.reshape(-1, 2), np.repeat(colours[there], CORNERS * 3, axis=0)).draw(shader)
+        if there.any():
+            radii = np.broadcast_to(np.array([radius, rim]) * self.scale, (int(there.sum()), 2))
+            self._add(None, centres[there], colours[there], radii)
 
     def rings(self, centres: np.ndarray, colour: tuple[float, ...], radius: float):
         """Open circles around centres (N, 2) px."""
@@ -117,29 +132,44 @@ class Canvas:
         arcs = arcs.reshape(-1, 2, 2)
         self.lines(arcs, np.broadcast_to(np.array(colour), (*arcs.shape[:2], 4)), 1.2)
 
+    def _add(self, width: float | None, *columns: np.ndarray):
+        """Puts lines of a width, or discs, behind what waits to be drawn: what is alike goes to the GPU together."""
+        if not self._waiting or self._waiting[-1][0] != width:
+            self._waiting.append((width, []))
+        self._waiting[-1][1].append(columns)
+
+    def done(self):
+        """Draws what waits for it, in its order."""
+        for width, parts in self._waiting:
+            columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
+            if width is None:
+                discs.draw(*columns)
+                continue
+            shader = gpu.shader.from_builtin("POLYLINE_SMOOTH_COLOR")
+            shader.bind()
+            shader.uniform_float("viewportSize", self.size)
+            shader.uniform_float("lineWidth", width * self.scale)
+            _batch(shader, "LINES", *columns).draw(shader)
+        self._waiting.clear()
+        letters.draw(self._words, TEXT_SIZE * self.scale, shadow=True)
+        self._words.clear()
+
     def names(self, words: list[str], places: np.ndarray):
         """Words beside places (N, 2) px, as many as there is room for."""
-        sizes = np.array([_word_size(word, TEXT_SIZE * self.scale) for word in words]).reshape(-1, 2)
         height = TEXT_SIZE * self.scale
+        widths = np.array([letters.width(word, height) for word in words])
         gap, mark = (RING_RADIUS + 2) * self.scale, BLOB_RADIUS * self.scale
-        starts = marks.room_for_words(places, sizes[:, 0], height, gap, mark, self.covered)
-        there = np.isfinite(starts[:, 0])
-        self.texts(zip((words[at] for at in np.flatnonzero(there)), starts[there].tolist(), strict=True))
+        starts = marks.room_for_words(places, widths, height, gap, mark, self.covered)
+        there = np.flatnonzero(np.isfinite(starts[:, 0]))
+        self.texts(zip((words[at] for at in there.tolist()), starts[there].tolist(), strict=True))
 
     def text(self, words: str, x: float, y: float, colour: tuple[float, ...] = WHITE):
         """Words that begin at x, y px."""
         self.texts([(words, (x, y))], colour)
 
     def texts(self, words: Iterable[tuple[str, tuple[float, float]]], colour: tuple[float, ...] = WHITE):
-        """Words, each where it begins, px, with the shadow that keeps them readable on anything set once for all."""
-        blf.size(0, TEXT_SIZE * self.scale)
-        blf.enable(0, blf.SHADOW)
-        blf.shadow(0, 3, 0.0, 0.0, 0.0, 0.9)
-        blf.color(0, *colour)
-        for word, (x, y) in words:
-            blf.position(0, x, y, 0)
-            blf.draw(0, word)
-        blf.disable(0, blf.SHADOW)
+        """Words, each where it begins, px, with a shadow to be read on anything; drawn by `done`, over all else."""
+        self._words += [(word, x, y, colour) for word, (x, y) in words]
 
 
 def covered(area: bpy.types.Area, region: bpy.types.Region) -> np.ndarray:
@@ -149,26 +179,16 @@ def covered(area: bpy.types.Area, region: bpy.types.Region) -> np.ndarray:
     return np.array(boxes, dtype=float).reshape(-1, 4) - np.tile([region.x, region.y], 2)
 
 
-@lru_cache(maxsize=1024)
-def _word_size(word: str, size: float) -> tuple[float, float]:
-    """Width and height of a word, px: a marker's name is asked for at every redraw."""
-    blf.size(0, size)
-    return blf.dimensions(0, word)
-
-
 def draw_camera(canvas: Canvas, stored: Stored, index: int, camera: bpy.types.Object, settings):
     """The view through one camera, as in the paper's figures 1, 4, 5 and 6."""
     number = stored.cameras.names.index(camera_name(camera))
     seen = marks.camera_marks(stored, index, number, np.array(camera.matrix_world.normalized(), dtype=float))
-    gpu.state.blend_set("ALPHA")
     canvas.rings(canvas.place(seen.expected), RING_COLOUR, RING_RADIUS)
     if settings.show_links:
         ends, colours = marks.links(seen)
         canvas.lines(canvas.place(ends), colours, LINK_WIDTH)
     places = canvas.place(seen.blobs)
-    canvas.discs(places, np.broadcast_to(np.array(BLACK), (len(places), 4)), BLOB_RADIUS + 1.2)
-    canvas.discs(places, STEP_COLOURS[seen.step, 0], BLOB_RADIUS)
-    gpu.state.blend_set("NONE")
+    canvas.discs(places, STEP_COLOURS[seen.step, 0], BLOB_RADIUS, 1.2)
     if settings.show_names:
         named = np.flatnonzero(seen.marker != NO_MARKER)
         canvas.names([stored.names[marker] for marker in seen.marker[named]], places[named])
@@ -189,14 +209,8 @@ def draw_markers(canvas: Canvas, stored: Stored, index: int, settings):
     fills = np.full((len(others), 4), GREY)
     found_as = np.where(seen.filled[:, None], BLUE, np.where(seen.doubtful[:, None], RED, ORANGE))
     fills[asked] = RED
-    gpu.state.blend_set("ALPHA")
-    for at, colours, radius in (
-        (others, fills, BLOB_RADIUS - 1.5),
-        (places, found_as, BLOB_RADIUS - 1),
-    ):
-        canvas.discs(at, np.broadcast_to(np.array(BLACK), (len(at), 4)), radius + 1)
-        canvas.discs(at, colours, radius)
-    gpu.state.blend_set("NONE")
+    canvas.discs(others, fills, BLOB_RADIUS - 1.5, 1.0)
+    canvas.discs(places, found_as, BLOB_RADIUS - 1, 1.0)
     if settings.show_names:
         words = [*stored.names, *seen.asked.values()]
         canvas.names(words, np.concatenate([places, others[asked]]))
@@ -223,13 +237,11 @@ def draw_legend(canvas: Canvas, camera: str, blobs: int, named: int, legend):
 def draw_colours(canvas: Canvas, title: str, rows):
     """A title and below it colours, each one or from one to another, with the words for them."""
     left, bottom, line = LEGEND_LEFT * canvas.scale, LEGEND_BOTTOM * canvas.scale, 18 * canvas.scale
-    gpu.state.blend_set("ALPHA")
     lower = bottom + line * np.arange(len(rows))[::-1]
     y = lower + line * 0.25
     ends = np.stack([np.column_stack([0 * y + left, y]), np.column_stack([0 * y + left + 22 * canvas.scale, y])], 1)
     colours = np.array([np.broadcast_to(colour, (2, 4)) for _, colour in rows])
     canvas.lines(ends, colours, LINK_WIDTH * 1.5)
-    gpu.state.blend_set("NONE")
     beside = [(words, (left + 30 * canvas.scale, y)) for (words, _), y in zip(rows, lower.tolist(), strict=True)]
     canvas.texts([(title, (left, bottom + line * len(rows))), *beside])
 

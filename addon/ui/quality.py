@@ -2,12 +2,11 @@
 """Placement quality in the sidebar and over the 3D view: markers in the colour of their clearness, pairs, advice."""
 
 import bpy
-import gpu
 import numpy as np
 
 from ..scene.markerset_edit import edited_collection
 from ..scene.quality import changed_since, kept_report, marker_items, targets
-from .marks import BLACK, CYAN, GREEN, ORANGE, RED
+from .marks import CYAN, GREEN, ORANGE, RED
 from .overlay import BLOB_RADIUS, RING_RADIUS, Canvas, draw_colours
 from .parts import Step, draw_text
 
@@ -32,21 +31,22 @@ def draw():
     shown = context.scene.mocap_autolabel.show_overlay and context.space_data.overlay.show_overlays
     if report is None or not shown or collection.hide_viewport:
         return
-    canvas, goal, items = Canvas(context), report["goal"], marker_items(collection)
+    with Canvas(context) as canvas:
+        _draw_markers(canvas, report, marker_items(collection))
+        _draw_targets(canvas, targets(collection))
+        title = f"{report['model']}: placement of its markers"
+        draw_colours(canvas, title, [(words, colour) for words, colour in QUALITY_LEGEND])
+
+
+def _draw_markers(canvas: Canvas, report: dict, items: dict[str, bpy.types.Object]):
+    """The markers in the colours of their clearness, over lines between ambiguous pairs."""
     items = {name: item for name, item in items.items() if item.visible_get()}
     at = {name: canvas.place(np.array(item.matrix_world.translation)) for name, item in items.items()}
-    gpu.state.blend_set("ALPHA")
     _draw_pairs(canvas, report, at)
     names = [name for name in report["markers"] if name in at]
-    colours = [clearness(report["markers"][name]["separation"], goal) for name in names]
+    colours = [clearness(report["markers"][name]["separation"], report["goal"]) for name in names]
     places = np.array([at[name] for name in names]).reshape(-1, 2)
-    canvas.discs(places, np.broadcast_to(np.array(BLACK), (len(places), 4)), BLOB_RADIUS + 1.5)
-    canvas.discs(places, np.array(colours).reshape(-1, 4), BLOB_RADIUS + 0.3)
-    _draw_targets(canvas, targets(collection))
-    gpu.state.blend_set("NONE")
-    draw_colours(
-        canvas, f"{report['model']}: placement of its markers", [(words, colour) for words, colour in QUALITY_LEGEND]
-    )
+    canvas.discs(places, np.array(colours).reshape(-1, 4), BLOB_RADIUS + 0.3, 1.2)
 
 
 def _draw_pairs(canvas: Canvas, report: dict, at: dict[str, np.ndarray]):

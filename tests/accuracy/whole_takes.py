@@ -3,7 +3,8 @@
 
 Every take is one of those beside the project: markers are hidden in bursts, every gap ends a piece, ghosts are added,
 and the pieces are shuffled. The cases of clouds have no pieces: frames in random order, and in each the points in
-another, with some markers hidden. With --keep DIR, models are kept there and used again. With --write DIR, nothing is
+another, with some markers hidden. With --parts FRAMES, each part of a take that is so long is a take of its own: a
+short one shows less of its subject. With --keep DIR, models are kept there and used again. With --write DIR, nothing is
 labelled, and the cases are written there as the programs of ../shared/tools/peers take them.
 """
 
@@ -271,6 +272,16 @@ CASES: dict[str, Callable[[], Iterator[Case]]] = {
 }
 
 
+def in_parts(case: Case, frames: int) -> Case:
+    """The case with every part of its takes that is so long as a take of its own; what is left over is left out."""
+    parts = [
+        take.part(first, first + frames)
+        for take in case.tested
+        for first in range(0, len(take.xyz) - frames + 1, frames)
+    ]
+    return replace(case, name=f"{case.name}, {frames} frames", tested=tuple(parts))
+
+
 def model_of(case: Case, keep: Path | None) -> Model:
     """The model that the case's takes teach; read again where it was kept."""
     if case.built_in:
@@ -341,9 +352,11 @@ class Measured:
         return [self.name, str(self.takes), *before, f"{100 * counts.false_occlusions:.2f} %", wrong, recall, *end]
 
 
-def run(case: Case, keep: Path | None, target: float, show: bool) -> Measured:
-    """A case measured."""
+def run(case: Case, keep: Path | None, target: float, show: bool, parts: int | None = None) -> Measured:
+    """A case measured, in parts of so many frames if that is said."""
     model, counts, refused, frames, spent = model_of(case, keep), Counts(), 0, 0, 0.0
+    if parts:
+        case = in_parts(case, parts)
     alone = None if isinstance(case.how, Pieces) else Counts()
     for seed, take in enumerate(case.tested):
         points, truth = anonymous(take, case, seed)
@@ -379,6 +392,7 @@ def main():
     parser.add_argument("cases", nargs="*", help=f"of {' '.join(CASES)}, or how some begin; all unless said")
     parser.add_argument("--keep", type=Path, help="a folder for the models")
     parser.add_argument("--write", type=Path, help="a folder for the cases")
+    parser.add_argument("--parts", type=int, metavar="FRAMES", help="label parts of so many frames, each a take")
     parser.add_argument("--target", type=float, default=USUAL_TARGET)
     parser.add_argument("--show", action="store_true", help="take by take")
     given = parser.parse_args()
@@ -391,7 +405,7 @@ def main():
             if given.write:
                 write(case, given.write)
                 continue
-            done.append(run(case, given.keep, given.target, given.show))
+            done.append(run(case, given.keep, given.target, given.show, given.parts))
             print(done[-1].row(), flush=True)
     pieces, clouds = ([one.row() for one in done if (one.alone is None) == whole] for whole in (True, False))
     if pieces:

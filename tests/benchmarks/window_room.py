@@ -27,6 +27,7 @@ import window  # noqa: E402
 OUT = Path(os.environ["MOCAP_OUT"])
 EXTENSION = "bl_ext.user_default.mocap_autolabel"
 TIMES, REDRAWS = 5, 10
+WAIT_S, MOST_WAITS, IDLE = 0.1, 100, 0.05  # s of a wait, how many at most, and of a processor that is idle
 SEEN: dict[str, list[tuple[float, float]]] = {}
 
 
@@ -35,9 +36,18 @@ def of(name: str):
     return importlib.import_module(f"{EXTENSION}.addon.{name}")
 
 
+def settle():
+    """Waits for the software that draws, which goes on in threads of its own after a redraw."""
+    for _ in range(MOST_WAITS):
+        begin = time.process_time()
+        time.sleep(WAIT_S)
+        if time.process_time() - begin < IDLE * WAIT_S:
+            return
+
+
 def spent(what: str, job: Callable[[], object]):
     """Runs a job and keeps what it took, by the clock and of the whole processor."""
-    time.sleep(0.1)  # the software that draws does so in threads of its own, after the redraw: they end meanwhile
+    settle()
     begin, begin_core = time.perf_counter(), time.process_time()
     job()
     SEEN.setdefault(what, []).append((time.perf_counter() - begin, time.process_time() - begin_core))

@@ -122,6 +122,29 @@ def test_two_names_are_swapped_everywhere(labelled, files):
     assert row.name == "LKNE and RKNE swapped, frames 120–130"
 
 
+@pytest.mark.parametrize("scope", ["FRAME", "RANGE", "WHOLE"])
+def test_markers_in_actions_of_their_own_follow_too(extension, monkeypatch, request, files, scope):
+    animation = importlib.import_module(f"{extension}.addon.scene.animation")
+    monkeypatch.setattr(animation, "KEYING", animation.KeyOptions(most_keys=100, most_single=4))
+    labelled = request.getfixturevalue("labelled")
+    assert len({item.animation_data.action for item in shown().values()}) == GHOST
+    scene = labelled.scene
+    scene.use_preview_range, scene.frame_preview_start, scene.frame_preview_end = True, 110, 115
+    scene.frame_set(112)
+    frames = {"FRAME": slice(11, 12), "RANGE": slice(9, 15), "WHOLE": slice(None)}[scope]
+    one, other = files.names.index("LKNE"), files.names.index("RKNE")
+    choose("LKNE", "RKNE")
+    assert bpy.ops.mocap_autolabel.swap_markers(scope=scope) == {"FINISHED"}
+    follows(files, "LKNE", other, frames)
+    follows(files, "RKNE", one, frames)
+    choose("LKNE")
+    assert bpy.ops.mocap_autolabel.unlabel(scope=scope) == {"FINISHED"}
+    assert not np.isin(keys_of("LKNE")[:, 0], 101 + np.arange(FRAMES)[frames]).any()
+    bpy.ops.mocap_autolabel.clear_corrections()
+    follows(files, "LKNE", one)
+    follows(files, "RKNE", other)
+
+
 def test_a_name_is_taken_away_and_given_to_what_was_picked(labelled, files):
     knee = files.names.index("LKNE")
     choose("LKNE")

@@ -139,10 +139,21 @@ def test_a_fill_that_a_correction_contradicts_is_left_out_with_a_word_and_comes_
     assert rows()[0][3] == ""
 
 
-def test_a_new_filling_puts_away_what_no_longer_fits(filled):
+def test_a_new_filling_rests_on_no_stray_point(filled):
     choose()
     bpy.ops.mocap_autolabel.pick_point(point=GHOST)
     bpy.ops.mocap_autolabel.name_point(marker="RASI", scope="FRAME")
+    choose("RASI")
+    filled.scene.frame_set(HERE + 1)
+    assert bpy.ops.mocap_autolabel.fill_gaps(extent="GAP") == {"CANCELLED"}
+    [left] = bpy.context.window_manager.mocap_autolabel.left_gaps
+    assert left.reason.startswith("rests on a stray point: what is right before it is ")
+
+
+def test_a_new_filling_puts_away_what_no_longer_fits(filled, files, extension):
+    kinds = importlib.import_module(f"{extension}.addon.core.edits.kinds")
+    place = kinds.Place("RASI", HERE, tuple(files.xyz[GAP.start - 1, 2].tolist()))
+    importlib.import_module(f"{extension}.addon.ops.correcting").correct(bpy.context, kinds.Edits((place,)))
     choose("RASI")
     filled.scene.frame_set(HERE + 1)
     filled.scene.mocap_autolabel.fill_method = "spline"

@@ -180,21 +180,38 @@ def test_it_draws(extension, empty, made, monkeypatch):
                     Matrix(((2 / size[0], 0, 0, -1), (0, 2 / size[1], 0, -1), (0, 0, 1, 0), (0, 0, 0, 1)))
                 )
                 gpu.matrix.load_projection_matrix(Matrix())
-                paint()
+                with Canvas(None) as canvas:
+                    paint(canvas)
             buffer = gpu.state.active_framebuffer_get().read_color(0, 0, *size, 4, 0, "FLOAT")
         offscreen.free()
         buffer.dimensions = size[0] * size[1] * 4
         return np.array(buffer).reshape(size[1], size[0], 4)
 
+    overlay.letters.prepare("é", overlay.TEXT_SIZE)
     stored = overlay.shown(empty.scene)
-    picture = drawn(lambda: overlay.draw_camera(Canvas(None), stored, 10, camera, settings))
+    picture = drawn(lambda canvas: overlay.draw_camera(canvas, stored, 10, camera, settings))
     rows = np.flatnonzero((take.rows.frame == 10) & (take.rows.camera == 1) & (take.labels.step == 1))
     assert len(rows)
     for x, y in take.rows.xy[rows]:
         red, green, blue, _ = picture[round(size[1] - y), round(x)]
         assert green > 0.5 > max(red, blue), "an exclusive blob is green"
-    plain = drawn(lambda: overlay.draw_markers(Canvas(None), stored, 10, settings))
+    plain = drawn(lambda canvas: overlay.draw_markers(canvas, stored, 10, settings))
     assert (np.abs(plain[..., 0] - 0.2) > 0.3).sum() > 50
+
+    def paint_words_and_dots(canvas):
+        canvas.text("LKNE", 100, 200)
+        canvas.text("é", 300.4, 200.2, (1.0, 0.0, 0.0, 1.0))
+        canvas.discs(np.array([[200.0, 300.0], [np.nan, 0.0]]), np.array([[0.0, 1.0, 0.0, 1.0]] * 2), 5.0, 2.0)
+
+    picture = drawn(paint_words_and_dots)
+    word, letter = picture[197:212, 98:135, :3], picture[197:215, 298:312, :3]
+    assert (word.min(axis=2) > 0.9).sum() > 20 and (word.max(axis=2) < 0.1).sum() > 20, "white with a dark shadow"
+    assert ((letter[..., 0] > 0.8) & (letter[..., 1] < 0.2)).sum() > 5
+    for away, colour in ((0, (0, 1, 0)), (4, (0, 1, 0)), (6, (0.02, 0.02, 0.02)), (9, (0.2, 0.2, 0.2))):
+        np.testing.assert_allclose(picture[300, 200 + away, :3], colour, atol=0.1)
+    outside = picture.copy()
+    outside[185:220, 90:320], outside[290:311, 190:211] = 0.2, 0.2
+    np.testing.assert_allclose(outside[..., :3], 0.2, atol=0.01)
 
 
 def test_cameras_that_were_moved_are_read_anew(empty, shown):

@@ -10,7 +10,7 @@ import pytest
 
 from addon.core.data.takes import STEPS, Blobs, LabelledChunk, Labels, Motion, PointRows, Suspect
 from addon.core.geometry.cameras import NO_CAMERAS
-from addon.scene import naming, storage
+from addon.scene import animation, naming, storage
 from addon.scene import take as takes
 from addon.scene.armature import bone_tails, build_of
 
@@ -83,6 +83,23 @@ def test_the_scene_plays_the_take(empty, made):
     assert (scene.frame_start, scene.frame_end) == (101, 120)
     assert scene.render.fps / scene.render.fps_base == pytest.approx(59.94)
     assert scene.camera[naming.CAMERA] == "cam 0"
+
+
+def test_a_take_of_many_keys_has_several_actions(empty, made, tmp_path, monkeypatch):
+    monkeypatch.setattr(animation, "KEYING", animation.KeyOptions(most_keys=600))
+    take = made.take()
+    collection = takes.show_take(empty, take)
+    empties = only(collection, "EMPTY")
+    kinds = [{item.animation_data.action.name for item in only(collection, kind)} for kind in ("ARMATURE", "EMPTY")]
+    assert kinds[0] == {"Mocap: walk"} and len(kinds[1]) > 1
+    assert {action.name for action in bpy.data.actions} == kinds[0] | kinds[1]
+    last = int(take.motion.frames[-1])
+    empty.scene.frame_set(last)
+    for index, item in enumerate(empties):
+        if np.isfinite(take.motion.markers[-1, index]).all():
+            np.testing.assert_allclose(item.location, take.motion.markers[-1, index], atol=1e-5)
+    takes.remove_take(collection)
+    assert not len(bpy.data.actions)
 
 
 def test_a_marker_that_was_never_seen_stands_where_it_is_expected(empty, made):

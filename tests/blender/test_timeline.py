@@ -62,12 +62,35 @@ def test_doubts_corrections_and_fills_are_told_apart(rows, labelled, files):
     assert all((121, 122, "doubtful") in stretches(rows, rows.now(), name) for name in ("LWRA", "RWRA"))
 
 
+def test_rows_that_follow_edits_are_those_made_anew(rows, labelled):
+    kept, opened = rows.KeptRows(), importlib.import_module(rows.__name__.replace("trajectories", "opened")).opened
+    scene = labelled.scene
+    scene.frame_set(120)
+    choose = {item.get("mocap_marker"): item for item in scene.mocap_autolabel.take.all_objects}
+    for item in labelled.selected_objects:
+        item.select_set(False)
+    choose["LKNE"].select_set(True)
+    for operator in ("unlabel", "no_marker", "is_right", "clear_corrections"):
+        before = kept.runs(opened.take(scene.mocap_autolabel.take, scene), False)
+        if operator != "clear_corrections":
+            getattr(bpy.ops.mocap_autolabel, operator)(scope="ON" if operator == "is_right" else "FRAME")
+            scene.frame_set(scene.frame_current + 3)
+        else:
+            bpy.ops.mocap_autolabel.clear_corrections()
+        stored = opened.take(scene.mocap_autolabel.take, scene)
+        after, anew = kept.runs(stored, False), rows.runs_of(stored)
+        assert after is not before and kept.runs(stored, False) is after
+        assert (after.names, after.span) == (anew.names, anew.span)
+        for one, other in ((after.runs, anew.runs), (after.found, anew.found), (after.trajectory, anew.trajectory)):
+            np.testing.assert_array_equal(one, other)
+
+
 def test_stretches_are_the_table_again(rows):
     rng = np.random.default_rng(2)
     states = rng.integers(0, 6, (200, 7)).astype(np.int8)
     states[:, 3] = 2
     again = np.full(states.shape, -1)
-    for row, first, last, state in rows._runs_of_table(states):
+    for row, first, last, state in np.concatenate([rows._runs_of_states(row, states[:, row]) for row in range(7)]):
         assert (again[first : last + 1, row] == -1).all()
         again[first : last + 1, row] = state
     np.testing.assert_array_equal(again, states)

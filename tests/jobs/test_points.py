@@ -64,12 +64,14 @@ def right(frames: int) -> np.ndarray:
 
 
 def use(monkeypatch, namer):
-    """Lets the pipeline name the take by this; the first look at some frames stays the model's own."""
+    """Lets the pipeline name the take by this; the first look at some frames stays the model's own, and unheard."""
     look = pipeline.refuse_others
+
+    def unheard(model, _, *rest):
+        look(model, LikelihoodNamer(model.likelihood), *rest)
+
     monkeypatch.setattr(pipeline, "namer_of", lambda model, method, hints: namer)
-    monkeypatch.setattr(
-        pipeline, "refuse_others", lambda model, _, *rest: look(model, LikelihoodNamer(model.likelihood), *rest)
-    )
+    monkeypatch.setattr(pipeline, "refuse_others", unheard)
 
 
 @pytest.fixture
@@ -78,7 +80,7 @@ def of_two_minds(monkeypatch):
 
     def said(frames: int) -> np.ndarray:
         marker = right(frames)
-        marker[FRAMES // 2 :, :2] = 1, 0
+        marker[frames // 2 :, :2] = 1, 0
         return marker
 
     use(monkeypatch, Known(said, 0.9999))

@@ -86,6 +86,7 @@ def naming(seen: dict) -> Iterator[float]:
     yield from window.screenshot("1-pie")
     yield from window.press("FOUR", *place)  # the pie's first piece
     seen["in one camera"] = [corrections()[-1], place_of(LOST)]
+    bpy.context.scene.mocap_autolabel.scope = "FRAME"  # in other frames the first camera alone has it
     look_through(second)
     yield 1
     place = dot(seen["rows"][second])

@@ -33,7 +33,8 @@ class AtOnceOptions:
     min_sine          of the angle between two rays that fix a point
     subset_cameras    rays of a set of which every subset is tried; of larger ones, those without one ray
     hypotheses        of a marker, the best, that are chosen from
-    seen_behind       chance that a camera has a blob of a marker behind a nearer one on the same line
+    seen_behind       chance that a camera has a blob of a marker behind a nearer one on the same line, and
+    seen_before       of the nearer one, if it has one of either: nothing else is in the way, and few blobs are lost
     """
 
     seen: float = 0.93
@@ -46,6 +47,7 @@ class AtOnceOptions:
     subset_cameras: int = 5
     hypotheses: int = 40
     seen_behind: float = 0.1
+    seen_before: float = 0.99
 
 
 JOINTLY = AtOnceOptions()
@@ -253,17 +255,19 @@ def _shaded(found: Hypotheses, chosen: np.ndarray, frame: Frame, options: AtOnce
     marker it is not: the blob is then the nearer one's. The best such change is made, and so on.
     """
     chosen = chosen.copy()
-    index = {(int(m), *slot): at for at, (m, slot) in enumerate(zip(found.marker, found.slot.tolist(), strict=True))}
     chance = np.where(frame.expected.visible, options.seen, options.seen_hidden)
-    relief = 2 * (np.log(1 - options.seen_behind) - np.log(1 - chance))
+    behind = 2 * (np.log(1 - options.seen_behind) - np.log(1 - chance))
+    before = 2 * (np.log(1 - chance) - np.log(1 - options.seen_before))
     for _ in range(len(chosen)):
-        changes = np.array(list(_handed_over(found, chosen, index)), int).reshape(-1, 5)
-        giver, taker, camera, less, more = changes.T
+        less, more, camera = _handed_over(found, chosen)
+        at = np.full(len(frame.markers), -1)
+        at[found.marker[chosen]] = np.arange(len(chosen))
+        giver, taker = at[found.marker[less]], at[found.marker[more]]
         gain = found.gain[less] + found.gain[more] - found.gain[chosen[giver]] - found.gain[chosen[taker]]
-        gain = gain + relief[camera, found.marker[less]]
-        behind, before = (frame.rays.meet(found.slot[of].T).points for of in (chosen[giver], more))
-        away = [np.linalg.norm(points - frame.sight.centres[camera], axis=1) for points in (behind, before)]
-        gain = np.where(away[1] < away[0] - frame.rules.min_behind_m, gain, 0)
+        gain = gain + behind[camera, found.marker[less]] + before[camera, found.marker[more]]
+        points = [frame.rays.meet(found.slot[of].T).points for of in (chosen[giver], more)]
+        away, nearer = (np.linalg.norm(each - frame.sight.centres[camera], axis=1) for each in points)
+        gain = np.where(nearer < away - frame.rules.min_behind_m, gain, 0)
         if not (gain > 0).any():
             break
         best = int(gain.argmax())
@@ -271,19 +275,20 @@ def _shaded(found: Hypotheses, chosen: np.ndarray, frame: Frame, options: AtOnce
     return chosen
 
 
-def _handed_over(found: Hypotheses, chosen: np.ndarray, index: dict):
+def _handed_over(found: Hypotheses, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of the choice, every blob that one marker may give to another which its camera lacks.
 
-    Yields where in `chosen` the giver and the taker are, the camera, and what they are then, in `found`.
+    What the giver is then, what the taker is then (N,), both in `found`, and the camera (N,).
     """
-    for giver, own in enumerate(chosen):
-        for camera in np.flatnonzero(found.slot[own] >= 0):
-            slot = found.slot[own].copy()
-            slot[camera] = -1
-            less = index.get((int(found.marker[own]), *slot.tolist()))
-            for taker in np.flatnonzero(found.slot[chosen, camera] < 0) if less is not None else ():
-                slot = found.slot[chosen[taker]].copy()
-                slot[camera] = found.slot[own, camera]
-                more = index.get((int(found.marker[chosen[taker]]), *slot.tolist()))
-                if more is not None:
-                    yield giver, taker, camera, less, more
+    own = np.full(found.marker.max(initial=-1) + 1, -1)
+    own[found.marker[chosen]] = chosen
+    mine = own[found.marker]
+    slot = np.where((mine >= 0)[:, None], found.slot[mine], found.slot)
+    other = found.slot != slot
+    one = other.sum(axis=1) == 1
+    camera = other.argmax(axis=1)
+    now, then = (part[np.arange(len(camera)), camera] for part in (slot, found.slot))
+    less, more = np.flatnonzero(one & (then < 0)), np.flatnonzero(one & (now < 0))
+    same = (camera[less][:, None] == camera[more]) & (now[less][:, None] == then[more])
+    giver, taker = np.nonzero(same)
+    return less[giver], more[taker], camera[less[giver]]

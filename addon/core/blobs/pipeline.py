@@ -26,6 +26,7 @@ from .absent import absent_markers
 from .between import put_between
 from .confidence import label_confidences, swap_doubts
 from .continuity import renamed
+from .image_tracklets import name_by_tracklets
 from .labelling import hand_over
 from .rereading import Rereader
 from .search import Found, Hints, find_subject
@@ -33,7 +34,6 @@ from .seeding import contradicted, fixed_in, seeds_of
 from .subject import Setup
 from .swaps import exchange_loss, exchanged, swap_names
 from .tracking import Followed, FrameResult, Track, follow
-from .tracklets import name_by_tracklets
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,7 @@ BLOB_TRACKS = BlobTrackOptions()
 
 
 @dataclass(frozen=True, eq=False)
-class CameraBlobs:
+class BlobsOfCamera:
     """The N blobs of one camera in F frames that follow each other.
 
     first   the source's number of the first frame
@@ -55,7 +55,7 @@ class CameraBlobs:
     xy: np.ndarray
 
     @classmethod
-    def of(cls, blobs: Blobs, camera: int) -> "CameraBlobs":
+    def of(cls, blobs: Blobs, camera: int) -> "BlobsOfCamera":
         """Those of a camera, by its index."""
         rows = np.flatnonzero(blobs.camera == camera)
         starts = np.searchsorted(blobs.frame[rows], np.arange(len(blobs.frames) + 1))
@@ -121,13 +121,13 @@ class BlobTracks:
     def __init__(self, blobs: Blobs, cameras: tuple[str, ...], radius: float):
         """`radius` px is how far from its place the blob of an edit may be."""
         self.blobs, self.cameras, self.radius = blobs, cameras, radius
-        self._of: dict[int, CameraBlobs] = {}
+        self._of: dict[int, BlobsOfCamera] = {}
         self._trails: dict[tuple, np.ndarray] = {}
 
-    def camera(self, camera: int) -> CameraBlobs:
+    def camera(self, camera: int) -> BlobsOfCamera:
         """The blobs of a camera, by its index."""
         if camera not in self._of:
-            self._of[camera] = CameraBlobs.of(self.blobs, camera)
+            self._of[camera] = BlobsOfCamera.of(self.blobs, camera)
         return self._of[camera]
 
     def rows(self, row: int) -> np.ndarray:

@@ -240,8 +240,13 @@ class Following:
         return Group(frames, markers, edited.right, xyz, residual, rows, labels, said[chosen], places, applied.outcomes)
 
 
-def changed_markers(before: Iterable[Group], after: Iterable[Group]) -> list[int]:
-    """The markers that groups are about which are not among both."""
+def changed_frames(before: Iterable[Group], after: Iterable[Group]) -> dict[int, slice]:
+    """The markers that groups are about which are not among both, with the frames, by their index, that these have."""
     before, after = list(before), list(after)
     kept = {id(group) for group in before} & {id(group) for group in after}
-    return sorted({int(one) for group in (*before, *after) if id(group) not in kept for one in group.markers})
+    spans: dict[int, slice] = {}
+    for group in (group for group in (*before, *after) if id(group) not in kept):
+        for marker in group.markers.tolist():
+            own = spans.get(marker, group.frames)
+            spans[marker] = slice(min(own.start, group.frames.start), max(own.stop, group.frames.stop))
+    return spans

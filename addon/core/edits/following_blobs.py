@@ -20,8 +20,9 @@ from .kinds import BlobEdit, Edit, Edits, frames_of
 class BlobFollowingOptions:
     """How a take is cut.
 
-    block_frames  of each block: one more edit of a frame looks at one again, one of the whole take at all. Behind 40
-                  edits of 20,000 frames of 53 markers in 8 cameras they take 0.1 and 0.9 s (of a processor)
+    block_frames  of each block: one more edit of a frame looks at one again, one of the whole take at all. Behind 20
+                  edits of 20,000 frames of 40 blobs in each of 8 cameras one of a frame takes 0.05 s, of a track of 500
+                  frames 0.14, of a marker throughout 0.5, of a track throughout 1.2 (of a processor)
     """
 
     block_frames: int = 500

@@ -48,13 +48,13 @@ class EditLimits:
 
 EDIT_LIMITS = EditLimits()
 
-BLOB_KEYS = ("camera", "frame", "x", "y")
+BLOB_PLACE = ("camera", "frame", "x", "y")
 # Of every kind the shapes that it may have: the keys that its rows must have, and the edit that they make.
 FORMS: dict[str, tuple[tuple[type[Edit], tuple[str, ...]], ...]] = {
-    "assign": ((AssignPoint, ("point", "marker")), (AssignBlob, (*BLOB_KEYS, "marker"))),
-    "unlabel": ((UnlabelMarker, ("marker",)), (UnlabelPoint, ("point",)), (UnlabelBlob, BLOB_KEYS)),
+    "assign": ((AssignPoint, ("point", "marker")), (AssignBlob, (*BLOB_PLACE, "marker"))),
+    "unlabel": ((UnlabelMarker, ("marker",)), (UnlabelPoint, ("point",)), (UnlabelBlob, BLOB_PLACE)),
     "swap": ((Swap, ("markers",)),),
-    "delete": ((Delete, ("point",)), (DeleteBlob, BLOB_KEYS)),
+    "delete": ((Delete, ("point",)), (DeleteBlob, BLOB_PLACE)),
     "place": ((Place, ("marker", "frame", "xyz")),),
     "right": ((Right, ("marker",)), (Accepted, ("doubt",))),
 }

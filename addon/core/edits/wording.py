@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Edits in words, for the list that a person reads."""
 
+import re
+
 from ..data.wording import words_of_frames
 from .kinds import (
     Accepted,
@@ -18,6 +20,9 @@ from .kinds import (
     UnlabelPoint,
     frames_of,
 )
+
+# Frames in a sentence: one, or the first and last of some. How many there are is said before the word.
+FRAMES_SAID = re.compile(r"\bframes? -?\d+(?:(?:–| to )-?\d+)?")
 
 
 def words_of(edit: Edit, shift: int = 0) -> str:
@@ -51,6 +56,15 @@ def _said(edit: Edit) -> str:
         case Accepted():
             return f"It is right that {edit.doubt}"
     raise TypeError(f"{type(edit).__name__}; expected a kind of edit")
+
+
+def counted_on(words: str, shift: int) -> str:
+    """A sentence with `shift` added to the frames that it names: for who counts them otherwise than the source."""
+
+    def moved(found: re.Match) -> str:
+        return re.sub(r"-?\d+", lambda number: str(int(number[0]) + shift), found[0])
+
+    return FRAMES_SAID.sub(moved, words) if shift else words
 
 
 def _said_of_blob(edit: BlobEdit) -> str:

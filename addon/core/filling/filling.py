@@ -10,11 +10,11 @@ from threadpoolctl import threadpool_limits
 from ..data.markersets import MarkerSet
 from . import plain
 from .fitted import FittedSubject
-from .gaps import Gap, KnownMarkers, find_gaps
+from .gaps import Gap, KnownMarkers, find_gaps, find_strays
 from .kept import KeptFill
 from .rays import NO_RAYS, MarkerRays, held
 from .regression import MarkerModel, learned, neighbours_of, regress
-from .trials import Answer, Choice, Way, choose, graded, pace_of, paces
+from .trials import TRIALS, Answer, Choice, Way, choose, graded, pace_of, paces
 
 # In the order of the command line; "auto" picks among all but itself. Those carry a marker by what moves with it.
 FILL_METHODS = ("auto", "spline", "rigid", "pattern", "pca", "body", "regression")
@@ -49,11 +49,15 @@ class FillOptions:
 
 @dataclass(frozen=True)
 class FilledGap:
-    """A gap that was filled, by which method, and the mean error to expect, m; NaN where no trial could say."""
+    """A gap that was filled, by which method, and the mean error to expect, m; NaN where no trial could say.
+
+    `ends` says whether the marker was measured right before and right after.
+    """
 
     gap: Gap
     method: str
     expected: float
+    ends: tuple[bool, bool] = (True, True)
 
 
 @dataclass(frozen=True)
@@ -93,7 +97,7 @@ def fill_take(
     Without one the method "body" leaves all gaps. `rays` of cameras that see a marker alone hold what is filled.
     """
     filler = _Filler(xyz, rate, options, markerset, columns, rays)
-    gaps = find_gaps(filler.take.known)
+    gaps = find_gaps(np.isfinite(xyz[..., 0]))
     wanted = [gap for gap in gaps if options.asks_for(gap)]
     done, whole = 0, sum(_cost(gap) for gap in wanted)
     with threadpool_limits(1, user_api="blas"):  # many threads on small matrices cost more than they bring
@@ -132,6 +136,8 @@ class _Filler:
     rays: MarkerRays
     take: KnownMarkers = field(init=False)
     measured: np.ndarray = field(init=False)
+    strays: np.ndarray = field(init=False)
+    jumps: np.ndarray = field(init=False)
     fitted_subject: FittedSubject | None = field(init=False, default=None)
     done: list[FilledGap] = field(init=False, default_factory=list)
     left: list[LeftGap] = field(init=False, default_factory=list)
@@ -140,7 +146,8 @@ class _Filler:
     scales: dict[int, np.ndarray] = field(init=False, default_factory=dict)
 
     def __post_init__(self):
-        self.take = KnownMarkers(self.xyz)
+        self.strays, self.jumps = find_strays(np.asarray(self.xyz, dtype=float), self.rate)
+        self.take = KnownMarkers(np.where(self.strays[..., None], np.nan, self.xyz))
         self.measured = self.take.known
         if self.markerset is not None:
             self.fitted_subject = FittedSubject.of(self.markerset, self.columns, self.take)
@@ -148,12 +155,16 @@ class _Filler:
     def outcome(self) -> FilledTake:
         """What became of the take."""
         gaps, left = (tuple(sorted(some, key=_place)) for some in (self.done, self.left))
-        return FilledTake(self.take.xyz, self.take.length > 0, gaps, left)
+        xyz = np.where(self.strays[..., None], self.xyz, self.take.xyz)
+        return FilledTake(xyz, self.take.length > 0, gaps, left)
 
     def fill(self, gap: Gap):
         """Fills a gap, or notes why it is left."""
         if self.options.max_gap is not None and len(gap) > self.options.max_gap:
             self.left.append(LeftGap(gap, f"is longer than {self.options.max_gap} frames"))
+            return
+        if reason := self._beyond_reach(gap):
+            self.left.append(LeftGap(gap, reason))
             return
         own, helping = self.measured[:, gap.marker], self.take.helping(gap)
         neighbours = neighbours_of(self.take, helping, own)
@@ -175,7 +186,23 @@ class _Filler:
             self.left.append(LeftGap(gap, reason))
             return
         self.take.put(gap, path)
-        self.done.append(FilledGap(gap, "+".join([*answers, *(["ray"] if held_by else [])]), expected))
+        method = "+".join([*answers, *(["ray"] if held_by else [])])
+        self.done.append(FilledGap(gap, method, expected, (gap.start > 0, gap.stop < len(own))))
+
+    def _beyond_reach(self, gap: Gap) -> str:
+        """Why nothing is drawn between the ends of a gap: one is no sample of the marker, by how far away it is."""
+        path, ends = self.xyz[:, gap.marker], [gap.start - 1, gap.stop]
+        for end, side in zip(ends, ("before", "after"), strict=True):
+            if 0 <= end < len(path) and self.strays[end, gap.marker]:
+                others = np.flatnonzero(self.measured[:, gap.marker])
+                off = np.linalg.norm(path[end] - path[others[np.abs(others - end).argmin()]])
+                return (
+                    f"rests on a stray point: what is right {side} it is {off:.2f} m from where the marker is otherwise"
+                )
+        if gap.stop < len(path) and self.jumps[gap.stop, gap.marker] and gap.start > 0:
+            off = np.linalg.norm(path[gap.stop] - path[gap.start - 1])
+            return f"has ends {off:.2f} m apart, too far for its {len(gap)} frames: one of them is named wrongly"
+        return ""
 
     def _ways(self, neighbours: np.ndarray, helping: np.ndarray) -> dict[str, Way]:
         """The methods that are asked for, the favourite first, for a gap with these neighbours."""
@@ -212,7 +239,7 @@ class _Filler:
         """The choice for gaps like this one, tried once."""
         sides, summed = (gap.start == 0, gap.stop == len(own)), paces(self.take, neighbours, self.rate)
         pace = graded(pace_of(summed, gap.start, gap.stop))
-        key = (gap.marker, graded(len(gap)), pace, sides, *neighbours.tolist())
+        key = (gap.marker, graded(len(gap)), pace, sides, *neighbours[: TRIALS.alike_by].tolist())
         if key not in self.chosen:
             self.chosen[key] = choose(self.take, gap, neighbours, own, ways, summed, self.rate) or self._untried()
         return self.chosen[key]

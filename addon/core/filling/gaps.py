@@ -26,6 +26,31 @@ class NeighbourOptions:
 NEIGHBOURS = NeighbourOptions()
 
 
+@dataclass(frozen=True)
+class StrayOptions:
+    """Which samples cannot be the marker's, by how it would have to get there; reckoned.
+
+    limb_m_s      speed that any marker may have: a hand that strikes goes 10 m/s, and 15 in a throw
+    limb_m        how far it goes so fast: as a limb swings
+    body_m_s      speed that it may have beyond that, when the whole body has to go
+    usual         share of a marker's own steps from frame to frame that are no faster than its usual speed
+    times         factor above that speed that it may always have
+    slack_m       that any step may have, however short the time: noise, and samples that a filter smeared
+    longest_s     seconds that strays last at most; what lasts longer is a marker's own path, or another marker's
+    """
+
+    limb_m_s: float = 15.0
+    limb_m: float = 1.5
+    body_m_s: float = 5.0
+    usual: float = 0.99
+    times: float = 4.0
+    slack_m: float = 0.05
+    longest_s: float = 0.2
+
+
+STRAYS = StrayOptions()
+
+
 @dataclass(frozen=True, order=True)
 class Gap:
     """Frames from `start` up to, not including, `stop` (0-based) in which a marker (an index) is missing."""
@@ -62,6 +87,61 @@ def find_gaps(present: np.ndarray) -> list[Gap]:
         pairs = edges.reshape(-1, 2)
         gaps += [Gap(int(start), int(stop), int(marker)) for start, stop in pairs]
     return sorted(gaps, key=lambda gap: (len(gap), gap))
+
+
+def find_strays(xyz: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """Samples of markers (T, M, 3) m that these cannot have been at, (T, M), and jumps.
+
+    A jump (T, M) is True in the frame of a sample that cannot be reached from the last one that is no stray.
+    """
+    strays, jumps = np.zeros(xyz.shape[:2], bool), np.zeros(xyz.shape[:2], bool)
+    for marker in range(xyz.shape[1]):
+        at = np.flatnonzero(np.isfinite(xyz[:, marker, 0]))
+        if len(at) > 1:
+            path = _Path(xyz[:, marker], at, rate)
+            stray, jump = path.beyond_reach()
+            strays[stray, marker], jumps[jump, marker] = True, True
+    return strays, jumps
+
+
+class _Path:
+    """A marker's path (T, 3) m, seen in some frames (N,), and how fast it may be."""
+
+    def __init__(self, xyz: np.ndarray, at: np.ndarray, rate: float):
+        self.xyz, self.at, self.rate = xyz, at, rate
+        steps = np.linalg.norm(np.diff(xyz[at], axis=0), axis=1)[np.diff(at) == 1] * rate
+        self.always = STRAYS.times * float(np.quantile(steps, STRAYS.usual)) if len(steps) else 0.0
+
+    def too_far(self, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+        """Whether it would have to go faster than it can from some frames (K,) to others (K,)."""
+        seconds = np.abs(other - one) / self.rate
+        swung = STRAYS.limb_m_s * seconds
+        gone = np.minimum(
+            swung, STRAYS.limb_m + STRAYS.body_m_s * np.maximum(seconds - STRAYS.limb_m / STRAYS.limb_m_s, 0)
+        )
+        allowed = STRAYS.slack_m + np.maximum(gone, self.always * seconds)
+        return np.linalg.norm(self.xyz[other] - self.xyz[one], axis=1) > allowed
+
+    def beyond_reach(self) -> tuple[np.ndarray, np.ndarray]:
+        """The frames of strays: of short pieces that are too far from a long one beside them. And those of jumps."""
+        if not self.too_far(self.at[:-1], self.at[1:]).any():
+            return self.at[:0], self.at[:0]
+        parted = (np.diff(self.at) > 1) | self.too_far(self.at[:-1], self.at[1:])
+        pieces = np.split(self.at, np.flatnonzero(parted) + 1)
+        most = max(len(piece) for piece in pieces)
+        long = [min(most, STRAYS.longest_s * self.rate) <= len(piece) for piece in pieces]
+        strays, jumps, before = [self.at[:0]], [], None
+        behind = np.append(np.flatnonzero(long), len(pieces))
+        for index, piece in enumerate(pieces):
+            away = before is not None and self.too_far(before[-1:], piece[:1])[0]
+            if long[index]:
+                jumps += [int(piece[0])] * bool(away)
+                before = piece
+                continue
+            after = pieces[behind[np.searchsorted(behind, index)]] if index < behind[-2] else None
+            if away or (after is not None and self.too_far(piece[-1:], after[:1])[0]):
+                strays.append(piece)
+        return np.concatenate(strays), np.array(jumps, int)
 
 
 @dataclass(eq=False)

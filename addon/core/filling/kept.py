@@ -45,9 +45,23 @@ class KeptFill:
         """(L, 3) m, what was filled in."""
         return self.path[1:-1]
 
+    @property
+    def ends(self) -> tuple[bool, bool]:
+        """Whether the marker was there right before and right after."""
+        before, after = np.isfinite(self.path[[0, -1]]).all(axis=1).tolist()
+        return before, after
+
     def meets(self, marker: str, first: int, last: int) -> bool:
         """Whether it has some of these frames of that marker."""
         return self.marker == marker and self.first <= last and first <= self.last
+
+
+def resting_on(ends: tuple[bool, bool]) -> str:
+    """What a fill is held by, in words, where the marker was measured right before it, and after it, or not."""
+    before, after = ends
+    if before and after:
+        return "both ends"
+    return "its start" if before else "its end" if after else "neither end"
 
 
 def put_fills(motion: Motion, names: Sequence[str], fills: Sequence[KeptFill]) -> tuple[Motion, tuple[str, ...]]:

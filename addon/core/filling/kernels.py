@@ -54,6 +54,7 @@ class CovarianceOptions:
     mean_share  of the marker's variance, by which its mean may be off
     min_sd_m    of a marker in its neighbours' axes; a made-up take has none
     max_folds   times the folds of the prior, that a scale may be from its median: no take needs more
+    nothing_left  lengths over which what falls off exponentially is gone: e to the -40 is less than rounding
     unsolvable  what the search gets where a covariance is none in numbers of this precision
     rounding    part of its diagonal that is added to a covariance, so that rounding leaves it one
     """
@@ -61,6 +62,7 @@ class CovarianceOptions:
     mean_share: float = 0.3
     min_sd_m: float = 1e-4
     max_folds: float = 3.0
+    nothing_left: float = 40.0
     unsolvable: float = 1e12
     rounding: float = 1e-10
 
@@ -102,18 +104,25 @@ class Alikeness:
         alike = (self.variance * linear) * self.pose
         over = 1 / (1 + self.square * (0.5 / reach**2))
         bent = (self.variance * curved) * over  # rational quadratic
-        way, short = self.lag * (np.sqrt(3) / slow_s), self.lag * (np.sqrt(5) / jitter_s)
-        fall, drop = slow**2 * np.exp(-way), jitter**2 * np.exp(-short)
+        way = self.lag * (np.sqrt(3) / slow_s)
+        fall = np.exp(-way)
+        fall *= slow**2
         lasting = (1 + way) * fall  # Matérn 3/2
+        # Few frames are so near to each other that jitter lasts from one to the other: only these are worked out.
+        near = np.flatnonzero(self.lag.ravel() < COVARIANCE.nothing_left * jitter_s / np.sqrt(5))
+        short = self.lag.ravel()[near] * (np.sqrt(5) / jitter_s)
+        drop = jitter**2 * np.exp(-short)
         brief = (1 + short + short * short / 3) * drop  # Matérn 5/2
         total = alike + bent
         total += lasting
-        total += brief
         total += COVARIANCE.mean_share * self.variance
+        total.ravel()[near] += brief
         if not wanted:
             return total, []
-        by_slow_s, by_jitter_s = way * way * fall, short * short * (1 + short) / 3 * drop
-        return total, [alike, bent, 2 * bent * (1 - over), 2 * lasting, by_slow_s, 2 * brief, by_jitter_s]
+        by_slow_s = way * way * fall
+        by_jitter, by_jitter_s = np.zeros((2, *total.shape))
+        by_jitter.ravel()[near], by_jitter_s.ravel()[near] = 2 * brief, short * short * (1 + short) / 3 * drop
+        return total, [alike, bent, 2 * bent * (1 - over), 2 * lasting, by_slow_s, by_jitter, by_jitter_s]
 
 
 @dataclass(eq=False)

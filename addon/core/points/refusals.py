@@ -68,8 +68,18 @@ def refuse_floods(points: np.ndarray):
         raise JobError(f"has {most} points in one frame; expected the markers of a subject and some ghosts")
 
 
-def refuse_others(model: Model, namer: Namer, points: np.ndarray, solvable: bool = False):
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """Some frames (F,) of a take and what each says on its own, (F, P)."""
+
+    frames: np.ndarray
+    labels: Labels
+
+
+def refuse_others(model: Model, namer: Namer, points: np.ndarray, solvable: bool = False) -> Sample | None:
     """Looks at some frames of points (T, P, 3) m, NaN where missing, before all of them are named.
+
+    Which they are and what they say is returned, where they say anything on their own.
 
     Of a take that is `solvable` as a whole, frames on their own need not be sure where one subject has many more points
     than the model: then `refuse_unlike` has the say.
@@ -82,12 +92,13 @@ def refuse_others(model: Model, namer: Namer, points: np.ndarray, solvable: bool
         some = points[evenly_spread(len(points), REFUSAL.sample_frames)]
         if _grouped(some, REFUSAL.min_gap_m, REFUSAL.min_second * len(model.markerset)):
             raise _two_subjects(model)
-        return
+        return None
     count = _points_at_a_time(points)
     frames = np.flatnonzero(count >= min(REFUSAL.min_points, len(model.markerset)))
     if not len(frames):
         raise JobError("has no frame with enough points to tell markers apart; expected four or more at a time")
-    some = points[frames[evenly_spread(len(frames), REFUSAL.sample_frames)]]
+    frames = frames[evenly_spread(len(frames), REFUSAL.sample_frames)]
+    some = points[frames]
     first = _each_alone(namer, some)
     alone = sure_share(first, some, len(model.markerset))
     least = REFUSAL.min_sure if model.rigid_bodies is None else REFUSAL.min_sure_rigid
@@ -98,6 +109,7 @@ def refuse_others(model: Model, namer: Namer, points: np.ndarray, solvable: bool
         raise _two_subjects(model)
     if not found and not (solvable and _one_crowd(model, some)):
         raise _unrecognised(model, some, alone)
+    return Sample(frames, first)
 
 
 def _one_crowd(model: Model, points: np.ndarray) -> bool:

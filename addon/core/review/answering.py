@@ -40,9 +40,13 @@ def unanswered(
     trajectory's name is asked.
     """
     left: list[Suspect] = []
+    some_right, some_said = edited.right.any(axis=0), (edited.rule != FREE).any(axis=0)
     for suspect in suspects:
         rows = slice(suspect.first - first_frame, suspect.last - first_frame + 1)
         markers = [names[name] for name in suspect.markers if name in names]
+        if not some_right[markers].any() and (suspect.trajectory is None or not some_said[suspect.trajectory]):
+            left.append(suspect)  # most are: nothing was said of what they are about
+            continue
         answered = _enough(edited.right[rows][:, markers])
         if suspect.trajectory is not None:
             named = edited.rule[rows, suspect.trajectory] != FREE

@@ -3,6 +3,7 @@
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,8 +12,20 @@ from ..edits.kinds import NO_EDITS, Edits
 from .answering import accepted_in, right_in
 from .suspects import FAR_OFF, JUMPS, find_suspects, suspect_ranges
 
-SURE_NAME = 0.99  # confidence below which the name of a point is doubtful
 WHOLE_FRAME = "the placement is only"  # what begins the doubts that are about all markers of their frames
+
+
+@dataclass(frozen=True)
+class DoubtfulOptions:
+    """Which names are doubtful; reckoned.
+
+    min_confidence  of the name of a point, below which it is doubtful
+    """
+
+    min_confidence: float = 0.99
+
+
+DOUBTFUL_NAMES = DoubtfulOptions()
 
 
 def doubtful_samples(
@@ -33,8 +46,8 @@ def doubtful_samples(
     words = words or {name: index for index, name in enumerate(names)}
     doubtful = unsure_names(rows, labels, motion.residual.shape)
     exact = find_suspects(motion, tuple(names), rate)
-    told = [one for one in suspects if FAR_OFF not in one.words and JUMPS not in one.words]
-    for suspect in (*exact, *told):
+    listed = [one for one in suspects if FAR_OFF not in one.words and JUMPS not in one.words]
+    for suspect in (*exact, *listed):
         part = slice(*np.searchsorted(motion.frames, [suspect.first, suspect.last + 1]).tolist())
         own = markers_of(suspect, words)
         if not own and suspect.words.startswith(WHOLE_FRAME):
@@ -55,7 +68,7 @@ def unsure_names(rows: Blobs | PointRows, labels: Labels, shape: tuple[int, int]
     """(F, M) True where the name of a marker's point is not sure; of blobs every camera has its own say."""
     found = np.zeros(shape, bool)
     if isinstance(rows, PointRows):
-        at = np.flatnonzero((labels.marker != NO_MARKER) & (labels.confidence < SURE_NAME))
+        at = np.flatnonzero((labels.marker != NO_MARKER) & (labels.confidence < DOUBTFUL_NAMES.min_confidence))
         found[rows.frame[at], labels.marker[at]] = True
     return found
 

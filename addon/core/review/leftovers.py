@@ -73,7 +73,8 @@ def find_leftovers(
 def _parts(rows: PointRows, labels: Labels, max_break: float) -> list[np.ndarray]:
     """The rows without a name, as parts of trajectories without a long break in time."""
     left = np.flatnonzero(~labels.named)
-    left = left[np.lexsort((rows.frame[left], rows.trajectory[left]))]
+    # Rows are in the order of frames, which a stable sort keeps within each trajectory.
+    left = left[np.argsort(rows.trajectory[left].astype(np.int32), kind="stable")]
     new = (np.diff(rows.trajectory[left]) != 0) | (np.diff(rows.frame[left]) > max_break)
     return np.split(left, np.flatnonzero(new) + 1) if len(left) else []
 

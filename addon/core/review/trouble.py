@@ -144,8 +144,8 @@ class Trouble:
 class MarkerSight:
     """Where the M markers of a motion of F frames are seen.
 
-    present  (F, M) True where a marker is there
-    off      (F, M) m from where the body has it; NaN without one of the two
+    present  (M, F) True where a marker is there
+    off      (M, F) m from where the body has it; NaN without one of the two
     """
 
     present: np.ndarray
@@ -154,17 +154,18 @@ class MarkerSight:
     @classmethod
     def of(cls, motion: Motion) -> "MarkerSight":
         """That of a motion."""
-        # Axis by axis, as NumPy is slow along one of three.
-        x, y, z = np.moveaxis(motion.markers, 2, 0)
-        away = motion.markers - motion.expected
-        return cls(np.isfinite(x) & np.isfinite(y) & np.isfinite(z), np.sqrt(np.einsum("fmx,fmx->fm", away, away)))
+        frames, markers = motion.markers.shape[:2]
+        sight = cls(np.empty((markers, frames), bool), np.empty((markers, frames)))
+        sight.look_again(motion, dict.fromkeys(range(markers), slice(None)))
+        return sight
 
-    def look_again(self, motion: Motion, markers: Sequence[int]):
-        """Makes it that of a motion which is another in some markers only; quicker than looking at all of them."""
-        places, columns = motion.markers[:, markers], list(markers)
-        away = places - motion.expected[:, markers]
-        self.present[:, columns] = np.isfinite(places).all(axis=2)
-        self.off[:, columns] = np.sqrt(np.einsum("fmx,fmx->fm", away, away))
+    def look_again(self, motion: Motion, changed: Mapping[int, slice]):
+        """Makes it that of a motion which is another in some frames of some markers only; quicker than all of them."""
+        for marker, frames in changed.items():
+            places = motion.markers[frames, marker]
+            self.present[marker, frames] = np.isfinite(places).all(axis=1)
+            away = places - motion.expected[frames, marker]
+            self.off[marker, frames] = np.sqrt(np.einsum("fx,fx->f", away, away))
 
 
 class TakeTrouble:
@@ -202,22 +203,25 @@ class TakeTrouble:
         self.first = int(frames[0]) if not self.frames else self.first
         self.frames, self.last = self.frames + len(frames), int(frames[-1])
         present, off = sight.present, sight.off
-        here = (motion.confidence > 0) | present.any(axis=1)
+        here = (motion.confidence > 0) | present.any(axis=0)
         self.subject_frames += int(here.sum())
         if isinstance(rows, PointRows):
             self.points += len(rows)
             self._left, self._brief = find_leftovers(rows, labels, motion, self.rate)
         else:
             self.by_camera.add(rows, labels, motion)
-        right = right_in(self.edits, self.words, frames)
-        lacking = ~present & here[:, None]
+        lacking = here & ~present
         with np.errstate(invalid="ignore"):
             far = off > SUSPECTING.max_off_body_m
-        self._nobody.add(frames, ~here[:, None])
-        self._missing.add(frames, lacking & ~right)
-        self._excused.add(frames, lacking & right)
-        self._off.add(frames, far & ~right, off)
-        self._accepted.add(frames, far & right, off)
+        self._nobody.add(frames, ~here[None])
+        right = right_in(self.edits, self.words, frames)
+        if right.any():
+            right = np.ascontiguousarray(right.T)
+            self._excused.add(frames, lacking & right)
+            self._accepted.add(frames, far & right, off)
+            lacking, far = lacking & ~right, far & ~right
+        self._missing.add(frames, lacking)
+        self._off.add(frames, far, off)
 
     def fill(self, marker: str, first: int, last: int):
         """Notes that a marker's gap from frame `first` to `last`, by the source's numbers, was filled: no trouble."""
@@ -524,18 +528,25 @@ class _Ranges:
         self._of: list[list[tuple[int, int, float, float]]] = [[] for _ in range(count)]
 
     def add(self, frames: np.ndarray, flags: np.ndarray, values: np.ndarray | None = None):
-        """Adds the flagged frames of a chunk (F,), flags (F, M); values (F, M) of which the worst and sum are kept."""
-        for index in np.flatnonzero(flags.any(axis=0)).tolist():
-            edges = np.flatnonzero(np.diff(np.r_[False, flags[:, index], False].astype(np.int8)))
-            mine, own = self._of[index], None if values is None else values[:, index]
-            for start, stop in edges.reshape(-1, 2).tolist():
-                part = np.zeros(1) if own is None else own[start:stop]
+        """Adds the flagged frames of a chunk (F,), flags (M, F); values (M, F) of which the worst and sum are kept."""
+        if not flags.any():
+            return
+        # Marker after marker, each with a frame behind its last that ends what is flagged there.
+        ended = np.zeros((flags.shape[0], flags.shape[1] + 1), np.int8)
+        ended[:, :-1] = flags
+        edges = np.flatnonzero(np.diff(ended.ravel(), prepend=np.int8(0))).reshape(-1, 2)
+        markers, starts = np.divmod(edges[:, 0], ended.shape[1])
+        stops = edges[:, 1] % ended.shape[1]
+        told = zip(markers.tolist(), starts.tolist(), frames[starts].tolist(), frames[stops - 1].tolist(), strict=True)
+        for (marker, start, first, last), stop in zip(told, stops.tolist(), strict=True):
+            mine, worst, total = self._of[marker], 0.0, 0.0
+            if values is not None:
+                part = values[marker, start:stop]
                 worst, total = float(part.max()), float(part.sum())
-                first, last = int(frames[start]), int(frames[stop - 1])
-                if mine and mine[-1][1] + 1 == first:
-                    before = mine.pop()
-                    first, worst, total = before[0], max(before[2], worst), before[3] + total
-                mine.append((first, last, worst, total))
+            if mine and mine[-1][1] + 1 == first:
+                before = mine.pop()
+                first, worst, total = before[0], max(before[2], worst), before[3] + total
+            mine.append((first, last, worst, total))
 
     def of(self, index: int) -> list[tuple[int, int, float, float]]:
         """The ranges of one marker."""

@@ -260,13 +260,16 @@ def _subjects(
 def _others(everyone: dict[str, np.ndarray], markerset: MarkerSet) -> dict[str, np.ndarray]:
     """Made-up people who move as those do who were recorded, where few were and it is known how bodies differ.
 
-    None for markers on rigid bodies: nothing is known of how those differ.
+    Also where nobody who was recorded shows a marker: they show it where the body has it. None for markers on rigid
+    bodies: nothing is known of how those differ.
     """
     moving = {subject: points for subject, points in everyone.items() if shows_poses(points)}
-    known = len(markerset.spread.modes) and moving and len(everyone) <= IMAGINING.max_known
+    unseen = not np.isfinite(np.concatenate(list(everyone.values()))[..., 0]).any(axis=0).all()
+    few = len(everyone) <= IMAGINING.max_known or unseen
+    known = len(markerset.spread.modes) and moving and few
     if not known or learn_rigid_bodies(list(everyone.values()), size_of(next(iter(moving.values())))) is not None:
         return {}
-    each = IMAGINING.strangers // len(moving)
+    each = max(IMAGINING.strangers // len(moving), 1)
     made = {}
     for seed, (subject, points) in enumerate(moving.items()):
         for number, frames in enumerate(strangers(markerset, points, each, seed), 1):

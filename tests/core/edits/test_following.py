@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from addon.core.data.takes import Labels, PointRows
 from addon.core.edits import following
 from addon.core.edits.applying import apply_to_points
-from addon.core.edits.following import Following, changed_markers
+from addon.core.edits.following import Following, changed_frames
 from addon.core.edits.kinds import NO_EDITS, AssignPoint, Edits, Place, Swap
 from addon.core.edits.replay import FREE
 
@@ -81,7 +81,11 @@ def test_what_one_more_edit_changes_is_known_by_its_markers(seed, said, one):
     after = take_of.apply(said.added(one))
     differs = before.labels.marker != after.labels.marker
     touched = {*before.labels.marker[differs].tolist(), *after.labels.marker[differs].tolist()} - {-1}
-    assert touched <= set(changed_markers(before.groups, after.groups))
+    spans = changed_frames(before.groups, after.groups)
+    assert touched <= set(spans)
+    for marker in (before.labels.marker[differs], after.labels.marker[differs]):
+        for row, one_of in zip(np.flatnonzero(differs), marker, strict=True):
+            assert one_of < 0 or rows.frame[row] in range(spans[one_of].start, spans[one_of].stop)
     same(take_of.apply(said).labels, before.labels)
 
 

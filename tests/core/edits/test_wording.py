@@ -17,7 +17,7 @@ from addon.core.edits.kinds import (
     UnlabelMarker,
     UnlabelPoint,
 )
-from addon.core.edits.wording import words_of
+from addon.core.edits.wording import counted_on, words_of
 
 WORDS = {
     AssignPoint(12, "LKNE", frames=(100, 250)): "LKNE is trajectory 12, frames 100–250",
@@ -45,3 +45,17 @@ def test_every_kind_has_words():
 def test_frames_are_counted_as_they_are_shown(shift):
     edit = AssignPoint(12, "LKNE", frames=(100, 250))
     assert words_of(edit, shift) == f"LKNE is trajectory 12, frames {100 + shift}–{250 + shift}"
+
+
+@pytest.mark.parametrize(
+    ("words", "shifted"),
+    [
+        ("LKNE jumps in frame -7, by 30 mm", "LKNE jumps in frame 3, by 30 mm"),
+        ("not in frames -9–-2; 3 of 40 frames", "not in frames 1–8; 3 of 40 frames"),
+        ("edit 2 is about frames 5 to 12", "edit 2 is about frames 15 to 22"),
+        ("trajectory 12 has no name", "trajectory 12 has no name"),
+    ],
+)
+def test_a_sentence_names_frames_as_they_are_counted_elsewhere(words, shifted):
+    assert counted_on(words, 10) == shifted
+    assert counted_on(words, 0) == words

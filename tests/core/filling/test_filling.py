@@ -6,7 +6,8 @@ import pytest
 
 from addon.core.body.bodies import BodyModel
 from addon.core.data.progress import finished
-from addon.core.filling.filling import FILL_METHODS, FillOptions, fill_take
+from addon.core.filling.filling import FILL_METHODS, FillOptions, fill_take, kept_fills_of
+from addon.core.filling.kept import resting_on
 from addon.core.geometry.rotations import exponential
 from addon.core.simulation.virtual import Act, perform
 from tests.core.scenes import built_in, person_of
@@ -178,3 +179,39 @@ def test_the_fitted_body_fills_what_its_markers_leave_open():
     assert [one.gap.marker for one in elsewhere.gaps] == [ankle]
     both = finished(fill_take(cut, RATE, FillOptions(), markerset, columns))
     assert both.filled.sum() == 60
+
+
+@pytest.mark.parametrize(("stray", "side"), [(slice(140, 142), "after"), (slice(98, 100), "before")])
+def test_a_stray_sample_beside_a_gap_holds_no_fill(chain, stray, side):
+    cut = holed(chain, (2, 100, 140), (7, 100, 140), (2, 142, 150), (2, 90, 98))
+    cut[stray, 2] += [2.5, 0, 0]
+    found = filled(cut)
+    [reason] = [one.reason for one in found.left if (one.gap.start, one.gap.marker) == (100, 2)]
+    assert f"right {side} it" in reason and reason.startswith("rests on a stray point")
+    assert np.isnan(found.xyz[100:140, 2]).all()
+    assert (found.xyz[stray, 2] == cut[stray, 2]).all() and not found.filled[stray, 2].any()
+    clean = filled(holed(chain, (7, 100, 140)))
+    assert off(found, chain, 7, 100, 140) < 2 * off(clean, chain, 7, 100, 140) + 0.001
+    assert {(one.gap.start, one.gap.marker) for one in found.gaps} >= {(100, 7)}
+
+
+def test_nothing_is_drawn_between_ends_that_are_too_far_apart(chain):
+    cut = holed(chain, (2, 180, 186))
+    cut[186:, 2] += [3.0, 0, 0]
+    found = filled(cut)
+    [left] = found.left
+    assert left.reason.startswith("has ends 3.") and "6 frames" in left.reason
+
+
+def test_a_fast_marker_is_no_stray(chain):
+    fast = chain.copy()
+    fast[:, 2] += np.stack([0.9 * np.sin(2 * np.pi * 2 * np.arange(FRAMES) / RATE), *np.zeros((2, FRAMES))], axis=1)
+    found = filled(holed(fast, (2, 180, 200)))
+    assert not found.left
+
+
+def test_a_gap_at_an_end_of_the_take_says_what_holds_it(chain):
+    found = filled(holed(chain, (2, 0, 12), (3, 100, 104), (4, FRAMES - 9, FRAMES)))
+    assert [one.ends for one in found.gaps] == [(False, True), (True, True), (True, False)]
+    kept = kept_fills_of(found, [str(marker) for marker in range(15)], np.arange(FRAMES))
+    assert [resting_on(one.ends) for one in kept] == ["its end", "both ends", "its start"]

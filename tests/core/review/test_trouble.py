@@ -222,7 +222,7 @@ def test_what_an_edit_changed_is_looked_at_again_as_if_all_were():
     moved = markers.copy()
     moved[3:9, 1], moved[20:, 4] = markers[3:9, 2], np.nan
     after = replace(motion, markers=moved)
-    sight.look_again(after, [1, 4])
+    sight.look_again(after, {1: slice(2, 10), 4: slice(20, 40)})
     whole = MarkerSight.of(after)
     np.testing.assert_array_equal(sight.present, whole.present)
     np.testing.assert_array_equal(sight.off, whole.off)

@@ -107,6 +107,8 @@ def learn_rigid_bodies(
     for one in range(markers):
         distance = np.linalg.norm(everyone - everyone[:, one : one + 1], axis=-1)
         some = np.isfinite(distance).sum(axis=0) > 1
+        if not some.any():  # a marker that is never seen
+            continue
         known = distance[:, some]
         spread[one, some] = np.nanstd(known, axis=0)
         low[one, some], high[one, some] = np.nanpercentile(known, tails, axis=0)

@@ -26,8 +26,8 @@ class BelievingOptions:
     least            at least,
     max_target       beyond which nothing is promised of a take as a whole: frames must be as sure on their own
     votes            log odds that frames on their own add to those of two names, if all of them agree; of which,
-    min_layout       below which neither of two markers is named that may have each other's names, and
-    min_crowd_layout the same where more is there than the set's markers, and frames hardly say which is which
+    layout_of_target of the log odds of a target, below which neither of two markers is named that may have each
+                     other's names
     max_question     log odds below which a person is asked
     """
 
@@ -36,8 +36,7 @@ class BelievingOptions:
     least: float = 2.0
     max_target: float = 0.9999
     votes: float = 2.0
-    min_layout: float = 1.0
-    min_crowd_layout: float = 2.5
+    layout_of_target: float = 0.362
     max_question: float = 3.0
 
 
@@ -125,12 +124,15 @@ def labels_of(solution: Solution, named: Labels, target: float, names: Sequence[
 
 def _believed(solution: Solution, target: float, markers: int) -> np.ndarray:
     """(N,) the markers of the tracklets that are sure enough."""
-    needed = max(BELIEVING.odds_of_target * float(np.log(target / (1 - target))), BELIEVING.least)
+    asked = float(np.log(target / (1 - target)))
+    needed = max(BELIEVING.odds_of_target * asked, BELIEVING.least)
     believed = np.where(solution.margin >= needed, solution.marker, NO_MARKER)
-    least = BELIEVING.min_crowd_layout if solution.crowd else BELIEVING.min_layout
+    least = BELIEVING.layout_of_target * asked
     for question in solution.questions:
-        if question.other < markers and question.odds + _agreement(solution, question) < least:
-            believed[np.isin(believed, (question.one, question.other))] = NO_MARKER
+        agreement = 0.0 if question.shifted else _agreement(solution, question) if question.other < markers else np.inf
+        if question.odds + agreement < least:
+            doubted = [name for name in (question.one, question.other) if name < markers]
+            believed[np.isin(believed, doubted)] = NO_MARKER
     return believed
 
 

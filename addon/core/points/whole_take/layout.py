@@ -14,7 +14,7 @@ from ...data.takes import NO_POINT, evenly_spread
 from ...geometry.upright import upright_aligned
 from ..likelihood.model import Known, Likelihood
 from ..likelihood.naming import Settled, name_odds, score_of, settle
-from .blocks import block_exchanges
+from .blocks import block_exchanges, shifts
 from .pairs import PAIRING
 
 
@@ -26,7 +26,9 @@ class LayoutNamingOptions:
     fullest          so many times as many that show most of the markers
     min_frames       fewer say nothing
     min_markers      of a frame that is asked
-    min_gain         log likelihood of the middle frame by which other names must be better
+    min_gain         log likelihood of the middle frame by which other names must be better, and
+    min_shift_gain   where several are moved on, each to the next one's name: a body of which little is known gains
+                     something by that, too
     max_question     log odds below which what is right is a question
     about            log odds that a quick look at an exchange may be wrong by
     rounds           of asking, and asking again
@@ -38,6 +40,7 @@ class LayoutNamingOptions:
     min_frames: int = 3
     min_markers: int = 5
     min_gain: float = 0.3
+    min_shift_gain: float = 6.0
     max_question: float = 6.0
     about: float = 4.0
     rounds: int = 12
@@ -50,11 +53,15 @@ NOTHING_HELD = np.zeros(0, int)
 
 @dataclass(frozen=True)
 class Question:
-    """Two markers that may be each other, and the log odds of the names that they have against the other way round."""
+    """Two markers that may be each other, and the log odds of the names that they have against the other way round.
+
+    `shifted` where more than the two would change names, each to the next one's: then frames err as the take does.
+    """
 
     one: int
     other: int
     odds: float
+    shifted: bool = False
 
 
 def named_by_layout(
@@ -81,7 +88,10 @@ def named_by_layout(
             tried = _without_held(block_exchanges(known, now, place), held)
             others, gain = _gains(known, now, place, tried)
         if gain.max(initial=0) <= LAYOUT_NAMING.min_gain:
-            return name, questions
+            tried = _without_held(shifts(known, now, place), held)
+            others, gain = _gains(known, now, place, tried)
+            if gain.max(initial=0) <= LAYOUT_NAMING.min_shift_gain:
+                return name, questions + _shifted(tried, gain, len(likelihood))
         best = int(gain.argmax())
         name = np.argsort(place[tried[best]])
         now = settle(known.fine, known.constraints, now.points, present, others[:, best])
@@ -128,9 +138,20 @@ def _questions(tried: np.ndarray, gain: np.ndarray, there: np.ndarray) -> tuple[
     found = []
     for row, value in zip(tried, gain.tolist(), strict=True):
         pair = np.flatnonzero(row != np.arange(len(row)))
-        if len(pair) == 2 and there[pair].all() and value > -LAYOUT_NAMING.max_question:
+        if len(pair) == 2 and there[pair].any() and value > -LAYOUT_NAMING.max_question:
             found.append(Question(int(pair[0]), int(pair[1]), -value))
     return tuple(found)
+
+
+def _shifted(tried: np.ndarray, gain: np.ndarray, markers: int) -> tuple[Question, ...]:
+    """The same of those (X, M + E) of several at once: each marker and the one whose point it would take."""
+    found: dict[tuple[int, int], float] = {}
+    for row, value in zip(tried.tolist(), gain.tolist(), strict=True):
+        moved = [(one, other) for one, other in enumerate(row) if one != other]
+        if len(moved) > 2 and value > -LAYOUT_NAMING.max_question:
+            for pair in (pair for pair in moved if pair[0] < markers):
+                found[pair] = min(-value, found.get(pair, np.inf))
+    return tuple(Question(*pair, odds, shifted=True) for pair, odds in found.items())
 
 
 def _frames(placed: np.ndarray, markers: int) -> np.ndarray:

@@ -27,12 +27,13 @@ from ..adaptation import Adaptation, adapt, borne_out
 from ..models import Model
 from ..motion import motion_of
 from ..naming import Namer, namer_of
-from ..refusals import refuse_floods, refuse_others, refuse_unlike, refuse_unrecognised
+from ..refusals import Sample, refuse_floods, refuse_others, refuse_unlike, refuse_unrecognised
 from ..tracklets import are_lasting, cut, renamed
 from ..unordered import UNORDERED, is_unordered, learn_subject
-from .deciding import can_be_solved, solution_of, verdict_of
+from .deciding import BELIEVING, can_be_solved, solution_of, verdict_of
 from .rulings import Rulings
 from .solving import Solution
+from .tracklets import asked_frames, said_between
 
 Result = TypeVar("Result")
 USUAL_TARGET = 0.999  # the part of the labels that must be right, unless another is asked for
@@ -166,9 +167,14 @@ def _frame_by_frame(take: Points, tracklet: np.ndarray, model: Model, options: P
     namer = namer_of(adaptation.model, options.method, options.hints)
     yield Stage("others", "look whether the model is for this take")
     solvable = learned and can_be_solved(adaptation.model, tracklet)
-    refuse_others(adaptation.model, namer, take.xyz, solvable)
+    # What is asked for beyond what a take can promise, each frame must promise on its own.
+    few = solvable and options.target <= BELIEVING.max_target
+    asked = asked_frames(tracklet, take.rate) if few else np.arange(len(take.xyz))
+    sample = refuse_others(adaptation.model, namer, take.xyz[asked], solvable)
     yield Stage("name", f"frame {take.first_frame}")
-    labels = yield from _named(namer, take.xyz, take.rate, take.frames)
+    labels = yield from _asked(namer, take, asked, sample if few else None)
+    if few:
+        labels = said_between(labels, asked, tracklet)
     if learned and is_unordered(adaptation.model, tracklet):
         yield Stage("learn", "learn the subject from sure frames")
         trained = adaptation.model.likelihood
@@ -179,6 +185,19 @@ def _frame_by_frame(take: Points, tracklet: np.ndarray, model: Model, options: P
             again = namer_of(adaptation.model, options.method, options.hints)
             labels = yield from _named(again, take.xyz, take.rate, take.frames)
     return NamedFrames(take, tracklet, adaptation, namer, labels, solvable)
+
+
+def _asked(namer: Namer, take: Points, asked: np.ndarray, sample: Sample | None) -> Steps[Labels]:
+    """The labels (F, P) of the frames (F,) that are asked, of which a sample may have said its own already."""
+    if sample is None:
+        return (yield from _named(namer, take.xyz[asked], take.rate, take.frames[asked]))
+    known = np.isin(np.arange(len(asked)), sample.frames)
+    rest = np.flatnonzero(~known)
+    if not len(rest):
+        return sample.labels
+    new = yield from _named(namer, take.xyz[asked[rest]], take.rate, take.frames[asked[rest]])
+    order = np.argsort(np.concatenate([sample.frames, rest]))
+    return Labels.join([sample.labels, new])[order]
 
 
 def _named(namer: Namer, points: np.ndarray, rate: float, frames: np.ndarray) -> Steps[Labels]:

@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 from ...data.takes import NO_MARKER, Labels
 from ..models import Model
 from .exchanges import undone
-from .extras import with_extras
+from .extras import is_crowd, with_extras
 from .layout import Question, named_by_layout, usual_residual
 from .likeness import likeness, links, worth_of_length
 from .matching import margins, matched
@@ -123,6 +123,7 @@ class _Solving:
         self.points, self.tracklets, self.model, self.rate = points, tracklets, model, rate
         self.known = self.trained = trained_pairs(model)
         self.markers = len(model.markerset)
+        self.crowd = is_crowd(tracklets, self.markers)
         # Odds grow less than a tracklet does: its parts would say more than all of it where they are only added up.
         self.duration = tracklets.count / worth_of_length(tracklets, rate)
         self.marker = self.best = self.margin = self.odds = np.zeros(0)
@@ -134,9 +135,13 @@ class _Solving:
             self._undo(self.trained)
         questions: tuple[Question, ...] = ()
         looked_at = None
-        for number, freedom in enumerate(ROUNDS.freedoms):
+        # Once more at the end where a marker is missing: what nothing else could be may be in its place.
+        for number, freedom in enumerate((*ROUNDS.freedoms, ROUNDS.freedoms[-1])):
             if progress is not None:
-                progress(number / len(ROUNDS.freedoms))
+                progress(number / (len(ROUNDS.freedoms) + 1))
+            again = number == len(ROUNDS.freedoms)
+            if number and not self._add_extras(again) and again:
+                break
             least = ROUNDS.margins if number else ROUNDS.first_margins
             wide = widened(self.trained, freedom.bend, freedom.motion_m, freedom.layout_m)
             for _ in range(ROUNDS.max_layouts):
@@ -151,20 +156,14 @@ class _Solving:
                 least = ROUNDS.margins
             else:
                 self._spread(wide, freedom.link, least)
-            if freedom is not ROUNDS.freedoms[-1]:
-                self._add_extras()
         # What is likely but not believed has its name here too: how sure it must be is for whoever asks.
         marker = np.where(self.marker == NO_MARKER, self.best, self.marker)
         own = (marker != NO_MARKER) & (marker < self.markers)
         likely = np.where(self.odds.max(axis=1) > 0, self.odds.argmax(axis=1), NO_MARKER)
         likely = np.where(likely < self.markers, likely, NO_MARKER)
         marker = np.where(own, marker, NO_MARKER)
-        residual = usual_residual(self.model.likelihood, self._placed()) if self._crowd else 0.0
-        return Solution(self.tracklets, marker, self.margin, likely, questions, self._crowd, residual)
-
-    @property
-    def _crowd(self) -> bool:
-        return len(self.trained.mean) > self.markers
+        residual = usual_residual(self.model.likelihood, self._placed()) if self.crowd else 0.0
+        return Solution(self.tracklets, marker, self.margin, likely, questions, self.crowd, residual)
 
     def _placed(self) -> np.ndarray:
         return self.tracklets.placed(self.points, self.marker, len(self.trained.mean))
@@ -194,7 +193,7 @@ class _Solving:
     def _put_right(self, wide: PairDistances, absent: bool) -> tuple[Question, ...]:
         """Takes back exchanges, and gives the questions that are left."""
         self._undo(wide)
-        if self._crowd:
+        if self.crowd:
             # In a crowd two that may be each other are both unsure of their names, and the layout tells them.
             free = (self.marker == NO_MARKER) & ~np.isin(self.best, self.marker)
             self.marker = np.where(free, self.best, self.marker)
@@ -226,12 +225,17 @@ class _Solving:
             marker[index] = held[index]
         return marker
 
-    def _add_extras(self):
-        """Has what is there beside the markers compete with them; extras that nothing is any more leave."""
-        self.marker, count = with_extras(self.tracklets, self.marker, self.markers)
+    def _add_extras(self, missing: bool) -> bool:
+        """Has what is there beside the markers compete with them; extras that nothing is any more leave.
+
+        Whether there are new ones. With `missing`, also where one of the markers is.
+        """
+        before = np.unique(self.marker[self.marker >= self.markers])
+        self.marker, count = with_extras(self.tracklets, self.marker, self.markers, missing)
         self.trained = with_unknown(self.known, count)
         votes = np.pad(self.tracklets.votes[:, : self.markers], ((0, 0), (0, count)))
         self.tracklets = replace(self.tracklets, votes=votes)
+        return count > len(before)
 
 
 def _majority(tracklets: Tracklets, sure: np.ndarray, markers: int) -> np.ndarray:

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The tracklets of a take as things to name: when each is there, where it is in some frames, and what frames say."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from ...data.takes import NO_MARKER, Labels
+from ...data.takes import BY_TRAJECTORY, NO_MARKER, Labels
 from ..tracklets import VOTE, frame_log_odds
 
 
@@ -14,12 +14,14 @@ from ..tracklets import VOTE, frame_log_odds
 class VotingOptions:
     """What of a tracklet's frames is looked at. Both reckoned.
 
-    max_votes  log odds that all frames that were named on their own can say
-    samples    frames whose distances are asked
+    max_votes   log odds that all frames that were named on their own can say
+    samples     frames whose distances are asked
+    asked_rate  frames a second that are named on their own: those between them show the same pose, and err with them
     """
 
     max_votes: float = 8.0
     samples: int = 12
+    asked_rate: float = 30.0
 
 
 VOTING = VotingOptions()
@@ -75,10 +77,7 @@ class Tracklets:
 
 def tracklets_of(points: np.ndarray, tracklet: np.ndarray, named: Labels, markers: int) -> Tracklets:
     """The tracklets (T, P), -1 where there is none, of points (T, P, 3) m, with what frames on their own say."""
-    column, row = np.nonzero((tracklet >= 0).T)
-    number = tracklet[row, column]
-    order = np.lexsort((row, number))
-    row, column, number = row[order], column[order], number[order]
+    row, column, number = _by_tracklet(tracklet)
     _, begin, owner, count = np.unique(number, return_index=True, return_inverse=True, return_counts=True)
     begin = np.append(begin, len(number))
     place = np.linspace(0, 1, VOTING.samples)[None] * (count - 1)[:, None]
@@ -96,3 +95,54 @@ def tracklets_of(points: np.ndarray, tracklet: np.ndarray, named: Labels, marker
     votes = np.minimum(votes, VOTING.max_votes)
     held = np.full(len(count), NO_MARKER)
     return Tracklets(row[begin[:-1]], row[begin[1:] - 1], count, frame, xyz, votes, row, column, begin, held)
+
+
+def asked_frames(tracklet: np.ndarray, rate: float) -> np.ndarray:
+    """(F,) the frames to name on their own, of tracklets (T, P) at `rate` frames a second: no tracklet has none."""
+    chosen = np.zeros(len(tracklet), dtype=bool)
+    chosen[:: max(round(rate / VOTING.asked_rate), 1)] = True
+    row, column = np.nonzero(tracklet >= 0)
+    number = tracklet[row, column]
+    last = np.full(int(number.max(initial=-1)) + 1, -1)
+    np.maximum.at(last, number, row)
+    seen = last < 0
+    seen[number[chosen[row]]] = True
+    for one in np.argsort(last, kind="stable").tolist():
+        if not seen[one]:
+            chosen[last[one]] = True
+            here = tracklet[last[one]]
+            seen[here[here >= 0]] = True
+    return np.flatnonzero(chosen)
+
+
+def said_between(asked: Labels, frames: np.ndarray, tracklet: np.ndarray) -> Labels:
+    """What all frames of tracklets (T, P) say, where only some of them, (F,), were `asked` (F, P) on their own.
+
+    A point has the name that its tracklet has in the nearest of those.
+    """
+    row, column, number = _by_tracklet(tracklet)
+    known, place = np.isin(row, frames), np.arange(len(row))
+    before = np.maximum.accumulate(np.where(known, place, 0))
+    after = np.minimum.accumulate(np.where(known, place, len(row) - 1)[::-1])[::-1]
+    apart = np.stack(
+        [
+            np.where((number[end] == number) & known[end], np.abs(row[end] - row), len(tracklet))
+            for end in (before, after)
+        ]
+    )
+    source = np.where(apart[1] < apart[0], after, before)
+    at = np.searchsorted(frames, row[source]), column[source]
+    between = (source != place) & (asked.marker[at] != NO_MARKER)
+    found, rate = Labels.none(*tracklet.shape), np.zeros(tracklet.shape)
+    found.marker[row, column], found.confidence[row, column] = asked.marker[at], asked.confidence[at]
+    found.step[row, column] = np.where(between, BY_TRAJECTORY, asked.step[at])
+    rate[row, column] = asked.rate[at]
+    return replace(found, rate=rate)
+
+
+def _by_tracklet(tracklet: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Row, column and number (K,) of every point of tracklets (T, P), sorted by tracklet and then by frame."""
+    column, row = np.nonzero((tracklet >= 0).T)
+    number = tracklet[row, column]
+    order = np.lexsort((row, number))
+    return row[order], column[order], number[order]

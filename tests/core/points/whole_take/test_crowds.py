@@ -8,7 +8,7 @@ from addon.core.data.errors import JobError
 from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, NO_STEP, Labels
 from addon.core.points.refusals import REFUSAL, refuse_unlike
 from addon.core.points.tracklets import cut
-from addon.core.points.whole_take.blocks import block_exchanges
+from addon.core.points.whole_take.blocks import block_exchanges, shifts
 from addon.core.points.whole_take.deciding import labels_of
 from addon.core.points.whole_take.extras import EXTRAS, with_extras
 from addon.core.points.whole_take.layout import named_by_layout, usual_residual
@@ -103,6 +103,37 @@ def test_every_choice_of_a_block_gives_each_point_one_taker(model, markers):
     tried = block_exchanges(model.likelihood.known, now, np.arange(placed.shape[1]))
     assert len(tried)
     assert (np.sort(tried, axis=1) == np.arange(placed.shape[1])).all()
+    assert not len(shifts(model.likelihood.known, now, np.arange(placed.shape[1])))
+    placed[:, 3] = np.nan
+    now = _settled(model.likelihood, _frames(placed, markers.shape[1]))
+    tried = shifts(model.likelihood.known, now, np.arange(placed.shape[1]))
+    assert len(tried)
+    assert (np.sort(tried, axis=1) == np.arange(placed.shape[1])).all()
+
+
+def test_names_that_are_one_place_off_where_one_is_missing_are_put_right_or_asked(model, markers):
+    foot = [model.markerset.markers.index(name) for name in FOOT]
+    placed = np.concatenate([markers, markers[:, foot[:1]]], axis=1)
+    placed[:, foot[:2]] = markers[:, foot[1:]]
+    placed[:, foot[2]] = np.nan
+    name, questions = named_by_layout(model.likelihood, placed, absent=True)
+    whose = np.r_[np.arange(markers.shape[1]), foot[0]]
+    whose[foot[:2]] = foot[1:]
+    asked = {one for question in questions for one in (question.one, question.other)}
+    assert all(name[one] == whose[one] or one in asked for one in foot[:2])
+
+
+def test_tracklets_without_a_name_are_extras_where_a_marker_is_missing(model, markers):
+    size = markers.shape[1]
+    points = np.concatenate([markers, beside(markers)[:, :1]], axis=1)
+    nothing = said(points, np.full(points.shape[:2], NO_MARKER))
+    tracklets = tracklets_of(points, cut(points, RATE), nothing, size)
+    own = tracklets.column[tracklets.begin[:-1]]
+    own = np.where(own < size, own, NO_MARKER)
+    gone = np.where(own == 0, NO_MARKER, own)
+    assert with_extras(tracklets, own, size, missing=True)[1] == 0
+    assert with_extras(tracklets, gone, size)[1] == 0
+    assert with_extras(tracklets, gone, size, missing=True)[1] == 2
 
 
 def test_another_set_sits_elsewhere_and_is_refused(model, markers):

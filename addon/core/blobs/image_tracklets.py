@@ -17,14 +17,14 @@ from .tracking import FrameResult
 
 
 @dataclass(frozen=True)
-class TrackletOptions:
-    """When blobs are one tracklet, and when its name overrules a frame's; reckoned, but as said.
+class ImageTrackletOptions:
+    """When blobs are one tracklet, and when its name overrules a frame's; all reckoned, none tried otherwise.
 
     noise_m       by which a blob may be off beside what moves it: partly hidden ones jump
     push_m_s2     how hard markers change their velocity; limbs of people who run
     speed_m_s     at most, of a blob of which nothing is known yet
-    rival_ratio   another blob must be so many times as far off, and
-    rival_m       by so much more
+    other_ratio   another blob must be so many times as far off, and
+    other_m       by so much more
     min_frames    of a tracklet that have its name, and
     min_ratio     times as many as have any other
     part_m        by which the middle of a marker that is partly hidden may be off: as large as markers are
@@ -34,19 +34,22 @@ class TrackletOptions:
     noise_m: float = 0.004
     push_m_s2: float = 40.0
     speed_m_s: float = 4.0
-    rival_ratio: float = 2.0
-    rival_m: float = 0.003
+    other_ratio: float = 2.0
+    other_m: float = 0.003
     min_frames: int = 12
     min_ratio: float = 4.0
     part_m: float = 0.008
     rounds: int = 2
 
 
-TRACKLETS = TrackletOptions()
+IMAGE_TRACKLETS = ImageTrackletOptions()
 
 
 def name_by_tracklets(
-    views: Sequence[View], results: Sequence[FrameResult | None], rate: float, options: TrackletOptions = TRACKLETS
+    views: Sequence[View],
+    results: Sequence[FrameResult | None],
+    rate: float,
+    options: ImageTrackletOptions = IMAGE_TRACKLETS,
 ) -> dict[int, list[int]]:
     """Gives blobs the names of their tracklets where these meet in space; returns the markers changed, by frame."""
     changed: dict[int, list[int]] = {}
@@ -73,7 +76,10 @@ def _depths(results: Sequence[FrameResult | None]) -> list[np.ndarray | None]:
 
 
 def tracklets_of(
-    views: Sequence[View], depths: Sequence[np.ndarray | None], rate: float, options: TrackletOptions = TRACKLETS
+    views: Sequence[View],
+    depths: Sequence[np.ndarray | None],
+    rate: float,
+    options: ImageTrackletOptions = IMAGE_TRACKLETS,
 ) -> tuple[list[np.ndarray], int]:
     """By frame, (C, K) the number of each blob's tracklet, -1 where there is no blob; and how many there are.
 
@@ -97,7 +103,7 @@ def tracklets_of(
     return numbers, count
 
 
-def _links(before: View, view: View, speed: np.ndarray, depth: np.ndarray, rate: float, options: TrackletOptions):
+def _links(before: View, view: View, speed: np.ndarray, depth: np.ndarray, rate: float, options: ImageTrackletOptions):
     """Cameras, slots before and slots now of the blobs that are one; speed (C, K, 2) a frame, NaN where unknown."""
     known = np.isfinite(speed[..., 0])
     there = before.image + np.where(known[..., None], speed, 0)
@@ -109,29 +115,32 @@ def _links(before: View, view: View, speed: np.ndarray, depth: np.ndarray, rate:
     nearest, least = away.argmin(axis=2), away.min(axis=2)
     camera, old = np.nonzero(least < reach)
     new, least = nearest[camera, old], least[camera, old]
-    room = options.rival_ratio * least + options.rival_m
-    rivals = (away[camera, old] < room[:, None]).sum(axis=1) + (away[camera, :, new] < room[:, None]).sum(axis=1)
-    clear = rivals == 2
+    room = options.other_ratio * least + options.other_m
+    others = (away[camera, old] < room[:, None]).sum(axis=1) + (away[camera, :, new] < room[:, None]).sum(axis=1)
+    clear = others == 2
     return camera[clear], old[clear], new[clear]
 
 
-def _claims(tracklet: list[np.ndarray], count: int, results, markers: int, options: TrackletOptions):
+def _claims(tracklet: list[np.ndarray], count: int, results, markers: int, options: ImageTrackletOptions):
     """By frame, (C, K) the marker that each blob's tracklet mostly is, -1 where none."""
-    frames = np.zeros((count, markers))
+    named = [np.zeros(0, int)]
     for own, result in zip(tracklet, results, strict=True):
         if result is not None:
             camera, slot = np.nonzero(result.naming.owner >= 0)
-            np.add.at(frames, (own[camera, slot], result.naming.owner[camera, slot]), 1)
-    best = frames.argmax(axis=1)
-    each = np.arange(count)
-    most = frames[each, best]
-    frames[each, best] = 0
-    mostly = np.where(most >= np.maximum(options.min_frames, options.min_ratio * frames.max(axis=1)), best, -1)
-    mostly = np.append(mostly, -1)
+            named.append(own[camera, slot] * markers + result.naming.owner[camera, slot])
+    pair, frames = np.unique(np.concatenate(named), return_counts=True)
+    order = np.lexsort((-frames, pair // markers))
+    pair, frames = pair[order], frames[order]
+    one, first = np.unique(pair // markers, return_index=True)
+    rest = np.append(frames, 0)[first + 1]
+    rest[np.diff(np.append(first, len(pair))) == 1] = 0
+    sure = frames[first] >= np.maximum(options.min_frames, options.min_ratio * rest)
+    mostly = np.full(count + 1, -1)  # the last is of where no blob is
+    mostly[one[sure]] = pair[first[sure]] % markers
     return [mostly[own] for own in tracklet]
 
 
-def _settle(naming: Naming, claim: np.ndarray, options: TrackletOptions) -> list[int]:
+def _settle(naming: Naming, claim: np.ndarray, options: ImageTrackletOptions) -> list[int]:
     """Gives markers the blobs that tracklets claim (C, K) for them, as far as they meet; returns those changed."""
     fixed = naming.frame.fixed
     camera, slot = np.nonzero((claim >= 0) & (claim != naming.owner))
@@ -141,7 +150,7 @@ def _settle(naming: Naming, claim: np.ndarray, options: TrackletOptions) -> list
     return [one for one in np.unique(marker[~left]).tolist() if _settled(naming, claim, one, options)]
 
 
-def _settled(naming: Naming, claim: np.ndarray, marker: int, options: TrackletOptions) -> bool:
+def _settled(naming: Naming, claim: np.ndarray, marker: int, options: ImageTrackletOptions) -> bool:
     """Names one marker's blobs by where most of what its tracklets and the frame say meet; True if any changed."""
     frame, cameras = naming.frame, naming.frame.cameras
     old = naming.slot[:, marker].copy()

@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which frames of a take are named on their own, and what is said of those between them."""
+
+import numpy as np
+import pytest
+
+from addon.core.data.takes import BY_LIKELIHOOD, BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels
+from addon.core.points.whole_take.tracklets import asked_frames, said_between
+
+
+@pytest.fixture
+def tracklet():
+    """(T, P): a whole trajectory, two short tracklets that no fourth frame shows, one that such a frame shows."""
+    found = np.full((12, 3), -1)
+    found[:, 0] = 0
+    found[1:4, 1], found[2:3, 2], found[6:11, 1] = 1, 2, 3
+    return found
+
+
+@pytest.mark.parametrize(("rate", "step"), [(120.0, 4), (60.0, 2), (30.0, 1), (10.0, 1)])
+def test_so_many_frames_a_second_are_asked_and_every_tracklet_is_in_one(tracklet, rate, step):
+    frames = asked_frames(tracklet, rate)
+    assert set(range(0, 12, step)) <= set(frames.tolist())
+    assert set(np.unique(tracklet)) == set(np.unique(tracklet[frames])) | {-1}
+    assert (np.diff(frames) > 0).all()
+
+
+def test_what_no_frame_shows_needs_no_frame():
+    assert asked_frames(np.full((9, 2), -1), 90.0).tolist() == [0, 3, 6]
+
+
+def test_frames_between_say_what_their_tracklets_do_in_the_nearest_one(tracklet):
+    frames = asked_frames(tracklet, 120.0)
+    marker = np.where(tracklet[frames] >= 0, tracklet[frames], NO_MARKER)
+    marker[frames == 8, 0] = 7
+    step = np.where(marker == NO_MARKER, NO_STEP, BY_LIKELIHOOD)
+    chance = np.where(marker == NO_MARKER, 0.0, 0.9)
+    said = said_between(Labels(marker, step, chance, chance), frames, tracklet)
+    assert (said.marker[:, 1:] == np.where(tracklet[:, 1:] >= 0, tracklet[:, 1:], NO_MARKER)).all()
+    assert said.marker[:, 0].tolist() == [0] * 7 + [7] * 5
+    there = tracklet >= 0
+    own = np.isin(np.arange(12), frames)[:, None] & there
+    assert (said.step[own] == BY_LIKELIHOOD).all()
+    assert (said.step[there & ~own] == BY_TRAJECTORY).all()
+    assert (said.step[~there] == NO_STEP).all()
+    assert (said.rate[there] == 0.9).all()
