@@ -13,13 +13,13 @@ from ..core.geometry.cameras import Cameras
 from ..core.review.overview import TakeOverview
 from ..core.review.summary import TakeSummary
 from ..io.c3d import first_number, names_in_c3d
+from ..io.changed import facts_of_changes
 from ..io.html import write_take_page
 from ..io.labels import write_point_labels
 from ..io.points import write_c3d, write_trc
 from ..io.report import REPORT, facts_of_edits, take_report, write_report
 from ..io.source import digest
 from ..version import version
-from .changed import facts_of_changes
 from .job import PAGE, LabelJob, timed
 from .pages import today
 

@@ -9,7 +9,7 @@ import numpy as np
 from ..core.data.takes import BY_EDIT, NO_MARKER, PointRows
 from ..core.edits.following import changed_frames
 from ..core.edits.kinds import Place
-from ..core.review.doubtful import DOUBTFUL_NAMES, markers_of
+from ..core.review.doubtful import DOUBTFUL_NAMES, markers_meant
 from .stored import Stored, differ_by_edits
 
 # What a stretch is, in the order in which stretches are drawn: what is rare and short lies on top.
@@ -149,7 +149,7 @@ def _about(before: Stored, after: Stored) -> dict[int, slice]:
     about = changed_frames(before.groups, after.groups)
     for suspect in set(before.suspects) ^ set(after.suspects):
         start, stop = np.searchsorted(after.motion.frames, [suspect.first, suspect.last + 1]).tolist()
-        for marker in markers_of(suspect, of_word):
+        for marker in markers_meant(suspect, of_word):
             own = about.get(marker, slice(start, stop))
             about[marker] = slice(min(own.start, start), max(own.stop, stop))
     return about
@@ -201,7 +201,7 @@ def states_of(stored: Stored, markers: Sequence[int], frames: slice) -> np.ndarr
     own_frames = stored.motion.frames[frames]
     for suspect in stored.suspects:
         part = slice(*np.searchsorted(own_frames, [suspect.first, suspect.last + 1]).tolist())
-        doubted = markers_of(suspect, of_word) if part.start < part.stop else ()
+        doubted = markers_meant(suspect, of_word) if part.start < part.stop else ()
         for place in (column_of[marker] for marker in doubted if column_of[marker] >= 0):
             column = states[part, place]
             column[column == NAMED] = DOUBTFUL

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core.data.takes import BY_EDIT, CONFLICT, EXCLUSIVE, NO_MARKER, REMAINING, STEPS, PointRows, rows_in_frame
-from ..core.review.doubtful import DOUBTFUL_NAMES, markers_of
+from ..core.review.doubtful import DOUBTFUL_NAMES, markers_meant
 from ..scene.blob_dots import on_rays, rows_of_image
 from ..scene.take import Stored
 
@@ -94,7 +94,7 @@ def point_marks(stored: Stored, index: int) -> PointMarks:
     here = [suspect for suspect in stored.suspects if suspect.first <= frame <= suspect.last]
     reasons, of_word = [suspect.reason for suspect in here], {name: at for at, name in enumerate(stored.names)}
     doubtful = np.zeros(len(stored.names), dtype=bool)
-    doubtful[[marker for suspect in here for marker in markers_of(suspect, of_word)]] = True
+    doubtful[[marker for suspect in here for marker in markers_meant(suspect, of_word)]] = True
     markers, labels = stored.motion.markers[index], stored.labels
     here_filled = {fill.marker for fill in stored.fitting if fill.first <= frame <= fill.last}
     filled = np.array([name in here_filled for name in stored.names], dtype=bool)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..data.takes import Suspect
-from ..edits.kinds import Accepted, AssignPoint, Delete, Edits, Right, Swap, UnlabelMarker, markers_of
+from ..edits.kinds import Accepted, AssignPoint, Delete, Edits, Right, Swap, UnlabelMarker
 from ..edits.replay import FREE, Edited
 from .suspects import suspect_ranges
 
@@ -110,7 +110,7 @@ def right_in(edits: Edits, names: Mapping[str, int], frames: np.ndarray) -> np.n
         if isinstance(edit, Right | Swap | UnlabelMarker | AssignPoint):
             span = edit.frames
             rows = slice(None) if span is None else slice(*np.searchsorted(frames, [span[0], span[1] + 1]).tolist())
-            for name in markers_of(edit):
+            for name in edit.markers if isinstance(edit, Swap) else (edit.marker,):
                 if name in names:
                     right[rows, names[name]] = isinstance(edit, Right)
     return right

@@ -49,7 +49,7 @@ def doubtful_samples(
     listed = [one for one in suspects if FAR_OFF not in one.words and JUMPS not in one.words]
     for suspect in (*exact, *listed):
         part = slice(*np.searchsorted(motion.frames, [suspect.first, suspect.last + 1]).tolist())
-        own = markers_of(suspect, words)
+        own = markers_meant(suspect, words)
         if not own and suspect.words.startswith(WHOLE_FRAME):
             own = list(range(len(names)))
         doubtful[part, own] = True
@@ -73,7 +73,7 @@ def unsure_names(rows: Blobs | PointRows, labels: Labels, shape: tuple[int, int]
     return found
 
 
-def markers_of(suspect: Suspect, of_word: Mapping[str, int]) -> list[int]:
+def markers_meant(suspect: Suspect, of_word: Mapping[str, int]) -> list[int]:
     """The markers that a suspect is about: those that it gives, else those whose names are among its words."""
     # A colon may be a part of a name, that of its subject before it.
     words = suspect.markers or [word.rstrip(":") for word in re.findall(r"[^\s,;]+", suspect.words)]

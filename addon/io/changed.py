@@ -11,7 +11,7 @@ import numpy as np
 from ..core.data.errors import InputError
 from ..core.data.takes import NO_MARKER
 from ..core.review.changes import changes, summary_of_changes
-from ..io.labels import LabelFile, UnreadRow
+from .labels import LabelFile, UnreadRow
 
 MAX_LISTED = 200  # changes that a report lists, the longest first: a list that a person reads
 
