@@ -273,11 +273,14 @@ CASES: dict[str, Callable[[], Iterator[Case]]] = {
 
 
 def in_parts(case: Case, frames: int) -> Case:
-    """The case with every part of its takes that is so long as a take of its own; what is left over is left out."""
+    """The case with every part of its takes that is so long as a take of its own; what is left over is left out.
+
+    A shorter take stays one.
+    """
     parts = [
         take.part(first, first + frames)
         for take in case.tested
-        for first in range(0, len(take.xyz) - frames + 1, frames)
+        for first in range(0, max(len(take.xyz) - frames + 1, 1), frames)
     ]
     return replace(case, name=f"{case.name}, {frames} frames", tested=tuple(parts))
 
