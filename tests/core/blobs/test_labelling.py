@@ -206,7 +206,7 @@ def test_conflict_case_three_names_nothing_when_two_blobs_are_as_near():
     assert (consistent(label(pixels, expect_at(point, 0.02))).slot == -1).all()
 
 
-@pytest.mark.parametrize("apart", [0.03, 0.05])
+@pytest.mark.parametrize("distance", [0.03, 0.05])
 def test_two_close_markers_are_told_apart_by_the_cameras_that_see_them_apart(distance):
     """A16: where they overlap from one camera, the others' triangulation says which is which; all names right."""
     eye = RIG.centres[0]

@@ -102,7 +102,7 @@ def test_another_marker_set_is_said_so(gait, plated):
         assert "does not look like a take of model robot" in refused(plated, points)
 
 
-@pytest.mark.parametrize("apart", [1.5, 4.0])
+@pytest.mark.parametrize("distance", [1.5, 4.0])
 def test_two_subjects_are_said_so(gait, distance):
     both = np.concatenate([person(1), person(2, at=(0.3, distance))], axis=1)
     said = refused(gait, both)
