@@ -59,12 +59,7 @@ class BlobCorrecting:
         part = Motion(*(getattr(stored.motion, one.name)[group.frames] for one in fields(Motion)))
         if not group.touched.any():
             return part
-        blobs = replace(
-            stored.rows,
-            frames=stored.rows.frames[group.frames],
-            frame=stored.rows.frame[group.rows] - group.frames.start,
-            **{name: getattr(stored.rows, name)[group.rows] for name in ("camera", "xy", "area")},
-        )
+        blobs = stored.rows.part(group.frames, group.rows)
         part = measured_at(part, blobs, group.labels, stored.cameras, group.touched)
         put_places(part, {(frame - group.frames.start, marker): xyz for (frame, marker), xyz in group.places.items()})
         return part

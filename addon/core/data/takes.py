@@ -54,9 +54,12 @@ class Blobs:
     def between(self, first: int, last: int) -> Self:
         """Those of the frames from `first` to `last`, both included, by the source's numbers."""
         low, high = np.searchsorted(self.frames, [first, last + 1])
-        rows = (self.frame >= low) & (self.frame < high)
-        own = self.frame[rows] - low, self.camera[rows], self.xy[rows], self.area[rows]
-        return type(self)(self.frames[low:high], *own)
+        return self.part(slice(low, high), (self.frame >= low) & (self.frame < high))
+
+    def part(self, frames: slice, rows: slice | np.ndarray) -> Self:
+        """Those of frames from start to stop, by their index; `rows` are theirs, by any index that arrays take."""
+        own = self.frame[rows] - frames.start, self.camera[rows], self.xy[rows], self.area[rows]
+        return type(self)(self.frames[frames], *own)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +132,16 @@ class Labels:
     @property
     def _columns(self) -> tuple[np.ndarray | None, ...]:
         return tuple(getattr(self, one.name) for one in fields(self))
+
+
+def touched_samples(blobs: Blobs, before: Labels, after: Labels, shape: tuple[int, int]) -> np.ndarray:
+    """(T, M) True where a marker has other blobs than before."""
+    found = np.zeros(shape, bool)
+    changed = np.flatnonzero(before.marker != after.marker)
+    for labels in (before, after):
+        named = changed[labels.marker[changed] != NO_MARKER]
+        found[blobs.frame[named], labels.marker[named]] = True
+    return found
 
 
 def _joined(column: tuple[np.ndarray | None, ...]) -> np.ndarray | None:

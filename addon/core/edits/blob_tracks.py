@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..data.takes import Blobs
-from .kinds import BlobEdit, Edit, Edits
+from .kinds import BlobEdit, Edits
 
 
 @dataclass(frozen=True)
@@ -147,9 +147,7 @@ class BlobTracks:
             self._with_trail(edit) if isinstance(edit, BlobEdit) and edit.frames else edit for edit in edits
         )
 
-    def _with_trail(self, edit: Edit) -> Edit:
-        if not isinstance(edit, BlobEdit) or edit.frames is None:
-            return edit
+    def _with_trail(self, edit: BlobEdit) -> BlobEdit:
         key = (edit.camera, edit.frame, edit.x, edit.y, edit.frames)
         if key not in self._trails:
             self._trails[key] = self._trail(edit)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..data.takes import NO_MARKER, Blobs, EditOutcome, Labels
+from ..data.takes import Blobs, EditOutcome, Labels, touched_samples
 from .applying import BLOB_EDITING, BlobCells, apply_to_blobs, both, found_outside
 from .blob_tracks import BlobTracks
 from .kinds import BlobEdit, Edit, Edits, frames_of
@@ -120,11 +120,7 @@ class BlobFollowing:
         cells = self._cells_of(frames, rows)
         before = self.labels[rows]
         applied = apply_to_blobs(before, edits, cells)
-        touched = np.zeros((frames.stop - frames.start, self.count), bool)
-        changed = np.flatnonzero(before.marker != applied.labels.marker)
-        for labels in (before, applied.labels):
-            named = changed[labels.marker[changed] != NO_MARKER]
-            touched[cells.blobs.frame[named], labels.marker[named]] = True
+        touched = touched_samples(cells.blobs, before, applied.labels, (frames.stop - frames.start, self.count))
         for at in applied.places:
             touched[at] = True
         places = {(frames.start + frame, marker): xyz for (frame, marker), xyz in applied.places.items()}
@@ -134,7 +130,6 @@ class BlobFollowing:
     def _cells_of(self, frames: slice, rows: slice) -> BlobCells:
         """What the edits of a block go by, made once."""
         if frames.start not in self._cells:
-            parts = (getattr(self.blobs, name)[rows] for name in ("camera", "xy", "area"))
-            blobs = Blobs(self.blobs.frames[frames], self.blobs.frame[rows] - frames.start, *parts)
+            blobs = self.blobs.part(frames, rows)
             self._cells[frames.start] = BlobCells.named(blobs, self.cameras, self.names, self.count)
         return self._cells[frames.start]

@@ -8,7 +8,7 @@ those (a Gaussian process) is taken from the fill, so that it is smooth, also wh
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Self
 
 import numpy as np
@@ -84,8 +84,11 @@ class MarkerRays:
         """Those of a gap."""
         low, high = np.searchsorted(self.marker, [gap.marker, gap.marker + 1])
         begin, end = low + np.searchsorted(self.frame[low:high], [gap.start, gap.stop])
-        names = ("marker", "frame", "origin", "direction", "spread")
-        return type(self)(*(getattr(self, name)[begin:end] for name in names))
+        return self.pick(slice(begin, end))
+
+    def pick(self, index: slice | np.ndarray) -> Self:
+        """Some of them, by any index that arrays take."""
+        return type(self)(*(getattr(self, one.name)[index] for one in fields(self)))
 
 
 NO_RAYS = MarkerRays(np.empty(0, int), np.empty(0, int), np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
@@ -101,8 +104,7 @@ def rays_of(blobs: Blobs, labels: Labels, cameras: Cameras, missing: np.ndarray)
     usable = np.isfinite(image).all(axis=1)
     rows, image = rows[usable], image[usable]
     camera = blobs.camera[rows]
-    ahead = np.einsum("nji,nj->ni", cameras.rotation[camera], np.column_stack([image, np.ones(len(image))]))
-    ahead /= np.linalg.norm(ahead, axis=1)[:, None]
+    ahead = cameras.directions(image, camera)
     found = MarkerRays(
         labels.marker[rows].astype(int),
         blobs.frame[rows],
@@ -152,8 +154,7 @@ def _believed(
     noise = np.maximum(rays.spread * along, HOLDING.least_m)
     limit = np.maximum(HOLDING.doubted * np.hypot(deviation, noise), HOLDING.near_m)
     kept = (along > 0) & (np.linalg.norm(passing, axis=1) <= limit)
-    names = ("marker", "frame", "origin", "direction", "spread")
-    return MarkerRays(*(getattr(rays, name)[kept] for name in names)), passing[kept], noise[kept]
+    return rays.pick(kept), passing[kept], noise[kept]
 
 
 def _windows(length: int, margin: int) -> Iterator[tuple[slice, slice]]:

@@ -144,6 +144,11 @@ class Cameras:
         """(C, N, 2) px of (C, N, 2) normalised image coordinates with the lens already in them."""
         return image @ self.matrix[:, :2, :2].transpose(0, 2, 1) + self.matrix[:, None, :2, 2]
 
+    def directions(self, image: np.ndarray, camera: np.ndarray) -> np.ndarray:
+        """(N, 3) directions of length 1, in the world, of normalised image points (N, 2) of camera index (N,)."""
+        ahead = np.einsum("nji,nj->ni", self.rotation[camera], np.column_stack([image, np.ones(len(image))]))
+        return ahead / np.linalg.norm(ahead, axis=1)[:, None]
+
     def undistort(self, pixels: np.ndarray, camera: np.ndarray) -> np.ndarray:
         """Normalised, lens-free image coordinates (N, 2) of pixels (N, 2) seen by camera index `camera` (N,).
 

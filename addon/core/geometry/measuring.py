@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..data.takes import NO_MARKER, Blobs, Labels, Motion
+from ..data.takes import NO_MARKER, Blobs, Labels, Motion, touched_samples
 from .cameras import Cameras
 from .triangulation import meet_rows
 from .views import VIEWING
@@ -26,16 +26,6 @@ def measured_again(
     """
     touched = touched_samples(blobs, before, after, motion.residual.shape)
     return measured_at(motion, blobs, after, cameras, touched if also is None else touched | also)
-
-
-def touched_samples(blobs: Blobs, before: Labels, after: Labels, shape: tuple[int, int]) -> np.ndarray:
-    """(T, M) True where a marker has other blobs than before."""
-    found = np.zeros(shape, bool)
-    changed = np.flatnonzero(before.marker != after.marker)
-    for labels in (before, after):
-        named = changed[labels.marker[changed] != NO_MARKER]
-        found[blobs.frame[named], labels.marker[named]] = True
-    return found
 
 
 def measured_at(motion: Motion, blobs: Blobs, labels: Labels, cameras: Cameras, where: np.ndarray) -> Motion:
@@ -69,8 +59,7 @@ def measured_points(
     points = meet_rows(cameras, camera, image, sample, count) if len(rows) else np.full((count, 3), np.nan)
     rays = np.bincount(sample, minlength=count)
     points[rays < 2] = np.nan
-    ahead = np.einsum("nji,nj->ni", cameras.rotation[camera], np.column_stack([image, np.ones(len(image))]))
-    ahead /= np.linalg.norm(ahead, axis=1)[:, None]
+    ahead = cameras.directions(image, camera)
     arm = points[sample] - cameras.centres[camera]
     miss = arm - np.einsum("ni,ni->n", arm, ahead)[:, None] * ahead
     square = np.bincount(sample, (miss**2).sum(axis=1), minlength=count)

@@ -115,8 +115,7 @@ def meet_rows(
     is the reprojection error. With `others` the result is (N, 3): for every row the point of the other rows of its
     number.
     """
-    ahead = np.einsum("nji,nj->ni", cameras.rotation[camera], np.column_stack([image, np.ones(len(image))]))
-    ahead /= np.linalg.norm(ahead, axis=1)[:, None]
+    ahead = cameras.directions(image, camera)
     across = np.eye(3) - ahead[:, :, None] * ahead[:, None, :]
     across[~np.isfinite(ahead).all(axis=1)] = 0
     centres = cameras.centres[camera]
