@@ -10,7 +10,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import bpy
@@ -61,6 +61,13 @@ def label() -> Iterator[float]:
     yield 1
 
 
+def until(done: Callable[[], bool]) -> Iterator[float]:
+    """Wait for what a click or a key makes so, as long as a busy machine may need."""
+    end = time.monotonic() + PATIENCE
+    while not done() and time.monotonic() < end:
+        yield 0.2
+
+
 def losing(seen: dict) -> Iterator[float]:
     """The marker's name is taken from all of its blobs."""
     look_through(seen["cameras"][0])
@@ -82,9 +89,11 @@ def naming(seen: dict) -> Iterator[float]:
     place = dot(seen["rows"][first])
     yield from window.click(*place)
     seen["picked"] = picked()
-    yield from window.press("L", *place)
+    before = len(corrections())
+    yield from window.tap("L", *place)
     yield from window.screenshot("1-pie")
     yield from window.press("FOUR", *place)  # the pie's first piece
+    yield from until(lambda: len(corrections()) > before)
     seen["in one camera"] = [corrections()[-1], place_of(LOST)]
     bpy.context.scene.mocap_autolabel.scope = "FRAME"  # in other frames the first camera alone has it
     look_through(second)
@@ -93,7 +102,9 @@ def naming(seen: dict) -> Iterator[float]:
     yield from window.press("F", *aside())
     seen["asked"] = importlib.import_module(f"{ADDON}.ops.gestures").gesture.words
     yield from window.screenshot("2-quick-label")
+    named = len(corrections())
     yield from window.click(*place)
+    yield from until(lambda: len(corrections()) > named)
     yield from window.press("ESC", *aside())
     seen["in two cameras"] = [corrections()[-1], place_of(LOST)]
     yield from window.screenshot("3-named")

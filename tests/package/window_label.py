@@ -90,7 +90,7 @@ def naming(seen: dict) -> Iterator[float]:
     yield from window.click(*dot("LANK"))
     yield from window.press("U", *left)
     seen["unlabelled"] = corrections()
-    yield from window.press("L", *left)
+    yield from window.tap("L", *left)
     yield from window.screenshot("2-pie")
     yield from window.press("FOUR", *left)  # the pie's first piece
     seen["named by the pie"] = corrections()
