@@ -6,6 +6,7 @@
   test [ARG...]   lint and all tests; ARGs go to pytest (for example: -k cameras)
 
 Needs nothing but Python 3.13 or 3.11 (any Python from 3.8 on may start this script), git and the package index.
+The compiled library is built for this machine once; where that cannot be, NumPy does its work.
 The first run installs into .venv, which takes minutes because Blender itself comes as a Python module.
 """
 
@@ -51,6 +52,8 @@ def demo(found, extra):
     python = install(".venv", *best(found), extras={"blender"})
     if python is None:
         return 1
+    bring_kernels(python)
+    compile_sources(python)
     out = [] if any(arg.split("=")[0] == "--out" for arg in extra) else ["--out", "demo-out", "--overwrite"]
     return call([str(python.parent / "mocap-autolabel"), "demo", "--progress", *out, *extra])
 
@@ -61,6 +64,8 @@ def test(found, extra):
     python = install(".venv", version, interpreter, extras={"blender", "dev"})
     if python is None:
         return 1
+    bring_kernels(python)
+    compile_sources(python)
 
     failed = []
     say("Lint")
@@ -70,6 +75,9 @@ def test(found, extra):
     other = next((v for v in PYTHONS if v != version), None)
     if found[other]:
         second = install(".venv-" + other, other, found[other], extras={"blender", "dev"})
+        if second is not None:
+            bring_kernels(second)
+            compile_sources(second)
         say("Tests on Python " + other)
         ignored = ["--ignore=" + folder for folder in NOT_IN_THE_SECOND_PYTHON]
         # 5 is pytest's word for "nothing selected", which narrow arguments may well mean here.
@@ -111,7 +119,7 @@ def install(folder, version, interpreter, extras):
     stamp = ROOT / folder / STAMP
     facts = [(ROOT / name).read_bytes() for name in ("pyproject.toml", "setup.py", "blender_manifest.toml")]
     state = hashlib.sha256(b"\0".join([version.encode(), str(ROOT).encode(), *facts])).hexdigest()
-    have = stamp.read_text().split() if stamp.exists() else []
+    have = stamp.read_text(encoding="utf-8").split() if stamp.exists() else []
     if have[:1] == [state] and extras <= set(have[1:]):
         return python
 
@@ -131,8 +139,19 @@ def install(folder, version, interpreter, extras):
             "and Ubuntu: apt install libegl1 libgl1 libsm6 libxi6 libxkbcommon0 libxrender1 libxxf86vm1)"
         )
         return None
-    stamp.write_text(" ".join([state, *sorted(extras)]))
+    stamp.write_text(" ".join([state, *sorted(extras)]), encoding="utf-8")
     return python
+
+
+def bring_kernels(python):
+    """Puts the compiled library into an environment; where it cannot be had, NumPy does its work."""
+    if call([python, "scripts/build_kernels.py", "--install"]):
+        say("The compiled library could not be built, see above: NumPy does its work, which takes longer")
+
+
+def compile_sources(python):
+    """Compiles the sources once, as pip does with all that it copies: these are only linked to."""
+    call([python, "-m", "compileall", "-q", "addon"])
 
 
 def start_real_blender():

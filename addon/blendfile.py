@@ -7,21 +7,25 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stdout, suppress
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager, redirect_stdout, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .core.body.occlusion import Occlusion
 from .core.data.errors import InputError, JobError
-from .core.data.markersets import MarkerSet
+from .core.data.markersets import MarkerSet, Worn
 from .core.data.takes import Blobs, LabelledChunk, PointRows
 from .core.edits.kinds import NO_EDITS, Edits
-from .core.filling.kept import KeptFill
 from .core.geometry.cameras import Cameras
 from .io.cameras import read_cameras
 from .io.names import written
+
+if TYPE_CHECKING:  # only some jobs need them
+    from .core.body.occlusion import Occlusion
+    from .core.filling.kept import KeptFill
+    from .scene.pictures import Movie, Sequence
 
 # The rows that were labelled, and what is said of them.
 Chunks = list[tuple[Blobs | PointRows, LabelledChunk]]
@@ -71,7 +75,7 @@ def start_blender():
         raise KeyboardInterrupt
 
 
-def mesh_occlusion(markerset: MarkerSet) -> Occlusion:
+def mesh_occlusion(markerset: MarkerSet) -> "Occlusion":
     """Rays cast at the meshes of a marker set's capsules; InputError where there is no Blender."""
     if not has_blender():
         raise InputError("--occlusion bvh needs Blender or the bpy package, and neither is here; expected one of them")
@@ -81,15 +85,29 @@ def mesh_occlusion(markerset: MarkerSet) -> Occlusion:
     return capsule_meshes(markerset)
 
 
+@contextmanager
+def opened_pictures(paths: Iterable[Path]) -> "Iterator[list[Movie | Sequence]]":
+    """Movies and image sequences, as Blender reads them; InputError for one that it cannot, or without a Blender."""
+    if not has_blender():
+        words = "pictures are read by Blender, and neither Blender nor the bpy package is here"
+        raise InputError(f"{words}; expected one of them")
+    start_blender()
+    from .scene.pictures import open_pictures, small_cache
+
+    with ExitStack() as stack:
+        stack.enter_context(small_cache())
+        yield [stack.enter_context(open_pictures(path)) for path in paths]
+
+
 def save_blend(
     path: Path,
     source: Path,
     rate: float,
-    markerset: MarkerSet,
+    worn: Worn,
     chunks: Chunks,
     cameras: Cameras,
     edits: Edits = NO_EDITS,
-    fills: tuple[KeptFill, ...] = (),
+    fills: "tuple[KeptFill, ...]" = (),
 ):
     """Saves a Blender file with nothing in it but the take. What was open in this Blender is gone.
 
@@ -107,7 +125,7 @@ def save_blend(
     name, file = written(source.stem), written(str(source))
     unedited = scenes.join_unedited([chunk for _, chunk in chunks]) if edits else None
     said = {"edits": edits or None, "unedited": unedited, "fills": fills}
-    take = scenes.Take(name, rate, cameras, markerset, rows, labels, motion, suspects, file, **said)
+    take = scenes.Take(name, rate, cameras, worn, rows, labels, motion, suspects, file, **said)
     with silenced():
         bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
         scenes.show_take(bpy.context, take, unnamed=True)
@@ -136,7 +154,7 @@ def silenced() -> Iterator[None]:
         yield
         return
     try:
-        with Path(os.devnull).open("w") as nothing, redirect_stdout(nothing):
+        with Path(os.devnull).open("w", encoding="utf-8", newline="\n") as nothing, redirect_stdout(nothing):
             os.dup2(nothing.fileno(), 1)
             yield
     finally:

@@ -15,12 +15,13 @@ from .core.data.markersets import MarkerSet
 from .core.data.progress import Progress
 from .core.data.takes import Points
 from .core.geometry.cameras import Cameras
-from .core.simulation.simulate import CaptureOptions, PosedBody, capture
+from .core.simulation.simulate import BodiesTogether, CaptureOptions, PosedBody, capture
 from .io.blobs import BlobWriter
 from .io.labels import TruthWriter
 from .io.points import marker_columns
 from .io.whole import whole_files
 
+Bodies = PosedBody | BodiesTogether
 MIN_MARKER_SHARE = 0.5  # of a model's markers that a take must have for the model to fit it; reckoned
 
 
@@ -48,14 +49,31 @@ def labelled_markers(points: Points) -> LabelledMarkers:
     kept = [index for index, name in enumerate(points.names) if name]
     if not kept:
         raise JobError("has no named markers; expected a labelled take")
-    return LabelledMarkers(tuple(points.names[index] for index in kept), points.xyz[:, kept], points.first_frame)
+    return LabelledMarkers(tuple(points.names[index] for index in kept), points.picked(kept).xyz, points.first_frame)
+
+
+def subjects_in(take: LabelledMarkers) -> tuple[str, ...]:
+    """Who is in a take whose markers are called NAME:LASI, in the order of the file."""
+    return tuple(dict.fromkeys(name.partition(":")[0] for name in take.names if ":" in name))
+
+
+def together(
+    parts: Sequence[tuple[str, LabelledMarkers, PosedBody | None]],
+) -> tuple[LabelledMarkers, BodiesTogether | None]:
+    """Several subjects by name as one take, NAME:LASI …, and all of their bodies; None where they have none."""
+    names = tuple(f"{subject}:{name}" for subject, one, _ in parts for name in one.names)
+    xyz = np.concatenate([one.xyz for _, one, _ in parts], axis=1)
+    bodies = tuple(body for _, _, body in parts if body is not None)
+    sizes = tuple(len(one.names) for _, one, _ in parts)
+    take = LabelledMarkers(names, xyz, parts[0][1].first_frame)
+    return take, BodiesTogether(bodies, sizes) if bodies else None
 
 
 def of_subject(take: LabelledMarkers, subject: str) -> LabelledMarkers:
     """Only the markers of one of several subjects, those called `subject:LASI` and so on."""
     kept = [index for index, name in enumerate(take.names) if name.partition(":")[::2] == (subject, _bare(name))]
     if not kept:
-        subjects = sorted({name.partition(":")[0] for name in take.names if ":" in name})
+        subjects = sorted(subjects_in(take))
         raise InputError(
             f"has no subject {subject}; expected one of {', '.join(subjects) or 'none, its names have none'}"
         )
@@ -87,6 +105,11 @@ def find_markers(take: LabelledMarkers, markerset: MarkerSet) -> np.ndarray:
     return found
 
 
+def wears(take: LabelledMarkers, markerset: MarkerSet) -> bool:
+    """Whether a take has enough of a marker set's markers for its body to be posed."""
+    return bool((find_markers(take, markerset) >= 0).mean() >= MIN_MARKER_SHARE)
+
+
 def fitting_markerset(take: LabelledMarkers, markersets: Sequence[MarkerSet]) -> MarkerSet:
     """The marker set of the take: the largest that is there whole, or else the one that is there most."""
 
@@ -96,7 +119,7 @@ def fitting_markerset(take: LabelledMarkers, markersets: Sequence[MarkerSet]) ->
         return whole, 0.0 if whole else there / len(markerset), there
 
     best = max(markersets, key=fit)
-    if (find_markers(take, best) >= 0).mean() < MIN_MARKER_SHARE:
+    if not wears(take, best):
         raise JobError(
             f"has too few markers of any model ({', '.join(take.names[:6])}, …); expected half of a model's markers, "
             "or --no-body with --all-markers"
@@ -146,9 +169,9 @@ def to_centre(take: LabelledMarkers, cameras: Cameras) -> np.ndarray:
     return (room_centre(cameras) - middle) * [1.0, 1.0, 0.0]
 
 
-def moved(take: LabelledMarkers, body: PosedBody | None, shift: np.ndarray) -> tuple[LabelledMarkers, PosedBody | None]:
-    """The take and the body moved by `shift` (3,) m."""
-    return replace(take, xyz=take.xyz + shift), body and replace(body, joints=body.joints + shift)
+def moved(take: LabelledMarkers, body: Bodies | None, shift: np.ndarray) -> tuple[LabelledMarkers, Bodies | None]:
+    """The take and its body, or all of its bodies, moved by `shift` (3,) m."""
+    return replace(take, xyz=take.xyz + shift), body and body.moved(shift)
 
 
 def truth_path(blobs: Path) -> Path:
@@ -160,7 +183,7 @@ def write_capture(
     take: LabelledMarkers,
     cameras: Cameras,
     options: CaptureOptions,
-    body: PosedBody | None,
+    body: Bodies | None,
     out: Path,
     overwrite: bool = False,
     read: Iterable[Path] = (),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a user sets once for all files: where own marker sets live."""
+"""What a user sets once for all files: where own marker sets live, and who teaches them."""
 
 from pathlib import Path
 
@@ -20,8 +20,20 @@ class MocapPreferences(bpy.types.AddonPreferences):
         subtype="DIR_PATH",
     )
 
+    taught_by: StringProperty(
+        name="Your Name",
+        description="What marker sets keep of who taught them; empty for the name that you are logged in by",
+    )
+
     def draw(self, context):
         self.layout.prop(self, "markerset_folder")
+        self.layout.prop(self, "taught_by")
+
+
+def taught_by() -> str:
+    """The name of who teaches marker sets; empty where nobody gave one."""
+    addon = bpy.context.preferences.addons.get(PACKAGE)
+    return addon.preferences.taught_by if addon and addon.preferences else ""
 
 
 def markerset_folder(create: bool = False) -> Path:

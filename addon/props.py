@@ -12,6 +12,7 @@ from bpy.props import (
     CollectionProperty,
     EnumProperty,
     FloatProperty,
+    FloatVectorProperty,
     IntProperty,
     PointerProperty,
     StringProperty,
@@ -20,13 +21,16 @@ from bpy.props import (
 from .core.data.errors import InputError
 from .core.edits.wording import counted_on, words_of
 from .core.filling.kept import resting_on
+from .core.points.several.wearers import AUTO, MAX_SUBJECTS, is_subject_name
 from .core.review.trouble import TROUBLE_KINDS
 from .io.markersets import SUFFIX, builtin_markersets, open_markerset
+from .io.model_history import is_beside
 from .io.names import written
 from .prefs import markerset_folder
 from .scene.armature import SCALE
-from .scene.naming import CAMERAS
+from .scene.naming import CAMERAS, MARKERSET
 from .scene.opened import opened
+from .scene.performers import Colour, set_colour, usual_colour
 from .scene.preview import hide_preview
 from .scene.redrawing import redraw
 from .scene.relabelled import kept_changes
@@ -51,7 +55,7 @@ _kept_items: list[tuple[str, str, str, str, int]] = []
 
 
 def _markerset_items(_self, _context) -> list[tuple[str, str, str, str, int]]:
-    own = sorted(markerset_folder().glob(f"*{SUFFIX}"))
+    own = sorted(path for path in markerset_folder().glob(f"*{SUFFIX}") if not is_beside(path))
     items = [(name, name, f"Built-in marker set {name}") for name in builtin_markersets()]
     items += [(str(path), path.name.removesuffix(SUFFIX), f"Your own marker set, {path}") for path in own]
     items.append((OWN_FILE, "From a File…", "A marker set file that you choose"))
@@ -87,6 +91,12 @@ def _take_changed(self, context):
     refresh_review(context.window_manager, context.scene)
 
 
+def _colour_changed(self, context):
+    take = context.scene.mocap_autolabel.take
+    if is_take(take):
+        set_colour(take, self.name, tuple(self.colour))
+
+
 def _timeline_changed(_self, _context):
     redraw("DOPESHEET_EDITOR")
 
@@ -99,6 +109,33 @@ class TrainingTakeRow(bpy.types.PropertyGroup):
     markers: IntProperty(name="Markers", description="Number of named markers")
     up: StringProperty(name="Up", description="The axis that points up in the file, empty for what it says or tells")
     rate: FloatProperty(name="Rate", description="Frames a second where the file says none; 0 where it does")
+    kept: BoolProperty(
+        name="Keep for Checking",
+        description="Learn nothing from this take, whose names were looked at: whenever the marker set is trained on, "
+        "it is labelled anew by the marker set as it was and as it is then",
+    )
+
+
+class PerformerRow(bpy.types.PropertyGroup):
+    """Somebody who is asked for by `name`, which their markers are called by."""
+
+    markerset: EnumProperty(
+        name="Marker Set",
+        description="Which markers the performer wears; a set learned from their own take tells them from others",
+        items=_markerset_items,
+        default=_item_number(USUAL_MARKERSET),
+    )
+    markerset_path: StringProperty(name="File", description="A *.markerset.json file", subtype="FILE_PATH")
+    colour: FloatVectorProperty(
+        name="Colour",
+        description="What the performer's body, figure and dots are drawn in",
+        subtype="COLOR_GAMMA",
+        size=3,
+        min=0.0,
+        max=1.0,
+        default=usual_colour(0),
+        update=_colour_changed,
+    )
 
 
 class SceneSettings(bpy.types.PropertyGroup):
@@ -132,6 +169,21 @@ class SceneSettings(bpy.types.PropertyGroup):
         default=_item_number(USUAL_MARKERSET),
     )
     markerset_path: StringProperty(name="File", description="A *.markerset.json file", subtype="FILE_PATH")
+    performing: EnumProperty(
+        name="How Many",
+        description="How many performers a take is of",
+        items=(
+            ("ONE", "One", "One, who needs no name"),
+            ("SO_MANY", "So Many", "So many who wear the marker set; they are called 1, 2 and so on"),
+            ("AUTO", "Automatic", "As many who wear the marker set as there are; they are called 1, 2 and so on"),
+            ("LISTED", "By Name", "Those in the list, each with a name and a marker set of their own"),
+        ),
+    )
+    performer_count: IntProperty(
+        name="Performers", description="How many wear the marker set", default=2, min=2, max=MAX_SUBJECTS
+    )
+    performers: CollectionProperty(type=PerformerRow)
+    performer_index: IntProperty()
     training_takes: CollectionProperty(type=TrainingTakeRow)
     lessons: CollectionProperty(type=TrainingTakeRow)  # the same in files of the first versions
     training_take_index: IntProperty()
@@ -211,6 +263,22 @@ class SceneSettings(bpy.types.PropertyGroup):
     )
     scope: EnumProperty(
         name="Frames", description="The frames in which the tool Label corrects names", items=SCOPES, default="WHOLE"
+    )
+    folder_path: StringProperty(
+        name="Takes", description="The folder of the takes that Label Folder labels", subtype="DIR_PATH"
+    )
+    folder_out: StringProperty(
+        name="Results", description="The folder that Label Folder writes into", subtype="DIR_PATH"
+    )
+    folder_watch: BoolProperty(
+        name="Watch", description="Go on with takes that still arrive in the folder, until it is stopped"
+    )
+    folder_anew: BoolProperty(
+        name="Make Anew",
+        description="Replace results that were made of other files, by other settings or by another version",
+    )
+    folder_jobs: IntProperty(
+        name="Side by Side", description="Takes that are labelled at once, a core each", default=1, min=1, max=256
     )
     fill_method: EnumProperty(
         name="Method",
@@ -319,6 +387,19 @@ class GapRow(bpy.types.PropertyGroup):
     reason: StringProperty(name="Reason", description="Why it is not filled; empty where it is")
 
 
+class FolderTakeRow(bpy.types.PropertyGroup):
+    """A take of the folder that is labelled in the background; `name` is the take's."""
+
+    state: StringProperty(name="State", description="What has become of it")
+    reason: StringProperty(name="Reason", description="Why it failed, or what is to be looked at first")
+    measured: BoolProperty(name="Labelled", description="Whether it is labelled")
+    trouble: IntProperty(name="To Look at", description="Troubles that nobody has answered")
+    stake: IntProperty(name="At Stake", description="Frames of a marker that are wrong or missing if it is so")
+    named: FloatProperty(name="Named", description="Part of its blobs or points that has a name; -1 without any")
+    on_body: IntProperty(name="On the Body", description="What has no name beside the body")
+    found: FloatProperty(name="Found", description="Part of all samples that was found")
+
+
 class PickedPoint(bpy.types.PropertyGroup):
     """A trajectory, or a blob of a camera, that is picked in the 3D view."""
 
@@ -333,6 +414,8 @@ class ReviewState(bpy.types.PropertyGroup):
     corrections: CollectionProperty(type=CorrectionRow)
     correction_index: IntProperty()
     doubts: CollectionProperty(type=bpy.types.PropertyGroup)
+    differences: CollectionProperty(type=bpy.types.PropertyGroup)
+    candidate: StringProperty(name="Candidate", description="A marker set that waits to be adopted; empty for none")
     fills: CollectionProperty(type=GapRow)
     fill_index: IntProperty()
     left_gaps: CollectionProperty(type=GapRow)
@@ -348,6 +431,12 @@ class ReviewState(bpy.types.PropertyGroup):
     doing: StringProperty(name="Doing", description="What is going on, and how long it will; empty where nothing is")
     share: FloatProperty(name="Done", description="How much of it is done", subtype="FACTOR", min=0.0, max=1.0)
     cancelled: BoolProperty(name="Cancel", description="Whether what is going on is to stop")
+    folder_doing: StringProperty(name="Doing", description="How far Label Folder is; empty where it does not go on")
+    folder_share: FloatProperty(name="Done", description="How much of it is done", subtype="FACTOR", min=0.0, max=1.0)
+    folder_said: StringProperty(name="Trouble", description="Why Label Folder ended before its time")
+    folder_results: StringProperty(name="Results", description="The folder that the listed takes lie in")
+    folder_takes: CollectionProperty(type=FolderTakeRow)
+    folder_index: IntProperty()
     changes: CollectionProperty(type=ChangeRow)
     change_index: IntProperty()
     troubles: CollectionProperty(type=TroubleRow)
@@ -375,8 +464,8 @@ class ReviewState(bpy.types.PropertyGroup):
     picked_with: StringProperty()
 
 
-def chosen_model(settings: SceneSettings) -> str:
-    """The name or path of the marker set that the scene's settings name; InputError when there is none."""
+def chosen_model(settings: SceneSettings | PerformerRow) -> str:
+    """The name or path of the marker set that the scene's settings, or a performer's, name; InputError without one."""
     if settings.markerset not in (OWN_FILE, ""):
         return settings.markerset
     if not settings.markerset:
@@ -386,8 +475,39 @@ def chosen_model(settings: SceneSettings) -> str:
     return bpy.path.abspath(settings.markerset_path)
 
 
-def chosen_markerset(settings: SceneSettings):
-    """The marker set that the scene's settings name; InputError when there is none."""
+def subjects_asked(settings: SceneSettings) -> dict:
+    """Who is asked for, as fields of a job: `model`, `subjects` and `wearers`; InputError where that is not clear."""
+    if settings.performing != "LISTED":
+        count = {"ONE": 1, "AUTO": AUTO}.get(settings.performing, settings.performer_count)
+        return {"model": chosen_model(settings), "subjects": count, "wearers": ()}
+    rows = settings.performers
+    if not len(rows):
+        raise InputError("nobody is in the list of performers; expected those who are asked for")
+    if len(rows) > MAX_SUBJECTS:
+        raise InputError(f"{len(rows)} performers are in the list; expected up to {MAX_SUBJECTS}")
+    for row in rows:
+        if not is_subject_name(row.name):
+            words = 'expected up to 40 letters without spaces or : , = | * "'
+            raise InputError(f"{row.name!r} is no name of a performer; {words}")
+    if len({row.name.casefold() for row in rows}) < len(rows):
+        raise InputError("two performers have the same name; expected a name for each")
+    wearers = tuple((row.name, chosen_model(row)) for row in rows)
+    return {"model": wearers[0][1], "subjects": 1, "wearers": wearers}
+
+
+def row_of(settings: SceneSettings, name: str) -> SceneSettings | PerformerRow:
+    """Where the marker set of a performer is chosen: in the list, where the name stands there, else in the settings."""
+    listed = settings.performers if settings.performing == "LISTED" else ()
+    return next((row for row in listed if row.name == name), settings)
+
+
+def colours_asked(settings: SceneSettings) -> dict[str, Colour]:
+    """The colours of those who are asked for by name."""
+    return {row.name: tuple(row.colour) for row in settings.performers} if settings.performing == "LISTED" else {}
+
+
+def chosen_markerset(settings: SceneSettings | PerformerRow):
+    """The marker set that the scene's settings, or a performer's, name; InputError when there is none."""
     return open_markerset(chosen_model(settings))
 
 
@@ -401,6 +521,23 @@ def choose_own(settings: SceneSettings, path: Path):
     """Makes a marker set file the chosen one, by its place in the list where it stands there."""
     listed = path.parent == markerset_folder() and path.exists()
     settings.markerset, settings.markerset_path = str(path) if listed else OWN_FILE, str(path)
+
+
+def restore_choice(settings: SceneSettings):
+    """Chooses the marker set again of a file whose choice is not in the list: the first versions kept its place in it.
+
+    It is the one of the scene's take, else the user's own file that was used last. Where neither is known none is
+    chosen, and whoever needs one says so.
+    """
+    if settings.markerset:
+        return
+    name = settings.take.get(MARKERSET) if is_take(settings.take) else None
+    listed = [item[0] for item in _markerset_items(settings, None)]
+    found = [item for item in listed if name and (item == name or Path(item).name == f"{name}{SUFFIX}")]
+    if found:
+        settings.markerset = found[0]
+    elif settings.markerset_path:
+        choose_own(settings, Path(bpy.path.abspath(settings.markerset_path)))
 
 
 def frames_wanted(settings: SceneSettings) -> tuple[int, int] | None:
@@ -474,16 +611,20 @@ def list_trouble():
         row.stake, row.answered = trouble.stake, trouble.answered
     state.trouble_index = max(min(state.trouble_index, len(state.troubles) - 1), 0)
     redraw("VIEW_3D")
+    if not bpy.app.background:
+        opened.make_ready(collection, scene)
 
 
 CLASSES = (
     TrainingTakeRow,
+    PerformerRow,
     SceneSettings,
     MarkerRow,
     TroubleRow,
     ChangeRow,
     CorrectionRow,
     GapRow,
+    FolderTakeRow,
     PickedPoint,
     ReviewState,
 )

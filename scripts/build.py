@@ -5,7 +5,8 @@
     python scripts/build.py --platform linux-x64 --blender 5.2   one of them
 
 Run it in an environment with `bpy` (`.venv` of run.py): Blender's own packager and checker come with it. Wheels are
-fetched once into wheels/. NumPy is never among them, because Blender brings its own and extensions share their wheels.
+fetched once into wheels/; that of the compiled library is built there by `build_kernels.py`. NumPy is never among them,
+because Blender brings its own and extensions share their wheels.
 """
 
 import argparse
@@ -21,8 +22,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+from scripts import build_kernels
+
 MANIFEST = "blender_manifest.toml"
-LIBRARIES = ("threadpoolctl==3.8.0",)
+LIBRARIES = ("olefile==0.47", "threadpoolctl==3.8.0")
 # The platform tags that each platform's oldest supported system accepts (Blender's own requirements, SciPy's builds).
 WHEEL_TAGS = {
     "linux-x64": ("manylinux_2_28_x86_64", "manylinux_2_27_x86_64", "manylinux_2_17_x86_64"),
@@ -32,6 +37,8 @@ WHEEL_TAGS = {
 }
 
 
+# The last release with a wheel for each platform; one wheel serves every Python.
+UNPACKERS = dict.fromkeys(WHEEL_TAGS, "lzallright==0.3.0") | {"macos-x64": "lzallright==0.2.6"}
 # SciPy's last release for each Python that a Blender runs on.
 SCIPY = {"311": "scipy==1.17.1", "313": "scipy==1.18.1", "314": "scipy==1.18.1"}
 
@@ -75,6 +82,8 @@ def build(name: str, platform: str, out: Path, as_version: str | None = None) ->
     if as_version:
         manifest = re.sub(r'(?m)^version = ".*"$', f'version = "{as_version}"', manifest)
     wheels = {path.name: path for python in blender.pythons[platform] for path in fetch_wheels(python, platform)}
+    kernels = build_kernels.build(platform)
+    wheels[kernels.name] = kernels
     out.mkdir(parents=True, exist_ok=True)
     target = out / f"mocap_autolabel-{version(manifest)}-blender{name}-{platform}.zip"
     with tempfile.TemporaryDirectory() as folder:
@@ -93,7 +102,7 @@ def version(manifest: str = "") -> str:
 def fetch_wheels(python: str, platform: str) -> list[Path]:
     """The wheels for one Python ("313") on one platform, fetched into wheels/ unless they are there."""
     folder = ROOT / "wheels" / f"cp{python}-{platform}"
-    wanted = [SCIPY[python], *LIBRARIES]
+    wanted = [SCIPY[python], UNPACKERS[platform], *LIBRARIES]
     have = {"{}=={}".format(*path.name.split("-")[:2]): path for path in folder.glob("*.whl")}
     if missing := [requirement for requirement in wanted if requirement not in have]:
         tags = [part for tag in WHEEL_TAGS[platform] for part in ("--platform", tag)]

@@ -20,7 +20,7 @@ if str(ROOT) not in sys.path:
 
 from addon.core.body import anatomy
 from addon.core.data.markersets import MarkerSet
-from addon.core.points.likelihood import learn_likelihood
+from addon.core.points.likelihood.learn import learn_likelihood
 from addon.core.points.models import Model
 from addon.core.training import learning
 from addon.core.training.poses import poses_of, with_poses

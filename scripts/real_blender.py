@@ -98,7 +98,7 @@ def _screen() -> Iterator[str]:
     server = subprocess.Popen(command, pass_fds=(write,), stderr=subprocess.DEVNULL)
     os.close(write)
     try:
-        with os.fdopen(read) as answer:
+        with os.fdopen(read, encoding="utf-8") as answer:
             number = answer.readline().strip()
         if not number:
             raise LookupError("no window: Xvfb does not start")

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What screenshots.py does inside Blender's window: a person's way through the sidebar, with a picture at each step."""
 
+import importlib
 import json
 import math
 import os
+import shutil
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -18,12 +19,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 import window
 
 OUT = Path(os.environ["MOCAP_OUT"])
-PATIENCE = 200.0
+TO_FIRST_BELOW = 48  # px from the upper end of the button Label to the middle of the first panel below it
 
 
 def steps() -> Iterator[float]:
     """From an empty scene to a reviewed take."""
-    task = json.loads((OUT / "task.json").read_text())
+    task = json.loads((OUT / "task.json").read_text(encoding="utf-8"))
     bpy.ops.extensions.package_install_files(filepath=task["zip"], repo="user_default", enable_on_install=True)
     bpy.data.batch_remove(list(bpy.data.objects))
     yield from window.open_tab("Mocap")
@@ -69,6 +70,7 @@ def steps() -> Iterator[float]:
 
     settings = bpy.context.scene.mocap_autolabel
     bpy.ops.mocap_autolabel.clear()
+    yield from performers(task)
     bpy.data.batch_remove([settings.preview])
     bpy.ops.mocap_autolabel.edit_markerset()
     look_at((0, 0, 0.9), distance=3.2)
@@ -86,9 +88,7 @@ def steps() -> Iterator[float]:
 def label() -> Iterator[float]:
     """Press the button and wait for the take."""
     bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
-    until = time.monotonic() + PATIENCE
-    while bpy.context.scene.mocap_autolabel.take is None and time.monotonic() < until:
-        yield 0.5
+    yield from window.until(lambda: bpy.context.scene.mocap_autolabel.take is not None)
 
 
 def character(middle: Vector) -> Iterator[float]:
@@ -112,6 +112,32 @@ def character(middle: Vector) -> Iterator[float]:
     look_at((middle.x, middle.y, 1.0), distance=3.2)
 
 
+def performers(task: dict) -> Iterator[float]:
+    """Ask for two by name, each in a marker set of their own, and label them."""
+    settings = bpy.context.scene.mocap_autolabel
+    bpy.ops.mocap_autolabel.import_points(filepath=task["duet"])
+    settings.performing, before = "LISTED", settings.markerset
+    prefs = importlib.import_module("bl_ext.user_default.mocap_autolabel.addon.prefs")
+    for own in task["people"]:
+        settings.markerset = str(shutil.copy(own, prefs.markerset_folder(create=True)))
+        bpy.ops.mocap_autolabel.add_performer()
+    settings.markerset = before
+    yield from label()
+    scene = bpy.context.scene
+    scene.frame_set(scene.frame_start + 100)
+    places = yield from window.scroll_to("mocap_autolabel.label")
+    x, y = places["mocap_autolabel.label"]
+    yield from window.click(x, y - TO_FIRST_BELOW)  # opens the panel below the button
+    people = [item for item in settings.take.all_objects if item.type == "ARMATURE"]
+    middle = sum((item.pose.bones[0].head for item in people), Vector()) / len(people)
+    look_at((middle.x, middle.y, 0.9), distance=4.4)
+    yield from window.screenshot("performers")
+    yield from window.scroll_sidebar(down=False)
+    bpy.ops.mocap_autolabel.clear()
+    settings.performing = "ONE"
+    settings.performers.clear()
+
+
 def fill_and_correct() -> Iterator[float]:
     """Fill half of the gaps, correct a name in a range of frames, and show the trajectories in the Dope Sheet."""
     scene = bpy.context.scene
@@ -120,9 +146,7 @@ def fill_and_correct() -> Iterator[float]:
         if item.get("mocap_marker") in names[::2]:
             item.select_set(True)
     bpy.ops.mocap_autolabel.fill_gaps("INVOKE_DEFAULT", extent="MARKER")
-    until = time.monotonic() + PATIENCE
-    while not len(bpy.context.window_manager.mocap_autolabel.fills) and time.monotonic() < until:
-        yield 0.5
+    yield from window.until(lambda: len(bpy.context.window_manager.mocap_autolabel.fills))
     first = scene.frame_start
     bpy.ops.mocap_autolabel.timeline_pick(marker="LKNE", first=first + 60, last=first + 110)
     bpy.ops.mocap_autolabel.timeline_pick(marker="RKNE", first=first + 60, last=first + 110, extend=True)
@@ -183,9 +207,7 @@ def dot_of(marker: str) -> tuple[int, int]:
 def judge() -> Iterator[float]:
     """Press the button and wait for the report."""
     bpy.ops.mocap_autolabel.judge_markers("INVOKE_DEFAULT")
-    until = time.monotonic() + PATIENCE
-    while "mocap_quality" not in laid_out() and time.monotonic() < until:
-        yield 0.5
+    yield from window.until(lambda: "mocap_quality" in laid_out())
 
 
 def laid_out() -> bpy.types.Collection:

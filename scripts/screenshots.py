@@ -16,8 +16,9 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+from addon.cli import main as command
 from scripts import build, real_blender
-from scripts.virtual_take import write_virtual_points, write_virtual_take
+from scripts.virtual_take import write_virtual_pair, write_virtual_points, write_virtual_take
 
 FRAMES = 240
 
@@ -35,10 +36,12 @@ def main() -> int:
         folder = Path(name)
         write_virtual_take(folder, FRAMES)
         write_virtual_points(folder, FRAMES)
+        write_virtual_pair(folder, FRAMES)
+        people = [train(folder / name) for name in ("ann.c3d", "bob.c3d")]
         package = build.build("{}.{}".format(*blender.version), "linux-x64", folder)
-        files = {"cameras": "cameras.toml", "blobs": "take.csv", "points": "walk.c3d"}
-        task = {"zip": str(package), **{what: str(folder / name) for what, name in files.items()}}
-        (folder / "task.json").write_text(json.dumps(task))
+        files = {"cameras": "cameras.toml", "blobs": "take.csv", "points": "walk.c3d", "duet": "duet.c3d"}
+        task = {"zip": str(package), "people": people, **{what: str(folder / name) for what, name in files.items()}}
+        (folder / "task.json").write_text(json.dumps(task), encoding="utf-8")
         steps = Path(__file__).with_name("screenshot_steps.py")
         done = blender.window(steps, folder, home=folder / "home", seconds=400)
         pictures = sorted(folder.glob("*.png"))
@@ -48,6 +51,14 @@ def main() -> int:
         for picture in pictures:
             print(shutil.copy(picture, out / picture.name))
     return 0
+
+
+def train(take: Path) -> str:
+    """Learn a marker set from somebody's own take, and give its path."""
+    model = take.with_suffix(".markerset.json")
+    if command(["train", str(take), "--out", str(model), "--name", take.stem, "--search", "none"]):
+        sys.exit(f"screenshots.py: nothing was learned from {take.name}")
+    return str(model)
 
 
 if __name__ == "__main__":

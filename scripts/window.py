@@ -7,12 +7,14 @@ Blender needs the option --enable-event-simulate. Coordinates are pixels of the 
 import os
 import shutil
 import subprocess
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import bpy
 
 WHILE_IT_DRAWS = 0.3
+PATIENCE = 200.0  # s; a busy machine draws slowly
 
 
 def play(steps: Iterator[float]) -> None:
@@ -30,6 +32,13 @@ def play(steps: Iterator[float]) -> None:
 
     bpy.context.preferences.view.show_splash = False
     bpy.app.timers.register(turn, first_interval=2, persistent=True)  # a step may open another file
+
+
+def until(done: Callable[[], bool], pause: float = 0.2) -> Iterator[float]:
+    """Wait until something is so, for what Blender does later has no time of its own; though not for ever."""
+    end = time.monotonic() + PATIENCE
+    while not done() and time.monotonic() < end:
+        yield pause
 
 
 def area(kind: str = "VIEW_3D") -> bpy.types.Area:

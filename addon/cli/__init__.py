@@ -10,7 +10,9 @@ from ..blendfile import drop_banner
 from ..io.scratch import take_away_own
 from .console import complain, open_streams, stoppable
 from .failures import as_trouble
+from .loading import uncollected
 from .parser import build_parser
+from .serving import SERVE, TRY, serve
 
 DONE, FAILED, BAD_INPUT = 0, 1, 2
 
@@ -22,7 +24,14 @@ def main(argv: list[str] | None = None) -> int:
     drop_banner()
     try:
         with stoppable():
-            arguments = build_parser().parse_args(argv)
+            if argv == [SERVE]:
+                return serve(main)
+            if argv[:2] == [TRY, "--result"]:
+                from .trials import run_trial
+
+                return run_trial(argv[1:])
+            with uncollected():
+                arguments = build_parser(argv).parse_args(argv)
             return arguments.run(arguments)
     except SystemExit as error:  # --help and --version
         return DONE if error.code in (None, 0) else BAD_INPUT

@@ -4,6 +4,7 @@
 import argparse
 import re
 from collections.abc import Callable
+from pathlib import Path
 
 from ..core.geometry.camera_up import AXIS_NAMES
 from ..jobs.job import USUAL_RATE
@@ -63,6 +64,16 @@ def add_frames(parser: argparse.ArgumentParser):
         type=frame_range,
         metavar="A:B",
         help="only these frames, both included, by the source's own numbers",
+    )
+
+
+def add_own_cameras(parser: argparse.ArgumentParser):
+    """`--cameras CAMERAS` of blobs, which a capture may bring itself."""
+    parser.add_argument(
+        "--cameras",
+        type=Path,
+        metavar="CAMERAS",
+        help="the calibration; blobs need it, but for those of a .qtm, which has its own",
     )
 
 

@@ -31,6 +31,14 @@ def add_parser(verbs):
     )
     parser.add_argument("--markers", type=names, metavar="A,B,…", help="fill only these markers")
     parser.add_argument("--model", metavar="MODEL", help="a model of these markers, whose body may fill gaps too")
+    parser.add_argument(
+        "--labels",
+        type=Path,
+        metavar="FILE.labels.csv",
+        help="the labels of the blobs that the take was made of, with --cameras: where one camera still sees a marker, "
+        "its ray holds the fill",
+    )
+    parser.add_argument("--cameras", type=Path, metavar="CAMERAS", help="the calibration of these blobs' cameras")
     add_up(parser)
     add_point_rate(parser)
     add_overwrite(parser)
@@ -49,6 +57,8 @@ def run(arguments) -> int:
         arguments.up,
         arguments.rate,
         arguments.overwrite,
+        arguments.labels,
+        arguments.cameras,
     )
     result = ProgressLine(arguments.progress).drain(fill_file(job), arguments.take.stem)
     print_results(_lines(result), result, arguments.json)
@@ -61,6 +71,9 @@ def _lines(result: dict) -> list[str]:
     often = f"{len(result['filled'])} of {len(result['filled']) + len(result['left'])} gaps filled"
     samples = f"{result['samples_filled']} of {result['samples_missing']} missing samples"
     off = f", expected error up to {max(expected):.1f} mm" if expected else ""
+    if "rays" in result:
+        by = sum(row["method"].endswith("+ray") for row in result["filled"])
+        off += f"; {by} held by {result['rays']} rays of single cameras" if by else "; no camera alone sees a marker"
     lines = [f"{result['out']}: {result['frames']} frames, {often}, {samples}{off}, {result['seconds']:.1f} s"]
     left = result["left"][:LEFT_SHOWN]
     lines += [f"left: {row['marker']}, frames {row['first']} to {row['last']}: the gap {row['reason']}" for row in left]

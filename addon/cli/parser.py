@@ -3,12 +3,27 @@
 
 import argparse
 import re
+from collections.abc import Sequence
+from importlib import import_module
 from typing import NoReturn
 
 from ..core.data.errors import InputError
 from ..version import version
 
 DESCRIPTION = "Names the markers of optical motion capture takes."
+VERBS = (
+    "label",
+    "train",
+    "fill",
+    "refine",
+    "reconstruct",
+    "blobs",
+    "evaluate",
+    "simulate",
+    "models",
+    "quality",
+    "demo",
+)
 SHARED_HELP = "exit status: 0 done, 1 the job could not be done, 2 bad arguments or bad input"
 
 
@@ -28,16 +43,17 @@ class Parser(argparse.ArgumentParser):
         raise InputError(message if "; expected" in message else f"{message}; {wanted}")
 
 
-def build_parser() -> Parser:
-    """The parser of all verbs; each sets `run`, a function of the parsed arguments that gives the exit status."""
-    # Here and not above, so that Ctrl-C while NumPy loads ends in one line too.
-    from . import demo, evaluate, fill, label, models, quality, reconstruct, refine, simulate, train
+def build_parser(argv: Sequence[str] = ()) -> Parser:
+    """The parser of the verb that begins these arguments, or of all where none does.
 
+    Each sets `run`, a function of the parsed arguments that gives the exit status.
+    """
     parser = Parser(prog="mocap-autolabel", description=DESCRIPTION)
     parser.add_argument("--version", action="version", version=f"mocap-autolabel {version()}")
     verbs = parser.add_subparsers(metavar="VERB", required=True)
-    for verb in (label, train, fill, refine, reconstruct, evaluate, simulate, models, quality, demo):
-        verb.add_parser(verbs)
+    for verb in argv[:1] if argv and argv[0] in VERBS else VERBS:
+        # Here and not above: no verb waits for what others need, and Ctrl-C while NumPy loads ends in one line too.
+        import_module(f".{verb}", __package__).add_parser(verbs)
     for each in verbs.choices.values():
         each.add_argument("--json", action="store_true", help="print the results as one JSON object")
         each.add_argument("--progress", action="store_true", help="tell the progress even where nobody watches")

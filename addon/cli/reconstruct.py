@@ -3,8 +3,9 @@
 
 from pathlib import Path
 
+from ..jobs.captures import blob_rate, calibration_for
 from ..jobs.rebuild import RebuildJob, rebuild_file
-from .arguments import add_blob_rate, add_frames, add_overwrite, add_up
+from .arguments import add_blob_rate, add_frames, add_overwrite, add_own_cameras, add_up
 from .console import ProgressLine, print_results
 
 DESCRIPTION = """Finds the points in space that the unnamed blobs of several cameras show, and joins them into unnamed
@@ -14,8 +15,8 @@ trajectories *1, *2, … with gaps: what `label` takes when only 3D points are k
 def add_parser(verbs):
     """Adds the verb to the command line's grammar."""
     parser = verbs.add_parser("reconstruct", help="3D points from blobs", description=DESCRIPTION)
-    parser.add_argument("blobs", metavar="BLOBS", type=Path, help="a file of blobs")
-    parser.add_argument("--cameras", required=True, type=Path, metavar="CAMERAS", help="the calibration")
+    parser.add_argument("blobs", metavar="BLOBS", type=Path, help="a file of blobs, .csv or .qtm")
+    add_own_cameras(parser)
     parser.add_argument("--out", required=True, type=Path, metavar="FILE", help="the .c3d (or .trc) to write")
     add_blob_rate(parser)
     add_frames(parser)
@@ -28,10 +29,10 @@ def run(arguments) -> int:
     """Reconstructs one take."""
     job = RebuildJob(
         arguments.blobs,
-        arguments.cameras,
+        calibration_for(arguments.blobs, arguments.cameras),
         arguments.out,
         arguments.frames,
-        arguments.rate,
+        blob_rate(arguments.blobs, arguments.rate),
         arguments.overwrite,
         arguments.up,
     )
@@ -44,6 +45,6 @@ def run(arguments) -> int:
     lines = [f"{result['out']}: {result['frames']} frames, {many}", f"{explained}, {well}, {pace}"]
     if "c3d_first_frame" in result:
         lines.append("the first frame is negative, which a .c3d cannot say: its frames are numbered from 0")
-    lines += result.get("calibration", [])
+    lines += [*result.get("calibration", []), *result.get("capture", [])]
     print_results(lines, result, arguments.json)
     return 0

@@ -3,8 +3,9 @@
 
 from pathlib import Path
 
+from ..jobs.captures import blob_rate, calibration_for
 from ..jobs.refine import RefineJob, refine_file
-from .arguments import add_blob_rate, add_frames, add_overwrite, add_up
+from .arguments import add_blob_rate, add_frames, add_overwrite, add_own_cameras, add_up
 from .console import ProgressLine, print_results
 
 DESCRIPTION = """Moves and turns the cameras so that the take's own labelled blobs meet, as when a camera was bumped
@@ -16,8 +17,8 @@ to."""
 def add_parser(verbs):
     """Adds the verb to the command line's grammar."""
     parser = verbs.add_parser("refine", help="refine a calibration by a take", description=DESCRIPTION)
-    parser.add_argument("blobs", metavar="BLOBS", type=Path, help="a file of blobs")
-    parser.add_argument("--cameras", required=True, type=Path, metavar="CAMERAS", help="the calibration")
+    parser.add_argument("blobs", metavar="BLOBS", type=Path, help="a file of blobs, .csv or .qtm")
+    add_own_cameras(parser)
     parser.add_argument("--model", required=True, metavar="MODEL", help="what the subject wears: a name or a file")
     parser.add_argument("--out", required=True, type=Path, metavar="FILE.toml", help="the calibration to write")
     add_blob_rate(parser)
@@ -31,11 +32,11 @@ def run(arguments) -> int:
     """Refines one calibration."""
     job = RefineJob(
         arguments.blobs,
-        arguments.cameras,
+        calibration_for(arguments.blobs, arguments.cameras),
         arguments.model,
         arguments.out,
         arguments.frames,
-        arguments.rate,
+        blob_rate(arguments.blobs, arguments.rate),
         arguments.up,
         arguments.overwrite,
     )
@@ -51,7 +52,13 @@ def _lines(report: dict) -> list[str]:
     rounds = f"{report['rounds']} round{'' if report['rounds'] == 1 else 's'}"
     done = f"{rounds} of {report['frames_labelled']} frames, {report['seconds']:.1f} s"
     last = "refined" if report["refined"] else "nothing to refine, the cameras are written as they were"
-    return [*lines, *report["camera_doubts"], *report.get("calibration", []), f"{report['out']}: {last}; {done}"]
+    return [
+        *lines,
+        *report["camera_doubts"],
+        *report.get("calibration", []),
+        *report.get("capture", []),
+        f"{report['out']}: {last}; {done}",
+    ]
 
 
 def _of_camera(row: dict) -> str:

@@ -16,8 +16,9 @@ from .arguments import add_frames, add_overwrite, add_point_rate, add_up, names,
 from .console import ProgressLine, print_results
 
 DESCRIPTION = """A virtual capture of a labelled take (.c3d or .trc): what the cameras would see, with a body in the
-way, noise, merged blobs, dropouts and ghosts. Writes the blobs to BLOBS and their true names to BLOBS.truth.csv (the
-whole name with .truth.csv behind it). Frames keep the take's numbers."""
+way, noise, merged blobs, dropouts and ghosts. Of several subjects, whose markers are NAME:LASI …, all are captured,
+with all bodies in the way. Writes the blobs to BLOBS and their true names to BLOBS.truth.csv (the whole name with
+.truth.csv behind it). Frames keep the take's numbers."""
 DEFAULTS = CaptureOptions()
 
 
@@ -32,7 +33,7 @@ def add_parser(verbs):
     chosen.add_argument("--markers", type=names, metavar="A,B,…", help="only these markers; default: the model's")
     chosen.add_argument("--all-markers", action="store_true", help="every named marker of the take")
     parser.add_argument(
-        "--subject", metavar="NAME", help="of a take with several, the one whose markers are NAME:LASI …"
+        "--subject", metavar="NAME", help="of a take with several, only the one whose markers are NAME:LASI …"
     )
     add_frames(parser)
     add_up(parser, where="the take")
@@ -88,7 +89,7 @@ def run(arguments) -> int:
         points = read_points(arguments.take, up=arguments.up, rate=arguments.rate)
         take = capturing.cut(capturing.labelled_markers(points), arguments.frames)
         take = capturing.of_subject(take, arguments.subject) if arguments.subject else take
-        markerset, markers, body = _what_is_captured(take, arguments)
+        sets, markers, body = _who_is_captured(take, arguments)
         if arguments.centre:
             markers, body = capturing.moved(markers, body, capturing.to_centre(markers, cameras))
         work = capturing.write_capture(
@@ -99,7 +100,7 @@ def run(arguments) -> int:
         raise error if error.file else type(error)(error.message, arguments.take) from None
     result = {
         "take": arguments.take.stem,
-        "model": markerset and markerset.name,
+        "model": ", ".join(dict.fromkeys(sets)) or None,
         "markers": list(markers.names),
         "cameras": list(cameras.names),
         "first_frame": markers.first_frame,
@@ -110,7 +111,8 @@ def run(arguments) -> int:
     }
     if cameras.remarks:
         result["calibration"] = list(cameras.remarks)
-    way = f", the body of {markerset.name} in the way" if body else ""
+    worn = result["model"]
+    way = f", {f'{len(sets)} bodies' if len(sets) > 1 else 'the body'} of {worn} in the way" if body else ""
     what = f"{captured.blobs} blobs of {len(markers.names)} markers in {captured.frames} frames, {len(cameras)} cameras"
     lines = [
         f"{arguments.out}: {what}{way}",
@@ -120,6 +122,19 @@ def run(arguments) -> int:
     ]
     print_results(lines, result, arguments.json)
     return 0
+
+
+def _who_is_captured(take: capturing.LabelledMarkers, arguments):
+    """Names of the marker sets, the take with only the markers to capture, and all bodies in their way."""
+    own = [(name, capturing.of_subject(take, name)) for name in capturing.subjects_in(take)]
+    sets = [open_markerset(name) for name in ([arguments.model] if arguments.model else builtin_markersets())]
+    own = [(name, one) for name, one in own if any(capturing.wears(one, markerset) for markerset in sets)]
+    if len(own) < 2 or arguments.markers:
+        markerset, markers, body = _what_is_captured(take, arguments)
+        return [] if markerset is None else [markerset.name], markers, body
+    parts = [(name, *_what_is_captured(one, arguments)) for name, one in own]
+    markers, body = capturing.together([(name, one, body) for name, _, one, body in parts])
+    return [markerset.name for _, markerset, _, _ in parts if markerset], markers, body
 
 
 def _what_is_captured(take: capturing.LabelledMarkers, arguments):

@@ -4,13 +4,17 @@
 import argparse
 from pathlib import Path
 
-from ..core.data.errors import InputError
+from ..core.data.errors import InputError, JobError
+from ..core.evaluation.comparing import difference_lines
 from ..core.points.partial_solvers.training import SEARCHES
 from ..io.markersets import SUFFIX
 from ..jobs.train import TrainJob, train_file
 from ..jobs.training_takes import KnownBetter
-from .arguments import add_overwrite, add_point_rate, add_up, names, number
+from ..jobs.versions import system_user
+from .arguments import add_overwrite, add_point_rate, add_up, names, number, whole
 from .console import ProgressLine, print_results
+from .model_history import SHOWN_DIGITS
+from .trials import trying
 
 DESCRIPTION = """Makes a model from labelled takes (.c3d, .trc, Motive .csv) of people, animals or props: its markers, a
 skeleton and a body, and what names them in takes without names. One take is enough to begin with, of a person a single
@@ -36,19 +40,20 @@ def add_parser(verbs):
         default=[],
         type=subject_or_take,
         metavar="ID=GLOB",
-        help="whose takes are whose, such as ann='*/ann_*.c3d'; default: a subject is a folder, by its name",
+        help="whose takes are whose, such as ann='*/ann_*.c3d'; of a take whose markers are called ann:LASI and "
+        "bob:LASI it says which of them is learned; default: a subject is a folder, by its name",
     )
     parser.add_argument(
         "--hit-rate",
         type=number(0.5, 1, "rate"),
-        default=0.9999,
         metavar="P",
-        help="asked of the ensemble's partial solvers (default 0.9999)",
+        help="asked of the ensemble's partial solvers (default 0.9999); finds them at once, as does --search",
     )
     parser.add_argument(
         "--search",
         choices=(*SEARCHES, "none"),
-        help="how partial solvers are found; default: top-down, and none for large marker sets",
+        help="find partial solvers at once, and how; default: top-down once --method ensemble asks for them, at once "
+        "with --lean; with --from MODEL and no take MODEL is given them, and all else stays as it is",
     )
     parser.add_argument(
         "--paper",
@@ -56,6 +61,34 @@ def add_parser(verbs):
         help="partial solvers by the paper's four functions only, none of which tells left from right",
     )
     parser.add_argument("--lean", action="store_true", help="keep no frames: the model cannot be trained on")
+    parser.add_argument(
+        "--jobs",
+        type=whole(1, 256, "number of jobs"),
+        metavar="N",
+        help="trials side by side (default: one for each core, 4 at most; the model is the same)",
+    )
+    parser.add_argument(
+        "--check",
+        dest="kept",
+        action="extend",
+        nargs="+",
+        default=[],
+        type=Path,
+        metavar="TAKE",
+        help="labelled takes to keep out of training, whose names were looked at: whenever the model is trained on, "
+        "they are labelled anew by it as it was and as it is then",
+    )
+    parser.add_argument(
+        "--adopt",
+        action="store_true",
+        help="with --from, replace the model that is there although known takes are named worse by the new one",
+    )
+    parser.add_argument(
+        "--by",
+        default=None,
+        metavar="NAME",
+        help="who teaches the model, for its history (default: who is logged in; '' for nobody)",
+    )
     add_up(parser)
     add_point_rate(parser)
     parser.add_argument("--report", type=Path, metavar="FILE", help="also write what was learned, as JSON")
@@ -79,8 +112,16 @@ def subject_or_take(text: str) -> tuple[str, str] | Path:
 def run(arguments) -> int:
     """Trains one model."""
     takes = [*arguments.takes, *(given for given in arguments.subjects if isinstance(given, Path))]
-    if not takes:
+    asked = arguments.search not in (None, "none") or arguments.hit_rate is not None or arguments.paper
+    if not takes and not (asked and arguments.base):
         raise InputError("no take was given; expected one labelled take or more: train TAKE… --out MODEL")
+    if not takes and (arguments.markers or arguments.name or arguments.subjects or arguments.lean or arguments.kept):
+        raise InputError(
+            "no take was given, so only partial solvers are found; expected a take, or no --markers, --name, "
+            "--subject, --lean or --check"
+        )
+    if arguments.adopt and not arguments.base:
+        raise InputError("--adopt is for training on; expected --from MODEL with it, or no --adopt")
     if not arguments.out.name.endswith(SUFFIX):
         raise InputError(f"is no name for a model; expected one that ends in {SUFFIX}", arguments.out)
     job = TrainJob(
@@ -96,10 +137,21 @@ def run(arguments) -> int:
         keep=not arguments.lean,
         report=arguments.report,
         overwrite=arguments.overwrite,
-        known=dict.fromkeys(takes, KnownBetter(arguments.up, arguments.rate)),
+        known=dict.fromkeys([*takes, *arguments.kept], KnownBetter(arguments.up, arguments.rate)),
+        kept=tuple(dict.fromkeys(arguments.kept)),
+        by=system_user() if arguments.by is None else arguments.by,
+        adopt=arguments.adopt,
     )
-    report = ProgressLine(arguments.progress).drain(train_file(job), arguments.out.name)
+    report = ProgressLine(arguments.progress).drain(train_file(job, trying(arguments.jobs)), arguments.out.name)
     print_results(as_lines(report), report, arguments.json)
+    if report["not_adopted_for"]:
+        first, *others = report["not_adopted_for"]
+        why = f"{first}, and {len(others)} more" if others else first
+        raise JobError(
+            f"the model trained on does not take this place ({why}), and is kept as "
+            f"{Path(report['written']).name}; expected nothing worse, or models --adopt with that file",
+            arguments.out,
+        )
     return 0
 
 
@@ -112,10 +164,19 @@ def as_lines(report: dict) -> list[str]:
     counts = f"{len(report['markers'])} markers, {many} {'subject' if many == 1 else 'subjects'}, "
     counts += f"{frames} {'frame' if frames == 1 else 'frames'}"
     lines = [
-        f"{report['out']}: {counts}, {seconds:.0f} s",
+        f"{report['written']}: {counts}, {seconds:.0f} s",
+        f"version             {report['model_version']}, {report['model_fingerprint'][:SHOWN_DIGITS]}{_former(report)}",
         f"body                {len(segments)} segments, {report['body']['how']}",
     ]
     if report["ensemble"]:
         lines.append(f"ensemble            {report['ensemble']['partial_solvers']} partial solvers")
     lines += [f"replaces            {row['take']} of {row['subject']} as it was" for row in report["replaced"]]
+    if report["check"]:
+        lines += [f"check               {line}" for line in difference_lines(report["check"])]
+        lines += [f"worse               {line}" for line in report["check"]["worse"]]
     return [*lines, *(f"doubtful            {doubt}" for doubt in report["doubts"])]
+
+
+def _former(report: dict) -> str:
+    """Where the version before is."""
+    return f"; the one before is kept as {Path(report['former']).name}" if report["former"] else ""

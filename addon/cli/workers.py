@@ -1,31 +1,29 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Takes side by side: each in a process of its own that goes through the same door as this one.
+"""Takes side by side, in processes that go through the same door as this one and take one take after the other.
 
 Neither threads (NumPy's small steps hold Python's lock) nor `multiprocessing` (it starts `sys.executable`, which in
 Blender is not what runs us, and imports a main module that Blender does not have) would do.
 """
 
-import _thread
 import json
-import os
+import queue
 import signal
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import IO
 
 from ..core.data.errors import InputError, JobError, UserError
 from ..io.scratch import naming_scratch, scratch_folder
+from .serving import ANSWER, PATIENCE, POLL, SERVE
 
 ROOT = Path(__file__).resolve().parents[2]
 EXTENSION = "mocap_autolabel"
-PAUSE = 0.05
-PATIENCE = 10.0
 # Opens the package from where it lies, whatever it is called and wherever it was installed.
 SCRIPT = """
 import importlib.util, json, sys
@@ -39,36 +37,34 @@ sys.exit(main(sys.argv[3:]))
 """
 
 
-@dataclass
-class Worker:
-    """One process at work: the number of its job and the take that it is for, its folder for what it says."""
+@dataclass(frozen=True)
+class Command:
+    """A command line, the last word of which is its take, and the file that it leaves its result in."""
 
     number: int
-    take: str
-    process: subprocess.Popen
-    folder: Path
-    outputs: tuple[IO, ...]
+    line: list[str]
+    result: Path
 
-    def answer(self) -> dict | UserError:
-        """What the process found out, or why it could not."""
-        self.close()
-        result = self.folder / "result.json"
-        if self.process.returncode == 0 and result.is_file():
-            return json.loads(result.read_text(encoding="utf-8"))
-        said = (self.folder / "stderr").read_text(encoding="utf-8", errors="replace").strip().splitlines()
-        reason = next((line for line in reversed(said) if line.startswith("mocap-autolabel: ")), "")
-        error = InputError if self.process.returncode == InputError.exit_status else JobError
-        return error(reason.partition(": ")[2]) if reason else self._ended()
+    @property
+    def take(self) -> str:
+        """What it labels."""
+        return self.line[-1]
 
-    def close(self):
-        """Lets go of what leads to and from the process; where it still runs, it ends itself then."""
-        self.process.stdin.close()
-        for output in self.outputs:
-            output.close()
+    def sent(self) -> bytes:
+        """It as one line for a process to read."""
+        return json.dumps([self.line[0], "--result", str(self.result), *self.line[1:]]).encode() + b"\n"
 
-    def _ended(self) -> JobError:
+    def answer(self, status: int, said: str) -> dict | UserError:
+        """What came of it, or why nothing did, by its exit status and what it said on standard error."""
+        if status == 0 and self.result.is_file():
+            return json.loads(self.result.read_text(encoding="utf-8"))
+        lines = said.strip().splitlines()
+        reason = next((line for line in reversed(lines) if line.startswith("mocap-autolabel: ")), "")
+        error = InputError if status == InputError.exit_status else JobError
+        return error(reason.partition(": ")[2]) if reason else self._without_a_word(status)
+
+    def _without_a_word(self, status: int) -> JobError:
         """How a process ended that had no last word."""
-        status = self.process.returncode
         if status >= 0:
             return JobError(
                 f"its process ended with status {status} and said nothing; expected it to finish", self.take
@@ -81,86 +77,181 @@ class Worker:
         )
 
 
+@dataclass(eq=False)
+class Worker:
+    """One process, what it is at, the file of what it says on standard error, and where all of them are heard."""
+
+    process: subprocess.Popen
+    errors: Path
+    heard: "queue.SimpleQueue[tuple[Worker, bytes | None]]"
+    command: Command | None = field(default=None, init=False)
+    begun: bool = field(default=False, init=False)  # whether it ever had one
+
+    def __post_init__(self):
+        threading.Thread(target=self._listen, daemon=True).start()
+
+    def begin(self, command: Command):
+        """Sends it a command; that it is gone shows where it would have answered."""
+        self.command, self.begun = command, True
+        with suppress(OSError):
+            self.process.stdin.write(command.sent())
+            self.process.stdin.flush()
+
+    def close(self):
+        """Lets go of the pipe to the process, which ends itself then."""
+        with suppress(OSError):
+            self.process.stdin.close()
+
+    def ending(self) -> dict:
+        """How it ended, and what it said before."""
+        said = self.errors.read_text(encoding="utf-8", errors="replace")
+        return {"status": self.process.returncode, "said": said}
+
+    def _listen(self):
+        for line in self.process.stdout:
+            if line.startswith(ANSWER.encode()):
+                self.heard.put((self, line[len(ANSWER) :]))
+        self.process.wait()
+        self.heard.put((self, None))
+
+
+class Offers:
+    """Command lines as they are asked for, numbered; `waiting` are those that no process has yet."""
+
+    def __init__(self, scratch: Path, lines: Iterable[list[str] | None]):
+        self.scratch, self.lines = scratch, iter(lines)
+        self.waiting: list[Command] = []
+        self.count, self.open, self.pausing = 0, True, False
+
+    @property
+    def more(self) -> bool:
+        """Whether some wait, or may come."""
+        return self.open or bool(self.waiting)
+
+    def ask(self, wanted: int):
+        """Asks until so many wait, or there is none at the moment."""
+        self.pausing = False
+        while self.open and not self.pausing and len(self.waiting) < wanted:
+            try:
+                line = next(self.lines)
+            except StopIteration:
+                self.open = False
+                return
+            self.pausing = line is None
+            if line is not None:
+                self.waiting.append(Command(self.count, line, self.scratch / f"{self.count}.json"))
+                self.count += 1
+
+
 def side_by_side(commands: Sequence[list[str]], jobs: int) -> Iterator[tuple[int, dict | UserError]]:
     """Runs command lines (argv of `main` that take `--result FILE`), `jobs` at a time; yields number and answer.
 
     The last word of each is its take. Closing the generator stops what runs, and so does the end of this process.
     """
-    waiting, running = list(enumerate(commands)), []
+    with crew(min(jobs, len(commands))) as run:
+        yield from run(commands)
+
+
+@contextmanager
+def crew(jobs: int) -> Iterator[Callable[[Iterable[list[str] | None]], Iterator[tuple[int, dict | UserError]]]]:
+    """Starts as many processes; gives what runs command lines by them as `side_by_side` does.
+
+    They start up while whoever has begun them looks at what they are to do. Command lines may come one after the other,
+    each asked for when a process has time for it; None among them stands for none at the moment.
+    """
     with scratch_folder() as scratch:
+        workers: list[Worker] = []
+        heard: queue.SimpleQueue[tuple[Worker, bytes | None]] = queue.SimpleQueue()
         try:
-            while waiting or running:
-                while waiting and len(running) < jobs:
-                    number, command = waiting.pop(0)
-                    try:
-                        running.append(_start(number, command, scratch))
-                    except JobError as error:
-                        yield number, error
-                finished = [worker for worker in running if worker.process.poll() is not None]
-                running = [worker for worker in running if worker not in finished]
-                for worker in finished:
-                    yield worker.number, worker.answer()
-                if not finished:
-                    time.sleep(PAUSE)
+            with suppress(JobError):  # said of the takes, where none can be started then either
+                while len(workers) < jobs:
+                    workers.append(start_process(scratch, heard))
+            yield partial(_run, scratch, workers, heard, jobs)
         finally:
-            _stop(running)
+            _stop(workers)
+
+
+def _run(
+    scratch: Path, workers: list[Worker], heard: queue.SimpleQueue, jobs: int, commands: Iterable[list[str] | None]
+) -> Iterator[tuple[int, dict | UserError]]:
+    """Number and answer of each command line, as they come; processes that ended meanwhile are replaced."""
+    offers = Offers(scratch, commands)
+    while offers.more or any(worker.command for worker in workers):
+        offers.ask(jobs - sum(worker.command is not None for worker in workers))
+        yield from _man(scratch, workers, heard, jobs, offers.waiting)
+        for worker in workers:
+            if offers.waiting and worker.command is None:
+                worker.begin(offers.waiting.pop(0))
+        if not workers and not offers.pausing:  # none could be started
+            continue
+        try:
+            worker, said = heard.get(timeout=POLL)
+        except queue.Empty:
+            continue
+        command, worker.command = worker.command, None
+        if said is None:
+            workers.remove(worker)
+            worker.close()
+        if command is not None:
+            ending = json.loads(said) if said else worker.ending()
+            yield command.number, command.answer(**ending)
+
+
+def _man(
+    scratch: Path, workers: list[Worker], heard: queue.SimpleQueue, jobs: int, waiting: list[Command]
+) -> Iterator[tuple[int, UserError]]:
+    """Starts processes for what waits; where there can be none, number and answer of a command that nobody takes."""
+    while waiting and len(workers) < jobs:
+        try:
+            workers.append(start_process(scratch, heard))
+        except JobError as error:
+            if workers:  # which take what is left
+                return
+            command = waiting.pop(0)
+            yield command.number, JobError(error.message, error.file or command.take)
 
 
 def door() -> list[str]:
     """The command that comes back to `main`, to be followed by its arguments."""
     blender = sys.modules["bpy"].app.binary_path if "bpy" in sys.modules else ""
     if blender:
-        return [blender, "--background", "--command", EXTENSION]
+        # By its name too: who has just enabled the extension may not have saved the preferences yet.
+        package = __name__.removesuffix(".addon.cli.workers")
+        named = ["--addons", package] if package.startswith("bl_ext.") else []
+        return [blender, "--background", *named, "--command", EXTENSION]
     # Once bpy is imported, Blender's folders of scripts come first, and the bpy in them is none on its own.
     paths = [path for path in sys.path if not (Path(path) / "bpy" / "__init__.py").is_file()]
     return [sys.executable, "-c", SCRIPT, str(ROOT), json.dumps(paths)]
 
 
-def _start(number: int, command: list[str], scratch: Path) -> Worker:
-    folder = scratch / str(number)
+def start_process(scratch: Path, heard: queue.SimpleQueue) -> Worker:
+    """A new process that waits for commands; JobError where there can be none."""
+    errors = scratch / f"{time.monotonic_ns()}.stderr"
     with naming_scratch(scratch):
-        folder.mkdir()
-        outputs = tuple((folder / name).open("wb") for name in ("stdout", "stderr"))
-    line = [*door(), command[0], "--result", str(folder / "result.json"), *command[1:]]
-    try:
-        process = subprocess.Popen(  # noqa: S603 - it is ourselves
-            line,
-            stdin=subprocess.PIPE,  # see end_with_parent
-            stdout=outputs[0],
-            stderr=outputs[1],
-            start_new_session=True,  # a Ctrl-C reaches us only, and we stop them once
-        )
-    except OSError as error:
-        for output in outputs:
-            output.close()
-        reason = error.strerror or error
-        raise JobError(f"no process can be started for it ({reason}); expected fewer --jobs", command[-1]) from None
-    return Worker(number, command[-1], process, folder, outputs)
+        output = errors.open("wb")
+    with output:
+        try:
+            process = subprocess.Popen(  # noqa: S603 - it is ourselves
+                [*door(), SERVE],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=output,
+                start_new_session=True,  # a Ctrl-C reaches us only, and we stop them once
+            )
+        except OSError as error:
+            reason = error.strerror or error
+            raise JobError(f"no process can be started for it ({reason}); expected fewer --jobs") from None
+    return Worker(process, errors, heard)
 
 
-def end_with_parent():
-    """Ends this process, as Ctrl-C does, when the one that started it is gone: the pipe to it closes then.
-
-    That holds on every system, however the parent ended.
-    """
-
-    def watch():
-        with suppress(OSError):
-            while os.read(0, 1024):
-                pass
-        _thread.interrupt_main()
-        time.sleep(PATIENCE)
-        os._exit(JobError.exit_status)
-
-    threading.Thread(target=watch, daemon=True).start()
-
-
-def _stop(running: list[Worker]):
+def _stop(workers: list[Worker]):
     """Lets the processes end, which lets them clean up, and insists where one does not."""
-    for worker in running:
+    for worker in workers:
+        if not worker.begun:  # it is still starting up, and has nothing to clean up
+            worker.process.kill()
         worker.close()
     limit = time.monotonic() + PATIENCE
-    for worker in running:
+    for worker in workers:
         try:
             worker.process.wait(max(limit - time.monotonic(), 0.1))
         except subprocess.TimeoutExpired:

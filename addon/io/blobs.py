@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The contract's blobs, `frame,camera,x,y[,area]`, piece by piece: memory does not grow with the take."""
+"""The contract's blobs, `frame,camera,x,y[,area]`, and a `.qtm`'s, piece by piece: memory stays as it is."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,6 +11,7 @@ import numpy as np
 from ..core.data.errors import InputError
 from ..core.data.takes import Blobs
 from ..core.geometry.cameras import Cameras
+from .qtm import held_in, is_qtm, rows_of_qtm
 from .rows import Rows, parse_rows, read_header
 from .source import open_binary
 
@@ -64,12 +65,14 @@ def read_blobs(
 
     Frames without blobs between the first and the last are there as empty frames; of those there may be as
     many as `BLOB_FILE` says. Rows may come in any order within a frame; frames ascend.
-    Columns may come in any order and others may stand among them.
+    Columns may come in any order and others may stand among them. Of a `.qtm`, blobs of cameras that are not among
+    `cameras` are left out, and its rows' keys are as a blob file would have them.
     Raises InputError with the file and line for whatever breaks that, and when there is no blob at all.
     """
     first, last = frames or (None, None)
     pending, tally = _Pending(chunk_frames), _Tally(Path(path))
-    for rows, fraction, finished in _blocks(Path(path), cameras):
+    blocks = rows_of_qtm if is_qtm(path) else _blocks
+    for rows, fraction, finished in blocks(Path(path), cameras):
         outside = last is not None and len(rows) and rows.frame[-1] > last
         wanted_rows = rows.between(first, last)
         tally.check(wanted_rows)
@@ -85,6 +88,9 @@ def read_blobs(
 
 def frames_in(path: Path, cameras: Cameras) -> tuple[int, int] | None:
     """The first and the last frame of a file, by its two ends; None where these are not sound, which reading tells."""
+    if is_qtm(path):
+        held = held_in(path)
+        return (held.first, held.last) if held.cameras else None
     with open_binary(path) as file:
         size = file.seek(0, 2)
         file.seek(0)
@@ -104,6 +110,9 @@ def frames_in(path: Path, cameras: Cameras) -> tuple[int, int] | None:
 
 def check_header(path: Path):
     """Raises InputError where a file does not begin as one of blobs does."""
+    if is_qtm(path):
+        held_in(path)
+        return
     with open_binary(path) as file:
         read_header(file.read(BLOB_FILE.block_bytes), path)
 

@@ -2,27 +2,31 @@
 """Camera calibrations of every format that is read, and the one that is written."""
 
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 
 from ..core.data.errors import InputError
 from ..core.geometry.cameras import Cameras
-from . import opencv, selfcal
-from .motive_cameras import read_mcal
-from .opencv import read_yml
-from .qualisys import read_qca
-from .selfcal import read_selfcal
 from .source import read_xml
-from .toml_cameras import read_toml, write_toml
-from .vicon import read_xcp
-from .world import z_up
 
 EXPECTED = (
-    "expected a camera calibration: .toml, Vicon .xcp, Qualisys .qca.txt or .xml, Motive .mcal, OpenCV .yml, "
-    "or a folder of *.Pmat.cal and .rad"
+    "expected a camera calibration: .toml, Vicon .xcp, Qualisys .qca.txt, .xml or .qtm, Motive .mcal, OpenCV "
+    ".yml, or a folder of *.Pmat.cal and .rad"
 )
 
 SELFCAL, YML = (".pmat.cal", ".rad"), (".yml", ".yaml")
-_BY_ROOT = {"cameras": read_xcp, "calibration": read_qca, "calibrationprofile": read_mcal}
+# The module and function of each kind, by suffix and by the root of its XML: one of them is loaded, when it is read.
+_TOML, _XCP, _QCA, _QTM, _MCAL, _YML, _SELFCAL = (
+    ("toml_cameras", "read_toml"),
+    ("vicon", "read_xcp"),
+    ("qualisys", "read_qca"),
+    ("qtm", "read_qtm_cameras"),
+    ("motive_cameras", "read_mcal"),
+    ("opencv", "read_yml"),
+    ("selfcal", "read_selfcal"),
+)
+_BY_SUFFIX = {".toml": _TOML, ".xcp": _XCP, ".mcal": _MCAL, ".qtm": _QTM, **dict.fromkeys(YML, _YML)}
+_BY_ROOT = {"cameras": _XCP, "calibration": _QCA, "calibrationprofile": _MCAL}
 
 
 def read_cameras(path: Path, read_blend: Callable[[Path], Cameras] | None = None, up: str | None = None) -> Cameras:
@@ -35,14 +39,15 @@ def read_cameras(path: Path, read_blend: Callable[[Path], Cameras] | None = None
     path = Path(path)
     up, suffix = up or "", path.suffix.lower()
     if path.is_dir() or path.name.lower().endswith(SELFCAL):
-        return read_selfcal(path, up)
+        return _reader(_SELFCAL)(path, up)
     if suffix == ".blend":
         if read_blend is None:
             raise InputError("is a Blender scene, which only Blender can open; expected a calibration file", path)
+        from .world import z_up
+
         return z_up(read_blend(path), up or "z")
-    readers = {".toml": read_toml, ".xcp": read_xcp, ".mcal": read_mcal, **dict.fromkeys(YML, read_yml)}
-    if suffix in readers:
-        return readers[suffix](path, up)
+    if suffix in _BY_SUFFIX:
+        return _reader(_BY_SUFFIX[suffix])(path, up)
     if suffix in (".xml", ".txt", ".qca"):
         return _read_by_root(path, up)
     if not path.exists():
@@ -54,18 +59,31 @@ def calibration_files(path: Path) -> list[Path]:
     """All files that a calibration is read from; InputError where one of a pair is missing."""
     path = Path(path)
     if path.is_dir() or path.name.lower().endswith(SELFCAL):
-        return selfcal.files_of(path)
-    return opencv.files_of(path) if path.suffix.lower() in YML else [path]
+        from .selfcal import files_of
+
+        return files_of(path)
+    if path.suffix.lower() in YML:
+        from .opencv import files_of
+
+        return files_of(path)
+    return [path]
 
 
 def _read_by_root(path: Path, up: str) -> Cameras:
     root = read_xml(path, "a camera calibration").tag
-    reader = _BY_ROOT.get(root.lower())
-    if reader is None:
+    kind = _BY_ROOT.get(root.lower())
+    if kind is None:
         raise InputError(f"has <{root[:40]}> at its root; {EXPECTED}", path)
-    return reader(path, up)
+    return _reader(kind)(path, up)
+
+
+def _reader(kind: tuple[str, str]) -> Callable[[Path, str], Cameras]:
+    module, name = kind
+    return getattr(import_module(f".{module}", __package__), name)
 
 
 def write_cameras(path: Path, cameras: Cameras):
     """Writes the contract's `.toml`; every number comes back exactly."""
+    from .toml_cameras import write_toml
+
     write_toml(path, cameras)

@@ -2,15 +2,18 @@
 """`STEM.edits.json`: what a person said of a take, an edit a line."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..core.data.errors import InputError
-from ..core.data.markersets import MarkerSet
 from ..core.edits.applying import refuse_unknown
 from ..core.edits.kinds import NO_EDITS, Edits
 from ..core.edits.rows import document_of, edits_of
 from .report import compact
 from .source import read_json
 from .whole import whole_file
+
+if TYPE_CHECKING:  # it is looked at, and none is made
+    from ..core.data.markersets import Worn
 
 EDITS_ENDING = ".edits.json"
 
@@ -21,7 +24,7 @@ def edits_beside(take: Path) -> Path | None:
     return path if path.exists() else None
 
 
-def open_edits(edits: Edits | Path | None, take: Path, markerset: MarkerSet, **known) -> Edits:
+def open_edits(edits: Edits | Path | None, take: Path, markerset: "Worn", **known) -> Edits:
     """The edits of a take that are given, or those of a file.
 
     `known` is what is known of the take, as `applying.refuse_unknown` takes it.

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Models, `*.markerset.json`: a marker set as readable text, then what its markers are named by, and training takes."""
+"""Models, `*.markerset.json`: a marker set as readable text, what names its markers, training takes, and history."""
 
 import json
 from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from ..core.points.models import Model, TrainingTake
 from ..core.points.partial_solvers.model import DOMAIN, FUNCTIONS, NO_POINT, Classifiers, PartialSolvers, Record, Solver
 from .likelihood import likelihood_text, read_likelihood
 from .markersets import markerset_file, markerset_in, markerset_text, open_document, open_markerset
+from .model_history import HISTORY, fingerprint_of, history_text, read_history
 from .names import can_be_written
 from .packed import MAX_PACKED_BYTES, declared_bytes, pack, unpack
 
@@ -26,6 +28,14 @@ def open_model(name: str | Path) -> Model:
     path = markerset_file(name)
     if not path.exists():
         open_markerset(name)  # says what is wrong
+        return read_model(path)
+    now = path.stat()
+    return _as_it_was(path.resolve(), now.st_mtime_ns, now.st_size)
+
+
+@lru_cache(maxsize=8)  # several subjects have a model each
+def _as_it_was(path: Path, changed_ns: int, size: int) -> Model:  # noqa: ARG001 - when a file is another one
+    """A model as its file was then: whoever labels many takes with it reads it once."""
     return read_model(path)
 
 
@@ -37,7 +47,8 @@ def read_model(path: Path) -> Model:
     solvers = None
     if PARTIAL_SOLVERS in top:
         solvers = _partial_solvers(top[PARTIAL_SOLVERS], markerset.markers, path)
-    return Model(markerset, likelihood, solvers, _training_takes(top, len(markerset), path))
+    takes = _training_takes(top, len(markerset), path)
+    return Model(markerset, likelihood, solvers, takes, read_history(top, path), fingerprint_of(top))
 
 
 def _partial_solvers(packed: object, markers: tuple[str, ...], path: Path) -> PartialSolvers:
@@ -75,6 +86,9 @@ def write_model(path: Path, model: Model):
     if model.training_takes:
         takes = ",\n".join(f"    {json.dumps(pack(take), ensure_ascii=False)}" for take in model.training_takes)
         rows.append(f"  {json.dumps(TRAINING_TAKES)}: [\n{takes}\n  ]")
+    # Behind all else: who trained a model, and when, changes nothing before it.
+    if model.history.versions or model.history.kept_takes:
+        rows.append(f"  {json.dumps(HISTORY)}: {history_text(model.history)}")
     Path(path).write_text(",\n".join(rows) + "\n}\n", encoding="utf-8", newline="\n")
 
 
@@ -132,7 +146,7 @@ def _sound_solver(solver: Solver, classifiers: Classifiers, markers: int) -> boo
         and solver.reached.dtype == bool
     ):
         return False
-    return bool(classifiers.within(own)[chosen].all()) and _sound_record(record, count)
+    return bool(classifiers[chosen].within(own).all()) and _sound_record(record, count)
 
 
 def _sound_record(record: Record, markers: int) -> bool:

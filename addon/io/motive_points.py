@@ -3,11 +3,12 @@
 
 import codecs
 import csv
+from collections.abc import Iterator
 from pathlib import Path
 
 from ..core.data.errors import InputError
 from .source import decode, open_binary, read_bytes
-from .textpoints import TextTake, rows_to_xyz
+from .textpoints import TextTake, count_in, rows_to_samples
 
 KIND = "a Motive .csv export"
 
@@ -37,22 +38,30 @@ def read_motive(path: Path) -> TextTake:
     titles, start = _titles(lines, path)
     kinds, names, properties = (titles.get(key, []) for key in ("type", "name", "property"))
     labels, columns = _markers(kinds, names, properties, path, start)
-    rows = []
-    width = len(_fields(lines[start - 1], path, start))
+    first, frames, parts = rows_to_samples(_rows(lines, start, path), columns, path)
+    promised, count = settings.get("total exported frames", "").strip(), sum(map(_is_row, lines[start:]))
+    if count_in(promised) > count:
+        raise InputError(f"has {count} of {promised} frames; expected all of them (is the file cut off?)", path)
+    return TextTake(labels, frames, parts, settings.get("length units", "").strip().lower(), rate, first)
+
+
+def _is_row(line: str) -> bool:
+    return bool(line.strip(", \t"))
+
+
+def _rows(lines: list[str], start: int, path: Path) -> Iterator[tuple[int, list[str]]]:
+    """The number and the fields of each row from `start` on."""
+    width, empty = len(_fields(lines[start - 1], path, start)), True
     for number, line in enumerate(lines[start:], start + 1):
-        if not line.strip(", \t"):
+        if not _is_row(line):
             continue
         fields = line.split(",") if '"' not in line else _fields(line, path, number)
         if len(fields) != width and not (len(fields) < width and number < len(lines)):
             raise InputError(f"has {len(fields)} fields; expected {width} (is the file cut off?)", path, number)
-        rows.append((number, fields))
-    if not rows:
+        empty = False
+        yield number, fields
+    if empty:
         raise InputError("has no frames; expected at least one", path)
-    promised = settings.get("total exported frames", "").strip()
-    if promised.isascii() and promised.isdigit() and int(promised) > len(rows):
-        raise InputError(f"has {len(rows)} of {promised} frames; expected all of them (is the file cut off?)", path)
-    frames, xyz = rows_to_xyz(rows, columns, path)
-    return TextTake(labels, xyz, settings.get("length units", "").strip().lower(), rate, int(frames[0]))
 
 
 def _rate(settings: dict[str, str], path: Path) -> float:

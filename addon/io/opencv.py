@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Cameras in `.yml` files that OpenCV's FileStorage wrote: intrinsics and extrinsics, in one file or in two."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -60,7 +61,7 @@ def read_yml(path: Path, up: str = "") -> Cameras:
     cameras = list(_cameras(document, path))
     if not cameras:
         raise InputError(f"has no camera with a matrix; expected {KIND}", path)
-    if any(np.linalg.norm(camera.translation) > YML_LIMITS.max_distance_m for camera in cameras):
+    if any(math.hypot(*camera.translation) > YML_LIMITS.max_distance_m for camera in cameras):
         cameras = [RigCamera(c.name, c.size, c.matrix, c.distortion, c.rotation, c.translation / 1000) for c in cameras]
     return z_up(rig(cameras, path), up)
 

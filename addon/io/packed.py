@@ -10,6 +10,7 @@ import types
 import typing
 import zlib
 from dataclasses import fields, is_dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -61,7 +62,8 @@ def _size(packed: dict) -> int:
     """The bytes that an array says that it has; none where it is no array, as unpacking it finds out."""
     shape, kind = packed.get("shape"), packed.get("kind")
     if (
-        kind not in ARRAY_KINDS
+        not isinstance(kind, str)
+        or kind not in ARRAY_KINDS
         or not isinstance(shape, list)
         or not all(type(one) is int and one >= 0 for one in shape)
     ):
@@ -90,10 +92,13 @@ def _packed(value: object):
     raise TypeError(f"{type(value).__name__} cannot be packed")
 
 
+_hints = cache(typing.get_type_hints)
+
+
 def _unpacked(kind, packed):
     """`packed` as a value of the type that a dataclass' field is annotated with."""
     if is_dataclass(kind):
-        hints = typing.get_type_hints(kind)
+        hints = _hints(kind)
         return kind(**{field.name: _unpacked(hints[field.name], packed[field.name]) for field in fields(kind)})
     if kind is np.ndarray:
         return _array(packed)

@@ -10,17 +10,35 @@ from pathlib import Path
 import numpy as np
 
 from ..core.data.errors import InputError
+from ..core.data.lanes import blocks
+from ..core.data.room import IN_MEMORY, MakeTable
+from ..core.data.scaled import Scaled
 from ..core.data.takes import Points
-from .c3d import C3dTake, read_c3d, write_c3d_file
+from .c3d import C3dHead, open_c3d, write_c3d_file
 from .motive_points import is_motive, read_motive
 from .points_up import Upright, find_up
+from .qtm import USE_POINTS, QtmPoints, held_in, is_qtm, read_qtm_points
+from .samples import Packed, Parts, packed
 from .trc import read_trc, write_trc_file
 from .world import UNITS, guess_unit, up_rotation
 
-EXPECTED = "expected a take of 3D points: .c3d, .trc or Motive .csv"
+EXPECTED = "expected a take of 3D points: .c3d, .trc, Motive .csv or Qualisys .qtm"
 
 # Groups of Vicon's model outputs; TYPE_GROUPS of a file may name more.
 OUTPUT_GROUPS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "MODELED_MARKERS", "REACTIONS")
+
+
+@dataclass(frozen=True)
+class NarrowOptions:
+    """How the points of a file are kept; reckoned, by memory.
+
+    max_cells  of a table (T, L) beyond which they stay as narrow as in the file, and are lengths where they are asked
+    """
+
+    max_cells: int = 2_000_000
+
+
+NARROW = NarrowOptions()
 
 _UNLABELLED = re.compile(r"\*\d*|unlabell?ed[ _-]?\d*|u(?:name)?\*\d+|", re.IGNORECASE)
 _COMPUTED = re.compile(r"[LR]?[HKASEW]JC\w*|cent(?:re|er)ofmass\w*", re.IGNORECASE)
@@ -31,6 +49,7 @@ class FilePoints(Points):
     """Points out of a file.
 
     columns  (P,) the 0-based index of each trajectory in the file, what label files call `point`
+    lanes    which of them stands where: those that are not there at a time may share a lane
     assumed  the unit that the points were taken to be in, where the file names none that is known; else empty
     up       the axis of the file that points up, such as "+Z"
     notes    what was taken to be otherwise than the file says, in sentences
@@ -42,28 +61,42 @@ class FilePoints(Points):
     notes: tuple[str, ...] = ()
 
 
-def holds_points(path: Path) -> bool:
-    """Whether a file is a take of 3D points and not of blobs, known by its suffix and a `.csv` by its first line."""
+def holds_points(path: Path, use: str | None = None) -> bool:
+    """Whether a file is a take of 3D points and not of blobs, known by its suffix and a `.csv` by its first line.
+
+    A `.qtm` may hold both: then `use`, "blobs" or "points", says which are meant; without it, these are blobs where
+    their cameras are calibrated. InputError where a file does not hold what is meant.
+    """
+    if is_qtm(path):
+        return held_in(path).choice(use, path) == USE_POINTS
     suffix = Path(path).suffix.lower()
-    return suffix in (".c3d", ".trc") or (suffix == ".csv" and is_motive(path))
+    points = suffix in (".c3d", ".trc") or (suffix == ".csv" and is_motive(path))
+    if use is not None and points != (use == USE_POINTS):
+        raise InputError(f"holds {'3D points' if points else 'blobs'}; expected a take of {use}, or no --use", path)
+    return points
 
 
 Frames = tuple[int | None, int | None] | None  # first and last, both included; None for the take's own
 
 
 def read_points(
-    path: Path, everything: bool = False, frames: Frames = None, up: str | None = None, rate: float | None = None
+    path: Path,
+    everything: bool = False,
+    frames: Frames = None,
+    up: str | None = None,
+    rate: float | None = None,
+    make_table: MakeTable = IN_MEMORY,
 ) -> FilePoints:
     """A take of 3D points, known by its suffix: markers only, unless `everything` is asked for.
 
     Left out are the model outputs, axes of segments and joint centres that Vicon mixes among the markers.
     `up` is the axis that points up in the file, one of x y z -x -y -z, where that is known better than from the file;
-    `rate` is used where a C3D file says none.
+    `rate` is used where a C3D file says none; `make_table` says where residuals are kept.
 
     Raises InputError for whatever cannot be used, and where no point is in the frames asked for.
     """
     path = Path(path)
-    return _of_frames(_read(path, everything, up, rate), frames or (None, None), path)
+    return _of_frames(_read(path, everything, up, rate, make_table), frames or (None, None), path)
 
 
 def _of_frames(take: FilePoints, frames: Frames, path: Path) -> FilePoints:
@@ -71,28 +104,53 @@ def _of_frames(take: FilePoints, frames: Frames, path: Path) -> FilePoints:
     first, last = frames
     start = 0 if first is None else max(first - take.first_frame, 0)
     stop = len(take.xyz) if last is None else max(last - take.first_frame + 1, 0)
-    part = slice(start, stop)
-    if not np.isfinite(take.xyz[part]).any():
+    part = slice(start, min(stop, len(take.xyz)))
+    here = blocks(part.stop - part.start, take.xyz.shape[1])
+    if not any(np.isfinite(take.xyz[part.start + own.start : part.start + own.stop, :, 0]).any() for own in here):
         raise InputError("has no point that is present in these frames; expected frames with markers", path)
-    return replace(take, xyz=take.xyz[part], residual=take.residual[part], first_frame=take.first_frame + start)
+    if part == slice(0, len(take.xyz)):
+        return take
+    lanes = None if take.lanes is None else take.lanes.between(part.start, part.stop)
+    xyz, residual = (one.part(part) if isinstance(one, Scaled) else one[part] for one in (take.xyz, take.residual))
+    return replace(take, xyz=xyz, residual=residual, lanes=lanes, first_frame=take.first_frame + start)
 
 
-def _read(path: Path, everything: bool, up: str | None, rate: float | None) -> FilePoints:
+def _read(path: Path, everything: bool, up: str | None, rate: float | None, make_table: MakeTable) -> FilePoints:
     suffix = path.suffix.lower()
     if suffix == ".c3d":
-        return _from_c3d(read_c3d(path, rate), path, everything, up)
+        with open_c3d(path, rate) as (head, parts):
+            return _from_c3d(head, parts, path, everything, up, make_table)
+    if is_qtm(path):
+        return _from_qtm(read_qtm_points(path), path, up)
     if suffix not in (".trc", ".csv"):
         if not path.exists():
             raise InputError("there is no such file; expected the path of a take", path)
         raise InputError(f"is of a kind that is not known ({suffix or 'no suffix'}); {EXPECTED}", path)
     take = read_trc(path) if suffix == ".trc" else read_motive(path)
-    xyz, assumed = _metres(take.xyz, take.unit, path)
-    names = _named(take.labels)
-    upright = _given(up or take.up) or find_up("", xyz, names, take.rate, usual="+Y")
-    residual = np.full(xyz.shape[:2], np.nan)
     columns = np.arange(len(take.labels))
-    xyz = xyz @ up_rotation(upright.axis).T
-    return FilePoints(names, xyz, residual, take.rate, take.first_frame, columns, assumed, upright.axis, upright.notes)
+    found = packed(take.frames, columns, len(columns), lambda: take.parts)
+    metre, assumed = _metres(found, take.unit, (1.0,), path)
+    names, xyz = _named(take.labels), Scaled(found.xyz, (metre,))
+    upright = _given(up or take.up) or find_up("", xyz, names, take.rate, usual="+Y", lanes=found.lanes)
+    residual = Scaled(found.residual, ())
+    return _file_points(found, residual, (metre,), (names, columns), take, (assumed, upright.axis, upright.notes))
+
+
+def _file_points(
+    found: Packed, residual: Scaled, scales: tuple[float, ...], named: tuple[tuple[str, ...], np.ndarray], head, said
+) -> FilePoints:
+    """The take of what was found in a file, turned upright; `head` knows rate and first frame."""
+    (names, columns), (_, up, _) = named, said
+    turn = up_rotation(up)
+    axis, sign = np.abs(turn).argmax(axis=1), turn.sum(axis=1).astype(found.xyz.dtype)
+    for part in blocks(*found.residual.shape):
+        found.xyz[part] = found.xyz[part][..., axis] * sign
+    xyz = Scaled(found.xyz, scales)
+    if found.residual.size <= NARROW.max_cells:
+        xyz, residual = np.asarray(xyz), np.asarray(residual)
+    # Whoever goes by columns finds each trajectory in its own where none has to share.
+    lanes = None if found.lanes.count == len(columns) else found.lanes
+    return FilePoints(names, xyz, residual, head.rate, head.first_frame, columns, lanes, *said)
 
 
 def _given(up: str | None) -> Upright | None:
@@ -100,50 +158,53 @@ def _given(up: str | None) -> Upright | None:
     return Upright(f"{'-' if up[0] == '-' else '+'}{up[-1].upper()}") if up else None
 
 
-def _from_c3d(take: C3dTake, path: Path, everything: bool, up: str | None) -> FilePoints:
-    columns = np.arange(len(take.labels)) if everything else marker_indices(take)
+def _from_c3d(
+    head: C3dHead, parts: Parts, path: Path, everything: bool, up: str | None, make_table: MakeTable
+) -> FilePoints:
+    columns = np.arange(len(head.labels)) if everything else marker_indices(head)
     if not len(columns):
         raise InputError("has no markers among its points; expected a take with markers", path)
-    measured, assumed = _metres(take.xyz[:, columns], _text(take, "POINT:UNITS").lower(), path)
-    metre = UNITS[assumed or _text(take, "POINT:UNITS").lower()]
-    names = _named([take.labels[index] for index in columns])
+    found = packed(head.frames, columns, len(head.labels), parts, make_table)
+    metre, assumed = _metres(found, _text(head, "POINT:UNITS").lower(), head.scales[:1], path)
+    scales = head.scales[0], metre
+    names = _named([head.labels[index] for index in columns])
     upright = _given(up) or find_up(
-        _text(take, "POINT:Y_SCREEN").upper(),
-        measured,
+        _text(head, "POINT:Y_SCREEN").upper(),
+        Scaled(found.xyz, scales),
         names,
-        take.rate,
-        take.plates * metre,
-        maker=f"{_text(take, 'MANUFACTURER:COMPANY')} {_text(take, 'MANUFACTURER:SOFTWARE')}",
+        head.rate,
+        head.plates * metre,
+        maker=f"{_text(head, 'MANUFACTURER:COMPANY')} {_text(head, 'MANUFACTURER:SOFTWARE')}",
+        lanes=found.lanes,
     )
-    return FilePoints(
-        names,
-        measured @ up_rotation(upright.axis).T,
-        _stated(take.residual)[:, columns] * metre,
-        take.rate,
-        take.first_frame,
-        columns,
-        assumed,
-        upright.axis,
-        take.notes + upright.notes,
+    residual, said = (
+        Scaled(found.residual, (head.scales[1], metre)),
+        (assumed, upright.axis, head.notes + upright.notes),
     )
+    return _file_points(found, residual, scales, (names, columns), head, said)
 
 
-def _stated(residual: np.ndarray) -> np.ndarray:
-    """Residuals (T, P) as stated: a file that has none above zero states none, else zero says: filled."""
-    return residual if (residual > 0).any() else np.full_like(residual, np.nan)
+def _from_qtm(head: QtmPoints, path: Path, up: str | None) -> FilePoints:
+    found = packed(head.frames, head.columns, head.count, head.parts)
+    metre, _ = _metres(found, "mm", (1.0,), path)
+    names = _named(head.labels)
+    upright = _given(up) or find_up("", Scaled(found.xyz, (metre,)), names, head.rate, lanes=found.lanes)
+    residual = Scaled(found.residual, (metre,))
+    said = "", upright.axis, upright.notes
+    return _file_points(found, residual, (metre,), (names, head.columns), head, said)
 
 
-def _text(take: C3dTake, key: str) -> str:
+def _text(take: C3dHead, key: str) -> str:
     """The first text of a parameter, empty where there is none."""
     return next(iter(take.texts.get(key, [])), "")
 
 
-def _metres(xyz: np.ndarray, unit: str, path: Path) -> tuple[np.ndarray, str]:
-    """The points in metres, and the unit that was assumed where `unit` is none that is known."""
-    if not np.isfinite(xyz).any():
+def _metres(found: Packed, unit: str, scales: tuple[float, ...], path: Path) -> tuple[float, str]:
+    """Metres in one of the file's units, and the unit that was assumed where `unit` is none that is known."""
+    if not (found.lanes.last >= found.lanes.first).any():
         raise InputError("has no point that is present in any frame; expected a take with markers", path)
-    assumed = "" if unit in UNITS else guess_unit(xyz)
-    return xyz * UNITS[assumed or unit], assumed
+    assumed = "" if unit in UNITS else guess_unit(Scaled(found.xyz, scales))
+    return UNITS[assumed or unit], assumed
 
 
 def _named(labels: Sequence[str]) -> tuple[str, ...]:
@@ -151,7 +212,7 @@ def _named(labels: Sequence[str]) -> tuple[str, ...]:
     return tuple("" if _UNLABELLED.fullmatch(label) else label for label in labels)
 
 
-def marker_indices(take: C3dTake) -> np.ndarray:
+def marker_indices(take: C3dHead) -> np.ndarray:
     """Which points of a C3D file are markers, by the file's own groups and by the names that Vicon's models use."""
     groups = [*OUTPUT_GROUPS, *take.texts.get("POINT:TYPE_GROUPS", [])[::2]]
     outputs = {name for group in groups for name in take.texts.get(f"POINT:{group.upper()}", [])}

@@ -7,16 +7,20 @@ floor at nought, with their feet below. Nobody's pose alone decides, for people 
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from ..core.data.lanes import Lanes, blocks, standing_in
+
 SIGNED_AXES = ("+Z", "+Y", "+X", "-Z", "-Y", "-X")
 
-_HEADS = re.compile(r"[LR]?[FBT]HD\d?|[LR]?_?HD[FB]?|.*HEAD.*|ARIEL|C7|CV7|[LR]?_?SHO(ULDER)?|.*ACROM.*|CLAV|SNJ")
-_HIPS = re.compile(r".*([LR]ASI|[LR]PSI|ASIS|PSIS|SACR).*|[LR]_I[AP]S|VSAC")
-_FEET = re.compile(r".*(ANK|HEE|TOE|FOOT|CALC|MALL).*|[LR]_?(MT[15]|FCC|FM[125]|FAL|TAM|CAL|MET)")
+# As text: takes without names need none of it, and compiling it takes as long as reading one.
+_HEADS = r"[LR]?[FBT]HD\d?|[LR]?_?HD[FB]?|.*HEAD.*|ARIEL|C7|CV7|[LR]?_?SHO(ULDER)?|.*ACROM.*|CLAV|SNJ"
+_HIPS = r".*([LR]ASI|[LR]PSI|ASIS|PSIS|SACR).*|[LR]_I[AP]S|VSAC"
+_FEET = r".*(ANK|HEE|TOE|FOOT|CALC|MALL).*|[LR]_?(MT[15]|FCC|FM[125]|FAL|TAM|CAL|MET)"
 
 
 @dataclass(frozen=True)
@@ -53,12 +57,14 @@ class LookOptions:
     window_frames  in a row, for what moves, and
     windows        how many such rows
     step_s         over which speeds and accelerations are taken
+    max_cells      times trajectories, that a take of few frames may have to be looked at in one row of them; by memory
     """
 
     frames: int = 400
     window_frames: int = 500
     windows: int = 8
     step_s: float = 0.04
+    max_cells: int = 5_000_000
 
 
 @dataclass(frozen=True)
@@ -159,24 +165,27 @@ def find_up(
     plates: np.ndarray | None = None,
     usual: str = "+Z",
     maker: str = "",
+    lanes: Lanes | None = None,
 ) -> Upright:
-    """The axis that points up in points (T, P, 3) m with `names` at `rate` frames a second.
+    """The axis that points up in points (T, L, 3) m with `names` at `rate` frames a second.
 
     said    the axis that the file says, empty where it says none
     plates  (N, 4, 3) m, corners of force plates, where there are any
     usual   what is likely where the file says nothing that can be believed
     maker   who wrote the file
+    lanes   which of the names stands where; None where each has a lane of its own
     """
     base, doubtful = _word(said, usual, maker)
-    xyz, names = _largest_subject(xyz, names)
+    standing = standing_in(lanes, xyz.shape)
+    seen = _Seen(xyz, standing, _largest_subject(names))
     votes = dict.fromkeys(SIGNED_AXES, 0.0)
     reasons: dict[str, list[str]] = {axis: [] for axis in SIGNED_AXES}
     heard = (
-        ("the force plates", WEIGHING.plates, _level_with(plates, xyz) if plates is not None else ""),
-        ("free falls", WEIGHING.falls, _falls(xyz, rate)),
-        ("the feet that stand still", WEIGHING.still_feet, _stood_on(xyz, rate)),
-        ("how the points stand", WEIGHING.standing, _stands(xyz, base)),
-        ("the feet under the head", WEIGHING.feet_to_head, _feet_to_head(xyz, names)),
+        ("the force plates", WEIGHING.plates, _level_with(plates, seen) if plates is not None else ""),
+        ("free falls", WEIGHING.falls, _falls(seen, rate)),
+        ("the feet that stand still", WEIGHING.still_feet, _stood_on(seen, rate)),
+        ("how the points stand", WEIGHING.standing, _stands(seen, base)),
+        ("the feet under the head", WEIGHING.feet_to_head, _feet_to_head(seen, names)),
     )
     for reason, weight, axis in heard:
         if axis:
@@ -188,12 +197,73 @@ def find_up(
     return Upright(up, _note(said, up, usual, reasons[up]))
 
 
-def _largest_subject(xyz: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, list[str]]:
-    """The points and names of the subject that has most of them: two people together are as wide as they are tall."""
+def _largest_subject(names: Sequence[str]) -> np.ndarray:
+    """(P,) True for the subject that has most of the names: two people together are as wide as they are tall."""
     owners = [name.rpartition(":")[0] for name in names]
     most = max(dict.fromkeys(owners), key=owners.count)
-    kept = [index for index, owner in enumerate(owners) if owner == most]
-    return xyz[:, kept], [names[index] for index in kept]
+    return np.array([owner == most for owner in owners], bool)
+
+
+class _Seen:
+    """The points of one subject in a take: (T, L, 3) m by lanes, of which the trajectories `own` (P,) are looked at."""
+
+    def __init__(self, xyz: np.ndarray, lanes: Lanes, own: np.ndarray):
+        self.xyz, self.lanes = xyz, lanes
+        # A trajectory that is left out is as if it were nowhere.
+        self.own = Lanes(lanes.lane, lanes.first, np.where(own, lanes.last, -1))
+
+    @cached_property
+    def frames(self) -> np.ndarray:
+        """Numbers of the frames that have any points, evenly spread."""
+        there = np.zeros(len(self.xyz), bool)
+        for part in blocks(*self.xyz.shape[:2]):
+            there[part] = (np.isfinite(self.xyz[part]).any(axis=2) & (self.own.table(part) >= 0)).any(axis=1)
+        found = np.flatnonzero(there)
+        return found[:: max(1, len(found) // LOOK.frames)]
+
+    @cached_property
+    def some(self) -> np.ndarray:
+        """(F, L, 3) m, those frames."""
+        stand = np.zeros((len(self.frames), self.xyz.shape[1]), bool)
+        row, one = np.nonzero(self._there(np.arange(len(self.own))))
+        stand[row, self.own.lane[one]] = True
+        return np.where(stand[..., None], self.xyz[self.frames], np.nan)
+
+    def _there(self, spans: np.ndarray) -> np.ndarray:
+        """(F, N) whether some trajectories are in those frames."""
+        return (self.own.first[spans] <= self.frames[:, None]) & (self.frames[:, None] <= self.own.last[spans])
+
+    def of(self, trajectories: Sequence[int]) -> np.ndarray:
+        """(F, N, 3) m, some trajectories in those frames."""
+        spans = np.asarray(trajectories, int)
+        return np.where(self._there(spans)[..., None], self.xyz[self.frames[:, None], self.own.lane[spans]], np.nan)
+
+    def windows(self, least: int) -> Iterator[np.ndarray]:
+        """Runs of frames in a row, evenly spread over the take, each at least so long; one that is empty else.
+
+        Each is (F, N, 3) m, a column for each trajectory that is there.
+        """
+        count, found = len(self.xyz), False
+        whole = count <= LOOK.window_frames * LOOK.windows and count * len(self.own) <= LOOK.max_cells
+        starts = np.linspace(0, max(count - LOOK.window_frames, 0), LOOK.windows).astype(int)
+        for start in [0] if whole else np.unique(starts).tolist():
+            part = self._in_columns(slice(start, count if whole else min(start + LOOK.window_frames, count)))
+            if len(part) >= least:
+                found = True
+                yield part
+        if not found:
+            yield np.full((least, *self.xyz.shape[1:]), np.nan)
+
+    def _in_columns(self, part: slice) -> np.ndarray:
+        """(F, N, 3) m, frames from start to stop with a column for each trajectory that is there."""
+        here = np.flatnonzero((self.own.last >= part.start) & (self.own.first < part.stop))
+        if len(here) == self.xyz.shape[1] and self.lanes.count == len(self.lanes):
+            return self.xyz[part]  # each has a lane of its own
+        found = np.full((part.stop - part.start, len(here), 3), np.nan)
+        for column, one in enumerate(here.tolist()):
+            own = slice(max(int(self.own.first[one]), part.start), min(int(self.own.last[one]) + 1, part.stop))
+            found[own.start - part.start : own.stop - part.start, column] = self.xyz[own, self.own.lane[one]]
+        return found
 
 
 def _word(said: str, usual: str, maker: str) -> tuple[str, bool]:
@@ -213,7 +283,7 @@ def _note(said: str, up: str, usual: str, reasons: Sequence[str]) -> tuple[str, 
     return (f"the file {word} {up} was taken by {why} (an up axis that is given overrules this)",)
 
 
-def _level_with(plates: np.ndarray, xyz: np.ndarray) -> str:
+def _level_with(plates: np.ndarray, seen: _Seen) -> str:
     """The axis across the floor that all force plates lie in, on the side where the points are; else empty."""
     normals = np.cross(plates[:, 2] - plates[:, 0], plates[:, 3] - plates[:, 1])
     area = np.linalg.norm(normals, axis=1) / 2
@@ -224,22 +294,22 @@ def _level_with(plates: np.ndarray, xyz: np.ndarray) -> str:
     index = int(normals[0].argmax())
     if (normals[:, index] < PLATES.min_level).any():
         return ""
-    above = _heights(xyz, index) - plates[good][..., index].mean()
+    above = _heights(seen, index) - plates[good][..., index].mean()
     sides = [float((sign * above > -PLATES.max_below_m).mean()) > PLATES.min_above for sign in (1, -1)]
     return "" if sides[0] == sides[1] else f"{'+' if sides[0] else '-'}{'XYZ'[index]}"
 
 
-def _heights(xyz: np.ndarray, index: int) -> np.ndarray:
+def _heights(seen: _Seen, index: int) -> np.ndarray:
     """All coordinates of some frames along an axis."""
-    values = _some(xyz)[..., index]
+    values = seen.some[..., index]
     return values[np.isfinite(values)]
 
 
-def _falls(xyz: np.ndarray, rate: float) -> str:
+def _falls(seen: _Seen, rate: float) -> str:
     """The axis against which all points together fall freely; else empty."""
     half = max(round(LOOK.step_s * rate), 1)
     longest = dict.fromkeys(SIGNED_AXES, 0)
-    for part in _windows(xyz, 2 * half + 1):
+    for part in seen.windows(2 * half + 1):
         change = part[2 * half :] - 2 * part[half:-half] + part[: -2 * half]
         there = np.isfinite(change).all(axis=2)
         mean = np.where(there[..., None], change, 0).sum(axis=1) / np.maximum(there.sum(axis=1), 1)[:, None]
@@ -257,21 +327,20 @@ def _longest_run(flags: np.ndarray) -> int:
     return int((edges[1::2] - edges[::2]).max(initial=0))
 
 
-def _stood_on(xyz: np.ndarray, rate: float) -> str:
+def _stood_on(seen: _Seen, rate: float) -> str:
     """The axis at whose low end the points stand still while the others move; else empty."""
     half = max(round(LOOK.step_s * rate), 1)
     places, spans = [], []
-    for part in _windows(xyz, 2 * half + 1):
+    for part in seen.windows(2 * half + 1):
         speed = np.linalg.norm(part[2 * half :] - part[: -2 * half], axis=2) * (rate / (2 * half))
         now = part[half:-half]
         known = np.isfinite(speed) & np.isfinite(now).all(axis=2)
-        middle = np.array([np.median(row[here]) if here.any() else 0 for row, here in zip(speed, known, strict=True)])
+        middle = _medians(speed, known)
         always = (speed < STILL.max_speed).sum(axis=0) > STILL.min_always * np.maximum(known.sum(axis=0), 1)
         still = known & (speed < STILL.max_speed) & (middle > STILL.min_moving)[:, None] & ~always
         frame, point = np.nonzero(still)
         places.append(now[frame, point])
-        moving = np.where((known & ~always)[..., None], now, np.nan)[frame]
-        spans.append(_ends(moving))
+        spans.append(_ends(np.where((known & ~always)[..., None], now, np.nan))[:, frame])
     place, (low, high) = np.concatenate(places), np.concatenate(spans, axis=1)
     if len(place) < STILL.min_samples:
         return ""
@@ -290,17 +359,25 @@ def _stood_on(xyz: np.ndarray, rate: float) -> str:
     return found[0] if len(found) == 1 else ""
 
 
+def _medians(values: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """(F,) the median of each row of `values` (F, N) where it is `there`; 0 where it is nowhere."""
+    order = np.sort(np.pad(np.where(there, values, np.inf), ((0, 0), (0, 1)), constant_values=np.inf), axis=1)
+    count, row = there.sum(axis=1), np.arange(len(order))
+    middle = order[row, np.maximum(count - 1, 0) // 2] / 2 + order[row, count // 2] / 2
+    return np.where(count > 0, middle, 0)
+
+
 def _on_floor(height: float) -> bool:
     """Whether a height, m, is one where the lowest marker of somebody who stands may be."""
     return STANDING.floor_m[0] < height < STANDING.floor_m[1]
 
 
-def _stands(xyz: np.ndarray, base: str) -> str:
+def _stands(seen: _Seen, base: str) -> str:
     """The axis along which the points stand, longer than wide, on a floor at nought; else empty.
 
     Only of axes that files mean: that which they say and its opposite, y and z.
     """
-    frames = _some(xyz)
+    frames = seen.some
     if not len(frames):
         return ""
     low, high = _ends(frames)
@@ -320,16 +397,17 @@ def _stands(xyz: np.ndarray, base: str) -> str:
     return found[0] if len(found) == 1 else ""
 
 
-def _feet_to_head(xyz: np.ndarray, names: Sequence[str]) -> str:
+def _feet_to_head(seen: _Seen, names: Sequence[str]) -> str:
     """The axis along which named feet are below named heads or shoulders, or hips where there are none; else empty."""
     bare = [name.rpartition(":")[2].upper() for name in names]
-    tops = [index for index, name in enumerate(bare) if _HEADS.fullmatch(name)]
-    tops = tops or [index for index, name in enumerate(bare) if _HIPS.fullmatch(name)]
-    feet = [index for index, name in enumerate(bare) if _FEET.fullmatch(name) and index not in tops]
+    if not any(bare):
+        return ""
+    tops = [index for index, name in enumerate(bare) if re.fullmatch(_HEADS, name)]
+    tops = tops or [index for index, name in enumerate(bare) if re.fullmatch(_HIPS, name)]
+    feet = [index for index, name in enumerate(bare) if re.fullmatch(_FEET, name) and index not in tops]
     if not tops or not feet:
         return ""
-    frames = _some(xyz)
-    rise = _middle(frames[:, tops]) - _middle(frames[:, feet])
+    rise = _middle(seen.of(tops)) - _middle(seen.of(feet))
     length = np.linalg.norm(rise, axis=1)
     rise = (rise[length > 0] / length[length > 0, None])[:, :3]
     if not len(rise):
@@ -352,23 +430,7 @@ def _direction(axis: str) -> np.ndarray:
     return np.eye(3)["XYZ".index(axis[1])] * (1.0 if axis[0] == "+" else -1.0)
 
 
-def _some(xyz: np.ndarray) -> np.ndarray:
-    """Frames that have any points, evenly spread."""
-    frames = xyz[np.isfinite(xyz).any(axis=(1, 2))]
-    return frames[:: max(1, len(frames) // LOOK.frames)]
-
-
 def _ends(frames: np.ndarray) -> np.ndarray:
     """(2, T, 3) the least and largest coordinates of the points that are there in frames that have any."""
     low, high = np.where(np.isfinite(frames), frames, np.inf), np.where(np.isfinite(frames), frames, -np.inf)
     return np.stack([low.min(axis=1, initial=np.inf), high.max(axis=1, initial=-np.inf)])
-
-
-def _windows(xyz: np.ndarray, least: int) -> list[np.ndarray]:
-    """Runs of frames in a row, evenly spread over the take, each at least so long; one that is empty else."""
-    if len(xyz) <= LOOK.window_frames * LOOK.windows:
-        parts = [xyz]
-    else:
-        starts = np.linspace(0, len(xyz) - LOOK.window_frames, LOOK.windows).astype(int)
-        parts = [xyz[start : start + LOOK.window_frames] for start in starts]
-    return [part for part in parts if len(part) >= least] or [np.full((least, *xyz.shape[1:]), np.nan)]

@@ -2,7 +2,7 @@
 """Qualisys Track Manager's calibration, `.qca.txt` or the same as `.xml`."""
 
 from pathlib import Path
-from xml.etree.ElementTree import Element
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +11,9 @@ from ..core.geometry.cameras import Cameras
 from .rig import RigCamera, refuse_crowd, rig
 from .source import numbers, read_xml
 from .world import z_up
+
+if TYPE_CHECKING:
+    from xml.etree.ElementTree import Element
 
 KIND = "a Qualisys calibration"
 
@@ -42,13 +45,13 @@ def read_qca(path: Path, up: str = "") -> Cameras:
     return z_up(rig([_camera(camera, path) for camera in cameras], path), up)
 
 
-def _camera(camera: Element, path: Path) -> RigCamera:
+def _camera(camera: "Element", path: Path) -> RigCamera:
     name = camera.get("serial") or camera.get("id") or ""
     transform, intrinsic = camera.find("transform"), camera.find("intrinsic")
     if intrinsic is None:
         raise InputError(f"camera {name} has no intrinsic part; expected {KIND}", path)
 
-    def read(element: Element, *keys: str) -> np.ndarray:
+    def read(element: "Element", *keys: str) -> np.ndarray:
         return np.concatenate([numbers(element.get(key), 1, f"{key} of camera {name}", path) for key in keys])
 
     rotation = QUALISYS_TURN @ read(transform, *_ROTATION).reshape(3, 3)

@@ -106,7 +106,10 @@ def _read(path: Path) -> dict:
     """A report that says what it was made of."""
     try:
         report = json.loads(path.read_text(encoding="utf-8"))
-        if all(isinstance(report["made_of"][part], dict) for part in ("options", "results")):
+        made = report["made_of"]
+        whole = all(isinstance(made[part], dict) for part in ("options", "results"))
+        # The results lie beside the report, whatever a report says.
+        if whole and all(Path(ending).name == ending for ending in made["results"]):
             return report
     except (OSError, ValueError, LookupError, TypeError, RecursionError):
         pass

@@ -21,7 +21,7 @@ class RigLimits:
 
     max_rotation_error  of a rotation times its transpose: printed ones carry four digits or more
     max_cameras         no room has more
-    max_number          in m, px or lens units
+    max_number          in m, rad, px or lens units
     """
 
     max_rotation_error: float = 1e-2
@@ -107,7 +107,9 @@ def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
 
 
 def rotation_from_vector(vector: np.ndarray) -> np.ndarray:
-    """The rotation (3, 3) of a Rodrigues vector (3,) rad."""
+    """The rotation (3, 3) of a Rodrigues vector (3,) rad; NaN for one that is none, which `rig` refuses."""
+    if not np.abs(vector).max() < RIG_LIMITS.max_number:
+        return np.full((3, 3), np.nan)
     angle = float(np.linalg.norm(vector))
     if angle == 0:
         return np.eye(3)

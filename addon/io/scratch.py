@@ -26,9 +26,9 @@ else:
 SCRATCH = "mocap-autolabel-"
 LOCK = ".mocap-autolabel.lock"
 TOKEN = 12  # letters that tell one folder from another
-LOCKED = b"locked\n"
+NO_LOCKS = b"no locks here\n"  # in a lock where the file system has none
 OWN: set[Path] = set()  # folders of this process that are there, or about to be
-FORSAKEN_S = 86400.0  # s; nobody takes so long from making a lock to holding it
+FORSAKEN_S = 86400.0  # s; nobody works so long at what it could not lock
 
 
 @contextmanager
@@ -44,6 +44,12 @@ def scratch_folder() -> Iterator[Path]:
     take_away_forsaken(parent, SCRATCH)
     with own_folder(parent, SCRATCH, unwritable_scratch) as folder:
         yield folder
+
+
+def take_away_scratch():
+    """Takes away what killed runs left among the system's temporary files, also for who makes none."""
+    with suppress(OSError):  # there is no such folder
+        take_away_forsaken(Path(tempfile.gettempdir()), SCRATCH)
 
 
 @contextmanager
@@ -64,16 +70,19 @@ def unwritable_scratch(error: OSError, folder: Path) -> JobError:
 @contextmanager
 def own_folder(parent: Path, prefix: str, trouble: Callable[[OSError, Path], JobError]) -> Iterator[Path]:
     """A new folder in `parent`, gone at the end. Raises what `trouble` makes of it where none can be made."""
-    folder = parent / f"{prefix}{uuid.uuid4().hex[:TOKEN]}"
     with ExitStack() as stack:
-        OWN.add(folder)  # before it is made: a request to end may come at any line
-        stack.callback(_remove, folder)
-        try:
-            folder.mkdir(mode=0o700)  # only its user may look into it
-            lock = stack.enter_context((folder / LOCK).open("xb", buffering=0))
-            _hold(lock)
-        except OSError as error:
-            raise trouble(error, parent) from None
+        folder = None
+        while folder is None:  # somebody who looks for forsaken ones may take away what is just being made
+            path = parent / f"{prefix}{uuid.uuid4().hex[:TOKEN]}"
+            OWN.add(path)  # before it is made: a request to end may come at any line
+            stack.callback(_remove, path)
+            try:
+                path.mkdir(mode=0o700)  # only its user may look into it
+                with suppress(FileNotFoundError):
+                    lock = stack.enter_context((path / LOCK).open("xb", buffering=0))
+                    folder = path if _hold(lock, path / LOCK) else None
+            except OSError as error:
+                raise trouble(error, parent) from None
         yield folder
 
 
@@ -83,17 +92,47 @@ def take_away_own():
         _remove(next(iter(OWN)))
 
 
-def _remove(folder: Path):
-    # Windows does not give up files that are still looked at; then the next run takes them away.
-    shutil.rmtree(folder, ignore_errors=True)
+def leave(folder: Path):
+    """Leaves a folder of this process to the next run, which finishes it and takes it away."""
     OWN.discard(folder)
 
 
-def _hold(lock: IO):
-    """Locks a new folder's lock for as long as it is open, and says so in it."""
-    # Where a file system knows no locks the file stays empty, and nobody ever takes the folder for forsaken.
-    if _locked(lock):
-        lock.write(LOCKED)
+def _remove(folder: Path):
+    if folder in OWN:
+        _clear(folder)
+        _drop(folder)
+        OWN.discard(folder)
+
+
+def _clear(folder: Path):
+    """Takes away all that is in a folder but its lock, by which the next run knows what is left if it cannot be."""
+    with suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            # Windows does not give up files that are still looked at.
+            with suppress(OSError):
+                if entry.is_dir(follow_symlinks=False):
+                    shutil.rmtree(entry.path)
+                elif entry.name != LOCK:
+                    Path(entry.path).unlink()
+
+
+def _drop(folder: Path):
+    """Takes away a folder in which there is nothing but its lock, if that."""
+    with suppress(OSError):
+        if [path.name for path in folder.iterdir()] == [LOCK]:
+            (folder / LOCK).unlink()
+        folder.rmdir()
+
+
+def _hold(lock: IO, path: Path) -> bool:
+    """Locks a new folder's lock for as long as it is open; False where somebody has it, or took it away."""
+    try:
+        lock_now(lock)
+    except (BlockingIOError, PermissionError):
+        return False
+    except OSError:
+        lock.write(NO_LOCKS)
+    return os.path.samestat(os.fstat(lock.fileno()), path.stat())
 
 
 def take_away_forsaken(parent: Path, prefix: str, rescue: Callable[[Path], None] | None = None):
@@ -120,15 +159,19 @@ def _take_away(folder: Path, rescue: Callable[[Path], None] | None):
     try:
         lock = (folder / LOCK).open("r+b")
     except FileNotFoundError:  # about to be made, or somebody was killed while taking the folder away
-        gone = _forsaken(folder)
-    else:
-        with lock:
-            # Held once, so it is free because its maker is gone, not because it is just being made.
-            gone = _locked(lock) and (os.fstat(lock.fileno()).st_size > 0 or _forsaken(folder))
-            if gone and rescue is not None:
+        if _forsaken(folder):
+            _clear(folder)
+        folder.rmdir()  # if it is empty; who is just making it makes another
+        return
+    with lock:
+        # Where its maker could lock none, nobody knows whether that is gone.
+        gone = _locked(lock) and (lock.read(len(NO_LOCKS)) != NO_LOCKS or _forsaken(folder))
+        if gone:
+            if rescue is not None:
                 rescue(folder)
+            _clear(folder)
     if gone:
-        shutil.rmtree(folder, ignore_errors=True)
+        _drop(folder)
 
 
 def _forsaken(folder: Path) -> bool:
@@ -138,10 +181,15 @@ def _forsaken(folder: Path) -> bool:
 def _locked(file: IO) -> bool:
     """Locks a file for as long as it is open; False where somebody else has it, or the file system knows no locks."""
     try:
-        if os.name == "nt":
-            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
-        else:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        lock_now(file)
     except OSError:
         return False
     return True
+
+
+def lock_now(file: IO):
+    """Locks a file for as long as it is open. BlockingIOError or PermissionError where somebody else has it."""
+    if os.name == "nt":
+        msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+    else:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -129,7 +129,7 @@ def _lens(path: Path) -> tuple[np.ndarray, np.ndarray]:
     if missing:
         raise InputError(f"has no {missing[0]}; expected K11 to K33 and kc1 to kc4", path)
     matrix = np.array([values[key] for key in wanted]).reshape(3, 3)
-    if abs(np.linalg.det(matrix)) < 1e-9:
+    if min(abs(np.linalg.det(matrix)), abs(np.linalg.det(matrix[:2, :2]))) < 1e-9:
         raise InputError("has a singular matrix; expected K11 to K33 of a camera", path)
     return matrix, np.array([*(values[key] for key in _LENS), values.get("kc5", 0.0)])
 

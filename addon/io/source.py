@@ -7,12 +7,14 @@ import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
-from xml.etree import ElementTree
+from typing import TYPE_CHECKING, BinaryIO, Self
 
 import numpy as np
 
 from ..core.data.errors import InputError
+
+if TYPE_CHECKING:
+    from xml.etree.ElementTree import Element
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,42 @@ def open_binary(path: Path) -> BinaryIO:
         raise InputError(f"cannot be read ({_reason(error)}); expected a readable file", path) from None
 
 
+class BytesOnDisk:
+    """The content of an open file, of which parts are read when they are asked for; a context manager.
+
+    A file that is mapped into memory instead would end the process when it is cut off meanwhile.
+    """
+
+    def __init__(self, path: Path):
+        """Raises InputError where it is missing, unreadable or empty."""
+        self.path, self.file = path, open_binary(path)
+        self.size = self.file.seek(0, 2)
+        if not self.size:
+            self.file.close()
+            raise InputError("is empty; expected a file with content", path)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object):
+        self.file.close()
+
+    def __len__(self) -> int:
+        return self.size
+
+    def __getitem__(self, part: int | slice) -> bytes | int:
+        """A byte, or those from start to stop; InputError where they cannot be read."""
+        start, stop, _ = (slice(part, part + 1) if isinstance(part, int) else part).indices(self.size)
+        try:
+            self.file.seek(start)
+            content = self.file.read(max(stop - start, 0))
+        except OSError as error:
+            raise InputError(f"cannot be read ({_reason(error)}); expected a readable file", self.path) from None
+        if len(content) < stop - start:
+            raise InputError("became shorter while it was read; expected a whole file", self.path)
+        return content[0] if isinstance(part, int) else content
+
+
 def read_bytes(path: Path, limit: int | None = None) -> bytes:
     """The whole content; InputError when it is missing, unreadable, empty or over `limit` bytes."""
     with open_binary(path) as file:
@@ -99,11 +137,13 @@ def decode(content: bytes, path: Path, kind: str) -> str:
         return content.decode("latin-1")
 
 
-def read_xml(path: Path, kind: str) -> ElementTree.Element:
+def read_xml(path: Path, kind: str) -> "Element":
     """The root of an XML file, in whatever encoding; InputError with the line where it breaks.
 
     Declarations of entities are refused: no calibration has them, and a few nested ones fill the memory.
     """
+    from xml.etree import ElementTree
+
     text = read_text(path, kind, TEXTS.xml)
     if text.startswith("<?xml"):
         # The declared encoding is that of the bytes, not of the decoded text.

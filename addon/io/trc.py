@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Motion Analysis `.trc`: five lines of head, then tab-separated frame, time and coordinates."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from ..core.data.errors import InputError
+from ..core.data.lanes import blocks
 from .names import written
 from .source import decode, read_bytes
-from .textpoints import TextTake, rows_to_xyz
+from .textpoints import TextTake, count_in, rows_to_samples
 
 KIND = "a .trc file"
 
@@ -33,22 +35,27 @@ def read_trc(path: Path) -> TextTake:
     if not labels or not any(labels):
         raise InputError(f"names no markers; expected {KIND}", path, 4)
     columns = [2 + 3 * index for index in range(len(labels))]
-    widest = 2 + 3 * len(labels)
-    rows = []
+    first, frames, parts = rows_to_samples(_rows(lines, begin, ended, 2 + 3 * len(labels), path), columns, path)
+    _refuse_cut_off(head, frames, first, path)
+    up = "+Z" if Z_UP in lines[0] else ""
+    return TextTake(labels, frames, parts, head.get("Units", "").lower(), rate, first, up)
+
+
+def _rows(lines: list[str], begin: int, ended: bool, widest: int, path: Path) -> Iterator[tuple[int, list[str]]]:
+    """The number and the fields of each row from `begin` on, of a text that `ended` with a line's end."""
+    width = 0
     for number, line in enumerate(lines[begin:], begin + 1):
         if not line.strip():
             continue
         fields = line.split("\t")
         if len(fields) > widest and any(field.strip() for field in fields[widest:]):
             raise InputError(f"has {len(fields)} fields; expected {widest} as the names in line 4 say", path, number)
-        if number == len(lines) and (len(fields) < 3 or (not ended and rows and len(fields) < len(rows[-1][1]))):
+        if number == len(lines) and (len(fields) < 3 or (not ended and len(fields) < width)):
             raise InputError(f"ends in the middle of a row; expected {widest} fields", path, number)
-        rows.append((number, fields))
-    if not rows:
+        width = len(fields)
+        yield number, fields
+    if not width:
         raise InputError("has no frames; expected at least one", path)
-    frames, xyz = rows_to_xyz(rows, columns, path)
-    _refuse_cut_off(head, len(frames), int(frames[0]), path)
-    return TextTake(labels, xyz, head.get("Units", "").lower(), rate, int(frames[0]), "+Z" if Z_UP in lines[0] else "")
 
 
 def _is_row(lines: list[str], index: int) -> bool:
@@ -69,14 +76,14 @@ def _labels(line: str, promised: str, rows: list[str]) -> list[str]:
         fields[1:2] = fields[1].split(None, 1)
     labels = fields[2:]
     names = [label for label in labels if label]
-    said = int(promised) if promised.isascii() and promised.isdigit() else 0
+    said = count_in(promised)
     width = max((_width(row) for row in rows[:WIDTH_ROWS]), default=0)
     count = max(said, -((2 - width) // 3))
     if count == len(names):
         return names
     stems = [name[:-1].rstrip("_. ") for name in names]
     axes = "".join(name[-1].lower() for name in names)
-    if axes == "xyz" * count and stems[::3] == stems[1::3] == stems[2::3] and all(stems):
+    if len(names) == 3 * count and axes == "xyz" * count and stems[::3] == stems[1::3] == stems[2::3] and all(stems):
         return stems[::3]
     return labels[::3]
 
@@ -89,7 +96,7 @@ def _width(row: str) -> int:
 def _refuse_cut_off(head: dict[str, str], frames: int, first: int, path: Path):
     """InputError where the head promises more frames; one that begins later is a part that somebody took out."""
     promised, begins = head.get("NumFrames", ""), head.get("OrigDataStartFrame", "")
-    if promised.isascii() and promised.isdigit() and int(promised) > frames and begins == str(first):
+    if count_in(promised) > frames and begins == str(first):
         raise InputError(f"has {frames} of {promised} frames; expected all of them (is the file cut off?)", path)
 
 
@@ -107,13 +114,14 @@ def write_trc_file(path: Path, labels: list[str], xyz: np.ndarray, rate: float, 
         f"PathFileType\t4\t(X/Y/Z)\t{written(Path(path).name)}\t{Z_UP}",
         "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
         f"{rate:.6g}\t{rate:.6g}\t{frames}\t{count}\tmm\t{rate:.6g}\t{first_frame}\t{frames}",
-        "Frame#\tTime\t" + "\t\t\t".join(label.replace("\t", " ") for label in labels) + "\t\t",
+        "Frame#\tTime\t" + "\t\t\t".join(written(label.replace("\t", " ")) for label in labels) + "\t\t",
         "\t\t" + "\t".join(f"{axis}{index}" for index in range(1, count + 1) for axis in "XYZ"),
         "",
     ]
     with Path(path).open("w", encoding="utf-8", newline="\n") as file:
         file.write("\n".join(head) + "\n")
-        for index in range(frames):
-            values = (1000.0 * np.asarray(xyz[index], dtype=float)).ravel().tolist()
-            fields = ("" if value != value else f"{value:.5f}" for value in values)
-            file.write(f"{first_frame + index}\t{index / rate:.6f}\t" + "\t".join(fields) + "\n")
+        for part in blocks(frames, count):
+            for index, points in zip(range(part.start, part.stop), xyz[part], strict=True):
+                values = (1000.0 * np.asarray(points, dtype=float)).ravel().tolist()
+                fields = ("" if value != value else f"{value:.5f}" for value in values)
+                file.write(f"{first_frame + index}\t{index / rate:.6f}\t" + "\t".join(fields) + "\n")

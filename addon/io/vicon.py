@@ -18,6 +18,8 @@ KIND = "a Vicon .xcp calibration"
 
 # Radial coefficients per square pixel are far below this, those per square focal length far above.
 PIXEL_COEFFICIENT = 1e-4
+# Focal lengths are hundreds of px and the shapes of pixels near one; what is far below overflows where it divides.
+LEAST = 1e-6
 
 
 def read_xcp(path: Path, up: str = "") -> Cameras:
@@ -55,7 +57,7 @@ def _camera(camera: Element, name: str, path: Path) -> RigCamera:
     focal = float(read(frame, "FOCAL_LENGTH", 1)[0])
     aspect = float(read(camera, "PIXEL_ASPECT_RATIO", 1)[0]) if camera.get("PIXEL_ASPECT_RATIO") else 1.0
     quaternion = read(frame, "ORIENTATION", 4)
-    if focal <= 0 or aspect <= 0 or not quaternion.any() or not (size > 0).all():
+    if min(focal, aspect) < LEAST or not quaternion.any() or not (size > 0).all():
         raise InputError(f"camera {name} has no focal length, orientation or size; expected a calibrated camera", path)
     rotation = rotation_from_quaternion(quaternion)
     position = read(frame, "POSITION", 3) / 1000

@@ -14,7 +14,8 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from ..core.data.errors import InputError, JobError
-from .scratch import own_folder, take_away_forsaken
+from .scratch import LOCK, leave, own_folder, take_away_forsaken
+from .turns import TURN, turns
 
 PART = ".part-mocap-autolabel-"
 LIST = ".mocap-autolabel.json"  # in a folder of parts: what each file to be replaced was like
@@ -53,9 +54,10 @@ def whole_files(targets: Sequence[Path], overwrite: bool = False, read: Iterable
         except OSError as error:
             raise _of_whom(error, targets[0].parent, list(folders.values())) from error
         pairs = [(part, target) for part, target in zip(temporaries, targets, strict=True) if part.exists()]
-        for _, target in pairs:
-            _refuse(target, overwrite)
-        _appear(pairs)
+        for parent, folder in folders.items():
+            if not (folder / LOCK).exists():  # and of a share that is gone no file was written
+                raise JobError("went away while files were written there; expected it to stay", parent)
+        _appear(pairs, overwrite)
 
 
 def check_targets(targets: Sequence[Path], overwrite: bool = False, read: Iterable[Path] = ()):
@@ -86,7 +88,17 @@ def keep_apart(read: Iterable[Path], written: Iterable[Path]):
 
 def finish_renaming(folder: Path):
     """Finishes in a folder what a killed run had begun to rename, and takes away what it left half-written."""
-    take_away_forsaken(folder, PART, _rename_rest)
+    if _holds_remains(folder):
+        with turns([folder]):
+            take_away_forsaken(folder, PART, _rename_rest)
+
+
+def _holds_remains(folder: Path) -> bool:
+    try:
+        with os.scandir(folder) as entries:
+            return any(entry.name.startswith((PART, TURN)) for entry in entries)
+    except OSError:  # not there, or not to be read
+        return False
 
 
 def _identities(path: Path) -> set[object]:
@@ -103,37 +115,52 @@ def _identities(path: Path) -> set[object]:
     return found
 
 
-def _appear(pairs: Sequence[tuple[Path, Path]]):
+def _appear(pairs: Sequence[tuple[Path, Path]], overwrite: bool):
     """Renames parts to their targets, all or none of them as far as the system allows."""
     for part, target in pairs:
         try:
             _flush(part)
         except OSError as error:
             raise _unwritable(error, target) from None
+    parents = dict.fromkeys(target.parent for _, target in pairs)
+    with turns(parents):
+        for parent in parents:
+            take_away_forsaken(parent, PART, _rename_rest)  # or what one was killed at would mix with these later
+        for _, target in pairs:
+            _refuse(target, overwrite)
+        _list(pairs)
+        _rename(pairs)
+    for parent in parents:
+        _flush_folder(parent)
+
+
+def _list(pairs: Sequence[tuple[Path, Path]]):
+    """Puts into each folder of parts what is to be renamed, and what each is to take the place of."""
     for folder in dict.fromkeys(part.parent for part, _ in pairs):
-        states = {part.name: _state(target) for part, target in pairs if part.parent == folder}
         try:
-            (folder / LIST).write_text(json.dumps(states), encoding="utf-8")
+            states = {part.name: _state(target) for part, target in pairs if part.parent == folder}
+            (folder / LIST).write_text(json.dumps(states), encoding="utf-8", newline="\n")
             _flush(folder / LIST)
         except OSError as error:
             raise _unwritable(error, folder.parent) from None
         _flush_folder(folder)
-    try:
-        _rename(pairs)
-    except KeyboardInterrupt:
-        _rename(pairs)
-        raise
-    for parent in dict.fromkeys(target.parent for _, target in pairs):
-        _flush_folder(parent)
 
 
 def _rename(pairs: Sequence[tuple[Path, Path]]):
-    for part, target in pairs:
-        if part.exists():
+    done = 0
+    try:
+        for part, target in pairs:
             try:
                 part.replace(target)
             except OSError as error:
+                if done:  # the next run finds the rest of them, and their list
+                    for folder in dict.fromkeys(part.parent for part, _ in pairs):
+                        leave(folder)
                 raise _unwritable(error, target) from None
+            done += 1
+    except KeyboardInterrupt:
+        _rename([(part, target) for part, target in pairs if part.exists()])
+        raise
 
 
 def _rename_rest(folder: Path):

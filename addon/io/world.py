@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..core.data.lanes import blocks
 from ..core.geometry.camera_up import guess_up, turned
 from ..core.geometry.cameras import Cameras
 from .rig import Z_UP_FROM_Y_UP
@@ -39,14 +40,16 @@ def up_rotation(up: str) -> np.ndarray:
 
 def guess_unit(xyz: np.ndarray) -> str:
     """mm, cm or m, whichever makes the points (T, P, 3) reach as far as people and rooms do."""
-    reach = float(np.median(_extent(xyz).max(axis=1), axis=0)) if np.isfinite(xyz).any() else 0.0
+    extent = _extent(xyz)
+    reach = float(np.median(extent.max(axis=1), axis=0)) if len(extent) else 0.0
     return "m" if reach < 12 else "cm" if reach < 500 and _travel(xyz) < 1500 else "mm"
 
 
 def _extent(xyz: np.ndarray) -> np.ndarray:
     """(F, 3) how far the points of a frame reach along each axis, over up to 200 frames that have any."""
-    frames = xyz[np.isfinite(xyz).any(axis=(1, 2))]
-    frames = frames[:: max(1, len(frames) // 200)]
+    some = [np.isfinite(xyz[part]).any(axis=(1, 2)) for part in blocks(*xyz.shape[:2])]
+    there = np.flatnonzero(np.concatenate([np.zeros(0, bool), *some]))
+    frames = xyz[there[:: max(1, len(there) // 200)]]
     if not len(frames):
         return np.zeros((0, 3))
     with warnings.catch_warnings():
@@ -56,7 +59,8 @@ def _extent(xyz: np.ndarray) -> np.ndarray:
 
 def _travel(xyz: np.ndarray) -> float:
     """The farthest that any point is from the origin."""
-    return float(np.nanmax(np.abs(xyz)))
+    parts = [xyz[part] for part in blocks(*xyz.shape[:2])]
+    return float(max(np.nanmax(np.abs(part), initial=0.0) for part in parts))
 
 
 def z_up(cameras: Cameras, up: str = "") -> Cameras:

@@ -5,8 +5,7 @@ from collections.abc import Generator
 
 from ..core.data.errors import InputError
 from ..core.data.progress import Progress
-from ..core.points.naming import METHODS
-from ..core.points.whole_take.pipeline import USUAL_TARGET
+from ..core.points.naming import METHODS, USUAL_TARGET
 from ..io.points import holds_points
 from .job import OCCLUSIONS, USUAL_RATE, LabelJob, Labelled, occlusion_here
 
@@ -16,7 +15,7 @@ def label_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
 
     Raises UserError with the file where it can be told.
     """
-    if holds_points(job.source):
+    if holds_points(job.source, job.use):
         if job.method == "both":
             raise InputError("holds points, and the method both is for blobs; expected another method", job.source)
         from .points import label_point_file

@@ -5,9 +5,10 @@ from collections import deque
 from collections.abc import Generator, Iterator
 from contextlib import ExitStack, suppress
 from dataclasses import replace
+from itertools import tee
 from pathlib import Path
 from time import perf_counter
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
@@ -19,28 +20,31 @@ from ..core.data.takes import BY_EDIT, STEPS, Blobs, EditOutcome, LabelledChunk,
 from ..core.edits.applying import BLOB_EDITING, joined
 from ..core.edits.blob_tracks import followed, wants_tracks
 from ..core.edits.kinds import Edits
-from ..core.filling.rays import MarkerRays, rays_of
 from ..core.geometry.cameras import Cameras
-from ..core.pipelines.blobs import BlobOptions, blob_method, label_blobs, steps_of
+from ..core.pipelines.blobs import BlobOptions, blob_method, label_blobs, steps_of, with_edits
 from ..core.pipelines.cross_check import MethodAgreement
 from ..core.points.models import Model
 from ..core.review.answering import without_accepted
 from ..core.review.doubtful import doubtful_ranges, doubtful_samples
 from ..core.review.odd_cameras import CameraCheck
-from ..core.review.overview import OverviewSubject, TakeOverview
 from ..core.review.summary import TakeSummary
 from ..core.review.trouble import TakeTrouble
 from ..io.blobs import BlobRows, frames_in, read_blobs
 from ..io.edits import open_edits
 from ..io.labels import LabelWriter
-from ..io.models import open_model
 from ..io.report import facts_of_trouble
 from ..io.scratch import naming_scratch, scratch_folder
-from .fill import fill_labelled
+from ..io.tables import Room
+from .captures import facts_of_capture
 from .job import LabelJob, Labelled, timed
-from .outcome import Outcome, write_take
+from .models import model_for
+from .outcome import Outcome, overview_of, write_take
 from .resuming import open_files
+from .several import NOT_HELD, facts_of_subjects, several_asked, subjects_in_blobs
 from .spool import append
+
+if TYPE_CHECKING:  # only who fills gaps needs it
+    from ..core.filling.rays import MarkerRays
 
 
 def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
@@ -53,19 +57,28 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
     begin = perf_counter()
     with ExitStack() as stack:
         inputs, files = open_files(job, stack)  # before they are read
-        model, cameras = open_model(job.model), _cameras(job)
+        model = yield from model_for(job.model, job.method)
+        cameras = _cameras(job)
+        several = (yield from several_asked(job, model)) if job.several else None
         known = {"cameras": cameras.names, "frames": _frames_if_edited(job, cameras)}
-        edits = _tracked(open_edits(job.edits_applied, job.source, model.markerset, **known), job, cameras)
-        settings = BlobOptions(job.method, job.frame_rate, job.target, job.options, _occlusion(job, model), edits)
-        agreement, check = MethodAgreement(), CameraCheck(cameras, model.markerset)
-        trouble = TakeTrouble(model.markerset.markers, job.frame_rate, edits, cameras, model.markerset.by_name)
-        subject = OverviewSubject.of(model.markerset)
-        overview = TakeOverview(subject, job.frame_rate, cameras, edits) if job.html else None
-        source = Source(job, cameras)
-        work = label_blobs(source.blobs(), cameras, model, settings, agreement)
-        results = Results(job, cameras, files, model.markerset.markers, stack)
-        said_of, doubtful = (model.markerset.markers, job.frame_rate), {}
+        named = several.possible if several else model.markerset
+        edits = _tracked(open_edits(job.edits_applied, job.source, named, **known), job, cameras)
+        agreement, source = MethodAgreement(), Source(job, cameras)
         clock = {"load": perf_counter() - begin, "write": 0.0}
+        if several is None:
+            settings = BlobOptions(job.method, job.frame_rate, job.target, job.options, _occlusion(job, model), edits)
+            work, method = label_blobs(source.blobs(), cameras, model, settings, agreement), blob_method(settings)
+            worn, sized = model.markerset, model.markerset
+        else:
+            seen = yield from subjects_in_blobs(job, cameras, several, edits, Room(stack, NOT_HELD))
+            worn, sized, method = seen.labelled.worn, None, "likelihood"
+            own, read = tee(source.blobs())
+            work = with_edits(own, seen.chunks(read), edits, cameras, worn) if edits else seen.chunks(source.blobs())
+        check = CameraCheck(cameras, sized)
+        trouble = TakeTrouble(worn.markers, job.frame_rate, edits, cameras, worn.by_name)
+        overview = overview_of(job, worn, job.frame_rate, edits, cameras)
+        results = Results(job, cameras, files, worn.markers, stack)
+        said_of, doubtful = (worn.markers, job.frame_rate), {}
         for chunk in work:
             row = source.taken.popleft()
             with timed(clock, "write"):
@@ -75,32 +88,36 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
                 overview.add(row.blobs, chunk)
             trouble.add(row.blobs, chunk.labels, chunk.motion)
             asked = doubtful_samples(
-                row.blobs, chunk.labels, chunk.motion, chunk.suspects, *said_of, edits, model.markerset.by_name
+                row.blobs, chunk.labels, chunk.motion, chunk.suspects, *said_of, edits, worn.by_name
             )
-            for name, spans in doubtful_ranges(asked, chunk.motion.frames, model.markerset.markers).items():
+            for name, spans in doubtful_ranges(asked, chunk.motion.frames, worn.markers).items():
                 doubtful.setdefault(name, []).extend(spans)
-            yield Progress(row.fraction, f"frame {row.blobs.frames[-1]}")
+            if several is None:
+                yield Progress(row.fraction, f"frame {row.blobs.frames[-1]}")
         clock["load"] += source.seconds
         with timed(clock, "label"):
             doubts = without_accepted(check.suspects(), edits)
             results.doubt(doubts)
         results.labels.file.flush()
-        facts = _facts(job, blob_method(settings), cameras, results, agreement)
+        facts = _facts(job, method, cameras, results, agreement)
+        facts |= facts_of_subjects(worn) if several else {}
         counts = {one.name: one.as_dict() for one in trouble.by_camera.figures()}
         of_cameras = {name: row | counts[name] for name, row in check.of_cameras().items()}
         facts |= {"cameras": of_cameras, "camera_doubts": [doubt.reason for doubt in doubts]}
         points, fills = results.motion.points(), ()
         if job.fill:
             with timed(clock, "fill"):
-                points, of_gaps, fills = yield from fill_labelled(
-                    points, model.markerset, (overview, trouble), MarkerRays.join(results.rays)
-                )
+                from ..core.filling.rays import MarkerRays
+                from .fill import fill_labelled
+
+                rays = MarkerRays.join(results.rays)
+                points, of_gaps, fills = yield from fill_labelled(points, worn, (overview, trouble), rays)
             facts |= of_gaps
         facts |= facts_of_trouble(trouble, results.summary.suspects) | {"doubtful": doubtful}
         said = {"outcomes": joined(results.outcomes), "overview": overview, "fills": fills}
-        made = Outcome(points, results.chunks, cameras, results.summary, facts, inputs, edits, **said)
-        report = write_take(job, files, model.markerset, made, clock)
-    return Labelled(report, results.chunks if job.keep else [], edits)
+        made = Outcome(worn, points, results.chunks, cameras, results.summary, facts, inputs, edits, **said)
+        report = write_take(job, files, model, made, clock)
+    return Labelled(report, worn, results.chunks if job.keep else [], edits)
 
 
 def _frames_if_edited(job: LabelJob, cameras: Cameras) -> tuple[int, int] | None:
@@ -129,7 +146,7 @@ def _facts(job: LabelJob, method: str, cameras: Cameras, results: "Results", agr
         facts["agreement"] = agreement.as_dict()
     if cameras.remarks:
         facts["calibration"] = list(cameras.remarks)
-    return facts
+    return facts | facts_of_capture(job.source, False, cameras)
 
 
 def _occlusion(job: LabelJob, model: Model) -> Occlusion | None:
@@ -194,6 +211,8 @@ class Results:
         self.labels.write(row.keys, chunk.labels)
         self.motion.append(chunk.motion)
         if self.cameras is not None:
+            from ..core.filling.rays import rays_of
+
             missing = ~np.isfinite(chunk.motion.markers).all(axis=2)
             first = int(chunk.motion.frames[0]) - self.motion.first_frame
             self.rays.append((first, rays_of(row.blobs, chunk.labels, self.cameras, missing)))

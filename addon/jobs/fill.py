@@ -8,17 +8,20 @@ from time import perf_counter
 
 import numpy as np
 
+from ..blendfile import open_cameras
 from ..core.body.posing import POSING
+from ..core.data.columns import Columns, beside_of, markers_in
 from ..core.data.errors import InputError
-from ..core.data.markersets import MarkerSet
+from ..core.data.markersets import MarkerSet, Worn
 from ..core.data.progress import Progress, within
 from ..core.data.takes import Points
-from ..core.filling.filling import FilledTake, FillOptions, fill_take, kept_fills_of
+from ..core.filling.filling import FilledTake, FillOptions, SubjectMarkers, fill_subjects, kept_fills_of
 from ..core.filling.kept import KeptFill
-from ..core.filling.rays import NO_RAYS, MarkerRays
+from ..core.filling.rays import NO_RAYS, MarkerRays, rays_of
 from ..core.review.overview import TakeOverview
 from ..core.review.trouble import TakeTrouble
 from ..io.filled import gap_rows, left_rows, write_filled
+from ..io.labels import read_blob_labels
 from ..io.markersets import markerset_file
 from ..io.models import open_model
 from ..io.points import marker_columns, read_points, write_c3d
@@ -38,6 +41,8 @@ class FillJob:
     model    a built-in model's name or the path of one, whose body may fill gaps; None for none
     up       the axis that points up in the file, None for what it says or tells
     rate     frames a second, for a file that says none
+    labels   of the blobs that the take was made of, `.labels.csv`, and
+    cameras  that saw them: then the ray of a camera that still sees a marker holds the fill
     """
 
     source: Path
@@ -49,6 +54,22 @@ class FillJob:
     up: str | None = None
     rate: float | None = None
     overwrite: bool = False
+    labels: Path | None = None
+    cameras: Path | None = None
+
+
+@dataclass(frozen=True)
+class RaysOfTakeOptions:
+    """When labels of blobs are those of a take; reckoned.
+
+    most_off_px  that half of the blobs may be from where their cameras see the take's markers: a moved camera makes
+                 some px of it, another take or another room hundreds
+    """
+
+    most_off_px: float = 20.0
+
+
+RAYS_OF_TAKE = RaysOfTakeOptions()
 
 
 def fill_file(job: FillJob) -> Generator[Progress, None, dict]:
@@ -61,19 +82,24 @@ def fill_file(job: FillJob) -> Generator[Progress, None, dict]:
         raise InputError("is no file that can say which samples are filled; expected a name that ends in .c3d", job.out)
     if job.method == "body" and job.model is None:
         raise InputError("the method body needs a body to fit; expected --model with a model of these markers")
-    read = [job.source] + ([markerset_file(job.model)] if job.model else [])
+    if (job.labels is None) != (job.cameras is None):
+        raise InputError("labels of blobs and their cameras go together; expected --labels and --cameras, or neither")
+    read = [job.source, *(path for path in (job.labels, job.cameras) if path is not None)]
+    read += [markerset_file(job.model)] if job.model else []
     with whole_files([job.out, job.out.with_suffix(".filled.csv")], job.overwrite, read) as (target, table):
         take = read_points(job.source, up=job.up, rate=job.rate)
         named = np.array([index for index, name in enumerate(take.names) if name], dtype=int)
         if not len(named):
             raise InputError("has no marker with a name; expected a labelled take", job.source)
         names = [take.names[index] for index in named]
-        markerset, columns = (None, None) if job.model is None else _of_model(job, names)
+        subjects = _subjects_of(job, names)
         options = FillOptions(job.method, job.max_gap, _wanted(job, names))
-        work = fill_take(take.xyz[:, named], take.rate, options, markerset, columns)
+        shown = take.picked(named)
+        rays = _rays(job, shown.xyz, names, take.first_frame)
+        work = fill_subjects(shown.xyz, take.rate, options, subjects, rays)
         filled = yield from within(work, 0.0, 0.95, "fill gaps")
         points = put_into(take, filled, named)
-        present = take.present[:, named]
+        present = shown.present
         rows = gap_rows(filled.gaps, names, take.first_frame)
         yield Progress(0.95, "write")
         write_c3d(target, points)
@@ -90,6 +116,7 @@ def fill_file(job: FillJob) -> Generator[Progress, None, dict]:
         "samples_filled": int(filled.filled.sum()),
         "filled": rows,
         "left": left_rows(filled.left, names, take.first_frame),
+        **({} if job.labels is None else {"rays": len(rays)}),
         "notes": list(take.notes),
         **({"unit_assumed": take.assumed} if take.assumed else {}),
         **renumbered(points),
@@ -99,18 +126,19 @@ def fill_file(job: FillJob) -> Generator[Progress, None, dict]:
 
 def fill_labelled(
     points: Points,
-    markerset: MarkerSet,
+    markerset: Worn,
     listeners: Iterable[TakeOverview | TakeTrouble | None],
     rays: MarkerRays = NO_RAYS,
 ) -> Generator[Progress, None, tuple[Points, dict, tuple[KeptFill, ...]]]:
-    """A take whose first columns are a model's markers with their gaps filled, as `rays` hold them.
+    """A take whose first columns are the markers of a model, or of several subjects, with their gaps filled.
 
-    Gives it with what a report says of that, and with the fills as a Blender file keeps them. `listeners`
-    hear of what was filled.
+    They are held by `rays`. Gives it with what a report says of that, and with the fills as a Blender file keeps them.
+    `listeners` hear of what was filled.
     """
     own = np.arange(len(markerset))
-    xyz = np.asarray(points.xyz[:, : len(own)], dtype=float)
-    work = fill_take(xyz, points.rate, FillOptions(), markerset, own, rays)
+    xyz = np.asarray(markers_in(points.xyz, len(own)), dtype=float)
+    subjects = SubjectMarkers.side_by_side(one for _, one in markerset.worn)
+    work = fill_subjects(xyz, points.rate, FillOptions(), subjects, rays)
     filled = yield from within(work, 0.0, 1.0, "fill gaps")
     facts = {
         "filled": gap_rows(filled.gaps, markerset.markers, points.first_frame),
@@ -122,12 +150,49 @@ def fill_labelled(
     return put_into(points, filled, own), facts, kept_fills_of(filled, markerset.markers, points.frames)
 
 
-def put_into(points: Points, filled: FilledTake, columns: np.ndarray) -> Points:
-    """The take with what was filled in some of its columns, whose residual is 0: what C3D's users take for filled."""
-    xyz, residual = np.array(points.xyz, dtype=float), np.array(points.residual, dtype=float)
-    xyz[:, columns] = filled.xyz
-    residual[:, columns] = np.where(filled.filled, 0.0, residual[:, columns])
+def put_into(points: Points, filled: FilledTake, named: np.ndarray) -> Points:
+    """The take with what was filled in some trajectories; its residual is 0: what C3D's users take for filled."""
+    xyz, residual = points.xyz, points.residual
+    if isinstance(xyz, Columns):  # whose markers are what was filled
+        found = np.where(filled.filled, 0.0, residual.markers[:])
+        return replace(points, xyz=xyz.with_markers(filled.xyz), residual=residual.with_markers(found))
+    if points.lanes is not None:
+        column = np.arange(len(points.names))
+        column[named] = -1
+        found = np.where(filled.filled, 0.0, points.picked(named).residual)
+        xyz, residual = (
+            Columns(markers, named, len(column), beside_of(points, values, column))
+            for markers, values in ((filled.xyz, xyz), (found, residual))
+        )
+        return Points(points.names, xyz, residual, points.rate, points.first_frame)
+    xyz, residual = np.array(xyz, dtype=float), np.array(residual, dtype=float)
+    xyz[:, named] = filled.xyz
+    residual[:, named] = np.where(filled.filled, 0.0, residual[:, named])
     return replace(points, xyz=xyz, residual=residual)
+
+
+def _rays(job: FillJob, xyz: np.ndarray, names: Sequence[str], first_frame: int) -> MarkerRays:
+    """The rays of markers that one camera alone sees, where the job says what the cameras saw."""
+    if job.labels is None:
+        return NO_RAYS
+    cameras = open_cameras(job.cameras)
+    blobs, labels = read_blob_labels(job.labels, cameras.names, names, first_frame + np.arange(len(xyz)))
+    rows = np.flatnonzero(labels.named)
+    marker, frame, camera = labels.marker[rows], blobs.frame[rows], blobs.camera[rows]
+    seen = np.isfinite(xyz[frame, marker]).all(axis=1)
+    expected = np.full((len(rows), 2), np.nan)
+    for index in range(len(cameras)):
+        own = np.flatnonzero(seen & (camera == index))
+        expected[own] = cameras.project(xyz[frame[own], marker[own]])[index]
+    off = np.hypot(*(expected[seen] - blobs.xy[rows[seen]]).T)
+    if not np.isfinite(off).any():
+        raise InputError(
+            "names no blob of a marker that the take has; expected the labels of its own blobs", job.labels
+        )
+    if (typical := float(np.nanmedian(off))) > RAYS_OF_TAKE.most_off_px:
+        words = f"has its blobs {typical:.0f} px from where the cameras see the markers of {job.source.name}"
+        raise InputError(f"{words}; expected the labels and the calibration that the take was made with", job.labels)
+    return rays_of(blobs, labels, cameras, ~np.isfinite(xyz).all(axis=2))
 
 
 def _wanted(job: FillJob, names: Sequence[str]) -> tuple[int, ...] | None:
@@ -138,6 +203,29 @@ def _wanted(job: FillJob, names: Sequence[str]) -> tuple[int, ...] | None:
         missing = job.markers[int(np.argmin(columns))]
         raise InputError(f"has no marker {missing}; expected names such as {', '.join(names[:3])}", job.source)
     return tuple(columns.tolist())
+
+
+def _subjects_of(job: FillJob, names: Sequence[str]) -> list[SubjectMarkers]:
+    """Whose the markers are: one subject's, or those of several who are called NAME:MARKER, each with the job's model.
+
+    Raises InputError where nobody wears the model.
+    """
+    owner = np.array([name.rpartition(":")[0] for name in names])
+    if sum((owner == one).sum() >= POSING.min_markers for one in set(owner.tolist())) < 2:
+        owner[:] = ""
+    found, unlike = [], None
+    for one in dict.fromkeys(owner.tolist()):
+        own = np.flatnonzero(owner == one)
+        markerset = columns = None
+        if job.model is not None:
+            try:
+                markerset, columns = _of_model(job, [names[index] for index in own])
+            except InputError as error:  # a prop, or somebody in another set
+                unlike = error
+        found.append(SubjectMarkers(own, markerset, columns))
+    if unlike is not None and all(one.markerset is None for one in found):
+        raise unlike
+    return found
 
 
 def _of_model(job: FillJob, names: Sequence[str]) -> tuple[MarkerSet, np.ndarray]:

@@ -6,18 +6,21 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 from ..blendfile import Chunks, inside_blender
-from ..core.blobs.pipeline import Options
-from ..core.blobs.search import Hints
-from ..core.body.occlusion import Occlusion
+from ..core.data.markersets import Worn
 from ..core.edits.kinds import NO_EDITS, Edits
 from ..core.geometry.cameras import Cameras
-from ..core.points.whole_take.pipeline import USUAL_TARGET
+from ..core.points.naming import USUAL_TARGET
 from ..io.cameras import calibration_files
 from ..io.edits import edits_beside
 from ..io.markersets import markerset_file
 from ..io.report import REPORT
+
+if TYPE_CHECKING:  # naming blobs takes long to load, and takes of points need none of it
+    from ..core.blobs.pipeline import Options
+    from ..core.body.occlusion import Occlusion
 
 USUAL_RATE = 100.0
 PAGE = ".report.html"
@@ -37,8 +40,11 @@ class LabelJob:
     source    the file of blobs or 3D points; `out` gets files named after its stem
     cameras   the calibration, a file or what was read of one; None for points
     model     a built-in model's name or the path of one
+    subjects  how many wear the model, AUTO for as many as there are; 1 is who has no name
+    wearers   who wears what, by name: models as above, of whom `model` is the first one's; none without names
     frames    first and last frame to label, both included, None for the take's own
     up        the axis that points up in the files that are read, None for what they say or tell
+    use       "blobs" or "points": which to label of a capture that holds both; None for its own choice
     method    how names are found: one of METHODS
     rate      frames a second, None where nobody knows: then USUAL_RATE, and the report says that it was assumed; of
               points only for files that say none
@@ -59,15 +65,18 @@ class LabelJob:
     cameras: Path | Cameras | None
     model: str
     out: Path
+    subjects: int = 1
+    wearers: tuple[tuple[str, str], ...] = ()
     frames: tuple[int | None, int | None] | None = None
     up: str | None = None
+    use: str | None = None
     method: str = "auto"
     target: float = USUAL_TARGET
     rate: float | None = None
     height: float | None = None
     facing: float | None = None
     occlusion: str = "auto"
-    body: Occlusion | None = None
+    body: "Occlusion | None" = None
     edits: Path | Edits | None = None
     trc: bool = False
     fill: bool = False
@@ -76,6 +85,16 @@ class LabelJob:
     overwrite: bool = False
     resume: bool = False
     keep: bool = False
+
+    @property
+    def several(self) -> bool:
+        """Whether subjects have names, so that markers are called NAME:MARKER."""
+        return self.subjects != 1 or bool(self.wearers)
+
+    @property
+    def models(self) -> list[str]:
+        """What is worn, each model once: names and paths."""
+        return list(dict.fromkeys(model for _, model in self.wearers)) or [self.model]
 
     @property
     def frame_rate(self) -> float:
@@ -88,8 +107,11 @@ class LabelJob:
         return occlusion_here(self.occlusion)
 
     @property
-    def options(self) -> Options:
+    def options(self) -> "Options":
         """The user's hints as the labelling takes them."""
+        from ..core.blobs.pipeline import Options
+        from ..core.blobs.search import Hints
+
         return Options(hints=Hints(self.height, self.facing))
 
     def path(self, ending: str) -> Path:
@@ -112,7 +134,7 @@ class LabelJob:
         """The files that the job reads; InputError where a calibration lacks one."""
         cameras = calibration_files(self.cameras) if isinstance(self.cameras, Path) else []
         edits = [] if self.edits_file is None else [self.edits_file]
-        return [self.source, markerset_file(self.model), *cameras, *edits]
+        return [self.source, *map(markerset_file, self.models), *cameras, *edits]
 
     @property
     def edits_applied(self) -> Edits | Path | None:
@@ -131,11 +153,13 @@ class Labelled:
     """What became of a job.
 
     report  as the file has it
+    worn    whose markers were named: one set, or those that several subjects wear
     chunks  with `keep` the blobs or points and what was said of them, chunk by chunk
     edits   those that were applied
     """
 
     report: dict
+    worn: Worn
     chunks: Chunks
     edits: Edits = NO_EDITS
 

@@ -3,33 +3,35 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..blendfile import Chunks, save_blend
-from ..core.data.markersets import MarkerSet
-from ..core.data.takes import EditOutcome, PointRows, Points
+from ..core.data.markersets import MarkerSet, Worn
+from ..core.data.takes import EditOutcome, Points
 from ..core.edits.kinds import NO_EDITS, Edits
-from ..core.filling.kept import KeptFill
-from ..core.geometry.cameras import Cameras
-from ..core.review.overview import TakeOverview
+from ..core.geometry.cameras import NO_CAMERAS, Cameras
+from ..core.points.models import Model
 from ..core.review.summary import TakeSummary
 from ..io.c3d import first_number, names_in_c3d
 from ..io.changed import facts_of_changes
-from ..io.html import write_take_page
-from ..io.labels import write_point_labels
 from ..io.points import write_c3d, write_trc
 from ..io.report import REPORT, facts_of_edits, take_report, write_report
 from ..io.source import digest
 from ..version import version
 from .job import PAGE, LabelJob, timed
-from .pages import today
+
+if TYPE_CHECKING:  # only jobs that fill gaps or write a page need them
+    from ..core.filling.kept import KeptFill
+    from ..core.review.overview import TakeOverview
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
     """What the labelling made of a take, to be written.
 
+    worn     whose markers these are
     points   the markers in space, then what stays unnamed of points
-    chunks   rows and what is said of them; of blobs only where the job keeps them
+    chunks   rows and what is said of them, where the job keeps them
     cameras  that saw it; none for points
     summary  for the report, and `facts` that only some reports say
     made_of  what the results come from
@@ -39,6 +41,7 @@ class Outcome:
     fills    the gaps that were filled, which a Blender file keeps apart from what was measured
     """
 
+    worn: Worn
     points: Points
     chunks: Chunks
     cameras: Cameras
@@ -47,28 +50,37 @@ class Outcome:
     made_of: dict
     edits: Edits = NO_EDITS
     outcomes: tuple[EditOutcome, ...] = ()
-    overview: TakeOverview | None = None
-    fills: tuple[KeptFill, ...] = ()
+    overview: "TakeOverview | None" = None
+    fills: "tuple[KeptFill, ...]" = ()
 
 
-def write_take(job: LabelJob, files: dict[str, Path], markerset: MarkerSet, made: Outcome, clock: dict) -> dict:
-    """Writes all files of a take but the labels of blobs, which are written chunk by chunk; gives the report."""
-    rate = made.points.rate
+def overview_of(
+    job: LabelJob, markerset: MarkerSet, rate: float, edits: Edits, cameras: Cameras = NO_CAMERAS
+) -> "TakeOverview | None":
+    """What the take's page is drawn from; None where the job writes none."""
+    if not job.html:
+        return None
+    from ..core.review.overview import OverviewSubject, TakeOverview
+
+    return TakeOverview(OverviewSubject.of(markerset), rate, cameras, edits)
+
+
+def write_take(job: LabelJob, files: dict[str, Path], model: Model, made: Outcome, clock: dict) -> dict:
+    """Writes all files of a take but its labels, which are written part by part; gives the report."""
+    rate, worn = made.points.rate, made.worn
     with timed(clock, "write"):
         if job.blend:
             said = made.edits, made.fills
-            save_blend(files[".blend"], job.source, rate, markerset, made.chunks, made.cameras, *said)
-        for rows, chunk in made.chunks:
-            if isinstance(rows, PointRows):
-                write_point_labels(files[".labels.csv"], rows, chunk.labels, markerset.markers)
-        changed = facts_of_changes(job.path(".labels.csv"), files[".labels.csv"], markerset.markers)
+            save_blend(files[".blend"], job.source, rate, worn, made.chunks, made.cameras, *said)
+        changed = facts_of_changes(job.path(".labels.csv"), files[".labels.csv"], worn.markers)
         write_c3d(files[".c3d"], made.points)
         if job.trc:
             write_trc(files[".trc"], made.points)
         results = {ending: digest([path]) for ending, path in files.items() if ending not in (PAGE, REPORT)}
-    report = take_report(made.summary, job.source.stem, markerset.name, rate, version(), clock)
+    report = take_report(made.summary, job.source.stem, worn.name, rate, version(), clock)
     report |= (
-        renumbered(made.points)
+        {"model_version": model.history.version, "model_fingerprint": model.fingerprint}
+        | renumbered(made.points)
         | facts_of_edits(job.edits_file, made.outcomes)
         | made.facts
         | changed
@@ -77,6 +89,9 @@ def write_take(job: LabelJob, files: dict[str, Path], markerset: MarkerSet, made
     if "points" in report:
         del report["blobs"]
     if made.overview is not None:
+        from ..io.html import write_take_page
+        from .pages import today
+
         write_take_page(files[PAGE], report, made.overview, job.source.name, today())
         results[PAGE] = digest([files[PAGE]])
     write_report(files[REPORT], report)

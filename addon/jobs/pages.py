@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pages that people pass on: of a take that is being labelled, of one that a Blender file keeps, and over a folder."""
+"""Pages that people pass on: of a take that is being labelled, and of one that a Blender file keeps."""
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,11 +14,9 @@ from ..core.review.overview import OverviewSubject, TakeOverview
 from ..core.review.summary import TakeSummary
 from ..core.review.trouble import TakeTrouble
 from ..io.filled import kept_rows
-from ..io.html import is_page, write_folder_page, write_take_page
+from ..io.html import write_take_page
 from ..io.report import facts_of_edits, facts_of_trouble, take_report
-from ..io.whole import check_targets, whole_file
 from ..version import version
-from .job import PAGE
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,24 +70,3 @@ def write_kept_page(path: Path, take: KeptTake):
 def today() -> str:
     """The day, by the world's clock, as pages have it."""
     return datetime.now(UTC).date().isoformat()
-
-
-def folder_page_path(out: Path, stems: Sequence[str]) -> Path:
-    """The page over the takes of a folder: `summary`, with a number where a take is called so."""
-    taken = {stem.casefold() for stem in stems}
-    name, number = "summary", 1
-    while name in taken:
-        number += 1
-        name = f"summary-{number}"
-    return out / (name + PAGE)
-
-
-def check_folder_page(path: Path, overwrite: bool, resume: bool):
-    """Raises InputError where a page over a folder may not be written; who resumes may replace an earlier one."""
-    check_targets([path], overwrite or (resume and is_page(path)))
-
-
-def write_takes_page(path: Path, reports: Sequence[Mapping], failed: Sequence[tuple[str, str]]):
-    """Writes the page over the takes of a folder, where `check_folder_page` let it pass."""
-    with whole_file(path, overwrite=True) as temporary:
-        write_folder_page(temporary, reports, failed, PAGE, today())

@@ -3,30 +3,29 @@
 
 from collections.abc import Generator
 from contextlib import ExitStack
-from dataclasses import replace
-
-import numpy as np
 
 from ..blendfile import refuse_long
 from ..core.data.errors import InputError
 from ..core.data.progress import Progress
-from ..core.data.takes import MAX_FRAME, STEPS, Labels, PointRows
+from ..core.data.takes import MAX_FRAME
 from ..core.geometry.cameras import NO_CAMERAS
 from ..core.points.motion import labelled_points
 from ..core.points.naming import chosen_method
-from ..core.points.whole_take.pipeline import PointOptions, label_points
-from ..core.review.doubtful import doubtful_ranges, doubtful_samples
-from ..core.review.overview import OverviewSubject, TakeOverview
+from ..core.points.whole_take.pipeline import PointOptions, label_take
+from ..core.review.doubtful import AskedNames, doubtful_of, doubtful_ranges
 from ..core.review.summary import TakeSummary
 from ..core.review.trouble import TakeTrouble
 from ..io.edits import open_edits
-from ..io.models import open_model
+from ..io.labels import POINT_KEYS, LabelWriter
 from ..io.points import FilePoints, read_points
 from ..io.report import facts_of_trouble
-from .fill import fill_labelled
+from ..io.tables import Room
+from .captures import facts_of_capture
 from .job import LabelJob, Labelled, timed
-from .outcome import Outcome, write_take
+from .models import model_for
+from .outcome import Outcome, overview_of, write_take
 from .resuming import open_files
+from .several import facts_of_subjects, label_subjects, several_asked
 
 
 def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
@@ -38,7 +37,10 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
     with ExitStack() as stack:
         inputs, files = open_files(job, stack)  # before they are read
         with timed(clock, "load"):
-            model, take = open_model(job.model), read_points(job.source, frames=job.frames, up=job.up, rate=job.rate)
+            model = yield from model_for(job.model, job.method)
+            several = (yield from several_asked(job, model)) if job.several else None
+            room = Room(stack)
+            take = read_points(job.source, frames=job.frames, up=job.up, rate=job.rate, make_table=room)
             last = int(take.frames[-1])
             if last > MAX_FRAME:
                 words = f"goes on to frame {last}; expected frame numbers up to {MAX_FRAME}"
@@ -47,48 +49,61 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
                 refuse_long(take.first_frame, last)
             # Of a part of a take nobody knows how long it is.
             known = {"points": take.columns.tolist(), "frames": None if job.frames else (take.first_frame, last)}
-            edits = open_edits(job.edits_applied, job.source, model.markerset, **known)
-            options = PointOptions(chosen_method(model, job.method), job.target, job.options, edits)
-        labelled = yield from label_points(take, model, options)
-        rows, markerset = PointRows.of(take), model.markerset
-        present = np.nonzero(take.present)
-        unedited = None if labelled.unedited is None else labelled.unedited[present]
-        chunk = replace(labelled, labels=labelled.labels[present], unedited=unedited)
-        summary = TakeSummary(markerset.markers)
-        summary.add(chunk)
-        overview = TakeOverview(OverviewSubject.of(markerset), take.rate, edits=edits) if job.html else None
-        if overview is not None:
-            overview.add(rows, chunk)
-        points = labelled_points(take, labelled, markerset)
-        facts = _facts(take, chunk.labels, options)
+            named = several.possible if several else model.markerset
+            edits = open_edits(job.edits_applied, job.source, named, **known)
+            method = chosen_method(model, job.method)
+            options = PointOptions(method, job.target, job.options if method == "fit" else None, edits, room)
+        if several is None:
+            labelled = yield from label_take(take, model, options)
+            markerset, motion = model.markerset, labelled.motion
+        else:
+            labelled = yield from label_subjects(job, take, several, options)
+            markerset, motion = labelled.worn, labelled.motion
+        overview = overview_of(job, markerset, take.rate, edits)
         trouble = TakeTrouble(markerset.markers, take.rate, edits, words=markerset.by_name)
-        trouble.add(rows, chunk.labels, chunk.motion)
-        fills = ()
+        summary, chunks, asked = TakeSummary(markerset.markers), [], []
+        # Who keeps the take has all of it in memory anyhow.
+        kept = job.keep or job.blend
+        with LabelWriter(files[".labels.csv"], markerset.markers, POINT_KEYS) as writer:
+            for part in [slice(0, len(motion))] if kept else motion.parts():
+                rows, chunk = labelled.part(take, part)
+                with timed(clock, "write"):
+                    writer.write_points(rows, chunk.labels)
+                summary.add(chunk)
+                if overview is not None:
+                    overview.add(rows, chunk)
+                trouble.add(rows, chunk.labels, chunk.motion)
+                asked.append(AskedNames.of(rows, chunk.labels, chunk.motion.residual.shape))
+                chunks += [(rows, chunk)] if kept else []
+        del rows, chunk
+        points = labelled_points(take, labelled, markerset)
+        facts, fills = _facts(take, summary, options) | facts_of_capture(job.source, True), ()
+        facts |= facts_of_subjects(markerset) if several else {}
         if job.fill:
+            from .fill import fill_labelled
+
             with timed(clock, "fill"):
                 points, of_gaps, fills = yield from fill_labelled(points, markerset, (overview, trouble))
             facts |= of_gaps
-        facts |= facts_of_trouble(trouble, chunk.suspects)
-        asked = doubtful_samples(
-            rows, chunk.labels, chunk.motion, chunk.suspects, markerset.markers, take.rate, edits, markerset.by_name
-        )
-        facts["doubtful"] = doubtful_ranges(asked, chunk.motion.frames, markerset.markers)
+        facts |= facts_of_trouble(trouble, labelled.suspects)
+        said = labelled.doubts, labelled.suspects, markerset.markers, edits, markerset.by_name
+        unsure = doubtful_of(AskedNames.join(asked), motion.frames, *said)
+        facts["doubtful"] = doubtful_ranges(unsure, motion.frames, markerset.markers)
         said = labelled.outcomes, overview, fills
-        made = Outcome(points, [(rows, chunk)], NO_CAMERAS, summary, facts, inputs, edits, *said)
-        report = write_take(job, files, markerset, made, clock)
-    return Labelled(report, made.chunks if job.keep else [], edits)
+        made = Outcome(markerset, points, chunks, NO_CAMERAS, summary, facts, inputs, edits, *said)
+        report = write_take(job, files, model, made, clock)
+    return Labelled(report, markerset, made.chunks if job.keep else [], edits)
 
 
-def _facts(take: FilePoints, given: Labels, options: PointOptions) -> dict:
+def _facts(take: FilePoints, summary: TakeSummary, options: PointOptions) -> dict:
     """What the report of points says beside what every report says."""
-    steps = np.bincount(given.step, minlength=len(STEPS))
     facts = {"unit_assumed": take.assumed} if take.assumed else {}
     return facts | {
         "up_axis": take.up,
         "notes": list(take.notes),
-        "points": len(given.marker),
-        "trajectories": take.xyz.shape[1],
+        "points": summary.rows,
+        "trajectories": len(take.names),
         "method": options.method,
         "target": options.target,
-        "steps": {step: int(count) for step, count in zip(STEPS, steps, strict=True) if step and count},
+        "steps": {step: count for step, count in summary.steps.items() if count},
     }

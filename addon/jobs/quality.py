@@ -6,7 +6,7 @@ from collections.abc import Generator, Sequence
 from ..core.data.markersets import MarkerSet
 from ..core.data.progress import Progress
 from ..core.placement_quality import ADVICE, advise, judge, marker_layout
-from ..core.points.likelihood import Likelihood
+from ..core.points.likelihood.model import Likelihood
 from ..io.quality import quality_report
 
 JUDGED_SHARE = 0.1  # of the work; the rest is the search

@@ -21,6 +21,7 @@ from ..io.cameras import calibration_files
 from ..io.points import write_c3d, write_trc
 from ..io.scratch import scratch_folder
 from ..io.whole import whole_file
+from .captures import facts_of_capture
 from .job import USUAL_RATE
 from .outcome import renumbered
 from .spool import TrajectoryFile
@@ -84,6 +85,7 @@ def rebuild_file(job: RebuildJob) -> Generator[Progress, None, dict]:
         "frames": len(spool.counts),
         "trajectories": len(points.names),
         **tally.as_dict(),
+        **facts_of_capture(job.source, False, cameras),
         **({"calibration": list(cameras.remarks)} if cameras.remarks else {}),
         **(renumbered(points) if write is write_c3d else {}),
         "seconds": round(perf_counter() - begin, 3),

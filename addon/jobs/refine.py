@@ -20,6 +20,7 @@ from ..io.cameras import calibration_files, write_cameras
 from ..io.markersets import markerset_file
 from ..io.models import open_model
 from ..io.whole import whole_file
+from .captures import facts_of_capture
 from .job import USUAL_RATE
 
 READ = 0.1  # of the work, as progress tells it
@@ -120,6 +121,7 @@ def _report(job: RefineJob, found: Refinement, rate: float, seconds: float) -> d
         "camera_doubts": list(found.doubts),
         "frames_labelled": found.frames,
         "rounds": found.rounds,
+        **facts_of_capture(job.source, False, found.cameras),
         **({"calibration": list(found.cameras.remarks)} if found.cameras.remarks else {}),
         "seconds": round(seconds, 3),
     }

@@ -28,12 +28,17 @@ def made_of(job: LabelJob) -> dict:
     """
     options = {field.name: getattr(job, field.name) for field in fields(job) if field.name not in OUTSIDE}
     # Names for one thing are one.
-    options |= {"occlusion": job.casts, "method": plain_method(job.method)}
+    options |= {
+        "occlusion": job.casts,
+        "method": plain_method(job.method),
+        "wearers": [name for name, _ in job.wearers],
+    }
+    worn = [model for _, model in job.wearers] or [job.model]
     made = {
         "version": version(),
         "input": digest([job.source]),
         "cameras": digest(calibration_files(job.cameras)) if isinstance(job.cameras, Path) else None,
-        "model": digest([markerset_file(job.model)]),
+        "model": digest([markerset_file(model) for model in worn]),
         "options": options,
     }
     edits = job.edits_applied

@@ -9,7 +9,7 @@ from typing import IO, Self
 import numpy as np
 
 from ..core.data.takes import Points
-from ..core.reconstruction.trajectories import RECONSTRUCTION, Reconstructed
+from ..core.reconstruction.trajectories import Reconstructed, TrajectorySpans
 from ..io.scratch import naming_scratch
 
 
@@ -37,7 +37,7 @@ class TrajectoryFile:
     def __init__(self, folder: Path, rate: float):
         self.folder, self.path, self.rate, self.first_frame = folder, folder / "trajectories", rate, 0
         self.counts: list[int] = []
-        self.spans = np.zeros((0, 3), np.int64)
+        self.spans = TrajectorySpans()
 
     def __enter__(self) -> Self:
         with naming_scratch(self.folder):
@@ -52,21 +52,12 @@ class TrajectoryFile:
         """Adds the frames of the next chunk."""
         if not self.counts:
             self.first_frame = int(part.frames[0])
-        self._note(part.trajectory, len(self.counts) + part.frame)
+        self.spans.note(part.trajectory, len(self.counts) + part.frame)
         rows = np.empty(len(part.points), ROW)
         rows["trajectory"], rows["xyz"], rows["residual"] = part.trajectory, part.points, part.residual
         with naming_scratch(self.folder):
             append(self.file, rows)
         self.counts += np.bincount(part.frame, minlength=len(part.frames)).tolist()
-
-    def _note(self, trajectory: np.ndarray, frame: np.ndarray):
-        """Keeps count, first and last frame of every trajectory."""
-        fresh = int(trajectory.max(initial=-1)) + 1 - len(self.spans)
-        if fresh > 0:
-            self.spans = np.concatenate([self.spans, np.tile([0, np.iinfo(np.int64).max, -1], (fresh, 1))])
-        np.add.at(self.spans[:, 0], trajectory, 1)
-        np.minimum.at(self.spans[:, 1], trajectory, frame)
-        np.maximum.at(self.spans[:, 2], trajectory, frame)
 
     def points(self) -> Points:
         """The whole take, a trajectory a column, in the order in which they begin; read from disk part by part.
@@ -82,9 +73,8 @@ class TrajectoryFile:
 
     def _columns(self) -> np.ndarray:
         """The column of every trajectory, -1 for those that are left out."""
-        column = np.full(len(self.spans), -1)
-        kept = np.flatnonzero(self.spans[:, 0] >= min(RECONSTRUCTION.min_points, len(self.counts)))
-        kept = kept[np.argsort(self.spans[kept, 1], kind="stable")]
+        column = np.full(len(self.spans.table), -1)
+        kept = self.spans.lasting(len(self.counts))
         column[kept] = np.arange(len(kept)) if len(kept) <= SPOOLING.max_columns else self._packed(kept)
         return column
 
@@ -93,7 +83,7 @@ class TrajectoryFile:
         rest = SPOOLING.rest_s * self.rate
         ends = np.full(len(kept), -np.inf)
         columns = np.empty(len(kept), int)
-        for index, (first, last) in enumerate(self.spans[kept, 1:].tolist()):
+        for index, (first, last) in enumerate(self.spans.table[kept, 1:].tolist()):
             columns[index] = int(np.argmax(ends + rest < first))
             ends[columns[index]] = last
         return columns

@@ -8,32 +8,51 @@ from pathlib import Path
 import numpy as np
 
 from ..core.data.errors import InputError
-from ..core.data.progress import Progress
-from ..core.points.models import Model
+from ..core.data.progress import Progress, part_of, within
+from ..core.evaluation.comparing import Comparison
+from ..core.points.history import NO_HISTORY, ModelHistory, ModelVersion
+from ..core.points.likelihood.trying import Trying, in_turn
+from ..core.points.models import Model, TrainingTake
 from ..core.points.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS
 from ..core.training.looked_at import listed
-from ..core.training.pipeline import TRAINING_SHARES, Trained, TrainingOptions, train
-from ..core.training.takes import subject_rows
-from ..io.markersets import SUFFIX, builtin_markersets, markerset_file, open_markerset
-from ..io.models import open_model, write_model
+from ..core.training.pipeline import (
+    TRAINING_SHARES,
+    Trained,
+    TrainingOptions,
+    never_named,
+    train,
+    train_solvers,
+)
+from ..core.training.takes import standing_apart, subject_rows
+from ..io.markersets import SUFFIX, markerset_file, open_markerset
+from ..io.model_history import file_of, moved, seen_from
+from ..io.models import open_model, read_model, write_model
 from ..io.names import written
 from ..io.report import compact
+from ..io.source import digest, read_bytes
 from ..io.whole import keep_apart, whole_files
 from ..version import version
+from .checking import KeptFile, as_taught, checking, files_of, kept_file, takes_to_check
 from .job import timed
+from .models import USUAL_SEARCH, known_bodies
+from .pages import today
 from .training_takes import KnownBetter, TakeFile, chosen_markers, read_takes, unseen_markers
+from .versions import VersionPlaces
+
+CHECK_FROM = 0.75  # of the work where a model is trained on, when what got worse begins to be looked for
 
 
 @dataclass(frozen=True)
 class TrainJob:
     """What to train.
 
-    takes     files of labelled points
+    takes     files of labelled points; none to give `base` its partial solvers and leave all else as it is
     out       the model's file
     markers   their names, None for those that all takes have
     name      the model's, None for that of `base`, or of the file
-    hit_rate  asked of the ensemble's partial solvers
-    search    how those are found, "none" for no ensemble; None for what suits the number of markers
+    hit_rate  asked of the ensemble's partial solvers, None for the usual one
+    search    how those are found, "none" for no ensemble; None to find them at once only where something else is asked
+              of them or the model keeps nothing to find them in later
     paper     give them the paper's four functions only, none of which distinguishes left from right
     subjects  (id, glob) pairs that say whose takes are whose
     base      a model to train on, with what it keeps of its own takes; None for a new one
@@ -41,14 +60,18 @@ class TrainJob:
     report    a file for what the training has to say, None for none
     known     of takes by their path, what is known better than from the file
     shown     labelled takes that are at hand, beside those of the files
+    passing   the files are gone when the model is there, so that it need not say where they are
     body      a marker set whose body may be that of the takes, beside the built-in ones; None for no other
+    kept      labelled takes that the model is checked on whenever it is trained on, beside those that it knows already
+    by        who teaches it, for its history; empty where nobody knows
+    adopt     take the model although something got worse
     """
 
     takes: tuple[Path, ...]
     out: Path
     markers: tuple[str, ...] | None = None
     name: str | None = None
-    hit_rate: float = 0.9999
+    hit_rate: float | None = None
     search: str | None = None
     paper: bool = False
     subjects: tuple[tuple[str, str], ...] = ()
@@ -58,37 +81,164 @@ class TrainJob:
     overwrite: bool = False
     known: Mapping[Path, KnownBetter] = field(default_factory=dict)
     shown: tuple[TakeFile, ...] = ()
+    passing: bool = False
     body: str | None = None
+    kept: tuple[Path, ...] = ()
+    by: str = ""
+    adopt: bool = False
 
 
-def train_file(job: TrainJob) -> Generator[Progress, None, dict]:
-    """Trains and writes the model; gives the report.
+@dataclass(frozen=True, eq=False)
+class _Taught:
+    """What a training made.
+
+    model   the new one, without its history
+    base    the one before; None for a new one
+    takes   what it was taught, each with the digest of its file, which is empty for one of no file
+    report  what is said of it
+    check   how takes are named by both models; None where there is nothing to compare
+    """
+
+    model: Model
+    base: Model | None
+    takes: tuple[tuple[TakeFile, str], ...]
+    report: dict
+    check: Comparison | None = None
+
+
+def train_file(job: TrainJob, try_all: Trying = in_turn) -> Generator[Progress, None, dict]:
+    """Trains and writes the model; gives the report. `try_all` makes the trials that the model is calibrated by.
 
     Raises UserError, with the file where that is known.
     """
-    clock: dict[str, float] = {}
-    targets = [job.out, *([job.report] if job.report else [])]
-    # A model may be trained on in its own place; all else that is read stays.
     if job.base and job.report:
         keep_apart([markerset_file(job.base)], [job.report])
-    with whole_files(targets, job.overwrite, job.takes) as files:
+    clock: dict[str, float] = {}
+    base = _base(job)
+    # A model may be trained on in its own place: what was there stays beside it. All else that is read stays.
+    places = VersionPlaces.of(job.out, base.history.version + 1 if base else 1)
+    former = places.former if base else None
+    targets = [path for path in (former, job.out, places.candidate if base else None, job.report) if path]
+    with whole_files(targets, job.overwrite, [*job.takes, *job.kept]) as files:
+        parts = dict(zip(targets, files, strict=True))
         yield Progress(0.0, "read the takes")
-        with timed(clock, "read"):
-            base = _base(job)
-            takes = [*read_takes(job.takes, job.subjects, job.known), *job.shown]
-            bodies = [open_markerset(name) for name in (*builtin_markersets(), *([job.body] if job.body else []))]
-            kept, lost = unseen_markers(takes, bodies)
-            markers = chosen_markers(takes, job.markers, base.markerset.markers if base else (), kept)
-        trained = yield from train(takes, markers, _options(job, base), base, bodies)
+        kept = _kept(job, base)
+        made = yield from _made(job, base, kept, clock, try_all)
         yield Progress(TRAINING_SHARES["end"], "write the model")
-        write_model(files[0], _with_source(trained.model))
-        report = _report(job, takes, trained, clock | trained.seconds)
-        said = " ".join(trained.doubts)
-        new = {name for name in kept if name in markers and name not in said}
-        report["doubts"] += told_of_unseen(new, set(lost) - set(markers))
+        doubts = _doubts_of(job, places, made)
+        if former and not doubts:
+            parts[former].write_bytes(read_bytes(job.out))
+        written_to = places.candidate if doubts else job.out
+        model = replace(made.model, history=_history(job, made, kept, adopted=not doubts))
+        write_model(parts[written_to], model)
+        report = made.report | {
+            "written": str(written_to),
+            "model_version": model.history.version,
+            "model_fingerprint": read_model(parts[written_to]).fingerprint,
+            "former": str(former) if former and not doubts else None,
+            "not_adopted_for": doubts,
+            "check": made.check.as_dict() if made.check else None,
+        }
         if job.report:
-            write_training_report(files[1], report)
+            write_training_report(parts[job.report], report)
     return report
+
+
+def _kept(job: TrainJob, base: Model | None) -> list[KeptFile]:
+    """The takes that the model is checked on, those that are given and those that it knows.
+
+    Raises InputError where one is no labelled take, or is learned from.
+    """
+    both = next((path for path in job.kept if path.resolve() in {take.resolve() for take in job.takes}), None)
+    if both is not None:
+        raise InputError("is learned from, so it cannot check what was learned; expected other takes to check on", both)
+    given = [kept_file(path, job.out, job.known.get(path, KnownBetter()), job.subjects) for path in job.kept]
+    known = [] if base is None else files_of(base.history.kept_takes, markerset_file(job.base))
+    own = {one.path.resolve() for one in given}
+    return [*given, *(one for one in known if one.path.resolve() not in own)]
+
+
+def _doubts_of(job: TrainJob, places: VersionPlaces, made: _Taught) -> list[str]:
+    """Why the model does not take its place; empty where it does, as in a place where no model is: none goes there."""
+    doubts = made.check.worse if made.check and places.former and not job.adopt else []
+    if made.base and not places.is_as_it_was:
+        doubts = [*doubts, f"{job.out.name} was changed meanwhile by somebody else"]
+    return doubts
+
+
+def _history(job: TrainJob, made: _Taught, kept: Sequence[KeptFile], adopted: bool) -> ModelHistory:
+    """The history of a model with what it was taught now."""
+    history, origin = NO_HISTORY, ""
+    if made.base is not None:
+        history = moved(made.base.history, markerset_file(job.base), job.out)
+        origin = made.base.fingerprint
+    learned = {take.path.resolve() for take, sha256 in made.takes if sha256}
+    rows = [take for take in history.kept_takes if file_of(take, job.out) is None]
+    rows += [replace(one.take, path=seen_from(job.out, one.path)) for one in kept if one.path.resolve() not in learned]
+    takes = tuple(
+        as_taught(take, sha256, job.out, job.known.get(take.path, KnownBetter())) for take, sha256 in made.takes
+    )
+    checked = tuple(take.checked for take in made.check.takes) if made.check else ()
+    told = bool(adopted and made.check and made.check.worse)
+    number = history.version + 1 if made.base else 1
+    new = ModelVersion(number, today(), written(job.by.strip()), version(), origin, takes, checked, told)
+    return replace(history.with_version(new), kept_takes=tuple(rows))
+
+
+def _made(
+    job: TrainJob, base: Model | None, kept: Sequence[KeptFile], clock: dict[str, float], try_all: Trying
+) -> Generator[Progress, None, _Taught]:
+    """What the job makes; where a model is taught more, how it names takes that are known."""
+    if not (job.takes or job.shown):
+        return (yield from _given_solvers(job, base, clock))
+    end = TRAINING_SHARES["end"] if base is None else CHECK_FROM
+    made, replaced = yield from part_of(_learned(job, base, clock, try_all), 0.0, end / TRAINING_SHARES["end"])
+    if base is None:
+        return made
+    with timed(clock, "check"):
+        given = [take for take, _ in made.takes]
+        check = takes_to_check(base, markerset_file(job.base), kept, given, replaced)
+        found = yield from part_of(checking(base, made.model, check), CHECK_FROM, TRAINING_SHARES["end"])
+    made.report["seconds"]["check"] = round(clock["check"], 2)
+    return replace(made, check=found)
+
+
+def _learned(
+    job: TrainJob, base: Model | None, clock: dict[str, float], try_all: Trying
+) -> Generator[Progress, None, tuple[_Taught, tuple[TrainingTake, ...]]]:
+    """What the takes teach, and what it replaces of what was known."""
+    with timed(clock, "read"):
+        bodies = known_bodies() + ([open_markerset(job.body)] if job.body else [])
+        digests = [digest([path]) for path in job.takes]  # before they are read
+        takes = [*read_takes(job.takes, job.subjects, job.known), *job.shown]
+        kept, lost = unseen_markers(takes, bodies)
+        markers = chosen_markers(takes, job.markers, base.markerset.markers if base else (), kept)
+        # Of what was asked for, or learned before, nothing is left out.
+        apart = () if job.markers or base else standing_apart(takes, markers)
+        markers = tuple(name for name in markers if name not in apart)
+    options = _options(job, base, len(markers))
+    trained = yield from train(takes, markers, options, base, bodies, try_all)
+    report = _report(job, takes, trained, options.hit_rate, clock | trained.seconds)
+    said = " ".join(trained.doubts)
+    new = {name for name in kept if name in markers and name not in said}
+    report["doubts"] += told_of_unseen(new, set(lost) - set(markers)) + told_of_apart(apart)
+    sha256 = [""] * len(takes) if job.passing else [*digests, *[""] * len(job.shown)]
+    taught = tuple(zip(takes, sha256, strict=True))
+    return _Taught(_with_source(trained.model), base, taught, report), trained.replaced
+
+
+def _given_solvers(job: TrainJob, base: Model, clock: dict[str, float]) -> Generator[Progress, None, _Taught]:
+    """The model `base` with the partial solvers that are asked for, found in what it keeps."""
+    with timed(clock, "read"):
+        bodies = known_bodies() + ([open_markerset(job.body)] if job.body else [])
+    options = replace(_options(job, base, len(base.markerset)), search=job.search or USUAL_SEARCH)
+    with timed(clock, "ensemble"):
+        work = train_solvers(base, options, bodies)
+        model = yield from within(work, TRAINING_SHARES["compare"], TRAINING_SHARES["end"])
+    untold = np.full(len(model.markerset), np.nan)
+    doubts = tuple(never_named(model))
+    trained = Trained(model, model.training_takes, (), "as it was", untold, doubts, {})
+    return _Taught(model, base, (), _report(job, (), trained, options.hit_rate, clock))
 
 
 def told_of_unseen(kept: set[str], lost: set[str]) -> list[str]:
@@ -101,6 +251,14 @@ def told_of_unseen(kept: set[str], lost: set[str]) -> list[str]:
         words = "are" if len(lost) > 1 else "is"
         said.append(f"{listed(sorted(lost))} {words} not seen in any take, and no body that is known has it: left out")
     return said
+
+
+def told_of_apart(names: Sequence[str]) -> list[str]:
+    """What is said of names that are of nothing on the subject."""
+    if not names:
+        return []
+    words = "do" if len(names) > 1 else "does"
+    return [f"{listed(names)} {words} not go with the other markers: no marker on the subject, left out"]
 
 
 def _base(job: TrainJob) -> Model | None:
@@ -116,12 +274,17 @@ def _base(job: TrainJob) -> Model | None:
     return base
 
 
-def _options(job: TrainJob, base: Model | None) -> TrainingOptions:
+def _options(job: TrainJob, base: Model | None, markers: int) -> TrainingOptions:
     name = job.name or (base.markerset.name if base else job.out.name.removesuffix(SUFFIX).partition(".")[0])
     functions = PAPER_FUNCTIONS if job.paper else FUNCTIONS
     # Such that its file can be read: never blank, and of letters that files hold.
     name = written(name).strip() or "model"
-    return TrainingOptions(name, job.hit_rate, job.search, functions, job.keep)
+    options = TrainingOptions(name, functions=functions, keep=job.keep)
+    if job.hit_rate is not None:
+        options = replace(options, hit_rate=job.hit_rate)
+    asked = job.paper or job.hit_rate is not None or not job.keep
+    at_once = USUAL_SEARCH if asked and markers <= options.max_markers else "none"
+    return replace(options, search=job.search or at_once)
 
 
 def _with_source(model: Model) -> Model:
@@ -130,7 +293,9 @@ def _with_source(model: Model) -> Model:
     return replace(model, markerset=replace(model.markerset, source=source))
 
 
-def _report(job: TrainJob, takes: Sequence[TakeFile], trained: Trained, clock: dict[str, float]) -> dict:
+def _report(
+    job: TrainJob, takes: Sequence[TakeFile], trained: Trained, hit_rate: float, clock: dict[str, float]
+) -> dict:
     model = trained.model
     markerset, likelihood, partial_solvers = model.markerset, model.likelihood, model.partial_solvers
     segments = markerset.skeleton.segments
@@ -143,7 +308,7 @@ def _report(job: TrainJob, takes: Sequence[TakeFile], trained: Trained, clock: d
             "search": partial_solvers.search,
             "partial_solvers": len(partial_solvers),
             "frames": partial_solvers.frames,
-            "hit_rate": job.hit_rate,
+            "hit_rate": hit_rate,
             "of_marker": dict(zip(markerset.markers, partial_solvers.covered.tolist(), strict=True)),
         }
     return {

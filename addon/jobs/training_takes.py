@@ -49,7 +49,7 @@ def read_takes(
     Raises InputError with the file where one cannot be learned from.
     """
     takes = [_read(path, subjects, (known or {}).get(path, KnownBetter())) for path in paths]
-    unused = [glob for _, glob in subjects if not any(_suits(path, glob) for path in paths)]
+    unused = [glob for _, glob in subjects if not any(suits(path, glob) for path in paths)]
     if unused:
         raise InputError(f"no take suits the subject {unused[0]!r}; expected a pattern such as '*/ann_*.c3d'")
     odd = odd_size([take.xyz for take in takes])
@@ -64,17 +64,20 @@ def read_takes(
 
 
 def _read(path: Path, subjects: Sequence[tuple[str, str]], known: KnownBetter) -> TakeFile:
+    folder = path.resolve().parent.name or "subject"  # of a drive there is no name
+    subject = next((name for name, glob in subjects if suits(path, glob)), folder)
     try:
         points = read_points(path, up=known.up, rate=known.rate)
-        names, xyz, doubled = _named(points)
+        whole, xyz, doubled, filled = _named(points, trajectories_of(points, subject))
     except UserError as error:
         raise error if error.file else type(error)(error.message, path) from None
-    folder = path.resolve().parent.name or "subject"  # of a drive there is no name
-    subject = next((name for name, glob in subjects if _suits(path, glob)), folder)
+    names = tuple(name.rpartition(":")[2] for name in whole)
     doubts = [f"{path.name} has the label {name} twice, so it was left out there" for name in doubled]
+    if filled:
+        doubts.append(f"{path.name}: {filled} samples were filled and not measured, so they are not learned")
     own = own_output(path)
     if own is not None:
-        xyz, said = looked_at(own, path, names, xyz, points.first_frame)
+        xyz, said = looked_at(own, path, whole, xyz, points.first_frame)
         doubts += [f"{path.name}: {words}" for words in said]
     if points.assumed:
         doubts.append(f"{path.name} names no unit, so it was taken to be in {points.assumed}")
@@ -105,9 +108,7 @@ def looked_at(
     What was filled was not measured; what was doubtful teaches once a person said that it is right.
     """
     asked, filled = (np.zeros(xyz.shape[:2], bool) for _ in range(2))
-    rows = [(name, *span) for name, spans in report["doubtful"].items() for span in spans]
-    gaps = [(row["marker"], row["first"], row["last"]) for row in report.get("filled", [])]
-    for flags, spans in ((asked, rows), (filled, gaps)):
+    for flags, spans in zip((asked, filled), _spans(report, path), strict=True):
         for name, first, last in spans:
             if name in names:
                 flags[max(first - first_frame, 0) : max(last - first_frame + 1, 0), list(names).index(name)] = True
@@ -120,6 +121,22 @@ def looked_at(
     return learned.xyz, learned.doubts
 
 
+def _spans(report: dict, path: Path) -> tuple[list[tuple[str, int, int]], list[tuple[str, int, int]]]:
+    """What was doubtful and what was filled, as name, first and last frame; InputError where the report is damaged.
+
+    It is not passed over then: what nobody is sure of would be learned.
+    """
+    try:
+        doubtful = [(name, first, last) for name, spans in report["doubtful"].items() for first, last in spans]
+        filled = [(row["marker"], row["first"], row["last"]) for row in report.get("filled", [])]
+        if all(type(frame) is int for _, *frames in (*doubtful, *filled) for frame in frames):
+            return doubtful, filled
+    except (AttributeError, LookupError, TypeError, ValueError):
+        pass
+    beside = path.with_name(path.stem + REPORT)
+    raise InputError("is damaged in what was doubtful or filled; expected the report as it was written", beside)
+
+
 def refuse_doubtful(xyz: np.ndarray):
     """Raises InputError where nothing of a take (T, M, 3) can be learned."""
     if not np.isfinite(xyz).any():
@@ -129,22 +146,32 @@ def refuse_doubtful(xyz: np.ndarray):
         )
 
 
-def _suits(path: Path, glob: str) -> bool:
+def suits(path: Path, glob: str) -> bool:
+    """Whether a pattern is of a take."""
     return any(fnmatchcase(text, glob) for text in (path.name, path.as_posix(), path.resolve().as_posix()))
 
 
-def _named(points: FilePoints) -> tuple[tuple[str, ...], np.ndarray, tuple[str, ...]]:
-    """Bare names and points of the trajectories that are named once, and the names that are there twice."""
-    kept = [index for index, name in enumerate(points.names) if name]
+def trajectories_of(points: FilePoints, subject: str) -> list[int]:
+    """The places of a subject's trajectories and of those without a name; of a take of one subject these are all.
+
+    So they are where the subject is none of several, whose markers are called NAME:MARKER.
+    """
+    owners = {name.rpartition(":")[0] for name in points.names if name}
+    alone = len(owners) < 2 or subject not in owners
+    return [place for place, name in enumerate(points.names) if alone or not name or name.startswith(f"{subject}:")]
+
+
+def _named(points: FilePoints, own: Sequence[int]) -> tuple[tuple[str, ...], np.ndarray, tuple[str, ...], int]:
+    """Names and measured points of some trajectories named once, names that are there twice, how many were filled."""
+    kept = [index for index in own if points.names[index]]
     if not kept:
         raise InputError("has no named markers; expected a labelled take")
-    owners = {points.names[index].rpartition(":")[0] for index in kept}
+    owners = sorted({points.names[index].rpartition(":")[0] for index in kept})
     bare = [points.names[index].rpartition(":")[2] for index in kept]
     doubled = [name for name, count in Counter(bare).items() if count > 1]
     if len(owners) > 1 and len(doubled) >= LEARN.min_markers:
-        raise InputError(
-            f"has two subjects ({', '.join(sorted(owners)[:3])}); expected a take of one, so export them one by one"
-        )
+        words = f"has two subjects ({', '.join(owners[:3])})"
+        raise InputError(f"{words}; expected a take of one, or one of them chosen, as by --subject {owners[-1]}=GLOB")
     kept = [index for index, name in zip(kept, bare, strict=True) if name not in doubled]
     if len(kept) < LEARN.min_markers:
         raise (
@@ -152,9 +179,12 @@ def _named(points: FilePoints) -> tuple[tuple[str, ...], np.ndarray, tuple[str, 
             if doubled
             else InputError(f"has {len(kept)} named markers; expected {LEARN.min_markers} or more")
         )
-    if not np.isfinite(points.xyz[:, kept]).any():
+    chosen = points.picked(kept)
+    filled = np.isfinite(chosen.xyz[..., 0]) & (chosen.residual == 0)
+    xyz = np.where(filled[..., None], np.nan, chosen.xyz)
+    if not np.isfinite(xyz).any():
         raise InputError("shows none of its named markers in any frame; expected a labelled take")
-    return tuple(points.names[index].rpartition(":")[2] for index in kept), points.xyz[:, kept], tuple(doubled)
+    return tuple(points.names[index] for index in kept), xyz, tuple(doubled), int(filled.sum())
 
 
 def unseen_markers(takes: Sequence[TakeFile], bodies: Sequence[MarkerSet]) -> tuple[tuple[str, ...], tuple[str, ...]]:

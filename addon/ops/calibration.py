@@ -82,12 +82,12 @@ def refine_job_of(context: bpy.types.Context, path: str) -> RefineJob:
     )
 
 
-def free_path(source: Path) -> Path:
-    """A name beside the blobs that no file has yet."""
-    path, number = source.with_name(source.stem + ENDING), 1
+def free_path(source: Path, ending: str = ENDING) -> Path:
+    """A name beside a file that no file has yet."""
+    path, number = source.with_name(source.stem + ending), 1
     while path.exists():
         number += 1
-        path = source.with_name(f"{source.stem}-{number}{ENDING}")
+        path = source.with_name(f"{source.stem}-{number}{ending}")
     return path
 
 

@@ -11,8 +11,10 @@ from bpy.props import StringProperty
 from ..core.data.errors import JobError
 from ..scene.character import BLENDER_AXES, BVH_AXES, add_character
 from ..scene.opened import opened
+from ..scene.performers import homes
+from ..scene.stored import alone
 from ..scene.take import Stored, set_time
-from .exporting import ExportsTake
+from .exporting import ExportsPerformers, performer_property
 from .polling import OfTake
 from .reporting import reports_trouble
 
@@ -29,24 +31,29 @@ class MOCAP_AUTOLABEL_OT_add_character(OfTake, bpy.types.Operator):
     @reports_trouble
     def execute(self, context):
         settings = context.scene.mocap_autolabel
-        stored = opened.take(settings.take, context.scene)
-        armature = add_character(context, settings.take, stored, settings.bone_names, BLENDER_AXES)
-        self.report({"INFO"}, f"Added {armature.name}")
+        stored, added = opened.take(settings.take, context.scene), []
+        for one in stored.performers:
+            home = homes(settings.take).get(one.name, settings.take)
+            added.append(add_character(context, home, alone(stored, one), settings.bone_names, BLENDER_AXES).name)
+        self.report({"INFO"}, f"Added {', '.join(added)}")
         return {"FINISHED"}
 
 
-class ExportsCharacter(OfTake, ExportsTake):
-    """The exports of the take's character by Blender's own exporters.
+class ExportsCharacter(OfTake, ExportsPerformers):
+    """The exports of a performer's character by Blender's own exporters.
 
     They differ in `axes`, which the armature is turned into, and in `export`, which writes it: JobError if it cannot.
     """
+
+    performer: performer_property(together=False)
 
     def write(self, paths: list[Path], stored: Stored):
         """Writes an armature that is there for the export only."""
         context = bpy.context
         settings = context.scene.mocap_autolabel
+        home = homes(settings.take).get(self.performer_name, settings.take)
         with _alone(context, stored) as show:
-            show(add_character(context, settings.take, stored, settings.bone_names, self.axes))
+            show(add_character(context, home, stored, settings.bone_names, self.axes))
             self.export(paths[0], stored)
 
 

@@ -5,9 +5,10 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-from bpy.props import StringProperty
+from bpy.props import EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
+from ..core.data.columns import Columns
 from ..core.data.errors import InputError, JobError
 from ..core.data.takes import PointRows, Points
 from ..io.blobs import read_blobs
@@ -16,9 +17,17 @@ from ..io.labels import LabelWriter, write_point_labels
 from ..io.points import write_c3d, write_trc
 from ..io.whole import whole_files
 from ..scene.opened import opened
-from ..scene.take import Stored
+from ..scene.performers import homes
+from ..scene.stored import alone
+from ..scene.take import Stored, is_take
 from .polling import WithTake
 from .reporting import reports_trouble
+
+# No performer is called so.
+TOGETHER = (":TOGETHER", "Together", "All performers in one file, markers called NAME:MARKER")
+APART = (":APART", "A File Each", "A file for each performer, called after them")
+# Blender keeps no reference to the texts of a dynamic enumeration; they must outlive the drawing.
+_kept_performers: list[tuple[str, str, str]] = []
 
 
 class ExportsTake(WithTake, ExportHelper):
@@ -43,12 +52,24 @@ class ExportsTake(WithTake, ExportHelper):
     @reports_trouble
     def execute(self, context):
         stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
-        path = Path(self.filepath)
-        # Blender's own file browser has asked already whether to overwrite.
-        with whole_files([path, *self.beside(path)], overwrite=True, read=read_by(context, stored)) as temporaries:
-            self.write(temporaries, stored)
-        self.report({"INFO"}, f"Saved {path}")
+        parts, read = self.parts(stored), read_by(context, stored)
+        paths = [self.path_of(name) for name, _ in parts]
+        for path, (name, part) in zip(paths, parts, strict=True):
+            # Blender's own file browser has asked already whether to overwrite, of the file that it was told.
+            asked = path == Path(self.filepath)
+            self.performer_name, self.path = name, path
+            with whole_files([path, *self.beside(path)], overwrite=asked, read=read) as temporaries:
+                self.write(temporaries, part)
+        self.report({"INFO"}, f"Saved {', '.join(map(str, paths))}")
         return {"FINISHED"}
+
+    def parts(self, stored: Stored) -> list[tuple[str, Stored]]:
+        """What goes into a file of its own: a performer's name, empty for all of them, and the take of theirs."""
+        return [("", stored)]
+
+    def path_of(self, name: str) -> Path:
+        """The file of a performer where each gets one, called after them."""
+        return Path(self.filepath)
 
 
 def read_by(context: bpy.types.Context, stored: Stored) -> list[Path]:
@@ -75,7 +96,47 @@ class MOCAP_AUTOLABEL_OT_export_labels(ExportsTake, bpy.types.Operator):
             write_labels(path, stored)
 
 
-class ExportsPoints(ExportsTake):
+def performer_property(together: bool):
+    """The property that says whose motion is written: of all in one file, where that can be, of each, or of one."""
+    ways = [TOGETHER, APART] if together else [APART]
+
+    def items(_self, context) -> list[tuple[str, str, str]]:
+        scene = (context or bpy.context).scene
+        take = None if scene is None else scene.mocap_autolabel.take
+        names = list(homes(take)) if is_take(take) else []
+        _kept_performers[:] = [*ways, *((name, name, f"{name} alone, under the names of the set") for name in names)]
+        return _kept_performers
+
+    return EnumProperty(name="Performers", description="Whose motion is written", items=items)
+
+
+class ExportsPerformers(ExportsTake):
+    """Exports of which each performer can have a file of their own."""
+
+    performer: performer_property(together=True)
+
+    def draw(self, context):
+        """Asks whose motion is written where the take is of several."""
+        if homes(context.scene.mocap_autolabel.take):
+            self.layout.prop(self, "performer")
+
+    def parts(self, stored: Stored) -> list[tuple[str, Stored]]:
+        """All in one file, each in a file of their own, or one alone."""
+        if self.performer == TOGETHER[0] or not stored.performers[0].name:
+            return [("", stored)]
+        chosen = [one for one in stored.performers if self.performer in (one.name, APART[0])]
+        return [(one.name, alone(stored, one)) for one in chosen]
+
+    def path_of(self, name: str) -> Path:
+        """`walk ann.c3d` beside `walk.c3d`."""
+        path = Path(self.filepath)
+        if not name or self.performer != APART[0]:
+            return path
+        called = "".join(letter if letter.isalnum() or letter in "-_." else "_" for letter in name)
+        return path.with_name(f"{path.name.removesuffix(self.filename_ext)} {called}{self.filename_ext}")
+
+
+class ExportsPoints(ExportsPerformers):
     """The exports of the points of the take; they differ in `write_points`, which writes those to a path."""
 
     def beside(self, path: Path) -> list[Path]:
@@ -86,7 +147,7 @@ class ExportsPoints(ExportsTake):
         """Writes the points of the take, and where something is filled, what, by which method and how far off."""
         self.write_points(paths[0], points_of(stored))
         # An older list beside the file would speak of fills that are none any more.
-        if stored.fitting or self.beside(Path(self.filepath))[0].exists():
+        if stored.fitting or self.beside(self.path)[0].exists():
             write_filled(paths[1], kept_rows(stored.fitting))
 
 
@@ -113,25 +174,31 @@ def points_of(stored: Stored) -> Points:
     motion = stored.motion
     xyz, residual, names = motion.markers, motion.residual, stored.names
     if isinstance(stored.rows, PointRows):
-        rest, off = unnamed_trajectories(stored)
-        xyz, residual = np.concatenate([xyz, rest], axis=1), np.concatenate([residual, off], axis=1)
-        names = (*names, *[""] * rest.shape[1])
+        width, xyz, residual = unnamed_trajectories(stored)
+        names = (*names, *[""] * (width - len(names)))
     return Points(names, xyz, residual, stored.rate, int(motion.frames[0]))
 
 
-def unnamed_trajectories(stored: Stored) -> tuple[np.ndarray, np.ndarray]:
-    """(F, U, 3) m the points without a name, a trajectory of the file a column, and (F, U) m their residuals.
+def unnamed_trajectories(stored: Stored) -> tuple[int, Columns, Columns]:
+    """How many columns the markers and the trajectories without a name make, their places, m, and residuals, m.
 
-    NaN where there is none; residuals are NaN too where the take was labelled before they were kept.
+    A trajectory of the file is a column, with the points in which it has no name; residuals are NaN where the take was
+    labelled before they were kept.
     """
-    rows, kept = stored.rows, np.flatnonzero(~stored.labels.named)
-    columns, column = np.unique(rows.trajectory[kept], return_inverse=True)
-    shape = (len(stored.motion.frames), len(columns))
-    xyz, residual = np.full((*shape, 3), np.nan), np.full(shape, np.nan)
-    xyz[rows.frame[kept], column] = rows.xyz[kept]
-    if rows.residual is not None:
-        residual[rows.frame[kept], column] = rows.residual[kept]
-    return xyz, residual
+    rows, kept, markers = stored.rows, np.flatnonzero(~stored.labels.named), len(stored.names)
+    kept = kept[np.argsort(rows.frame[kept], kind="stable")]
+    numbers, column = np.unique(rows.trajectory[kept], return_inverse=True)
+    frame, width = rows.frame[kept], markers + len(numbers)
+
+    def of(own: np.ndarray, values: np.ndarray | None) -> Columns:
+        def beside(part: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+            some = slice(*np.searchsorted(frame, [part.start, part.stop]).tolist())
+            found = np.full(some.stop - some.start, np.nan) if values is None else values[kept[some]]
+            return frame[some] - part.start, markers + column[some], found
+
+        return Columns(own, np.arange(markers), width, beside)
+
+    return width, of(stored.motion.markers, rows.xyz), of(stored.motion.residual, rows.residual)
 
 
 def write_labels(path: Path, stored: Stored):

@@ -11,17 +11,17 @@ from bpy.props import EnumProperty, IntProperty
 from ..core.body.posing import POSING
 from ..core.data.background import in_background
 from ..core.data.errors import InputError, UserError
-from ..core.data.markersets import MarkerSet
 from ..core.data.progress import finished
 from ..core.data.takes import Blobs
-from ..core.filling.filling import FilledTake, FillOptions, fill_take, kept_fills_of
+from ..core.filling.filling import FilledTake, FillOptions, SubjectMarkers, fill_subjects, kept_fills_of
 from ..core.filling.kept import KeptFill, replaced_fills
 from ..core.filling.rays import NO_RAYS, MarkerRays, rays_of
 from ..io.filled import left_rows
 from ..io.names import written
-from ..props import chosen_markerset, refresh_review
+from ..props import chosen_markerset, refresh_review, row_of
 from ..scene.fills import keep_fills, kept_fills
 from ..scene.opened import opened
+from ..scene.performers import Performer
 from ..scene.smoothing import kept_cutoff
 from ..scene.stored import Stored
 from ..scene.take import SOURCE, is_take, show_edits, takes_of
@@ -91,8 +91,8 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, WorksInSteps, bpy.types.Operator):
         """The filling, beside the window."""
         stored, options = self._asked(context)
         self._of = context.scene.mocap_autolabel.take.session_uid
-        markerset, columns = body_of(context, stored, options.method)
-        work = partial(fill_take, stored.unfilled.markers, stored.rate, options, markerset, columns, _rays(stored))
+        subjects = [subject_of(context, stored, one, options.method) for one in stored.performers]
+        work = partial(fill_subjects, stored.unfilled.markers, stored.rate, options, subjects, _rays(stored))
         return in_background(lambda tell: finished(work(), tell))
 
     def _asked(self, context) -> tuple[Stored, FillOptions]:
@@ -133,22 +133,24 @@ def _rays(stored: Stored) -> MarkerRays:
     return rays_of(stored.rows, stored.labels, stored.cameras, missing)
 
 
-def body_of(context: bpy.types.Context, stored: Stored, method: str) -> tuple[MarkerSet | None, object]:
-    """The chosen marker set where the take's markers are its own, and the take's index of each, -1 where it has none.
+def subject_of(context: bpy.types.Context, stored: Stored, performer: Performer, method: str) -> SubjectMarkers:
+    """A performer's markers, with the body of the marker set that is chosen for them where they are its own.
 
     Without one the body fills nothing; InputError where it was asked for.
     """
     try:
-        markerset = chosen_markerset(context.scene.mocap_autolabel)
+        markerset = chosen_markerset(row_of(context.scene.mocap_autolabel, performer.name))
     except UserError:
         markerset = None
-    index = {name: place for place, name in enumerate(stored.names)}
+    rows = performer.marker_rows
+    own = np.arange(rows.start, rows.stop)
+    index = {performer.own_name(name): place for place, name in enumerate(stored.names[rows])}
     columns = np.array([] if markerset is None else [index.get(name, -1) for name in markerset.markers], dtype=int)
     if (columns >= 0).sum() >= POSING.min_markers:
-        return markerset, columns
+        return SubjectMarkers(own, markerset, columns)
     if method == "body":
         raise InputError("the chosen marker set is not the take's; expected the one that it was labelled by")
-    return None, None
+    return SubjectMarkers(own)
 
 
 def outcome_of(filled: FilledTake, new: Sequence[KeptFill]) -> str:

@@ -9,26 +9,34 @@ from bpy.props import EnumProperty, FloatProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ..core.data.errors import InputError
-from ..core.data.takes import Blobs
+from ..core.data.takes import Blobs, evenly_spread
 from ..core.geometry.camera_up import AXIS_NAMES
+from ..core.geometry.cameras import Cameras
 from ..io.blobs import read_blobs
 from ..io.cameras import read_cameras
 from ..io.edits import edits_beside
 from ..io.points import holds_points, read_points
+from ..io.qtm import USE_BLOBS, held_in, is_qtm
+from ..jobs.captures import blob_rate, told_of_capture
 from ..props import refresh_review
 from ..scene import cameras as scene_cameras
 from ..scene.opened import opened
 from ..scene.preview import remove_preview, show_points, store_preview
 from ..scene.take import frame_shift, set_time
-from .framing import fit_timelines, show_take_whole
+from .framing import MAX_PLACES, fit_timelines, show_take_whole
 from .polling import TellsWhyNot
 from .reporting import reports_trouble
 
-BLOBS, POINTS = "*.csv", "*.c3d;*.trc;*.csv"
+BLOBS, POINTS = "*.csv;*.qtm", "*.c3d;*.trc;*.csv;*.qtm"
 UP_ITEMS = [("AUTO", "As the File Says", "Or, where it does not say, as what is in it tells")] + [
     (axis, axis.upper(), f"{axis.upper()} points up in the file") for axis in AXIS_NAMES
 ]
-CALIBRATIONS = ".toml;.xcp;.txt;.xml;.qca;.mcal;.yml;.yaml;.cal;.rad;.blend"
+CALIBRATIONS = ".toml;.xcp;.txt;.xml;.qca;.qtm;.mcal;.yml;.yaml;.cal;.rad;.blend"
+USE_ITEMS = [
+    ("AUTO", "Blobs if They Can Be Used", "The blobs where their cameras are calibrated, else the 3D points"),
+    ("blobs", "Blobs", "What the cameras saw"),
+    ("points", "3D Points", "What the capture program made of it; its names are not looked at"),
+]
 
 
 class ImportsFile(ImportHelper):
@@ -91,20 +99,16 @@ class MOCAP_AUTOLABEL_OT_use_cameras(TellsWhyNot, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class MOCAP_AUTOLABEL_OT_import_blobs(TellsWhyNot, ImportsFile, bpy.types.Operator):
-    """Choose the file of the blobs to label, and look at them through the cameras."""
+class MOCAP_AUTOLABEL_OT_import_blobs(ImportsFile, bpy.types.Operator):
+    """Choose the file of the blobs to label, and look at them through the cameras, which a .qtm brings itself."""
 
     bl_idname = "mocap_autolabel.import_blobs"
     bl_label = "Import Blobs"
     filter_glob: StringProperty(default=BLOBS, options={"HIDDEN"})
 
-    @classmethod
-    def lacks(cls, context):
-        return "" if cameras_at_hand(context.scene) else "Import the calibration of the cameras first"
-
     def take_in(self, context, path: Path) -> str:
         """Takes blobs only."""
-        if holds_points(path):
+        if holds_points(path, USE_BLOBS if is_qtm(path) else None):
             raise InputError("holds 3D points; expected blobs, or Import 3D Points", path)
         return take_blobs(context, path)
 
@@ -130,7 +134,7 @@ class ReadsPoints:
 
 
 class MOCAP_AUTOLABEL_OT_import_points(ReadsPoints, ImportsFile, bpy.types.Operator):
-    """Choose a take of 3D points to label, C3D, TRC or Motive CSV, and see its points. Needs no cameras."""
+    """Choose a take of 3D points to label, C3D, TRC, Motive CSV or Qualisys QTM, and see them. Needs no cameras."""
 
     bl_idname = "mocap_autolabel.import_points"
     bl_label = "Import 3D Points"
@@ -142,15 +146,18 @@ class MOCAP_AUTOLABEL_OT_import_points(ReadsPoints, ImportsFile, bpy.types.Opera
 
 
 class MOCAP_AUTOLABEL_OT_import_take(ReadsPoints, ImportsFile, bpy.types.Operator):
-    """Read a take to label, whether it holds blobs or 3D points."""
+    """Read a take to label, whether it holds blobs, 3D points, or, as a Qualisys QTM may, both."""
 
     bl_idname = "mocap_autolabel.import_take"
     bl_label = "Import Take"
     filter_glob: StringProperty(default=POINTS, options={"HIDDEN"})
+    use: EnumProperty(
+        name="Use", description="What to label of a .qtm that holds both", items=USE_ITEMS, options={"SKIP_SAVE"}
+    )
 
     def take_in(self, context, path: Path) -> str:
         """Takes either, as the file holds it."""
-        if holds_points(path):
+        if holds_points(path, self.use if is_qtm(path) and self.use != USE_ITEMS[0][0] else None):
             return take_points(context, path, self.known_up, self.rate)
         return take_blobs(context, path)
 
@@ -158,16 +165,33 @@ class MOCAP_AUTOLABEL_OT_import_take(ReadsPoints, ImportsFile, bpy.types.Operato
 def take_blobs(context: bpy.types.Context, path: Path) -> str:
     """Makes a file of blobs the scene's take and says what is in it; InputError where it cannot be used."""
     scene, settings = context.scene, context.scene.mocap_autolabel
-    if not cameras_at_hand(scene):
-        raise InputError("holds blobs, which need the calibration of their cameras; expected that to be imported", path)
-    cameras = scene_cameras.cameras_of(settings.cameras, scene)
+    cameras, own = _cameras_for(scene, path)
     blobs = Blobs.join(part.blobs for part in read_blobs(path, cameras))
     _forget_take(context)
+    if own:
+        settings.cameras = scene_cameras.find_or_add_cameras(scene, cameras)
     settings.preview = store_preview(path.stem, blobs, cameras)
     settings.blobs_path, settings.blob_count = str(path), len(blobs)
+    settings.rate = blob_rate(path, None) or settings.rate
     _set_frames(context, blobs.frames)
     fit_timelines(context)
-    return f"{len(blobs)} blobs in {len(blobs.frames)} frames"
+    said = [f"{len(blobs)} blobs in {len(blobs.frames)} frames", *(cameras.remarks if own else ())]
+    return "; ".join([*said, *told_of_capture(path, False, cameras)])
+
+
+def _cameras_for(scene: bpy.types.Scene, path: Path) -> tuple[Cameras, bool]:
+    """The cameras that a file of blobs is looked at through, and whether they are its own; InputError for none.
+
+    Those of the scene count where they are the file's: somebody may have refined them.
+    """
+    chosen = scene_cameras.cameras_of(scene.mocap_autolabel.cameras, scene) if cameras_at_hand(scene) else None
+    if is_qtm(path):
+        own = held_in(path).calibrated
+        if chosen is None or (own and not set(own) <= set(chosen.names)):
+            return read_cameras(path), True
+    if chosen is None:
+        raise InputError("holds blobs, which need the calibration of their cameras; expected that to be imported", path)
+    return chosen, False
 
 
 def take_points(context: bpy.types.Context, path: Path, up: str | None = None, rate: float = 0.0) -> str:
@@ -182,10 +206,11 @@ def take_points(context: bpy.types.Context, path: Path, up: str | None = None, r
     settings.points_up = up or ""
     settings.trajectories, settings.rate = len(take.names), take.rate
     _set_frames(context, take.first_frame + np.arange(len(take.xyz)))
-    show_take_whole(context, take.xyz.reshape(-1, 3))
+    show_take_whole(context, take.xyz[evenly_spread(len(take.xyz), MAX_PLACES)].reshape(-1, 3))
     edits = edits_beside(path)
     more = [] if edits is None else [f"{edits.name} beside it will be applied"]
-    return "; ".join([f"{settings.trajectories} trajectories in {len(take.xyz)} frames", *take.notes, *more])
+    said = [f"{settings.trajectories} trajectories in {len(take.xyz)} frames", *take.notes, *more]
+    return "; ".join([*said, *told_of_capture(path, True)])
 
 
 def _forget_take(context: bpy.types.Context):
@@ -229,7 +254,7 @@ class MOCAP_AUTOLABEL_FH_take(DropsIntoView, bpy.types.FileHandler):
     bl_idname = "MOCAP_AUTOLABEL_FH_take"
     bl_label = "Mocap: take to label"
     bl_import_operator = "mocap_autolabel.import_take"
-    bl_file_extensions = ".csv;.c3d;.trc"
+    bl_file_extensions = ".csv;.c3d;.trc;.qtm"
 
 
 def cameras_at_hand(scene: bpy.types.Scene) -> bool:

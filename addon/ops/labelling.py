@@ -16,9 +16,10 @@ from ..core.geometry.cameras import NO_CAMERAS
 from ..core.review.changes import summary_of_changes
 from ..io.markersets import open_markerset
 from ..io.names import written
+from ..io.qtm import USE_BLOBS, USE_POINTS
 from ..io.scratch import scratch_folder
 from ..jobs import LabelJob, Labelled, label_file
-from ..props import SceneSettings, chosen_model, frames_wanted, refresh_review, take_name
+from ..props import SceneSettings, colours_asked, frames_wanted, refresh_review, subjects_asked, take_name
 from ..scene import cameras as scene_cameras
 from ..scene.calibration import keep_health
 from ..scene.corrections import kept_edits
@@ -46,30 +47,31 @@ def job_of(context: bpy.types.Context) -> LabelJob:
     points = bool(settings.points_path)
     if not points and not settings.blobs_path:
         raise InputError("no blobs are chosen; expected a file of camera blobs")
-    model = chosen_model(settings)
+    asked = subjects_asked(settings)
     source = Path(bpy.path.abspath(settings.points_path or settings.blobs_path))
     return LabelJob(
         source=source,
         cameras=None if points else scene_cameras.cameras_of(settings.cameras, context.scene),
-        model=model,
+        **asked,
         out=Path(),
         frames=frames_wanted(settings),
         method=settings.method,
         target=settings.target,
         up=settings.points_up or None if points else None,
+        use=USE_POINTS if points else USE_BLOBS,
         rate=settings.rate,
         height=settings.height if settings.use_height else None,
         facing=settings.facing if settings.use_facing else None,
         occlusion=settings.occlusion,
-        body=None if points else _body_in_the_way(context, settings, model),
+        body=None if points else _body_in_the_way(context, settings, asked["model"]),
         edits=_edits_so_far(context.scene, source),
         keep=True,
     )
 
 
 def _body_in_the_way(context: bpy.types.Context, settings: SceneSettings, model: str) -> Occlusion | None:
-    """The meshes on the skeleton that the user named; None for those of the marker set's capsules."""
-    if settings.body is None or settings.occlusion != "bvh":
+    """The meshes on the skeleton that the user named; None for those of the marker sets' capsules, as of several."""
+    if settings.body is None or settings.occlusion != "bvh" or settings.performing != "ONE":
         return None
     return occlusion_of(context, settings.body, meshes_on(settings.body, context.scene), open_markerset(model))
 
@@ -104,13 +106,13 @@ def _take_of(labelled: Labelled, job: LabelJob, name: str) -> Take:
     labels, motion, suspects = join_labelled([chunk for _, chunk in labelled.chunks])
     rows = join_rows([rows for rows, _ in labelled.chunks])
     cameras = job.cameras or NO_CAMERAS
-    markerset, rate = open_markerset(job.model), labelled.report["rate"]
+    rate = labelled.report["rate"]
     doubts = tuple(labelled.report.get("camera_doubts", ()))
     source = written(str(job.source))
     unedited = join_unedited([chunk for _, chunk in labelled.chunks]) if labelled.edits else None
     # An empty list that was given stays one: what lies beside the take was taken back in the scene.
     edits = labelled.edits if labelled.edits or job.edits is not None else None
-    return Take(name, rate, cameras, markerset, rows, labels, motion, suspects, source, doubts, edits, unedited)
+    return Take(name, rate, cameras, labelled.worn, rows, labels, motion, suspects, source, doubts, edits, unedited)
 
 
 class MOCAP_AUTOLABEL_OT_label(TellsWhyNot, WorksInSteps, bpy.types.Operator):
@@ -140,7 +142,7 @@ class MOCAP_AUTOLABEL_OT_label(TellsWhyNot, WorksInSteps, bpy.types.Operator):
         if context.mode != "OBJECT":  # where the user went meanwhile
             bpy.ops.object.mode_set(mode="OBJECT")
         settings = context.scene.mocap_autolabel
-        take = replace(take, **kept_before(context.scene, take.source))
+        take = replace(take, **kept_before(context.scene, take.source), colours=colours_asked(settings))
         settings.take = show_again(context, take, settings.keep_unnamed, whole=not settings.use_range)
         keep_health(settings.take, take.doubts)
         refresh_review(context.window_manager, context.scene)

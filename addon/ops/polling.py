@@ -3,12 +3,19 @@
 
 import bpy
 
+from ..scene.performers import homes
 from ..scene.take import is_take
 
 
 def lacks_take(context: bpy.types.Context) -> str:
     """What to do where no labelled take is active; else nothing."""
     return "" if is_take(context.scene.mocap_autolabel.take) else "Label a take first"
+
+
+def lacks_one_performer(context: bpy.types.Context) -> str:
+    """What to do with a take of several performers, where there has to be one; else nothing."""
+    several = bool(homes(context.scene.mocap_autolabel.take))
+    return "The take is of several performers: export one of them as C3D, and train on that" if several else ""
 
 
 def lacks_object_mode(context: bpy.types.Context) -> str:

@@ -3,6 +3,7 @@
 
 import glob
 from collections.abc import Generator
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
@@ -20,21 +21,22 @@ from ..core.training.looked_at import learnable
 from ..io.markersets import SUFFIX
 from ..io.names import written
 from ..io.points import read_points, write_c3d
-from ..prefs import markerset_folder
-from ..props import SceneSettings, choose_own, chosen_markerset, chosen_model, own_model
+from ..prefs import markerset_folder, taught_by
+from ..props import ReviewState, SceneSettings, choose_own, chosen_markerset, chosen_model, own_model
 from ..scene.opened import opened
 from ..scene.stored import Stored
 from .importing import POINTS, ReadsPoints
-from .polling import TellsWhyNot, lacks_take
+from .polling import TellsWhyNot, lacks_one_performer, lacks_take
 from .reporting import reports_trouble
 from .stepping import WorksInSteps
 
 if TYPE_CHECKING:  # with all that can be learned, which nobody who starts waits for
+    from ..jobs.train import TrainJob
     from ..jobs.training_takes import TakeFile
 
 
 class MOCAP_AUTOLABEL_OT_add_training_takes(ReadsPoints, bpy.types.Operator, ImportHelper):
-    """Choose labelled takes to learn from, C3D, TRC or Motive CSV; one is enough to begin with."""
+    """Choose labelled takes to learn from, C3D, TRC, Motive CSV or Qualisys QTM; one is enough to begin with."""
 
     bl_idname = "mocap_autolabel.add_training_takes"
     bl_label = "Add Labelled Takes"
@@ -91,14 +93,56 @@ class Trains(TellsWhyNot, WorksInSteps):
     doing = "Training"
 
     def _show(self, context, result: dict) -> set[str]:
-        settings, doubts = context.scene.mocap_autolabel, context.window_manager.mocap_autolabel.doubts
+        settings, state = context.scene.mocap_autolabel, context.window_manager.mocap_autolabel
         choose_own(settings, Path(result["out"]))
-        doubts.clear()
+        state.doubts.clear()
         for doubt in result["doubts"]:
-            doubts.add().name = doubt
+            state.doubts.add().name = doubt
+        show_differences(state, result)
+        if state.candidate:
+            words = f"{result['model']} is as it was: known takes are named worse. Look at it, and adopt it or not"
+            self.report({"WARNING"}, words)
+            return {"FINISHED"}
         segments = len(result["body"]["segments"])
         again = f", {len(result['replaced'])} corrected takes replaced" if result["replaced"] else ""
         self.report({"INFO"}, f"{result['model']}: {len(result['markers'])} markers on {segments} segments{again}")
+        return {"FINISHED"}
+
+
+def show_differences(state: ReviewState, report: dict):
+    """Fills the list of what training on changed in known takes; a model that waits to be adopted is remembered."""
+    state.differences.clear()
+    state.candidate = report["written"] if report["not_adopted_for"] else ""
+    if not report["check"]:
+        return
+    from ..core.evaluation.comparing import difference_lines
+
+    worse = dict.fromkeys([*report["check"]["worse"], *report["not_adopted_for"]])
+    for words in [*difference_lines(report["check"]), *(f"Worse: {one}" for one in worse)]:
+        state.differences.add().name = words
+
+
+class MOCAP_AUTOLABEL_OT_adopt_model(TellsWhyNot, bpy.types.Operator):
+    """Use the marker set that was trained on although known takes are named worse; the former one is kept beside it."""
+
+    bl_idname = "mocap_autolabel.adopt_model"
+    bl_label = "Adopt All the Same"
+    bl_options = {"REGISTER"}
+
+    @classmethod
+    def lacks(cls, context):
+        return "" if context.window_manager.mocap_autolabel.candidate else "Train a marker set on first"
+
+    @reports_trouble
+    def execute(self, context):
+        from ..jobs.versions import adopt
+
+        state = context.window_manager.mocap_autolabel
+        out = adopt(Path(state.candidate))
+        state.candidate = ""
+        state.differences.clear()
+        choose_own(context.scene.mocap_autolabel, out)
+        self.report({"INFO"}, f"{out.name.removesuffix(SUFFIX)} is the one that was trained on")
         return {"FINISHED"}
 
 
@@ -110,7 +154,8 @@ class MOCAP_AUTOLABEL_OT_train(Trains, bpy.types.Operator):
 
     @classmethod
     def lacks(cls, context):
-        return "" if len(context.scene.mocap_autolabel.training_takes) else "Add labelled takes first"
+        takes = context.scene.mocap_autolabel.training_takes
+        return "" if any(not row.kept for row in takes) else "Add labelled takes first"
 
     def steps(self, context):
         """The training."""
@@ -126,7 +171,7 @@ class MOCAP_AUTOLABEL_OT_learn_frame(Trains, bpy.types.Operator):
     @classmethod
     def lacks(cls, context):
         words = lacks_take(context)
-        return f"{words}, and put the names of one frame right" if words else ""
+        return f"{words}, and put the names of one frame right" if words else lacks_one_performer(context)
 
     def steps(self, context):
         """The training."""
@@ -144,7 +189,7 @@ class MOCAP_AUTOLABEL_OT_learn_take(Trains, bpy.types.Operator):
     @classmethod
     def lacks(cls, context):
         words = lacks_take(context)
-        return f"{words}, and correct it" if words else ""
+        return f"{words}, and correct it" if words else lacks_one_performer(context)
 
     def steps(self, context):
         """The training."""
@@ -177,14 +222,14 @@ def learn_take_steps(settings: SceneSettings, take: "TakeFile") -> Generator[flo
 
     All markers of the take's set stay in it.
     """
-    from ..jobs.train import TrainJob, train_file
+    from ..jobs.train import TrainJob
 
     base, body = own_model(settings), chosen_model(settings)
     if set(take.names) != set(chosen_markerset(settings).markers):
         raise InputError("the chosen marker set is not the take's; expected the one that it was labelled by")
     name, out = (None, Path(base)) if base else _new_model(settings)
     job = TrainJob((), out, take.names, name, search="none", base=base, overwrite=bool(base), shown=(take,), body=body)
-    return in_background(lambda tell: drained(train_file(job), tell))
+    return _trained(replace(job, by=_teacher()))
 
 
 def named_in_frame(stored: Stored, frame: int) -> Points:
@@ -201,7 +246,7 @@ def named_in_frame(stored: Stored, frame: int) -> Points:
 
 def learn_steps(settings: SceneSettings, frame: Points, take: str) -> Generator[float, None, dict]:
     """Trains on one labelled frame of a take, as `train_steps` does on the takes in the list."""
-    from ..jobs.train import TrainJob, train_file
+    from ..jobs.train import TrainJob
 
     name, out = _new_model(settings)
     with TemporaryDirectory(prefix="mocap-autolabel-") as folder:
@@ -209,28 +254,45 @@ def learn_steps(settings: SceneSettings, frame: Points, take: str) -> Generator[
         path = Path(folder) / ("".join(letter if letter.isalnum() else "_" for letter in take) + ".c3d")
         write_c3d(path, frame)
         # Partial solvers, which no automatic choice of a method uses, would take minutes of waiting.
-        job = TrainJob(takes=(path,), out=out, name=name, search="none")
-        return (yield from in_background(lambda tell: drained(train_file(job), tell)))
+        job = TrainJob(takes=(path,), out=out, name=name, search="none", passing=True, by=_teacher())
+        return (yield from _trained(job))
 
 
 def train_steps(settings: SceneSettings) -> Generator[float, None, dict]:
     """Trains as the settings say, yielding how much is done (0 to 1); returns the report. InputError if they cannot."""
-    from ..jobs.train import TrainJob, train_file  # with all that can be learned, which nobody who starts waits for
+    from ..jobs.train import TrainJob  # with all that can be learned, which nobody who starts waits for
     from ..jobs.training_takes import KnownBetter
 
     base = own_model(settings) if settings.train_on else None
     name, out = (None, Path(base)) if base else _new_model(settings)
     rows = {Path(bpy.path.abspath(row.path)): row for row in settings.training_takes}
+    learned = {path: row for path, row in rows.items() if not row.kept}
     known = {path: KnownBetter(row.up or None, row.rate or None) for path, row in rows.items()}
     job = TrainJob(
-        takes=tuple(rows),
+        takes=tuple(learned),
         out=out,
         name=name,
-        subjects=tuple((row.subject, glob.escape(path.as_posix())) for path, row in rows.items() if row.subject),
+        subjects=tuple((row.subject, glob.escape(path.as_posix())) for path, row in learned.items() if row.subject),
         base=base,
         overwrite=bool(base),
         known=known,
+        kept=tuple(path for path, row in rows.items() if row.kept),
+        by=_teacher(),
     )
+    return _trained(job)
+
+
+def _teacher() -> str:
+    """Who teaches the model, for its history."""
+    from ..jobs.versions import system_user
+
+    return taught_by() or system_user()
+
+
+def _trained(job: "TrainJob") -> Generator[float, None, dict]:
+    """The training beside the window; returns its report."""
+    from ..jobs.train import train_file
+
     return in_background(lambda tell: drained(train_file(job), tell))
 
 
@@ -251,4 +313,5 @@ CLASSES = (
     MOCAP_AUTOLABEL_OT_train,
     MOCAP_AUTOLABEL_OT_learn_frame,
     MOCAP_AUTOLABEL_OT_learn_take,
+    MOCAP_AUTOLABEL_OT_adopt_model,
 )

@@ -20,13 +20,17 @@ class KeyOptions:
                  one of its keys moved, which takes 7 ms of a processor for a million (5.2): with an action for all of
                  20,000 frames of 62 markers each correction would wait 35 ms for it. Takes of usual length fit in one
     most_single  keys of a curve that are moved one by one; for more it is quicker to give all of them their places
+    most_removed  keys of a curve that are taken away one by one, 2 µs each; for more it is quicker to make all anew
     """
 
     most_keys: int = 500_000
     most_single: int = 300
+    most_removed: int = 1500
 
 
 KEYING = KeyOptions()
+# Values (F, n) by which something is keyed, NaN where it is not, and (F,) True where a tool made them up; None nowhere.
+Keyed = tuple[np.ndarray, np.ndarray | None]
 
 
 @dataclass(eq=False)
@@ -94,8 +98,7 @@ def key(
     owner = bag.groups.get(group) or bag.groups.new(group)
     points = np.empty((int(there.sum()), 2), dtype=np.float32)
     points[:, 0] = frames[there]
-    some = generated is not None and generated[there].any()
-    kinds = np.where(generated[there], SET_BY_TOOL, SET_BY_HAND).astype(np.int32) if some else None
+    kinds = _kinds(generated, there)
     for index in range(values.shape[1]):
         points[:, 1] = values[there, index]
         curve = bag.fcurves.find(path, index=index)
@@ -105,38 +108,51 @@ def key(
         curve.keyframe_points.add(len(points))
         curve.keyframe_points.foreach_set("co", points.ravel())
         curve.keyframe_points.foreach_set("interpolation", np.full(len(points), LINEAR, dtype=np.int32))
-        if kinds is not None:
+        if kinds.any():
             curve.keyframe_points.foreach_set("type", kinds)
         curve.update()
 
 
-def move(bag: bpy.types.ActionChannelbag, path: str, frames: np.ndarray, before: np.ndarray, after: np.ndarray) -> bool:
-    """Moves the keys of `before` (F, n), as `key` made them at Blender's `frames` (F,), to where `after` (F, n) is.
+def move(bag: bpy.types.ActionChannelbag, path: str, frames: np.ndarray, before: Keyed, after: Keyed) -> bool:
+    """Moves the keys of `before`, as `key` made them at Blender's `frames` (F,), to where `after` is.
 
-    Does no more than what is other needs; none of the keys may be, or become, of a tool's type. False, and nothing is
-    done, where that is not enough: the keys are not those of `before`, all have to go, or very many.
+    Does no more than what is other needs. False, and nothing is done, where that is not enough: the keys are not those
+    of `before`, all have to go, or very many.
     """
-    was, now = np.isfinite(before).all(axis=1), np.isfinite(after).all(axis=1)
-    curves = [bag.fcurves.find(path, index=index) for index in range(after.shape[1])]
+    (was_at, was_made), (now_at, now_made) = before, after
+    was, now = np.isfinite(was_at).all(axis=1), np.isfinite(now_at).all(axis=1)
+    curves = [bag.fcurves.find(path, index=index) for index in range(now_at.shape[1])]
     more = int(now.sum()) - int(was.sum())
-    if not now.any() or -more > KEYING.most_single:
+    if not now.any() or -more > KEYING.most_removed:
         return False
     if any(curve is None or len(curve.keyframe_points) != was.sum() for curve in curves):
         return False
-    rows = np.flatnonzero(((before != after) & now[:, None]).any(axis=1))
+    kinds, were = _kinds(now_made, now), _kinds(was_made, was)
+    retyped = bool(kinds.any() or were.any()) and not np.array_equal(kinds, were)
+    rows = np.flatnonzero(((was_at != now_at) & now[:, None]).any(axis=1))
     few = len(rows) <= KEYING.most_single and bool((was == now).all())
+    # The keys' handles, of which straight lines make nothing, stay until Blender sets them anew: `update`, which would,
+    # takes twice as long as all the rest.
+    places = np.empty((int(now.sum()), 2), np.float32)
+    places[:, 0] = frames[now]
+    single = (np.cumsum(now)[rows] - 1).tolist() if few else [0]
     for index, curve in enumerate(curves):
         points = curve.keyframe_points
-        if few:  # their handles, of which straight lines make nothing, stay until Blender sets them anew
-            places = np.cumsum(now)[rows] - 1
-            for place, frame, value in zip(places.tolist(), frames[rows].tolist(), after[rows, index], strict=True):
-                points[place].co = frame, value
-        else:
+        places[:, 1] = now_at[now, index]
+        if not few:
             _resize(points, more)
-            places = np.column_stack([frames[now], after[now, index]])
-            points.foreach_set("co", places.astype(np.float32).ravel())
-            curve.update()
+            points.foreach_set("co", places.ravel())
+        if retyped:
+            points.foreach_set("type", kinds)
+        for place in single:  # Blender notices what is set one by one only
+            points[place].co = places[place]
     return True
+
+
+def _kinds(made: np.ndarray | None, there: np.ndarray) -> np.ndarray:
+    """The types of the keys of the rows that are there (F,), where a tool made some (F,) up."""
+    some = np.zeros(len(there), bool) if made is None else made
+    return np.where(some[there], SET_BY_TOOL, SET_BY_HAND).astype(np.int32)
 
 
 def _resize(points: bpy.types.FCurveKeyframePoints, more: int):

@@ -51,7 +51,6 @@ class BlobCorrecting:
             edits=edits,
             outcomes=followed.outcomes,
             placed=tuple(followed.places),
-            groups=followed.groups,
         )
 
     def _measure(self, stored: Stored, group: BlobGroup) -> Motion:

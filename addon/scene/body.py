@@ -27,15 +27,22 @@ class Capsule:
 
 
 def add_body(
-    collection: bpy.types.Collection, armature: bpy.types.Object, markerset: MarkerSet, scale: np.ndarray
+    collection: bpy.types.Collection,
+    armature: bpy.types.Object,
+    markerset: MarkerSet,
+    scale: np.ndarray,
+    material: bpy.types.Material | None = None,
 ) -> list[bpy.types.Object]:
-    """Adds a mesh for each of the K capsules, hung on its bone; `scale` (3,) is m for one unit of the marker set."""
+    """Adds a mesh for each of the K capsules, hung on its bone; `scale` (3,) is m for one unit of the marker set.
+
+    They have the `material`, or where there is none the colours of the body's sides.
+    """
     meshes = []
     sides = segment_sides(markerset)
     for index, segment in enumerate(markerset.capsules.segment):
         name = markerset.skeleton.segments[segment]
         item = add_capsule(collection, armature, name, capsule_in_metres(markerset, index, scale))
-        item.data.materials.append(_material(sides[name]))
+        item.data.materials.append(material or _material(sides[name]))
         meshes.append(item)
     return meshes
 

@@ -19,6 +19,7 @@ from . import naming
 SENSOR_WIDTH = 36.0  # mm; only its ratio to the focal length matters
 IMAGE_SIZE, ASPECT, SKEW, DISTORTION = "mocap_size", "mocap_aspect", "mocap_skew", "mocap_distortion"
 INVERSE_LENS = "mocap_inverse"
+ADOPTED = "mocap_adopted"  # on a collection of cameras that were the scene's own
 CAMERA_DISPLAY_SIZE = 0.25
 SAME_CAMERA = 1e-4  # relative: what single precision does to a calibration and back
 
@@ -67,13 +68,18 @@ def adopt_cameras(scene: bpy.types.Scene) -> bpy.types.Collection:
         raise InputError(f"scene {scene.name} has no cameras; expected at least two")
     lenses = [_read_lens(item, scene) for item in items]
     collection = bpy.data.collections.new(naming.title("cameras"))
-    collection[naming.CAMERAS] = len(items)
+    collection[naming.CAMERAS], collection[ADOPTED] = len(items), True
     scene.collection.children.link(collection)
     for item, lens in zip(items, lenses, strict=True):
         item[naming.CAMERA] = camera_name(item)
         _keep_beyond_blender(item.data, *lens)
         collection.objects.link(item)
     return collection
+
+
+def is_adopted(collection: bpy.types.Collection) -> bool:
+    """Whether these cameras were the scene's own, and no calibration's."""
+    return ADOPTED in collection
 
 
 def cameras_of(collection: bpy.types.Collection, scene: bpy.types.Scene) -> Cameras:
@@ -174,7 +180,7 @@ def _keep_beyond_blender(
 
 def _read(items: list[bpy.types.Object], scene: bpy.types.Scene) -> Cameras:
     rows = [_read_lens(item, scene) for item in items]
-    poses = np.array([item.matrix_world.normalized() for item in items]).reshape(-1, 4, 4)
+    poses = np.array([_pose(item).normalized() for item in items]).reshape(-1, 4, 4)
     rotation = FLIP @ poses[:, :3, :3].transpose(0, 2, 1)
     rotation = np.array([_orthonormal(turn) for turn in rotation]).reshape(-1, 3, 3)
     return Cameras(
@@ -186,6 +192,17 @@ def _read(items: list[bpy.types.Object], scene: bpy.types.Scene) -> Cameras:
         -np.einsum("cij,cj->ci", rotation, poses[:, :3, 3]),
         np.array([row[3] for row in rows]).reshape(-1, 3),
     )
+
+
+def _pose(item: bpy.types.Object) -> Matrix:
+    """Where an object is in the world.
+
+    Blender works `matrix_world` out later than it opens a file, and not at all where a collection is switched off.
+    """
+    if item.constraints or (item.parent is not None and item.parent_type != "OBJECT"):
+        return item.matrix_world
+    own = item.matrix_basis
+    return own if item.parent is None else _pose(item.parent) @ item.matrix_parent_inverse @ own
 
 
 def _read_lens(item: bpy.types.Object, scene: bpy.types.Scene) -> tuple[np.ndarray, ...]:

@@ -11,8 +11,9 @@ from dataclasses import replace
 import bpy
 import numpy as np
 
+from ..core.data.copies import Copies
 from ..core.data.takes import Labels, Motion, PointRows, Suspect
-from ..core.edits.following import FollowedEdits, Following
+from ..core.edits.following import FollowedEdits, Following, Held, moved_frames
 from ..core.edits.kinds import Edits
 from ..core.edits.replay import FREE
 from ..core.edits.rows import document_of, edits_of
@@ -54,14 +55,57 @@ def kept_edits(collection: bpy.types.Collection) -> Edits | None:
     return None if text is None else edits_of(json.loads(text))
 
 
-def following_of(stored: Stored) -> Following | BlobCorrecting:
+class PointCorrecting:
+    """What works the edits of a take of points out, each from what the last ones made of it."""
+
+    def __init__(self, stored: Stored):
+        """Stored has the labels that the program gave."""
+        self._following = Following(stored.rows, stored.labels, stored.words, len(stored.names))
+        self._held: Held | None = None
+        # Marker by marker: the scene's motions lie so in memory.
+        of_marker = (values.swapaxes(0, 1) for values in (stored.motion.markers, stored.motion.residual))
+        self._copies = Copies(*(np.array(values, order="C") for values in of_marker))
+
+    def apply(self, stored: Stored, edits: Edits) -> Stored:
+        """The take with its edits applied; stored is as it was first given."""
+        followed = self._following.apply(edits)
+        self._move(stored.rows, followed.held)
+        xyz, off = (values.swapaxes(0, 1) for values in self._copies.copy())
+        return replace(
+            stored,
+            labels=followed.labels,
+            motion=replace(stored.motion, markers=xyz, residual=off),
+            suspects=without_accepted(_unanswered(stored, followed, self._following), edits),
+            edits=edits,
+            outcomes=followed.outcomes,
+            placed=tuple(followed.held.places),
+            held=followed.held,
+        )
+
+    def _move(self, rows: PointRows, held: Held):
+        """Puts the markers that are elsewhere than after the last edits where they are."""
+        xyz, off = self._copies.arrays
+        known = rows.residual is not None and len(rows)
+        for marker, frames in moved_frames(self._held, held).items():
+            of = held.rows[marker, frames]
+            there = of >= 0
+            xyz[marker, frames] = np.where(there[:, None], rows.xyz[of], np.nan) if len(rows) else np.nan
+            off[marker, frames] = np.where(there, rows.residual[of], np.nan) if known else np.nan
+            for which in (0, 1):
+                self._copies.note(which, (marker, frames))
+        for (frame, marker), place in held.places.items():
+            xyz[marker, frame], off[marker, frame] = place, 0.0
+            for which in (0, 1):
+                self._copies.note(which, (marker, frame))
+        self._held = held
+
+
+def following_of(stored: Stored) -> PointCorrecting | BlobCorrecting:
     """What works the edits of a take out; stored has the labels that the program gave."""
-    if not isinstance(stored.rows, PointRows):
-        return BlobCorrecting(stored)
-    return Following(stored.rows, stored.labels, stored.words, len(stored.names))
+    return PointCorrecting(stored) if isinstance(stored.rows, PointRows) else BlobCorrecting(stored)
 
 
-def edited(stored: Stored, edits: Edits, following: Following | BlobCorrecting | None = None) -> Stored:
+def edited(stored: Stored, edits: Edits, following: PointCorrecting | BlobCorrecting | None = None) -> Stored:
     """A take with its edits applied: labels, markers and what is left to look at; the body stays.
 
     stored has the labels that the program gave, `following` is its own and makes one more edit quick. Where the labels
@@ -69,20 +113,7 @@ def edited(stored: Stored, edits: Edits, following: Following | BlobCorrecting |
     """
     if not stored.own_labels:
         return answered_blobs(stored, edits)
-    following = following or following_of(stored)
-    if isinstance(following, BlobCorrecting):
-        return following.apply(stored, edits)
-    followed = following.apply(edits)
-    return replace(
-        stored,
-        labels=followed.labels,
-        motion=_motion(stored.motion, followed),
-        suspects=without_accepted(_unanswered(stored, followed, following), edits),
-        edits=edits,
-        outcomes=followed.outcomes,
-        placed=tuple(followed.places),
-        groups=followed.groups,
-    )
+    return (following or following_of(stored)).apply(stored, edits)
 
 
 def motion_of_labels(motion: Motion, rows: PointRows, labels: Labels) -> Motion:
@@ -92,14 +123,6 @@ def motion_of_labels(motion: Motion, rows: PointRows, labels: Labels) -> Motion:
     xyz[at] = rows.xyz[labels.named]
     if rows.residual is not None:
         off[at] = rows.residual[labels.named]
-    return replace(motion, markers=xyz, residual=off)
-
-
-def _motion(motion: Motion, followed: FollowedEdits) -> Motion:
-    """The motion with the markers that were edited where their points are."""
-    xyz, off = motion.markers.copy(), motion.residual.copy()
-    for group in followed.groups:
-        xyz[group.frames, group.markers], off[group.frames, group.markers] = group.xyz, group.residual
     return replace(motion, markers=xyz, residual=off)
 
 

@@ -12,11 +12,12 @@ from zlib import crc32
 import bpy
 import numpy as np
 
+from ..core.data.copies import Copies
 from ..core.data.errors import InputError
-from ..core.filling.kept import KeptFill, put_fills
+from ..core.filling.kept import KeptFill, fills_by_marker, put_in_marker
 from . import storage
 from .naming import title
-from .stored import Stored
+from .stored import Stored, moved_between
 
 FILLS, FILL_PATHS = "mocap_fills", "mocap_fill_paths"
 
@@ -62,10 +63,43 @@ def kept_fills(collection: bpy.types.Collection) -> tuple[KeptFill, ...]:
     )
 
 
-def filled_in(stored: Stored, fills: Sequence[KeptFill]) -> Stored:
-    """A take without fills as it is with these."""
-    motion, unfit = put_fills(stored.motion, stored.names, fills)
-    return replace(stored, measured=stored.motion, motion=motion, fills=tuple(fills), unfit=unfit)
+class FillsInTake:
+    """The fills of a take that goes on being edited: those of markers that moved since are looked at again."""
+
+    def __init__(self, fills: Sequence[KeptFill]):
+        self._fills = tuple(fills)
+        self._unfit = [""] * len(self._fills)
+        self._base: Stored | None = None
+        self._copies = Copies()
+        self._by_marker: dict[int, list[tuple[int, slice]]] = {}
+
+    def put(self, stored: Stored) -> Stored:
+        """A take without fills as it is with these."""
+        if not self._fills:
+            return stored
+        moved = None if self._base is None else moved_between(self._base, stored)
+        if moved is None:
+            # Marker by marker, as the scene's motions lie in memory.
+            of_marker = (values.swapaxes(0, 1) for values in (stored.motion.markers, stored.motion.residual))
+            self._copies = Copies(*(np.array(values, order="C") for values in of_marker))
+            self._by_marker = fills_by_marker(stored.motion.frames, stored.names, self._fills)
+            self._unfit = ["the take has no such marker"] * len(self._fills)
+            moved = self._by_marker
+        for marker in moved:
+            self._put_again(stored, marker)
+        self._base = stored
+        xyz, off = (values.swapaxes(0, 1) for values in self._copies.copy())
+        motion = replace(stored.motion, markers=xyz, residual=off)
+        return replace(stored, measured=stored.motion, motion=motion, fills=self._fills, unfit=tuple(self._unfit))
+
+    def _put_again(self, stored: Stored, marker: int):
+        xyz, off = self._copies.arrays
+        xyz[marker], off[marker] = stored.motion.markers[:, marker], stored.motion.residual[:, marker]
+        own = self._by_marker.get(marker, ())
+        for number, reason in put_in_marker(xyz[marker], off[marker], own, self._fills).items():
+            self._unfit[number] = reason
+        for which in (0, 1):
+            self._copies.note(which, marker)
 
 
 def _number(value: float) -> float | None:

@@ -43,13 +43,13 @@ def show_marker(
     index: int,
     frames: np.ndarray,
     filled: np.ndarray | None = None,
-    before: np.ndarray | None = None,
+    before: tuple[np.ndarray, np.ndarray | None] | None = None,
 ):
     """Keys the empty of marker `index` where it was seen, at Blender's `frames` (F,), in the place of former keys.
 
     Keys of samples that were filled, `filled` (F,), are of Blender's type for what a tool made up.
     `action` is where an empty without keys gets them; None for one of its own. It is quicker to tell where the empty is
-    keyed `before` (F, 3), if nothing was filled there.
+    keyed `before` (F, 3), and which of that was filled (F,).
     """
     seen = motion.markers[:, index]
     unseen = not np.isfinite(seen).any()
@@ -57,8 +57,7 @@ def show_marker(
     if empty.hide_viewport != unseen or empty.hide_render != unseen:  # Blender orders its whole scene anew for these
         empty.hide_viewport = empty.hide_render = unseen
     bag = animation.channels(empty, action)
-    some = filled is not None and filled.any()
-    if some or before is None or not animation.move(bag, "location", frames, before, seen):
+    if before is None or not animation.move(bag, "location", frames, before, (seen, filled)):
         animation.clear(bag, "location")
         animation.key(bag, "location", frames, seen, empty[naming.MARKER], filled)
 

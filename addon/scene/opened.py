@@ -8,12 +8,11 @@ import numpy as np
 
 from ..core.data.takes import PointRows
 from ..core.edits.blob_tracks import BlobTracks
-from ..core.edits.following import Following
-from ..core.edits.kinds import Edits
+from ..core.edits.kinds import NO_EDITS, Edits
 from . import cameras as scene_cameras
 from .answers import BlobCorrecting
-from .corrections import edited, following_of, kept_edits, kept_text, text_of
-from .fills import fills_text
+from .corrections import PointCorrecting, edited, following_of, kept_edits, kept_text, text_of
+from .fills import FillsInTake, fills_text, kept_fills
 from .preview import holds_points, read_points_preview, read_preview
 from .smoothing import kept_cutoff
 from .stored import Stored
@@ -27,6 +26,7 @@ class Opened:
     stored  takes as the program labelled them, and what waits to be labelled
     edited  takes with their edits, beside the text of these: another text, after an undo as well, is another take
     final   takes with their fills, and smoothed, beside the text and cut-off of these and the take that they are in
+    filling  what puts the fills of each take in, beside their text
     following  what works the edits of each take out
     trajectories  rows of trajectories that were asked for, beside those of the whole take
     """
@@ -34,7 +34,8 @@ class Opened:
     stored: dict[int, Stored] = field(default_factory=dict)
     edited: dict[int, tuple[str, Stored]] = field(default_factory=dict)
     final: dict[int, tuple[tuple[str | None, float | None], Stored, Stored]] = field(default_factory=dict)
-    following: dict[int, Following | BlobCorrecting] = field(default_factory=dict)
+    filling: dict[int, tuple[str | None, FillsInTake]] = field(default_factory=dict)
+    following: dict[int, PointCorrecting | BlobCorrecting] = field(default_factory=dict)
     trajectories: dict[int, tuple[PointRows, np.ndarray]] = field(default_factory=dict)
 
     def take(self, collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
@@ -62,6 +63,20 @@ class Opened:
         self.edited[key] = (text, after)
         return after
 
+    def make_ready(self, collection: bpy.types.Collection, scene: bpy.types.Scene):
+        """Makes what the first corrections of a take would wait for, which of a long one is some 100 MB of memory."""
+        before = self.unedited(collection, scene)
+        if collection.session_uid in self.following or not before.own_labels:
+            return
+        following = self.following[collection.session_uid] = following_of(before)
+        edits, shown = kept_edits(collection) or NO_EDITS, self.final.get(collection.session_uid)
+        # Two, as the take before an edit and after it are there at once.
+        both = [self._final(collection, following.apply(before, edits)) for _ in range(2)]
+        both.clear()
+        self.final.pop(collection.session_uid, None)
+        if shown is not None:  # what is drawn knows its take by what it is
+            self.final[collection.session_uid] = shown
+
     def _final(self, collection: bpy.types.Collection, stored: Stored) -> Stored:
         said = fills_text(collection), kept_cutoff(collection)
         if said == (None, None):
@@ -69,8 +84,10 @@ class Opened:
         kept = self.final.get(collection.session_uid)
         if kept is not None and kept[0] == said and kept[1] is stored:
             return kept[2]
-        same_fills = kept is not None and kept[0][0] == said[0]
-        after = finished_take(collection, stored, kept[2].fills if same_fills else None)
+        filling = self.filling.get(collection.session_uid)
+        if filling is None or filling[0] != said[0]:
+            filling = self.filling[collection.session_uid] = said[0], FillsInTake(kept_fills(collection))
+        after = finished_take(collection, stored, filling[1])
         self.final[collection.session_uid] = (said, stored, after)
         return after
 
@@ -110,6 +127,7 @@ class Opened:
         self.stored.clear()
         self.edited.clear()
         self.final.clear()
+        self.filling.clear()
         self.following.clear()
         self.trajectories.clear()
 

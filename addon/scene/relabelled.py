@@ -12,6 +12,7 @@ from ..core.review.changes import Change, changes
 from . import naming
 from .corrections import kept_edits
 from .opened import opened
+from .performers import colours_in
 from .take import MARKER_NAMES, SOURCE, Take, remove_take, show_take, takes_of
 
 CHANGES = "mocap_changes"
@@ -46,6 +47,7 @@ def show_again(context: bpy.types.Context, take: Take, unnamed: bool, whole: boo
                 suspects=whole_take.suspects,
                 unedited=whole_take.unedited,
                 edits=take.edits if said is None else said,
+                colours={**colours_in(collection), **take.colours},
             )
             remove_take(collection)
         else:

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core.data.takes import Motion
-from ..core.edits.following import changed_frames
-from .stored import Stored, differ_by_edits
+from .stored import Stored, changed_between
 
 # The take that was reviewed last, and what came of it.
 _reviewed: list[tuple[Stored, list["MarkerReview"]]] = []
@@ -63,12 +62,13 @@ def _mean(values: np.ndarray) -> float:
 
 def marker_reviews(stored: Stored) -> list[MarkerReview]:
     """That of each marker of a take as it is; of one that was edited since, only what that changed is looked at."""
-    if _reviewed and differ_by_edits(_reviewed[0][0], stored):
-        before, reviews = _reviewed[0]
-        for index in changed_frames(before.groups, stored.groups):
-            reviews[index] = review_marker(stored.names[index], stored.unfilled, index)
-    else:
+    changed = changed_between(_reviewed[0][0], stored) if _reviewed else None
+    if changed is None:
         reviews = review_markers(stored.names, stored.unfilled)  # what is filled was not found
+    else:
+        reviews = _reviewed[0][1]
+        for index in changed:
+            reviews[index] = review_marker(stored.names[index], stored.unfilled, index)
     _reviewed[:] = [(stored, reviews)]
     return list(reviews)
 

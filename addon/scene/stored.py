@@ -1,18 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A labelled take as the file keeps it, read back as plain arrays."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 
 import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.data.takes import Blobs, EditOutcome, Labels, Motion, PointRows, Suspect
-from ..core.edits.following import Group
-from ..core.edits.following_blobs import BlobGroup
+from ..core.edits.following import Held, changed_frames, moved_frames
 from ..core.edits.kinds import NO_EDITS, Edits
-from ..core.filling.kept import KeptFill, filled_samples
+from ..core.filling.kept import KeptFill, filled_samples, fills_by_marker
 from ..core.geometry.cameras import Cameras
+from .performers import Performer, performers_in_row, rows_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +24,8 @@ class Stored:
     words     index of each marker by its name, aliases too
     edits     what a person said of the labels, which these follow
     outcomes  what became of each edit
-    model     the name of the marker set
+    model     the name of the marker set, or those of several
+    performers  who is in the take
     parents   of each joint of the skeleton, -1 for the root; none where the file does not keep them
     segments  the names of what turns about these joints; none where the file does not keep them
     fills     gaps that were filled; `motion` has those that go with it
@@ -31,7 +33,7 @@ class Stored:
     measured  the motion without fills and not smoothed; None where that is `motion`
     cutoff    Hz, by which `motion` is smoothed; None where it is not
     placed    index of the frame and marker of each that a person placed
-    groups    what the edits make of the take, for telling what one more of them changes
+    held      which rows are the markers of a take of points by its edits, for telling what one more of them changes
     own_labels  whether the labels are what the program gave before any edit; not so of blobs of the first versions
     """
 
@@ -49,6 +51,7 @@ class Stored:
     edits: Edits = NO_EDITS
     outcomes: tuple[EditOutcome, ...] = ()
     model: str = ""
+    performers: tuple[Performer, ...] = ()
     parents: tuple[int, ...] = ()
     segments: tuple[str, ...] = ()
     fills: tuple[KeptFill, ...] = ()
@@ -70,6 +73,7 @@ class Stored:
         """(F, M) True where a sample was filled."""
         return filled_samples(self.motion.frames, self.names, self.fitting)
 
+    @cached_property
     def filled_markers(self) -> dict[int, np.ndarray]:
         """(F,) True where a sample was filled, of each marker that was filled at all, by its index."""
         fills = self.fitting
@@ -78,7 +82,7 @@ class Stored:
         return {self.names.index(name): column for name, column in zip(names, flags.T, strict=True)}
 
     placed: tuple[tuple[int, int], ...] = ()
-    groups: tuple[Group | BlobGroup, ...] = ()
+    held: Held | None = None
     own_labels: bool = True
 
     def source_frame(self, current: int) -> int:
@@ -90,10 +94,72 @@ class Stored:
         return frame
 
 
-def differ_by_edits(one: Stored, other: Stored) -> bool:
-    """Whether two takes are one of points with different edits, the same fills in both, and neither smoothed."""
-    if not isinstance(one.rows, PointRows):
-        return False  # of blobs nothing says what an edit changes
-    same = one.rows is other.rows and one.motion.expected is other.motion.expected
-    same_fills = one.fills is other.fills and one.unfit == other.unfit
-    return same and same_fills and one.cutoff is None and other.cutoff is None
+def alone(stored: Stored, performer: Performer) -> Stored:
+    """The take of one of its performers as a take of one: under the names of the marker set, without other points.
+
+    What was said and doubted of all is left out, and so are the points without a name: nobody knows whose they are.
+    """
+    if not performer.name:
+        return stored
+    markers, first = performer.marker_rows, performer.markers[0]
+    names = tuple(performer.own_name(name) for name in stored.names[markers])
+    mine = (stored.labels.marker >= markers.start) & (stored.labels.marker < markers.stop)
+    labels = stored.labels[mine]
+    own = {one.name: getattr(stored.rows, one.name) for one in fields(stored.rows) if one.name != "frames"}
+    fills = [
+        (fill, why)
+        for fill, why in zip(stored.fills, stored.unfit, strict=True)
+        if fill.marker in stored.names[markers]
+    ]
+    return replace(
+        stored,
+        name=f"{stored.name} {performer.name}",
+        names=names,
+        rows=replace(stored.rows, **{name: None if kept is None else kept[mine] for name, kept in own.items()}),
+        labels=replace(labels, marker=labels.marker - first),
+        motion=performer.motion_of(stored.motion),
+        suspects=(),
+        words={name: index for index, name in enumerate(names)},
+        edits=NO_EDITS,
+        outcomes=(),
+        model=performer.model,
+        performers=performers_in_row([["", *rows_of([performer])[0][1:]]]),
+        parents=tuple(max(above - performer.joints[0], -1) for above in stored.parents[performer.joint_rows]),
+        segments=stored.segments[performer.joint_rows],
+        fills=tuple(replace(fill, marker=performer.own_name(fill.marker)) for fill, _ in fills),
+        unfit=tuple(why for _, why in fills),
+        measured=None if stored.measured is None else performer.motion_of(stored.measured),
+        placed=(),
+        held=None,
+    )
+
+
+def moved_between(before: Stored, after: Stored) -> dict[int, slice] | None:
+    """The markers that are elsewhere, and the frames, by their index, in which they may be.
+
+    None where two takes differ by more than edits and fills that go with the one but not with the other.
+    """
+    return _between(before, after, moved_frames)
+
+
+def changed_between(before: Stored, after: Stored) -> dict[int, slice] | None:
+    """The same of markers that are elsewhere, or of which edits say something else."""
+    return _between(before, after, changed_frames)
+
+
+def _between(
+    before: Stored, after: Stored, frames_of: Callable[[Held | None, Held | None], dict[int, slice]]
+) -> dict[int, slice] | None:
+    # Of blobs nothing says what an edit changes.
+    same = isinstance(before.rows, PointRows) and before.rows is after.rows
+    same = same and before.motion.expected is after.motion.expected and before.fills is after.fills
+    if not same or before.cutoff is not None or after.cutoff is not None:
+        return None
+    found = frames_of(before.held, after.held)
+    if before.unfit == after.unfit:
+        return found
+    for marker, own in fills_by_marker(after.motion.frames, after.names, after.fills).items():
+        for rows in (rows for number, rows in own if before.unfit[number] != after.unfit[number]):
+            span = found.get(marker, rows)
+            found[marker] = slice(min(span.start, rows.start), max(span.stop, rows.stop))
+    return found

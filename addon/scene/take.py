@@ -3,15 +3,14 @@
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 
 import bpy
 import numpy as np
 
 from ..core.data.errors import JobError
-from ..core.data.markersets import MarkerSet
+from ..core.data.markersets import Worn
 from ..core.data.takes import STEPS, Blobs, LabelledChunk, Labels, Motion, PointRows, Suspect
-from ..core.edits.following import changed_frames
 from ..core.edits.kinds import Edits
 from ..core.filling.kept import KeptFill, filled_samples, put_fills
 from ..core.filling.smoothing import smoothed
@@ -26,9 +25,10 @@ from .animation import TakeActions
 from .body import add_body
 from .cloud import FRAME, add_cloud, cloud_table
 from .corrections import OWN_LABELS, edited, keep_edits, kept_edits, kept_text, motion_of_labels
-from .fills import FILL_PATHS, filled_in, keep_fills, kept_fills
+from .fills import FILL_PATHS, FillsInTake, keep_fills, kept_fills
+from .performers import Colour, body_material, home_of, homes, performers_in_row, performers_of, rows_of
 from .smoothing import keep_cutoff, kept_cutoff, smoothed_in
-from .stored import Stored, differ_by_edits
+from .stored import Stored, moved_between
 
 ROWS, MOTION, POSE, FRAME_TABLE = "mocap_blobs", "mocap_motion", "mocap_pose", "mocap_frames"
 RATE, SHIFT, SUSPECTS, SOURCE, MARKER_NAMES = (
@@ -41,6 +41,7 @@ RATE, SHIFT, SUSPECTS, SOURCE, MARKER_NAMES = (
 STEP_NAMES = "mocap_steps"
 MARKER_WORDS = "mocap_marker_words"
 PARENTS, SEGMENTS = "mocap_parents", "mocap_segments"
+PERFORMERS = "mocap_performers"
 # What the first version, which did not keep them, called the steps of points.
 POINT_STEPS_OF_VERSION_1 = ("", "evidence", "ensemble", "fit", "trajectory")
 TRAJECTORY, POINT, RESIDUAL = "trajectory", "point", "point_residual"
@@ -54,7 +55,7 @@ class Take:
     name       what to call it
     rate       frames a second
     cameras    that saw it; none where the take came as points
-    markerset  whose markers were named
+    markerset  whose markers were named: one set, or those that several subjects wear
     rows       all N blobs or points of the take, in the order of their file
     labels     row for row with `rows`
     motion     frame for frame with `rows.frames`
@@ -65,12 +66,13 @@ class Take:
     unedited   the program's own labels, of which the edits give these; None where they are these
     fills      gaps that were filled, which `motion` has not
     cutoff     Hz, by which the markers are shown smoothed, which `motion` is not; None for as they are
+    colours    of performers by their names; a usual one for who has none
     """
 
     name: str
     rate: float
     cameras: Cameras
-    markerset: MarkerSet
+    markerset: Worn
     rows: Blobs | PointRows
     labels: Labels
     motion: Motion
@@ -81,6 +83,7 @@ class Take:
     unedited: Labels | None = None
     fills: tuple[KeptFill, ...] = ()
     cutoff: float | None = None
+    colours: Mapping[str, Colour] = field(default_factory=dict)
 
 
 def join_rows(chunks: Sequence[Blobs] | Sequence[PointRows]) -> Blobs | PointRows:
@@ -124,9 +127,9 @@ def frame_shift(frames: np.ndarray) -> int:
 def show_take(context: bpy.types.Context, take: Take, unnamed: bool = False) -> bpy.types.Collection:
     """Builds a take in the context's scene: cameras, armature, body and keyed markers in a collection `Mocap: NAME`.
 
-    With `unnamed` the points that have no name are there as well, as one object. Returns that collection, which also
-    keeps the take itself (`stored_take`). The scene's frames and rate become the take's. Needs object mode; adds no
-    undo step of its own.
+    Performers with names have a collection each in it. With `unnamed` the points that have no name are there as well,
+    as one object. Returns that collection, which also keeps the take itself (`stored_take`). The scene's frames and
+    rate become the take's. Needs object mode; adds no undo step of its own.
     """
     scene = context.scene
     shift = frame_shift(take.motion.frames)
@@ -134,19 +137,21 @@ def show_take(context: bpy.types.Context, take: Take, unnamed: bool = False) -> 
     camera_collection = scene_cameras.find_or_add_cameras(scene, take.cameras) if len(take.cameras) else None
     collection = _child(scene.collection, naming.title(take.name))
     actions = TakeActions(collection.name)
-    build = armatures.build_of(take.markerset, take.motion)
-    armature = armatures.add_armature(context, collection, f"{take.name} armature", take.markerset, build)
-    armatures.pose_armature(armature, actions, take.markerset, take.motion, frames)
-    add_body(_child(collection, f"{collection.name} body"), armature, take.markerset, build.scale)
-    empties = _child(collection, f"{collection.name} markers")
     names = take.markerset.markers
     motion, unfit = put_fills(take.motion, names, take.fills)
     if take.cutoff is not None:
         motion = replace(motion, markers=smoothed(motion.markers, take.rate, take.cutoff))
     fitting = [fill for fill, reason in zip(take.fills, unfit, strict=True) if not reason]
-    scene_markers.add_markers(
-        empties, actions, names, motion, frames, filled_samples(take.motion.frames, names, fitting)
-    )
+    filled = filled_samples(take.motion.frames, names, fitting)
+    for performer, (_, markerset) in zip(performers_of(take.markerset), take.markerset.worn, strict=True):
+        home, own = home_of(collection, performer, take.colours), performer.motion_of(motion)
+        build = armatures.build_of(markerset, own)
+        armature = armatures.add_armature(context, home, f"{performer.name or take.name} armature", markerset, build)
+        armatures.pose_armature(armature, actions, markerset, own, frames)
+        add_body(_child(home, f"{home.name} body"), armature, markerset, build.scale, body_material(home))
+        mine = performer.marker_rows
+        empties = _child(home, f"{home.name} markers")
+        scene_markers.add_markers(empties, actions, names[mine], own, frames, filled[:, mine])
     if isinstance(take.rows, PointRows):
         show_unnamed(collection, f"{take.name} unnamed", take.rows, take.labels, shift, unnamed)
     _store(collection, take, camera_collection, shift)
@@ -180,29 +185,28 @@ def show_edits(collection: bpy.types.Collection, before: Stored, after: Stored, 
     frames = after.motion.frames + after.shift
     action = next((item.animation_data.action for item in collection.all_objects if item.animation_data), None)
     items = {item[naming.MARKER]: item for item in collection.all_objects if naming.MARKER in item}
-    filled, was_filled = after.filled_markers(), before.filled_markers()
-    for index in _changed(before, after, filled, was_filled):
+    filled, was_filled = after.filled_markers, before.filled_markers
+    for index in _changed(before, after):
         item = items.get(after.names[index])
         if item is not None:
-            shown = None if index in was_filled else before.motion.markers[:, index]
+            shown = before.motion.markers[:, index], was_filled.get(index)
             scene_markers.show_marker(item, action, after.motion, index, frames, filled.get(index), shown)
     points = isinstance(after.rows, PointRows)
     if points and not np.array_equal(before.labels.named, after.labels.named):
         show_unnamed(collection, f"{after.name} unnamed", after.rows, after.labels, after.shift, unnamed)
 
 
-def _changed(
-    before: Stored, after: Stored, filled: Mapping[int, np.ndarray], was_filled: Mapping[int, np.ndarray]
-) -> list[int]:
+def _changed(before: Stored, after: Stored) -> list[int]:
     """The markers that are elsewhere after other edits, fills or smoothing, or whose filled samples are others."""
-    one, other = before.motion.markers, after.motion.markers
-    about = {index: slice(None) for index in range(len(after.names))}
-    if differ_by_edits(before, after):
-        about = changed_frames(before.groups, after.groups)
+    moved = moved_between(before, after)
+    if moved is not None:
+        return sorted(moved)
+    filled, was_filled = after.filled_markers, before.filled_markers
     either = filled.keys() | was_filled.keys()
     refilled = {index for index in either if not _flags_alike(filled.get(index), was_filled.get(index))}
-    moved = {index for index, frames in about.items() if not _alike(one[frames, index], other[frames, index])}
-    return sorted(refilled | moved)
+    one, other = before.motion.markers, after.motion.markers
+    elsewhere = {index for index in range(len(after.names)) if not _alike(one[:, index], other[:, index])}
+    return sorted(refilled | elsewhere)
 
 
 def _flags_alike(one: np.ndarray | None, other: np.ndarray | None) -> bool:
@@ -228,12 +232,14 @@ def is_take(collection: bpy.types.Collection | None) -> bool:
 def remove_take(collection: bpy.types.Collection):
     """Removes a take with everything that was made for it; its cameras stay."""
     kept = [collection.get(key) for key in (ROWS, MOTION, POSE, FRAME_TABLE, FILL_PATHS)]
+    materials = [body_material(home) for home in homes(collection).values()]
     items = list(collection.all_objects)
     actions = {item.animation_data.action for item in items if item.animation_data and item.animation_data.action}
     data = {item.data for item in items if item.data is not None}
     gone = [*items, *collection.children_recursive, collection]
     bpy.data.batch_remove(gone)
-    bpy.data.batch_remove([block for block in {*data, *actions, *kept} if block is not None and block.users == 0])
+    for blocks in ({*data, *actions, *kept}, set(materials)):
+        bpy.data.batch_remove([block for block in blocks if block is not None and block.users == 0])
 
 
 def holds_points(collection: bpy.types.Collection | None) -> bool:
@@ -248,15 +254,13 @@ def stored_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> Sto
     return finished_take(collection, stored if edits is None else edited(stored, edits))
 
 
-def finished_take(
-    collection: bpy.types.Collection, stored: Stored, fills: tuple[KeptFill, ...] | None = None
-) -> Stored:
+def finished_take(collection: bpy.types.Collection, stored: Stored, filling: FillsInTake | None = None) -> Stored:
     """A take with its fills in it, and then smoothed, as the file has these; `stored` has its edits and neither.
 
-    The `fills` need not be read where they are known.
+    The fills need not be read where what puts them in is known.
     """
-    fills, cutoff = kept_fills(collection) if fills is None else fills, kept_cutoff(collection)
-    after = filled_in(stored, fills) if fills else stored
+    cutoff = kept_cutoff(collection)
+    after = (filling or FillsInTake(kept_fills(collection))).put(stored)
     return after if cutoff is None else smoothed_in(after, cutoff)
 
 
@@ -264,7 +268,11 @@ def unedited_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> S
     """A take as the program labelled it."""
     table, frames = storage.read_table(collection[ROWS]), storage.read_table(collection[FRAME_TABLE])
     names = tuple(json.loads(collection[MARKER_NAMES]))
-    rows, motion = _read_rows(table, frames["number"]), _read_motion(collection, frames, len(names))
+    kept = json.loads(collection.get(PERFORMERS, "null"))
+    rows, motion = _read_rows(table, frames["number"]), _read_motion(collection, frames, len(names), len(kept or [1]))
+    model = str(collection.get(naming.MARKERSET, ""))
+    # Files of the first versions are of one performer each.
+    performers = performers_in_row(kept or [["", model, len(names), motion.joints.shape[1]]])
     labels = Labels(table["marker"], _read_steps(collection, table), table["confidence"])
     if isinstance(rows, PointRows) and kept_text(collection) is not None:
         # What the file keeps of the motion may have been made with the edits.
@@ -282,7 +290,8 @@ def unedited_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> S
         str(collection[SOURCE]),
         int(collection[SHIFT]),
         _words(collection, names),
-        model=str(collection.get(naming.MARKERSET, "")),
+        model=model,
+        performers=performers,
         parents=tuple(json.loads(collection.get(PARENTS, "[]"))),
         own_labels=isinstance(rows, PointRows) or kept_text(collection) is None or OWN_LABELS in collection,
         segments=tuple(json.loads(collection.get(SEGMENTS, "[]"))),
@@ -344,7 +353,9 @@ def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Coll
     collection[MOTION] = storage.store_table(f"{title} motion", flat)
     turns = rotations.rotation_vector(motion.rotations.reshape(-1, 3, 3))
     collection[POSE] = storage.store_table(f"{title} pose", {"joints": motion.joints.reshape(-1, 3), "turns": turns})
-    per_frame = {"number": motion.frames, "scale": motion.scale, "confidence": motion.confidence}
+    performers = performers_of(take.markerset)
+    sizes = {_size_of(one.number): one.motion_of(motion).scale for one in performers}
+    per_frame = {"number": motion.frames, **sizes, "confidence": motion.confidence}
     collection[FRAME_TABLE] = storage.store_table(f"{title} frames", per_frame)
     collection[naming.TAKE] = take.name
     collection[naming.MARKERSET] = take.markerset.name
@@ -355,12 +366,23 @@ def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Coll
     collection[RATE], collection[SHIFT], collection[SOURCE] = float(take.rate), float(shift), take.source
     collection[SUSPECTS] = json.dumps([_suspect_row(suspect) for suspect in take.suspects])
     collection[MARKER_WORDS] = json.dumps(take.markerset.by_name)
-    collection[PARENTS] = json.dumps(take.markerset.skeleton.parents.tolist())
-    collection[SEGMENTS] = json.dumps(take.markerset.skeleton.segments)
+    collection[PERFORMERS] = json.dumps(rows_of(performers))
+    skeletons = [one.skeleton for _, one in take.markerset.worn]
+    above = [
+        np.where(one.parents < 0, -1, one.parents + who.joints[0])
+        for who, one in zip(performers, skeletons, strict=True)
+    ]
+    collection[PARENTS] = json.dumps(np.concatenate(above).tolist())
+    collection[SEGMENTS] = json.dumps([name for one in skeletons for name in one.segments])
     if take.edits is not None:
         keep_edits(collection, take.edits)
     keep_fills(collection, take.fills)
     keep_cutoff(collection, take.cutoff)
+
+
+def _size_of(number: int) -> str:
+    """The column of the sizes of a performer by how many are before: files of the first versions have one."""
+    return f"scale{number}" if number else "scale"
 
 
 def _suspect_row(suspect: Suspect) -> list:
@@ -377,22 +399,29 @@ def _row_columns(rows: Blobs | PointRows) -> dict[str, np.ndarray]:
     return columns if rows.residual is None else columns | {RESIDUAL: rows.residual}
 
 
-def _read_motion(collection: bpy.types.Collection, frames: dict[str, np.ndarray], markers: int) -> Motion:
+def _read_motion(
+    collection: bpy.types.Collection, frames: dict[str, np.ndarray], markers: int, performers: int
+) -> Motion:
     motion, pose = storage.read_table(collection[MOTION]), storage.read_table(collection[POSE])
     count = len(frames["number"])
     turns = rotations.exponential(pose["turns"])[0]
     return Motion(
         frames["number"],
-        motion["markers"].reshape(count, markers, 3),
-        motion["residual"].reshape(count, markers),
-        motion["residual_px"].reshape(count, markers),
+        _by_marker(motion["markers"].reshape(count, markers, 3)),
+        _by_marker(motion["residual"].reshape(count, markers)),
+        _by_marker(motion["residual_px"].reshape(count, markers)),
         motion["conflicts"].reshape(count, markers),
-        motion["expected"].reshape(count, markers, 3),
+        _by_marker(motion["expected"].reshape(count, markers, 3)),
         pose["joints"].reshape(count, -1, 3),
         turns.reshape(count, -1, 3, 3),
-        frames["scale"],
+        np.concatenate([frames[_size_of(number)] for number in range(performers)], axis=1),
         frames["confidence"],
     )
+
+
+def _by_marker(values: np.ndarray) -> np.ndarray:
+    """The same (F, M, …) with what is one marker's side by side in memory: so curves, tables and edits want it."""
+    return np.ascontiguousarray(values.swapaxes(0, 1)).swapaxes(0, 1)
 
 
 def set_time(scene: bpy.types.Scene, rate: float, frames: np.ndarray):

@@ -7,10 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..core.data.takes import BY_EDIT, NO_MARKER, PointRows
-from ..core.edits.following import changed_frames
 from ..core.edits.kinds import Place
 from ..core.review.doubtful import DOUBTFUL_NAMES, markers_meant
-from .stored import Stored, differ_by_edits
+from .stored import Stored, changed_between
 
 # What a stretch is, in the order in which stretches are drawn: what is rare and short lies on top.
 STATES = ("named", "unnamed", "gap", "filled", "edited", "doubtful")
@@ -110,11 +109,10 @@ class KeptRows:
         return last.labels is stored.labels or np.array_equal(last.labels.named, stored.labels.named)
 
     def _look_at_markers(self, stored: Stored):
-        whole = slice(0, len(stored.motion.frames))
-        changed = dict.fromkeys(range(len(stored.names)), whole)
-        if self.stored is not None and differ_by_edits(self.stored, stored):
-            changed = _about(self.stored, stored)
-        else:
+        changed = None if self.stored is None else _about(self.stored, stored)
+        if changed is None:
+            whole = slice(0, len(stored.motion.frames))
+            changed = dict.fromkeys(range(len(stored.names)), whole)
             self.states = np.empty((len(changed), whole.stop), np.int8)
             self.markers, self.found = [np.empty((0, 4), int)] * len(changed), [0] * len(changed)
         if not changed:
@@ -140,13 +138,15 @@ class KeptRows:
         return Runs((*self.stored.names, *names), marker, numbers, found, runs, span)
 
 
-def _about(before: Stored, after: Stored) -> dict[int, slice]:
+def _about(before: Stored, after: Stored) -> dict[int, slice] | None:
     """The markers of which two takes that differ by edits may say something else, and the frames in which they may.
 
-    Frames are given by their index.
+    Frames are given by their index; None where the takes differ by more.
     """
+    about = changed_between(before, after)
+    if about is None:
+        return None
     of_word = {name: index for index, name in enumerate(after.names)}
-    about = changed_frames(before.groups, after.groups)
     for suspect in set(before.suspects) ^ set(after.suspects):
         start, stop = np.searchsorted(after.motion.frames, [suspect.first, suspect.last + 1]).tolist()
         for marker in markers_meant(suspect, of_word):
@@ -182,20 +182,13 @@ def _rows_of_points(stored: Stored, unfolded: bool) -> tuple[list[str], list[int
 
 def states_of(stored: Stored, markers: Sequence[int], frames: slice) -> np.ndarray:
     """(F, K) one of STATES for each of F frames, by their index from start to stop, and of K markers, by theirs."""
-    markers, begin = list(markers), frames.start
-    there = np.isfinite(stored.motion.markers[frames, :, 0][:, markers])
+    markers = list(markers)
+    there = np.isfinite(np.column_stack([stored.motion.markers[frames, marker, 0] for marker in markers]))
     states = np.where(there, NAMED, GAP).astype(np.int8)
     column_of = np.full(len(stored.names) + 1, -1)  # the last is that of NO_MARKER, -1
     column_of[markers] = np.arange(len(markers))
-    rows = slice(*np.searchsorted(stored.rows.frame, [begin, frames.stop]).tolist())
-    labels, frame = stored.labels, stored.rows.frame[rows] - begin
-    column = column_of[labels.marker[rows]]
-    unsure = labels.confidence[rows] < DOUBTFUL_NAMES.min_confidence
-    if not isinstance(stored.rows, PointRows):
-        unsure[:] = False  # of blobs every camera has its own say
-    for unlike, state in ((unsure, DOUBTFUL), (labels.step[rows] == BY_EDIT, CORRECTED)):
-        which = np.flatnonzero(unlike & (column >= 0))
-        states[frame[which], column[which]] = state
+    for unlike, state in zip(_unlike_others(stored, markers, frames), (DOUBTFUL, CORRECTED), strict=True):
+        states[unlike] = state
     states[~there] = GAP  # of a blob that one camera alone has, whoever named it
     of_word = {name: index for index, name in enumerate(stored.names)}
     own_frames = stored.motion.frames[frames]
@@ -210,10 +203,31 @@ def states_of(stored: Stored, markers: Sequence[int], frames: slice) -> np.ndarr
         row = int(np.searchsorted(own_frames, edit.frame)) if place >= 0 else len(states)
         if row < len(states) and own_frames[row] == edit.frame and there[row, place]:
             states[row, place] = CORRECTED
-    for marker, filled in stored.filled_markers().items():
+    for marker, filled in stored.filled_markers.items():
         if column_of[marker] >= 0:
             states[filled[frames], column_of[marker]] = FILLED
     return states
+
+
+def _unlike_others(stored: Stored, markers: list[int], frames: slice) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+    """Frame and place in `markers` of each sample whose name is not sure, and of each that a person named.
+
+    Of markers of frames by their index.
+    """
+    labels, points = stored.labels, isinstance(stored.rows, PointRows)
+    if stored.held is not None:
+        row = stored.held.rows[markers, frames]
+        unsure = row >= 0
+        unsure[unsure] = labels.confidence[row[unsure]] < DOUBTFUL_NAMES.min_confidence
+        return np.nonzero(unsure.T), np.nonzero(stored.held.by_edit[markers, frames].T)
+    column_of = np.full(len(stored.names) + 1, -1)  # the last is that of NO_MARKER, -1
+    column_of[markers] = np.arange(len(markers))
+    rows = slice(*np.searchsorted(stored.rows.frame, [frames.start, frames.stop]).tolist())
+    frame, column = stored.rows.frame[rows] - frames.start, column_of[labels.marker[rows]]
+    # Of blobs every camera has its own say.
+    unsure = (labels.confidence[rows] < DOUBTFUL_NAMES.min_confidence) & points
+    both = [np.flatnonzero(flags & (column >= 0)) for flags in (unsure, labels.step[rows] == BY_EDIT)]
+    return tuple((frame[which], column[which]) for which in both)
 
 
 def _runs_of_states(row: int, states: np.ndarray) -> np.ndarray:

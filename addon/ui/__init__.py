@@ -6,6 +6,7 @@ from contextlib import ExitStack
 import bpy
 
 from ..ops.correcting import review_now
+from ..ops.label_folder import follow, leave_batch
 from ..ops.timeline import forget_rows
 from ..props import list_trouble
 from ..scene.opened import opened
@@ -19,6 +20,7 @@ from . import (
     label_tool,
     overlay,
     panels,
+    performers,
     quality,
     smoothing,
     timeline,
@@ -26,6 +28,7 @@ from . import (
 
 CLASSES = (
     *panels.CLASSES,
+    *performers.CLASSES,
     *character.CLASSES,
     *calibration.CLASSES,
     *filling.CLASSES,
@@ -64,6 +67,8 @@ def add_handlers(stack: ExitStack):
     bpy.app.timers.register(handlers.adopt_takes, first_interval=0.0, persistent=True)
     stack.callback(_stop_timer, handlers.adopt_takes)
     stack.callback(_stop_timer, review_now)
+    stack.callback(leave_batch)
+    stack.callback(_stop_timer, follow)
 
 
 def _stop_timer(function):

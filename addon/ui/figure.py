@@ -12,6 +12,7 @@ from ..core.review.trouble import Trouble
 from ..ops.picking import selected_markers
 from ..ops.reviewing import places_of
 from ..scene.opened import opened
+from ..scene.performers import Colour, armatures_of, colours_in, marker_colours
 from ..scene.sides import KEPT_SIDES, SIDE_COLOURS, colours_of, kept_sides
 from ..scene.stored import Stored
 from ..scene.take import is_take
@@ -20,6 +21,7 @@ from . import marks
 from .overlay import Canvas
 
 FIGURE_WIDTH, TRAIL_WIDTH = 3.0, 1.8
+SIDE_TINT = 0.3  # of the colour of a side in that of a performer among several
 FAR_BONE = 0.62  # of a colour's brightness that every other segment along a limb has, so that one sees where it ends
 MISSING_COLOUR = (0.75, 0.75, 0.75, 0.55)
 MEANT_COLOUR = (1.0, 1.0, 1.0, 1.0)
@@ -27,8 +29,9 @@ MISSING_RADIUS, MEANT_RADIUS = 5.0, 11.0
 DASH = 0.02  # m of a dash that leads over a gap, and of the space behind it
 MAX_DASHES = 60
 JOINED = 0.005  # m; a bone that begins nearer than this to an end of the one above hangs on it
-# What the bones of the figure that was drawn last are called by, and their colours with the bones above them.
-_colours_of_bones: list = []
+# By the session's own number of an armature: what the bones that were drawn last are called by, and their colours with
+# the bones above them.
+_colours_of_bones: dict[int, tuple] = {}
 
 
 def draw():
@@ -47,7 +50,7 @@ def draw():
             canvas.rings(canvas.place(missing(stored, index)), MISSING_COLOUR, MISSING_RADIUS)
         if settings.show_trails:
             names = [name for name in selected_markers(context) if name in stored.words]
-            draw_trails(canvas, stored, index, [stored.words[name] for name in names])
+            draw_trails(canvas, stored, index, [stored.words[name] for name in names], settings.take)
         if (trouble := meant(context, settings.take, stored)) is not None:
             places = canvas.place(places_of(trouble, stored, context.scene.frame_current - stored.shift))
             for radius in (MEANT_RADIUS, MEANT_RADIUS + 1.5):
@@ -55,10 +58,20 @@ def draw():
 
 
 def draw_figure(canvas: Canvas, collection: bpy.types.Collection):
-    """A line for every bone, in the colour of its side; along a limb every other one is darker."""
-    armature = next((item for item in collection.objects if item.type == "ARMATURE"), None)
-    if armature is None or not armature.visible_get():
-        return
+    """A line for every bone, in the colour of its side; along a limb every other one is darker.
+
+    Of several performers each is drawn in their own colour, which the sides tinge.
+    """
+    colours, shown = colours_in(collection), armatures_of(collection)
+    for name, armature in shown:
+        if armature.visible_get():
+            draw_bones(canvas, armature, colours.get(name))
+    if len(_colours_of_bones) > len(shown):  # those of other takes
+        _colours_of_bones.clear()
+
+
+def draw_bones(canvas: Canvas, armature: bpy.types.Object, own: Colour | None):
+    """The figure of one performer, in their own colour if there is one."""
     bones = armature.pose.bones
     world = np.array(armature.matrix_world, dtype=float)
     ends = np.empty((2, len(bones), 3), dtype=np.float32)
@@ -66,7 +79,7 @@ def draw_figure(canvas: Canvas, collection: bpy.types.Collection):
         bones.foreach_get(name, flat := np.empty(end.size, dtype=np.float32))
         end[:] = flat.reshape(-1, 3)
     ends = ends.swapaxes(0, 1) @ world[:3, :3].T + world[:3, 3]
-    colours, above = _bone_colours(armature)
+    colours, above = _bone_colours(armature, own)
     apart, joining = links(ends, above)
     canvas.lines(canvas.place(np.concatenate([ends, joining])), np.concatenate([colours, colours[apart]]), FIGURE_WIDTH)
 
@@ -82,18 +95,21 @@ def links(ends: np.ndarray, above: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return apart, np.stack([nearest, ends[apart, 0]], axis=1)
 
 
-def _bone_colours(armature: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
+def _bone_colours(armature: bpy.types.Object, own: Colour | None) -> tuple[np.ndarray, np.ndarray]:
     """(J, 2, 4) the colours of the ends of the bones, and (J,) the bone above each; worked out once for an armature."""
     names = tuple(bone.name for bone in armature.data.bones)
-    key = (armature.session_uid, names, armature.get(KEPT_SIDES, ""))
-    if _colours_of_bones[:1] != [key]:
+    key, kept = (own, names, armature.get(KEPT_SIDES, "")), _colours_of_bones.get(armature.session_uid)
+    if kept is None or kept[0] != key:
         light = np.array([FAR_BONE if len(bone.parent_recursive) % 2 else 1.0 for bone in armature.data.bones])
         sides = kept_sides(armature)
-        colours = np.array([SIDE_COLOURS[sides.get(name, "")] for name in names]).reshape(-1, 3) * light[:, None]
-        whole = np.concatenate([colours, np.ones((len(names), 1))], axis=1)
+        colours = np.array([SIDE_COLOURS[sides.get(name, "")] for name in names]).reshape(-1, 3)
+        if own is not None:
+            colours = SIDE_TINT * colours + (1 - SIDE_TINT) * np.array(own)
+        whole = np.concatenate([colours * light[:, None], np.ones((len(names), 1))], axis=1)
         above = np.array([-1 if bone.parent is None else names.index(bone.parent.name) for bone in armature.data.bones])
-        _colours_of_bones[:] = [key, (np.repeat(whole[:, None], 2, axis=1), above)]
-    return _colours_of_bones[1]
+        kept = key, (np.repeat(whole[:, None], 2, axis=1), above)
+        _colours_of_bones[armature.session_uid] = kept
+    return kept[1]
 
 
 def missing(stored: Stored, index: int) -> np.ndarray:
@@ -102,9 +118,13 @@ def missing(stored: Stored, index: int) -> np.ndarray:
     return stored.motion.expected[index, ~found]
 
 
-def draw_trails(canvas: Canvas, stored: Stored, index: int, markers: list[int]):
+def draw_trails(
+    canvas: Canvas, stored: Stored, index: int, markers: list[int], collection: bpy.types.Collection | None = None
+):
     """Where markers were and will be, a second either way, fading."""
-    colours = colours_of(stored.names)
+    colours = marker_colours(collection, stored.performers, len(stored.names))
+    if colours is None:
+        colours = colours_of(stored.names)
     trails = [trail(stored.motion.markers[:, one], index, max(round(stored.rate), 2)) for one in markers]
     for marker, (ends, faded, _) in zip(markers, trails, strict=True):
         tints = np.concatenate([np.tile(colours[marker], (*faded.shape, 1)), faded[..., None]], axis=2)

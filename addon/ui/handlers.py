@@ -4,9 +4,10 @@
 import bpy
 from bpy.app.handlers import persistent
 
+from ..ops.label_folder import show_batch
 from ..ops.picking import keep_picked, restore_picked
 from ..ops.timeline import forget_rows
-from ..props import SceneSettings, TrainingTakeRow, refresh_review
+from ..props import SceneSettings, TrainingTakeRow, refresh_review, restore_choice
 from ..scene import naming
 from ..scene.opened import opened
 from ..scene.take import takes_of
@@ -21,8 +22,10 @@ def after_load(*_):
         adopt_training_takes(scene.mocap_autolabel)
     forget_trouble()
     forget_rows()
+    bpy.context.view_layer.update()  # constraints of cameras, which what was edited in takes of blobs is measured by
     bpy.context.window_manager.mocap_autolabel.picked.clear()
     adopt_takes()
+    show_batch()
 
 
 @persistent
@@ -48,7 +51,10 @@ def adopt_training_takes(settings: SceneSettings):
 
 
 def adopt_takes():
-    """Makes a take that the command line put into a scene the active one, and fills the review of the current scene."""
+    """Makes a take that the command line put into a scene the active one, and fills the review of the current scene.
+
+    Scenes of the first versions get their marker set back.
+    """
     for scene in bpy.data.scenes:
         settings, takes = scene.mocap_autolabel, takes_of(scene)
         if settings.take is None and settings.preview is None and takes:
@@ -56,4 +62,5 @@ def adopt_takes():
             settings.rate = scene.render.fps / scene.render.fps_base
         if settings.cameras is None and takes:
             settings.cameras = takes[-1].get(naming.CAMERAS)
+        restore_choice(settings)
     refresh_review(bpy.context.window_manager, bpy.context.scene)

@@ -13,6 +13,7 @@ from ..ops.picking import image_in, picked_points, selected_markers
 from ..ops.polling import lacks_take
 from ..scene.blob_dots import blob_dots, marker_dots, on_rays, track_around
 from ..scene.opened import opened
+from ..scene.performers import homes
 from ..scene.picking import Dots, dots_of, path_of
 from ..scene.stored import Stored
 from ..scene.take import is_take
@@ -51,6 +52,7 @@ KEYMAP = (
     _key("mocap_autolabel.quick_label", "F"),
     _key("mocap_autolabel.unlabel", "U"),
     _key("mocap_autolabel.swap_markers", "E"),
+    _key("mocap_autolabel.other_performer", "E", held="shift"),
     _key("mocap_autolabel.no_marker", "X"),
     _key("mocap_autolabel.no_marker", "DEL"),
     _key("mocap_autolabel.is_right", "Y"),
@@ -69,7 +71,8 @@ class LabelTool(bpy.types.WorkSpaceTool):
     bl_label = "Label"
     bl_description = (
         "Pick dots: click, drag a box, Ctrl drag a lasso, Shift adds.\n"
-        "L: name, F: quick label, U: unlabel, E: swap, X: no marker, Y: it is right, P: it is here"
+        "L: name, F: quick label, U: unlabel, E: swap, Shift E: the other one's,\n"
+        "X: no marker, Y: it is right, P: it is here"
     )
     bl_icon = "ops.paint.eyedropper_add"
     bl_cursor = "DEFAULT"
@@ -141,6 +144,9 @@ class MOCAP_AUTOLABEL_MT_label(bpy.types.Menu):
         layout.operator("mocap_autolabel.quick_label")
         layout.separator()
         layout.operator("mocap_autolabel.swap_markers")
+        if homes(context.scene.mocap_autolabel.take):
+            layout.operator("mocap_autolabel.other_performer")
+            layout.operator("mocap_autolabel.exchange_performers")
         layout.operator("mocap_autolabel.unlabel")
         layout.operator("mocap_autolabel.no_marker")
         layout.operator("mocap_autolabel.is_right")

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Drawn over the 3D view: through a camera its blobs, the body's markers and the links between them; names anywhere."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Self
 
 import bpy
@@ -15,6 +15,7 @@ from ..scene import naming
 from ..scene.cameras import camera_name, camera_through
 from ..scene.markerset_edit import edited_collection
 from ..scene.opened import opened
+from ..scene.performers import Colour, colours_in, marker_colours
 from ..scene.picking import to_region
 from ..scene.preview import holds_points
 from ..scene.take import Stored, is_take
@@ -35,7 +36,7 @@ LEGEND = (
 )
 BY_HAND = ("named by hand", BY_EDIT)
 letters, discs = Letters(), Discs()
-COVERING = ("TOOLS", "UI", "HEADER", "TOOL_HEADER", "ASSET_SHELF", "ASSET_SHELF_HEADER")
+COVERING = ("TOOLS", "UI", "HEADER", "TOOL_HEADER", "ASSET_SHELF", "ASSET_SHELF_HEADER", "HUD")
 
 
 def draw():
@@ -69,7 +70,7 @@ def draw_frame(canvas: "Canvas", context: bpy.types.Context):
     if camera is not None and camera_name(camera) in stored.cameras.names:
         draw_camera(canvas, stored, index, camera, settings)
     else:
-        draw_markers(canvas, stored, index, settings)
+        draw_markers(canvas, stored, index, settings, settings.take if is_take(settings.take) else None)
 
 
 def shown(scene: bpy.types.Scene) -> Stored | None:
@@ -89,7 +90,7 @@ class Canvas:
     what it draws.
     """
 
-    covered = marks.NOTHING_COVERED
+    covered, foot = marks.NOTHING_COVERED, float(LEGEND_BOTTOM)
 
     def __init__(self, context: bpy.types.Context):
         region = context.region
@@ -97,6 +98,9 @@ class Canvas:
         self.perspective = np.array(context.space_data.region_3d.perspective_matrix, dtype=float)
         self.scale = context.preferences.system.ui_scale
         self.covered = covered(context.area, region)
+        # Blender's panel of the last operator comes up where the legend is.
+        panels = covered(context.area, region, ("HUD",))
+        self.foot = LEGEND_BOTTOM * self.scale + float(panels[:, 3].max(initial=0))
 
     def __enter__(self) -> Self:
         self._waiting: list[tuple[float | None, list[tuple[np.ndarray, ...]]]] = []
@@ -172,9 +176,9 @@ class Canvas:
         self._words += [(word, x, y, colour) for word, (x, y) in words]
 
 
-def covered(area: bpy.types.Area, region: bpy.types.Region) -> np.ndarray:
-    """(K, 4) the boxes of a region, px, that the toolbar, the sidebar and headers lie over."""
-    over = [one for one in area.regions if one.type in COVERING and one.width > 1 and one.height > 1]
+def covered(area: bpy.types.Area, region: bpy.types.Region, by: Sequence[str] = COVERING) -> np.ndarray:
+    """(K, 4) the boxes of a region, px, that the toolbar, the sidebar, headers and the like lie over."""
+    over = [one for one in area.regions if one.type in by and one.width > 1 and one.height > 1]
     boxes = [[one.x, one.y, one.x + one.width, one.y + one.height] for one in over]
     return np.array(boxes, dtype=float).reshape(-1, 4) - np.tile([region.x, region.y], 2)
 
@@ -196,18 +200,21 @@ def draw_camera(canvas: Canvas, stored: Stored, index: int, camera: bpy.types.Ob
         legend = (*LEGEND, *([BY_HAND] if (seen.step == BY_EDIT).any() else []))
         draw_legend(canvas, camera_name(camera), len(places), int((seen.marker != NO_MARKER).sum()), legend)
     else:
-        canvas.text(
-            f"{camera_name(camera)}: {len(places)} blobs", LEGEND_LEFT * canvas.scale, LEGEND_BOTTOM * canvas.scale
-        )
+        canvas.text(f"{camera_name(camera)}: {len(places)} blobs", LEGEND_LEFT * canvas.scale, canvas.foot)
 
 
-def draw_markers(canvas: Canvas, stored: Stored, index: int, settings):
-    """The markers that were found and their names, and the points that have none; doubtful ones stand out."""
+def draw_markers(canvas: Canvas, stored: Stored, index: int, settings, collection: bpy.types.Collection | None = None):
+    """The markers that were found and their names, and the points that have none; doubtful ones stand out.
+
+    Those of several performers, which the take in `collection` has, are in the colours of these.
+    """
     seen = marks.point_marks(stored, index)
     places, others = canvas.place(seen.named), canvas.place(seen.unnamed)
     asked = list(seen.asked)
     fills = np.full((len(others), 4), GREY)
-    found_as = np.where(seen.filled[:, None], BLUE, np.where(seen.doubtful[:, None], RED, ORANGE))
+    own = marker_colours(collection, stored.performers, len(stored.names))
+    named_as = ORANGE if own is None else np.column_stack([own, np.ones(len(own))])
+    found_as = np.where(seen.filled[:, None], BLUE, np.where(seen.doubtful[:, None], RED, named_as))
     fills[asked] = RED
     canvas.discs(others, fills, BLOB_RADIUS - 1.5, 1.0)
     canvas.discs(places, found_as, BLOB_RADIUS - 1, 1.0)
@@ -216,15 +223,22 @@ def draw_markers(canvas: Canvas, stored: Stored, index: int, settings):
         canvas.names(words, np.concatenate([places, others[asked]]))
     if isinstance(stored.rows, PointRows):
         found = int((np.isfinite(seen.named).all(axis=1) & ~seen.filled).sum())
-        draw_point_legend(canvas, found, found + len(others), bool(stored.names), bool(stored.fills))
+        people = {} if collection is None else colours_in(collection)
+        draw_point_legend(canvas, found, found + len(others), bool(stored.names), bool(stored.fills), people)
 
 
-def draw_point_legend(canvas: Canvas, named: int, points: int, labelled: bool, filled: bool):
-    """What the colours of points mean, and how many have a name; `filled` where the take has filled gaps."""
+def draw_point_legend(
+    canvas: Canvas, named: int, points: int, labelled: bool, filled: bool, people: Mapping[str, Colour]
+):
+    """What the colours of points mean, and how many have a name; `filled` where the take has filled gaps.
+
+    `people` are performers with names, and their colours.
+    """
     if not labelled:
-        canvas.text(f"{points} points", LEGEND_LEFT * canvas.scale, LEGEND_BOTTOM * canvas.scale)
+        canvas.text(f"{points} points", LEGEND_LEFT * canvas.scale, canvas.foot)
         return
-    rows = (("named", ORANGE), ("doubtful", RED), ("unnamed", GREY)) + (("filled", BLUE),) * filled
+    names = [(name, (*colour, 1.0)) for name, colour in people.items()] or [("named", ORANGE)]
+    rows = (*names, ("doubtful", RED), ("unnamed", GREY)) + (("filled", BLUE),) * filled
     draw_colours(canvas, f"{named} of {points} points named", rows)
 
 
@@ -236,7 +250,7 @@ def draw_legend(canvas: Canvas, camera: str, blobs: int, named: int, legend):
 
 def draw_colours(canvas: Canvas, title: str, rows):
     """A title and below it colours, each one or from one to another, with the words for them."""
-    left, bottom, line = LEGEND_LEFT * canvas.scale, LEGEND_BOTTOM * canvas.scale, 18 * canvas.scale
+    left, bottom, line = LEGEND_LEFT * canvas.scale, canvas.foot, 18 * canvas.scale
     lower = bottom + line * np.arange(len(rows))[::-1]
     y = lower + line * 0.25
     ends = np.stack([np.column_stack([0 * y + left, y]), np.column_stack([0 * y + left + 22 * canvas.scale, y])], 1)

@@ -10,9 +10,10 @@ from ..props import OWN_FILE
 from ..scene import naming
 from ..scene.cameras import camera_name
 from ..scene.markerset_edit import edited_collection
+from ..scene.performers import homes
 from ..scene.take import is_take
-from . import trouble
-from .parts import Reviewing, Step, draw_text
+from . import label_folder, performers, trouble
+from .parts import Reviewing, Step, draw_choice, draw_text
 
 FEW_MARKERS_SHOWN = 5  # cameras that fit below each other
 
@@ -52,9 +53,14 @@ class MOCAP_AUTOLABEL_PT_take(Step, bpy.types.Panel):
         column = layout.column(align=True)
         column.operator("mocap_autolabel.import_blobs", icon="IMPORT")
         column.operator("mocap_autolabel.import_points", icon="IMPORT")
+        if not settings.points_path:
+            column = layout.column(align=True)
+            column.operator("mocap_autolabel.find_blobs", icon="FILE_MOVIE")
+            if len(bpy.data.movieclips):
+                column.operator("mocap_autolabel.import_clip_tracks", icon="TRACKER")
         path = settings.points_path or settings.blobs_path
         if not path:
-            layout.label(text="Or drop a .csv, .c3d or .trc here", icon="INFO")
+            layout.label(text="Or drop a .csv, .c3d, .trc or .qtm here", icon="INFO")
             return
         column = layout.column(align=True)
         column.label(text=bpy.path.basename(path), icon="FILE")
@@ -133,7 +139,15 @@ class MOCAP_AUTOLABEL_PT_train(Step, bpy.types.Panel):
         layout.operator("mocap_autolabel.train", icon="PLAY")
         layout.operator("mocap_autolabel.learn_take", icon="PLAY")
         layout.operator("mocap_autolabel.learn_frame", icon="PLAY")
-        for doubt in context.window_manager.mocap_autolabel.doubts:
+        state = context.window_manager.mocap_autolabel
+        if len(state.differences):
+            box = layout.box()
+            box.label(text="Known takes, labelled anew", icon="ERROR" if state.candidate else "CHECKMARK")
+            for difference in state.differences:
+                draw_text(context, box, difference.name)
+            if state.candidate:
+                box.operator("mocap_autolabel.adopt_model", icon="CHECKMARK")
+        for doubt in state.doubts:
             draw_text(context, layout, doubt.name, icon="ERROR")
 
 
@@ -221,13 +235,6 @@ def has_residuals(context: bpy.types.Context) -> bool:
     return any(row.residual > 0 for row in context.window_manager.mocap_autolabel.markers)
 
 
-def draw_choice(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, name: str):
-    """A choice with its whole name before it, of which Blender by itself leaves a narrow sidebar a third."""
-    row = layout.split(factor=0.45, align=True)
-    row.label(text=f"{settings.bl_rna.properties[name].name}:")
-    row.prop(settings, name, text="")
-
-
 class MOCAP_AUTOLABEL_PT_markers(Reviewing, bpy.types.Panel):
     """Every marker with its gaps and residual, the one that was found least first."""
 
@@ -260,6 +267,10 @@ class MOCAP_AUTOLABEL_PT_corrections(Reviewing, bpy.types.Panel):
         grid.operator("mocap_autolabel.unlabel", icon="X")
         grid.operator("mocap_autolabel.swap_markers", icon="UV_SYNC_SELECT")
         grid.operator("mocap_autolabel.is_right", icon="CHECKMARK")
+        if homes(context.scene.mocap_autolabel.take):
+            column = layout.column(align=True)
+            column.operator("mocap_autolabel.other_performer", icon="COMMUNITY")
+            column.operator("mocap_autolabel.exchange_performers", icon="UV_SYNC_SELECT")
         if len(state.corrections):
             row = layout.row()
             row.template_list(
@@ -295,6 +306,7 @@ class MOCAP_AUTOLABEL_UL_training_takes(bpy.types.UIList):
         row = layout.row(align=True)
         row.label(text=item.name)
         row.prop(item, "subject", text="", emboss=False, icon="USER")
+        row.prop(item, "kept", text="", emboss=False, icon="LOCKED" if item.kept else "UNLOCKED")
 
 
 class MOCAP_AUTOLABEL_UL_corrections(bpy.types.UIList):
@@ -330,7 +342,9 @@ CLASSES = (
     MOCAP_AUTOLABEL_PT_markerset_edit,
     MOCAP_AUTOLABEL_PT_train,
     MOCAP_AUTOLABEL_PT_label,
+    *performers.ASKED_FIRST,
     MOCAP_AUTOLABEL_PT_hints,
+    *label_folder.CLASSES,
     MOCAP_AUTOLABEL_PT_review,
     *trouble.CLASSES,
     MOCAP_AUTOLABEL_PT_markers,

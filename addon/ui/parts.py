@@ -38,6 +38,13 @@ def draw_text(context: bpy.types.Context, layout: bpy.types.UILayout, words: str
         column.label(text=line, icon="BLANK1" if number and icon != "NONE" else icon)
 
 
+def draw_choice(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, name: str):
+    """A choice with its whole name before it, of which Blender by itself leaves a narrow sidebar a third."""
+    row = layout.split(factor=0.45, align=True)
+    row.label(text=f"{settings.bl_rna.properties[name].name}:")
+    row.prop(settings, name, text="")
+
+
 def frames_in_short(first: int, last: int) -> str:
     """Frames from the first to the last, as a row of a list has room for them."""
     return str(first) if first == last else f"{first}–{last}"

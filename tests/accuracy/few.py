@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from addon.core.data.markersets import MarkerSet
-from addon.core.points.likelihood import learn_likelihood
+from addon.core.points.likelihood.learn import learn_likelihood
 from addon.core.points.models import Model
 from addon.io.models import open_model
 

@@ -34,8 +34,9 @@ class Flesh:
         for first in range(0, len(markers), BLOCK):
             part = slice(first, first + BLOCK)
             radius = np.broadcast_to(self.radius, start[part].shape[:2])
+            capsules = start[part], axis[part], radius
             standoff = np.full(len(start[part]), OCCLUDING.standoff * self.stature)
-            found[part] = capsules_hide(start[part], axis[part], radius, markers[part], centres, standoff)
+            found[part] = capsules_hide(*capsules, markers[part], centres, standoff, OCCLUDING.min_side_share)
         return found
 
     def carry(self, frames: slice, offsets: np.ndarray) -> np.ndarray:

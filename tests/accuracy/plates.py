@@ -17,7 +17,7 @@ import numpy as np
 from addon.cli import main as command
 from addon.core.points.adaptation import Adaptation
 from addon.core.points.models import Model
-from addon.core.points.rigid_bodies import learn_structure
+from addon.core.points.rigid_bodies.structure import learn_structure
 from addon.core.points.tracklets import cut, vote_tracklets
 from addon.io.models import open_model
 from addon.io.points import read_points

@@ -8,8 +8,8 @@ import numpy as np
 from addon.core.data.takes import Labels
 from addon.core.points.adaptation import Adaptation, adapt, borne_out
 from addon.core.points.deciding import consistent, decide
-from addon.core.points.likelihood import Likelihood, label_frames
-from addon.core.points.likelihood.frames import LikelihoodNamer
+from addon.core.points.likelihood.frames import LikelihoodNamer, label_frames
+from addon.core.points.likelihood.model import Likelihood
 from addon.core.points.models import Model
 from addon.core.points.tracklets import cut
 from addon.core.points.whole_take.deciding import can_be_solved, labels_of, solution_of
@@ -66,7 +66,7 @@ def labelled_as_product(model: Model, points: np.ndarray, rate: float) -> tuple[
     model = adaptation.model
     named = Labels.join(LikelihoodNamer(model.likelihood).name(points, rate))
     if can_be_solved(model, tracklet):
-        solution = solution_of(named, tracklet, points, model, rate, 0)
+        solution = solution_of(named, tracklet, points, model, rate)
         return named, labels_of(solution, named, TARGET, model.markerset.markers).labels, adaptation
     decided = decide(named, tracklet, model, TARGET, 0)
     decided = consistent(decided, points, model.likelihood, 0)

@@ -213,7 +213,7 @@ def run_sweeps(plan: Plan):
 def run_speed(plan: Plan):
     """Ten iterations of the nine-parameter fit with occlusion test, on one core."""
     from addon.core.blobs.subject import Setup
-    from addon.core.body.cost import blob_pull
+    from addon.core.body.cost import BlobPull
     from addon.core.body.fit import fit_placement
     from addon.core.geometry.views import split_views
 
@@ -232,7 +232,7 @@ def run_speed(plan: Plan):
                 bodies = fit_placement(
                     setup.model,
                     bodies,
-                    lambda m, v=visible, w=view, u=setup, s=softness, r=reach: blob_pull(m, v, w, u.sight, s, r),
+                    BlobPull(visible, view, setup.sight, softness, reach),
                     5,
                 ).bodies
             times.append(perf_counter() - begin)

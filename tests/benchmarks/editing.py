@@ -94,6 +94,23 @@ class Session:
         for _ in range(EDITS):
             self.name()
 
+    def fill(self):
+        """Fills every gap that has two ends, by straight lines."""
+        from bl_ext.mocap_tests.mocap_autolabel.addon.core.filling.kept import KeptFill
+        from bl_ext.mocap_tests.mocap_autolabel.addon.scene.fills import keep_fills
+        from bl_ext.mocap_tests.mocap_autolabel.addon.scene.take import show_edits
+
+        before, fills = self.stored, []
+        for marker, name in enumerate(before.names):
+            there = np.flatnonzero(np.isfinite(before.motion.markers[:, marker, 0]))
+            for first, last in zip(there[:-1][np.diff(there) > 1], there[1:][np.diff(there) > 1], strict=True):
+                path = np.linspace(*before.motion.markers[[first, last], marker], last - first + 1)
+                frames = before.motion.frames[[first + 1, last - 1]].tolist()
+                fills.append(KeptFill(name, *frames, "spline", 0.001, path))
+        collection = self.bpy.context.scene.mocap_autolabel.take
+        keep_fills(collection, fills)
+        show_edits(collection, before, self.stored, True)
+
     def frame_to_draw(self):
         """What the overlay works out for a frame before it draws."""
         stored, index = self.stored, FRAMES // 2
@@ -110,7 +127,7 @@ class Session:
 
 def editing(repeats: int) -> Iterator[Row]:
     """What a correction costs, after few others and after many."""
-    session, some = Session(), max(repeats // 3, 3)
+    session, some, floor = Session(), max(repeats // 3, 3), ("100 ms", "", "")
     size = f"{FRAMES} frames × {MARKERS} markers"
     row = partial(Row, show=milliseconds)
     yield row(f"a pick, {size}", session.pick, ("16 ms", "", ""), repeats)
@@ -118,8 +135,11 @@ def editing(repeats: int) -> Iterator[Row]:
     yield row("what the overlay draws of a frame, worked out", session.frame_to_draw, ("6 ms", "", ""), repeats)
     for scope in ("FRAME", "WHOLE"):
         title = f"two markers swapped, {'in one frame' if scope == 'FRAME' else 'in the whole take'}"
-        yield row(title, partial(session.swap, scope), ("100 ms", "", ""), some)
-    yield row("a piece named", session.name, ("100 ms", "", ""), some)
+        yield row(title, partial(session.swap, scope), floor, some)
+    yield row("a piece named", session.name, floor, some)
     session.correct_much()
-    yield row(f"a piece named, behind {EDITS} other corrections", session.name, ("100 ms", "", ""), some)
+    yield row(f"a piece named, behind {EDITS} other corrections", session.name, floor, some)
+    session.fill()
+    yield row("two markers swapped, in the whole take, its gaps filled", partial(session.swap, "WHOLE"), floor, some)
+    yield row("a piece named, the gaps filled", session.name, floor, some)
     yield row("opening the file", session.open, ("10 s", "", ""), 2)

@@ -15,9 +15,24 @@ bpy = pytest.importorskip("bpy", reason="needs the bpy module")
 from addon.core.body.bodies import BodyModel  # noqa: E402
 from addon.core.body.occlusion import CapsuleOcclusion  # noqa: E402
 from addon.core.data.markersets import Capsules, MarkerSet, Skeleton, Spread  # noqa: E402
-from addon.core.data.takes import CONFLICT, EXCLUSIVE, NO_MARKER, REMAINING, Blobs, Labels, Motion, Suspect  # noqa: E402
+from addon.core.data.takes import (  # noqa: E402
+    BY_FIT,
+    CONFLICT,
+    EXCLUSIVE,
+    NO_MARKER,
+    NO_STEP,
+    REMAINING,
+    Blobs,
+    Labels,
+    Motion,
+    PointRows,
+    Points,
+    Suspect,
+)
 from addon.core.geometry import rotations  # noqa: E402
-from addon.core.geometry.cameras import Cameras  # noqa: E402
+from addon.core.geometry.cameras import NO_CAMERAS, Cameras  # noqa: E402
+from addon.core.points.models import Model  # noqa: E402
+from addon.core.points.several.wearers import SetsWorn, Wearer  # noqa: E402
 from addon.scene.take import Take  # noqa: E402
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -172,6 +187,31 @@ def make_take(frames: int = 20, lens: float = 0.0, name: str = "walk") -> Take:
     return Take(name, 59.94, cameras, markerset, blobs, labels, motion, suspects)
 
 
+def make_pair(frames: int = 20, name: str = "duet", markerset: MarkerSet | None = None) -> Take:
+    """A labelled take of points of two people, ann and bob, 1.5 m apart, who are away for two frames.
+
+    They are small ones unless a marker set is given. Trajectories are the markers in their order, behind them one
+    without a name.
+    """
+    markerset = markerset or make_markerset()
+    alone = make_motion(markerset, frames)
+    beside = {part: getattr(alone, part) + np.array([0, 1.5, 0]) for part in ("markers", "joints", "expected")}
+    other = replace(alone, **beside, scale=alone.scale * 1.1)
+    joined = ("markers", "residual", "residual_px", "conflicts", "expected", "joints", "rotations", "scale")
+    both = {part: np.concatenate([getattr(one, part) for one in (alone, other)], axis=1) for part in joined}
+    motion = replace(alone, **both)
+    worn = SetsWorn((Wearer("ann", Model(markerset)), Wearer("bob", Model(markerset))))
+    ghost = np.tile([2.0, 2.0, 0.3], (frames, 1, 1))
+    xyz = np.concatenate([motion.markers, ghost], axis=1)
+    residual = np.where(np.isfinite(xyz[..., 0]), 0.0002, np.nan)
+    rows = PointRows.of(Points(("",) * xyz.shape[1], xyz, residual, 59.94, 101))
+    marker = np.where(rows.trajectory < len(worn), rows.trajectory, NO_MARKER)
+    named = marker != NO_MARKER
+    labels = Labels(marker, np.where(named, BY_FIT, NO_STEP), named * 0.99)
+    suspects = (Suspect(110, 112, "bob: left and right may be exchanged", None, ("bob:LASI", "bob:RASI")),)
+    return Take(name, 59.94, NO_CAMERAS, worn, rows, labels, motion, suspects, f"{name}.c3d")
+
+
 @dataclass(frozen=True)
 class Made:
     """The makers of test data, handed to the tests as one fixture."""
@@ -181,6 +221,7 @@ class Made:
     motion = staticmethod(make_motion)
     blobs = staticmethod(make_blobs)
     take = staticmethod(make_take)
+    pair = staticmethod(make_pair)
 
 
 @pytest.fixture(scope="session")

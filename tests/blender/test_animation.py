@@ -54,17 +54,19 @@ BEFORE = path(1, [(5, 9), (40, 44)])
     ],
 )
 @pytest.mark.parametrize("most_single", [300, 1])
-def test_moved_keys_are_those_that_keying_anew_makes(bag, after, most_single, monkeypatch):
-    monkeypatch.setattr(animation, "KEYING", KeyOptions(most_single=most_single))
-    animation.key(bag, "location", FRAMES, BEFORE, "LKNE")
-    moved = animation.move(bag, "location", FRAMES, BEFORE, after)
+@pytest.mark.parametrize("filled", [(None, None), ((22, 30), (22, 30)), ((22, 30), None), (None, (44, 55))])
+def test_moved_keys_are_those_that_keying_anew_makes(bag, after, most_single, filled, monkeypatch):
+    monkeypatch.setattr(animation, "KEYING", KeyOptions(most_single=most_single, most_removed=most_single))
+    was, made = (None if span is None else (span[0] <= FRAMES) & (span[1] > FRAMES) for span in filled)
+    animation.key(bag, "location", FRAMES, BEFORE, "LKNE", was)
+    moved = animation.move(bag, "location", FRAMES, (BEFORE, was), (after, made))
     fewer = np.isfinite(BEFORE[:, 0]).sum() - np.isfinite(after[:, 0]).sum()
     assert moved == (fewer <= most_single)
     if not moved:
         return
     found = keys_of(bag)
     animation.clear(bag, "location")
-    animation.key(bag, "location", FRAMES, after, "LKNE")
+    animation.key(bag, "location", FRAMES, after, "LKNE", made)
     assert found == keys_of(bag)
     values = [[curve.evaluate(frame) for frame in FRAMES] for curve in bag.fcurves]
     there = np.isfinite(after[:, 0])
@@ -73,11 +75,11 @@ def test_moved_keys_are_those_that_keying_anew_makes(bag, after, most_single, mo
 
 def test_keys_that_a_hand_took_away_or_that_all_go_are_not_moved(bag):
     animation.key(bag, "location", FRAMES, BEFORE, "LKNE")
-    assert not animation.move(bag, "location", FRAMES, BEFORE, BEFORE * np.nan)
+    assert not animation.move(bag, "location", FRAMES, (BEFORE, None), (BEFORE * np.nan, None))
     points = bag.fcurves[1].keyframe_points
     points.remove(points[3])
     before = keys_of(bag)
-    assert not animation.move(bag, "location", FRAMES, BEFORE, path(2))
+    assert not animation.move(bag, "location", FRAMES, (BEFORE, None), (path(2), None))
     assert keys_of(bag) == before
 
 

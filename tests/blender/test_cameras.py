@@ -6,6 +6,7 @@ from dataclasses import replace
 import bpy
 import numpy as np
 import pytest
+from bpy.app.handlers import persistent
 from bpy_extras.object_utils import world_to_camera_view
 from mathutils import Vector
 
@@ -62,6 +63,36 @@ def test_moving_a_camera_moves_its_calibration(empty, made):
     empty.view_layer.update()
     moved = scene_cameras.cameras_of(collection, empty.scene).centres - made.cameras().centres
     np.testing.assert_allclose(moved, [[0, 0, 0], [0, 0, 0.5], [0, 0, 0], [0, 0, 0]], atol=1e-5)
+
+
+@pytest.mark.parametrize("switched_off", [False, True])
+def test_cameras_are_where_they_are_as_soon_as_a_file_is_open(empty, made, tmp_path, switched_off):
+    """Blender works out later where objects are, and not at all in a collection that is switched off."""
+    cameras, found = made.cameras(), []
+    collection = scene_cameras.add_cameras(empty.scene, cameras)
+    rig = bpy.data.objects.new("Rig", None)
+    empty.scene.collection.objects.link(rig)
+    rig.location, rig.rotation_euler = (1, 2, 0), (0, 0, 0.5)
+    collection.objects[1].parent = rig
+    empty.view_layer.update()
+    before = scene_cameras.cameras_of(collection, empty.scene)
+    assert np.abs(before.centres[1] - cameras.centres[1]).max() > 0.3
+    empty.view_layer.layer_collection.children[collection.name].exclude = switched_off
+    path = str(tmp_path / "room.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+
+    @persistent
+    def read(*_):
+        found.append(scene_cameras.cameras_of(bpy.data.collections[name], bpy.context.scene))
+
+    name = collection.name
+    bpy.app.handlers.load_post.append(read)
+    try:
+        bpy.ops.wm.open_mainfile(filepath=path)
+    finally:
+        bpy.app.handlers.load_post.remove(read)
+    np.testing.assert_allclose(found[0].centres, before.centres, atol=1e-5)
+    np.testing.assert_allclose(found[0].rotation, before.rotation, atol=1e-6)
 
 
 @pytest.mark.parametrize("fit", ["AUTO", "HORIZONTAL", "VERTICAL"])

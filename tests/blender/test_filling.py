@@ -256,3 +256,23 @@ def test_the_command_lines_fills_are_marked_in_its_blender_file(labelled, files,
     ours, theirs = (read_points(out / name) for name in ("ours.c3d", "walk.c3d"))
     np.testing.assert_allclose(ours.xyz, theirs.xyz, atol=1e-5)
     np.testing.assert_array_equal(ours.residual == 0, theirs.residual == 0)
+
+
+def test_what_is_made_ready_for_corrections_leaves_the_take_as_it_is(filled, extension):
+    opened = importlib.import_module(f"{extension}.addon.scene.opened").opened
+    take = filled.scene.mocap_autolabel.take
+    opened.forget()
+    before = opened.take(take, filled.scene)
+    opened.make_ready(take, filled.scene)
+    assert opened.take(take, filled.scene) is before
+    assert take.session_uid in opened.following
+    choose("RASI", "LASI")
+    assert bpy.ops.mocap_autolabel.swap_markers(scope="FRAME") == {"FINISHED"}
+    after = opened.take(take, filled.scene)
+    assert after is not before
+    opened.forget()
+    again = opened.take(take, filled.scene)
+    np.testing.assert_array_equal(after.motion.markers, again.motion.markers)
+    np.testing.assert_array_equal(after.motion.residual, again.motion.residual)
+    np.testing.assert_array_equal(after.labels.marker, again.labels.marker)
+    assert after.unfit == again.unfit

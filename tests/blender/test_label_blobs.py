@@ -133,13 +133,17 @@ def test_a_name_holds_along_the_track_of_the_blob(labelled, files):
         assert 14 in frames
 
 
-def test_what_is_said_of_blobs_is_kept_over_save_undo_and_relabelling(labelled, files, tmp_path):
+def test_what_is_said_of_blobs_is_kept_over_save_undo_and_relabelling(labelled, files, extension, tmp_path):
     name_in_two(files)
     place = keys_of(LOST)[0]
     path = tmp_path / "take.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
     bpy.ops.wm.open_mainfile(filepath=str(path))
     np.testing.assert_allclose(take_now(bpy.context).motion.markers[14, files.names.index(LOST)], place[1:], atol=1e-5)
+    # What the sidebar and the exports go by was read while the file was being opened.
+    opened, scene = importlib.import_module(f"{extension}.addon.scene.opened").opened, bpy.context.scene
+    markers = opened.take(scene.mocap_autolabel.take, scene).motion.markers
+    np.testing.assert_allclose(markers[14, files.names.index(LOST)], place[1:], atol=1e-5)
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     np.testing.assert_allclose(keys_of(LOST), [place], atol=1e-4)
     assert len(take_now(bpy.context).edits) == 2

@@ -4,6 +4,7 @@
 import importlib
 import tempfile
 import time
+from dataclasses import replace
 from types import SimpleNamespace
 
 import bpy
@@ -21,6 +22,8 @@ from addon.io.cameras import write_cameras
 from addon.io.markersets import open_markerset, write_markerset
 from addon.io.points import read_points, write_c3d, write_trc
 from addon.scene import naming
+from addon.scene.cameras import camera_name
+from tests.io.qtm_file import Recording, Trajectory, write_qtm
 
 GHOSTS = 2
 MOTIVE = """Format Version,1.23,Take Name,walk,Export Frame Rate,100.000000,Length Units,Meters
@@ -128,6 +131,39 @@ def test_a_drop_tells_blobs_from_points(extension, empty, files):
     assert not any(item.modifiers for item in empty.scene.objects), "the points have gone"
     with pytest.raises(RuntimeError, match="holds 3D points"):
         bpy.ops.mocap_autolabel.import_blobs(filepath=str(files.folder / "motive.csv"))
+
+
+@pytest.fixture
+def qtm(tmp_path, made):
+    """A capture as the capture program saves it, with blobs, three of its four cameras calibrated, and 3D points."""
+    cameras = made.cameras()
+    names = tuple(str(11 + index) for index in range(len(cameras)))
+    blobs = made.blobs(made.markerset(), cameras, made.motion(made.markerset(), 5))[0]
+    tracks = [Trajectory("", [(1, 3)], [(10.0 * at, 20.0, 1000.0 + at, 0.5, 1) for at in range(3)]) for _ in range(4)]
+    recording = Recording(replace(cameras, names=names), blobs, tracks, rate=250.0, uncalibrated=names[-1:])
+    return write_qtm(tmp_path / "walk.qtm", recording), names
+
+
+def test_a_capture_brings_its_cameras_and_its_rate(extension, empty, qtm):
+    path, names = qtm
+    settings = empty.scene.mocap_autolabel
+    assert bpy.ops.mocap_autolabel.import_take("INVOKE_DEFAULT", filepath=str(path)) == {"FINISHED"}
+    assert (settings.blobs_path, settings.points_path, settings.rate) == (str(path), "", 250.0)
+    assert {camera_name(item) for item in settings.cameras.objects} == set(names[:-1])
+    chosen = settings.cameras
+    assert bpy.ops.mocap_autolabel.import_blobs(filepath=str(path)) == {"FINISHED"}
+    assert settings.cameras == chosen, "the scene's own are the file's"
+    labelling = importlib.import_module(f"{extension}.addon.ops.labelling")
+    assert labelling.job_of(bpy.context).use == "blobs"
+    assert bpy.ops.mocap_autolabel.import_points(filepath=str(path)) == {"FINISHED"}
+    assert (settings.points_path, settings.trajectories) == (str(path), 4)
+    assert labelling.job_of(bpy.context).use == "points"
+    assert bpy.ops.mocap_autolabel.import_take(filepath=str(path), use="points") == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.import_cameras(filepath=str(path)) == {"FINISHED"}
+    importing = importlib.import_module(f"{extension}.addon.ops.importing")
+    assert ".qtm" in importing.MOCAP_AUTOLABEL_FH_take.bl_file_extensions.split(";")
+    for glob in (importing.BLOBS, importing.POINTS):
+        assert "*.qtm" in glob.split(";")
 
 
 def test_anonymous_points_become_named_markers(imported, files, naming_known):

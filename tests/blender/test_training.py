@@ -3,6 +3,7 @@
 
 import importlib
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -11,15 +12,21 @@ import numpy as np
 import pytest
 
 from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, NO_STEP, Labels, PointRows, Points
+from addon.core.evaluation.comparing import Comparison, TakeDifference
+from addon.core.evaluation.relabelling import NameCounts
 from addon.core.geometry.cameras import NO_CAMERAS
+from addon.core.points.history import ModelHistory, ModelVersion
 from addon.core.points.motion import motion_of
 from addon.demo.take import make_performance
 from addon.io.markersets import open_markerset
-from addon.io.models import open_model
+from addon.io.models import open_model, write_model
 from addon.io.points import read_points, write_c3d
 from addon.scene.take import Take, show_take
 
 from .conftest import MODULE
+
+# What a report says of a model that nothing is against.
+ADOPTED = {"check": None, "not_adopted_for": [], "written": ""}
 
 
 @pytest.fixture(scope="module")
@@ -107,7 +114,7 @@ def test_a_job_is_what_the_list_says(listed, files, own_folder, extension, monke
         yield SimpleNamespace(fraction=0.5)
         body = {"segments": {"all": list(files.markers)}}
         known = {"out": str(job.out), "model": "mine", "markers": files.markers, "body": body}
-        return {**known, "doubts": ["one subject"], "replaced": []}
+        return {**known, **ADOPTED, "doubts": ["one subject"], "replaced": []}
 
     monkeypatch.setattr(importlib.import_module(f"{extension}.addon.jobs.train"), "train_file", train_file)
     settings = listed.scene.mocap_autolabel
@@ -115,7 +122,8 @@ def test_a_job_is_what_the_list_says(listed, files, own_folder, extension, monke
     assert bpy.ops.mocap_autolabel.train() == {"FINISHED"}
     job = given[0]
     assert [path.name for path in job.takes] == ["one.c3d", "two.c3d"]
-    assert (job.name, job.base, job.overwrite) == ("mine", None, False)
+    assert (job.name, job.base, job.overwrite, job.kept) == ("mine", None, False, ())
+    assert job.by == importlib.import_module(f"{extension}.addon.jobs.versions").system_user() != ""
     assert [name for name, _ in job.subjects] == ["ann [2]", files.folder.name]
     assert [row.name for row in listed.window_manager.mocap_autolabel.doubts] == ["one subject"]
     settings.train_on = True
@@ -124,6 +132,56 @@ def test_a_job_is_what_the_list_says(listed, files, own_folder, extension, monke
     settings.markerset = "gait15"
     settings.trained_name = "../elsewhere"
     with pytest.raises(RuntimeError, match="no name for a marker set"):
+        bpy.ops.mocap_autolabel.train()
+
+
+def worse() -> dict:
+    """What is said of a kept take in which a training made one of two markers worse."""
+    there = np.array([100, 100])
+    before, after = NameCounts(there, there, 0 * there), NameCounts(there, np.array([100, 20]), np.array([0, 30]))
+    return Comparison(("A", "B"), (TakeDifference("kept.c3d", "kept", 100, before, after),)).as_dict()
+
+
+def test_what_is_worse_is_shown_before_a_button_adopts_it(listed, files, own_folder, extension, monkeypatch):
+    given, check = [], worse()
+    candidate, own = own_folder / "ours.v2-candidate.markerset.json", own_folder / "ours.markerset.json"
+
+    def train_file(job):
+        given.append(job)
+        yield SimpleNamespace(fraction=0.5)
+        body = {"segments": {"all": list(files.markers)}}
+        known = {"out": str(job.out), "model": "ours", "markers": files.markers, "body": body, "doubts": []}
+        waits = {"check": check, "not_adopted_for": check["worse"], "written": str(candidate)}
+        return {**known, **waits, "replaced": []}
+
+    monkeypatch.setattr(importlib.import_module(f"{extension}.addon.jobs.train"), "train_file", train_file)
+    base = open_model("gait15")
+    write_model(own, base)
+    fingerprint = open_model(own).fingerprint
+    newer = replace(base, history=ModelHistory((ModelVersion(2, origin=fingerprint),)), likelihood=None)
+    write_model(candidate, newer)
+    settings, state = listed.scene.mocap_autolabel, listed.window_manager.mocap_autolabel
+    with pytest.raises(RuntimeError, match="Train a marker set on first"):
+        bpy.ops.mocap_autolabel.adopt_model()
+    settings.markerset, settings.train_on = str(own), True
+    settings.training_takes[1].kept = True
+    assert bpy.ops.mocap_autolabel.train() == {"FINISHED"}
+    assert [path.name for path in (*given[0].takes, *given[0].kept)] == ["one.c3d", "two.c3d"]
+    assert [path.name for path in given[0].kept] == ["two.c3d"]
+    assert Path(state.candidate) == candidate
+    words = [row.name for row in state.differences]
+    assert any("worse: B 20.00 % right (100 %) and 30.00 % wrong (0 %)" in line for line in words)
+    assert words[-1].startswith("Worse: kept.c3d")
+    assert open_model(own).fingerprint == fingerprint, "nothing is adopted before the button"
+    assert bpy.ops.mocap_autolabel.adopt_model() == {"FINISHED"}
+    assert open_model(own).likelihood is None
+    assert open_model(own_folder / "ours.v1.markerset.json").fingerprint == fingerprint
+    assert (state.candidate, len(state.differences), candidate.exists()) == ("", 0, False)
+    assert Path(settings.markerset) == own
+    items = importlib.import_module(f"{extension}.addon.props")._markerset_items(settings, listed)
+    assert [name for name, *_ in items if name.endswith("json")] == [str(own)], "former versions are not in the list"
+    settings.training_takes[0].kept = True
+    with pytest.raises(RuntimeError, match="Add labelled takes first"):
         bpy.ops.mocap_autolabel.train()
 
 
@@ -158,7 +216,7 @@ def test_one_frame_of_a_labelled_take_is_learned_from(standing, own_folder, exte
         given.append((job, read_points(job.takes[0])))
         yield SimpleNamespace(fraction=0.5)
         known = {"out": str(job.out), "model": "hers", "markers": standing.names, "body": {"segments": {}}}
-        return {**known, "doubts": ["one frame"], "replaced": []}
+        return {**known, **ADOPTED, "doubts": ["one frame"], "replaced": []}
 
     monkeypatch.setattr(importlib.import_module(f"{extension}.addon.jobs.train"), "train_file", train_file)
     standing.settings.trained_name = "hers"
@@ -195,7 +253,8 @@ def jobs_given(extension, monkeypatch, standing):
         given.append(job)
         yield SimpleNamespace(fraction=0.5)
         known = {"out": str(job.out), "model": "hers", "markers": standing.names, "body": {"segments": {}}}
-        return {**known, "doubts": [doubt for take in job.shown for doubt in take.doubts], "replaced": []}
+        doubts = [doubt for take in job.shown for doubt in take.doubts]
+        return {**known, **ADOPTED, "doubts": doubts, "replaced": []}
 
     monkeypatch.setattr(importlib.import_module(f"{extension}.addon.jobs.train"), "train_file", train_file)
     return given

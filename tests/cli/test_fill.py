@@ -4,6 +4,7 @@
 import csv
 import json
 import re
+from dataclasses import replace
 
 import ezc3d
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 
 from addon.core.data.takes import Points
 from addon.demo.take import MODEL
+from addon.io.cameras import read_cameras, write_cameras
 from addon.io.points import read_points, write_c3d, write_trc
 
 FIRST = 100  # the room's first frame
@@ -137,3 +139,64 @@ def test_label_fills_in_the_same_job_and_labels_stay_what_was_seen(run, holed, t
     assert (after.present == (before.present | told)).all()
     assert np.array_equal(after.xyz[before.present], before.xyz[before.present])
     assert read_points(tmp_path / "b" / "walk.trc").present[told].all()
+
+
+@pytest.fixture(scope="module")
+def seen_by_one(room, holed):
+    """Labels of the take's blobs, of which one camera alone has the knee in its gap."""
+    cameras, frames = read_cameras(room.cameras), range(*(FIRST + np.array(GAPS["LKNE"])).tolist())
+    lines = ["frame,camera,x,y,marker,step,confidence"]
+    kept = {}
+    with room.truth.open(newline="") as file:
+        for row in csv.DictReader(file):
+            name, frame = row["marker"], int(row["frame"])
+            if name == "LKNE" and frame in frames and kept.setdefault(frame, row["camera"]) != row["camera"]:
+                name = ""
+            lines.append(f"{row['frame']},{row['camera']},{row['x']},{row['y']},{name},exclusive,1")
+    assert len(kept) == len(frames)
+    path = holed / "walk.labels.csv"
+    path.write_text("\n".join(lines) + "\n")
+    assert len(cameras) > 2
+    return path
+
+
+def test_the_ray_of_the_camera_that_sees_a_marker_holds_its_fill(run, room, holed, whole, seen_by_one, tmp_path):
+    words = "fill", holed / "walk.c3d", "--method", "spline", "--out"
+    assert run(*words, tmp_path / "plain.c3d").status == 0
+    answer = run(*words, tmp_path / "held.c3d", "--labels", seen_by_one, "--cameras", room.cameras, "--json")
+    said = json.loads(answer.out)
+    assert said["rays"] >= 3
+    assert {row["marker"]: row["method"] for row in said["filled"]} == {"LKNE": "spline+ray", "RELB": "spline"}
+    cameras, index = read_cameras(room.cameras), whole.names.index("LKNE")
+    with seen_by_one.open(newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["marker"] == "LKNE"]
+    rays = [row for row in rows if GAPS["LKNE"][0] <= int(row["frame"]) - FIRST < GAPS["LKNE"][1]]
+    off = []
+    for name in ("plain.c3d", "held.c3d"):
+        take = read_points(tmp_path / name)
+        seen = cameras.project(take.xyz[:, index])
+        places = [seen[cameras.names.index(row["camera"]), int(row["frame"]) - FIRST] for row in rays]
+        blobs = [[float(row["x"]), float(row["y"])] for row in rays]
+        off.append(np.hypot(*(np.array(places) - blobs).T).mean())
+    assert off[1] < 0.9 * off[0]
+    assert "held by" in run(*words, tmp_path / "said.c3d", "--labels", seen_by_one, "--cameras", room.cameras).out
+
+
+def test_labels_that_are_not_the_takes_are_refused(run, room, holed, seen_by_one, tmp_path):
+    words = "fill", holed / "walk.c3d", "--out", tmp_path / "a.c3d"
+    alone = run(*words, "--labels", seen_by_one)
+    assert "expected --labels and --cameras" in alone.reason
+    moved = tmp_path / "moved.toml"
+    cameras = read_cameras(room.cameras)
+    write_cameras(moved, replace(cameras, translation=0.5 + cameras.translation))
+    assert "px from where the cameras see" in run(*words, "--labels", seen_by_one, "--cameras", moved).reason
+    nameless = tmp_path / "none.labels.csv"
+    nameless.write_text(seen_by_one.read_text().replace("exclusive,1", "").splitlines()[0] + "\n")
+    assert "names no blob" in run(*words, "--labels", nameless, "--cameras", room.cameras).reason
+    strange = tmp_path / "strange.labels.csv"
+    strange.write_text("frame,camera,x,y,marker\n100,elsewhere,1,2,LKNE\n")
+    assert "has the camera 'elsewhere'" in run(*words, "--labels", strange, "--cameras", room.cameras).reason
+    points = tmp_path / "points.labels.csv"
+    points.write_text("frame,point,marker\n100,1,LKNE\n")
+    assert "labels of 3D points" in run(*words, "--labels", points, "--cameras", room.cameras).reason
+    assert not (tmp_path / "a.c3d").exists()

@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 
 from addon.demo.take import MODEL
+from addon.io import html
 from addon.io.html.markup import count_of
-from addon.jobs import outcome, pages
+from addon.jobs import batches
 from tests.io.pages import read
 
 FEW = ("--frames", "100:103")
@@ -66,7 +67,7 @@ def test_a_page_that_cannot_be_written_costs_all_files(label, tmp_path, monkeypa
     def full(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(outcome, "write_take_page", full)
+    monkeypatch.setattr(html, "write_take_page", full)
     answer = label(*FEW, "--html")
     assert "No space left on device" in answer.reason
     assert list((tmp_path / "out").iterdir()) == []
@@ -94,7 +95,7 @@ def test_a_page_over_takes_that_cannot_be_written_costs_nothing_else(label, take
     def full(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(pages, "write_folder_page", full)
+    monkeypatch.setattr(batches, "write_folder_page", full)
     answer = label(*FEWEST, "--html", "--json", blobs=takes("one", "two"))
     assert "No space left on device" in answer.reason
     assert [report["take"] for report in json.loads(answer.out)["takes"]] == ["one", "two"]

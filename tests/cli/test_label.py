@@ -12,6 +12,7 @@ import pytest
 from addon.blendfile import has_blender
 from addon.demo.take import MODEL
 from addon.io.markersets import open_markerset
+from addon.io.models import open_model
 
 from .conftest import FRAMES
 
@@ -58,6 +59,7 @@ def test_report_says_what_the_contract_asks(label, tmp_path):
     assert {"take", "model", "frames", "rate", "markers", "unlabelled", "suspect", "timing", "version"} <= set(report)
     assert {"load", "place", "fit", "label", "write", "frames_per_second"} <= set(report["timing"])
     assert (report["take"], report["model"], report["frames"], report["rate"]) == ("walk", MODEL, 20, 60)
+    assert (report["model_version"], report["model_fingerprint"]) == (1, open_model(MODEL).fingerprint)
     assert not report["rate_assumed"]
     assert set(report["steps"]) == {"exclusive", "conflict", "remaining"}
     assert json.loads(answer.out) == {"takes": [report], "failed": []}
@@ -148,7 +150,7 @@ def test_blend_holds_the_take(label, tmp_path):
 
 
 def test_without_blender_no_blend(label, monkeypatch):
-    monkeypatch.setattr("addon.cli.label.has_blender", lambda: False)
+    monkeypatch.setattr("addon.cli.label.checks.has_blender", lambda: False)
     assert "--blend needs Blender" in label("--blend").reason
 
 

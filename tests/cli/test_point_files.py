@@ -109,7 +109,7 @@ def training_take(run, tmp_path, monkeypatch):
     def read(take, *words):
         jobs = []
 
-        def train_file(job):
+        def train_file(job, *_):
             jobs.append(job)
             raise JobError("stops here; expected no more")
 

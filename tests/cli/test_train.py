@@ -11,7 +11,7 @@ import pytest
 from addon.core.data.takes import Points
 from addon.core.geometry import rotations
 from addon.io.labels import POINT_KEYS, TruthWriter
-from addon.io.models import read_model
+from addon.io.models import read_model, write_model
 from addon.io.points import read_points, write_c3d
 
 NAMES = tuple(f"{part}{number}" for part in ("BODY", "HEAD") for number in range(1, 6))
@@ -34,6 +34,11 @@ def creature(seed: int, frames: int = 150) -> np.ndarray:
 def write(path, xyz, names=NAMES):
     write_c3d(path, Points(tuple(names), xyz, np.full(xyz.shape[:2], 0.0004), 100.0, 1))
     return path
+
+
+def content_of(path) -> str:
+    """What a model's file holds before its history."""
+    return path.read_text(encoding="utf-8").partition(',\n  "history"')[0]
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +66,7 @@ def test_the_report_says_what_was_learned(trained):
     assert [(row["subject"], row["frames"]) for row in report["subjects"]] == [("c0", 150), ("c1", 150)]
     assert sorted(map(sorted, report["body"]["segments"].values())) == [list(NAMES[:5]), list(NAMES[5:])]
     assert max(report["residual_mm"].values()) < 12
-    assert set(report["ensemble"]["of_marker"]) == set(NAMES)
+    assert report["ensemble"] is None
     assert {"read", "body", "evidence", "ensemble"} <= set(report["seconds"])
     found = read_model(model)
     assert found.likelihood.subjects == 2
@@ -116,6 +121,48 @@ def test_a_prop_that_was_only_turned_about_the_vertical_is_known_in_any_pose(run
     np.testing.assert_allclose(found.xyz[:, [found.names.index(name) for name in names]], raw, atol=1e-5)
 
 
+def test_a_model_is_given_its_partial_solvers_later(trained, anonymous, run, tmp_path):
+    model, _ = trained
+    more = tmp_path / "more.markerset.json"
+    answer = run("train", "--from", model, "--search", "bottom-up", "--out", more, "--json")
+    assert answer.status == 0
+    report = json.loads(answer.out)
+    assert set(report["ensemble"]["of_marker"]) == set(NAMES)
+    assert (report["ensemble"]["search"], report["ensemble"]["hit_rate"]) == ("bottom-up", 0.9999)
+    before, after = (content_of(path).splitlines() for path in (model, more))
+    assert [line for line in after if not line.startswith('  "ensemble"')] == before
+    assert [(one.version, len(one.takes)) for one in read_model(more).history.versions] == [(1, 2), (2, 0)]
+    assert read_model(model).partial_solvers is None
+    assert run("label", anonymous, "--model", more, "--out", tmp_path / "out", "--method", "ensemble").status == 0
+    again = run("train", "--from", model, "--out", more, "--overwrite")
+    assert "no take was given" in again.reason
+    named = run("train", "--from", model, "--search", "top-down", "--name", "x", "--out", more, "--overwrite")
+    assert "only partial solvers are found" in named.reason
+
+
+def test_what_cannot_find_partial_solvers_later_has_them_at_once(takes, anonymous, run, tmp_path, monkeypatch):
+    from addon.core.points.likelihood import learn
+
+    monkeypatch.setattr(learn, "LEARN", replace(learn.LEARN, max_frames=60))
+    lean, bare = tmp_path / "lean.markerset.json", tmp_path / "bare.markerset.json"
+    assert run("train", *takes[:2], "--out", lean, "--lean").status == 0
+    assert read_model(lean).partial_solvers is not None
+    assert run("train", *takes[:2], "--out", bare, "--lean", "--search", "none").status == 0
+    answer = run("label", anonymous, "--model", bare, "--out", tmp_path / "out", "--method", "ensemble")
+    assert "has no partial solvers" in answer.reason
+
+
+def test_the_same_takes_teach_the_same_whoever_teaches_and_in_however_many_processes(trained, takes, run, tmp_path):
+    model, out = trained[0], tmp_path / "dog.markerset.json"
+    assert run("train", *takes[:2], "--out", out, "--by", "Bob", "--jobs", 2).status == 0
+    assert content_of(out) == content_of(model)
+    one, other = read_model(out), read_model(model)
+    assert one.fingerprint == other.fingerprint == trained[1]["model_fingerprint"]
+    assert (one.history.versions[0].by, one.history.versions[0].version) == ("Bob", 1)
+    known = [take.sha256 for take in one.history.versions[0].takes]
+    assert known == [take.sha256 for take in other.history.versions[0].takes] != ["", ""]
+
+
 def test_training_on_keeps_what_was_known(trained, takes, run, tmp_path):
     model, _ = trained
     out = tmp_path / "more.markerset.json"
@@ -126,7 +173,19 @@ def test_training_on_keeps_what_was_known(trained, takes, run, tmp_path):
     assert [row["subject"] for row in report["subjects"]] == ["c0", "c1", "c2"]
     assert report["trained_on"] == str(model)
     assert report["ensemble"] is None
-    assert read_model(out).likelihood.subjects == 3
+    check = report["check"]
+    assert [(row["take"], row["names"], row["frames"]) for row in check["takes"]] == [
+        ("walk0.c3d", "taught", 150),
+        ("walk1.c3d", "taught", 150),
+    ]
+    assert (check["worse"], report["former"], report["written"]) == ([], None, str(out))
+    assert all(row["recall"][1] > 0.9 for row in check["takes"])
+    found = read_model(out)
+    assert found.likelihood.subjects == 3
+    assert report["model_fingerprint"] == found.fingerprint != read_model(model).fingerprint
+    newest = found.history.versions[-1]
+    assert (newest.version, newest.origin) == (2, read_model(model).fingerprint)
+    assert [(take.name, take.subject, take.frames) for take in newest.takes] == [("walk2.c3d", "c2", 150)]
     fewer = ",".join([*NAMES[6:], *NAMES[:4]])
     words = ("--markers", fewer, "--search", "none", "--json")
     answer = run("train", takes[2], "--from", model, "--out", tmp_path / "fewer.markerset.json", *words)
@@ -139,6 +198,75 @@ def test_training_on_keeps_what_was_known(trained, takes, run, tmp_path):
     assert run("train", *takes[:2], "--out", lean, "--search", "none", "--lean").status == 0
     assert not read_model(lean).training_takes
     assert "would forget them" in run("train", takes[2], "--from", lean, "--out", tmp_path / "x.markerset.json").reason
+
+
+def test_what_is_named_worse_waits_until_it_is_adopted(trained, takes, run, tmp_path):
+    """Somebody teaches a creature whose names are a place too far; another one is kept to check the model on."""
+    model, kept = tmp_path / "lab" / "lab.markerset.json", write(tmp_path / "kept.c3d", creature(5))
+    model.parent.mkdir()
+    model.write_bytes(trained[0].read_bytes())
+    before = model.read_bytes()
+    wrong = write(tmp_path / "wrong.c3d", creature(2), [*NAMES[1:], NAMES[0]])
+    words = ("--search", "none", "--jobs", 1, "--by", "Ann", "--report", tmp_path / "report.json", "--overwrite")
+    answer = run("train", wrong, "--from", model, "--out", model, "--check", kept, *words)
+    assert answer.status == 1
+    assert answer.reason.startswith(f"{model}: the model trained on does not take this place (")
+    assert "lab.v2-candidate.markerset.json; expected nothing worse, or models --adopt" in answer.reason
+    assert model.read_bytes() == before
+    candidate = model.with_name("lab.v2-candidate.markerset.json")
+    report = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
+    assert (report["written"], report["former"]) == (str(candidate), None)
+    assert report["not_adopted_for"] == report["check"]["worse"] != []
+    # The takes of the base lie no longer where they were, as seen from the copy, so what it keeps of them is named.
+    rows = {row["take"]: row for row in report["check"]["takes"]}
+    assert list(rows) == ["kept.c3d", "frames of c0", "frames of c1"]
+    assert rows["kept.c3d"]["recall"][0] > rows["kept.c3d"]["recall"][1] + 0.05
+    assert rows["kept.c3d"]["markers_worse"]
+    assert "worse               kept.c3d" in answer.out
+    # Where no model is, none is lost: it is written, and what got worse is said.
+    new = model.with_name("new.markerset.json")
+    answer = run("train", wrong, "--from", model, "--out", new, "--check", kept, *words)
+    assert (answer.status, "worse               kept.c3d" in answer.out) == (0, True)
+    assert read_model(new).history.versions[-1].told
+
+    waiting = read_model(candidate)
+    adopted = run("models", "--adopt", candidate)
+    assert adopted.status == 0
+    assert "version 2    " in adopted.out and ", by Ann, from " in adopted.out
+    assert "it was adopted all the same" in adopted.out
+    assert not candidate.exists()
+    assert model.with_name("lab.v1.markerset.json").read_bytes() == before
+    found = read_model(model)
+    assert found.fingerprint == waiting.fingerprint
+    assert found.history.versions[-1].told
+    assert [take.path for take in found.history.kept_takes] == ["../kept.c3d"]
+    said = json.loads(run("models", model, "--json").out)["models"][0]
+    assert (said["version"], said["fingerprint"]) == (2, found.fingerprint)
+    assert said["history"][-1]["by"] == "Ann"
+
+
+def test_only_what_waits_for_the_model_that_is_there_is_adopted(trained, run, tmp_path):
+    model, base = tmp_path / "lab.markerset.json", read_model(trained[0])
+    candidate = tmp_path / "lab.v2-candidate.markerset.json"
+    write_model(candidate, base)
+    assert "is no candidate by its name" in run("models", "--adopt", trained[0]).reason
+    assert "of one model" in run("models", "gait15", "--adopt", candidate).reason
+    write_model(model, replace(base, training_takes=()))
+    assert "is another model than the one" in run("models", "--adopt", candidate).reason
+    assert candidate.exists()
+    model.unlink()
+    answer = run("models", "--adopt", candidate)
+    assert (answer.status, read_model(model).fingerprint) == (0, base.fingerprint)
+
+
+def test_what_checks_a_model_is_not_learned(trained, takes, run, tmp_path):
+    out = tmp_path / "m.markerset.json"
+    words = ("--from", trained[0], "--out", out)
+    assert "is learned from, so it cannot check" in run("train", takes[2], *words, "--check", takes[2]).reason
+    assert "no such file" in run("train", takes[2], *words, "--check", tmp_path / "none.c3d").reason
+    assert "only partial solvers" in run("train", *words, "--search", "top-down", "--check", takes[2]).reason
+    assert "--adopt is for training on" in run("train", takes[2], "--out", out, "--adopt").reason
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_corrected_take_replaces_what_was_learned_from_it(takes, run, tmp_path):

@@ -2,18 +2,21 @@
 """A small valid file of every format that is read, made up here: what the readers' tests start from."""
 
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from addon.core.data.takes import Points
+from addon.core.data.takes import Blobs, Points
 from addon.core.geometry.cameras import Cameras
+from addon.core.points.history import CheckedTake, ModelHistory, ModelVersion, TaughtTake
 from addon.core.points.models import Model, TrainingTake
 from addon.core.points.partial_solvers.model import Classifiers, PartialSolvers, Record, Solver, Strong
 from addon.io.cameras import write_cameras
 from addon.io.points import write_c3d, write_trc
 from addon.io.rig import Z_UP_FROM_Y_UP
 from tests.core.toybody import toy_markerset
+from tests.io.qtm_file import FILLED, MEASURED, Recording, Trajectory, write_qtm
 
 TURN = np.diag([1.0, -1.0, -1.0])
 BLOBS = "frame,camera,x,y,area\n" + "".join(
@@ -230,6 +233,19 @@ def other_processor(content: bytes, processor: int) -> bytes:
     return bytes(out + section) + real(data[: len(data) // 4 * 4])
 
 
+WALK = TaughtTake("walk ü.c3d", "Ann", 900, "ab" * 32, "../takes/walk ü.c3d", "-y", 120.0)
+SHOWN = TaughtTake("from the scene", "Bob", 3)
+HISTORY_OF_TWO = ModelHistory(
+    (
+        ModelVersion(1, "2026-11-22", "Ann", "0.1.0", "", (WALK, SHOWN)),
+        ModelVersion(
+            2, program="0.1.0", origin="cd" * 32, checked=(CheckedTake("k", (1.0, 0.5), (0.0, 0.25)),), told=True
+        ),
+    ),
+    (replace(WALK, path="kept.c3d"),),
+)
+
+
 def toy_model() -> Model:
     """A model with one partial solver and a training take."""
     markerset = toy_markerset()
@@ -242,6 +258,16 @@ def toy_model() -> Model:
     points[1, 0] = np.nan
     takes = (TrainingTake("Ann", ("walk ü", "run"), 900, points),)
     return Model(markerset, partial_solvers=solvers, training_takes=takes)
+
+
+def capture() -> Recording:
+    """Blobs of four cameras and a labelled trajectory."""
+    chance = np.random.default_rng(3)
+    frame = np.repeat(np.arange(6), 8)
+    seen = np.tile(np.arange(4), 12), chance.uniform(10, 400, (48, 2)), np.full(48, 12.5)
+    walk = [(10.0 * at, 20.0, 900.0, 0.5, FILLED if at == 3 else MEASURED) for at in range(6)]
+    cameras = ring(4, (-0.1, 0.05, 0.001, -0.002, 0.0), ("101", "102", "103", "104"))
+    return Recording(cameras, Blobs(7 + np.arange(6), frame, *seen), [Trajectory("LASI", [(7, 12)], walk)])
 
 
 def write_all(folder: Path) -> dict[str, Path]:
@@ -257,6 +283,7 @@ def write_all(folder: Path) -> dict[str, Path]:
         "rad": folder / "selfcal" / "basename2.rad",
         "res": folder / "selfcal" / "Res.dat",
         "blobs": folder / "blobs.csv",
+        "qtm": folder / "capture.qtm",
         "labels": folder / "take.labels.csv",
         "c3d": folder / "take.c3d",
         "dec": folder / "dec.c3d",
@@ -279,4 +306,5 @@ def write_all(folder: Path) -> dict[str, Path]:
     files["mips"].write_bytes(other_processor(files["c3d"].read_bytes(), 86))
     write_trc(files["trc"], take)
     files["motive"].write_text(motive())
+    write_qtm(files["qtm"], capture())
     return files

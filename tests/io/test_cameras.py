@@ -340,6 +340,16 @@ def test_a_broken_matrix_of_opencv_is_told_with_its_line(tmp_path):
     assert caught.value.line == 7
 
 
+@pytest.mark.parametrize("name", ["R", "T"])
+def test_numbers_too_large_to_be_squared_are_refused_as_others(tmp_path, name):
+    cameras = ring(1)
+    parts = {"K": cameras.matrix[0], "dist": cameras.distortion[0], "R": cameras.rotation[0]}
+    parts |= {"T": cameras.translation[0], name: np.array([1e308, 1e308, 0.0])}
+    text = "%YAML:1.0\n---\nsize: [656, 491]\n" + "".join(opencv_matrix(*part) for part in parts.items())
+    with pytest.raises(InputError, match="not a number of any camera"):
+        read_cameras(write(tmp_path / "a.yml", text))
+
+
 def test_kinds_that_are_no_calibration(tmp_path):
     with pytest.raises(InputError, match="only Blender"):
         read_cameras(tmp_path / "room.blend")

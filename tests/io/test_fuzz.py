@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Whatever a file holds, a reader gives its content or one InputError: never another exception, never a hang."""
 
+import os
 import random
 import re
 import shutil
@@ -20,6 +21,7 @@ from addon.io.points import read_points
 from tests import fuzz
 from tests.fuzz import READERS, mutated, samples
 
+ROOT = Path(__file__).resolve().parents[2]
 ROUNDS = 150
 SECONDS = 1.5
 
@@ -109,24 +111,31 @@ def test_the_samples_are_what_their_readers_say(files):
 def test_the_command_finds_no_fault_in_any_reader():
     pytest.importorskip("resource", reason="this system has no limits for a process")
     done = subprocess.run(
-        [sys.executable, "-m", "tests.fuzz", "--count", "20", "--seed", "1"],
-        cwd=Path(__file__).resolve().parents[2],
+        [sys.executable, "-m", "tests.fuzz", "--count", "15", "--seed", "1"],
+        cwd=ROOT,
         capture_output=True,
         text=True,
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    told = re.findall(r"^(\w+): 20 files, \d+ refused, \d+ read, 0 faults", done.stdout, re.MULTILINE)
+    told = re.findall(r"^(\w+): 15 files, \d+ refused, \d+ read, 0 by their verb, 0 faults", done.stdout, re.MULTILINE)
     assert told == list(READERS)
 
 
-def test_a_broken_file_can_be_made_again(tmp_path):
+def test_a_broken_file_can_be_made_again(files, tmp_path):
     pytest.importorskip("resource", reason="this system has no limits for a process")
-    for folder in ("one", "two"):
-        fuzz.main(["toml", "c3d", "model", "--seed", "3", "--case", "17", "--keep", str(tmp_path / folder)])
-    made = [sorted(path.read_bytes() for path in (tmp_path / folder).iterdir()) for folder in ("one", "two")]
-    assert made[0] == made[1]
-    assert len(made[0]) == 3
+    fuzz.main(["model", "--seed", "3", "--case", "17", "--keep", str(tmp_path)])
+    (made,) = tmp_path.iterdir()
+    contents = {name: file.read_bytes() for name, file in files.items()}
+    assert made.read_bytes() == fuzz.case("model", contents, 3, 17)
+    assert len({fuzz.case("model", contents, 3, number) for number in range(50)}) > 40
+
+
+def test_a_broken_file_goes_through_its_verb():
+    pytest.importorskip("resource", reason="this system has no limits for a process")
+    tally = fuzz.Tally()
+    assert dict(fuzz.results("toml", 0, range(99, 100), float("inf"), tally)) == {}
+    assert tally.verbs == 1
 
 
 @pytest.mark.parametrize(
@@ -146,17 +155,57 @@ def test_whatever_is_no_sentence_is_a_fault(answer, said, tmp_path):
     assert said in fuzz.trouble(reader, tmp_path)
 
 
-@pytest.mark.parametrize("way", ["os._exit(9)", "time.sleep(9)", "bytes(3 << 30)"])
-def test_readers_that_die_hang_or_fill_the_memory_are_told_and_the_rest_goes_on(way, monkeypatch, tmp_path):
+PLANTED = """
+import os, signal, socket, subprocess, sys, time, warnings
+import tests.fuzz as fuzz, tests.watched as watched
+def blocked():
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGALRM, signal.SIGPROF})
+    time.sleep(600)
+def slow():
+    try:
+        while True:
+            pass
+    except OSError:
+        pass
+def reader(path):
+    content = path.read_text()
+    if content.startswith('do '):
+        exec(content[3:])
+ways = WAYS
+watched.SECONDS = 0.5
+fuzz.READERS['blobs'] = reader
+fuzz.case = lambda kind, contents, seed, number: b'do ' + ways[number].encode()
+fuzz.main(sys.argv[1:])
+"""
+MISCHIEF = [
+    ("pass", ""),
+    ("os._exit(9)", "the process ended with 9"),
+    ("slow()", "TooSlowError: takes over 0.5 s"),
+    ("bytes(3 << 30)", "takes over 1024 MB"),
+    ("open(path.parent / 'beside', 'w').close()", "writes"),
+    ("os.mkdir('/nowhere-at-all')", "os.mkdir: writes /nowhere-at-all"),
+    ("os.rename(path, path.parent / 'other')", "os.rename: writes"),
+    ("open('/etc/hosts').read()", "reads /etc/hosts"),
+    ("open(os.path.join(os.environ['TMPDIR'], 'rest'), 'w').close()", "leaves ['rest']"),
+    ("socket.create_connection(('127.0.0.1', 9))", "socket"),
+    ("subprocess.run(['true'])", "subprocess.Popen"),
+    ("warnings.warn('odd')", "UserWarning: odd"),
+    ("open(path)", "cannot be raised: ResourceWarning"),
+    ("blocked()", "the process ended with -9"),
+    ("pass", ""),
+]
+
+
+def test_readers_that_do_what_none_may_are_told_and_the_rest_goes_on(monkeypatch, tmp_path):
     pytest.importorskip("resource", reason="this system has no limits for a process")
     planted = tmp_path / "planted.py"
-    planted.write_text(
-        "import itertools, os, sys, time\nimport tests.fuzz as fuzz\nfuzz.SECONDS, calls = 1, itertools.count()\n"
-        f"def reader(path):\n    if next(calls) == 4: {way}\n"
-        "fuzz.READERS['blobs'] = reader\nfuzz.main(sys.argv[1:])\n"
-    )
+    planted.write_text(PLANTED.replace("WAYS", repr([way for way, _ in MISCHIEF])))
     monkeypatch.setattr(fuzz, "COMMAND", [sys.executable, str(planted)])
-    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).resolve().parents[2]))
-    answers = dict(fuzz.results("blobs", 0, range(8)))
-    assert sorted(answers) == list(range(8))
-    assert [number for number, said in answers.items() if said] == ([3, 7] if "exit" in way else [3])
+    monkeypatch.setattr(fuzz, "STUCK", 8)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")])))
+    tally = fuzz.Tally()
+    answers = dict(fuzz.results("blobs", 0, range(len(MISCHIEF)), float("inf"), tally))
+    assert tally.read == sum(not said for _, said in MISCHIEF)
+    for number, (way, said) in enumerate(MISCHIEF):
+        assert said in answers.get(number, ""), way
+        assert bool(said) == (number in answers)

@@ -13,6 +13,7 @@ from addon.core.edits.kinds import AssignPoint, Edits, Place
 from addon.core.review.overview import OverviewSubject, TakeOverview
 from addon.core.review.summary import TakeSummary
 from addon.core.review.trouble import TakeTrouble
+from addon.io.batch import TakeRow, row_of
 from addon.io.html import is_page, write_folder_page, write_take_page
 from addon.io.report import facts_of_trouble, take_report
 from tests.io.pages import read
@@ -82,13 +83,13 @@ def test_a_page_says_what_the_report_says(tmp_path):
     chunk = replace(chunk, outcomes=(EditOutcome("assign", 3), EditOutcome("assign", 0, "it is so already")))
     gaps = [{"marker": "LASI", "first": 3, "last": 4, "method": "spline", "expected_mm": 1.25}]
     left = [{"marker": "RASI", "first": 70, "last": 80, "reason": "is longer than 5 frames"}]
-    text = page_of(
-        tmp_path, rows, chunk, names, edits, filled=gaps, left=left, notes=["the file has no axis"], method="likelihood"
-    )
+    made = {"method": "likelihood", "model_version": 3, "model_fingerprint": "0123abcd"}
+    text = page_of(tmp_path, rows, chunk, names, edits, filled=gaps, left=left, notes=["the file has no axis"], **made)
     page = read(text)
     said = " ".join(" ".join(page.said).split())
     for words in (
-        "80 frames (0.8 s)",
+        "80 frames (0.8 s), marker set body26 , version 3",
+        "Fingerprint of the marker set 0123abcd",
         "LKNE is far from where the body has it",
         "Frames 31 to 34",
         "The file has no axis",
@@ -205,21 +206,28 @@ REPORT = {
     "points": 200,
     "unlabelled": 4,
     "trouble": [],
+    "timing": {"load": 1.0, "label": 2.5, "frames_per_second": 40.0},
     "markers": {"LASI": {"labelled_frames": 100}, "RASI": {"labelled_frames": 96}},
 }
 
 
 def test_the_page_over_a_folder_leads_to_each_take_the_worst_first(tmp_path):
-    bad = REPORT | {"take": "bad & worse #1", "markers": {"LASI": {"labelled_frames": 10}}, "frames_whole": 0}
+    doubt = {"kind": "missing", "stake": 90.0, "answered": False, "trajectories": []}
+    bad = REPORT | {"take": "bad & worse #1", "frames_whole": 0, "trouble": [doubt]}
     hostile = REPORT | {"take": HOSTILE, "filled": [{}], "left": []}
     path = tmp_path / "summary.report.html"
-    write_folder_page(path, [REPORT, bad, hostile], [("broken", f"is no take {HOSTILE}")], ".report.html", "2026-11-22")
+    rows = [row_of(one, one["take"], page=f"{one['take']}.report.html") for one in (REPORT, bad, hostile)]
+    rows += [
+        TakeRow("broken", "broken.c3d", "failed", reason=f"is no take {HOSTILE}"),
+        TakeRow("a", "a.c3d", "waiting"),
+    ]
+    write_folder_page(path, rows, "2026-11-22")
     page = read(path.read_text(encoding="utf-8"))
     links = [each["href"] for each in page.of("a")]
     assert links[0] == "./bad%20%26%20worse%20%231.report.html"
     assert sorted(links[1:])[1] == "./good.report.html"
     said = " ".join(page.said)
-    assert "3 takes labelled, 1 failed" in said
+    assert "3 takes labelled, 1 failed, 1 to come" in said
     assert said.index("broken") < said.index("bad & worse #1") < said.index("good")
     assert is_page(path)
     path.write_text("<html></html>")

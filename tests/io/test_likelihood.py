@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from addon.core.data.errors import InputError
-from addon.core.points.likelihood import learn_likelihood
+from addon.core.points.likelihood.learn import learn_likelihood
 from addon.io.likelihood import likelihood_text, read_likelihood
 from addon.io.markerset_fields import Reader
 

@@ -3,16 +3,17 @@
 
 import errno
 import os
-import shutil
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
 
 from addon.core.data.errors import InputError, JobError
 from addon.io import scratch
+from addon.io import turns as turns_of_folders
 from addon.io.whole import PART, finish_renaming, whole_file, whole_files
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -184,7 +185,7 @@ def killed(folder, *words):
 @pytest.mark.parametrize("renamed", [0, 1, 2])
 def test_who_is_killed_between_two_names_is_finished_by_the_next_run(tmp_path, renamed):
     killed(tmp_path, renamed)
-    assert len([path for path in tmp_path.iterdir() if path.is_file()]) == renamed
+    assert len([path for path in tmp_path.iterdir() if path.name in "123"]) == renamed
     with whole_file(tmp_path / "other") as temporary:
         temporary.write_text("all of it")
     held = {path.name: path.read_text() for path in tmp_path.iterdir()}
@@ -238,9 +239,9 @@ def test_a_stop_between_two_names_is_one_after_the_last(tmp_path, monkeypatch):
     assert sorted(tmp_path.iterdir()) == targets
 
 
-@pytest.mark.parametrize("step", ["_locked", "_hold"])
+@pytest.mark.parametrize("step", ["lock_now", "_hold"])
 def test_a_stop_while_the_folder_of_parts_is_made_leaves_none(tmp_path, monkeypatch, step):
-    def stopped(_lock):
+    def stopped(*_):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(scratch, step, stopped)
@@ -250,14 +251,14 @@ def test_a_stop_while_the_folder_of_parts_is_made_leaves_none(tmp_path, monkeypa
 
 
 def test_what_a_stop_leaves_of_the_folder_of_parts_is_taken_away_before_the_process_ends(tmp_path, monkeypatch):
-    whole, stops = shutil.rmtree, [KeyboardInterrupt]
+    clear, stops = scratch._clear, [KeyboardInterrupt]
 
-    def stopped_once(folder, **how):
+    def stopped_once(folder):
         if stops:
             raise stops.pop()
-        whole(folder, **how)
+        clear(folder)
 
-    monkeypatch.setattr(shutil, "rmtree", stopped_once)
+    monkeypatch.setattr(scratch, "_clear", stopped_once)
     with pytest.raises(KeyboardInterrupt), whole_file(tmp_path / "take.csv") as part:
         part.write_text("whole")
     assert len(list(tmp_path.iterdir())) == 2
@@ -270,3 +271,100 @@ def test_the_file_that_the_system_names_is_to_blame(tmp_path):
         raise OSError(errno.ENOSPC, "No space left on device", "/elsewhere")
     with pytest.raises(JobError, match=f"{tmp_path}: cannot be written"), whole_file(tmp_path / "take.c3d") as part:
         raise OSError(errno.ENOSPC, "No space left on device", str(part))
+
+
+def test_what_cannot_get_its_name_after_others_did_gets_it_with_the_next_run(tmp_path, monkeypatch):
+    rename = Path.replace
+
+    def refused(part, target):
+        if target.name == "2":
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return rename(part, target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "replace", refused)
+        with pytest.raises(JobError, match="No space left"), whole_files([tmp_path / name for name in "123"]) as parts:
+            for part in parts:
+                part.write_text("new")
+    assert (tmp_path / "1").read_text() == "new"
+    finish_renaming(tmp_path)
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == dict.fromkeys("123", "new")
+
+
+def test_a_folder_that_goes_away_is_no_success(tmp_path):
+    with pytest.raises(JobError, match="went away"), whole_file(tmp_path / "share" / "take.c3d") as part:
+        part.write_text("new")
+        (tmp_path / "share").rename(tmp_path / "elsewhere")
+        (tmp_path / "share").mkdir()
+    assert not list((tmp_path / "share").iterdir())
+    finish_renaming(tmp_path / "elsewhere")
+    assert not list((tmp_path / "elsewhere").iterdir())
+
+
+@pytest.mark.parametrize("lock", [None, b""])
+def test_a_folder_of_parts_whose_maker_had_no_time_goes_at_once(tmp_path, lock):
+    folder = tmp_path / f"{PART}0123456789ab"
+    folder.mkdir()
+    if lock is not None:
+        (folder / scratch.LOCK).write_bytes(lock)
+        (folder / "take.c3d").write_text("half of")
+    finish_renaming(tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_could_not_be_locked_stays_for_a_day(tmp_path, monkeypatch):
+    def unknown(_file):
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    with whole_file(tmp_path / "sure") as sure, monkeypatch.context() as patch:
+        sure.write_text("locked")
+        patch.setattr(scratch, "lock_now", unknown)
+        with whole_file(tmp_path / "take.c3d") as part:
+            part.write_text("at work")
+            patch.undo()
+            finish_renaming(tmp_path)
+            assert part.read_text() == "at work"
+            assert sure.read_text() == "locked"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["sure", "take.c3d"]
+
+
+def test_a_folder_that_somebody_takes_for_forsaken_while_it_is_made_is_made_again(tmp_path, monkeypatch):
+    lock_now, folders = scratch.lock_now, []
+
+    def meanwhile(file):
+        folders.append(Path(file.name).parent)
+        if len(folders) == 1:
+            Path(file.name).unlink()
+            folders[0].rmdir()
+        lock_now(file)
+
+    monkeypatch.setattr(scratch, "lock_now", meanwhile)
+    with whole_file(tmp_path / "take.c3d") as part:
+        assert part.parent == folders[1]
+        part.write_text("whole")
+    assert [path.name for path in tmp_path.iterdir()] == ["take.c3d"]
+
+
+def test_two_runs_give_names_one_after_the_other(tmp_path, monkeypatch):
+    looked, order = threading.Event(), []
+
+    def other():
+        with whole_file(tmp_path / "take.c3d") as part:
+            part.write_text("whole")
+        order.append("named")
+
+    monkeypatch.setattr(turns_of_folders.time, "sleep", lambda _seconds: looked.set())
+    thread = threading.Thread(target=other)
+    with turns_of_folders.turns([tmp_path]):
+        thread.start()
+        assert looked.wait(60)
+        order.append("turn over")
+    thread.join()
+    assert order == ["turn over", "named"]
+    assert [path.name for path in tmp_path.iterdir()] == ["take.c3d"]
+
+
+def test_a_turn_that_nobody_has_any_more_goes_with_the_next_run(tmp_path):
+    (tmp_path / turns_of_folders.TURN).touch()
+    finish_renaming(tmp_path)
+    assert not list(tmp_path.iterdir())

@@ -205,7 +205,7 @@ def test_progress_only_grows_and_goes_on_while_the_body_is_posed(source, of_two_
 def test_each_part_begins_where_the_work_before_it_is_done():
     for method, frames, unordered, edited in product(("likelihood", "fit"), (1, 100, 100_000), *[(False, True)] * 2):
         shares = begins(frames, method, unordered, edited)
-        assert " ".join(shares) == "adapt others name learn name again vote hear vote again pose write"
+        assert " ".join(shares) == "adapt others name name more learn name again vote hear vote again pose write"
         assert list(shares.values()) == sorted(shares.values())
         assert shares["adapt"] == 0 and shares["write"] < 1
         assert (shares["learn"] < shares["name again"] < shares["vote"]) == unordered

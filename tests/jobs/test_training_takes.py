@@ -3,6 +3,7 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,8 @@ from addon.io.markersets import open_markerset
 from addon.io.points import read_points, write_c3d
 from addon.io.source import digest
 from addon.jobs.training_takes import chosen_markers, read_takes, unseen_markers
+from tests.io.qtm_file import FILLED, MEASURED, Trajectory, write_qtm
+from tests.io.samples import capture
 
 NAMES = ("A", "B", "C", "D", "E")
 
@@ -103,6 +106,16 @@ def test_takes_that_cannot_be_used(tmp_path, make, words):
     assert caught.value.file == str(tmp_path / "take.c3d")
 
 
+def test_one_of_the_subjects_of_a_take_is_learned(tmp_path):
+    path = write(tmp_path / "take.c3d", tuple(f"{who}:{name}" for who in ("Ann", "Bob") for name in NAMES))
+    whole = read_points(path)
+    for place, who in enumerate(("Ann", "Bob")):
+        [take] = read_takes([path], [(who, "take.*")])
+        assert (take.subject, take.names) == (who, tuple(NAMES))
+        own = whole.xyz[:, place * len(NAMES) : (place + 1) * len(NAMES)]
+        np.testing.assert_array_equal(take.xyz, own)
+
+
 @pytest.mark.filterwarnings("error")
 def test_a_take_whose_markers_are_all_missing_is_said_without_a_warning(tmp_path):
     xyz = np.random.default_rng(1).uniform(0.1, 1.7, (30, 6, 3))
@@ -110,6 +123,25 @@ def test_a_take_whose_markers_are_all_missing_is_said_without_a_warning(tmp_path
     write_c3d(tmp_path / "gone.c3d", Points((*NAMES, ""), xyz, np.zeros((30, 6)), 100.0, 1))
     with pytest.raises(InputError, match="none of its named markers in any frame"):
         read_takes([tmp_path / "gone.c3d"], ())
+
+
+def test_what_was_filled_is_not_learned(tmp_path):
+    """By the residual of a C3D file, and by what a capture says of each sample."""
+    take = read_points(write(tmp_path / "ann" / "walk.c3d"))
+    residual = np.full(take.xyz.shape[:2], 0.001)
+    residual[5:9, 1] = 0.0
+    write_c3d(tmp_path / "ann" / "filled.c3d", Points(take.names, take.xyz, residual, take.rate, take.first_frame))
+    tracks = []
+    for index, name in enumerate(take.names):
+        kinds = [FILLED if index == 1 and 5 <= frame < 9 else MEASURED for frame in range(len(take.xyz))]
+        rows = [(*xyz.tolist(), 0.5, kind) for xyz, kind in zip(1000 * take.xyz[:, index], kinds, strict=True)]
+        tracks.append(Trajectory(name, [(1, len(take.xyz))], rows))
+    write_qtm(tmp_path / "ann" / "filled.qtm", replace(capture(), trajectories=tracks))
+    for name in ("filled.c3d", "filled.qtm"):
+        [learned] = read_takes([tmp_path / "ann" / name], [])
+        missing = np.isnan(learned.xyz[..., 0]) & np.isfinite(take.xyz[..., 0])
+        assert np.argwhere(missing).tolist() == [[frame, 1] for frame in range(5, 9)]
+        assert f"{name}: 4 samples were filled and not measured, so they are not learned" in learned.doubts
 
 
 def test_no_marker_in_common_names_both_takes(tmp_path):

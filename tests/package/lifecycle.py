@@ -27,7 +27,8 @@ def main(package: str, newer: str, report: str) -> None:
     bpy.ops.extensions.package_install_files(filepath=package, repo=REPOSITORY, enable_on_install=True)
     seen["installed"] = facts()
     seen["modules"] = import_everything()
-    seen["libraries"] = {name: importlib.import_module(name).__file__ for name in ("numpy", "scipy", "threadpoolctl")}
+    libraries = ("lzallright", "numpy", "olefile", "scipy", "threadpoolctl")
+    seen["libraries"] = {name: importlib.import_module(name).__file__ for name in libraries}
 
     addon_utils.disable(MODULE, default_set=True)
     seen["disabled"] = facts()

@@ -8,7 +8,6 @@ judges nothing: what it saw goes to `seen.json` beside its pictures.
 import json
 import os
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -22,7 +21,6 @@ OUT = Path(os.environ["MOCAP_OUT"])
 LABEL = "mocap_autolabel.label"
 NEXT, MEND, ACCEPT = (f"mocap_autolabel.{name}" for name in ("next_trouble", "mend_trouble", "accept_trouble"))
 LOST = "LKNE"
-PATIENCE = 200.0  # s; a busy machine draws slowly
 FROM_RIGHT = 50  # px from the sidebar's right end to the middle of the cross beside the progress
 
 
@@ -31,6 +29,7 @@ def walk() -> Iterator[float]:
     task, seen = json.loads((OUT / "task.json").read_text()), {}
     settings = lambda: bpy.context.scene.mocap_autolabel  # noqa: E731 - Blender's own references go stale with undo
     state = lambda: bpy.context.window_manager.mocap_autolabel  # noqa: E731
+    listed = lambda: [one.reason for one in state().troubles]  # noqa: E731
     bpy.ops.extensions.package_install_files(filepath=task["zip"], repo="user_default", enable_on_install=True)
     bpy.data.batch_remove(list(bpy.data.objects))
     yield from window.open_tab("Mocap")
@@ -41,45 +40,45 @@ def walk() -> Iterator[float]:
 
     places = yield from window.all_buttons()
     yield from window.click(*places[LABEL])
-    yield 0.5
+    yield from window.until(lambda: state().doing, pause=0.05)  # no longer: it is soon over
     seen["doing"] = state().doing
     sidebar = window.region("UI")
     yield from window.click(sidebar.x + sidebar.width - FROM_RIGHT, places[LABEL][1])
-    yield 1
+    yield from window.until(lambda: not state().doing)
     seen["after Cancel"] = {"running": bool(state().doing), "take": settings().take is not None}
 
     bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
     yield from window.screenshot("2-labelling")  # after the cancelling: a picture takes as long as labelling
-    until = time.monotonic() + PATIENCE
-    while (settings().take is None or state().doing) and time.monotonic() < until:
-        yield 0.5
+    yield from window.until(lambda: settings().take is not None and not state().doing)
     view = window.area().spaces.active.region_3d
     for item in settings().take.all_objects:
         item.select_set(item.get("mocap_marker") == LOST)
+    before = listed()
     bpy.ops.mocap_autolabel.unlabel(scope="WHOLE")
     bpy.ops.ed.undo_push(message="Lost")
-    yield 1
+    yield from window.until(lambda: listed() != before)
     state().trouble_marker = LOST
     view.view_location, view.view_distance, turn = (9, 9, 9), 30, list(view.view_rotation)
     places = yield from window.scroll_to(NEXT)
     seen["buttons"] = sorted(places)
     yield from window.click(*places[NEXT])
-    yield 1
+    yield from window.until(lambda: state().trouble_shown)
     seen["view"] = {"place": list(view.view_location), "turn": [turn, list(view.view_rotation)]}
     row = state().troubles[state().trouble_index]
-    seen["shown"] = {"name": row.name, "reason": row.reason, "frame": bpy.context.scene.frame_current}
+    reason = row.reason
+    seen["shown"] = {"name": row.name, "reason": reason, "frame": bpy.context.scene.frame_current}
     yield from window.screenshot("3-trouble")
     places = yield from window.scroll_to(MEND)
     yield from window.click(*places[MEND])
-    yield 1
-    seen["left after mending"] = [one.reason for one in state().troubles]
+    yield from window.until(lambda: reason not in listed())
+    seen["left after mending"] = listed()
     yield from window.screenshot("4-mended")
     bpy.ops.ed.undo()
-    yield 1
-    seen["back after undo"] = [one.reason for one in state().troubles]
+    yield from window.until(lambda: reason in listed())
+    seen["back after undo"] = listed()
     places = yield from window.scroll_to(ACCEPT)
     yield from window.click(*places[ACCEPT])
-    yield 1
+    yield from window.until(lambda: any(one.answered for one in state().troubles))
     seen["answered"] = sum(one.answered for one in state().troubles)
     state().trouble_done, state().trouble_marker = "DONE", ""
     yield from window.screenshot("5-done")

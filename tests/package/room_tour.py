@@ -12,8 +12,7 @@ import json
 import math
 import os
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
@@ -27,7 +26,6 @@ import window
 
 OUT = Path(os.environ["MOCAP_OUT"])
 ADDON = "bl_ext.user_default.mocap_autolabel.addon"
-PATIENCE = 200.0  # s; a busy machine draws slowly
 RANGE = (5, 25)  # frames that a person takes off the scene at its start and end
 LOST, RIGHT = "LKNE", "RKNE"
 Place = tuple[int, int]
@@ -67,7 +65,7 @@ def walk() -> Iterator[float]:
     yield 1
     seen["corrected"] = state("corrected")
     bpy.ops.mocap_autolabel.fill_gaps("INVOKE_DEFAULT", extent="TAKE")
-    yield from until(lambda: len(bpy.context.window_manager.mocap_autolabel.fills))
+    yield from window.until(lambda: len(bpy.context.window_manager.mocap_autolabel.fills))
     yield 1
     seen["filled"] = state("filled")
     yield from window.screenshot("1-filled")
@@ -95,7 +93,9 @@ def label() -> Iterator[float]:
     """Label the take, and wait until it is shown and nothing goes on."""
     bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
     yield 0.5
-    yield from until(lambda: settings().take is not None and not bpy.context.window_manager.mocap_autolabel.doing)
+    yield from window.until(
+        lambda: settings().take is not None and not bpy.context.window_manager.mocap_autolabel.doing
+    )
     yield 1
 
 
@@ -133,13 +133,6 @@ def dot(marker: str) -> Place:
     place = take.motion.markers[index, take.names.index(marker)]
     x, y = location_3d_to_region_2d(region, window.area().spaces.active.region_3d, place)
     return int(region.x + x), int(region.y + y)
-
-
-def until(done: Callable[[], bool]) -> Iterator[float]:
-    """Wait for something, though not for ever."""
-    limit = time.monotonic() + PATIENCE
-    while not done() and time.monotonic() < limit:
-        yield 0.3
 
 
 def press_held(key: str, **held: bool) -> Iterator[float]:

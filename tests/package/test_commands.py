@@ -3,6 +3,7 @@
 
 import csv
 import json
+import shutil
 
 import pytest
 
@@ -48,6 +49,19 @@ def test_label_names_a_take_and_evaluate_agrees(command, virtual_take, tmp_path)
     done = command("evaluate", str(tmp_path / "take.labels.csv"), str(blobs) + ".truth.csv", "--json")
     assert done.returncode == 0, done.stderr
     assert results(done)["f1"] > 0.97
+
+
+def test_takes_of_a_batch_share_blenders(command, virtual_take, tmp_path):
+    takes = [shutil.copy(virtual_take / "take.csv", tmp_path / f"{name}.csv") for name in ("one", "two", "three")]
+    few = ("--frames", "1:4", "--jobs", "2", "--json")
+    given = ("--model", "body26", "--cameras", str(virtual_take / "cameras.toml"), "--out", str(tmp_path / "out"))
+    done = command("label", *map(str, takes), *given, *few)
+    assert done.returncode == 0, done.stdout + done.stderr
+    reports = results(done)["takes"]
+    assert [(report["take"], report["frames"], report["occlusion"]) for report in reports] == [
+        (name, 4, "bvh") for name in ("one", "two", "three")
+    ]
+    assert len({report["unlabelled"] for report in reports}) == 1
 
 
 def test_bad_input_ends_with_one_sentence_and_status_2(command, virtual_take, tmp_path):

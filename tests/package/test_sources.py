@@ -11,7 +11,8 @@ SOURCES = [*sorted((ROOT / "addon").rglob("*.py")), ROOT / "__init__.py"]
 PURE = [path for path in SOURCES if path.parent.name in ("core", "io") or path.parent.parent.name in ("core", "io")]
 # Blender brings these, the standard library or the zip's wheels the rest.
 BLENDERS_OWN = {"bpy", "bpy_extras", "mathutils", "gpu", "gpu_extras", "blf", "bmesh", "addon_utils", "numpy"}
-WHEELS = {"scipy", "threadpoolctl"}
+WHEELS = {"lzallright", "olefile", "scipy", "threadpoolctl"}
+OPTIONAL = {"distributed"}  # of the command line, which says in a sentence that it is not there
 
 
 def absolute_imports(path):
@@ -28,7 +29,7 @@ def offenders(paths, wrong):
 
 
 def test_imports_are_relative_or_come_with_blender_or_the_wheels():
-    allowed = BLENDERS_OWN | WHEELS | set(sys.stdlib_module_names)
+    allowed = BLENDERS_OWN | WHEELS | OPTIONAL | set(sys.stdlib_module_names)
     assert offenders(SOURCES, lambda names: names - allowed) == {}
 
 
@@ -38,7 +39,10 @@ def test_core_and_formats_know_no_blender():
 
 
 def test_importing_the_package_loads_neither_blender_nor_anything_heavy():
-    code = "import sys, addon; print(sorted({'bpy', 'numpy', 'scipy', 'threadpoolctl'} & set(sys.modules)))"
+    code = (
+        "import sys, addon\n"
+        "print(sorted({'bpy', 'lzallright', 'numpy', 'olefile', 'scipy', 'threadpoolctl'} & set(sys.modules)))"
+    )
     assert subprocess.check_output([sys.executable, "-c", code], cwd=ROOT, text=True).strip() == "[]"
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from scripts.virtual_take import write_virtual_points
+from scripts.virtual_take import write_virtual_pair, write_virtual_points
 
 pytestmark = [pytest.mark.real_blender, pytest.mark.window, pytest.mark.slow]
 FRAMES, FRAME = 120, 40
@@ -15,7 +15,8 @@ FRAMES, FRAME = 120, 40
 def seen(watch, tmp_path_factory):
     folder = tmp_path_factory.mktemp("label")
     write_virtual_points(folder, FRAMES)
-    task = {"points": str(folder / "walk.c3d"), "markerset": "body26", "frame": FRAME}
+    write_virtual_pair(folder, FRAMES)
+    task = {"points": str(folder / "walk.c3d"), "pair": str(folder / "duet.c3d"), "markerset": "body26", "frame": FRAME}
     return watch("window_label.py", folder, **task)
 
 
@@ -64,10 +65,18 @@ def test_playback_goes_on_with_the_tool(seen):
     assert seen["tool"] == "mocap_autolabel.label_tool"
 
 
+def test_a_trajectory_of_one_performer_is_the_other_ones_by_a_key(seen):
+    assert seen["performers"][:2] == ["1", "2"]
+    knees = seen["their knees"]
+    assert [words.split(" is ")[0] for words in seen["the other one's"]] == ["2:LKNE", "1:LKNE"]
+    assert seen["their knees then"] == knees[::-1]
+    assert seen["their knees again"] == knees
+
+
 def test_nothing_is_amiss_in_blenders_log(seen):
     assert "Traceback" not in seen["log"]
 
 
-@pytest.mark.parametrize("name", ["1-picked", "2-pie", "3-typed", "4-quick-label", "5-it-is-here"])
+@pytest.mark.parametrize("name", ["1-picked", "2-pie", "3-typed", "4-quick-label", "5-it-is-here", "6-performers"])
 def test_the_window_shows_something(seen, name):
     assert imread(seen["folder"] / f"{name}.png")[..., :3].std() > 0.05

@@ -3,8 +3,10 @@
 
 import re
 import tomllib
+import unicodedata
 import zipfile
 from itertools import pairwise
+from pathlib import PurePosixPath
 
 import pytest
 
@@ -12,6 +14,13 @@ from scripts import build
 
 FLAVOURS = [(name, platform) for name, blender in build.BLENDERS.items() for platform in blender.pythons]
 WHEELS = ["scipy-1.0-cp313-cp313-win_amd64.whl", "threadpoolctl-1.0-py3-none-any.whl"]
+TEXTS = {".py", ".json", ".toml", ".md", ".c", ".h", ".html", ""}
+DEVICES = ("con", "prn", "aux", "nul", "conin$", "conout$")
+RESERVED = {*DEVICES, *(f"{port}{number}" for port in ("com", "lpt") for number in "0123456789¹²³")}
+NEVER = re.compile(r'[<>:"|?*\\\x00-\x1f]')
+# Windows takes 259 characters, unless somebody switched more on; its user names have up to 20.
+LONGEST = 259 - len(r"C:\Users\01234567890123456789\AppData\Roaming\Blender Foundation\Blender\5.2\extensions/")
+BESIDE = {"": "user_default/mocap_autolabel/", ".whl": ".local/lib/python3.13/site-packages/"}
 
 
 @pytest.fixture(scope="module", params=list(build.BLENDERS))
@@ -22,12 +31,14 @@ def archive(request, make_zip):
 
 def test_only_what_the_extension_needs_is_in_it(archive):
     top = {name.split("/")[0] for name in archive.namelist()}
-    assert top == {"__init__.py", "blender_manifest.toml", "LICENSE", "addon", "assets", "wheels"}
+    assert top == {"__init__.py", "blender_manifest.toml", "LICENSE", "addon", "assets", "kernels", "wheels"}
     assert not [name for name in archive.namelist() if "__pycache__" in name or "/." in name]
 
 
 def test_every_source_and_asset_is_in_it(archive):
-    wanted = [path for folder in ("addon", "assets") for path in (build.ROOT / folder).rglob("*") if path.is_file()]
+    wanted = [
+        path for folder in ("addon", "assets", "kernels") for path in (build.ROOT / folder).rglob("*") if path.is_file()
+    ]
     names = {str(path.relative_to(build.ROOT).as_posix()) for path in wanted if "__pycache__" not in path.parts}
     assert names <= set(archive.namelist())
 
@@ -36,7 +47,13 @@ def test_its_wheels_are_those_of_its_manifest_and_never_numpy(archive):
     manifest = tomllib.loads(archive.read("blender_manifest.toml").decode())
     wheels = sorted("./" + name for name in archive.namelist() if name.endswith(".whl"))
     assert wheels == sorted(manifest["wheels"])
-    assert {re.split("[/-]", wheel)[2] for wheel in wheels} == {"scipy", "threadpoolctl"}
+    assert {re.split("[/-]", wheel)[2] for wheel in wheels} == {
+        "lzallright",
+        "mocap_autolabel_kernels",
+        "olefile",
+        "scipy",
+        "threadpoolctl",
+    }
 
 
 def test_the_same_sources_give_the_same_bytes(make_zip, tmp_path):
@@ -60,3 +77,57 @@ def test_each_manifest_is_narrowed_to_its_platform_and_blender(name, platform):
 def test_no_two_zips_for_a_platform_claim_the_same_blender():
     ranges = sorted((blender.first, blender.last or "999") for blender in build.BLENDERS.values())
     assert all(last <= first for (_, last), (first, _) in pairwise(ranges))
+
+
+def faults_of_names(names: list[str]) -> list[str]:
+    """What Windows or macOS would not take of the names in a zip."""
+    found = []
+    seen: dict[str, str] = {}
+    for name in names:
+        parts = PurePosixPath(name).parts
+        if name.startswith("/") or ".." in parts or NEVER.search(name):
+            found.append(f"{name}: no name everywhere")
+        if any(part.partition(".")[0].rstrip(" ").lower() in RESERVED or part[-1] in " ." for part in parts):
+            found.append(f"{name}: a device or no name of Windows")
+        for folder in (name, *map(str, PurePosixPath(name).parents)):
+            alike = unicodedata.normalize("NFC", folder).casefold()
+            if seen.setdefault(alike, folder) != folder:
+                found.append(f"{name}: the same as {seen[alike]} where case does not count")
+    return found
+
+
+@pytest.mark.parametrize(
+    "name", ["a\\b", "/a", "../a", "a:b", "a/NUL.txt", "com1", "aux .x", "a./b", "a ", "x\n", "Ä/B"]
+)
+def test_a_name_that_some_system_does_not_take_is_found(name):
+    assert faults_of_names(["ä/b", name]) != []
+
+
+def test_every_system_takes_the_names_of_a_zip(archive):
+    assert faults_of_names(archive.namelist()) == []
+    assert all(name.isascii() for name in archive.namelist())
+    assert max(len(BESIDE[""] + name) for name in archive.namelist()) <= LONGEST
+
+
+def test_a_zip_holds_plain_files_and_no_links(archive):
+    kinds = {entry.external_attr >> 16 & 0o170000 for entry in archive.infolist()}
+    assert kinds <= {0, 0o100000}
+    assert not any(entry.is_dir() for entry in archive.infolist())
+
+
+def test_texts_of_a_zip_are_utf_8_with_the_same_line_ends_everywhere(archive):
+    texts = [name for name in archive.namelist() if PurePosixPath(name).suffix in TEXTS]
+    assert len(texts) > 100
+    for name in texts:
+        content = archive.read(name)
+        assert b"\r" not in content and not content.startswith(b"\xef\xbb\xbf"), name
+        content.decode("utf-8")
+
+
+def test_every_system_takes_the_names_that_its_wheels_unpack_to(archive):
+    for wheel in (name for name in archive.namelist() if name.endswith(".whl")):
+        with zipfile.ZipFile(archive.open(wheel)) as opened:
+            names = [name.rstrip("/") for name in opened.namelist()]
+        assert faults_of_names(names) == [], wheel
+        longest = max(names, key=len)
+        assert len(BESIDE[".whl"] + longest) <= LONGEST, longest

@@ -9,8 +9,7 @@ import importlib
 import json
 import os
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
@@ -22,7 +21,6 @@ import window
 
 OUT = Path(os.environ["MOCAP_OUT"])
 ADDON = "bl_ext.user_default.mocap_autolabel.addon"
-PATIENCE = 150.0
 LOST = "RKNE"
 Place = tuple[int, int]
 
@@ -55,17 +53,8 @@ def label() -> Iterator[float]:
     """Press the one button, and wait."""
     take = bpy.context.scene.mocap_autolabel.take
     bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
-    until = time.monotonic() + PATIENCE
-    while bpy.context.scene.mocap_autolabel.take in (None, take) and time.monotonic() < until:
-        yield 0.5
+    yield from window.until(lambda: bpy.context.scene.mocap_autolabel.take not in (None, take))
     yield 1
-
-
-def until(done: Callable[[], bool]) -> Iterator[float]:
-    """Wait for what a click or a key makes so, as long as a busy machine may need."""
-    end = time.monotonic() + PATIENCE
-    while not done() and time.monotonic() < end:
-        yield 0.2
 
 
 def losing(seen: dict) -> Iterator[float]:
@@ -93,7 +82,7 @@ def naming(seen: dict) -> Iterator[float]:
     yield from window.tap("L", *place)
     yield from window.screenshot("1-pie")
     yield from window.press("FOUR", *place)  # the pie's first piece
-    yield from until(lambda: len(corrections()) > before)
+    yield from window.until(lambda: len(corrections()) > before)
     seen["in one camera"] = [corrections()[-1], place_of(LOST)]
     bpy.context.scene.mocap_autolabel.scope = "FRAME"  # in other frames the first camera alone has it
     look_through(second)
@@ -104,7 +93,7 @@ def naming(seen: dict) -> Iterator[float]:
     yield from window.screenshot("2-quick-label")
     named = len(corrections())
     yield from window.click(*place)
-    yield from until(lambda: len(corrections()) > named)
+    yield from window.until(lambda: len(corrections()) > named)
     yield from window.press("ESC", *aside())
     seen["in two cameras"] = [corrections()[-1], place_of(LOST)]
     yield from window.screenshot("3-named")

@@ -10,7 +10,6 @@ import json
 import math
 import os
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -25,21 +24,18 @@ import window
 
 OUT = Path(os.environ["MOCAP_OUT"])
 ADDON = "bl_ext.user_default.mocap_autolabel.addon"
-PATIENCE = 200.0  # s; a busy machine draws slowly
 Place = tuple[int, int]
 
 
 def walk() -> Iterator[float]:
-    """Install, import, label; pick in every way, name, swap, take names away and give them back, place, play."""
+    """Install, import, label; pick in every way, name, swap, unlabel and relabel, place, play; two people."""
     task, seen = json.loads((OUT / "task.json").read_text()), {}
     bpy.ops.extensions.package_install_files(filepath=task["zip"], repo="user_default", enable_on_install=True)
     bpy.data.batch_remove(list(bpy.data.objects))
     bpy.ops.mocap_autolabel.import_points(filepath=task["points"])
     bpy.context.scene.mocap_autolabel.markerset = task["markerset"]
     bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
-    until = time.monotonic() + PATIENCE
-    while bpy.context.scene.mocap_autolabel.take is None and time.monotonic() < until:
-        yield 0.5
+    yield from window.until(lambda: bpy.context.scene.mocap_autolabel.take is not None)
     bpy.context.scene.frame_set(task["frame"])
     look_at_the_person()
     set_tool()
@@ -50,6 +46,7 @@ def walk() -> Iterator[float]:
     yield from quick_labelling(seen)
     yield from placing(seen)
     yield from playing(seen)
+    yield from of_two(seen, task)
     (OUT / "seen.json").write_text(json.dumps(seen, indent=1))
 
 
@@ -167,6 +164,32 @@ def playing(seen: dict) -> Iterator[float]:
     yield from window.press("SPACE", *place)
     seen["played"] = bpy.context.scene.frame_current != before
     seen["tool"] = bpy.context.workspace.tools.from_space_view3d_mode("OBJECT").idname
+
+
+def of_two(seen: dict, task: dict) -> Iterator[float]:
+    """Two performers labelled beside the window, and a knee that is the other one's; taken back."""
+    settings = bpy.context.scene.mocap_autolabel
+    bpy.ops.mocap_autolabel.import_points(filepath=task["pair"])
+    settings.performing = "SO_MANY"
+    bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
+    yield from window.until(lambda: take() is not None and "duet" in take().name)
+    bpy.context.scene.frame_set(bpy.context.scene.frame_start + 20)
+    look_at_the_person()
+    window.area().spaces.active.region_3d.view_distance = 5.0
+    bpy.ops.ed.undo_push(message="Labelled")
+    yield 1
+    seen["performers"] = [child.name for child in take().children]
+    seen["their knees"] = [trajectory("1:LKNE"), trajectory("2:LKNE")]
+    place = dot("1:LKNE")
+    yield from window.click(*place)
+    yield from press_held("E", place, shift=True)
+    yield from window.until(lambda: len(corrections()) == 2)
+    seen["the other one's"] = corrections()
+    seen["their knees then"] = [trajectory("1:LKNE"), trajectory("2:LKNE")]
+    yield from window.screenshot("6-performers")
+    yield from press_held("Z", place, ctrl=True)
+    yield from window.until(lambda: not corrections())
+    seen["their knees again"] = [trajectory("1:LKNE"), trajectory("2:LKNE")]
 
 
 def set_tool():

@@ -144,13 +144,11 @@ def fill(of, seen: dict) -> Iterator[float]:
     running = bpy.context.window_manager.windows[0].modal_operators
     seen["filling"] = [operator.bl_idname for operator in running]
     yield from window.press("ESC", x, y)
-    yield 1
+    yield from window.until(lambda: not len(bpy.context.window_manager.windows[0].modal_operators))
     seen["filling stopped"] = [len(bpy.context.window_manager.windows[0].modal_operators), len(state.fills)]
     bpy.context.scene.mocap_autolabel.fill_method = "rigid"
     yield from window.click(x, y)
-    until = time.monotonic() + 200
-    while not len(state.fills) and time.monotonic() < until:
-        yield 0.5
+    yield from window.until(lambda: len(state.fills))
     seen["filled"] = len(state.fills)
     yield from window.screenshot("fill-gaps")
     settings = bpy.context.scene.mocap_autolabel

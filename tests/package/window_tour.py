@@ -8,7 +8,6 @@ the blobs. It judges nothing: what it saw goes to `seen.json` beside its picture
 import json
 import os
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -20,7 +19,6 @@ import window
 
 OUT = Path(os.environ["MOCAP_OUT"])
 LABEL, CLEAR, LOOK = "mocap_autolabel.label", "mocap_autolabel.clear", "mocap_autolabel.look_through"
-PATIENCE = 200.0  # s; a busy machine draws slowly
 
 
 def walk() -> Iterator[float]:
@@ -44,13 +42,11 @@ def walk() -> Iterator[float]:
     yield from window.click(*places[LABEL])
     seen["running after the click"] = running()
     yield from window.press("ESC", *places[LABEL])
-    yield 1
+    yield from window.until(lambda: not running())
     seen["after Esc"] = {"running": running(), "take": settings().take is not None, "actions": len(bpy.data.actions)}
 
     yield from window.click(*places[LABEL])
-    until = time.monotonic() + PATIENCE
-    while running() and time.monotonic() < until:
-        yield 0.5
+    yield from window.until(lambda: not running())
     yield 1
     seen["labelled"] = settings().take is not None
     window.show_all()

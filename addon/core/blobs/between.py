@@ -6,6 +6,7 @@ against it: where a body is known badly, markers of one elbow look much alike. B
 smoothly, and that says where it was in between far better than any body does.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -56,9 +57,17 @@ def put_between(
     results: list[FrameResult | None], rate: float, options: BetweenOptions = BETWEEN
 ) -> dict[int, list[int]]:
     """Names blobs in `results` by the paths of their markers; returns the markers of which some changed, by frame."""
+    return in_rounds(lambda: _put_once(results, rate, options), options.rounds)
+
+
+def in_rounds(once: Callable[[], dict[int, list[int]]], most: int) -> dict[int, list[int]]:
+    """Does something to names that makes more of the same possible, until it changes none; the markers of all rounds.
+
+    By frame, as `once` tells those of one.
+    """
     changed: dict[int, list[int]] = {}
-    for _ in range(options.rounds):
-        moved = _put_once(results, rate, options)
+    for _ in range(most):
+        moved = once()
         if not moved:
             break
         for index, markers in moved.items():
@@ -83,27 +92,33 @@ def _put_once(results: list[FrameResult | None], rate: float, options: BetweenOp
 def passages_of(points: np.ndarray, rate: float, options: BetweenOptions = BETWEEN) -> dict[int, list[Passage]]:
     """By frame, the markers of points (F, M, 3) m, NaN where none, that pass between two sure paths there."""
     found: dict[int, list[Passage]] = {}
-    for marker in range(points.shape[1]):
-        runs = _sure_runs(points[:, marker], rate, options)
+    goes_on = _going_on(points, rate, options)
+    for marker in range(goes_on.shape[1]):
+        runs = _sure_runs(goes_on[:, marker], options)
         for (_, before), (after, _) in pairwise(runs):
             for index, passage in _passed(points[:, marker], marker, before, after, rate, options):
                 found.setdefault(index, []).append(passage)
     return found
 
 
-def _sure_runs(place: np.ndarray, rate: float, options: BetweenOptions) -> list[tuple[int, int]]:
-    """First and last frames, both included, of a marker's smooth stretches."""
-    if len(place) <= options.window:
-        return []
-    speed = np.diff(place, axis=0)
+def _going_on(points: np.ndarray, rate: float, options: BetweenOptions) -> np.ndarray:
+    """(F - 1, M) whether markers (F, M, 3) go on to the next frame about as fast as in the frames around it."""
+    if len(points) <= options.window:
+        return np.zeros((0, points.shape[1]), bool)
+    speed = np.diff(points, axis=0)
     half = options.window // 2
-    padded = np.pad(speed, ((half, half), (0, 0)), constant_values=np.nan)
-    windows = np.lib.stride_tricks.sliding_window_view(padded, options.window, axis=0)
-    usual = np.full_like(speed, np.nan)
-    some = np.isfinite(windows[:, 0]).sum(axis=1) > half
-    usual[some] = np.nanmedian(windows[some], axis=2)
+    padded = np.pad(speed, ((half, half), (0, 0), (0, 0)), constant_values=np.nan)
+    # What is missing is last, so that the median is in the middle of the rest.
+    ranked = np.sort(np.lib.stride_tricks.sliding_window_view(padded, options.window, axis=0), axis=3)
+    count = np.isfinite(ranked[..., :1, :]).sum(axis=3)[..., None]
+    low, high = (np.take_along_axis(ranked, np.maximum(at, 0) // 2, axis=3) for at in (count - 1, count))
+    usual = np.where(count[..., 0] > half, (low + high)[..., 0] / 2, np.nan)
     reach = options.noise_m + options.max_push_m_s2 / rate**2
-    goes_on = np.linalg.norm(speed - usual, axis=1) < reach
+    return np.linalg.norm(speed - usual, axis=2) < reach
+
+
+def _sure_runs(goes_on: np.ndarray, options: BetweenOptions) -> list[tuple[int, int]]:
+    """First and last frames, both included, of a marker's smooth stretches, by where it goes on (F - 1,)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], goes_on.astype(int), [0]])))
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2) if b - a + 1 >= options.min_frames]
 

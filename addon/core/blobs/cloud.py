@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..geometry.rigid import pairwise_distances
 from ..geometry.triangulation import Rays
 from ..geometry.views import Sight, View
 
@@ -22,6 +23,12 @@ class CloudOptions:
     max_residual_m   root mean square distance of a point from its rays, so that chains of near misses make none
     min_depth_m      nobody stands nearer to a camera
     min_sine         of the angle between two rays; below it they fix no depth
+    partners         of a camera, the nearest others, whose rays it meets: they see the same side of a body, and what
+                     cameras farther apart see as well is confirmed by them. With eight cameras all are partners; with
+                     more the work grows as their number and not as its square
+    few_cameras      of so few all rays are met at once; of more
+    neighbours       of a camera are met first, and
+    sure_support     cameras settle a point then
     max_crossings    of pairs of rays in a frame, the best first: more is a crowd, which would take minutes
     distances_once   a camera that are worked on at once: few enough for the processor's cache
     """
@@ -31,6 +38,10 @@ class CloudOptions:
     max_residual_m: float = 0.024
     min_depth_m: float = 0.2
     min_sine: float = 0.02
+    partners: int = 7
+    few_cameras: int = 5
+    neighbours: int = 2
+    sure_support: int = 4
     max_crossings: int = 4000
     distances_once: int = 100_000
 
@@ -53,28 +64,53 @@ class Cloud:
 
 
 def build_cloud(view: View, sight: Sight) -> Cloud:
-    """The cloud of one frame: pairs of rays that meet, completed by the other cameras that confirm the point."""
-    camera, slot = np.nonzero(view.real)
-    rays = Rays(view, sight)
+    """The cloud of one frame: pairs of rays that meet, completed by the other cameras that confirm the point.
+
+    Of many cameras the rays of neighbours are met first: what several others confirm is settled, and only the blobs
+    that are left go on to be met more widely.
+    """
+    rays, claimed = Rays(view, sight), np.zeros(view.real.shape, bool)
+    parts = []
+    if sight.count > CLOUD.few_cameras:
+        parts.append(_sets(view, sight, rays, claimed, CLOUD.neighbours, CLOUD.sure_support))
+    parts.append(_sets(view, sight, rays, claimed, CLOUD.partners, 2))
+    members, points = (np.concatenate(column) for column in zip(*parts, strict=True))
+    support = (members >= 0).sum(axis=1)
+    return Cloud(points, support, _weights(members, support, view.real.shape))
+
+
+def partners(centres: np.ndarray, count: int) -> np.ndarray:
+    """(C, C) which of the cameras with centres (C, 3) m are among the `count` nearest of one another, either way."""
+    rank = pairwise_distances(centres).argsort(axis=1, kind="stable").argsort(axis=1)
+    among = rank <= count
+    return (among | among.T) & ~np.eye(len(centres), dtype=bool)
+
+
+def _sets(view: View, sight: Sight, rays: Rays, claimed: np.ndarray, count: int, least: int):
+    """Sets of blobs (Q, C) that `least` cameras or more agree on, and their points (Q, 3); their blobs are `claimed`.
+
+    The rays of `count` neighbours are met.
+    """
+    camera, slot = np.nonzero(view.real & ~claimed)
     direction, origin = rays.direction[camera, slot], sight.centres[camera]
-    first, second, middle = _crossings(camera, direction, origin, sight)
+    first, second, middle = _crossings(camera, direction, origin, sight, count)
     if not len(first):
-        return Cloud(np.zeros((0, 3)), np.zeros(0, int), np.zeros(0))
+        return np.zeros((0, sight.count), int), np.zeros((0, 3))
     members = _members(middle, view, sight)
     members[np.arange(len(first)), camera[first]] = slot[first]
     members[np.arange(len(first)), camera[second]] = slot[second]
-    return _chosen(np.unique(members, axis=0), rays, view.real.shape)
+    return _chosen(np.unique(members, axis=0), rays, claimed, least)
 
 
-def _crossings(camera, direction, origin, sight):
-    """Pairs of rays of different cameras that pass each other closely in front of both, and their mid-points."""
-    parts = []
-    for one in range(sight.count):
-        for other in range(one + 1, sight.count):
-            mine, theirs = np.flatnonzero(camera == one), np.flatnonzero(camera == other)
-            first, second = np.repeat(mine, len(theirs)), np.tile(theirs, len(mine))
-            parts.append(_meetings(first, second, camera, direction, origin, sight))
-    first, second, middle, badness = (np.concatenate(column) for column in zip(*parts, strict=True))
+def _crossings(camera, direction, origin, sight, count: int):
+    """Pairs of rays of neighbours that pass each other closely in front of both, and their mid-points."""
+    start = np.searchsorted(camera, np.arange(sight.count + 1))
+    one, other = np.nonzero(np.triu(partners(sight.centres, count)))
+    mine, theirs = np.diff(start)[one], np.diff(start)[other]
+    pair = np.repeat(np.arange(len(one)), mine * theirs)
+    within = np.arange(len(pair)) - np.repeat(np.cumsum(mine * theirs) - mine * theirs, mine * theirs)
+    first, second = start[one[pair]] + within // theirs[pair], start[other[pair]] + within % theirs[pair]
+    first, second, middle, badness = _meetings(first, second, camera, direction, origin, sight)
     if len(first) > CLOUD.max_crossings:
         best = np.argsort(badness)[: CLOUD.max_crossings]
         return first[best], second[best], middle[best]
@@ -100,30 +136,39 @@ def _meetings(first, second, camera, direction, origin, sight):
 
 def _members(points: np.ndarray, view: View, sight: Sight) -> np.ndarray:
     """(Q, C) slot of the blob nearest to each point's image where it is near enough, else -1."""
-    blocks = np.array_split(points, max(1, len(points) * view.image.shape[1] // CLOUD.distances_once))
-    return np.concatenate([_block_members(block, view, sight) for block in blocks])
-
-
-def _block_members(points: np.ndarray, view: View, sight: Sight) -> np.ndarray:
-    local = sight.local(points[None])[0]
-    image = sight.image(local)
-    offset = view.image[:, None] - image[:, :, None]
-    distance = np.sqrt(np.einsum("cqki,cqki->cqk", offset, offset))
-    nearest = distance.argmin(axis=2)
-    metres = np.take_along_axis(distance, nearest[..., None], axis=2)[..., 0] * local[..., 2]
-    allowed = CLOUD.max_gap_m + CLOUD.max_gap_px * local[..., 2] / sight.focal[:, None]
+    nearest, metres, depth = nearest_blobs(points, view, sight)
+    allowed = CLOUD.max_gap_m + CLOUD.max_gap_px * depth / sight.focal[:, None]
     return np.where(metres < allowed, nearest, -1).T
 
 
-def _chosen(members: np.ndarray, rays: Rays, shape: tuple[int, int]) -> Cloud:
-    """Points of the best-supported sets of blobs; a set that only repeats the blobs of better ones goes."""
+def nearest_blobs(points: np.ndarray, view: View, sight: Sight) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of points (Q, 3) m the nearest blob's slot in each camera (C, Q), how far off at its depth, and that depth, m."""
+    blocks = np.array_split(points, max(1, len(points) * view.image.shape[1] // CLOUD.distances_once))
+    parts = zip(*(_nearest_of_block(block, view, sight) for block in blocks), strict=True)
+    return tuple(np.concatenate(part, axis=1) for part in parts)
+
+
+def _nearest_of_block(points, view, sight) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    local = sight.local(points[None])[0]
+    image = sight.image(local)
+    square, other = (view.image[:, None, :, axis] - image[..., axis, None] for axis in (0, 1))
+    square *= square
+    other *= other
+    square += other
+    nearest = square.argmin(axis=2)
+    least = np.take_along_axis(square, nearest[..., None], axis=2)[..., 0]
+    return nearest, np.sqrt(least) * local[..., 2], local[..., 2]
+
+
+def _chosen(members: np.ndarray, rays: Rays, claimed: np.ndarray, least: int) -> tuple[np.ndarray, np.ndarray]:
+    """The best-supported sets of blobs, and their points; a set that only repeats the blobs of better ones goes."""
     seen = members >= 0
-    met = rays.meet(members.T)
     support = seen.sum(axis=1)
+    members, seen, support = (part[support >= least] for part in (members, seen, support))
+    met = rays.meet(members.T)
     fine = np.isfinite(met.residual) & (met.residual < CLOUD.max_residual_m)
     order = np.lexsort((met.residual, -support))
-    claimed = np.zeros(shape, dtype=bool)
-    everyone = np.arange(shape[0])
+    everyone = np.arange(len(claimed))
     chosen = []
     for index in order[fine[order]]:
         mine = seen[index]
@@ -133,8 +178,7 @@ def _chosen(members: np.ndarray, rays: Rays, shape: tuple[int, int]) -> Cloud:
             chosen.append(index)
         elif support[index] == 2 and fresh.all():
             chosen.append(index)
-    chosen = np.array(chosen, dtype=int)
-    return Cloud(met.points[chosen], support[chosen], _weights(members[chosen], support[chosen], shape))
+    return members[chosen], met.points[chosen]
 
 
 def _weights(members: np.ndarray, support: np.ndarray, shape) -> np.ndarray:

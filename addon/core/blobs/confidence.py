@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..kernels import frame_calls, stands_for
 from .labelling import TOO_FAR, Naming, nll_given_names
 from .swaps import Swaps
 
@@ -27,12 +28,20 @@ CONFIDENCE = ConfidenceOptions()
 def label_confidences(
     naming: Naming, camera: np.ndarray, marker: np.ndarray, options: ConfidenceOptions = CONFIDENCE
 ) -> np.ndarray:
-    """(N,) chance that the blobs named by `camera` and `marker` (N,) are rightly named, given the placement.
+    """(N,) chance that the blobs named by `camera` and `marker` (N,) are rightly named, given the placement."""
+    return named_confidences(naming, options)[camera, marker]
+
+
+@stands_for(frame_calls.label_confidences)
+def named_confidences(naming: Naming, options: ConfidenceOptions) -> np.ndarray:
+    """(C, M) the same of every name, NaN where there is none.
 
     Each blob is shared out among the markers that could have made it in the proportions of their likelihoods. A marker
     that has a blob in that camera claims no other, and a merged blob is rightly named after either of its markers. Two
     rays always meet somewhere, so a marker that only two cameras see is judged by the model as well.
     """
+    sure = np.full(naming.slot.shape, np.nan)
+    camera, marker = np.nonzero(naming.slot >= 0)
     slot = naming.slot[camera, marker]
     nll = nll_given_names(naming.frame, naming)[camera, :, slot]
     mine = np.take_along_axis(nll, marker[:, None], axis=1)[:, 0]
@@ -48,7 +57,8 @@ def label_confidences(
     partner = np.arange(nll.shape[1]) == naming.partner[camera, marker][:, None]
     others = np.where(partner, TOO_FAR, others)
     odds = np.exp(np.clip((mine - others) / 2, -60, 30)).sum(axis=1)
-    return 1 / (1 + odds)
+    sure[camera, marker] = 1 / (1 + odds)
+    return sure
 
 
 def swap_doubts(swaps: Swaps, markers: int) -> np.ndarray:

@@ -5,6 +5,7 @@ A marker goes behind the body, and a neighbour gets its name; it comes out again
 neighbour's path does not break there, it only goes on under another name. Most of its frames know which is right.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -143,10 +144,11 @@ def _cuts(points: np.ndarray, marker: int, at: np.ndarray, rate: float, options:
 
 def _nearest_other(points, marker: int, place: np.ndarray, speed: np.ndarray, when: int, frames: range) -> float:
     """m, how near another name comes to where a marker would be in some frames, from its place and speed in one."""
-    expected = place + speed * (np.array(frames) - when)[:, None]
-    away = np.linalg.norm(points[frames.start : frames.stop] - expected[:, None], axis=2)
-    away[:, marker] = np.nan
-    return float(np.min(away, initial=np.inf, where=np.isfinite(away)))
+    expected = place + speed * (np.arange(frames.start, frames.stop) - when)[:, None]
+    away = points[frames.start : frames.stop] - expected[:, None]
+    square = np.einsum("fmi,fmi->fm", away, away)
+    square[:, marker] = np.nan
+    return math.sqrt(np.fmin.reduce(square, axis=None, initial=np.inf))
 
 
 def _reach(gap: np.ndarray, rate: float, options: ContinuityOptions) -> np.ndarray:

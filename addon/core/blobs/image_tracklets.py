@@ -12,6 +12,8 @@ import numpy as np
 
 from ..data.takes import REMAINING
 from ..geometry.views import View
+from ..kernels import frame_calls, stands_for
+from .between import in_rounds
 from .labelling import TOO_FAR, Frame, Naming
 from .tracking import FrameResult
 
@@ -52,27 +54,34 @@ def name_by_tracklets(
     options: ImageTrackletOptions = IMAGE_TRACKLETS,
 ) -> dict[int, list[int]]:
     """Gives blobs the names of their tracklets where these meet in space; returns the markers changed, by frame."""
-    changed: dict[int, list[int]] = {}
     markers = next((len(result.naming.slot[0]) for result in results if result is not None), 0)
     if not markers:
-        return changed
+        return {}
     tracklet, count = tracklets_of(views, _depths(results), rate, options)
-    for _ in range(options.rounds):
-        claims = _claims(tracklet, count, results, markers, options)
-        moved = {}
-        for index, (result, claim) in enumerate(zip(results, claims, strict=True)):
-            if result is not None and (some := _settle(result.naming, claim, options)):
-                moved[index] = some
-        if not moved:
-            break
-        for index, some in moved.items():
-            changed[index] = sorted({*changed.get(index, []), *some})
-    return changed
+    in_vain: dict[int, np.ndarray | None] = {}  # claims by which nothing changed
+
+    def once() -> dict[int, list[int]]:
+        changed = {}
+        for index, claim in _claims(tracklet, count, results, markers, options).items():
+            if np.array_equal(in_vain.get(index), claim):
+                continue
+            some = _settle(results[index].naming, claim, options)
+            in_vain[index] = None if some else claim
+            if some:
+                changed[index] = some
+        return changed
+
+    return in_rounds(once, options.rounds)
 
 
 def _depths(results: Sequence[FrameResult | None]) -> list[np.ndarray | None]:
     """By frame, (C,) m, how far from each camera the subject is; None where nobody is."""
-    return [None if result is None else np.median(result.naming.frame.depth, axis=1) for result in results]
+    depths: list[np.ndarray | None] = [None] * len(results)
+    there = [index for index, result in enumerate(results) if result is not None]
+    middle = np.median([results[index].naming.frame.depth for index in there], axis=2)
+    for index, depth in zip(there, middle, strict=True):
+        depths[index] = depth
+    return depths
 
 
 def tracklets_of(
@@ -87,27 +96,40 @@ def tracklets_of(
     """
     numbers: list[np.ndarray] = []
     speed, count = None, 0
+    reaches = options.noise_m + options.push_m_s2 / rate**2, options.speed_m_s / rate
+    clear = options.other_ratio, options.other_m
     for index, view in enumerate(views):
         own = np.full(view.real.shape, -1)
         ahead = np.full(view.image.shape, np.nan)
         if index and depths[index] is not None and depths[index - 1] is not None:
-            before = views[index - 1]
-            camera, old, new = _links(before, view, speed, depths[index], rate, options)
-            own[camera, new] = numbers[-1][camera, old]
-            ahead[camera, new] = view.image[camera, new] - before.image[camera, old]
+            link, ahead = link_blobs(views[index - 1], view, speed, depths[index], reaches, clear)
+            own = np.where(link >= 0, np.take_along_axis(numbers[-1], link, axis=1), -1)
         fresh = view.real & (own < 0)
-        own[fresh] = count + np.arange(fresh.sum())
-        count += int(fresh.sum())
+        many = np.count_nonzero(fresh)
+        own[fresh] = np.arange(count, count + many)
+        count += many
         numbers.append(own)
         speed = ahead
     return numbers, count
 
 
-def _links(before: View, view: View, speed: np.ndarray, depth: np.ndarray, rate: float, options: ImageTrackletOptions):
-    """Cameras, slots before and slots now of the blobs that are one; speed (C, K, 2) a frame, NaN where unknown."""
+@stands_for(frame_calls.link_blobs)
+def link_blobs(
+    before: View,
+    view: View,
+    speed: np.ndarray,
+    depth: np.ndarray,
+    reaches: tuple[float, float],
+    clear: tuple[float, float],
+) -> tuple[np.ndarray, np.ndarray]:
+    """The slot before of each blob that goes on (C, K), -1 where none does; and its way (C, K, 2) since then, or NaN.
+
+    speed (C, K', 2) a frame, NaN where unknown; depth (C,) m of the subject; `reaches` m of blobs of known speed and
+    of others, `clear` by how many times, and by how many m more, another blob must be farther off.
+    """
     known = np.isfinite(speed[..., 0])
     there = before.image + np.where(known[..., None], speed, 0)
-    reach = np.where(known, options.noise_m + options.push_m_s2 / rate**2, options.speed_m_s / rate)
+    reach = np.where(known, *reaches)
     square = there @ (-2 * view.across)
     square += view.square + (there**2).sum(axis=2)[..., None]
     away = np.sqrt(np.maximum(square, 0)) * depth[:, None, None]
@@ -115,29 +137,50 @@ def _links(before: View, view: View, speed: np.ndarray, depth: np.ndarray, rate:
     nearest, least = away.argmin(axis=2), away.min(axis=2)
     camera, old = np.nonzero(least < reach)
     new, least = nearest[camera, old], least[camera, old]
-    room = options.other_ratio * least + options.other_m
+    room = clear[0] * least + clear[1]
     others = (away[camera, old] < room[:, None]).sum(axis=1) + (away[camera, :, new] < room[:, None]).sum(axis=1)
-    clear = others == 2
-    return camera[clear], old[clear], new[clear]
+    one = others == 2
+    camera, old, new = camera[one], old[one], new[one]
+    link, ahead = np.full(view.real.shape, -1), np.full(view.image.shape, np.nan)
+    link[camera, new] = old
+    ahead[camera, new] = view.image[camera, new] - before.image[camera, old]
+    return link, ahead
 
 
-def _claims(tracklet: list[np.ndarray], count: int, results, markers: int, options: ImageTrackletOptions):
-    """By frame, (C, K) the marker that each blob's tracklet mostly is, -1 where none."""
-    named = [np.zeros(0, int)]
-    for own, result in zip(tracklet, results, strict=True):
-        if result is not None:
-            camera, slot = np.nonzero(result.naming.owner >= 0)
-            named.append(own[camera, slot] * markers + result.naming.owner[camera, slot])
-    pair, frames = np.unique(np.concatenate(named), return_counts=True)
-    order = np.lexsort((-frames, pair // markers))
-    pair, frames = pair[order], frames[order]
-    one, first = np.unique(pair // markers, return_index=True)
-    rest = np.append(frames, 0)[first + 1]
-    rest[np.diff(np.append(first, len(pair))) == 1] = 0
-    sure = frames[first] >= np.maximum(options.min_frames, options.min_ratio * rest)
-    mostly = np.full(count + 1, -1)  # the last is of where no blob is
-    mostly[one[sure]] = pair[first[sure]] % markers
-    return [mostly[own] for own in tracklet]
+def _claims(
+    tracklet: list[np.ndarray], count: int, results, markers: int, options: ImageTrackletOptions
+) -> dict[int, np.ndarray]:
+    """By frame, (C, K) the marker that each blob's tracklet mostly is, -1 where none; of frames that say otherwise."""
+    there = [index for index, result in enumerate(results) if result is not None]
+    own = np.concatenate([tracklet[index].ravel() for index in there])
+    owner = np.concatenate([results[index].naming.owner.ravel() for index in there])
+    claim = _mostly(own, owner, count, markers, options)[own]
+    ends = np.cumsum([0, *(tracklet[index].size for index in there)])
+    otherwise = np.flatnonzero((claim >= 0) & (claim != owner))
+    asked = np.unique(np.searchsorted(ends, otherwise, side="right") - 1)
+    return {there[at]: claim[ends[at] : ends[at + 1]].reshape(tracklet[there[at]].shape) for at in asked.tolist()}
+
+
+def _mostly(own: np.ndarray, owner: np.ndarray, count: int, markers: int, options: ImageTrackletOptions) -> np.ndarray:
+    """(count + 1,) the marker that each tracklet mostly is, -1 where none, by the markers `owner` (N,) of blobs `own`.
+
+    The last is of where no blob is.
+    """
+    named = np.flatnonzero(owner >= 0)
+    long = np.flatnonzero(np.bincount(own[named], minlength=count) >= options.min_frames)
+    row = np.full(count, -1)
+    row[long] = np.arange(len(long))
+    named = named[row[own[named]] >= 0]
+    cells = row[own[named]] * markers + owner[named]
+    frames = np.bincount(cells, minlength=len(long) * markers).reshape(len(long), markers)
+    best = frames.argmax(axis=1)
+    most = frames[np.arange(len(long)), best]
+    frames[np.arange(len(long)), best] = 0
+    rest = frames.max(axis=1)
+    sure = most >= np.maximum(options.min_frames, options.min_ratio * rest)
+    mostly = np.full(count + 1, -1)
+    mostly[long[sure]] = best[sure]
+    return mostly
 
 
 def _settle(naming: Naming, claim: np.ndarray, options: ImageTrackletOptions) -> list[int]:

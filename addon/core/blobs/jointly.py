@@ -14,6 +14,7 @@ import numpy as np
 
 from ..data.takes import REMAINING
 from ..geometry.views import View
+from .cloud import CLOUD, nearest_blobs, partners
 from .labelling import Expectation, Frame, Naming
 
 
@@ -32,7 +33,12 @@ class AtOnceOptions:
     ghosts            unnamed blobs a camera that are taken for granted beside those it has
     min_sine          of the angle between two rays that fix a point
     subset_cameras    rays of a set of which every subset is tried; of larger ones, those without one ray
-    hypotheses        of a marker, the best, that are chosen from
+    pair_cameras      of more, only neighbours' rays are met (`cloud.CLOUD.partners`), and two rays are only tried alone
+                      where one other at most meets them: a point that many cameras see is not named by two
+    hypotheses        of a marker, the best, that are chosen from, and
+    hypotheses_more   for each camera beyond those: a point is tried without each of its rays, so points of neighbours
+                      crowd out a marker that fewer cameras see. With `hypotheses` alone 4 % of the blobs of sixteen
+                      cameras and 22 % of those of twenty-four went without a name
     seen_behind       chance that a camera has a blob of a marker behind a nearer one on the same line, and
     seen_before       of the nearer one, if it has one of either: nothing else is in the way, and few blobs are lost
     """
@@ -45,7 +51,9 @@ class AtOnceOptions:
     ghosts: float = 1.0
     min_sine: float = 0.02
     subset_cameras: int = 5
+    pair_cameras: int = 8
     hypotheses: int = 40
+    hypotheses_more: int = 15
     seen_behind: float = 0.1
     seen_before: float = 0.99
 
@@ -165,8 +173,11 @@ def _sets(frame: Frame, options: AtOnceOptions) -> np.ndarray:
     camera, slot = np.nonzero(near)
     direction, origin = frame.rays.direction[camera, slot], sight.centres[camera]
     first, second = np.triu_indices(len(camera), 1)
-    other = camera[first] != camera[second]
-    first, second = first[other], second[other]
+    met = np.eye(sight.count) == 0
+    if sight.count > options.pair_cameras:
+        met = partners(sight.centres, CLOUD.partners)
+    met = met[camera[first], camera[second]]
+    first, second = first[met], second[met]
     between = origin[second] - origin[first]
     cosine = np.einsum("ni,ni->n", direction[first], direction[second])
     one, two = np.einsum("ni,ni->n", between, direction[first]), np.einsum("ni,ni->n", between, direction[second])
@@ -186,7 +197,11 @@ def _sets(frame: Frame, options: AtOnceOptions) -> np.ndarray:
     members[each, camera[first]], members[each, camera[second]] = slot[first], slot[second]
     if not len(first):
         return members
+    # All pairs of a marker's rays make the same whole set.
     whole = _completed(members, middle, frame)
+    if sight.count > options.pair_cameras:
+        members = members[(whole >= 0).sum(axis=1) <= 3]
+    whole = np.unique(whole, axis=0)
     parts = [members, whole]
     cameras = np.arange(sight.count)
     count = (whole >= 0).sum(axis=1)
@@ -204,14 +219,9 @@ def _sets(frame: Frame, options: AtOnceOptions) -> np.ndarray:
 
 def _completed(members: np.ndarray, points: np.ndarray, frame: Frame) -> np.ndarray:
     """(Q, C) the sets with the blobs of the other cameras that lie on their points."""
-    sight = frame.sight
-    local = sight.local(points[None])[0]
-    image = sight.image(local)
-    off = np.linalg.norm(frame.view.image[:, None] - image[:, :, None], axis=3) * local[..., 2][..., None]
-    nearest = off.argmin(axis=2)
-    least = np.take_along_axis(off, nearest[..., None], axis=2)[..., 0]
-    noise = frame.rules.pixel / sight.focal[:, None] * local[..., 2] + frame.rules.slack_m
-    return np.where(members >= 0, members, np.where(least < frame.rules.max_off_point * noise, nearest, -1).T)
+    nearest, off, depth = nearest_blobs(points, frame.view, frame.sight)
+    noise = frame.rules.pixel / frame.sight.focal[:, None] * depth + frame.rules.slack_m
+    return np.where(members >= 0, members, np.where(off < frame.rules.max_off_point * noise, nearest, -1).T)
 
 
 def _pruned(many: Hypotheses, singles: Hypotheses, frame: Frame, options: AtOnceOptions) -> Hypotheses:
@@ -224,9 +234,10 @@ def _pruned(many: Hypotheses, singles: Hypotheses, frame: Frame, options: AtOnce
     said[camera, frame.fixed[camera, named]] = True
     used = said[frame.cameras, np.maximum(slot, 0)] | (frame.fixed[:, marker].T >= 0)
     gain = np.where((used & (slot >= 0)).any(axis=1), 0, gain)
+    most = options.hypotheses + options.hypotheses_more * max(len(frame.cameras) - options.pair_cameras, 0)
     order = np.lexsort((-gain, marker))
     rank = np.arange(len(order)) - np.searchsorted(marker[order], marker[order])
-    kept = order[(rank < options.hypotheses) & (gain[order] > 0)]
+    kept = order[(rank < most) & (gain[order] > 0)]
     return Hypotheses(marker[kept], slot[kept], gain[kept], elsewhere[kept])
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.bodies import Bodies
-from ..body.cost import ray_pull
+from ..body.cost import RayPull
 from ..body.fit import fit_body
 from ..geometry.views import View
 from .labelling import Naming
@@ -112,10 +112,7 @@ def judged(
     image = np.array([_images(view, result.naming) for view, result in zip(views, results, strict=True)])
     deviation = np.array([_deviations(result.naming, own_sd) for result in results])
     poses = known.bodies(Bodies.join([result.bodies for result in results]))
-
-    def pull(markers: np.ndarray):
-        return ray_pull(markers, image, deviation, setup.sight)
-
+    pull = RayPull(image, deviation, setup.sight)
     fit = fit_body(setup.model, poses, pull, options.fit_steps, setup.prior)
     return fit.cost, _strain(fit.state.posed.markers, image, deviation, setup)
 

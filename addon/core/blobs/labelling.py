@@ -11,11 +11,14 @@ from functools import cached_property
 import numpy as np
 
 from ..data.takes import BY_EDIT, CONFLICT, EXCLUSIVE, REMAINING
-from ..geometry.triangulation import Meeting, Rays, trimmed_deviation
-from ..geometry.views import VIEWING, Sight, View
+from ..geometry.triangulation import MEETING, Meeting, Rays, trimmed_deviation
+from ..geometry.views import NOWHERE, VIEWING, Sight, View
+from ..kernels import frame_calls, in_use
 
 SPREAD_UNIT = 1e-8  # m⁴, the spread whose log is nought
 TOO_FAR = 1e9  # a cost that no blob and marker can have
+CONDITION = MEETING.ridge, MEETING.max_condition  # as the compiled library takes them
+LABEL_STEPS = EXCLUSIVE, CONFLICT, REMAINING, BY_EDIT
 
 
 @dataclass(frozen=True)
@@ -152,7 +155,6 @@ class Frame:
         image = sight.image(local)
         self.depth = np.maximum(local[0, ..., 2], VIEWING.min_depth_m)
         self.metres = rules.pixel / sight.focal[:, None] * self.depth + rules.slack_m
-        self.rays = Rays(view, sight)
         self.slope = sight.derivatives(local, image)[0]
         self.image = image[0]
         self.nll = self._against(self.image, self._spread(expected.covariance), self.depth, self.metres)
@@ -160,6 +162,22 @@ class Frame:
         camera, marker = np.nonzero(self.fixed >= 0)
         self.nll[camera, marker] = TOO_FAR
         self.nll[camera, :, self.fixed[camera, marker]] = TOO_FAR
+
+    @classmethod
+    def measured(cls, view, sight, expected, rules, fixed, made: dict) -> "Frame":
+        """The same of arrays that the compiled library has made."""
+        frame = cls.__new__(cls)
+        frame.view, frame.sight, frame.expected, frame.rules = view, sight, expected, rules
+        frame.cameras, frame.markers = np.arange(len(view.image)), np.arange(len(expected.points))
+        frame.depth, frame.metres, frame.slope = made["depth"], made["metres"], made["slope"]
+        frame.image, frame.nll = made["image"], made["nll"]
+        frame.fixed = np.full(frame.nll.shape[:2], -1) if fixed is None else fixed
+        return frame
+
+    @cached_property
+    def rays(self) -> Rays:
+        """Those of the blobs."""
+        return Rays(self.view, self.sight)
 
     @cached_property
     def between2(self) -> np.ndarray:
@@ -227,10 +245,26 @@ def name_markers(
     view: View, sight: Sight, expected: Expectation, rules: Rules, fixed: np.ndarray | None = None
 ) -> Naming:
     """Algorithm 1 on one frame, of which some blobs may be named already: `fixed` (C, M), see `Frame`."""
+    named = named_by_library if in_use() else named_by_numpy
+    return named(view, sight, expected, rules, fixed, step1_only=False)
+
+
+def name_exclusive(
+    view: View, sight: Sight, expected: Expectation, rules: Rules, fixed: np.ndarray | None = None
+) -> Naming:
+    """Step 1 alone: enough to bring a tracked body up to date before the frame is named in earnest."""
+    named = named_by_library if in_use() else named_by_numpy
+    return named(view, sight, expected, rules, fixed, step1_only=True)
+
+
+def named_by_numpy(view, sight, expected, rules, fixed, step1_only: bool) -> Naming:
+    """Algorithm 1, or its first step alone."""
     frame = Frame(view, sight, expected, rules, fixed)
     naming = Naming.empty(frame)
     claims = identify_visible(frame, naming)
     withdraw_unmet(frame, naming)
+    if step1_only:
+        return naming
     if claims.any():
         resolve_conflicts(frame, naming, claims)
         withdraw_unmet(frame, naming)
@@ -241,14 +275,17 @@ def name_markers(
     return naming
 
 
-def name_exclusive(
-    view: View, sight: Sight, expected: Expectation, rules: Rules, fixed: np.ndarray | None = None
-) -> Naming:
-    """Step 1 alone: enough to bring a tracked body up to date before the frame is named in earnest."""
-    frame = Frame(view, sight, expected, rules, fixed)
-    naming = Naming.empty(frame)
-    identify_visible(frame, naming)
-    withdraw_unmet(frame, naming)
+def named_by_library(view, sight, expected, rules, fixed, step1_only: bool) -> Naming:
+    """The same by the compiled library."""
+    made = frame_calls.name_markers(view, sight, expected, rules, fixed, CONDITION, NOWHERE, LABEL_STEPS, step1_only)
+    return naming_of(view, sight, expected, rules, fixed, made)
+
+
+def naming_of(view, sight, expected, rules, fixed, made: dict[str, np.ndarray]) -> Naming:
+    """The naming of a frame whose arrays, by name, the compiled library has made."""
+    frame = Frame.measured(view, sight, expected, rules, fixed, made)
+    naming = Naming(frame, *(made[name] for name in ("slot", "step", "owner", "partner", "conflicts")))
+    naming._meeting = Meeting(made["met"], made["residual"], made["miss"])
     return naming
 
 

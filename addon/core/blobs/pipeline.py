@@ -4,7 +4,7 @@
 Memory does not grow with the take: one chunk of frames is held, and of the past only the track.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 
@@ -24,7 +24,7 @@ from ..review.doubtful import WHOLE_FRAME
 from ..review.suspects import find_suspects
 from .absent import absent_markers
 from .between import put_between
-from .confidence import label_confidences, swap_doubts
+from .confidence import CONFIDENCE, named_confidences, swap_doubts
 from .continuity import renamed
 from .image_tracklets import name_by_tracklets
 from .labelling import hand_over
@@ -44,7 +44,7 @@ class TakeOptions:
                            moves farther between two frames than it is from the next
     search_order           in which parts of a chunk a lost subject is looked for: far from each other first
     good_confidence        a placement this sure, that
-    good_named             names this share of the markers, is a good one
+    good_named             names this share of the markers that it lets the cameras see, is a good one
     max_good               good placements after which the best of them will do
     min_confidence         a placement less sure than this, or that
     min_named              names a smaller share of the markers, names nothing
@@ -270,7 +270,7 @@ class TakeLabeller:
                 continue
             if best is None or found.marker_cost < best.marker_cost:
                 best, best_index = found, index
-            good += found.confidence > TAKES.good_confidence and found.named > TAKES.good_named
+            good += found.confidence > TAKES.good_confidence and found.complete > TAKES.good_named
             if good >= TAKES.max_good:
                 break
         return best_index, best
@@ -354,47 +354,56 @@ class _Chunk:
 
     def labelled(self, setup: Setup) -> LabelledChunk:
         """Everything as it is handed out."""
+        there = [index for index, result in enumerate(self.results) if result is not None]
         count, markers = len(self.views), setup.model.marker_count
-        total = len(self.blobs)
-        labels = Labels(np.full(total, NO_MARKER), np.zeros(total, int), np.zeros(total))
         points, residual = np.full((count, markers, 3), np.nan), np.full((count, markers), np.nan)
         residual_px, conflicts = np.full((count, markers), np.nan), np.zeros((count, markers), int)
         confidence = np.zeros(count)
         with setup.clock("label"):
-            for index, result in enumerate(self.results):
-                if result is None:
-                    continue
-                rays = _write_labels(labels, self.views[index], result)
-                met = result.naming.meeting
+            results = [self.results[index] for index in there]
+            labels, rays = _written(len(self.blobs), [self.views[index] for index in there], results)
+            if there:
                 known = rays >= 2
-                points[index, known], residual[index, known] = met.points[known], met.residual[known]
-                residual_px[index] = residual[index] * _pixels_per_metre(result, setup)
-                conflicts[index], confidence[index] = result.naming.conflicts, result.placement
+                points[there] = np.where(known[..., None], [one.naming.meeting.points for one in results], np.nan)
+                residual[there] = np.where(known, [one.naming.meeting.residual for one in results], np.nan)
+                residual_px[there] = residual[there] * _pixels_per_metre(results, setup)
+                conflicts[there] = [one.naming.conflicts for one in results]
+                confidence[there] = [one.placement for one in results]
         poses = _poses(self.results, setup)
         motion = Motion(self.blobs.frames, points, residual, residual_px, conflicts, *poses, confidence)
         self.suspects += find_suspects(motion, setup.model.markerset.markers, setup.rate)
         return LabelledChunk(labels, motion, tuple(self.suspects), setup.clock.take())
 
 
-def _write_labels(labels: Labels, view: View, result: FrameResult) -> np.ndarray:
-    """Gives a frame's sure labels to its blobs; returns how many rays of each marker (M,) are sure."""
-    naming = result.naming
-    camera, marker = np.nonzero(naming.slot >= 0)
-    sure = label_confidences(naming, camera, marker) * result.placement * result.sure[marker]
-    given = sure >= TAKES.min_label_confidence
-    camera, marker, sure = camera[given], marker[given], sure[given]
-    rows = view.row[camera, naming.slot[camera, marker]]
-    labels.marker[rows] = marker
-    labels.step[rows] = naming.step[camera, marker]
-    labels.confidence[rows] = sure
-    return np.bincount(marker[naming.partner[camera, marker] < 0], minlength=naming.slot.shape[1])
+def _written(blobs: int, views: Sequence[View], results: Sequence[FrameResult]) -> tuple[Labels, np.ndarray]:
+    """The sure labels of all blobs, by F frames that have any, and how many rays of each marker (F, M) are sure."""
+    labels = Labels(np.full(blobs, NO_MARKER), np.zeros(blobs, int), np.zeros(blobs))
+    if not results:
+        return labels, np.zeros((0, 0), int)
+    slot, step, partner = (
+        np.array([getattr(one.naming, name) for one in results]) for name in ("slot", "step", "partner")
+    )
+    doubt = np.array([one.placement * one.sure for one in results])
+    sure = np.array([named_confidences(one.naming, CONFIDENCE) for one in results]) * doubt[:, None]
+    frame, camera, marker = np.nonzero((slot >= 0) & (sure >= TAKES.min_label_confidence))
+    own = slot[frame, camera, marker]
+    ends = np.cumsum([0, *(view.row.size for view in views)])
+    width = np.array([view.row.shape[1] for view in views])
+    rows = np.concatenate([view.row.ravel() for view in views])[ends[frame] + camera * width[frame] + own]
+    labels.marker[rows], labels.step[rows] = marker, step[frame, camera, marker]
+    labels.confidence[rows] = sure[frame, camera, marker]
+    rays = np.zeros((len(results), slot.shape[2]), int)
+    alone = partner[frame, camera, marker] < 0
+    np.add.at(rays, (frame[alone], marker[alone]), 1)
+    return labels, rays
 
 
-def _pixels_per_metre(result: FrameResult, setup: Setup) -> np.ndarray:
-    """(M,) px that one metre at each marker is worth, mean over the cameras that named it."""
-    depth = np.maximum(setup.sight.local(result.expected.points[None])[0, ..., 2], VIEWING.min_depth_m)
-    seen = result.naming.slot >= 0
-    return (setup.sight.focal[:, None] / depth * seen).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
+def _pixels_per_metre(results: Sequence[FrameResult], setup: Setup) -> np.ndarray:
+    """(F, M) px that one metre at each marker is worth, mean over the cameras that named it."""
+    expected = np.array([one.expected.points for one in results])
+    depth = np.maximum(setup.sight.local(expected)[..., 2], VIEWING.min_depth_m)
+    seen = np.array([one.naming.slot >= 0 for one in results])
+    return (setup.sight.focal[:, None] / depth * seen).sum(axis=1) / np.maximum(seen.sum(axis=1), 1)
 
 
 def _poses(results, setup: Setup) -> tuple[np.ndarray, ...]:

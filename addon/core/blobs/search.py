@@ -2,12 +2,11 @@
 """Finds the subject in one frame from nothing but its blobs, and says how sure it is of the placement."""
 
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
 from ..body.bodies import Bodies, Posed
-from ..body.cost import blob_pull, cloud_pull
+from ..body.cost import BlobPull, CloudPull
 from ..body.fit import Fit, State, body_state, fit_body, fit_placement
 from ..body.prior import Prior
 from ..data.errors import JobError
@@ -144,6 +143,12 @@ class Found:
         return float(np.minimum(views, 2).mean() / 2)
 
     @property
+    def complete(self) -> float:
+        """The same as a share of what the cameras can see of the body: two cameras see half of its markers once."""
+        views, due = (seen.sum(axis=0) for seen in (self.naming.slot >= 0, self.expected.visible))
+        return float(np.minimum(views, 2).sum() / max(np.minimum(due, 2).sum(), 1))
+
+    @property
     def by_chance(self) -> bool:
         """True when a crowd of ghosts would do as well: most blobs unnamed, and few markers that a third ray confirms.
 
@@ -265,17 +270,13 @@ def fit_cloud(starts: Bodies, cloud: Cloud, setup: Setup, prior, arms: bool = Fa
     """
     bodies = starts
     for softness, reach, steps, free in FINDING.cloud_stages:
-        pull = partial(_cloud_pull, cloud=cloud, softness=softness, reach=reach)
+        pull = CloudPull(cloud.points, cloud.weight, softness, reach)
         fit_some = fit_body if free else fit_placement
         fit = fit_some(setup.model, bodies, pull, steps, prior)
         bodies = fit.bodies
         if arms and not free:
             bodies = with_arms_held(bodies, setup.model)
     return bodies, fit.cost
-
-
-def _cloud_pull(markers: np.ndarray, cloud: Cloud, softness: float, reach: float):
-    return cloud_pull(markers, cloud.points, cloud.weight, softness, reach)
 
 
 def fit_blobs(bodies: Bodies, view: View, setup: Setup, prior):
@@ -291,7 +292,7 @@ def fit_blobs(bodies: Bodies, view: View, setup: Setup, prior):
 def visible_pull(bodies: Bodies, posed: Posed, view: View, setup: Setup, softness: float, reach: float):
     """Equation 7 with the markers that are visible where the bodies are now."""
     visible = setup.visible(bodies.scale, posed)
-    return lambda markers: blob_pull(markers, visible, view, setup.sight, softness, reach)
+    return BlobPull(visible, view, setup.sight, softness, reach)
 
 
 def name_found(

@@ -159,7 +159,7 @@ def slots_pull(view: View, slots: np.ndarray, noise: np.ndarray, own_sd: np.ndar
     count = np.maximum(seen.sum(axis=1), 1)
     deviation = np.sqrt(noise**2 + (count * own_sd**2)[:, None])
     deviation = np.where(seen, deviation, np.inf)
-    return lambda markers: cost.ray_pull(markers, image, deviation, setup.sight)
+    return cost.RayPull(image, deviation, setup.sight)
 
 
 def named_pull(view: View, naming: Naming, subject: Subject, setup: Setup):

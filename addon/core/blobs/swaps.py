@@ -118,16 +118,47 @@ def _exchanged_slots(naming: Naming, orders: np.ndarray) -> np.ndarray:
 
 
 def _first_steps(view, naming, subject, state, setup, prior, orders) -> np.ndarray:
-    """(B,) the cost that one undamped step from the fit as it is would promise each exchange."""
-    pull = slots_pull(view, _exchanged_slots(naming, orders), naming.frame.metres, subject.own_sd, setup)
-    data = pull(np.repeat(state.posed.markers, len(orders), axis=0))
+    """(B,) the cost that one undamped step from the fit as it is would promise each exchange.
+
+    An exchange changes what a few markers say, so the normal equations are solved once, for the names as they are, and
+    each exchange corrects their solution by its own markers alone (the matrix inversion lemma).
+    """
+    identity = np.arange(orders.shape[1])[None]
+    slots = _exchanged_slots(naming, np.concatenate([identity, orders]))
+    pull = slots_pull(view, slots, naming.frame.metres, subject.own_sd, setup)
+    data = pull(np.repeat(state.posed.markers, len(slots), axis=0))
     flat = state.columns.reshape(-1, state.columns.shape[-1])
-    weighted = (data.hessian @ state.columns).reshape(len(orders), *flat.shape)
     cost, slope, curve = prior.terms(state.bodies)
-    gradient = data.gradient.reshape(len(orders), -1) @ flat + slope
-    normal = flat.T @ weighted + curve + 1e-6 * np.eye(flat.shape[1])
-    step = np.linalg.solve(normal, gradient[..., None])[..., 0]
-    return data.cost + cost - np.einsum("bp,bp->b", gradient, step)
+    normal = flat.T @ (data.hessian[0] @ state.columns[0]).reshape(flat.shape) + curve + 1e-6 * np.eye(flat.shape[1])
+    gradient = data.gradient[0].ravel() @ flat + slope[0]
+    solved = np.linalg.solve(normal, np.column_stack([flat.T, gradient]))
+    spread, along = flat @ solved[:, :-1], flat @ solved[:, -1]
+    promised = data.cost[1:] + cost - gradient @ solved[:, -1]
+    changed = (slots[1:] != slots[0]).any(axis=1)
+    count = changed.sum(axis=1)
+    for size in np.unique(count):
+        some = np.flatnonzero(count == size)
+        marker = np.nonzero(changed[some])[1].reshape(len(some), size)
+        promised[some] -= _corrections(data, some + 1, marker, spread, along)
+    return promised
+
+
+def _corrections(data, index: np.ndarray, marker: np.ndarray, spread: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """(N,) by how much more the step gains where markers (N, K) say what set `index` (N,) of `data` has them say.
+
+    `spread` (3 M, 3 M) is the covariance of all markers as set 0 has it, `along` (3 M,) how far its step moves them.
+    """
+    count, size = marker.shape
+    rows = (3 * marker[..., None] + np.arange(3)).reshape(count, 3 * size)
+    slope = (data.gradient[index[:, None], marker] - data.gradient[0, marker]).reshape(count, -1)
+    curve = np.zeros((count, size, 3, size, 3))
+    each = np.arange(size)
+    curve[:, each, :, each] = (data.hessian[index[:, None], marker] - data.hessian[0, marker]).swapaxes(0, 1)
+    curve = curve.reshape(count, 3 * size, 3 * size)
+    spread, along = spread[rows[:, :, None], rows[:, None]], along[rows]
+    moved = along + (spread @ slope[..., None])[..., 0]
+    bent = np.linalg.solve(np.eye(3 * size) + curve @ spread, curve @ moved[..., None])[..., 0]
+    return np.einsum("ni,ni->n", slope, along + moved) - np.einsum("ni,ni->n", moved, bent)
 
 
 def swap_names(naming: Naming, order: np.ndarray):

@@ -2,15 +2,21 @@
 """Follows the subject from frame to frame: the paper's future tracker, starting each frame from the last one's body."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 
 from ..body.bodies import PLACEMENT, Bodies, BodyModel, Posed
+from ..body.fit import DAMPING
+from ..body.occlusion import OCCLUDING, CapsuleOcclusion
 from ..geometry import rotations
-from ..geometry.views import View
-from .labelling import Expectation, Naming
-from .subject import Setup, Subject, expect, learn_noise, learn_own, name, refit
+from ..geometry.triangulation import MEETING
+from ..geometry.views import NOWHERE, View
+from ..kernels import calls, in_use
+from ..kernels.frame_calls import Follower
+from ..kernels.structures import made_once
+from .labelling import CONDITION, LABEL_STEPS, Expectation, Naming, naming_of
+from .subject import SUBJECT, Setup, Subject, expect, learn_noise, learn_own, name, refit
 
 
 @dataclass(frozen=True)
@@ -72,17 +78,7 @@ class Anchor:
 
     def __init__(self, prior, predicted: Bodies, slack: float, options: AnchorOptions = ANCHORING):
         self.prior, self.predicted = prior, predicted
-        joints, modes = predicted.bends.shape[1], predicted.shape.shape[1]
-        deviation = np.concatenate(
-            [
-                np.full(3, options.translation_m * slack),
-                np.full(3, options.turn_rad * slack),
-                np.full(3, options.stretch_m),
-                np.full(3 * (joints - 1), options.bend_rad * slack),
-                np.full(modes, options.shape),
-            ]
-        )
-        self.weight = deviation**-2
+        self.weight = anchor_weight(predicted.bends.shape[1], predicted.shape.shape[1], slack, options)
 
     def terms(self, bodies: Bodies):
         """See `prior.Prior.terms`."""
@@ -90,6 +86,26 @@ class Anchor:
         change = difference(bodies, self.predicted)
         cost = cost + (change**2 * self.weight).sum(axis=1)
         return cost, gradient + change * self.weight, hessian + np.diag(self.weight)
+
+    def compiled(self, model: BodyModel):
+        """As the compiled fit takes it."""
+        body = self.predicted
+        parts = body.translation[0], body.quaternion[0], body.scale[0], body.bends[0].ravel(), body.shape[0]
+        return calls.prior_arrays(self.prior, model, np.concatenate(parts), self.weight)
+
+
+def anchor_weight(joints: int, modes: int, slack: float, options: AnchorOptions = ANCHORING) -> np.ndarray:
+    """(P,) how hard a prediction holds each parameter: one over the square of its standard deviation."""
+    deviation = np.concatenate(
+        [
+            np.full(3, options.translation_m * slack),
+            np.full(3, options.turn_rad * slack),
+            np.full(3, options.stretch_m),
+            np.full(3 * (joints - 1), options.bend_rad * slack),
+            np.full(modes, options.shape),
+        ]
+    )
+    return deviation**-2
 
 
 def difference(bodies: Bodies, origin: Bodies) -> np.ndarray:
@@ -162,6 +178,12 @@ class Followed:
 
 def follow(track: Track, view: View, setup: Setup, fixed: np.ndarray | None = None) -> Followed:
     """Names one frame, given the track up to the frame before and the blobs that a person named, `fixed` (C, M)."""
+    followed = followed_by_library(track, view, setup, fixed) if in_use() else None
+    return followed or followed_by_numpy(track, view, setup, fixed)
+
+
+def followed_by_numpy(track: Track, view: View, setup: Setup, fixed: np.ndarray | None) -> Followed:
+    """Names what is clear where the track leads, fits the body to that, and names all by the fit."""
     predicted = replace(track.subject, bodies=track.subject.bodies.moved(TRACKING.velocity_kept * track.velocity))
     prior = Anchor(setup.prior, predicted.bodies, setup.pace)
     with setup.clock("label"):
@@ -173,6 +195,83 @@ def follow(track: Track, view: View, setup: Setup, fixed: np.ndarray | None = No
     with setup.clock("label"):
         naming = name(view, expected, subject, setup, fixed=fixed)
     return Followed(advanced(track, subject, state.posed, naming, expected, setup), naming, expected)
+
+
+def followed_by_library(track: Track, view: View, setup: Setup, fixed: np.ndarray | None) -> Followed | None:
+    """The same by the compiled library; None where a fit cannot be solved."""
+    follower, subject, bodies = made_once(setup, lambda: _follower(setup)), track.subject, track.subject.bodies
+    own, own_sd = bodies.own.ravel(), subject.own_sd
+    parts = *_row_of(bodies), own, own_sd, track.velocity[0], track.lag.ravel()
+    with setup.clock("fit"):
+        frame = follower.frame(view, fixed)
+        fitted = frame.fit(parts, subject.pixel, track.unseen, track.visible)
+        if fitted is None:
+            return None
+        row, turn, joints, markers, points, covariance = _cut(fitted[0], follower.fitted_parts)
+        visible = fitted[1]
+        if not follower.sees:
+            visible = setup.visible(row[None, 7:10], Posed(turn[None], joints[None], markers[None]))[0]
+        expected = Expectation(points, covariance, visible)
+    with setup.clock("label"):
+        made, numbers, unseen, poor = frame.name(visible)
+        rules = replace(setup.rules, pixel=subject.pixel)
+        nobody = follower.nobody if fixed is None else fixed
+        naming = naming_of(view, setup.sight, expected, rules, nobody, made)
+        row, own, own_sd, velocity, lag, pixel = _cut(numbers, follower.track_parts)
+        subject = Subject(_body_of(row, own, setup.model), own_sd, float(pixel[0]))
+        return Followed(Track(subject, velocity[None], lag, unseen, visible, poor), naming, expected)
+
+
+def _row_of(bodies: Bodies) -> tuple[np.ndarray, ...]:
+    """The parts of a single body's row of numbers."""
+    return bodies.translation[0], bodies.quaternion[0], bodies.scale[0], bodies.bends.ravel(), bodies.shape[0]
+
+
+def _body_of(row: np.ndarray, own: np.ndarray, model: BodyModel) -> Bodies:
+    """The single body of such a row, and its own offsets (M, 3)."""
+    row, end = row[None], 10 + 3 * model.joint_count
+    bends = row[:, 10:end].reshape(1, -1, 3)
+    return Bodies(row[:, :3], row[:, 3:7], row[:, 7:10], bends, row[:, end:], own[None])
+
+
+def _cut(numbers: np.ndarray, parts) -> list[np.ndarray]:
+    """The arrays that lie in a block one after the other, by start, stop and shape."""
+    return [numbers[start:stop].reshape(shape) for start, stop, shape in parts]
+
+
+def _follower(setup: Setup, options: TrackOptions = TRACKING) -> Follower:
+    """What following takes that stays the same through a take, as the compiled library takes it."""
+    model, body = setup.model, setup.occlusion
+    capsules = (body.segment, body.start, body.axis, body.radius) if type(body) is CapsuleOcclusion else None
+    anchor = anchor_weight(model.joint_count, len(model.modes), setup.pace)
+    numbers = {
+        "fit_steps": options.fit_steps,
+        "min_due": options.min_due,
+        "min_meetings": setup.rules.min_meetings,
+        "behind": NOWHERE,
+        "ridge": DAMPING.ridge,
+        "standoff": OCCLUDING.standoff,
+        "min_side_share": OCCLUDING.min_side_share,
+        "velocity_kept": options.velocity_kept,
+        "velocity_rate": options.velocity_rate,
+        "sd": options.marker_sd_m * setup.pace,
+        "sd_growth": options.marker_growth_m,
+        "max_sd": options.max_marker_sd_m,
+        "lag_kept": options.lag_kept,
+        "own_rate": options.own_rate,
+        "noise_rate": options.noise_rate,
+        "min_named_share": options.min_named_share,
+        "skin": SUBJECT.skin_m,
+        "max_own": SUBJECT.max_own,
+        "min_noise": SUBJECT.min_noise_px,
+        "max_noise": SUBJECT.max_noise_px,
+        "kept_share": MEETING.kept_share,
+        "trimmed_scale": MEETING.trimmed_scale,
+    }
+    return Follower(
+        model, setup.sight, setup.prior, capsules, setup.marker_sd, anchor, setup.rules, astuple(DAMPING), CONDITION,
+        LABEL_STEPS, numbers,
+    )  # fmt: skip
 
 
 def _forecast(predicted: Subject, track: Track, setup: Setup) -> Expectation:

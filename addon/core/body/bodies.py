@@ -12,6 +12,7 @@ import numpy as np
 
 from ..data.markersets import MarkerSet
 from ..geometry import rotations
+from ..kernels import calls, stands_for
 
 PLACEMENT = 9  # parameters of a placement, which come first
 
@@ -113,8 +114,7 @@ class BodyModel:
 
     def pose(self, bodies: Bodies) -> Posed:
         """Forward kinematics: where every segment, joint and marker of each body is."""
-        offsets = self.shaped_offsets(bodies)
-        return self._pose(bodies, rotations.exponential(bodies.bends)[0], offsets)
+        return Posed(*pose(self, bodies))
 
     def _pose(self, bodies: Bodies, bend: np.ndarray, offsets: np.ndarray) -> Posed:
         scaled = offsets * bodies.scale[:, None, :]
@@ -130,18 +130,8 @@ class BodyModel:
 
     def derivatives(self, bodies: Bodies) -> tuple[Posed, np.ndarray]:
         """The posed bodies and d markers / d parameters (B, M, 3, P), columns in the order of `Bodies.moved`."""
-        bend, left = rotations.exponential(bodies.bends)
-        offsets = self.shaped_offsets(bodies)
-        posed = self._pose(bodies, bend, offsets)
-        count, joints = len(bodies), self.joint_count
-        columns = np.empty((count, self.marker_count, 3, self.parameters))
-        bends_end = PLACEMENT + 3 * (joints - 1)
-        columns[..., 0:3] = np.eye(3)
-        columns[..., 3:6] = -rotations.cross_matrix(posed.markers - bodies.translation[:, None])
-        columns[..., 6:9] = self._scale_columns(posed, offsets)
-        columns[..., PLACEMENT:bends_end] = self._bend_columns(posed, left)
-        columns[..., bends_end:] = self._shape_columns(posed, bodies.scale)
-        return posed, columns
+        *parts, columns = derivatives(self, bodies)
+        return Posed(*parts), columns
 
     def placement_derivatives(self, bodies: Bodies) -> tuple[Posed, np.ndarray]:
         """The same with joints and shape at rest: derivatives (B, M, 3, 9) of the paper's equation 6.
@@ -190,7 +180,30 @@ class BodyModel:
         columns[:, marker, 0, joint] = axes[..., 1, :] * z - axes[..., 2, :] * y
         columns[:, marker, 1, joint] = axes[..., 2, :] * x - axes[..., 0, :] * z
         columns[:, marker, 2, joint] = axes[..., 0, :] * y - axes[..., 1, :] * x
-        return columns.reshape(*posed.markers.shape, -1)
+        return columns.reshape(*posed.markers.shape, 3 * (self.joint_count - 1))
+
+
+@stands_for(calls.pose)
+def pose(model: BodyModel, bodies: Bodies) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rotations, joints and markers of `Posed`."""
+    posed = model._pose(bodies, rotations.exponential(bodies.bends)[0], model.shaped_offsets(bodies))
+    return posed.rotations, posed.joints, posed.markers
+
+
+@stands_for(calls.derivatives)
+def derivatives(model: BodyModel, bodies: Bodies) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The same, and the columns of `BodyModel.derivatives`."""
+    bend, left = rotations.exponential(bodies.bends)
+    offsets = model.shaped_offsets(bodies)
+    posed = model._pose(bodies, bend, offsets)
+    columns = np.empty((len(bodies), model.marker_count, 3, model.parameters))
+    bends_end = PLACEMENT + 3 * (model.joint_count - 1)
+    columns[..., 0:3] = np.eye(3)
+    columns[..., 3:6] = -rotations.cross_matrix(posed.markers - bodies.translation[:, None])
+    columns[..., 6:9] = model._scale_columns(posed, offsets)
+    columns[..., PLACEMENT:bends_end] = model._bend_columns(posed, left)
+    columns[..., bends_end:] = model._shape_columns(posed, bodies.scale)
+    return posed.rotations, posed.joints, posed.markers, columns
 
 
 def _turned(turn: np.ndarray, vectors: np.ndarray) -> np.ndarray:

@@ -5,12 +5,15 @@ A marker is hidden when the straight line from it to the camera's centre passes 
 capsules in closed form; another volume (a mesh in a scene) answers the same question behind the same `Occlusion`.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from ..data.markersets import MarkerSet
+from ..data.takes import Motion
+from ..kernels import calls, stands_for
 
 MIN_DIVISOR_M2 = 1e-12  # what is divided by is never less
 
@@ -53,6 +56,22 @@ class Occlusion(Protocol):
         ...
 
 
+def hidden_by_any(
+    bodies: Sequence[Occlusion], each: Sequence[Motion], markers: np.ndarray, centres: np.ndarray
+) -> np.ndarray:
+    """(F, C, M) True where any of S bodies, moving as `each` has it, hides a marker (F, M, 3) m of whomever.
+
+    centres (C, 3) m. A body that was not found in a frame hides nothing there.
+    """
+    found = np.zeros((len(markers), len(centres), markers.shape[1]), bool)
+    for body, motion in zip(bodies, each, strict=True):
+        there = np.flatnonzero(np.isfinite(motion.joints).all(axis=(1, 2)))
+        if len(there):
+            pose = motion.rotations[there], motion.joints[there], motion.scale[there]
+            found[there] |= body.hidden(*pose, markers[there], centres)
+    return found
+
+
 class CapsuleOcclusion:
     """The capsules of a marker set as the volume in the way.
 
@@ -65,35 +84,39 @@ class CapsuleOcclusion:
 
     def __init__(self, markerset: MarkerSet, shrink: float = 1.0):
         capsules = markerset.capsules
-        self._segment = np.asarray(capsules.segment, dtype=int)
-        self._start = np.asarray(capsules.start, dtype=float).reshape(-1, 3)
-        self._axis = np.asarray(capsules.end, dtype=float).reshape(-1, 3) - self._start
-        self._radius = np.asarray(capsules.radius, dtype=float) * shrink
+        self.segment = np.asarray(capsules.segment, dtype=int)
+        self.start = np.asarray(capsules.start, dtype=float).reshape(-1, 3)
+        self.axis = np.asarray(capsules.end, dtype=float).reshape(-1, 3) - self.start
+        self.radius = np.asarray(capsules.radius, dtype=float) * shrink
 
     def hidden(
         self, rotations: np.ndarray, joints: np.ndarray, scale: np.ndarray, markers: np.ndarray, centres: np.ndarray
     ) -> np.ndarray:
         """See `Occlusion.hidden`."""
         bodies, cameras, count = len(markers), len(centres), markers.shape[1]
-        block = max(1, OCCLUDING.rays_once // max(1, cameras * count * len(self._segment)))
+        if not len(self.segment):  # as of a prop: nothing is in the way
+            return np.zeros((bodies, cameras, count), dtype=bool)
+        block = max(1, OCCLUDING.rays_once // max(1, cameras * count * len(self.segment)))
         found = np.empty((bodies, cameras, count), dtype=bool)
         for first in range(0, bodies, block):
             part = slice(first, first + block)
             start, axis, radius = self._posed(rotations[part], joints[part], scale[part])
             standoff = OCCLUDING.standoff * scale[part].mean(axis=1)
-            found[part] = capsules_hide(start, axis, radius, markers[part], centres, standoff)
+            share = OCCLUDING.min_side_share
+            found[part] = capsules_hide(start, axis, radius, markers[part], centres, standoff, share)
         return found
 
     def _posed(
         self, rotations: np.ndarray, joints: np.ndarray, scale: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Capsules of each body in the world: start and axis (B, K, 3) m, radius (B, K) m."""
-        turn, size = rotations[:, self._segment], scale[:, None, :]
-        start = joints[:, self._segment] + (turn @ (self._start * size)[..., None])[..., 0]
-        axis = (turn @ (self._axis * size)[..., None])[..., 0]
-        return start, axis, self._radius * scale.mean(axis=1)[:, None]
+        turn, size = rotations[:, self.segment], scale[:, None, :]
+        start = joints[:, self.segment] + (turn @ (self.start * size)[..., None])[..., 0]
+        axis = (turn @ (self.axis * size)[..., None])[..., 0]
+        return start, axis, self.radius * scale.mean(axis=1)[:, None]
 
 
+@stands_for(calls.capsules_hide)
 def capsules_hide(
     start: np.ndarray,
     axis: np.ndarray,
@@ -101,23 +124,24 @@ def capsules_hide(
     markers: np.ndarray,
     centres: np.ndarray,
     standoff: np.ndarray,
+    min_side_share: float,
 ) -> np.ndarray:
     """(B, C, M) True where a capsule of the body stands between a marker and a camera's centre.
 
     start, axis (B, K, 3) and radius (B, K) are the capsules, markers (B, M, 3), centres (C, 3), standoff (B,) how far
-    off a capsule's surface a marker that sits on it is looked at from; all m.
+    off a capsule's surface a marker that sits on it is looked at from; all m. `min_side_share` see `OcclusionOptions`.
     """
     # Distances come out of differences of squares, so nothing may be far from the origin.
     origin = start[:, :1]
     starts, points, eyes = start - origin, markers - origin, centres[None] - origin
     length2 = np.maximum(np.einsum("bkx,bkx->bk", axis, axis), MIN_DIVISOR_M2)
-    points, side_known = _pushed_out(starts, axis, length2, radius, points, standoff)
+    points, side_known = _pushed_out(starts, axis, length2, radius, points, standoff, min_side_share)
     distance2 = segment_distance2(starts, axis, length2, points, eyes)
     inside = distance2 < (radius * radius)[:, None, None, :]
     return (inside & side_known[:, None]).any(axis=-1)
 
 
-def _pushed_out(starts, axis, length2, radius, points, standoff) -> tuple[np.ndarray, np.ndarray]:
+def _pushed_out(starts, axis, length2, radius, points, standoff, min_side_share) -> tuple[np.ndarray, np.ndarray]:
     """Every marker outside every capsule (B, M, K, 3), and whether its side of that capsule was clear (B, M, K)."""
     from_start = points[:, :, None] - starts[:, None]
     along = np.einsum("bmkx,bkx->bmk", from_start, axis) / length2[:, None]
@@ -126,7 +150,7 @@ def _pushed_out(starts, axis, length2, radius, points, standoff) -> tuple[np.nda
     distance = np.sqrt(np.einsum("bmkx,bmkx->bmk", outward, outward))
     missing = np.maximum((radius + standoff[:, None])[:, None] - distance, 0.0)
     pushed = points[:, :, None] + outward * (missing / np.maximum(distance, MIN_DIVISOR_M2))[..., None]
-    return pushed, distance > OCCLUDING.min_side_share * radius[:, None]
+    return pushed, distance > min_side_share * radius[:, None]
 
 
 def segment_distance2(starts, axis, length2, points, eyes) -> np.ndarray:

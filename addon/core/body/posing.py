@@ -4,17 +4,20 @@
 Used to put the body in the way of a recorded take, and to learn marker sets.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..data.lanes import blocks
 from ..data.markersets import MarkerSet
+from ..data.room import IN_MEMORY, MakeTable
 from ..geometry import rotations
 from ..geometry.rigid import best_turns
+from ..kernels import calls
 from .bodies import PLACEMENT, Bodies, BodyModel
-from .cost import Pull
-from .fit import fit_body
+from .cost import PointPull
+from .fit import fit_body, fit_until_still
 from .prior import Prior
 
 
@@ -27,8 +30,9 @@ class PosingOptions:
     height_sd_m      of a height that was measured
     own_sd           heights, how far a subject's own markers stray from where the shape puts them
     min_markers      a frame with fewer has no pose
-    subject_frames   which one subject's size and shape are taken from
+    subject_frames   which one subject's size and shape are taken from, where a marker set is learned from them
     key_stride       frames; those in between start from their neighbours' poses
+    window_frames    of one subject that are posed as a take of their own, so that memory hardly grows with the take
     batch_frames     posed at once: large enough for NumPy, small enough for the cache
     max_cost_ratio   of a frame's cost to the median; a frame that is posed worse than this is tried again
     min_size_ratio   of a body's first size to the prior's height: a child on a grown person's marker set
@@ -42,7 +46,9 @@ class PosingOptions:
     key_steps        iterations of a key frame
     between_steps    iterations of a frame that starts from its neighbours
     again_steps      iterations of a frame that is tried again
-    subject_work     what the subject's size and shape take, in frames times steps; measured, for progress only
+    at_once          iterations after which frames that are still go no further; all of these are at most
+    still            of a frame's cost, that its last iteration lowered it by; a marker 1.4 mm off costs ten times that
+    subject_work     what a frame of the subject's size and shape takes, in steps; measured, for progress only
     again_share      of the frames, that are tried again; measured, for progress only
     """
 
@@ -53,6 +59,7 @@ class PosingOptions:
     min_markers: int = 4
     subject_frames: int = 40
     key_stride: int = 8
+    window_frames: int = 20_000
     batch_frames: int = 256
     max_cost_ratio: float = 3.0
     min_size_ratio: float = 0.6
@@ -66,7 +73,9 @@ class PosingOptions:
     key_steps: int = 15
     between_steps: int = 4
     again_steps: int = 12
-    subject_work: int = 1500
+    at_once: int = 2
+    still: float = 1e-3
+    subject_work: int = 38
     again_share: float = 0.05
 
 
@@ -79,30 +88,34 @@ def fit_points(
     *,
     height: float | None = None,
     prior: Prior | None = None,
+    subject_frames: int = POSING.subject_frames,
     progress: Callable[[float], None] | None = None,
+    make_table: MakeTable = IN_MEMORY,
 ) -> Bodies:
     """T bodies of one subject posed on its markers.
 
     points (T, M, 3) m, NaN where missing, in the marker set's order; `height` m, if it was measured. Scale, shape and
     own offsets are the same in every body. A frame with too few markers gets NaN translation, quaternion and
-    bends. `progress` hears the share that is done. Raises ValueError when no frame has more.
+    bends. Size and shape are taken from so many `subject_frames`. `progress` hears the share that is done; `make_table`
+    says where the poses are kept. Raises ValueError when no frame has more.
     """
-    seen = np.isfinite(points).all(axis=2)
-    enough = np.flatnonzero(seen.sum(axis=1) >= POSING.min_markers)
+    there = np.concatenate([np.isfinite(points[part]).all(axis=2).sum(axis=1) for part in blocks(*points.shape[:2])])
+    enough = np.flatnonzero(there >= POSING.min_markers)
     if not len(enough):
         raise ValueError("no frame has enough markers to pose a body on")
     if prior is None:
         prior = Prior(model, height=height, height_sd=None if height is None else POSING.height_sd_m)
-    subject = fit_subject(model, points[_subject_frames(seen, enough)], prior)
-    count = _counter(progress, len(enough))
-    posed = pose_subject(model, subject.pick(slice(0, 1)), points[enough], prior, count)
-    return _spread_out(posed, enough, len(points))
+    fullest = _fullest(there, enough, subject_frames)
+    subject = fit_subject(model, points[fullest], prior).pick(slice(0, 1))
+    count = _counter(progress, len(enough), len(fullest))
+    parts = [enough[at : at + POSING.window_frames] for at in range(0, len(enough), POSING.window_frames)]
+    posed = ((part, pose_subject(model, subject, points[part], prior, count)) for part in parts)
+    return _spread_out(subject, posed, len(points), make_table)
 
 
 def fit_subject(model: BodyModel, points: np.ndarray, prior: Prior, steps: int = POSING.subject_steps) -> Bodies:
     """Bodies (T) that share scale, shape and own offsets, on a few frames (T, M, 3) m that all have a pose."""
-    pull, start = point_pull(points), aligned(model, points, prior)
-    free = fit_body(model, start, pull, POSING.free_steps, prior).bodies
+    free = _until_still(model, aligned(model, points, prior), points, POSING.free_steps, prior)
     bodies = replace(free, scale=_shared(free.scale), shape=_shared(free.shape))
     bodies = descend_subject(model, bodies, points, prior, steps)
     for _ in range(POSING.own_rounds):
@@ -111,11 +124,15 @@ def fit_subject(model: BodyModel, points: np.ndarray, prior: Prior, steps: int =
     return bodies
 
 
-def _counter(progress: Callable[[float], None] | None, frames: int) -> Callable[[int], None]:
-    """A function that hears how many frames went how many steps on, and tells `progress` the share of it all."""
+def _counter(progress: Callable[[float], None] | None, frames: int, fullest: int) -> Callable[[int], None]:
+    """A function that hears how many frames went how many steps on, and tells `progress` the share of it all.
+
+    So many frames, the `fullest`, have given size and shape by then.
+    """
     again = POSING.again_share * 3 * POSING.again_steps
     each = POSING.key_steps / POSING.key_stride + POSING.between_steps + again
-    whole, done = POSING.subject_work + frames * each, POSING.subject_work
+    done = POSING.subject_work * fullest
+    whole = done + frames * each
 
     def count(work: int):
         nonlocal done
@@ -148,25 +165,20 @@ def pose_subject(
         posed = _tried_again(stiff, posed, points, held, count)
     return replace(
         posed,
-        scale=np.repeat(subject.scale, len(points), axis=0),
-        shape=np.repeat(subject.shape, len(points), axis=0),
-        own=np.repeat(subject.own, len(points), axis=0),
+        scale=_each(subject.scale, len(points)),
+        shape=_each(subject.shape, len(points)),
+        own=_each(subject.own, len(points)),
     )
 
 
-def point_pull(points: np.ndarray, noise: float = POSING.marker_sd_m, reach: float = POSING.reach_m):
-    """The data of a fit on labelled points (B, M, 3) m, NaN where missing: Cauchy's loss of the distances."""
-    seen = np.isfinite(points).all(axis=2)
-    known = np.where(seen[..., None], points, 0.0)
+def _each(values: np.ndarray, count: int) -> np.ndarray:
+    """The same values (1, …) for every one of so many frames, held once."""
+    return np.broadcast_to(values, (count, *values.shape[1:]))
 
-    def pull(markers: np.ndarray) -> Pull:
-        away = np.where(seen[..., None], markers - known, 0.0)
-        square = np.einsum("bmi,bmi->bm", away, away) / reach**2
-        weight = seen / (1 + square) / noise**2
-        cost = (reach / noise) ** 2 * np.log1p(square).sum(axis=1)
-        return Pull(cost, away * weight[..., None], weight[..., None, None] * np.eye(3))
 
-    return pull
+def labelled_pull(points: np.ndarray, noise: float = POSING.marker_sd_m, reach: float = POSING.reach_m) -> PointPull:
+    """The data of a fit on labelled points (B, M, 3) m, NaN where missing."""
+    return PointPull(points, noise, reach)
 
 
 def aligned(model: BodyModel, points: np.ndarray, prior: Prior) -> Bodies:
@@ -205,7 +217,7 @@ def descend_subject(
     The frames meet only in the shared columns, so each frame's pose is eliminated (Schur complement) before the shared
     system is solved. The prior counts in every frame, as skin moves alike in all of them.
     """
-    pull = point_pull(points, noise)
+    pull = labelled_pull(points, noise)
     shared = np.r_[6:PLACEMENT, PLACEMENT + 3 * (model.joint_count - 1) : model.parameters]
     damping = 1e-3
     cost, gradient, normal = _equations(model, bodies, pull, prior)
@@ -213,21 +225,19 @@ def descend_subject(
         tried = bodies.moved(-_subject_step(gradient, normal, shared, damping))
         new = _equations(model, tried, pull, prior)
         if new[0] <= cost:
+            still = cost - new[0] < POSING.still * len(points)
             bodies, (cost, gradient, normal), damping = tried, new, max(damping / 10, 1e-8)
+            if still:
+                break
         else:
             damping *= 10
     return bodies
 
 
-def _equations(model: BodyModel, bodies: Bodies, pull, prior: Prior) -> tuple[float, np.ndarray, np.ndarray]:
+def _equations(model: BodyModel, bodies: Bodies, pull: PointPull, prior: Prior) -> tuple[float, np.ndarray, np.ndarray]:
     """Cost of all frames together, then gradient (T, P) and normal matrix (T, P, P) of each."""
-    posed, columns = model.derivatives(bodies)
-    data = pull(posed.markers)
-    flat = columns.reshape(len(columns), -1, columns.shape[-1])
-    weight = np.repeat(data.hessian[..., 0, 0], 3, axis=1)[..., None]
-    cost, slope, curve = prior.terms(bodies)
-    gradient = (data.gradient.reshape(len(flat), 1, -1) @ flat)[:, 0] + slope
-    return float((data.cost + cost).sum()), gradient, flat.transpose(0, 2, 1) @ (flat * weight) + curve
+    state = fit_body(model, bodies, pull, 0, prior).state
+    return float(state.cost.sum()), state.gradient, state.normal
 
 
 def _subject_step(gradient: np.ndarray, normal: np.ndarray, shared: np.ndarray, damping: float) -> np.ndarray:
@@ -245,8 +255,9 @@ def _subject_step(gradient: np.ndarray, normal: np.ndarray, shared: np.ndarray, 
 
 
 def _damped(normal: np.ndarray, damping: float) -> np.ndarray:
-    diagonal = np.einsum("...ii->...i", normal)
-    return normal + np.eye(normal.shape[-1]) * (diagonal * damping + 1e-9)[..., None, :]
+    damped, at = normal.copy(), np.arange(normal.shape[-1])
+    damped[..., at, at] += normal[..., at, at] * damping + 1e-9
+    return damped
 
 
 def _shared(values: np.ndarray) -> np.ndarray:
@@ -264,10 +275,10 @@ def _with_own(model: BodyModel, bodies: Bodies, points: np.ndarray) -> Bodies:
     return replace(bodies, own=bodies.own + shrinkage * mean)
 
 
-def _subject_frames(seen: np.ndarray, enough: np.ndarray) -> np.ndarray:
-    """Frames to take the subject's size and shape from: spread over the take, the fullest of each stretch."""
-    stretches = np.array_split(enough, min(POSING.subject_frames, len(enough)))
-    return np.array([stretch[np.argmax(seen[stretch].sum(axis=1))] for stretch in stretches])
+def _fullest(there: np.ndarray, enough: np.ndarray, count: int) -> np.ndarray:
+    """So many frames of those with `enough`, by how many markers show (T,): the fullest of each stretch."""
+    stretches = np.array_split(enough, min(count, len(enough)))
+    return np.array([stretch[np.argmax(there[stretch])] for stretch in stretches])
 
 
 def baked(model: BodyModel, subject: Bodies) -> MarkerSet:
@@ -286,40 +297,61 @@ class _Held:
     """A prior that holds some columns where they are."""
 
     def __init__(self, prior: Prior, columns: slice):
-        self.prior, self.columns = prior, columns
+        self.prior, self.hessian = prior, prior.hessian.copy()
+        held = np.arange(len(self.hessian))[columns]
+        self.hessian[held, held] += POSING.hold
 
     def terms(self, bodies: Bodies) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        cost, gradient, hessian = self.prior.terms(bodies)
-        hessian = hessian.copy()
-        held = np.arange(len(hessian))[self.columns]
-        hessian[held, held] += POSING.hold
-        return cost, gradient, hessian
+        cost, gradient, _ = self.prior.terms(bodies)
+        return cost, gradient, self.hessian
+
+    def compiled(self, model: BodyModel):
+        return calls.prior_arrays(self.prior, model, hessian=self.hessian)
 
 
 def _fit_batches(model: BodyModel, start: Bodies, points: np.ndarray, prior, steps: int, count) -> Bodies:
     parts = []
-    for first in range(0, len(points), POSING.batch_frames):
-        chosen = slice(first, first + POSING.batch_frames)
-        parts.append(fit_body(model, start.pick(chosen), point_pull(points[chosen]), steps, prior).bodies)
+    for chosen in _batches(len(points)):
+        parts.append(_until_still(model, start.pick(chosen), points[chosen], steps, prior))
         count(steps * len(points[chosen]))
-    return Bodies.join(parts)
+    own = _each(start.own[:1], len(points))  # no fit moves them
+    none = own[:0, :0]
+    return replace(Bodies.join([replace(part, own=none) for part in parts]), own=own)
+
+
+def _until_still(model: BodyModel, start: Bodies, points: np.ndarray, steps: int, prior) -> Bodies:
+    """Bodies moved on from where they start, each until it is still, so many steps at most."""
+
+    def pull_on(some: np.ndarray) -> PointPull:
+        return labelled_pull(points[some])
+
+    return fit_until_still(model, start, pull_on, steps, prior, POSING.at_once, POSING.still)
 
 
 def _tried_again(model: BodyModel, posed: Bodies, points: np.ndarray, prior: _Held, count) -> Bodies:
     """The frames that are posed worse than most, once more from where they are and from the frame before and after."""
-    cost = point_pull(points)(model.pose(posed).markers).cost
+    cost = np.concatenate([_cost(model, posed, points, part) for part in _batches(len(points))])
     poor = np.flatnonzero(cost > POSING.max_cost_ratio * np.median(cost))
     for shift in (0, -1, 1):
         if not len(poor):
             break
         start = posed.pick(np.clip(poor + shift, 0, len(points) - 1))
         again = _fit_batches(model, start, points[poor], prior, POSING.again_steps, count)
-        new = point_pull(points[poor])(model.pose(again).markers).cost
+        new = np.concatenate([_cost(model, again, points[poor], part) for part in _batches(len(poor))])
         better = new < cost[poor]
-        for name in Bodies.__dataclass_fields__:
+        for name in ("translation", "quaternion", "scale", "bends"):
             getattr(posed, name)[poor[better]] = getattr(again, name)[better]
         cost[poor[better]] = new[better]
     return posed
+
+
+def _batches(count: int) -> list[slice]:
+    return [slice(first, first + POSING.batch_frames) for first in range(0, count, POSING.batch_frames)]
+
+
+def _cost(model: BodyModel, bodies: Bodies, points: np.ndarray, part: slice) -> np.ndarray:
+    """(B,) the cost of some of the frames."""
+    return labelled_pull(points[part])(model.pose(bodies.pick(part)).markers).cost
 
 
 def _between(keys_posed: Bodies, keys: np.ndarray, count: int) -> Bodies:
@@ -329,23 +361,26 @@ def _between(keys_posed: Bodies, keys: np.ndarray, count: int) -> Bodies:
     before = np.maximum(after - 1, 0)
     share = (frames - keys[before]) / np.maximum(keys[after] - keys[before], 1)
     fields = {}
-    for name in Bodies.__dataclass_fields__:
+    for name in ("translation", "quaternion", "scale", "bends"):
         one, two = getattr(keys_posed, name)[before], getattr(keys_posed, name)[after]
         if name == "quaternion":
             two = np.where(np.einsum("fi,fi->f", one, two)[:, None] < 0, -two, two)
         fields[name] = one + share.reshape(-1, *[1] * (one.ndim - 1)) * (two - one)
     fields["quaternion"] /= np.linalg.norm(fields["quaternion"], axis=1, keepdims=True)
-    return Bodies(**fields)
+    return Bodies(**fields, shape=_each(keys_posed.shape[:1], count), own=_each(keys_posed.own[:1], count))
 
 
-def _spread_out(posed: Bodies, frames: np.ndarray, count: int) -> Bodies:
-    """Bodies for all `count` frames: those posed at `frames`, NaN poses elsewhere."""
-    fields = {}
-    for name in Bodies.__dataclass_fields__:
-        values = getattr(posed, name)
-        missing = np.nan if name in {"translation", "quaternion", "bends"} else values[0]
-        whole = np.empty((count, *values.shape[1:]))
-        whole[:] = missing
-        whole[frames] = values
-        fields[name] = whole
+def _spread_out(
+    subject: Bodies, posed: Iterable[tuple[np.ndarray, Bodies]], count: int, make_table: MakeTable
+) -> Bodies:
+    """Bodies for all `count` frames, to be read: those posed at some frames (F,) after the other, NaN elsewhere."""
+    fields = {name: _each(getattr(subject, name), count) for name in ("scale", "shape", "own")}
+    poses = {name: (count, *getattr(subject, name).shape[1:]) for name in ("translation", "quaternion", "bends")}
+    for name, shape in poses.items():
+        fields[name] = make_table(shape, float)
+        for part in blocks(count, int(np.prod(shape[1:]))):
+            fields[name][part] = np.nan
+    for frames, bodies in posed:
+        for name in poses:
+            fields[name][frames] = getattr(bodies, name)
     return Bodies(**fields)

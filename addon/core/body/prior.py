@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..geometry import rotations
+from ..kernels import calls
 from .bodies import PLACEMENT, Bodies, BodyModel
 
 
@@ -73,6 +74,10 @@ class Prior:
         cost = cost + np.einsum("bi,bi->b", bends, bend_slope)
         cost += self.strength * np.einsum("bi,bi->b", bodies.shape, bodies.shape)
         return cost, np.concatenate([slope, bend_slope, self.strength * bodies.shape], axis=1), self.hessian
+
+    def compiled(self, model: BodyModel):
+        """As the compiled fit takes it."""
+        return calls.prior_arrays(self, model)
 
     def placement_terms(self, bodies: Bodies) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The same for the nine parameters of a placement alone: (B,), (B, 9) and (9, 9)."""

@@ -1,6 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The one family of exceptions that a user can do something about."""
 
+import re
+
+# Signs that move a terminal's cursor or end a line; a file may have them in any of its words.
+_UNSEEN = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]+")
+MAX_LETTERS = 1000  # of a message; what is quoted from a broken file may have a million
+
 
 class UserError(Exception):
     """Trouble that the user can mend; its message is one sentence: what is wrong and what was expected.
@@ -12,6 +18,7 @@ class UserError(Exception):
     exit_status = 2
 
     def __init__(self, message: str, file: str = "", line: int = 0):
+        message = _readable(message)
         super().__init__(message)
         self.message = message
         self.file = str(file)
@@ -20,6 +27,13 @@ class UserError(Exception):
     def __str__(self) -> str:
         place = self.file + (f":{self.line}" if self.line else "")
         return f"{place}: {self.message}" if place else self.message
+
+
+def _readable(message: str) -> str:
+    """The message in one line; where it is endless its middle goes, for what was expected comes last."""
+    message = _UNSEEN.sub(" ", message)
+    half = MAX_LETTERS // 2
+    return message if len(message) <= MAX_LETTERS else f"{message[:half]} … {message[-half:]}"
 
 
 class InputError(UserError):

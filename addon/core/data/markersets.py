@@ -7,6 +7,7 @@ segment's own axes are those of the model: x forward, y left, z up, origin on th
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
@@ -86,6 +87,17 @@ class Spread:
     poses: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3)))
 
 
+class Worn(Protocol):
+    """The markers of a take: those of one set, or of several subjects side by side, as `MarkerSet` has them."""
+
+    markers: tuple[str, ...]
+    by_name: dict[str, int]
+    worn: "tuple[tuple[str, MarkerSet], ...]"
+
+    def __len__(self) -> int:
+        """How many there are."""
+
+
 @dataclass(frozen=True, eq=False)
 class MarkerSet:
     """Everything that is known before a take is seen.
@@ -114,6 +126,11 @@ class MarkerSet:
 
     def __len__(self) -> int:
         return len(self.markers)
+
+    @property
+    def worn(self) -> tuple[tuple[str, "MarkerSet"], ...]:
+        """Who wears it by name, and what each wears: one, who needs no name in a take of one."""
+        return (("", self),)
 
     @cached_property
     def rest_markers(self) -> np.ndarray:

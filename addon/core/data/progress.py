@@ -51,6 +51,16 @@ def within(
         yield Progress(first + (last - first) * share, doing)
 
 
+def part_of(work: Generator[Progress, None, Result], first: float, last: float) -> Generator[Progress, None, Result]:
+    """Work that says how far it is, as part of a whole, from `first` to `last` of it; gives its result."""
+    while True:
+        try:
+            step = next(work)
+        except StopIteration as end:
+            return end.value
+        yield Progress(first + (last - first) * step.fraction, step.note)
+
+
 def in_stages(work: Generator, begins: Mapping[str, float]) -> Generator[Progress, None, Any]:
     """All of the work, by how far along it is when each of its stages begins, in their order; gives its result."""
     return within(work, 0.0, 0.0, spans=dict(zip(begins, pairwise((*begins.values(), 1.0)), strict=True)))

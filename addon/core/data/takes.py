@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What goes into the labelling and what comes out of it: blobs, points, labels and the motion of the markers."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field, fields
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, fields, replace
 from typing import Self
 
 import numpy as np
+
+from .lanes import Lanes, blocks, standing_in, trajectories_at
 
 # How a blob or a point came by its name, in the words of label files: the three steps of the first paper's algorithm 1,
 # then what names points, then a person. The index is what `Labels.step` holds.
@@ -80,7 +82,7 @@ class Labels:
     @classmethod
     def none(cls, *shape: int) -> Self:
         """Nothing named."""
-        return cls(np.full(shape, NO_MARKER), np.full(shape, NO_STEP), np.zeros(shape))
+        return cls(np.full(shape, NO_MARKER, np.int16), np.full(shape, NO_STEP, np.int8), np.zeros(shape))
 
     @classmethod
     def join(cls, parts: Iterable[Self]) -> Self:
@@ -90,6 +92,16 @@ class Labels:
     def __getitem__(self, index) -> Self:
         """Some of the labels, by any index that arrays take."""
         return type(self)(*(None if column is None else column[index] for column in self._columns))
+
+    def put(self, index, other: Self):
+        """Writes the labels of `other` over some of these, by any index that arrays take."""
+        for mine, new in zip(self._columns, other._columns, strict=True):
+            if mine is not None:
+                mine[index] = new
+
+    def whole(self) -> Self:
+        """All of the labels, as whatever gives some of them when it is asked has them."""
+        return self
 
     @property
     def named(self) -> np.ndarray:
@@ -120,10 +132,7 @@ class Labels:
 
     def placed(self, points: np.ndarray, markers: int) -> np.ndarray:
         """(T, M, …), what each of M markers has of points (T, P, …) with these labels (T, P); NaN where none is."""
-        frame, column = np.nonzero(self.named)
-        found = np.full((len(points), markers, *points.shape[2:]), np.nan)
-        found[frame, self.marker[frame, column]] = points[frame, column]
-        return found
+        return placed(self.marker, points, markers)
 
     def sure(self, target: float) -> np.ndarray:
         """The markers to accept so that a part `target` of them is right, NO_MARKER elsewhere."""
@@ -132,6 +141,15 @@ class Labels:
     @property
     def _columns(self) -> tuple[np.ndarray | None, ...]:
         return tuple(getattr(self, one.name) for one in fields(self))
+
+
+def placed(marker: np.ndarray, points: np.ndarray, markers: int) -> np.ndarray:
+    """(T, M, …), what each of M markers has of points (T, P, …) that are these markers (T, P); NaN where none is."""
+    found = np.full((len(points), markers, *points.shape[2:]), np.nan)
+    for part in blocks(*marker.shape):
+        frame, column = np.nonzero(marker[part] != NO_MARKER)
+        found[part][frame, marker[part][frame, column]] = points[part][frame, column]
+    return found
 
 
 def touched_samples(blobs: Blobs, before: Labels, after: Labels, shape: tuple[int, int]) -> np.ndarray:
@@ -160,7 +178,8 @@ class Motion:
     expected     (F, M, 3) m, where the fitted body carries each marker, seen or not
     joints       (F, J, 3) m, positions of the skeleton's joints
     rotations    (F, J, 3, 3) world rotation of each segment; the identity is the rest pose
-    scale        (F, 3) S of the paper's equation 6: m for one unit of the marker set, along x y z
+    scale        (F, 3) S of the paper's equation 6: m for one unit of the marker set, along x y z; (F, 3 K) of K
+                 subjects side by side, as their markers and joints are
     confidence   (F,) 0 to 1, how sure the placement is; 0 where nobody was found (poses are NaN there)
     """
 
@@ -253,14 +272,15 @@ def rows_in_frame(rows: "Blobs | PointRows", index: int) -> slice:
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """A take of 3D points: P trajectories over T frames.
+    """A take of 3D points: P trajectories over T frames, in L lanes that several may share one after the other.
 
     names        P labels as in the file; an unlabelled trajectory has an empty name
-    xyz          (T, P, 3) m, z up; NaN where missing
-    residual     (T, P) m, NaN where missing or unknown, 0 where a sample was filled and not measured
+    xyz          (T, L, 3) m, z up; NaN where missing; an array, or what gives parts of one (`data.scaled`)
+    residual     (T, L) m, NaN where missing or unknown, 0 where a sample was filled and not measured; likewise
     rate         frames a second
     first_frame  the source's number of the first frame
     columns      (P,) the index of each trajectory in its file, what label files call `point`; None where there is none
+    lanes        which trajectory stands where; None where each has a lane of its own, in their order
     """
 
     names: tuple[str, ...]
@@ -269,6 +289,7 @@ class Points:
     rate: float
     first_frame: int
     columns: np.ndarray | None = None
+    lanes: Lanes | None = None
 
     @property
     def frames(self) -> np.ndarray:
@@ -277,8 +298,111 @@ class Points:
 
     @property
     def present(self) -> np.ndarray:
-        """(T, P) True where there is a point."""
-        return np.isfinite(self.xyz).all(axis=2)
+        """(T, L) True where there is a point."""
+        found = np.empty(self.xyz.shape[:2], bool)
+        for part in blocks(*found.shape):
+            found[part] = np.isfinite(self.xyz[part]).all(axis=2)
+        return found
+
+    @property
+    def standing(self) -> Lanes:
+        """Which trajectory stands where, whoever has a lane to itself."""
+        return standing_in(self.lanes, self.xyz.shape)
+
+    def numbers(self, trajectory: np.ndarray) -> np.ndarray:
+        """(N,) the indices in the file of trajectories (N,), by their places in `names`."""
+        return trajectory if self.columns is None else self.columns[trajectory]
+
+    def picked(self, trajectories: Sequence[int]) -> "Points":
+        """Some trajectories, by their places in `names`, each in a lane of its own; -1 is one that is nowhere."""
+        chosen = np.asarray(trajectories, dtype=int)
+        names = tuple(self.names[index] if index >= 0 else "" for index in chosen.tolist())
+        if self.lanes is None:
+            there = (chosen >= 0)[:, None]
+            xyz = np.where(there, self.xyz[:, chosen], np.nan)
+            residual = np.where(there[:, 0], self.residual[:, chosen], np.nan)
+            return Points(names, xyz, residual, self.rate, self.first_frame)
+        shape = len(self.xyz), len(chosen)
+        xyz, residual = np.full((*shape, 3), np.nan), np.full(shape, np.nan)
+        for place, index in enumerate(chosen.tolist()):
+            if index >= 0:
+                own = slice(self.lanes.first[index], self.lanes.last[index] + 1)
+                xyz[own, place] = self.xyz[own, self.lanes.lane[index]]
+                residual[own, place] = self.residual[own, self.lanes.lane[index]]
+        return Points(names, xyz, residual, self.rate, self.first_frame)
+
+    def in_order(self, frames: np.ndarray) -> "InOrder":
+        """Some frames (F,), ascending, with the points of each in the order of the file."""
+        if self.lanes is None:
+            return InOrder(self.xyz[frames], None, self.xyz.shape[1])
+        count, parts = np.zeros(len(frames), int), []
+        for part in blocks(len(self.xyz), self.xyz.shape[1]):
+            own = slice(*np.searchsorted(frames, [part.start, part.stop]).tolist())
+            if own.stop > own.start:
+                lane, count[own] = _ordered(self, part, frames[own] - part.start)
+                parts.append((own, lane))
+        lane = np.full((len(frames), max(int(count.max(initial=0)), 1)), -1, np.int32)
+        xyz = np.full((*lane.shape, 3), np.nan)
+        for own, order in parts:
+            width = min(order.shape[1], lane.shape[1])
+            there = np.arange(width) < count[own, None]
+            lane[own, :width] = np.where(there, order[:, :width], -1)
+            at = frames[own, None], order[:, :width]
+            xyz[own, :width] = np.where(there[..., None], self.xyz[at], np.nan)
+        return InOrder(xyz, lane, self.xyz.shape[1])
+
+
+def _ordered(take: Points, part: slice, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(F, L) the lanes of some frames of a part, those first that have a point, by trajectory; and how many (F,)."""
+    present = np.isfinite(take.xyz[part][frames]).all(axis=2)
+    number = np.where(present, take.lanes.table(part)[frames], len(take.lanes))
+    return np.argsort(number, axis=1, kind="stable").astype(np.int32), present.sum(axis=1)
+
+
+class OrderedPoints:
+    """Points (F, W, 3) m of some frames (F,) of a take, each in the order of the file, made when they are asked for."""
+
+    def __init__(self, take: Points, frames: np.ndarray):
+        self.take, self.frames = take, frames
+        self.shape = (len(frames), *take.xyz.shape[1:])
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def __getitem__(self, index: slice | np.ndarray) -> np.ndarray:
+        return self.take.in_order(self.frames[index]).xyz
+
+
+@dataclass(frozen=True, eq=False)
+class InOrder:
+    """Points of F frames in the order of their file, whatever lanes they stand in: what a frame says hangs on no lane.
+
+    xyz    (F, W, 3) m, NaN behind the last of a frame
+    lane   (F, W) of each, -1 behind the last; None where lanes are in that order
+    lanes  how many lanes there are
+    """
+
+    xyz: np.ndarray
+    lane: np.ndarray | None
+    lanes: int
+
+    def of(self, values: np.ndarray) -> np.ndarray:
+        """Values (F, L) by lanes, (F, W) as the points are; what is behind the last of a frame says nothing."""
+        return values if self.lane is None else np.take_along_axis(values, np.maximum(self.lane, 0), axis=1)
+
+    def labels(self, given: Labels) -> Labels:
+        """Labels (F, W) of the points, (F, L) by lanes."""
+        if self.lane is None:
+            return given
+        found, rate = Labels.none(len(self.xyz), self.lanes), None
+        at = np.nonzero(given.named)
+        to = at[0], self.lane[at]
+        for name in ("marker", "step", "confidence"):
+            getattr(found, name)[to] = getattr(given, name)[at]
+        if given.rate is not None:
+            rate = np.zeros(found.marker.shape)
+            rate[to] = given.rate[at]
+        return replace(found, rate=rate)
 
 
 @dataclass(frozen=True, eq=False)
@@ -302,11 +426,31 @@ class PointRows:
         return len(self.frame)
 
     @classmethod
-    def of(cls, take: Points) -> Self:
-        """All points of a take that are there, frame by frame."""
-        frame, column = np.nonzero(take.present)
-        trajectory = column if take.columns is None else take.columns[column]
-        return cls(take.frames, frame, trajectory, take.xyz[frame, column], take.residual[frame, column])
+    def of(cls, take: Points, frames: slice | None = None) -> Self:
+        """All points of a take that are there, or those of some frames from start to stop; frame by frame."""
+        part = slice(0, len(take.xyz)) if frames is None else frames
+        return cls.at(take, part, *places_of(take, part))
+
+    @classmethod
+    def at(cls, take: Points, part: slice, frame: np.ndarray, lane: np.ndarray) -> Self:
+        """Points of the frames from start to stop, by frame from there on and lane (N,) of each."""
+        number = trajectories_at(take.lanes, frame + part.start, lane)
+        own = take.xyz[part.start + frame, lane], take.residual[part.start + frame, lane]
+        return cls(take.frames[part], frame, take.numbers(number), *own)
+
+
+def places_of(take: Points, part: slice) -> tuple[np.ndarray, np.ndarray]:
+    """Frame from the start of a part on and lane (N,) of all points that are there, in the order of label files."""
+    if take.lanes is None:
+        return np.nonzero(np.isfinite(take.xyz[part]).all(axis=2))
+    found = []
+    for block in blocks(part.stop - part.start, take.xyz.shape[1]):
+        own = slice(part.start + block.start, part.start + block.stop)
+        order, count = _ordered(take, own, np.arange(own.stop - own.start))
+        frame, place = np.nonzero(np.arange(order.shape[1]) < count[:, None])
+        found.append((frame + block.start, order[frame, place].astype(int)))
+    frame, lane = zip(*found, strict=True) if found else ([np.zeros(0, int)], [np.zeros(0, int)])
+    return np.concatenate(frame), np.concatenate(lane)
 
 
 def evenly_spread(count: int, most: int) -> np.ndarray:

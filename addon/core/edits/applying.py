@@ -6,12 +6,13 @@ given is changed. When the take was labelled again, it keeps `LabelledChunk.uned
 new labels.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..data.errors import InputError
+from ..data.lanes import Lanes
 from ..data.markersets import MarkerSet
 from ..data.takes import Blobs, EditOutcome, Labels, Points
 from .kinds import (
@@ -37,6 +38,8 @@ from .kinds import (
 from .replay import Edited, Replay
 
 OF_POINTS = (AssignPoint, UnlabelPoint, Delete)
+# The rows (K,) in which a trajectory is there, of some of them, and its cells (K,) in a `Replay`.
+CellsOf = Callable[[int, slice], tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -72,8 +75,9 @@ class PointCells:
     names        index of each marker by its name, aliases too
     count        how many markers
     first_frame  the source's number of the first of T frames
-    present      (T, P) True where there is a point
+    present      (T, L) True where there is a point
     columns      (P,) the index of each trajectory in its file
+    lanes        which trajectory stands where; None where each has a lane of its own, in their order
     """
 
     names: Mapping[str, int]
@@ -81,12 +85,30 @@ class PointCells:
     first_frame: int
     present: np.ndarray
     columns: np.ndarray
+    lanes: Lanes | None = None
 
     @classmethod
     def of(cls, take: Points, markerset: MarkerSet) -> "PointCells":
         """Those of a take."""
-        columns = np.arange(take.xyz.shape[1]) if take.columns is None else take.columns
-        return cls(markerset.by_name, len(markerset), take.first_frame, take.present, columns)
+        columns = np.arange(len(take.standing)) if take.columns is None else take.columns
+        return cls(markerset.by_name, len(markerset), take.first_frame, take.present, columns, take.lanes)
+
+    def own(self, place: int, rows: slice) -> tuple[slice, int]:
+        """The frames, of those from start to stop, in which a trajectory by its place in `columns` stands, and where.
+
+        None of them are some of no length.
+        """
+        if self.lanes is None:
+            return rows, place
+        first, after = int(self.lanes.first[place]), int(self.lanes.last[place]) + 1
+        start = min(max(rows.start, first), rows.stop)
+        return slice(start, max(min(rows.stop, after), start)), int(self.lanes.lane[place])
+
+    def of_trajectory(self, number: int, rows: slice) -> tuple[np.ndarray, np.ndarray]:
+        """(K,) the rows of some in which a trajectory has a point, and (K,) its cells in them."""
+        own, lane = self.own(int(np.flatnonzero(self.columns == number)[0]), rows)
+        at = np.flatnonzero(self.present[own, lane]) + own.start
+        return at, at * self.present.shape[1] + lane
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +146,10 @@ class BlobCells:
         slot[order] = np.arange(len(blobs)) - np.repeat(np.cumsum(counts) - counts, counts)
         present = np.arange(max(int(counts.max(initial=0)), 1)) < counts[:, None]
         return cls(names, count, cameras, blobs, image, slot, present)
+
+    def cells_of(self, blobs: np.ndarray) -> np.ndarray:
+        """(K,) the cells of some blobs (K,) in a `Replay` of the table."""
+        return self.image[blobs] * self.present.shape[1] + self.slot[blobs]
 
     def table(self, labels: Labels) -> Labels:
         """The labels (N,) of the blobs, (R, K)."""
@@ -199,26 +225,29 @@ def _refuse_camera(edit: Edit, number: int, cameras: set[str]):
 
 def apply_to_points(labels: Labels, edits: Edits, cells: PointCells) -> AppliedEdits:
     """The labels (T, P) with the edits applied in their order, of a take that `refuse_unknown` lets pass."""
-    replay = Replay(labels, cells.present, cells.count)
-    column = {int(number): place for place, number in enumerate(cells.columns)}
-    outcomes = []
-    for edit in edits:
-        rows = _rows(edit, cells.first_frame, len(cells.present))
-        count = 0 if rows is None else _applied(replay, edit, rows, cells.names, column)
-        outcomes.append(_outcome(edit, count, rows is None))
-    edited = replay.done()
+    replay, frames = Replay.of_table(labels, cells.count), (cells.first_frame, len(cells.present))
+    outcomes = [apply_edit(replay, edit, frames, cells.names, cells.of_trajectory) for edit in edits]
+    edited = replay.done(labels)
     return AppliedEdits(edited.labels, edited, tuple(outcomes), dict(replay.places))
 
 
-def _applied(replay: Replay, edit: Edit, rows: slice, names: Mapping[str, int], column: Mapping[int, int]) -> int:
+def apply_edit(
+    replay: Replay, edit: Edit, frames: tuple[int, int], names: Mapping[str, int], cells_of: CellsOf
+) -> EditOutcome:
+    """Applies an edit of points to a take whose rows are its frames: the first one's number, and how many."""
+    rows = _rows(edit, *frames)
+    return _outcome(edit, 0 if rows is None else _applied(replay, edit, rows, names, cells_of), rows is None)
+
+
+def _applied(replay: Replay, edit: Edit, rows: slice, names: Mapping[str, int], cells_of: CellsOf) -> int:
     """Applies an edit of points to some frames; how many labels it is about."""
     marker = [names[name] for name in markers_of(edit)]
     if isinstance(edit, AssignPoint):
-        return replay.assign(rows, column[edit.point], *marker)
+        return replay.assign(*cells_of(edit.point, rows), *marker)
     if isinstance(edit, UnlabelPoint):
-        return replay.unlabel_column(rows, column[edit.point])
+        return replay.unlabel(*cells_of(edit.point, rows))
     if isinstance(edit, Delete):
-        return replay.delete(rows, column[edit.point])
+        return replay.delete(*cells_of(edit.point, rows))
     if isinstance(edit, Accepted):
         return rows.stop - rows.start
     if isinstance(edit, Place):
@@ -271,7 +300,8 @@ def apply_to_blobs(labels: Labels, edits: Edits, cells: BlobCells) -> AppliedEdi
 
     Take what became of the edits of all chunks together with `joined`.
     """
-    replay = Replay(cells.table(labels), cells.present, cells.count)
+    table = cells.table(labels)
+    replay = Replay.of_table(table, cells.count)
     places: dict[tuple[int, int], np.ndarray] = {}
     outcomes = []
     for edit in edits:
@@ -280,7 +310,7 @@ def apply_to_blobs(labels: Labels, edits: Edits, cells: BlobCells) -> AppliedEdi
             places[rows.start, cells.names[edit.marker]], done = np.array(edit.xyz), 1
         elif rows is not None and isinstance(edit, BlobEdit):
             found, reason = blobs_of(edit, cells)
-            done = _of_blobs(replay, edit, cells.image[found], cells.slot[found], cells.names)
+            done = _of_blobs(replay, edit, cells.image[found], cells.cells_of(found), cells.names)
             if isinstance(edit, AssignBlob):
                 _give_up_places(places, replay, cells.names[edit.marker], cells.blobs.frame[found], len(cells.cameras))
         elif rows is not None and isinstance(edit, Accepted):
@@ -290,7 +320,7 @@ def apply_to_blobs(labels: Labels, edits: Edits, cells: BlobCells) -> AppliedEdi
             done = _of_markers(replay, edit, images, [cells.names[name] for name in markers_of(edit)])
             done += _move_places(places, edit, rows, cells.names)
         outcomes.append(replace(_outcome(edit, done, rows is None), **({"reason": reason} if reason else {})))
-    edited = replay.done()
+    edited = replay.done(table)
     return AppliedEdits(cells.rows(edited.labels), edited, tuple(outcomes), places)
 
 
@@ -312,12 +342,12 @@ def _give_up_places(places: dict, replay: Replay, marker: int, frames: np.ndarra
             del places[frame, marker]
 
 
-def _of_blobs(replay: Replay, edit: BlobEdit, image: np.ndarray, slot: np.ndarray, names: Mapping[str, int]) -> int:
-    """Applies an edit of blobs, by image and slot (K,), one of an image at most; how many labels it is about."""
+def _of_blobs(replay: Replay, edit: BlobEdit, image: np.ndarray, cell: np.ndarray, names: Mapping[str, int]) -> int:
+    """Applies an edit of blobs, by image and cell (K,), one of an image at most; how many labels it is about."""
     if isinstance(edit, AssignBlob):
-        return replay.assign_cells(image, slot, names[edit.marker])
-    work = {UnlabelBlob: replay.unlabel_cells, DeleteBlob: replay.delete_cells}[type(edit)]
-    return work(image, slot)
+        return replay.assign(image, cell, names[edit.marker])
+    work = {UnlabelBlob: replay.unlabel, DeleteBlob: replay.delete}[type(edit)]
+    return work(image, cell)
 
 
 def blobs_of(edit: BlobEdit, cells: BlobCells) -> tuple[np.ndarray, str]:

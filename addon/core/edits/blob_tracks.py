@@ -4,6 +4,9 @@
 What a person says of one blob holds for its track, so a track ends where it is not plain: where the blob is not seen,
 where another one comes near, or where the next may be another's. A track that ends too soon costs one more click; one
 that goes over to a neighbour gives a wrong name.
+
+`blobs.image_tracklets` asks the same while a take is labelled, in metres: there the lens is out and the subject's depth
+known. Here nothing is but pixels, and no label is made yet that could tell a wrong link.
 """
 
 from collections.abc import Iterable, Mapping

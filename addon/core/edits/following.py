@@ -1,87 +1,100 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The labels of a take of points while a person corrects them: what no changed edit is about is not worked out again.
+"""The labels of a take of points while a person corrects them: one more edit costs what it is about and no more.
 
-The take is cut into blocks of frames, as no frame has to do with another. In a block, edits that share a marker or a
-trajectory make a group. What a group says depends on its own edits alone, so it is kept until one of these changes; and
-it needs a table of its own frames, trajectories and markers, where the take has tens of thousands and many hundred.
-What comes of it is what `applying.apply_to_points` makes of all edits at once.
+`applying` works all edits out at once on a table of frames and trajectories. Here the take's own rows are the cells of
+the same `Replay`, which goes on from edit to edit, and back where edits are taken away; what comes of it is the same.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..data.takes import NO_MARKER, NO_POINT, EditOutcome, Labels, PointRows
-from .applying import OF_POINTS, AppliedEdits, PointCells, apply_to_points, both
-from .kinds import Edit, Edits, frames_of, markers_of
-from .replay import FREE
+from ..data.copies import Copies
+from ..data.takes import BY_EDIT, NO_MARKER, NO_POINT, NO_STEP, EditOutcome, Labels, PointRows
+from .applying import apply_edit
+from .kinds import Edit, Edits
+from .replay import FREE, Change, Replay
 
 
 @dataclass(frozen=True)
 class FollowingOptions:
-    """How a take is cut.
+    """What is kept to go back.
 
-    block_frames  of each block: one more edit of a few frames looks at one or two blocks again, one of the whole take
-                  at all. Behind 100 edits of 20,000 frames of 62 markers the two take 20 and 63 ms with 1000 frames,
-                  22 and 58 with 2000, 44 and 75 with 4000, 266 and 302 uncut (of a processor)
+    most_kept  former values, in all edits together, for taking the last ones back: those of some 35 edits of the whole
+               of 20,000 frames (reckoned; 120 MB). Where edits farther back are taken away, all are applied again
     """
 
-    block_frames: int = 2000
+    most_kept: int = 10_000_000
 
 
 FOLLOWING = FollowingOptions()
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
-    """What edits that go together make of T frames of a take.
+class Held:
+    """Which row of a take is each of M markers in each of F frames.
 
-    frames    which frames, by their index
-    markers   (K,) the markers that they are about
-    right     (T, K) True where these were looked at
-    xyz       (T, K, 3) m where they are; NaN where nothing is
-    residual  (T, K) m, of their points; 0 where a person placed one
-    rows      (N,) rows of the take of which the edits say something, or whose labels change, and
-    labels    (N,) these
-    said      (N,) True where the edits say something
-    places    markers that a person placed, by frame index and marker, (3,) m
-    outcomes  what became of each edit
+    rows     (M, F), NO_POINT where none is, and
+    program  (M, F) as the program named them
+    by_edit  (M, F) True where a person said that it is
+    places   the markers that a person placed, by frame index and marker, (3,) m; no row is these
     """
 
-    frames: slice
-    markers: np.ndarray
-    right: np.ndarray
-    xyz: np.ndarray
-    residual: np.ndarray
     rows: np.ndarray
-    labels: Labels
-    said: np.ndarray
+    program: np.ndarray
+    by_edit: np.ndarray
     places: Mapping[tuple[int, int], np.ndarray]
-    outcomes: tuple[EditOutcome, ...]
+
+    def differs(self, other: "Held | None") -> np.ndarray:
+        """(M, F) True where a marker is another row, or at another place; None for a take that was not edited."""
+        found = self.rows != (self.program if other is None else other.rows)
+        places = {} if other is None else other.places
+        for key in self.places.keys() | places.keys():
+            if key not in self.places or key not in places or not np.array_equal(self.places[key], places[key]):
+                found[key[::-1]] = True
+        return found
+
+
+def moved_frames(before: Held | None, after: Held | None) -> dict[int, slice]:
+    """The markers that are elsewhere, with the frames, by their index, from the first to the last in which they are."""
+    one, other = (after, before) if after is not None else (before, after)
+    return {} if one is None else _spans(one.differs(other))
+
+
+def changed_frames(before: Held | None, after: Held | None) -> dict[int, slice]:
+    """The same of markers that are elsewhere, or of which something else is said."""
+    one, other = (after, before) if after is not None else (before, after)
+    if one is None:
+        return {}
+    return _spans(one.differs(other) | (one.by_edit if other is None else one.by_edit != other.by_edit))
+
+
+def _spans(differs: np.ndarray) -> dict[int, slice]:
+    """From the first to the last of the frames that are flagged (M, F), of each marker that has some."""
+    last = differs.shape[1]
+    return {
+        marker: slice(int(differs[marker].argmax()), last - int(differs[marker, ::-1].argmax()))
+        for marker in np.flatnonzero(differs.any(axis=1)).tolist()
+    }
 
 
 @dataclass(frozen=True, eq=False)
 class FollowedEdits:
-    """A take of N points in T frames as its edits have it.
+    """A take of N points in F frames as its edits have it.
 
     labels    of the points (N,)
-    groups    what says so
+    held      which of them is each marker
     said      (N,) True where the edits say something of a point
-    right     (T, M) True where a marker was looked at
+    right     (F, M) True where a marker was looked at
     outcomes  of each edit
     """
 
     labels: Labels
-    groups: tuple[Group, ...]
+    held: Held
     said: np.ndarray
     right: np.ndarray
     outcomes: tuple[EditOutcome, ...]
-
-    @property
-    def places(self) -> dict[tuple[int, int], np.ndarray]:
-        """The markers that a person placed, by frame index and marker, (3,) m."""
-        return {key: xyz for group in self.groups for key, xyz in group.places.items()}
 
 
 class Following:
@@ -90,163 +103,125 @@ class Following:
     def __init__(self, rows: PointRows, labels: Labels, names: Mapping[str, int], count: int):
         """Names are the indices of the `count` markers, aliases too."""
         # Narrow columns, as each edit makes new ones of the whole take.
-        narrow = Labels(labels.marker.astype(np.int32), labels.step.astype(np.int8), labels.confidence)
-        self.rows, self.labels, self.names, self.count = rows, narrow, names, count
+        self._program = Labels(labels.marker.astype(np.int32), labels.step.astype(np.int8), labels.confidence)
+        self.rows, self.names = rows, names
         named = np.flatnonzero(labels.named)
-        self._row_of = np.full((len(rows.frames), count), NO_POINT, np.int32)
-        self._row_of[rows.frame[named], labels.marker[named]] = named
-        self._own: dict[int, np.ndarray] = {}
-        self._names: dict[int, list[int]] = {}
-        self._groups: dict[tuple[int, tuple[Edit, ...]], Group] = {}
-        self._reach: dict[Edit, tuple[set[tuple[str, int]], slice]] = {}
+        self._own = np.full((count, len(rows.frames)), NO_POINT, np.int32)
+        self._own[labels.marker[named], rows.frame[named]] = named
+        self._trajectories: dict[int, np.ndarray] = {}
+        self._begin()
 
     def rows_of(self, point: int) -> np.ndarray:
         """(K,) the rows of a trajectory, in the order of the frames."""
-        if point not in self._own:
-            self._own[point] = np.flatnonzero(self.rows.trajectory == point)
-        return self._own[point]
+        if point not in self._trajectories:
+            self._trajectories[point] = np.flatnonzero(self.rows.trajectory == point)
+        return self._trajectories[point]
 
     def apply(self, edits: Edits) -> FollowedEdits:
-        """The take with the edits applied in their order; groups that the last call had are not worked out again."""
-        outcomes: list[EditOutcome | None] = [None] * len(edits)
-        known, self._groups = self._groups, {}
-        for block, part in self._parted(edits):
-            key = block.start, tuple(edits[index] for index in part)
-            group = self._groups[key] = known.get(key) or self._group(key[1], block)
-            for index, outcome in zip(part, group.outcomes, strict=True):
-                before = outcomes[index]
-                outcomes[index] = outcome if before is None else both(before, outcome)
-        marker, step, confidence = (
-            column.copy() for column in (self.labels.marker, self.labels.step, self.labels.confidence)
-        )
-        said = np.zeros(len(marker), bool)
-        right = np.zeros((len(self.rows.frames), self.count), bool)
-        for group in self._groups.values():
-            marker[group.rows], step[group.rows] = group.labels.marker, group.labels.step
-            confidence[group.rows], said[group.rows] = group.labels.confidence, group.said
-            right[group.frames, group.markers] = group.right
-        labels = Labels(marker, step, confidence)
-        return FollowedEdits(labels, tuple(self._groups.values()), said, right, tuple(outcomes))
+        """The take with the edits applied in their order; those that the last call began with are applied already."""
+        same = 0
+        for one, (other, *_) in zip(edits, self._done, strict=False):
+            if one is not other and one != other:
+                break
+            same += 1
+        self._go_back(same)
+        for edit in edits[same:]:
+            self._go_on(edit)
+        replay = self._replay
+        *columns, rows, by_edit = self._copies.copy()
+        held = Held(rows, self._own, by_edit, dict(replay.places))
+        outcomes = tuple(outcome for _, outcome, _ in self._done)
+        return FollowedEdits(Labels(*columns), held, replay.rule != FREE, replay.right.copy().T, outcomes)
 
-    def _parted(self, edits: Edits) -> Iterator[tuple[slice, list[int]]]:
-        """Blocks of frames, each with edits, by their index, that share a marker or a trajectory in it."""
-        known, self._reach = self._reach, {}
-        for edit in edits:
-            self._reach[edit] = known.get(edit) or (self._about(edit), self._span(edit))
-        about = [(*self._reach[edit], index) for index, edit in enumerate(edits)]
-        size = FOLLOWING.block_frames
-        for start in range(0, len(self.rows.frames), size):
-            groups: list[tuple[set, list[int]]] = []
-            for own, span, index in about:
-                if span.start < start + size and start < span.stop:
-                    meets = [group for group in groups if not group[0].isdisjoint(own)]
-                    groups = [group for group in groups if group[0].isdisjoint(own)]
-                    parts = sorted(number for _, parts in meets for number in parts)
-                    groups.append((own.union(*(one for one, _ in meets)), [*parts, index]))
-            block = slice(start, min(start + size, len(self.rows.frames)))
-            yield from ((block, parts) for _, parts in groups)
+    def _begin(self):
+        """Makes everything as it is without edits."""
+        program = self._program
+        self._replay = Replay(program.marker.copy(), self._own.copy())
+        columns = [getattr(program, name).copy() for name in ("marker", "step", "confidence")]
+        self._copies = Copies(*columns, self._own.copy(), np.zeros(self._own.shape, bool))
+        self._done: list[tuple[Edit, EditOutcome, list[Change] | None]] = []
+        self._kept = 0
 
-    def _about(self, edit: Edit) -> set[tuple[str, int]]:
-        """The markers and the trajectory that an edit may change, with the markers that the program calls this."""
-        about = {("marker", self.names[name]) for name in markers_of(edit)}
-        if isinstance(edit, OF_POINTS):
-            about |= {("point", edit.point)} | {("marker", marker) for marker in self._names_of(edit.point)}
+    def _go_on(self, edit: Edit):
+        """Applies one more edit."""
+        changes = self._replay.changes = []
+        frames = self.rows.frames
+        first = int(frames[0]) if len(frames) else 0
+        outcome = apply_edit(self._replay, edit, (first, len(frames)), self.names, self._cells_of)
+        self._done.append((edit, outcome, changes))
+        self._kept += _size(changes)
+        for index, (one, said, oldest) in enumerate(self._done):
+            if self._kept <= FOLLOWING.most_kept:
+                break
+            self._kept -= _size(oldest)
+            self._done[index] = one, said, None
+        self._look_again(changes)
+
+    def _go_back(self, count: int):
+        """Takes the last edits back, to so many."""
+        if any(changes is None for *_, changes in self._done[count:]):
+            edits = [edit for edit, *_ in self._done[:count]]
+            self._begin()
+            for edit in edits:
+                self._go_on(edit)
+        while len(self._done) > count:
+            *_, changes = self._done.pop()
+            self._kept -= _size(changes)
+            self._replay.take_back(changes)
+            self._look_again(changes)
+
+    def _cells_of(self, point: int, rows: slice) -> tuple[np.ndarray, np.ndarray]:
+        """(K,) the frames of some in which a trajectory has a point, and (K,) its rows in them."""
+        own = self.rows_of(point)
+        own = own[slice(*np.searchsorted(self.rows.frame[own], [rows.start, rows.stop]).tolist())]
+        return self.rows.frame[own], own
+
+    def _look_again(self, changes: Iterable[Change]):
+        """Makes labels and what is held follow from some changes of the replay."""
+        names, steps, sure, rows, by_edit = self._copies.arrays
+        for marker, frames in self._about(changes).items():
+            own, was = rows[marker, frames].copy(), by_edit[marker, frames].copy()
+            now = np.maximum(self._replay.holder(frames, marker), NO_POINT)
+            said = self._replay.claim[marker, frames] >= 0
+            rows[marker, frames], by_edit[marker, frames] = now, said
+            lost = own[(own != now) & (own >= 0)]
+            # Another marker may have it by now.
+            lost = lost[names[lost] == marker]
+            fresh = np.flatnonzero((now >= 0) & ((own != now) | (was != said)))
+            fresh, said = now[fresh], said[fresh]
+            names[lost], steps[lost], sure[lost] = NO_MARKER, NO_STEP, 0.0
+            names[fresh] = marker
+            steps[fresh] = np.where(said, BY_EDIT, self._program.step[fresh])
+            sure[fresh] = np.where(said, 1.0, self._program.confidence[fresh])
+            for which, index in ((0, lost), (0, fresh), (1, lost), (1, fresh), (2, lost), (2, fresh)):
+                self._copies.note(which, index)
+            self._copies.note(3, (marker, frames))
+            self._copies.note(4, (marker, frames))
+
+    def _about(self, changes: Iterable[Change]) -> dict[int, slice]:
+        """The markers whose rows may be others after some changes of the replay, and the frames in which they may."""
+        about: dict[int, slice] = {}
+
+        def meet(markers: Iterable[int], first: int, last: int):
+            for marker in markers:
+                own = about.get(marker, slice(first, last + 1))
+                about[marker] = slice(min(own.start, first), max(own.stop, last + 1))
+
+        for name, index, _ in changes:
+            if name in ("own", "claim"):
+                frames = (
+                    np.arange(*index[1].indices(len(self.rows.frames))) if isinstance(index[1], slice) else index[1]
+                )
+                frames = np.atleast_1d(frames)
+                if len(frames):
+                    meet(np.unique(index[0]).tolist(), int(frames.min()), int(frames.max()))
+            elif name == "rule" and len(index):
+                names = np.bincount(self._replay.below[index] + 1)[1:]
+                frames = self.rows.frame[index]
+                meet(np.flatnonzero(names).tolist(), int(frames.min()), int(frames.max()))
         return about
 
-    def _span(self, edit: Edit) -> slice:
-        """The frames, by their index, that an edit may change; some of the take even where it changes none."""
-        first, count = int(self.rows.frames[0]), len(self.rows.frames)
-        begin, last = frames_of(edit) or (first, first + count - 1)
-        begin, end = max(begin - first, 0), min(last - first + 1, count)
-        if begin >= end:
-            return slice(0, 1)
-        if isinstance(edit, OF_POINTS) and len(rows := self.rows_of(edit.point)):
-            own = self.rows.frame[rows[[0, -1]]]
-            if max(begin, own[0]) < min(end, own[1] + 1):
-                return slice(int(max(begin, own[0])), int(min(end, own[1] + 1)))
-        return slice(begin, end)
 
-    def _names_of(self, point: int) -> list[int]:
-        """The markers that the program calls a trajectory."""
-        if point not in self._names:
-            named = self.labels.marker[self.rows_of(point)]
-            self._names[point] = np.flatnonzero(np.bincount(named + 1)[1:]).tolist()
-        return self._names[point]
-
-    def _group(self, edits: Sequence[Edit], block: slice) -> Group:
-        """What edits make of a block of frames that nothing else is about."""
-        about, spans = set().union(*map(self._about, edits)), [self._span(edit) for edit in edits]
-        begin, end = min(span.start for span in spans), max(span.stop for span in spans)
-        frames = slice(max(begin, block.start), min(end, block.stop))
-        markers = np.array(sorted(number for kind, number in about if kind == "marker"), int)
-        points = sorted(number for kind, number in about if kind == "point")
-        table = self._table(frames, points, markers)
-        cells = self._cells(table, frames, points, markers)
-        labels = self._labels_in(table, markers)
-        return self._result(frames, table, markers, labels, apply_to_points(labels, Edits(tuple(edits)), cells))
-
-    def _table(self, frames: slice, points: list[int], markers: np.ndarray) -> np.ndarray:
-        """(T, P + K) the row of each of P trajectories, and of whatever else the program calls each of K markers."""
-        own = np.full((frames.stop - frames.start, len(points)), NO_POINT, np.int32)
-        for column, point in enumerate(points):
-            rows = self.rows_of(point)
-            rows = rows[slice(*np.searchsorted(self.rows.frame[rows], [frames.start, frames.stop]).tolist())]
-            own[self.rows.frame[rows] - frames.start, column] = rows
-        others = self._row_of[frames, markers]
-        there = others >= 0
-        listed = np.zeros(others.shape, bool)
-        listed[there] = np.isin(self.rows.trajectory[others[there]], points)
-        return np.concatenate([own, np.where(listed, NO_POINT, others)], axis=1)
-
-    def _labels_in(self, table: np.ndarray, markers: np.ndarray) -> Labels:
-        """The program's labels of a table of rows, with the markers called by their place in `markers`."""
-        there = table >= 0
-        local = np.full(self.count + 1, NO_MARKER)
-        local[markers] = np.arange(len(markers))
-        rows = table[there]
-        own = Labels(local[self.labels.marker[rows]], self.labels.step[rows], self.labels.confidence[rows])
-        return own.spread(np.nonzero(there), *table.shape)
-
-    def _cells(self, table: np.ndarray, frames: slice, points: list[int], markers: np.ndarray) -> PointCells:
-        """What the edits of a table of rows go by; columns that are no trajectory have numbers that none has."""
-        local = {marker: place for place, marker in enumerate(markers.tolist())}
-        names = {name: local[marker] for name, marker in self.names.items() if marker in local}
-        columns = np.concatenate([np.array(points, int), -2 - np.arange(len(markers))])
-        return PointCells(names, len(markers), int(self.rows.frames[frames.start]), table >= 0, columns)
-
-    def _result(
-        self, frames: slice, table: np.ndarray, markers: np.ndarray, before: Labels, applied: AppliedEdits
-    ) -> Group:
-        after, edited = applied.labels, applied.edited
-        said = edited.rule != FREE
-        differs = said | (after.marker != before.marker) | (after.step != before.step)
-        chosen = (differs | (after.confidence != before.confidence)) & (table >= 0)
-        rows = table[chosen]
-        kept = after[chosen]
-        names = np.append(markers, NO_MARKER)  # NO_MARKER is -1, the last of them
-        xyz = np.full((*edited.right.shape, 3), np.nan)
-        residual = np.full(edited.right.shape, np.nan)
-        frame, column = np.nonzero(after.named)
-        at, of = (frame, after.marker[frame, column]), table[frame, column]
-        xyz[at] = self.rows.xyz[of]
-        if self.rows.residual is not None:
-            residual[at] = self.rows.residual[of]
-        for place, where in applied.places.items():
-            xyz[place], residual[place] = where, 0.0
-        places = {
-            (frames.start + place, int(markers[marker])): where for (place, marker), where in applied.places.items()
-        }
-        labels = Labels(names[kept.marker], kept.step, kept.confidence)
-        return Group(frames, markers, edited.right, xyz, residual, rows, labels, said[chosen], places, applied.outcomes)
-
-
-def changed_frames(before: Iterable[Group], after: Iterable[Group]) -> dict[int, slice]:
-    """The markers that groups are about which are not among both, with the frames, by their index, that these have."""
-    before, after = list(before), list(after)
-    kept = {id(group) for group in before} & {id(group) for group in after}
-    spans: dict[int, slice] = {}
-    for group in (group for group in (*before, *after) if id(group) not in kept):
-        for marker in group.markers.tolist():
-            own = spans.get(marker, group.frames)
-            spans[marker] = slice(min(own.start, group.frames.start), max(own.stop, group.frames.stop))
-    return spans
+def _size(changes: Iterable[Change] | None) -> int:
+    """How many former values there are."""
+    return sum(np.size(before) for _, _, before in changes or ())

@@ -1,16 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A table of labels in which things are renamed one after the other, so that no row ever has a name twice.
+"""Labels in which things are renamed one after the other, so that no row ever has a name twice.
 
-A row is what is seen at one time: a frame of points, or an image. What the program named lies below, what a person said
-above it; of what a later edit overrides nothing is left behind, so a name that was taken by mistake and then given up
-is its old owner's again.
+A row is what is seen at one time: a frame of points, or an image. A cell is one thing that is seen there. What the
+program named lies below, what a person said above it; of what a later edit overrides nothing is left behind, so a name
+that was taken by mistake and then given up is its old owner's again.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
 from ..data.takes import BY_EDIT, NO_MARKER, NO_STEP, Labels
+
+Change = tuple[str, object, object]  # a former value: the name of an array of `Replay`, an index of it, what was there
 
 FREE = -1  # a cell of which no edit says anything
 NOBODY, ANYBODY = -2, -1  # of a marker in a row: nothing is it; no edit says what is
@@ -82,187 +86,218 @@ class Edited:
 
 
 class Replay:
-    """Labels (T, P) of M markers while edits are applied to them; each method gives how many labels it is about."""
+    """N cells in T rows, named by M markers, while edits are applied; each method gives how many labels it is about.
 
-    def __init__(self, labels: Labels, present: np.ndarray, markers: int):
-        self.labels, self.present, self.markers = labels, present, markers
-        shape = (len(present), markers)
-        self.own = np.full(shape, NO_MARKER, np.int32)
-        row, column = np.nonzero(labels.marker != NO_MARKER)
-        self.own[row, labels.marker[row, column]] = column
-        self.claim = np.full(shape, ANYBODY, np.int32)
-        self.right = np.zeros(shape, bool)
-        self.rule = np.full(present.shape, FREE, np.int32)
-        self.refused = np.full(present.shape, NO_MARKER, np.int32)
+    own      (M, T) the cell that the program calls each marker in each row, NO_MARKER where none is
+    below    (N,) what it calls each cell, NO_MARKER where it has no name
+    claim    (M, T) the cell that is a marker by an edit, NOBODY or ANYBODY, and
+    rule     (N,) what is said of a cell, as in `Edited`
+    refused  (N,) likewise
+    right    (M, T) True where a marker was looked at
+    places   where markers were placed, by row and marker
+    changes  former values of all that was changed, the last one last; nothing is noted where it is None
+
+    A marker's rows lie side by side, as most edits are of one or two markers and many rows. Where a method takes rows
+    (K,) and cells (K,), each row is there once, and a cell is of its row.
+    """
+
+    def __init__(self, below: np.ndarray, own: np.ndarray):
+        self.below, self.own = below, own
+        self.claim = np.full(own.shape, ANYBODY, np.int32)
+        self.right = np.zeros(own.shape, bool)
+        self.rule = np.full(below.shape, FREE, np.int32)
+        self.refused = np.full(below.shape, NO_MARKER, np.int32)
         self.places: dict[tuple[int, int], np.ndarray] = {}
         self.swaps: list[tuple[slice, int, int]] = []
-        self._touched: set[int] = set()
+        self.changes: list[Change] | None = None
 
-    def assign(self, rows: slice, column: int, marker: int) -> int:
-        """The column is the marker wherever it is there."""
-        at = self._there(rows, column)
-        return self.assign_cells(at, np.full(len(at), column), marker)
+    @classmethod
+    def of_table(cls, labels: Labels, markers: int) -> Self:
+        """That of a table of labels (T, P), whose cells are numbered row after row."""
+        own = np.full((markers, len(labels.marker)), NO_MARKER, np.int32)
+        row, column = np.nonzero(labels.marker != NO_MARKER)
+        own[labels.marker[row, column], row] = row * labels.marker.shape[1] + column
+        return cls(labels.marker.ravel().astype(np.int32), own)
 
-    def assign_cells(self, at: np.ndarray, column: np.ndarray, marker: int) -> int:
-        """In some rows (K,), each once, a column (K,) is the marker."""
-        self._let_go(at, column)
+    @property
+    def markers(self) -> int:
+        """How many markers there are."""
+        return len(self.own)
+
+    def assign(self, at: np.ndarray, cell: np.ndarray, marker: int) -> int:
+        """In some rows (K,) cells (K,) are the marker."""
+        self._let_go(at, cell)
         self._take_away(at, marker)
-        self._claim(at, column, marker)
+        self._claim(at, cell, marker)
         return len(at)
 
     def unlabel_marker(self, rows: slice, marker: int) -> int:
         """Nothing is the marker."""
-        at = np.arange(*rows.indices(len(self.claim)))
-        holder = self._holder(at, marker)
+        at = self._all(rows)
+        holder = self.holder(at, marker)
         held = holder >= 0
-        self.refused[at[held], holder[held]] = marker
+        self._set("refused", holder[held], marker)
         gone = self._take_away(at, marker)
-        self.claim[at, marker] = NOBODY
+        self._set("claim", (marker, rows), NOBODY)
         return int(held.sum()) + gone
 
-    def unlabel_column(self, rows: slice, column: int) -> int:
-        """The column has no name, and is not the marker that it was taken for."""
-        at = self._there(rows, column)
-        return self.unlabel_cells(at, np.full(len(at), column))
-
-    def unlabel_cells(self, at: np.ndarray, column: np.ndarray) -> int:
-        """In some rows (K,), each once, a column (K,) has no name, and is not the marker that it was taken for."""
-        named = self._name(at, column)
-        self._let_go(at, column)
-        self.rule[at, column] = self.markers + 1
-        self.refused[at, column] = np.where(named != NO_MARKER, named, self.refused[at, column])
+    def unlabel(self, at: np.ndarray, cell: np.ndarray) -> int:
+        """In some rows (K,) cells (K,) have no name, and are not the markers that they were taken for."""
+        named = self._name(at, cell)
+        self._let_go(at, cell)
+        self._set("rule", cell, self.markers + 1)
+        self._set("refused", cell, np.where(named != NO_MARKER, named, self.refused[cell]))
         return int((named != NO_MARKER).sum())
 
-    def delete(self, rows: slice, column: int) -> int:
-        """The column is no marker."""
-        at = self._there(rows, column)
-        return self.delete_cells(at, np.full(len(at), column))
-
-    def delete_cells(self, at: np.ndarray, column: np.ndarray) -> int:
-        """In some rows (K,), each once, a column (K,) is no marker."""
-        self._let_go(at, column)
-        self.rule[at, column] = self.markers
+    def delete(self, at: np.ndarray, cell: np.ndarray) -> int:
+        """In some rows (K,) cells (K,) are no markers."""
+        self._let_go(at, cell)
+        self._set("rule", cell, self.markers)
         return len(at)
 
     def swap(self, rows: slice, one: int, other: int) -> int:
         """What is named either of two markers has the other's name."""
-        at = np.arange(*rows.indices(len(self.claim)))
-        holders = [self._holder(at, marker) for marker in (one, other)]
-        places = {
-            (row, m): self.places.pop((row, m)) for row, m in list(self.places) if m in (one, other) and row in at
-        }
+        at = self._all(rows)
+        holders = [self.holder(at, marker) for marker in (one, other)]
+        moved = self._taken_up(rows, (one, other))
         pair = [one, other]
-        self.own[rows, pair] = self.own[rows, pair[::-1]]
-        self.claim[rows, pair] = self.claim[rows, pair[::-1]]
-        self.right[rows, pair] = False
+        for name in ("own", "claim"):
+            self._set(name, (pair, rows), getattr(self, name)[pair[::-1], rows])
+        for marker in pair:
+            own = self.own[marker, rows]
+            self._set("below", own[own >= 0], marker)
+        self._set("right", (pair, rows), False)
         for holder, marker in zip(holders, pair[::-1], strict=True):
             held = holder >= 0
             self._claim(at[held], holder[held], marker)
-        for (row, marker), xyz in places.items():
+        for (row, marker), xyz in moved.items():
             self.places[row, one + other - marker] = xyz
         self.swaps.append((rows, one, other))
-        self._touched |= {one, other}
-        return int(sum((holder >= 0).sum() for holder in holders)) + len(places)
+        return int(sum((holder >= 0).sum() for holder in holders)) + len(moved)
 
     def place(self, row: int, marker: int, xyz: np.ndarray) -> int:
-        """The marker is at a place, so no column is it."""
-        at = np.array([row])
-        self._take_away(at, marker)
-        self.claim[row, marker] = NOBODY
-        self.right[row, marker] = False
+        """The marker is at a place, so no cell is it."""
+        self._take_away(np.array([row]), marker)
+        self._set("claim", (marker, row), NOBODY)
+        self._set("right", (marker, row), False)
+        self._note_places()
         self.places[row, marker] = xyz
         return 1
 
     def lock(self, rows: slice, marker: int) -> int:
         """What is the marker, or that nothing is, was looked at."""
-        at = np.arange(*rows.indices(len(self.claim)))
-        holder = self._holder(at, marker)
+        at = self._all(rows)
+        holder = self.holder(at, marker)
         held = holder >= 0
         self._claim(at[held], holder[held], marker)
-        self.claim[at[~held], marker] = NOBODY
-        self.right[at, marker] = True
+        self._set("claim", (marker, at[~held]), NOBODY)
+        self._set("right", (marker, rows), True)
         return len(at)
 
     def seen(self, at: np.ndarray, marker: int) -> int:
-        """In how many of some rows (K,) a column is the marker."""
-        return int((self._holder(at, marker) >= 0).sum())
+        """In how many of some rows (K,) a cell is the marker."""
+        return int((self.holder(at, marker) >= 0).sum())
 
-    def done(self) -> Edited:
-        """The labels as they are now."""
-        labels, rules = self.labels, (np.flatnonzero((self.rule != FREE).any(axis=0)))
-        marker, step, sure = (getattr(labels, name).copy() for name in ("marker", "step", "confidence"))
-        for name in self._touched:  # the names below, where markers were exchanged
-            at = np.flatnonzero(self.own[:, name] != NO_MARKER)
-            marker[at, self.own[at, name]] = name
-        for name in np.flatnonzero((self.claim != ANYBODY).any(axis=0)).tolist():
-            at = np.flatnonzero((self.claim[:, name] != ANYBODY) & (self.own[:, name] != NO_MARKER))
-            at = at[self.rule[at, self.own[at, name]] == FREE]
-            self.refused[at, self.own[at, name]] = name  # whose it was: another is, or nothing
-            for values, nothing in ((marker, NO_MARKER), (step, NO_STEP), (sure, 0.0)):
-                values[at, self.own[at, name]] = nothing
-        own = self.rule[:, rules]
-        given = own < self.markers
-        marker[:, rules] = np.where(own == FREE, marker[:, rules], np.where(given, own, NO_MARKER))
-        step[:, rules] = np.where(own == FREE, step[:, rules], np.where(given, BY_EDIT, NO_STEP))
-        sure[:, rules] = np.where(own == FREE, sure[:, rules], np.where(given, 1.0, 0.0))
-        places = np.array(list(self.places), int).reshape(-1, 2)
-        xyz = np.array(list(self.places.values()), float).reshape(-1, 3)
+    def holder(self, at: np.ndarray | slice, marker: int) -> np.ndarray:
+        """(K,) the cell that is a marker in some rows, below 0 where none is."""
+        own, claim = self.own[marker, at], self.claim[marker, at]
+        free = own >= 0
+        free[free] = self.rule[own[free]] == FREE
+        return np.where(claim != ANYBODY, claim, np.where(free, own, NO_MARKER))
+
+    def take_back(self, changes: Iterable[Change]):
+        """Makes everything as it was before these changes, which are the last ones."""
+        for name, index, before in reversed(list(changes)):
+            if index is None:
+                setattr(self, name, before)
+            else:
+                getattr(self, name)[index] = before
+
+    def done(self, labels: Labels) -> Edited:
+        """The table of labels (T, P) that all began with as it is now."""
+        shape, width = labels.marker.shape, labels.marker.shape[1]
+        marker, step, sure = self.below.copy(), labels.step.ravel().copy(), labels.confidence.ravel().copy()
+        name, at = np.nonzero((self.claim != ANYBODY) & (self.own != NO_MARKER))
+        cell = self.own[name, at]
+        free = self.rule[cell] == FREE
+        name, cell = name[free], cell[free]
+        self.refused[cell] = name  # whose it was: another is, or nothing
+        for values, nothing in ((marker, NO_MARKER), (step, NO_STEP), (sure, 0.0)):
+            values[cell] = nothing
+        said = np.flatnonzero(self.rule != FREE)
+        given = self.rule[said] < self.markers
+        marker[said] = np.where(given, self.rule[said], NO_MARKER)
+        step[said] = np.where(given, BY_EDIT, NO_STEP)
+        sure[said] = np.where(given, 1.0, 0.0)
         return Edited(
-            Labels(marker, step, sure),
-            self.rule,
-            self.refused,
-            self.claim,
-            self.right,
-            places,
-            xyz,
+            Labels(marker.reshape(shape).astype(labels.marker.dtype), step.reshape(shape), sure.reshape(shape)),
+            self.rule.reshape(shape),
+            self.refused.reshape(shape),
+            np.where(self.claim >= 0, self.claim % max(width, 1), self.claim).T,
+            self.right.T,
+            np.array(list(self.places), int).reshape(-1, 2),
+            np.array(list(self.places.values()), float).reshape(-1, 3),
             tuple(self.swaps),
         )
 
-    def _there(self, rows: slice, column: int) -> np.ndarray:
-        """The rows in which a column is there."""
-        return np.flatnonzero(self.present[rows, column]) + rows.indices(len(self.present))[0]
+    def _all(self, rows: slice) -> np.ndarray:
+        return np.arange(*rows.indices(self.own.shape[1]))
 
-    def _holder(self, at: np.ndarray, marker: int) -> np.ndarray:
-        """(K,) the column that is a marker in some rows, below 0 where none is."""
-        own, claim = self.own[at, marker], self.claim[at, marker]
-        mine = np.where((own >= 0) & (self.rule[at, own] == FREE), own, NO_MARKER)
-        return np.where(claim == ANYBODY, mine, claim)
+    def _set(self, name: str, index, value):
+        """Changes some values of an array, and notes what they were."""
+        values = getattr(self, name)
+        if self.changes is not None:
+            self.changes.append((name, index, np.array(values[index])))
+        values[index] = value
 
-    def _name(self, at: np.ndarray, column: np.ndarray) -> np.ndarray:
-        """(K,) what columns (K,) are called in some rows (K,)."""
-        found = np.full(len(at), NO_MARKER)
-        rule = self.rule[at, column]
-        given = (rule >= 0) & (rule < self.markers)
-        found[given] = rule[given]
-        row, marker = np.nonzero((self.own[at] == column[:, None]) & (self.claim[at] == ANYBODY))
-        free = rule[row] == FREE
-        found[row[free]] = marker[free]
+    def _note_places(self):
+        if self.changes is not None:
+            self.changes.append(("places", None, dict(self.places)))
+
+    def _taken_up(self, rows: slice, markers: tuple[int, ...]) -> dict[tuple[int, int], np.ndarray]:
+        """The places of some markers in some rows, which are no places any more."""
+        inside = range(*rows.indices(self.own.shape[1]))
+        found = {key: xyz for key, xyz in self.places.items() if key[1] in markers and key[0] in inside}
+        if found:
+            self._note_places()
+            for key in found:
+                del self.places[key]
         return found
 
-    def _claim(self, at: np.ndarray, column: np.ndarray, marker: int):
-        self.rule[at, column] = marker
-        self.refused[at, column] = NO_MARKER
-        self.claim[at, marker] = column
-
-    def _let_go(self, at: np.ndarray, column: np.ndarray):
-        """What an edit gave columns (K,) they give up; whoever the program named so is that marker again."""
-        rule = self.rule[at, column]
+    def _name(self, at: np.ndarray, cell: np.ndarray) -> np.ndarray:
+        """(K,) what cells (K,) are called in some rows (K,)."""
+        rule, below = self.rule[cell], self.below[cell]
         given = (rule >= 0) & (rule < self.markers)
-        self.claim[at[given], rule[given]] = ANYBODY
-        self.right[at[given], rule[given]] = False
+        own = (rule == FREE) & (below != NO_MARKER) & (self.claim[below, at] == ANYBODY)
+        return np.where(given, rule, np.where(own, below, NO_MARKER))
+
+    def _claim(self, at: np.ndarray, cell: np.ndarray, marker: int):
+        self._set("rule", cell, marker)
+        self._set("refused", cell, NO_MARKER)
+        self._set("claim", (marker, at), cell)
+
+    def _let_go(self, at: np.ndarray, cell: np.ndarray):
+        """What an edit gave cells (K,) they give up; whoever the program named so is that marker again."""
+        rule = self.rule[cell]
+        given = (rule >= 0) & (rule < self.markers)
+        if given.any():
+            self._set("claim", (rule[given], at[given]), ANYBODY)
+            self._set("right", (rule[given], at[given]), False)
 
     def _take_away(self, at: np.ndarray, marker: int) -> int:
         """Whoever has a marker by an edit loses it; what a person named otherwise before has no name then.
 
         How many of them were places.
         """
-        holder = self.claim[at, marker]
+        holder = self.claim[marker, at]
         held = holder >= 0
-        row, column = at[held], holder[held]
-        programs = self.own[row, marker] == column
-        self.rule[row, column] = np.where(programs, FREE, self.markers + 1)
-        self.right[at, marker] = False
+        row, cell = at[held], holder[held]
+        programs = self.own[marker, row] == cell
+        self._set("rule", cell, np.where(programs, FREE, self.markers + 1))
+        self._set("right", (marker, at), False)
         gone = [row for row in at.tolist() if (row, marker) in self.places] if self.places else []
+        if gone:
+            self._note_places()
         for row in gone:
             del self.places[row, marker]
         return len(gone)

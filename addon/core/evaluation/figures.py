@@ -56,7 +56,8 @@ class Counts:
 class Figures:
     """Adds up a labelling chunk by chunk and gives the contract's figures.
 
-    markers   the model's; a truth name that is not among them counts as no marker. None: every name counts
+    markers   the model's; a truth name that is not among them counts as no marker. None: every name counts. NAME:MARKER
+              is a marker of its own, of one of several subjects, which is as well one of these
     aliases   other names of a marker, {alias: name}, understood in labels and in the truth
     """
 
@@ -103,7 +104,10 @@ class Figures:
     @property
     def total(self) -> Counts:
         """The counts over all markers."""
-        occluded = self._views * len(self._index) - int(self._names[:, 4].sum())
+        several = any(":" in name for name in self._index)
+        # Where subjects have names, markers of nobody are none that could be there.
+        markers = int(self._names.any(axis=1).sum()) if several else len(self._index)
+        occluded = self._views * markers - int(self._names[:, 4].sum())
         return Counts(**{**vars(self._total), "absent": occluded, "missed": int(self._names[:, 5].sum())})
 
     def marker(self, name: str) -> Counts:
@@ -132,10 +136,10 @@ class Figures:
         """The number of one marker's name."""
         if not name:
             return NOTHING
-        name = self.aliases.get(name, name)
-        if self.markers is None:
-            return self._index.setdefault(name, len(self._index))
-        return self._index.get(name, FOREIGN)
+        subject, colon, own = name.rpartition(":")
+        name = f"{subject}{colon}{self.aliases.get(own, own)}"
+        known = self.markers is None or (subject and self.aliases.get(own, own) in self._index)
+        return self._index.setdefault(name, len(self._index)) if known else self._index.get(name, FOREIGN)
 
     def _codes(self, labels: Sequence[str]) -> np.ndarray:
         """(N,) marker numbers of labels."""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A take's gaps filled, the shortest first, each by the method that errs least on gaps like it cut into the take."""
 
-from collections.abc import Generator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Generator, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -106,6 +106,67 @@ def fill_take(
             filler.fill(gap)
             done += _cost(gap)
     return filler.outcome()
+
+
+@dataclass(frozen=True, eq=False)
+class SubjectMarkers:
+    """Which of a take's markers are one subject's, (K,), and the set that is worn, if it is known.
+
+    columns  (M,) the places in `own` of the set's markers, -1 where the take has none
+    """
+
+    own: np.ndarray
+    markerset: MarkerSet | None = None
+    columns: np.ndarray | None = None
+
+    @classmethod
+    def side_by_side(cls, worn: Iterable[MarkerSet]) -> "list[SubjectMarkers]":
+        """Those of subjects whose sets' markers stand in a row, one set after the other."""
+        found, first = [], 0
+        for markerset in worn:
+            own = np.arange(len(markerset))
+            found.append(cls(first + own, markerset, own))
+            first += len(own)
+        return found
+
+
+def fill_subjects(
+    xyz: np.ndarray,
+    rate: float,
+    options: FillOptions,
+    subjects: Sequence[SubjectMarkers],
+    rays: MarkerRays = NO_RAYS,
+) -> Generator[float, None, FilledTake]:
+    """The same of the markers (T, M, 3) m of several subjects, each by itself: no body moves as another."""
+    if len(subjects) == 1:
+        [one] = subjects
+        return (yield from fill_take(xyz, rate, options, one.markerset, one.columns, rays))
+    whole, filled, gaps, left = xyz.copy(), np.zeros(xyz.shape[:2], bool), [], []
+    for number, one in enumerate(subjects):
+        place = {int(marker): index for index, marker in enumerate(one.own)}
+        asked = options.markers and tuple(place[marker] for marker in options.markers if marker in place)
+        held_by = rays.pick(np.isin(rays.marker, one.own))
+        held_by = replace(held_by, marker=np.array([place[marker] for marker in held_by.marker.tolist()], int))
+        given = rate, replace(options, markers=asked), one.markerset, one.columns, held_by
+        found = yield from _share_of(fill_take(xyz[:, one.own], *given), number, len(subjects))
+        whole[:, one.own], filled[:, one.own] = found.xyz, found.filled
+        gaps += [replace(gap, gap=replace(gap.gap, marker=int(one.own[gap.gap.marker]))) for gap in found.gaps]
+        left += [replace(gap, gap=replace(gap.gap, marker=int(one.own[gap.gap.marker]))) for gap in found.left]
+    return FilledTake(whole, filled, _in_order(gaps), _in_order(left))
+
+
+def _in_order(gaps: Sequence) -> tuple:
+    """Gaps that were filled, or left, by their markers and in time."""
+    return tuple(sorted(gaps, key=lambda one: (one.gap.marker, one.gap.start)))
+
+
+def _share_of(work: Generator[float, None, FilledTake], place: int, count: int) -> Generator[float, None, FilledTake]:
+    """One of so many pieces of work."""
+    while True:
+        try:
+            yield (place + next(work)) / count
+        except StopIteration as end:
+            return end.value
 
 
 def kept_fills_of(filled: FilledTake, names: Sequence[str], frames: np.ndarray) -> tuple[KeptFill, ...]:

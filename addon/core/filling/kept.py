@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Fills as a take keeps them: what was filled, and whether it still goes with what is measured around it."""
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -71,28 +72,51 @@ def put_fills(motion: Motion, names: Sequence[str], fills: Sequence[KeptFill]) -
     """
     if not fills:
         return motion, ()
-    markers, residual = motion.markers.copy(), motion.residual.copy()
-    reasons = []
-    for fill in fills:
-        reason = _why_not(motion, names, fill)
-        reasons.append(reason)
-        if not reason:
-            at = fill_rows(motion.frames, fill), list(names).index(fill.marker)
-            markers[at], residual[at] = fill.xyz, 0.0
+    markers, residual = motion.markers.copy(order="K"), motion.residual.copy(order="K")
+    reasons = ["the take has no such marker"] * len(fills)
+    for index, own in fills_by_marker(motion.frames, names, fills).items():
+        told = put_in_marker(markers[:, index], residual[:, index], own, fills)
+        for number, reason in told.items():
+            reasons[number] = reason
     return replace(motion, markers=markers, residual=residual), tuple(reasons)
 
 
-def fill_rows(frames: np.ndarray, fill: KeptFill) -> slice:
-    """Which of the take's frames (T,) a fill is of."""
-    return slice(*np.searchsorted(frames, [fill.first, fill.last + 1]).tolist())
+def fills_by_marker(
+    frames: np.ndarray, names: Sequence[str], fills: Sequence[KeptFill]
+) -> dict[int, list[tuple[int, slice]]]:
+    """By the index of each marker its fills: the number of each in `fills`, and which of the frames (T,) it is of."""
+    index = {name: place for place, name in enumerate(names)}
+    starts = np.searchsorted(frames, [fill.first for fill in fills]).tolist()
+    stops = np.searchsorted(frames, [fill.last + 1 for fill in fills]).tolist()
+    found: dict[int, list[tuple[int, slice]]] = {}
+    for number, (fill, start, stop) in enumerate(zip(fills, starts, stops, strict=True)):
+        if fill.marker in index:
+            found.setdefault(index[fill.marker], []).append((number, slice(start, stop)))
+    return found
 
 
-def filled_samples(frames: np.ndarray, names: Sequence[str], fills: Iterable[KeptFill]) -> np.ndarray:
+def put_in_marker(
+    xyz: np.ndarray, residual: np.ndarray, own: Iterable[tuple[int, slice]], fills: Sequence[KeptFill]
+) -> dict[int, str]:
+    """Puts the fills of a marker that go with it into its places (T, 3) and residuals (T,), as `put_fills` does.
+
+    own are its fills, as `fills_by_marker` tells them; why each does not go with it is given, by its number.
+    """
+    own = list(own)
+    reasons = {number: _why_not(xyz, rows, fills[number]) for number, rows in own}
+    for number, rows in own:
+        if not reasons[number]:
+            xyz[rows], residual[rows] = fills[number].xyz, 0.0
+    return reasons
+
+
+def filled_samples(frames: np.ndarray, names: Sequence[str], fills: Sequence[KeptFill]) -> np.ndarray:
     """(T, M) True where one of the fills put a sample into a take of these frames (T,) and markers."""
-    flags = np.zeros((len(frames), len(names)), bool)
-    for fill in fills:
-        flags[fill_rows(frames, fill), list(names).index(fill.marker)] = True
-    return flags
+    flags = np.zeros((len(names), len(frames)), bool)
+    for index, own in fills_by_marker(frames, names, fills).items():
+        for _, rows in own:
+            flags[index, rows] = True
+    return flags.T
 
 
 def replaced_fills(old: Iterable[KeptFill], new: Sequence[KeptFill]) -> tuple[KeptFill, ...]:
@@ -101,19 +125,19 @@ def replaced_fills(old: Iterable[KeptFill], new: Sequence[KeptFill]) -> tuple[Ke
     return tuple(sorted([*left, *new], key=lambda fill: (fill.marker, fill.first)))
 
 
-def _why_not(motion: Motion, names: Sequence[str], fill: KeptFill) -> str:
-    if fill.marker not in names:
-        return "the take has no such marker"
-    rows, own = fill_rows(motion.frames, fill), motion.markers[:, list(names).index(fill.marker)]
-    if rows.stop - rows.start != len(fill.xyz):
+def _why_not(own: np.ndarray, rows: slice, fill: KeptFill) -> str:
+    """Why a fill does not go with its marker's places (T, 3); "" where it does."""
+    if rows.stop - rows.start != len(fill.path) - 2:
         return "the take has not all of its frames"
     if np.isfinite(own[rows, 0]).any():
         return "the marker is named in some of its frames now"
-    beside = np.full((2, 3), np.nan)
-    if rows.start > 0:
-        beside[0] = own[rows.start - 1]
-    if rows.stop < len(own):
-        beside[1] = own[rows.stop]
-    if not np.allclose(beside, fill.path[[0, -1]], rtol=0, atol=FILL_KEEPING.same_place_m, equal_nan=True):
-        return "the marker is elsewhere now right before or after it"
+    for place, was in ((rows.start - 1, fill.path[0]), (rows.stop, fill.path[-1])):
+        now = own[place].tolist() if 0 <= place < len(own) else (math.nan,) * 3
+        if not all(map(_is_place, now, was.tolist())):
+            return "the marker is elsewhere now right before or after it"
     return ""
+
+
+def _is_place(one: float, other: float) -> bool:
+    """Whether two coordinates are of one place, or of none."""
+    return abs(one - other) <= FILL_KEEPING.same_place_m or (math.isnan(one) and math.isnan(other))

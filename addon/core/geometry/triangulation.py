@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..kernels import calls, stands_for
 from .cameras import Cameras
 from .views import Sight, View
 
@@ -34,7 +35,6 @@ class MeetingOptions:
 
 
 MEETING = MeetingOptions()
-RIDGES = MEETING.ridge * np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,12 +56,7 @@ class Rays:
 
     def __init__(self, view: View, sight: Sight):
         self.centres = sight.centres
-        local = np.concatenate([view.image, np.ones((*view.image.shape[:2], 1))], axis=-1)
-        direction = local @ sight.rotation
-        self.direction = direction / np.sqrt(np.einsum("cki,cki->ck", direction, direction))[..., None]
-        self.across = np.eye(3) - self.direction[..., :, None] * self.direction[..., None, :]
-        self.anchor = (self.across @ self.centres[:, None, :, None])[..., 0]
-        self.cameras = np.arange(len(self.centres))[:, None]
+        self.direction, self.across, self.anchor = blob_rays(view.image, sight.rotation, sight.centres)
 
     def meet(self, slot: np.ndarray, depth: np.ndarray | None = None) -> Meeting:
         """Meets the blobs in slots (C, M), -1 where a camera does not count.
@@ -69,31 +64,47 @@ class Rays:
         Every ray counts by its length, so that what is least is the reprojection error. `depth` (C, M) m says about
         how long they are; without it the point nearest to all rays comes first.
         """
-        seen = slot >= 0
-        index = np.maximum(slot, 0)
-        across, anchor = self.across[self.cameras, index], self.anchor[self.cameras, index]
-        if depth is None:
-            arm = _nearest(across, anchor, seen.astype(float)) - self.centres[:, None]
-            depth = np.sqrt(np.einsum("cmi,cmi->cm", arm, arm))
-        points = _nearest(across, anchor, seen / np.maximum(depth, 1e-3) ** 2)
-        arm = points - self.centres[:, None]
-        missing = (across @ arm[..., None])[..., 0]
-        miss2 = np.einsum("cmi,cmi->cm", missing, missing) * seen
-        count = seen.sum(axis=0)
-        residual = np.sqrt(miss2.sum(axis=0) / np.maximum(count, 1))
-        lost = (count < 2) | ~np.isfinite(points[:, 0])
-        points[lost], residual[lost] = np.nan, np.nan
-        return Meeting(points, residual, np.where(lost, 0, np.sqrt(miss2)))
+        parts = self.across, self.anchor, self.centres
+        return Meeting(*meet(slot, depth, *parts, MEETING.ridge, MEETING.max_condition))
 
 
-def _nearest(across: np.ndarray, anchor: np.ndarray, weight: np.ndarray) -> np.ndarray:
+@stands_for(calls.blob_rays)
+def blob_rays(image, rotation, centres) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of blobs (C, K, 2): the rays' directions (C, K, 3), what projects across them (C, K, 3, 3), centres across."""
+    local = np.concatenate([image, np.ones((*image.shape[:2], 1))], axis=-1)
+    direction = local @ rotation
+    direction /= np.sqrt(np.einsum("cki,cki->ck", direction, direction))[..., None]
+    across = np.eye(3) - direction[..., :, None] * direction[..., None, :]
+    return direction, across, (across @ centres[:, None, :, None])[..., 0]
+
+
+@stands_for(calls.meet)
+def meet(slot, depth, across, anchor, centres, ridge, max_condition) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points (M, 3), residual (M,) and miss (C, M) of `Rays.meet`."""
+    cameras, seen, index = np.arange(len(centres))[:, None], slot >= 0, np.maximum(slot, 0)
+    across, anchor = across[cameras, index], anchor[cameras, index]
+    if depth is None:
+        arm = _nearest(across, anchor, seen.astype(float), ridge, max_condition) - centres[:, None]
+        depth = np.sqrt(np.einsum("cmi,cmi->cm", arm, arm))
+    points = _nearest(across, anchor, seen / np.maximum(depth, 1e-3) ** 2, ridge, max_condition)
+    arm = points - centres[:, None]
+    missing = (across @ arm[..., None])[..., 0]
+    miss2 = np.einsum("cmi,cmi->cm", missing, missing) * seen
+    count = seen.sum(axis=0)
+    residual = np.sqrt(miss2.sum(axis=0) / np.maximum(count, 1))
+    lost = (count < 2) | ~np.isfinite(points[:, 0])
+    points[lost], residual[lost] = np.nan, np.nan
+    return points, residual, np.where(lost, 0, np.sqrt(miss2))
+
+
+def _nearest(across: np.ndarray, anchor: np.ndarray, weight: np.ndarray, ridge, max_condition) -> np.ndarray:
     """(M, 3) the points nearest to their weighted rays; NaN where the rays do not fix one."""
     normal = np.einsum("cm,cmij->mij", weight, across)
     right = np.einsum("cm,cmi->mi", weight, anchor)
-    size = np.einsum("mii->m", normal) + MEETING.ridge
-    inverse = np.linalg.inv(normal / size[:, None, None] + RIDGES)
+    size = np.einsum("mii->m", normal) + ridge
+    inverse = np.linalg.inv(normal / size[:, None, None] + ridge * np.eye(3))
     points = (inverse @ right[..., None])[..., 0] / size[:, None]
-    points[np.einsum("mii->m", inverse) > MEETING.max_condition] = np.nan
+    points[np.einsum("mii->m", inverse) > max_condition] = np.nan
     return points
 
 

@@ -68,29 +68,28 @@ def split_views(blobs: Blobs, cameras: Cameras) -> list[View]:
     usable = np.isfinite(image).all(axis=1)
     rows = np.flatnonzero(usable)
     rows = rows[np.lexsort((blobs.camera[rows], blobs.frame[rows]))]
-    cell = blobs.frame[rows] * len(cameras) + blobs.camera[rows]
-    counts = np.bincount(cell, minlength=len(blobs.frames) * len(cameras))
+    image_of = blobs.frame[rows] * len(cameras) + blobs.camera[rows]
+    counts = np.bincount(image_of, minlength=len(blobs.frames) * len(cameras))
     _refuse_floods(counts, blobs.frames, cameras)
     slot = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)
-    starts = np.searchsorted(blobs.frame[rows], np.arange(len(blobs.frames) + 1))
     widths = counts.reshape(-1, len(cameras)).max(axis=1, initial=0)
-    nothing = _view(image, rows[:0], blobs.camera[:0], slot[:0], (len(cameras), 1))
+    # Frames lie one after the other in three blocks, each as wide as its fullest camera.
+    ends = np.cumsum(np.append(0, widths)) * len(cameras)
+    within = blobs.camera[rows] * widths[blobs.frame[rows]] + slot
+    cell = ends[blobs.frame[rows]] + within
+    places, row = np.full((ends[-1], 2), NOWHERE), np.full(ends[-1], -1)
+    places[cell], row[cell] = image[rows], rows
+    real = row >= 0
+    nothing = View(np.full((len(cameras), 1, 2), NOWHERE), *(np.full((len(cameras), 1), one) for one in (False, -1)))
     views = []
-    for index, width in enumerate(widths):
+    for begin, end, width in zip(ends.tolist(), ends[1:].tolist(), widths.tolist(), strict=False):
         if not width:  # a gap may be thousands of frames: they share the view of nothing
             views.append(nothing)
             continue
-        inside = slice(starts[index], starts[index + 1])
-        views.append(_view(image, rows[inside], blobs.camera[rows[inside]], slot[inside], (len(cameras), int(width))))
+        shape = len(cameras), width
+        parts = places[begin:end].reshape(*shape, 2), real[begin:end].reshape(shape), row[begin:end].reshape(shape)
+        views.append(View(*parts))
     return views
-
-
-def _view(image, rows, camera, slot, shape) -> View:
-    places = np.full((*shape, 2), NOWHERE)
-    places[camera, slot] = image[rows]
-    row = np.full(shape, -1)
-    row[camera, slot] = rows
-    return View(places, row >= 0, row)
 
 
 def _refuse_floods(counts: np.ndarray, frames: np.ndarray, cameras: Cameras):
@@ -108,6 +107,7 @@ class Sight:
 
     def __init__(self, cameras: Cameras):
         self.count = len(cameras)
+        self.min_depth, self.nowhere = VIEWING.min_depth_m, NOWHERE
         self.rotation = cameras.rotation
         self.turned = np.ascontiguousarray(cameras.rotation.transpose(0, 2, 1))
         self.translation = cameras.translation[:, None, :]

@@ -12,7 +12,7 @@ from itertools import tee
 from ..blobs.pipeline import Options, label_take
 from ..body.occlusion import Occlusion
 from ..data.errors import InputError
-from ..data.markersets import MarkerSet
+from ..data.markersets import Worn
 from ..data.takes import (
     BY_LIKELIHOOD,
     BY_PARTIAL_SOLVERS,
@@ -81,7 +81,7 @@ def label_blobs(
         return _labelled(chunks, cameras, model, options, agreement)
     own, named = tee(chunks)
     labelled = _labelled(named, cameras, model, options, agreement)
-    return _with_edits(own, labelled, options.edits, cameras, model.markerset)
+    return with_edits(own, labelled, options.edits, cameras, model.markerset)
 
 
 def _labelled(
@@ -119,8 +119,8 @@ def _labellers(cameras: Cameras, model: Model, options: BlobOptions) -> list[Lab
     return [fit, points] if wanted == "both" else [points]
 
 
-def _with_edits(
-    chunks: Iterable[Blobs], labelled: Iterator[LabelledChunk], edits: Edits, cameras: Cameras, markerset: MarkerSet
+def with_edits(
+    chunks: Iterable[Blobs], labelled: Iterator[LabelledChunk], edits: Edits, cameras: Cameras, markerset: Worn
 ) -> Iterator[LabelledChunk]:
     """The labelled chunks with the edits applied; what these mean, a chunk's `unedited` labels tell where it has some.
 

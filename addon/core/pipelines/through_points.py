@@ -158,7 +158,7 @@ def _decided(
     first, solution = int(window.frames[0]), None
     tracklet = window.tracklet if rulings is None else rulings.parted()
     if work.namer.step == BY_LIKELIHOOD and found.named.any() and can_be_solved(work.model, window.tracklet):
-        solution = solution_of(found, tracklet, window.xyz, work.model, work.rate, first, rulings=rulings)
+        solution = solution_of(found, tracklet, window.xyz, work.model, work.rate, rulings=rulings)
     verdict = verdict_of(solution, found, tracklet, window.xyz, work.model, work.target, first)
     return Verdict(verdict.labels, tuple(_without_number(one) for one in verdict.suspects) + said)
 
@@ -170,7 +170,7 @@ def _rulings(
 
     A point keeps the name of its blob for as long as it is followed, or to half the way to another that a person named.
     """
-    replay = Replay(labels, window.tracklet >= 0, len(work.model.markerset))
+    replay, width = Replay.of_table(labels, len(work.model.markerset)), window.tracklet.shape[1]
     claims: dict[int, list[tuple[int, int]]] = {}
     first = 0
     for start, (blobs, part) in zip(window.starts, waiting, strict=False):
@@ -185,8 +185,9 @@ def _rulings(
         frames = np.array(sorted(last))
         ends = [0, *((frames[1:] + frames[:-1] + 1) // 2).tolist(), len(window.frames)]
         for frame, begin, end in zip(frames.tolist(), ends[:-1], ends[1:], strict=True):
-            replay.assign(slice(begin, end), column, last[frame])
-    return Rulings(replay.done(), labels, window.tracklet) if claims else None
+            there = begin + np.flatnonzero(window.tracklet[begin:end, column] >= 0)
+            replay.assign(there, there * width + column, last[frame])
+    return Rulings(replay.done(labels), labels, window.tracklet) if claims else None
 
 
 def _named_rows(edits: Edits, cells: BlobCells) -> Iterator[tuple[int, int]]:

@@ -2,13 +2,17 @@
 """The model adapted to a take: to a subject that it knows, or to one whose rigid bodies the take itself must show."""
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..data.lanes import Lanes, standing_in
 from ..data.takes import BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Suspect, Verdict
 from .deciding import once
 from .models import Model
-from .rigid_bodies.recognition import RECOGNITION, Recognition, recognise
+
+if TYPE_CHECKING:  # most sets are on no rigid bodies, and need none of it
+    from .rigid_bodies.recognition import Recognition
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,7 +20,7 @@ class Adaptation:
     """The model as it is for a take, and what the take itself says; `recognition` is None where the model must do."""
 
     model: Model
-    recognition: Recognition | None = None
+    recognition: "Recognition | None" = None
 
     @property
     def other_layout(self) -> bool:
@@ -32,6 +36,8 @@ def adapt(model: Model, points: np.ndarray, tracklet: np.ndarray, rate: float) -
     likelihood = model.likelihood
     if likelihood is None or likelihood.rigid_bodies is None or not model.training_takes:
         return Adaptation(model)
+    from .rigid_bodies.recognition import recognise
+
     recognition = recognise(model.structure, likelihood.rigid_bodies, points, tracklet, rate)
     if recognition.known is not False:
         return Adaptation(model, recognition)
@@ -39,13 +45,15 @@ def adapt(model: Model, points: np.ndarray, tracklet: np.ndarray, rate: float) -
     return Adaptation(replace(model, likelihood=own), recognition)
 
 
-def borne_out(verdict: Verdict, adaptation: Adaptation, first_frame: int) -> Verdict:
-    """The names (T, P) without those that the motion of the whole take does not bear out, and what to say of that."""
+def borne_out(verdict: Verdict, adaptation: Adaptation, first_frame: int, lanes: Lanes | None = None) -> Verdict:
+    """The names (T, L) without those that the motion of the whole take does not bear out, and what to say of that."""
     seen, names, labels = adaptation.recognition, adaptation.model.markerset.markers, verdict.labels
     if seen is None:
         return verdict
+    from .rigid_bodies.recognition import RECOGNITION
+
     if not adaptation.other_layout:
-        said = _of_form_alone(seen, first_frame) + _of_props(seen, first_frame)
+        said = _of_form_alone(seen, first_frame) + _of_props(seen, first_frame, lanes)
         return Verdict(labels, said + verdict.suspects)
     found = _found(seen)
     moving = seen.marker != NO_MARKER
@@ -55,7 +63,7 @@ def borne_out(verdict: Verdict, adaptation: Adaptation, first_frame: int) -> Ver
     moves = ~labels.named & moving
     sure = np.where(kept, labels.confidence, 0.0) + np.where(moves, RECOGNITION.motion_confidence, 0.0)
     marker = np.where(moves, seen.marker, np.where(kept, labels.marker, NO_MARKER))
-    marker = once(marker, sure, len(names))
+    marker = once(marker, sure, len(names), lanes)
     step = np.where(marker == labels.marker, labels.step, BY_TRAJECTORY)
     given = marker != NO_MARKER
     checked = Labels(marker, np.where(given, step, NO_STEP), np.where(given, sure, 0.0))
@@ -63,14 +71,14 @@ def borne_out(verdict: Verdict, adaptation: Adaptation, first_frame: int) -> Ver
     named[seen.marker[moving]] = True
     suspects = (
         _of_other_layout(seen, names, named, first_frame)
-        + _of_props(seen, first_frame)
-        + _of_contradictions(seen, np.where(other, labels.marker, NO_MARKER), names, first_frame)
+        + _of_props(seen, first_frame, lanes)
+        + _of_contradictions(seen, np.where(other, labels.marker, NO_MARKER), names, first_frame, lanes)
         + verdict.suspects
     )
     return Verdict(checked, suspects)
 
 
-def _found(seen: Recognition) -> np.ndarray:
+def _found(seen: "Recognition") -> np.ndarray:
     """(M,) True for markers that single frames may name: on a rigid body of known form, or in a known place."""
     found = np.zeros(len(seen.sure), dtype=bool)
     found[[marker for group in seen.rigid_bodies.members for marker in group]] = True
@@ -82,7 +90,7 @@ def _found(seen: Recognition) -> np.ndarray:
     return found
 
 
-def _of_other_layout(seen: Recognition, names, found: np.ndarray, first_frame: int) -> tuple[Suspect, ...]:
+def _of_other_layout(seen: "Recognition", names, found: np.ndarray, first_frame: int) -> tuple[Suspect, ...]:
     """What holds for the whole take of a subject with other rigid bodies than the model's."""
     rigid_bodies = len(seen.cluster)
     sure = int((seen.cluster >= 0).sum())
@@ -94,7 +102,7 @@ def _of_other_layout(seen: Recognition, names, found: np.ndarray, first_frame: i
     return tuple(Suspect(first_frame, first_frame + len(seen.part) - 1, words) for words in said)
 
 
-def _of_form_alone(seen: Recognition, first_frame: int) -> tuple[Suspect, ...]:
+def _of_form_alone(seen: "Recognition", first_frame: int) -> tuple[Suspect, ...]:
     """That nothing checks whether rigid bodies are on the limbs of the training, where the motion does not tell."""
     if seen.known is not None:
         return ()
@@ -106,21 +114,27 @@ def _of_form_alone(seen: Recognition, first_frame: int) -> tuple[Suspect, ...]:
     return (Suspect(first_frame, first_frame + len(seen.part) - 1, words),)
 
 
-def _of_props(seen: Recognition, first_frame: int) -> tuple[Suspect, ...]:
+def _of_props(seen: "Recognition", first_frame: int, lanes: Lanes | None) -> tuple[Suspect, ...]:
     """Things in the room that are not on the subject."""
-    columns = np.flatnonzero(seen.prop.any(axis=0))
-    if not len(columns):
+    prop = seen.prop
+    standing = standing_in(lanes, prop.shape)
+    count = sum(bool(prop[span, lane].any()) for _, span, lane in standing.each_alone())
+    if not count:
         return ()
-    words = f"{len(columns)} trajectories stand still while the subject moves: no markers of the set"
+    words = f"{count} trajectories stand still while the subject moves: no markers of the set"
     return (Suspect(first_frame, first_frame + len(seen.part) - 1, words),)
 
 
-def _of_contradictions(seen: Recognition, said: np.ndarray, names, first_frame: int) -> tuple[Suspect, ...]:
-    """Trajectories that moved as one marker and were named as another, (T, P) where they lost their names."""
-    found = []
-    for column in np.flatnonzero((said != NO_MARKER).any(axis=0)).tolist():
-        frames = np.flatnonzero(said[:, column] != NO_MARKER)
-        moves, looks = names[seen.marker[frames[0], column]], names[said[frames[0], column]]
-        words = f"moves as {moves} and looks like {looks}, so it stays unnamed"
-        found.append(Suspect(int(frames[0]) + first_frame, int(frames[-1]) + first_frame, words, column))
+def _of_contradictions(
+    seen: "Recognition", said: np.ndarray, names, first_frame: int, lanes: Lanes | None
+) -> tuple[Suspect, ...]:
+    """Trajectories that moved as one marker and were named as another, (T, L) where they lost their names."""
+    found, marker = [], seen.marker
+    standing = standing_in(lanes, said.shape)
+    for _, span, lane in standing.each_alone():
+        frames = np.flatnonzero(said[span, lane] != NO_MARKER) + span.start
+        if len(frames):
+            moves, looks = names[marker[frames[0], lane]], names[said[frames[0], lane]]
+            words = f"moves as {moves} and looks like {looks}, so it stays unnamed"
+            found.append(Suspect(int(frames[0]) + first_frame, int(frames[-1]) + first_frame, words, lane))
     return tuple(found)

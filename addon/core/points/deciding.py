@@ -5,16 +5,19 @@ It objects to a marker that for some frames is not where its rigid neighbours ha
 between markers on one bone; what they are, the take itself tells best.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol, Self
 
 import numpy as np
 
-from ..data.takes import NO_MARKER, Labels, Suspect, Verdict
+from ..data.lanes import PACKING, Lanes, blocks, trajectories_at
+from ..data.takes import BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Suspect, Verdict
 from ..review.suspects import suspect_ranges
 from .likelihood.distances import DistanceConstraints
 from .likelihood.model import Likelihood
 from .models import Model
-from .tracklets import vote_tracklets
+from .tracklets import are_lasting, voted_windows
 
 
 @dataclass(frozen=True)
@@ -55,22 +58,106 @@ WITNESSES = WitnessOptions()
 CONSISTENCY = ConsistencyOptions()
 
 
-def decide(named: Labels, tracklet: np.ndarray, model: Model, target: float, first_frame: int) -> Verdict:
+class Said(Protocol):
+    """What frames say on their own: `Labels` (T, L) with their `rate`, or what works them out when it is asked."""
+
+    def __getitem__(self, part: slice) -> Labels:
+        """The labels of the frames from start to stop."""
+
+    def whole(self) -> Labels:
+        """All of them at once."""
+
+
+@dataclass(frozen=True, eq=False)
+class Votes:
+    """What the tracklets (T, L) of a take were voted, window by window, and what a person should look at.
+
+    marker   (T, L)
+    windows  the frames of each window, with how sure its votes are: the different values (K,) and which of them each is
+             (F, L), as there are few; where there are many the values are None, and these (F, L) are it
+    """
+
+    marker: np.ndarray
+    windows: list[tuple[slice, np.ndarray | None, np.ndarray]]
+    suspects: tuple[Suspect, ...]
+
+    @classmethod
+    def of(cls, named: Said, tracklet: np.ndarray, names: Sequence[str], first_frame: int) -> Self:
+        """The votes of what frames of tracklets (T, L) say on their own; the same where they are too short to vote."""
+        if not are_lasting(tracklet):
+            said = named.whole()
+            return cls(said.marker, [(slice(0, len(tracklet)), None, said.confidence)], ())
+        found, suspects = cls(np.full(tracklet.shape, NO_MARKER, np.int16), [], ()), []
+        for frames, part in voted_windows(named, tracklet, names, first_frame):
+            found.marker[frames] = part.labels.marker
+            found.windows.append((frames, *_few(part.labels.confidence, tracklet.size)))
+            suspects += part.suspects
+        return replace(found, suspects=tuple(sorted(suspects, key=lambda suspect: suspect.first)))
+
+    def parts(self) -> Iterator[tuple[slice, np.ndarray]]:
+        """Some frames at a time, and how sure their votes are (F, L)."""
+        for frames, values, which in self.windows:
+            for own in blocks(*which.shape):
+                part = slice(frames.start + own.start, frames.start + own.stop)
+                yield part, which[own].copy() if values is None else values[which[own]]
+
+
+def _few(values: np.ndarray, cells: int) -> tuple[np.ndarray | None, np.ndarray]:
+    """Values (F, L) as `Votes` keeps them: of a table of so many cells, where it is large and they are few, narrow."""
+    if cells <= PACKING.whole_cells:
+        return None, values
+    some, which = np.unique(values, return_inverse=True)
+    if len(some) > np.iinfo(np.uint16).max:
+        return None, values
+    return some, which.reshape(values.shape).astype(np.uint16)
+
+
+def decide(
+    named: Said, tracklet: np.ndarray, model: Model, target: float, first_frame: int, lanes: Lanes | None = None
+) -> Verdict:
     """Lets the tracklets (T, P) vote and keeps what is sure enough that a part `target` of it is right.
 
     named are the labels (T, P) of frames on their own, with their `rate`. Where the vote says what the frame said, the
     frame's own step stays.
     """
-    voted = vote_tracklets(named, tracklet, model.markerset.markers, first_frame)
-    marker, confidence = voted.labels.marker, voted.labels.confidence
-    alone = marker == named.marker
-    chance = np.where(alone, np.maximum(confidence, named.confidence), confidence)
-    sure = alone & (named.rate >= target)
-    backed = _part_sure(sure, tracklet) >= _needed(model, tracklet)
-    marker = np.where((confidence >= target) & backed | sure, marker, NO_MARKER)
-    marker = once(marker, chance, len(model.markerset))
-    labels = Labels(marker, np.where(alone, named.step, voted.labels.step), chance)
-    return Verdict(labels.kept(marker != NO_MARKER), voted.suspects)
+    votes = Votes.of(named, tracklet, model.markerset.markers, first_frame)
+    decided = Labels.none(*tracklet.shape)
+    for part, own in _decided(votes, named, tracklet, model, target, lanes):
+        decided.marker[part], decided.step[part], decided.confidence[part] = own.marker, own.step, own.confidence
+    return Verdict(decided, votes.suspects)
+
+
+def decided_markers(
+    named: Said, tracklet: np.ndarray, model: Model, target: float, lanes: Lanes | None = None
+) -> np.ndarray:
+    """(T, P) the markers alone of what `decide` gives: a long take's labels are large."""
+    votes = Votes.of(named, tracklet, model.markerset.markers, 0)
+    decided = np.empty(tracklet.shape, np.int16)
+    for part, own in _decided(votes, named, tracklet, model, target, lanes):
+        decided[part] = own.marker
+    return decided
+
+
+def _decided(
+    votes: Votes, named: Said, tracklet: np.ndarray, model: Model, target: float, lanes: Lanes | None
+) -> Iterator[tuple[slice, Labels]]:
+    """What is decided of some frames at a time."""
+    needed = _needed(model, tracklet)
+    count = int(tracklet.max(initial=-1)) + 1
+    backed = np.ones(count + 1, bool)
+    if needed > 0:
+        backed = np.append(_part_sure(votes.marker, named, tracklet, target, count) >= needed, False)
+    for part, chance in votes.parts():
+        own, marker = named[part], votes.marker[part].copy()
+        enough = (chance >= target) & backed[tracklet[part]]
+        alone = marker == own.marker
+        np.maximum(chance, own.confidence, out=chance, where=alone)
+        step = np.where(alone, own.step, BY_TRAJECTORY)
+        marker[~(enough | (alone & (own.rate >= target)))] = NO_MARKER
+        marker = once(marker, chance, len(model.markerset), lanes, part.start)
+        nothing = marker == NO_MARKER
+        step[nothing], chance[nothing] = NO_STEP, 0.0
+        yield part, Labels(marker, step, chance)
 
 
 def _needed(model: Model, tracklet: np.ndarray) -> float:
@@ -87,45 +174,88 @@ def _needed(model: Model, tracklet: np.ndarray) -> float:
     return WITNESSES.min_sure_one_subject if few else 0.0
 
 
-def _part_sure(sure: np.ndarray, tracklet: np.ndarray) -> np.ndarray:
-    """(T, P) of each point the part of its tracklet's frames that are sure (T, P) of its name; 0 without one."""
-    present = tracklet >= 0
-    frames = np.bincount(tracklet[present])
-    part = np.bincount(tracklet[present], weights=sure[present]) / np.maximum(frames, 1)
-    return np.where(present, np.append(part, 0.0)[tracklet], 0.0)
+def _part_sure(marker: np.ndarray, named: Said, tracklet: np.ndarray, target: float, count: int) -> np.ndarray:
+    """(N,) the part of each of `count` tracklets' frames that are sure of the marker (T, L) that it was voted."""
+    frames, sure = np.zeros((2, count))
+    for part in blocks(*tracklet.shape):
+        own, there, said = tracklet[part], tracklet[part] >= 0, named[part]
+        frames += np.bincount(own[there], minlength=count)
+        there &= (marker[part] == said.marker) & (said.rate >= target)
+        sure += np.bincount(own[there], minlength=count)
+    return sure / np.maximum(frames, 1)
 
 
 def consistent(verdict: Verdict, points: np.ndarray, likelihood: Likelihood | None, first_frame: int) -> Verdict:
     """Takes back names of points (T, P, 3) m that contradict the rest of the take, and says so."""
     if likelihood is None:
         return verdict
-    frame, column = np.nonzero(verdict.labels.named)
-    marker = verdict.labels.marker[frame, column]
-    stray = strays(verdict.labels.placed(points, len(likelihood)), likelihood.constraints)
-    wrong = stray[frame, marker]
-    kept = verdict.labels.named
-    kept[frame[wrong], column[wrong]] = False
+    labels = verdict.labels
+    stray = strays(MarkerPlaces(points, labels.marker, len(likelihood)), likelihood.constraints)
+    kept = np.ones(labels.marker.shape, bool)
+    for part in blocks(*kept.shape):
+        frame, column = np.nonzero(labels.marker[part] != NO_MARKER)
+        kept[part][frame, column] = ~stray[part][frame, labels.marker[part][frame, column]]
     suspects = verdict.suspects + stray_suspects(stray, likelihood.markers, first_frame)
-    return Verdict(verdict.labels.kept(kept), suspects)
+    return Verdict(labels.kept(kept), suspects)
+
+
+def consistent_markers(marker: np.ndarray, points: np.ndarray, likelihood: Likelihood) -> np.ndarray:
+    """The markers (T, P) of points (T, P, 3) m without those that contradict the rest of the take."""
+    stray, kept = strays(MarkerPlaces(points, marker, len(likelihood)), likelihood.constraints), marker.copy()
+    for part in blocks(*marker.shape):
+        frame, column = np.nonzero(marker[part] != NO_MARKER)
+        off = stray[part][frame, marker[part][frame, column]]
+        kept[part][frame[off], column[off]] = NO_MARKER
+    return kept
+
+
+class MarkerPlaces:
+    """Where each of M markers (T, L) of points (T, L, 3) m is, (T, 3) m by its number: all at once would be large."""
+
+    def __init__(self, points: np.ndarray, marker: np.ndarray, markers: int):
+        self.points, self.shape = points, (len(marker), markers, 3)
+        self.lane = np.full((len(marker), markers), -1, np.int16)
+        for part in blocks(*marker.shape):
+            frame, lane = np.nonzero(marker[part] != NO_MARKER)
+            self.lane[part][frame, marker[part][frame, lane]] = lane
+
+    def of(self, marker: int) -> np.ndarray:
+        """(T, 3) m, NaN where it is not."""
+        frame = np.flatnonzero(self.lane[:, marker] >= 0)
+        found = np.full((len(self.lane), 3), np.nan)
+        found[frame] = self.points[frame, self.lane[frame, marker]]
+        return found
 
 
 def strays(
-    markers: np.ndarray, constraints: DistanceConstraints, options: ConsistencyOptions = CONSISTENCY
+    markers: MarkerPlaces, constraints: DistanceConstraints, options: ConsistencyOptions = CONSISTENCY
 ) -> np.ndarray:
-    """(T, M) True where a marker of (T, M, 3) m, NaN where missing, is off most of those that it moves with."""
+    """(T, M) True where a marker is off most of those that it moves with."""
     count, size = markers.shape[:2]
-    broken, known = np.zeros((2, count, size))
-    for (one, two), sd in zip(constraints.pair.tolist(), constraints.sd.tolist(), strict=True):
-        distance = np.linalg.norm(markers[:, one] - markers[:, two], axis=1)
-        there = np.isfinite(distance)
-        if there.sum() < min(options.min_frames, count):
+    dtype = np.uint8 if size <= np.iinfo(np.uint8).max else np.int16
+    broken, asked = np.zeros((count, size), dtype), []
+    limits = np.maximum(options.max_sd * constraints.sd, options.max_off_m)
+    before, places = -1, np.zeros((0, 3))
+    for (one, two), limit in zip(constraints.pair.tolist(), limits.tolist(), strict=True):
+        if one != before:
+            before, places = one, markers.of(one)
+        distance = np.linalg.norm(places - markers.of(two), axis=1)
+        known = distance[np.isfinite(distance)]
+        if len(known) < min(options.min_frames, count):
             continue
-        usual = np.median(distance[there])
-        off = there & (np.abs(distance - usual) > max(options.max_sd * sd, options.max_off_m))
-        for marker in (one, two):
-            broken[:, marker] += off
-            known[:, marker] += there
-    return (known >= options.min_constraints) & (broken > options.max_broken * known)
+        asked.append([one, two])
+        # What stays within the limit is nowhere off its median.
+        if np.ptp(known) > limit:
+            broken[:, [one, two]] += (np.abs(distance - np.median(known)) > limit)[:, None]
+    found = np.zeros((count, size), bool)
+    if not broken.any():
+        return found
+    known = np.zeros((count, size), dtype)
+    for one, two in asked:
+        known[:, [one, two]] += ((markers.lane[:, one] >= 0) & (markers.lane[:, two] >= 0))[:, None]
+    for part in blocks(count, size):
+        found[part] = (known[part] >= options.min_constraints) & (broken[part] > options.max_broken * known[part])
+    return found
 
 
 def stray_suspects(stray: np.ndarray, names, first_frame: int) -> tuple[Suspect, ...]:
@@ -137,12 +267,19 @@ def stray_suspects(stray: np.ndarray, names, first_frame: int) -> tuple[Suspect,
     return tuple(found)
 
 
-def once(marker: np.ndarray, sure: np.ndarray, markers: int) -> np.ndarray:
-    """Labels (T, P) of which each frame has every marker once: the surest."""
-    kept = np.full(marker.shape, NO_MARKER)
-    for index in range(markers):
-        worth = np.where(marker == index, sure, -1.0)
-        best = worth.argmax(axis=1)
-        frames = np.flatnonzero(worth[np.arange(len(worth)), best] >= 0)
-        kept[frames, best[frames]] = index
+def once(marker: np.ndarray, sure: np.ndarray, markers: int, lanes: Lanes | None = None, start: int = 0) -> np.ndarray:
+    """Labels (T, L) of which each frame has every marker once: the surest, of equals the first in the file.
+
+    They begin with the frame `start` of the take.
+    """
+    kept = marker.copy()
+    for part in blocks(*marker.shape):
+        frame, lane = np.nonzero(marker[part] != NO_MARKER)
+        key = frame * markers + marker[part][frame, lane]
+        more = np.flatnonzero(np.bincount(key)[key] > 1)
+        frame, lane, key = frame[more] + part.start, lane[more], key[more]
+        number = trajectories_at(lanes, frame + start, lane)
+        order = np.lexsort((number, -sure[frame, lane], key))
+        again = order[1:][np.diff(key[order]) == 0]
+        kept[frame[again], lane[again]] = NO_MARKER
     return kept

@@ -4,14 +4,18 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..data.markersets import MarkerSet
+from .history import NO_HISTORY, ModelHistory
 from .likelihood.model import Likelihood
 from .partial_solvers.model import PartialSolvers
 from .rigid_bodies.model import RigidBodies
-from .rigid_bodies.structure import Structure, learn_structure
+
+if TYPE_CHECKING:  # most sets are on no rigid bodies
+    from .rigid_bodies.structure import Structure
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,12 +42,16 @@ class Model:
     likelihood       what was learned to name points by; None where nothing was
     partial_solvers  the same as an ensemble of partial solvers; None where they were not trained
     training_takes   what it was trained on, a take each; empty where that was left out
+    history          who taught it what, and when
+    fingerprint      of the file that it was read from, whatever its history; empty for one that was not
     """
 
     markerset: MarkerSet
     likelihood: Likelihood | None = None
     partial_solvers: PartialSolvers | None = None
     training_takes: tuple[TrainingTake, ...] = ()
+    history: ModelHistory = NO_HISTORY
+    fingerprint: str = ""
 
     @property
     def rigid_bodies(self) -> RigidBodies | None:
@@ -51,8 +59,10 @@ class Model:
         return None if self.likelihood is None else self.likelihood.rigid_bodies
 
     @cached_property
-    def structure(self) -> Structure:
+    def structure(self) -> "Structure":
         """How the rigid bodies lie on the subjects that the model keeps, of a set that is on some."""
+        from .rigid_bodies.structure import learn_structure
+
         return learn_structure(self.rigid_bodies, list(self.subjects.values()))
 
     @property

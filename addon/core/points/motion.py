@@ -1,15 +1,150 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """From named points to a moving body."""
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..body.bodies import Bodies, BodyModel
 from ..body.posing import POSING, fit_points
+from ..data.columns import Columns, beside_of
+from ..data.lanes import Lanes, blocks
 from ..data.markersets import MarkerSet
-from ..data.takes import LabelledChunk, Labels, Motion, Points
+from ..data.room import IN_MEMORY, MakeTable
+from ..data.takes import EditOutcome, LabelledChunk, Labels, Motion, PointRows, Points, Suspect, placed, places_of
+from ..review.suspects import doubtful_flags, suspects_of
+
+
+@dataclass(frozen=True)
+class LeftoverOptions:
+    """How trajectories without a name become columns of a file; reckoned.
+
+    max_columns  beyond which those that are far from each other in time share one: what a C3D file has room for, which
+                 is 16,320 with the markers
+    rest_s       s between two trajectories of one column
+    """
+
+    max_columns: int = 16_000
+    rest_s: float = 1.0
+
+
+LEFTOVERS = LeftoverOptions()
+
+
+@dataclass(frozen=True)
+class MotionOptions:
+    """How the motion of a take is worked out; reckoned, by memory.
+
+    part_frames     at once
+    subject_frames  which a subject's size and shape are taken from: with 12, 16, 24 or 40, bodies were as near
+                    to the markers of 11 takes (2.84 mm; 5.3 mm and 18.5 mm with a third and two thirds of them hidden)
+    """
+
+    part_frames: int = 4096
+    subject_frames: int = 16
+
+
+MOVING = MotionOptions()
+
+
+class ByMarker:
+    """What each of M markers has of the values (T, L, …) of a take's points, (T, M, …), of any frames as an array.
+
+    labels (T, L) say which point is which, `places` where a person placed markers, by frame and marker.
+    """
+
+    def __init__(self, values: np.ndarray, labels: Labels, markers: int, places: Mapping | None = None):
+        self.values, self.labels, self.places = values, labels, dict(places or {})
+        self.shape = (len(values), markers, *values.shape[2:])
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def __getitem__(self, frames) -> np.ndarray:
+        number = np.arange(len(self))[frames]
+        found = np.empty((len(number), *self.shape[1:]))
+        for part in blocks(len(number), self.values.shape[1]):
+            some = number[part]
+            found[part] = placed(self.labels.marker[some], self.values[some], self.shape[1])
+        for (frame, marker), place in self.places.items():
+            found[number == frame, marker] = place
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class TakeMotion:
+    """The named markers of a take and the body posed on them, of which parts are worked out when they are asked for.
+
+    markers   (T, M, 3) m and
+    residual  (T, M) m, NaN where one is not; labels (T, L) are those of the points
+    frames    (T,) the source's numbers
+    bodies    T of them, NaN where there is none
+    """
+
+    markers: ByMarker | np.ndarray
+    residual: ByMarker | np.ndarray
+    labels: Labels
+    model: BodyModel
+    frames: np.ndarray
+    bodies: Bodies
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def part(self, frames: slice) -> Motion:
+        """The motion in the frames from start to stop."""
+        bodies, labels = self.bodies.pick(frames), self.labels[frames]
+        found = np.isfinite(bodies.translation).all(axis=1)
+        expected, joints, turns, scale = _posed(self.model, bodies, found)
+        named = labels.named
+        mean = np.where(named, labels.confidence, 0).sum(axis=1) / np.maximum(named.sum(axis=1), 1)
+        shape = len(found), self.markers.shape[1]
+        nothing, conflicts = np.full(shape, np.nan), np.zeros(shape, int)
+        own = self.frames[frames], self.markers[frames], self.residual[frames]
+        return Motion(*own, nothing, conflicts, expected, joints, turns, scale, np.where(found, mean, 0.0))
+
+    def suspects(self, names: tuple[str, ...], rate: float) -> tuple[Suspect, ...]:
+        """Ranges of frames in which a marker is doubtful, as `review.suspects.find_suspects` finds them."""
+        flags = []
+        for part in self.parts():
+            # A jump is seen by the frames before and after.
+            wide = slice(max(part.start - 1, 0), min(part.stop + 1, len(self)))
+            own = slice(part.start - wide.start, part.stop - wide.start)
+            flags.append([one[own] for one in doubtful_flags(self.part(wide), rate)])
+        return suspects_of(*map(np.concatenate, zip(*flags, strict=True)), self.frames, names)
+
+    def parts(self) -> Iterator[slice]:
+        """The take part by part."""
+        for start in range(0, len(self), MOVING.part_frames):
+            yield slice(start, min(start + MOVING.part_frames, len(self)))
+
+
+def take_motion(
+    markers: ByMarker | np.ndarray,
+    residual: ByMarker | np.ndarray,
+    labels: Labels,
+    markerset: MarkerSet,
+    frames: np.ndarray,
+    progress: Callable[[float], None] | None = None,
+    make_table: MakeTable = IN_MEMORY,
+) -> TakeMotion:
+    """The named markers and the body posed on them.
+
+    markers (T, M, 3) m and residual (T, M) m, NaN where one is not, by the labels (T, L); frames (T,) the source's
+    numbers. `progress` hears the share that is done; `make_table` says where the poses are kept.
+    """
+    model = BodyModel(markerset)
+    if any(
+        (np.isfinite(markers[part][..., 0]).sum(axis=1) >= POSING.min_markers).any()
+        for part in blocks(*markers.shape[:2])
+    ):
+        options = {"subject_frames": MOVING.subject_frames, "progress": progress, "make_table": make_table}
+        bodies = fit_points(model, markers, **options)
+    else:
+        nobody = model.rest(len(markers), 1.0)
+        bodies = replace(nobody, translation=np.full_like(nobody.translation, np.nan))
+    return TakeMotion(markers, residual, labels, model, frames, bodies)
 
 
 def motion_of(
@@ -20,25 +155,8 @@ def motion_of(
     frames: np.ndarray,
     progress: Callable[[float], None] | None = None,
 ) -> Motion:
-    """The named markers and the body posed on them.
-
-    markers (T, M, 3) m and residual (T, M) m, NaN where one is not, by the labels (T, P); frames (T,) the source's
-    numbers. `progress` hears the share that is done.
-    """
-    count, size = markers.shape[:2]
-    model = BodyModel(markerset)
-    if (np.isfinite(markers[..., 0]).sum(axis=1) >= POSING.min_markers).any():
-        bodies = fit_points(model, markers, progress=progress)
-    else:
-        nobody = model.rest(count, 1.0)
-        bodies = replace(nobody, translation=np.full_like(nobody.translation, np.nan))
-    found = np.isfinite(bodies.translation).all(axis=1)
-    expected, joints, turns, scale = _posed(model, bodies, found)
-    named = labels.named
-    mean = np.where(named, labels.confidence, 0).sum(axis=1) / np.maximum(named.sum(axis=1), 1)
-    nothing, conflicts = np.full((count, size), np.nan), np.zeros((count, size), int)
-    confidence = np.where(found, mean, 0.0)
-    return Motion(frames, markers, residual, nothing, conflicts, expected, joints, turns, scale, confidence)
+    """All of a `take_motion`."""
+    return take_motion(markers, residual, labels, markerset, frames, progress).part(slice(0, len(frames)))
 
 
 def _posed(model: BodyModel, bodies: Bodies, found: np.ndarray, at_once: int = 2000) -> tuple[np.ndarray, ...]:
@@ -56,13 +174,59 @@ def _posed(model: BodyModel, bodies: Bodies, found: np.ndarray, at_once: int = 2
     return tuple(whole)
 
 
-def labelled_points(take: Points, labelled: LabelledChunk, markerset: MarkerSet) -> Points:
-    """A labelled take as points: the model's markers in its order, then what stays unlabelled."""
-    motion = labelled.motion
+@dataclass(frozen=True, eq=False)
+class LabelledPoints:
+    """What the labelling says of a take of points; `LabelledChunk` with the motion part by part.
+
+    labels (T, L) and `unedited` are by lanes; suspects, seconds and outcomes are those of all of it. `doubts` are those
+    of the suspects that the motion alone shows, as `TakeMotion.suspects` has them, before they are put together.
+    """
+
+    labels: Labels
+    motion: TakeMotion
+    suspects: tuple[Suspect, ...]
+    seconds: dict[str, float]
+    unedited: Labels | None
+    outcomes: tuple[EditOutcome, ...]
+    doubts: tuple[Suspect, ...]
+
+    def whole(self) -> LabelledChunk:
+        """All of it at once."""
+        motion = self.motion.part(slice(0, len(self.motion)))
+        return LabelledChunk(self.labels, motion, self.suspects, self.seconds, self.unedited, self.outcomes)
+
+    def part(self, take: Points, frames: slice) -> tuple[PointRows, LabelledChunk]:
+        """Some frames as label files have them: rows, and what is said of each; the first ones say what all of it took.
+
+        Suspects are with the part in which they begin.
+        """
+        at = places_of(take, frames)
+        rows, motion = PointRows.at(take, frames, *at), self.motion.part(frames)
+        first, last = int(motion.frames[0]), int(motion.frames[-1])
+        own = tuple(one for one in self.suspects if first <= one.first <= last)
+        unedited = None if self.unedited is None else self.unedited[frames][at]
+        said = (self.seconds, unedited, self.outcomes) if not frames.start else ({}, unedited, ())
+        return rows, LabelledChunk(self.labels[frames][at], motion, own, *said)
+
+
+def labelled_points(
+    take: Points, labelled: LabelledPoints, markerset: MarkerSet, options: LeftoverOptions = LEFTOVERS
+) -> Points:
+    """A labelled take as points: the model's markers in its order, then what stays unlabelled, a column each."""
+    motion, standing = labelled.motion, take.standing
     left = take.present & ~labelled.labels.named
-    columns = np.flatnonzero(left.any(axis=0))
-    rest = np.where(left[:, columns, None], take.xyz[:, columns], np.nan)
-    residual = np.where(left[:, columns], take.residual[:, columns], np.nan)
-    names = (*markerset.markers, *[""] * len(columns))
-    xyz = np.concatenate([motion.markers, rest], axis=1)
-    return Points(names, xyz, np.concatenate([motion.residual, residual], axis=1), take.rate, take.first_frame)
+    spans = [(number, np.flatnonzero(left[span, lane]) + span.start) for number, span, lane in standing.each_alone()]
+    spans = [(number, int(frames[0]), int(frames[-1])) for number, frames in spans if len(frames)]
+    number, first, last = np.array(spans, int).reshape(-1, 3).T
+    place = np.arange(len(number))
+    if len(number) > options.max_columns:
+        place = Lanes.packed(first, last + round(options.rest_s * take.rate)).lane
+    column = np.full(len(standing), -1)
+    column[number] = len(markerset) + place
+    names = (*markerset.markers, *[""] * (int(place.max(initial=-1)) + 1))
+    own = np.arange(len(markerset))
+    xyz, residual = (
+        Columns(markers, own, len(names), beside_of(take, values, column, left))
+        for markers, values in ((motion.markers, take.xyz), (motion.residual, take.residual))
+    )
+    return Points(names, xyz, residual, take.rate, take.first_frame)

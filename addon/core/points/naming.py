@@ -2,16 +2,19 @@
 """Whatever names points: by likelihood, by partial solvers or by a fitted body, all behind one small interface."""
 
 from collections.abc import Iterator
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from ..blobs.pipeline import Options
 from ..data.errors import InputError
 from ..data.takes import Labels
 from .models import Model
 
+if TYPE_CHECKING:  # naming blobs takes a fifth of a second to load, and few takes of points are named so
+    from ..blobs.pipeline import Options
+
 METHODS = ("auto", "fit", "ensemble", "likelihood", "both", "evidence")  # what the user may ask for
+USUAL_TARGET = 0.999  # the part of the labels that must be right, unless another is asked for
 
 
 class Namer(Protocol):
@@ -39,12 +42,12 @@ def chosen_method(model: Model, wanted: str) -> str:
     if wanted == "likelihood" and model.likelihood is None:
         raise InputError(f"model {name} has learned nothing to name points by; expected one made by train")
     if wanted == "ensemble" and model.partial_solvers is None:
-        raise InputError(f"model {name} has no partial solvers; expected one that was trained with --search")
+        raise InputError(f"model {name} has no partial solvers; expected one that was trained by train")
     return wanted
 
 
-def namer_of(model: Model, method: str, options: Options) -> Namer:
-    """What names points by a method that `chosen_method` gave."""
+def namer_of(model: Model, method: str, options: "Options | None") -> Namer:
+    """What names points by a method that `chosen_method` gave. Only a fitted body has options, None for the usual."""
     if method == "likelihood":
         from .likelihood.frames import LikelihoodNamer
 
@@ -53,6 +56,7 @@ def namer_of(model: Model, method: str, options: Options) -> Namer:
         from .partial_solvers.frames import SolversNamer
 
         return SolversNamer(model.partial_solvers)
+    from ..blobs.pipeline import Options
     from .fitted_body import FittedBodyNamer
 
-    return FittedBodyNamer(model.markerset, options)
+    return FittedBodyNamer(model.markerset, options or Options())

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..data.errors import JobError
+from ..data.lanes import blocks
 from ..data.takes import BY_FIT, Labels, evenly_spread
 from .models import Model
 from .naming import Namer
@@ -172,16 +173,18 @@ def far_groups(points: np.ndarray, gap: float, least: float) -> list[np.ndarray]
 
     Two groups are `gap` m from each other or more: what two subjects in one room look like before anything is named.
     """
-    from scipy.cluster.hierarchy import fcluster, linkage
-
     there = np.flatnonzero(np.isfinite(points).all(axis=1))
     if len(there) < 2:
         return []
-    number = fcluster(linkage(points[there], "single"), gap, "distance")
-    found = []
-    for group in np.unique(number):
+    near = ((points[there][:, None] - points[there]) ** 2).sum(axis=2) <= gap**2
+    found, left = [], np.ones(len(there), bool)
+    while left.any():
+        group, before = near[left.argmax()], 0
+        while group.sum() > before:  # whoever is near to one of them
+            before, group = group.sum(), near[group].any(axis=0)
+        left &= ~group
         own = np.zeros(len(points), dtype=bool)
-        own[there[number == group]] = True
+        own[there[group]] = True
         found.append(own)
     return sorted((own for own in found if own.sum() >= least), key=lambda own: -own.sum())
 
@@ -202,7 +205,10 @@ def _each_alone(namer: Namer, points: np.ndarray) -> Labels:
 
 def _points_at_a_time(points: np.ndarray) -> np.ndarray:
     """(T,) how many of points (T, P, 3), NaN where missing, are there."""
-    return np.isfinite(points).all(axis=2).sum(axis=1)
+    count = np.zeros(len(points), int)
+    for part in blocks(*points.shape[:2]):
+        count[part] = np.isfinite(points[part]).all(axis=2).sum(axis=1)
+    return count
 
 
 def _is_crowd(present: np.ndarray, model: Model) -> bool:
@@ -215,17 +221,24 @@ def _possible(points: np.ndarray, markers: int) -> int:
     return max(int(np.minimum(_points_at_a_time(points), markers).sum()), 1)
 
 
-def _two_subjects(model: Model) -> JobError:
-    name = model.markerset.name
-    return JobError(f"shows two subjects or more that wear {name}; expected a take of one, so export them one by one")
+HOW_TO_ASK = "by --subjects 2 or auto, in Blender under Performers"
+
+
+class SubjectsError(JobError):
+    """A take of several subjects, where fewer were asked for."""
+
+
+def _two_subjects(model: Model) -> SubjectsError:
+    words = f"shows two subjects or more that wear {model.markerset.name}"
+    return SubjectsError(f"{words}; expected a take of one, so ask for all of them {HOW_TO_ASK}")
 
 
 def _unrecognised(model: Model, points: np.ndarray, share: float) -> JobError:
     name, size = model.markerset.name, len(model.markerset)
     present = _points_at_a_time(points)
     many = f" or of several subjects at once ({int(present.max())} points, {size} markers)"
-    several = many if _is_crowd(present, model) else ""
+    several, ask = (many, f", or ask for several {HOW_TO_ASK}") if _is_crowd(present, model) else ("", "")
     return JobError(
         f"does not look like a take of model {name}{several}: {share:.0%} of its markers were recognised for sure; "
-        "expected a take of that marker set, so choose its model or train one"
+        f"expected a take of that marker set, so choose its model or train one{ask}"
     )

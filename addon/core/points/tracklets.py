@@ -1,19 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Trajectories of a file cut into tracklets that are surely one marker's each, and the vote of every tracklet.
 
-A column of a file may hold several trajectories one after the other, and a point may leap from one marker to another.
+A trajectory of a file may be several markers' one after the other, and a point may leap from one marker to another.
 What frames said one by one of a tracklet's points becomes one name for as long as the point was followed, unless the
 frames say for long enough that it went over to another marker; that is reported. No two tracklets have the same marker
 at the same time.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
-from ..data.takes import BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Suspect, Verdict, evenly_spread
+from ..data.lanes import PACKING, Lanes, blocks, standing_in
+from ..data.takes import BY_TRAJECTORY, NO_MARKER, Labels, Suspect, Verdict, evenly_spread
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,7 @@ class CutOptions:
                  trajectories: of people at 10 Hz it is two thirds, of points in any order one in as many as there are
     pairs        of frames that are looked at for that, spread over the take,
     min_steps    from one point of a column to the next that must be in them
+    at_once      points that are worked on, by memory
     """
 
     max_gap_s: float = 0.5
@@ -33,6 +35,7 @@ class CutOptions:
     min_nearest: float = 0.4
     pairs: int = 200
     min_steps: int = 100
+    at_once: int = 200_000
 
 
 @dataclass(frozen=True)
@@ -67,39 +70,65 @@ CUTTING = CutOptions()
 VOTE = VoteOptions()
 
 
-def cut(points: np.ndarray, rate: float, options: CutOptions = CUTTING) -> np.ndarray:
-    """(T, P) the number of the tracklet that each point (T, P, 3) m belongs to, -1 where there is none.
+def cut(points: np.ndarray, rate: float, options: CutOptions = CUTTING, lanes: Lanes | None = None) -> np.ndarray:
+    """(T, L) the number of the tracklet that each point (T, L, 3) m belongs to, -1 where there is none.
 
-    Where columns are no trajectories at all, points being in any order, every point is on its own.
+    No tracklet is of two trajectories, which stand as `lanes` say; by their order tracklets are numbered. Where columns
+    are no trajectories at all, points being in any order, every point is on its own.
     """
-    present = np.isfinite(points).all(axis=2)
-    tracklet = np.full(present.shape, -1)
-    if not _are_trajectories(points, present, options):
+    present = np.empty(points.shape[:2], bool)
+    for part in blocks(*present.shape):
+        present[part] = np.isfinite(points[part]).all(axis=2)
+    standing = standing_in(lanes, present.shape)
+    tracklet = np.full(present.shape, -1, np.int32)
+    if not _are_trajectories(points, present, options, lanes):
         tracklet[present] = np.arange(present.sum())
         return tracklet
-    count = 0
-    for column in range(points.shape[1]):
-        frames = np.flatnonzero(present[:, column])
-        if not len(frames):
-            continue
-        gap = np.diff(frames)
-        step = np.linalg.norm(np.diff(points[frames, column], axis=0), axis=1)
-        ends = (gap > options.max_gap_s * rate) | (step > options.max_speed / rate * gap)
-        tracklet[frames, column] = count + np.concatenate([[0], np.cumsum(ends)])
-        count = int(tracklet[frames[-1], column]) + 1
-    return tracklet
+    count, size, waiting = 0, 0, []
+    for _, span, lane in standing.each_alone():
+        frames = np.flatnonzero(present[span, lane]) + span.start
+        waiting.append((frames, np.full(len(frames), lane)))
+        size += len(frames)
+        if size >= options.at_once:
+            count, size, waiting = _cut_some(tracklet, points, waiting, count, rate, options), 0, []
+    if waiting:
+        count = _cut_some(tracklet, points, waiting, count, rate, options)
+    narrow = tracklet.size > PACKING.whole_cells and count <= np.iinfo(np.int16).max
+    return tracklet.astype(np.int16) if narrow else tracklet
 
 
-def _are_trajectories(points: np.ndarray, present: np.ndarray, options: CutOptions) -> bool:
-    """Whether the columns of points (T, P, 3) m, present (T, P), follow anything, as far as can be known."""
-    nearest = steps = 0
-    for frame in evenly_spread(max(len(points) - 1, 0), options.pairs):
-        before, after = np.flatnonzero(present[frame]), np.flatnonzero(present[frame + 1])
-        before = before[present[frame + 1, before]]
-        if len(before):
-            distance = np.linalg.norm(points[frame, before, None] - points[frame + 1, after], axis=2)
-            nearest += int((after[distance.argmin(axis=1)] == before).sum())
-            steps += len(before)
+def _cut_some(tracklet, points, some, count: int, rate: float, options: CutOptions) -> int:
+    """Numbers the tracklets of some trajectories, by frames and lanes (K,) of each, from `count` on; the next one."""
+    frames, lane = (np.concatenate(parts) for parts in zip(*some, strict=True))
+    if not len(frames):
+        return count
+    gap = np.diff(frames)
+    step = np.linalg.norm(np.diff(points[frames, lane], axis=0), axis=1)
+    ends = (gap > options.max_gap_s * rate) | (step > options.max_speed / rate * gap)
+    ends |= np.diff(np.repeat(np.arange(len(some)), [len(own) for own, _ in some])) != 0
+    number = count + np.concatenate([[0], np.cumsum(ends)])
+    tracklet[frames, lane] = number
+    return int(number[-1]) + 1
+
+
+def _are_trajectories(points: np.ndarray, present: np.ndarray, options: CutOptions, lanes: Lanes | None) -> bool:
+    """Whether the trajectories of points (T, L, 3) m, present (T, L), follow anything, as far as can be known."""
+    frames = evenly_spread(max(len(points) - 1, 0), options.pairs)
+    goes_on = present[frames] & present[frames + 1]
+    if lanes is not None:
+        tables = [lanes.table(slice(frame, frame + 2)) for frame in frames]
+        goes_on &= np.array([before == after for before, after in tables], bool).reshape(goes_on.shape)
+    there = np.argsort(~present[frames + 1], axis=1, kind="stable")
+    there = there[:, : int(present[frames + 1].sum(axis=1).max(initial=0))]
+    nearest, steps = 0, int(goes_on.sum())
+    for part in blocks(len(frames), there.shape[1] ** 2):
+        if steps < options.min_steps or nearest >= options.min_nearest * steps:
+            break
+        at, lane = frames[part, None], there[part]
+        before, after = points[at, lane].T, points[at + 1, lane].T
+        square = sum((one[:, None] - other[None]) ** 2 for one, other in zip(after, before, strict=True))
+        own = np.where(np.isnan(square), np.inf, square).argmin(axis=0) == np.arange(lane.shape[1])[:, None]
+        nearest += int((own & np.take_along_axis(goes_on[part], lane, axis=1).T).sum())
     return steps < options.min_steps or nearest >= options.min_nearest * steps
 
 
@@ -112,24 +141,41 @@ def vote_tracklets(
     """
     if not are_lasting(tracklet, options):
         return Verdict(labels)
-    voted, sure = np.full(labels.marker.shape, NO_MARKER), np.zeros(labels.marker.shape)
-    suspects: list[Suspect] = []
-    size = options.window_frames
-    edges = [*range(0, max(len(voted) - size // 2, 1), size), len(voted)]
+    windows = list(voted_windows(labels, tracklet, names, first_frame, options))
+    voted = Labels.join(part.labels for _, part in windows)
+    suspects = [suspect for _, part in windows for suspect in part.suspects]
+    return Verdict(voted, tuple(sorted(suspects, key=lambda suspect: suspect.first)))
+
+
+def voted_windows(
+    labels: Labels, tracklet: np.ndarray, names: Sequence[str], first_frame: int = 0, options: VoteOptions = VOTE
+) -> Iterator[tuple[slice, Verdict]]:
+    """The same of tracklets that are long enough, some frames at a time; `labels` need only give some frames in a row.
+
+    A window's suspects are with it, and so are tracklets that go over to another marker from the window before it.
+    """
+    size, before = options.window_frames, None
+    edges = [*range(0, max(len(tracklet) - size // 2, 1), size), len(tracklet)]
     for first, after in pairwise(edges):
         frames = slice(first, after)
-        part = _vote_window(labels[frames], tracklet[frames], names, first_frame + first, options)
-        voted[frames], sure[frames] = part.labels.marker, part.labels.confidence
-        suspects += part.suspects
-        suspects += _gone_over(voted, tracklet, first, names, first_frame)
-    step = np.where(voted == NO_MARKER, NO_STEP, BY_TRAJECTORY)
-    return Verdict(Labels(voted, step, sure), tuple(sorted(suspects, key=lambda suspect: suspect.first)))
+        part = vote(labels[frames], tracklet[frames], names, first_frame + first, options)
+        marker, suspects = part.labels.marker, part.suspects
+        if before is not None:
+            suspects += _gone_over(before, marker[0], tracklet[first - 1 : first + 1], first + first_frame, names)
+        yield frames, Verdict(part.labels, suspects)
+        before = marker[-1]
 
 
 def are_lasting(tracklet: np.ndarray, options: VoteOptions = VOTE) -> bool:
     """Whether the usual point is on a tracklet (T, P) long enough to go by; not so where frames are in no order."""
-    lengths = np.bincount(tracklet[tracklet >= 0]) if (tracklet >= 0).any() else np.zeros(0, int)
-    return len(lengths) > 0 and bool(np.median(np.repeat(lengths, lengths)) >= options.min_length_frames)
+    lengths = np.zeros(int(tracklet.max(initial=-1)) + 1, int)
+    for part in blocks(*tracklet.shape):
+        lengths += np.bincount(tracklet[part][tracklet[part] >= 0], minlength=len(lengths))
+    lengths = np.sort(lengths)
+    before, whole = np.cumsum(lengths), int(lengths.sum())
+    # The median over the points of how long the tracklet of each is.
+    middle = lengths[np.searchsorted(before, [(whole - 1) // 2, whole // 2], side="right")] if whole else lengths
+    return whole > 0 and bool(middle.mean() >= options.min_length_frames)
 
 
 def frame_log_odds(confidence: np.ndarray, options: VoteOptions = VOTE) -> np.ndarray:
@@ -143,126 +189,115 @@ def gone_over(last: int, first: int, before: str, after: str, column: int) -> Su
     return Suspect(last, first, f"goes over from {before} to {after}", column, (before, after))
 
 
-def _gone_over(marker, tracklet, frame: int, names: Sequence[str], first_frame: int) -> list[Suspect]:
-    """Tracklets that two windows, of which the second begins at `frame`, gave two names."""
-    if frame == 0:
-        return []
-    before, after = marker[frame - 1], marker[frame]
-    changed = (
-        (tracklet[frame - 1] == tracklet[frame]) & (before != after) & (before != NO_MARKER) & (after != NO_MARKER)
-    )
-    at = frame + first_frame
-    return [
+def _gone_over(before, after, tracklet, at: int, names: Sequence[str]) -> tuple[Suspect, ...]:
+    """Tracklets that two windows, of which the second begins at frame `at` by the source's number, gave two names.
+
+    `before` and `after` (L,) are those of the last frame of one and of the first of the other, tracklet (2, L).
+    """
+    changed = (tracklet[0] == tracklet[1]) & (before != after) & (before != NO_MARKER) & (after != NO_MARKER)
+    columns = np.flatnonzero(changed)
+    return tuple(
         gone_over(at - 1, at, names[before[column]], names[after[column]], column)
-        for column in np.flatnonzero(changed).tolist()
-    ]
+        for column in columns[np.argsort(tracklet[1, columns], kind="stable")].tolist()
+    )
 
 
 def renamed(
-    marker: np.ndarray, tracklet: np.ndarray, names: Sequence[str], first_frame: int = 0
+    marker: np.ndarray,
+    tracklet: np.ndarray,
+    names: Sequence[str],
+    first_frame: int = 0,
+    lanes: Lanes | None = None,
 ) -> tuple[Suspect, ...]:
-    """Where a column goes on with another name behind a gap or a leap: its trajectory was not one marker's.
+    """Where a trajectory goes on with another name behind a gap or a leap: it was not one marker's.
 
-    marker and tracklet are (T, P), `names` the M markers' and `first_frame` the source's number of the first frame.
+    marker and tracklet are (T, L), `names` the M markers' and `first_frame` the source's number of the first frame.
     """
     found = []
-    for column in range(marker.shape[1]):
-        frames = np.flatnonzero(marker[:, column] != NO_MARKER)
-        own, part = marker[frames, column], tracklet[frames, column]
+    standing = standing_in(lanes, marker.shape)
+    for _, span, lane in standing.each_alone():
+        frames = np.flatnonzero(marker[span, lane] != NO_MARKER) + span.start
+        own, part = marker[frames, lane], tracklet[frames, lane]
         for at in np.flatnonzero((np.diff(own) != 0) & (np.diff(part) != 0)):
             pair = names[own[at]], names[own[at + 1]]
             words = f"is {pair[0]} and, behind a gap or a leap, {pair[1]}"
             last, first = int(frames[at]) + first_frame, int(frames[at + 1]) + first_frame
-            found.append(Suspect(last, first, words, column, pair))
+            found.append(Suspect(last, first, words, lane, pair))
     return tuple(found)
-
-
-def _vote_window(
-    labels: Labels, tracklet: np.ndarray, names: Sequence[str], first_frame: int, options: VoteOptions
-) -> Verdict:
-    """The same for a few frames: every tracklet a column of its own."""
-    frame, column = np.nonzero(tracklet >= 0)
-    number, place = np.unique(tracklet[frame, column], return_inverse=True)
-    present = np.zeros((len(tracklet), len(number)), bool)
-    present[frame, place] = True
-    said = Labels.none(*present.shape)
-    said.marker[frame, place] = labels.marker[frame, column]
-    said.confidence[frame, place] = labels.confidence[frame, column]
-    owner = np.zeros(len(number), int)
-    owner[place] = column
-    result = vote(said.marker, said.confidence, present, names, first_frame, options)
-    voted = Labels.none(*labels.marker.shape)
-    voted.marker[frame, column] = result.labels.marker[frame, place]
-    voted.confidence[frame, column] = result.labels.confidence[frame, place]
-    # Every suspect of a vote is about one tracklet; a person knows it by the column of the file.
-    return Verdict(voted, tuple(replace(one, trajectory=int(owner[one.trajectory])) for one in result.suspects))
 
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
     """A run of frames of one tracklet that has one name.
 
-    point, first, last  the tracklet's column and its first and last frame, both included, 0-based
-    said                (M,) log odds added up over its frames; silent, the same for no name
+    tracklet, lane  its number, and where it stands
+    frames          (F,) in which it has a point, 0-based
+    said            (M,) log odds added up over them; silent, the same for no name
     """
 
-    point: int
-    first: int
-    last: int
+    tracklet: int
+    lane: int
+    frames: np.ndarray
     said: np.ndarray
     silent: float
 
 
 def vote(
-    marker, confidence, present, names: Sequence[str], first_frame: int = 0, options: VoteOptions = VOTE
+    labels: Labels, tracklet: np.ndarray, names: Sequence[str], first_frame: int = 0, options: VoteOptions = VOTE
 ) -> Verdict:
-    """One name for each tracklet, a column each, or for each part of one that swapped.
+    """One name for each tracklet, or for each part of one that swapped, of frames that all vote together.
 
-    marker (T, P) and confidence (T, P) are what frames said on their own, present (T, P) where a tracklet has a
-    point, names the M markers and first_frame the source's number of the first frame.
+    labels and tracklet are (T, L), names the M markers and first_frame the source's number of the first frame.
     """
-    weight = frame_log_odds(confidence, options)
-    stretches = [
-        stretch
-        for point in range(marker.shape[1])
-        for stretch in _stretches(point, marker[:, point], weight[:, point], present[:, point], len(names), options)
-    ]
-    given = _given(stretches, present, len(names), options)
-    voted = np.full(marker.shape, NO_MARKER)
-    sure = np.zeros(marker.shape)
+    stretches = _stretches(labels, tracklet, len(names), options)
+    given = _given(stretches, len(tracklet), len(names), options)
+    voted = Labels.none(*tracklet.shape)
     for stretch, (name, chance) in zip(stretches, given, strict=True):
         if name != NO_MARKER:
-            frames = slice(stretch.first, stretch.last + 1)
-            here = present[frames, stretch.point]
-            voted[frames, stretch.point] = np.where(here, name, NO_MARKER)
-            sure[frames, stretch.point] = np.where(here, chance, 0)
+            at = stretch.frames, stretch.lane
+            voted.marker[at], voted.step[at], voted.confidence[at] = name, BY_TRAJECTORY, chance
     suspects = _swaps(stretches, given, names, first_frame)
     suspects += _doubts(stretches, given, names, first_frame, options.max_frame_log_odds)
-    step = np.where(voted == NO_MARKER, NO_STEP, BY_TRAJECTORY)
-    return Verdict(Labels(voted, step, sure), tuple(sorted(suspects, key=lambda suspect: suspect.first)))
+    return Verdict(voted, tuple(sorted(suspects, key=lambda suspect: suspect.first)))
 
 
-def _stretches(point: int, marker, weight, present, markers: int, options: VoteOptions) -> list[Stretch]:
-    """The tracklet cut where it went over to another marker."""
-    frames = np.flatnonzero(present)
-    if not len(frames):
+def _stretches(labels: Labels, tracklet: np.ndarray, markers: int, options: VoteOptions) -> list[Stretch]:
+    """The tracklets (T, L) cut where they went over to another marker, those of which no frame says anything left out.
+
+    There may be very many of these, a ghost each, so points are gone through in a row and not in a table of tracklets.
+    """
+    frame, lane = np.nonzero(tracklet >= 0)
+    number, said = tracklet[frame, lane], labels.marker[frame, lane]
+    heard = np.zeros(int(tracklet.max(initial=-1)) + 1, bool)
+    heard[number[said != NO_MARKER]] = True
+    row = np.flatnonzero(heard[number])
+    if not len(row):
         return []
-    said, worth = marker[frames], weight[frames]
-    counts = np.bincount(said[said >= 0], minlength=markers)
-    paid = np.bincount(said[said >= 0], weights=worth[said >= 0], minlength=markers) * options.frame_weight
-    candidates = np.flatnonzero((counts > options.min_part * len(frames)) | (paid > options.swap_cost))
-    state = np.zeros(len(frames), dtype=int)
-    if len(candidates) > 1:
-        gain = np.where(said[:, None] == candidates, worth[:, None], 0) * options.frame_weight
-        state = _most_likely(gain, options.swap_cost)
-    cuts = np.concatenate([[0], np.flatnonzero(np.diff(state)) + 1, [len(frames)]])
-    made = []
-    for first, after in pairwise(cuts):
-        own, how = said[first:after], worth[first:after]
-        total = np.bincount(own[own >= 0], weights=how[own >= 0], minlength=markers)
-        silent = options.ghost_log_odds * float((own < 0).sum())
-        made.append(Stretch(point, int(frames[first]), int(frames[after - 1]), total, silent))
-    return made
+    row = row[np.argsort(number[row], kind="stable")]
+    frame, lane, number, said = frame[row], lane[row], number[row], said[row]
+    worth = frame_log_odds(labels.confidence[frame, lane].astype(float), options)
+    begin = np.flatnonzero(np.diff(number, prepend=-1))
+    counts, paid = _added_up(np.repeat(np.arange(len(begin)), np.diff(begin, append=len(number))), said, worth, markers)
+    length = np.diff(begin, append=len(number))[:, None]
+    considered = (counts > options.min_part * length) | (paid * options.frame_weight > options.swap_cost)
+    cuts = [begin]
+    for one in np.flatnonzero(considered.sum(axis=1) > 1).tolist():
+        own = slice(begin[one], begin[one] + int(length[one, 0]))
+        gain = np.where(said[own, None] == np.flatnonzero(considered[one]), worth[own, None], 0) * options.frame_weight
+        cuts.append(own.start + 1 + np.flatnonzero(np.diff(_most_likely(gain, options.swap_cost))))
+    begin = np.sort(np.concatenate(cuts))
+    _, total = _added_up(np.repeat(np.arange(len(begin)), np.diff(begin, append=len(number))), said, worth, markers)
+    silent = options.ghost_log_odds * np.add.reduceat(said == NO_MARKER, begin, dtype=float)
+    parts = zip(number[begin].tolist(), lane[begin].tolist(), np.split(frame, begin[1:]), total, silent, strict=True)
+    return [Stretch(*part) for part in parts]
+
+
+def _added_up(part: np.ndarray, said: np.ndarray, worth: np.ndarray, markers: int) -> tuple[np.ndarray, np.ndarray]:
+    """How often each marker is said (K,) in each part (K,), and what that is worth, (N, M) each."""
+    count, some = int(part.max(initial=-1)) + 1, said != NO_MARKER
+    cell = part[some] * markers + said[some]
+    tables = (np.bincount(cell, weights, count * markers) for weights in (None, worth[some]))
+    return tuple(table.reshape(count, markers) for table in tables)
 
 
 def _most_likely(gain: np.ndarray, cost: float) -> np.ndarray:
@@ -282,25 +317,21 @@ def _most_likely(gain: np.ndarray, cost: float) -> np.ndarray:
     return path
 
 
-def _given(
-    stretches: list[Stretch], present: np.ndarray, markers: int, options: VoteOptions
-) -> list[tuple[int, float]]:
+def _given(stretches: list[Stretch], frames: int, markers: int, options: VoteOptions) -> list[tuple[int, float]]:
     """The marker and chance of every stretch: who has most to say chooses first, and nobody takes what is taken."""
-    busy = np.zeros((markers, len(present)), dtype=bool)
+    busy = np.zeros((frames, markers), dtype=bool)
     given: list[tuple[int, float]] = [(NO_MARKER, 0.0)] * len(stretches)
     waiting = sorted(range(len(stretches)), key=lambda index: -stretches[index].said.max(initial=0))
     for index in waiting:
         stretch = stretches[index]
-        frames = slice(stretch.first, stretch.last + 1)
-        here = present[frames, stretch.point]
-        allowed = (busy[:, frames] & here).sum(axis=1) <= options.max_overlap_frames
+        allowed = np.add.reduce(busy[stretch.frames], axis=0, dtype=int) <= options.max_overlap_frames
         free = np.where(allowed, stretch.said, 0)
         best = int(free.argmax())
         rest = stretch.said.sum() - stretch.said[best] + stretch.silent
         if free[best] > options.min_majority * (free[best] + rest):
             lead = (free[best] - rest) * options.frame_weight
             given[index] = (best, float(1 / (1 + np.exp(-min(lead, options.max_log_odds)))))
-            busy[best, frames] |= here
+            busy[stretch.frames, best] = True
     return given
 
 
@@ -308,9 +339,9 @@ def _swaps(stretches, given, names, first_frame) -> list[Suspect]:
     """Tracklets that went over from one marker to another."""
     suspects = []
     for (before, (old, _)), (after, (new, _)) in pairwise(zip(stretches, given, strict=True)):
-        if before.point == after.point and NO_MARKER not in (old, new) and old != new:
-            last, first = before.last + first_frame, after.first + first_frame
-            suspects.append(gone_over(last, first, names[old], names[new], before.point))
+        if before.tracklet == after.tracklet and NO_MARKER not in (old, new) and old != new:
+            last, first = int(before.frames[-1]) + first_frame, int(after.frames[0]) + first_frame
+            suspects.append(gone_over(last, first, names[old], names[new], before.lane))
     return suspects
 
 
@@ -318,10 +349,9 @@ def _doubts(stretches, given, names, first_frame, least: float) -> list[Suspect]
     """Tracklets that frames named often and for which no name won."""
     suspects = []
     for stretch, (name, _) in zip(stretches, given, strict=True):
-        order = np.argsort(-stretch.said)[:2]
-        if name == NO_MARKER and stretch.said[order[0]] > stretch.silent and stretch.said[order[0]] > least:
-            likely = tuple(names[marker] for marker in order if stretch.said[marker] > 0)
+        if name == NO_MARKER and stretch.said.max() > max(stretch.silent, least):
+            likely = tuple(names[marker] for marker in np.argsort(-stretch.said)[:2] if stretch.said[marker] > 0)
             words = f"may be {' or '.join(likely)} and stays unnamed"
-            first, last = stretch.first + first_frame, stretch.last + first_frame
-            suspects.append(Suspect(first, last, words, stretch.point, likely))
+            first, last = (int(stretch.frames[at]) + first_frame for at in (0, -1))
+            suspects.append(Suspect(first, last, words, stretch.lane, likely))
     return suspects

@@ -84,6 +84,30 @@ class Reconstructed:
         return (self.rows >= 0).sum(axis=1)
 
 
+class TrajectorySpans:
+    """How many points the N trajectories of a take have, and in which frames, as chunks come in.
+
+    table  (N, 3) points, first and last frame, by the index in the take
+    """
+
+    def __init__(self):
+        self.table = np.zeros((0, 3), np.int64)
+
+    def note(self, trajectory: np.ndarray, frame: np.ndarray):
+        """Counts points (Q,) of more frames."""
+        fresh = int(trajectory.max(initial=-1)) + 1 - len(self.table)
+        if fresh > 0:
+            self.table = np.concatenate([self.table, np.tile([0, np.iinfo(np.int64).max, -1], (fresh, 1))])
+        np.add.at(self.table[:, 0], trajectory, 1)
+        np.minimum.at(self.table[:, 1], trajectory, frame)
+        np.maximum.at(self.table[:, 2], trajectory, frame)
+
+    def lasting(self, frames: int) -> np.ndarray:
+        """(P,) those that are no passing coincidence of rays in a take of so many frames, as they begin."""
+        kept = np.flatnonzero(self.table[:, 0] >= min(RECONSTRUCTION.min_points, frames))
+        return kept[np.argsort(self.table[kept, 1], kind="stable")]
+
+
 def reconstruct_take(chunks: Iterable[Blobs], cameras: Cameras, rate: float = 100.0) -> Iterator[Reconstructed]:
     """Points from the blobs of a take, chunk by chunk: one `Reconstructed` for each of `chunks`, in their order.
 

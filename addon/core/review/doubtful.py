@@ -4,6 +4,7 @@
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -43,25 +44,57 @@ def doubtful_samples(
     suspects are what no edit answers; words the index of each marker by all that edits may call it. What a list of
     suspects sums up over many frames, the motion tells frame by frame.
     """
-    words = words or {name: index for index, name in enumerate(names)}
-    doubtful = unsure_names(rows, labels, motion.residual.shape)
-    exact = find_suspects(motion, tuple(names), rate)
+    names_asked = AskedNames.of(rows, labels, motion.residual.shape)
+    return doubtful_of(
+        names_asked, motion.frames, find_suspects(motion, tuple(names), rate), suspects, names, edits, words
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class AskedNames:
+    """What is said of the names of markers in frames, each (F, M): `unsure` ones, and those given `by_hand`."""
+
+    unsure: np.ndarray
+    by_hand: np.ndarray
+
+    @classmethod
+    def of(cls, rows: Blobs | PointRows, labels: Labels, shape: tuple[int, int]) -> Self:
+        """Those of rows and their labels."""
+        by_hand, at = np.zeros(shape, bool), np.flatnonzero((labels.step == BY_EDIT) & (labels.marker != NO_MARKER))
+        by_hand[rows.frame[at], labels.marker[at]] = True
+        return cls(unsure_names(rows, labels, shape), by_hand)
+
+    @classmethod
+    def join(cls, parts: Sequence[Self]) -> Self:
+        """Those of several parts, one after the other."""
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("unsure", "by_hand")))
+
+
+def doubtful_of(
+    asked: AskedNames,
+    frames: np.ndarray,
+    exact: Iterable[Suspect],
+    suspects: Iterable[Suspect],
+    names: Sequence[str],
+    edits: Edits = NO_EDITS,
+    words: Mapping[str, int] | None = None,
+) -> np.ndarray:
+    """The same by what is said of the names, of frames (F,) by the source's numbers, and what the motion tells."""
+    words, doubtful = words or {name: index for index, name in enumerate(names)}, asked.unsure.copy()
     listed = [one for one in suspects if FAR_OFF not in one.words and JUMPS not in one.words]
     for suspect in (*exact, *listed):
-        part = slice(*np.searchsorted(motion.frames, [suspect.first, suspect.last + 1]).tolist())
+        part = slice(*np.searchsorted(frames, [suspect.first, suspect.last + 1]).tolist())
         own = markers_meant(suspect, words)
         if not own and suspect.words.startswith(WHOLE_FRAME):
             own = list(range(len(names)))
         doubtful[part, own] = True
     if len(edits):
-        right = right_in(edits, words, motion.frames)
+        right = right_in(edits, words, frames)
         doubtful[:, : right.shape[1]] &= ~right
         for index, name in enumerate(names):
             for said in (f"{name} {FAR_OFF}", f"{name} {JUMPS}", f"{name} is off the body at times"):
-                doubtful[:, index] &= ~accepted_in(edits, said, motion.frames)
-    by_hand = np.flatnonzero((labels.step == BY_EDIT) & (labels.marker != NO_MARKER))
-    doubtful[rows.frame[by_hand], labels.marker[by_hand]] = False
-    return doubtful
+                doubtful[:, index] &= ~accepted_in(edits, said, frames)
+    return doubtful & ~asked.by_hand
 
 
 def unsure_names(rows: Blobs | PointRows, labels: Labels, shape: tuple[int, int]) -> np.ndarray:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Points without a name that stay on the body for a while, and the missing marker that each of them may be."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -68,6 +68,21 @@ def find_leftovers(
     chosen = short[evenly_spread(len(short), options.max_samples)] if len(short) else short
     near = _nearest(rows.xyz[chosen], rows.frame[chosen], motion)[0] <= options.max_off_m
     return found, round(len(short) * float(near.mean())) if len(short) else 0
+
+
+def joined_leftovers(before: tuple[Leftover, ...], after: tuple[Leftover, ...]) -> tuple[Leftover, ...]:
+    """Those of a take so far and of its next frames: what goes on from one to the other is one."""
+    ends = {(one.trajectory, one.last): place for place, one in enumerate(before)}
+    joined, new = list(before), []
+    for one in after:
+        place = ends.get((one.trajectory, one.first - 1))
+        if place is None:
+            new.append(one)
+        else:
+            old = joined[place]
+            longer = max(old, one, key=lambda part: part.frames)
+            joined[place] = replace(longer, first=old.first, last=one.last, frames=old.frames + one.frames)
+    return tuple(sorted((*joined, *new), key=lambda one: (one.trajectory, one.first)))
 
 
 def _parts(rows: PointRows, labels: Labels, max_break: float) -> list[np.ndarray]:

@@ -7,7 +7,7 @@ cameras are tried in another order, and it is looked for beside where it was cal
 blobs meet at all, and how large what they show is.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,6 +19,7 @@ from ..geometry.cameras import Cameras
 from ..geometry.triangulation import meet_rows
 from .camera_order import MEETING_BY_CHANCE, CameraAgreement, best_order
 from .camera_places import CameraPlace, find_again
+from .camera_words import OF_ROOM
 from .room_size import times_too_large
 
 
@@ -51,7 +52,6 @@ class StandOutOptions:
 
 
 STANDING_OUT = StandOutOptions()
-OF_ROOM = "the room seems"  # how sentences about a room as a whole begin
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,17 +262,6 @@ class CameraCheck:
                     f"camera {names[index]} seems to have moved since the calibration: its blobs are {offset:.1f} px "
                     "off the points of the other cameras"
                 )
-
-
-def cameras_in(words: str, names: Sequence[str]) -> tuple[str, ...]:
-    """The cameras, of these names, that a sentence of `CameraCheck` is about; none where it is about something else."""
-    return tuple(name for name in names if _is_about(words, name))
-
-
-def _is_about(words: str, name: str) -> bool:
-    # By what stands around a name, as cameras may be called 1, 2 and 12, and the sentences hold figures.
-    single = words.startswith((f"camera {name} seems ", f"camera {name} shows ", f"cameras {name} and "))
-    return single or f" and {name} seem to have " in words or f" of {name} fit the calibration " in words
 
 
 def _plain(metres: float) -> str:

@@ -3,10 +3,10 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..data.markersets import MarkerSet
 from ..data.takes import BY_EDIT, NO_MARKER, Blobs, EditOutcome, LabelledChunk, PointRows
 from ..edits.applying import joined
 from ..edits.kinds import NO_EDITS, Edits, Place
@@ -14,6 +14,9 @@ from ..geometry.cameras import NO_CAMERAS, Cameras
 from .answering import unanswered_of_blobs
 from .moments import Moment, MomentKeeper
 from .suspects import find_suspects
+
+if TYPE_CHECKING:  # it is looked at, and none is made
+    from ..data.markersets import Worn
 
 # What is known of a marker in a frame: nothing, its place by a name that the program gave and, of these, where a person
 # should look; that it was filled, and that a person said so.
@@ -134,7 +137,7 @@ class OverviewSubject:
 
     markers  M names, in the order of everything that is written
     words    index of each marker by its name, aliases too
-    parents  (J,) the skeleton's tree, -1 for the root; empty where nobody knows
+    parents  (J,) the skeleton's tree, -1 for the root, of several one after the other; empty where nobody knows
     """
 
     markers: tuple[str, ...]
@@ -142,9 +145,13 @@ class OverviewSubject:
     parents: tuple[int, ...] = ()
 
     @classmethod
-    def of(cls, markerset: MarkerSet) -> "OverviewSubject":
-        """Whoever wears the markers of a set."""
-        return cls(markerset.markers, markerset.by_name, tuple(markerset.skeleton.parents.tolist()))
+    def of(cls, markerset: "Worn") -> "OverviewSubject":
+        """Whoever wears the markers of a set, or of several side by side."""
+        parents: list[int] = []
+        for _, own in markerset.worn:
+            first = len(parents)
+            parents += [first + parent if parent >= 0 else parent for parent in own.skeleton.parents.tolist()]
+        return cls(markerset.markers, markerset.by_name, tuple(parents))
 
 
 class TakeOverview:
@@ -193,7 +200,8 @@ class TakeOverview:
         self.off_body.add(np.where(measured, np.linalg.norm(motion.markers - motion.expected, axis=-1), np.nan))
         if isinstance(rows, Blobs):
             self._add_blobs(rows, chunk)
-        self.outcomes = joined([self.outcomes, chunk.outcomes]) if self.outcomes else chunk.outcomes
+        if chunk.outcomes:
+            self.outcomes = joined([self.outcomes, chunk.outcomes]) if self.outcomes else chunk.outcomes
         self.keeper.add(rows, chunk, doubts, self.subject.words)
 
     def fill(self, marker: str, first: int, last: int):

@@ -51,14 +51,27 @@ def find_suspects(
 
     `names` are the M markers' names and `rate` the frames a second of `motion`.
     """
+    return suspects_of(*doubtful_flags(motion, rate, options), motion.frames, names, options)
+
+
+def doubtful_flags(motion: Motion, rate: float, options: SuspectOptions = SUSPECTING) -> tuple[np.ndarray, np.ndarray]:
+    """(F, M) True where a marker is far from where the body has it, and (F, M) where it jumps."""
     off_body = np.linalg.norm(motion.markers - motion.expected, axis=-1) > options.max_off_body_m
-    jumps = _jumps(motion.markers, rate, options.max_acceleration)
+    return off_body, _jumps(motion.markers, rate, options.max_acceleration)
+
+
+def suspects_of(
+    off_body: np.ndarray,
+    jumps: np.ndarray,
+    frames: np.ndarray,
+    names: tuple[str, ...],
+    options: SuspectOptions = SUSPECTING,
+) -> tuple[Suspect, ...]:
+    """What `doubtful_flags` (F, M) say, as ranges of the frames (F,), by the source's numbers."""
     found = []
     for index, name in enumerate(names):
         for doubtful, what in ((off_body, FAR_OFF), (jumps, JUMPS)):
-            found += suspect_ranges(
-                motion.frames, doubtful[:, index], f"{name} {what}", options.max_break_frames, (name,)
-            )
+            found += suspect_ranges(frames, doubtful[:, index], f"{name} {what}", options.max_break_frames, (name,))
     return tuple(sorted(found, key=lambda suspect: suspect.first))
 
 

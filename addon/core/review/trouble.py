@@ -16,8 +16,8 @@ from ..edits.kinds import NO_EDITS, Accepted, Delete, Edit, Edits, Right
 from ..geometry.cameras import NO_CAMERAS, Cameras
 from .answering import PAIR, accepted_in, right_in, settled_in
 from .camera_blobs import CameraBlobs
-from .leftovers import LEAVING, Leftover, find_leftovers
-from .odd_cameras import OF_ROOM, cameras_in
+from .camera_words import OF_ROOM, cameras_in
+from .leftovers import LEAVING, Leftover, find_leftovers, joined_leftovers
 from .summary import MM_PER_M
 from .suspects import FAR_OFF, SUSPECTING
 
@@ -197,7 +197,7 @@ class TakeTrouble:
         self._brief = 0
 
     def add(self, rows: Blobs | PointRows, labels: Labels, motion: Motion, sight: "MarkerSight | None" = None):
-        """Adds a chunk, which follows the last; points come as one. `sight` is the motion's, where it is known."""
+        """Adds a chunk, which follows the last. `sight` is the motion's, where it is known."""
         sight = MarkerSight.of(motion) if sight is None else sight
         frames = motion.frames
         self.first = int(frames[0]) if not self.frames else self.first
@@ -207,7 +207,8 @@ class TakeTrouble:
         self.subject_frames += int(here.sum())
         if isinstance(rows, PointRows):
             self.points += len(rows)
-            self._left, self._brief = find_leftovers(rows, labels, motion, self.rate)
+            left, brief = find_leftovers(rows, labels, motion, self.rate)
+            self._left, self._brief = joined_leftovers(self._left, left), self._brief + brief
         else:
             self.by_camera.add(rows, labels, motion)
         lacking = here & ~present
@@ -531,12 +532,13 @@ class _Ranges:
         """Adds the flagged frames of a chunk (F,), flags (M, F); values (M, F) of which the worst and sum are kept."""
         if not flags.any():
             return
-        # Marker after marker, each with a frame behind its last that ends what is flagged there.
-        ended = np.zeros((flags.shape[0], flags.shape[1] + 1), np.int8)
-        ended[:, :-1] = flags
-        edges = np.flatnonzero(np.diff(ended.ravel(), prepend=np.int8(0))).reshape(-1, 2)
-        markers, starts = np.divmod(edges[:, 0], ended.shape[1])
-        stops = edges[:, 1] % ended.shape[1]
+        # Marker after marker, with an edge where what is flagged begins and where it has ended.
+        edge = np.empty((flags.shape[0], flags.shape[1] + 1), bool)
+        edge[:, 0], edge[:, -1] = flags[:, 0], flags[:, -1]
+        np.not_equal(flags[:, 1:], flags[:, :-1], out=edge[:, 1:-1])
+        edges = np.flatnonzero(edge).reshape(-1, 2)
+        markers, starts = np.divmod(edges[:, 0], edge.shape[1])
+        stops = edges[:, 1] % edge.shape[1]
         told = zip(markers.tolist(), starts.tolist(), frames[starts].tolist(), frames[stops - 1].tolist(), strict=True)
         for (marker, start, first, last), stop in zip(told, stops.tolist(), strict=True):
             mine, worst, total = self._of[marker], 0.0, 0.0

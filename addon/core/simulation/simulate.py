@@ -7,7 +7,7 @@ the take's seed and the chunk's number: the same options give the same blobs.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 
@@ -88,6 +88,32 @@ class PosedBody:
     def carry(self, frames: slice, offsets: np.ndarray) -> np.ndarray:
         """See `BodyInTheWay.carry`."""
         return (self.rotations[frames][:, self.attachment] @ offsets[..., None])[..., 0]
+
+    def moved(self, shift: np.ndarray) -> Self:
+        """The same body elsewhere, by `shift` (3,) m."""
+        return replace(self, joints=self.joints + shift)
+
+
+@dataclass(frozen=True, eq=False)
+class BodiesTogether:
+    """Several bodies, the markers of one after those of the other, each in the way of all: sizes are their counts."""
+
+    bodies: tuple[BodyInTheWay, ...]
+    sizes: tuple[int, ...]
+
+    def hidden(self, frames: slice, markers: np.ndarray, centres: np.ndarray) -> np.ndarray:
+        """See `BodyInTheWay.hidden`."""
+        return np.any([body.hidden(frames, markers, centres) for body in self.bodies], axis=0)
+
+    def carry(self, frames: slice, offsets: np.ndarray) -> np.ndarray:
+        """See `BodyInTheWay.carry`."""
+        own = np.split(offsets, np.cumsum(self.sizes)[:-1])
+        carried = [body.carry(frames, part) for body, part in zip(self.bodies, own, strict=True)]
+        return np.concatenate(carried, axis=1)
+
+    def moved(self, shift: np.ndarray) -> Self:
+        """The same bodies elsewhere, by `shift` (3,) m."""
+        return replace(self, bodies=tuple(body.moved(shift) for body in self.bodies))
 
 
 @dataclass(frozen=True, eq=False)

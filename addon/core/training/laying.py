@@ -12,7 +12,7 @@ import numpy as np
 
 from ..body.bodies import Bodies, BodyModel
 from ..body.fit import fit_body
-from ..body.posing import point_pull
+from ..body.posing import labelled_pull
 from ..body.prior import Prior
 from ..data.markersets import MarkerSet
 from ..data.takes import evenly_spread
@@ -120,7 +120,7 @@ def _fitted(model: BodyModel, cloud: np.ndarray, bodies: Bodies, height: float) 
     for gate in np.geomspace(*LAYING.gates, LAYING.rounds) * height:
         matched = _matched(model.pose(bodies).markers, cloud, gate)
         goal = np.where((matched >= 0)[..., None], cloud[matched], np.nan)
-        bodies = fit_body(model, bodies, point_pull(goal), LAYING.steps, prior).bodies
+        bodies = fit_body(model, bodies, labelled_pull(goal), LAYING.steps, prior).bodies
     return model.pose(bodies).markers
 
 
@@ -146,7 +146,7 @@ def _starts(model: BodyModel, cloud: np.ndarray, poses: np.ndarray, height: floa
     goal = (cloud.min(axis=0) + cloud.max(axis=0)) / 2
     yaws = np.arange(LAYING.yaws) * 2 * np.pi / LAYING.yaws
     placed = [turned(markers - middle[:, None], np.full(len(markers), yaw)) + goal for yaw in yaws]
-    costs = np.array([[_far(one, cloud, LAYING.reach * height) for one in row] for row in placed])
+    costs = np.array([_far(row, cloud, LAYING.reach * height) for row in placed])
     chosen = np.argsort(costs, axis=None)[: LAYING.starts]
     yaw, pose = np.unravel_index(chosen, costs.shape)
     picked, about = bodies.pick(pose), rotations.about_z(yaws[yaw])
@@ -154,10 +154,11 @@ def _starts(model: BodyModel, cloud: np.ndarray, poses: np.ndarray, height: floa
     return replace(picked, translation=moved, quaternion=rotations.quaternion_product(about, picked.quaternion))
 
 
-def _far(markers: np.ndarray, cloud: np.ndarray, reach: float) -> float:
-    """How far markers (N, 3) and a cloud (P, 3) are from each other's nearest, none farther than reach."""
-    away = np.minimum(np.linalg.norm(markers[:, None] - cloud, axis=2), reach)
-    return float(away.min(axis=0).mean() + away.min(axis=1).mean())
+def _far(markers: np.ndarray, cloud: np.ndarray, reach: float) -> np.ndarray:
+    """(B,) how far markers (B, N, 3) and a cloud (P, 3) are from each other's nearest, none farther than reach."""
+    squares = (markers**2).sum(axis=2)[:, :, None] + (cloud**2).sum(axis=1) - 2 * (markers @ cloud.T)
+    nearest = (np.sqrt(np.clip(squares.min(axis=axis), 0, reach**2)) for axis in (1, 2))
+    return sum(away.mean(axis=1) for away in nearest)
 
 
 def _matched(markers: np.ndarray, cloud: np.ndarray, gate: float) -> np.ndarray:

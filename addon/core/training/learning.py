@@ -26,7 +26,7 @@ from ..body.anatomy import (
 )
 from ..body.bodies import Bodies, BodyModel
 from ..body.fit import fit_body
-from ..body.posing import aligned, baked, descend_subject, point_pull
+from ..body.posing import aligned, baked, descend_subject, labelled_pull
 from ..body.prior import Prior
 from ..data.markersets import Capsules, MarkerSet, Skeleton, Spread
 from ..geometry import rotations
@@ -295,7 +295,7 @@ def _fit_person(model: BodyModel, points: np.ndarray, person: Person, before: Bo
         return descend_subject(model, before, points, prior, STUDY.more_steps, STUDY.marker_sd_m)
     mean = BodyModel(baked(model, model.rest()))
     start = fit_body(
-        mean, aligned(mean, points, prior), point_pull(points), STUDY.start_steps, Prior(mean, **loose)
+        mean, aligned(mean, points, prior), labelled_pull(points), STUDY.start_steps, Prior(mean, **loose)
     ).bodies
     scale = np.full_like(start.scale, np.median(start.scale))
     start = replace(start, scale=scale, shape=np.zeros((len(points), len(model.modes))))

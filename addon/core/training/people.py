@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.bodies import Bodies, BodyModel
-from ..body.posing import fit_points, point_pull
+from ..body.posing import fit_points, labelled_pull
 from ..body.prior import Prior
 from ..data.markersets import MarkerSet
 from ..data.takes import evenly_spread
@@ -167,7 +167,7 @@ def _cost(model: BodyModel, bodies: Bodies, points: np.ndarray) -> tuple[float, 
     """How badly posed bodies suit points (T, M, 3) m, and what is known of people: a frame in the mean."""
     there = np.isfinite(bodies.translation).all(axis=1)
     bodies, points = bodies.pick(there), points[there]
-    data = point_pull(points)(model.pose(bodies).markers).cost
+    data = labelled_pull(points)(model.pose(bodies).markers).cost
     return float(data.mean()), float(Prior(model).terms(bodies)[0].mean())
 
 

@@ -18,9 +18,10 @@ from ..data.errors import InputError
 from ..data.markersets import MarkerSet
 from ..data.progress import Progress, within
 from ..points.likelihood.learn import LEARN, learning
+from ..points.likelihood.trying import Trying, in_turn
 from ..points.models import Model, TrainingTake, by_subject
 from ..points.partial_solvers.model import FUNCTIONS, PartialSolvers
-from ..points.partial_solvers.training import SEARCHES, Training, training
+from ..points.partial_solvers.training import Training, training
 from ..points.rigid_bodies.model import learn_rigid_bodies
 from .imagining import IMAGINING, imagined, shows_poses, size_of, strangers
 from .laying import LaidBody, laid_body, marker_sides
@@ -48,16 +49,16 @@ class TrainingOptions:
 
     name           its marker set's
     hit_rate       asked of the partial solvers
-    search         how those are found, "none" for none; None for what suits the number of markers
+    search         how those are found, "none" for none: `train_solvers` finds them later, in what the model keeps
     functions      the geometric functions that they are made of
     keep           keep frames of the takes in the model, so that it can be trained on
-    max_markers    beyond, partial solvers are trained only when a search is asked for, as it takes long; reckoned
+    max_markers    beyond, partial solvers are found only when a search is asked for, as it takes long; reckoned
     solver_frames  that partial solvers are trained on, of all subjects together; reckoned
     """
 
     name: str
     hit_rate: float = 0.9999
-    search: str | None = None
+    search: str = "none"
     functions: tuple[str, ...] = FUNCTIONS
     keep: bool = True
     max_markers: int = 40
@@ -133,9 +134,11 @@ def train(
     options: TrainingOptions,
     base: Model | None = None,
     bodies: Sequence[MarkerSet] = (),
+    try_all: Trying = in_turn,
 ) -> Generator[Progress, None, Trained]:
     """Learns a model of these markers, trained on from what `base` keeps; `bodies` are the marker sets that are known.
 
+    `try_all` makes the trials that the model is calibrated by, here or elsewhere.
     Raises InputError where the takes do not show enough.
     """
     marks = [perf_counter()]
@@ -151,11 +154,16 @@ def train(
         subjects, doubts = _subjects(known.everyone, found.learned_on, bodies)
         others = _others(known.everyone, found.learned_on)
         marks.append(perf_counter())
-        work = learning([(points, subject) for subject, points in (subjects | others).items()], markers)
+        work = learning(
+            [(points, subject) for subject, points in (subjects | others).items()], markers, try_all=try_all
+        )
         likelihood = yield from within(work, TRAINING_SHARES["likelihood"], TRAINING_SHARES["partial_solvers"])
         likelihood = replace(likelihood, subjects=len(known.everyone))
         marks.append(perf_counter())
-        solvers = yield from _partial_solvers(subjects, markers, options)
+        solvers = None
+        if options.search != "none":
+            work = _partial_solvers(subjects, markers, options)
+            solvers = yield from within(work, TRAINING_SHARES["partial_solvers"], TRAINING_SHARES["end"])
         marks.append(perf_counter())
     source = _source(known.training_takes)
     if doubts:
@@ -300,16 +308,32 @@ def _residual(markerset: MarkerSet, everyone: dict[str, np.ndarray]) -> np.ndarr
     return middle
 
 
+def train_solvers(
+    model: Model, options: TrainingOptions, bodies: Sequence[MarkerSet] = ()
+) -> Generator[tuple[float, str], None, Model]:
+    """The model with partial solvers, found in what it keeps of its training takes; all else stays as it is.
+
+    `options` says how, as for `train`. Yields the share that is done, and words for it. Raises InputError where the
+    model keeps no takes.
+    """
+    if not model.training_takes:
+        raise InputError(
+            f"model {model.markerset.name} keeps nothing of the takes that it was trained on, so no partial solvers "
+            "can be found in them; expected a model trained without --lean, or with --search"
+        )
+    with threadpool_limits(1, user_api="blas"):
+        subjects, _ = _subjects(model.subjects, model.markerset, bodies)
+        solvers = yield from _partial_solvers(subjects, model.markerset.markers, options)
+    return replace(model, partial_solvers=solvers)
+
+
 def _partial_solvers(
     everyone: dict[str, np.ndarray], markers: Sequence[str], options: TrainingOptions
-) -> Generator[Progress, None, PartialSolvers | None]:
-    if options.search == "none" or (options.search is None and len(markers) > options.max_markers):
-        return None
+) -> Generator[tuple[float, str], None, PartialSolvers]:
     each = max(options.solver_frames // len(everyone), 1)
     points = np.concatenate([own[:: max(-(-len(own) // each), 1)] for own in everyone.values()])
-    how = Training(search=options.search or SEARCHES[1], functions=options.functions)
-    work = training(points, markers, options.hit_rate, how)
-    return (yield from within(work, TRAINING_SHARES["partial_solvers"], TRAINING_SHARES["end"]))
+    how = Training(search=options.search, functions=options.functions)
+    return (yield from training(points, markers, options.hit_rate, how))
 
 
 def _source(training_takes: Sequence[TrainingTake]) -> dict[str, str]:
@@ -322,7 +346,7 @@ def _source(training_takes: Sequence[TrainingTake]) -> dict[str, str]:
 
 def _doubts(model: Model, subjects: int, residual: np.ndarray) -> list[str]:
     """What a person should know of the model, in sentences."""
-    doubts, markers, solvers = [], model.markerset.markers, model.partial_solvers
+    doubts, markers = [], model.markerset.markers
     if subjects == 1:
         doubts.append("learned from one subject: how others differ is a guess; labels of others will be fewer")
     most = max(BODY_CHECK.max_ratio * np.nanmedian(residual), BODY_CHECK.max_residual_m)
@@ -331,7 +355,15 @@ def _doubts(model: Model, subjects: int, residual: np.ndarray) -> list[str]:
             doubts.append(
                 f"{name} does not keep to the body ({1000 * value:.0f} mm off): is it a marker, and one only?"
             )
-    for name, count in zip(markers, [] if solvers is None else solvers.covered, strict=False):
-        if not count:
-            doubts.append(f"no partial solver reaches the hit rate for {name}: the ensemble never names it")
-    return doubts
+    return [*doubts, *never_named(model)]
+
+
+def never_named(model: Model) -> list[str]:
+    """The markers that no partial solver of a model may speak about, a sentence each."""
+    solvers = model.partial_solvers
+    covered = [] if solvers is None else solvers.covered
+    return [
+        f"no partial solver reaches the hit rate for {name}: the ensemble never names it"
+        for name, count in zip(model.markerset.markers, covered, strict=False)
+        if not count
+    ]

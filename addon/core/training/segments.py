@@ -13,7 +13,7 @@ import numpy as np
 from ..data.markersets import Capsules, MarkerSet, Skeleton, Spread
 from ..data.takes import evenly_spread
 from ..geometry import rotations
-from ..geometry.rigid import MIN_POINTS, centre_of_rotation, in_axes, laid_on, mean_form
+from ..geometry.rigid import MIN_POINTS, centre_of_rotation, distance_ranges, in_axes, laid_on, mean_form
 
 
 @dataclass(frozen=True)
@@ -168,12 +168,13 @@ def _variation(points: np.ndarray) -> np.ndarray:
     count, markers = points.shape[:2]
     table = np.full((markers, markers), np.inf)
     tails = [SEGMENTING.tail_percent, 100 - SEGMENTING.tail_percent]
+    columns = np.ascontiguousarray(points.transpose(1, 2, 0))
+    fewest = max(min(SEGMENTING.min_pair_frames, count), 1)
     for index in range(markers):
-        distance = np.linalg.norm(points - points[:, index : index + 1], axis=2)
-        there = np.isfinite(distance)
-        enough = there.sum(axis=0) >= min(SEGMENTING.min_pair_frames, count)
-        low, high = np.nanpercentile(np.where(enough, distance, 0), tails, axis=0)
-        table[index, enough] = ((high - low) / SEGMENTING.tail_range)[enough]
+        distance = np.sqrt(np.square(columns[index:] - columns[index]).sum(axis=1))
+        _, low, high = distance_ranges(distance, tails, fewest)
+        varies = (high - low) / SEGMENTING.tail_range
+        table[index, index:] = table[index:, index] = np.where(np.isnan(varies), np.inf, varies)
     np.fill_diagonal(table, 0)
     return table
 

@@ -22,6 +22,10 @@ class KeepingOptions:
     considered_frames  spread over a subject's takes, of which those are chosen
     compared_frames    of an earlier take that are looked for in the one that may take its place
     same_place_m       size of the cells of space by which points are the same
+    apart_frames       of a take, in which what stands apart is looked for
+    still_m            along each axis that what is no marker on the subject moves in a take, and
+    apart_m            that all that moves is away from it at some time: as far as no two markers of a person are
+    flat_m             along two axes that a number in a trajectory changes by: no camera is so exact
     """
 
     max_size_ratio: float = 5.0
@@ -29,6 +33,10 @@ class KeepingOptions:
     considered_frames: int = 4000
     compared_frames: int = 9
     same_place_m: float = 0.002
+    apart_frames: int = 100
+    still_m: float = 0.005
+    apart_m: float = 2.5
+    flat_m: float = 1e-6
 
 
 KEEPING = KeepingOptions()
@@ -85,6 +93,37 @@ def _of_markers(points: np.ndarray, names: Sequence[str], markers: Sequence[str]
     """(T, M, 3) of points (T, P, 3) those that are called as the markers, NaN for names that are not there."""
     columns = np.array([names.index(marker) if marker in names else -1 for marker in markers])
     return np.where((columns >= 0)[:, None], points[:, columns], points.dtype.type(np.nan))
+
+
+def standing_apart(takes: Sequence[LabelledTake], markers: Sequence[str]) -> tuple[str, ...]:
+    """The names among the markers' that are of nothing on the subject: what stays where it is while all else goes away.
+
+    Programs keep heights and angles in trajectories too, such as one number and two zeros in all frames: what changes
+    along one axis alone, while most others go about.
+    """
+    still, flat = np.ones((2, len(markers)), bool)
+    apart, seen_ever = np.zeros((2, len(markers)), bool)
+    going = False
+    for take in takes:
+        points = _points(take, markers)
+        points = points[evenly_spread(len(points), KEEPING.apart_frames)]
+        seen = np.isfinite(points).all(axis=2)
+        low, high = (pick(np.where(seen[..., None], points, fill), axis=0) for pick, fill in _EXTREMES)
+        moves = ((high - low) > KEEPING.still_m).any(axis=1)
+        still &= ~moves
+        level = ((high - low) <= KEEPING.flat_m).sum(axis=1) >= 2
+        flat &= level
+        seen_ever |= seen.any(axis=0)
+        going |= bool(level.mean() < 0.5)
+        away = np.linalg.norm(points[:, :, None] - points[:, None, moves], axis=3)
+        far = np.nan_to_num(away, nan=0.0).max(axis=0, initial=0.0)
+        apart |= (far >= KEEPING.apart_m).all(axis=1) & moves.any()
+    alone = (still & apart) | (flat & seen_ever & going)
+    return tuple(name for name, one in zip(markers, alone, strict=True) if one)
+
+
+# The least and the largest of an axis, and what is neither where nothing is known.
+_EXTREMES = (np.min, np.inf), (np.max, -np.inf)
 
 
 def of_markers(

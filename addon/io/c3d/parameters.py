@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ...core.data.errors import InputError
+from ..source import BytesOnDisk
 
 KIND = "a C3D file"
 BLOCK = 512
@@ -32,7 +33,7 @@ class C3dFile:
     width       bytes of a word of data
     """
 
-    def __init__(self, content: bytes, path: Path):
+    def __init__(self, content: bytes | BytesOnDisk, path: Path):
         """Raises InputError where the file is no C3D file or its parameters are damaged."""
         if len(content) < 2 * BLOCK or content[1] != MASK_KEY:
             raise InputError(f"does not begin as a C3D file does; expected {KIND}", path)
@@ -63,7 +64,7 @@ class C3dFile:
 
     def word(self, index: int) -> int:
         """The unsigned 16-bit word at `index` of the header, from zero."""
-        return struct.unpack_from(self.order + "H", self.content, 2 * index)[0]
+        return struct.unpack(self.order + "H", self.content[2 * index : 2 * index + 2])[0]
 
     def header_real(self, index: int) -> float:
         """The real number whose first word is at `index` of the header."""

@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What a C3D file holds of points, as it stands there."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from ...core.data.errors import InputError
-from ..source import read_bytes
+from ...core.data.lanes import blocks
+from ..samples import Parts, Samples, dense
+from ..source import BytesOnDisk
 from .layout import FileLayout, find_layout
 from .parameters import C3dFile
 
@@ -17,41 +20,67 @@ CORNER_NUMBERS = 12  # of a force plate
 
 
 @dataclass(frozen=True, eq=False)
-class C3dTake:
-    """What a C3D file holds of points, as it stands there.
+class C3dHead:
+    """What a C3D file says of its points.
 
     labels      P names
-    xyz         (T, P, 3) in the file's units; NaN where missing
-    residual    (T, P) in the file's units; NaN where missing or not stated
+    frames      how many
     rate        frames a second
     first_frame number of the first frame
     texts       text parameters, lists of texts by "GROUP:NAME"
     plates      (N, 4, 3) the corners of force plates, in the file's units
     notes       where the file contradicts itself and what was done about it, in sentences
+    scales      what the numbers of a sample are times, to be in the file's units: its place, and its residual
     """
 
     labels: list[str]
-    xyz: np.ndarray
-    residual: np.ndarray
+    frames: int
     rate: float
     first_frame: int
     texts: dict[str, list[str]]
     plates: np.ndarray
     notes: tuple[str, ...]
+    scales: tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class C3dTake(C3dHead):
+    """All that a C3D file holds of points, as it stands there.
+
+    xyz         (T, P, 3) in the file's units; NaN where missing
+    residual    (T, P) in the file's units; NaN where missing or not stated
+    """
+
+    xyz: np.ndarray
+    residual: np.ndarray
 
 
 def read_c3d(path: Path, rate: float | None = None) -> C3dTake:
-    """Reads a file; `rate` is used where the file says none.
+    """Reads a whole file; `rate` is used where the file says none.
 
     Raises InputError where the file is no C3D file, is damaged or cut off, has no points, or no rate is known.
     """
-    file = C3dFile(read_bytes(path), path)
-    layout = find_layout(file)
-    rate, notes = _rate(file, rate)
-    xyz, residual = _samples(file, layout)
-    texts = {key: file.texts(key) for key, parameter in file.parameters.items() if parameter.kind == -1}
-    labels = _labels(texts, layout.points)
-    return C3dTake(labels, xyz, residual, rate, layout.first, texts, _plates(file), layout.notes + notes)
+    with open_c3d(path, rate) as (head, parts):
+        return C3dTake(**vars(head), **dict(zip(("xyz", "residual"), _dense(head, parts), strict=True)))
+
+
+def _dense(head: C3dHead, parts: Parts) -> tuple[np.ndarray, np.ndarray]:
+    numbers = dense(head.frames, len(head.labels), parts())
+    return tuple(one * scale for one, scale in zip(numbers, head.scales, strict=True))
+
+
+@contextmanager
+def open_c3d(path: Path, rate: float | None = None) -> Iterator[tuple[C3dHead, Parts]]:
+    """A file's head, and the numbers of its samples, which are read from disk part by part; else as `read_c3d`."""
+    with BytesOnDisk(path) as content:
+        file = C3dFile(content, path)
+        layout = find_layout(file)
+        rate, notes = _rate(file, rate)
+        texts = {key: file.texts(key) for key, parameter in file.parameters.items() if parameter.kind == -1}
+        labels, notes = _labels(texts, layout.points), layout.notes + notes
+        scales = (1.0 if file.scale < 0 else file.scale), abs(file.scale)
+        head = C3dHead(labels, layout.frames, rate, layout.first, texts, _plates(file), notes, scales)
+        yield head, lambda: _parts(file, layout)
 
 
 def _rate(file: C3dFile, given: float | None) -> tuple[float, tuple[str, ...]]:
@@ -68,18 +97,27 @@ def _rate(file: C3dFile, given: float | None) -> tuple[float, tuple[str, ...]]:
     return given, (f"the file has a rate of {claims[0]:g} frames a second, so the {given:g} that are given were taken",)
 
 
-def _samples(file: C3dFile, layout: FileLayout) -> tuple[np.ndarray, np.ndarray]:
-    """Points (T, P, 3) and residuals (T, P), NaN where missing."""
-    content = file.content[layout.start : layout.start + layout.frames * layout.stride * file.width]
-    words = file.reals(content) if file.scale < 0 else np.frombuffer(content, file.order + "i2")
-    words = words.reshape(layout.frames, layout.stride)[:, : 4 * layout.points].reshape(layout.frames, -1, 4)
+def _parts(file: C3dFile, layout: FileLayout) -> Iterator[Samples]:
+    """The samples of all frames."""
+    size = layout.stride * file.width
+    for part in blocks(layout.frames, layout.stride):
+        content = file.content[layout.start + part.start * size : layout.start + part.stop * size]
+        words = file.reals(content) if file.scale < 0 else np.frombuffer(content, file.order + "i2")
+        yield _samples(file, words.reshape(-1, layout.stride)[:, : 4 * layout.points], part.start)
+
+
+def _samples(file: C3dFile, words: np.ndarray, first: int) -> Samples:
+    """Those of some frames of words (F, 4P), of which the first is the frame `first`."""
+    words = words.reshape(len(words), -1, 4)
     with np.errstate(invalid="ignore", over="ignore"):
-        xyz = words[..., :3].astype(float) * (1 if file.scale < 0 else file.scale)
         word, known = _fourth_word(words[..., 3])
-        missing = ~(np.isfinite(xyz).all(axis=2) & (np.abs(xyz) < 1e9).all(axis=2)) | (xyz == 0).all(axis=2)
-    missing |= word < 0
-    xyz[missing] = np.nan
-    return xyz, np.where(missing | ~known, np.nan, (word & 0xFF) * abs(file.scale))
+        frame, column = np.nonzero(word >= 0)
+        numbers = words[frame, column, :3].astype(np.float32)  # which holds all that either kind of word says
+        xyz = numbers.astype(float) * (1 if file.scale < 0 else file.scale)
+        there = np.isfinite(xyz).all(axis=1) & (np.abs(xyz) < 1e9).all(axis=1) & ~(xyz == 0).all(axis=1)
+    frame, column = frame[there], column[there]
+    residual = np.where(known[frame, column], word[frame, column] & 0xFF, np.nan).astype(np.float32)
+    return Samples(frame + first, column, numbers[there], residual)
 
 
 def _fourth_word(words: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ...core.data.errors import InputError
+from ...core.data.lanes import blocks
 from .parameters import BLOCK, INTEL, MASK_KEY
 
 # 255 steps of this many mm are what the residual of a sample has room for: 0 to 12.75 mm.
@@ -18,7 +19,6 @@ RESIDUAL_STEP = 0.05
 UNKNOWN_RESIDUAL_M = 0.0001
 
 MILLIMETRES = 1000.0
-FRAMES_AT_ONCE = 4096
 MAX_POINTS = 64 * 255
 MAX_MASK = 127  # of the cameras that saw a sample, beside the sign
 MAX_NAME_BYTES = 255  # bytes
@@ -79,9 +79,7 @@ def write_c3d_file(path: Path, labels: list[str], xyz: np.ndarray, residual: np.
     with Path(path).open("wb") as file:
         file.write(header.ljust(BLOCK, b"\0"))
         file.write(section)
-        for start in range(0, frames, FRAMES_AT_ONCE):
-            part = slice(start, start + FRAMES_AT_ONCE)
-            file.write(_samples(xyz[part], residual[part]).tobytes())
+        file.writelines(_samples(xyz[part], residual[part]).tobytes() for part in blocks(frames, count))
         # Readers that cannot count beyond 65535 frames read to the end: the padding must be shorter than a frame.
         padding = -(frames * 16 * count) % BLOCK
         file.write(b"\0" * (padding if last < 65535 else padding % (16 * count)))

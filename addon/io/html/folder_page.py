@@ -2,85 +2,86 @@
 """`summary.report.html`: the takes of a folder beside each other, the worst first, each with a link to its own page."""
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from urllib.parse import quote
 
+from ..batch import FAILING, TakeRow, worst_first
 from .drawings import bar
-from .markup import GENERATOR, Html, count_of, element, name_of, percent, section, table, write_page
+from .markup import GENERATOR, Html, count_of, element, length, name_of, percent, section, table, write_page
 
 
-def write_folder_page(
-    path: Path, reports: Sequence[Mapping], failed: Iterable[tuple[str, str]], page: str, written: str
-):
-    """Writes the page over takes by their reports, and says of those that `failed`, by their names, why.
+def write_folder_page(path: Path, rows: Sequence[TakeRow], written: str):
+    """Writes the page over takes by their rows of the summary, and says of those that failed why.
 
-    `page` is what the name of a take's own page ends in, which lies beside this one; written is the day, as text.
+    The takes' own pages lie beside this one; written is the day, as text.
     """
-    failed = list(failed)
-    ordered = sorted(reports, key=lambda report: (_found_part(report), -_open_trouble(report)))
-    words = f"{count_of(len(reports), 'take')} labelled" + (f", {len(failed)} failed" if failed else "")
-    version = f"{GENERATOR} {reports[0]['version']}" if reports else GENERATOR
+    ordered = worst_first(rows)
+    labelled = [row for row in ordered if row.measured]
+    failed = [row for row in ordered if row.state == FAILING]
+    words = f"{count_of(len(labelled), 'take')} labelled" + (f", {len(failed)} failed" if failed else "")
+    to_come = len(ordered) - len(labelled) - len(failed)
+    words += f", {to_come} to come" if to_come else ""
+    version = f"{GENERATOR} {labelled[0].version}" if labelled else GENERATOR
     parts = (
         element("h1", "Labelled takes"),
-        element("p", f"{words}, {sum(report['frames'] for report in reports):,} frames.", class_="soft"),
+        element("p", f"{words}, {sum(row.frames for row in labelled):,} frames.", class_="soft"),
         _failed(failed),
-        _takes(ordered, page),
-        _markers(ordered),
+        _takes(labelled),
+        _markers(labelled),
         element("footer", f"Made by {version} on {written}. This page asks for nothing from elsewhere."),
     )
     write_page(path, "Labelled takes", (part for part in parts if part is not None))
 
 
-def _found_part(report: Mapping) -> float:
-    """The part of all samples, markers times frames, that was found."""
-    found = sum(row["labelled_frames"] for row in report["markers"].values())
-    return found / max(report["frames"] * len(report["markers"]), 1)
-
-
-def _open_trouble(report: Mapping) -> int:
-    """How much is to be looked at."""
-    return sum(not one["answered"] for one in report["trouble"])
-
-
-def _named_part(report: Mapping) -> float | None:
-    count = report["points" if "points" in report else "blobs"]
-    return (count - report["unlabelled"]) / count if count else None
-
-
-def _failed(failed: Sequence[tuple[str, str]]) -> Html | None:
+def _failed(failed: Sequence[TakeRow]) -> Html | None:
     if not failed:
         return None
-    rows = [(name_of(take), reason) for take, reason in failed]
+    rows = [(name_of(row.source), row.reason) for row in failed]
     return section("Takes that failed", table(("Take", "Why"), rows, "They have no page"))
 
 
-def _takes(reports: Sequence[Mapping], page: str) -> Html | None:
-    if not reports:
+def _takes(takes: Sequence[TakeRow]) -> Html | None:
+    if not takes:
         return None
-    filled = any("filled" in report for report in reports)
-    heads = ["Take", "Frames", "Samples found", "Frames whole", "Named", "To look at"]
+    filled = any(row.gaps for row in takes)
+    heads = [
+        "Take",
+        "To look at",
+        "At stake",
+        "Named",
+        "On the body",
+        "Samples found",
+        "Frames whole",
+        "Frames",
+        "Time",
+    ]
     heads += ["Gaps filled"] if filled else []
-    rows = []
-    for report in reports:
-        whole, found, name = report["frames_whole"] / max(report["frames"], 1), _found_part(report), report["take"]
-        cells = [element("a", name_of(name), href=_link(name + page)), f"{report['frames']:,}"]
-        cells += [bar(found, f"Samples found of {name}"), bar(whole, f"Frames whole of {name}")]
-        cells += [percent(_named_part(report)), f"{_open_trouble(report):,}"]
-        if filled:
-            cells.append(_gaps(report))
-        rows.append(cells)
+    cells = [_cells(row) + ([_gaps(row)] if filled else []) for row in takes]
     words = (
-        "Those with the smallest part of their samples found first; a frame is whole where every marker that the take "
-        "has is found"
+        "Those with the most at stake first: frames of a marker that are wrong or missing if what is to be looked at "
+        "is as it seems. On the body is what has no name there. A frame is whole where every marker of the take is "
+        "found"
     )
-    return section("Takes", table(heads, rows, words, {1, 4, 5, 6} & set(range(len(heads)))))
+    return section("Takes", table(heads, cells, words, {1, 2, 3, 4, 7, 8, 9} & set(range(len(heads)))))
 
 
-def _gaps(report: Mapping) -> str:
-    if "filled" not in report:
-        return "–"
-    return f"{len(report['filled']):,} of {len(report['filled']) + len(report['left']):,}"
+def _cells(row: TakeRow) -> list:
+    return [
+        element("a", name_of(row.take), href=_link(row.page)) if row.page else name_of(row.take),
+        f"{row.trouble:,}",
+        f"{row.at_stake:,.0f}",
+        percent(row.named),
+        f"{row.on_body:,}",
+        bar(row.found, f"Samples found of {row.take}"),
+        bar(row.whole / max(row.frames, 1), f"Frames whole of {row.take}"),
+        f"{row.frames:,}",
+        f"{length(row.seconds)} s",
+    ]
+
+
+def _gaps(row: TakeRow) -> str:
+    return "–" if row.gaps is None else f"{row.gaps[0]:,} of {row.gaps[1]:,}"
 
 
 def _link(name: str) -> str:
@@ -88,17 +89,17 @@ def _link(name: str) -> str:
     return "./" + quote(os.fsencode(name))
 
 
-def _markers(reports: Sequence[Mapping]) -> Html | None:
+def _markers(takes: Sequence[TakeRow]) -> Html | None:
     """How often each marker was found in all takes, and in which the least."""
-    names = dict.fromkeys(name for report in reports for name in report["markers"])
+    names = dict.fromkeys(name for row in takes for name in row.markers or ())
     rows = []
     for name in names:
-        own = [report for report in reports if name in report["markers"]]
-        found = [report["markers"][name]["labelled_frames"] / max(report["frames"], 1) for report in own]
-        frames = [report["frames"] for report in own]
+        own = [row for row in takes if name in (row.markers or ())]
+        found = [row.markers[name] / max(row.frames, 1) for row in own]
+        frames = [row.frames for row in own]
         mean = sum(part * count for part, count in zip(found, frames, strict=True)) / max(sum(frames), 1)
         least = min(range(len(own)), key=found.__getitem__)
-        rows.append((mean, name, found[least], own[least]["take"]))
+        rows.append((mean, name, found[least], own[least].take))
     listed = [
         (
             name_of(name),

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ...core.edits.wording import words_of
-from ...core.review.odd_cameras import cameras_in
+from ...core.review.camera_words import cameras_in
 from ...core.review.overview import CELL_STATES, TakeOverview
 from .drawings import bar, histogram, moment_views, over_time, strip_legend, time_strips
 from .markup import (
@@ -87,11 +87,15 @@ def _head(report: Mapping, overview: TakeOverview) -> Html:
     return joined_html(
         [
             element("h1", name_of(report["take"])),
-            element(
-                "p", words, name_of(report["model"]), f", labelled by {GENERATOR} {report['version']}", class_="soft"
-            ),
+            element("p", words, _model_of(report), f", labelled by {GENERATOR} {report['version']}", class_="soft"),
         ]
     )
+
+
+def _model_of(report: Mapping) -> Html:
+    """The marker set, and which version of it where that is known."""
+    version = f", version {report['model_version']}" if "model_version" in report else ""
+    return joined_html([name_of(report["model"]), escaped(version)])
 
 
 def _clock(seconds: float) -> str:
@@ -371,7 +375,8 @@ def _made(report: Mapping, overview: TakeOverview, source: str) -> Html:
         "File": name_of(source) if source else None,
         "Frames": f"{overview.first} to {overview.last}" if overview.frames else None,
         "Rate": f"{report['rate']:g} a second" + (", assumed" if report.get("rate_assumed") else ""),
-        "Marker set": name_of(report["model"]),
+        "Marker set": _model_of(report),
+        "Fingerprint of the marker set": report.get("model_fingerprint"),
         "Method": report.get("method"),
         "Labels asked to be right": percent(report["target"]) if "target" in report else None,
         "Hidden markers by": report.get("occlusion"),

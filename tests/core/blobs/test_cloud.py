@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from addon.core.blobs.cloud import build_cloud
+from addon.core.blobs.cloud import build_cloud, partners
 from addon.core.geometry.views import Sight, split_views
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from tests.core.scenes import FLAWLESS, blobs_at, built_in, stand
@@ -65,3 +65,20 @@ def test_support_counts_cameras_and_weights_are_shares():
     cloud = cloud_of(SPREAD, cameras)
     assert (cloud.support >= 2).all() and (cloud.support <= 8).all()
     assert (cloud.weight > 0).all() and (cloud.weight <= 1).all()
+
+
+def test_of_many_cameras_the_neighbours_are_enough():
+    cameras = ring_rig(16)
+    scene = stand(built_in("body26"), cameras, seed=3, facing=1.0, options=FLAWLESS)
+    cloud = build_cloud(scene.views()[0], Sight(cameras))
+    seen = np.array([sum(mark in text.split("|") for text in scene.truth) for mark in scene.markerset.markers])
+    distance = np.linalg.norm(cloud.points[:, None] - scene.points[0][None], axis=-1)
+    assert (distance.min(axis=0)[seen >= 4] < 0.01).all()
+    assert cloud.weight[distance.min(axis=1) > 0.03].sum() < 3
+
+
+def test_partners_are_the_nearest_cameras_either_way():
+    centres = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [10, 0, 0]])
+    expected = np.array([[0, 1, 0, 0], [1, 0, 1, 0], [0, 1, 0, 1], [0, 0, 1, 0]], bool)
+    assert (partners(centres, 1) == expected).all()
+    assert (partners(centres, 3) == ~np.eye(4, dtype=bool)).all()

@@ -129,3 +129,10 @@ def test_the_nearer_of_two_markers_on_one_line_has_the_blob():
     # Were it as odd that a marker is not seen behind another as anywhere, the farther one would have it.
     blind = replace(JOINTLY, seen_behind=JOINTLY.seen, seen_before=JOINTLY.seen)
     assert name_jointly(frame, blind)[0].slot[0, behind] == before
+
+
+def test_of_many_cameras_neighbours_do_not_crowd_out_a_marker():
+    cameras, markerset = ring_rig(20, generator=np.random.default_rng(5)), built_in("gait15")
+    scene = film(markerset, cameras, person_of(markerset, 2, 1.75), replace(ROOM, reflections=0, seed=2))
+    found = find_subject(scene.views()[0], Setup.of(cameras, markerset), Hints(), alone=True)
+    assert wrong_in(scene, found.naming) == (0, 0)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addon.core.body.cost import blob_pull, cloud_pull, ray_pull
+from addon.core.body.cost import BlobPull, CloudPull, RayPull
 from addon.core.geometry.cameras import Cameras
 from addon.core.geometry.views import Sight, split_views
 from addon.core.simulation.rigs import paper_rig
@@ -36,7 +36,7 @@ TOY_BLOBS = [np.array([[203.0, 204.0], [200.0, 175.0]]), np.array([[200.0, 190.0
 
 def toy(visible, blobs=TOY_BLOBS, softness=0.01, reach=0.2):
     view = split_views(blobs_at(blobs), PAIR)[0]
-    return blob_pull(MARKERS, np.array(visible, dtype=bool)[None], view, Sight(PAIR), softness, reach)
+    return BlobPull(np.array(visible, dtype=bool)[None], view, Sight(PAIR), softness, reach)(MARKERS)
 
 
 def test_two_cameras_by_hand():
@@ -104,7 +104,7 @@ def test_equation_7_and_its_gradient_against_finite_differences(seed, stage):
     pixels = list(rig.project(markers + generator.normal(0, 0.05, markers.shape)))
     view, sight = split_views(blobs_at(pixels), rig)[0], Sight(rig)
     depth = sight.local(markers[None])[0, ..., 2].mean(axis=1)
-    pull = blob_pull(markers[None], visible[None], view, sight, softness, reach)
+    pull = BlobPull(visible[None], view, sight, softness, reach)(markers[None])
 
     def cost(moved):
         return reference(moved, visible, view.image, rig, depth, softness, reach)
@@ -127,7 +127,7 @@ def test_the_neglected_change_of_depth_is_small(seed):
     view, sight, visible = split_views(blobs_at(pixels), rig)[0], Sight(rig), np.ones((1, 4, 15), dtype=bool)
 
     def pull(moved):
-        return blob_pull(moved[None], visible, view, sight, 0.1, 0.3)
+        return BlobPull(visible, view, sight, 0.1, 0.3)(moved[None])
 
     steps = small * np.eye(3)
     slope = [(pull(markers + step).cost - pull(markers - step).cost)[0] / (2 * small) for step in steps]
@@ -152,9 +152,9 @@ def test_near_its_blob_the_hessian_of_equation_7_is_the_curvature():
     markers = np.array([[[0.1, 0.2, 0.5], [-0.3, 0.1, 1.5]]])
     view, sight = split_views(blobs_at(list(rig.project(markers[0]))), rig)[0], Sight(rig)
     visible = np.ones((1, 4, 2), dtype=bool)
-    pull = blob_pull(markers, visible, view, sight, 0.02, 0.2)
+    pull = BlobPull(visible, view, sight, 0.02, 0.2)(markers)
     assert pull.gradient == pytest.approx(np.zeros((1, 2, 3)), abs=1e-9)
-    real = curvature(lambda moved: blob_pull(moved, visible, view, sight, 0.02, 0.2).gradient, markers)
+    real = curvature(lambda moved: BlobPull(visible, view, sight, 0.02, 0.2)(moved).gradient, markers)
     # A marker that moves sideways is also another depth for the camera behind it; a thousandth remains of that.
     assert pull.hessian[0] == pytest.approx(real, rel=1e-2, abs=1e-2 * np.abs(real).max())
 
@@ -164,7 +164,7 @@ def test_hessians_are_symmetric_and_never_negative(seed):
     rig, generator = paper_rig(), np.random.default_rng(seed)
     markers = generator.uniform([-0.4, -0.4, 0.4], [0.4, 0.4, 1.6], (2, 5, 3))
     view, sight = split_views(blobs_at(list(rig.project(markers[0]))), rig)[0], Sight(rig)
-    pull = blob_pull(markers, generator.random((2, 4, 5)) < 0.7, view, sight, 0.1, 0.3)
+    pull = BlobPull(generator.random((2, 4, 5)) < 0.7, view, sight, 0.1, 0.3)(markers)
     assert pull.hessian == pytest.approx(pull.hessian.swapaxes(-1, -2))
     assert np.linalg.eigvalsh(pull.hessian).min() > -1e-6
 
@@ -176,7 +176,7 @@ def test_cloud_pull_against_finite_differences(seed):
     weight = generator.random(6)
 
     def pull(moved):
-        return cloud_pull(moved, points, weight, 0.1, 0.3)
+        return CloudPull(points, weight, 0.1, 0.3)(moved)
 
     for marker in range(4):
         for axis in range(3):
@@ -191,9 +191,9 @@ def test_named_rays_by_hand_and_switched_off():
     sight = Sight(PAIR)
     image = np.zeros((1, 2, 1, 2))
     off = np.array([[[0.02], [np.inf]]])
-    pull = ray_pull(np.array([[[0.0, 0.06, 0]]]), image, off, sight)
+    pull = RayPull(image, off, sight)(np.array([[[0.0, 0.06, 0]]]))
     assert pull.cost == pytest.approx([9])
     assert pull.gradient[0, 0, 1] == pytest.approx(0.06 / 0.02**2)
     assert pull.hessian[0, 0, 1, 1] == pytest.approx(0.02**-2)
-    nothing = ray_pull(np.array([[[0.0, 0.06, 0]]]), image, np.full((1, 2, 1), np.inf), sight)
+    nothing = RayPull(image, np.full((1, 2, 1), np.inf), sight)(np.array([[[0.0, 0.06, 0]]]))
     assert nothing.cost == 0 and not nothing.gradient.any() and not nothing.hessian.any()

@@ -2,7 +2,7 @@
 """Levenberg-Marquardt: nine parameters, a cost that never rises, better than where it began, blind to far blobs."""
 
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from addon.core.blobs.subject import Setup
 from addon.core.body.bodies import PLACEMENT, BodyModel
-from addon.core.body.cost import blob_pull
+from addon.core.body.cost import BlobPull
 from addon.core.body.fit import Fit, body_state, fit_body, fit_placement, placement_state
 from addon.core.body.prior import Prior
 from addon.core.geometry import rotations
@@ -47,7 +47,7 @@ def blob_fit(name, view, start, stages, prior=None) -> list[Fit]:
     setup, fits = setup_of(name), []
     for softness, reach, steps in stages:
         visible = setup.visible(start.scale, setup.model.pose(start))
-        pull = partial(blob_pull, visible=visible, view=view, sight=setup.sight, softness=softness, reach=reach)
+        pull = BlobPull(visible, view, setup.sight, softness, reach)
         fits.append(fit_placement(setup.model, start, pull, steps, prior))
         start = fits[-1].bodies
     return fits

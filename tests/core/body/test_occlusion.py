@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The body in the way: analytic scenes, a ray marcher that must agree, and a marker's own skin."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from addon.core.body.bodies import BodyModel
-from addon.core.body.occlusion import OCCLUDING, CapsuleOcclusion, capsules_hide
+from addon.core.body.occlusion import OCCLUDING, CapsuleOcclusion, capsules_hide, hidden_by_any
+from addon.core.data.markersets import Capsules
+from addon.core.data.takes import Motion
 from tests.core.toybody import toy_markerset
 
 STANDOFF = 0.008
@@ -19,7 +23,8 @@ def hide(capsules, markers, eyes, standoff=STANDOFF):
     axis = np.array([row[1] for row in capsules], dtype=float) - start
     radius = np.array([row[2] for row in capsules], dtype=float)
     markers, eyes = np.array(markers, dtype=float), np.array(eyes, dtype=float)
-    return capsules_hide(start[None], axis[None], radius[None], markers[None], eyes, np.array([standoff]))[0]
+    body = start[None], axis[None], radius[None], markers[None]
+    return capsules_hide(*body, eyes, np.array([standoff]), OCCLUDING.min_side_share)[0]
 
 
 def marched(capsules, marker, eye, standoff=STANDOFF, steps=4001):
@@ -189,3 +194,41 @@ def test_the_world_may_be_far_from_its_origin():
     here = occlusion.hidden(posed.rotations, posed.joints, bodies.scale, posed.markers, eyes)
     there = occlusion.hidden(posed.rotations, posed.joints + away, bodies.scale, posed.markers + away, eyes + away)
     assert np.array_equal(here, there)
+
+
+def test_what_has_no_capsules_hides_nothing():
+    markerset = toy_markerset()
+    model, none = BodyModel(markerset), (np.zeros(0, int), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+    prop = CapsuleOcclusion(replace(markerset, capsules=Capsules(*none)))
+    posed, centres = model.pose(model.rest(2, 1.0)), np.ones((3, 3))
+    found = prop.hidden(posed.rotations, posed.joints, np.ones((2, 3)), posed.markers, centres)
+    assert found.shape == (2, 3, len(markerset))
+    assert not found.any()
+
+
+def waiting(model: BodyModel, places: list[float]) -> Motion:
+    """The body at rest at some places along x, frame after frame, m; NaN where it was not found."""
+    posed, frames = model.pose(model.rest(1, 1.0)), len(places)
+    shift = np.array(places)[:, None, None] * [1.0, 0.0, 0.0]
+    nothing, scale = np.full((frames, len(model.markerset)), np.nan), np.ones((frames, 3))
+    markers, joints = posed.markers + shift, posed.joints + shift
+    turns = np.repeat(posed.rotations, frames, axis=0)
+    still = nothing, nothing, np.zeros(nothing.shape, int), markers, joints, turns, scale, np.ones(frames)
+    return Motion(np.arange(frames), markers, *still)
+
+
+def test_whoever_stands_between_hides_the_markers_of_others():
+    markerset = toy_markerset()
+    model, bodies = BodyModel(markerset), (CapsuleOcclusion(markerset),) * 2
+    front, behind = waiting(model, [1.0, 1.0, np.nan]), waiting(model, [0.0, 6.0, 0.0])
+    centres = np.array([[30.0, 0.0, float(behind.joints[0, :, 2].mean())]])
+    each, size = [front, behind], len(markerset)
+    markers = np.concatenate([one.markers for one in each], axis=1)
+    found = hidden_by_any(bodies, each, markers, centres)
+    alone = np.concatenate([hidden_by_any(bodies[:1], [one], one.markers, centres) for one in each], axis=2)
+    assert found.shape == (3, 1, 2 * size)
+    assert (found >= alone).all()
+    assert (found & ~alone)[0, 0, size:].any()
+    assert not (found & ~alone)[0, 0, :size].any(), "nobody is in front of the one in front"
+    assert (found & ~alone)[1, 0, :size].any(), "now the other is in front"
+    assert (found == alone)[2].all(), "a body that was not found hides nothing"

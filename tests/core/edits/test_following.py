@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from addon.core.data.takes import Labels, PointRows
+from addon.core.data.takes import BY_EDIT, Labels, PointRows
 from addon.core.edits import following
 from addon.core.edits.applying import apply_to_points
-from addon.core.edits.following import Following, changed_frames
+from addon.core.edits.following import Following, changed_frames, moved_frames
 from addon.core.edits.kinds import NO_EDITS, AssignPoint, Edits, Place, Swap
 from addon.core.edits.replay import FREE
 
@@ -18,9 +18,9 @@ from .lists import COLUMNS, FIRST, FRAMES, NAMES, edit, edits, take
 seeds = st.integers(0, 10_000)
 
 
-@pytest.fixture(autouse=True, scope="module", params=[2, 2000])
-def blocks(request):
-    """Blocks of a part of the take, and one of all of it."""
+@pytest.fixture(autouse=True, scope="module", params=[40, 10_000_000])
+def kept(request):
+    """Few former values, so that all is applied again now and then, and many."""
     before, following.FOLLOWING = following.FOLLOWING, following.FollowingOptions(request.param)
     yield
     following.FOLLOWING = before
@@ -51,24 +51,25 @@ def test_they_are_those_of_all_edits_at_once(seed, lists):
         assert after.outcomes == wanted.outcomes
         np.testing.assert_array_equal(after.said, (wanted.edited.rule != FREE)[at])
         np.testing.assert_array_equal(after.right, wanted.edited.right)
-        assert {key: tuple(xyz) for key, xyz in after.places.items()} == {
+        assert {key: tuple(xyz) for key, xyz in after.held.places.items()} == {
             key: tuple(xyz) for key, xyz in wanted.places.items()
         }
 
 
 @settings(max_examples=40, deadline=None)
 @given(seeds, edits)
-def test_each_group_knows_where_its_markers_are(seed, said):
+def test_it_knows_which_row_each_marker_is(seed, said):
     labels, cells = take(seed)
     rows, program, _ = rows_of(labels, cells)
     after = Following(rows, program, cells.names, cells.count).apply(said)
-    xyz = np.full((FRAMES, cells.count, 3), np.nan)
-    named = after.labels.named
-    xyz[rows.frame[named], after.labels.marker[named]] = rows.xyz[named]
-    for key, place in after.places.items():
-        xyz[key] = place
-    for group in after.groups:
-        np.testing.assert_array_equal(group.xyz, xyz[group.frames][:, group.markers])
+    held = np.full((cells.count, FRAMES), -1)
+    named = np.flatnonzero(after.labels.named)
+    held[after.labels.marker[named], rows.frame[named]] = named
+    np.testing.assert_array_equal(after.held.rows, held)
+    by_edit = np.zeros(held.shape, bool)
+    named = named[after.labels.step[named] == BY_EDIT]
+    by_edit[after.labels.marker[named], rows.frame[named]] = True
+    np.testing.assert_array_equal(after.held.by_edit, by_edit)
 
 
 @settings(max_examples=40, deadline=None)
@@ -81,7 +82,10 @@ def test_what_one_more_edit_changes_is_known_by_its_markers(seed, said, one):
     after = take_of.apply(said.added(one))
     differs = before.labels.marker != after.labels.marker
     touched = {*before.labels.marker[differs].tolist(), *after.labels.marker[differs].tolist()} - {-1}
-    spans = changed_frames(before.groups, after.groups)
+    spans, moved = changed_frames(before.held, after.held), moved_frames(before.held, after.held)
+    placed = {key[1] for key in {**before.held.places, **after.held.places}}
+    assert set(moved) <= set(spans) and set(moved) - placed <= touched
+    assert changed_frames(None, before.held) == changed_frames(before.held, None)
     assert touched <= set(spans)
     for marker in (before.labels.marker[differs], after.labels.marker[differs]):
         for row, one_of in zip(np.flatnonzero(differs), marker, strict=True):
@@ -89,16 +93,14 @@ def test_what_one_more_edit_changes_is_known_by_its_markers(seed, said, one):
     same(take_of.apply(said).labels, before.labels)
 
 
-def test_edits_that_share_nothing_are_worked_out_once():
+def test_a_place_that_is_moved_is_a_marker_that_moved():
     labels, cells = take(3)
     rows, program, _ = rows_of(labels, cells)
     take_of = Following(rows, program, cells.names, cells.count)
-    one = AssignPoint(int(COLUMNS[0]), NAMES[0], frames=(FIRST, FIRST + 1))
-    other = Swap((NAMES[2], NAMES[3]), frames=(FIRST + 3, FIRST + FRAMES - 1))
-    [kept] = take_of.apply(Edits((one,))).groups
-    both = take_of.apply(Edits((one, other))).groups
-    assert [group is kept for group in both] == [True] + [False] * (len(both) - 1)
-    assert take_of.apply(NO_EDITS).groups == ()
+    one, other = (take_of.apply(Edits((Place(NAMES[1], FIRST + 2, (0.0, 0.0, z)),))) for z in (1.0, 2.0))
+    assert moved_frames(one.held, other.held) == {1: slice(2, 3)}
+    assert moved_frames(one.held, one.held) == moved_frames(None, None) == {}
+    assert not moved_frames(None, take_of.apply(NO_EDITS).held)
 
 
 def test_a_take_in_which_nothing_was_seen_can_be_edited():
@@ -108,4 +110,4 @@ def test_a_take_in_which_nothing_was_seen_can_be_edited():
     said = Edits((AssignPoint(int(COLUMNS[0]), NAMES[1]), Swap((NAMES[0], NAMES[1])), placed))
     after = Following(nothing, Labels.none(0), cells.names, cells.count).apply(said)
     assert [outcome.labels for outcome in after.outcomes] == [0, 0, 1]
-    assert list(after.places) == [(1, cells.names[NAMES[0]])]
+    assert list(after.held.places) == [(1, cells.names[NAMES[0]])]

@@ -65,6 +65,13 @@ def test_a_marker_that_the_model_lacks_should_stay_unnamed():
     assert "STRN" not in result["per_marker"]
 
 
+def test_markers_of_several_subjects_are_each_their_own():
+    rows = [(1, 0, "ann:A", "ann:sacrum"), (1, 0, "ann:B", "bob:B"), (1, 0, "", "bob:A"), (1, 0, "bob:Z", "bob:Z")]
+    result = figures(rows, markers=["A", "B"], aliases={"sacrum": "A"}).as_dict()
+    assert (result["right"], result["labels"], result["marker_blobs"]) == (1, 3, 3)
+    assert result["false_occlusions"] == 1, "bob's two, and nobody without a name"
+
+
 def test_aliases_count_as_the_marker_they_stand_for():
     result = figures([(1, 0, "A", "sacrum"), (1, 0, "B", "B")], aliases={"sacrum": "A"}).as_dict()
     assert result["precision"] == result["recall"] == result["f1"] == 1
@@ -150,7 +157,7 @@ def test_a_million_blobs_take_seconds():
     labels = np.array(["", *MARKERS], dtype=object)[generator.integers(0, 4, 1_000_000)]
     truth = np.array(["", *MARKERS, "A|B"], dtype=object)[generator.integers(0, 5, 1_000_000)]
     frame, camera = np.sort(generator.integers(0, 10_000, 1_000_000)), generator.integers(0, 12, 1_000_000)
-    before = time.perf_counter()
+    before = time.process_time()
     result = Figures(MARKERS).add(frame, camera, labels, truth).as_dict()
-    assert time.perf_counter() - before < 8
+    assert time.process_time() - before < 8
     assert result["labels"] == int((labels != "").sum())

@@ -3,7 +3,8 @@
 
 import numpy as np
 
-from addon.core.points.deciding import stray_suspects, strays
+from addon.core.data.takes import NO_MARKER
+from addon.core.points.deciding import MarkerPlaces, stray_suspects, strays
 from addon.core.points.likelihood.distances import DistanceConstraints
 
 CONSTRAINTS = DistanceConstraints(np.array(np.triu_indices(4, 1)).T, np.full(6, 0.2), np.full(6, 0.004), 0.05)
@@ -15,12 +16,18 @@ def rigid_body(frames: int = 100) -> np.ndarray:
     return path + np.random.default_rng(1).uniform(-0.1, 0.1, (5, 3))
 
 
+def places(markers: np.ndarray) -> MarkerPlaces:
+    """Those of markers (T, 5, 3), which stand in lanes in the other order."""
+    there = np.isfinite(markers).all(axis=2)[:, ::-1]
+    return MarkerPlaces(markers[:, ::-1], np.where(there, np.arange(5)[::-1], NO_MARKER), 5)
+
+
 def test_a_marker_that_leaves_its_plate_is_found_and_its_mates_are_not():
     markers = rigid_body()
     markers[40:46, 2] += 0.06
     markers[:, 4] += np.random.default_rng(2).normal(0, 0.2, (100, 3))
     markers[10:20, 0] = np.nan
-    stray = strays(markers, CONSTRAINTS)
+    stray = strays(places(markers), CONSTRAINTS)
     assert np.argwhere(stray).tolist() == [[frame, 2] for frame in range(40, 46)]
 
 
@@ -29,8 +36,8 @@ def test_nothing_is_said_of_too_few_mates_or_frames():
     markers[40:46, 2] += 0.06
     markers[:, :1] = np.nan
     markers[30:60, 1] = np.nan
-    assert not strays(markers, CONSTRAINTS).any()
-    assert not strays(rigid_body(3)[:, [0, 1, 2, 3, 4]] * np.nan, CONSTRAINTS).any()
+    assert not strays(places(markers), CONSTRAINTS).any()
+    assert not strays(places(rigid_body(3) * np.nan), CONSTRAINTS).any()
 
 
 def test_ranges_bridge_short_interruptions():

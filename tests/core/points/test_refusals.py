@@ -9,7 +9,7 @@ from addon.core.body.bodies import BodyModel
 from addon.core.data.errors import JobError
 from addon.core.data.takes import BY_LIKELIHOOD, Labels
 from addon.core.geometry import rotations
-from addon.core.points.likelihood import learn_likelihood
+from addon.core.points.likelihood.learn import learn_likelihood
 from addon.core.points.models import Model
 from addon.core.points.naming import Namer, namer_of
 from addon.core.points.refusals import refuse_floods, refuse_others, refuse_unrecognised

@@ -6,13 +6,14 @@ body, and those that were missed, by what their distances to the named ones allo
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from ...data.takes import NO_POINT
 from ..rigid_bodies.model import RigidBodies, linking_order
 from .naming import IMPOSSIBLE, one_to_one
-from .placing import Placements, distances, place
+from .placing import NearPairs, Placements, distances, place
 from .solving import Solved
 
 
@@ -63,6 +64,7 @@ def assemble(rigid_bodies: RigidBodies, points: np.ndarray, options: AssemblyOpt
     return Solved(best, score[:, 0], np.where(best >= 0, margin, 0), np.ones(len(best)))
 
 
+@lru_cache(maxsize=4)
 def rigid_body_order(
     rigid_bodies: RigidBodies, options: AssemblyOptions = ASSEMBLY
 ) -> list[tuple[int, list[tuple[int, float]]]]:
@@ -91,14 +93,18 @@ def _beam(
     naming = np.full((frames, 1, len(rigid_bodies.form)), NO_POINT)
     score = np.zeros((frames, 1))
     used = np.zeros((frames, 1, count + 1), dtype=bool)
+    # Of each rigid body its placements, and which of them each naming has; what is behind the last is none.
+    placed: dict[int, Placements] = {}
+    had = np.zeros((frames, 1, len(rigid_bodies.members)), dtype=int)
     rows = np.arange(frames)[:, None]
+    near = NearPairs.of(rigid_bodies, distance)
     for index, links in rigid_body_order(rigid_bodies, options):
         group = rigid_bodies.members[index]
-        found = place(rigid_bodies, group, points, distance)
+        found = placed[index] = place(rigid_bodies, index, points, distance, near)
         total = score[:, :, None] + found.score[:, None]
         for other, weight in links:
-            cost = _link_cost(rigid_bodies, group, rigid_bodies.members[other], found, naming, distance, options)
-            total = total - weight * options.breach_weight * cost
+            cost = _link_cost(rigid_bodies, group, rigid_bodies.members[other], found, placed[other], distance, options)
+            total = total - weight * options.breach_weight * cost[rows, had[:, :, other]]
         # A hidden marker's place is the column beyond the last point, which is never used up.
         slots = np.where(found.points >= 0, found.points, count)
         taken = used[rows[..., None, None], np.arange(naming.shape[1])[:, None, None], slots[:, None]].any(axis=3)
@@ -109,7 +115,8 @@ def _beam(
         top = np.argsort(-flat, axis=1, kind="stable")[:, : options.beam_width]
         score = np.take_along_axis(flat, top, axis=1)
         parent, choice = top // width, top % width
-        naming, used = naming[rows, parent], used[rows, parent]
+        naming, used, had = naming[rows, parent], used[rows, parent], had[rows, parent]
+        had[:, :, index] = choice
         padded = np.concatenate([slots, np.full((frames, 1, len(group)), count)], axis=1)
         chosen = padded[rows, choice]
         naming[:, :, group] = np.where(chosen < count, chosen, NO_POINT)
@@ -119,16 +126,22 @@ def _beam(
 
 
 def _link_cost(
-    rigid_bodies: RigidBodies, group, other, found: Placements, naming: np.ndarray, distance: np.ndarray, options
+    rigid_bodies: RigidBodies, group, other, found: Placements, before: Placements, distance: np.ndarray, options
 ) -> np.ndarray:
-    """(F, B, K) mean breach of the distances of a rigid body's placements to another one, as the namings have it."""
-    there = naming[:, :, other]
-    frame = np.arange(len(naming))[:, None, None, None, None]
-    ends = np.maximum(there, 0)[:, :, None, :, None], np.maximum(found.points, 0)[:, None, :, None]
-    known = (there >= 0)[:, :, None, :, None] & (found.points >= 0)[:, None, :, None]
-    breach = rigid_bodies.breach(np.where(known, distance[frame, *ends], 0), other[:, None], group[None])
+    """(F, B + 1, K) mean breach of the distances between K placements of a rigid body and B of another one.
+
+    The last row, 0, is where the other one has no placement.
+    """
+    # Most frames have fewer placements than there is room for.
+    frame, one, two = np.nonzero((before.score > -np.inf)[:, :, None] & (found.score > -np.inf)[:, None])
+    ends = before.points[frame, one][:, :, None], found.points[frame, two][:, None]
+    known = (ends[0] >= 0) & (ends[1] >= 0)
+    between = distance[frame[:, None, None], *(np.maximum(end, 0) for end in ends)]
+    breach = rigid_bodies.breach(between, other[:, None], group[None])
     cost = np.where(known, np.minimum(0.5 * breach**2, options.max_breach_cost), 0)
-    return cost.sum(axis=(3, 4)) / np.maximum(known.sum(axis=(3, 4)), 1)
+    mean = np.zeros((len(distance), before.score.shape[1] + 1, found.score.shape[1]))
+    mean[frame, one, two] = cost.sum(axis=(1, 2)) / np.maximum(known.sum(axis=(1, 2)), 1)
+    return mean
 
 
 def _filled(rigid_bodies: RigidBodies, distance, present, naming, options) -> tuple[np.ndarray, np.ndarray]:
@@ -158,18 +171,16 @@ def _single_odds(rigid_bodies: RigidBodies, distance, present, naming, options) 
     width = rigid_bodies.high - rigid_bodies.low + 2 * rigid_bodies.slack
     scale = options.room_ratio * np.median(rigid_bodies.high)
     price = options.single_cost + np.log1p(free.sum(axis=1))
-    for marker in range(markers):
-        rows = np.flatnonzero(naming[:, marker] < 0)
-        near = np.argsort(width[marker] + 1e3 * (np.arange(markers) == marker))[: options.neighbours]
-        if not len(rows):
-            continue
-        there = naming[rows][:, near]
-        known = there >= 0
-        to_named = distance[rows[:, None], np.maximum(there, 0)]
-        breach = rigid_bodies.breach(to_named, np.array(marker), near[None, :, None])
-        gain = np.log(np.maximum(scale / width[marker, near], 1))[None, :, None]
-        gain = gain - np.minimum(0.5 * breach**2, 2 * options.max_breach_cost)
-        total = np.where(known[..., None], gain, 0).sum(axis=1)
-        total *= np.minimum(1, options.independent / np.maximum(known.sum(axis=1), 1))[:, None]
-        odds[rows, marker] = np.where(free[rows], total - price[rows, None], IMPOSSIBLE)
+    near = np.argsort(width + 1e3 * np.eye(markers), axis=1)[:, : options.neighbours]
+    log_gain = np.log(np.maximum(scale / np.take_along_axis(width, near, axis=1), 1))
+    frame, marker = np.nonzero(naming < 0)
+    there = naming[frame[:, None], near[marker]]
+    known = there >= 0
+    breach = rigid_bodies.breach(
+        distance[frame[:, None], np.maximum(there, 0)], marker[:, None, None], near[marker][..., None]
+    )
+    gain = log_gain[marker][..., None] - np.minimum(0.5 * breach**2, 2 * options.max_breach_cost)
+    total = np.where(known[..., None], gain, 0).sum(axis=1)
+    total *= np.minimum(1, options.independent / np.maximum(known.sum(axis=1), 1))[:, None]
+    odds[frame, marker] = np.where(free[frame], total - price[frame, None], IMPOSSIBLE)
     return odds

@@ -6,7 +6,7 @@ distances know better: a constraint adds to a naming's log likelihood how well t
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -67,6 +67,18 @@ class DistanceConstraints:
         ends = np.bincount(self.pair.ravel())[self.pair] if len(self) else np.ones((0, 2))
         return np.minimum(CONSTRAINING.max_weight, CONSTRAINING.total_of_marker / np.sqrt(ends.prod(axis=1)))
 
+    @property
+    def limits(self) -> tuple[float, float]:
+        """What a broken one takes at most, and the most that a length may be off to say anything of the size."""
+        return CONSTRAINING.max_cost, CONSTRAINING.max_size_ratio
+
+    def joined(self, markers: int) -> np.ndarray:
+        """(M, M) index of the distance constraint between two of so many markers, -1 without one."""
+        joined = np.full((markers, markers), -1)
+        one, other = self.pair.T
+        joined[one, other] = joined[other, one] = np.arange(len(self))
+        return joined
+
     def fit(self, distance: np.ndarray, constraint: np.ndarray) -> np.ndarray:
         """What distances, m for a subject of mean size, add to the log likelihood of naming the ends of constraints."""
         fit = distance - self.length[constraint]
@@ -79,18 +91,15 @@ class DistanceConstraints:
         fit *= self.weight[constraint]
         return fit
 
-    def size(self, points: np.ndarray, naming: np.ndarray) -> np.ndarray:
-        """(N,) the size of the subject of each naming (N, M) of points (N, P, 3) m; 1 is the mean."""
-        ends = naming[:, self.pair]
-        first, second = (
-            np.take_along_axis(points, np.maximum(end, 0)[..., None], axis=1) for end in np.moveaxis(ends, 2, 0)
-        )
-        ratio = np.log(np.maximum(np.linalg.norm(first - second, axis=-1), 1e-6) / self.length)
-        weight = np.where(
-            (ends >= 0).all(axis=2) & (np.abs(ratio) < CONSTRAINING.max_size_ratio), (self.length / self.sd) ** 2, 0
-        )
+    def size(self, apart: np.ndarray, known: np.ndarray, markers: int) -> np.ndarray:
+        """(N,) the size of the subject of each naming of so many markers; 1 is the mean.
+
+        apart (N, E) m between the ends of each constraint, known (N, E) where both are named.
+        """
+        ratio = np.log(np.maximum(apart, 1e-6) / self.length)
+        weight = np.where(known & (np.abs(ratio) < CONSTRAINING.max_size_ratio), (self.length / self.sd) ** 2, 0)
         # A marker is in several distance constraints, so these are not as many measurements as they look.
-        weight = weight * (2 / points.shape[1])
+        weight = weight * (2 / markers)
         return np.exp((weight * ratio).sum(axis=1) / (weight.sum(axis=1) + self.size_sd**-2))
 
 
@@ -106,9 +115,9 @@ def learn_constraints(
     `radius` is the shape's.
     """
     pair = np.array(np.triu_indices(subjects[0].shape[1], 1)).T
-    lengths, spreads = np.array(
-        [_lengths(points, pair, options.min_frames) for points in (*subjects, *images)]
-    ).transpose(1, 0, 2)
+    lengths, spreads = np.array([lengths_of(points, options.min_frames) for points in (*subjects, *images)]).transpose(
+        1, 0, 2
+    )
     count = np.isfinite(lengths).sum(axis=0)
     within = np.sqrt(_mean_seen(spreads))
     stiff = (count > 0) & (within < options.max_sd_radii * radius)
@@ -142,54 +151,54 @@ def _mean_seen(values: np.ndarray) -> np.ndarray:
     return np.where(seen, values, 0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
 
 
-def _lengths(points: np.ndarray, pair: np.ndarray, min_frames: int) -> tuple[np.ndarray, np.ndarray]:
-    """Median distance (E,) and its variance (E,) of one subject; NaN where too seldom seen together."""
-    distance = np.linalg.norm(points[:, pair[:, 0]] - points[:, pair[:, 1]], axis=-1)
-    known = np.isfinite(distance)
-    enough = known.sum(axis=0) >= min(min_frames, len(points))
-    middle = np.full(len(pair), np.nan)
-    middle[enough] = np.nanmedian(distance[:, enough], axis=0)
-    squares = np.where(known, distance - np.where(enough, middle, 0), 0) ** 2
-    return middle, np.where(enough, squares.sum(axis=0) / np.maximum(known.sum(axis=0), 1), np.nan)
+def lengths_of(points: np.ndarray, min_frames: int) -> np.ndarray:
+    """(2, E) median distance, m, and its variance, m², of one subject's pairs of markers, NaN where too seldom seen.
 
-
-@dataclass(frozen=True, eq=False)
-class Pulls:
-    """What the distance constraints say of N namings.
-
-    total   (N,) of all distance constraints with both ends named
-    at      (N, M, P) of each marker's distance constraints if it were at each point, its other ends as they are named
-    joined  (M, M) index of the distance constraint between two markers, -1 without one
-    between (N, P, P) the points' distances, m for a subject of mean size
+    points (T, M, 3) m, NaN where missing; the pairs are in the order of `np.triu_indices`.
     """
+    frames, markers = points.shape[:2]
+    # One marker's frames side by side: what is worked on at once stays small, and medians are taken along memory.
+    along, found = np.ascontiguousarray(points.transpose(1, 2, 0)), []
+    for one in range(markers - 1):
+        away = along[one] - along[one + 1 :]
+        distance = np.sqrt(np.einsum("mit,mit->mt", away, away))
+        known = np.isfinite(distance)
+        count = known.sum(axis=1)
+        enough = np.flatnonzero(count >= max(min(min_frames, frames), 1))
+        distance, known = distance[enough], known[enough]
+        middle = np.nanmedian(distance, axis=1) if len(enough) else np.zeros(0)
+        said = np.full((2, markers - 1 - one), np.nan)
+        said[0, enough] = middle
+        said[1, enough] = (np.where(known, distance - middle[:, None], 0) ** 2).sum(axis=1) / count[enough]
+        found.append(said)
+    return np.concatenate(found, axis=1)
 
-    total: np.ndarray
-    at: np.ndarray
-    joined: np.ndarray = field(metadata={"rows": False})
-    between: np.ndarray
 
+def pulls(constraints: DistanceConstraints, points: np.ndarray, naming: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """(N, M, P) what each marker's distance constraints say of it at each point, their other ends as they are named.
 
-def pulls(constraints: DistanceConstraints, points: np.ndarray, naming: np.ndarray) -> Pulls:
-    """What the distance constraints say of namings (N, M) of points (N, P, 3) m."""
+    Of namings (N, M) of points (N, P, 3) m of subjects of such a size (N,).
+    """
     markers = naming.shape[1]
-    joined = np.full((markers, markers), -1)
     one, other = np.concatenate([constraints.pair, constraints.pair[:, ::-1]]).T
     constraint = np.tile(np.arange(len(constraints)), 2)
-    joined[one, other] = constraint
-    distance = pairwise_distances(points) / constraints.size(points, naming)[:, None, None]
+    distance = pairwise_distances(points) / size[:, None, None]
+    # Differences of squares leave a little between a point and itself.
+    np.einsum("nii->ni", distance)[...] = 0
     rows = np.arange(len(naming))[:, None]
     fit = constraints.fit(distance[rows, np.maximum(naming[:, other], 0)], constraint[:, None])
     fit *= (naming[:, other] >= 0)[..., None]
-    at = (one == np.arange(markers)[:, None]).astype(fit.dtype) @ fit
-    own = np.take_along_axis(at, np.maximum(naming, 0)[..., None], axis=2)[..., 0]
-    return Pulls(0.5 * np.where(naming >= 0, own, 0).sum(axis=1), at, joined, distance)
+    return (one == np.arange(markers)[:, None]).astype(fit.dtype) @ fit
 
 
-def total_fit(constraints: DistanceConstraints, points: np.ndarray, naming: np.ndarray) -> np.ndarray:
-    """(N,) what all distance constraints with both ends named say of namings (N, M) of points (N, P, 3) m."""
-    ends = naming[:, constraints.pair]
-    first, second = (
-        np.take_along_axis(points, np.maximum(end, 0)[..., None], axis=1) for end in np.moveaxis(ends, 2, 0)
-    )
-    distance = np.linalg.norm(first - second, axis=-1) / constraints.size(points, naming)[:, None]
-    return (constraints.fit(distance, np.arange(len(constraints))) * (ends >= 0).all(axis=2)).sum(axis=1)
+def size_and_fit(
+    constraints: DistanceConstraints, points: np.ndarray, naming: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The subjects' size (N,), and what all distance constraints with both ends named say (N,) of such namings."""
+    first, second = naming[:, constraints.pair[:, 0]], naming[:, constraints.pair[:, 1]]
+    rows, known = np.arange(len(points))[:, None], (first >= 0) & (second >= 0)
+    along = points[rows, np.maximum(first, 0)] - points[rows, np.maximum(second, 0)]
+    apart = np.sqrt(np.einsum("nei,nei->ne", along, along))
+    size = constraints.size(apart, known, naming.shape[1])
+    apart /= size[:, None]
+    return size, (constraints.fit(apart, np.arange(len(constraints))) * known).sum(axis=1)

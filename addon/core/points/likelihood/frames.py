@@ -22,6 +22,7 @@ class FrameOptions:
 
     min_frames, max_frames  at once
     max_pairs               of the points of frames at once: small enough for the processor's own memory
+    max_rigid_pairs         the same of sets on rigid bodies, of which less is worked out for each pair
     guesses                 a frame that are followed to the end, and
     more_guesses            where there are many more points than markers, or the outcome is doubtful
     max_mean_square         from which it is
@@ -30,6 +31,7 @@ class FrameOptions:
     min_frames: int = 4
     max_frames: int = 64
     max_pairs: int = 40_000
+    max_rigid_pairs: int = 270_000
     guesses: int = 3
     more_guesses: int = 6
     max_mean_square: float = 0.5
@@ -59,14 +61,18 @@ def label_frames(likelihood: Likelihood, points: np.ndarray) -> Iterator[Labels]
     """
     if points.ndim != 3 or points.shape[2] != 3:
         raise InputError(f"points have the shape {points.shape}; expected frames × points × 3")
-    for frames in chunks(points):
+    for frames in chunks(points, likelihood.rigid_bodies is not None):
         yield label_some(likelihood, points[frames])
 
 
-def chunks(points: np.ndarray, options: FrameOptions = FRAME_NAMING) -> Iterator[slice]:
-    """The frames of points (T, P, 3) that are best worked on at once."""
+def chunks(points: np.ndarray, rigid: bool = False, options: FrameOptions = FRAME_NAMING) -> Iterator[slice]:
+    """The frames of points (T, P, 3) that are best worked on at once; `rigid` for sets on rigid bodies."""
     most = max(int(np.isfinite(points[..., 0]).sum(axis=1).max(initial=0)), 1)
-    size = int(np.clip(options.max_pairs // most**2, options.min_frames, options.max_frames))
+    size = int(
+        np.clip(
+            (options.max_rigid_pairs if rigid else options.max_pairs) // most**2, options.min_frames, options.max_frames
+        )
+    )
     for first in range(0, len(points), size):
         yield slice(first, first + size)
 
@@ -89,13 +95,18 @@ def solve_frames(known: Known, points: np.ndarray, options: FrameOptions = FRAME
     """The best naming of frames of points (F, P, 3) m, NaN where there is none; by rigid bodies if the set has them."""
     if known.rigid_bodies is not None:
         return assemble(known.rigid_bodies, points)
-    crowded = is_crowded(known.fine, np.isfinite(points[..., 0])).any()
-    solved = _solved(known, points, options.more_guesses if crowded else options.guesses)
-    doubtful = np.flatnonzero(solved.mean_square > options.max_mean_square)
-    if len(doubtful):
-        again = _solved(known, points[doubtful], options.more_guesses, np.pi / STARTS.yaws)
-        better = again.score > solved.score[doubtful]
-        put_rows(solved, rows_of(again, better), doubtful[better])
+    crowded = is_crowded(known.fine, np.isfinite(points[..., 0]))
+    solved = Solved.none(len(points), len(known.fine))
+    # Apart, so that what is in other frames changes nothing in one.
+    for rows, guesses in ((np.flatnonzero(~crowded), options.guesses), (np.flatnonzero(crowded), options.more_guesses)):
+        if not len(rows):
+            continue
+        put_rows(solved, _solved(known, points[rows], guesses), rows)
+        doubtful = rows[solved.mean_square[rows] > options.max_mean_square]
+        if len(doubtful):
+            again = _solved(known, points[doubtful], options.more_guesses, np.pi / STARTS.yaws)
+            better = again.score > solved.score[doubtful]
+            put_rows(solved, rows_of(again, better), doubtful[better])
     return solved
 
 

@@ -29,7 +29,8 @@ LATENT = LatentOptions()
 class Latent:
     """Positions of M markers as a linear function of L latent numbers: translation, a small yaw, then K modes.
 
-    columns (M, 3, L) m for one standard deviation of each; mean (M, 3) m; noise (M,) m².
+    columns (M, 3, L) m for one standard deviation of each; mean (M, 3) m; noise (M,) m²; by_modes (M,) m², the
+    variance that the modes make.
     With `modes` given, only so many are kept and the rest counts as noise.
     """
 
@@ -37,12 +38,14 @@ class Latent:
         kept, left = shape.modes[..., :modes], shape.modes[..., modes:] if modes is not None else shape.modes[..., :0]
         self.mean, self.radius = shape.mean, shape.radius
         self.noise = shape.noise + (left**2).sum(axis=(1, 2)) / 3
+        self.by_modes = (kept**2).sum(axis=(1, 2)) / 3
         place = np.broadcast_to(np.eye(3) * LATENT.place_sd_radii * shape.radius, (len(shape.mean), 3, 3))
         turn = np.stack([-shape.mean[:, 1], shape.mean[:, 0], np.zeros(len(shape.mean))], axis=-1) * LATENT.yaw_sd_rad
         self.columns = np.concatenate([place, turn[..., None], kept], axis=2)
         self.size = self.columns.shape[2]
         self.flat = np.ascontiguousarray(self.columns.reshape(-1, self.size))
         self.products = np.einsum("mil,mik->mlk", self.columns, self.columns).reshape(len(shape.mean), -1)
+        self.yaw_sd = LATENT.yaw_sd_rad
 
     def __len__(self) -> int:
         return len(self.mean)
@@ -63,9 +66,11 @@ class Latent:
         return self.mean + (latent @ self.flat.T).reshape(len(latent), -1, 3)
 
 
-def yaw_absorbed(points: np.ndarray, latent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The yaw of latent vectors (N, L) put into the points (N, P, 3) instead: both turned back, the latent yaw at 0."""
-    sd = LATENT.yaw_sd_rad
+def yaw_absorbed(points: np.ndarray, latent: np.ndarray, sd: float) -> tuple[np.ndarray, np.ndarray]:
+    """The yaw of latent vectors (N, L) put into the points (N, P, 3) instead: both turned back, the latent yaw at 0.
+
+    A latent yaw of one is `sd` rad, and no more is taken at once.
+    """
     back = -np.clip(latent[:, YAW] * sd, -sd, sd)
     place = turned(latent[:, None, PLACE], back)[:, 0]
     still = np.zeros((len(latent), 1))

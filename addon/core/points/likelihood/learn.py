@@ -11,11 +11,11 @@ from ...data.progress import finished
 from ..rigid_bodies.model import RigidBodies, learn_rigid_bodies
 from .calibration import Calibration, learn_calibration
 from .distances import DistanceConstraints, learn_constraints
-from .frames import chunks, labels_given, solve_frames
-from .model import Known, Likelihood
+from .model import Likelihood
 from .shape import Shape, as_other_subjects, learn_shape
 from .sides import mirrored
 from .trials import Trial, crowded, make_trial
+from .trying import TrialWork, Trying, in_turn
 
 
 @dataclass(frozen=True)
@@ -46,6 +46,7 @@ class LearnOptions:
 
 
 LEARN = LearnOptions()
+LEARNED_SHARE = 0.1  # of the time of a calibration, that is over when the trials begin
 
 
 def learn_likelihood(
@@ -61,14 +62,17 @@ def learn_likelihood(
 
 
 def learning(
-    takes: Sequence[tuple[np.ndarray, str]], markers: Sequence[str], seed: int = 0
+    takes: Sequence[tuple[np.ndarray, str]], markers: Sequence[str], seed: int = 0, try_all: Trying = in_turn
 ) -> Generator[tuple[float, str], None, Likelihood]:
-    """The same as a generator of (share done, what is being done); the likelihood is what it returns."""
+    """The same as a generator of (share done, what is being done); the likelihood is what it returns.
+
+    `try_all` makes the trials: the result is the same wherever each is made.
+    """
     markers = tuple(markers)
     subjects = _by_subject(takes, markers)
     shape, constraints = _learn(list(subjects.values()), markers, seed)
     rigid_bodies = learn_rigid_bodies(list(subjects.values()), shape.radius)
-    calibration = yield from _learn_calibration(list(subjects.values()), markers, rigid_bodies, seed)
+    calibration = yield from _learn_calibration(list(subjects.values()), markers, rigid_bodies, seed, try_all)
     return Likelihood(markers, shape, constraints, calibration, len(subjects), rigid_bodies)
 
 
@@ -103,7 +107,7 @@ def _learn(subjects: list[np.ndarray], markers: tuple[str, ...], seed: int) -> t
 
 
 def _learn_calibration(
-    subjects: list[np.ndarray], markers: tuple[str, ...], whole: RigidBodies | None, seed: int
+    subjects: list[np.ndarray], markers: tuple[str, ...], whole: RigidBodies | None, seed: int, try_all: Trying
 ) -> Generator[tuple[float, str], None, Calibration]:
     """The calibration by naming each subject with what the others teach.
 
@@ -111,13 +115,28 @@ def _learn_calibration(
     is known but how much subjects differ in general. Where all that was learned has rigid bodies, so has every part,
     and else none: a few of the takes may look otherwise.
     """
+    works = yield from _works(subjects, markers, whole, seed)
+    outcomes = []
+    for outcome in try_all(works):
+        outcomes.append(outcome)
+        yield LEARNED_SHARE + (1 - LEARNED_SHARE) * len(outcomes) / len(works), "learn the likelihood"
+    right = np.concatenate([outcome.right for outcome in outcomes])
+    if not len(right):
+        raise InputError("in no frame could a marker be distinguished; expected takes that show more of them")
+    usual = np.repeat([work.usual for work in works], [len(outcome.right) for outcome in outcomes])
+    return learn_calibration(np.concatenate([outcome.described for outcome in outcomes]), right, usual)
+
+
+def _works(
+    subjects: list[np.ndarray], markers: tuple[str, ...], whole: RigidBodies | None, seed: int
+) -> Generator[tuple[float, str], None, list[TrialWork]]:
+    """The trials of all folds, with what is learned without each fold."""
     rng = np.random.default_rng(seed)
-    found: list[tuple[np.ndarray, ...]] = []
-    splits = _splits(subjects)
+    works, splits = [], _splits(subjects)
     for done, (rest, tested) in enumerate(splits):
+        yield LEARNED_SHARE * done / len(splits), "learn the likelihood"
         shape, constraints = _learn(rest, markers, seed)
         rigid_bodies = None if whole is None else learn_rigid_bodies(rest, shape.radius) or whole
-        known = Known.of(markers, shape, constraints, rigid_bodies)
         # On rigid bodies frames are named several times as fast.
         count = LEARN.max_frames
         if rigid_bodies is None:
@@ -125,15 +144,12 @@ def _learn_calibration(
         tested = tested[rng.choice(len(tested), count, replace=len(tested) < count)]
         if len(subjects) == 1 and rigid_bodies is None:
             tested = as_other_subjects(shape, tested, rng)
-        for trial, usual in _trials(tested, known, rng):
-            yield done / len(splits), "learn the likelihood"
-            found += _tried(known, trial, usual)
-    if not sum(len(right) for _, right, _ in found):
-        raise InputError("in no frame could a marker be distinguished; expected takes that show more of them")
-    return learn_calibration(*(np.concatenate(column) for column in zip(*found, strict=True)))
+        for trial, usual in _trials(tested, rigid_bodies is None, rng):
+            works.append(TrialWork(markers, shape, constraints, rigid_bodies, trial, usual))
+    return works
 
 
-def _trials(tested: np.ndarray, known: Known, rng: np.random.Generator) -> Iterator[tuple[Trial, bool]]:
+def _trials(tested: np.ndarray, crowds: bool, rng: np.random.Generator) -> Iterator[tuple[Trial, bool]]:
     """What the frames (T, M, 3) are tried as, and whether that is usual: without ghosts, with a few, in a crowd."""
     hidden = 0, round(tested.shape[1] * LEARN.max_hidden)
     for ghosts in (0, LEARN.max_ghosts):
@@ -141,7 +157,7 @@ def _trials(tested: np.ndarray, known: Known, rng: np.random.Generator) -> Itera
         if len(half):
             yield make_trial(half, hidden, (0, ghosts), rng), True
     some = tested[:: LEARN.crowd_every]
-    if known.rigid_bodies is None:
+    if crowds:
         most = min(LEARN.crowd_markers * tested.shape[1], LEARN.max_crowd)
         yield crowded(make_trial(some, hidden, (0, 0), rng), some, most, rng), False
 
@@ -172,14 +188,3 @@ def _splits(subjects: list[np.ndarray]) -> list[tuple[list[np.ndarray], np.ndarr
         )
         for fold in folds
     ]
-
-
-def _tried(known: Known, trial: Trial, usual: bool) -> list[tuple[np.ndarray, ...]]:
-    """Of all labels given in a trial what their chances depend on, and whether each is right and of a usual frame."""
-    found = []
-    for frames in chunks(trial.points):
-        points, truth = trial.points[frames], trial.truth[frames]
-        given = labels_given(solve_frames(known, points), points)
-        right = truth[given.frame, given.point] == given.marker
-        found.append((given.described, right, np.full(len(right), usual)))
-    return found

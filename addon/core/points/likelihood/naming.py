@@ -11,7 +11,9 @@ from dataclasses import dataclass, fields, is_dataclass
 import numpy as np
 
 from ...data.takes import NO_POINT
-from .distances import DistanceConstraints, Pulls, pulls, total_fit
+from ...kernels import point_calls, stands_for
+from .assigning import assigned
+from .distances import DistanceConstraints, pulls, size_and_fit
 from .latent import Latent, yaw_absorbed
 
 IMPOSSIBLE = -1e6  # log odds
@@ -45,10 +47,10 @@ class Settled:
     worth     (N,) what a name is worth beside its density, as `name_worth`
     naming    (N, M) index of the point, NO_POINT where hidden
     score     (N,) log likelihood ratio against all points being ghosts and all markers hidden
+    size      (N,) of the subject, as the distance constraints say; 1 is the mean
     expected  (N, M, 3) m, each marker's mean given all named points
-    shared    (N, M, 3, M, 3) m², covariance of the expected positions, without the markers' own noise
     left      (N, M, 3) m, named point minus expected; 0 where hidden
-    pulls     what the distance constraints say
+    spread    (N, M, 3, L) m, half of the expected positions' covariance without the markers' own noise, see `shared_of`
     """
 
     points: np.ndarray
@@ -56,10 +58,10 @@ class Settled:
     worth: np.ndarray
     naming: np.ndarray
     score: np.ndarray
+    size: np.ndarray
     expected: np.ndarray
-    shared: np.ndarray
     left: np.ndarray
-    pulls: Pulls
+    spread: np.ndarray
 
     @property
     def named(self) -> np.ndarray:
@@ -72,46 +74,77 @@ def settle(
 ) -> Settled:
     """What follows from namings (N, M) of points (N, P, 3) m that are nearly in the model's frame."""
     worth = name_worth(model, present)
-    points, offset, latent, covariance, score = _weighed(model, points, worth, naming)
-    fit = pulls(constraints, points, naming)
-    expected = model.positions(latent)
-    shared = ((model.flat @ covariance) @ model.flat.T).reshape(-1, len(model), 3, len(model), 3)
-    left = np.where((naming >= 0)[..., None], offset + model.mean - expected, 0)
-    return Settled(points, present, worth, naming, score + fit.total, expected, shared, left, fit)
+    points, *said = settled(model, constraints, points, naming, worth)
+    return Settled(points, present, worth, naming, *said)
 
 
+@stands_for(point_calls.settled)
+def settled(model: Latent, constraints: DistanceConstraints, points, naming, worth) -> tuple[np.ndarray, ...]:
+    """Of `Settled` points, score, size, expected, left and spread."""
+    points, left, latent, inverse, score = _weighed(model, points, worth, naming)
+    size, fit = size_and_fit(constraints, points, naming)
+    spread = (model.flat @ inverse.swapaxes(1, 2)).reshape(*left.shape, -1)
+    return points, score + fit, size, model.positions(latent), left, spread
+
+
+@stands_for(point_calls.score_of)
 def score_of(
     model: Latent, constraints: DistanceConstraints, points: np.ndarray, worth: np.ndarray, naming: np.ndarray
 ) -> np.ndarray:
     """(N,) the score alone, as `settle` gives it."""
     points, _, _, _, score = _weighed(model, points, worth, naming)
-    return score + total_fit(constraints, points, naming)
+    return score + size_and_fit(constraints, points, naming)[1]
+
+
+@stands_for(point_calls.expected_of)
+def expected_of(
+    model: Latent, points: np.ndarray, naming: np.ndarray, markers: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What namings (N, M) of points (N, P, 3) m nearly in the model's frame say of some markers (B,), and no more.
+
+    The points in it, (N, P, 3) m, where the markers are expected, (N, B, 3) m, and the covariance of that,
+    (N, 3 B, 3 B) m², without the markers' own noise; as `settle` has them.
+    """
+    points, _, latent, inverse, _ = _explained(model, points, naming)
+    own = model.columns[markers].reshape(-1, model.size)
+    expected = model.mean[markers] + (latent @ own.T).reshape(len(latent), -1, 3)
+    half = own @ inverse.swapaxes(1, 2)
+    return points, expected, shared_of(half, half)
+
+
+def _explained(model: Latent, points: np.ndarray, naming: np.ndarray):
+    """Points with the yaw taken up, the named ones' offsets from the mean, and latent vectors.
+
+    And the inverse of their precision's lower factor, whose diagonal comes last.
+    """
+    lower = np.linalg.cholesky(model.normal((naming >= 0) / model.noise))
+    inverse = np.linalg.inv(lower)
+    points, _ = yaw_absorbed(points, _latent(model, points, naming, inverse)[1], model.yaw_sd)
+    return points, *_latent(model, points, naming, inverse), inverse, np.einsum("nii->ni", lower)
 
 
 def _weighed(model: Latent, points: np.ndarray, worth: np.ndarray, naming: np.ndarray):
-    """Points with the yaw taken up, the named ones' offsets from the mean, latent vectors, their covariance, score."""
+    """Points with the yaw taken up, what is left at the named ones, latent vectors, half of their covariance, score."""
     named = naming >= 0
-    normal = model.normal(named / model.noise)
-    covariance = np.linalg.inv(normal)
-    _, side = _pull(model, points, naming)
-    points, _ = yaw_absorbed(points, (covariance @ side[..., None])[..., 0])
-    offset, side = _pull(model, points, naming)
-    latent = (covariance @ side[..., None])[..., 0]
-    square = (offset**2 / model.noise[:, None]).sum(axis=(1, 2)) - (side * latent).sum(axis=1)
-    spread = np.linalg.slogdet(normal)[1] + named @ (3 * np.log(model.noise))
+    points, offset, latent, inverse, roots = _explained(model, points, naming)
+    left = np.where(named[..., None], offset + model.mean - model.positions(latent), 0)
+    # The same as the offsets' own square less what the latent vectors explain, without the difference of large numbers.
+    square = (left**2 / model.noise[:, None]).sum(axis=(1, 2)) + (latent**2).sum(axis=1)
+    spread = 2 * np.log(roots).sum(axis=1) + named @ (3 * np.log(model.noise))
     score = -0.5 * (square + spread) + named.sum(axis=1) * worth
-    return points, offset, latent, covariance, score
+    return points, left, latent, inverse, score
 
 
-def _pull(model: Latent, points: np.ndarray, naming: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Offsets of the named points from the mean (N, M, 3) and the right side (N, L) that they make."""
+def _latent(model: Latent, points: np.ndarray, naming: np.ndarray, inverse: np.ndarray):
+    """Offsets of the named points from the mean (N, M, 3) and the latent vectors (N, L) that they make."""
     offset = np.where((naming >= 0)[..., None], picked(points, naming) - model.mean, 0)
-    return offset, model.right_side(offset / model.noise[:, None])
+    side = model.right_side(offset / model.noise[:, None])
+    return offset, (inverse.swapaxes(1, 2) @ (inverse @ side[..., None]))[..., 0]
 
 
 def picked(points: np.ndarray, naming: np.ndarray) -> np.ndarray:
     """(N, M, 3) the points named; the first point where none is."""
-    return np.take_along_axis(points, np.maximum(naming, 0)[..., None], axis=1)
+    return points[np.arange(len(points))[:, None], np.maximum(naming, 0)]
 
 
 def name_worth(model: Latent, present: np.ndarray) -> np.ndarray:
@@ -132,10 +165,9 @@ def is_crowded(model: Latent, present: np.ndarray) -> np.ndarray:
     return present.sum(axis=1) > len(model) + GHOSTS_EXPECTED.max_usual
 
 
-def own_blocks(shared: np.ndarray) -> np.ndarray:
-    """(N, M, 3, 3) each marker's own covariance out of `shared`."""
-    index = np.arange(shared.shape[1])
-    return shared[:, index, :, index].swapaxes(0, 1)
+def shared_of(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) m², what two markers' expected positions share, of the halves (..., 3, L) that `Settled` keeps."""
+    return one @ other.swapaxes(-1, -2)
 
 
 def inverse3(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -149,18 +181,24 @@ def inverse3(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return rows.reshape(matrix.shape), determinant
 
 
-def name_odds(model: Latent, settled: Settled) -> np.ndarray:
+@stands_for(point_calls.name_odds)
+def name_odds(model: Latent, constraints: DistanceConstraints, settled: Settled) -> np.ndarray:
     """(N, M, P) log odds that a point is a marker rather than a ghost, given all named points but the marker's own."""
+    return odds_given(model, settled, pulls(constraints, settled.points, settled.naming, settled.size))
+
+
+def odds_given(model: Latent, settled: Settled, pulled: np.ndarray) -> np.ndarray:
+    """The same where it is known what the distance constraints say (N, M, P)."""
     named = settled.named[..., None, None]
     noise = model.noise[:, None, None]
-    shared = own_blocks(settled.shared)
+    shared = shared_of(settled.spread, settled.spread)
     # What the marker's own point says is taken out again; for Gaussians that is exact.
     own, _ = inverse3(noise * np.eye(3) - np.where(named, shared, 0))
     variance = np.where(named, noise**2 * own, shared + noise * np.eye(3))
     without = settled.expected - np.where(named, shared @ own @ settled.left[..., None], 0)[..., 0]
     between = settled.points[:, None] - without[:, :, None]
     odds = density_odds(settled.worth[:, None, None], variance, between, settled.present[:, None])
-    return odds + settled.pulls.at
+    return odds + pulled
 
 
 def density_odds(worth: np.ndarray, variance, between, present) -> np.ndarray:
@@ -173,21 +211,10 @@ def density_odds(worth: np.ndarray, variance, between, present) -> np.ndarray:
 def one_to_one(odds: np.ndarray) -> np.ndarray:
     """The naming (N, M) of highest total odds (N, M, P); nothing is named at odds below 0."""
     naming = np.where(odds.max(axis=2) > 0, odds.argmax(axis=2), NO_POINT)
-    contested = ((odds > 0).sum(axis=1) > 1).any(axis=1)
-    for row in np.flatnonzero(contested):
-        naming[row] = _assigned(odds[row])
-    return naming
-
-
-def _assigned(odds: np.ndarray) -> np.ndarray:
-    from scipy.optimize import linear_sum_assignment
-
-    markers, points = np.flatnonzero((odds > 0).any(axis=1)), np.flatnonzero((odds > 0).any(axis=0))
-    worth = np.maximum(odds[np.ix_(markers, points)], 0)
-    rows, columns = linear_sum_assignment(worth, maximize=True)
-    good = worth[rows, columns] > 0
-    naming = np.full(len(odds), NO_POINT)
-    naming[markers[rows[good]]] = points[columns[good]]
+    order = np.sort(naming, axis=1)
+    twice = ((order[:, 1:] == order[:, :-1]) & (order[:, 1:] != NO_POINT)).any(axis=1)
+    for row in np.flatnonzero(twice):
+        naming[row] = assigned(odds[row])
     return naming
 
 

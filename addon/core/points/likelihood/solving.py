@@ -2,6 +2,7 @@
 """From a frame's guesses to its best naming, and how far ahead of every other naming each of its names is."""
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -65,6 +66,13 @@ class Solved:
     margin: np.ndarray
     mean_square: np.ndarray
 
+    @classmethod
+    def none(cls, frames: int, markers: int) -> Self:
+        """So many frames of which nothing is known yet."""
+        return cls(
+            np.full((frames, markers), NO_POINT), np.zeros(frames), np.zeros((frames, markers)), np.zeros(frames)
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Others:
@@ -84,7 +92,7 @@ def solve(
 ) -> Solved:
     """The best naming of every frame that any of its guesses leads to, limbs exchanged (X, M) included."""
     frames, each, _, count = guesses.share.shape
-    points = guesses.points.reshape(-1, count, 3).astype(float)
+    points = guesses.points.reshape(-1, count, 3)
     share = guesses.share.reshape(len(points), -1, count)
     naming = np.where(share.max(axis=2) > SOLVING.min_share, share.argmax(axis=2), NO_POINT)
     there = np.repeat(present, each, axis=0)
@@ -138,11 +146,16 @@ def _reassigned(model: Latent, constraints: DistanceConstraints, settled: Settle
     """Each naming changed for the better by everyone's conditional odds at once."""
     rows = np.arange(len(settled.naming))
     for _ in range(SOLVING.rounds):
-        tried = one_to_one(name_odds(model, rows_of(settled, rows)))
+        tried = one_to_one(name_odds(model, constraints, _some_of(settled, rows)))
         rows = _try(model, constraints, settled, rows, tried)
         if not len(rows):
             break
     return settled
+
+
+def _some_of(settled: Settled, rows: np.ndarray) -> Settled:
+    """These rows (K,), each once and in their order, to look at: not copied where they are all of them."""
+    return settled if len(rows) == len(settled.naming) else rows_of(settled, rows)
 
 
 def _hopeful(settled: Settled, frames: int, behind: float) -> np.ndarray:
@@ -161,13 +174,13 @@ def _climbed(model: Latent, constraints: DistanceConstraints, settled: Settled) 
     found = alternatives(model, constraints, settled)
     rows = np.arange(len(settled.naming))
     for _ in range(SOLVING.max_climbs):
-        tried, gain = best_neighbour(rows_of(settled, rows), rows_of(found, rows))
+        tried, gain = best_neighbour(settled.naming[rows], found.move[rows], found.swap[rows])
         promising = gain > SOLVING.min_gain
         rows = _try(model, constraints, settled, rows[promising], tried[promising])
         if not len(rows):
             break
-        _try(model, constraints, settled, rows, one_to_one(name_odds(model, rows_of(settled, rows))))
-        put_rows(found, alternatives(model, constraints, rows_of(settled, rows)), rows)
+        _try(model, constraints, settled, rows, one_to_one(name_odds(model, constraints, _some_of(settled, rows))))
+        put_rows(found, alternatives(model, constraints, _some_of(settled, rows)), rows)
     return settled, found
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...geometry.upright import best_yaw, turned
+from ...kernels import point_calls, stands_for
 from .latent import FIRST_MODE, Latent, yaw_absorbed
 from .naming import crowd_density, is_crowded
 
@@ -61,19 +62,21 @@ def guess(coarse: Latent, fine: Latent, points: np.ndarray, kept: int, first: fl
     present = np.isfinite(points[..., 0])
     middle = _middles(coarse, points, present)
     places = middle.shape[1]
-    centred = np.where(present[:, None, :, None], points[:, None] - middle[:, :, None], 0).astype(np.float32)
-    yaws = np.tile(first + 2 * np.pi / STARTS.yaws * np.arange(STARTS.yaws), places).astype(np.float32)
+    centred = np.where(present[:, None, :, None], points[:, None] - middle[:, :, None], 0)
+    yaws = np.tile(first + 2 * np.pi / STARTS.yaws * np.arange(STARTS.yaws), places)
     starts = len(yaws)
     around = turned(np.repeat(centred, STARTS.yaws, axis=1), np.broadcast_to(yaws, (frames, starts)))
     around = around.reshape(-1, count, 3)
     latent = np.zeros((len(around), coarse.size))
-    ended, latent, _, fitness = _softly(coarse, around, np.repeat(present, starts, axis=0), latent, STARTS.coarse)
+    there, ghost = np.repeat(present, starts, axis=0), ghost_density(coarse, present)
+    ended, latent, _, fitness = softly(coarse, around, there, np.repeat(ghost, starts), latent, STARTS.coarse)
     turn = best_yaw(around, ended).reshape(frames, starts) + yaws
     best = _distinct(fitness.reshape(frames, starts), turn, np.repeat(np.arange(places), STARTS.yaws), kept)
     rows = (np.arange(frames)[:, None] * starts + best).ravel()
     wide = np.zeros((len(rows), fine.size))
     wide[:, : coarse.size] = latent[rows]
-    around, latent, share, fitness = _softly(fine, ended[rows], np.repeat(present, kept, axis=0), wide, STARTS.fine)
+    there, ghost = np.repeat(present, kept, axis=0), ghost_density(fine, present)
+    around, latent, share, fitness = softly(fine, ended[rows], there, np.repeat(ghost, kept), wide, STARTS.fine)
     order = np.argsort(-fitness.reshape(frames, -1), axis=1)
     rows = np.arange(frames)[:, None] * order.shape[1] + order
     return Guesses(around[rows], share[rows], latent[rows])
@@ -115,30 +118,34 @@ def _distinct(fitness: np.ndarray, turn: np.ndarray, place: np.ndarray, count: i
     return best
 
 
-def _softly(model: Latent, points, present, latent, schedule):
-    """Points turned into the model's frame, latent vectors, shares (N, M, P) and fitness (N,) after all steps."""
-    mean, flat = model.mean.astype(np.float32), model.flat.T.astype(np.float32)
-    spread = ((model.columns[..., FIRST_MODE:] ** 2).sum(axis=(1, 2)) / 3).astype(np.float32)
-    there = present.astype(np.float32)[:, None]
-    ghost = ((STARTS.ghost_density + crowd_density(model, present)) * (2 * np.pi) ** 1.5 / model.radius**3).astype(
-        np.float32
-    )[:, None]
+def ghost_density(model: Latent, present: np.ndarray) -> np.ndarray:
+    """(N,) of ghosts in frames of points present (N, P), in what `_closeness` gives markers in."""
+    return (STARTS.ghost_density + crowd_density(model, present)) * (2 * np.pi) ** 1.5 / model.radius**3
+
+
+@stands_for(point_calls.softly)
+def softly(
+    model: Latent, points: np.ndarray, present: np.ndarray, ghost: np.ndarray, latent: np.ndarray, schedule
+) -> tuple[np.ndarray, ...]:
+    """Points (N, P, 3) m turned into the model's frame, latent vectors, shares (N, M, P) and fitness (N,) at the end.
+
+    From points that are present (N, P), among ghosts of such a density (N,), and latent vectors (N, L); the schedule
+    has steps as `StartOptions`.
+    """
     for loose, softness in schedule:
-        variance = (model.noise + loose * spread + softness * model.radius**2).astype(np.float32)
-        expected = mean + (latent.astype(np.float32) @ flat).reshape(len(latent), -1, 3)
-        share = _closeness(expected, points, variance)
-        share *= there
-        likelihood = share.sum(axis=1) + ghost
+        variance = model.noise + loose * model.by_modes + softness * model.radius**2
+        share = _closeness(model.positions(latent), points, variance)
+        share *= present[:, None]
+        likelihood = share.sum(axis=1) + ghost[:, None]
         share /= likelihood[:, None]
         total = share.sum(axis=2)
         fair = 1 / np.maximum(total, 1)
         share *= fair[..., None]
         total *= fair
-        pull = (share @ points - total[..., None] * mean) / variance[:, None]
-        normal = model.normal((total / variance).astype(float))
-        latent = np.linalg.solve(normal, model.right_side(pull.astype(float))[..., None])[..., 0]
-        points, latent = yaw_absorbed(points, latent)
-        points = points.astype(np.float32)
+        pull = (share @ points - total[..., None] * model.mean) / variance[:, None]
+        normal = model.normal(total / variance)
+        latent = np.linalg.solve(normal, model.right_side(pull)[..., None])[..., 0]
+        points, latent = yaw_absorbed(points, latent, model.yaw_sd)
     fitness = (np.log(likelihood) * present).sum(axis=1) - 0.5 * (latent[:, FIRST_MODE:] ** 2).sum(axis=1)
     return points, latent, share, fitness
 

@@ -14,9 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .distances import DistanceConstraints
+from ...geometry.rigid import pairwise_distances
+from ...kernels import point_calls, stands_for
+from .distances import DistanceConstraints, pulls
 from .latent import Latent
-from .naming import IMPOSSIBLE, NO_POINT, Settled, density_odds, inverse3, name_odds, own_blocks, picked
+from .naming import IMPOSSIBLE, NO_POINT, Settled, density_odds, inverse3, odds_given, picked, shared_of
 
 
 @dataclass(frozen=True)
@@ -48,8 +50,19 @@ class Alternatives:
 
 def alternatives(model: Latent, constraints: DistanceConstraints, settled: Settled) -> Alternatives:
     """All neighbours of settled namings."""
-    odds = name_odds(model, settled)
-    return Alternatives(odds, _moves(model, constraints, settled, odds), _swaps(model, constraints, settled))
+    reach = ALTERNATIVES.max_distance_radii * model.radius
+    return Alternatives(*neighbours(model, constraints, settled, reach))
+
+
+@stands_for(point_calls.neighbours)
+def neighbours(
+    model: Latent, constraints: DistanceConstraints, settled: Settled, reach: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Odds, moves and swaps of `Alternatives`; points up to `reach` m from where a marker is expected are tried."""
+    pulled = pulls(constraints, settled.points, settled.naming, settled.size)
+    odds = odds_given(model, settled, pulled)
+    parts = model, constraints, settled, pulled
+    return odds, _moves(*parts, odds, reach), _swaps(*parts)
 
 
 def own_odds(settled: Settled, odds: np.ndarray) -> np.ndarray:
@@ -58,19 +71,19 @@ def own_odds(settled: Settled, odds: np.ndarray) -> np.ndarray:
     return np.where(settled.named, own, 0)
 
 
-def _moves(model: Latent, constraints: DistanceConstraints, settled: Settled, odds: np.ndarray) -> np.ndarray:
+def _moves(model: Latent, constraints: DistanceConstraints, settled: Settled, pulled, odds, reach) -> np.ndarray:
     at = picked(settled.points, settled.naming)
     gains = np.full((*settled.naming.shape, len(model)), IMPOSSIBLE)
-    reach = ALTERNATIVES.max_distance_radii * model.radius
     far = ((at[:, :, None] - settled.expected[:, None]) ** 2).sum(axis=-1) > reach**2
     row, old, new = np.nonzero(settled.named[:, :, None] & ~far & ~np.eye(len(model), dtype=bool))
     if not len(row):
         return gains
     noise = model.noise[:, None, None] * np.eye(3)
-    own, _ = inverse3(noise[old] - settled.shared[row, old, :, old])
-    across = settled.shared[row, new, :, old]
+    first, second = settled.spread[row, old], settled.spread[row, new]
+    own, _ = inverse3(noise[old] - shared_of(first, first))
+    across = shared_of(second, first)
     carried = across @ own
-    shared = settled.shared[row, new, :, new] + carried @ across.swapaxes(-1, -2)
+    shared = shared_of(second, second) + carried @ across.swapaxes(-1, -2)
     expected = settled.expected[row, new] - (carried @ settled.left[row, old][..., None])[..., 0]
     held = settled.named[row, new]
     own, _ = inverse3(noise[new] - np.where(held[:, None, None], shared, 0))
@@ -79,61 +92,63 @@ def _moves(model: Latent, constraints: DistanceConstraints, settled: Settled, od
     expected = expected - ((shared @ own) @ left[..., None])[..., 0]
     there = np.stack([at[row, old], at[row, new]], axis=1) - expected[:, None]
     odd = density_odds(settled.worth[row, None], variance, there, True)
-    odd += _without_constraint(constraints, settled, row, old, new)
+    odd += _without_constraint(constraints, settled, pulled, row, old, new)
     gain = odd[:, 0] - np.where(held, odd[:, 1], 0)
     gains[row, old, new] = gain - own_odds(settled, odds)[row, old]
     return gains
 
 
-def _without_constraint(constraints: DistanceConstraints, settled: Settled, row, old, new) -> np.ndarray:
+def _without_constraint(constraints: DistanceConstraints, settled: Settled, pulled, row, old, new) -> np.ndarray:
     """(K, 2) what the distance constraints of marker `new` but that with `old` say of the points that the two have."""
-    constraint = settled.pulls.joined[old, new]
     points = np.maximum(np.stack([settled.naming[row, old], settled.naming[row, new]], axis=1), 0)
-    whole = settled.pulls.at[row[:, None], new[:, None], points]
+    whole = pulled[row[:, None], new[:, None], points]
     if not len(constraints):
         return whole
-    between = settled.pulls.between[row[:, None], points[:, :1], points]
+    constraint = constraints.joined(settled.naming.shape[1])[old, new]
+    at = settled.points[row[:, None], points]
+    between = np.linalg.norm(at - at[:, :1], axis=-1) / settled.size[row, None]
     return whole - np.where((constraint >= 0)[:, None], constraints.fit(between, constraint[:, None]), 0)
 
 
-def _swaps(model: Latent, constraints: DistanceConstraints, settled: Settled) -> np.ndarray:
+def _swaps(model: Latent, constraints: DistanceConstraints, settled: Settled, pulled: np.ndarray) -> np.ndarray:
     at = picked(settled.points, settled.naming)
     between = at[:, None] - at[:, :, None]
-    noise = model.noise
-    own = (noise[:, None, None] * np.eye(3) - own_blocks(settled.shared)) / (noise**2)[:, None, None]
-    cross = settled.shared.transpose(0, 1, 3, 2, 4) / (noise[:, None] * noise)[..., None, None]
+    noise, (count, markers, _, size) = model.noise, settled.spread.shape
+    flat = (settled.spread / noise[:, None, None]).reshape(count, -1, size)
+    cross = shared_of(flat, flat).reshape(count, markers, 3, markers, 3).transpose(0, 1, 3, 2, 4)
+    own = np.eye(3) / noise[:, None, None] - np.einsum("niijk->nijk", cross)
     curve = own[:, :, None] + own[:, None] + cross + cross.swapaxes(-1, -2)
     slope = settled.left / noise[:, None]
     slope = slope[:, :, None] - slope[:, None]
     gains = -0.5 * ((curve @ between[..., None])[..., 0] * between).sum(axis=-1) - (slope * between).sum(axis=-1)
-    both = settled.named[:, :, None] & settled.named[:, None] & np.tri(len(model), k=-1, dtype=bool)
-    return np.where(both, gains + _swapped_constraints(constraints, settled), IMPOSSIBLE)
+    both = settled.named[:, :, None] & settled.named[:, None] & np.tri(markers, k=-1, dtype=bool)
+    return np.where(both, gains + _swapped_constraints(constraints, settled, pulled), IMPOSSIBLE)
 
 
-def _swapped_constraints(constraints: DistanceConstraints, settled: Settled) -> np.ndarray:
+def _swapped_constraints(constraints: DistanceConstraints, settled: Settled, pulled: np.ndarray) -> np.ndarray:
     """(N, M, M) what the constraints gain when two markers exchange points; the one between the two stays as it is."""
     rows = np.arange(len(settled.naming))[:, None, None]
     point = np.maximum(settled.naming, 0)
-    crossed = settled.pulls.at[rows, np.arange(point.shape[1])[:, None], point[:, None]]
+    crossed = pulled[rows, np.arange(point.shape[1])[:, None], point[:, None]]
     own = np.einsum("nii->ni", crossed)
     gain = crossed + crossed.swapaxes(1, 2) - own[:, :, None] - own[:, None]
     if not len(constraints):
         return gain
-    constraint = settled.pulls.joined
-    kept = constraints.fit(settled.pulls.between[rows, point[:, :, None], point[:, None]], constraint)
+    constraint = constraints.joined(point.shape[1])
+    at = picked(settled.points, settled.naming)
+    kept = constraints.fit(pairwise_distances(at) / settled.size[:, None, None], constraint)
     return gain + np.where(constraint >= 0, 2 * (kept - constraints.fit(np.zeros(1), constraint)), 0)
 
 
-def best_neighbour(settled: Settled, found: Alternatives) -> tuple[np.ndarray, np.ndarray]:
-    """The namings (N, M) with the best single move or swap made, and its gain (N,)."""
-    count = settled.naming.shape[1]
-    gains = np.concatenate([found.move.reshape(len(found.move), -1), found.swap.reshape(len(found.swap), -1)], axis=1)
+def best_neighbour(naming: np.ndarray, move: np.ndarray, swap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The namings (N, M) with the best single move or swap made, and its gain (N,); `move` and `swap` (N, M, M)."""
+    rows, count = np.arange(len(naming)), naming.shape[1]
+    gains = np.concatenate([move.reshape(len(rows), -1), swap.reshape(len(rows), -1)], axis=1)
     best = gains.argmax(axis=1)
-    gain = np.take_along_axis(gains, best[:, None], axis=1)[:, 0]
-    rows = np.arange(len(best))
+    gain = gains[rows, best]
     swapped, pair = best >= count**2, best % count**2
     first, second = pair // count, pair % count
-    naming = settled.naming.copy()
-    naming[rows, second] = settled.naming[rows, first]
-    naming[rows, first] = np.where(swapped, settled.naming[rows, second], NO_POINT)
-    return naming, gain
+    changed = naming.copy()
+    changed[rows, second] = naming[rows, first]
+    changed[rows, first] = np.where(swapped, naming[rows, second], NO_POINT)
+    return changed, gain

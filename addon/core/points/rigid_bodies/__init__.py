@@ -4,8 +4,3 @@
 Markers on one rigid body move as one, rigid bodies on one limb meet in joints, and a body is not its mirror image: that
 says which rigid body is which even where it has another form, or sits elsewhere on the limb, than in training.
 """
-
-from .recognition import Recognition, recognise
-from .structure import Structure, learn_structure
-
-__all__ = ["Recognition", "Structure", "learn_structure", "recognise"]

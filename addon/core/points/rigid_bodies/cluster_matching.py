@@ -3,14 +3,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations, permutations
+from itertools import combinations
 
 import numpy as np
 
 from ...geometry.rigid import pairwise_distances
 from .clustering import Cluster
 from .model import linking_order
-from .structure import JOINT, Structure, find_joints, signed_volumes
+from .structure import JOINT, Structure, find_joints
+from .volumes import MedianVolumes
 
 NO_CLUSTER = -1
 
@@ -70,12 +71,12 @@ class Matched:
 class _Likeness:
     """Log likelihoods of rigid bodies being clusters, `own` (K, G), and of two being two, `pair` (K, K, G, G).
 
-    `volume` (G, G, G, G) is the signed volume of every four clusters.
+    `volumes` are those of every four clusters.
     """
 
     own: np.ndarray
     pair: np.ndarray
-    volume: np.ndarray
+    volumes: MedianVolumes
 
 
 def match_clusters(
@@ -95,7 +96,7 @@ def _likeness(structure: Structure, clusters: Sequence[Cluster], options: Cluste
     forms = [inner.form[: inner.core] for inner in structure.inner]
     own = np.array([[_form_fit(form, cluster.form, options) for cluster in clusters] for form in forms])
     pair = _distance_fit(structure, place, options) + _joint_fit(structure, turn, place, options)
-    return _Likeness(own, pair, _volumes(place))
+    return _Likeness(own, pair, MedianVolumes(place))
 
 
 def _form_fit(form: np.ndarray, cluster: np.ndarray, options: ClusterMatchOptions) -> float:
@@ -103,17 +104,17 @@ def _form_fit(form: np.ndarray, cluster: np.ndarray, options: ClusterMatchOption
     small, large = sorted((form, cluster), key=len)
     if len(large) > options.max_markers:
         return -options.max_cost
-    wanted = _sorted_lengths(small)
-    best = min(
-        ((_sorted_lengths(large[list(chosen)]) - wanted) ** 2).mean()
-        for chosen in combinations(range(len(large)), len(small))
-    )
+    chosen = np.array(list(combinations(range(len(large)), len(small))))
+    between = pairwise_distances(large)[chosen[:, :, None], chosen[:, None]]
+    best = ((_sorted_lengths(between) - _sorted_lengths(pairwise_distances(small))) ** 2).mean(axis=1).min()
     odd = options.odd_marker_cost * (len(large) - len(small))
     return -min(0.5 * best / options.form_sd_m**2, options.max_cost) - odd
 
 
-def _sorted_lengths(form: np.ndarray) -> np.ndarray:
-    return np.sort(pairwise_distances(form)[np.triu_indices(len(form), 1)])
+def _sorted_lengths(distance: np.ndarray) -> np.ndarray:
+    """(..., n (n - 1) / 2) of distances (..., n, n), the shortest first."""
+    one, other = np.triu_indices(distance.shape[-1], 1)
+    return np.sort(distance[..., one, other], axis=-1)
 
 
 def _distance_fit(structure: Structure, place: np.ndarray, options: ClusterMatchOptions) -> np.ndarray:
@@ -138,21 +139,6 @@ def _joint_fit(structure: Structure, turn: np.ndarray, place: np.ndarray, option
             cost = cost + np.minimum(0.5 * ((arm - usual) / spread) ** 2, options.max_cost / 2)
         fit[one, two] = np.where(seen.telling, options.joint_gain - cost, 0)
     return fit
-
-
-def _volumes(place: np.ndarray) -> np.ndarray:
-    """(G, G, G, G) median signed volume of every four clusters; 0 where never seen together."""
-    count = place.shape[1]
-    table = np.zeros((count,) * 4)
-    quads = np.array(list(combinations(range(count), 4)), int).reshape(-1, 4)
-    if not len(quads):
-        return table
-    volumes = signed_volumes(*(place[:, quads[:, corner]] for corner in range(4)))
-    seen = np.isfinite(volumes).any(axis=0)
-    quads, middle = quads[seen], np.nanmedian(volumes[:, seen], axis=0)
-    for order in permutations(range(4)):
-        table[tuple(quads[:, order].T)] = np.linalg.det(np.eye(4)[list(order)]) * middle
-    return table
 
 
 def _search(structure: Structure, likeness: _Likeness, options: ClusterMatchOptions) -> tuple[np.ndarray, np.ndarray]:
@@ -193,21 +179,24 @@ def _from_volumes(
     structure: Structure, likeness: _Likeness, states, rigid_body: int, rows: np.ndarray, options
 ) -> np.ndarray:
     """(B, G) log odds against the mirror image, of the quads in `rows`, whose last rigid body is the next."""
-    size = len(states), likeness.own.shape[1]
-    said, known = np.zeros(size), np.zeros(size)
+    clusters = likeness.own.shape[1]
+    said, known = np.zeros((2, len(states), clusters))
     for row in rows:
-        corners = [
-            np.broadcast_to(np.arange(size[1]), size)
-            if other == rigid_body
-            else np.broadcast_to(states[:, other, None], size)
-            for other in structure.quads[row]
-        ]
-        there = np.all([corner >= 0 for corner in corners], axis=0)
-        volume = likeness.volume[tuple(np.maximum(corner, 0) for corner in corners)]
+        quad = structure.quads[row]
+        others = states[:, quad[quad != rigid_body]]
+        # Most states have the three that are named before in common.
+        _, first, same = np.unique(
+            (others + 1) @ (clusters + 1) ** np.arange(3), return_index=True, return_inverse=True
+        )
+        corners = np.empty((4, len(first), clusters), int)
+        corners[quad != rigid_body] = others[first].T[..., None]
+        corners[quad == rigid_body] = np.arange(clusters)
+        there = (corners >= 0).all(axis=0)
+        volume = likeness.volumes.of(*np.maximum(corners, 0))
         there &= volume != 0
         odds = mirror_odds(volume, structure.volume[row], structure.volume_sd[row], options.max_cost)
-        said += np.where(there, np.maximum(odds, -options.max_mirror_cost), 0)
-        known += there
+        said += np.where(there, np.maximum(odds, -options.max_mirror_cost), 0)[same]
+        known += there[same]
     return said * options.independent / np.maximum(known, options.independent)
 
 

@@ -89,17 +89,25 @@ class Sampled:
 
 
 def unbroken(tracklet: np.ndarray, rate: float, options: ClusteringOptions = CLUSTERING) -> np.ndarray:
-    """(T, P) tracklets (T, P), -1 where there is no point, cut again at every gap."""
-    parts = np.full(tracklet.shape, -1)
-    count = 0
-    for column in range(tracklet.shape[1]):
-        frames = np.flatnonzero(tracklet[:, column] >= 0)
-        if not len(frames):
-            continue
-        ends = (np.diff(frames) > max(options.max_gap_s * rate, 1)) | (np.diff(tracklet[frames, column]) != 0)
-        parts[frames, column] = count + np.concatenate([[0], np.cumsum(ends)])
-        count = int(parts[frames[-1], column]) + 1
+    """(T, L) tracklets (T, L), -1 where there is no point, cut again at every gap."""
+    parts = np.full(tracklet.shape, -1, np.int32)
+    ends = [_ends_in(tracklet[:, lane], lane, max(options.max_gap_s * rate, 1)) for lane in range(tracklet.shape[1])]
+    # Numbered as tracklets are, whatever lanes they stand in.
+    spans = np.concatenate([*ends, np.zeros((0, 4), int)])
+    for count, (_, first, last, lane) in enumerate(spans[np.lexsort((spans[:, 1], spans[:, 0]))].tolist()):
+        own = slice(first, last + 1)
+        parts[own, lane] = np.where(tracklet[own, lane] >= 0, count, -1)
     return parts
+
+
+def _ends_in(tracklet: np.ndarray, lane: int, max_gap: float) -> np.ndarray:
+    """(K, 4) tracklet, first and last frame and lane of every unbroken part of the tracklets (T,) of a lane."""
+    frames = np.flatnonzero(tracklet >= 0)
+    if not len(frames):
+        return np.zeros((0, 4), int)
+    at = np.flatnonzero((np.diff(frames) > max_gap) | (np.diff(tracklet[frames]) != 0))
+    first, last = frames[np.append(0, at + 1)], frames[np.append(at, len(frames) - 1)]
+    return np.stack([tracklet[first], first, last, np.full(len(first), lane)], axis=1)
 
 
 def sampled(points: np.ndarray, tracklet: np.ndarray, rate: float, options: ClusteringOptions = CLUSTERING) -> Sampled:
@@ -149,18 +157,22 @@ def _extent(place: np.ndarray) -> float:
 def _deviations(points: np.ndarray, options: ClusteringOptions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(N, N) m mean absolute deviation of every distance, (N, N) how many frames show it, and (N, N) m its mean."""
     count = points.shape[1]
-    spread, weight, usual = np.zeros((3, count, count))
+    spread, weight = np.full((count, count), options.prior_m), np.zeros((count, count))
+    usual = np.full((count, count), np.nan)
+    there = np.isfinite(points[..., 0])
     for one in range(count):
-        distance = np.linalg.norm(points - points[:, one : one + 1], axis=-1)
-        known = np.isfinite(distance)
+        own = np.flatnonzero(there[:, one])
+        others = np.flatnonzero(there[own].any(axis=0))
+        seen = points[np.ix_(own, others)]
+        known = there[np.ix_(own, others)]
         frames = known.sum(axis=0)
-        distance = np.where(known, distance, 0)
-        mean = distance.sum(axis=0) / np.maximum(frames, 1)
+        x, y, z = np.moveaxis(seen - points[own, one, None], 2, 0)
+        distance = np.where(known, np.sqrt(x * x + y * y + z * z), 0)
+        mean = distance.sum(axis=0) / frames
         off = np.where(known, np.abs(distance - mean), 0).sum(axis=0)
-        spread[one] = (off + options.prior_m * options.prior_frames) / (frames + options.prior_frames)
-        spread[one, mean > options.max_size_m] = 1.0
-        weight[one] = frames
-        usual[one] = np.where(frames > 0, mean, np.nan)
+        varies = (off + options.prior_m * options.prior_frames) / (frames + options.prior_frames)
+        spread[one, others] = np.where(mean > options.max_size_m, 1.0, varies)
+        weight[one, others], usual[one, others] = frames, mean
     np.fill_diagonal(weight, 0)
     return spread, weight, usual
 

@@ -12,7 +12,7 @@ from itertools import combinations
 
 import numpy as np
 
-from ...geometry.rigid import MIN_POINTS, mean_form, pairwise_distances
+from ...geometry.rigid import MIN_POINTS, distance_ranges, mean_form, pairwise_distances
 
 
 @dataclass(frozen=True)
@@ -75,8 +75,12 @@ class RigidBodies:
         """(n, n) m, the distances within a rigid body."""
         return pairwise_distances(self.form[group])
 
-    def bases(self, group: np.ndarray) -> list[tuple[int, int, int]]:
-        """Triples of places in a rigid body to recognise it by, the largest triangles first, the longest side first."""
+    @cached_property
+    def bases(self) -> list[list[tuple[int, int, int]]]:
+        """Triples of places to know each rigid body by, the largest triangles and their longest side first."""
+        return [self._bases(group) for group in self.members]
+
+    def _bases(self, group: np.ndarray) -> list[tuple[int, int, int]]:
         form = self.form[group]
         scored = []
         for triple in combinations(range(len(group)), 3):
@@ -104,14 +108,13 @@ def learn_rigid_bodies(
     everyone = np.concatenate(subjects)
     spread, low, high = np.full((3, markers, markers), np.nan)
     tails = [options.tail_percent, 100 - options.tail_percent]
+    columns = np.ascontiguousarray(everyone.transpose(1, 2, 0))
     for one in range(markers):
-        distance = np.linalg.norm(everyone - everyone[:, one : one + 1], axis=-1)
-        some = np.isfinite(distance).sum(axis=0) > 1
-        if not some.any():  # a marker that is never seen
-            continue
-        known = distance[:, some]
-        spread[one, some] = np.nanstd(known, axis=0)
-        low[one, some], high[one, some] = np.nanpercentile(known, tails, axis=0)
+        distance = np.sqrt(np.square(columns[one:] - columns[one]).sum(axis=1))
+        spread[one, one:], low[one, one:], high[one, one:] = distance_ranges(distance, tails, fewest=2)
+    lower = np.tril_indices(markers, -1)
+    for table in (spread, low, high):
+        table[lower] = table.T[lower]
     never = ~np.isfinite(low)
     spread[never] = np.inf
     low[never], high[never] = 0, options.unseen_m

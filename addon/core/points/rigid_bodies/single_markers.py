@@ -68,24 +68,25 @@ def _odds(
     rigid_bodies: RigidBodies, named: np.ndarray, missing: np.ndarray, points: np.ndarray, options: SingleMarkerOptions
 ) -> np.ndarray:
     """(M, N) log odds of every tracklet being every missing marker, -inf where nothing says."""
-    known = np.isfinite(named[..., 0]).any(axis=0)
-    odds = np.full((len(known), points.shape[1]), -np.inf)
+    known = np.flatnonzero(np.isfinite(named[..., 0]).any(axis=0))
+    odds = np.full((named.shape[1], points.shape[1]), -np.inf)
+    if not len(known) or not len(missing):
+        return odds
     width = rigid_bodies.high - rigid_bodies.low + 2 * rigid_bodies.slack
-    for marker in missing:
-        near = np.flatnonzero(known)
-        near = near[np.argsort(width[marker, near])[: options.neighbours]]
-        if not len(near):
-            continue
-        for tracklet in range(points.shape[1]):
-            frames = np.isfinite(points[:, tracklet, 0])
-            distance = np.linalg.norm(named[frames][:, near] - points[frames, tracklet, None], axis=-1)
-            seen = np.isfinite(distance)
-            if not seen.any(axis=1).mean() > options.min_seen_part:
-                continue
-            breach = rigid_bodies.breach(np.where(seen, distance, 0), np.array(marker), near[None])
-            gain = np.log(np.maximum(options.room_m / width[marker, near], 1))
-            odd = gain - np.minimum(0.5 * breach**2, options.max_cost)
-            mean = np.where(seen, odd, 0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
-            some = seen.any(axis=0)
-            odds[marker, tracklet] = mean[some].sum() * min(1.0, options.independent / some.sum())
+    place = np.argsort(width[np.ix_(missing, known)], axis=1)[:, : options.neighbours]
+    near = missing[:, None], known[place]
+    gain = np.log(np.maximum(options.room_m / width[near], 1))
+    for tracklet in range(points.shape[1]):
+        frames = np.isfinite(points[:, tracklet, 0])
+        every = np.linalg.norm(named[np.ix_(frames, known)] - points[frames, tracklet, None], axis=-1)
+        distance = every[:, place]
+        seen = np.isfinite(distance)
+        enough = np.flatnonzero(seen.any(axis=2).mean(axis=0) > options.min_seen_part)
+        distance, seen = distance[:, enough], seen[:, enough]
+        breach = rigid_bodies.breach(np.where(seen, distance, 0), missing[enough, None], known[place[enough]])
+        odd = gain[enough] - np.minimum(0.5 * breach**2, options.max_cost)
+        count = seen.sum(axis=0)
+        mean = np.where(seen, odd, 0).sum(axis=0) / np.maximum(count, 1)
+        some = (count > 0).sum(axis=1)
+        odds[missing[enough], tracklet] = mean.sum(axis=1) * np.minimum(1.0, options.independent / some)
     return odds

@@ -15,6 +15,7 @@ import numpy as np
 from ...data.takes import evenly_spread
 from ...geometry.rigid import MIN_POINTS, centre_of_rotation, in_axes, laid_on, pairwise_distances
 from .model import RigidBodies
+from .volumes import signed_volumes
 
 
 @dataclass(frozen=True)
@@ -200,14 +201,6 @@ def _firm(group: np.ndarray, frames: np.ndarray, options: StructureOptions) -> n
     loose = np.median(np.nanstd(pairwise_distances(frames[:, group]), axis=0), axis=0)
     firm = loose < max(options.max_loose_m, options.max_loose_ratio * np.median(loose))
     return group[firm] if firm.sum() >= MIN_POINTS else group
-
-
-def signed_volumes(one: np.ndarray, two: np.ndarray, three: np.ndarray, four: np.ndarray) -> np.ndarray:
-    """(...) volumes of tetrahedra with corners (..., 3), in units of their sides; a mirror image has the other sign."""
-    corners = np.broadcast_arrays(one, two, three, four)
-    volume = np.einsum("...i,...i->...", np.cross(two - one, three - one), four - one)
-    sides = [np.linalg.norm(a - b, axis=-1) for a, b in combinations(corners, 2)]
-    return volume / np.sqrt(np.maximum(np.prod(sides, axis=0), 1e-18))
 
 
 def triples(count: int) -> np.ndarray:

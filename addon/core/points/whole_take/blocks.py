@@ -7,14 +7,14 @@ all of them is weighed at the price of a product.
 """
 
 from dataclasses import dataclass
-from itertools import product
+from itertools import permutations, product
 
 import numpy as np
 
 from ...data.takes import NO_POINT
 from ...geometry.rigid import pairwise_distances
 from ..likelihood.model import Known
-from ..likelihood.naming import IMPOSSIBLE, Settled, name_odds, settle
+from ..likelihood.naming import IMPOSSIBLE, Settled, expected_of, name_odds, settle
 from .pairs import PAIRING
 
 
@@ -26,7 +26,8 @@ class BlockOptions:
     around      markers about one that is missing: all of them may be one place off
     rounds      of naming those, by everyone else and by each other
     points      that each may be, the likeliest on its own
-    proposed    choices of each block that are weighed exactly
+    proposed    choices of each block that are weighed exactly,
+    max_behind  log likelihood that such a choice may be behind by what is quickly known
     min_seen    part of the frames in which a point must be there
     """
 
@@ -35,6 +36,7 @@ class BlockOptions:
     rounds: int = 3
     points: int = 6
     proposed: int = 4
+    max_behind: float = 20.0
     min_seen: float = 0.5
 
 
@@ -47,7 +49,11 @@ def block_exchanges(known: Known, now: Settled, place: np.ndarray) -> np.ndarray
 
     now are the settled frames, place (M + E,) the point that each marker has in them, extras after the set's own.
     """
-    found = [_choices(known, now, place, block) for block in _blocks(known.fine.mean)]
+    of_sizes = _blocks(known.fine.mean)
+    if len(place) == now.naming.shape[1]:
+        found = [_turned_about(known, now, place, blocks) for blocks in of_sizes]
+    else:
+        found = [_choices(known, now, place, block) for blocks in of_sizes for block in blocks]
     return np.concatenate(found) if found else np.zeros((0, len(place)), int)
 
 
@@ -61,32 +67,63 @@ def shifts(known: Known, now: Settled, place: np.ndarray) -> np.ndarray:
 
 
 def _blocks(mean: np.ndarray) -> list[np.ndarray]:
-    """Markers, of a mean shape (M, 3) m, that sit side by side."""
-    found = {}
-    for row in pairwise_distances(mean):
-        order = np.argsort(row, kind="stable")
-        order = order[row[order] < PAIRING.max_confused_m]
-        for size in BLOCKS.sizes:
-            if len(order) >= size:
-                block = np.sort(order[:size])
-                found[block.tobytes()] = block
-    return list(found.values())
+    """(K, B) markers, of a mean shape (M, 3) m, that sit side by side, of each size B."""
+    apart = pairwise_distances(mean)
+    order = np.argsort(apart, axis=1, kind="stable")
+    near = (apart < PAIRING.max_confused_m).sum(axis=1)
+    sizes = [size for size in BLOCKS.sizes if (near >= size).any()]
+    return [np.unique(np.sort(order[near >= size, :size], axis=1), axis=0) for size in sizes]
+
+
+def _turned_about(known: Known, now: Settled, place: np.ndarray, blocks: np.ndarray) -> np.ndarray:
+    """(X, M) the likeliest ways to give the points of each block (K, B) to its markers anew, out of `place` (M,).
+
+    By what they win over the names so far, which is known without letting go of any: that of normal densities.
+    """
+    there = now.present[:, place[blocks]].swapaxes(0, 1)
+    blocks = blocks[(there.mean(axis=1) >= BLOCKS.min_seen).all(axis=1)]
+    if not len(blocks):
+        return np.zeros((0, len(place)), int)
+    count, size = blocks.shape
+    turns = np.array(list(permutations(range(size)))[1:])
+    precision, pull = _held_together(known, now, blocks)
+    points = now.points[:, place[blocks]].swapaxes(0, 1)
+    moved = (points[:, :, turns] - points[:, :, None]).reshape(count, len(now.points), len(turns), 3 * size)
+    square = ((moved @ precision) * moved).sum(axis=3) + 2 * (moved @ pull[..., None])[..., 0]
+    there = now.present[:, place[blocks]].all(axis=2).T
+    usual = middle_of_known(np.where(there[:, None], square.swapaxes(1, 2), np.nan))
+    best = np.argsort(usual, axis=1, kind="stable")[:, : BLOCKS.proposed - 1]  # as they are is proposed, too
+    block, turn = np.nonzero(np.take_along_axis(usual, best, axis=1) < 2 * BLOCKS.max_behind)
+    rows = np.tile(np.arange(len(place)), (len(block), 1))
+    taken = np.take_along_axis(blocks[block], turns[best[block, turn]], axis=1)
+    np.put_along_axis(rows, blocks[block], taken, axis=1)
+    return np.unique(rows, axis=0)
+
+
+def _held_together(known: Known, now: Settled, blocks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The precision (K, F, 3 B, 3 B) 1/m² of the points of blocks (K, B) by all others, and (K, F, 3 B) 1/m what pulls.
+
+    With the points in the names so far, that is their noise less what the shape is known by; so it is for Gaussians.
+    """
+    half = now.spread[:, blocks].swapaxes(0, 1).reshape(len(blocks), len(now.points), -1, now.spread.shape[3])
+    inverse = 1 / np.repeat(known.fine.noise[blocks], 3, axis=1)[:, None]
+    shared = half @ half.swapaxes(2, 3)
+    precision = inverse[..., None] * (np.eye(inverse.shape[2]) - shared * inverse[..., None, :])
+    return precision, inverse * now.left[:, blocks].swapaxes(0, 1).reshape(*half.shape[:3])
 
 
 def _choices(known: Known, now: Settled, place: np.ndarray, block: np.ndarray) -> np.ndarray:
     """(X, M + E) the likeliest choices of points for a block (B,) other than the one that it has."""
     markers, every = now.naming.shape[1], len(place)
     let_go = np.isin(np.arange(markers), block)
-    rest = settle(known.fine, known.constraints, now.points, now.present, np.where(let_go, NO_POINT, now.naming))
+    points, expected, shared = expected_of(known.fine, now.points, np.where(let_go, NO_POINT, now.naming), block)
     free = np.concatenate([block, np.arange(markers, every)])
     free = free[now.present[:, place[free]].mean(axis=0) >= BLOCKS.min_seen]
     if len(free) < len(block):
         return np.zeros((0, every), int)
-    expected = rest.expected[:, block]
-    shared = rest.shared[:, block][:, :, :, block].reshape(len(expected), 3 * len(block), -1)
     covariance = shared + np.diag(np.repeat(known.fine.noise[block], 3))
     there = now.present[:, place[free]]
-    away = np.where(there[:, None, :, None], rest.points[:, None, place[free]] - expected[:, :, None], np.nan)
+    away = np.where(there[:, None, :, None], points[:, None, place[free]] - expected[:, :, None], np.nan)
     own = np.stack([_square(covariance, away, (b,), np.arange(len(free))[:, None]) for b in range(len(block))])
     likely = np.argsort(own, axis=1, kind="stable")[:, : BLOCKS.points]
     choice = np.array(list(product(*likely)))
@@ -118,7 +155,7 @@ def _moved_up(
     free = np.concatenate([block, np.arange(markers, every)])
     for _ in range(BLOCKS.rounds):
         rest = settle(known.fine, known.constraints, now.points, now.present, naming)
-        odds = name_odds(known.fine, rest)[:, block][:, :, place[free]]
+        odds = name_odds(known.fine, known.constraints, rest)[:, block][:, :, place[free]]
         there = now.present[:, None, place[free]]
         often = there.mean(axis=0) >= BLOCKS.min_seen
         usual = np.nanmedian(np.where(often, np.where(there, odds, np.nan), 0.0), axis=0)
@@ -143,12 +180,24 @@ def _square(covariance: np.ndarray, away: np.ndarray, some: tuple[int, ...], cho
     precision = np.linalg.inv(covariance[:, axes[:, None], axes])
     chosen = away[:, some, choice].reshape(len(away), len(choice), -1)
     square = ((chosen @ precision) * chosen).sum(axis=2)
-    return np.nan_to_num(np.nanmedian(square, axis=0), nan=np.inf)
+    return middle_of_known(square.T)
+
+
+def middle_of_known(values: np.ndarray) -> np.ndarray:
+    """(...) the median of those of values (..., F) that are not NaN, infinity where there is none.
+
+    NumPy's own is many times as slow where it has to look for NaN.
+    """
+    values = np.sort(values, axis=-1)
+    count = np.isfinite(values).sum(axis=-1, keepdims=True)
+    low, high = (np.take_along_axis(values, np.maximum(at, 0), axis=-1) for at in ((count - 1) // 2, count // 2))
+    return np.where(count > 0, (low + high) / 2, np.inf)[..., 0]
 
 
 def _row(block: np.ndarray, other: np.ndarray, every: int) -> np.ndarray:
     """(M + E,) whose point each takes, when a block takes those of others, who take what it leaves."""
     row = np.arange(every)
     row[block] = other
-    row[np.setdiff1d(other, block)] = np.setdiff1d(block, other)
+    own, new = set(block.tolist()), set(other.tolist())
+    row[sorted(new - own)] = sorted(own - new)
     return row

@@ -7,12 +7,15 @@ from itertools import pairwise
 
 import numpy as np
 
+from ...data.lanes import Lanes, blocks, trajectories_at
+from ...data.room import IN_MEMORY, MakeTable
 from ...data.takes import BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Suspect, Verdict
-from ..deciding import consistent, decide, once
+from ..deciding import Said, consistent, consistent_markers, decide, decided_markers, once
 from ..likelihood.calibration import chance
 from ..models import Model
 from ..tracklets import VOTE, are_lasting, gone_over
 from .layout import Question
+from .pairs import nearest, trained_pairs
 from .rulings import Rulings
 from .solving import ROUNDS, Solution, solve_take
 
@@ -29,6 +32,7 @@ class BelievingOptions:
     layout_of_target of the log odds of a target, below which neither of two markers is named that may have each
                      other's names
     max_question     log odds below which a person is asked
+    doubted_beside   part of the markers beside one that are so, for it not to be named either
     """
 
     sure_target: float = 0.999
@@ -38,9 +42,25 @@ class BelievingOptions:
     votes: float = 2.0
     layout_of_target: float = 0.362
     max_question: float = 3.0
+    doubted_beside: float = 0.75
+
+
+@dataclass(frozen=True)
+class PartingOptions:
+    """What shows that a trajectory went over to another marker. All reckoned.
+
+    part        of how near the two markers ever are, that it leaps beyond where its speed leads; and
+    min_leap_m  at least: no two markers are nearer than their size
+    around_s    of where its frames begin to say so, in which it leaps
+    """
+
+    part: float = 0.5
+    min_leap_m: float = 0.01
+    around_s: float = 0.25
 
 
 BELIEVING = BelievingOptions()
+PARTING = PartingOptions()
 
 
 def can_be_solved(model: Model, tracklet: np.ndarray) -> bool:
@@ -51,75 +71,117 @@ def can_be_solved(model: Model, tracklet: np.ndarray) -> bool:
 
 
 def solution_of(
-    named: Labels,
+    named: Said,
     tracklet: np.ndarray,
     points: np.ndarray,
     model: Model,
     rate: float,
-    first_frame: int,
     progress: Callable[[float], None] | None = None,
     rulings: Rulings | None = None,
+    lanes: Lanes | None = None,
 ) -> Solution:
-    """A take of points (T, P, 3) m solved as a whole, from what its tracklets (T, P) and frames are usually sure of.
+    """A take of points (T, L, 3) m solved as a whole, from what its tracklets (T, L) and frames are usually sure of.
 
-    named is what frames say on their own, with their `rate`. With `rulings` both are as these have them, and what the
-    take was solved to without them is begun with.
+    named is what frames say on their own, with their `rate`; `lanes` say which trajectory stands where. With `rulings`
+    tracklets and names are as these have them, and what the take was solved to without them is begun with.
     """
-    voted = decide(named, tracklet, model, BELIEVING.sure_target, first_frame)
-    kept = consistent(voted, points, model.likelihood, first_frame).labels.marker
-    sure = kept if rulings is None else rulings.start
-    tracklet = parted(tracklet, voted.labels.marker)
-    return solve_take(points, tracklet, named, sure, model, rate, progress, rulings)
+    said = decided_markers(named, tracklet, model, BELIEVING.sure_target, lanes)
+    tracklet = parted(tracklet, said, points, nearest(trained_pairs(model)), rate)
+    given = [consistent_markers(said, points, model.likelihood) if rulings is None else rulings.start]
+    del said  # a long take's tables are large, and solving it takes its time
+    return solve_take(points, tracklet, named, given.pop(), model, rate, progress, rulings)
 
 
-def parted(tracklet: np.ndarray, voted: np.ndarray) -> np.ndarray:
-    """Tracklets (T, P), cut where by the votes of frames (T, P) they go over from one marker to another."""
-    found = tracklet.copy()
+def parted(tracklet: np.ndarray, voted: np.ndarray, points: np.ndarray, apart: np.ndarray, rate: float) -> np.ndarray:
+    """Tracklets (T, L), cut where by the votes of frames (T, L) they go over from one marker to another.
+
+    Whoever goes over to another marker leaps there: points (T, L, 3) m at `rate` frames a second, `apart` (M, M) m how
+    near two markers ever are. Votes that change without a leap are those of frames that err together.
+    """
+    found = tracklet
     count = int(tracklet.max(initial=-1)) + 1
-    for column in range(tracklet.shape[1]):
-        own, said = tracklet[:, column], voted[:, column]
+    changes = []
+    for lane in range(tracklet.shape[1]):
+        own, said = tracklet[:, lane], voted[:, lane]
         frames = np.flatnonzero((said != NO_MARKER) & (own >= 0))
-        for after in frames[1:][(np.diff(own[frames]) == 0) & (np.diff(said[frames]) != 0)].tolist():
-            found[after:, column][own[after:] == own[after]] = count
+        changed = np.flatnonzero((np.diff(own[frames]) == 0) & (np.diff(said[frames]) != 0)).tolist()
+        changes += [(int(own[frames[at]]), int(frames[at]), int(frames[at + 1]), lane) for at in changed]
+    for number, before, after, lane in sorted(changes):  # in the order of the file, whatever lanes there are
+        there = np.flatnonzero(tracklet[:, lane] == number)
+        least = max(PARTING.part * apart[voted[before, lane], voted[after, lane]], PARTING.min_leap_m)
+        at = _leap(points[there, lane], there, (before, after), PARTING.around_s * rate, least)
+        if at is not None:
+            rest = there[there >= at]
+            found = tracklet.astype(np.int32) if found is tracklet else found
+            found[rest, lane] = np.where(found[rest, lane] == found[at, lane], count, found[rest, lane])
             count += 1
     return found
 
 
+def _leap(points: np.ndarray, frames: np.ndarray, between: tuple[int, int], around: float, least: float) -> int | None:
+    """The frame before which a trajectory of points (F, 3) m in frames (F,) leaps farthest, near two of them.
+
+    None where it leaps less than `least` m beyond what its speed before and after has it go.
+    """
+    step = np.diff(frames)
+    speed = np.diff(points, axis=0) / step[:, None]
+    beside = np.stack([np.concatenate([speed[1:2], speed[:-1]]), np.concatenate([speed[1:], speed[-2:-1]])])
+    leap = np.linalg.norm(speed - beside.mean(axis=0), axis=1) * step if len(speed) > 1 else np.full(len(step), np.inf)
+    near = (frames[1:] >= between[0] - around) & (frames[1:] <= between[1] + around)
+    at = int(np.where(near, leap, -1.0).argmax())
+    return int(frames[at + 1]) if leap[at] >= least else None
+
+
 def verdict_of(
     solution: Solution | None,
-    named: Labels,
+    named: Said,
     tracklet: np.ndarray,
     points: np.ndarray,
     model: Model,
     target: float,
     first_frame: int,
+    lanes: Lanes | None = None,
+    make_table: MakeTable = IN_MEMORY,
 ) -> Verdict:
-    """What is sure enough for the target: by the solution, else by the tracklets (T, P) and what contradicts them."""
+    """What is sure enough for the target: by the solution, else by the tracklets (T, L) and what contradicts them."""
     if solution is not None:
-        return labels_of(solution, named, target, model.markerset.markers, first_frame)
-    verdict = decide(named, tracklet, model, target, first_frame)
+        return labels_of(solution, named, target, model.markerset.markers, first_frame, lanes, make_table)
+    verdict = decide(named, tracklet, model, target, first_frame, lanes)
     return consistent(verdict, points, model.likelihood, first_frame)
 
 
-def labels_of(solution: Solution, named: Labels, target: float, names: Sequence[str], first_frame: int = 0) -> Verdict:
+def labels_of(
+    solution: Solution,
+    named: Said,
+    target: float,
+    names: Sequence[str],
+    first_frame: int = 0,
+    lanes: Lanes | None = None,
+    make_table: MakeTable = IN_MEMORY,
+) -> Verdict:
     """What a solution says of all points, sure enough that a part `target` of it is right.
 
-    named (T, P) is what frames say on their own, names the M markers', first_frame the source's number of the first.
+    named (T, L) is what frames say on their own, names the M markers', first_frame the source's number of the first;
+    `make_table` says where confidences are kept.
     """
     tracklets, believed = solution.tracklets, _believed(solution, target, len(names))
-    marker = tracklets.spread(believed, named.marker.shape)
-    sure = np.zeros(named.marker.shape)
-    sure[tracklets.row, tracklets.column] = chance(np.minimum(solution.margin, VOTE.max_log_odds))[tracklets.owner]
-    marker = once(marker, sure, len(names))
-    if target > BELIEVING.max_target:
-        marker = np.where((marker == named.marker) & (named.rate >= target), marker, NO_MARKER)
-    alone = (marker == named.marker) & (marker != NO_MARKER)
-    sure = np.where(alone, np.maximum(sure, named.confidence), sure)
-    step = np.where(alone, named.step, BY_TRAJECTORY)
-    given = marker != NO_MARKER
-    labels = Labels(marker, np.where(given, step, NO_STEP), np.where(given, sure, 0.0))
-    suspects = _gone_over(solution, believed, names, first_frame) + _unnamed(solution, believed, names, first_frame)
-    return Verdict(labels, _questions(solution, names, len(named.marker), first_frame) + suspects)
+    of_tracklet = chance(np.minimum(solution.margin, VOTE.max_log_odds))
+    shape = tracklets.table.shape
+    marker, step = np.empty(shape, np.int16), np.empty(shape, np.int8)
+    labels = Labels(marker, step, make_table(shape, float))
+    for part in blocks(*tracklets.table.shape):
+        given, sure = tracklets.spread(believed, NO_MARKER, part), tracklets.spread(of_tracklet, 0.0, part)
+        given, own = once(given, sure, len(names), lanes, part.start), named[part]
+        if target > BELIEVING.max_target:
+            given[(given != own.marker) | (own.rate < target)] = NO_MARKER
+        there, alone = given != NO_MARKER, (given == own.marker) & (given != NO_MARKER)
+        labels.marker[part] = given
+        labels.step[part] = np.where(there, np.where(alone, own.step, BY_TRAJECTORY), NO_STEP)
+        labels.confidence[part] = np.where(there, np.where(alone, np.maximum(sure, own.confidence), sure), 0.0)
+    suspects = _gone_over(solution, believed, names, first_frame, lanes) + _unnamed(
+        solution, believed, names, first_frame
+    )
+    return Verdict(labels, _questions(solution, names, len(tracklets.table), first_frame) + suspects)
 
 
 def _believed(solution: Solution, target: float, markers: int) -> np.ndarray:
@@ -128,17 +190,27 @@ def _believed(solution: Solution, target: float, markers: int) -> np.ndarray:
     needed = max(BELIEVING.odds_of_target * asked, BELIEVING.least)
     believed = np.where(solution.margin >= needed, solution.marker, NO_MARKER)
     least = BELIEVING.layout_of_target * asked
+    doubted = np.zeros(markers, dtype=bool)
     for question in solution.questions:
-        agreement = 0.0 if question.shifted else _agreement(solution, question) if question.other < markers else np.inf
-        if question.odds + agreement < least:
-            doubted = [name for name in (question.one, question.other) if name < markers]
-            believed[np.isin(believed, doubted)] = NO_MARKER
+        if question.odds + _agreement(solution, question, markers) < least:
+            doubted[[name for name in (question.one, question.other) if name < markers]] = True
+    # What is known by its neighbours alone is known no better than they are.
+    doubted |= doubted[solution.beside].mean(axis=1) >= BELIEVING.doubted_beside
+    believed[np.append(doubted, False)[believed]] = NO_MARKER
     return believed
 
 
-def _agreement(solution: Solution, question: Question) -> float:
-    """Log odds that frames on their own add to the names of two markers, if all of them say so."""
+def _agreement(solution: Solution, question: Question, markers: int) -> float:
+    """Log odds that frames on their own add to the names of two markers, if all of them say so.
+
+    Of what is beside a marker no frame says anything: the layout alone has chosen between the two, unless what it has
+    chosen is seldom there.
+    """
     one, other = question.one, question.other
+    if question.shifted:
+        return 0.0
+    if other >= markers:
+        return 0.0 if question.missing else np.inf
     of_one, of_other = (solution.tracklets.votes[solution.marker == name].sum(axis=0) for name in (one, other))
     as_named, exchanged = float(of_one[one] + of_other[other]), float(of_one[other] + of_other[one])
     return BELIEVING.votes * (as_named - exchanged) / max(as_named + exchanged, 1.0)
@@ -160,14 +232,17 @@ def _questions(solution: Solution, names: Sequence[str], frames: int, first_fram
     return tuple(said.values())
 
 
-def _gone_over(solution: Solution, believed: np.ndarray, names: Sequence[str], first_frame: int) -> tuple[Suspect, ...]:
+def _gone_over(
+    solution: Solution, believed: np.ndarray, names: Sequence[str], first_frame: int, lanes: Lanes | None
+) -> tuple[Suspect, ...]:
     """Trajectories that are one marker's and then, without a gap, another's."""
     tracklets, found = solution.tracklets, []
-    column = tracklets.column[tracklets.begin[:-1]]
-    order = np.lexsort((tracklets.first, column))
+    column = tracklets.lane
+    number = trajectories_at(lanes, tracklets.first, column)
+    order = np.lexsort((tracklets.first, number))
     for one, other in pairwise(order.tolist()):
         old, new = believed[one], believed[other]
-        joined = column[one] == column[other] and tracklets.first[other] == tracklets.last[one] + 1
+        joined = number[one] == number[other] and tracklets.first[other] == tracklets.last[one] + 1
         if joined and NO_MARKER not in (old, new) and old != new:
             last, first = int(tracklets.last[one]) + first_frame, int(tracklets.first[other]) + first_frame
             found.append(gone_over(last, first, names[old], names[new], int(column[one])))
@@ -181,6 +256,6 @@ def _unnamed(solution: Solution, believed: np.ndarray, names: Sequence[str], fir
         name = names[solution.likely[index]]
         words = f"may be {name} and stays unnamed"
         first, last = int(tracklets.first[index]), int(tracklets.last[index])
-        column = int(tracklets.column[tracklets.begin[index]])
+        column = int(tracklets.lane[index])
         found.append(Suspect(first + first_frame, last + first_frame, words, column, (name,)))
     return tuple(found)

@@ -58,12 +58,14 @@ def undone(
     some = placed[frames].astype(float)
     near = pairs.mean < PAIRING.max_confused_m
     touched: set[int] = set()
-    for one, other in zip(*np.nonzero(np.triu(near, 1)), strict=True):
-        own = np.flatnonzero((marker == one) | (marker == other))
-        if not {int(one), int(other)} & touched and len(own) > 1:
+    mine = [np.flatnonzero(marker == one) for one in range(len(near))]
+    spans = [list(zip(tracklets.first[own].tolist(), tracklets.last[own].tolist(), strict=True)) for own in mine]
+    for one, other in np.argwhere(np.triu(near, 1)).tolist():
+        if not {one, other} & touched and _fall_apart(spans[one] + spans[other]):
+            own = np.sort(np.concatenate([mine[one], mine[other]]))
             turned = _turned(tracklets, own, marker, some, frames, (one, other), trained, pairs, rate)
             if len(turned):
-                touched |= {int(one), int(other)}
+                touched |= {one, other}
                 marker[turned] = one + other - marker[turned]
     return marker
 
@@ -74,8 +76,6 @@ def _turned(tracklets, own, marker, some, frames, names, trained, pairs, rate) -
     own = own[np.argsort(tracklets.first[own])]
     part = _parts(tracklets.first[own], tracklets.last[own])
     none = np.zeros(0, int)
-    if part[-1] == 0:
-        return none
     begin = tracklets.first[own][np.flatnonzero(np.diff(part, prepend=-1))]
     where = np.searchsorted(begin, frames, side="right") - 1
     near, differs = _differences(some, one, other, pairs)
@@ -113,7 +113,9 @@ def _differences(some: np.ndarray, one: int, other: int, pairs: PairDistances) -
 def _signs(differs, known, where, parts: int, worth: float) -> tuple[np.ndarray, np.ndarray]:
     """The likeliest signs (parts,) of any start, and the log odds for them (parts,)."""
     share = worth_of_each(known.sum(axis=1))
-    ends = [_settled(differs, known, where, start, share, worth) for start in _starts(differs, where, parts)]
+    first, main = _starts(differs, where, parts)
+    starts = [first] if (first == main).all() else [first, main]
+    ends = [_settled(differs, known, where, start, share, worth) for start in starts]
     return max(ends, key=lambda end: np.abs(end[1]).sum())
 
 
@@ -122,6 +124,16 @@ def _votes(tracklets: Tracklets, own: np.ndarray, marker: np.ndarray, names) -> 
     one, other = names
     mine = tracklets.votes[own, marker[own]]
     return mine - tracklets.votes[own, one + other - marker[own]]
+
+
+def _fall_apart(spans: list[tuple[int, int]]) -> bool:
+    """Whether spans of frames have more parts than one, as `_parts` has them; most pairs of markers have not."""
+    end = None
+    for first, last in sorted(spans):
+        if end is not None and first > end - VOTE.max_overlap_frames:
+            return True
+        end = last if end is None else max(end, last)
+    return False
 
 
 def _parts(first: np.ndarray, last: np.ndarray) -> np.ndarray:
@@ -166,4 +178,5 @@ def _middle(values: np.ndarray, known: np.ndarray) -> np.ndarray:
 
 def _distance(points: np.ndarray, one: int, others: np.ndarray) -> np.ndarray:
     """(F, Q) m from a marker to others in frames (F, M, 3) m."""
-    return np.linalg.norm(points[:, others] - points[:, one, None], axis=2)
+    away = points[:, others] - points[:, one, None]
+    return np.sqrt(np.einsum("fqi,fqi->fq", away, away))

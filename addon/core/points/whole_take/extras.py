@@ -54,8 +54,9 @@ def with_extras(
     if not len(free) or not (shifted or is_crowd(tracklets, markers)):
         return marker, len(before)
     first, last = tracklets.first[free], tracklets.last[free]
-    there = (first[:, None] <= first) & (first <= last[:, None])
-    together = free[there[:, there.sum(axis=0).argmax()]]
+    count = np.searchsorted(np.sort(first), first, side="right") - np.searchsorted(np.sort(last), first)
+    fullest = first[count.argmax()]
+    together = free[(first <= fullest) & (fullest <= last)]
     together = together[np.argsort(-tracklets.count[together], kind="stable")]
     marker[together] = known + np.arange(len(together))
     return marker, len(before) + len(together)

@@ -16,6 +16,7 @@ from ..likelihood.model import Known, Likelihood
 from ..likelihood.naming import Settled, name_odds, score_of, settle
 from .blocks import block_exchanges, shifts
 from .pairs import PAIRING
+from .tracklets import seen_in
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,13 @@ class LayoutNamingOptions:
     min_shift_gain   where several are moved on, each to the next one's name: a body of which little is known gains
                      something by that, too
     max_question     log odds below which what is right is a question
+    max_frame        log likelihood that one frame can win or lose: beyond it training knows nothing
     about            log odds that a quick look at an exchange may be wrong by
+    missing          log odds against a marker that is missing while something else is there in its stead: out of a
+                     crowd one take in twenty has the one, one in twenty the other
+    min_there        part of the take in which a marker is there, that is not missing, and
+    min_steady       in which something else is, to be it: ghosts that follow each other are there for half of a short
+                     take
     rounds           of asking, and asking again
     block            exchanges at once
     """
@@ -42,7 +49,11 @@ class LayoutNamingOptions:
     min_gain: float = 0.3
     min_shift_gain: float = 6.0
     max_question: float = 6.0
+    max_frame: float = 12.0
     about: float = 4.0
+    missing: float = 6.0
+    min_there: float = 0.5
+    min_steady: float = 0.8
     rounds: int = 12
     block: int = 16
 
@@ -56,22 +67,24 @@ class Question:
     """Two markers that may be each other, and the log odds of the names that they have against the other way round.
 
     `shifted` where more than the two would change names, each to the next one's: then frames err as the take does.
+    `missing` where what has the one's name is seldom there, and the other is not.
     """
 
     one: int
     other: int
     odds: float
     shifted: bool = False
+    missing: bool = False
 
 
 def named_by_layout(
-    likelihood: Likelihood, placed: np.ndarray, absent: bool, held: np.ndarray = NOTHING_HELD
+    likelihood: Likelihood, placed: np.ndarray, absent: bool, held: np.ndarray = NOTHING_HELD, crowd: bool = False
 ) -> tuple[np.ndarray, tuple[Question, ...]]:
     """The name (M + E,) that each marker of a take should have, and what is hardly sure.
 
     placed (T, M + E, 3) m, NaN where there is none: the set's M markers as they are named so far, and E extras, of
     which each may be what a marker's name belongs to. With `absent`, names that nothing has are tried too.
-    The markers `held` keep their names.
+    The markers `held` keep their names. Out of a `crowd`, all markers of the set are there rather than something else.
     """
     every, markers = placed.shape[1], len(likelihood)
     name, known = np.arange(every), likelihood.known
@@ -79,23 +92,34 @@ def named_by_layout(
     if now is None:
         return name, ()
     present = now.present
+    there = seen_in(placed).mean(axis=0)
+    least = np.where(name < markers, LAYOUT_NAMING.min_there, LAYOUT_NAMING.min_steady)
+    seldom = (there < least) & (not crowd)
     for _ in range(LAYOUT_NAMING.rounds):
         place = np.argsort(name)
         tried = _without_held(_exchanges(known, now, name, absent), held)
-        others, gain = _gains(known, now, place, tried)
-        questions = _questions(tried, gain, present[:, place].any(axis=0))
+        others, gain, usual = _gains(known, now, place, tried, seldom)
+        questions = _questions(tried, usual, present[:, place].any(axis=0), seldom[place])
+        questions += _several(tried, usual, markers)
         if gain.max(initial=0) <= LAYOUT_NAMING.min_gain:
-            tried = _without_held(block_exchanges(known, now, place), held)
-            others, gain = _gains(known, now, place, tried)
+            tried = _others_than(tried, _without_held(block_exchanges(known, now, place), held))
+            others, gain, usual = _gains(known, now, place, tried, seldom)
+            questions += _several(tried, usual, markers)
         if gain.max(initial=0) <= LAYOUT_NAMING.min_gain:
             tried = _without_held(shifts(known, now, place), held)
-            others, gain = _gains(known, now, place, tried)
+            others, gain, usual = _gains(known, now, place, tried, seldom)
             if gain.max(initial=0) <= LAYOUT_NAMING.min_shift_gain:
-                return name, questions + _shifted(tried, gain, len(likelihood))
+                return name, questions + _several(tried, usual, markers, shifted=True)
         best = int(gain.argmax())
         name = np.argsort(place[tried[best]])
         now = settle(known.fine, known.constraints, now.points, present, others[:, best])
     return name, ()
+
+
+def _others_than(tried: np.ndarray, more: np.ndarray) -> np.ndarray:
+    """The exchanges (X, M + E) that are not among those (Y, M + E) that were tried."""
+    known = {row.tobytes() for row in tried}
+    return more[[row.tobytes() not in known for row in more]]
 
 
 def _without_held(tried: np.ndarray, held: np.ndarray) -> np.ndarray:
@@ -126,24 +150,38 @@ def _settled(likelihood: Likelihood, some: np.ndarray) -> Settled | None:
     return settle(known.fine, known.constraints, np.where(present[..., None], points, 0), present, naming)
 
 
-def _gains(known: Known, now: Settled, place: np.ndarray, tried: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Namings (F, X, M) of frames by other names (X, M + E), and log likelihood (X,) that the middle one wins."""
-    others = place[tried[:, : now.naming.shape[1]]]
+def _gains(
+    known: Known, now: Settled, place: np.ndarray, tried: np.ndarray, seldom: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Namings (F, X, M) of frames by other names (X, M + E), and log likelihoods (X,) that these win.
+
+    The one is the middle frame's, the other, where that is more, the mean of all frames: names that are wrong for the
+    usual pose of a short take are far off in another. More of the markers are then something that is there, not
+    `seldom` (M + E,), or fewer.
+    """
+    markers = now.naming.shape[1]
+    others = place[tried[:, :markers]]
+    fewer = seldom[place[:markers]].sum() - seldom[others].sum(axis=1)
     others = np.where(now.present[:, others], others, NO_POINT)
-    return others, np.median(_scores(known, now, others) - now.score[:, None], axis=0)
+    each = _scores(known, now, others) - now.score[:, None]
+    middle = np.median(each, axis=0)
+    mean = np.clip(each, -LAYOUT_NAMING.max_frame, LAYOUT_NAMING.max_frame).mean(axis=0)
+    more = LAYOUT_NAMING.missing * fewer
+    return others, middle + more, np.maximum(middle, mean) + more
 
 
-def _questions(tried: np.ndarray, gain: np.ndarray, there: np.ndarray) -> tuple[Question, ...]:
-    """Which of the exchanges (X, M + E) of two are hardly worse."""
+def _questions(tried: np.ndarray, gain: np.ndarray, there: np.ndarray, seldom: np.ndarray) -> tuple[Question, ...]:
+    """Which of the exchanges (X, M + E) of two are hardly worse; `there` and `seldom` (M + E,) by the names so far."""
     found = []
     for row, value in zip(tried, gain.tolist(), strict=True):
         pair = np.flatnonzero(row != np.arange(len(row)))
         if len(pair) == 2 and there[pair].any() and value > -LAYOUT_NAMING.max_question:
-            found.append(Question(int(pair[0]), int(pair[1]), -value))
+            one, other = pair.tolist()
+            found.append(Question(one, other, -value, missing=bool(seldom[one] and not seldom[other])))
     return tuple(found)
 
 
-def _shifted(tried: np.ndarray, gain: np.ndarray, markers: int) -> tuple[Question, ...]:
+def _several(tried: np.ndarray, gain: np.ndarray, markers: int, shifted: bool = False) -> tuple[Question, ...]:
     """The same of those (X, M + E) of several at once: each marker and the one whose point it would take."""
     found: dict[tuple[int, int], float] = {}
     for row, value in zip(tried.tolist(), gain.tolist(), strict=True):
@@ -151,12 +189,12 @@ def _shifted(tried: np.ndarray, gain: np.ndarray, markers: int) -> tuple[Questio
         if len(moved) > 2 and value > -LAYOUT_NAMING.max_question:
             for pair in (pair for pair in moved if pair[0] < markers):
                 found[pair] = min(-value, found.get(pair, np.inf))
-    return tuple(Question(*pair, odds, shifted=True) for pair, odds in found.items())
+    return tuple(Question(*pair, odds, shifted) for pair, odds in found.items())
 
 
 def _frames(placed: np.ndarray, markers: int) -> np.ndarray:
     """(F, M + E, 3) m, some of the frames that show most of the markers, all over the take."""
-    count = np.isfinite(placed[:, :markers, 0]).sum(axis=1)
+    count = seen_in(placed)[:, :markers].sum(axis=1)
     fullest = np.sort(np.argsort(-count, kind="stable")[: LAYOUT_NAMING.frames * LAYOUT_NAMING.fullest])
     fullest = fullest[count[fullest] >= LAYOUT_NAMING.min_markers]
     return placed[fullest[evenly_spread(len(fullest), LAYOUT_NAMING.frames)]].astype(float)
@@ -193,7 +231,7 @@ def _exchanges(known: Known, now: Settled, name: np.ndarray, absent: bool) -> np
 def _worth_trying(known: Known, now: Settled, place: np.ndarray) -> np.ndarray:
     """(M, E) whether a marker may be an extra, by what all others say of it: that is quickly known."""
     markers = now.naming.shape[1]
-    odds = name_odds(known.fine, now)
+    odds = name_odds(known.fine, known.constraints, now)
     own = np.take_along_axis(odds, np.maximum(now.naming, 0)[..., None], axis=2)
     gain = odds[:, :, place[markers:]] - np.where(now.named[..., None], own, 0)
     return np.median(gain, axis=0) > -LAYOUT_NAMING.max_question - LAYOUT_NAMING.about

@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """How likely a tracklet is each marker, by its distances to the markers that are named beside it."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...data.takes import NO_MARKER
+from ...kernels import point_calls, stands_for
 from .pairs import PairDistances
-from .tracklets import Tracklets
+from .tracklets import PlacedMarkers, Tracklets, seen_in
 
 
 @dataclass(frozen=True)
@@ -23,7 +25,7 @@ class LikenessOptions:
     ghost_density     points that are no marker in a cubic metre
     sample_s          that a tracklet must be longer to say as much again, and
     max_samples       what it can say at most, in such times
-    block             tracklets at once
+    block             frames of tracklets at once
     max_gap_s         over which a marker goes on as it did,
     change_s          in which its distances become what they are at any time, and
     link_sd_m         by which they change in no time
@@ -38,7 +40,7 @@ class LikenessOptions:
     ghost_density: float = 0.3
     sample_s: float = 0.25
     max_samples: float = 6.0
-    block: int = 32
+    block: int = 384
     max_gap_s: float = 0.5
     change_s: float = 0.3
     link_sd_m: float = 0.006
@@ -49,26 +51,41 @@ NOTHING_SAID = 0.0  # log odds of a marker that nothing is known of at the time
 
 
 def likeness(
-    tracklets: Tracklets, placed: np.ndarray, own: np.ndarray, pairs: PairDistances, rate: float
+    tracklets: Tracklets, placed: np.ndarray | PlacedMarkers, own: np.ndarray, pairs: PairDistances, rate: float
 ) -> np.ndarray:
     """(N, M) log odds that each tracklet is each marker, against none at all, the others being where they are `placed`.
 
     placed (T, M, 3) m; own (N,) the marker that a tracklet is itself named so far, which does not speak for it.
     """
     markers = placed.shape[1]
-    near, rows = _steadiest(pairs.variance), np.arange(markers)[:, None]
-    mean, variance = (of_pair[rows, near].astype(np.float32) for of_pair in (pairs.mean, pairs.variance))
+    near, rows = steadiest(pairs.variance), np.arange(markers)[:, None]
+    mean, variance = pairs.mean[rows, near], pairs.variance[rows, near]
     found = np.empty((len(tracklets), markers))
-    worth = worth_of_length(tracklets, rate)
-    for first in range(0, len(tracklets), LIKENESS.block):
-        some = slice(first, first + LIKENESS.block)
-        each = _of_frames(tracklets.frame[some], tracklets.xyz[some], placed, own[some], near, mean, variance)
-        seen = np.isfinite(each)
-        count = seen.sum(axis=1)
-        middle = np.where(seen, each, 0).sum(axis=1) / np.maximum(count, 1)
-        enough = count >= 0.5 * (tracklets.frame[some] >= 0).sum(axis=1)[:, None]
-        found[some] = np.where(enough, middle * worth[some, None], NOTHING_SAID)
-    return found
+    for some, frames in _by_frames(tracklets.frame):
+        frame, beside = _looked_at(placed, tracklets.frame[some, :frames])
+        found[some] = of_frames(frame, tracklets.xyz[some, :frames], beside, own[some], near, mean, variance, LIKENESS)
+    return np.where(np.isnan(found), NOTHING_SAID, found * worth_of_length(tracklets, rate)[:, None])
+
+
+def _by_frames(frame: np.ndarray) -> Iterator[tuple[np.ndarray, int]]:
+    """Rows of frames (N, S), -1 beyond those that each has, to look at together, and how many they have at most.
+
+    Ghosts have one frame each, and there may be many of them.
+    """
+    count = (frame >= 0).sum(axis=1)
+    order = np.argsort(-count, kind="stable")
+    while len(order):
+        most = max(int(count[order[0]]), 1)
+        yield order[: max(LIKENESS.block // most, 1)], most
+        order = order[max(LIKENESS.block // most, 1) :]
+
+
+def _looked_at(placed: np.ndarray | PlacedMarkers, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Frames (B, S), -1 for none, and markers placed (F, M, 3) m among which they are: of a long take these alone."""
+    if isinstance(placed, np.ndarray):
+        return frame, placed
+    own, at = np.unique(np.maximum(frame, 0), return_inverse=True)
+    return np.where(frame >= 0, at.reshape(frame.shape), -1), placed[own]
 
 
 def worth_of_length(tracklets: Tracklets, rate: float) -> np.ndarray:
@@ -77,17 +94,22 @@ def worth_of_length(tracklets: Tracklets, rate: float) -> np.ndarray:
     return np.minimum(1 + length / LIKENESS.sample_s, LIKENESS.max_samples)
 
 
-def _steadiest(variance: np.ndarray) -> np.ndarray:
+def steadiest(variance: np.ndarray) -> np.ndarray:
     """(M, Q) the neighbours of each marker whose distances vary (M, M) least."""
     others = np.where(np.eye(len(variance), dtype=bool), np.inf, variance)
     return np.argsort(others, axis=1)[:, : min(LIKENESS.considered, len(variance) - 1)]
 
 
-def _of_frames(frame, xyz, placed, own, near, mean, variance) -> np.ndarray:
-    """(B, S, M) the log odds in each frame (B, S) that is looked at; NaN where too little is known."""
+@stands_for(point_calls.of_frames)
+def of_frames(frame, xyz, placed, own, near, mean, variance, options: LikenessOptions) -> np.ndarray:
+    """(B, M) the mean log odds in the frames (B, S) that are looked at; NaN where half of them know too little."""
     beside = _without(placed[np.maximum(frame, 0)], own)[:, :, near]
-    odds = _odds(xyz[:, :, None, None] - beside, mean, variance)
-    return np.where((frame >= 0)[..., None], odds, np.nan)
+    odds = _odds(xyz[:, :, None, None].astype(float) - beside, mean, variance, options)
+    looked_at = frame >= 0
+    seen = np.isfinite(odds) & looked_at[..., None]
+    count = seen.sum(axis=1)
+    middle = np.where(seen, odds, 0).sum(axis=1) / np.maximum(count, 1)
+    return np.where((count > 0) & (count >= 0.5 * looked_at.sum(axis=1)[:, None]), middle, np.nan)
 
 
 def _without(placed: np.ndarray, own: np.ndarray) -> np.ndarray:
@@ -98,29 +120,29 @@ def _without(placed: np.ndarray, own: np.ndarray) -> np.ndarray:
     return placed
 
 
-def _odds(away: np.ndarray, mean: np.ndarray, variance: np.ndarray) -> np.ndarray:
+def _odds(away: np.ndarray, mean: np.ndarray, variance: np.ndarray, options: LikenessOptions) -> np.ndarray:
     """(..., M) log odds of points that are `away` (..., M, Q, 3) m from neighbours, of distances so much expected.
 
     The distances make a normal density in space, whose precision is that of all of them together.
     """
     distance = np.sqrt(np.einsum("...i,...i->...", away, away))
     there = np.isfinite(distance) & np.isfinite(mean) & np.isfinite(variance)
-    there &= np.cumsum(there, axis=-1, dtype=np.int8) <= LIKENESS.neighbours
+    there &= np.cumsum(there, axis=-1, dtype=np.int8) <= options.neighbours
     asked = there.sum(axis=-1)
-    share = worth_of_each(asked).astype(np.float32)
+    share = worth_of_each(asked)
     away = np.where(there[..., None], away, 0)
     distance = np.where(there, distance, 1.0)
     variance = np.where(there, variance, 1.0)
     square = np.where(there, (distance - np.where(there, mean, 1.0)) ** 2 / variance, 0)
-    square = np.minimum(square, LIKENESS.max_square).sum(axis=-1) * share
+    square = np.minimum(square, options.max_square).sum(axis=-1) * share
     weight = share[..., None] / (variance * distance**2)
-    wide = LIKENESS.wide_m**-2
+    wide = options.wide_m**-2
     spread = (away * weight[..., None]).swapaxes(-1, -2) @ away
     a, b, c = (spread[..., axis, axis].astype(float) + wide for axis in range(3))
     d, e, f = (spread[..., one, two].astype(float) for one, two in ((0, 1), (0, 2), (1, 2)))
     precision = np.maximum(a * (b * c - f * f) - d * (d * c - e * f) + e * (d * f - b * e), wide**3)
-    odds = 0.5 * np.log(precision) - 1.5 * np.log(2 * np.pi) - 0.5 * square - np.log(LIKENESS.ghost_density)
-    return np.where(asked >= LIKENESS.min_neighbours, odds, np.nan)
+    odds = 0.5 * np.log(precision) - 1.5 * np.log(2 * np.pi) - 0.5 * square - np.log(options.ghost_density)
+    return np.where(asked >= options.min_neighbours, odds, np.nan)
 
 
 def worth_of_each(asked: np.ndarray | int) -> np.ndarray:
@@ -128,37 +150,66 @@ def worth_of_each(asked: np.ndarray | int) -> np.ndarray:
     return np.minimum(1, LIKENESS.independent / np.maximum(asked, 1))
 
 
-def links(tracklets: Tracklets, placed: np.ndarray, own: np.ndarray, pairs: PairDistances, rate: float) -> np.ndarray:
-    """(N, M) log odds that each tracklet goes on as a marker did before it, and as the marker does after it.
+def _next_seen(seen: np.ndarray, first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(N, M) the frame before each `first` (N,), and after each `last`, in which a marker is next; -1 where in none.
 
-    Over a gap the distances to its neighbours hardly change; 0 where nothing is named near in time.
+    `seen` (T, M) is where each marker is.
     """
-    markers, near = placed.shape[1], _steadiest(pairs.within)
-    within = pairs.within[np.arange(markers)[:, None], near].astype(np.float32)
-    there = np.isfinite(placed[..., 0])
-    frames = np.arange(len(placed))[:, None]
-    before = np.maximum.accumulate(np.where(there, frames, -1), axis=0)
-    after = np.minimum.accumulate(np.where(there, frames, len(placed))[::-1], axis=0)[::-1]
-    most = LIKENESS.max_gap_s * rate
-    found = np.zeros((len(tracklets), markers))
-    ends = ((tracklets.first, before, -1, 0), (tracklets.last, after, 1, tracklets.frame.argmax(axis=1)))
-    for frame, nearest, step, sample in ends:
-        beyond = np.clip(frame + step, 0, len(placed) - 1)
-        then = np.where((beyond == frame + step)[:, None], nearest[beyond], -1)
+    before, after = np.full((2, len(first), seen.shape[1]), -1)
+    for marker in range(seen.shape[1]):
+        frames = np.flatnonzero(seen[:, marker])
+        ends = np.append(frames, -1)
+        before[:, marker] = ends[np.searchsorted(frames, first) - 1]
+        after[:, marker] = ends[np.searchsorted(frames, last, side="right")]
+    return before, after
+
+
+def links(
+    tracklets: Tracklets,
+    which: np.ndarray,
+    placed: np.ndarray,
+    own: np.ndarray,
+    pairs: PairDistances,
+    rate: float,
+    asked: np.ndarray | None = None,
+) -> np.ndarray:
+    """(K, M) log odds that some tracklets (K,) go on as a marker did before them, and as the marker does after them.
+
+    Over a gap the distances to its neighbours hardly change; 0 where nothing is named near in time, and where it is not
+    `asked` (K, M).
+    """
+    markers, near = placed.shape[1], steadiest(pairs.within)
+    within = pairs.within[np.arange(markers)[:, None], near]
+    begin, end, own = tracklets.first[which], tracklets.last[which], own[which]
+    next_seen = _next_seen(seen_in(placed), begin, end)
+    found = np.zeros((len(which), markers))
+    ends = ((begin, 0), (end, tracklets.frame[which].argmax(axis=1)))
+    for (frame, sample), then in zip(ends, next_seen, strict=True):
         gap = np.abs(frame[:, None] - then)
-        known = (then >= 0) & (then < len(placed)) & (gap <= most)
-        xyz = tracklets.xyz[np.arange(len(tracklets)), sample]
-        for first in range(0, len(tracklets), LIKENESS.block):
+        known = (then >= 0) & (gap <= LIKENESS.max_gap_s * rate)
+        then = np.where(known if asked is None else known & asked, then, -1)
+        xyz = tracklets.xyz[which, sample]
+        for first in range(0, len(which), LIKENESS.block):
             some = slice(first, first + LIKENESS.block)
-            at = np.clip(then[some], 0, len(placed) - 1)
-            old = _without(placed[at], own[some])
-            index = np.arange(markers)
-            mean = np.linalg.norm(
-                placed[at, index][:, :, None] - np.take_along_axis(old, near[None, ..., None], axis=2), axis=-1
-            )
-            part = np.minimum((gap[some] / (LIKENESS.change_s * rate)) ** 2, 1).astype(np.float32)
-            variance = LIKENESS.link_sd_m**2 + within * part[..., None]
-            beside = _without(placed[frame[some]], own[some])[:, near]
-            odds = _odds(xyz[some, None, None] - beside, mean, variance)
-            found[some] += np.where(known[some], np.nan_to_num(odds), 0)
+            at, beside = _looked_at(placed, np.column_stack([frame[some], then[some]]))
+            parts = at[:, 0], at[:, 1:], gap[some], xyz[some], beside, own[some], near, within, rate
+            found[some] += of_ends(*parts, LIKENESS)
     return found
+
+
+@stands_for(point_calls.of_ends)
+def of_ends(frame, then, gap, xyz, placed, own, near, within, rate: float, options: LikenessOptions) -> np.ndarray:
+    """(N, M) the log odds at the ends of tracklets, points (N, 3) m in frames (N,), by where a marker was seen next.
+
+    That is in frames then (N, M), -1 for none, which are so many away: gap (N, M). placed (F, M, 3) m, own (N,) as
+    above, the neighbours (M, Q) of each marker, whose distances have such a variance (M, Q) at any time.
+    """
+    old = placed[np.maximum(then, 0)].astype(float)
+    own_then = np.take_along_axis(old, np.arange(placed.shape[1])[None, :, None, None], axis=2)
+    away = own_then - np.take_along_axis(old, near[None, ..., None], axis=2)
+    mean = np.sqrt(np.einsum("...i,...i->...", away, away))
+    part = np.minimum((gap / (options.change_s * rate)) ** 2, 1)
+    variance = options.link_sd_m**2 + within * part[..., None]
+    beside = _without(placed[frame].astype(float), own)[:, near]
+    odds = _odds(xyz[:, None, None] - beside, mean, variance, options)
+    return np.where(then >= 0, np.nan_to_num(odds), 0)

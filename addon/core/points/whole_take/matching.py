@@ -2,8 +2,13 @@
 """Tracklets and markers matched over a take at once: the most likely naming in which no marker is twice anywhere.
 
 A linear programme: a variable for each name that a tracklet may have; a tracklet has one at most, and of the tracklets
-that are there at a time one at most has each name.
+that are there at a time one at most has each name. Hardly any of it is ever open: a name that is worth more than all
+that it stands in the way of is given, and what is left falls apart into a few tracklets each.
 """
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from heapq import heappop, heappush
 
 import numpy as np
 
@@ -11,41 +16,225 @@ from ...data.takes import NO_MARKER
 from ..tracklets import VOTE
 
 
+@dataclass(frozen=True)
+class TryingOptions:
+    """How what is open is decided; reckoned.
+
+    max_tried  names that hang together of which all choices are tried one by one: of more, the likeliest first
+    max_steps  of that; a solver then takes less time, but SciPy's takes long to load
+    least      log odds by which one naming is better than another: rounding must not choose between equals, of which
+               the first tracklets have the first markers
+    order      log odds that of more names the first of the tracklets loses by being the last of the markers
+    """
+
+    max_tried: int = 20
+    max_steps: int = 100
+    least: float = 1e-6
+    order: float = 0.01
+
+
+TRYING = TryingOptions()
+
+
+@dataclass(frozen=True, eq=False)
+class Names:
+    """K names that tracklets may have, in the order of the tracklets.
+
+    tracklet, marker  (K,)
+    worth             (K,) log odds, above 0
+    rivals            (2, R) any two of one tracklet, and
+    clashes           (2, C) any two of one marker that are there at a time, of which one at most can be right; each
+                      two both ways round
+    """
+
+    tracklet: np.ndarray
+    marker: np.ndarray
+    worth: np.ndarray
+    rivals: np.ndarray
+    clashes: np.ndarray
+
+    @property
+    def choices(self) -> list[range]:
+        """The names of each tracklet."""
+        begin = np.flatnonzero(np.diff(self.tracklet, prepend=-1))
+        return [range(start, after) for start, after in zip(begin, [*begin[1:], len(self.tracklet)], strict=True)]
+
+    @property
+    def barred(self) -> list[set[int]]:
+        """Those that each clashes with."""
+        barred: list[set[int]] = [set() for _ in self.worth]
+        for one, other in self.clashes.T.tolist():
+            barred[one].add(other)
+        return barred
+
+    def part(self, open_ones: np.ndarray) -> "Names":
+        """Some of them (K,)."""
+        number = np.cumsum(open_ones) - 1
+        pairs = (number[each[:, open_ones[each].all(axis=0)]] for each in (self.rivals, self.clashes))
+        return Names(self.tracklet[open_ones], self.marker[open_ones], self.worth[open_ones], *pairs)
+
+
 def matched(odds: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.ndarray:
     """(N,) the marker of every tracklet, NO_MARKER for none, of the highest total log odds (N, M).
 
     first, last (N,) are the tracklets' frames, both included.
     """
-    from scipy.optimize import LinearConstraint, milp
-    from scipy.sparse import csr_array
-
-    tracklet, marker = np.nonzero(odds > 0)
     found = np.full(len(odds), NO_MARKER)
-    if not len(tracklet):
-        return found
-    rows, columns, count = [tracklet], [np.arange(len(tracklet))], len(odds)
-    for name in np.unique(marker):
-        own = np.flatnonzero(marker == name)
-        for clique in cliques(first[tracklet[own]], last[tracklet[own]]):
-            rows.append(np.full(len(clique), count))
-            columns.append(own[clique])
-            count += 1
-    row, column = np.concatenate(rows), np.concatenate(columns)
-    once = csr_array((np.ones(len(row)), (row, column)), shape=(count, len(tracklet)))
-    solved = milp(
-        -odds[tracklet, marker],
-        integrality=np.ones(len(tracklet)),
-        bounds=(0, 1),
-        constraints=LinearConstraint(once, ub=1),
-    )
-    chosen = solved.x > 0.5
-    found[tracklet[chosen]] = marker[chosen]
+    tracklet, marker = np.nonzero(odds > 0)
+    begin, end = first[tracklet], _ends(first, last)[tracklet]
+    long = int(end.max(initial=0)) + 1  # one marker after the other, so that those of two never meet
+    clashes = _meeting(begin + long * marker, end + long * marker)
+    names = Names(tracklet, marker, odds[tracklet, marker], _meeting(tracklet, tracklet), clashes)
+    names = _given_what_is_clear(names, found)
+    part = _hanging_together(names)
+    large = np.bincount(part)[part] > TRYING.max_tried if len(part) else np.zeros(0, bool)
+    small = names.part(~large)
+    for one in np.unique(part[~large]):
+        own = small.part(part[~large] == one)
+        chosen = _best_tried(own)
+        found[own.tracklet[chosen]] = own.marker[chosen]
+    # The first tracklet loses most by having the last marker.
+    lost = (1 - names.tracklet / len(odds)) * names.marker / odds.shape[1]
+    many, hard = replace(names, worth=names.worth - TRYING.order * lost), np.zeros(len(part), bool)
+    for one in np.unique(part[large]):
+        own = many.part(part == one)
+        chosen = _likeliest_first(own)
+        if chosen is None:
+            hard |= part == one
+        else:
+            found[own.tracklet[chosen]] = own.marker[chosen]
+    if hard.any():
+        own = many.part(hard)
+        chosen = _solved(own, first, _ends(first, last))
+        found[own.tracklet[chosen]] = own.marker[chosen]
     return found
 
 
-def cliques(first: np.ndarray, last: np.ndarray) -> list[np.ndarray]:
-    """The sets of tracklets, by index, that are there when one of them begins; those of one are left out."""
-    end = _ends(first, last)
+def _meeting(first: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """(2, P) any two of the spans from `first` to `last` (K,) that meet, both ways round, sorted."""
+    order = np.argsort(first, kind="stable")
+    after = np.searchsorted(first[order], last[order], side="right")
+    place = np.arange(len(order))
+    count = after - place - 1
+    one = np.repeat(place, count)
+    other = np.arange(len(one)) - np.repeat(np.cumsum(count) - count, count) + one + 1
+    pairs = order[np.stack([np.concatenate([one, other]), np.concatenate([other, one])])]
+    return pairs[:, np.lexsort(pairs[::-1])]
+
+
+def _given_what_is_clear(names: Names, found: np.ndarray) -> Names:
+    """Gives the names (N,) that are worth more than all that they stand in the way of; those that stay open.
+
+    Whatever else is chosen, with such a name in place of all that it clashes with it would be more. A name of a
+    tracklet that is worth less than another brings, less all that clashes with that, is not chosen for the same reason.
+    """
+    while True:
+        worth, count = names.worth, len(names.worth)
+        lost = np.bincount(names.clashes[0], worth[names.clashes[1]], count)
+        one, other = names.rivals
+        best, brings = np.zeros(count), np.full(count, -np.inf)
+        np.maximum.at(best, one, worth[other])
+        np.maximum.at(brings, one, (worth - lost)[other])
+        clear = worth > lost + best + TRYING.least
+        found[names.tracklet[clear]] = names.marker[clear]
+        shut = clear | (brings > worth + TRYING.least)
+        for pairs in (names.rivals, names.clashes):
+            shut[pairs[0, clear[pairs[1]]]] = True
+        if not shut.any():
+            return names
+        names = names.part(~shut)
+
+
+def _hanging_together(names: Names) -> np.ndarray:
+    """(K,) the number of the part of each name, which nothing in other parts stands in the way of."""
+    part = np.arange(len(names.worth))
+    one, other = np.concatenate([names.rivals, names.clashes], axis=1)
+    while True:
+        before = part.copy()
+        np.minimum.at(part, one, before[other])
+        part = part[part]
+        if (part == before).all():
+            return part
+
+
+def _best_tried(names: Names) -> list[int]:
+    """Which of a few names are chosen: tracklet after tracklet, all choices that may yet be the best."""
+    worth, choices, barred = names.worth.tolist(), names.choices, names.barred
+    # What the tracklets from each on bring at most.
+    most = np.append(np.cumsum([max(worth[one] for one in each) for each in choices][::-1])[::-1], 0.0).tolist()
+    best: tuple[float, list[int]] = (0.0, [])
+
+    def go_on(place: int, total: float, chosen: list[int]):
+        nonlocal best
+        if total > best[0] + TRYING.least:
+            best = total, chosen
+        if place == len(choices) or total + most[place] <= best[0] + TRYING.least:
+            return
+        for one in choices[place]:
+            if barred[one].isdisjoint(chosen):
+                go_on(place + 1, total + worth[one], [*chosen, one])
+        go_on(place + 1, total, chosen)
+
+    go_on(0, 0.0, [])
+    return best[1]
+
+
+def _likeliest_first(names: Names) -> list[int] | None:
+    """Which of many names are chosen; None where the likeliest choices of each tracklet clash time and again.
+
+    Branch and bound: of all that is open, what would bring most if nothing clashed is looked at first. Where it does,
+    it parts into what comes of giving the name that is most in the way, and of not giving it.
+    """
+    worth, barred = names.worth.tolist(), names.barred
+    choices = [sorted((one for one in each if worth[one] > 0), key=lambda one: -worth[one]) for each in names.choices]
+    others = {one: {*each} - {one} for each in choices for one in each}
+
+    def best_without(shut: frozenset[int]) -> Iterator[tuple[int, float]]:
+        """The best name of each tracklet that is left, and what the next best would lose."""
+        for each in choices:
+            left = [one for one in each if one not in shut]
+            if left:
+                yield left[0], worth[left[0]] - (worth[left[1]] if len(left) > 1 else 0.0)
+
+    waiting, count = [(0.0, 0, frozenset())], 1
+    for _ in range(TRYING.max_steps):
+        shut = heappop(waiting)[-1]
+        lost = dict(best_without(shut))
+        clashing = {one: barred[one] & lost.keys() for one in lost}
+        if not any(clashing.values()):
+            return list(lost)
+        worst = max(lost, key=lambda one: min(lost[one], sum(lost[other] for other in clashing[one])))
+        for more in ({worst}, barred[worst] | others[worst]):
+            closed = shut | more
+            heappush(waiting, (-sum(worth[one] for one, _ in best_without(closed)), count, closed))
+            count += 1
+    return None
+
+
+def _solved(names: Names, first: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """(K,) which of many names are chosen, of tracklets from `first` to `end` (N,)."""
+    from scipy.optimize import LinearConstraint, milp
+    from scipy.sparse import csr_array
+
+    every = np.arange(len(names.worth))
+    groups = [every[names.tracklet == one] for one in np.unique(names.tracklet)]
+    for marker in np.unique(names.marker):
+        own = every[names.marker == marker]
+        groups += [own[clique] for clique in cliques(first[names.tracklet[own]], end[names.tracklet[own]])]
+    row = np.repeat(np.arange(len(groups)), [len(group) for group in groups])
+    once = csr_array((np.ones(len(row)), (row, np.concatenate(groups))), shape=(len(groups), len(every)))
+    solved = milp(
+        -names.worth,
+        integrality=np.ones(len(every)),
+        bounds=(0, 1),
+        constraints=LinearConstraint(once, ub=1),
+        options={"mip_rel_gap": 0.0},
+    )
+    return solved.x > 0.5
+
+
+def cliques(first: np.ndarray, end: np.ndarray) -> list[np.ndarray]:
+    """The sets of spans (K,), by index, that are there when one of them begins; those of one are left out."""
     found: list[np.ndarray] = []
     for start in np.unique(first):
         there = np.flatnonzero((first <= start) & (end >= start))
@@ -64,18 +253,21 @@ def margins(odds: np.ndarray, marker: np.ndarray, first: np.ndarray, last: np.nd
     index = np.flatnonzero(marker != NO_MARKER)
     own = np.zeros(len(odds))
     own[index] = odds[index, marker[index]]
-    end = _ends(first, last)
+    # What has no name and could have none takes none over either; of most ghosts that is so.
+    likely = np.flatnonzero((marker != NO_MARKER) | (odds.max(axis=1, initial=-np.inf) > 0))
+    one, other = likely[_meeting(first[likely], _ends(first, last)[likely])]
+    named = marker[one] != NO_MARKER
+    one, other = one[named], other[named]
+    instead = odds[other, marker[one]]
+    # Without its name, which another tracklet of the time may take over.
+    free = np.zeros(len(odds))
+    np.maximum.at(free, one, instead - own[other])
+    # With another name, for which whoever has it gives it up, or takes this one in exchange.
+    rest = odds.copy()
+    held = marker[other] != NO_MARKER
+    given_up = np.maximum(instead, 0) - own[other]
+    np.add.at(rest, (one[held], marker[other[held]]), given_up[held])
+    rest[index, marker[index]] = -np.inf
     found = np.zeros(len(odds))
-    for one in index.tolist():
-        name = marker[one]
-        others = np.flatnonzero((first <= end[one]) & (end >= first[one]))
-        others = others[others != one]
-        # Without its name, which another tracklet of the time may take over.
-        free = (odds[others, name] - own[others]).max(initial=0)
-        # With another name, for which whoever has it gives it up, or takes this one in exchange.
-        rest = odds[one].copy()
-        holders = others[marker[others] != NO_MARKER]
-        np.add.at(rest, marker[holders], np.maximum(odds[holders, name], 0) - own[holders])
-        rest[name] = -np.inf
-        found[one] = own[one] - max(free, rest.max())
+    found[index] = own[index] - np.maximum(free[index], rest[index].max(axis=1, initial=-np.inf))
     return found

@@ -6,11 +6,12 @@ bone or across a joint, and how well they keep, which the take tells best.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from ...data.takes import evenly_spread
-from ...geometry.rigid import pairwise_distances
+from ...kernels import point_calls, stands_for
 from ..likelihood.distances import CONSTRAINING
 from ..likelihood.model import Likelihood
 from ..likelihood.shape import SUBJECT_PRIOR
@@ -32,6 +33,8 @@ class PairOptions:
     unknown_frames    the same of a guess where training knows nothing
     independent       frames of a take that say as much as one independent one: neighbours show the same pose
     min_sd_m          that a distance has at least
+    nearest_sd        standard deviations below its mean that a distance hardly ever is
+    block             frames at once
     """
 
     frames: int = 600
@@ -45,6 +48,8 @@ class PairOptions:
     unknown_frames: float = 0.5
     independent: float = 4.0
     min_sd_m: float = 0.006
+    nearest_sd: float = 2.0
+    block: int = 64
 
 
 PAIRING = PairOptions()
@@ -67,6 +72,7 @@ class PairDistances:
         return self.unsure + self.within + PAIRING.min_sd_m**2
 
 
+@lru_cache(maxsize=1)  # asked twice of each take, and takes often follow each other with one model
 def trained_pairs(model: Model) -> PairDistances:
     """What training knows: of the frames that the model keeps or, where it keeps few, of its likelihood."""
     everyone = [points for points in model.subjects.values() if len(points) >= PAIRING.min_frames]
@@ -90,6 +96,11 @@ def trained_pairs(model: Model) -> PairDistances:
     between = between.sum(axis=0) / np.maximum(number - 1, 1)
     within = np.where(seen, within, 0).sum(axis=0) / np.maximum(number, 1)
     return PairDistances(mean, between + _guess(mean), PAIRING.motion_factor * within)
+
+
+def nearest(pairs: PairDistances) -> np.ndarray:
+    """(M, M) how near any two markers ever are to each other, m; 0 where nothing is known."""
+    return np.maximum(np.nan_to_num(pairs.mean - PAIRING.nearest_sd * np.sqrt(pairs.variance)), 0)
 
 
 def _guess(mean: np.ndarray) -> np.ndarray:
@@ -160,16 +171,22 @@ def _size(trained: PairDistances, mean: np.ndarray, within: np.ndarray, count: n
 
 def _moments(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean, variance and number of frames of all distances (M, M) in some frames of (T, M, 3) m."""
-    markers = points.shape[1]
-    total, squares, count = np.zeros((3, markers, markers))
-    frames = evenly_spread(len(points), PAIRING.frames)
-    for first in range(0, len(frames), 64):
-        distance = pairwise_distances(points[frames[first : first + 64]].astype(float))
-        seen = np.isfinite(distance)
-        distance = np.where(seen, distance, 0)
-        total += distance.sum(axis=0)
-        squares += (distance**2).sum(axis=0)
-        count += seen.sum(axis=0)
+    total, squares, count = distance_sums(points[evenly_spread(len(points), PAIRING.frames)].astype(float))
     mean = total / np.maximum(count, 1)
     variance = np.maximum(squares / np.maximum(count, 1) - mean**2, 0) * count / np.maximum(count - 1, 1)
     return np.where(count > 0, mean, np.nan), variance, count
+
+
+@stands_for(point_calls.distance_sums)
+def distance_sums(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Sum, sum of squares and number (M, M) of all distances in frames (F, M, 3) m, NaN where a marker is missing."""
+    total, squares, count = np.zeros((3, points.shape[1], points.shape[1]))
+    for first in range(0, len(points), PAIRING.block):
+        some = points[first : first + PAIRING.block]
+        square = ((some[:, :, None] - some[:, None]) ** 2).sum(axis=3)
+        seen = np.isfinite(square)
+        square = np.where(seen, square, 0)
+        total += np.sqrt(square).sum(axis=0)
+        squares += square.sum(axis=0)
+        count += seen.sum(axis=0)
+    return total, squares, count

@@ -7,36 +7,40 @@ without them tell what edits such as an exchange mean; the take is solved again 
 they are applied to what comes of it.
 """
 
-from collections.abc import Generator
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Generator, Iterable
+from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ...blobs.pipeline import Options
 from ...data.background import in_background
 from ...data.progress import Progress, Stage, in_stages
-from ...data.takes import BY_FIT, LabelledChunk, Labels, Motion, Points, Verdict
+from ...data.room import IN_MEMORY, MakeTable
+from ...data.takes import BY_FIT, LabelledChunk, Labels, OrderedPoints, Points, Suspect, Verdict
 from ...edits.applying import AppliedEdits, PointCells, apply_to_points
 from ...edits.kinds import NO_EDITS, Edits
 from ...review.answering import unanswered, without_accepted
-from ...review.suspects import called_by, find_suspects, summarised
+from ...review.suspects import called_by, summarised
 from ..adaptation import Adaptation, adapt, borne_out
+from ..deciding import Said
 from ..models import Model
-from ..motion import motion_of
-from ..naming import Namer, namer_of
+from ..motion import ByMarker, LabelledPoints, TakeMotion, take_motion
+from ..naming import USUAL_TARGET, Namer, namer_of
 from ..refusals import Sample, refuse_floods, refuse_others, refuse_unlike, refuse_unrecognised
 from ..tracklets import are_lasting, cut, renamed
 from ..unordered import UNORDERED, is_unordered, learn_subject
+from .asking import asked_again, asked_frames
 from .deciding import BELIEVING, can_be_solved, solution_of, verdict_of
 from .rulings import Rulings
 from .solving import Solution
-from .tracklets import asked_frames, said_between
+from .tracklets import said_between
+
+if TYPE_CHECKING:  # only the fitted body takes hints, and it takes long to load
+    from ...blobs.pipeline import Options
 
 Result = TypeVar("Result")
-USUAL_TARGET = 0.999  # the part of the labels that must be right, unless another is asked for
 # What each stage takes, as measured: so many times as long as a frame is named in, and that again for each frame. The
 # last is what whoever called does with the outcome. Where frames are in no order their subject is learned from some of
 # them, and all are named again; with edits the take is solved again.
@@ -44,6 +48,7 @@ COSTS = {
     "adapt": (5, 0),
     "others": (150, 0),
     "name": (0, 1),
+    "name more": (0, 0.3),
     "learn": (0, 0),
     "name again": (0, 0),
     "vote": (10, 0.3),
@@ -61,29 +66,37 @@ class PointOptions:
 
     method  as `naming.chosen_method` gives it
     target  the part of the labels that must be right; what is less sure is left unnamed
-    hints   what the user may say about the take, for the fitted body
+    hints   what the user may say about the take, for the fitted body; None for nothing
     edits   what a person said of the labels; those that `edits.applying.refuse_unknown` lets pass
+    room    where large tables of what comes of a take are kept; with edits they are in memory
     """
 
     method: str
     target: float = USUAL_TARGET
-    hints: Options = field(default_factory=Options)
+    hints: "Options | None" = None
     edits: Edits = NO_EDITS
+    room: MakeTable = IN_MEMORY
 
 
 def label_points(take: Points, model: Model, options: PointOptions) -> Generator[Progress, None, LabelledChunk]:
-    """Names the points of a take, and poses the body on them; labels are (T, P), motion frame for frame.
+    """All of what `label_take` gives at once: labels (T, L), and the motion frame for frame."""
+    return (yield from label_take(take, model, options)).whole()
 
-    Suspects call trajectories by their index in the file (`Points.columns`).
+
+def label_take(take: Points, model: Model, options: PointOptions) -> Generator[Progress, None, LabelledPoints]:
+    """Names the points of a take, and poses the body on them.
+
+    Labels are by lanes, as the points; suspects call trajectories by their index in the file (`Points.columns`).
     Raises JobError where the take is not of one subject in the model's markers.
     """
     begin = perf_counter()
     refuse_floods(take.xyz)
-    tracklet = cut(take.xyz, take.rate)
+    tracklet = cut(take.xyz, take.rate, lanes=take.lanes)
     unordered = options.method == "likelihood" and is_unordered(model, tracklet)
     shares = begins(len(take.xyz), options.method, unordered, bool(options.edits))
     with threadpool_limits(1, user_api="blas"):  # many threads on small matrices cost more than they bring
         work = _labelled(take, tracklet, model, options, begin)
+        del tracklet  # a long take's is large
         return (yield from in_stages(work, shares))
 
 
@@ -94,10 +107,24 @@ def begins(frames: int, method: str, unordered: bool = False, edited: bool = Fal
         costs |= {"learn": (COST_OF_LEARNING * min(frames, UNORDERED.frames), 0), "name again": COSTS["name"]}
     if edited:
         costs |= {"vote again": COSTS["vote"]}
-    spent = np.array([fixed + each * frames for fixed, each in costs.values()])
-    return dict(zip(costs, ((np.cumsum(spent) - spent) / spent.sum()).tolist(), strict=True))
+    done = np.cumsum([0, *(fixed + each * frames for fixed, each in costs.values())])
+    return dict(zip(costs, (done[:-1] / done[-1]).tolist(), strict=True))
 
 
+@dataclass(frozen=True)
+class NamingOptions:
+    """How the frames of a take are named; reckoned, by memory.
+
+    part_frames  whose points are put in order, and named, before the next
+    """
+
+    part_frames: int = 4096
+
+
+NAMING = NamingOptions()
+
+# What `refuse_others` does.
+Recognise = Callable[[Model, Namer, OrderedPoints, bool], Sample | None]
 # Stages as they begin, and how far they are.
 Steps = Generator[Stage | float | tuple[float, str], None, Result]
 
@@ -106,19 +133,21 @@ Steps = Generator[Stage | float | tuple[float, str], None, Result]
 class NamedFrames:
     """What the frames of a take say on their own.
 
-    tracklet    (T, P) the tracklet of every point
+    tracklet    (T, L) the tracklet of every point
     adaptation  the model as it is for the take
     namer       what names frames
-    labels      (T, P), with their `rate`
+    labels      (T, P), with their `rate`; of a long take worked out when they are asked for
     solvable    whether the take can be solved as a whole
+    room        as in `PointOptions`
     """
 
     take: Points
     tracklet: np.ndarray
     adaptation: Adaptation
     namer: Namer
-    labels: Labels
+    labels: Said
     solvable: bool
+    room: MakeTable
 
     @property
     def model(self) -> Model:
@@ -128,85 +157,134 @@ class NamedFrames:
 
 def _labelled(
     take: Points, tracklet: np.ndarray, model: Model, options: PointOptions, begin: float
-) -> Steps[LabelledChunk]:
+) -> Steps[LabelledPoints]:
     """The take from stage to stage, with the tracklet of every point (T, P); `begin` is when that was begun, s."""
-    frames = yield from _frame_by_frame(take, tracklet, model, options)
+    frames = yield from name_frames(take, tracklet, model, options)
+    model = frames.model
     verdict = yield from _as_a_whole(frames, options.target)
     unedited = applied = None
     if options.edits:
         unedited, applied, verdict = yield from _with_edits(frames, verdict, options)
+    del frames, tracklet  # a long take's are large
     named = perf_counter()
     yield Stage("pose", "pose the body")
-    markers = verdict.labels.placed(take.xyz, len(model.markerset))
-    residual = verdict.labels.placed(take.residual, len(model.markerset))
-    for at, place in (applied.places if applied else {}).items():
-        markers[at], residual[at] = place, 0.0  # as nobody measured it
+    places = dict(applied.places if applied else {})
+    markers = ByMarker(take.xyz, verdict.labels, len(model.markerset), places)
+    residual = ByMarker(take.residual, verdict.labels, len(model.markerset), dict.fromkeys(places, 0.0))  # not measured
 
-    def pose(tell) -> Motion:
-        return motion_of(markers, residual, verdict.labels, model.markerset, take.frames, tell)
+    def pose(tell) -> TakeMotion:
+        return take_motion(markers, residual, verdict.labels, model.markerset, take.frames, tell, options.room)
 
     motion = yield from in_background(pose)
     seconds = {"label": named - begin, "fit": perf_counter() - named}
     yield Stage("write", "write")
-    suspects = verdict.suspects + find_suspects(motion, model.markerset.markers, take.rate)
+    doubts = motion.suspects(model.markerset.markers, take.rate)
+    suspects = verdict.suspects + doubts
     if applied:
         asked = applied.edited, model.markerset.by_name, take.first_frame, take.present
         suspects = unanswered(suspects, *asked)
-    if take.columns is not None:  # as in label files: by the trajectories' index in the file
-        suspects = called_by(suspects, take.columns)
+    suspects = as_in_file(suspects, take)
     outcomes = applied.outcomes if applied else ()
     suspects = without_accepted(summarised(suspects, take.rate), options.edits)
-    return LabelledChunk(verdict.labels, motion, suspects, seconds, unedited, outcomes)
+    return LabelledPoints(verdict.labels, motion, suspects, seconds, unedited, outcomes, doubts)
 
 
-def _frame_by_frame(take: Points, tracklet: np.ndarray, model: Model, options: PointOptions) -> Steps[NamedFrames]:
-    """What every frame says on its own, once it is known whose take it is."""
-    learned = options.method == "likelihood"
+def as_in_file(suspects: Iterable[Suspect], take: Points) -> tuple[Suspect, ...]:
+    """The suspects with trajectories, which they call by their lane, called as label files call points."""
+    if take.lanes is not None:
+        suspects = [
+            one
+            if one.trajectory is None
+            else replace(one, trajectory=int(take.lanes.at(one.first - take.first_frame, one.trajectory)))
+            for one in suspects
+        ]
+    return tuple(suspects) if take.columns is None else called_by(suspects, take.columns)
+
+
+def name_frames(
+    take: Points, tracklet: np.ndarray, model: Model, options: PointOptions, recognise: Recognise | None = None
+) -> Steps[NamedFrames]:
+    """What every frame says on its own, once it is known whose take it is.
+
+    Before its stage "name" begins `recognise`, or else `refuse_others`, raises JobError where the take is not of the
+    model's markers.
+    """
+    learned, room = options.method == "likelihood", IN_MEMORY if options.edits else options.room
     yield Stage("adapt", "look who wears the markers")
     adaptation = adapt(model, take.xyz, tracklet, take.rate) if learned else Adaptation(model)
     namer = namer_of(adaptation.model, options.method, options.hints)
     yield Stage("others", "look whether the model is for this take")
     solvable = learned and can_be_solved(adaptation.model, tracklet)
     # What is asked for beyond what a take can promise, each frame must promise on its own.
-    few = solvable and options.target <= BELIEVING.max_target
+    few = learned and options.target <= BELIEVING.max_target
     asked = asked_frames(tracklet, take.rate) if few else np.arange(len(take.xyz))
-    sample = refuse_others(adaptation.model, namer, take.xyz[asked], solvable)
+    points = OrderedPoints(take, asked)
+    sample = (recognise or refuse_others)(adaptation.model, namer, points, solvable)
     yield Stage("name", f"frame {take.first_frame}")
     labels = yield from _asked(namer, take, asked, sample if few else None)
     if few:
+        labels, asked = yield from _asked_again(namer, take, tracklet, labels, asked)
         labels = said_between(labels, asked, tracklet)
     if learned and is_unordered(adaptation.model, tracklet):
         yield Stage("learn", "learn the subject from sure frames")
         trained = adaptation.model.likelihood
-        likelihood = yield from learn_subject(trained, take.xyz, labels)
+        likelihood = yield from learn_subject(trained, take.xyz, labels.whole())
         if likelihood is not trained:
             yield Stage("name again", f"frame {take.first_frame}")
             adaptation = replace(adaptation, model=replace(adaptation.model, likelihood=likelihood))
             again = namer_of(adaptation.model, options.method, options.hints)
-            labels = yield from _named(again, take.xyz, take.rate, take.frames)
-    return NamedFrames(take, tracklet, adaptation, namer, labels, solvable)
+            labels = yield from _asked(again, take, asked)
+    return NamedFrames(take, tracklet, adaptation, namer, labels, solvable, room)
 
 
-def _asked(namer: Namer, take: Points, asked: np.ndarray, sample: Sample | None) -> Steps[Labels]:
-    """The labels (F, P) of the frames (F,) that are asked, of which a sample may have said its own already."""
-    if sample is None:
-        return (yield from _named(namer, take.xyz[asked], take.rate, take.frames[asked]))
-    known = np.isin(np.arange(len(asked)), sample.frames)
-    rest = np.flatnonzero(~known)
-    if not len(rest):
-        return sample.labels
-    new = yield from _named(namer, take.xyz[asked[rest]], take.rate, take.frames[asked[rest]])
-    order = np.argsort(np.concatenate([sample.frames, rest]))
-    return Labels.join([sample.labels, new])[order]
+def _asked(namer: Namer, take: Points, asked: np.ndarray, sample: Sample | None = None) -> Steps[Labels]:
+    """The labels (F, L) of the frames (F,) that are asked, of which a sample may have said its own already.
+
+    Frames that say something on their own are named in parts, so that nothing is made of all of them but labels.
+    """
+    if namer.step == BY_FIT:  # which needs all frames in their order
+        some = take.in_order(asked)
+        return some.labels((yield from _named(namer, some.xyz, take.rate, take.frames[asked])))
+    shape, rest = (len(asked), take.xyz.shape[1]), np.arange(len(asked))
+    found = replace(Labels.none(*shape), rate=np.zeros(shape))
+    if sample is not None:
+        found.put(sample.frames, take.in_order(asked[sample.frames]).labels(sample.labels))
+        rest = np.setdiff1d(rest, sample.frames)
+    for first in range(0, len(rest), NAMING.part_frames):
+        rows = rest[first : first + NAMING.part_frames]
+        some = take.in_order(asked[rows])
+        share = first / len(rest), (first + len(rows)) / len(rest)
+        new = yield from _named(namer, some.xyz, take.rate, take.frames[asked[rows]], share)
+        found.put(rows, some.labels(new))
+    return found
 
 
-def _named(namer: Namer, points: np.ndarray, rate: float, frames: np.ndarray) -> Steps[Labels]:
-    """The labels (T, P) of points (T, P, 3) m, each frame on its own; `frames` (T,) are the source's numbers."""
+def _asked_again(
+    namer: Namer, take: Points, tracklet: np.ndarray, labels: Labels, asked: np.ndarray
+) -> Steps[tuple[Labels, np.ndarray]]:
+    """The labels (F, L) of the frames asked (F,), with those around frames that are in doubt."""
+    more = asked_again(labels, asked, tracklet, take.rate)
+    if not len(more):
+        return labels, asked
+    yield Stage("name more", f"frame {take.frames[more[0]]}")
+    new = yield from _asked(namer, take, more)
+    every = np.concatenate([asked, more])
+    order = np.argsort(every)
+    return Labels.join([labels, new])[order], every[order]
+
+
+def _named(
+    namer: Namer, points: np.ndarray, rate: float, frames: np.ndarray, share: tuple[float, float] = (0.0, 1.0)
+) -> Steps[Labels]:
+    """The labels (T, P) of points (T, P, 3) m, each frame on its own; `frames` (T,) are the source's numbers.
+
+    `share` is how far along the stage is when they are begun with, and when they are done.
+    """
     parts, done = [], 0
     for part in namer.name(points, rate):
         parts.append(part)
         done += len(part.marker)
-        yield done / len(points), f"frame {frames[done - 1]}"
+        yield share[0] + (share[1] - share[0]) * done / len(points), f"frame {frames[done - 1]}"
     return Labels.join(parts)
 
 
@@ -214,40 +292,42 @@ def _as_a_whole(frames: NamedFrames, target: float) -> Steps[Verdict]:
     """The names that the take as a whole bears out; JobError where it is not of the model's markers."""
     take, named, tracklet = frames.take, frames.labels, frames.tracklet
     yield Stage("vote", "solve the whole take" if frames.solvable else "let trajectories vote")
-    solution = yield from _solution(frames, named, tracklet)
+    solution = yield from solution_for(frames, named, tracklet)
     if solution is not None:
         refuse_unlike(frames.model, take.xyz, solution.residual)
-    verdict = _decided(frames, named, tracklet, solution, target)
+    verdict = decided_of(frames, named, tracklet, solution, target)
     # Who asks for surer labels gets fewer, and the take is of the model's markers all the same.
-    usual = verdict if target == USUAL_TARGET else _decided(frames, named, tracklet, solution, USUAL_TARGET)
+    usual = verdict if target == USUAL_TARGET else decided_of(frames, named, tracklet, solution, USUAL_TARGET)
     refuse_unrecognised(frames.model, frames.namer, take.xyz, usual.labels)
     return verdict
 
 
-def _solution(
-    frames: NamedFrames, named: Labels, tracklet: np.ndarray, rulings: Rulings | None = None
+def solution_for(
+    frames: NamedFrames, named: Said, tracklet: np.ndarray, rulings: Rulings | None = None
 ) -> Generator[float, None, Solution | None]:
     """What the take as a whole says of tracklets (T, P) whose frames say `named`; None where it cannot be solved."""
     if not frames.solvable:
         return None
-    given = named, tracklet, frames.take.xyz, frames.model, frames.take.rate, frames.take.first_frame
-    return (yield from in_background(lambda tell: solution_of(*given, progress=tell, rulings=rulings)))
+    given = named, tracklet, frames.take.xyz, frames.model, frames.take.rate
+    lanes = frames.take.lanes
+    return (yield from in_background(lambda tell: solution_of(*given, progress=tell, rulings=rulings, lanes=lanes)))
 
 
-def _decided(
-    frames: NamedFrames, named: Labels, tracklet: np.ndarray, solution: Solution | None, target: float
+def decided_of(
+    frames: NamedFrames, named: Said, tracklet: np.ndarray, solution: Solution | None, target: float
 ) -> Verdict:
     """The names that are sure enough for the target, and what is to be said of them.
 
     By the solution; where there is none, by the tracklets (T, P), the rest of the take, and its motion.
     """
     take, names = frames.take, frames.model.markerset.markers
-    verdict = verdict_of(solution, named, tracklet, take.xyz, frames.model, target, take.first_frame)
+    given = solution, named, tracklet, take.xyz, frames.model, target, take.first_frame, take.lanes
+    verdict = verdict_of(*given, frames.room)
     if solution is None:
-        verdict = borne_out(verdict, frames.adaptation, take.first_frame)
+        verdict = borne_out(verdict, frames.adaptation, take.first_frame, take.lanes)
     # Frames in no order have no trajectories that could go over to another marker.
     lasting, marker = are_lasting(frames.tracklet), verdict.labels.marker
-    changed = renamed(marker, frames.tracklet, names, take.first_frame) if lasting else ()
+    changed = renamed(marker, frames.tracklet, names, take.first_frame, take.lanes) if lasting else ()
     return Verdict(verdict.labels, verdict.suspects + changed)
 
 
@@ -259,24 +339,25 @@ def _with_edits(
     first = apply_to_points(verdict.labels, options.edits, cells)
     rulings = Rulings(first.edited, verdict.labels, frames.tracklet)
     yield Stage("hear", "hear what the edits say")
-    heard = rulings.heard((yield from _without_deleted(frames, first.edited.deleted)))
+    heard = rulings.heard((yield from without_deleted(frames, first.edited.deleted)))
     tracklet = rulings.parted()
     yield Stage("vote again", "solve the take again with the edits")
-    solution = yield from _solution(frames, heard, tracklet, rulings)
-    again = _decided(frames, heard, tracklet, solution, options.target)
+    solution = yield from solution_for(frames, heard, tracklet, rulings)
+    again = decided_of(frames, heard, tracklet, solution, options.target)
     unedited = first.edited.below(verdict.labels, again.labels)
     applied = replace(apply_to_points(unedited, options.edits, cells), outcomes=first.outcomes)
     return unedited, applied, Verdict(applied.labels, again.suspects)
 
 
-def _without_deleted(frames: NamedFrames, deleted: np.ndarray) -> Steps[Labels]:
+def without_deleted(frames: NamedFrames, deleted: np.ndarray) -> Steps[Labels]:
     """What frames say once the points that are no markers, deleted (T, P), are gone from them."""
-    take, rows = frames.take, np.flatnonzero(deleted.any(axis=1))
+    take, rows, said = frames.take, np.flatnonzero(deleted.any(axis=1)), frames.labels.whole()
     if not len(rows) or frames.namer.step == BY_FIT:  # which needs all frames in their order
-        return frames.labels
-    seen = np.where(deleted[rows, :, None], np.nan, take.xyz[rows])
-    anew = yield from _named(frames.namer, seen, take.rate, take.frames[rows])
-    columns = [getattr(frames.labels, name).copy() for name in ("marker", "step", "confidence", "rate")]
+        return said
+    some = take.in_order(rows)
+    seen = np.where(some.of(deleted[rows])[..., None], np.nan, some.xyz)
+    anew = some.labels((yield from _named(frames.namer, seen, take.rate, take.frames[rows])))
+    columns = [getattr(said, name).copy() for name in ("marker", "step", "confidence", "rate")]
     for name, whole in zip(("marker", "step", "confidence", "rate"), columns, strict=True):
         whole[rows] = getattr(anew, name)
     return Labels(*columns)

@@ -110,16 +110,15 @@ class Rulings:
     def of(self, tracklets: Tracklets) -> Tracklets:
         """Tracklets as `parted` cuts them, with what a person says of each as votes that nothing outweighs."""
         edited, markers = self.edited, self.edited.claim.shape[1]
-        first = tracklets.begin[:-1]
-        at = tracklets.row[first], tracklets.column[first]
+        at = tracklets.first, tracklets.lane
         rule, refused = edited.rule[at], edited.refused[at]
         held = np.where((rule >= 0) & (rule < markers), rule, NO_MARKER)
         votes = tracklets.votes.copy()
         some = np.flatnonzero(refused != NO_MARKER)
         votes[some, refused[some]] = -RULING.odds
         for marker in np.flatnonzero((edited.claim == NOBODY).any(axis=0)):
-            nobody = edited.claim[tracklets.row, marker] == NOBODY
-            part = np.bincount(tracklets.owner, weights=nobody, minlength=len(tracklets)) / tracklets.count
+            own = tracklets.table[edited.claim[:, marker] == NOBODY]
+            part = np.bincount(own[own >= 0], minlength=len(tracklets)) / tracklets.count
             votes[part >= RULING.min_nobody, marker] = -RULING.odds
         some = np.flatnonzero(held != NO_MARKER)
         votes[some] = -RULING.odds
@@ -132,7 +131,7 @@ class Rulings:
         What had the name until then is tried with the name that the other had.
         """
         first, last, held = tracklets.first, tracklets.last, tracklets.held
-        at = tracklets.row[tracklets.begin[:-1]], tracklets.column[tracklets.begin[:-1]]
+        at = tracklets.first, tracklets.lane
         was, refused, marker = self.before.marker[at], self.edited.refused[at], marker.copy()
         for index in np.flatnonzero((held != NO_MARKER) & (was != NO_MARKER) & (was != held)).tolist():
             beside = (first <= last[index]) & (last >= first[index])

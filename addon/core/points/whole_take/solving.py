@@ -11,18 +11,19 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
-from ...data.takes import NO_MARKER, Labels
+from ...data.lanes import blocks
+from ...data.takes import NO_MARKER
+from ..deciding import Said
 from ..models import Model
 from .exchanges import undone
 from .extras import is_crowd, with_extras
-from .layout import Question, named_by_layout, usual_residual
-from .likeness import likeness, links, worth_of_length
+from .layout import LAYOUT_NAMING, Question, named_by_layout, usual_residual
+from .likeness import likeness, links, steadiest, worth_of_length
 from .matching import margins, matched
 from .pairs import PairDistances, in_take, trained_pairs, widened, with_unknown
 from .rulings import Rulings
-from .tracklets import Tracklets, tracklets_of
+from .tracklets import PlacedMarkers, Tracklets, seen_in, tracklets_of
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,7 @@ class RoundOptions:
     max_rounds     of each
     max_layouts    times that a freedom is gone on with after names were put right
     min_markers    that a set must have to be known by distances
+    beside         markers by which one is known before all others
     min_anchored   part of a marker's points that a person must have named for its name to stay in all of the take
     """
 
@@ -66,6 +68,7 @@ class RoundOptions:
     max_rounds: int = 8
     max_layouts: int = 3
     min_markers: int = 5
+    beside: int = 4
     min_anchored: float = 0.5
 
 
@@ -80,6 +83,7 @@ class Solution:
     margin     (N,) log odds by which that is ahead of any other name, or none
     likely     (N,) the name that is likeliest for each on its own, NO_MARKER where that is none
     questions  pairs of markers that may have each other's names in all of the take
+    beside     (M, Q) the markers from which each keeps its distance best
     crowd      whether more is on the subject than the set's markers
     residual   in a crowd, the usual square of what is left between markers and where their set has them, over what
                training leaves; 0 where no frame shows enough of them
@@ -90,6 +94,7 @@ class Solution:
     margin: np.ndarray
     likely: np.ndarray
     questions: tuple[Question, ...]
+    beside: np.ndarray
     crowd: bool = False
     residual: float = 0.0
 
@@ -97,7 +102,7 @@ class Solution:
 def solve_take(
     points: np.ndarray,
     tracklet: np.ndarray,
-    named: Labels,
+    named: Said,
     sure: np.ndarray,
     model: Model,
     rate: float,
@@ -110,10 +115,11 @@ def solve_take(
     `progress` hears the share that is done; `rulings` is what a person said, whose tracklets these are.
     """
     tracklets = tracklets_of(points, tracklet, named, len(model.markerset))
+    begun = _majority(tracklets, sure, len(model.markerset))
+    del tracklet, sure  # a long take's are large
     if rulings is not None:
         tracklets = rulings.of(tracklets)
-    with threadpool_limits(1, user_api="blas"):
-        return _Solving(points, tracklets, model, rate).solved(sure, progress, rulings)
+    return _Solving(points, tracklets, model, rate).solved(begun, progress, rulings)
 
 
 class _Solving:
@@ -128,8 +134,8 @@ class _Solving:
         self.duration = tracklets.count / worth_of_length(tracklets, rate)
         self.marker = self.best = self.margin = self.odds = np.zeros(0)
 
-    def solved(self, sure: np.ndarray, progress: Callable[[float], None] | None, rulings: Rulings | None) -> Solution:
-        self.marker = _majority(self.tracklets, sure, self.markers)
+    def solved(self, begun: np.ndarray, progress: Callable[[float], None] | None, rulings: Rulings | None) -> Solution:
+        self.marker = begun
         if rulings is not None:
             self.marker = rulings.begun(self.tracklets, self._with_held(self.marker))
             self._undo(self.trained)
@@ -163,19 +169,33 @@ class _Solving:
         likely = np.where(likely < self.markers, likely, NO_MARKER)
         marker = np.where(own, marker, NO_MARKER)
         residual = usual_residual(self.model.likelihood, self._placed()) if self.crowd else 0.0
-        return Solution(self.tracklets, marker, self.margin, likely, questions, self.crowd, residual)
+        beside = steadiest(self.known.variance)[:, : ROUNDS.beside]
+        margin = self._seldom_there()
+        return Solution(self.tracklets, marker, margin, likely, questions, beside, self.crowd, residual)
 
-    def _placed(self) -> np.ndarray:
+    def _seldom_there(self) -> np.ndarray:
+        """(N,) by how much the names of markers that are seldom there are ahead: by what frames say on their own.
+
+        Their distances in the take are those of whatever has the name, which thus bears itself out; a ghost is where a
+        marker may be for a while. What is there for most of the take, and in a crowd, is as far ahead as it is.
+        """
+        if self.crowd:
+            return self.margin
+        frames = seen_in(self._placed())[:, : self.markers].mean(axis=0)
+        seldom = np.flatnonzero(frames < LAYOUT_NAMING.min_there)
+        there = np.isin(self.best, seldom) & (self.tracklets.held == NO_MARKER)
+        said = self.tracklets.votes[np.arange(len(self.best)), self.best]
+        return np.where(there, np.minimum(self.margin, said), self.margin)
+
+    def _placed(self) -> np.ndarray | PlacedMarkers:
         return self.tracklets.placed(self.points, self.marker, len(self.trained.mean))
 
     def _spread(self, wide: PairDistances, link: float, least: tuple[float, ...]):
         """Rounds until nothing changes."""
+        same = False
         for number in range(ROUNDS.max_rounds):
-            placed = self._placed()
-            self.odds = self._odds(placed, in_take(wide, placed), link)
-            first, last = self.tracklets.first, self.tracklets.last
-            self.best = matched(self.odds * self.duration[:, None], first, last)
-            self.margin = margins(self.odds, self.best, first, last)
+            if not same:
+                self._match(wide, link)
             # What is believed already needs not be surer than in the end.
             needed = np.where(self.best == self.marker, least[-1], least[min(number, len(least) - 1)])
             after = np.where(self.margin >= needed, self.best, NO_MARKER)
@@ -184,11 +204,31 @@ class _Solving:
             if same and number >= len(least) - 1:
                 break
 
+    def _match(self, wide: PairDistances, link: float):
+        """The best names by what is believed so far."""
+        placed = self._placed()
+        first, last = self.tracklets.first, self.tracklets.last
+        self.odds = self._odds(placed, in_take(wide, placed), link)
+        self.best = matched(self.odds * self.duration[:, None], first, last)
+        self.margin = margins(self.odds, self.best, first, last)
+
     def _odds(self, placed: np.ndarray, pairs: PairDistances, most: float) -> np.ndarray:
-        """(N, M) log odds of every name of every tracklet."""
-        given = self.tracklets, placed, self.marker, pairs, self.rate
-        odds = likeness(*given) + self.tracklets.votes
-        return odds + np.clip(links(*given), -most, most) if most else odds
+        """(N, M) log odds of every name of every tracklet; where none is above 0 they may be any others that are not.
+
+        What could not be a marker even if it went on best as one, as most ghosts could not, is not asked how it does.
+        """
+        given = placed, self.marker, pairs, self.rate
+        odds = likeness(self.tracklets, *given) + self.tracklets.votes
+        if not most:
+            return odds
+        above = odds.max(axis=1)
+        maybe = np.flatnonzero((above <= 0) & (above > -most))
+        asked = links(self.tracklets, maybe, *given, odds[maybe] > -most)
+        likely = above > 0
+        likely[maybe] = (odds[maybe] + np.clip(asked, -most, most)).max(axis=1, initial=-np.inf) > 0
+        likely = np.flatnonzero(likely)
+        odds[likely] += np.clip(links(self.tracklets, likely, *given), -most, most)
+        return odds
 
     def _put_right(self, wide: PairDistances, absent: bool) -> tuple[Question, ...]:
         """Takes back exchanges, and gives the questions that are left."""
@@ -197,7 +237,8 @@ class _Solving:
             # In a crowd two that may be each other are both unsure of their names, and the layout tells them.
             free = (self.marker == NO_MARKER) & ~np.isin(self.best, self.marker)
             self.marker = np.where(free, self.best, self.marker)
-        name, questions = named_by_layout(self.model.likelihood, self._placed(), absent, self._anchored())
+        given = self._placed(), absent, self._anchored(), self.crowd
+        name, questions = named_by_layout(self.model.likelihood, *given)
         self.marker = self._with_held(np.where(self.marker != NO_MARKER, name[self.marker], NO_MARKER))
         return questions
 
@@ -240,8 +281,8 @@ class _Solving:
 
 def _majority(tracklets: Tracklets, sure: np.ndarray, markers: int) -> np.ndarray:
     """(N,) what most of the sure frames (T, P) of each tracklet say."""
-    said = sure[tracklets.row, tracklets.column]
-    count = np.zeros((len(tracklets), markers))
-    some = said != NO_MARKER
-    np.add.at(count, (tracklets.owner[some], said[some]), 1)
+    count = np.zeros((len(tracklets), markers), int)
+    for part in blocks(*sure.shape):
+        row, lane = np.nonzero((sure[part] != NO_MARKER) & (tracklets.table[part] >= 0))
+        np.add.at(count, (tracklets.table[part][row, lane], sure[part][row, lane]), 1)
     return np.where(count.max(axis=1, initial=0) > 0, count.argmax(axis=1), NO_MARKER)

@@ -2,11 +2,13 @@
 """The tracklets of a take as things to name: when each is there, where it is in some frames, and what frames say."""
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from typing import Self
 
 import numpy as np
 
+from ...data.lanes import PACKING, LaneOptions, blocks
 from ...data.takes import BY_TRAJECTORY, NO_MARKER, Labels
+from ..deciding import Said
 from ..tracklets import VOTE, frame_log_odds
 
 
@@ -14,14 +16,12 @@ from ..tracklets import VOTE, frame_log_odds
 class VotingOptions:
     """What of a tracklet's frames is looked at. Both reckoned.
 
-    max_votes   log odds that all frames that were named on their own can say
-    samples     frames whose distances are asked
-    asked_rate  frames a second that are named on their own: those between them show the same pose, and err with them
+    max_votes  log odds that all frames that were named on their own can say
+    samples    frames whose distances are asked
     """
 
     max_votes: float = 8.0
     samples: int = 12
-    asked_rate: float = 30.0
 
 
 VOTING = VotingOptions()
@@ -36,8 +36,8 @@ class Tracklets:
     frame        (N, S) frames that are looked at, -1 beyond those that a tracklet has
     xyz          (N, S, 3) m, the points there
     votes        (N, M) log odds that frames add up to, of each marker
-    row, column  (K,) frame and column of every point of the take, sorted by tracklet, and
-    begin        (N + 1,) where each tracklet's begin in them
+    lane         (N,) in which each stands
+    table        (T, L) which tracklet every point of the take is of, -1 where there is none
     held         (N,) the marker that a person says each is, NO_MARKER where nobody does
     """
 
@@ -47,102 +47,188 @@ class Tracklets:
     frame: np.ndarray
     xyz: np.ndarray
     votes: np.ndarray
-    row: np.ndarray
-    column: np.ndarray
-    begin: np.ndarray
+    lane: np.ndarray
+    table: np.ndarray
     held: np.ndarray
 
     def __len__(self) -> int:
         return len(self.first)
 
-    @cached_property
-    def owner(self) -> np.ndarray:
-        """(K,) the tracklet of every point."""
-        return np.repeat(np.arange(len(self)), self.count)
+    def spread(self, values: np.ndarray, nothing: float, frames: slice) -> np.ndarray:
+        """(F, L) the value (N,) of each tracklet at its points in some frames, `nothing` where there is none."""
+        return np.append(values, np.array(nothing, values.dtype))[self.table[frames]]
 
-    def spread(self, marker: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-        """(T, P) the marker (N,) of each tracklet, at all of its points."""
-        found = np.full(shape, NO_MARKER)
-        found[self.row, self.column] = marker[self.owner]
+    def placed(
+        self, points: np.ndarray, marker: np.ndarray, markers: int, options: LaneOptions = PACKING
+    ) -> "np.ndarray | PlacedMarkers":
+        """(T, M, 3) m, where each marker is when the tracklets are so named (N,); NaN where it is not.
+
+        Of a long take they are looked up in the points of the frames that are asked for.
+        """
+        found = PlacedMarkers(points, np.full((len(points), markers), -1, np.int16))
+        names = np.append(marker, NO_MARKER)
+        for part in blocks(*self.table.shape):
+            own = names[self.table[part]]
+            row, column = np.nonzero(own != NO_MARKER)
+            # Of two that share a frame at their ends the later tracklet has the marker.
+            last = np.full((part.stop - part.start, markers), -1, np.int32)
+            np.maximum.at(last, (row, own[row, column]), self.table[part][row, column])
+            row, name = np.nonzero(last >= 0)
+            found.lane[part.start + row, name] = self.lane[last[row, name]]
+        return found if found.lane.size > options.whole_cells else found[:]
+
+
+class PlacedMarkers:
+    """Where each of M markers is in any frames, as an array (F, M, 3) m, NaN where it is not.
+
+    points (T, L, 3) m; lane (T, M) is where each marker stands in a frame, -1 where it does not.
+    """
+
+    def __init__(self, points: np.ndarray, lane: np.ndarray):
+        self.points, self.lane, self.shape = points, lane, (*lane.shape, 3)
+
+    def __len__(self) -> int:
+        return len(self.lane)
+
+    def __getitem__(self, frames: slice | np.ndarray) -> np.ndarray:
+        frames = np.arange(len(self))[frames]
+        found = np.full((len(frames), *self.shape[1:]), np.nan, np.float32)
+        for part in blocks(*found.shape[:2]):
+            lane = self.lane[frames[part]]
+            row, name = np.nonzero(lane >= 0)
+            found[part][row, name] = self.points[frames[part][row], lane[row, name]]
         return found
 
-    def placed(self, points: np.ndarray, marker: np.ndarray, markers: int) -> np.ndarray:
-        """(T, M, 3) m, where each marker is when the tracklets are so named (N,); NaN where it is not."""
-        found = np.full((len(points), markers, 3), np.nan, dtype=np.float32)
-        own = marker[self.owner]
-        named = own != NO_MARKER
-        found[self.row[named], own[named]] = points[self.row[named], self.column[named]]
-        return found
+
+def seen_in(placed: "np.ndarray | PlacedMarkers") -> np.ndarray:
+    """(T, M) where each marker is there, of markers placed (T, M, 3) m."""
+    return placed.lane >= 0 if isinstance(placed, PlacedMarkers) else np.isfinite(placed[..., 0])
 
 
-def tracklets_of(points: np.ndarray, tracklet: np.ndarray, named: Labels, markers: int) -> Tracklets:
-    """The tracklets (T, P), -1 where there is none, of points (T, P, 3) m, with what frames on their own say."""
-    row, column, number = _by_tracklet(tracklet)
-    _, begin, owner, count = np.unique(number, return_index=True, return_inverse=True, return_counts=True)
-    begin = np.append(begin, len(number))
+def tracklets_of(points: np.ndarray, tracklet: np.ndarray, named: Said, markers: int) -> Tracklets:
+    """The tracklets (T, L), -1 where there is none, of points (T, L, 3) m, with what frames on their own say.
+
+    A tracklet stands in one lane, and no other in the same lane between its ends.
+    """
+    table, first, last, count, lane = _numbered(tracklet)
     place = np.linspace(0, 1, VOTING.samples)[None] * (count - 1)[:, None]
     place = place.round().astype(int)
     again = np.zeros(place.shape, bool)
     again[:, 1:] = np.diff(place, axis=1) == 0
-    at = begin[:-1, None] + place
-    frame = np.where(again, -1, row[at])
-    xyz = np.where(again[..., None], np.nan, points[row[at], column[at]]).astype(np.float32)
-    said, sure = named.marker[row, column], named.confidence[row, column]
-    odds = frame_log_odds(sure) * VOTE.frame_weight
+    once = np.argsort(again, axis=1, kind="stable")
+    place, again = np.take_along_axis(place, once, axis=1), np.take_along_axis(again, once, axis=1)
+    frame = first[:, None] + place
+    for one in np.flatnonzero(count < last - first + 1).tolist():  # those with gaps
+        own = np.flatnonzero(table[first[one] : last[one] + 1, lane[one]] == one)
+        frame[one] = first[one] + own[place[one]]
+    xyz = np.where(again[..., None], np.nan, points[frame, lane[:, None]]).astype(np.float32)
     votes = np.zeros((len(count), markers))
-    some = said != NO_MARKER
-    np.add.at(votes, (owner[some], said[some]), odds[some])
+    for part in blocks(*table.shape):
+        own = named[part]
+        row, column = np.nonzero((own.marker != NO_MARKER) & (table[part] >= 0))
+        said, sure = own.marker[row, column], own.confidence[row, column]
+        np.add.at(votes, (table[part][row, column], said), frame_log_odds(sure) * VOTE.frame_weight)
     votes = np.minimum(votes, VOTING.max_votes)
     held = np.full(len(count), NO_MARKER)
-    return Tracklets(row[begin[:-1]], row[begin[1:] - 1], count, frame, xyz, votes, row, column, begin, held)
+    return Tracklets(first, last, count, np.where(again, -1, frame), xyz, votes, lane, table, held)
 
 
-def asked_frames(tracklet: np.ndarray, rate: float) -> np.ndarray:
-    """(F,) the frames to name on their own, of tracklets (T, P) at `rate` frames a second: no tracklet has none."""
-    chosen = np.zeros(len(tracklet), dtype=bool)
-    chosen[:: max(round(rate / VOTING.asked_rate), 1)] = True
-    row, column = np.nonzero(tracklet >= 0)
-    number = tracklet[row, column]
-    last = np.full(int(number.max(initial=-1)) + 1, -1)
-    np.maximum.at(last, number, row)
-    seen = last < 0
-    seen[number[chosen[row]]] = True
-    for one in np.argsort(last, kind="stable").tolist():
-        if not seen[one]:
-            chosen[last[one]] = True
-            here = tracklet[last[one]]
-            seen[here[here >= 0]] = True
-    return np.flatnonzero(chosen)
+def _numbered(tracklet: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Tracklets (T, L) numbered from 0 on, none left out; first and last frame, count and lane of each (N,)."""
+    every = int(tracklet.max(initial=-1)) + 1
+    first, last = np.full(every, len(tracklet)), np.full(every, -1)
+    count, lane = np.zeros((2, every), int)
+    for part in blocks(*tracklet.shape):
+        row, column = np.nonzero(tracklet[part] >= 0)
+        number = tracklet[part][row, column]
+        lane[number] = column
+        count += np.bincount(number, minlength=every)
+        np.minimum.at(first, number, row + part.start)
+        np.maximum.at(last, number, row + part.start)
+    there = np.flatnonzero(count)
+    again = np.full(every + 1, -1, np.int32)
+    again[there] = np.arange(len(there))
+    # Where no number is left out the tracklets are as they were, and their table, which is large, is not made again.
+    table = tracklet if len(there) == every else again[tracklet]
+    return table, first[there], last[there], count[there], lane[there]
 
 
-def said_between(asked: Labels, frames: np.ndarray, tracklet: np.ndarray) -> Labels:
+@dataclass(frozen=True, eq=False)
+class SaidBetween:
+    """What all frames of tracklets say, where only some were asked: worked out for the frames that are looked at.
+
+    asked          (F, L) labels of the frames that were asked, with their `rate`
+    frames         (F,) which they are, ascending
+    tracklet       (T, L)
+    before, after  (F, L) the last of those frames, up to each of them, in which a lane has a point, and the first from
+                   it on; by their places in `frames`, -1 where there is none
+    """
+
+    asked: Labels
+    frames: np.ndarray
+    tracklet: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+
+    @classmethod
+    def of(cls, asked: Labels, frames: np.ndarray, tracklet: np.ndarray) -> Self:
+        """That of labels (F, L) of some frames (F,) of tracklets (T, L)."""
+        count, there = len(frames), np.empty((len(frames), tracklet.shape[1]), bool)
+        for part in blocks(*there.shape):
+            there[part] = tracklet[frames[part]] >= 0
+        place = np.arange(count, dtype=np.int32)[:, None]
+        before, after = np.where(there, place, np.int32(-1)), np.where(there, place, np.int32(count))
+        np.maximum.accumulate(before, axis=0, out=before)
+        np.minimum.accumulate(after[::-1], axis=0, out=after[::-1])
+        after[after == count] = -1
+        return cls(asked, frames, tracklet, before, after)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """As many frames and lanes as there are."""
+        return self.tracklet.shape
+
+    def __getitem__(self, part: slice) -> Labels:
+        """The labels of the frames from start to stop."""
+        start, stop, _ = part.indices(len(self.tracklet))
+        found, rate = Labels.none(stop - start, self.shape[1]), np.zeros((stop - start, self.shape[1]))
+        row, lane = np.nonzero(self.tracklet[start:stop] >= 0)
+        at, between = self._nearest(row + start, lane)
+        own = self.asked[at, lane]
+        found.marker[row, lane], found.confidence[row, lane], rate[row, lane] = own.marker, own.confidence, own.rate
+        found.step[row, lane] = np.where(between & own.named, BY_TRAJECTORY, own.step)
+        return replace(found, rate=rate)
+
+    def whole(self) -> Labels:
+        """All of them at once."""
+        parts = list(blocks(*self.shape)) or [slice(0, 0)]
+        return Labels.join(self[part] for part in parts)
+
+    def _nearest(self, row: np.ndarray, lane: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """For points by frame and lane (K,), which frame that was asked is nearest on their tracklet, and if another.
+
+        Of two as near it is the one before.
+        """
+        number, last = self.tracklet[row, lane], len(self.frames) - 1
+        ahead = np.searchsorted(self.frames, row)
+        here = self.frames[np.minimum(ahead, last)] == row
+        before = np.where(here | (ahead > 0), self.before[np.maximum(ahead - ~here, 0), lane], -1)
+        after = np.where(ahead <= last, self.after[np.minimum(ahead, last), lane], -1)
+        apart = []
+        for at in (before, after):
+            frame = self.frames[at]
+            own = (at >= 0) & (self.tracklet[frame, lane] == number)
+            apart.append(np.where(own, np.abs(frame - row), len(self.tracklet)))
+        return np.where(apart[1] < apart[0], after, np.maximum(before, 0)), ~here
+
+
+def said_between(
+    asked: Labels, frames: np.ndarray, tracklet: np.ndarray, options: LaneOptions = PACKING
+) -> Labels | SaidBetween:
     """What all frames of tracklets (T, P) say, where only some of them, (F,), were `asked` (F, P) on their own.
 
-    A point has the name that its tracklet has in the nearest of those.
+    A point has the name that its tracklet has in the nearest of those. Of a long take it is worked out when it is
+    asked for, some frames at a time.
     """
-    row, column, number = _by_tracklet(tracklet)
-    known, place = np.isin(row, frames), np.arange(len(row))
-    before = np.maximum.accumulate(np.where(known, place, 0))
-    after = np.minimum.accumulate(np.where(known, place, len(row) - 1)[::-1])[::-1]
-    apart = np.stack(
-        [
-            np.where((number[end] == number) & known[end], np.abs(row[end] - row), len(tracklet))
-            for end in (before, after)
-        ]
-    )
-    source = np.where(apart[1] < apart[0], after, before)
-    at = np.searchsorted(frames, row[source]), column[source]
-    between = (source != place) & (asked.marker[at] != NO_MARKER)
-    found, rate = Labels.none(*tracklet.shape), np.zeros(tracklet.shape)
-    found.marker[row, column], found.confidence[row, column] = asked.marker[at], asked.confidence[at]
-    found.step[row, column] = np.where(between, BY_TRAJECTORY, asked.step[at])
-    rate[row, column] = asked.rate[at]
-    return replace(found, rate=rate)
-
-
-def _by_tracklet(tracklet: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Row, column and number (K,) of every point of tracklets (T, P), sorted by tracklet and then by frame."""
-    column, row = np.nonzero((tracklet >= 0).T)
-    number = tracklet[row, column]
-    order = np.lexsort((row, number))
-    return row[order], column[order], number[order]
+    said = SaidBetween.of(asked, frames, tracklet)
+    return said if tracklet.size > options.whole_cells else said.whole()

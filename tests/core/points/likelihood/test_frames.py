@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from addon.core.data.errors import InputError
 from addon.core.geometry.upright import turned
-from addon.core.points.likelihood import label_frames, learn_likelihood
-from addon.core.points.likelihood.frames import label_some
+from addon.core.points.likelihood.frames import label_frames, label_some, solve_frames
+from addon.core.points.likelihood.learn import learn_likelihood
 from addon.core.points.likelihood.trials import make_trial
 
 NAMES = ("LHIP", "RHIP", "SACR", "LKNE", "RKNE", "LANK", "RANK", "LTOE", "RTOE", "C7", "LSHO", "RSHO")
@@ -149,3 +149,25 @@ def test_frames_without_points_get_no_names(likelihood):
     chunk = next(label_frames(likelihood, np.full((3, 5, 3), np.nan)))
     assert (chunk.marker == -1).all()
     assert (chunk.confidence == 0).all()
+
+
+def test_a_frame_in_a_crowd_is_nothing_to_its_neighbours(likelihood):
+    trial = make_trial(walker(78, 20), (0, 3), (0, 2), np.random.default_rng(2))
+    ghosts = np.full((20, 8, 3), np.nan)
+    ghosts[5] = trial.points[5, :1] + np.random.default_rng(3).normal(0, 0.5, (8, 3))
+    crowded = np.concatenate([trial.points, ghosts], axis=1)
+    alone, together = label_some(likelihood, trial.points), label_some(likelihood, crowded)
+    others = np.arange(20) != 5
+    width = trial.points.shape[1]
+    assert (together.marker[others, :width] == alone.marker[others]).all()
+    assert np.allclose(together.confidence[others, :width], alone.confidence[others], atol=1e-9)
+    assert (together.marker[others, width:] < 0).all()
+
+
+def test_room_without_points_changes_nothing(likelihood):
+    trial = make_trial(walker(77, 20), (0, 3), (0, 2), np.random.default_rng(7))
+    known, room = likelihood.known, np.full((20, 6, 3), np.nan)
+    alone, wide = (solve_frames(known, points) for points in (trial.points, np.append(trial.points, room, axis=1)))
+    assert (alone.naming == wide.naming).all()
+    for name in ("score", "margin", "mean_square"):
+        assert np.allclose(getattr(alone, name), getattr(wide, name), rtol=1e-9, atol=1e-9)

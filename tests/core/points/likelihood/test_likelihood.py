@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The likelihood of a naming against the textbook's dense formula, and every closed-form gain against trying it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from addon.core.geometry.upright import turned, upright_aligned
-from addon.core.points.likelihood import naming, swaps
-from addon.core.points.likelihood.distances import ConstraintOptions, DistanceConstraints, learn_constraints
+from addon.core.points.likelihood import swaps
+from addon.core.points.likelihood.distances import ConstraintOptions, learn_constraints, size_and_fit
 from addon.core.points.likelihood.latent import Latent
 from addon.core.points.likelihood.naming import NO_POINT, name_worth, one_to_one, settle
 from addon.core.points.likelihood.shape import learn_shape
@@ -23,15 +25,14 @@ def scene(monkeypatch):
     swing = 0.1 * rng.normal(size=(200, 1, 3)) * rng.normal(size=(MARKERS, 3))
     clouds = base + swing + 0.02 * rng.normal(size=(200, MARKERS, 3))
     shape = learn_shape([clouds])
-    constraints = learn_constraints([clouds], shape.radius)
+    constraints = replace(learn_constraints([clouds], shape.radius), size_sd=1e-12)
     assert len(constraints) > 0
-    monkeypatch.setattr(naming, "yaw_absorbed", lambda points, latent: (points, latent))
-    monkeypatch.setattr(DistanceConstraints, "size", lambda self, points, named: np.ones(len(named)))
     monkeypatch.setattr("addon.core.points.likelihood.distances.CONSTRAINING", ConstraintOptions(max_cost=1e9))
     monkeypatch.setattr(swaps, "ALTERNATIVES", swaps.AlternativeOptions(max_distance_radii=20.0))
     points = upright_aligned(clouds[:1], shape.mean)
     points = np.concatenate([points, rng.normal(size=(1, 3, 3))], axis=1)
     model = Latent(shape)
+    model.yaw_sd = 0.0
 
     def settled(named):
         return settle(model, constraints, points, np.ones((1, MARKERS + 3), dtype=bool), np.array([named]))
@@ -40,7 +41,7 @@ def scene(monkeypatch):
 
 
 def test_score_is_the_dense_gaussian(scene):
-    model, _, settled = scene
+    model, constraints, settled = scene
     found = settled(NAMING)
     flat = model.columns.reshape(-1, model.size)
     covariance = flat @ flat.T + np.diag(np.repeat(model.noise, 3))
@@ -48,7 +49,8 @@ def test_score_is_the_dense_gaussian(scene):
     offset = (found.points[0, :5] - model.mean[:5]).ravel()
     block = covariance[known, known]
     expected = -0.5 * offset @ np.linalg.solve(block, offset) - 0.5 * np.linalg.slogdet(block)[1]
-    expected += 5 * name_worth(model, found.present)[0] + found.pulls.total[0]
+    expected += 5 * name_worth(model, found.present)[0]
+    expected += size_and_fit(constraints, found.points, found.naming)[1][0]
     assert found.score[0] == pytest.approx(expected, abs=1e-4)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from addon.core.body.bodies import BodyModel
-from addon.core.points.likelihood import label_frames
+from addon.core.points.likelihood.frames import label_frames
 from addon.core.simulation.virtual import Act, draw_person, perform
 from addon.io.models import open_model
 

@@ -6,11 +6,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from addon.core.data.takes import NO_MARKER
-from addon.core.points.rigid_bodies import learn_structure, recognise
 from addon.core.points.rigid_bodies.cluster_matching import NO_CLUSTER
 from addon.core.points.rigid_bodies.clustering import find_clusters, sampled, unbroken
 from addon.core.points.rigid_bodies.model import learn_rigid_bodies
-from addon.core.points.rigid_bodies.structure import find_joints, signed_volumes
+from addon.core.points.rigid_bodies.recognition import recognise
+from addon.core.points.rigid_bodies.structure import find_joints, learn_structure
+from addon.core.points.rigid_bodies.volumes import signed_volumes
 from addon.core.points.tracklets import cut
 from addon.io.points import read_points
 from tests.accuracy import anatomical

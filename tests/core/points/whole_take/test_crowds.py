@@ -73,7 +73,7 @@ def test_extras_that_nothing_is_leave_and_their_numbers_close_up(model, markers)
     points, whose = shuffled(np.concatenate([markers, beside(markers)], axis=1), size)
     nothing = said(points, np.full(points.shape[:2], NO_MARKER))
     tracklets = tracklets_of(points, cut(points, RATE), nothing, size)
-    own = whose[tracklets.column[tracklets.begin[:-1]]]
+    own = whose[tracklets.lane]
     marker, count = with_extras(tracklets, own, size)
     long = tracklets.count >= EXTRAS.min_frames
     assert count == ((own == NO_MARKER) & long).sum()
@@ -128,7 +128,7 @@ def test_tracklets_without_a_name_are_extras_where_a_marker_is_missing(model, ma
     points = np.concatenate([markers, beside(markers)[:, :1]], axis=1)
     nothing = said(points, np.full(points.shape[:2], NO_MARKER))
     tracklets = tracklets_of(points, cut(points, RATE), nothing, size)
-    own = tracklets.column[tracklets.begin[:-1]]
+    own = tracklets.lane
     own = np.where(own < size, own, NO_MARKER)
     gone = np.where(own == 0, NO_MARKER, own)
     assert with_extras(tracklets, own, size, missing=True)[1] == 0

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Tracklets and markers matched at once: against all namings tried one by one."""
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 
 from addon.core.data.takes import NO_MARKER
 from addon.core.points.tracklets import VOTE
-from addon.core.points.whole_take.matching import cliques, margins, matched
+from addon.core.points.whole_take.matching import TRYING, cliques, margins, matched
 
 
 def allowed(marker, first, last) -> bool:
@@ -47,16 +48,36 @@ def test_the_matching_is_the_best_of_all(seed):
     assert total(odds, marker) == pytest.approx(best_by_trying(odds, first, last), abs=1e-6)
 
 
+@pytest.mark.parametrize("ways", [{"max_tried": 0}, {"max_tried": 0, "max_steps": 0}])
+@settings(deadline=None, max_examples=20)
+@given(seed=st.integers(0, 10**6))
+def test_the_likeliest_first_and_a_solver_find_what_is_found_by_trying(ways, seed):
+    rng = np.random.default_rng(seed)
+    odds = rng.normal(1, 4, (12, 4))
+    first = rng.integers(0, 60, 12)
+    last = first + rng.integers(0, 40, 12)
+    tried = matched(odds, first, last)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("addon.core.points.whole_take.matching.TRYING", replace(TRYING, **ways))
+        assert total(odds, matched(odds, first, last)) == pytest.approx(total(odds, tried), abs=2 * TRYING.order)
+
+
+@pytest.mark.parametrize("ways", [{}, {"max_tried": 0}, {"max_tried": 0, "max_steps": 0}])
+def test_of_equals_the_first_tracklet_has_the_first_marker(ways, monkeypatch):
+    monkeypatch.setattr("addon.core.points.whole_take.matching.TRYING", replace(TRYING, **ways))
+    odds = np.array([[3.0, 3.0, 5.0], [3.0, 3.0 + 1e-12, 5.0], [3.0 + 1e-12, 3.0, 5.0]])
+    assert matched(odds, np.zeros(3, int), np.full(3, 9)).tolist() == [0, 1, 2]
+
+
 @given(st.integers(0, 10**6))
 def test_cliques_hold_all_that_meet_and_nothing_else(seed):
     rng = np.random.default_rng(seed)
     first = rng.integers(0, 60, 7)
-    last = first + rng.integers(0, 40, 7)
-    end = np.maximum(last - VOTE.max_overlap_frames, first)
+    end = first + rng.integers(0, 40, 7)
     meet = (first[:, None] <= end) & (first <= end[:, None])
     np.fill_diagonal(meet, False)
     held = np.zeros(meet.shape, bool)
-    for clique in cliques(first, last):
+    for clique in cliques(first, end):
         held[np.ix_(clique, clique)] = True
     np.fill_diagonal(held, False)
     assert (held == meet).all()
@@ -73,3 +94,18 @@ def test_a_margin_is_what_the_next_best_naming_lacks():
 
 def test_what_nothing_speaks_for_has_no_name():
     assert matched(np.full((2, 3), -1.0), np.zeros(2, int), np.full(2, 9)).tolist() == [NO_MARKER] * 2
+
+
+@given(st.integers(0, 10**6))
+def test_how_unlikely_a_ghost_is_changes_no_name_and_no_margin(seed):
+    """`solving` does not ask how unlikely what is no marker in any case is."""
+    rng = np.random.default_rng(seed)
+    odds = rng.normal(0, 4, (30, 4))
+    first = rng.integers(0, 60, 30)
+    last = first + rng.integers(0, 40, 30)
+    ghost = rng.random(30) < 0.6
+    odds[ghost] = -np.abs(odds[ghost])
+    other = np.where(ghost[:, None], -np.abs(rng.normal(0, 9, odds.shape)), odds)
+    marker = matched(odds, first, last)
+    assert (marker == matched(other, first, last)).all()
+    np.testing.assert_array_equal(margins(odds, marker, first, last), margins(other, marker, first, last))

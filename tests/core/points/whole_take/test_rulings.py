@@ -50,7 +50,7 @@ def solved(model, points, labels: Labels, rulings: Rulings) -> np.ndarray:
     """(T, P) the markers of the take once it is solved with the rulings."""
     pieces = rulings.parted()
     heard = rulings.heard(labels)
-    solution = solution_of(heard, pieces, points, model, RATE, 1, rulings=rulings)
+    solution = solution_of(heard, pieces, points, model, RATE, rulings=rulings)
     return labels_of(solution, heard, 0.999, model.markerset.markers).labels.marker
 
 
@@ -148,8 +148,7 @@ def test_what_lost_its_name_to_a_person_is_begun_with_as_the_other_of_the_two(mo
     one, other = (model.markerset.index(name) for name in PAIR)
     rulings = rulings_of(model, points, everything, AssignPoint(one, PAIR[0], frames=(100, 100)))
     pieces = rulings.of(tracklets_of(points, rulings.parted(), rulings.heard(everything), len(model.markerset)))
-    first = pieces.begin[:-1]
-    row, column = pieces.row[first], pieces.column[first]
+    row, column = pieces.first, pieces.lane
     begun = rulings.begun(pieces, rulings.start[row, column])
     (robbed,) = np.flatnonzero((column == other) & (row == 99))
     assert rulings.start[99, other] == NO_MARKER

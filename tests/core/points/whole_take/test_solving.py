@@ -1,17 +1,21 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A take solved as a whole: the virtual person's, cut to pieces, of which frames on their own say little or err."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from addon.core.data.lanes import LaneOptions
 from addon.core.data.takes import BY_LIKELIHOOD, BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels
 from addon.core.points.tracklets import cut
 from addon.core.points.whole_take.deciding import can_be_solved, labels_of, parted
 from addon.core.points.whole_take.exchanges import undone
-from addon.core.points.whole_take.layout import named_by_layout
+from addon.core.points.whole_take.layout import Question, named_by_layout
+from addon.core.points.whole_take.likeness import likeness, links
 from addon.core.points.whole_take.pairs import in_take, trained_pairs
 from addon.core.points.whole_take.solving import solve_take
-from addon.core.points.whole_take.tracklets import tracklets_of
+from addon.core.points.whole_take.tracklets import seen_in, tracklets_of
 from addon.demo.take import make_performance
 from addon.io.markersets import open_markerset
 from addon.io.models import open_model
@@ -117,9 +121,23 @@ def test_an_exchange_for_a_while_is_undone(model, markers):
     points, whose, given = exchanged_for_a_while(markers, model.markerset.markers)
     nothing = said(points, whose, np.zeros(points.shape[:2], bool))
     tracklets = tracklets_of(points, cut(points, RATE), nothing, len(whose))
-    column = tracklets.column[tracklets.begin[:-1]]
+    column = tracklets.lane
     placed = tracklets.placed(points, given[column], len(model.markerset))
     trained = trained_pairs(model)
+    # Of a long take only what is asked for is looked up.
+    looked_up = tracklets.placed(points, given[column], len(model.markerset), LaneOptions(whole_cells=0))
+    assert (seen_in(looked_up) == seen_in(placed)).all()
+    np.testing.assert_array_equal(looked_up[5:90], placed[5:90])
+    about = given[column], in_take(trained, placed), RATE
+    every = np.arange(len(tracklets))
+    for weigh in (likeness, lambda tracklets, *given: links(tracklets, every, *given)):
+        np.testing.assert_array_equal(weigh(tracklets, looked_up, *about), weigh(tracklets, placed, *about))
+    # Nor do some of them, or names that are not asked for, change what is said of the others.
+    whole, some = links(tracklets, every, placed, *about), every[::2]
+    asked = np.random.default_rng(0).random(whole.shape) < 0.5
+    assert (whole != 0).any()
+    expected = np.where(asked, whole, 0)[some]
+    np.testing.assert_array_equal(links(tracklets, some, placed, *about, asked[some]), expected)
     marker = undone(tracklets, placed, given[column], trained, in_take(trained, placed), RATE)
     assert marker.tolist() == whose[column].tolist()
 
@@ -140,16 +158,89 @@ def test_names_that_are_right_stay_and_what_is_hardly_surer_is_a_question(model,
     assert all(question.odds >= -1 for question in questions)
 
 
-def test_a_tracklet_is_parted_where_its_frames_go_over_to_another_marker():
-    tracklet = np.zeros((10, 2), int)
-    tracklet[:, 1] = 1
-    voted = np.full((10, 2), 3)
-    voted[6:, 0] = 5
-    voted[4:6, 0] = NO_MARKER
-    found = parted(tracklet, voted)
-    assert found[:, 1].tolist() == [1] * 10
-    assert found[:6, 0].tolist() == [0] * 6
-    assert set(found[6:, 0].tolist()) == {2}
+def gone_over_at(frame: int, leap: float) -> tuple[np.ndarray, np.ndarray]:
+    """Votes (T, 2) of which the first column's change in frame 6 to 8, and points that leap (m) before `frame`."""
+    voted = np.full((12, 2), 3)
+    voted[8:, 0] = 5
+    voted[6:8, 0] = NO_MARKER
+    points = np.zeros((12, 2, 3))
+    points[..., 1] = 0.02 * np.arange(12)[:, None]
+    points[frame:, 0, 0] += leap
+    return voted, points
+
+
+def test_a_tracklet_is_parted_where_it_leaps_to_the_marker_that_its_frames_say():
+    tracklet = np.tile([0, 1], (12, 1))
+    apart = np.full((6, 6), 0.1)
+    voted, points = gone_over_at(5, leap=0.09)
+    found = parted(tracklet, voted, points, apart, RATE)
+    assert found[:, 1].tolist() == [1] * 12
+    assert found[:5, 0].tolist() == [0] * 5
+    assert set(found[5:, 0].tolist()) == {2}
+
+
+@pytest.mark.parametrize("leap", [0.0, 0.03])
+def test_a_tracklet_that_does_not_leap_is_one_markers_whatever_its_frames_say(leap):
+    tracklet = np.tile([0, 1], (12, 1))
+    voted, points = gone_over_at(5, leap)
+    assert parted(tracklet, voted, points, np.full((6, 6), 0.1), RATE).tolist() == tracklet.tolist()
+
+
+def something_in_stead_of(markers: np.ndarray, marker: int, up: float) -> np.ndarray:
+    """The markers without one of them, and beside them what is so far above it, m."""
+    placed = np.concatenate([markers, markers[:, [marker]] + [0, 0, up]], axis=1)
+    placed[:, marker] = np.nan
+    return placed
+
+
+@pytest.mark.parametrize(("name", "up"), [("LKNE", 0.06), ("LSHO", 0.08)])
+def test_a_missing_marker_is_what_is_there_for_long_unless_much_else_is_there(model, markers, name, up):
+    missing, extra = model.markerset.markers.index(name), len(model.markerset)
+    placed = something_in_stead_of(markers, missing, up)
+    named, _ = named_by_layout(model.likelihood, placed, absent=True)
+    assert named[extra] == missing
+    crowded, _ = named_by_layout(model.likelihood, placed, absent=True, crowd=True)
+    assert crowded[extra] == extra
+    placed[: FRAMES // 3, extra] = np.nan
+    for_a_while, _ = named_by_layout(model.likelihood, placed, absent=True)
+    assert for_a_while[extra] == extra
+
+
+def test_names_that_some_poses_contradict_are_a_question(model, markers):
+    one, other = (model.markerset.markers.index(name) for name in ("LANK", "LTOE"))
+    placed = markers.copy()
+    placed[::3, [one, other]] = placed[::3, [other, one]]
+    placed[1::9, [one, other]] = placed[1::9, [other, one]]
+    name, questions = named_by_layout(model.likelihood, placed, absent=False)
+    assert name.tolist() == list(range(len(name)))
+    assert {one, other} in [{question.one, question.other} for question in questions]
+
+
+def test_what_a_ghost_bears_out_itself_is_not_said_of_a_marker_that_is_not_there(model, markers):
+    hidden = model.markerset.markers.index("LKNE")
+    points, whose = pieces(np.where(np.arange(markers.shape[1])[:, None] == hidden, np.nan, markers))
+    ghost = np.full((FRAMES, 1, 3), np.nan)
+    ghost[100:180, 0] = markers[100:180, hidden] + [0.01, 0.0, 0.01]
+    points, whose = np.concatenate([points, ghost], axis=1), np.r_[whose, NO_MARKER]
+    named = said(points, whose, whose >= 0)
+    solution = solve_take(points, cut(points, RATE), named, named.marker, model, RATE)
+    assert hidden in solution.marker
+    for target in (0.9, 0.999):
+        labels = labels_of(solution, named, target, model.markerset.markers).labels
+        assert (labels.marker[:, -1] == NO_MARKER).all()
+
+
+def test_a_marker_is_no_surer_than_those_beside_it(model, markers):
+    points, whose = pieces(markers)
+    named = said(points, whose, np.ones(points.shape[:2], bool))
+    solution = solve_take(points, cut(points, RATE), named, named.marker, model, RATE)
+    marker = model.markerset.markers.index("LFIN")
+    beside = solution.beside[marker].tolist()
+    for count, stays in ((1, True), (len(beside) - 1, False)):
+        doubts = tuple(Question(name, name, 0.0, shifted=True) for name in beside[:count])
+        labels = labels_of(replace(solution, questions=doubts), named, 0.999, model.markerset.markers).labels
+        assert (labels.marker == marker).any() == stays
+        assert not np.isin(labels.marker, beside[:count]).any()
 
 
 def test_frames_in_no_order_and_sets_on_rigid_bodies_are_not_solved(model):

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is asked for, as a job or a command line for each take, and as a summary of all."""
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ... import jobs
+from ...io.points import holds_points
+from ...jobs.captures import blob_rate, calibration_for
+from .subjects import subject_words
+
+if TYPE_CHECKING:  # with the pages, which a take alone does not need
+    from ...jobs.batches import BatchSummary
+
+
+def as_job(arguments, path: Path) -> jobs.LabelJob:
+    """The job of labelling one of the inputs."""
+    cameras, rate = arguments.cameras, arguments.rate
+    if not holds_points(path, arguments.use):
+        cameras, rate = calibration_for(path, cameras), blob_rate(path, rate)
+    return jobs.LabelJob(
+        source=path,
+        cameras=cameras,
+        model=arguments.model,
+        subjects=arguments.subjects,
+        wearers=tuple(arguments.subject),
+        out=arguments.out,
+        method=arguments.method,
+        target=arguments.target,
+        frames=arguments.frames,
+        up=arguments.up,
+        use=arguments.use,
+        rate=rate,
+        height=arguments.height,
+        occlusion=arguments.occlusion,
+        facing=None if arguments.facing is None else math.radians(arguments.facing),
+        edits=arguments.edits,
+        trc=arguments.trc,
+        fill=arguments.fill,
+        blend=arguments.blend,
+        html=arguments.html,
+        overwrite=arguments.overwrite,
+        resume=arguments.resume,
+    )
+
+
+def command_for(arguments, path: Path) -> list[str]:
+    """The command line that labels one of the inputs alone."""
+    command = ["label", f"--out={arguments.out}", *subject_words(arguments)]
+    known = {
+        name: getattr(arguments, name)
+        for name in ("cameras", "rate", "height", "facing", "method", "occlusion", "target", "up", "use", "edits")
+    }
+    command += [f"--{name}={value}" for name, value in known.items() if value is not None]
+    if arguments.frames:
+        command.append("--frames=" + ":".join("" if end is None else str(end) for end in arguments.frames))
+    command += [
+        f"--{name}" for name in ("trc", "fill", "blend", "html", "overwrite", "resume") if getattr(arguments, name)
+    ]
+    return [*command, "--", str(path)]
+
+
+def summary_of(arguments) -> "BatchSummary | None":
+    """The summary of all takes; None where none is wanted, as of one take only."""
+    page = arguments.summary or (arguments.html and (arguments.watch or len(arguments.inputs) > 1))
+    if not page and not arguments.watch:
+        return None
+    from ...jobs.batches import BatchSummary, summary_paths
+
+    stems = [] if arguments.watch else [path.stem for path in arguments.inputs]
+    summary = BatchSummary(*summary_paths(arguments.out, stems, arguments.summary, page))
+    if not arguments.watch:
+        for path in arguments.inputs:
+            summary.wait_for(path)
+    return summary

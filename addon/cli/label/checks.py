@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What can be known to be wrong, or to make no difference, before any work."""
+
+from typing import TYPE_CHECKING
+
+from ...blendfile import has_blender, open_cameras
+from ...core.data.errors import InputError
+from ...io.edits import edits_beside, open_edits
+from ...io.models import open_model
+from ...io.points import holds_points
+from ...io.qtm import is_qtm
+from ...io.whole import keep_apart
+from ...jobs.captures import calibration_for
+from .asked import as_job, summary_of
+from .subjects import check_models, check_subjects, worn_in
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def check(arguments):
+    """Everything that can be known to be wrong before any work; raises InputError."""
+    if arguments.scheduler is not None or arguments.engine != "local":
+        from .farm import check_farm
+
+        check_farm(arguments.engine, arguments.scheduler)
+    _check_inputs(arguments)
+    blobs = [path for path in arguments.inputs if not holds_points(path, arguments.use)]
+    for path in blobs:
+        if arguments.cameras is None and not is_qtm(path):
+            from ...io.blobs import check_header
+
+            check_header(path)  # what holds no blobs needs no cameras
+        calibration_for(path, arguments.cameras)
+    check_rest(arguments)
+    if arguments.edits is not None and len(arguments.inputs) > 1:
+        words = f"--edits is of one take, and there are {len(arguments.inputs)}"
+        raise InputError(f"{words}; expected one take, or files such as walk.edits.json beside the takes")
+    takes = [as_job(arguments, path) for path in arguments.inputs]
+    summary = summary_of(arguments)
+    pages = [] if summary is None else summary.written
+    written = [path for take in takes for path in take.written]
+    keep_apart({path for take in takes for path in take.read}, written + pages)
+    if summary is not None:
+        summary.check(arguments.overwrite, arguments.resume)
+    model = check_models(arguments)
+    for take in takes:
+        check_subjects(take)
+    cameras = open_cameras(arguments.cameras, arguments.up) if blobs and arguments.cameras else None
+    if len(takes) == 1:  # of many each is told on its own, and the others are labelled
+        [take] = takes
+        if blobs and cameras is None:
+            cameras = open_cameras(take.cameras, arguments.up)
+        named = worn_in(take) if take.several else model.markerset
+        open_edits(take.edits_applied, take.source, named, cameras=cameras and cameras.names)
+
+
+def check_rest(arguments):
+    """What can be known to be wrong of takes that are not looked at; raises InputError."""
+    if arguments.blend and not has_blender():
+        raise InputError("--blend needs Blender or the bpy package, and neither is here; expected one of them")
+    if arguments.out.exists() and not arguments.out.is_dir():
+        raise InputError("is no folder; expected a folder for the results", arguments.out)
+
+
+def edited_beside(arguments) -> list[str]:
+    """Which takes are labelled with edits that nobody named, a sentence each."""
+    if arguments.edits is not None:
+        return []
+    found = [(path, edits_beside(path)) for path in arguments.inputs]
+    return [f"{path}: the edits of {edits.name} beside it are applied" for path, edits in found if edits is not None]
+
+
+def unused(arguments) -> list[str]:
+    """What is given and makes no difference to some of the takes, a sentence each; they are labelled all the same."""
+    kinds = {holds_points(path, arguments.use) for path in arguments.inputs}
+    said = []
+    if arguments.engine == "dask" and arguments.jobs > 1:
+        said.append("--jobs is not looked at with --engine dask: workers take as many takes as they have threads")
+    if arguments.rate is not None and True in kinds:
+        said.append("--rate is not looked at for 3D points whose files say their own rate")
+    hints = [f"--{name}" for name in ("height", "facing") if getattr(arguments, name) is not None]
+    if hints:
+        several = arguments.subjects != 1 or bool(arguments.subject)
+        deaf = [kind for kind in sorted(kinds) if several or not _fits(arguments, kind)]
+        what = " and ".join("3D points" if kind else "blobs" for kind in deaf)
+        verb = "is" if len(hints) == 1 else "are"
+        if deaf:
+            why = "of several subjects" if several else "that needs --method fit here"
+            said.append(f"{' and '.join(hints)} {verb} not looked at for {what}: {why}")
+    return said
+
+
+def _fits(arguments, points: bool) -> bool:
+    """Whether takes of 3D points, or of blobs, are named by a body that is fitted to them, which takes hints."""
+    if arguments.method != "auto" or not points:
+        return arguments.method in ("auto", "fit", "both")
+    from ...core.points.naming import chosen_method
+
+    return chosen_method(open_model(arguments.model), "auto") == "fit"
+
+
+def _check_inputs(arguments):
+    """Raises InputError where inputs are no files, or results would take each other's or an input's place."""
+    stems: dict[str, Path] = {}
+    for path in arguments.inputs:
+        if path.is_dir():
+            raise InputError("is a folder; expected takes, such as folder/*.c3d", path)
+        # Windows and macOS keep walk.csv and Walk.csv in one place.
+        other = stems.setdefault(path.stem.casefold(), path)
+        if other is not path:
+            raise InputError(f"would have the same results as {other}; expected inputs with different names", path)

@@ -1,0 +1,285 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Takes spread over machines by `dask.distributed`: command lines are handed out here, and run by its workers.
+
+What is sent is made of Python's own functions and of text: so the scheduler needs no package of ours, and the name that
+this package goes by here, another one in Blender, is nobody's concern. Results are written where they belong by the
+worker; its answer is the report.
+"""
+
+import json
+import logging
+import operator
+import os
+import pkgutil
+import queue
+import socket
+import threading
+import time
+import uuid
+import warnings
+from collections import Counter, defaultdict, deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from importlib.util import find_spec
+from pathlib import Path
+
+from ...core.data.errors import InputError, JobError, UserError
+from ...io.markersets import markerset_file
+from ...io.whole import check_targets
+from ...jobs.job import LabelJob
+from ...jobs.resuming import results_of
+from ...version import version
+from ..console import complain
+from ..failures import of_take
+from ..serving import PATIENCE, POLL, waited_for
+from ..workers import crew
+
+THERE = "mocap_autolabel.addon.cli.label.farm"  # this file, as workers know it
+CONNECT_S = 10.0  # s, within which a scheduler has to answer
+AHEAD = 2  # takes sent for each thread of the workers: one at work, and one so that nobody waits for the next
+UNFIT = 0  # an exit status that no failed take has: the worker can do no take of this batch
+
+
+def check_farm(engine: str, scheduler: str | None):
+    """Raises InputError where takes cannot be spread over machines as the options have it."""
+    if engine != "dask":
+        raise InputError("--scheduler is of --engine dask; expected both of them or neither")
+    if not scheduler:
+        raise InputError("--engine dask needs to know its scheduler; expected --scheduler tcp://HOST:8786 or alike")
+    if find_spec("distributed") is None:
+        words = "--engine dask needs the Python package distributed, which is not here"
+        raise InputError(f"{words}; expected it installed, as pip install 'mocap-autolabel[farm]' does")
+
+
+def farm_out(
+    address: str, job_of: Callable[[Path], LabelJob], lines: Sequence[list[str]]
+) -> Iterator[tuple[int, dict | UserError]]:
+    """Runs command lines of `label` by the workers of the scheduler at `address`; yields number and answer.
+
+    The last word of each is its take, and `job_of` gives that as a job. Closing the generator stops what runs. Raises
+    JobError where the scheduler is not there or goes away, or a worker has no such version or does not see the takes.
+    """
+    batch = f"mocap-autolabel-{uuid.uuid4().hex}"
+    at_work = {}
+    with _connected(address) as client:
+        if not client.nthreads():
+            complain(f"the scheduler at {address} has no workers yet: the takes wait for the first of them")
+        try:
+            yield from _answers_of(client, batch, job_of, lines, at_work)
+        except OSError as error:
+            raise _gone(address) from error
+        finally:
+            _end(client, batch, [future for future, *_ in at_work.values()])
+
+
+@contextmanager
+def _connected(address: str) -> Iterator["distributed.Client"]:  # noqa: F821 - it may not be there
+    """A client of the scheduler; JobError where none answers."""
+    from distributed import Client
+
+    # Whatever matters of it is said in our words; it gives several of its loggers a level of their own.
+    for name in [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]:
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    try:
+        with warnings.catch_warnings(action="ignore"):
+            client = Client(address, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, ValueError, TypeError, RuntimeError, ImportError) as error:
+        reason = " ".join(str(error).split())[:200]
+        what = f"no scheduler answers at {address} ({reason})"
+        raise JobError(f"{what}; expected the address that `dask scheduler` prints") from None
+    with client:
+        yield client
+
+
+def _answers_of(
+    client, batch: str, job_of: Callable[[Path], LabelJob], lines: Sequence[list[str]], at_work: dict
+) -> Iterator[tuple[int, dict | UserError]]:
+    """Number and answer of each command line, as they come; what is not yet wanted is not yet sent.
+
+    `at_work` has what was sent and is not answered: a future, the number and the line by the future's key.
+    """
+    waiting, heard = deque(enumerate(lines)), queue.SimpleQueue()
+    while waiting or at_work:
+        room = AHEAD * max(sum(client.nthreads().values()), 1)
+        while waiting and len(at_work) < room:
+            number, line = waiting.popleft()
+            try:
+                _check_place(job_of(Path(line[-1])), line)
+            except Exception as error:  # noqa: BLE001 - every take is its own
+                yield number, of_take(error, Path(line[-1]))
+                continue
+            sent = json.dumps(_for_elsewhere(line))
+            future = _send(client, f"{batch}-{number}", "work", batch, version(), sent)
+            at_work[future.key] = future, number, line
+            future.add_done_callback(heard.put)
+        if at_work:
+            future, number, line = at_work.pop(waited_for(heard).key)
+            yield number, _answer_of(client, future, line, job_of)
+
+
+def _check_place(job: LabelJob, line: list[str]):
+    """Raises InputError where the results of somebody else are in the way.
+
+    This is asked before and not by the worker, which is told to go on with what is there: of a take whose worker is
+    lost the next one may find the results whole.
+    """
+    if "--resume" not in line and "--overwrite" not in line:
+        check_targets(job.written, False, job.read)
+
+
+def _for_elsewhere(line: list[str]) -> list[str]:
+    """A command line as it holds in any folder, and for a take that was begun before."""
+    words = ["label", *([] if {"--resume", "--overwrite"} & set(line) else ["--resume"])]
+    for word in line[1:-1]:
+        name, _, value = word.partition("=")
+        if name == "--subject":
+            wearer, _, value = value.partition("=")
+            name = f"{name}={wearer}"
+        model = name == "--model" or name.startswith("--subject=")
+        if name in ("--out", "--cameras", "--edits") or (model and markerset_file(value) == Path(value)):
+            word = f"{name}={os.path.abspath(value)}"  # noqa: PTH100 - links stay as they are
+        words.append(word)
+    return [*words, os.path.abspath(line[-1])]  # noqa: PTH100
+
+
+def _send(client, key: str, name: str, *words: str, workers: list[str] | None = None):
+    """The future of a function of this file, called where the scheduler, or `workers`, will have it."""
+    task = (operator.call, (pkgutil.resolve_name, f"{THERE}:{name}"), *words)
+    [future] = client.get({key: task}, [key], sync=False, workers=workers, allow_other_workers=False)
+    return future
+
+
+def _answer_of(client, future, line: list[str], job_of: Callable[[Path], LabelJob]) -> dict | UserError:
+    """What came of a take; JobError where its worker, or the scheduler, can do none."""
+    from concurrent.futures import CancelledError
+
+    from distributed import KilledWorker
+
+    take = Path(line[-1])
+    try:
+        status, words = future.result()
+    except KilledWorker as error:
+        lost = f"the workers that had it were lost {error.allowed_failures + 1} times"
+        return JobError(f"{lost}; expected workers that stay, as with memory enough", take)
+    except CancelledError:
+        raise _gone(client.scheduler.address) from None
+    except (ImportError, AttributeError) as error:
+        raise JobError(f"a worker has another Mocap Autolabel or none ({error}); {_expected()}") from None
+    except Exception as error:  # noqa: BLE001 - the others are labelled all the same
+        return of_take(error, take)
+    if isinstance(words, dict):
+        return words
+    if status == UNFIT:
+        raise JobError(f"{words}; {_expected()}")
+    if "--overwrite" not in line:
+        # A worker that was believed lost may have finished it after all, before the one that was asked next.
+        with suppress(UserError):
+            return results_of(job_of(take)) or _failure(status, words, take)
+    return _failure(status, words, take)
+
+
+def _failure(status: int, words: str, take: Path) -> UserError:
+    error = InputError if status == InputError.exit_status else JobError
+    return error(words.replace(os.path.abspath(take), str(take)))  # noqa: PTH100
+
+
+def _end(client, batch: str, futures: list):
+    """Has the workers stop what they still do of a batch, and waits until they have cleaned up."""
+    limit = time.monotonic() + PATIENCE
+    with suppress(OSError, RuntimeError, TimeoutError):  # whoever does not hear it finishes its take, and that whole
+        client.cancel(futures, force=True)
+        ends = [_send(client, f"{batch}-end-{one}", "let_go", batch, workers=[one]) for one in client.nthreads()]
+        for future in ends:
+            future.exception(timeout=max(limit - time.monotonic(), 0.1))
+
+
+def _gone(address: str) -> JobError:
+    return JobError(f"the scheduler at {address} went away; expected it to stay, --resume goes on")
+
+
+def _expected() -> str:
+    return f"expected version {version()} and the same paths on every worker; --resume goes on"
+
+
+# From here on what workers do. A worker takes as many takes at once as it has threads, each in a process of its own
+# that labels one take after the other.
+
+RESTING = defaultdict(list)  # of each batch: pairs of a process's `crew`, and what closes it
+BUSY = Counter()  # how many more are at work
+CHANGED = threading.Condition()
+
+
+def work(batch: str, wanted: str, line: str) -> tuple[int, dict | str]:
+    """Runs a command line on this worker: status 0 and the report, or the exit status and why there is none."""
+    words = json.loads(line)
+    if version() != wanted:
+        return UNFIT, f"the worker on {socket.gethostname()} has version {version()} of Mocap Autolabel"
+    if not Path(words[-1]).exists():
+        return UNFIT, f"the worker on {socket.gethostname()} does not see the take {words[-1]}"
+    try:
+        with _hand(batch) as (run, stop), _stopped_when_unwanted(stop):
+            [(_, answer)] = run([words])
+    except UserError as error:
+        answer = error
+    return (0, answer) if isinstance(answer, dict) else (answer.exit_status, str(answer))
+
+
+@contextmanager
+def _hand(batch: str) -> Iterator[tuple[Callable, Callable]]:
+    """What runs command lines one after the other in a process, and what stops it; it is kept for the batch's next."""
+    with CHANGED:
+        BUSY[batch] += 1
+        pair = RESTING[batch].pop() if RESTING[batch] else None
+    try:
+        if pair is None:
+            stack = ExitStack()
+            pair = stack.enter_context(crew(1)), stack.close
+        yield pair
+        with CHANGED:
+            RESTING[batch].append(pair)
+    finally:
+        with CHANGED:
+            BUSY[batch] -= 1
+            CHANGED.notify_all()
+
+
+@contextmanager
+def _stopped_when_unwanted(stop: Callable[[], None]) -> Iterator[None]:
+    """Stops what is done in the block as soon as nobody waits for this task of the worker any more."""
+    from distributed import Reschedule, get_worker
+
+    worker = get_worker()
+    key, over, unwanted = worker.get_current_task(), threading.Event(), threading.Event()
+
+    def watch():
+        while not over.wait(POLL):
+            # Released by a client that cancels it, and by the scheduler when its client is gone.
+            task = worker.state.tasks.get(key)
+            if task is None or task.state == "cancelled":
+                unwanted.set()
+                stop()
+                return
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield
+    except (OSError, ValueError):  # the answer's file is gone with its process
+        if not unwanted.is_set():
+            raise
+    finally:
+        over.set()
+        watcher.join()
+    if unwanted.is_set():
+        raise Reschedule
+
+
+def let_go(batch: str):
+    """Ends this worker's processes of a batch, once those that are being stopped have cleaned up."""
+    with CHANGED:
+        CHANGED.wait_for(lambda: not BUSY[batch], PATIENCE)
+        pairs = RESTING.pop(batch, [])
+        if not BUSY[batch]:
+            del BUSY[batch]
+    for _, stop in pairs:
+        stop()

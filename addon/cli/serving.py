@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A process that works for another: command lines come to it one after the other, so that it starts up once.
+
+Each comes as a line of JSON on standard input, and has one as its answer on standard output, where Blender may write
+too.
+"""
+
+import _thread
+import json
+import os
+import queue
+import sys
+import threading
+import time
+from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout, suppress
+from io import StringIO
+
+from ..core.data.errors import JobError
+from .loading import load_labelling
+
+SERVE = "serve"  # the word that makes a process one
+TRY = "try"  # the word of a command that only such a process gets: try --result FILE TRIAL
+ANSWER = "mocap-autolabel answers: "  # which an answer begins with
+PATIENCE = 10.0  # s, in which what is stopped may clean up
+POLL = 0.5  # s; Windows hears no interruption while it waits without end
+
+
+def serve(run: Callable[[list[str]], int]) -> int:
+    """Runs command lines until there are no more; ends as by Ctrl-C when whoever sends them is gone in the middle."""
+    lines, busy, left = queue.SimpleQueue(), threading.Event(), threading.Event()
+    threading.Thread(target=_listen, args=(lines, busy, left), daemon=True).start()
+    load_labelling()  # while whoever sends the first line is still at its files
+    out = sys.stdout
+    while (line := waited_for(lines)) is not None:
+        busy.set()
+        if left.is_set():  # what was sent before that is not wanted any more
+            break
+        said = StringIO()
+        with redirect_stdout(StringIO()), redirect_stderr(said):
+            status = run(json.loads(line))
+        busy.clear()
+        out.write(f"\n{ANSWER}{json.dumps({'status': status, 'said': said.getvalue()})}\n")
+        out.flush()
+    return 0
+
+
+def waited_for(what: queue.SimpleQueue):
+    """The next thing in a queue, however long it takes; an interruption is heard meanwhile."""
+    while True:
+        with suppress(queue.Empty):
+            return what.get(timeout=POLL)
+
+
+def _listen(lines: queue.SimpleQueue, busy: threading.Event, left: threading.Event):
+    """Hands on what comes, and ends the process when whoever sent it has `left`: the pipe closes then.
+
+    That holds on every system, however the other process ended.
+    """
+    rest = b""
+    with suppress(OSError):
+        while got := os.read(0, 65536):
+            *whole, rest = (rest + got).split(b"\n")
+            for line in whole:
+                lines.put(line)
+    left.set()
+    lines.put(None)
+    if busy.is_set():
+        _thread.interrupt_main()
+        time.sleep(PATIENCE)
+        os._exit(JobError.exit_status)

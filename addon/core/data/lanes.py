@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Trajectories packed into lanes: those that are not there at the same time stand one after the other.
+
+A raw take has thousands of short trajectories, and at any time as many of them as there are points in a frame. An array
+with a column for each would be nearly empty, and grow with their number times the length of the take.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from heapq import heappop, heappush
+from typing import Self
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class LaneOptions:
+    """How trajectories are packed; both reckoned, by memory.
+
+    worthwhile   part of the trajectories that their lanes may be at most for them to share any: where less is saved,
+                 each has a lane of its own, in the order of the file
+    block_cells  of tables (T, L) that are worked on at once: a few megabytes of whatever is made of them, and
+    block_frames at most
+    whole_cells  of tables beyond which what follows from others is not kept, but worked out block by block
+    """
+
+    worthwhile: float = 0.5
+    block_cells: int = 100_000
+    block_frames: int = 4096
+    whole_cells: int = 2_000_000
+
+
+PACKING = LaneOptions()
+
+
+@dataclass(frozen=True, eq=False)
+class Lanes:
+    """Where each of P trajectories of a take stands: in one lane, from its first point to its last.
+
+    lane         (P,) which
+    first, last  (P,) frames, both included, 0-based; of a trajectory without a point, the last is -1
+    """
+
+    lane: np.ndarray
+    first: np.ndarray
+    last: np.ndarray
+
+    @classmethod
+    def each(cls, count: int, frames: int) -> Self:
+        """Those of `count` trajectories over so many frames that each have a lane of their own."""
+        return cls(np.arange(count), np.zeros(count, int), np.full(count, frames - 1))
+
+    @classmethod
+    def packed(cls, first: np.ndarray, last: np.ndarray, options: LaneOptions = PACKING) -> Self:
+        """As few lanes as there are trajectories at a time, by their first and last frames (P,).
+
+        Lanes stand in the order of their earliest trajectories in the file.
+        """
+        lane, count = np.zeros(len(first), int), 0
+        free: list[int] = []
+        busy: list[tuple[int, int]] = []
+        there = np.flatnonzero(last >= first)
+        for one in there[np.argsort(first[there], kind="stable")].tolist():
+            while busy and busy[0][0] < first[one]:
+                heappush(free, heappop(busy)[1])
+            if not free:
+                free.append(count)
+                count += 1
+            lane[one] = heappop(free)
+            heappush(busy, (int(last[one]), int(lane[one])))
+        if count > options.worthwhile * len(first):
+            return cls(np.arange(len(first)), first, last)
+        _, begin = np.unique(lane[there], return_index=True)
+        place = np.empty(count, int)
+        place[np.argsort(begin, kind="stable")] = np.arange(count)
+        lane[there] = place[lane[there]]
+        return cls(lane, first, last)
+
+    def __len__(self) -> int:
+        return len(self.lane)
+
+    @property
+    def count(self) -> int:
+        """How many lanes there are, one at least where there are trajectories."""
+        return int(self.lane.max(initial=-1)) + 1
+
+    def between(self, start: int, stop: int) -> Self:
+        """The same of the frames from `start` to `stop`, which count from 0 on."""
+        first, last = np.maximum(self.first, start) - start, np.minimum(self.last, stop - 1) - start
+        gone = last < first
+        return type(self)(self.lane, np.where(gone, 0, first), np.where(gone, -1, last))
+
+    def each_alone(self) -> Iterator[tuple[int, slice, int]]:
+        """Every trajectory that has a point, in the order of the file: its number, its frames and its lane."""
+        spans = zip(self.first.tolist(), self.last.tolist(), self.lane.tolist(), strict=True)
+        for number, (first, last, lane) in enumerate(spans):
+            if last >= first:
+                yield number, slice(first, last + 1), lane
+
+    def at(self, frame: np.ndarray, lane: np.ndarray) -> np.ndarray:
+        """(N,) the trajectories of points, by frame and lane (N,) of each."""
+        keys, number, stride = self._begins
+        return number[np.searchsorted(keys, np.asarray(lane, np.int64) * stride + frame, side="right") - 1]
+
+    def table(self, frames: slice) -> np.ndarray:
+        """(F, L) the trajectory of each place in the frames from start to stop, -1 where none stands."""
+        start, stop = frames.start, frames.stop
+        found = np.full((stop - start, self.count), -1, np.int32)
+        here = np.flatnonzero((self.last >= start) & (self.first < stop) & (self.last >= self.first))
+        first, last = np.maximum(self.first[here], start) - start, np.minimum(self.last[here], stop - 1) - start
+        for number, begin, end, lane in zip(
+            here.tolist(), first.tolist(), last.tolist(), self.lane[here].tolist(), strict=True
+        ):
+            found[begin : end + 1, lane] = number
+        return found
+
+    @cached_property
+    def _begins(self) -> tuple[np.ndarray, np.ndarray, int]:
+        """Where trajectories begin, lane after lane, and their numbers; a lane is so far from the next."""
+        there = np.flatnonzero(self.last >= self.first)
+        stride = int(self.last.max(initial=0)) + 1
+        keys = self.lane[there].astype(np.int64) * stride + self.first[there]
+        order = np.argsort(keys)
+        return keys[order], there[order], stride
+
+
+def standing_in(lanes: Lanes | None, shape: tuple[int, ...]) -> Lanes:
+    """Which trajectory stands where in a table (T, L); unless said, each has a lane of its own, in their order."""
+    frames, width = shape[:2]
+    return Lanes.each(width, frames) if lanes is None else lanes
+
+
+def trajectories_at(lanes: Lanes | None, frame: np.ndarray, lane: np.ndarray) -> np.ndarray:
+    """(N,) the trajectories of points, by frame and lane (N,) of each; unless said, each has a lane of its own."""
+    return lane if lanes is None else lanes.at(frame, lane)
+
+
+def blocks(frames: int, width: int, options: LaneOptions = PACKING) -> Iterator[slice]:
+    """The frames of a table (T, L) block by block, so that what is made of each is small."""
+    size = min(max(options.block_cells // max(width, 1), 1), options.block_frames)
+    for start in range(0, frames, size):
+        yield slice(start, min(start + size, frames))

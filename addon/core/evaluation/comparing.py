@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a training on changed: takes whose names are known, named by the model before and after, and what got worse."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..points.history import CheckedTake
+from .relabelling import NameCounts
+
+TELLING_MARKERS = 5  # of a take, that are listed for people
+
+
+@dataclass(frozen=True)
+class WorseOptions:
+    """What a training on may make worse before a person is asked, in shares of the points of markers.
+
+    Reckoned: a set has up to 60 markers, so that one of them named wrong from the first frame to the last is 1.7 % of a
+    take or more. Names that are lost cost less than names that are wrong. Every training moves single markers of single
+    takes, to the better and to the worse (docs/measurements.md, "Training on"), so takes may lose some names.
+
+    all_recall   that right names may fall by in all takes together, and
+    all_wrong    that wrong names may rise by
+    take_recall  the same in one take
+    take_wrong   the same in one take
+    """
+
+    all_recall: float = 0.005
+    all_wrong: float = 0.001
+    take_recall: float = 0.05
+    take_wrong: float = 0.01
+
+
+WORSE = WorseOptions()
+
+
+@dataclass(frozen=True, eq=False)
+class TakeDifference:
+    """A take as the model before and the one after name it.
+
+    name    of its file, or of whose frames they are
+    kind    where its names are from: "kept", "taught" or "frames"
+    frames  that were labelled anew
+    """
+
+    name: str
+    kind: str
+    frames: int
+    before: NameCounts
+    after: NameCounts
+
+    @property
+    def checked(self) -> CheckedTake:
+        """The same as shares."""
+        recall, wrong = (
+            tuple(round(value, 6) for value in pair)
+            for pair in (
+                (self.before.recall, self.after.recall),
+                (self.before.wrong_share, self.after.wrong_share),
+            )
+        )
+        return CheckedTake(self.name, recall, wrong)
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """All takes that were labelled by both models, and those that could not be, each with the reason.
+
+    markers  that were counted, in their order
+    """
+
+    markers: tuple[str, ...]
+    takes: tuple[TakeDifference, ...]
+    left_out: tuple[tuple[str, str], ...] = ()
+    options: WorseOptions = WORSE
+
+    @property
+    def together(self) -> CheckedTake:
+        """All takes as one."""
+        before, after = (
+            NameCounts(*(sum(getattr(one, part) for one in counts) for part in ("present", "right", "wrong")))
+            for counts in ([take.before for take in self.takes], [take.after for take in self.takes])
+        )
+        return TakeDifference("", "", 0, before, after).checked
+
+    @property
+    def worse(self) -> list[str]:
+        """What got worse beyond what it may, in sentences."""
+        if not self.takes:
+            return []
+        options, found = self.options, []
+        found += _worse("all takes together", self.together, options.all_recall, options.all_wrong)
+        for take in self.takes:
+            said = _worse(take.name, take.checked, options.take_recall, options.take_wrong)
+            if said and take.after.refused:
+                said = [f"{take.name} is refused now: {take.after.refused.partition(';')[0]}"]
+            found += said
+        return found
+
+    def markers_worse(self, take: TakeDifference) -> list[dict]:
+        """The markers of a take that are named right less often, or wrong more often, the worst first."""
+        before, after = take.before, take.after
+        there = np.maximum(before.present, 1)
+        lost, more = (before.right - after.right) / there, (after.wrong - before.wrong) / there
+        order = np.argsort(-(np.maximum(lost, 0) + np.maximum(more, 0)), kind="stable")
+        return [
+            {
+                "marker": self.markers[one],
+                "points": int(before.present[one]),
+                "right": [int(before.right[one]), int(after.right[one])],
+                "wrong": [int(before.wrong[one]), int(after.wrong[one])],
+            }
+            for one in order.tolist()
+            if lost[one] > 0 or more[one] > 0
+        ]
+
+    def as_dict(self) -> dict:
+        """The comparison for JSON: pairs are of the model before and of the one after."""
+        return {
+            "worse": self.worse,
+            "margins": vars(self.options),
+            "all": _row(self.together) if self.takes else None,
+            "takes": [
+                {
+                    "take": take.name,
+                    "names": take.kind,
+                    "frames": take.frames,
+                    "points": int(take.before.present.sum()),
+                    **_row(take.checked),
+                    "refused": [take.before.refused, take.after.refused],
+                    "markers_worse": self.markers_worse(take),
+                }
+                for take in self.takes
+            ],
+            "left_out": [{"take": name, "reason": reason} for name, reason in self.left_out],
+        }
+
+
+def _row(checked: CheckedTake) -> dict:
+    return {"recall": list(checked.recall), "wrong": list(checked.wrong)}
+
+
+def _worse(what: str, checked: CheckedTake, recall: float, wrong: float) -> list[str]:
+    found = []
+    if checked.wrong[1] - checked.wrong[0] > wrong:
+        found.append(f"{what}: {share(checked.wrong[1])} wrong names, {share(checked.wrong[0])} before")
+    if checked.recall[0] - checked.recall[1] > recall:
+        found.append(f"{what}: {share(checked.recall[1])} named right, {share(checked.recall[0])} before")
+    return found
+
+
+def share(value: float) -> str:
+    """A share for people: 100 % only where nothing is missing, 0 % only where nothing is there."""
+    if value in (0.0, 1.0):
+        return f"{value:.0%}".replace("%", " %")
+    return f"{100 * min(max(value, 0.0001), 0.9999):.2f} %"
+
+
+def difference_lines(check: dict) -> list[str]:
+    """A comparison, as `as_dict` has it, for people: all takes, then each that changed, with its markers."""
+    lines = []
+    if check["all"] is not None:
+        lines.append(f"{len(check['takes'])} {_takes(len(check['takes']))} labelled anew: {_words(check['all'])}")
+    for take in check["takes"]:
+        changed = take["recall"][0] != take["recall"][1] or take["wrong"][0] != take["wrong"][1]
+        if not changed:
+            continue
+        lines.append(f"{take['take']} ({take['names']}): {_words(take)}{_marker_words(take['markers_worse'])}")
+    lines += [f"{row['take']} was not labelled anew: {row['reason']}" for row in check["left_out"]]
+    if check["all"] is None:
+        lines.append("no take was labelled anew, so nobody knows what got worse: keep labelled takes for it")
+    return lines
+
+
+def _takes(count: int) -> str:
+    return "take" if count == 1 else "takes"
+
+
+def _words(row: dict) -> str:
+    (recall, then), (wrong, wrong_then) = (reversed(row[key]) for key in ("recall", "wrong"))
+    return f"{share(recall)} named right ({share(then)} before), {share(wrong)} wrong ({share(wrong_then)} before)"
+
+
+def _marker_words(rows: Sequence[dict]) -> str:
+    """The worst markers of a take, each with what became of it."""
+    words = []
+    for row in rows[:TELLING_MARKERS]:
+        points = max(row["points"], 1)
+        parts = [
+            f"{share(min(now / points, 1.0))} {how} ({share(min(then / points, 1.0))})"
+            for how in ("right", "wrong")
+            for then, now in [row[how]]
+            if (now < then if how == "right" else now > then)
+        ]
+        words.append(f"{row['marker']} {' and '.join(parts)}")
+    more = len(rows) - TELLING_MARKERS
+    return f"; worse: {', '.join(words)}{f' and {more} more' if more > 0 else ''}" if words else ""

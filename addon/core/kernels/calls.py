@@ -1,0 +1,339 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The compiled functions of bodies and blobs: what a NumPy function takes and gives, its sizes checked at the border.
+
+Each has the name and the arguments of the NumPy function that it stands for; see there for what it does. All raise
+ValueError where an array has not the shape that the others ask for.
+"""
+
+import ctypes
+
+import numpy as np
+
+from .library import compiled
+from .structures import (
+    FLAG,
+    BodyArrays,
+    DampingArrays,
+    ModelArrays,
+    PriorArrays,
+    PullArrays,
+    SightArrays,
+    address,
+    given,
+    indices,
+    made_once,
+)
+
+
+def pose(model, bodies) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Stands for `bodies.pose`."""
+    kept, arrays = body_arrays(model, bodies)
+    rotations, joints, markers = _posed_outputs(model, len(bodies))
+    scratch = np.empty(12 * model.joint_count + 3 * model.marker_count)
+    compiled.pose(
+        ctypes.addressof(model_arrays(model)),
+        ctypes.addressof(arrays),
+        *map(address, (rotations, joints, markers, scratch)),
+    )
+    del kept
+    return rotations, joints, markers
+
+
+def derivatives(model, bodies) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Stands for `bodies.derivatives`."""
+    kept, arrays = body_arrays(model, bodies)
+    rotations, joints, markers = _posed_outputs(model, len(bodies))
+    columns = np.empty((len(bodies), model.marker_count, 3, model.parameters))
+    joint_count, width = model.joint_count, 3 + len(model.modes)
+    scratch = np.empty(21 * joint_count + 3 * model.marker_count + 3 * (joint_count + 1) * width)
+    compiled.derivatives(
+        ctypes.addressof(model_arrays(model)),
+        ctypes.addressof(arrays),
+        *map(address, (rotations, joints, markers, columns, scratch)),
+    )
+    del kept
+    return rotations, joints, markers, columns
+
+
+def model_arrays(model) -> ModelArrays:
+    """A marker set as the library takes it, made once."""
+    return made_once(model, lambda: _model_arrays(model))
+
+
+def _model_arrays(model) -> ModelArrays:
+    carries = np.zeros((model.marker_count, max(model.joint_count - 1, 0)), FLAG)
+    carries[model.carried] = 1
+    parts = model.joint_count + model.marker_count
+    kept = (
+        # The root's parent is not looked at; the others' come before them.
+        indices(model.parents, (model.joint_count,), model.joint_count, lowest=-1),
+        indices(model.attachment, (model.marker_count,), model.joint_count, lowest=0),
+        given(model.offsets, (parts, 3)),
+        given(model.modes, (len(model.modes), parts, 3)),
+        carries,
+    )
+    arrays = ModelArrays(model.joint_count, model.marker_count, len(model.modes), *map(address, kept))
+    arrays.kept = kept  # as long as the library looks at them
+    return arrays
+
+
+def body_arrays(model, bodies) -> tuple[tuple[np.ndarray, ...], BodyArrays]:
+    """Bodies as the library takes them, and the arrays that must outlive the call."""
+    count = len(bodies)
+    kept = (
+        given(bodies.translation, (count, 3)),
+        given(bodies.quaternion, (count, 4)),
+        given(bodies.scale, (count, 3)),
+        given(bodies.bends, (count, model.joint_count, 3)),
+        given(bodies.shape, (count, len(model.modes))),
+        given(bodies.own, (count, model.marker_count, 3)),
+    )
+    return kept, BodyArrays(count, *map(address, kept))
+
+
+def sight_arrays(sight) -> SightArrays:
+    """Cameras as the library takes them, made once."""
+    return made_once(sight, lambda: _sight_arrays(sight))
+
+
+def _sight_arrays(sight) -> SightArrays:
+    kept = given(sight.rotation, (sight.count, 3, 3)), given(sight.translation[:, 0], (sight.count, 3))
+    arrays = SightArrays(sight.count, *map(address, kept), sight.min_depth)
+    arrays.kept = kept
+    return arrays
+
+
+RAY_PULL, BLOB_PULL, CLOUD_PULL, POINT_PULL = range(4)
+
+
+def ray_pull(markers, image, deviation, sight) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Stands for `cost.ray_pull`."""
+    return _pull(markers, sight, *ray_arrays(len(markers), markers.shape[1], image, deviation, sight))
+
+
+def blob_pull(markers, visible, view, sight, softness, reach) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Stands for `cost.blob_pull`."""
+    return _pull(markers, sight, *blob_arrays(len(markers), markers.shape[1], visible, view, sight, softness, reach))
+
+
+def cloud_pull(markers, points, weight, softness, reach) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Stands for `cost.cloud_pull`."""
+    return _pull(markers, None, *cloud_arrays(points, weight, softness, reach))
+
+
+def point_pull(markers, points, noise, reach) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Stands for `cost.point_pull`."""
+    return _pull(markers, None, *point_arrays(*markers.shape[:2], points, noise, reach))
+
+
+def _pull(markers, sight, kept, arrays) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    count = markers.shape[1]
+    markers = given(markers, (len(markers), count, 3))
+    cost, gradient, hessian = np.empty(len(markers)), np.empty(markers.shape), np.empty((*markers.shape, 3))
+    scratch = np.empty(_pull_scratch(count, arrays))
+    compiled.pull(
+        ctypes.addressof(arrays), sight and ctypes.addressof(sight_arrays(sight)), len(markers), count,
+        address(markers), address(cost), address(gradient), address(hessian), address(scratch),
+    )  # fmt: skip
+    del kept
+    return cost, gradient, hessian
+
+
+def _pull_scratch(markers: int, arrays: PullArrays) -> int:
+    return (markers + 1) * (arrays.size + 1) + 9 * markers
+
+
+def ray_arrays(bodies: int, markers: int, image, deviation, sight) -> tuple[tuple, PullArrays]:
+    """A `RayPull` as the library takes it, and the arrays that must outlive the call."""
+    sets = len(image)
+    if sets not in (1, bodies):
+        raise ValueError(f"{sets} sets of names for {bodies} bodies; expected one, or one each")
+    kept = given(image, (sets, sight.count, markers, 2)), given(deviation, (sets, sight.count, markers))
+    return kept, PullArrays(RAY_PULL, sets, 0, address(kept[0]), address(kept[1]), None, None, 0, 0)
+
+
+def blob_arrays(bodies: int, markers: int, visible, view, sight, softness, reach) -> tuple[tuple, PullArrays]:
+    """A `BlobPull` as the library takes it, as above."""
+    shape = (sight.count, view.real.shape[1])
+    kept = (
+        given(view.image, (*shape, 2)),
+        given(view.real, shape, FLAG),
+        given(visible, (bodies, sight.count, markers), FLAG),
+    )
+    image, real, seen = map(address, kept)
+    return kept, PullArrays(BLOB_PULL, 1, shape[1], image, None, real, seen, softness, reach)
+
+
+def cloud_arrays(points, weight, softness, reach) -> tuple[tuple, PullArrays]:
+    """A `CloudPull` as the library takes it, as above."""
+    kept = given(points, (len(points), 3)), given(weight, (len(points),))
+    return kept, PullArrays(CLOUD_PULL, 1, len(points), address(kept[0]), address(kept[1]), None, None, softness, reach)
+
+
+def point_arrays(bodies: int, markers: int, points, noise, reach) -> tuple[tuple, PullArrays]:
+    """A `PointPull` as the library takes it, as above."""
+    kept = (given(points, (bodies, markers, 3)),)
+    return kept, PullArrays(POINT_PULL, bodies, 0, address(kept[0]), None, None, None, noise, reach)
+
+
+def fit_body(model, start, pull, steps: int, prior, width: int, damping) -> tuple | None:
+    """Stands for `fit.descend`: rows of bodies and the arrays of `State`, the trace; None where NumPy has to do it."""
+    kept, arrays = pull.compiled(len(start), model.marker_count)
+    count, markers = len(start), model.marker_count
+    rows, own = _rows_of(model, start)
+    prior_kept, known = prior.compiled(model)
+    gradient, normal = np.empty((count, width)), np.empty((count, width, width))
+    rotations, joint, marker = _posed_outputs(model, count)
+    columns, trace = np.empty((count, markers, 3, width)), np.empty((steps + 1, count))
+    scratch = np.empty(fit_scratch(model, width, arrays))
+    sight, damped = getattr(pull, "sight", None), DampingArrays(*damping)
+    fine = compiled.fit_body(
+        ctypes.addressof(model_arrays(model)), sight and ctypes.addressof(sight_arrays(sight)),
+        ctypes.addressof(arrays), ctypes.addressof(known), ctypes.addressof(damped), count, width, steps,
+        address(rows), address(own), address(gradient), address(normal), address(rotations),
+        address(joint), address(marker), address(columns), address(trace), address(scratch),
+    )  # fmt: skip
+    del kept, prior_kept
+    return (rows, gradient, normal, rotations, joint, marker, columns, trace) if fine else None
+
+
+def fit_until_still(
+    model, start, pull, steps: int, at_once: int, still: float, prior, width: int, damping
+) -> np.ndarray | None:
+    """Stands for `fit.fit_until_still`: rows of bodies; None where NumPy has to do it."""
+    kept, arrays = pull.compiled(len(start), model.marker_count)
+    rows, own = _rows_of(model, start)
+    prior_kept, known = prior.compiled(model)
+    scratch = np.empty(still_scratch(model, width, at_once, arrays))
+    sight, damped = getattr(pull, "sight", None), DampingArrays(*damping)
+    fine = compiled.fit_until_still(
+        ctypes.addressof(model_arrays(model)), sight and ctypes.addressof(sight_arrays(sight)),
+        ctypes.addressof(arrays), ctypes.addressof(known), ctypes.addressof(damped), len(rows), width, steps,
+        at_once, still, *map(address, (rows, own, scratch)),
+    )  # fmt: skip
+    del kept, prior_kept
+    return rows if fine else None
+
+
+def _rows_of(model, start) -> tuple[np.ndarray, np.ndarray]:
+    """Bodies as rows, which the library changes in place, and their own offsets."""
+    count = len(start)
+    parts = start.translation, start.quaternion, start.scale, start.bends.reshape(count, -1), start.shape
+    rows = given(np.concatenate(parts, axis=1), (count, row_length(model)))
+    return rows, given(start.own, (count, model.marker_count, 3))
+
+
+def row_length(model) -> int:
+    """How many numbers a body has."""
+    return 10 + 3 * model.joint_count + len(model.modes)
+
+
+def fit_scratch(model, width: int, pull: PullArrays) -> int:
+    """How many numbers a fit takes to work in."""
+    joints, markers, modes = model.joint_count, model.marker_count, len(model.modes)
+    body = width * (width + 1) + _step_length(model, width) + 12 * markers
+    posing = 21 * joints + 3 * markers + 3 * (joints + 1) * (3 + modes)
+    return body + max(posing, _pull_scratch(markers, pull), 4 * width + 2, model.parameters)
+
+
+def still_scratch(model, width: int, at_once: int, pull: PullArrays) -> int:
+    """The same of a fit until bodies are still."""
+    return fit_scratch(model, width, pull) + at_once + 1 + _step_length(model, width)
+
+
+def _step_length(model, width: int) -> int:
+    """How many numbers say where one body is in its descent."""
+    joints, markers = model.joint_count, model.marker_count
+    return row_length(model) + width * (width + 1) + 12 * joints + 3 * markers + 3 * markers * width
+
+
+def prior_arrays(prior, model, predicted=None, weight=None, hessian=None) -> tuple[tuple, PriorArrays]:
+    """A prior as the library takes it, with the row of the predicted body, if any, and what holds to it.
+
+    `hessian` is another than its own.
+    """
+    bends = 3 * (model.joint_count - 1)
+    kept = [
+        given(prior.bend_mean, (bends,)),
+        given(prior.bend_precision, (bends, bends)),
+        given(prior.scale_precision, (3, 3)),
+        given(prior.hessian if hessian is None else hessian, (model.parameters, model.parameters)),
+    ]
+    if predicted is not None:
+        kept += [given(predicted, (row_length(model),)), given(weight, (model.parameters,))]
+    addresses = [*map(address, kept)] + [None] * (6 - len(kept))
+    return tuple(kept), PriorArrays(prior.strength, prior.height, prior.upright, *addresses)
+
+
+def covariance(normal, columns, ridge) -> np.ndarray | None:
+    """Stands for `fit.marker_covariance`; None where a normal is not positive definite."""
+    bodies, markers, _, width = columns.shape
+    normal, columns = given(normal, (bodies, width, width)), given(columns, (bodies, markers, 3, width))
+    spread, scratch = np.empty((bodies, markers, 3, 3)), np.empty(width * (width + 3 * markers))
+    fine = compiled.covariance(
+        bodies, markers, width, address(normal), address(columns), ridge, address(spread), address(scratch)
+    )
+    return spread if fine else None
+
+
+def capsules_hide(start, axis, radius, markers, centres, standoff, min_side_share) -> np.ndarray:
+    """Stands for `occlusion.capsules_hide`."""
+    (bodies, capsules), count, cameras = radius.shape, markers.shape[1], len(centres)
+    start, axis = given(start, (bodies, capsules, 3)), given(axis, (bodies, capsules, 3))
+    radius, markers = given(radius, (bodies, capsules)), given(markers, (bodies, count, 3))
+    centres, standoff = given(centres, (cameras, 3)), given(standoff, (bodies,))
+    hidden = np.empty((bodies, cameras, count), bool)
+    compiled.capsules_hide(
+        bodies, capsules, count, cameras, address(start), address(axis), address(radius),
+        address(markers), address(centres), address(standoff), min_side_share, address(hidden),
+    )  # fmt: skip
+    return hidden
+
+
+def blob_rays(image, rotation, centres) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Stands for `triangulation.blob_rays`."""
+    cameras, blobs = image.shape[:2]
+    image, rotation = given(image, (cameras, blobs, 2)), given(rotation, (cameras, 3, 3))
+    centres = given(centres, (cameras, 3))
+    direction, across = np.empty((cameras, blobs, 3)), np.empty((cameras, blobs, 3, 3))
+    anchor = np.empty((cameras, blobs, 3))
+    compiled.blob_rays(
+        cameras, blobs, address(image), address(rotation), address(centres), address(direction),
+        address(across), address(anchor),
+    )  # fmt: skip
+    return direction, across, anchor
+
+
+def meet(slot, depth, across, anchor, centres, ridge, max_condition) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Stands for `triangulation.meet`."""
+    (cameras, count), blobs = slot.shape, across.shape[1]
+    slot = indices(slot, (cameras, count), blobs, lowest=-1)
+    depth = None if depth is None else given(depth, (cameras, count))
+    across, anchor = given(across, (cameras, blobs, 3, 3)), given(anchor, (cameras, blobs, 3))
+    centres = given(centres, (cameras, 3))
+    points, residual, miss = np.empty((count, 3)), np.empty(count), np.empty((cameras, count))
+    scratch = np.empty(cameras)
+    compiled.meet(
+        cameras, blobs, count, address(slot), address(depth), address(across),
+        address(anchor), address(centres), ridge, max_condition, address(points), address(residual),
+        address(miss), address(scratch),
+    )  # fmt: skip
+    return points, residual, miss
+
+
+def straightened(image, lens, reach, options) -> np.ndarray:
+    """Stands for `cameras.straightened`."""
+    count = len(image)
+    image, lens, reach = given(image, (count, 2)), given(lens, (count, 5)), given(reach, (count,))
+    found = np.empty((count, 2))
+    steps = options.max_steps, options.tolerance, options.max_error, options.first_share
+    compiled.straightened(count, *map(address, (image, lens, reach)), *steps, address(found))
+    return found
+
+
+def _posed_outputs(model, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return (
+        np.empty((count, model.joint_count, 3, 3)),
+        np.empty((count, model.joint_count, 3)),
+        np.empty((count, model.marker_count, 3)),
+    )

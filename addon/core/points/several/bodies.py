@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A body among several: the take as it is for it, what single frames say of it, and its solution."""
+
+from collections.abc import Generator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ...data.errors import JobError
+from ...data.lanes import PACKING, blocks
+from ...data.progress import Stage
+from ...data.takes import NO_MARKER, Labels, OrderedPoints, Points
+from ..deciding import Said
+from ..models import Model
+from ..naming import Namer
+from ..refusals import Sample, SubjectsError, refuse_others
+from ..whole_take.layout import usual_residual
+from ..whole_take.pipeline import NamedFrames, PointOptions, Recognise, name_frames, solution_for
+from ..whole_take.solving import Solution
+from .counting import firm_tracklets, is_whole
+from .holding import Holding
+
+
+@dataclass(frozen=True)
+class RecognisingOptions:
+    """When a body is of a model although single frames are not sure of it.
+
+    max_residual  mean square, over what training leaves, between its markers and where the set has them; chosen on
+                  people in each other's reach (0.2 to 0.52) and on other sets (0.94 and more)
+    """
+
+    max_residual: float = 0.7
+
+
+RECOGNISING = RecognisingOptions()
+
+
+@dataclass(eq=False)
+class NamedBody:
+    """A body on its way: its model, what its frames say, and the solution; None where it cannot be solved.
+
+    `sure` says whether single frames were sure of it.
+    """
+
+    model: Model
+    frames: NamedFrames
+    solution: Solution | None
+    sure: bool = True
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether what is named on it is a whole one, and no half."""
+        if self.solution is None:
+            return True
+        named = np.append(self.solution.marker != NO_MARKER, False)[self.solution.tracklets.table]
+        return is_whole(named, len(self.model.markerset))
+
+    @property
+    def fits(self) -> bool:
+        """Whether its markers sit as the set has them, on whom frames on their own were not sure of any."""
+        if self.sure or self.solution is None:
+            return self.sure
+        placed = self.solution.tracklets.placed(self.frames.take.xyz, self.solution.marker, len(self.model.markerset))
+        return 0 < usual_residual(self.model.likelihood, placed) <= RECOGNISING.max_residual
+
+
+class OnlySome:
+    """A table (T, L, 3) of points without those of others, made of the frames that are looked at.
+
+    tracklet (T, L) is that of each point, -1 where there is none; may (N,) True for those that are kept.
+    """
+
+    dtype = np.dtype(float)
+
+    def __init__(self, points: np.ndarray, tracklet: np.ndarray, may: np.ndarray):
+        self.points, self.may = points, np.append(may, False)
+        self.shape, self.ndim = points.shape, 3
+        self._tracklet = np.broadcast_to(tracklet[..., None], self.shape)
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, index) -> np.ndarray:
+        return np.where(self.may[self._tracklet[index]], self.points[index], np.nan)
+
+    def __array__(self, dtype=None, copy=None) -> np.ndarray:
+        whole = self[...]
+        return whole if dtype is None else whole.astype(dtype)
+
+
+@dataclass(frozen=True, eq=False)
+class OnlyWhere:
+    """What frames say of the points of some tracklets (T, L), -1 for all others; `Said` of them."""
+
+    said: Said
+    tracklet: np.ndarray
+
+    def __getitem__(self, part: slice) -> Labels:
+        return self.said[part].kept(self.tracklet[part] >= 0)
+
+    def whole(self) -> Labels:
+        """All of it at once."""
+        return self.said.whole().kept(self.tracklet >= 0)
+
+
+class BodyNaming:
+    """A body's way to its names by one model; it can stop where the model has been recognised."""
+
+    def __init__(self, crowd: "Crowd", may: np.ndarray, model: Model, recognise: Recognise):
+        self.model, self._sure = model, recognise is not take_will_say
+        self._tracklet = crowd.tracklets_of(may)
+        self._work = name_frames(crowd.points_of(may), self._tracklet, model, crowd.options, recognise)
+        self._begun: list[Stage] = []
+
+    def begin(self):
+        """Goes on until single frames have said whether the body is of the model; JobError where it is not."""
+        while not self._begun:
+            step = next(self._work)
+            self._begun += [step] if isinstance(step, Stage) and step.name == "name" else []
+
+    def named(self) -> Generator[Stage | float | tuple[float, str], None, NamedBody]:
+        """The rest of it."""
+        yield from self._begun
+        frames = yield from self._work
+        yield Stage("vote", "solve the take of each")
+        solution = yield from solution_for(frames, frames.labels, self._tracklet)
+        return NamedBody(self.model, frames, solution, self._sure)
+
+
+def frames_are_sure(model: Model, namer: Namer, points: OrderedPoints, solvable: bool) -> Sample | None:  # noqa: ARG001
+    """Frames on their own must be sure of a body that was parted from others."""
+    return refuse_others(model, namer, points)
+
+
+def take_will_say(model: Model, namer: Namer, points: OrderedPoints, solvable: bool) -> None:
+    """Of a body that single frames are not sure of; JobError where the take cannot be solved as a whole either."""
+    if not solvable:
+        frames_are_sure(model, namer, points, solvable)
+
+
+def recognised_before(model: Model, namer: Namer, points: OrderedPoints, solvable: bool) -> None:
+    """Of a body whose markers were recognised by another model of them."""
+
+
+class Crowd:
+    """The N tracklets (T, L) of a take of several, how well they hold on to each other, and which of them do at all.
+
+    `every` is N where some of them are left out.
+    """
+
+    def __init__(self, take: Points, tracklet: np.ndarray, options: PointOptions, every: int | None = None):
+        self.take, self.tracklet, self.options = take, tracklet, options
+        self.every = int(tracklet.max(initial=-1)) + 1 if every is None else every
+
+    def __len__(self) -> int:
+        return self.every
+
+    @cached_property
+    def holding(self) -> Holding:
+        """How well they hold on to each other."""
+        return Holding.of(self.take.xyz, self.tracklet, self.take.rate, len(self))
+
+    @cached_property
+    def firm(self) -> np.ndarray:
+        """(N,) True for those that hold on to others as markers on a body do."""
+        return firm_tracklets(self.holding)
+
+    @cached_property
+    def size(self) -> np.ndarray:
+        """(N,) how many points each has."""
+        return self.count(self.tracklet >= 0)
+
+    def count(self, there: np.ndarray) -> np.ndarray:
+        """(N,) how many of some points (T, L) are each tracklet's."""
+        found = np.zeros(len(self), int)
+        for part in blocks(*there.shape):
+            own = self.tracklet[part][there[part]]
+            found += np.bincount(own[own >= 0], minlength=len(self))
+        return found
+
+    def without(self, some: np.ndarray) -> "Crowd":
+        """The same without some of the tracklets (N,)."""
+        return Crowd(self.take, self.tracklets_of(~some), self.options, len(self))
+
+    def tracklets_of(self, may: np.ndarray) -> np.ndarray:
+        """(T, L) the tracklets that may be a body's (N,), -1 for all others."""
+        return np.where(np.append(may, False)[self.tracklet], self.tracklet, self.tracklet.dtype.type(-1))
+
+    def points_of(self, may: np.ndarray) -> Points:
+        """The take without the points of tracklets that are not a body's (N,); a long one's as they are looked at."""
+        xyz = OnlySome(self.take.xyz, self.tracklet, may)
+        return replace(self.take, xyz=xyz if self.tracklet.size > PACKING.whole_cells else xyz[...])
+
+    def recognised(
+        self, may: np.ndarray, body: np.ndarray, models: tuple[Model, ...], recognise: Recognise
+    ) -> list["BodyNaming"]:
+        """The naming of a body by each of the models that it may wear, by one of those with the same markers.
+
+        may (N,) are the tracklets that may be its, and body (N,) those that are. Each is begun with as far as single
+        frames say whether it is of the model. Raises SubjectsError where two are on it.
+        """
+        found: dict[tuple[str, ...], BodyNaming] = {}
+        there = np.append(body & self.firm, False)[self.tracklet]
+        for model in models:
+            if model.markerset.markers in found or not is_whole(there, len(model.markerset)):
+                continue
+            naming = BodyNaming(self, may, model, recognise)
+            try:
+                naming.begin()
+            except SubjectsError:
+                raise
+            except JobError:
+                continue
+            found[model.markerset.markers] = naming
+        return list(found.values())
+
+    def solve_again(self, one: NamedBody, may: np.ndarray) -> Generator[float, None, None]:
+        """The same body with other tracklets (N,), in place: frames have said what they have to say."""
+        tracklet = self.tracklets_of(may)
+        said = OnlyWhere(one.frames.labels, tracklet)
+        one.frames = replace(one.frames, take=self.points_of(may), tracklet=tracklet, labels=said)
+        one.solution = yield from solution_for(one.frames, said, tracklet)
+
+    def named_points(self, one: NamedBody) -> np.ndarray:
+        """(N,) how many points of each tracklet a body's solution names, or has where there is none."""
+        solution, own = one.solution, one.frames.tracklet
+        if solution is not None:
+            named = np.append(solution.marker != NO_MARKER, False)
+            own = np.where(named[solution.tracklets.table], self.tracklet, -1)
+        return np.bincount(own[own >= 0], minlength=len(self))

@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How well tracklets hold on to each other: those that stay near each other and keep their distance, in all of a take.
+
+Only pairs that are there at a time are kept, so memory grows with the tracklets and not with their square.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from ...data.takes import evenly_spread
+
+
+@dataclass(frozen=True)
+class HoldingOnOptions:
+    """How it is told what holds together. All reckoned.
+
+    sample_rate    frames a second that are looked at
+    min_samples    frames of a tracklet that are looked at, at least, if it has so many
+    unknown        frames that what is not known yet counts for: a pair's distance is taken to vary by
+    loose          this part of it
+    steady_m       that a distance on a body varies by
+    holds          tracklets of a body that one holds on to best, which say how much it does
+    max_body_m     beyond which no two markers are on one body
+    at_once        tracklets whose pairs are added up at a time, by memory
+    """
+
+    sample_rate: float = 20.0
+    min_samples: int = 4
+    unknown: float = 6.0
+    loose: float = 0.25
+    steady_m: float = 0.02
+    holds: int = 6
+    max_body_m: float = 2.6
+    at_once: int = 1000
+
+
+HOLDING_ON = HoldingOnOptions()
+
+
+@dataclass(frozen=True, eq=False)
+class Holding:
+    """How well the N tracklets of a take hold on to each other.
+
+    frames    (F,) those that were looked at
+    first     (N + 1,) where the pairs of each tracklet begin, each pair being there for both of its tracklets
+    other     (E,) the other tracklet of each, those that it holds on to best first
+    strength  (E,) how well, 1/m²
+    """
+
+    frames: np.ndarray
+    first: np.ndarray
+    other: np.ndarray
+    strength: np.ndarray
+
+    @classmethod
+    def of(cls, points: np.ndarray, tracklet: np.ndarray, rate: float, every: int | None = None) -> Self:
+        """That of points (T, L, 3) m of tracklets (T, L), -1 where there is none, at `rate` frames a second.
+
+        `every` is how many tracklets there are, where some of them are left out.
+        """
+        frames = _looked_at(tracklet, rate)
+        every = int(tracklet.max(initial=-1)) + 1 if every is None else every
+        one, other, strength = _pairs(points, tracklet, frames, every)
+        one, other, strength = np.append(one, other), np.append(other, one), np.append(strength, strength)
+        order = np.lexsort((-strength, one))
+        first = np.searchsorted(one[order], np.arange(every + 1))
+        return cls(frames, first, other[order], strength[order])
+
+    def __len__(self) -> int:
+        return len(self.first) - 1
+
+    def of_tracklet(self, index: int) -> tuple[np.ndarray, np.ndarray]:
+        """The tracklets (K,) that one holds on to, and how well (K,)."""
+        own = slice(self.first[index], self.first[index + 1])
+        return self.other[own], self.strength[own]
+
+    def best(self) -> np.ndarray:
+        """(N,) how well each holds on to whatever it holds on to best."""
+        return self.on(np.zeros(len(self), int), 1)[:, 0]
+
+    def on(self, body: np.ndarray, count: int) -> np.ndarray:
+        """(N, K) how well each holds on to the tracklets of so many bodies (N,)."""
+        found, size = np.zeros((len(self), count)), np.diff(self.first)
+        for one in range(count):
+            own = body[self.other] == one
+            place = np.append(0, np.cumsum(own))
+            chosen = own & (place[1:] - np.repeat(place[self.first[:-1]], size) <= HOLDING_ON.holds)
+            row = np.repeat(np.arange(len(self)), size)[chosen]
+            found[:, one] = np.bincount(row, self.strength[chosen], len(self)) / HOLDING_ON.holds
+        return found
+
+
+def _looked_at(tracklet: np.ndarray, rate: float) -> np.ndarray:
+    """(F,) the frames that are looked at: often enough for tracklets that are there shortly, too."""
+    step = max(int(rate / HOLDING_ON.sample_rate), 1)
+    wanted = np.zeros(len(tracklet), bool)
+    wanted[::step] = True
+    for lane in range(tracklet.shape[1]):
+        own = tracklet[:, lane]
+        there = np.flatnonzero(own >= 0)
+        ends = np.flatnonzero(np.diff(own[there])) + 1
+        for part in np.split(there, ends):
+            if len(part) and wanted[part].sum() < HOLDING_ON.min_samples:
+                wanted[part[evenly_spread(len(part), HOLDING_ON.min_samples)]] = True
+    return np.flatnonzero(wanted)
+
+
+def _pairs(
+    points: np.ndarray, tracklet: np.ndarray, frames: np.ndarray, every: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pairs (E,) of tracklets that meet, each once, and how near they stay and how well they keep their distance."""
+    parts = [_met(points, tracklet, some, every) for some in _windows(tracklet, frames)]
+    key, number, total, squares, longest = map(np.concatenate, zip(*parts, strict=True)) if parts else np.zeros((5, 0))
+    key, place = np.unique(key.astype(np.int64), return_inverse=True)
+    number, total, squares = (np.bincount(place, values, len(key)) for values in (number, total, squares))
+    farthest = np.zeros(len(key))
+    np.maximum.at(farthest, place, longest)
+    mean = total / np.maximum(number, 1)
+    varied = np.maximum(squares - number * mean**2, 0) + HOLDING_ON.unknown * (HOLDING_ON.loose * mean) ** 2
+    variance = varied / (number + HOLDING_ON.unknown) + HOLDING_ON.steady_m**2
+    near = farthest < HOLDING_ON.max_body_m**2
+    return (key // every)[near], (key % every)[near], 1 / variance[near]
+
+
+def _windows(tracklet: np.ndarray, frames: np.ndarray) -> Iterator[np.ndarray]:
+    """The frames (F,) in parts that have not too many tracklets."""
+    begin, known = 0, set()
+    for place, frame in enumerate(frames.tolist()):
+        own = tracklet[frame]
+        new = known.union(own[own >= 0].tolist())
+        if len(new) > HOLDING_ON.at_once and place > begin:
+            yield frames[begin:place]
+            begin, new = place, set(own[own >= 0].tolist())
+        known = new
+    if begin < len(frames):
+        yield frames[begin:]
+
+
+def _met(points: np.ndarray, tracklet: np.ndarray, frames: np.ndarray, every: int) -> tuple[np.ndarray, ...]:
+    """Of tracklets that meet in some frames a number (E,) for each pair; in how many, distances, squares, longest²."""
+    local = np.unique(tracklet[frames])
+    local = local[local >= 0].astype(np.int64)
+    number, total, squares, longest = np.zeros((4, len(local), len(local)))
+    for frame in frames.tolist():
+        lane = np.flatnonzero(tracklet[frame] >= 0)
+        place = points[frame][lane]
+        square = ((place[:, None] - place[None]) ** 2).sum(axis=2)
+        own = np.searchsorted(local, tracklet[frame, lane])
+        at = np.ix_(own, own)
+        number[at] += 1
+        total[at] += np.sqrt(square)
+        squares[at] += square
+        longest[at] = np.maximum(longest[at], square)
+    one, other = np.nonzero(np.triu(number, 1))
+    return (local[one] * every + local[other], *(table[one, other] for table in (number, total, squares, longest)))

@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A take of several subjects from end to end: bodies are parted, each is named as one subject's take, and who is who.
+
+What may be on two bodies is offered to both, and whoever is surer of it keeps it. Everybody is solved by the code that
+solves a take of one, from the tracklets that may be theirs. Bodies that nobody asked for stay unnamed.
+"""
+
+from collections.abc import Generator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from time import perf_counter
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from ...data.errors import JobError
+from ...data.progress import Progress, within
+from ...data.takes import Points
+from ...edits.applying import refuse_unknown
+from ...review.answering import unanswered, without_accepted
+from ...review.suspects import summarised
+from ..refusals import SubjectsError, refuse_floods
+from ..tracklets import cut
+from ..whole_take.pipeline import PointOptions, Recognise, as_in_file
+from .bodies import BodyNaming, Crowd, NamedBody, frames_are_sure, recognised_before, take_will_say
+from .claims import share
+from .counting import count_bodies
+from .edits import with_edits
+from .motion import LabelledSubjects
+from .parting import PartedBodies, parted
+from .props import found_prop, is_prop
+from .telling import TELLING, costs_of, told
+from .together import Everybody, FoundSubject, motion_of_all, verdict_on
+from .wearers import AUTO, SeveralOptions, Wearer
+
+# How far along the work is when each stage of a body's begins, of all of the body's: as measured.
+SHARES = {"adapt": 0.0, "others": 0.01, "name": 0.1, "name more": 0.6, "learn": 0.8, "name again": 0.8, "vote": 0.8}
+
+
+def label_several(
+    take: Points, asked: SeveralOptions, options: PointOptions
+) -> Generator[Progress, None, LabelledSubjects]:
+    """Names the points of a take that several subjects are in; labels count the markers of all subjects in a row.
+
+    Raises JobError where fewer subjects are found than were asked for, or who is who cannot be told; InputError where
+    edits are of somebody who is not there.
+    """
+    begin = perf_counter()
+    refuse_floods(take.xyz)
+    if options.method != "likelihood":
+        raise JobError(f"several subjects cannot be named by the method {options.method}; expected likelihood")
+    with threadpool_limits(1, user_api="blas"):
+        yield Progress(0.0, "look how many there are")
+        crowd = Crowd(take, cut(take.xyz, take.rate, lanes=take.lanes), options)
+        found = yield from _everybody(crowd, asked)
+        labels, suspects, applied, unedited = found.verdict.labels, found.verdict.suspects, None, None
+        if options.edits:
+            refuse_unknown(options.edits, found.worn.by_name)
+            work = with_edits(crowd, found, options.edits)
+            edited = yield from within(work, 0.9, 0.92, "solve the take again with the edits")
+            applied, unedited = edited.applied, edited.unedited
+            labels, suspects = edited.verdict.labels, edited.verdict.suspects
+        worn = found.worn
+        del crowd, found  # a long take's are large
+        seconds = {"label": perf_counter() - begin}
+        yield Progress(0.92, "pose the bodies")
+        motion = motion_of_all(take, labels, worn, options, applied and applied.places)
+        seconds["fit"] = perf_counter() - begin - seconds["label"]
+        doubts = motion.suspects(worn.markers, take.rate)
+        suspects += doubts
+        if applied:
+            suspects = unanswered(suspects, applied.edited, worn.by_name, take.first_frame, take.present)
+        suspects = without_accepted(summarised(as_in_file(suspects, take), take.rate), options.edits)
+        outcomes = applied.outcomes if applied else ()
+        return LabelledSubjects(labels, motion, suspects, seconds, unedited, outcomes, doubts, worn)
+
+
+def _everybody(crowd: Crowd, asked: SeveralOptions) -> Generator[Progress, None, Everybody]:
+    """Everybody who is asked for, in their order: props first, people in what these leave."""
+    props, rest = [], crowd
+    for prop in (one for one in asked.subjects if is_prop(one.model)):
+        props.append((yield from within(found_prop(rest, prop), 0.0, 0.0, spans=_spans(0.0, 0.05))))
+        rest = rest.without(props[-1].may)
+    people = tuple(one for one in asked.subjects if not is_prop(one.model))
+    found = props
+    if people or not asked.subjects:
+        found = [*props, *(yield from _Parties(rest, replace(asked, subjects=people)).named())]
+    if asked.subjects:
+        found.sort(key=lambda one: asked.subjects.index(one.subject))
+    return Everybody.of(found)
+
+
+@dataclass(frozen=True, eq=False)
+class _Parties:
+    """Who may be in a crowd, on the way to those who were asked for."""
+
+    crowd: Crowd
+    asked: SeveralOptions
+
+    def named(self) -> Generator[Progress, None, list[FoundSubject]]:
+        """Everybody who is asked for, with their names."""
+        crowd, wanted = self.crowd, len(self.asked.subjects) or self.asked.count
+        counts = self._counts(wanted)
+        ways = [(count, frames_are_sure) for count in counts]
+        # Who is mixed up with others for long is known by the whole take, where single frames are not sure of anybody.
+        for count, recognise in (*ways, (counts[0], take_will_say)):
+            bodies = parted(crowd.take.xyz, crowd.tracklet, crowd.holding, count)
+            try:
+                named = yield from self._each(bodies, wanted, count, recognise)
+            except SubjectsError:
+                continue  # two on one body
+            if named is not None:
+                return (yield from self._told(bodies, named, wanted))
+        raise self._too_few(wanted)
+
+    def _counts(self, wanted: int) -> list[int]:
+        """How many bodies to look for, the likeliest first."""
+        least = min(len(one.markerset) for one in self.asked.models)
+        counted = count_bodies(self.crowd.take.xyz, self.crowd.tracklet, self.crowd.holding, least)
+        if wanted == AUTO:
+            return list(range(max(counted.most, counted.apart, 1), 0, -1))
+        first = max(wanted, counted.apart)
+        return list(dict.fromkeys([first, *range(wanted, max(first, counted.most, wanted + 1) + 1)]))
+
+    def _each(
+        self, bodies: PartedBodies, wanted: int, count: int, recognise: Recognise
+    ) -> Generator[Progress, None, dict[int, list[NamedBody]] | None]:
+        """What there is on each body by its number, for every model that it may wear; None where they are too few.
+
+        Where nobody said how many, all bodies must be of the model.
+        """
+        chosen: list[list[BodyNaming]] = []
+        for body in range(count):
+            given = bodies.may[:, body], bodies.body == body, self.asked.models, recognise
+            chosen.append(self.crowd.recognised(*given))
+            if wanted == AUTO and not chosen[-1]:
+                return None
+        if sum(map(bool, chosen)) < max(wanted, 1):
+            return None
+        named: dict[int, list[NamedBody]] = {}
+        for body, namings in enumerate(chosen):
+            first, found = 0.05 + 0.8 * body / count, []
+            for naming in namings:
+                spans = _spans(first, first + 0.8 / count)
+                found.append((yield from within(naming.named(), first, first, spans=spans)))
+            if whole := [one for one in found if one.is_whole and one.fits]:
+                named[body] = whole
+        return None if len(named) < (count if wanted == AUTO else wanted) else named
+
+    def _told(
+        self, bodies: PartedBodies, named: dict[int, list[NamedBody]], wanted: int
+    ) -> Generator[Progress, None, list[FoundSubject]]:
+        """Who is who, each solved as whoever it is, and no tracklet on two of them."""
+        subjects, chosen = self._who(named, wanted)
+        people = []
+        for subject, (body, own) in zip(subjects, chosen, strict=True):
+            if own.model is not subject.model:
+                again = BodyNaming(self.crowd, bodies.may[:, body], subject.model, recognised_before)
+                own = yield from within(again.named(), 0.85, 0.85, spans=_spans(0.85, 0.88))
+            people.append(own)
+        # Whoever nobody asked for is not named, but claims what is theirs.
+        asked = [body for body, _ in chosen]
+        others = [body for body in named if body not in asked]
+        people += [named[body][0] for body in others]
+        work = share(self.crowd, people, bodies.may[:, asked + others])
+        may = yield from within(work, 0.88, 0.9, "share out what lies between them")
+        own = zip(subjects, people[: len(subjects)], may.T, strict=False)  # without those whom nobody asked for
+        return [FoundSubject(*each, verdict_on(each[1], self.crowd.options.target)) for each in own]
+
+    def _who(
+        self, named: dict[int, list[NamedBody]], wanted: int
+    ) -> tuple[tuple[Wearer, ...], list[tuple[int, NamedBody]]]:
+        """The subjects in their order, and the body of each with what was named on it."""
+        if not self.asked.subjects:
+            lasting = {body: self.crowd.named_points(own[0]) for body, own in named.items()}
+            kept = sorted(lasting, key=lambda body: -lasting[body].sum())[: wanted or len(lasting)]
+            kept.sort(key=lambda body: int(np.flatnonzero(lasting[body])[0]))  # who is first in the file is 1
+            return self.asked.numbered(len(kept)), [(body, named[body][0]) for body in kept]
+        order = list(named)
+        place, lead = told(np.array([costs_of(named[body], self.asked.models) for body in order]))
+        if lead < TELLING.lead:
+            names = " and ".join(one.name for one in self.asked.subjects)
+            raise JobError(
+                f"who is {names} cannot be told by the sizes of their models; expected models of people who differ, "
+                f"or --subjects {max(wanted, len(order))} with one model"
+            )
+        chosen = []
+        for index, one in enumerate(self.asked.subjects):
+            body, markers = order[place[index]], one.model.markerset.markers
+            chosen.append((body, next(own for own in named[body] if own.model.markerset.markers == markers)))
+        return self.asked.subjects, chosen
+
+    def _too_few(self, wanted: int) -> JobError:
+        """What is said where not as many are there as were asked for."""
+        names = ", ".join(dict.fromkeys(one.markerset.name for one in self.asked.models))
+        if wanted == AUTO:
+            return JobError(f"shows nobody who wears {names}; expected a take of that marker set: choose its model")
+        return JobError(f"shows fewer than {wanted} subjects who wear {names}; expected as many, so ask for fewer")
+
+
+def _spans(first: float, last: float) -> dict[str, tuple[float, float]]:
+    edges = [first + (last - first) * share for share in (*SHARES.values(), 1.0)]
+    return dict(zip(SHARES, pairwise(edges), strict=True))

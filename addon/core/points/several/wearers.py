@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Who is in a take of several subjects, and what the markers of all of them are called."""
+
+import re
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import accumulate
+
+from ...data.markersets import MarkerSet
+from ..models import Model
+
+AUTO = 0  # how many subjects there are is for the take to say
+MAX_SUBJECTS = 8  # that are asked for, or found
+SUBJECT_NAME = re.compile(r"[^\s:,=|*\"]{1,40}")
+
+
+def is_subject_name(text: str) -> bool:
+    """Whether somebody can be called so: what markers, files and lists are separated by is in no name."""
+    return SUBJECT_NAME.fullmatch(text) is not None
+
+
+@dataclass(frozen=True, eq=False)
+class Wearer:
+    """Who is in a take: the name, and the model of what is worn."""
+
+    name: str
+    model: Model
+
+    @property
+    def markers(self) -> tuple[str, ...]:
+        """The subject's markers as labels have them, NAME:MARKER."""
+        return tuple(f"{self.name}:{marker}" for marker in self.model.markerset.markers)
+
+
+@dataclass(frozen=True, eq=False)
+class SeveralOptions:
+    """Who is asked for.
+
+    model     what all of them wear, who have no names: `count` of them, or AUTO
+    subjects  those who have, each with a model of their own; then `model` is None
+    """
+
+    model: Model | None = None
+    count: int = AUTO
+    subjects: tuple[Wearer, ...] = ()
+
+    @property
+    def models(self) -> tuple[Model, ...]:
+        """The models of those who are asked for; of those without names, the one."""
+        return tuple(one.model for one in self.subjects) if self.subjects else (self.model,)
+
+    def numbered(self, count: int) -> tuple[Wearer, ...]:
+        """So many without names, who are called 1, 2 and so on."""
+        return tuple(Wearer(str(number), self.model) for number in range(1, count + 1))
+
+    @property
+    def possible(self) -> "SetsWorn":
+        """The sets of all who may be in the take, as far as is known before it is looked at."""
+        return SetsWorn(self.subjects or self.numbered(self.count or MAX_SUBJECTS))
+
+
+@dataclass(frozen=True, eq=False)
+class SetsWorn:
+    """The marker sets of all subjects of a take as one list of markers, those of one after those of the other."""
+
+    subjects: tuple[Wearer, ...]
+
+    def __len__(self) -> int:
+        return len(self.markers)
+
+    @cached_property
+    def markers(self) -> tuple[str, ...]:
+        """NAME:MARKER of all."""
+        return tuple(marker for one in self.subjects for marker in one.markers)
+
+    @cached_property
+    def firsts(self) -> tuple[int, ...]:
+        """(S,) where the markers of each subject begin."""
+        sizes = [len(one.model.markerset) for one in self.subjects]
+        return tuple(accumulate(sizes[:-1], initial=0))
+
+    @property
+    def name(self) -> str:
+        """The names of the sets, each once."""
+        return ", ".join(dict.fromkeys(one.model.markerset.name for one in self.subjects))
+
+    @property
+    def worn(self) -> tuple[tuple[str, MarkerSet], ...]:
+        """Who is there by name, and what each wears, as of a single marker set (`MarkerSet.worn`)."""
+        return tuple((one.name, one.model.markerset) for one in self.subjects)
+
+    @cached_property
+    def by_name(self) -> dict[str, int]:
+        """The index of each marker by its name, and by its aliases."""
+        found = {name: index for index, name in enumerate(self.markers)}
+        for one, first in zip(self.subjects, self.firsts, strict=True):
+            own = one.model.markerset.by_name
+            found |= {f"{one.name}:{name}": first + index for name, index in own.items()}
+        return found

@@ -1,0 +1,25 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Qualisys captures as the capture program saves them, `.qtm`: blobs of all cameras, calibration, and 3D points.
+
+No description of the format is published. How the file is laid out was worked out from one recording, whose blobs,
+points and calibration are known otherwise; most of it the file says itself (`layout`). Whatever is laid out in another
+way is refused, or left out, by name. The container: MS-CFB, read by olefile; the packing: LZO1X, by lzallright.
+"""
+
+from .blobs import rows_of_qtm
+from .calibration import read_qtm_cameras
+from .holding import USE_BLOBS, USE_POINTS, USES, CaptureHolds, held_in, is_qtm
+from .points import QtmPoints, read_qtm_points
+
+__all__ = [
+    "USES",
+    "USE_BLOBS",
+    "USE_POINTS",
+    "CaptureHolds",
+    "QtmPoints",
+    "held_in",
+    "is_qtm",
+    "read_qtm_cameras",
+    "read_qtm_points",
+    "rows_of_qtm",
+]

@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The blobs of a `.qtm`, frame by frame over all cameras, as rows like those of a blob file."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ...core.data.errors import InputError
+from ...core.geometry.cameras import Cameras
+from ..qualisys import SUBPIXELS
+from ..rows import MAX_PIXEL, Rows
+from .capture import CAMERA_DATA, QtmCamera, QtmCapture
+from .container import KIND
+
+BLOB_COUNT = np.dtype("<u4")  # of a frame's blobs, behind its head
+DISCARDED_BLOB = "Discarded by size test"
+
+
+@dataclass(frozen=True)
+class QtmBlobOptions:
+    """How the blobs are read, and what is no frame; reckoned, by memory.
+
+    frames       of all cameras that are put together at a time
+    bytes        of blobs that are unpacked for that, of all cameras together, unless one frame has more
+    max_a_frame  blobs that one camera finds in a frame: the most that cameras send are some thousands
+    """
+
+    frames: int = 256
+    bytes: int = 1 << 24
+    max_a_frame: int = 20_000
+
+
+QTM_BLOBS = QtmBlobOptions()
+
+
+def rows_of_qtm(path: Path, cameras: Cameras) -> Iterator[tuple[Rows, float, bool]]:
+    """Rows of the blobs that these cameras saw, the fraction of the take behind them, and whether they are the last.
+
+    Blobs are in the order of frames, cameras of the file, and the file; those of cameras that are not among `cameras`,
+    known by their names, are left out.
+
+    Raises InputError for whatever cannot be used, and where no camera of the file is among them.
+    """
+    with QtmCapture(path) as capture:
+        recorded = [camera for camera in capture.cameras if camera.seen]
+        known = [camera for camera in recorded if camera.name in cameras.names]
+        if not known:
+            names = ", ".join(camera.name for camera in recorded[:6]) or "none at all"
+            few = ", ".join(cameras.names[:6])
+            raise InputError(f"has blobs of the cameras {names}; expected some of the calibration's, {few}", path)
+        streams = [FrameStream(capture, camera) for camera in known]
+        index = [cameras.names.index(camera.name) for camera in known]
+        yield from _rows(streams, index, frames_of(known, path), path)
+
+
+def frames_of(cameras: list[QtmCamera], path: Path) -> np.ndarray:
+    """(N, 2) the ranges of frames that cameras recorded, first and last; InputError where these are not the same."""
+    first = cameras[0]
+    other = next((camera for camera in cameras if not np.array_equal(camera.ranges, first.ranges)), None)
+    if other is not None:
+        words = f"has blobs of other frames of camera {other.name} than of {first.name}"
+        raise InputError(f"{words}; expected cameras that recorded at the same time", path)
+    return first.ranges
+
+
+def _rows(
+    streams: list["FrameStream"], cameras: list[int], ranges: np.ndarray, path: Path
+) -> Iterator[tuple[Rows, float, bool]]:
+    total, done = int((ranges[:, 1] - ranges[:, 0] + 1).sum()), 0
+    ahead = QTM_BLOBS.bytes // len(streams)
+    while done < total:
+        count = min(stream.ahead(min(QTM_BLOBS.frames, total - done), ahead) for stream in streams)
+        if not count:
+            raise InputError(f"ends after {done} of {total} frames of blobs; expected all of them", path)
+        frames = _numbers(ranges, done, count)
+        taken = [(stream, camera, *stream.take(count)) for stream, camera in zip(streams, cameras, strict=True)]
+        rows = Rows.join([_part(stream, camera, counts, cells, frames) for stream, camera, counts, cells in taken])
+        done += count
+        order = np.argsort(rows.frame, kind="stable")
+        keys = [rows.keys[at] for at in order.tolist()]
+        rows = Rows(rows.frame[order], rows.camera[order], rows.xy[order], rows.area[order], keys, rows.lines)
+        yield rows, done / total, done == total
+    for stream in streams:
+        if stream.ahead(1, 1):
+            raise InputError(f"has blobs of {stream.name} behind the last of {total} frames; expected {KIND}", path)
+
+
+def _numbers(ranges: np.ndarray, start: int, count: int) -> np.ndarray:
+    """(count,) the numbers of the frames from the `start`th on."""
+    lengths = ranges[:, 1] - ranges[:, 0] + 1
+    ends = np.cumsum(lengths)
+    at = np.arange(start, start + count)
+    part = np.searchsorted(ends, at, side="right")
+    return ranges[part, 0] + at - (ends - lengths)[part]
+
+
+def _part(stream: "FrameStream", camera: int, counts: np.ndarray, cells: np.ndarray, frames: np.ndarray) -> Rows:
+    """The rows of one camera: its blobs, so many in each of the frames."""
+    frame = np.repeat(frames, counts)
+    if stream.unwanted:
+        kept = (cells["Flags"] & stream.unwanted) == 0
+        frame, cells = frame[kept], cells[kept]
+    x, y = cells["X"] / SUBPIXELS, cells["Y"] / SUBPIXELS
+    if max(np.abs(x).max(initial=0), np.abs(y).max(initial=0)) > MAX_PIXEL:
+        raise InputError(f"has a blob of camera {stream.name} that is on no image; expected pixels", stream.path)
+    # Of an ellipse of these diameters.
+    area = np.pi / 4 * cells["Diameter X"].astype(float) * cells["Diameter Y"] / SUBPIXELS**2
+    keys = [
+        f"{number},{stream.name},{u:.3f},{v:.3f}"
+        for number, u, v in zip(frame.tolist(), x.tolist(), y.tolist(), strict=True)
+    ]
+    none = np.zeros(len(frame), np.int64)  # there are no lines
+    return Rows(frame.astype(np.int64), np.full(len(frame), camera), np.column_stack([x, y]), area, keys, none)
+
+
+class FrameStream:
+    """The frames of one camera, one after the other.
+
+    A record is a head, how many blobs there are, and these: where a frame begins is known when the one before is.
+    """
+
+    def __init__(self, capture: QtmCapture, camera: QtmCamera):
+        self.name, self.path = camera.name, capture.path
+        head, cell = capture.schema.record(CAMERA_DATA)
+        if cell is None or any(name not in (cell.names or ()) for name in ("X", "Y", "Diameter X", "Diameter Y")):
+            raise InputError(f"describes no blobs with X, Y and diameters; expected {KIND}", self.path)
+        self.cell, self.skip = cell, head.itemsize
+        self.unwanted = capture.schema.bits(CAMERA_DATA, "Flags", row=True).get(DISCARDED_BLOB, 0)
+        self._blocks = capture.series(camera.number).blocks()
+        self._bytes = b""
+        self._frames: list[tuple[int, int]] = []  # of those that were looked at: where the blobs begin, and how many
+
+    def ahead(self, count: int, size: int) -> int:
+        """How many frames are at hand, `count` at most and one at least unless there is none; up to so many bytes.
+
+        InputError where the series ends within a frame, or a frame is none.
+        """
+        while len(self._frames) < count and self._end < max(size, 1):
+            at = self._end
+            begin = at + self.skip + BLOB_COUNT.itemsize
+            if self._filled(begin) == at:
+                break
+            blobs = int.from_bytes(self._bytes[begin - BLOB_COUNT.itemsize : begin], "little")
+            if blobs > QTM_BLOBS.max_a_frame:
+                words = f"has a frame of {blobs} blobs of camera {self.name}"
+                raise InputError(f"{words}; expected at most {QTM_BLOBS.max_a_frame}", self.path)
+            if self._filled(begin + blobs * self.cell.itemsize) < begin + blobs * self.cell.itemsize:
+                raise InputError(f"ends within a frame of camera {self.name}; expected {KIND}", self.path)
+            self._frames.append((begin, blobs))
+        return min(len(self._frames), count)
+
+    @property
+    def _end(self) -> int:
+        """Where the last frame that was looked at ends."""
+        begin, blobs = self._frames[-1] if self._frames else (0, 0)
+        return begin + blobs * self.cell.itemsize
+
+    def _filled(self, end: int) -> int:
+        """How many bytes there are, once there are as many as `end` or no more."""
+        while len(self._bytes) < end and (block := next(self._blocks, None)) is not None:
+            self._bytes += block
+        return len(self._bytes)
+
+    def take(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """How many blobs each of the next frames has (count,), and the blobs of all of them; they are at hand."""
+        frames, rest = self._frames[:count], self._frames[count:]
+        found = np.concatenate([np.frombuffer(self._bytes, self.cell, blobs, begin) for begin, blobs in frames])
+        self._frames = frames
+        end = self._end
+        # What was taken goes, and what is at hand begins anew.
+        self._bytes = self._bytes[end:]
+        self._frames = [(begin - end, blobs) for begin, blobs in rest]
+        return np.array([blobs for _, blobs in frames]), found

@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The streams of an OLE compound file, by name and part by part: an hour of capture is never in memory as a whole."""
+
+import struct
+from pathlib import Path
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+
+from ...core.data.errors import InputError
+from ..source import BytesOnDisk
+
+if TYPE_CHECKING:
+    from olefile.olefile import OleDirectoryEntry
+
+KIND = "a capture as Qualisys Track Manager saves it"
+OLE_MAGIC = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
+# Of a compound file: sizes of large and small sectors as powers of two, how many tables, and what lies in small ones.
+OLE_HEAD = struct.Struct("<30xHH10xL8xL")
+OLE_SHIFTS = (9, 12)  # versions 3 and 4
+END_OF_CHAIN = 0xFFFFFFFC  # and the three words above it are no sectors either
+
+# What olefile lets escape from files that are damaged.
+DAMAGE = (OSError, ValueError, TypeError, LookupError, AttributeError, RecursionError, OverflowError, struct.error)
+
+
+class Container:
+    """An open `.qtm`; a context manager."""
+
+    def __init__(self, path: Path):
+        """Raises InputError where there is no such file, or it is no compound file."""
+        self.path = Path(path)
+        self.file = BytesOnDisk(self.path)
+        try:
+            _check_head(self.file, self.path)
+            self._ole = _opened(self.file, self.path)
+        except BaseException:
+            self.file.file.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object):
+        self.file.file.close()
+
+    def names(self, folder: str) -> list[str]:
+        """What a folder holds, "" for the file itself; empty where there is none of that name."""
+        entry = self._entry(folder) if folder else self._ole.root
+        return [] if entry is None else [kid.name for kid in entry.kids]
+
+    def stream(self, name: str) -> "Stream":
+        """A stream by its path, such as "Measurement/Frames"; InputError where there is none or it is cut off."""
+        entry = self._entry(name)
+        if entry is None or entry.entry_type != 2:  # of a stream
+            raise InputError(f"has no part {name!r}; expected {KIND}", self.path)
+        return Stream(self, name, entry)
+
+    def _entry(self, name: str) -> "OleDirectoryEntry | None":
+        entry = self._ole.root
+        for part in name.split("/"):
+            # Names of compound files are told apart without regard to upper and lower case.
+            entry = next((kid for kid in entry.kids if kid.name.lower() == part.lower()), None)
+            if entry is None:
+                return None
+        return entry
+
+    def small(self, entry: "OleDirectoryEntry") -> bytes:
+        """The content of a stream that lies among the small ones."""
+        try:
+            return self._ole._open(entry.isectStart, entry.size).read()
+        except DAMAGE:
+            raise InputError(f"has a damaged part {entry.name!r}; expected {KIND}", self.path) from None
+
+    def sectors(self, entry: "OleDirectoryEntry") -> np.ndarray:
+        """(N,) where in the file each sector of a large stream begins."""
+        size, table = self._ole.sectorsize, self._ole.fat
+        found = np.empty(-(-entry.size // size), np.int64)
+        sector = entry.isectStart
+        for at in range(len(found)):
+            if not 0 <= sector < min(len(table), END_OF_CHAIN):
+                raise InputError(f"has a part {entry.name!r} that is cut off; expected {KIND}", self.path)
+            found[at], sector = sector, table[sector]
+        return (found + 1) * size
+
+    @property
+    def sector_size(self) -> int:
+        """Bytes of a sector."""
+        return self._ole.sectorsize
+
+
+class Stream:
+    """One stream of a container, `size` bytes of it."""
+
+    def __init__(self, container: Container, name: str, entry: "OleDirectoryEntry"):
+        self.container, self.name, self.size = container, name, entry.size
+        if self.size > len(container.file):
+            raise InputError(f"has a part {name!r} larger than the file; expected {KIND}", container.path)
+        self._content = container.small(entry) if entry.is_minifat else None
+        self._sectors = container.sectors(entry) if self._content is None else None
+        if self._content is not None and len(self._content) != self.size:
+            raise InputError(f"has a part {name!r} that is cut off; expected {KIND}", container.path)
+
+    def part(self, start: int, stop: int) -> bytes:
+        """The bytes from start to stop; InputError where the stream has fewer."""
+        if not 0 <= start <= stop <= self.size:
+            raise InputError(f"has a part {self.name!r} that is cut off; expected {KIND}", self.container.path)
+        if self._content is not None:
+            return self._content[start:stop]
+        size, file = self.container.sector_size, self.container.file
+        pieces = []
+        for index in range(start // size, -(-stop // size)):
+            at = int(self._sectors[index])
+            low, high = max(start - index * size, 0), min(stop - index * size, size)
+            if at + high > len(file):
+                raise InputError(f"ends within its part {self.name!r}; expected a whole file", self.container.path)
+            pieces.append(file[at + low : at + high])
+        return b"".join(pieces)
+
+    def whole(self, limit: int) -> bytes:
+        """All of it; InputError where that is over `limit` bytes."""
+        if self.size > limit:
+            raise InputError(
+                f"has a part {self.name!r} of {self.size} bytes; expected at most {limit}", self.container.path
+            )
+        return self.part(0, self.size)
+
+
+def _check_head(file: BytesOnDisk, path: Path):
+    """InputError where the first sector is no compound file's, or promises tables larger than the file."""
+    head = file[: min(OLE_HEAD.size, len(file))]
+    if head[:8] != OLE_MAGIC:
+        raise InputError(f"is no OLE compound file; expected {KIND}", path)
+    if len(head) < OLE_HEAD.size:
+        _damaged(path)
+    shift, small, tables, cutoff = OLE_HEAD.unpack(head)
+    entries = tables * (1 << shift) // 4 if shift in OLE_SHIFTS else 0
+    # A table has an entry a sector, and one sector of it may be begun only.
+    if not entries or entries > len(file) // (1 << shift) + (1 << shift) or (small, cutoff) != (6, 4096):
+        _damaged(path)
+
+
+def _opened(file: BytesOnDisk, path: Path):
+    """The directory of a compound file; InputError where it is damaged, or olefile is not here."""
+    try:
+        import olefile
+    except ImportError:
+        raise InputError(
+            "is read by the package olefile, which is not here; expected it to be installed", path
+        ) from None
+    try:
+        ole = olefile.OleFileIO(file.file)
+        return ole if ole.root is not None else _damaged(path)
+    except DAMAGE:
+        _damaged(path)
+
+
+def _damaged(path: Path):
+    raise InputError(f"is a damaged compound file (is it cut off?); expected {KIND}", path)

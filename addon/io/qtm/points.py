@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The 3D points of a `.qtm`: trajectories with and without labels, and which of their samples were measured."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ...core.data.errors import InputError
+from ..samples import Samples
+from .capture import TRAJECTORY_DATA, QtmCapture, QtmTrajectory
+from .container import KIND
+
+COORDINATES, POINT_RESIDUAL, POINT_TYPE = ("X", "Y", "Z"), "Residual", "Point Type"
+# Kinds of samples that no camera measured, by their names in the file.
+FILLED_TYPES = ("Point Type Gap Filled", "Point Type Virtual", "Point Type Linear Gap Fill")
+
+
+@dataclass(frozen=True)
+class QtmPointLimits:
+    """What is no take of points; reckoned.
+
+    max_coordinate  mm: no room is a thousand kilometres wide
+    max_frames      of a take: a day at 500 Hz, and each takes memory
+    """
+
+    max_coordinate: float = 1e9
+    max_frames: int = 50_000_000
+
+
+QTM_POINTS = QtmPointLimits()
+
+
+@dataclass(frozen=True, eq=False)
+class QtmPoints:
+    """The trajectories of a capture that were not discarded.
+
+    labels       names as in the file, empty where there is none
+    columns      (P,) their indices among all trajectories of the file
+    count        of these
+    frames       how many, from first_frame on
+    """
+
+    path: Path
+    labels: tuple[str, ...]
+    columns: np.ndarray
+    count: int
+    frames: int
+    first_frame: int
+    rate: float
+
+    def parts(self) -> Iterator[Samples]:
+        """All samples, part by part: mm; a residual of 0 says that a sample was filled, NaN that it is not known."""
+        with QtmCapture(self.path) as capture:
+            dtype, cell = capture.schema.record(TRAJECTORY_DATA)
+            if cell is not None or any(name not in dtype.names for name in (*COORDINATES, POINT_RESIDUAL, POINT_TYPE)):
+                raise InputError(f"describes no points with X, Y, Z, residual and type; expected {KIND}", self.path)
+            bits = capture.schema.bits(TRAJECTORY_DATA, POINT_TYPE)
+            filled = sum(bits.get(name, 0) for name in FILLED_TYPES)
+            for column in self.columns.tolist():
+                yield from _samples(capture, column, dtype, filled, self.first_frame)
+
+
+def read_qtm_points(path: Path) -> QtmPoints:
+    """What 3D points the file has; InputError where it has none."""
+    with QtmCapture(path) as capture:
+        kept = capture.kept
+        if not kept:
+            raise InputError("has no 3D points; expected a take that was tracked in 3D, or its blobs", path)
+        chosen = [capture.trajectories[at] for at in kept]
+        first = min(int(one.ranges[0, 0]) for one in chosen)
+        frames = max(int(one.ranges[-1, 1]) for one in chosen) - first + 1
+        if frames > QTM_POINTS.max_frames:
+            raise InputError(f"has {frames} frames of 3D points; expected at most {QTM_POINTS.max_frames}", path)
+        if capture.point_rate is None:
+            raise InputError(f"has no rate of its 3D points; expected {KIND}", path)
+        return QtmPoints(
+            Path(path),
+            tuple(one.label for one in chosen),
+            np.array(kept),
+            len(capture.trajectories),
+            frames,
+            first,
+            capture.point_rate,
+        )
+
+
+def _samples(capture: QtmCapture, column: int, dtype: np.dtype, filled: int, first: int) -> Iterator[Samples]:
+    """Those of one trajectory, block by block."""
+    one = capture.trajectories[column]
+    series, lengths = capture.series(one.number), one.ranges[:, 1] - one.ranges[:, 0] + 1
+    what = _what(one, column)
+    if series.size != dtype.itemsize * int(lengths.sum()):
+        raise InputError(
+            f"has {series.size / dtype.itemsize:g} samples of {what} in {int(lengths.sum())} frames; expected one each",
+            capture.path,
+        )
+    ends, done, rest = np.cumsum(lengths), 0, b""
+    for block in series.blocks():
+        content = rest + block
+        whole = len(content) // dtype.itemsize
+        records, rest = np.frombuffer(content, dtype, whole), content[whole * dtype.itemsize :]
+        at = np.arange(done, done + whole)
+        part = np.searchsorted(ends, at, side="right")
+        frame = one.ranges[part, 0] + at - (ends - lengths)[part] - first
+        done += whole
+        yield _measured(records, frame, column, filled, what, capture.path)
+
+
+def _measured(records: np.ndarray, frame: np.ndarray, column: int, filled: int, what: str, path: Path) -> Samples:
+    """The samples that are there, and what each of them is worth."""
+    xyz = np.stack([records[name] for name in COORDINATES], axis=1).astype(float)
+    there = np.isfinite(xyz).all(axis=1)
+    if np.abs(xyz[there]).max(initial=0) > QTM_POINTS.max_coordinate:
+        raise InputError(f"has a sample of {what} that is in no room; expected mm", path)
+    residual = records[POINT_RESIDUAL].astype(float)
+    residual[~((residual > 0) & (residual < QTM_POINTS.max_coordinate))] = np.nan
+    residual[(records[POINT_TYPE] & filled) != 0] = 0.0
+    columns = np.full(int(there.sum()), column, np.int32)
+    return Samples(frame[there].astype(np.int32), columns, xyz[there], residual[there])
+
+
+def _what(one: QtmTrajectory, column: int) -> str:
+    return f"trajectory {column}" + (f" ({one.label[:40]})" if one.label else "")

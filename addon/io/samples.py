@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The samples of a file of 3D points as they are read, and packed into lanes: of P columns most are empty."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from ..core.data.lanes import Lanes, blocks
+from ..core.data.room import IN_MEMORY, MakeTable
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """N samples of a file that are there, as the numbers that stand there.
+
+    frame     (N,) 0-based, and
+    column    (N,) of the file
+    xyz       (N, 3), of the narrowest kind that holds them, and
+    residual  (N,), NaN where not stated
+    """
+
+    frame: np.ndarray
+    column: np.ndarray
+    xyz: np.ndarray
+    residual: np.ndarray
+
+    @classmethod
+    def of(cls, xyz: np.ndarray, first: int = 0) -> Self:
+        """Those of frames of points (F, P, 3), NaN where missing, the first of them the frame `first`."""
+        frame, column = np.nonzero(np.isfinite(xyz).all(axis=2))
+        frame, column = frame.astype(np.int32), column.astype(np.int32)
+        return cls(frame + np.int32(first), column, xyz[frame, column], np.full(len(frame), np.nan))
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+
+Parts = Callable[[], Iterable[Samples]]  # all samples of a file, part by part, as often as it is called
+
+
+def dense(frames: int, count: int, parts: Iterable[Samples]) -> tuple[np.ndarray, np.ndarray]:
+    """(T, P, 3) and (T, P), NaN where missing: every column of the file with all of its frames."""
+    xyz, residual = np.full((frames, count, 3), np.nan), np.full((frames, count), np.nan)
+    for part in parts:
+        xyz[part.frame, part.column], residual[part.frame, part.column] = part.xyz, part.residual
+    return xyz, residual
+
+
+@dataclass(frozen=True, eq=False)
+class Packed:
+    """Some columns of a file as lanes.
+
+    xyz       (T, L, 3) and
+    residual  (T, L) as the file's numbers, NaN where missing, and everywhere if none is stated: where no sample of the
+              file has one above zero; else zero says that a sample was filled
+    lanes     which of the chosen columns stands where
+    """
+
+    xyz: np.ndarray
+    residual: np.ndarray
+    lanes: Lanes
+
+
+def packed(frames: int, chosen: Sequence[int], count: int, parts: Parts, make_table: MakeTable = IN_MEMORY) -> Packed:
+    """The chosen ones of a file's columns over so many frames; the file is gone through twice, and never held.
+
+    The residuals, which hardly anything asks for, are in a table that `make_table` gives.
+    """
+    trajectory = np.full(count, -1)
+    trajectory[chosen] = np.arange(len(chosen))
+    first, last, stated, kind = np.full(count, frames), np.full(count, -1), False, np.float32
+    for part in parts():
+        kind = part.xyz.dtype
+        np.minimum.at(first, part.column, part.frame)
+        np.maximum.at(last, part.column, part.frame)
+        stated |= bool((part.residual > 0).any())
+    lanes = Lanes.packed(first[chosen], last[chosen])
+    shape = frames, lanes.count
+    xyz, residual = np.full((*shape, 3), np.nan, kind), np.broadcast_to(np.float32(np.nan), shape)
+    if stated:
+        residual = make_table(shape, np.float32)
+        for own in blocks(*shape):
+            residual[own] = np.nan
+    for part in parts():
+        own = trajectory[part.column]
+        kept = own >= 0
+        at = part.frame[kept], lanes.lane[own[kept]]
+        xyz[at] = part.xyz[kept]
+        if stated:
+            residual[at] = part.residual[kept]
+    return Packed(xyz, residual, lanes)

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Several subjects in a take: who is asked for, and what their report says of them."""
+
+from collections.abc import Generator, Iterator
+from typing import TYPE_CHECKING
+
+from ..blendfile import mesh_occlusion
+from ..core.data.errors import InputError
+from ..core.data.progress import Progress
+from ..core.data.takes import Blobs, Points
+from ..core.edits.applying import refuse_unknown
+from ..core.edits.kinds import Edits
+from ..core.geometry.cameras import Cameras
+from ..core.points.models import Model
+from ..core.points.naming import chosen_method
+from ..core.points.several.wearers import SetsWorn, SeveralOptions, Wearer
+from ..core.points.whole_take.pipeline import PointOptions
+from ..io.blobs import read_blobs
+from ..io.tables import FileTableOptions, Room
+from .job import LabelJob
+from .models import model_for
+
+if TYPE_CHECKING:  # most takes are of one subject
+    from ..core.pipelines.several_through_points import SubjectsInImages
+    from ..core.points.several.motion import LabelledSubjects
+
+NOT_HELD = FileTableOptions(0)  # every table: those of chunks are small, and there are many in a long take
+
+
+def refuse_beside(job: LabelJob):
+    """Raises InputError where a job of several subjects asks for what is made for one only."""
+    if job.body is not None:
+        raise InputError("a body of your own is one subject's; expected the bodies of the models", job.source)
+
+
+def several_asked(job: LabelJob, model: Model) -> Generator[Progress, None, SeveralOptions]:
+    """Who is asked for; `model` is what those without names wear."""
+    if not job.wearers:
+        return SeveralOptions(model, job.subjects)
+    subjects = []
+    for name, worn in job.wearers:
+        subjects.append(Wearer(name, (yield from model_for(worn, job.method))))
+    return SeveralOptions(subjects=tuple(subjects))
+
+
+def label_subjects(
+    job: LabelJob, take: Points, asked: SeveralOptions, options: PointOptions
+) -> "Generator[Progress, None, LabelledSubjects]":
+    """What `core.points.several.pipeline.label_several` gives, which is loaded where it is needed.
+
+    Raises InputError with the file of edits that are of somebody who is not there.
+    """
+    from ..core.points.several.pipeline import label_several
+
+    try:
+        return (yield from label_several(take, asked, options))
+    except InputError as error:
+        raise error if error.file else InputError(error.message, job.edits_file or job.source) from None
+
+
+def subjects_in_blobs(
+    job: LabelJob, cameras: Cameras, asked: SeveralOptions, edits: Edits, room: Room
+) -> "Generator[Progress, None, SubjectsInImages]":
+    """Who is in a take of blobs, by the points that they make; InputError where edits are of somebody who is not."""
+    from ..core.pipelines.several_through_points import label_several_blobs
+
+    def read() -> Iterator[tuple[Blobs, float]]:
+        for rows in read_blobs(job.source, cameras, job.frames):
+            yield rows.blobs, rows.fraction
+
+    options = PointOptions(chosen_method(asked.models[0], job.method), job.target, room=room)
+    body_of = mesh_occlusion if job.casts == "bvh" else None
+    found = yield from label_several_blobs(read, cameras, asked, options, job.frame_rate, body_of)
+    try:
+        refuse_unknown(edits, found.labelled.worn.by_name)
+    except InputError as error:
+        raise InputError(error.message, job.edits_file or job.source) from None
+    return found
+
+
+def facts_of_subjects(worn: SetsWorn) -> dict:
+    """What a report says of who is in the take."""
+    return {
+        "subjects": [
+            {
+                "name": one.name,
+                "model": one.model.markerset.name,
+                "model_version": one.model.history.version,
+                "model_fingerprint": one.model.fingerprint,
+            }
+            for one in worn.subjects
+        ]
+    }

@@ -1,0 +1,286 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Label Folder: the command line's batch in a process of its own, followed by its table while Blender is used."""
+
+import json
+import queue
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+import bpy
+from bpy.props import IntProperty
+
+from ..core.data.errors import InputError, UserError
+from ..core.geometry.cameras import Cameras
+from ..io.batch import FAILING, TakeRow, read_table
+from ..io.cameras import write_cameras
+from ..io.names import written
+from ..io.scratch import naming_scratch, scratch_folder
+from ..jobs.batches import summary_paths
+from ..props import SceneSettings, subjects_asked
+from ..scene import cameras as scene_cameras
+from ..scene.redrawing import redraw
+from .importing import cameras_at_hand
+from .polling import TellsWhyNot
+from .reporting import reports_trouble
+
+FOLLOWED_EVERY = 0.5  # s between two looks at what the process wrote
+
+
+class FolderBatch:
+    """A folder that is labelled by a process of its own; it ends with Blender, however that ends.
+
+    rows     what became of the takes so far, the worst first
+    trouble  why it ended before its time, None where it did not
+    """
+
+    def __init__(self, line: list[str], table: Path, cameras: Cameras | None):
+        """Starts it with a command line, to which the `cameras` are added; JobError where there can be no process."""
+        from ..cli.workers import Command, start_process
+
+        self.table, self.stopping = table, False
+        self.rows: list[TakeRow] = []
+        self.trouble: UserError | None = None
+        self._seen: int | None = None
+        self._heard = queue.SimpleQueue()
+        with ExitStack() as stack:
+            scratch = stack.enter_context(scratch_folder())
+            if cameras is not None:
+                with naming_scratch(scratch):
+                    write_cameras(scratch / "cameras.toml", cameras)
+                line = [line[0], f"--cameras={scratch / 'cameras.toml'}", *line[1:]]
+            self._command = Command(0, line, scratch / "result.json")
+            self._worker = start_process(scratch, self._heard)
+            stack.callback(self._worker.close)
+            self._kept = stack.pop_all()
+        self._worker.begin(self._command)
+
+    def look(self) -> bool:
+        """Takes in what is new; False once it has come to its end."""
+        ended = not self._heard.empty()
+        try:
+            changed = self.table.stat().st_mtime_ns
+            if changed != self._seen:
+                self.rows, self._seen = read_table(self.table), changed
+        except (OSError, UserError):  # not there yet
+            pass
+        if ended:
+            self._end(*self._heard.get())
+        return not ended
+
+    def stop(self):
+        """Lets it end, which it does in a moment; nothing half-written stays."""
+        self.stopping = True
+        self._worker.close()
+
+    def leave(self):
+        """Lets it end and forgets it."""
+        self._worker.close()
+        self._kept.close()
+
+    def _end(self, worker, said: bytes | None):
+
+        ending = json.loads(said) if said else worker.ending()
+        self._kept.close()
+        if self.stopping or (ending["status"] == 0 and said):
+            return
+        error = self._command.answer(**ending)
+        if isinstance(error, UserError) and not any(row.state == FAILING for row in self.rows):
+            self.trouble = error
+
+
+# The one that goes on, or the last one: what Blender opens meanwhile does not end it.
+_latest: list[FolderBatch] = []
+_going: list[FolderBatch] = []
+
+
+def folder_line(settings: SceneSettings) -> tuple[list[str], Path, bool]:
+    """The command line that the settings ask for, the table that it keeps, and whether blobs can be labelled.
+
+    Raises InputError where something is missing.
+    """
+    source, out = (Path(bpy.path.abspath(path)) for path in (settings.folder_path, settings.folder_out))
+    if not source.is_dir():
+        raise InputError("is no folder; expected one with takes", source)
+    blobs = cameras_at_hand(bpy.context.scene)
+    [table] = summary_paths(out, (), True, False)[:1]
+    line = ["label", *subjects_in_line(settings), f"--out={out}", "--watch", "--resume", "--summary", "--html"]
+    line += ["--blend", f"--method={settings.method}", f"--target={settings.target}", f"--jobs={settings.folder_jobs}"]
+    line += [] if settings.folder_watch else ["--idle=0"]
+    line += ["--overwrite"] if settings.folder_anew else []
+    line += [f"--occlusion={settings.occlusion}", f"--rate={settings.rate}"] if blobs else []
+    return [*line, "--", str(source)], table, blobs
+
+
+def subjects_in_line(settings: SceneSettings) -> list[str]:
+    """Who is asked for, as words of a command line."""
+    asked = subjects_asked(settings)
+    if asked["wearers"]:
+        return [f"--subject={name}={model}" for name, model in asked["wearers"]]
+    count = asked["subjects"]
+    return [f"--model={asked['model']}", *([] if count == 1 else [f"--subjects={count or 'auto'}"])]
+
+
+def words_of_batch(batch: FolderBatch) -> tuple[str, float]:
+    """How far a batch is, in words and as a share of the takes that are there."""
+    done = sum(row.measured or row.state == FAILING for row in batch.rows)
+    failed = sum(row.state == FAILING for row in batch.rows)
+    words = f"{done} of {len(batch.rows)} takes" if batch.rows else "Looking for takes"
+    words += f", {failed} failed" if failed else ""
+    return "Stopping" if batch.stopping else words, done / max(len(batch.rows), 1)
+
+
+def follow() -> float | None:
+    """Brings the sidebar up to date while a batch goes on; a timer."""
+    if not _going:
+        return None
+    goes_on = _going[0].look()
+    if not goes_on:
+        _going.clear()
+    show_batch()
+    return FOLLOWED_EVERY if goes_on else None
+
+
+def show_batch():
+    """Puts what became of the takes into the sidebar's list; a file that was opened has emptied it."""
+    if not _latest:
+        return
+    state, batch = bpy.context.window_manager.mocap_autolabel, _latest[0]
+    words, share = words_of_batch(batch)
+    state.folder_doing, state.folder_share = (words, share) if _going else ("", 0.0)
+    state.folder_said = "" if batch.trouble is None else written(str(batch.trouble))
+    state.folder_results = str(batch.table.parent)
+    if [_said(row) for row in batch.rows] != [
+        (row.name, row.state, row.reason, row.stake) for row in state.folder_takes
+    ]:
+        _list_takes(state, batch.rows)
+    redraw("VIEW_3D", "UI")
+
+
+def _said(row: TakeRow) -> tuple[str, str, str, int]:
+    return written(row.take), row.state, written(row.reason), round(row.at_stake)
+
+
+def _list_takes(state: bpy.types.PropertyGroup, rows: list[TakeRow]):
+    """Fills the list; the take that is chosen stays so, wherever it goes."""
+    chosen = state.folder_takes[state.folder_index].name if state.folder_index < len(state.folder_takes) else ""
+    state.folder_takes.clear()
+    for row in rows:
+        shown = state.folder_takes.add()
+        shown.name, shown.state, shown.reason, shown.stake = _said(row)
+        shown.measured, shown.trouble, shown.on_body = row.measured, row.trouble, row.on_body
+        shown.named, shown.found = -1.0 if row.named is None else row.named, row.found
+    places = [place for place, row in enumerate(rows) if written(row.take) == chosen]
+    state.folder_index = places[0] if places else 0
+
+
+def leave_batch():
+    """Ends what goes on, as Blender or the extension ends."""
+    for batch in _going:
+        batch.leave()
+    _going.clear()
+    _latest.clear()
+
+
+class MOCAP_AUTOLABEL_OT_label_folder(TellsWhyNot, bpy.types.Operator):
+    """Label the takes of a folder in the background, but for those that are done already; go on working meanwhile."""
+
+    bl_idname = "mocap_autolabel.label_folder"
+    bl_label = "Label Folder"
+
+    @classmethod
+    def lacks(cls, context):
+        settings = context.scene.mocap_autolabel
+        if _going:
+            return "Another folder is being labelled"
+        if not settings.folder_path:
+            return "Choose the folder of the takes first"
+        return "" if settings.folder_out else "Choose the folder for the results first"
+
+    @reports_trouble
+    def execute(self, context):
+        settings, scene = context.scene.mocap_autolabel, context.scene
+        line, table, blobs = folder_line(settings)
+        cameras = scene_cameras.cameras_of(settings.cameras, scene) if blobs else None
+        _latest[:] = _going[:] = [FolderBatch(line, table, cameras)]
+        if not bpy.app.background:
+            show_batch()
+            bpy.app.timers.register(
+                follow, first_interval=FOLLOWED_EVERY, persistent=True
+            )  # a take may be opened meanwhile
+            return {"FINISHED"}
+        while follow() is not None:
+            time.sleep(FOLLOWED_EVERY)
+        if _latest[0].trouble:
+            raise _latest[0].trouble
+        return {"FINISHED"}
+
+
+class MOCAP_AUTOLABEL_OT_stop_folder(bpy.types.Operator):
+    """Stop labelling the folder; takes that are done stay, and Label Folder goes on from there."""
+
+    bl_idname = "mocap_autolabel.stop_folder"
+    bl_label = "Stop Label Folder"
+    bl_options = {"INTERNAL"}
+
+    def execute(self, context):
+        for batch in _going:
+            batch.stop()
+        return {"FINISHED"}
+
+
+class OfFolderTake:
+    """An operator on a take of the list, that opens a file beside the table."""
+
+    index: IntProperty(name="Take", description="Which row of the list", options={"HIDDEN", "SKIP_SAVE"})
+    ending = ""
+
+    def found(self, context) -> Path:
+        """The file; InputError where it is not there."""
+        state = context.window_manager.mocap_autolabel
+        if not 0 <= self.index < len(state.folder_takes):
+            raise InputError("no take is chosen; expected one of the list")
+        path = Path(state.folder_results, state.folder_takes[self.index].name + self.ending)
+        if not path.is_file():
+            raise InputError("is not there; expected a take that Label Folder labelled", path)
+        return path
+
+
+class MOCAP_AUTOLABEL_OT_open_folder_take(OfFolderTake, bpy.types.Operator):
+    """Open the labelled take in the place of this file, which is asked about where it has changes."""
+
+    bl_idname = "mocap_autolabel.open_folder_take"
+    bl_label = "Open Take"
+    bl_options = {"INTERNAL"}
+    ending = ".blend"
+
+    @reports_trouble
+    def execute(self, context):
+        path = str(self.found(context))
+        if bpy.app.background:
+            bpy.ops.wm.open_mainfile(filepath=path)
+        else:
+            bpy.ops.wm.open_mainfile("INVOKE_DEFAULT", filepath=path, display_file_selector=False)
+        return {"FINISHED"}
+
+
+class MOCAP_AUTOLABEL_OT_open_folder_page(OfFolderTake, bpy.types.Operator):
+    """Show the take's page in the browser."""
+
+    bl_idname = "mocap_autolabel.open_folder_page"
+    bl_label = "Open Page"
+    bl_options = {"INTERNAL"}
+    ending = ".report.html"
+
+    @reports_trouble
+    def execute(self, context):
+        bpy.ops.wm.path_open(filepath=str(self.found(context)))
+        return {"FINISHED"}
+
+
+CLASSES = (
+    MOCAP_AUTOLABEL_OT_label_folder,
+    MOCAP_AUTOLABEL_OT_stop_folder,
+    MOCAP_AUTOLABEL_OT_open_folder_take,
+    MOCAP_AUTOLABEL_OT_open_folder_page,
+)

@@ -1,0 +1,233 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Blobs out of pictures: bright spots in movies of calibrated cameras, and tracks of Blender's own movie clips."""
+
+from collections.abc import Generator
+from pathlib import Path
+
+import bpy
+from bpy.props import CollectionProperty, EnumProperty, FloatProperty, StringProperty
+
+from ..core.data.errors import InputError, UserError
+from ..core.pictures.spots import SpotOptions
+from ..io.blobs import write_blobs
+from ..io.whole import whole_file
+from ..jobs.pictures import (
+    CENTRE,
+    CORNER,
+    FIRST_PIXEL,
+    PicturesJob,
+    blobs_of_pictures,
+    camera_in,
+    check_size,
+    pictures_by_camera,
+)
+from ..scene import cameras as scene_cameras
+from ..scene.clip_tracks import blobs_of_clips, clip_of, keep_lens
+from .calibration import free_path
+from .importing import cameras_at_hand, take_blobs
+from .polling import TellsWhyNot
+from .reporting import reports_trouble
+from .stepping import WorksInSteps
+
+BLOBS_ENDING = ".blobs.csv"
+FIRST_PIXEL_ITEMS = [
+    ("AUTO", "As the Cameras Have It", "A corner for cameras of this scene's own, the centre for a calibration's"),
+    (CENTRE, "Centre of the First Pixel", "As OpenCV calibrates"),
+    (CORNER, "Corner of the First Pixel", "As Blender renders"),
+]
+
+
+class CountsPixels:
+    """What is asked of whoever turns pictures into blobs: where the calibration's pixels begin, and where blobs go."""
+
+    first_pixel: EnumProperty(
+        name="(0, 0) Is",
+        description="Where the pixels of the calibration begin",
+        items=FIRST_PIXEL_ITEMS,
+        options={"SKIP_SAVE"},
+    )
+    out: StringProperty(
+        name="Blobs",
+        description="The file of blobs to write; beside the pictures where none is given",
+        subtype="FILE_PATH",
+        options={"SKIP_SAVE"},
+    )
+
+    def first_of(self, cameras: bpy.types.Collection) -> str:
+        """CENTRE or CORNER."""
+        if self.first_pixel != FIRST_PIXEL_ITEMS[0][0]:
+            return self.first_pixel
+        return CORNER if scene_cameras.is_adopted(cameras) else CENTRE
+
+    def target(self, beside: Path) -> Path:
+        """The file to write."""
+        return Path(bpy.path.abspath(self.out)) if self.out else free_path(beside, BLOBS_ENDING)
+
+
+class MOCAP_AUTOLABEL_OT_find_blobs(CountsPixels, TellsWhyNot, WorksInSteps, bpy.types.Operator):
+    """Find bright round spots in movies or image sequences of the calibrated cameras, a file or folder for each."""
+
+    bl_idname = "mocap_autolabel.find_blobs"
+    bl_label = "Blobs from Pictures"
+    bl_options = {"REGISTER", "UNDO"}
+
+    doing = "Finding blobs"
+    _asked = False
+
+    directory: StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE", "HIDDEN"})
+    files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"SKIP_SAVE", "HIDDEN"})
+    filter_movie: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
+    filter_image: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
+    filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
+    threshold: FloatProperty(
+        name="Threshold", description="Spots are brighter; 0 where the pictures tell", min=0.0, max=1.0
+    )
+    min_area: FloatProperty(
+        name="Least Area", description="Smaller spots are left out, px²", default=SpotOptions.min_area, min=0.0
+    )
+    max_area: FloatProperty(
+        name="Greatest Area", description="Larger spots are left out, px²", default=SpotOptions.max_area, min=1.0
+    )
+
+    @classmethod
+    def lacks(cls, context):
+        if not cameras_at_hand(context.scene):
+            return "Import the calibration of the cameras first"
+        return "Something is going on already; wait for it" if context.window_manager.mocap_autolabel.doing else ""
+
+    def invoke(self, context, event):
+        if self.directory:
+            return super().invoke(context, event)
+        self._asked = True
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context):
+        if self._asked and not bpy.app.background:
+            return self._begin(context)
+        return super().execute(context)
+
+    def steps(self, context) -> Generator[float, None, dict]:
+        """The finding."""
+        scene, settings = context.scene, context.scene.mocap_autolabel
+        cameras = scene_cameras.cameras_of(settings.cameras, scene)
+        pictures = pictures_by_camera([(None, path) for path in self._chosen(cameras.names)], cameras.names)
+        job = PicturesJob(
+            pictures,
+            cameras,
+            self.target(next(iter(pictures.values()))),
+            first_pixel=self.first_of(settings.cameras),
+            overwrite=bool(self.out),
+            spots=SpotOptions(threshold=self.threshold or None, min_area=self.min_area, max_area=self.max_area),
+        )
+        return _shares(blobs_of_pictures(job))
+
+    def _chosen(self, names: tuple[str, ...]) -> list[Path]:
+        """The files that were chosen, or all in the folder that have a camera's name."""
+        folder = Path(bpy.path.abspath(self.directory))
+        chosen = [folder / item.name for item in self.files if item.name]
+        if chosen:
+            return chosen
+        there = [
+            path
+            for path in (sorted(folder.iterdir()) if folder.is_dir() else ())
+            if (path.is_dir() or path.suffix.lower() in bpy.path.extensions_movie) and _is_of_camera(path, names)
+        ]
+        if not there:
+            words = "holds no movie and no folder of pictures that has a camera's name"
+            raise InputError(f"{words}; expected one for each camera", folder)
+        return there
+
+    def _show(self, context, said: dict) -> set[str]:
+        _use(context, Path(said["out"]), said["rate"])
+        for words in said["notes"]:
+            self.report({"WARNING"}, words)
+        self.report({"INFO"}, f"{said['blobs']} blobs in {said['frames']} frames, in {Path(said['out']).name}")
+        return {"FINISHED"}
+
+
+class MOCAP_AUTOLABEL_OT_import_clip_tracks(CountsPixels, TellsWhyNot, bpy.types.Operator):
+    """Take the tracks of the movie clips of the scene's cameras as blobs."""
+
+    bl_idname = "mocap_autolabel.import_clip_tracks"
+    bl_label = "Blobs from Clip Tracks"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def lacks(cls, context):
+        if not any(item.type == "CAMERA" for item in context.scene.objects):
+            return "This scene has no cameras"
+        return "" if len(bpy.data.movieclips) else "Open the movie clips and track them first"
+
+    @reports_trouble
+    def execute(self, context):
+        scene, settings = context.scene, context.scene.mocap_autolabel
+        own = not cameras_at_hand(scene) or scene_cameras.is_adopted(settings.cameras)
+        items = scene.objects if not cameras_at_hand(scene) else settings.cameras.all_objects
+        items = [item for item in items if item.type == "CAMERA"]
+        clips = _clips_of(items, scene)
+        if own:
+            for name, clip in clips.items():
+                keep_lens(next(item for item in items if scene_cameras.camera_name(item) == name), clip)
+        collection = settings.cameras if cameras_at_hand(scene) else scene_cameras.adopt_cameras(scene)
+        cameras = scene_cameras.cameras_of(collection, scene)
+        used = {cameras.names.index(name): clip for name, clip in clips.items()}
+        for index, clip in used.items():
+            check_size(tuple(clip.size), cameras, index, bpy.path.abspath(clip.filepath))
+        shift = FIRST_PIXEL[CORNER] - FIRST_PIXEL[self.first_of(collection)]
+        blobs = blobs_of_clips(used, cameras.size, shift)
+        first = next(iter(used.values()))
+        path = self.target(Path(bpy.path.abspath(first.filepath)))
+        with whole_file(path, bool(self.out)) as temporary:
+            write_blobs(temporary, blobs, cameras)
+        settings.cameras = collection
+        _use(context, path, first.fps)
+        self.report({"INFO"}, f"{len(blobs)} blobs of {len(used)} clips, in {path.name}")
+        return {"FINISHED"}
+
+
+def _clips_of(cameras: list[bpy.types.Object], scene: bpy.types.Scene) -> dict[str, bpy.types.MovieClip]:
+    """The clip of each camera by its name: the one it is solved by or shows, else the one named like it.
+
+    Raises InputError where two cameras share one, or none has any.
+    """
+    named = {scene_cameras.camera_name(camera): clip_of(camera, scene) for camera in cameras}
+    found = {name: clip for name, clip in named.items() if clip is not None}
+    taken = {clip.name for clip in found.values()}
+    for clip in bpy.data.movieclips:
+        path = Path(bpy.path.abspath(clip.filepath))
+        left = [name for name in named if name not in found]
+        if clip.name not in taken and left and _is_of_camera(path, left):
+            found[camera_in(path, left)] = clip
+    if len({clip.name for clip in found.values()}) < len(found):
+        raise InputError("two cameras have the same clip; expected a clip for each camera")
+    if not found:
+        words = "no camera is solved by a movie clip, shows one, or has its name in that of one"
+        raise InputError(f"{words}; expected a clip for each camera")
+    return found
+
+
+def _is_of_camera(path: Path, names: tuple[str, ...] | list[str]) -> bool:
+    try:
+        return bool(camera_in(path, names))
+    except UserError:
+        return False
+
+
+def _use(context: bpy.types.Context, path: Path, rate: float | None):
+    """Makes a file of blobs the scene's take, at the rate of its pictures."""
+    settings = context.scene.mocap_autolabel
+    settings.rate = rate or settings.rate
+    take_blobs(context, path)
+
+
+def _shares(work: Generator) -> Generator[float, None, dict]:
+    """Work that tells the share of it that is done."""
+    while True:
+        try:
+            yield next(work).fraction
+        except StopIteration as end:
+            return end.value
+
+
+CLASSES = (MOCAP_AUTOLABEL_OT_find_blobs, MOCAP_AUTOLABEL_OT_import_clip_tracks)

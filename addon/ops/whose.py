@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a person says of whose a marker is, in a take of several performers: "this is the other one"."""
+
+from collections.abc import Sequence
+
+import bpy
+import numpy as np
+from bpy.props import EnumProperty
+
+from ..core.data.errors import InputError
+from ..core.data.takes import NO_MARKER
+from ..core.edits.kinds import AssignPoint, Edit, Swap
+from ..scene.opened import opened
+from ..scene.performers import Performer, homes
+from ..scene.stored import Stored
+from .correcting import Corrects
+from .picking import picked_points, selected_markers
+
+# Blender keeps no reference to the texts of a dynamic enumeration; they must outlive the drawing.
+_kept_people: list[tuple[str, str, str]] = []
+
+
+def people_items(_self, context) -> list[tuple[str, str, str]]:
+    """The performers of the active take, for an enumeration."""
+    take = (context or bpy.context).scene.mocap_autolabel.take
+    _kept_people[:] = [] if take is None else [(name, name, "") for name in homes(take)]
+    return _kept_people
+
+
+def performer_of(stored: Stored, marker: int) -> Performer:
+    """Whose a marker is."""
+    return next(one for one in stored.performers if one.marker_rows.start <= marker < one.marker_rows.stop)
+
+
+def counterpart(stored: Stored, marker: int, name: str) -> int:
+    """The same marker of another performer, of the other one where no name is said; InputError where there is none."""
+    own = performer_of(stored, marker)
+    called = name or next(one.name for one in stored.performers if one.name != own.name)
+    if called == own.name:
+        raise InputError(f"{stored.names[marker]} is {called}'s already; expected another performer")
+    other = next(one for one in stored.performers if one.name == called)
+    found = other.called(own.own_name(stored.names[marker]))
+    if found not in stored.names:
+        raise InputError(f"{called} wears no {own.own_name(stored.names[marker])}; expected a marker that both wear")
+    return stored.names.index(found)
+
+
+class ToldApart(Corrects):
+    """Corrections of who is who."""
+
+    @classmethod
+    def lacks(cls, context):
+        words = super().lacks(context)
+        alone = len(homes(context.scene.mocap_autolabel.take)) < 2 if not words else False
+        return words or ("The take is of one performer" if alone else "")
+
+
+class MOCAP_AUTOLABEL_OT_other_performer(ToldApart, bpy.types.Operator):
+    """Say that what is picked or selected is the other performer's, and what had that name there has this one."""
+
+    bl_idname = "mocap_autolabel.other_performer"
+    bl_label = "It Is the Other One's"
+    bl_property = "performer"
+
+    performer: EnumProperty(name="Performer", description="Whose it is", items=people_items, options={"SKIP_SAVE"})
+
+    def invoke(self, context, event):
+        self.scope_of_tool(context)
+        if len(homes(context.scene.mocap_autolabel.take)) == 2 or self.properties.is_property_set("performer"):
+            return self.execute(context)
+        context.window_manager.invoke_search_popup(self)
+        return {"RUNNING_MODAL"}
+
+    def edits(self, context, stored: Stored, frames: tuple[int, int] | None) -> Sequence[Edit]:
+        """The trajectories are the same markers of the other one; of selected markers the two are exchanged."""
+        said = self.properties.is_property_set("performer") or len(stored.performers) > 2
+        name = self.performer if said else ""
+        if points := picked_points(context):
+            return [edit for point in points for edit in given_over(context, stored, point, name, frames)]
+        markers = [stored.names.index(marker) for marker in selected_markers(context)]
+        if not markers:
+            raise InputError("nothing is selected; expected a marker, or a picked point")
+        pairs = {tuple(sorted((marker, counterpart(stored, marker, name)))) for marker in markers}
+        return [Swap((stored.names[one], stored.names[other]), frames=frames) for one, other in sorted(pairs)]
+
+
+def given_over(
+    context: bpy.types.Context, stored: Stored, point: int, name: str, frames: tuple[int, int] | None
+) -> list[Edit]:
+    """A trajectory is the same marker of another performer in some frames, and what was that one is its marker there.
+
+    It is taken for what it is in the current frame, or mostly. InputError where it has no name.
+    """
+    rows = within(stored, opened.rows_of(stored, point), frames)
+    named = rows[stored.labels.marker[rows] != NO_MARKER]
+    if not len(named):
+        raise InputError(f"trajectory {point} has no name; expected one that has, or the marker said by its name")
+    number, marker = stored.rows.frames[stored.rows.frame[named]], stored.labels.marker[named]
+    here = marker[number == context.scene.frame_current - stored.shift]
+    own = int(here[0]) if len(here) else int(np.bincount(marker).argmax())
+    other = counterpart(stored, own, name)
+    there = stored.rows.frames[stored.rows.frame[rows]]
+    span = int(there[0]), int(there[-1])
+    theirs = within(stored, np.flatnonzero(stored.labels.marker == other), span)
+    others = np.unique(stored.rows.trajectory[theirs])
+    gives = [AssignPoint(int(one), stored.names[own], frames=span) for one in others if one != point]
+    return [AssignPoint(point, stored.names[other], frames=frames), *gives]
+
+
+def within(stored: Stored, rows: np.ndarray, frames: tuple[int, int] | None) -> np.ndarray:
+    """Those of some rows that are in frames of the source's numbers, all for None."""
+    if frames is None:
+        return rows
+    number = stored.rows.frames[stored.rows.frame[rows]]
+    return rows[(number >= frames[0]) & (number <= frames[1])]
+
+
+class MOCAP_AUTOLABEL_OT_exchange_performers(ToldApart, bpy.types.Operator):
+    """Say that two performers have each other's names: all markers that both wear are exchanged."""
+
+    bl_idname = "mocap_autolabel.exchange_performers"
+    bl_label = "Exchange Performers"
+
+    one: EnumProperty(name="One", description="Who has the other's names", items=people_items, options={"SKIP_SAVE"})
+    other: EnumProperty(name="Other", description="Who has the one's names", items=people_items, options={"SKIP_SAVE"})
+
+    def invoke(self, context, event):
+        self.scope_of_tool(context)
+        names = list(homes(context.scene.mocap_autolabel.take))
+        if not self.properties.is_property_set("other"):
+            self.other = names[1]
+        if len(names) == 2:
+            return self.execute(context)
+        return context.window_manager.invoke_props_dialog(self)
+
+    def edits(self, context, stored: Stored, frames: tuple[int, int] | None) -> Sequence[Edit]:
+        """Every marker that both wear is exchanged, where either has points."""
+        chosen = [next(who for who in stored.performers if who.name == name) for name in (self.one, self.other)]
+        if chosen[0] is chosen[1]:
+            raise InputError(f"{self.one} cannot be exchanged with {self.other}; expected two performers")
+        named = within(stored, np.flatnonzero(stored.labels.named), frames)
+        there = {stored.names[marker] for marker in np.unique(stored.labels.marker[named])}
+        own = [chosen[0].own_name(name) for name in stored.names[chosen[0].marker_rows]]
+        pairs = [(chosen[0].called(name), chosen[1].called(name)) for name in own]
+        swaps = [Swap(pair, frames=frames) for pair in pairs if pair[1] in stored.names and there & set(pair)]
+        if not swaps:
+            raise InputError("neither has a marker in these frames that both wear; expected frames in which one has")
+        return swaps
+
+
+CLASSES = (MOCAP_AUTOLABEL_OT_other_performer, MOCAP_AUTOLABEL_OT_exchange_performers)

@@ -1,0 +1,309 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Several people in one take, brought together from single takes: python -m tests.accuracy.actors.
+
+Walkers of McGill pass each other, people of cmu41 act beside each other and into each other, and two tennis players
+share a court. Their trajectories are cut to pieces as in whole_takes.py, with ghosts. Nobody who is labelled is in the
+training of the model. A label with the wrong person's name is wrong: which number is which person is settled once for
+the whole take. With --keep DIR, models are kept there and used again. With --auto, how many there are is not said.
+"""
+
+import argparse
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from itertools import combinations, permutations
+from pathlib import Path
+from time import process_time
+
+import numpy as np
+
+from addon.core.data.errors import JobError
+from addon.core.data.progress import finished
+from addon.core.data.takes import Points
+from addon.core.geometry.rotations import exponential
+from addon.core.points.models import Model
+from addon.core.points.several.pipeline import label_several
+from addon.core.points.several.wearers import AUTO, SeveralOptions, Wearer
+from addon.core.points.whole_take.pipeline import PointOptions
+from addon.io.models import open_model
+
+from .people import BODY26, DATA, MCGILL
+from .points import Counts
+from .tables import share, table
+from .whole_takes import Case, Pieces, Take, actors, case_few, cut_up, model_of, read
+
+GHOSTS = 60
+HIDDEN_EACH = 5  # markers hidden at a time, for each person
+PASSING_M = 0.5  # between two walkers as they pass
+ACTING_M = 1.2  # between the middles of two actors' takes
+TOUCHING_M = 0.5  # the same where they are in each other's reach all the time
+ENTERING = 0.35  # part of a take in which somebody is not there yet
+RACKET_MARKERS = ("GRIP", "NECK", "LEFT", "TOP", "RIGHT")
+RACKET = np.array([[0.15, 0, 0], [0.35, 0, 0.02], [0.6, 0.11, 0], [0.68, 0, 0.01], [0.55, -0.13, 0.03]])  # m
+NOISE_M = 0.0003
+PLAYERS = DATA / "people" / "tennis" / "kinematics_tennis_serve_2players.c3d"
+
+
+@dataclass(frozen=True, eq=False)
+class Meeting:
+    """People in one take, and the model that knows none of them.
+
+    people   a take each, in one room, of as many frames
+    training what the model is learned from; its takes of tests are not looked at
+    own      what each of them is learned from who is asked for by name, the first ones of `people`; none for numbers
+    """
+
+    name: str
+    people: tuple[Take, ...]
+    training: Case
+    own: tuple[Case, ...] = ()
+
+    def together(self) -> Take:
+        """All of them as one labelled take, markers called 1:LASI, 2:LASI …"""
+        names = tuple(f"{number}:{name}" for number, one in enumerate(self.people, 1) for name in one.markers)
+        xyz = np.concatenate([one.xyz for one in self.people], axis=1)
+        return Take(self.name, self.name, names, xyz, self.people[0].rate)
+
+
+def middle_of(xyz: np.ndarray) -> np.ndarray:
+    """(T, 2) m, where a person (T, M, 3) m stands."""
+    middle = np.nanmedian(xyz[..., :2], axis=1)
+    seen = np.isfinite(middle).all(axis=1)
+    frames = np.arange(len(middle))
+    return np.stack([np.interp(frames, frames[seen], middle[seen, axis]) for axis in range(2)], axis=1)
+
+
+def moved(take: Take, turn: float, pivot: np.ndarray, place: np.ndarray) -> Take:
+    """The take turned about the vertical through `pivot` (2,) m, which goes to `place` (2,) m."""
+    cos, sin = np.cos(turn), np.sin(turn)
+    xyz = take.xyz.copy()
+    xyz[..., :2] = (xyz[..., :2] - pivot) @ np.array([[cos, sin], [-sin, cos]]) + place
+    return replace(take, xyz=xyz)
+
+
+def passing(takes: list[Take], lanes: list[float], ways: list[int]) -> tuple[Take, ...]:
+    """Walkers along x, each in a lane (y, m), some the other way (-1): all are at x = 0 in the middle of the take."""
+    frames = min(len(one.xyz) for one in takes)
+    found = []
+    for take, lane, way in zip(takes, lanes, ways, strict=True):
+        spare = len(take.xyz) - frames
+        one = replace(take, xyz=take.xyz[spare // 2 : spare // 2 + frames])
+        path = middle_of(one.xyz)
+        along = path[-1] - path[0]
+        turn = -np.arctan2(along[1], along[0]) + (np.pi if way < 0 else 0.0)
+        found.append(moved(one, turn, path[frames // 2], np.array([0.0, lane])))
+    return tuple(found)
+
+
+def walkers(count: int) -> Iterator[Meeting]:
+    """So many strangers of McGill passing each other, in the set body26 that was learned from five others."""
+    for case in case_few("body26", BODY26, False):
+        groups = list(combinations(range(len(case.tested)), count))
+        for group in groups[:: max(len(groups) // 5, 1)]:
+            some = [case.tested[index] for index in group]
+            lanes = [PASSING_M * index for index in range(count)]
+            ways = [(-1) ** index for index in range(count)]
+            name = " ".join(one.subject for one in some)
+            yield Meeting(name, passing(some, lanes, ways), case)
+
+
+def acting(apart: float) -> Iterator[Meeting]:
+    """Pairs of cmu41, learned from the other two: takes' middles are so far apart, m, and they move into each other."""
+    found = actors("cmu41")
+    for pair in combinations(("bd", "s135", "s02", "ball"), 2):
+        rest = tuple(take for other, take in found.items() if other not in pair)
+        frames = min(1200, *(len(found[name].xyz) for name in pair))
+        people = []
+        for index, name in enumerate(pair):
+            own = found[name].part(0, frames)
+            people.append(moved(own, 0.0, np.median(middle_of(own.xyz), axis=0), np.array([apart * index, 0.0])))
+        case = Case(f"pair {' '.join(pair)}", rest, (), people[0].markers)
+        yield Meeting(" ".join(pair), tuple(people), case)
+
+
+def entering() -> Iterator[Meeting]:
+    """Two walkers, the second of whom comes in when the first is on the way, and leaves last."""
+    for meeting in walkers(2):
+        first, second = meeting.people
+        there = np.arange(len(first.xyz)) / len(first.xyz)
+        gone = np.where((there < 1 - ENTERING)[:, None, None], first.xyz, np.nan)
+        late = np.where((there > ENTERING)[:, None, None], second.xyz, np.nan)
+        yield replace(meeting, people=(replace(first, xyz=gone), replace(second, xyz=late)))
+
+
+def players() -> Iterator[Meeting]:
+    """Two tennis players in the built-in body39."""
+    whole = read(PLAYERS, "players")
+    markerset = open_model("body39").markerset.markers
+    size = len(whole.markers) // 2
+    people = []
+    for first in (0, size):
+        own = replace(whole, markers=whole.markers[first : first + size], xyz=whole.xyz[:, first : first + size])
+        people.append(own.of(markerset))
+    yield Meeting("tennis players", tuple(people), Case("players", (), (), markerset, built_in="body39"))
+
+
+def alone() -> Iterator[Meeting]:
+    """One walker: what nothing should be lost of."""
+    for case in case_few("body26", BODY26, False):
+        for one in case.tested:
+            yield Meeting(one.subject, (one,), case)
+
+
+def own_turn(person: str) -> Case | None:
+    """One person's turn, learned alone; None where it lacks a marker."""
+    turn = read(sorted((MCGILL / person).glob("*.c3d"))[2], person)
+    return Case(f"turn {person}", (turn.of(BODY26),), (), BODY26) if set(BODY26) <= set(turn.markers) else None
+
+
+def in_hand(turn: np.ndarray, grip: np.ndarray, rate: float) -> Take:
+    """A racket by its axes (T, 3, 3) and where it is held (T, 3) m, measured with the usual noise."""
+    xyz = grip[:, None] + np.einsum("tij,mj->tmi", turn, RACKET)
+    return Take("racket", "racket", RACKET_MARKERS, xyz + np.random.default_rng(0).normal(0, NOISE_M, xyz.shape), rate)
+
+
+def swung() -> Case:
+    """A virtual racket that is turned about in a capture of its own, which its model is learned from."""
+    steps = np.random.default_rng(1).normal(0, 1, (600, 6)) * [0.05, 0.05, 0.05, 0.01, 0.01, 0.01]
+    path = np.cumsum(steps, axis=0)
+    return Case("racket", (in_hand(exponential(path[:, :3])[0], path[:, 3:] + [0, 0, 1.2], 100.0),), (), RACKET_MARKERS)
+
+
+def racket() -> Iterator[Meeting]:
+    """Walkers with a virtual racket in the right hand, where it turns; the two are asked for by name."""
+    for case in case_few("body26", BODY26, False):
+        for one in case.tested:
+            elbow, thumb, little = (one.xyz[:, one.markers.index(name)] for name in ("RELB", "RWRA", "RWRB"))
+            ahead = (thumb + little) / 2 - elbow
+            ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+            across = thumb - little - ((thumb - little) * ahead).sum(axis=1, keepdims=True) * ahead
+            across /= np.linalg.norm(across, axis=1, keepdims=True)
+            turned = np.linspace(0, 1.5, len(ahead))[:, None]
+            across = np.cos(turned) * across + np.sin(turned) * np.cross(ahead, across)
+            axes = np.stack([ahead, across, np.cross(ahead, across)], axis=2)
+            held = in_hand(axes, (thumb + little) / 2, one.rate)
+            yield Meeting(f"{one.subject} and a racket", (one, held), case, (case, swung()))
+
+
+def known(asked: int, there: int = 2) -> Iterator[Meeting]:
+    """Walkers passing, so many of whom are asked for by name: each learned from a turn of their own."""
+    for case in case_few("body26", BODY26, False):
+        for some in list(combinations(case.tested, there))[::2]:
+            people = passing(list(some), [PASSING_M * index for index in range(there)], [1, -1, 1][:there])
+            own = tuple(own_turn(one.subject) for one in people[:asked])
+            if None in own:
+                continue
+            yield Meeting(" ".join(one.subject for one in people), people, case, own)
+
+
+MEETINGS: dict[str, Callable[[], Iterator[Meeting]]] = {
+    "walkers-2": lambda: walkers(2),
+    "walkers-3": lambda: walkers(3),
+    "walkers-4": lambda: walkers(4),
+    "entering": entering,
+    "acting": lambda: acting(ACTING_M),
+    "touching": lambda: acting(TOUCHING_M),
+    "players": players,
+    "alone": alone,
+    "racket": racket,
+    "known": lambda: known(2),
+    "one-of-two": lambda: known(1),
+    "stray": lambda: known(2, 3),
+}
+
+
+def pieces_of(meeting: Meeting, seed: int) -> tuple[Points, np.ndarray]:
+    """The take cut to pieces, and which marker of whom every point (T, P) is, -1 for none."""
+    take = meeting.together()
+    points, marker = cut_up(take, take.markers, Pieces(HIDDEN_EACH * len(meeting.people), GHOSTS), seed)
+    return points, np.where(points.present, marker, -1)
+
+
+def counted(given: np.ndarray, truth: np.ndarray, markers: int, people: int, known: bool) -> Counts:
+    """The labels given (T, P) against the truth, with the numbers of people that go best with it in all of the take.
+
+    Where they are `known` by name they are whom they are called.
+    """
+    best = None
+    for order in [tuple(range(people))] if known else permutations(range(people)):
+        place = np.concatenate([np.arange(markers) + markers * index for index in order] + [[-1]])
+        named = np.where(given >= 0, place[np.minimum(given, len(place) - 1)], -1)
+        own = Counts()
+        own.add(named, truth, markers * people)
+        best = own if best is None or own.wrong < best.wrong else best
+    return best
+
+
+@dataclass
+class Measured:
+    """What came of the meetings of one kind."""
+
+    name: str
+    counts: Counts
+    takes: int = 0
+    refused: int = 0
+    right_number: int = 0
+    frames: int = 0
+    spent: float = 0.0
+
+    def row(self) -> list[str]:
+        """A line of the table."""
+        counts = self.counts
+        recall = f"{100 * (counts.given - counts.wrong) / max(counts.there, 1):.3f} %"
+        wrong = share(counts.wrong, counts.given, 3) if counts.given else "–"
+        number = f"{self.right_number} of {self.takes}"
+        return [self.name, str(self.takes), recall, wrong, str(self.refused), number, f"{self.frames / self.spent:.0f}"]
+
+
+def run(meeting: Meeting, models: list[Model], seed: int, auto: bool, into: Measured, show: bool):
+    """Labels a meeting, and counts what came of it."""
+    points, truth = pieces_of(meeting, seed)
+    people, markers = len(meeting.people), len(models[0].markerset)
+    asked = SeveralOptions(model=models[0], count=AUTO if auto else people)
+    if meeting.own:
+        people = len(meeting.own)
+        asked = SeveralOptions(subjects=tuple(Wearer(str(index), one) for index, one in enumerate(models)))
+        truth = np.where(truth < markers * people, truth, -1)
+    begin, reason, found = process_time(), "", 0
+    try:
+        labelled = finished(label_several(points, asked, PointOptions("likelihood")))
+        given, found = labelled.labels.marker, len(labelled.worn.subjects)
+    except JobError as error:
+        given, reason = np.full(points.xyz.shape[:2], -1), str(error)
+    into.spent += process_time() - begin
+    into.frames += len(points.xyz)
+    into.takes += 1
+    into.refused += bool(reason)
+    into.right_number += found == people
+    own = counted(given, truth, markers, max(people, found), bool(meeting.own))
+    for name in ("given", "wrong", "there", "places"):
+        setattr(into.counts, name, getattr(into.counts, name) + getattr(own, name))
+    if show:
+        print(f"  {into.name} {meeting.name}: {found} found, {own.line()} {reason}", flush=True)
+
+
+def main():
+    """Prints the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("kinds", nargs="*", help=f"of {' '.join(MEETINGS)}; all unless said")
+    parser.add_argument("--keep", type=Path, help="a folder for the models")
+    parser.add_argument("--auto", action="store_true", help="do not say how many there are")
+    parser.add_argument("--first", type=int, default=0, help="which take of a kind to begin with")
+    parser.add_argument("--most", type=int, default=100, help="takes of a kind")
+    parser.add_argument("--show", action="store_true", help="take by take")
+    given = parser.parse_args()
+    done = []
+    for kind in given.kinds or MEETINGS:
+        own, models = Measured(kind, Counts()), {}
+        for seed, meeting in enumerate(MEETINGS[kind]()):
+            if 0 <= seed - given.first < given.most:
+                cases = meeting.own or (meeting.training,)
+                models = {one.name: models.get(one.name) or model_of(one, given.keep) for one in cases}
+                run(meeting, list(models.values()), seed, given.auto, own, given.show)
+        done.append(own)
+        print(own.row(), flush=True)
+    columns = ["people", "takes", "recall", "wrong labels", "refused", "right number", "frames/s"]
+    print(table(columns, [one.row() for one in done]))
+
+
+if __name__ == "__main__":
+    main()

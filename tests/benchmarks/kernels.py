@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the compiled library saves: each job by NumPy and by the library, in a process of its own, as a Markdown table.
+
+python -m tests.benchmarks.kernels
+python -m tests.benchmarks.kernels --only points train --models models
+
+Times are of the processor and of one core, the median of some repeats. Points and training need the recorded people
+beside the repository; with --models DIR the models that the people left out are named by are kept there and used again.
+"""
+
+import json
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from addon.core.blobs.pipeline import label_take
+from addon.core.blobs.search import Hints, find_subject
+from addon.core.data.progress import finished
+from addon.core.data.takes import Points
+from addon.core.points.naming import chosen_method
+from addon.core.points.whole_take.pipeline import USUAL_TARGET, PointOptions, label_points
+from addon.core.simulation.rigs import ring_rig
+from addon.core.training.pipeline import TrainingOptions, train
+from addon.core.training.takes import LabelledTake
+from addon.io.markersets import builtin_markersets, open_markerset
+from addon.io.points import read_points
+from tests.accuracy import plates, whole_takes
+from tests.accuracy.people import BODY26, GAIT15, MCGILL, everyone
+from tests.benchmarks.both_ways import BY_NUMPY, COMPILED, machine, processor_seconds, rows_of_ways
+from tests.benchmarks.cases import RATE, ROOM, WALK, standing, start_of
+from tests.core.blobs.paper import fit_nine, stages
+from tests.core.scenes import act, built_in
+
+COLUMNS = ("what", "NumPy", "compiled", "times as fast", "floor", "aim")
+FRAMES = 1500  # of the long take of points
+WALKS = 8  # one after the other, 1,920 frames
+Row = tuple[str, str, str, str, Callable[[], object], float, int]
+
+
+def fits(_: Path | None) -> Iterator[Row]:
+    """The paper's fit, and one frame from nothing."""
+    for name, floor, aim in (("gait15", "0.4 ms", "0.2 ms"), ("body26", "0.6 ms", "0.3 ms")):
+        setup, view, bodies = standing(name)
+        job = partial(fit_nine, view, start_of(bodies, setup.model), setup, stages(10))
+        yield f"10 iterations of the nine-parameter fit, `{name}`, 4 cameras", "ms", floor, aim, job, 0.001, 100
+    for name, floor, aim in (("gait15", "20 ms", "10 ms"), ("body26", "25 ms", "16 ms")):
+        setup, view, _ = standing(name)
+        job = partial(find_subject, view, setup, Hints())
+        yield f"one frame, no hints, `{name}`, 4 cameras", "ms", floor, aim, job, 0.001, 15
+
+
+def following(_: Path | None) -> Iterator[Row]:
+    """Walks of half a minute, finding the person included; with rays cast at meshes where there is Blender."""
+    for name, floor, aim in (("body26", "700 fps", "1,100 fps"), ("body39", "500 fps", "800 fps")):
+        rig = ring_rig(8, radius=4.5, volume_radius=1.3)
+        scene = act(built_in(name), rig, WALK * WALKS, seed=3, options=ROOM)
+        frames = len(scene.blobs.frames)
+        job = partial(_drained, scene.blobs, rig, scene.markerset)
+        title = f"following a walk of {frames:,} frames, search included, `{name}`, 8 cameras"
+        yield title, "fps", floor, aim, job, frames, 3
+    try:
+        from addon.scene.occlusion import capsule_meshes
+    except ImportError:
+        return
+    rig = ring_rig(8, radius=4.5, volume_radius=1.3)
+    scene = act(built_in("body26"), rig, WALK, seed=3, options=ROOM)
+    job = partial(_drained, scene.blobs, rig, scene.markerset, capsule_meshes(scene.markerset))
+    yield "the same, `body26`, rays cast at meshes", "fps", "100 fps", "250 fps", job, len(scene.blobs.frames), 3
+
+
+def _drained(blobs, rig, markerset, occlusion=None) -> int:
+    return sum(len(chunk.labels.marker) for chunk in label_take([blobs], rig, markerset, RATE, occlusion=occlusion))
+
+
+def points(models: Path | None) -> Iterator[Row]:
+    """Whole takes of people left out, cut to pieces, markers hidden and ghosts among them."""
+    if not whole_takes.PEOPLE.exists():
+        return
+    cases = (
+        (next(whole_takes.case_few("gait15", GAIT15, False)), 3, "2,000 fps", "5,000 fps"),
+        (next(whole_takes.case_few("body26", BODY26, False)), 3, "1,200 fps", "2,500 fps"),
+        (next(whole_takes.case_others()), 1, "", ""),
+    )
+    for case, count, floor, aim in cases:
+        model = whole_takes.model_of(case, models)
+        tested = [take.part(0, FRAMES) for take in case.tested[:count]]
+        takes = [whole_takes.anonymous(take, case, seed)[0] for seed, take in enumerate(tested)]
+        frames = sum(len(take.xyz) for take in takes)
+        title = f"points, {len(case.markers)} markers, takes of {frames} frames in all"
+        yield title, "fps", floor, aim, partial(_labelled, takes, model), frames, 3
+    model, take = plates.trained([plates.TRAINED]), read_points(plates.TESTED)
+    xyz, _ = plates.cut_up(take.xyz, *plates.CUTS[1], np.random.default_rng(plates.SEED))
+    residual = np.where(np.isfinite(xyz[..., 0]), 0.0005, np.nan)
+    cut = Points(("",) * xyz.shape[1], xyz, residual, take.rate, 1)
+    title = f"points, 62 markers on plates, a take of {len(xyz)} frames"
+    yield title, "fps", "350 fps", "600 fps", partial(_labelled, [cut], model), len(xyz), 3
+
+
+def _labelled(takes: list[Points], model):
+    for take in takes:
+        finished(label_points(take, model, PointOptions(chosen_method(model, "auto"), USUAL_TARGET)))
+
+
+def training(_: Path | None) -> Iterator[Row]:
+    """Models and their calibration, as `train` makes them in one process: of ten people, of three, of one on plates."""
+    if not whole_takes.PEOPLE.exists():
+        return
+    paths = [(person, path) for person in everyone() for path in sorted((MCGILL / person).glob("*.c3d"))]
+    worn = [take for person, path in paths if set(GAIT15) <= set((take := whole_takes.read(path, person)).markers)]
+    case, file = next(whole_takes.case_others()), read_points(plates.TRAINED)
+    plated = whole_takes.Take("clouthier", plates.TRAINED.name, file.names, file.xyz, file.rate)
+    for takes, markers, whose, floor, aim in (
+        ([take.of(GAIT15) for take in worn], GAIT15, "ten people", "10 s", "5 s"),
+        (case.training, case.markers, "three people", "25 s", "12 s"),
+        ([plated], plated.markers, "one subject on plates", "20 s", "10 s"),
+    ):
+        title = f"training {len(markers)} markers, {sum(len(take.xyz) for take in takes)} frames of {whose}"
+        yield title, "s", floor, aim, partial(_trained, takes, markers), 1.0, 1
+
+
+def _trained(takes: Sequence[whole_takes.Take], markers: Sequence[str]):
+    labelled = [LabelledTake(take.name, take.subject, take.markers, take.xyz) for take in takes]
+    bodies = [open_markerset(name) for name in builtin_markersets()]
+    finished(train(labelled, markers, TrainingOptions("measured"), None, bodies))
+
+
+RUNS = {"fit": fits, "follow": following, "points": points, "train": training}
+
+
+def measured(names: list[str], models: Path | None):
+    """Prints one line of JSON for each row, of this process's way to work."""
+    with threadpool_limits(1, user_api="blas"):
+        for title, unit, floor, aim, job, per, repeats in chain.from_iterable(RUNS[name](models) for name in names):
+            if repeats > 1:
+                job()
+            seconds = np.median([processor_seconds(job) for _ in range(repeats)])
+            figure = per / seconds if unit == "fps" else seconds / per
+            print(json.dumps([title, unit, figure, floor, aim]), flush=True)
+
+
+def main() -> int:
+    """Measures both ways, one process each."""
+    ways = rows_of_ways("tests.benchmarks.kernels", __doc__, list(RUNS), measured, (BY_NUMPY, COMPILED))
+    if not ways:
+        return 0
+    print(f"{machine()}, processor time of one core, medians\n")
+    print(f"| {' | '.join(COLUMNS)} |\n| --- | {' | '.join(['---:'] * (len(COLUMNS) - 1))} |")
+    for (title, unit, numpy, floor, aim), (_, _, compiled, _, _) in zip(*ways, strict=True):
+        gain = compiled / numpy if unit == "fps" else numpy / compiled
+        cells = title, _shown(numpy, unit), _shown(compiled, unit), f"{gain:.1f}", floor, aim
+        print(f"| {' | '.join(cells)} |")
+    return 0
+
+
+def _shown(figure: float, unit: str) -> str:
+    return f"{figure:,.2f} {unit}" if unit == "ms" else f"{figure:,.0f} {unit}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

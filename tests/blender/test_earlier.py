@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What earlier versions saved is opened by this one: takes in Blender files, edits, reports, calibrations, models.
+
+The files were made by those versions themselves, see `tests/earlier/keep.py`.
+"""
+
+import importlib
+import json
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+
+from addon.core.edits.kinds import Swap, UnlabelPoint
+from addon.io.batch import row_of
+from addon.io.cameras import read_cameras
+from addon.io.edits import read_edits
+from addon.io.models import open_model, write_model
+from addon.io.points import read_points
+from tests.earlier.keep import FEW, MODEL
+
+EARLIER = Path(__file__).resolve().parents[1] / "earlier"
+VERSIONS = sorted(path.parent.name for path in EARLIER.glob("*/expected.json"))
+
+
+@pytest.fixture(scope="module", params=VERSIONS)
+def kept(request) -> Path:
+    """The folder of a version."""
+    return EARLIER / request.param
+
+
+@pytest.fixture(params=["points", "blobs"])
+def take(request, kept, extension, empty):
+    """The name of a take of a version's, which is open in its scene; beside it what the version read out of it."""
+    bpy.ops.wm.open_mainfile(filepath=str(kept / "takes.blend"))
+    bpy.context.window.scene = bpy.data.scenes[request.param]
+    bpy.context.view_layer.update()
+    return json.loads((kept / "expected.json").read_text(encoding="utf-8"))[request.param]
+
+
+@pytest.fixture
+def stored(extension):
+    """Reads the active take as the sidebar does."""
+    opened = importlib.import_module(f"{extension}.addon.scene.opened").opened
+    return lambda: opened.take(bpy.context.scene.mocap_autolabel.take, bpy.context.scene)
+
+
+def test_there_are_earlier_versions():
+    assert len(VERSIONS) >= 3
+
+
+def test_a_take_is_as_the_version_that_saved_it_read_it(take, stored):
+    now = stored()
+    assert list(now.names) == take["markers"]
+    assert np.bincount(now.labels.marker[now.labels.named], minlength=len(now.names)).tolist() == take["rows"]
+    assert now.motion.frames[[0, -1]].tolist() == take["frames"]
+    assert now.rate == pytest.approx(take["rate"])
+    places = np.array(take["places"], dtype=float)
+    np.testing.assert_allclose(now.motion.markers[[0, 9, -1]], places, atol=1e-5)
+    assert (len(now.edits), now.cutoff) == (take["edits"], take["cutoff"])
+    assert not [outcome for outcome in now.outcomes if outcome.reason]
+    assert [[fill.marker, fill.first, fill.last] for fill in now.fills] == take["fills"]
+    assert not any(now.unfit)
+    settings = bpy.context.scene.mocap_autolabel
+    assert settings.markerset == MODEL, "that of the take, where the list was another"
+    assert settings.take is not None
+
+
+def test_its_list_of_takes_to_learn_from_is_there(take):
+    lists = [[row.name for row in scene.mocap_autolabel.training_takes] for scene in bpy.data.scenes]
+    assert sorted(lists) == [[], ["one.c3d"]]
+
+
+@pytest.mark.parametrize("kept", VERSIONS[:1], indirect=True)
+def test_a_take_is_corrected_filled_smoothed_exported_and_saved_again(take, stored, tmp_path):
+    before = stored()
+    items = {
+        item["mocap_marker"]: item
+        for item in bpy.context.scene.mocap_autolabel.take.all_objects
+        if "mocap_marker" in item
+    }
+    bpy.context.scene.frame_set(3)
+    for item in bpy.context.selected_objects:
+        item.select_set(False)
+    items["LASI"].select_set(True)
+    bpy.context.view_layer.objects.active = items["LASI"]
+    assert bpy.ops.mocap_autolabel.unlabel(scope="FRAME") == {"FINISHED"}
+    assert len(stored().edits) == take["edits"] + 1
+    assert np.isnan(stored().unfilled.markers[2, before.names.index("LASI")]).all()
+    assert bpy.ops.mocap_autolabel.fill_gaps(extent="TAKE") == {"FINISHED"}
+    assert ["LASI", 3, 3] in [[fill.marker, fill.first, fill.last] for fill in stored().fitting]
+    assert bpy.ops.mocap_autolabel.smooth() == {"FINISHED"}
+    for ending, export in (("labels.csv", "labels"), ("c3d", "c3d"), ("trc", "trc"), ("html", "report")):
+        operator = getattr(bpy.ops.mocap_autolabel, f"export_{export}")
+        assert operator(filepath=str(tmp_path / f"walk.{ending}")) == {"FINISHED"}
+    written = read_points(tmp_path / "walk.c3d")
+    assert set(take["markers"]) <= set(written.names)
+    places = stored().motion.markers
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "again.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "again.blend"))
+    np.testing.assert_allclose(stored().motion.markers, places, atol=1e-5)
+
+
+def test_its_edits_are_read(kept):
+    path = kept / "walk.edits.json"
+    if not path.exists():
+        pytest.skip("this version knew no edits")
+    assert [type(edit) for edit in read_edits(path)] == [Swap, UnlabelPoint]
+
+
+def test_its_report_has_a_row_in_a_batchs_table(kept):
+    report = json.loads((kept / "walk.report.json").read_text(encoding="utf-8"))
+    assert report["model"] == MODEL
+    if "made_of" not in report:
+        pytest.skip("no batch goes on from results that do not say what they were made of")
+    row = row_of(report, "walk.c3d")
+    assert (row.take, row.frames) == ("walk", 16)
+
+
+def test_its_calibration_and_its_model_are_used(kept, tmp_path):
+    assert len(read_cameras(kept / "room.toml")) == 4
+    model = open_model(kept / "few.markerset.json")
+    assert set(model.markerset.markers) == set(FEW)
+    assert model.likelihood is not None
+    assert len(model.training_takes) == 2
+    assert all(one.points.shape[1:] == (len(FEW), 3) for one in model.training_takes), "it can be trained on"
+    write_model(tmp_path / "again.markerset.json", model)
+    assert open_model(tmp_path / "again.markerset.json").markerset.markers == model.markerset.markers

@@ -1,0 +1,395 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Several performers in a scene: each with a collection, an armature, a body, markers and a colour of their own."""
+
+import importlib
+import shutil
+
+import bpy
+import numpy as np
+import pytest
+from mathutils import Color
+
+from addon.cli import main as command
+from addon.core.data.takes import Motion
+from addon.io.markersets import markerset_file, open_markerset, write_markerset
+from addon.io.points import read_points
+from addon.scene import naming, performers
+from addon.scene import take as takes
+from addon.scene.armature import SCALE
+from addon.scene.relabelled import show_again
+from tests.walkers import RATE, WORN, write_pair, write_seen
+
+
+def kinds(collection: bpy.types.Collection, kind: str) -> list[bpy.types.Object]:
+    return [item for item in collection.all_objects if item.type == kind]
+
+
+def test_each_has_a_collection_with_all_that_is_theirs(empty, made):
+    take = made.pair()
+    collection = takes.show_take(empty, take)
+    homes = performers.homes(collection)
+    assert [home.name for home in homes.values()] == ["ann", "bob"]
+    motion, count = take.motion, len(made.markerset())
+    for number, (name, home) in enumerate(homes.items()):
+        [armature] = kinds(home, "ARMATURE")
+        assert armature.name == f"{name} armature"
+        assert list(armature[SCALE]) == pytest.approx([1.6 * 1.1**number] * 3)
+        assert [item[naming.MARKER] for item in kinds(home, "EMPTY")] == [
+            f"{name}:{marker}" for marker in made.markerset().markers
+        ]
+        assert len(kinds(home, "MESH")) == len(made.markerset().capsules)
+        for frame in (101, 115):
+            empty.scene.frame_set(frame)
+            joints = motion.joints[frame - 101, number * len(armature.pose.bones) :]
+            segments = made.markerset().skeleton.segments
+            heads = np.array([armature.pose.bones[segment].head for segment in segments])
+            np.testing.assert_allclose(heads, joints[: len(heads)], atol=1e-5)
+            places = np.array([item.matrix_world.translation for item in kinds(home, "EMPTY")])
+            seen = motion.markers[frame - 101, number * count : (number + 1) * count]
+            there = np.isfinite(seen[:, 0])
+            np.testing.assert_allclose(places[there], seen[there], atol=1e-5)
+    colours = performers.colours_in(collection)
+    assert colours["ann"] != colours["bob"]
+    for name, home in homes.items():
+        materials = {item.data.materials[0] for item in kinds(home, "MESH")}
+        shown = [tuple(Color(one.diffuse_color[:3]).from_scene_linear_to_srgb()) for one in materials]
+        assert shown == [pytest.approx(colours[name], abs=1e-4)]
+
+
+def test_a_colour_is_the_bodys_and_of_all_that_is_drawn(empty, made):
+    take = made.pair()
+    collection = takes.show_take(empty, take)
+    stored = takes.stored_take(collection, empty.scene)
+    performers.set_colour(collection, "bob", (0.1, 0.2, 0.3))
+    performers.set_colour(collection, "nobody", (0, 0, 0))
+    drawn = performers.marker_colours(collection, stored.performers, len(stored.names))
+    count = len(made.markerset())
+    np.testing.assert_allclose(drawn[count:], np.tile([0.1, 0.2, 0.3], (count, 1)), atol=1e-4)
+    assert not np.allclose(drawn[:count], drawn[count:])
+    alone = takes.show_take(empty, made.take())
+    assert performers.marker_colours(alone, takes.stored_take(alone, empty.scene).performers, 13) is None
+
+
+def test_the_file_keeps_who_is_who(empty, made, tmp_path):
+    take = made.pair()
+    takes.show_take(empty, take)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "duet.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "duet.blend"))
+    [collection] = takes.takes_of(bpy.context.scene)
+    stored = takes.stored_take(collection, bpy.context.scene)
+    assert stored.names == take.markerset.markers
+    assert stored.performers == performers.performers_of(take.markerset)
+    assert [stored.segments[one.joint_rows] for one in stored.performers] == [made.markerset().skeleton.segments] * 2
+    above = np.array(stored.parents)
+    assert (above[9:] == np.where(above[:9] < 0, -1, above[:9] + 9)).all()
+    for field in ("markers", "joints", "scale", "expected"):
+        np.testing.assert_allclose(getattr(stored.motion, field), getattr(take.motion, field), atol=1e-5)
+    assert [one.reason for one in stored.suspects] == [one.reason for one in take.suspects]
+    assert list(performers.colours_in(collection)) == ["ann", "bob"]
+
+
+def test_a_file_of_one_performer_knows_no_names(empty, made):
+    """As those of the first versions do, which keep nothing of who is there."""
+    take = made.take()
+    collection = takes.show_take(empty, take)
+    assert not performers.homes(collection)
+    del collection[takes.PERFORMERS]
+    stored = takes.stored_take(collection, empty.scene)
+    [only] = stored.performers
+    assert (only.name, only.model, only.marker_rows, only.joint_rows) == ("", "small", slice(0, 13), slice(0, 9))
+    own = only.motion_of(stored.motion)
+    for field in Motion.__dataclass_fields__:
+        np.testing.assert_array_equal(getattr(own, field), getattr(stored.motion, field))
+
+
+def test_labelled_again_they_take_their_own_place_and_colours(empty, made):
+    take = made.pair()
+    before = takes.show_take(empty, take)
+    performers.set_colour(before, "ann", (0.5, 0.25, 0.125))
+    after = show_again(empty, take, unnamed=True, whole=True)
+    assert takes.takes_of(empty.scene) == [after]
+    assert performers.colours_in(after)["ann"] == pytest.approx((0.5, 0.25, 0.125), abs=1e-4)
+    assert [child.name for child in after.children] == ["ann", "bob"]
+
+
+def test_a_take_that_is_removed_leaves_nothing(empty, made):
+    before = [len(kind) for kind in (bpy.data.objects, bpy.data.collections, bpy.data.materials, bpy.data.actions)]
+    takes.remove_take(takes.show_take(empty, made.pair()))
+    after = [len(kind) for kind in (bpy.data.objects, bpy.data.collections, bpy.data.materials, bpy.data.actions)]
+    assert after == before
+
+
+def test_the_command_line_saves_them_and_they_can_be_gone_on_with(empty, tmp_path):
+    """What `label --subjects 2 --blend` saves is what the job makes in Blender."""
+    write_pair(tmp_path)
+    words = "label", tmp_path / "pair.c3d", "--model", WORN, "--subjects", "2", "--blend", "--out", tmp_path / "out"
+    assert command([str(word) for word in words]) == 0
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "out" / "pair.blend"))
+    [collection] = takes.takes_of(bpy.context.scene)
+    stored = takes.stored_take(collection, bpy.context.scene)
+    assert [one.name for one in stored.performers] == ["1", "2"]
+    assert stored.labels.named.mean() > 0.95
+    for home in performers.homes(collection).values():
+        [armature] = kinds(home, "ARMATURE")
+        assert armature.animation_data.action is not None
+        assert np.isfinite(list(armature[SCALE])).all()
+    written = read_points(tmp_path / "out" / "pair.c3d")
+    assert written.names[:30] == stored.names
+    np.testing.assert_allclose(written.xyz[:, :30], stored.motion.markers, atol=1e-5)
+
+
+@pytest.fixture
+def imported(extension, empty, tmp_path):
+    """A scene with the points of two people who walk, and the marker set that both wear."""
+    write_pair(tmp_path)
+    assert bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "pair.c3d")) == {"FINISHED"}
+    settings = empty.scene.mocap_autolabel
+    settings.markerset = WORN
+    return settings
+
+
+def names_of_markers(collection: bpy.types.Collection) -> set[str]:
+    return {item[naming.MARKER] for item in collection.all_objects if naming.MARKER in item}
+
+
+@pytest.mark.parametrize("performing", ["SO_MANY", "AUTO"])
+def test_as_many_are_named_as_are_asked_for(imported, performing, tmp_path):
+    """And the labels are those of the command line."""
+    imported.performing = performing
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    markers = open_markerset(WORN).markers
+    assert names_of_markers(imported.take) == {f"{number}:{name}" for number in (1, 2) for name in markers}
+    state = bpy.context.window_manager.mocap_autolabel
+    assert {row.name for row in state.markers} == names_of_markers(imported.take)
+    assert bpy.ops.mocap_autolabel.jump(frame=20, marker="2:LASI") == {"FINISHED"}
+    assert [item[naming.MARKER] for item in bpy.context.selected_objects] == ["2:LASI"]
+    assert bpy.ops.mocap_autolabel.export_labels(filepath=str(tmp_path / "own.labels.csv")) == {"FINISHED"}
+    words = "label", tmp_path / "pair.c3d", "--model", WORN, "--subjects", "2", "--out", tmp_path / "out"
+    assert command([str(word) for word in words]) == 0
+    assert (tmp_path / "own.labels.csv").read_bytes() == (tmp_path / "out" / "pair.labels.csv").read_bytes()
+
+
+def test_one_is_labelled_as_ever(imported):
+    """One where there are two is told how to have both."""
+    with pytest.raises(RuntimeError, match="under Performers"):
+        bpy.ops.mocap_autolabel.label()
+    assert imported.take is None
+
+
+def test_the_list_says_who_wears_what(imported, extension, monkeypatch, tmp_path):
+    pipeline = importlib.import_module(f"{extension}.addon.core.points.several.pipeline")
+    # Whose body is whose a model says that was learned from the person's own take, which this set was not.
+    monkeypatch.setattr(pipeline, "told", lambda cost: (list(range(cost.shape[1])), np.inf))
+    asked = importlib.import_module(f"{extension}.addon.props").subjects_asked
+    imported.performing = "LISTED"
+    with pytest.raises(RuntimeError, match="nobody is in the list"):
+        bpy.ops.mocap_autolabel.label()
+    own = tmp_path / "ann.markerset.json"
+    shutil.copy(markerset_file(WORN), own)
+    assert bpy.ops.mocap_autolabel.add_performer() == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.open_markerset(filepath=str(own)) == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.add_performer() == {"FINISHED"}
+    first, second = imported.performers
+    assert (first.name, second.name) == ("performer1", "ann")
+    assert tuple(first.colour) != tuple(second.colour)
+    assert asked(imported)["wearers"] == (("performer1", WORN), ("ann", str(own)))
+    for name, reason in (("Ann", "same name"), ("a b", "no name of a performer"), ("", "no name of a performer")):
+        first.name = name
+        with pytest.raises(RuntimeError, match=reason):
+            bpy.ops.mocap_autolabel.label()
+    imported.performer_index = 0
+    assert bpy.ops.mocap_autolabel.remove_performer() == {"FINISHED"}
+    assert [row.name for row in imported.performers] == ["ann"]
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    assert {name.split(":")[0] for name in names_of_markers(imported.take)} == {"ann"}
+    imported.performers[0].colour = (0.25, 0.5, 0.75)
+    assert performers.colours_in(imported.take)["ann"] == pytest.approx((0.25, 0.5, 0.75), abs=1e-4)
+
+
+def test_the_list_is_saved(imported, extension, tmp_path):
+    imported.performing = "LISTED"
+    bpy.ops.mocap_autolabel.add_performer()
+    imported.performers[0].name = "ann"
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "asked.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "asked.blend"))
+    settings = bpy.context.scene.mocap_autolabel
+    assert (settings.performing, settings.performers[0].name) == ("LISTED", "ann")
+
+
+def test_blobs_of_several_are_labelled_and_each_is_written_alone(extension, empty, tmp_path):
+    write_seen(tmp_path)
+    assert bpy.ops.mocap_autolabel.import_cameras(filepath=str(tmp_path / "room.toml")) == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.import_blobs(filepath=str(tmp_path / "seen.csv")) == {"FINISHED"}
+    settings = empty.scene.mocap_autolabel
+    settings.markerset, settings.rate, settings.performing = WORN, RATE, "AUTO"
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    assert list(performers.homes(settings.take)) == ["1", "2"]
+    path = tmp_path / "2.c3d"
+    assert bpy.ops.mocap_autolabel.export_c3d(filepath=str(path), performer="2") == {"FINISHED"}
+    alone = read_points(path)
+    assert alone.names == open_markerset(WORN).markers
+    assert {f"2:{name}" for name in alone.names} < names_of_markers(settings.take)
+    assert np.isfinite(alone.xyz[:]).mean() > 0.9
+
+
+@pytest.fixture
+def duet(extension, empty, made):
+    """A labelled take of ann and bob in the scene, as the extension's operators know it."""
+    collection = takes.show_take(empty, made.pair())
+    settings = empty.scene.mocap_autolabel
+    settings.take = collection
+    empty.scene.frame_set(115)
+    return settings
+
+
+@pytest.fixture
+def stored(extension, duet):
+    """What the scene has of that take now."""
+    opened = importlib.import_module(f"{extension}.addon.scene.opened").opened
+    return lambda: opened.take(duet.take, bpy.context.scene)
+
+
+def test_gaps_are_filled_by_each_ones_own_markers(duet, stored, made, tmp_path):
+    """The marker set of each is the one that stands for the name in the list."""
+    write_markerset(tmp_path / "small.markerset.json", made.markerset())
+    duet.performing = "LISTED"
+    for name in ("ann", "bob"):
+        bpy.ops.mocap_autolabel.add_performer()
+        row = duet.performers[-1]
+        row.name, row.markerset, row.markerset_path = name, "FILE", str(tmp_path / "small.markerset.json")
+    gap = slice(20 // 3, 20 // 2)
+    there = np.isfinite(stored().motion.markers[gap, :, 0]).all(axis=0)
+    missing = [stored().names[place] for place in np.flatnonzero(~there)]
+    assert missing == ["ann:RASI", "bob:RASI"]
+    duet.fill_method = "body"
+    assert bpy.ops.mocap_autolabel.fill_gaps(extent="TAKE") == {"FINISHED"}
+    filled = stored()
+    assert {fill.marker for fill in filled.fitting} >= set(missing)
+    for name in missing:
+        place = filled.names.index(name)
+        off = filled.motion.markers[gap, place] - filled.motion.expected[gap, place]
+        assert np.linalg.norm(off, axis=1).max() < 0.01
+
+
+def test_they_are_written_together_and_each_alone(duet, stored, made, tmp_path):
+    markers, take = made.markerset().markers, stored()
+    assert bpy.ops.mocap_autolabel.export_c3d(filepath=str(tmp_path / "duet.c3d")) == {"FINISHED"}
+    assert read_points(tmp_path / "duet.c3d").names[:26] == take.names
+    words = {"filepath": str(tmp_path / "duet.trc"), "performer": ":APART"}
+    assert bpy.ops.mocap_autolabel.export_trc(**words) == {"FINISHED"}
+    for number, name in enumerate(("ann", "bob")):
+        own = read_points(tmp_path / f"duet {name}.trc")
+        assert own.names == markers
+        np.testing.assert_allclose(own.xyz[:], take.motion.markers[:, 13 * number : 13 * number + 13], atol=1e-5)
+    with pytest.raises(RuntimeError, match=r"duet ann\.trc"):  # which nobody was asked about
+        bpy.ops.mocap_autolabel.export_trc(**words)
+    for _ in range(2):
+        assert bpy.ops.mocap_autolabel.export_c3d(filepath=str(tmp_path / "b.c3d"), performer="bob") == {"FINISHED"}
+    alone = read_points(tmp_path / "b.c3d")
+    assert alone.names == markers
+    np.testing.assert_allclose(alone.xyz[:], take.motion.markers[:, 13:], atol=1e-5)
+
+
+def test_the_page_is_of_all(duet, tmp_path):
+    path = tmp_path / "duet.report.html"
+    assert bpy.ops.mocap_autolabel.export_report(filepath=str(path), open_after=False) == {"FINISHED"}
+    assert all(name in path.read_text() for name in ("ann:LASI", "bob:LASI"))
+
+
+def test_nothing_is_learned_from_several_at_once(duet, extension):
+    training = importlib.import_module(f"{extension}.addon.ops.training")
+    for operator in (training.MOCAP_AUTOLABEL_OT_learn_take, training.MOCAP_AUTOLABEL_OT_learn_frame):
+        assert "several performers" in operator.lacks(bpy.context)
+
+
+def test_each_has_a_character(extension, empty, made, tmp_path):
+    take = made.pair(markerset=open_markerset("body26"))
+    settings = empty.scene.mocap_autolabel
+    settings.take = takes.show_take(empty, take)
+    assert bpy.ops.mocap_autolabel.add_character() == {"FINISHED"}
+    joint = take.markerset.worn[0][1].skeleton.segments.index("thigh.L")
+    empty.scene.frame_set(115)
+    for number, (name, home) in enumerate(performers.homes(settings.take).items()):
+        [character] = [item for item in kinds(home, "ARMATURE") if SCALE not in item]
+        assert character.name == f"duet {name} character"
+        seen = take.motion.joints[14, joint + number * take.motion.joints.shape[1] // 2]
+        np.testing.assert_allclose(character.pose.bones["LeftUpLeg"].head, seen, atol=1e-3)
+    assert [name for name, _ in performers.armatures_of(settings.take)] == ["ann", "bob"], "what is drawn as the figure"
+    assert bpy.ops.mocap_autolabel.export_bvh(filepath=str(tmp_path / "duet.bvh")) == {"FINISHED"}
+    assert sorted(path.name for path in tmp_path.glob("*.bvh")) == ["duet ann.bvh", "duet bob.bvh"]
+    assert bpy.ops.mocap_autolabel.export_bvh(filepath=str(tmp_path / "b.bvh"), performer="bob") == {"FINISHED"}
+    assert (tmp_path / "b.bvh").read_bytes() == (tmp_path / "duet bob.bvh").read_bytes()
+
+
+def choose(take: bpy.types.Collection, *names: str):
+    """Selects markers, and picks nothing."""
+    bpy.context.window_manager.mocap_autolabel.picked.clear()
+    for item in take.all_objects:
+        item.select_set(item.get(naming.MARKER) in names)
+
+
+def follows(duet, stored, name: str, trajectory: int):
+    """Asserts that a marker is that trajectory in all frames, in the take and in the view."""
+    take = stored()
+    rows = np.flatnonzero(take.labels.marker == take.names.index(name))
+    assert set(take.rows.trajectory[rows].tolist()) == {trajectory}
+    [item] = [one for one in duet.take.all_objects if one.get(naming.MARKER) == name]
+    here = rows[take.rows.frames[take.rows.frame[rows]] == bpy.context.scene.frame_current]
+    np.testing.assert_allclose(item.matrix_world.translation, take.rows.xyz[here[0]], atol=1e-5)
+
+
+def test_a_trajectory_is_named_as_a_marker_of_whoever_it_is(duet, stored):
+    assert bpy.ops.mocap_autolabel.pick_point(point=26) == {"FINISHED"}  # the ghost
+    assert bpy.ops.mocap_autolabel.name_point(marker="bob:LASI", scope="WHOLE") == {"FINISHED"}
+    follows(duet, stored, "bob:LASI", 26)
+    follows(duet, stored, "ann:LASI", 1)
+    bpy.ops.mocap_autolabel.remove_correction(index=0)
+    follows(duet, stored, "bob:LASI", 14)
+
+
+def test_a_trajectory_is_the_other_ones_and_what_was_that_is_given_back(duet, stored):
+    assert bpy.ops.mocap_autolabel.pick_point(point=1) == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.other_performer(scope="WHOLE") == {"FINISHED"}
+    follows(duet, stored, "bob:LASI", 1)
+    follows(duet, stored, "ann:LASI", 14)
+    assert len(stored().edits) == 2
+    bpy.ops.mocap_autolabel.clear_corrections()
+    follows(duet, stored, "ann:LASI", 1)
+
+
+def test_selected_markers_are_exchanged_in_a_range(duet, stored):
+    choose(duet.take, "ann:LASI", "bob:LASI", "ann:SACR")
+    assert bpy.ops.mocap_autolabel.other_performer(scope="ON") == {"FINISHED"}
+    assert [edit.markers for edit in stored().edits] == [("ann:SACR", "bob:SACR"), ("ann:LASI", "bob:LASI")]
+    rows, marker = stored().rows, stored().labels.marker
+    for point, before, after in ((1, 1, 14), (14, 14, 1), (0, 0, 13), (2, 2, 2)):
+        mine = rows.trajectory == point
+        late = rows.frames[rows.frame[mine]] >= 115
+        assert set(marker[mine][late]) == {after}
+        assert set(marker[mine][~late]) == {before}
+
+
+def test_performers_are_exchanged_whole(duet, stored):
+    assert bpy.ops.mocap_autolabel.exchange_performers(one="ann", other="bob", scope="WHOLE") == {"FINISHED"}
+    for marker in range(13):
+        name = stored().names[marker].split(":")[1]
+        follows(duet, stored, f"ann:{name}", 13 + marker)
+        follows(duet, stored, f"bob:{name}", marker)
+
+
+def test_what_cannot_be_said_of_whose_it_is(duet, stored, extension, made):
+    bpy.ops.mocap_autolabel.pick_point(point=26)
+    with pytest.raises(RuntimeError, match="has no name"):
+        bpy.ops.mocap_autolabel.other_performer()
+    bpy.ops.mocap_autolabel.pick_none()
+    with pytest.raises(RuntimeError, match="nothing is selected"):
+        bpy.ops.mocap_autolabel.other_performer()
+    choose(duet.take, "ann:LASI")
+    with pytest.raises(RuntimeError, match="is ann's already"):
+        bpy.ops.mocap_autolabel.other_performer(performer="ann")
+    with pytest.raises(RuntimeError, match="expected two performers"):
+        bpy.ops.mocap_autolabel.exchange_performers(one="ann", other="ann")
+    assert not len(stored().edits)
+    duet.take = takes.show_take(bpy.context, made.take())
+    assert not bpy.ops.mocap_autolabel.other_performer.poll()
+    assert not bpy.ops.mocap_autolabel.exchange_performers.poll()

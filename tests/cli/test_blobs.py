@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`blobs`: movies and image sequences that are drawn here, read by Blender, and what cannot be done with them."""
+
+import json
+
+import numpy as np
+import pytest
+
+from addon.core.geometry.cameras import Cameras
+from addon.io.blobs import read_blobs
+from addon.io.cameras import write_cameras
+from tests.pictures import SIZE, encode, places, save_pictures
+
+bpy = pytest.importorskip("bpy", reason="pictures are read by Blender")
+FRAMES, NAMES = range(7, 19), ("left", "right")
+
+
+@pytest.fixture(scope="module")
+def studio(tmp_path_factory):
+    """A calibration of two cameras, a folder of pictures for each, and a movie of each."""
+    folder = tmp_path_factory.mktemp("studio")
+    matrix = [[300.0, 0, SIZE[0] / 2], [0, 300.0, SIZE[1] / 2], [0, 0, 1]]
+    turns = [np.diag([1.0, -1, -1]), np.array([[0.0, 0, 1], [0, -1, 0], [1, 0, 0]])]
+    cameras = Cameras(NAMES, [SIZE] * 2, [matrix] * 2, np.zeros((2, 5)), turns, np.full((2, 3), 2.0))
+    write_cameras(folder / "room.toml", cameras)
+    for number, name in enumerate(NAMES):
+        save_pictures(folder / name, FRAMES, number)
+        encode(folder / name, FRAMES, folder / f"take_{name}.mp4")
+    return folder, cameras
+
+
+@pytest.fixture
+def find(run, studio, tmp_path):
+    def call(*words, out="blobs.csv"):
+        return run("blobs", *words, "--cameras", studio[0] / "room.toml", "--out", tmp_path / out)
+
+    return call
+
+
+def assert_places(path, cameras, frames, shift=0.0, offset=0):
+    """Every blob of the file where it was drawn, frame by frame, in each camera."""
+    blobs = next(iter(read_blobs(path, cameras))).blobs
+    assert blobs.frames.tolist() == list(frames)
+    for index, frame in enumerate(blobs.frames):
+        for number in range(2):
+            drawn = places(int(frame) + offset, number) + shift
+            own = blobs.xy[(blobs.frame == index) & (blobs.camera == number)]
+            assert own[np.argsort(own[:, 0])] == pytest.approx(drawn[np.argsort(drawn[:, 0])], abs=0.1)
+
+
+def test_pictures_of_two_cameras_become_blobs(find, studio, tmp_path):
+    folder, cameras = studio
+    answer = find(folder / "left", f"right={folder / 'right' / '0009.png'}", "--json")
+    assert (answer.status, answer.err) == (0, "")
+    assert_places(tmp_path / "blobs.csv", cameras, FRAMES)
+    said = json.loads(answer.out)
+    assert said["blobs"] == 3 * 2 * len(FRAMES)
+    assert (said["first_frame"], said["frames"], said["rate"], said["first_pixel"]) == (7, 12, None, "centre")
+
+
+def test_movies_are_read_frame_by_frame(find, studio, tmp_path):
+    folder, cameras = studio
+    movies = [folder / f"take_{name}.mp4" for name in NAMES]
+    answer = find(*movies, "--frames", "3:10", "--first-pixel", "corner")
+    assert answer.status == 0, answer.err
+    assert "30 frames a second" in answer.out
+    # The first frame of a movie is 1; the pictures it is made of begin at 7.
+    assert_places(tmp_path / "blobs.csv", cameras, range(3, 11), shift=0.5, offset=6)
+
+
+def test_missing_pictures_are_told(find, studio, tmp_path):
+    folder, _ = studio
+    save_pictures(tmp_path / "right", range(7, 15), 1)
+    answer = find(folder / "left", tmp_path / "right")
+    assert answer.status == 0
+    assert "right has pictures of frames 7 to 14 only" in answer.out
+    assert "no pictures of right" in find(folder / "left", out="one.csv").out
+
+
+def test_nothing_of_blender_stays_behind(find, studio):
+    before = [len(kind) for kind in (bpy.data.images, bpy.data.textures, bpy.data.movieclips)]
+    limit = bpy.context.preferences.system.memory_cache_limit
+    assert find(studio[0] / "take_left.mp4").status == 0
+    assert [len(kind) for kind in (bpy.data.images, bpy.data.textures, bpy.data.movieclips)] == before
+    assert bpy.context.preferences.system.memory_cache_limit == limit
+
+
+def test_what_cannot_be_done(find, run, studio, tmp_path):
+    folder, _ = studio
+    left = folder / "left"
+    cases = {
+        "no camera's name in its own": [folder],
+        "the calibration has no camera top": [f"top={left}"],
+        "each camera once": [left, f"left={folder / 'take_left.mp4'}"],
+        "no such file": [f"left={folder / 'nothing.mp4'}"],
+        "neither a movie nor a picture": [f"left={folder / 'room.toml'}"],
+        "expected --frames among these": [left, "--frames", "50:60"],
+    }
+    broken = tmp_path / "left.mp4"
+    broken.write_bytes(b"no movie" * 50)
+    cases["cannot be read by Blender"] = [broken]
+    (tmp_path / "empty" / "left").mkdir(parents=True)
+    cases["holds no numbered pictures"] = [tmp_path / "empty" / "left"]
+    save_pictures(tmp_path / "wide" / "left", range(1, 3), 0, size=(SIZE[0] + 10, SIZE[1]))
+    cases[f"is {SIZE[0] + 10} × {SIZE[1]} px, and camera left {SIZE[0]} × {SIZE[1]}"] = [tmp_path / "wide" / "left"]
+    save_pictures(tmp_path / "two" / "left", [1, 300_000], 0)
+    cases["numbered by their frames"] = [tmp_path / "two" / "left"]
+    for words, given in cases.items():
+        answer = find(*given)
+        assert answer.status == 2, words
+        assert words in answer.reason
+        assert not (tmp_path / "blobs.csv").exists()
+    dark = find(left, "--threshold", "1")
+    assert dark.status == 1
+    assert "no picture shows a bright round spot" in dark.reason
+    assert not (tmp_path / "blobs.csv").exists()
+    assert find(left).status == 0
+    assert "exists already" in find(left).reason
+
+
+def test_without_blender_it_is_said_in_one_sentence(find, studio, monkeypatch):
+    monkeypatch.setattr("addon.blendfile.has_blender", lambda: False)
+    answer = find(studio[0] / "left")
+    assert answer.status == 2
+    assert "pictures are read by Blender" in answer.reason

@@ -1,0 +1,254 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`label --subjects` and `--subject`: whose markers are whose in every file, and what is asked in vain."""
+
+import argparse
+import contextlib
+import csv
+import json
+import shutil
+from dataclasses import replace
+
+import ezc3d
+import numpy as np
+import pytest
+
+from addon.cli.label import add_parser
+from addon.cli.label.asked import as_job, command_for
+from addon.cli.label.farm import _for_elsewhere
+from addon.cli.label.subjects import settle_subjects
+from addon.core.data.takes import Points
+from addon.io.markersets import markerset_file, open_markerset
+from addon.io.points import read_points, write_c3d
+from addon.jobs.resuming import made_of
+from tests.walkers import RATE, WORN, write_pair, write_seen
+
+
+def label_arguments(take, out, *words):
+    """What the verb is called with."""
+    parser = argparse.ArgumentParser()
+    add_parser(parser.add_subparsers())
+    given = parser.parse_args(["label", str(take), f"--out={out}", *words])
+    settle_subjects(given)
+    return given
+
+
+def rows_of(path):
+    """A table's rows."""
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory):
+    """Two virtual people who walk side by side, 1 m apart, without names, and the truth of it."""
+    folder = tmp_path_factory.mktemp("pair")
+    write_pair(folder)
+    return folder
+
+
+@pytest.fixture
+def label(run, pair, tmp_path):
+    def call(*words):
+        return run("label", pair / "pair.c3d", "--out", tmp_path / "out", *words)
+
+    return call
+
+
+def test_two_are_named_in_every_file(label, run, pair, tmp_path):
+    answer = label("--model", WORN, "--subjects", "2", "--trc")
+    assert (answer.status, answer.err) == (0, "")
+    figures = json.loads(run("evaluate", tmp_path / "out/pair.labels.csv", pair / "truth.csv", "--json").out)
+    assert figures["precision"] == 1
+    assert figures["recall"] > 0.95
+    with (tmp_path / "out/pair.labels.csv").open(newline="") as file:
+        named = {row["marker"] for row in csv.DictReader(file)} - {""}
+    markers = [f"{number}:{name}" for number in (1, 2) for name in open_markerset(WORN).markers]
+    assert named <= set(markers)
+    written = ezc3d.c3d(str(tmp_path / "out/pair.c3d"))["parameters"]["POINT"]["LABELS"]["value"]
+    assert written[:30] == markers
+    assert "1:LASI" in (tmp_path / "out/pair.trc").read_text()
+    report = json.loads((tmp_path / "out/pair.report.json").read_text())
+    assert [(one["name"], one["model"]) for one in report["subjects"]] == [("1", WORN), ("2", WORN)]
+    assert list(report["markers"]) == markers
+
+
+def test_gaps_of_each_are_filled_and_the_page_shows_both(label, run, pair, tmp_path):
+    take = read_points(pair / "pair.c3d")
+    order = np.array([int(row["point"]) for row in rows_of(pair / "truth.csv") if row["marker"] == "2:LKNE"][:1])
+    xyz = take.xyz[:].copy()
+    xyz[15:22, order] = np.nan
+    write_c3d(tmp_path / "pair.c3d", Points(take.names, xyz, take.residual[:], take.rate, take.first_frame))
+    words = "--model", WORN, "--subjects", "2", "--fill", "--html"
+    assert run("label", tmp_path / "pair.c3d", "--out", tmp_path / "out", *words).status == 0
+    report = json.loads((tmp_path / "out/pair.report.json").read_text())
+    assert [(row["marker"], row["first"], row["last"]) for row in report["filled"]] == [("2:LKNE", 22, 28)]
+    filled = read_points(tmp_path / "out/pair.c3d")
+    place = filled.names.index("2:LKNE")
+    assert np.linalg.norm(filled.xyz[15:22, place] - take.xyz[15:22, order[0]], axis=1).max() < 0.03
+    assert (filled.residual[15:22, place] == 0).all()
+    page = (tmp_path / "out/pair.report.html").read_text()
+    assert "1:LKNE" in page
+    assert "2:LKNE" in page
+
+
+def test_edits_say_whose_a_trajectory_is(label, pair, tmp_path):
+    assert label("--model", WORN, "--subjects", "2").status == 0
+    plain = rows_of(tmp_path / "out/pair.labels.csv")
+    [point] = {row["point"] for row in plain if row["marker"] == "1:LKNE"}
+    said = [
+        {"kind": "assign", "point": int(point), "marker": "2:LKNE", "frames": [10, 14]},
+        {"kind": "swap", "markers": ["1:LANK", "2:LANK"], "frames": [20, 25]},
+        {"kind": "place", "marker": "2:LTOE", "frame": 12, "xyz": [0.1, 0.2, 0.3]},
+    ]
+    (tmp_path / "own.json").write_text(json.dumps({"version": 1, "edits": said}))
+    words = "--model", WORN, "--subjects", "auto", "--edits", tmp_path / "own.json", "--overwrite"
+    assert label(*words).status == 0
+    rows = rows_of(tmp_path / "out/pair.labels.csv")
+    own = {int(row["frame"]): row for row in rows if row["point"] == point}
+    assert {own[frame]["marker"] for frame in range(10, 15)} == {"2:LKNE"}
+    assert {own[frame]["step"] for frame in range(10, 15)} == {"edit"}
+    assert {own[frame]["marker"] for frame in (*range(7, 10), *range(15, 47))} == {"1:LKNE"}
+    before = {(row["frame"], row["point"]): row["marker"] for row in plain}
+    for row in rows:
+        was = before[row["frame"], row["point"]]
+        if 20 <= int(row["frame"]) <= 25 and was in ("1:LANK", "2:LANK"):
+            assert row["marker"] == ("2:LANK" if was == "1:LANK" else "1:LANK")
+        elif was not in ("1:LKNE", "2:LKNE"):
+            # What is said of an ankle that leaps from one to the other, and of a toe elsewhere, is evidence, too.
+            assert row["marker"] == was or (not row["marker"] and was in ("1:LANK", "2:LANK", "2:LTOE"))
+    written = read_points(tmp_path / "out/pair.c3d")
+    assert np.allclose(written.xyz[5, written.names.index("2:LTOE")], [0.1, 0.2, 0.3], atol=1e-5)
+    report = json.loads((tmp_path / "out/pair.report.json").read_text())
+    assert report["edits"]["applied"] == {"assign": 1, "swap": 1, "place": 1}
+
+
+@pytest.mark.parametrize(("subjects", "name"), [("2", "3:LKNE"), ("auto", "3:LKNE"), ("2", "LKNE")])
+def test_edits_of_somebody_who_is_not_there_are_told(label, tmp_path, subjects, name):
+    path = tmp_path / "own.json"
+    path.write_text(json.dumps({"version": 1, "edits": [{"kind": "right", "marker": name}]}))
+    answer = label("--model", WORN, "--subjects", subjects, "--edits", path)
+    assert answer.status == 2
+    assert f"own.json: edit 1 names '{name}'; expected a marker of the model, such as 1:SACR" in answer.reason
+
+
+def test_one_where_there_are_two_is_told_how_to_have_both(label):
+    assert "--subjects" in label("--model", WORN).reason
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        ((), "nothing says what is worn"),
+        (("--model", WORN, "--subjects", "0"), "'0' is no number of subjects"),
+        (("--model", WORN, "--subjects", "many"), "'many' is no number of subjects"),
+        (("--model", WORN, "--subject", f"ann={WORN}"), "--subject and --model both say"),
+        (("--subject", f"ann={WORN}", "--subjects", "2"), "--subject and --subjects both say"),
+        (("--subject", f"ann={WORN}", "--subject", f"Ann={WORN}"), "--subject names somebody twice"),
+        (("--subject", WORN), "says not who wears what"),
+        (("--subject", f"a:b={WORN}"), "says not who wears what"),
+        (("--model", WORN, "--subjects", "2", "--method", "fit"), "several subjects need a model"),
+    ],
+)
+def test_what_cannot_be_asked(label, words, reason):
+    answer = label(*words)
+    assert answer.status == 2
+    assert reason in answer.reason
+
+
+def test_a_folder_that_is_watched_is_told_at_once(run, pair, tmp_path):
+    (tmp_path / "in").mkdir()
+    shutil.copy(pair / "pair.c3d", tmp_path / "in")
+    words = "label", tmp_path / "in", "--out", tmp_path / "out", "--watch", "--idle", "0"
+    assert "nothing says what is worn" in run(*words).reason
+    assert "several subjects need a model" in run(*words, "--model", WORN, "--subjects", "2", "--method", "fit").reason
+
+
+def test_who_wears_what_is_said_to_other_processes(run, pair, tmp_path):
+    model = tmp_path / "own.markerset.json"
+    shutil.copy(markerset_file(WORN), model)
+    given = label_arguments(pair / "pair.c3d", tmp_path, f"--subject=ann={WORN}", f"--subject=bob={model.name}")
+    words = command_for(given, pair / "pair.c3d")
+    assert f"--subject=ann={WORN}" in words
+    assert not any(word.startswith(("--model", "--subjects")) for word in words)
+    with contextlib.chdir(tmp_path):
+        elsewhere = _for_elsewhere(words)
+    assert {f"--subject=ann={WORN}", f"--subject=bob={model}"} <= set(elsewhere)
+    job = as_job(given, pair / "pair.c3d")
+    swapped = replace(job, wearers=(("ann", str(model)), ("bob", WORN)))
+    assert made_of(replace(job, wearers=(("ann", WORN), ("bob", str(model))))) == made_of(swapped), "the same content"
+    assert made_of(swapped) != made_of(replace(swapped, wearers=(("bob", str(model)), ("ann", WORN))))
+
+
+@pytest.fixture(scope="module")
+def seen(tmp_path_factory):
+    """The same two in a ring of eight cameras: blobs, their truth and the calibration."""
+    folder = tmp_path_factory.mktemp("seen")
+    write_seen(folder)
+    return folder
+
+
+def test_cameras_see_several_with_all_bodies_in_the_way(run, seen, tmp_path):
+    truth = (seen / "seen.csv.truth.csv").read_text()
+    assert "1:LASI" in truth
+    assert "2:LASI" in truth
+    words = "--cameras", seen / "room.toml", "--centre", "--calibration-mm", "0.3", "--json"
+    alone = [
+        json.loads(run("simulate", seen / "named.c3d", *words, "--subject", who, "--out", tmp_path / who).out)
+        for who in "12"
+    ]
+    both = json.loads(run("simulate", seen / "named.c3d", *words, "--out", tmp_path / "both.csv").out)
+    assert both["model"] == WORN
+    assert both["markers"] == [f"{who}:{name}" for who in "12" for name in open_markerset(WORN).markers]
+    shown = [one["blobs"] - one["ghosts"] + one["merged"] for one in (*alone, both)]
+    assert shown[2] < shown[0] + shown[1]
+
+
+def test_blobs_of_two_are_named_in_every_file(run, seen, tmp_path):
+    words = "--model", WORN, "--cameras", seen / "room.toml", "--rate", RATE, "--out", tmp_path
+    answer = run("label", seen / "seen.csv", *words, "--subjects", "2", "--trc", "--fill", "--html", "--json")
+    assert (answer.status, answer.err) == (0, "")
+    truth, other = seen / "seen.csv.truth.csv", tmp_path / "other.csv"  # nothing says which of them is 1
+    other.write_text(truth.read_text().replace("1:", "0:").replace("2:", "1:").replace("0:", "2:"))
+    figures = [json.loads(run("evaluate", tmp_path / "seen.labels.csv", one, "--json").out) for one in (truth, other)]
+    assert max(one["precision"] for one in figures) > 0.998
+    assert max(one["recall"] for one in figures) > 0.9
+    markers = [f"{number}:{name}" for number in (1, 2) for name in open_markerset(WORN).markers]
+    written = ezc3d.c3d(str(tmp_path / "seen.c3d"))["parameters"]["POINT"]["LABELS"]["value"]
+    assert written[:30] == markers
+    report = json.loads((tmp_path / "seen.report.json").read_text())
+    assert [one["name"] for one in report["subjects"]] == ["1", "2"]
+    assert list(report["markers"]) == markers
+    assert report["method"] == "likelihood"
+    assert set(report["timing"]) >= {"place", "label", "fit"}
+    assert "1:LASI" in (tmp_path / "seen.trc").read_text()
+
+
+def test_edits_of_several_hold_in_their_blobs(run, seen, tmp_path):
+    edits = tmp_path / "seen.edits.json"
+    edits.write_text('{"version": 1, "edits": [{"kind": "unlabel", "marker": "2:LASI", "frames": [8, 20]}]}')
+    words = "--model", WORN, "--cameras", seen / "room.toml", "--rate", RATE, "--out", tmp_path / "out"
+    assert run("label", seen / "seen.csv", *words, "--subjects", "2", "--edits", edits).status == 0
+    with (tmp_path / "out/seen.labels.csv").open(newline="") as file:
+        frames = [int(row["frame"]) for row in csv.DictReader(file) if row["marker"] == "2:LASI"]
+    assert frames
+    assert not any(8 <= frame <= 20 for frame in frames)
+
+
+@pytest.mark.parametrize("method", ["fit", "both"])
+def test_blobs_of_several_are_named_by_their_points_only(run, seen, tmp_path, method):
+    words = "--model", WORN, "--cameras", seen / "room.toml", "--out", tmp_path, "--subjects", "2", "--method", method
+    assert "expected --method auto, which names blobs by their points" in run("label", seen / "seen.csv", *words).reason
+
+
+def test_a_file_of_two_is_filled_one_by_one(run, pair, tmp_path):
+    assert run("label", pair / "pair.c3d", "--model", WORN, "--subjects", "2", "--out", tmp_path / "out").status == 0
+    take = read_points(tmp_path / "out/pair.c3d")
+    xyz, place = take.xyz[:].copy(), take.names.index("2:LKNE")
+    xyz[10:16, place] = np.nan
+    write_c3d(tmp_path / "gap.c3d", Points(take.names, xyz, take.residual[:], take.rate, take.first_frame))
+    words = "fill", tmp_path / "gap.c3d", "--model", WORN, "--json", "--out"
+    found = json.loads(run(*words, tmp_path / "one.c3d", "--markers", "2:LKNE").out)
+    assert [(row["marker"], row["first"], row["last"]) for row in found["filled"]] == [("2:LKNE", 17, 22)]
+    filled = read_points(tmp_path / "one.c3d").xyz[10:16, place]
+    assert np.linalg.norm(filled - take.xyz[10:16, place], axis=1).max() < 0.03
+    assert run(*words, tmp_path / "two.c3d", "--markers", "LKNE").status == 2, "whose?"

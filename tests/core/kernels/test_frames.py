@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Rays, and algorithm 1, in C against NumPy: the same labels."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from addon.core.blobs import labelling
+from addon.core.blobs.labelling import Expectation, Rules, named_by_library, named_by_numpy
+from addon.core.blobs.pipeline import label_take
+from addon.core.geometry import triangulation
+from addon.core.geometry.triangulation import MEETING
+from addon.core.geometry.views import Sight, split_views
+from addon.core.kernels import frame_calls
+from addon.core.simulation.rigs import paper_rig, ring_rig
+from addon.core.simulation.simulate import CaptureOptions
+from addon.core.simulation.virtual import Act
+from tests.core.scenes import act, blobs_at, built_in
+from tests.core.toybody import toy_markerset
+
+from .conftest import numpy_everywhere
+from .test_bodies import both, same
+
+SEEDS = st.integers(0, 2**16)
+RULES = Rules(pixel=0.7)
+
+
+def scene(seed: int, cameras: int, markers: int, ghosts: int):
+    """A room's view of points that are about where they are expected, some close together, some out of sight."""
+    generator = np.random.default_rng(seed)
+    rig = ring_rig(cameras, generator=np.random.default_rng(1))
+    points = generator.uniform([-0.3, -0.3, 0.6], [0.3, 0.3, 1.4], (markers, 3))
+    points[1::3] = points[: len(points[1::3])] + generator.normal(0, 0.015, points[1::3].shape)
+    pixels = []
+    for rows in rig.project(points):
+        rows = rows[generator.random(len(rows)) < 0.85] + generator.normal(0, 0.5, (1, 2))
+        pixels.append(np.concatenate([rows, generator.uniform(0, 600, (ghosts, 2))]))
+    view = split_views(blobs_at(pixels), rig)[0]
+    spread = generator.normal(0, 0.01, (markers, 3, 3))
+    covariance = spread @ spread.swapaxes(1, 2) + 1e-5 * np.eye(3)
+    expected = points + generator.normal(0, 0.008, points.shape)
+    if markers > 2:
+        expected[-1] = [50, 50, 1]  # behind some camera, far from all
+    visible = generator.random((cameras, markers)) < 0.85
+    return generator, Sight(rig), view, Expectation(expected, covariance, visible)
+
+
+@settings(max_examples=40, deadline=None)
+@given(SEEDS, st.sampled_from([2, 3, 4, 8]), st.sampled_from([1, 2, 9, 20]), st.integers(0, 4), st.booleans())
+def test_names_are_the_same(seed, cameras, markers, ghosts, by_hand):
+    generator, sight, view, expected = scene(seed, cameras, markers, ghosts)
+    fixed = None
+    if by_hand:
+        fixed = np.full((cameras, markers), -1)
+        camera = int(generator.integers(cameras))
+        if view.real[camera, 0]:
+            fixed[camera, generator.integers(markers)] = 0
+    for first_only in (True, False):
+        one = named_by_library(view, sight, expected, RULES, fixed, first_only)
+        with numpy_everywhere():
+            other = named_by_numpy(view, sight, expected, RULES, fixed, first_only)
+            for name in ("slot", "step", "owner", "partner", "conflicts"):
+                assert (getattr(one, name) == getattr(other, name)).all(), name
+            same([one.frame.nll, one.reprojection], [other.frame.nll, other.reprojection])
+            same([one.meeting.points, one.meeting.miss], [other.meeting.points, other.meeting.miss])
+
+
+def test_nothing_seen_and_nothing_known():
+    _, sight, view, expected = scene(0, 3, 4, 0)
+    nothing = split_views(blobs_at([np.zeros((0, 2))] * 3), ring_rig(3, generator=np.random.default_rng(1)))
+    unknown = replace(expected, points=expected.points * np.nan)
+    for seen, wanted in ((nothing[0] if nothing else view, expected), (view, unknown)):
+        for named in (named_by_library, named_by_numpy):
+            assert (named(seen, sight, wanted, RULES, None, False).slot < 0).all()
+
+
+@settings(max_examples=25, deadline=None)
+@given(SEEDS, st.sampled_from([1, 2, 5]), st.booleans())
+def test_rays_meet_the_same(seed, cameras, lengths):
+    generator, sight, view, _ = scene(seed, max(cameras, 2), 6, 1)
+    both(triangulation.blob_rays, view.image, sight.rotation, sight.centres)
+    rays = triangulation.blob_rays.reference(view.image, sight.rotation, sight.centres)
+    slot = generator.integers(-1, view.real.shape[1], (len(view.real), 7))
+    slot[:, 0], slot[1:, 1] = -1, -1
+    depth = generator.uniform(1, 5, slot.shape) if lengths else None
+    slot = np.where(view.real[np.arange(len(slot))[:, None], np.maximum(slot, 0)], slot, -1)
+    both(triangulation.meet, slot, depth, *rays[1:], sight.centres, MEETING.ridge, MEETING.max_condition)
+
+
+def test_indices_and_shapes_beyond_are_refused():
+    _, sight, view, expected = scene(0, 3, 4, 0)
+    rays = triangulation.blob_rays(view.image, sight.rotation, sight.centres)
+    ends = *rays[1:], sight.centres, MEETING.ridge, MEETING.max_condition
+    far = np.full((3, 4), view.real.shape[1])
+    many = SimpleNamespace(real=np.ones((frame_calls.MOST_CAMERAS + 1, 1), bool))
+    refused = (
+        lambda: triangulation.meet(far, None, *ends),
+        lambda: triangulation.meet(far - 99, None, *ends),
+        lambda: triangulation.meet(np.full((2, 4), -1), None, *ends),
+        lambda: triangulation.blob_rays(view.image, sight.rotation[:2], sight.centres),
+        lambda: named_by_library(view, sight, expected, RULES, far, False),
+        lambda: named_by_library(view, sight, replace(expected, visible=expected.visible.T), RULES, None, False),
+        lambda: named_by_library(many, sight, expected, RULES, None, False),
+    )
+    for call in refused:
+        with pytest.raises(ValueError, match="expected"):
+            call()
+
+
+@pytest.mark.parametrize("name", ["toy", "gait15"])
+def test_a_take_gets_the_same_labels(name):
+    markerset = toy_markerset() if name == "toy" else built_in(name)
+    rig = paper_rig() if name == "toy" else ring_rig(6, radius=4.5, volume_radius=1.3)
+    taken = act(
+        markerset, rig, [Act(0.4, stride=0.9)], seed=5, options=CaptureOptions(noise=0.3, reflections=1, flicker=0.3)
+    )
+
+    def labels():
+        return [chunk.labels for chunk in label_take([taken.blobs], rig, markerset, 60.0)]
+
+    found = labels()
+    with numpy_everywhere():
+        expected = labels()
+        assert not labelling.in_use()
+    for one, other in zip(found, expected, strict=True):
+        assert (one.marker == other.marker).all() and (one.step == other.step).all()
+        same([one.confidence], [other.confidence], 1e-6)
+    assert (found[0].marker >= 0).mean() > 0.8

@@ -1,0 +1,224 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Settling, odds and exchanges of names in C against NumPy."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from addon.core.points.likelihood import naming, starts, swaps
+from addon.core.points.likelihood.distances import DistanceConstraints
+from addon.core.points.likelihood.frames import label_some
+from addon.core.points.likelihood.latent import Latent
+from addon.core.points.likelihood.naming import Settled, name_worth
+from addon.core.points.likelihood.shape import Shape
+from addon.core.points.rigid_bodies.volumes import median_volumes
+from addon.core.points.whole_take.likeness import LIKENESS, of_ends, of_frames
+from addon.core.points.whole_take.pairs import distance_sums
+from addon.io.models import open_model
+
+from .conftest import numpy_everywhere
+from .test_bodies import same
+
+SEEDS = st.integers(0, 2**16)
+
+
+@cache
+def learned(name: str):
+    """What a built-in model knows of points."""
+    return open_model(name).likelihood
+
+
+def toy(markers: int, modes: int = 2) -> tuple[Latent, DistanceConstraints]:
+    """A shape of so few markers, and nothing that holds them together."""
+    generator = np.random.default_rng(markers)
+    mean = generator.normal(0, 0.4, (markers, 3))
+    shape = Shape(mean, 0.05 * generator.normal(size=(markers, 3, modes)), np.full(markers, 1e-4))
+    return Latent(shape), DistanceConstraints(np.zeros((0, 2), int), np.zeros(0), np.zeros(0), 0.05)
+
+
+def cloud(model: Latent, generator, count: int, ghosts: int, twins: bool = False):
+    """Points of people of such a shape, ghosts among them, and namings that are mostly right: some hide, some swap.
+
+    With `twins` two points of each frame are in one place.
+    """
+    markers = len(model)
+    latent = generator.normal(size=(count, model.size)) * np.where(np.arange(model.size) < 4, 0.02, 1)
+    points = model.positions(latent) + np.sqrt(model.noise)[:, None] * generator.normal(size=(count, markers, 3))
+    points = np.concatenate([points, generator.normal(0, 0.4, (count, ghosts, 3))], axis=1)
+    if twins:
+        points[:, -1] = points[:, 0]
+    present = generator.random(points.shape[:2]) < 0.95
+    points[~present] = 0
+    named = np.where(present[:, :markers] & (generator.random((count, markers)) < 0.9), np.arange(markers), -1)
+    for row in range(0, count, 2):
+        pair = generator.integers(0, markers, 2)
+        named[row, pair] = named[row, pair[::-1]]
+    named[-1:] = -1  # nobody at all
+    return points, present, named
+
+
+def compared(model, constraints, points, present, named):
+    """Compares everything that follows from namings."""
+    worth = name_worth(model, present)
+    arguments = model, constraints, points, named, worth
+    one, other = naming.settled.kernel(*arguments), naming.settled.reference(*arguments)
+    same(one, other)
+    same([naming.score_of.kernel(model, constraints, points, worth, named)], [other[1]])
+    some = np.arange(0, len(model), 2)
+    arguments = model, points, named, some
+    same(naming.expected_of.kernel(*arguments), naming.expected_of.reference(*arguments))
+    settled = Settled(other[0], present, worth, named, *other[1:])
+    arguments = model, constraints, settled
+    same([naming.name_odds.kernel(*arguments)], [naming.name_odds.reference(*arguments)])
+    for reach in (0.0, 0.8 * model.radius, 1e3):
+        same(swaps.neighbours.kernel(*arguments, reach), swaps.neighbours.reference(*arguments, reach))
+
+
+@settings(max_examples=12, deadline=None)
+@given(SEEDS, st.sampled_from(["gait15", "body26", "actor41"]), st.integers(1, 4), st.integers(0, 5))
+def test_what_follows_from_namings(seed, name, count, ghosts):
+    known = learned(name).known
+    generator = np.random.default_rng(seed)
+    for model in (known.fine, known.coarse):
+        compared(model, known.constraints, *cloud(model, generator, count, ghosts, twins=ghosts > 1))
+
+
+@settings(max_examples=8, deadline=None)
+@given(SEEDS, st.sampled_from(["gait15", "body26", "actor41"]), st.integers(1, 3), st.integers(0, 5))
+def test_soft_guesses(seed, name, count, ghosts):
+    known, generator = learned(name).known, np.random.default_rng(seed)
+    for model, schedule in ((known.coarse, starts.STARTS.coarse), (known.fine, starts.STARTS.fine)):
+        points, present, _ = cloud(model, generator, count, ghosts, twins=ghosts > 1)
+        latent = 0.3 * generator.normal(size=(count, model.size))
+        arguments = model, points, present, starts.ghost_density(model, present), latent, schedule
+        same(starts.softly.kernel(*arguments), starts.softly.reference(*arguments))
+
+
+@settings(max_examples=12, deadline=None)
+@given(SEEDS, st.sampled_from([1, 2, 3]), st.integers(1, 3))
+def test_few_markers_without_constraints(seed, markers, ghosts):
+    model, constraints = toy(markers)
+    compared(model, constraints, *cloud(model, np.random.default_rng(seed), 3, ghosts))
+
+
+def test_no_naming_at_all():
+    known = learned("gait15").known
+    points, present, named = cloud(known.fine, np.random.default_rng(0), 1, 2)
+    none = points[:0], present[:0], named[:0]
+    settled = naming.settle(known.fine, known.constraints, *none)
+    assert len(settled.score) == len(naming.name_odds(known.fine, known.constraints, settled)) == 0
+
+
+def test_what_does_not_go_together_is_refused():
+    known = learned("gait15").known
+    model, constraints = known.fine, known.constraints
+    points, present, named = cloud(model, np.random.default_rng(0), 2, 2)
+    worth = name_worth(model, present)
+    settled = naming.settle(model, constraints, points, present, named)
+    beyond = np.where(named == 3, points.shape[1], named)
+    wild = DistanceConstraints(np.array([[0, -2]]), np.ones(1), np.ones(1), 0.05)
+    refused = (
+        lambda: naming.settled(model, constraints, points, beyond, worth),
+        lambda: starts.softly(model, points, present, worth[1:], settled.left[:, 0, :1], ((0.5, 0.1),)),
+        lambda: starts.softly(model, points, present, worth, np.zeros((2, 3)), ((0.5, 0.1),)),
+        lambda: starts.softly(model, points, present[:, 1:], worth, np.zeros((2, model.size)), ((0.5, 0.1),)),
+        lambda: naming.settled(model, constraints, points, named[:, :-1], worth),
+        lambda: naming.settled(model, constraints, points[:1], named, worth),
+        lambda: naming.settled(model, wild, points, named, worth),
+        lambda: naming.score_of(model, constraints, points, worth[:1], named),
+        lambda: naming.name_odds(model, constraints, replace(settled, naming=beyond)),
+        lambda: swaps.neighbours(model, constraints, replace(settled, spread=settled.spread[..., :-1]), 1.0),
+        lambda: swaps.neighbours(model, constraints, replace(settled, present=present[:, :-1]), 1.0),
+    )
+    for call in refused:
+        with pytest.raises(ValueError, match="expected"):
+            call()
+
+
+@settings(max_examples=25, deadline=None)
+@given(SEEDS, st.integers(1, 4), st.integers(1, 3), st.sampled_from([1, 2, 8, 20]))
+def test_what_distances_to_named_ones_say(seed, tracklets, samples, markers):
+    generator = np.random.default_rng(seed)
+    placed = generator.normal(0, 0.4, (5, markers, 3)).astype(np.float32)
+    placed[generator.random(placed.shape[:2]) < 0.2] = np.nan
+    near = np.argsort(generator.random((markers, markers)), axis=1)[:, : max(markers - 1, 1)]
+    mean, variance = generator.uniform(0.1, 1, near.shape), generator.uniform(1e-5, 1e-2, near.shape)
+    variance[generator.random(near.shape) < 0.1] = np.nan
+    xyz = generator.normal(0, 0.4, (tracklets, samples, 3)).astype(np.float32)
+    xyz[0, 0] = placed[0, 0]  # in the same place as a marker
+    frame, own = generator.integers(-1, 5, xyz.shape[:2]), generator.integers(-1, markers, tracklets)
+    arguments = frame, xyz, placed, own, near, mean, variance, LIKENESS
+    with np.errstate(all="ignore"):
+        same([of_frames.kernel(*arguments)], [of_frames.reference(*arguments)])
+    for wrong in ((frame + 9, *arguments[1:]), (frame, xyz, placed[:, :0], *arguments[3:])):
+        with pytest.raises(ValueError, match="expected"):
+            of_frames.kernel(*wrong)
+
+
+@settings(max_examples=15, deadline=None)
+@given(SEEDS, st.integers(4, 30), st.sampled_from([4.0, 20.0]))
+def test_how_ends_of_tracklets_are_weighed(seed, markers, rate):
+    generator = np.random.default_rng(seed)
+    ends, frames, each = 6, 14, min(18, markers - 1)
+    placed = generator.normal(0, 0.5, (frames, markers, 3)).astype(np.float32)
+    placed[generator.random(placed.shape[:2]) < 0.4] = np.nan
+    xyz = generator.normal(0, 0.5, (ends, 3)).astype(np.float32)
+    near = np.stack([generator.permutation(markers)[:each] for _ in range(markers)])
+    within = generator.uniform(1e-5, 0.1, near.shape)
+    within[generator.random(near.shape) < 0.1] = np.nan
+    frame, own = generator.integers(0, frames, ends), generator.integers(-1, markers, ends)
+    then = generator.integers(-1, frames, (ends, markers))
+    arguments = frame, then, np.abs(frame[:, None] - then), xyz, placed, own, near, within, rate, LIKENESS
+    with np.errstate(all="ignore"):
+        same([of_ends.kernel(*arguments)], [of_ends.reference(*arguments)])
+    for wrong in (
+        (frame + frames, *arguments[1:]),
+        (frame, then + frames, *arguments[2:]),
+        (frame, then[:3], *arguments[2:]),
+    ):
+        with pytest.raises(ValueError, match="expected"):
+            of_ends.kernel(*wrong)
+
+
+@given(SEEDS, st.integers(0, 130), st.integers(1, 9))
+def test_distances_are_summed(seed, frames, markers):
+    generator = np.random.default_rng(seed)
+    points = generator.normal(0, 1, (frames, markers, 3))
+    points[generator.random(points.shape[:2]) < 0.2] = np.nan
+    same(distance_sums.kernel(points), distance_sums.reference(points))
+    with pytest.raises(ValueError, match="expected"):
+        distance_sums.kernel(points[..., :2])
+
+
+@settings(max_examples=25, deadline=None)
+@given(SEEDS, st.sampled_from([1, 2, 7, 40]), st.integers(4, 9), st.sampled_from([0.0, 0.2, 0.9]))
+def test_median_volumes(seed, frames, things, gone):
+    generator = np.random.default_rng(seed)
+    place = generator.normal(0, 0.4, (things, 3, frames))
+    place[1] = place[0]  # in the same place
+    place[np.broadcast_to((generator.random((things, frames)) < gone)[:, None], place.shape)] = np.nan
+    quads = np.sort(generator.permuted(np.tile(np.arange(things), (20, 1)), axis=1)[:, :4], axis=1)
+    same([median_volumes.kernel(place, quads)], [median_volumes.reference(place, quads)])
+    for wrong in (quads + things, quads[:, :3]):
+        with pytest.raises(ValueError, match="expected"):
+            median_volumes.kernel(place, wrong)
+
+
+@pytest.mark.parametrize("name", ["gait15", "actor41"])
+def test_frames_get_the_same_labels(name):
+    known = learned(name)
+    generator = np.random.default_rng(4)
+    points, present, _ = cloud(known.known.fine, generator, 12, 4)
+    points = np.where(present[..., None], points, np.nan)
+    points = np.take_along_axis(
+        points, generator.permuted(np.tile(np.arange(points.shape[1]), (12, 1)), axis=1)[..., None], axis=1
+    )
+    found = label_some(known, points)
+    with numpy_everywhere():
+        expected = label_some(known, points)
+    assert (found.marker == expected.marker).all() and (found.marker >= 0).sum() > 100
+    same([found.confidence, found.rate], [expected.confidence, expected.rate])

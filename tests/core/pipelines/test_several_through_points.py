@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Blobs of two virtual people: named by their points, taken back where the images say otherwise."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from addon.core.body.bodies import BodyModel
+from addon.core.body.occlusion import CapsuleOcclusion
+from addon.core.data.errors import JobError
+from addon.core.data.progress import finished
+from addon.core.data.takes import Blobs
+from addon.core.pipelines.several_through_points import PointsOfBlobs, SubjectsInImages, label_several_blobs
+from addon.core.points.several.wearers import SeveralOptions
+from addon.core.points.whole_take.pipeline import PointOptions
+from addon.core.simulation.rigs import ring_rig
+from addon.core.simulation.simulate import BodiesTogether, CaptureOptions, PosedBody, capture, joined
+from addon.core.simulation.virtual import Act, draw_person, perform
+from addon.io.models import open_model
+
+FRAMES, RATE, CHUNK = 40, 50.0, 16
+NAMED = PointOptions("likelihood")
+
+
+@pytest.fixture(scope="module")
+def model():
+    return open_model("gait15")
+
+
+@pytest.fixture(scope="module")
+def shot(model):
+    """Cameras, blobs and truth of two people in gait15 who walk side by side, 0.6 m apart."""
+    markerset, bodies, names, markers = model.markerset, [], [], []
+    for number in (1, 2):
+        generator = np.random.default_rng(number)
+        moving = BodyModel(markerset)
+        moves = perform(moving, draw_person(markerset, generator), [Act(FRAMES / RATE)], rate=RATE)
+        posed, scale = moving.pose(moves), moves.scale[:FRAMES]
+        middle = posed.joints[:FRAMES, 0].mean(axis=0)
+        shift = np.array([0.0, 0.6 * (number - 1.5), 0.0]) - middle * [1.0, 1.0, 0.0]
+        turns, joints = posed.rotations[:FRAMES], posed.joints[:FRAMES] + shift
+        bodies.append(PosedBody(CapsuleOcclusion(markerset), markerset.attachment, turns, joints, scale))
+        markers.append(posed.markers[:FRAMES] + shift)
+        names += [f"{number}:{name}" for name in markerset.markers]
+    cameras = ring_rig(8, (1280, 1024), 4.0, 2.2, 1.4)
+    together = BodiesTogether(tuple(bodies), (15, 15))
+    seen = joined(capture(np.concatenate(markers, axis=1), names, cameras, CaptureOptions(seed=5), together))
+    return cameras, seen.blobs, seen.truth, tuple(bodies), markers
+
+
+def parts(blobs: Blobs):
+    for first in range(1, FRAMES + 1, CHUNK):
+        yield blobs.between(first, min(first + CHUNK - 1, FRAMES)), first / FRAMES
+
+
+def named(found: SubjectsInImages, blobs: Blobs) -> tuple[np.ndarray, list]:
+    chunks = list(found.chunks(part for part, _ in parts(blobs)))
+    marker = np.concatenate([chunk.labels.marker for chunk in chunks])
+    return np.array([*found.labelled.worn.markers, ""], object)[marker], chunks
+
+
+def swapped(truth: np.ndarray) -> np.ndarray:
+    return np.array(["|".join("21"["12".index(one[0])] + one[1:] for one in text.split("|") if one) for text in truth])
+
+
+@pytest.fixture(scope="module")
+def found(shot, model) -> SubjectsInImages:
+    cameras, blobs = shot[:2]
+    return finished(label_several_blobs(lambda: parts(blobs), cameras, SeveralOptions(model, 2), NAMED, RATE))
+
+
+@pytest.fixture(scope="module")
+def labelled(shot, found):
+    _, blobs, truth = shot[:3]
+    names, chunks = named(found, blobs)
+    name, text = next((name, text) for name, text in zip(names, truth, strict=True) if name and text)
+    return names, chunks, truth if text[0] == name[0] else swapped(truth)
+
+
+def test_blobs_of_two_have_their_names(labelled):
+    names, chunks, truth = labelled
+    given = names != ""
+    wrong = [one for one, text in zip(names[given], truth[given], strict=True) if one not in text.split("|")]
+    assert len(wrong) <= 0.002 * given.sum()
+    assert given.sum() > 0.9 * (truth != "").sum()
+    assert [len(chunk.motion.frames) for chunk in chunks] == [16, 16, 8]
+    assert chunks[0].motion.markers.shape == (16, 30, 3)
+    there = np.isfinite(chunks[0].motion.markers).all(axis=2)
+    assert np.isfinite(chunks[0].motion.residual_px[there]).all()
+    assert set(chunks[0].seconds) == {"place", "label", "fit"}
+    assert all(chunk.seconds["label"] > 0 and set(chunk.seconds) == {"label"} for chunk in chunks[1:])
+
+
+def test_one_body_hides_the_others_markers(shot):
+    cameras, _, _, bodies, markers = shot
+    both = BodiesTogether(bodies, (15, 15)).hidden(slice(0, 5), np.concatenate(markers, axis=1)[:5], cameras.centres)
+    alone = np.concatenate(
+        [
+            body.hidden(slice(0, 5), own[:5], cameras.centres)
+            for body, own in zip(bodies, (one[:5] for one in markers), strict=True)
+        ],
+        axis=2,
+    )
+    assert (both >= alone).all()
+    assert (both & ~alone).mean() > 0.02
+
+
+def test_a_blob_that_is_off_its_point_has_no_name(shot, found, labelled):
+    blobs = shot[1]
+    names = labelled[0]
+    row = int(np.flatnonzero((names != "") & (blobs.frame == 20))[7])
+    xy = blobs.xy.copy()
+    xy[row] += [2.5, 2.5]
+    again, _ = named(found, replace(blobs, xy=xy))
+    assert again[row] == ""
+    assert (again == names).mean() > 0.99
+
+
+def test_points_of_blobs_are_those_that_last(found):
+    points, take = found.points, found.points.take()
+    assert len(take.xyz) == FRAMES
+    assert take.first_frame == 1
+    assert take.present.sum(axis=1).mean() > 25
+    spans = points.spans.table
+    assert len(take.names) == (spans[:, 0] >= 5).sum()
+
+
+def test_what_no_two_cameras_see_is_told(shot):
+    cameras, blobs = shot[:2]
+    nothing = blobs.part(slice(0, FRAMES), blobs.camera == 0)
+    points = PointsOfBlobs(cameras, RATE)
+    points.add(nothing.between(1, 8))
+    with pytest.raises(JobError, match="no markers that two cameras see"):
+        points.take()

@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Two people who pass each other: whose tracklets are whose, how many there are, and their names from end to end."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from addon.core.body.bodies import BodyModel
+from addon.core.data.errors import JobError
+from addon.core.data.lanes import LaneOptions
+from addon.core.data.progress import finished
+from addon.core.data.takes import Points
+from addon.core.points.several import bodies, holding
+from addon.core.points.several.claims import CLAIMS, shared_out
+from addon.core.points.several.counting import count_bodies
+from addon.core.points.several.holding import Holding, HoldingOnOptions
+from addon.core.points.several.parting import parted
+from addon.core.points.several.pipeline import label_several
+from addon.core.points.several.telling import told
+from addon.core.points.several.wearers import AUTO, SetsWorn, SeveralOptions, Wearer
+from addon.core.points.tracklets import cut
+from addon.core.points.whole_take.pipeline import PointOptions, label_points
+from addon.core.simulation.virtual import Act, draw_person, perform
+from addon.io.models import open_model
+
+RATE = 60.0
+FRAMES = 100
+HIDDEN = slice(40, 52)
+
+
+@cache
+def person(seed: int, way: int, lane: float) -> np.ndarray:
+    """(T, 15, 3) m: a virtual person in gait15 who walks along x, or the other way, and is at x = 0 in the middle."""
+    markerset = open_model("gait15").markerset
+    model, generator = BodyModel(markerset), np.random.default_rng(seed)
+    bodies = perform(model, draw_person(markerset, generator), [Act(FRAMES / RATE)], rate=RATE)
+    markers = model.pose(bodies).markers[:FRAMES]
+    middle = markers[..., :2].mean(axis=1)
+    along = middle[-1] - middle[0]
+    turn = -np.arctan2(along[1], along[0]) + (np.pi if way < 0 else 0)
+    cos, sin = np.cos(turn), np.sin(turn)
+    flat = (markers[..., :2] - middle[FRAMES // 2]) @ np.array([[cos, sin], [-sin, cos]]) + [0, lane]
+    return np.concatenate([flat, markers[..., 2:]], axis=2) + generator.normal(0, 0.0005, markers.shape)
+
+
+@pytest.fixture(scope="module")
+def passing() -> tuple[Points, np.ndarray]:
+    """Two people who pass 0.6 m from each other, a few markers hidden as they do, shuffled; and whose which is."""
+    columns, truth = [], []
+    for index, whole in enumerate((person(1, 1, 0.0), person(2, -1, 0.6))):
+        for marker in range(15):
+            tracks = [whole[:, marker].copy()]
+            if marker % 5 == index:
+                tracks = [tracks[0], tracks[0].copy()]
+                tracks[0][HIDDEN.start :] = np.nan
+                tracks[1][: HIDDEN.stop] = np.nan
+            columns += tracks
+            truth += [marker + 15 * index] * len(tracks)
+    order = np.random.default_rng(3).permutation(len(columns))
+    xyz = np.stack([columns[index] for index in order], axis=1)
+    residual = np.where(np.isfinite(xyz[..., 0]), 0.0005, np.nan)
+    return Points(("",) * len(order), xyz, residual, RATE, 1), np.array(truth)[order]
+
+
+def matched(given: np.ndarray, truth: np.ndarray, present: np.ndarray) -> tuple[int, int]:
+    """Right and wrong labels (T, P), whichever of the two is called 1."""
+    wanted = np.where(present, truth, -1)
+    best = None
+    for shift in (0, 15):
+        named = np.where(given >= 0, (given + shift) % 30, -1)
+        right, wrong = int(((named == wanted) & (named >= 0)).sum()), int(((named != wanted) & (named >= 0)).sum())
+        best = (right, wrong) if best is None or right > best[0] else best
+    return best
+
+
+def test_tracklets_are_parted_by_what_they_keep_their_distance_to(passing):
+    take, truth = passing
+    tracklet = cut(take.xyz, take.rate)
+    held = Holding.of(take.xyz, tracklet, take.rate)
+    found = parted(take.xyz, tracklet, held, 2)
+    assert set(found.body.tolist()) == {0, 1}
+    for index in range(2):
+        assert len(set(found.body[truth // 15 == index].tolist())) == 1
+    assert (found.may.sum(axis=1) == 1).mean() > 0.8
+    counted = count_bodies(take.xyz, tracklet, held, 15)
+    assert counted.most == 2
+
+
+@pytest.mark.parametrize("count", [2, AUTO])
+def test_two_who_pass_each_other_are_named(passing, count):
+    take, truth = passing
+    asked = SeveralOptions(open_model("gait15"), count)
+    found = finished(label_several(take, asked, PointOptions("likelihood")))
+    assert [one.name for one in found.worn.subjects] == ["1", "2"]
+    right, wrong = matched(found.labels.marker, truth, take.present)
+    assert wrong == 0
+    assert right > 0.95 * take.present.sum()
+    motion = found.motion.part(slice(0, FRAMES))
+    assert motion.markers.shape == (FRAMES, 30, 3)
+    assert found.labels.marker[:, 0].max() < 15, "who is first in the file is 1"
+
+
+def test_a_long_take_is_named_the_same_way(passing, monkeypatch):
+    take, _ = passing
+    asked, options = SeveralOptions(open_model("gait15"), AUTO), PointOptions("likelihood")
+    whole = finished(label_several(take, asked, options))
+    monkeypatch.setattr(bodies, "PACKING", LaneOptions(whole_cells=0))
+    monkeypatch.setattr(holding, "HOLDING_ON", HoldingOnOptions(at_once=20))
+    parts = finished(label_several(take, asked, options))
+    for name in ("marker", "step", "confidence"):
+        np.testing.assert_array_equal(getattr(parts.labels, name), getattr(whole.labels, name))
+
+
+def test_the_points_of_some_are_looked_up_by_any_index():
+    generator = np.random.default_rng(3)
+    points, tracklet = generator.normal(size=(9, 5, 3)), generator.integers(-1, 6, (9, 5))
+    may = np.array([True, False, True, False, False, True])
+    some = bodies.OnlySome(points, tracklet, may)
+    wanted = np.where(np.append(may, False)[tracklet][..., None], points, np.nan)
+    np.testing.assert_array_equal(np.asarray(some), wanted)
+    row, lane = np.array([[0], [4]]), np.array([1, 3, 3])
+    for index in (3, slice(2, 7), (row, lane), (slice(None), 2), (..., 0), np.array([5, 1]), (slice(1, 4), lane)):
+        np.testing.assert_array_equal(some[index], wanted[index])
+
+
+def test_what_holds_together_is_added_up_over_parts_of_a_take(passing, monkeypatch):
+    take, _ = passing
+    tracklet = cut(take.xyz, take.rate)
+    whole = Holding.of(take.xyz, tracklet, take.rate)
+    monkeypatch.setattr(holding, "HOLDING_ON", HoldingOnOptions(at_once=20))
+    parts = Holding.of(take.xyz, tracklet, take.rate)
+    body = np.arange(len(whole)) % 2
+    np.testing.assert_allclose(parts.on(body, 2), whole.on(body, 2), rtol=1e-9)
+    assert whole.best().shape == (len(whole),)
+
+
+def test_one_is_named_as_ever():
+    whole = person(1, 1, 0.0)
+    take = Points(("",) * 15, whole, np.full(whole.shape[:2], 0.0005), RATE, 1)
+    model = open_model("gait15")
+    found = finished(label_several(take, SeveralOptions(model, AUTO), PointOptions("likelihood")))
+    alone = finished(label_points(take, model, PointOptions("likelihood")))
+    assert [one.name for one in found.worn.subjects] == ["1"]
+    assert np.array_equal(found.labels.marker, alone.labels.marker)
+
+
+def test_two_where_one_was_asked_for_are_told_how_to_have_both(passing):
+    take, _ = passing
+    with pytest.raises(JobError, match="--subjects") as caught:
+        finished(label_points(take, open_model("gait15"), PointOptions("likelihood")))
+    assert "two subjects" in caught.value.message or "several subjects" in caught.value.message
+
+
+def test_more_than_there_are_are_refused(passing):
+    take, _ = passing
+    with pytest.raises(JobError, match="fewer than 3 subjects who wear gait15; expected"):
+        finished(label_several(take, SeveralOptions(open_model("gait15"), 3), PointOptions("likelihood")))
+
+
+def test_people_whose_models_are_one_cannot_be_told_apart(passing):
+    take, _ = passing
+    model = open_model("gait15")
+    asked = SeveralOptions(subjects=(Wearer("ann", model), Wearer("bob", model)))
+    with pytest.raises(JobError, match="who is ann and bob cannot be told"):
+        finished(label_several(take, asked, PointOptions("likelihood")))
+
+
+def test_the_surer_keeps_what_two_claim():
+    may = np.array([[True, True], [True, True], [True, False], [True, True]])
+    claims = np.array([[9.0, 9.0 - CLAIMS.lead], [5.0, 5.0], [0.0, 8.0], [0.0, 3.0]])
+    assert shared_out(may, claims).tolist() == [[True, False], [False, False], [True, False], [True, True]]
+
+
+def test_who_is_who_is_the_likeliest_way_round():
+    order, lead = told(np.array([[9.0, 1.0], [2.0, 6.0], [20.0, 20.0]]))
+    assert (order, lead) == ([1, 0], 12.0)
+    assert told(np.array([[np.inf], [2.0]])) == ([1], np.inf)
+    assert told(np.array([[np.inf, np.inf]]).T[:, :1])[1] == -np.inf
+
+
+def test_markers_of_all_are_called_after_their_subjects():
+    model = open_model("gait15")
+    worn = SetsWorn((Wearer("ann", model), Wearer("2", model)))
+    assert (len(worn), worn.markers[0], worn.markers[15]) == (30, "ann:SACR", "2:SACR")
+    assert worn.by_name["2:SACR"] == 15
+    assert worn.name == "gait15"

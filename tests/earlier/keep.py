@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Saves what this version saves, so that every later one is tried on it: `python -m tests.earlier.keep NAME`.
+
+To be run when a version is released, in a Python with the older of the two Blenders (`.venv-3.11`), whose files both
+open. It writes to tests/earlier/NAME/: `takes.blend` with a scene of 3D points and one of blobs, both with corrections,
+fills and smoothing as far as the version knows them, edits, a report, a calibration, a small model, and in
+`expected.json` what the version itself read out of them. All is of a person who does not exist.
+
+With a folder of inputs behind NAME it runs on those, as the version in whose folder it is run: so the first were made.
+"""
+
+import contextlib
+import importlib
+import json
+import os
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+MODULE = "bl_ext.mocap_earlier.mocap_autolabel"
+MODEL, FRAMES, RATE, GAP = "gait15", 16, 60.0, slice(8, 11)
+FEW = ("SACR", "LASI", "RASI", "LKNE", "RKNE", "LANK", "RANK")
+
+
+def make_inputs(folder: Path) -> None:
+    """Writes walk.c3d without names, walk.csv, room.toml and two labelled takes."""
+    from addon import capturing
+    from addon.core.body.bodies import BodyModel
+    from addon.core.body.occlusion import CapsuleOcclusion
+    from addon.core.data.takes import Points
+    from addon.core.simulation.rigs import ring_rig
+    from addon.core.simulation.simulate import CaptureOptions, PosedBody
+    from addon.core.simulation.virtual import DEMO, draw_person, perform
+    from addon.io.cameras import write_cameras
+    from addon.io.markersets import open_markerset
+    from addon.io.points import write_c3d
+
+    markerset, rng = open_markerset(MODEL), np.random.default_rng(5)
+    model, person = BodyModel(markerset), draw_person(markerset, rng)
+    for name, seed in (("one", 1), ("two", 2)):
+        xyz = model.pose(perform(model, person, DEMO, RATE, seed)).markers[: 5 * FRAMES]
+        write_c3d(folder / f"{name}.c3d", Points(markerset.markers, xyz, np.full(xyz.shape[:2], 2e-4), RATE, 1))
+    bodies = perform(model, person, DEMO, RATE, 3)
+    posed, part = model.pose(bodies), slice(30, 30 + FRAMES)
+    xyz = posed.markers[part].copy()
+    body = PosedBody(
+        CapsuleOcclusion(markerset),
+        np.asarray(markerset.attachment),
+        posed.rotations[part],
+        posed.joints[part],
+        bodies.scale[part],
+    )
+    cameras = ring_rig(4, (640, 480), 3.2, volume_radius=1.0, generator=rng)
+    take = capturing.LabelledMarkers(markerset.markers, xyz, 1)
+    for _ in capturing.write_capture(take, cameras, CaptureOptions(seed=5, noise=0.2), body, folder / "walk.csv"):
+        pass
+    write_cameras(folder / "room.toml", cameras)
+    xyz[GAP, markerset.markers.index("LTIB")] = np.nan
+    xyz = xyz[:, rng.permutation(xyz.shape[1])]
+    residual = np.where(np.isfinite(xyz[..., 0]), 2e-4, np.nan)
+    write_c3d(folder / "walk.c3d", Points(("",) * xyz.shape[1], xyz, residual, RATE, 1))
+
+
+class Version:
+    """The extension of the sources in a folder, enabled."""
+
+    def __init__(self, root: Path, folder: Path):
+        import addon_utils
+
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        (folder / "mocap_autolabel").symlink_to(root, target_is_directory=True)
+        repos = bpy.context.preferences.extensions.repos
+        repos.new(name="Earlier", module="mocap_earlier", custom_directory=str(folder), source="USER")
+        if addon_utils.enable(MODULE, default_set=True) is None:
+            raise RuntimeError(f"{root} is no extension that starts")
+        self.operators = bpy.ops.mocap_autolabel
+        self.known = set(dir(self.operators))
+
+    def part(self, name: str):
+        """A module of the version's."""
+        return importlib.import_module(f"{MODULE}.addon.{name}")
+
+    def call(self, name: str, **words) -> None:
+        """Calls an operator, if the version has it."""
+        if name in self.known:
+            getattr(self.operators, name)(**words)
+
+    def command(self, *words: object) -> None:
+        """Runs a command of the version's; RuntimeError where it fails."""
+        with contextlib.suppress(SystemExit):
+            if self.part("cli").main([str(word) for word in words]):
+                raise RuntimeError(f"{words[0]} failed, see above")
+
+
+def save(version: Version, inputs: Path, out: Path) -> None:
+    """Writes everything to the folder `out`."""
+    bpy.ops.wm.read_homefile(use_empty=True)
+    expected = {}
+    for kind in ("points", "blobs"):
+        scene = bpy.context.scene if kind == "points" else bpy.data.scenes.new(kind)
+        scene.name = kind
+        bpy.context.window.scene = scene
+        if kind == "points":
+            version.call("import_points", filepath=str(inputs / "walk.c3d"))
+        else:
+            version.call("import_cameras", filepath=str(inputs / "room.toml"))
+            version.call("import_blobs", filepath=str(inputs / "walk.csv"))
+        settings = bpy.context.scene.mocap_autolabel
+        settings.markerset, settings.rate = MODEL, RATE
+        version.call("label")
+        _correct(version, kind)
+        expected[kind] = _read(version)
+        if kind == "points":
+            version.call("save_corrections")
+            if (inputs / "walk.edits.json").exists():
+                shutil.move(inputs / "walk.edits.json", out / "walk.edits.json")
+    for name in ("add_lessons", "add_training_takes"):
+        version.call(name, filepath=str(inputs / "one.c3d"))
+    bpy.ops.wm.save_as_mainfile(filepath=str(out / "takes.blend"), compress=True, relative_remap=False)
+    for extra in out.glob("*.blend?"):
+        extra.unlink()
+    version.command("label", inputs / "walk.c3d", "--model", MODEL, "--out", out / "made")
+    shutil.move(out / "made" / "walk.report.json", out / "walk.report.json")
+    shutil.rmtree(out / "made")
+    takes = [inputs / "one.c3d", inputs / "two.c3d"]
+    version.command("train", *takes, "--markers", ",".join(FEW), "--name", "few", "--out", out / "few.markerset.json")
+    shutil.copy(inputs / "room.toml", out / "room.toml")
+    (out / "expected.json").write_text(json.dumps(expected) + "\n", encoding="utf-8", newline="\n")
+
+
+def _correct(version: Version, kind: str) -> None:
+    """Exchanges two names, takes one away, fills and smooths: what the version can of it."""
+    if "swap_markers" not in version.known:
+        return
+    bpy.context.scene.frame_set(6)
+    for names, operator, scope in ((("LKNE", "RKNE"), "swap_markers", "ON"), (("RTOE",), "unlabel", "FRAME")):
+        items = {item["mocap_marker"]: item for item in _take().all_objects if "mocap_marker" in item}
+        for item in bpy.context.selected_objects:
+            item.select_set(False)
+        for name in reversed(names):
+            items[name].select_set(True)
+            bpy.context.view_layer.objects.active = items[name]
+        if not getattr(version.operators, operator).poll():
+            return  # at first points alone could be corrected
+        version.call(operator, scope=scope)
+    if kind == "points":
+        version.call("fill_gaps", extent="TAKE")
+        version.call("smooth")
+
+
+def _take() -> bpy.types.Collection:
+    return bpy.context.scene.mocap_autolabel.take
+
+
+def _read(version: Version) -> dict:
+    """What the version reads out of the active take: how many rows are each marker, and where markers are."""
+    stored = version.part("scene.take").stored_take(_take(), bpy.context.scene)
+    counts = np.bincount(stored.labels.marker[stored.labels.marker >= 0], minlength=len(stored.names))
+    places = np.round(stored.motion.markers[[0, 9, -1]], 6)
+    return {
+        "markers": list(stored.names),
+        "rows": counts.tolist(),
+        "frames": stored.motion.frames[[0, -1]].tolist(),
+        "rate": stored.rate,
+        "places": np.where(np.isfinite(places), places, None).tolist(),
+        "edits": len(getattr(stored, "edits", ()) or ()),
+        "fills": [[fill.marker, fill.first, fill.last] for fill in getattr(stored, "fills", ())],
+        "cutoff": getattr(stored, "cutoff", None),
+    }
+
+
+def main(name: str, inputs: str = "") -> None:
+    """Write the folder `name`."""
+    with tempfile.TemporaryDirectory(prefix="mocap-earlier-") as folder:
+        (Path(folder) / "extension").mkdir()
+        version = Version(Path.cwd(), Path(folder) / "extension")
+        own = Path(folder) / "inputs"
+        if inputs:
+            shutil.copytree(inputs, own)
+        else:
+            own.mkdir()
+            make_inputs(own)
+        out = Path(folder) / "out"  # Blender files keep the path that they were saved to
+        out.mkdir()
+        save(version, own, out)
+        shutil.copytree(out, Path(__file__).resolve().parent / name)
+        print(*(f"{path.name} {path.stat().st_size}" for path in sorted(out.iterdir())), sep="\n", flush=True)
+        os._exit(0)  # Blender 4.5 as a module may wait for ever for itself when Python ends
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What broken files have found in the readers and writers, a case each."""
+
+import json
+import re
+import shutil
+import tracemalloc
+
+import pytest
+
+from addon.core.data.errors import MAX_LETTERS, InputError
+from addon.io.cameras import read_cameras
+from addon.io.markersets import read_markerset
+from addon.io.models import read_model
+from addon.io.points import read_points, write_trc
+from addon.io.report import earlier_run
+from addon.jobs.training_takes import read_takes
+from tests.fuzz_kinds import OPTIONS, samples
+from tests.io.samples import ring, walk, xcp
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory):
+    return samples(tmp_path_factory.mktemp("sound"))
+
+
+def test_a_lens_whose_camera_matrix_is_singular_in_the_image_is_refused(sound, tmp_path):
+    folder = shutil.copytree(sound["rad"].parent, tmp_path / "selfcal")
+    lens = folder / sound["rad"].name
+    text = re.sub(r"K11 = \S+", "K11 = 0", lens.read_text())
+    lens.write_text(re.sub(r"K13 = \S+\n(.*\n)*?K31 = \S+", lambda found: found[0].rpartition("=")[0] + "= 1", text))
+    with pytest.raises(InputError, match="singular matrix"):
+        read_cameras(folder)
+
+
+@pytest.mark.parametrize("value", ["1e-300", "1e-9", "0", "-1"])
+@pytest.mark.parametrize("key", ["FOCAL_LENGTH", "PIXEL_ASPECT_RATIO"])
+def test_a_focal_length_near_nought_is_refused(key, value, tmp_path):
+    path = tmp_path / "a.xcp"
+    path.write_text(re.sub(f'{key}="[^"]*"', f'{key}="{value}"', xcp(ring())))
+    assert f'{key}="{value}"' in path.read_text()
+    with pytest.raises(InputError, match="no focal length"):
+        read_cameras(path)
+
+
+def test_what_a_file_says_moves_no_cursor_and_fills_no_page(sound, tmp_path):
+    document = json.loads(sound["markerset"].read_text())
+    document["segments"][-1]["parent"] = "\x1b[2J\x85\u2028" + "x" * 100_000
+    path = tmp_path / "a.markerset.json"
+    path.write_text(json.dumps(document))
+    with pytest.raises(InputError) as caught:
+        read_markerset(path)
+    said = str(caught.value)
+    assert caught.value.message.isprintable()
+    assert "; expected" in said and len(caught.value.message) <= MAX_LETTERS + 3
+    assert len(said.splitlines()) == 1
+
+
+@pytest.mark.parametrize("name", ["\x0c\x01D", "a\nb", "M\x1e", "a\tb", "c\u2028d"])
+def test_names_with_line_ends_leave_the_rows_of_a_trc_whole(name, tmp_path):
+    take = walk()
+    path = tmp_path / "a.trc"
+    write_trc(path, type(take)((name, *take.names[1:]), take.xyz, take.residual, take.rate, take.first_frame))
+    assert len(read_points(path, everything=True, up="z").names) == len(take.names)
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        {"doubtful": {"M1": 3}},
+        {"doubtful": {"M1": [[33]]}},
+        {"doubtful": {"M1": [["a", "b"]]}},
+        {"doubtful": {"M1": [33, 34]}},
+        {"doubtful": {"M1": [[1.5, 2]]}},
+        {"filled": [{"marker": "M1"}]},
+        {"filled": {"M1": 3}},
+        {"filled": 3},
+        {"filled": [{"marker": [], "first": None, "last": 3}]},
+    ],
+)
+def test_a_damaged_report_of_what_was_doubtful_is_refused_and_not_passed_over(part, sound, tmp_path):
+    take = shutil.copy(sound["report"].with_name("taught.c3d"), tmp_path)
+    report = tmp_path / sound["report"].name
+    document = json.loads(sound["report"].read_text())
+    report.write_text(json.dumps(document))
+    (learned,) = read_takes([tmp_path / "taught.c3d"], [])
+    assert learned.names
+    report.write_text(json.dumps(document | part))
+    with pytest.raises(InputError, match="is damaged in what was doubtful") as caught:
+        read_takes([tmp_path / "taught.c3d"], [])
+    assert caught.value.file == str(report), take
+
+
+@pytest.mark.parametrize("ending", ["../taught.c3d", "a/b", "/"])
+def test_results_lie_beside_their_report_whatever_it_says(ending, sound, tmp_path):
+    report = tmp_path / sound["report"].name
+    document = json.loads(sound["report"].read_text())
+    made = document["made_of"] | {"results": {ending: "ab"}}
+    report.write_text(json.dumps(document | {"made_of": made}))
+    with pytest.raises(InputError, match="does not say what it was made of"):
+        earlier_run(report, {"options": OPTIONS})
+
+
+def test_an_array_whose_kind_is_no_word_is_refused(sound, tmp_path):
+    document = json.loads(sound["model"].read_text())
+    packed = next(value for value in document.values() if isinstance(value, dict) and "digest" in value)
+    packed["odd"] = {"kind": {}, "shape": [1], "data": ""}
+    path = tmp_path / "a.markerset.json"
+    path.write_text(json.dumps(document))
+    with pytest.raises(InputError, match="has damaged"):
+        read_model(path)
+
+
+@pytest.mark.parametrize("count", ["999999999", "999999999999", "9" * 5000])
+@pytest.mark.parametrize("field", ["NumMarkers", "NumFrames"])
+def test_endless_counts_in_the_head_of_a_trc_take_no_memory(field, count, sound, tmp_path):
+    lines = sound["trc"].read_text().splitlines()
+    numbers = lines[2].split("\t")
+    numbers[lines[1].split("\t").index(field)] = count
+    path = tmp_path / "a.trc"
+    path.write_text("\n".join([*lines[:2], "\t".join(numbers), *lines[3:]]) + "\n")
+    tracemalloc.start()
+    try:
+        read_points(path, everything=True)
+    except InputError as error:
+        assert "; expected" in error.message
+    finally:
+        most = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+    assert most < 50e6
+
+
+def test_an_endless_count_of_frames_in_a_motive_export_is_passed_over(sound, tmp_path):
+    path = tmp_path / "a.csv"
+    text = sound["motive"].read_text().replace("Length Units", f"Total Exported Frames,{'9' * 5000},Length Units", 1)
+    path.write_text(text)
+    assert len(read_points(path).xyz)

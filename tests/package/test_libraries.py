@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The compiled libraries as each system's loader reads them: what they offer, what they need, and from which version.
+
+Those that have been built here are looked at: `scripts/build_kernels.py` builds them for all systems on any of them.
+"""
+
+import hashlib
+import re
+import struct
+import zipfile
+from dataclasses import dataclass
+
+import pytest
+
+from scripts import build, build_kernels
+
+lief = pytest.importorskip("lief", reason="lief, which reads libraries, is not installed")
+
+CALLED = re.compile(r"\bcompiled\.(\w+)")
+DECLARED = re.compile(r"^KERNEL [\w *]*?(\w+)\(", re.MULTILINE)
+# What every Windows 10, macOS 11 and Linux with glibc 2.17 has. Windows' C library is made of parts with these names.
+OF_THE_SYSTEM = {
+    "linux-x64": r"(libc|libm)\.so\.6",
+    "windows-x64": r"KERNEL32\.dll|api-ms-win-crt-[a-z]+-l1-1-0\.dll",
+    "macos-arm64": r"/usr/lib/libSystem\.B\.dylib",
+    "macos-x64": r"/usr/lib/libSystem\.B\.dylib",
+}
+MACHINES = {"linux-x64": "X86_64", "windows-x64": "AMD64", "macos-arm64": "ARM64", "macos-x64": "X86_64"}
+NEWEST_GLIBC, OLDEST_MACOS, OLDEST_WINDOWS = (2, 17), [11, 0, 0], (10, 0)
+# Of Apple's code signatures: `CodeDirectory` in xnu's osfmk/kern/cs_blobs.h.
+SIGNATURE, DIRECTORY, AD_HOC, SHA256 = 0xFADE0CC0, 0xFADE0C02, 0x2, 2
+
+
+@dataclass(frozen=True)
+class Built:
+    """A library that has been built: of which platform, its bytes, and what is read out of them."""
+
+    platform: str
+    content: bytes
+    binary: object
+
+    @property
+    def needs(self) -> list[str]:
+        """The libraries that it needs."""
+        names = [getattr(one, "name", one) for one in self.binary.libraries]
+        return names[1:] if self.platform.startswith("macos") else names
+
+
+@pytest.fixture(scope="module", params=build_kernels.TARGETS)
+def built(request) -> Built:
+    target = build_kernels.TARGETS[request.param]
+    wheel = build_kernels.WHEELS / f"{build_kernels.PACKAGE}-{build_kernels.version()}-py3-none-{target.tag}.whl"
+    if not wheel.exists():
+        pytest.skip(f"the library for {request.param} has not been built here")
+    with zipfile.ZipFile(wheel) as archive:
+        (name,) = (name for name in archive.namelist() if name.endswith(target.library))
+        content = archive.read(name)
+    return Built(request.param, content, lief.parse(list(content)))
+
+
+def test_it_offers_what_is_called(built):
+    called = set()
+    for path in (build.ROOT / "addon" / "core" / "kernels").glob("*.py"):
+        called |= set(CALLED.findall(path.read_text(encoding="utf-8")))
+    sources = [path.read_text(encoding="utf-8") for path in build_kernels.SOURCES.glob("*.c")]
+    declared = {name for source in sources for name in DECLARED.findall(source)}
+    offered = {one.name.removeprefix("_") for one in built.binary.exported_functions}
+    assert called <= declared
+    assert len(declared) > 20
+    assert declared <= offered
+
+
+def test_it_needs_nothing_but_the_system(built):
+    assert [name for name in built.needs if not re.fullmatch(OF_THE_SYSTEM[built.platform], name)] == []
+
+
+def test_it_is_for_its_machine_and_the_oldest_system_that_is_promised(built):
+    header = built.binary.header
+    machine = getattr(header, "machine_type", None) or getattr(header, "machine", None) or header.cpu_type
+    assert machine.name == MACHINES[built.platform]
+    if built.platform.startswith("macos"):
+        assert built.binary.build_version.minos == OLDEST_MACOS
+    elif built.platform == "windows-x64":
+        wanted = built.binary.optional_header
+        for part in ("operating_system", "subsystem"):
+            assert (
+                getattr(wanted, f"major_{part}_version"),
+                getattr(wanted, f"minor_{part}_version"),
+            ) <= OLDEST_WINDOWS
+    else:
+        words = {str(one.symbol_version) for one in built.binary.dynamic_symbols if one.has_version}
+        numbers = [
+            tuple(map(int, found[1].split("."))) for word in words if (found := re.search(r"GLIBC_([\d.]+)", word))
+        ]
+        assert numbers and max(numbers)[:2] <= NEWEST_GLIBC
+
+
+def test_it_knows_nothing_of_where_it_was_built(built):
+    for place in (str(build.ROOT), "/tmp/", "/home/", "/root/", "\\Users\\"):
+        assert place.encode() not in built.content, place
+
+
+@pytest.mark.parametrize("built", ["macos-arm64"], indirect=True)
+def test_apple_silicon_finds_its_signature_and_every_page_as_signed(built):
+    """Macs with Apple's processors load no library without one, be it nobody's."""
+    assert built.binary.has_code_signature
+    blob = bytes(built.binary.code_signature.content)
+    magic, _, count = struct.unpack_from(">3I", blob)
+    parts = [struct.unpack_from(">2I", blob, 12 + 8 * index)[1] for index in range(count)]
+    (at,) = (part for part in parts if struct.unpack_from(">I", blob, part)[0] == DIRECTORY)
+    assert magic == SIGNATURE
+    _, _, _, flags, first, _, _, pages, limit, size, kind, _, shift = struct.unpack_from(">9I4B", blob, at)
+    assert flags & AD_HOC and (size, kind) == (32, SHA256)
+    assert limit == built.binary.code_signature.data_offset
+    page = 1 << shift
+    assert pages == -(-limit // page)
+    for number in range(pages):
+        signed = blob[at + first + size * number :][:size]
+        content = built.content[number * page : min((number + 1) * page, limit)]
+        assert hashlib.sha256(content).digest() == signed, f"page {number}"
