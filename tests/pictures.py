@@ -6,8 +6,18 @@ from pathlib import Path
 
 import numpy as np
 
+from addon.core.geometry.cameras import Cameras
+
+NAMES = ("left", "right")  # of the cameras
 SIZE = (160, 120)  # width and height, px
 RADIUS = 3.0
+
+
+def two_cameras() -> Cameras:
+    """Those that the pictures are of."""
+    matrix = [[300.0, 0, SIZE[0] / 2], [0, 300.0, SIZE[1] / 2], [0, 0, 1]]
+    turns = [np.diag([1.0, -1, -1]), np.array([[0.0, 0, 1], [0, -1, 0], [1, 0, 0]])]
+    return Cameras(NAMES, [SIZE] * 2, [matrix] * 2, np.zeros((2, 5)), turns, np.full((2, 3), 2.0))
 
 
 def places(frame: int, camera: int) -> np.ndarray:

@@ -2,6 +2,7 @@
 """Several subjects in a take: who is asked for, and what their report says of them."""
 
 from collections.abc import Generator, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from ..blendfile import mesh_occlusion
@@ -27,14 +28,13 @@ if TYPE_CHECKING:  # most takes are of one subject
 NOT_HELD = FileTableOptions(0)  # every table: those of chunks are small, and there are many in a long take
 
 
-def refuse_beside(job: LabelJob):
-    """Raises InputError where a job of several subjects asks for what is made for one only."""
+def several_asked(job: LabelJob, model: Model) -> Generator[Progress, None, SeveralOptions]:
+    """Who is asked for; `model` is what those without names wear.
+
+    Raises InputError where a body is given, which is one subject's.
+    """
     if job.body is not None:
         raise InputError("a body of your own is one subject's; expected the bodies of the models", job.source)
-
-
-def several_asked(job: LabelJob, model: Model) -> Generator[Progress, None, SeveralOptions]:
-    """Who is asked for; `model` is what those without names wear."""
     if not job.wearers:
         return SeveralOptions(model, job.subjects)
     subjects = []
@@ -52,10 +52,8 @@ def label_subjects(
     """
     from ..core.points.several.pipeline import label_several
 
-    try:
+    with _edits_named(job):
         return (yield from label_several(take, asked, options))
-    except InputError as error:
-        raise error if error.file else InputError(error.message, job.edits_file or job.source) from None
 
 
 def subjects_in_blobs(
@@ -71,11 +69,18 @@ def subjects_in_blobs(
     options = PointOptions(chosen_method(asked.models[0], job.method), job.target, room=room)
     body_of = mesh_occlusion if job.casts == "bvh" else None
     found = yield from label_several_blobs(read, cameras, asked, options, job.frame_rate, body_of)
-    try:
+    with _edits_named(job):
         refuse_unknown(edits, found.labelled.worn.by_name)
-    except InputError as error:
-        raise InputError(error.message, job.edits_file or job.source) from None
     return found
+
+
+@contextmanager
+def _edits_named(job: LabelJob) -> Iterator[None]:
+    """Names the file of edits in an InputError that names none."""
+    try:
+        yield
+    except InputError as error:
+        raise error if error.file else InputError(error.message, job.edits_file or job.source) from None
 
 
 def facts_of_subjects(worn: SetsWorn) -> dict:

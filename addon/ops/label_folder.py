@@ -102,23 +102,24 @@ def folder_line(settings: SceneSettings) -> tuple[list[str], Path, bool]:
     source, out = (Path(bpy.path.abspath(path)) for path in (settings.folder_path, settings.folder_out))
     if not source.is_dir():
         raise InputError("is no folder; expected one with takes", source)
+    from ..cli.label.subjects import subject_words
+
     blobs = cameras_at_hand(bpy.context.scene)
     [table] = summary_paths(out, (), True, False)[:1]
-    line = ["label", *subjects_in_line(settings), f"--out={out}", "--watch", "--resume", "--summary", "--html"]
+    line = [
+        "label",
+        *subject_words(**subjects_asked(settings)),
+        f"--out={out}",
+        "--watch",
+        "--resume",
+        "--summary",
+        "--html",
+    ]
     line += ["--blend", f"--method={settings.method}", f"--target={settings.target}", f"--jobs={settings.folder_jobs}"]
     line += [] if settings.folder_watch else ["--idle=0"]
     line += ["--overwrite"] if settings.folder_anew else []
     line += [f"--occlusion={settings.occlusion}", f"--rate={settings.rate}"] if blobs else []
     return [*line, "--", str(source)], table, blobs
-
-
-def subjects_in_line(settings: SceneSettings) -> list[str]:
-    """Who is asked for, as words of a command line."""
-    asked = subjects_asked(settings)
-    if asked["wearers"]:
-        return [f"--subject={name}={model}" for name, model in asked["wearers"]]
-    count = asked["subjects"]
-    return [f"--model={asked['model']}", *([] if count == 1 else [f"--subjects={count or 'auto'}"])]
 
 
 def words_of_batch(batch: FolderBatch) -> tuple[str, float]:

@@ -11,18 +11,16 @@ from addon.core.geometry.cameras import Cameras
 from addon.io.blobs import read_blobs
 from addon.io.cameras import write_cameras
 from addon.scene import cameras as scene_cameras
-from tests.pictures import SIZE, encode, places, save_pictures
+from tests.pictures import NAMES, SIZE, encode, places, save_pictures, two_cameras
 
-FRAMES, NAMES = range(1, 9), ("left", "right")
+FRAMES = range(1, 9)
 
 
 @pytest.fixture(scope="module")
 def studio(tmp_path_factory):
     """Pictures, movies and the calibration of two cameras."""
     folder = tmp_path_factory.mktemp("studio")
-    matrix = [[300.0, 0, SIZE[0] / 2], [0, 300.0, SIZE[1] / 2], [0, 0, 1]]
-    turns = [np.diag([1.0, -1, -1]), np.array([[0.0, 0, 1], [0, -1, 0], [1, 0, 0]])]
-    cameras = Cameras(NAMES, [SIZE] * 2, [matrix] * 2, np.zeros((2, 5)), turns, np.full((2, 3), 2.0))
+    cameras = two_cameras()
     write_cameras(folder / "room.toml", cameras)
     for number, name in enumerate(NAMES):
         save_pictures(folder / name, FRAMES, number)

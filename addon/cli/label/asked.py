@@ -47,7 +47,11 @@ def as_job(arguments, path: Path) -> jobs.LabelJob:
 
 def command_for(arguments, path: Path) -> list[str]:
     """The command line that labels one of the inputs alone."""
-    command = ["label", f"--out={arguments.out}", *subject_words(arguments)]
+    command = [
+        "label",
+        f"--out={arguments.out}",
+        *subject_words(arguments.model, arguments.subjects, arguments.subject),
+    ]
     known = {
         name: getattr(arguments, name)
         for name in ("cameras", "rate", "height", "facing", "method", "occlusion", "target", "up", "use", "edits")

@@ -12,7 +12,7 @@ from ...io.qtm import is_qtm
 from ...io.whole import keep_apart
 from ...jobs.captures import calibration_for
 from .asked import as_job, summary_of
-from .subjects import check_models, check_subjects, worn_in
+from .subjects import check_models, worn_in
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -44,8 +44,6 @@ def check(arguments):
     if summary is not None:
         summary.check(arguments.overwrite, arguments.resume)
     model = check_models(arguments)
-    for take in takes:
-        check_subjects(take)
     cameras = open_cameras(arguments.cameras, arguments.up) if blobs and arguments.cameras else None
     if len(takes) == 1:  # of many each is told on its own, and the others are labelled
         [take] = takes

@@ -3,6 +3,7 @@
 
 import argparse
 import re
+from collections.abc import Sequence
 
 from ... import jobs
 from ...core.data.errors import InputError
@@ -78,15 +79,6 @@ def check_models(arguments) -> Model:
     return model
 
 
-def check_subjects(take: jobs.LabelJob):
-    """Raises InputError where a take is asked for what cannot be had of several subjects."""
-    if not take.several:
-        return
-    from ...jobs.several import refuse_beside
-
-    refuse_beside(take)
-
-
 def worn_in(take: jobs.LabelJob) -> SetsWorn:
     """The marker sets of all who may be in a take."""
     if not take.wearers:
@@ -94,11 +86,11 @@ def worn_in(take: jobs.LabelJob) -> SetsWorn:
     return SetsWorn(tuple(Wearer(name, open_model(model)) for name, model in take.wearers))
 
 
-def subject_words(arguments) -> list[str]:
-    """The same as words of a command line."""
-    if arguments.subject:
-        return [f"--subject={name}={model}" for name, model in arguments.subject]
-    words = [f"--model={arguments.model}"]
-    if arguments.subjects != 1:
-        words.append(f"--subjects={'auto' if arguments.subjects == AUTO else arguments.subjects}")
+def subject_words(model: str, subjects: int, wearers: Sequence[tuple[str, str]]) -> list[str]:
+    """Who is asked for, said as in a job, as words of a command line."""
+    if wearers:
+        return [f"--subject={name}={worn}" for name, worn in wearers]
+    words = [f"--model={model}"]
+    if subjects != 1:
+        words.append(f"--subjects={'auto' if subjects == AUTO else subjects}")
     return words
