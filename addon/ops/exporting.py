@@ -205,7 +205,7 @@ def write_labels(path: Path, stored: Stored):
     """Writes the labels of a take of blobs; JobError when the file of its blobs has changed since."""
     if not stored.source:
         raise InputError(f"take {stored.name} names no file of blobs; expected the file that it was labelled from")
-    source, frames = Path(bpy.path.abspath(stored.source)), stored.motion.frames
+    source, frames = found_again(Path(bpy.path.abspath(stored.source))), stored.motion.frames
     first = 0
     with LabelWriter(path, stored.names) as writer:
         for part in read_blobs(source, stored.cameras, (int(frames[0]), int(frames[-1]))):
@@ -217,6 +217,12 @@ def write_labels(path: Path, stored: Stored):
             first = last
     if first != len(stored.rows):
         raise JobError("holds other blobs than those that were labelled; expected the file as it was", str(source))
+
+
+def found_again(source: Path) -> Path:
+    """Where a take's file is: where it was or, as after a move of the whole folder, beside the Blender file."""
+    beside = Path(bpy.data.filepath).with_name(source.name) if bpy.data.filepath else source
+    return beside if beside.is_file() and not source.exists() else source
 
 
 CLASSES = (MOCAP_AUTOLABEL_OT_export_labels, MOCAP_AUTOLABEL_OT_export_c3d, MOCAP_AUTOLABEL_OT_export_trc)

@@ -8,8 +8,7 @@ It judges nothing: what it saw goes to `seen.json` beside its pictures.
 import json
 import os
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 
@@ -22,7 +21,6 @@ import window
 OUT = Path(os.environ["MOCAP_OUT"])
 LABEL, OPEN = "mocap_autolabel.label_folder", "mocap_autolabel.open_folder_take"
 FROM_RIGHT = 50  # px from the sidebar's right end to the middle of the cross beside the progress
-PATIENCE = 90.0  # s; a busy machine labels slowly
 
 
 def walk() -> Iterator[float]:
@@ -42,22 +40,22 @@ def walk() -> Iterator[float]:
     yield from window.screenshot("folder-1-ready")
     yield from window.click(*places[LABEL])
     seen["doing"] = state().folder_doing
-    yield from until(lambda: any(row.state == "at work" for row in state().folder_takes))
+    yield from window.until(lambda: any(row.state == "at work" for row in state().folder_takes))
     yield from window.screenshot("folder-2-at-work")
     seen["cube moved meanwhile"] = move_cube()
-    yield from until(lambda: len(state().folder_takes) == 2 and all(done(row) for row in state().folder_takes))
+    yield from window.until(lambda: len(state().folder_takes) == 2 and all(done(row) for row in state().folder_takes))
     seen["watched"] = [(row.name, row.state) for row in state().folder_takes]
     yield from window.screenshot("folder-3-watching")
     sidebar = window.region("UI")
     yield from window.click(sidebar.x + sidebar.width - FROM_RIGHT, places[LABEL][1])
-    yield from until(lambda: not state().folder_doing)
+    yield from window.until(lambda: not state().folder_doing)
     state().folder_index = 1
     places = yield from window.scroll_to(LABEL, OPEN)
     yield from window.screenshot("folder-4-done")
     seen["said"] = state().folder_said
     bpy.ops.wm.save_as_mainfile(filepath=str(OUT / "mine.blend"))  # so that nobody is asked
     yield from window.click(*places[OPEN])
-    yield from until(lambda: Path(bpy.data.filepath).name == "take.blend")
+    yield from window.until(lambda: Path(bpy.data.filepath).name == "take.blend")
     yield 1
     yield from window.open_tab("Mocap")
     seen["opened"] = bpy.context.scene.mocap_autolabel.take is not None
@@ -82,13 +80,6 @@ def move_cube() -> bool:
     bpy.data.objects["Cube"].location.x += 1
     bpy.ops.ed.undo_push(message="Moved")
     return bpy.data.objects["Cube"].location.x > before
-
-
-def until(ready: Callable[[], bool]) -> Iterator[float]:
-    """Waits until something is so, though not for ever."""
-    end = time.monotonic() + PATIENCE
-    while not ready() and time.monotonic() < end:
-        yield 0.2
 
 
 window.play(walk())
