@@ -19,6 +19,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 import window
 
 OUT = Path(os.environ["MOCAP_OUT"])
+FIND_BLOBS = "mocap_autolabel.find_blobs"
 TO_FIRST_BELOW = 48  # px from the upper end of the button Label to the middle of the first panel below it
 
 
@@ -31,10 +32,12 @@ def steps() -> Iterator[float]:
     yield from window.screenshot("sidebar")
 
     bpy.ops.mocap_autolabel.import_cameras(filepath=task["cameras"])
+    yield from window.choose_folder(FIND_BLOBS, task["movies"], picture="blobs-from-pictures")
+    yield from window.until(lambda: bpy.context.scene.mocap_autolabel.blobs_path)
     bpy.ops.mocap_autolabel.import_blobs(filepath=task["blobs"])
     settings = bpy.context.scene.mocap_autolabel
     settings.markerset, settings.rate = "body26", 60
-    yield from look_through_first()
+    yield from window.look_through_first()
     yield from window.screenshot("blobs-through-camera")
 
     yield from label()
@@ -71,6 +74,7 @@ def steps() -> Iterator[float]:
     settings = bpy.context.scene.mocap_autolabel
     bpy.ops.mocap_autolabel.clear()
     yield from performers(task)
+    yield from folder_of_takes(task)
     bpy.data.batch_remove([settings.preview])
     bpy.ops.mocap_autolabel.edit_markerset()
     look_at((0, 0, 0.9), distance=3.2)
@@ -136,6 +140,29 @@ def performers(task: dict) -> Iterator[float]:
     bpy.ops.mocap_autolabel.clear()
     settings.performing = "ONE"
     settings.performers.clear()
+
+
+def folder_of_takes(task: dict) -> Iterator[float]:
+    """Label the takes of a folder, of which one holds nothing, and show the list of them."""
+    panel = importlib.import_module("bl_ext.user_default.mocap_autolabel.addon.ui.label_folder")
+    bpy.utils.unregister_class(panel.MOCAP_AUTOLABEL_PT_label_folder)
+    panel.MOCAP_AUTOLABEL_PT_label_folder.bl_options = set()  # open from the start
+    bpy.utils.register_class(panel.MOCAP_AUTOLABEL_PT_label_folder)
+    settings, state = bpy.context.scene.mocap_autolabel, bpy.context.window_manager.mocap_autolabel
+    settings.folder_path, settings.folder_out = task["takes"], str(OUT / "labelled")
+    settings.folder_watch = True
+    bpy.ops.mocap_autolabel.label_folder("INVOKE_DEFAULT")
+    ended = ("failed", "labelled")
+    yield from window.until(lambda: len(state.folder_takes) == 3 and all(r.state in ended for r in state.folder_takes))
+    state.folder_index = 1
+    yield from window.scroll_to("mocap_autolabel.stop_folder", "mocap_autolabel.open_folder_take")
+    yield from window.screenshot("label-folder")
+    bpy.ops.mocap_autolabel.stop_folder()
+    yield from window.until(lambda: not state.folder_doing)
+    yield from window.scroll_sidebar(down=False)
+    bpy.utils.unregister_class(panel.MOCAP_AUTOLABEL_PT_label_folder)
+    panel.MOCAP_AUTOLABEL_PT_label_folder.bl_options = {"DEFAULT_CLOSED"}
+    bpy.utils.register_class(panel.MOCAP_AUTOLABEL_PT_label_folder)
 
 
 def fill_and_correct() -> Iterator[float]:
@@ -222,19 +249,6 @@ def look_at(place: tuple[float, float, float], distance: float, about: float = 6
     view.view_location = place
     view.view_rotation = Euler((math.radians(72), 0, math.radians(about))).to_quaternion()
     view.view_distance = distance
-
-
-def look_through_first() -> Iterator[float]:
-    """Look through the first camera, filling the view."""
-    context = {"area": window.area(), "region": window.region("WINDOW")}
-    camera = next(item for item in bpy.context.scene.mocap_autolabel.cameras.all_objects if item.type == "CAMERA")
-    with bpy.context.temp_override(**context):
-        bpy.ops.mocap_autolabel.look_through(camera=camera.name)
-    window.area().spaces.active.region_3d.view_perspective = "CAMERA"
-    yield 1
-    with bpy.context.temp_override(**context):
-        bpy.ops.view3d.view_center_camera()
-    yield 1
 
 
 window.play(steps())

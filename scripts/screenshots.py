@@ -17,10 +17,12 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from addon.cli import main as command
+from addon.io.cameras import read_cameras
 from scripts import build, real_blender
+from scripts.movies import write_virtual_movies
 from scripts.virtual_take import write_virtual_pair, write_virtual_points, write_virtual_take
 
-FRAMES = 240
+FRAMES, MOVIE_FRAMES = 240, 24
 
 
 def main() -> int:
@@ -37,13 +39,16 @@ def main() -> int:
         write_virtual_take(folder, FRAMES)
         write_virtual_points(folder, FRAMES)
         write_virtual_pair(folder, FRAMES)
+        write_virtual_movies(folder / "movies", read_cameras(folder / "cameras.toml"), MOVIE_FRAMES)
+        takes(folder)
         people = [train(folder / name) for name in ("ann.c3d", "bob.c3d")]
         package = build.build("{}.{}".format(*blender.version), "linux-x64", folder)
         files = {"cameras": "cameras.toml", "blobs": "take.csv", "points": "walk.c3d", "duet": "duet.c3d"}
+        files |= {"movies": "movies", "takes": "takes"}
         task = {"zip": str(package), "people": people, **{what: str(folder / name) for what, name in files.items()}}
         (folder / "task.json").write_text(json.dumps(task), encoding="utf-8")
         steps = Path(__file__).with_name("screenshot_steps.py")
-        done = blender.window(steps, folder, home=folder / "home", seconds=400)
+        done = blender.window(steps, folder, home=folder / "home", seconds=600)
         pictures = sorted(folder.glob("*.png"))
         if not (folder / "done").exists():
             sys.exit(f"screenshots.py: the window closed early\n{done.stdout}{done.stderr}")
@@ -51,6 +56,15 @@ def main() -> int:
         for picture in pictures:
             print(shutil.copy(picture, out / picture.name))
     return 0
+
+
+def takes(folder: Path) -> None:
+    """Fill the folder `takes` in a folder with takes: of points, of blobs, and one that holds nothing."""
+    out = folder / "takes"
+    out.mkdir()
+    shutil.copy(folder / "walk.c3d", out / "morning.c3d")
+    shutil.copy(folder / "take.csv", out / "noon.csv")
+    (out / "evening.csv").write_text("frame,camera,x,y\n", encoding="utf-8")
 
 
 def train(take: Path) -> str:

@@ -97,6 +97,39 @@ def grow(kind: str, pixels: int) -> Iterator[float]:
     yield 1
 
 
+def choose_folder(operator: str, folder: str, picture: str = "") -> Iterator[float]:
+    """Press an operator's button and choose a folder in the file browser that it opens, of which a picture is taken."""
+    places = yield from scroll_to(operator)
+    yield from click(*places[operator])
+    yield from until(lambda: _browser() is not None)
+    shown, browser = _browser()
+    browser.spaces.active.params.directory = folder.encode()
+    yield 1
+    if picture:
+        yield from screenshot(picture)
+    with bpy.context.temp_override(window=shown, area=browser):
+        bpy.ops.file.execute()
+    yield 0.2
+
+
+def _browser() -> tuple[bpy.types.Window, bpy.types.Area] | None:
+    shown = [(one, a) for one in bpy.context.window_manager.windows for a in one.screen.areas]
+    return next(((one, a) for one, a in shown if a.type == "FILE_BROWSER" and a.spaces.active.params), None)
+
+
+def look_through_first() -> Iterator[float]:
+    """Look through the scene's first calibrated camera, filling the view."""
+    context = {"area": area(), "region": region("WINDOW")}
+    camera = next(item for item in bpy.context.scene.mocap_autolabel.cameras.all_objects if item.type == "CAMERA")
+    with bpy.context.temp_override(**context):
+        bpy.ops.mocap_autolabel.look_through(camera=camera.name)
+    area().spaces.active.region_3d.view_perspective = "CAMERA"
+    yield 1
+    with bpy.context.temp_override(**context):
+        bpy.ops.view3d.view_center_camera()
+    yield 1
+
+
 def show_all() -> None:
     """Let the 3D view show everything there is."""
     with bpy.context.temp_override(area=area(), region=region("WINDOW")):

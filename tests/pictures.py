@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from addon.core.geometry.cameras import Cameras
+from scripts.movies import save_picture
 
 NAMES = ("left", "right")  # of the cameras
 SIZE = (160, 120)  # width and height, px
@@ -38,38 +39,6 @@ def picture(frame: int, camera: int, size: tuple[int, int] = SIZE) -> np.ndarray
 
 def save_pictures(folder: Path, frames: Sequence[int], camera: int, size: tuple[int, int] = SIZE):
     """Writes numbered pictures."""
-    import bpy
-
     folder.mkdir(parents=True, exist_ok=True)
     for frame in frames:
-        pixels = np.ones((size[1], size[0], 4), np.float32)
-        pixels[..., :3] = picture(frame, camera, size)[::-1, :, None]
-        image = bpy.data.images.new("drawn", *size)
-        image.pixels.foreach_set(pixels.ravel())
-        image.filepath_raw, image.file_format = str(folder / f"{frame:04}.png"), "PNG"
-        image.save()
-        bpy.data.images.remove(image)
-
-
-def encode(folder: Path, frames: Sequence[int], movie: Path, size: tuple[int, int] = SIZE, rate: int = 30):
-    """Makes an H.264 movie of numbered pictures, in a scene of its own that goes again."""
-    import bpy
-
-    scene = bpy.data.scenes.new("encoding")
-    editor = scene.sequence_editor_create()
-    strips = editor.strips if hasattr(editor, "strips") else editor.sequences
-    strip = strips.new_image("pictures", str(folder / f"{frames[0]:04}.png"), 1, 1)
-    for frame in frames[1:]:
-        strip.elements.append(f"{frame:04}.png")
-    scene.frame_start, scene.frame_end = 1, len(frames)
-    render, settings = scene.render, scene.render.image_settings
-    render.resolution_x, render.resolution_y, render.fps, render.resolution_percentage = *size, rate, 100
-    scene.view_settings.view_transform = "Standard"
-    if hasattr(settings, "media_type"):
-        settings.media_type = "VIDEO"
-    settings.file_format = "FFMPEG"
-    render.ffmpeg.format, render.ffmpeg.codec = "MPEG4", "H264"
-    render.ffmpeg.constant_rate_factor, render.ffmpeg.gopsize = "HIGH", 5
-    render.filepath, render.use_file_extension = str(movie), False
-    bpy.ops.render.render(animation=True, scene=scene.name)
-    bpy.data.scenes.remove(scene)
+        save_picture(folder / f"{frame:04}.png", picture(frame, camera, size))

@@ -36,6 +36,7 @@ from addon.jobs.pictures import CORNER, PicturesJob, blobs_of_pictures
 from addon.scene.body import capsule_in_metres, capsule_mesh, capsule_place
 from addon.scene.cameras import add_cameras, look_through
 from addon.scoring import compare
+from scripts import movies
 
 RADIUS = 0.007  # m, of a marker's ball
 SAMPLES = 16  # of each pixel
@@ -145,25 +146,10 @@ def encode(made, folder: Path, frames: range) -> dict[str, Path]:
         found[name] = folder / f"{name}.mp4"
         if found[name].exists():
             continue
-        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-        scene = bpy.context.scene
-        editor = scene.sequence_editor_create()
-        strips = editor.strips if hasattr(editor, "strips") else editor.sequences
-        strip = strips.new_image("pictures", str(folder / name / f"{frames[0]:04}.png"), 1, 1)
-        for frame in frames[1:]:
-            strip.elements.append(f"{frame:04}.png")
-        scene.frame_start, scene.frame_end = 1, len(frames)
-        render, settings = scene.render, scene.render.image_settings
-        render.resolution_x, render.resolution_y, render.fps = *map(round, size), round(STAGE.rate)
-        scene.view_settings.view_transform = "Standard"
-        if hasattr(settings, "media_type"):
-            settings.media_type = "VIDEO"
-        settings.file_format = "FFMPEG"
-        render.ffmpeg.format, render.ffmpeg.codec = "MPEG4", "H264"
-        render.ffmpeg.constant_rate_factor, render.ffmpeg.gopsize = "HIGH", 25
-        render.filepath, render.use_file_extension = str(found[name]), False
         with silenced():
-            bpy.ops.render.render(animation=True)
+            movies.encode(
+                folder / name, frames, found[name], tuple(map(round, size)), round(STAGE.rate), keyed_every=25
+            )
     return found
 
 
@@ -286,8 +272,8 @@ def main() -> int:
     cameras = made.cameras
     folders = {name: folder / name for name in cameras.names}
     print(json.dumps({"pictures": measure(made, folders, cameras, folder, "pictures", 0)}, indent=1), flush=True)
-    movies = encode(made, folder, frames)
-    print(json.dumps({"H.264": measure(made, movies, cameras, folder, "movies", frames[0] - 1)}, indent=1))
+    filmed = encode(made, folder, frames)
+    print(json.dumps({"H.264": measure(made, filmed, cameras, folder, "movies", frames[0] - 1)}, indent=1))
     return 0
 
 

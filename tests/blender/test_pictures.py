@@ -11,7 +11,8 @@ from addon.core.geometry.cameras import Cameras
 from addon.io.blobs import read_blobs
 from addon.io.cameras import write_cameras
 from addon.scene import cameras as scene_cameras
-from tests.pictures import NAMES, SIZE, encode, places, save_pictures, two_cameras
+from scripts.movies import encode
+from tests.pictures import NAMES, SIZE, places, save_pictures, two_cameras
 
 FRAMES = range(1, 9)
 
@@ -26,7 +27,7 @@ def studio(tmp_path_factory):
         save_pictures(folder / name, FRAMES, number)
     (folder / "movies").mkdir()
     for name in NAMES:
-        encode(folder / name, FRAMES, folder / "movies" / f"{name}.mp4")
+        encode(folder / name, FRAMES, folder / "movies" / f"{name}.mp4", SIZE)
     return folder, cameras
 
 

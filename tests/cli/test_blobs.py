@@ -8,7 +8,8 @@ import pytest
 
 from addon.io.blobs import read_blobs
 from addon.io.cameras import write_cameras
-from tests.pictures import NAMES, SIZE, encode, places, save_pictures, two_cameras
+from scripts.movies import encode
+from tests.pictures import NAMES, SIZE, places, save_pictures, two_cameras
 
 bpy = pytest.importorskip("bpy", reason="pictures are read by Blender")
 FRAMES = range(7, 19)
@@ -22,7 +23,7 @@ def studio(tmp_path_factory):
     write_cameras(folder / "room.toml", cameras)
     for number, name in enumerate(NAMES):
         save_pictures(folder / name, FRAMES, number)
-        encode(folder / name, FRAMES, folder / f"take_{name}.mp4")
+        encode(folder / name, FRAMES, folder / f"take_{name}.mp4", SIZE)
     return folder, cameras
 
 
