@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Pictures and movies that are drawn, and written by Blender, for window tests and screenshots."""
 
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -23,6 +24,7 @@ def write_virtual_movies(folder: Path, cameras: Cameras, frames: int) -> None:
             own = blobs.xy[(blobs.camera == index) & (blobs.frame == frame)]
             save_picture(pictures / f"{frame + 1:04}.png", _discs(own, tuple(map(int, size))))
         encode(pictures, range(1, frames + 1), folder / f"{name}.mp4", tuple(map(int, size)))
+        shutil.rmtree(pictures)  # a folder of pictures would be the camera's as well
 
 
 def _discs(places: np.ndarray, size: tuple[int, int]) -> np.ndarray:

@@ -20,7 +20,9 @@ import window
 
 OUT = Path(os.environ["MOCAP_OUT"])
 FIND_BLOBS = "mocap_autolabel.find_blobs"
+SEEN_BY_FIRST = "RELB"  # in the frame that is shown
 TO_FIRST_BELOW = 48  # px from the upper end of the button Label to the middle of the first panel below it
+CLOSED_PANEL = 26  # px from the middle of a closed panel to that of the next
 
 
 def steps() -> Iterator[float]:
@@ -144,25 +146,29 @@ def performers(task: dict) -> Iterator[float]:
 
 def folder_of_takes(task: dict) -> Iterator[float]:
     """Label the takes of a folder, of which one holds nothing, and show the list of them."""
-    panel = importlib.import_module("bl_ext.user_default.mocap_autolabel.addon.ui.label_folder")
-    bpy.utils.unregister_class(panel.MOCAP_AUTOLABEL_PT_label_folder)
-    panel.MOCAP_AUTOLABEL_PT_label_folder.bl_options = set()  # open from the start
-    bpy.utils.register_class(panel.MOCAP_AUTOLABEL_PT_label_folder)
+    places = yield from window.scroll_to("mocap_autolabel.label")
+    x, y = places["mocap_autolabel.label"]
+    performers, folder = y - TO_FIRST_BELOW, y - TO_FIRST_BELOW - 2 * CLOSED_PANEL
+    yield from window.click(x, performers)  # it was opened
+    yield from window.click(x, folder)
     settings, state = bpy.context.scene.mocap_autolabel, bpy.context.window_manager.mocap_autolabel
     settings.folder_path, settings.folder_out = task["takes"], str(OUT / "labelled")
     settings.folder_watch = True
+    bpy.ops.mocap_autolabel.import_cameras(filepath=task["cameras"])
     bpy.ops.mocap_autolabel.label_folder("INVOKE_DEFAULT")
     ended = ("failed", "labelled")
     yield from window.until(lambda: len(state.folder_takes) == 3 and all(r.state in ended for r in state.folder_takes))
     state.folder_index = 1
     yield from window.scroll_to("mocap_autolabel.stop_folder", "mocap_autolabel.open_folder_take")
+    window.point(400, 300)  # off the buttons, which would tell what they are for
+    yield 1
     yield from window.screenshot("label-folder")
     bpy.ops.mocap_autolabel.stop_folder()
     yield from window.until(lambda: not state.folder_doing)
+    bpy.data.batch_remove(list(settings.cameras.all_objects))
+    yield from window.scroll_to("mocap_autolabel.label")
+    yield from window.click(x, folder)
     yield from window.scroll_sidebar(down=False)
-    bpy.utils.unregister_class(panel.MOCAP_AUTOLABEL_PT_label_folder)
-    panel.MOCAP_AUTOLABEL_PT_label_folder.bl_options = {"DEFAULT_CLOSED"}
-    bpy.utils.register_class(panel.MOCAP_AUTOLABEL_PT_label_folder)
 
 
 def fill_and_correct() -> Iterator[float]:
@@ -209,7 +215,7 @@ def name_blob() -> Iterator[float]:
     """Through a camera take a blob's name away, and open the pie of what it may be."""
     with bpy.context.temp_override(area=window.area(), region=window.region("WINDOW")):
         bpy.ops.wm.tool_set_by_id(name="mocap_autolabel.label_tool")
-    place = dot_of("RKNE")
+    place = dot_of(SEEN_BY_FIRST)
     yield from window.click(*place)
     yield from window.press("U", *place)
     yield from window.tap("L", *place)

@@ -17,8 +17,8 @@ def calibration_for(source: Path, cameras: Path | None) -> Path:
         return cameras
     if is_qtm(source):
         return source
-    words = "holds blobs, and the argument --cameras is missing"
-    raise InputError(f"{words}; expected the calibration of their cameras", source)
+    words = "holds blobs, and there is no calibration of their cameras"
+    raise InputError(f"{words}; expected --cameras or, in Blender, Import Calibration", source)
 
 
 def blob_rate(source: Path, rate: float | None) -> float | None:

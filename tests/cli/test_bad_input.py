@@ -46,7 +46,10 @@ def test_blobs(label, tmp_path, text, reason):
         ("", r"bad\.csv: is empty; expected a blob file .*, or a take of 3D points"),
         ("hello,world\n1,2\n", r"bad\.csv:1: holds neither blobs nor 3D points, .*; expected"),
         ("frame,camera,x\n1,cam1,2\n", r"bad\.csv:1: has no column y; expected"),
-        (HEADER + "1,cam1,3,4\n", r"bad\.csv: holds blobs, and the argument --cameras is missing; expected"),
+        (
+            HEADER + "1,cam1,3,4\n",
+            r"bad\.csv: holds blobs, and there is no calibration of their cameras; expected --cameras",
+        ),
     ],
 )
 def test_a_file_is_only_said_to_hold_blobs_when_it_does(run, tmp_path, text, reason):

@@ -109,7 +109,7 @@ def test_reconstruct_and_refine_need_no_cameras_either(run, capture, room, tmp_p
     assert (answer.status, result["rate"], result["rate_assumed"]) == (0, 100.0, False)
     assert result["first_frame"] == FRAMES[0] and result["capture"]
     answer = run("reconstruct", room.blobs, "--out", tmp_path / "none.c3d")
-    assert "holds blobs, and the argument --cameras is missing; expected" in answer.reason
+    assert "holds blobs, and there is no calibration of their cameras; expected --cameras" in answer.reason
     answer = run("refine", capture, "--model", MODEL, "--out", tmp_path / "room.toml")
     assert answer.status == 0
     assert read_cameras(tmp_path / "room.toml").names == read_cameras(capture).names
