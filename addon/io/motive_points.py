@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ..core.data.errors import InputError
+from ..core.data.takes import MAX_RATE_HZ, MIN_RATE_HZ
 from .source import decode, open_binary, read_bytes
 from .textpoints import TextTake, count_in, rows_to_samples
 
@@ -70,7 +71,7 @@ def _rate(settings: dict[str, str], path: Path) -> float:
             rate = float(settings.get(key, ""))
         except ValueError:
             continue
-        if 0 < rate < 1e6:
+        if MIN_RATE_HZ <= rate <= MAX_RATE_HZ:
             return rate
     raise InputError("has no Export Frame Rate; expected frames a second", path, 1)
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.data.lanes import blocks
+from ..core.data.takes import MAX_RATE_HZ, MIN_RATE_HZ
 from .names import written
 from .source import decode, read_bytes
 from .textpoints import TextTake, count_in, rows_to_samples
@@ -28,7 +29,7 @@ def read_trc(path: Path) -> TextTake:
         raise InputError(f"does not begin with PathFileType; expected {KIND}", path, 1)
     head = dict(zip(lines[1].split(), lines[2].split(), strict=False))
     rate = _number(head.get("DataRate"), "DataRate", path)
-    if not 0 < rate < 1e6:
+    if not MIN_RATE_HZ <= rate <= MAX_RATE_HZ:
         raise InputError(f"has a DataRate of {rate:g}; expected frames a second", path, 3)
     begin = next((index for index in (4, 5) if _is_row(lines, index)), 5)
     labels = _labels(lines[3], head.get("NumMarkers", ""), lines[begin:])

@@ -135,3 +135,9 @@ def test_an_endless_count_of_frames_in_a_motive_export_is_passed_over(sound, tmp
     text = sound["motive"].read_text().replace("Length Units", f"Total Exported Frames,{'9' * 5000},Length Units", 1)
     path.write_text(text)
     assert len(read_points(path).xyz)
+
+
+def test_a_rate_that_no_other_file_could_hold_is_passed_over(sound, tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text(sound["motive"].read_text().replace("Export Frame Rate,", "Export Frame Rate,1e-320,Other,", 1))
+    assert read_points(path).rate == 240.0

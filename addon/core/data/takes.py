@@ -19,6 +19,8 @@ NO_MARKER = NO_POINT = -1
 
 # C3D files count frames no further than this, and blob files neither.
 MAX_FRAME = 2**32 - 1
+# Frames a second that every kind of file can hold.
+MIN_RATE_HZ, MAX_RATE_HZ = 1e-6, 1e6
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,12 +10,12 @@ import numpy as np
 
 from ...core.data.errors import InputError
 from ...core.data.lanes import blocks
+from ...core.data.takes import MAX_RATE_HZ, MIN_RATE_HZ
 from ..samples import Parts, Samples, dense
 from ..source import BytesOnDisk
 from .layout import FileLayout, find_layout
 from .parameters import C3dFile
 
-MAX_RATE_HZ = 1e6
 CORNER_NUMBERS = 12  # of a force plate
 
 
@@ -87,7 +87,7 @@ def _rate(file: C3dFile, given: float | None) -> tuple[float, tuple[str, ...]]:
     """Frames a second, and what there is to say of that."""
     claims = [file.number(key, 0) for key in ("POINT:RATE", "TRIAL:CAMERA_RATE")]
     claims.insert(1, file.header_real(10))
-    stated = next((claim for claim in claims if 0 < claim < MAX_RATE_HZ), None)
+    stated = next((claim for claim in claims if MIN_RATE_HZ <= claim <= MAX_RATE_HZ), None)
     if stated is not None:
         return stated, ()
     if given is None:
