@@ -100,7 +100,7 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
             results.doubt(doubts)
         results.labels.file.flush()
         facts = _facts(job, method, cameras, results, agreement)
-        facts |= facts_of_subjects(worn) if several else {}
+        facts |= facts_of_subjects(job, worn, facts.get("notes", [])) if several else {}
         counts = {one.name: one.as_dict() for one in trouble.by_camera.figures()}
         of_cameras = {name: row | counts[name] for name, row in check.of_cameras().items()}
         facts |= {"cameras": of_cameras, "camera_doubts": [doubt.reason for doubt in doubts]}

@@ -78,7 +78,7 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         del rows, chunk
         points = labelled_points(take, labelled, markerset)
         facts, fills = _facts(take, summary, options) | facts_of_capture(job.source, True), ()
-        facts |= facts_of_subjects(markerset) if several else {}
+        facts |= facts_of_subjects(job, markerset, facts.get("notes", [])) if several else {}
         if job.fill:
             from .fill import fill_labelled
 

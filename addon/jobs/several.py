@@ -14,7 +14,7 @@ from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import Cameras
 from ..core.points.models import Model
 from ..core.points.naming import chosen_method
-from ..core.points.several.wearers import SetsWorn, SeveralOptions, Wearer
+from ..core.points.several.wearers import SetsWorn, SeveralOptions, Wearer, kinds
 from ..core.points.whole_take.pipeline import PointOptions
 from ..io.blobs import read_blobs
 from ..io.tables import FileTableOptions, Room
@@ -83,9 +83,10 @@ def _edits_named(job: LabelJob) -> Iterator[None]:
         raise error if error.file else InputError(error.message, job.edits_file or job.source) from None
 
 
-def facts_of_subjects(worn: SetsWorn) -> dict:
-    """What a report says of who is in the take."""
+def facts_of_subjects(job: LabelJob, worn: SetsWorn, notes: list[str]) -> dict:
+    """What a report says of who is in the take; `notes` it has."""
     return {
+        "notes": [*notes, *(_alike(worn) if job.wearers else ())],
         "subjects": [
             {
                 "name": one.name,
@@ -94,5 +95,16 @@ def facts_of_subjects(worn: SetsWorn) -> dict:
                 "model_fingerprint": one.model.fingerprint,
             }
             for one in worn.subjects
-        ]
+        ],
     }
+
+
+def _alike(worn: SetsWorn) -> list[str]:
+    """Who cannot be told from whom by their models, a sentence for each model."""
+    said, first_of = [], kinds(worn.subjects)
+    for first in dict.fromkeys(first_of):
+        names = [one.name for one, kind in zip(worn.subjects, first_of, strict=True) if kind is first]
+        if len(names) > 1:
+            words = f"{' and '.join(names)} wear the same model, which does not tell them apart"
+            said.append(f"{words}: {names[0]} is who is first in the file")
+    return said

@@ -159,7 +159,7 @@ def tracklets(models: Path | None) -> Series:
         "tracklets in 3,000 frames of 41 markers",
         (
             Point(len(points.names), partial(labelled, points, model))
-            for points in (cut_evenly(part, length) for length in (2000, 300, 60, 30, 12, 6))
+            for points in (cut_evenly(part, length) for length in (2000, 300, 60, 30, 12))
         ),
     )
 

@@ -72,6 +72,18 @@ def test_two_are_named_in_every_file(label, run, pair, tmp_path):
     assert list(report["markers"]) == markers
 
 
+def test_two_names_for_one_set_are_given_in_the_order_of_the_file(label, run, pair, tmp_path):
+    assert label("--subject", f"zoe={WORN}", "--subject", f"ann={WORN}").status == 0
+    truth = (pair / "truth.csv").read_text().replace(",1:", ",zoe:").replace(",2:", ",ann:")
+    (tmp_path / "truth.csv").write_text(truth)
+    figures = json.loads(run("evaluate", tmp_path / "out/pair.labels.csv", tmp_path / "truth.csv", "--json").out)
+    assert figures["precision"] == 1
+    assert figures["recall"] > 0.95
+    report = json.loads((tmp_path / "out/pair.report.json").read_text())
+    words = "zoe and ann wear the same model, which does not tell them apart: zoe is who is first in the file"
+    assert words in report["notes"]
+
+
 def test_gaps_of_each_are_filled_and_the_page_shows_both(label, run, pair, tmp_path):
     take = read_points(pair / "pair.c3d")
     order = np.array([int(row["point"]) for row in rows_of(pair / "truth.csv") if row["marker"] == "2:LKNE"][:1])

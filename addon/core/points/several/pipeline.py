@@ -31,7 +31,7 @@ from .parting import PartedBodies, parted
 from .props import found_prop, is_prop
 from .telling import TELLING, costs_of, told
 from .together import Everybody, FoundSubject, motion_of_all, verdict_on
-from .wearers import AUTO, SeveralOptions, Wearer
+from .wearers import AUTO, SeveralOptions, Wearer, is_same, kinds
 
 # How far along the work is when each stage of a body's begins, of all of the body's: as measured.
 SHARES = {"adapt": 0.0, "others": 0.01, "name": 0.1, "name more": 0.6, "learn": 0.8, "name again": 0.8, "vote": 0.8}
@@ -154,7 +154,7 @@ class _Parties:
         subjects, chosen = self._who(named, wanted)
         people = []
         for subject, (body, own) in zip(subjects, chosen, strict=True):
-            if own.model is not subject.model:
+            if not is_same(own.model, subject.model):
                 again = BodyNaming(self.crowd, bodies.may[:, body], subject.model, recognised_before)
                 own = yield from within(again.named(), 0.85, 0.85, spans=_spans(0.85, 0.88))
             people.append(own)
@@ -171,13 +171,15 @@ class _Parties:
         self, named: dict[int, list[NamedBody]], wanted: int
     ) -> tuple[tuple[Wearer, ...], list[tuple[int, NamedBody]]]:
         """The subjects in their order, and the body of each with what was named on it."""
-        if not self.asked.subjects:
-            lasting = {body: self.crowd.named_points(own[0]) for body, own in named.items()}
-            kept = sorted(lasting, key=lambda body: -lasting[body].sum())[: wanted or len(lasting)]
-            kept.sort(key=lambda body: int(np.flatnonzero(lasting[body])[0]))  # who is first in the file is 1
-            return self.asked.numbered(len(kept)), [(body, named[body][0]) for body in kept]
-        order = list(named)
-        place, lead = told(np.array([costs_of(named[body], self.asked.models) for body in order]))
+        lasting = {body: self.crowd.named_points(own[0]) for body, own in named.items()}
+        order = sorted(lasting, key=lambda body: int(np.flatnonzero(lasting[body])[0]))  # who is first in the file
+        models = [one.model for one in kinds(self.asked.subjects)]
+        kind = [models.index(model) for model in models]
+        if len(kind) != 1 and not any(kind):  # whom nothing tells apart
+            kept = sorted(order, key=lambda body: -lasting[body].sum())[: wanted or len(order)]
+            chosen = [(body, named[body][0]) for body in order if body in kept]
+            return self.asked.subjects or self.asked.numbered(len(kept)), chosen
+        place, lead = told(np.array([costs_of(named[body], models) for body in order]), kind)
         if lead < TELLING.lead:
             names = " and ".join(one.name for one in self.asked.subjects)
             raise JobError(
@@ -185,8 +187,8 @@ class _Parties:
                 f"or --subjects {max(wanted, len(order))} with one model"
             )
         chosen = []
-        for index, one in enumerate(self.asked.subjects):
-            body, markers = order[place[index]], one.model.markerset.markers
+        for index, model in enumerate(models):
+            body, markers = order[place[index]], model.markerset.markers
             chosen.append((body, next(own for own in named[body] if own.model.markerset.markers == markers)))
         return self.asked.subjects, chosen
 

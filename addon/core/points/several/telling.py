@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Who is who, where each subject has a model of their own: by how far the markers of a body are from each other."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import permutations
+from itertools import combinations, permutations
 from typing import Protocol
 
 import numpy as np
@@ -68,12 +69,16 @@ def _cost(named: OnBody, model: Model) -> float:
     return float(square.sum() / size)
 
 
-def told(cost: np.ndarray) -> tuple[list[int], float]:
-    """Which body (of B) each of S subjects has, by costs (B, S), and by how much that is ahead of any other way."""
+def told(cost: np.ndarray, kind: Sequence[int]) -> tuple[list[int], float]:
+    """Which body (of B) each of S subjects has, by costs (B, S), and by how much that is ahead of any other way.
+
+    Subjects of one `kind` (S,) are not told apart: the first of them has the first body.
+    """
     bodies, subjects = cost.shape
     ways = sorted(
         (float(sum(cost[body, subject] for subject, body in enumerate(way))), way)
         for way in permutations(range(bodies), subjects)
+        if all(kind[one] != kind[other] or way[one] < way[other] for one, other in combinations(range(subjects), 2))
     )
     if not ways or not np.isfinite(ways[0][0]):
         return list(range(subjects)), -np.inf

@@ -44,10 +44,12 @@ class SeveralOptions:
     count: int = AUTO
     subjects: tuple[Wearer, ...] = ()
 
-    @property
+    @cached_property
     def models(self) -> tuple[Model, ...]:
-        """The models of those who are asked for; of those without names, the one."""
-        return tuple(one.model for one in self.subjects) if self.subjects else (self.model,)
+        """The models of those who are asked for, each once; of those without names, the one."""
+        if not self.subjects:
+            return (self.model,)
+        return tuple(one.model for one, kind in zip(self.subjects, kinds(self.subjects), strict=True) if kind is one)
 
     def numbered(self, count: int) -> tuple[Wearer, ...]:
         """So many without names, who are called 1, 2 and so on."""
@@ -57,6 +59,16 @@ class SeveralOptions:
     def possible(self) -> "SetsWorn":
         """The sets of all who may be in the take, as far as is known before it is looked at."""
         return SetsWorn(self.subjects or self.numbered(self.count or MAX_SUBJECTS))
+
+
+def kinds(subjects: tuple[Wearer, ...]) -> tuple[Wearer, ...]:
+    """For each subject the first one of the same model, whom nothing that is known tells them from."""
+    return tuple(next(other for other in subjects if is_same(other.model, one.model)) for one in subjects)
+
+
+def is_same(one: Model, other: Model) -> bool:
+    """Whether two models are one, read twice or not."""
+    return one is other or (bool(one.fingerprint) and one.fingerprint == other.fingerprint)
 
 
 @dataclass(frozen=True, eq=False)

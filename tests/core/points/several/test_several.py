@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Two people who pass each other: whose tracklets are whose, how many there are, and their names from end to end."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -22,7 +23,8 @@ from addon.core.points.several.wearers import AUTO, SetsWorn, SeveralOptions, We
 from addon.core.points.tracklets import cut
 from addon.core.points.whole_take.pipeline import PointOptions, label_points
 from addon.core.simulation.virtual import Act, draw_person, perform
-from addon.io.models import open_model
+from addon.io.markersets import markerset_file
+from addon.io.models import open_model, read_model
 
 RATE = 60.0
 FRAMES = 100
@@ -158,10 +160,20 @@ def test_more_than_there_are_are_refused(passing):
         finished(label_several(take, SeveralOptions(open_model("gait15"), 3), PointOptions("likelihood")))
 
 
-def test_people_whose_models_are_one_cannot_be_told_apart(passing):
+def test_people_whose_models_are_one_have_their_names_in_the_order_of_the_file(passing):
+    take, _ = passing
+    model, again = open_model("gait15"), read_model(markerset_file("gait15"))
+    asked = SeveralOptions(subjects=(Wearer("bob", model), Wearer("ann", again)))
+    found = finished(label_several(take, asked, PointOptions("likelihood")))
+    assert [one.name for one in found.worn.subjects] == ["bob", "ann"]
+    numbered = finished(label_several(take, SeveralOptions(model, 2), PointOptions("likelihood")))
+    assert np.array_equal(found.labels.marker, numbered.labels.marker)
+
+
+def test_people_of_two_models_who_are_as_like_one_as_the_other_cannot_be_told_apart(passing):
     take, _ = passing
     model = open_model("gait15")
-    asked = SeveralOptions(subjects=(Wearer("ann", model), Wearer("bob", model)))
+    asked = SeveralOptions(subjects=(Wearer("ann", model), Wearer("bob", replace(model, fingerprint="another"))))
     with pytest.raises(JobError, match="who is ann and bob cannot be told"):
         finished(label_several(take, asked, PointOptions("likelihood")))
 
@@ -173,10 +185,12 @@ def test_the_surer_keeps_what_two_claim():
 
 
 def test_who_is_who_is_the_likeliest_way_round():
-    order, lead = told(np.array([[9.0, 1.0], [2.0, 6.0], [20.0, 20.0]]))
-    assert (order, lead) == ([1, 0], 12.0)
-    assert told(np.array([[np.inf], [2.0]])) == ([1], np.inf)
-    assert told(np.array([[np.inf, np.inf]]).T[:, :1])[1] == -np.inf
+    cost = np.array([[9.0, 1.0], [2.0, 6.0], [20.0, 20.0]])
+    assert told(cost, [0, 1]) == ([1, 0], 12.0)
+    assert told(np.array([[np.inf], [2.0]]), [0]) == ([1], np.inf)
+    assert told(np.array([[np.inf, np.inf]]).T[:, :1], [0])[1] == -np.inf
+    two_alike = np.array([[5.0, 5.0, 1.0], [1.0, 1.0, 9.0], [2.0, 2.0, 8.0]])
+    assert told(two_alike, [0, 0, 2]) == ([1, 2, 0], 10.0), "in their order, and no tie between those who are alike"
 
 
 def test_markers_of_all_are_called_after_their_subjects():
