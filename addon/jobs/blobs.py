@@ -141,7 +141,7 @@ def _tracked(edits: Edits, job: LabelJob, cameras: Cameras) -> Edits:
 def _facts(job: LabelJob, method: str, cameras: Cameras, results: "Results", agreement: MethodAgreement) -> dict:
     """What the report of blobs says beside what every report says."""
     facts = {"method": method, "occlusion": job.casts, "rate_assumed": job.rate is None}
-    facts["steps"] = results.counts(method)
+    facts["steps"] = results.counts("both" if job.several else method)  # bodies of several name what has no point
     if method == "both":
         facts["agreement"] = agreement.as_dict()
     if cameras.remarks:
