@@ -2,8 +2,8 @@
 """Blobs of several subjects named through the points that they make, and checked back in the images.
 
 Who is who is a matter of the whole take, so all of it is reconstructed first and named as a take of points; its blobs
-are looked at twice, and never held. In the images all bodies are in the way: one hides the other's markers. A body fitted
-to each subject then names what too few cameras see for a point (`fitted_subjects`).
+are looked at twice, and never held. In the images all bodies are in the way: one hides the other's markers. A body
+fitted to each subject then names what too few cameras see for a point (`fitted_subjects`).
 """
 
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
