@@ -56,7 +56,7 @@ class _Said:
         return off[blobs.frame[rows], self.labels.marker[rows] - self.first]
 
 
-class FittedSubject:
+class FollowedSubject:
     """One subject of a take, whose markers are from `first` on, with its body by itself and its body held by names."""
 
     def __init__(self, number: int, first: int, setup: Setup):
@@ -109,10 +109,10 @@ class FittedSubject:
 
 
 @dataclass(frozen=True, eq=False)
-class FittedSubjects:
+class FollowedSubjects:
     """Those of a take who have a body, chunk by chunk in their order; props are known by their form alone."""
 
-    subjects: tuple[FittedSubject, ...]
+    subjects: tuple[FollowedSubject, ...]
     markers: int
 
     @classmethod
@@ -123,7 +123,7 @@ class FittedSubjects:
             if not is_prop(one.model):
                 worn_set = one.model.markerset
                 body = body_of(worn_set) if body_of else None
-                found.append(FittedSubject(number, first, Setup.of(cameras, worn_set, body, rate=rate)))
+                found.append(FollowedSubject(number, first, Setup.of(cameras, worn_set, body, rate=rate)))
         return cls(tuple(found), len(worn))
 
     def read(self, blobs: Blobs, labels: Labels, hidden: HiddenByOthers) -> Labels:
@@ -166,7 +166,7 @@ class FittedSubjects:
         return found
 
     def _beside(
-        self, blobs: Blobs, agreed: Labels, one: FittedSubject, own: _Said, alone: Sequence[_Said]
+        self, blobs: Blobs, agreed: Labels, one: FollowedSubject, own: _Said, alone: Sequence[_Said]
     ) -> np.ndarray:
         """(N,) True for the blobs of points of others where a marker that one lacks may be, by its body alone."""
         there = np.zeros((len(blobs.frames), self.markers), bool)

@@ -22,7 +22,7 @@ from ..reconstruction.trajectories import RECONSTRUCTION
 
 
 @dataclass(frozen=True)
-class LookingOptions:
+class SeekingOptions:
     """Where a take may show two. Reckoned.
 
     frames  that are looked at, spread over the take
@@ -33,7 +33,7 @@ class LookingOptions:
     left: float = 0.5
 
 
-LOOKING = LookingOptions()
+SEEKING = SeekingOptions()
 
 
 class OtherSubjects:
@@ -50,13 +50,13 @@ class OtherSubjects:
         count = len(blobs.frames)
         named = np.bincount(blobs.frame[chunk.labels.named], minlength=count)
         left = np.bincount(blobs.frame[~chunk.labels.named], minlength=count)
-        crowded = (left >= LOOKING.left * named) & (left > 0)
+        crowded = (left >= SEEKING.left * named) & (left > 0)
         for index in range(-self.frames % self.stride, count, self.stride):
             one = blobs.part(slice(index, index + 1), rows_in_frame(blobs, index)) if crowded[index] else None
             self.kept.append(one)
             self.residual.append(chunk.motion.residual_px[index])
         self.frames += count
-        while len(self.kept) > 2 * LOOKING.frames:
+        while len(self.kept) > 2 * SEEKING.frames:
             self.kept, self.residual, self.stride = self.kept[::2], self.residual[::2], 2 * self.stride
 
     def refuse(self):
@@ -64,7 +64,7 @@ class OtherSubjects:
         crowded = [one for one in self.kept if one is not None]
         if not crowded or len(crowded) < REFUSAL.min_often * len(self.kept):
             return
-        crowded = [crowded[index] for index in evenly_spread(len(crowded), LOOKING.frames)]
+        crowded = [crowded[index] for index in evenly_spread(len(crowded), SEEKING.frames)]
         namer = namer_of(self.model, chosen_method(self.model, "auto"), None)
         try:
             refuse_others(self.model, namer, self._points(crowded))

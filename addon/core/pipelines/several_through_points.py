@@ -27,7 +27,7 @@ from ..points.several.pipeline import label_several
 from ..points.several.wearers import SeveralOptions
 from ..points.whole_take.pipeline import PointOptions
 from ..reconstruction.trajectories import Reconstructor, TrajectorySpans
-from .fitted_subjects import BodyOf, FittedSubjects
+from .fitted_subjects import BodyOf, FollowedSubjects
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,7 @@ class SubjectsInImages:
         """The same chunks as were reconstructed, with the names of their blobs."""
         suspects = tuple(_of_blobs(one) for one in self.labelled.suspects)
         spent = {"place": self.seconds, **self.labelled.seconds}
-        fitted = FittedSubjects.of(self.labelled.worn, self.cameras, self.points.rate, self.body_of)
+        fitted = FollowedSubjects.of(self.labelled.worn, self.cameras, self.points.rate, self.body_of)
         for index, blobs in enumerate(chunks):
             begin = perf_counter()
             labels, motion = self._checked(index, blobs, fitted)
@@ -161,7 +161,7 @@ class SubjectsInImages:
             yield LabelledChunk(labels, motion, mine, spent)
             spent = {}
 
-    def _checked(self, index: int, blobs: Blobs, fitted: FittedSubjects) -> tuple[Labels, Motion]:
+    def _checked(self, index: int, blobs: Blobs, fitted: FollowedSubjects) -> tuple[Labels, Motion]:
         """The labels of a chunk's blobs that its images and bodies bear out, and the markers where these meet."""
         part = self.points.parts[index]
         each = self.labelled.motion.each(slice(part.first, part.first + part.frames))

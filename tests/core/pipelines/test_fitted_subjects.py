@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from addon.core.data.takes import NO_MARKER, Blobs, Labels
-from addon.core.pipelines.fitted_subjects import FittedSubject, FittedSubjects, _Said
+from addon.core.pipelines.fitted_subjects import FollowedSubject, FollowedSubjects, _Said
 
 MARKERS = 3  # of each of two
 
@@ -71,7 +71,7 @@ class Body:
 
 
 def read(blobs: Blobs, given: list[int], *bodies: Body, hidden=lambda number, markers: np.zeros((1, 9, MARKERS), bool)):
-    return FittedSubjects(bodies, 2 * MARKERS).read(blobs, labels_of(given), hidden).marker.tolist()
+    return FollowedSubjects(bodies, 2 * MARKERS).read(blobs, labels_of(given), hidden).marker.tolist()
 
 
 def test_what_a_body_adds_is_named_and_what_it_denies_is_not():
@@ -125,14 +125,14 @@ class Labeller:
         return SimpleNamespace(labels=labels_of(self.says[: len(blobs)]), motion=motion)
 
 
-def subject(free: Labeller, held: Labeller) -> FittedSubject:
-    made = object.__new__(FittedSubject)
+def subject(free: Labeller, held: Labeller) -> FollowedSubject:
+    made = object.__new__(FollowedSubject)
     made.number, made.first, made.size, made.heard = 1, MARKERS, MARKERS, True
     made.free, made.held = free, held
     return made
 
 
-def agreeing(own: FittedSubject, names: list[int]) -> list[bool]:
+def agreeing(own: FollowedSubject, names: list[int]) -> list[bool]:
     blobs, labels = blobs_of([0] * len(names)), labels_of(names)
     return own.agreeing(blobs, labels, own.alone(blobs, labels)).tolist()
 

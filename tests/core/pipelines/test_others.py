@@ -11,7 +11,7 @@ from addon.core.body.bodies import BodyModel
 from addon.core.body.occlusion import CapsuleOcclusion
 from addon.core.data.takes import Blobs
 from addon.core.geometry.cameras import Cameras
-from addon.core.pipelines.others import LOOKING, OtherSubjects
+from addon.core.pipelines.others import SEEKING, OtherSubjects
 from addon.core.points.refusals import SubjectsError
 from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.simulate import BodiesTogether, CaptureOptions, PosedBody, capture, joined
@@ -85,7 +85,7 @@ def test_as_much_is_kept_of_a_take_of_any_length(model, cameras):
     others = OtherSubjects(cameras, model)
     for count in range(1, 41):
         others.add(part, chunk)
-        assert len(others.kept) <= 2 * LOOKING.frames
+        assert len(others.kept) <= 2 * SEEKING.frames
         assert others.frames == count * CHUNK
-    assert len(others.kept) > LOOKING.frames / 2
+    assert len(others.kept) > SEEKING.frames / 2
     assert len(others.kept) == len(others.residual)
