@@ -17,13 +17,11 @@ from ..blobs.labelling import Rules
 from ..blobs.pipeline import Options, TakeLabeller
 from ..blobs.subject import Setup
 from ..body.occlusion import Occlusion
-from ..data.markersets import MarkerSet
 from ..data.takes import NO_MARKER, Blobs, Labels, Motion
 from ..geometry.cameras import Cameras
 from ..points.several.props import is_prop
 from ..points.several.wearers import SetsWorn
 
-BodyOf = Callable[[MarkerSet], Occlusion]  # the volume of a subject
 # (F, C, M) True where somebody else's body hides markers (F, M, 3) m of a subject, by its number.
 HiddenByOthers = Callable[[int, np.ndarray], np.ndarray]
 
@@ -116,14 +114,13 @@ class FollowedSubjects:
     markers: int
 
     @classmethod
-    def of(cls, worn: SetsWorn, cameras: Cameras, rate: float, body_of: BodyOf | None) -> Self:
-        """Nobody followed yet; `body_of` makes the volume of a subject, None for the marker set's capsules."""
+    def of(cls, worn: SetsWorn, cameras: Cameras, rate: float, bodies: Sequence[Occlusion]) -> Self:
+        """Nobody followed yet; `bodies` are what is in the way, a volume for each subject."""
         found = []
-        for number, (one, first) in enumerate(zip(worn.subjects, worn.firsts, strict=True)):
+        for number, (one, first, body) in enumerate(zip(worn.subjects, worn.firsts, bodies, strict=True)):
             if not is_prop(one.model):
-                worn_set = one.model.markerset
-                body = body_of(worn_set) if body_of else None
-                found.append(FollowedSubject(number, first, Setup.of(cameras, worn_set, body, rate=rate)))
+                setup = Setup.of(cameras, one.model.markerset, body, rate=rate)
+                found.append(FollowedSubject(number, first, setup))
         return cls(tuple(found), len(worn))
 
     def read(self, blobs: Blobs, labels: Labels, hidden: HiddenByOthers) -> Labels:

@@ -8,14 +8,15 @@ fitted to each subject then names what too few cameras see for a point (`fitted_
 
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from time import perf_counter
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from ..body.occlusion import OCCLUDING, CapsuleOcclusion, Occlusion, hidden_by_any
 from ..data.errors import JobError
 from ..data.lanes import Lanes
+from ..data.markersets import MarkerSet
 from ..data.progress import Progress, part_of
 from ..data.room import IN_MEMORY, MakeTable
 from ..data.takes import Blobs, LabelledChunk, Labels, Motion, Points, Suspect, touched_samples
@@ -27,7 +28,7 @@ from ..points.several.pipeline import label_several
 from ..points.several.wearers import SeveralOptions
 from ..points.whole_take.pipeline import PointOptions
 from ..reconstruction.trajectories import Reconstructor, TrajectorySpans
-from .fitted_subjects import BodyOf, FollowedSubjects
+from .fitted_subjects import FollowedSubjects
 
 
 @dataclass(frozen=True)
@@ -130,32 +131,25 @@ class PointsOfBlobs:
 class SubjectsInImages:
     """A take of blobs whose points are named: what these say of its blobs, for whoever reads them again.
 
-    body_of makes the volume of a subject that is in the way; None for the marker set's capsules
+    bodies  what is in the way, a volume for each subject
     seconds that reconstruction took
     """
 
     cameras: Cameras
     points: PointsOfBlobs
     labelled: LabelledSubjects
-    body_of: BodyOf | None
+    bodies: tuple[Occlusion, ...]
     seconds: float
-
-    @cached_property
-    def bodies(self) -> tuple[Occlusion, ...]:
-        """What is in the way, a volume for each subject."""
-        worn = [one.model.markerset for one in self.labelled.worn.subjects]
-        return tuple(
-            self.body_of(one) if self.body_of else CapsuleOcclusion(one, OCCLUDING.fitted_shrink) for one in worn
-        )
 
     def chunks(self, chunks: Iterable[Blobs]) -> Iterator[LabelledChunk]:
         """The same chunks as were reconstructed, with the names of their blobs."""
         suspects = tuple(_of_blobs(one) for one in self.labelled.suspects)
         spent = {"place": self.seconds, **self.labelled.seconds}
-        fitted = FollowedSubjects.of(self.labelled.worn, self.cameras, self.points.rate, self.body_of)
+        fitted = FollowedSubjects.of(self.labelled.worn, self.cameras, self.points.rate, self.bodies)
         for index, blobs in enumerate(chunks):
             begin = perf_counter()
-            labels, motion = self._checked(index, blobs, fitted)
+            with threadpool_limits(1, user_api="blas"):  # many threads on small matrices cost more than they bring
+                labels, motion = self._checked(index, blobs, fitted)
             mine = tuple(one for one in suspects if blobs.frames[0] <= one.first <= blobs.frames[-1])
             spent["label"] = spent.get("label", 0.0) + perf_counter() - begin
             yield LabelledChunk(labels, motion, mine, spent)
@@ -242,7 +236,7 @@ def label_several_blobs(
     asked: SeveralOptions,
     options: PointOptions,
     rate: float,
-    body_of: BodyOf | None = None,
+    body_of: Callable[[MarkerSet], Occlusion] | None = None,
 ) -> Generator[Progress, None, SubjectsInImages]:
     """Names the points of a take of blobs, which `read` gives chunk by chunk, each with the share that is read by then.
 
@@ -259,7 +253,9 @@ def label_several_blobs(
         seconds += perf_counter() - begin
         yield Progress(CHECKING_BACK.share * share, f"reconstruct frame {blobs.frames[-1]}")
     labelled = yield from part_of(label_several(points.take(), asked, options), CHECKING_BACK.share, 1.0)
-    return SubjectsInImages(cameras, points, labelled, body_of, seconds)
+    worn = [one.model.markerset for one in labelled.worn.subjects]
+    bodies = tuple(body_of(one) if body_of else CapsuleOcclusion(one, OCCLUDING.fitted_shrink) for one in worn)
+    return SubjectsInImages(cameras, points, labelled, bodies, seconds)
 
 
 def _of_blobs(suspect: Suspect) -> Suspect:

@@ -163,3 +163,7 @@ def test_a_body_is_held_by_its_names_and_sees_nobody_elses_blobs():
     said = own.reading(blobs_of([0, 1, 2]), labels_of([3, 0, -1]))
     assert held.seeds.tolist() == [0, NO_MARKER]
     assert said.labels.marker.tolist() == [3, NO_MARKER, 5]
+
+
+def test_a_take_of_props_is_as_its_points_say():
+    assert read(blobs_of([0, 1]), [0, 5]) == [0, 5]
