@@ -23,6 +23,7 @@ from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import Cameras
 from ..core.pipelines.blobs import BlobOptions, blob_method, label_blobs, steps_of, with_edits
 from ..core.pipelines.cross_check import MethodAgreement
+from ..core.pipelines.others import OtherSubjects
 from ..core.points.models import Model
 from ..core.review.answering import without_accepted
 from ..core.review.doubtful import doubtful_ranges, doubtful_samples
@@ -52,7 +53,7 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
 
     Memory does not grow with the take, unless its gaps are to be filled: that takes all frames.
 
-    Raises UserError with the file where it can be told.
+    Raises UserError with the file where it can be told; JobError where one subject was asked for and two are there.
     """
     begin = perf_counter()
     with ExitStack() as stack:
@@ -79,11 +80,15 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         overview = overview_of(job, worn, job.frame_rate, edits, cameras)
         results = Results(job, cameras, files, worn.markers, stack)
         said_of, doubtful = (worn.markers, job.frame_rate), {}
+        # Whoever corrected names has seen who is in the take.
+        others = OtherSubjects(cameras, model) if several is None and not edits else None
         for chunk in work:
             row = source.taken.popleft()
             with timed(clock, "write"):
                 results.add(row, chunk)
             check.add(row.blobs, chunk)
+            if others is not None:
+                others.add(row.blobs, chunk)
             if overview is not None:
                 overview.add(row.blobs, chunk)
             trouble.add(row.blobs, chunk.labels, chunk.motion)
@@ -96,6 +101,8 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
                 yield Progress(row.fraction, f"frame {row.blobs.frames[-1]}")
         clock["load"] += source.seconds
         with timed(clock, "label"):
+            if others is not None:
+                others.refuse()
             doubts = without_accepted(check.suspects(), edits)
             results.doubt(doubts)
         results.labels.file.flush()
@@ -141,7 +148,7 @@ def _tracked(edits: Edits, job: LabelJob, cameras: Cameras) -> Edits:
 def _facts(job: LabelJob, method: str, cameras: Cameras, results: "Results", agreement: MethodAgreement) -> dict:
     """What the report of blobs says beside what every report says."""
     facts = {"method": method, "occlusion": job.casts, "rate_assumed": job.rate is None}
-    facts["steps"] = results.counts(method)
+    facts["steps"] = results.counts("both" if job.several else method)  # bodies of several name what has no point
     if method == "both":
         facts["agreement"] = agreement.as_dict()
     if cameras.remarks:

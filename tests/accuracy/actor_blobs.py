@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Two people seen by cameras, one often behind the other: python -m tests.accuracy.actor_blobs.
+"""Two and three people seen by cameras, one often behind the other: python -m tests.accuracy.actor_blobs.
 
 Walkers of McGill in the recorded room vicon12, seen by eight of its twelve cameras, 0.5 m apart: passing each other, or
-side by side all the time. Both real bodies, which the model knows nothing of, are in the way of all markers. The model
-of body26 was learned from five others. A blob with the wrong person's name is wrong. `one` is one walker in the same
-room by the same method, and by the usual one. With --keep DIR, models are kept there and used again.
+side by side all the time. `behind` is side by side in eight made-up cameras on one side, from which one walks behind
+the other. All real bodies, which the model knows nothing of, are in the way of all markers. The model of body26 was
+learned from five others. A blob with the wrong person's name is wrong. `one` is one walker in the same room by the same
+method, and by the usual one. Each take is also labelled as one person's: `told` counts those of which it is then said
+how to ask for all. With --keep DIR, models are kept there and used again.
 """
 
 import argparse
@@ -21,11 +23,14 @@ from addon.core.data.errors import JobError
 from addon.core.data.progress import finished
 from addon.core.data.takes import Blobs
 from addon.core.geometry.cameras import Cameras
+from addon.core.pipelines.others import OtherSubjects
 from addon.core.pipelines.several_through_points import label_several_blobs
 from addon.core.pipelines.through_points import label_through_points
 from addon.core.points.models import Model
+from addon.core.points.refusals import SubjectsError
 from addon.core.points.several.wearers import AUTO, SeveralOptions
 from addon.core.points.whole_take.pipeline import USUAL_TARGET, PointOptions
+from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.simulate import BodiesTogether, CaptureOptions, capture, joined
 
 from .actors import PASSING_M, Meeting, middle_of, passing
@@ -36,6 +41,8 @@ from .walking import room_middle, vicon12
 from .whole_takes import Take, case_few, model_of
 
 CAMERAS = 8
+RING = 24  # of which eight that are next to each other are on one side, a third of the way round
+ONE_SIDE = ring_rig(RING, (1280, 1024), 4.5, 1.2, 1.8)
 RATE = 60.0
 CHUNK = 256
 
@@ -65,22 +72,38 @@ def at_60(take: Take) -> Take:
 
 
 def meetings(kind: str) -> Iterator[Meeting]:
-    """Strangers of McGill: `passing`, `beside` or `one`."""
+    """Strangers of McGill: `passing`, `beside` or `behind`, `three` who pass each other, or `one`."""
     for case in case_few("body26", BODY26, False):
-        count = 1 if kind == "one" else 2
+        count = {"one": 1, "three": 3}.get(kind, 2)
         groups = [case.tested[first : first + count] for first in range(len(case.tested) - count + 1)]
         for group in groups[:: 2 if count == 1 else 1]:
             some = [at_60(one) for one in group]
             lanes = [PASSING_M * index for index in range(count)]
-            ways = [(-1) ** index if kind == "passing" else 1 for index in range(count)]
+            ways = [(-1) ** index if kind in ("passing", "three") else 1 for index in range(count)]
             yield Meeting(" ".join(one.subject for one in some), passing(some, lanes, ways), case)
 
 
-def seen(meeting: Meeting, seed: int) -> Seen:
-    """The meeting in the room: on the way on which eight cameras see most of it."""
+def seen(meeting: Meeting, seed: int, one_side: bool = False) -> Seen:
+    """The meeting in the room, or in front of eight cameras on `one_side`."""
     generator = np.random.default_rng([17, seed])
-    room, middle = vicon12(), room_middle()
     centre = np.append(np.mean([middle_of(one.xyz)[len(one.xyz) // 2] for one in meeting.people], axis=0), 0.0)
+    if one_side:
+        cameras = ONE_SIDE.select(np.sort(np.argsort(ONE_SIDE.centres[:, 1])[:CAMERAS]))
+        placed = [one.xyz - centre for one in meeting.people]
+    else:
+        cameras, placed = _in_room(meeting, centre, generator)
+    bodies = tuple(flesh(one.markers, xyz) for one, xyz in zip(meeting.people, placed, strict=True))
+    together = BodiesTogether(bodies, tuple(xyz.shape[1] for xyz in placed))
+    names = meeting.together().markers
+    options = replace(CaptureOptions(), seed=int(generator.integers(2**31)))
+    xyz = np.concatenate(placed, axis=1)
+    taken = joined(capture(xyz, names, cameras, options, together))
+    return Seen(cameras, taken.blobs, taken.truth, _hidden_by_others(bodies, placed, cameras))
+
+
+def _in_room(meeting: Meeting, centre: np.ndarray, generator: np.random.Generator) -> tuple[Cameras, list[np.ndarray]]:
+    """The cameras and the people on the way on which eight cameras see most of it."""
+    room, middle = vicon12(), room_middle()
     best = None
     for yaw in generator.uniform(0, 2 * np.pi) + np.arange(0, 2 * np.pi, 0.3):
         cos, sin = np.cos(yaw), np.sin(yaw)
@@ -92,14 +115,7 @@ def seen(meeting: Meeting, seed: int) -> Seen:
         total = np.sort(inside)[-CAMERAS:].sum()
         best = (total, placed, inside) if best is None or total > best[0] else best
     _, placed, inside = best
-    cameras = room.select(np.sort(np.argsort(-inside)[:CAMERAS]))
-    bodies = tuple(flesh(one.markers, xyz) for one, xyz in zip(meeting.people, placed, strict=True))
-    together = BodiesTogether(bodies, tuple(xyz.shape[1] for xyz in placed))
-    names = meeting.together().markers
-    options = replace(CaptureOptions(), seed=int(generator.integers(2**31)))
-    xyz = np.concatenate(placed, axis=1)
-    taken = joined(capture(xyz, names, cameras, options, together))
-    return Seen(cameras, taken.blobs, taken.truth, _hidden_by_others(bodies, placed, cameras))
+    return room.select(np.sort(np.argsort(-inside)[:CAMERAS])), placed
 
 
 def _hidden_by_others(bodies: tuple, placed: list[np.ndarray], cameras: Cameras) -> float:
@@ -128,6 +144,7 @@ class Tally:
     takes: int = 0
     refused: int = 0
     right_number: int = 0
+    told: int = 0
     frames: int = 0
     spent: float = 0.0
     behind: float = 0.0
@@ -155,12 +172,26 @@ class Tally:
         counts = str(self.takes), f"{100 * self.behind / max(self.takes, 1):.0f} %"
         number = f"{self.right_number} of {self.takes}"
         pace = f"{self.frames / max(self.spent, 1e-9):.0f}"
-        return [self.name, *counts, recall, wrong, str(self.person), str(self.refused), number, pace]
+        told = f"{self.told} of {self.takes}"
+        return [self.name, *counts, recall, wrong, str(self.person), str(self.refused), number, told, pace]
+
+
+def is_told(shot: Seen, model: Model) -> bool:
+    """Whether a take of which one subject is asked says how to ask for all."""
+    others = OtherSubjects(shot.cameras, model)
+    parts = [part for part, _ in shot.chunks()]
+    for blobs, chunk in zip(parts, label_take(parts, shot.cameras, model.markerset, RATE), strict=True):
+        others.add(blobs, chunk)
+    try:
+        others.refuse()
+    except SubjectsError:
+        return True
+    return False
 
 
 def run(meeting: Meeting, model: Model, seed: int, way: str, auto: bool, into: Tally, show: bool):
     """Labels a meeting, and counts what came of it."""
-    shot, people = seen(meeting, seed), len(meeting.people)
+    shot, people = seen(meeting, seed, into.name == "behind"), len(meeting.people)
     names, found, reason = np.full(len(shot.blobs), "", object), 0, ""
     begin = process_time()
     try:
@@ -183,6 +214,7 @@ def run(meeting: Meeting, model: Model, seed: int, way: str, auto: bool, into: T
     except JobError as error:
         reason = str(error)
     into.spent += process_time() - begin
+    into.told += is_told(shot, model)
     into.frames += len(shot.blobs.frames)
     into.takes += 1
     into.refused += bool(reason)
@@ -201,6 +233,8 @@ def run(meeting: Meeting, model: Model, seed: int, way: str, auto: bool, into: T
 KINDS = {
     "passing": ("passing", "several"),
     "beside": ("beside", "several"),
+    "behind": ("behind", "several"),
+    "three": ("three", "several"),
     "one": ("one", "points"),
     "one-fit": ("one", "fit"),
 }
@@ -226,8 +260,8 @@ def main():
                 run(meeting, models[name], seed, way, given.auto, own, given.show)
         done.append(own)
         print(own.row(), flush=True)
-    columns = ["people", "takes", "hidden by the other", "recall", "wrong labels", "other person's", "refused"]
-    print(table([*columns, "right number", "frames/s"], [one.row() for one in done]))
+    columns = ["people", "takes", "hidden by others", "recall", "wrong labels", "other person's", "refused"]
+    print(table([*columns, "right number", "told", "frames/s"], [one.row() for one in done]))
 
 
 if __name__ == "__main__":

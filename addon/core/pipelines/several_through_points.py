@@ -2,7 +2,8 @@
 """Blobs of several subjects named through the points that they make, and checked back in the images.
 
 Who is who is a matter of the whole take, so all of it is reconstructed first and named as a take of points; its blobs
-are looked at twice, and never held. In the images all bodies are in the way: one hides the other's markers.
+are looked at twice, and never held. In the images all bodies are in the way: one hides the other's markers. A body
+fitted to each subject then names what too few cameras see for a point (`fitted_subjects`).
 """
 
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
@@ -10,6 +11,7 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from ..body.occlusion import OCCLUDING, CapsuleOcclusion, Occlusion, hidden_by_any
 from ..data.errors import JobError
@@ -17,7 +19,7 @@ from ..data.lanes import Lanes
 from ..data.markersets import MarkerSet
 from ..data.progress import Progress, part_of
 from ..data.room import IN_MEMORY, MakeTable
-from ..data.takes import Blobs, LabelledChunk, Labels, Motion, Points, Suspect
+from ..data.takes import Blobs, LabelledChunk, Labels, Motion, Points, Suspect, touched_samples
 from ..geometry.cameras import Cameras
 from ..geometry.measuring import measured_again
 from ..geometry.triangulation import meet_rows
@@ -26,6 +28,7 @@ from ..points.several.pipeline import label_several
 from ..points.several.wearers import SeveralOptions
 from ..points.whole_take.pipeline import PointOptions
 from ..reconstruction.trajectories import Reconstructor, TrajectorySpans
+from .fitted_subjects import FollowedSubjects
 
 
 @dataclass(frozen=True)
@@ -142,24 +145,50 @@ class SubjectsInImages:
         """The same chunks as were reconstructed, with the names of their blobs."""
         suspects = tuple(_of_blobs(one) for one in self.labelled.suspects)
         spent = {"place": self.seconds, **self.labelled.seconds}
+        fitted = FollowedSubjects.of(self.labelled.worn, self.cameras, self.points.rate, self.bodies)
         for index, blobs in enumerate(chunks):
             begin = perf_counter()
-            labels, motion = self._checked(index, blobs)
+            with threadpool_limits(1, user_api="blas"):  # many threads on small matrices cost more than they bring
+                labels, motion = self._checked(index, blobs, fitted)
             mine = tuple(one for one in suspects if blobs.frames[0] <= one.first <= blobs.frames[-1])
             spent["label"] = spent.get("label", 0.0) + perf_counter() - begin
             yield LabelledChunk(labels, motion, mine, spent)
             spent = {}
 
-    def _checked(self, index: int, blobs: Blobs) -> tuple[Labels, Motion]:
-        """The labels of a chunk's blobs that its images bear out, and the markers where these meet."""
+    def _checked(self, index: int, blobs: Blobs, fitted: FollowedSubjects) -> tuple[Labels, Motion]:
+        """The labels of a chunk's blobs that its images and bodies bear out, and the markers where these meet."""
         part = self.points.parts[index]
         each = self.labelled.motion.each(slice(part.first, part.first + part.frames))
         motion = beside(each)
         given = self.points.named(index, self.labelled.labels, len(blobs))
         hidden = hidden_by_any(self.bodies, each, motion.markers, self.cameras.centres)
-        labels = given.kept(self._borne_out(blobs, given, motion, hidden, _subject(each)))
+        checked = given.kept(self._borne_out(blobs, given, motion, hidden, _subject(each)))
+
+        def by_others(own: int, markers: np.ndarray) -> np.ndarray:
+            others = [number for number in range(len(each)) if number != own]
+            volumes, moving = [self.bodies[number] for number in others], [each[number] for number in others]
+            return hidden_by_any(volumes, moving, markers, self.cameras.centres)
+
+        labels = fitted.read(blobs, checked, by_others)
         there = np.isfinite(motion.markers).all(axis=2)
-        return labels, measured_again(motion, blobs, given, labels, self.cameras, there)
+        meeting = labels.kept(self._meeting(blobs, checked, labels, motion))
+        return labels, measured_again(motion, blobs, given, meeting, self.cameras, there)
+
+    def _meeting(self, blobs: Blobs, before: Labels, labels: Labels, motion: Motion) -> np.ndarray:
+        """(N,) True for the labels whose rays are their markers'; a blob of two markers, named anew, is beside both."""
+        new = labels.marker != before.marker
+        changed = touched_samples(blobs, before, labels, motion.residual.shape)
+        rows = np.flatnonzero(labels.named)
+        rows = rows[changed[blobs.frame[rows], labels.marker[rows]]]
+        off = np.nan_to_num(self._off_alone(blobs, rows, labels, motion) / self._noise)
+        found = labels.named.copy()
+        found[rows] = ~new[rows] | (off**2 / 2 <= CHECKING_BACK.most)
+        return found
+
+    @property
+    def _noise(self) -> float:
+        """px, standard deviation of a blob's position in the take."""
+        return self.points.reconstructor.circumstances.pixel
 
     def _borne_out(
         self, blobs: Blobs, labels: Labels, motion: Motion, hidden: np.ndarray, subject: np.ndarray
@@ -167,7 +196,7 @@ class SubjectsInImages:
         """(N,) True for the blobs that go with their markers, seen or hidden (F, C, M), and with nobody else's."""
         rows = np.flatnonzero(labels.named)
         frame, camera, marker = blobs.frame[rows], blobs.camera[rows], labels.marker[rows]
-        noise, images = self.points.reconstructor.circumstances.pixel, self.cameras.project(motion.markers)
+        noise, images = self._noise, self.cameras.project(motion.markers)
         away = np.linalg.norm(images[camera, frame] - blobs.xy[rows, None], axis=2) / noise
         at = np.arange(len(rows)), marker
         extra = CHECKING_BACK.hidden * hidden[frame, camera]

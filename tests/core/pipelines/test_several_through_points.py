@@ -92,6 +92,37 @@ def test_blobs_of_two_have_their_names(labelled):
     assert all(chunk.seconds["label"] > 0 and set(chunk.seconds) == {"label"} for chunk in chunks[1:])
 
 
+def test_a_marker_that_one_camera_alone_sees_is_named(shot, model):
+    cameras, blobs, truth = shot[:3]
+    lost = (truth == "1:LKNE") & (blobs.frame >= 10) & (blobs.frame < 30)
+    camera = np.bincount(blobs.camera[lost]).argmax()
+    kept = ~lost | (blobs.camera == camera)
+    few, truth = blobs.part(slice(0, FRAMES), kept), truth[kept]
+    again = finished(label_several_blobs(lambda: parts(few), cameras, SeveralOptions(model, 2), NAMED, RATE))
+    names, _ = named(again, few)
+    other = (names != truth).sum() > (names != swapped(truth)).sum()
+    expected = "2:LKNE" if other else "1:LKNE"
+    own = (truth == "1:LKNE") & (few.frame >= 10) & (few.frame < 30)
+    assert own.sum() > 10
+    assert (names[own] == expected).mean() > 0.9
+    assert set(names[own]) <= {expected, ""}
+
+
+def test_a_new_name_far_off_its_markers_rays_does_not_move_it(shot, found):
+    blobs = next(part for part, _ in parts(shot[1]))
+    given, motion = (
+        found.points.named(0, found.labelled.labels, len(blobs)),
+        found.labelled.motion.part(slice(0, CHUNK)),
+    )
+    row = int(np.flatnonzero(given.named & (blobs.frame == 5))[3])
+    before = given.kept(np.arange(len(blobs)) != row)
+    xy = blobs.xy.copy()
+    assert found._meeting(blobs, before, given, motion)[row]
+    xy[row] += [5.0, 5.0]
+    meeting = found._meeting(replace(blobs, xy=xy), before, given, motion)
+    assert np.flatnonzero(meeting != given.named).tolist() == [row]
+
+
 def test_one_body_hides_the_others_markers(shot):
     cameras, _, _, bodies, markers = shot
     both = BodiesTogether(bodies, (15, 15)).hidden(slice(0, 5), np.concatenate(markers, axis=1)[:5], cameras.centres)

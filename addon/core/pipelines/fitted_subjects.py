@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Blobs of several subjects read by a body that is fitted to each, as a take of one is, once their points are named.
+
+Points say who is who, but a marker that one or two cameras see makes none, and nothing in a point's name speaks of the
+body. So each subject's own blobs, and whatever is nobody's, are labelled as a take of that subject alone: by itself the
+body says which of the points' names are right, and held by these it names what is left. In between it looks at somebody
+else's points beside markers that it lacks: one may be its own, if it is nearer to where it has that.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from ..blobs.labelling import Rules
+from ..blobs.pipeline import Options, TakeLabeller
+from ..blobs.subject import Setup
+from ..body.occlusion import Occlusion
+from ..data.takes import NO_MARKER, Blobs, Labels, Motion
+from ..geometry.cameras import Cameras
+from ..points.several.props import is_prop
+from ..points.several.wearers import SetsWorn
+
+# (F, C, M) True where somebody else's body hides markers (F, M, 3) m of a subject, by its number.
+HiddenByOthers = Callable[[int, np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class HearingOptions:
+    """When a fitted body is heard. Reckoned.
+
+    agreed  share of a subject's names in a chunk that its body by itself must give too; else the set's body does not
+            suit the subject, and the points alone have the say
+    """
+
+    agreed: float = 0.9
+
+
+HEARING = HearingOptions()
+
+
+@dataclass(frozen=True, eq=False)
+class _Said:
+    """What a body says of a chunk: labels (N,) by the markers of all, and the motion of its own, from `first` on."""
+
+    labels: Labels
+    motion: Motion
+    first: int
+
+    def off(self, blobs: Blobs, rows: np.ndarray) -> np.ndarray:
+        """(R,) m, how far the markers of some of its names are from where it has them; NaN where no two rays meet."""
+        off = np.linalg.norm(self.motion.markers - self.motion.expected, axis=2)
+        return off[blobs.frame[rows], self.labels.marker[rows] - self.first]
+
+
+class FollowedSubject:
+    """One subject of a take, whose markers are from `first` on, with its body by itself and its body held by names."""
+
+    def __init__(self, number: int, first: int, setup: Setup):
+        self.number, self.first, self.size, self.setup = number, first, setup.model.marker_count, setup
+        self.free, self.held = (TakeLabeller(setup, Options()) for _ in range(2))
+        self.heard = True
+
+    def owns(self, labels: Labels) -> np.ndarray:
+        """(N,) True for the blobs that are named as its own."""
+        return (labels.marker >= self.first) & (labels.marker < self.first + self.size)
+
+    def alone(self, blobs: Blobs, labels: Labels) -> _Said:
+        """What its body says by itself; whether it is heard depends on how many of its names that agrees with."""
+        own = self.owns(labels)
+        said = self._said(self.free, blobs, labels, own | ~labels.named, False)
+        judged = own & (said.motion.confidence[blobs.frame] > 0)
+        same = said.labels.marker[judged] == labels.marker[judged]
+        self.heard = not judged.any() or bool(same.mean() >= HEARING.agreed)
+        return said
+
+    def agreeing(self, blobs: Blobs, labels: Labels, alone: _Said) -> np.ndarray:
+        """(N,) True for its own names that its body gives by itself, or does not judge: there is none in that frame."""
+        unjudged = (alone.motion.confidence[blobs.frame] == 0) | (not self.heard)
+        return self.owns(labels) & (unjudged | (alone.labels.marker == labels.marker))
+
+    def tempted(self, blobs: Blobs, labels: Labels, others: np.ndarray) -> _Said:
+        """What its body says, held by its names, with somebody else's blobs (N,) among its own and nobody's.
+
+        It is looked for anew in every chunk, as few have such blobs.
+        """
+        among = self.owns(labels) | ~labels.named | others
+        return self._heard(self._said(TakeLabeller(self.setup, Options()), blobs, labels, among, True))
+
+    def reading(self, blobs: Blobs, labels: Labels) -> _Said:
+        """What its body says of its own blobs and nobody's, held by its names; nothing where it is not heard."""
+        return self._heard(self._said(self.held, blobs, labels, self.owns(labels) | ~labels.named, True))
+
+    def _heard(self, said: _Said) -> _Said:
+        return said if self.heard else replace(said, labels=Labels.none(len(said.labels.marker)))
+
+    def _said(self, labeller: TakeLabeller, blobs: Blobs, labels: Labels, among: np.ndarray, held: bool) -> _Said:
+        """What one of its bodies says of the blobs that it is to be found `among` (N,)."""
+        rows = np.flatnonzero(among)
+        seeds = np.where(self.owns(labels), labels.marker - self.first, NO_MARKER)[rows] if held else None
+        chunk = labeller.label(blobs.part(slice(0, len(blobs.frames)), rows), seeds)
+        found, named = Labels.none(len(blobs)), chunk.labels.named
+        found.marker[rows] = np.where(named, chunk.labels.marker + self.first, NO_MARKER)
+        found.step[rows], found.confidence[rows] = chunk.labels.step, chunk.labels.confidence
+        return _Said(found, chunk.motion, self.first)
+
+
+@dataclass(frozen=True, eq=False)
+class FollowedSubjects:
+    """Those of a take who have a body, chunk by chunk in their order; props are known by their form alone."""
+
+    subjects: tuple[FollowedSubject, ...]
+    markers: int
+
+    @classmethod
+    def of(cls, worn: SetsWorn, cameras: Cameras, rate: float, bodies: Sequence[Occlusion]) -> Self:
+        """Nobody followed yet; `bodies` are what is in the way, a volume for each subject."""
+        found = []
+        for number, (one, first, body) in enumerate(zip(worn.subjects, worn.firsts, bodies, strict=True)):
+            if not is_prop(one.model):
+                setup = Setup.of(cameras, one.model.markerset, body, rate=rate)
+                found.append(FollowedSubject(number, first, setup))
+        return cls(tuple(found), len(worn))
+
+    def read(self, blobs: Blobs, labels: Labels, hidden: HiddenByOthers) -> Labels:
+        """The labels (N,) of the next chunk's blobs by points, without those that bodies deny, and with what they add.
+
+        A blob that two bodies claim is nobody's. A marker that one camera alone has seen is not named where somebody
+        else hides it.
+        """
+        if not self.subjects:
+            return labels
+        alone = [one.alone(blobs, labels) for one in self.subjects]
+        judged = np.any([one.owns(labels) for one in self.subjects], axis=0)
+        agreed = ~judged
+        for one, own in zip(self.subjects, alone, strict=True):
+            agreed |= one.agreeing(blobs, labels, own)
+        agreed = labels.kept(agreed)
+        agreed = agreed.kept(~self._contested(blobs, agreed, alone))
+        said = [one.reading(blobs, agreed) for one in self.subjects]
+        claims = np.sum([one.labels.named & ~agreed.named for one in said], axis=0)
+        whole = agreed
+        for one in said:
+            whole = whole.replaced(one.labels.named & (claims == 1), one.labels)
+        return whole.kept(~self._unseen(blobs, agreed, whole, said, hidden))
+
+    def _contested(self, blobs: Blobs, agreed: Labels, alone: Sequence[_Said]) -> np.ndarray:
+        """(N,) True for the names of points that a marker of somebody else's body is nearer to than their own body's.
+
+        A name of a point that the points alone gave is as near to its body as that could be bent.
+        """
+        found, off = np.zeros(len(blobs), bool), np.full(len(blobs), np.nan)
+        for one, own in zip(self.subjects, alone, strict=True):
+            rows = np.flatnonzero(one.owns(agreed) & (own.labels.marker == agreed.marker))
+            off[rows] = own.off(blobs, rows)
+        for one, own in zip(self.subjects, alone, strict=True):
+            beside = self._beside(blobs, agreed, one, own, alone)
+            if beside.any():
+                said = one.tempted(blobs, agreed, beside)
+                rows = np.flatnonzero(said.labels.named & beside)
+                found[rows] |= said.off(blobs, rows) < off[rows]
+        return found
+
+    def _beside(
+        self, blobs: Blobs, agreed: Labels, one: FollowedSubject, own: _Said, alone: Sequence[_Said]
+    ) -> np.ndarray:
+        """(N,) True for the blobs of points of others where a marker that one lacks may be, by its body alone."""
+        there = np.zeros((len(blobs.frames), self.markers), bool)
+        there[blobs.frame[agreed.named], agreed.marker[agreed.named]] = True
+        mine = slice(one.first, one.first + one.size)
+        expected = np.where(there[:, mine, None], np.nan, own.motion.expected)
+        near = np.zeros_like(there)
+        for other, theirs in zip(self.subjects, alone, strict=True):
+            if other is not one:
+                away = np.linalg.norm(theirs.motion.markers[:, :, None] - expected[:, None], axis=3)
+                close = (away < Rules.max_distance_m).any(axis=2)
+                near[:, other.first : other.first + other.size] = close
+        return agreed.named & near[blobs.frame, np.maximum(agreed.marker, 0)]
+
+    def _rays(self, blobs: Blobs, labels: Labels) -> np.ndarray:
+        """(N,) how many blobs of its frame have the same name as each."""
+        sample = blobs.frame * self.markers + np.maximum(labels.marker, 0)
+        count = np.bincount(sample[labels.named], minlength=len(blobs.frames) * self.markers)
+        return np.where(labels.named, count[sample], 0)
+
+    def _unseen(
+        self, blobs: Blobs, agreed: Labels, whole: Labels, said: Sequence[_Said], hidden: HiddenByOthers
+    ) -> np.ndarray:
+        """(N,) True for new names of markers that no other camera sees, and that somebody else hides from this one."""
+        found = np.zeros(len(blobs), bool)
+        lone = whole.named & ~agreed.named & (self._rays(blobs, whole) == 1)
+        for subject, one in zip(self.subjects, said, strict=True):
+            rows = np.flatnonzero(lone & subject.owns(whole))
+            if len(rows):
+                by_others = hidden(subject.number, one.motion.expected)
+                found[rows] = by_others[blobs.frame[rows], blobs.camera[rows], whole.marker[rows] - subject.first]
+        return found

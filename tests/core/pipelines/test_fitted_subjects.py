@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What bodies fitted to several subjects say of blobs whose names by points are known."""
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from addon.core.data.takes import NO_MARKER, Blobs, Labels
+from addon.core.pipelines.fitted_subjects import FollowedSubject, FollowedSubjects, _Said
+
+MARKERS = 3  # of each of two
+
+
+def blobs_of(camera: list[int]) -> Blobs:
+    """A frame with a blob in each of these cameras."""
+    count = len(camera)
+    empty = np.zeros((count, 2)), np.full(count, np.nan)
+    return Blobs(np.array([7]), np.zeros(count, int), np.array(camera), *empty)
+
+
+def labels_of(marker: list[int]) -> Labels:
+    given = np.array(marker)
+    return Labels(given, (given != NO_MARKER).astype(int), (given != NO_MARKER) * 0.9)
+
+
+@dataclass
+class Body:
+    """A subject who says what it is told to say; `tempts` is what it says with somebody else's blobs among its own.
+
+    `off` m is how far its first marker is from where it has that, 1 m up; by itself it is at `off_alone`, or lacks it.
+    """
+
+    number: int
+    says: list[int]
+    denies: tuple[int, ...] = ()
+    tempts: list[int] | None = None
+    off: float = np.nan
+    off_alone: float = np.nan
+
+    @property
+    def first(self) -> int:
+        return MARKERS * self.number
+
+    size = MARKERS
+
+    def owns(self, labels: Labels) -> np.ndarray:
+        return (labels.marker >= self.first) & (labels.marker < self.first + MARKERS)
+
+    def said(self, marker: list[int], off: float) -> _Said:
+        expected = np.full((1, MARKERS, 3), np.nan)
+        expected[0, 0] = 0, 0, 1
+        return _Said(
+            labels_of(marker), SimpleNamespace(expected=expected, markers=expected + np.array([off, 0, 0])), self.first
+        )
+
+    def alone(self, blobs: Blobs, labels: Labels) -> _Said:
+        return self.said(np.where(self.owns(labels), labels.marker, NO_MARKER).tolist(), self.off_alone)
+
+    def agreeing(self, blobs: Blobs, labels: Labels, alone: _Said) -> np.ndarray:
+        return self.owns(labels) & ~np.isin(np.arange(len(blobs)), self.denies)
+
+    def tempted(self, blobs: Blobs, labels: Labels, others: np.ndarray) -> _Said:
+        assert (others <= (labels.named & ~self.owns(labels))).all()
+        return self.said(self.tempts, self.off)
+
+    def reading(self, blobs: Blobs, labels: Labels) -> _Said:
+        held = np.where(labels.named, np.where(self.owns(labels), labels.marker, NO_MARKER), self.says)
+        return self.said(held.tolist(), self.off)
+
+
+def read(blobs: Blobs, given: list[int], *bodies: Body, hidden=lambda number, markers: np.zeros((1, 9, MARKERS), bool)):
+    return FollowedSubjects(bodies, 2 * MARKERS).read(blobs, labels_of(given), hidden).marker.tolist()
+
+
+def test_what_a_body_adds_is_named_and_what_it_denies_is_not():
+    blobs = blobs_of([0, 1, 2, 3])
+    one = Body(0, [0, 1, -1, 2], denies=(1,))
+    assert read(blobs, [0, 2, 4, -1], one, Body(1, [-1, -1, 4, -1])) == [0, 1, 4, 2]
+
+
+def test_a_blob_that_two_bodies_claim_is_nobodys():
+    blobs = blobs_of([0, 1, 2])
+    assert read(blobs, [-1, 0, 3], Body(0, [1, 0, -1]), Body(1, [4, -1, 3])) == [-1, 0, 3]
+
+
+def test_nobody_judges_the_names_of_who_has_no_body():
+    assert read(blobs_of([0, 1]), [0, 5], Body(0, [0, -1])) == [0, 5]
+
+
+@pytest.mark.parametrize(("cameras", "kept"), [([2], [-1]), ([2, 3], [1, 1])])
+def test_a_marker_that_somebody_hides_from_the_only_camera_is_not_named(cameras, kept):
+    def hidden(number: int, markers: np.ndarray) -> np.ndarray:
+        found = np.zeros((1, 9, MARKERS), bool)
+        found[0, 2, 1] = number == 0
+        return found
+
+    count = len(cameras)
+    bodies = Body(0, [1] * count), Body(1, [-1] * count)
+    assert read(blobs_of(cameras), [-1] * count, *bodies, hidden=hidden) == kept
+
+
+@pytest.mark.parametrize(("off", "named"), [(0.01, 0), (0.03, 3)])
+def test_a_point_that_is_nearer_to_anothers_marker_is_offered_to_both(off, named):
+    blobs = blobs_of([0, 1])
+    owner, lacking = Body(1, [-1, -1], off_alone=0.02), Body(0, [0, 0], tempts=[0, 0], off=off)
+    assert read(blobs, [3, 3], lacking, owner) == [named] * 2
+
+
+def test_a_point_far_from_what_another_lacks_is_its_own():
+    owner, lacking = Body(1, [-1, -1], off_alone=0.5), Body(0, [0, 0], tempts=[0, 0], off=0.01)
+    assert read(blobs_of([0, 1]), [3, 3], lacking, owner) == [3, 3]
+
+
+class Labeller:
+    """Says the same of every chunk, and hears what seeds it is given."""
+
+    def __init__(self, says: list[int], found: bool = True):
+        self.says, self.found, self.seeds = says, found, None
+
+    def label(self, blobs: Blobs, seeds: np.ndarray | None = None) -> SimpleNamespace:
+        self.seeds = seeds
+        motion = SimpleNamespace(confidence=np.full(len(blobs.frames), float(self.found)))
+        return SimpleNamespace(labels=labels_of(self.says[: len(blobs)]), motion=motion)
+
+
+def subject(free: Labeller, held: Labeller) -> FollowedSubject:
+    made = object.__new__(FollowedSubject)
+    made.number, made.first, made.size, made.heard = 1, MARKERS, MARKERS, True
+    made.free, made.held = free, held
+    return made
+
+
+def agreeing(own: FollowedSubject, names: list[int]) -> list[bool]:
+    blobs, labels = blobs_of([0] * len(names)), labels_of(names)
+    return own.agreeing(blobs, labels, own.alone(blobs, labels)).tolist()
+
+
+def test_a_name_that_the_body_gives_too_is_agreed():
+    names = [3, 4, 5] * 10
+    free = Labeller([0, 1, 2] * 9 + [0, 1, 1])
+    assert agreeing(subject(free, Labeller([-1] * 30)), names) == [True] * 29 + [False]
+    assert free.seeds is None
+
+
+def test_a_body_that_agrees_with_little_is_not_heard():
+    own = subject(Labeller([1, 2, 0]), Labeller([0, 1, 2]))
+    blobs, labels = blobs_of([0, 1, 2]), labels_of([3, 4, 5])
+    assert agreeing(own, [3, 4, 5]) == [True] * 3
+    assert not own.reading(blobs, labels).labels.named.any()
+
+
+def test_where_no_body_is_found_points_have_the_say():
+    own = subject(Labeller([-1, -1, -1], found=False), Labeller([0, 1, 2]))
+    assert agreeing(own, [3, 4, 5]) == [True] * 3
+    assert own.heard
+
+
+def test_a_body_is_held_by_its_names_and_sees_nobody_elses_blobs():
+    held = Labeller([0, 2])
+    own = subject(Labeller([]), held)
+    said = own.reading(blobs_of([0, 1, 2]), labels_of([3, 0, -1]))
+    assert held.seeds.tolist() == [0, NO_MARKER]
+    assert said.labels.marker.tolist() == [3, NO_MARKER, 5]
+
+
+def test_a_take_of_props_is_as_its_points_say():
+    assert read(blobs_of([0, 1]), [0, 5]) == [0, 5]

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Two people in a take of blobs of which one subject was asked: told, and nobody else's take is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from addon.core.blobs.pipeline import label_take
+from addon.core.body.bodies import BodyModel
+from addon.core.body.occlusion import CapsuleOcclusion
+from addon.core.data.takes import Blobs
+from addon.core.geometry.cameras import Cameras
+from addon.core.pipelines.others import SEEKING, OtherSubjects
+from addon.core.points.refusals import SubjectsError
+from addon.core.simulation.rigs import ring_rig
+from addon.core.simulation.simulate import BodiesTogether, CaptureOptions, PosedBody, capture, joined
+from addon.core.simulation.virtual import Act, draw_person, perform
+from addon.io.models import open_model
+
+FRAMES, RATE, CHUNK = 40, 50.0, 16
+QUIET = CaptureOptions(seed=3)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return open_model("gait15")
+
+
+@pytest.fixture(scope="module")
+def cameras():
+    return ring_rig(8, (1280, 1024), 4.0, 2.2, 1.6)
+
+
+def blobs_of(model, cameras: Cameras, people: tuple[int, ...], options: CaptureOptions = QUIET) -> Blobs:
+    """What cameras see of people, by their seeds, who walk side by side, 0.8 m apart."""
+    markerset, bodies, markers = model.markerset, [], []
+    for place, seed in enumerate(people):
+        moving = BodyModel(markerset)
+        moves = perform(moving, draw_person(markerset, np.random.default_rng(seed)), [Act(FRAMES / RATE)], rate=RATE)
+        posed = moving.pose(moves)
+        shift = np.array([0.0, 0.8 * place - 0.4, 0.0]) - posed.joints[:FRAMES, 0].mean(axis=0) * [1.0, 1.0, 0.0]
+        turns, joints = posed.rotations[:FRAMES], posed.joints[:FRAMES] + shift
+        volume = CapsuleOcclusion(markerset)
+        bodies.append(PosedBody(volume, markerset.attachment, turns, joints, moves.scale[:FRAMES]))
+        markers.append(posed.markers[:FRAMES] + shift)
+    together = BodiesTogether(tuple(bodies), (len(markerset),) * len(people))
+    names = [f"{seed}:{name}" for seed in people for name in markerset.markers]
+    return joined(capture(np.concatenate(markers, axis=1), names, cameras, options, together)).blobs
+
+
+def looked_at(blobs: Blobs, cameras: Cameras, model) -> OtherSubjects:
+    """A take that was labelled as one subject's, and looked at."""
+    others = OtherSubjects(cameras, model)
+    parts = [blobs.between(first, min(first + CHUNK - 1, FRAMES)) for first in range(1, FRAMES + 1, CHUNK)]
+    for part, chunk in zip(parts, label_take(parts, cameras, model.markerset, RATE), strict=True):
+        others.add(part, chunk)
+    return others
+
+
+def test_two_are_told_how_to_have_both(model, cameras):
+    with pytest.raises(SubjectsError, match=r"two subjects or more that wear gait15.*--subjects 2 or auto"):
+        looked_at(blobs_of(model, cameras, (1, 2)), cameras, model).refuse()
+
+
+@pytest.mark.parametrize("reflections", [2, 30])
+def test_one_among_ghosts_is_not(model, cameras, reflections):
+    others = looked_at(blobs_of(model, cameras, (1,), replace(QUIET, reflections=reflections)), cameras, model)
+    assert bool([one for one in others.kept if one is not None]) == (reflections == 30)
+    others.refuse()
+
+
+def test_who_is_beside_for_a_moment_is_not(model, cameras):
+    both, alone = blobs_of(model, cameras, (1, 2)), blobs_of(model, cameras, (1,))
+    late = Blobs.join([alone.between(1, 30), both.between(31, FRAMES)])
+    others = looked_at(late, cameras, model)
+    assert any(one is not None for one in others.kept)
+    others.refuse()
+
+
+def test_as_much_is_kept_of_a_take_of_any_length(model, cameras):
+    blobs = blobs_of(model, cameras, (1, 2))
+    part = blobs.between(1, CHUNK)
+    chunk = next(iter(label_take([part], cameras, model.markerset, RATE)))
+    others = OtherSubjects(cameras, model)
+    for count in range(1, 41):
+        others.add(part, chunk)
+        assert len(others.kept) <= 2 * SEEKING.frames
+        assert others.frames == count * CHUNK
+    assert len(others.kept) > SEEKING.frames / 2
+    assert len(others.kept) == len(others.residual)
