@@ -71,10 +71,19 @@ class Settled:
 
 
 def settle(
-    model: Latent, constraints: DistanceConstraints, points: np.ndarray, present: np.ndarray, naming: np.ndarray
+    model: Latent,
+    constraints: DistanceConstraints,
+    points: np.ndarray,
+    present: np.ndarray,
+    naming: np.ndarray,
+    worth: np.ndarray | None = None,
 ) -> Settled:
-    """What follows from namings (N, M) of points (N, P, 3) m that are nearly in the model's frame."""
-    worth = name_worth(model, present)
+    """What follows from namings (N, M) of points (N, P, 3) m that are nearly in the model's frame.
+
+    `worth` (N,) is what a name is worth in their frames, where that is known.
+    """
+    if worth is None:
+        worth = name_worth(model, present)
     points, *said = settled(model, constraints, points, naming, worth)
     return Settled(points, present, worth, naming, *said)
 

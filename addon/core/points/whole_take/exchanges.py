@@ -86,10 +86,9 @@ def _turned(tracklets, own, marker, some, frames, names, trained, pairs, rate) -
         return none
     differs = np.where(known, differs, 0)
     spacing = (frames[1] - frames[0]) / rate
-    sign, said = _signs(differs, known, where, part[-1] + 1, min(1.0, spacing / UNDO.independent_s))
+    sign, said, middle = _signs(differs, known, where, part[-1] + 1, min(1.0, spacing / UNDO.independent_s))
     # Which of the two is which: frames on their own, and what training knows of the two markers' distances.
     turns = np.bincount(part, weights=_votes(tracklets, own, marker, names), minlength=len(sign)) * sign
-    middle = _middle(differs * sign[where], known)
     expected = trained.mean[one, near] - trained.mean[other, near]
     unsure = trained.unsure[one, near] + trained.unsure[other, near] + UNDO.sd_m**2
     for_it = np.nansum(2 * middle * expected / unsure) * worth_of_each(len(near))
@@ -110,8 +109,8 @@ def _differences(some: np.ndarray, one: int, other: int, pairs: PairDistances) -
     return near[ever], differs[ever]
 
 
-def _signs(differs, known, where, parts: int, worth: float) -> tuple[np.ndarray, np.ndarray]:
-    """The likeliest signs (parts,) of any start, and the log odds for them (parts,)."""
+def _signs(differs, known, where, parts: int, worth: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The likeliest signs (parts,) of any start, the log odds for them (parts,), and what differs with them (Q,) m."""
     share = worth_of_each(known.sum(axis=0))
     ends = [_settled(differs, known, where, start, share, worth) for start in _starts(differs, where, parts)]
     return max(ends, key=lambda end: np.abs(end[1]).sum())
@@ -155,8 +154,8 @@ def _starts(differs: np.ndarray, where: np.ndarray, parts: int) -> list[np.ndarr
     return [np.ones(parts)] if (main == 1).all() else [np.ones(parts), main]
 
 
-def _settled(differs, known, where, sign, share, worth) -> tuple[np.ndarray, np.ndarray]:
-    """Signs (parts,) of the parts, and the log odds for them (parts,)."""
+def _settled(differs, known, where, sign, share, worth) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Signs (parts,) of the parts, the log odds for them (parts,), and what usually differs with them (Q,) m."""
     for _ in range(UNDO.rounds):
         turned = differs * sign[where]
         middle = _middle(turned, known)
@@ -166,9 +165,9 @@ def _settled(differs, known, where, sign, share, worth) -> tuple[np.ndarray, np.
         odds = np.bincount(where, weights=each, minlength=len(sign)) * worth
         after = np.where(odds < 0, -1.0, 1.0)
         if (after == sign).all():
-            break
+            return sign, odds, middle
         sign = after
-    return sign, odds
+    return sign, odds, _middle(differs * sign[where], known)
 
 
 def _middle(values: np.ndarray, known: np.ndarray) -> np.ndarray:
