@@ -116,15 +116,6 @@ def _neighbours(model, constraints, settled, reach, move, swap) -> np.ndarray:
     return odds
 
 
-def one_to_one(odds) -> np.ndarray:
-    """Stands for `naming.one_to_one`."""
-    count, markers, points = odds.shape
-    odds, naming = given(odds, (count, markers, points)), np.empty((count, markers), INDEX)
-    numbers, scratch = np.empty(markers), np.empty(points + 3 * markers, INDEX)
-    compiled.one_to_one(count, markers, points, *map(address, (odds, naming, numbers, scratch)))
-    return naming
-
-
 def of_frames(frame, xyz, placed, own, near, mean, variance, options) -> np.ndarray:
     """Stands for `likeness.of_frames`."""
     (count, samples), (frames, markers), each = frame.shape, placed.shape[:2], near.shape

@@ -139,16 +139,6 @@ def test_what_does_not_go_together_is_refused():
             call()
 
 
-@settings(max_examples=200, deadline=None)
-@given(SEEDS, st.integers(0, 3), st.integers(1, 12), st.integers(1, 14), st.sampled_from([0, 1, 5]))
-def test_points_that_several_markers_want(seed, frames, markers, points, digits):
-    generator = np.random.default_rng(seed)
-    odds = generator.normal(generator.normal(), 3, (frames, markers, points))
-    odds[generator.random(odds.shape) < generator.random()] = naming.IMPOSSIBLE
-    odds = np.round(odds, digits)  # of which many are equal
-    assert (naming.one_to_one.kernel(odds) == naming.one_to_one.reference(odds)).all()
-
-
 @settings(max_examples=25, deadline=None)
 @given(SEEDS, st.integers(1, 4), st.integers(1, 3), st.sampled_from([1, 2, 8, 20]))
 def test_what_distances_to_named_ones_say(seed, tracklets, samples, markers):

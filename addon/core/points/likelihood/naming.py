@@ -218,7 +218,6 @@ def density_odds(worth: np.ndarray, variance, between, present) -> np.ndarray:
     return np.where(present, worth - 0.5 * (np.log(determinant)[..., None] + square), IMPOSSIBLE)
 
 
-@stands_for(point_calls.one_to_one)
 def one_to_one(odds: np.ndarray) -> np.ndarray:
     """The naming (N, M) of highest total odds (N, M, P); nothing is named at odds below 0."""
     naming = np.where(odds.max(axis=2) > 0, odds.argmax(axis=2), NO_POINT)
