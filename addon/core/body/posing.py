@@ -218,7 +218,8 @@ def descend_subject(
     system is solved. The prior counts in every frame, as skin moves alike in all of them.
     """
     pull = labelled_pull(points, noise)
-    shared = np.r_[6:PLACEMENT, PLACEMENT + 3 * (model.joint_count - 1) : model.parameters]
+    shared = np.ones(model.parameters, bool)
+    shared[:6] = shared[PLACEMENT : PLACEMENT + 3 * (model.joint_count - 1)] = False
     damping = 1e-3
     cost, gradient, normal = _equations(model, bodies, pull, prior)
     for _ in range(steps):
@@ -241,16 +242,18 @@ def _equations(model: BodyModel, bodies: Bodies, pull: PointPull, prior: Prior) 
 
 
 def _subject_step(gradient: np.ndarray, normal: np.ndarray, shared: np.ndarray, damping: float) -> np.ndarray:
-    """(T, P) minus the damped step; the shared columns get the same in all frames."""
-    single = np.setdiff1d(np.arange(normal.shape[1]), shared)
-    own, cross = _damped(normal[:, single[:, None], single], damping), normal[:, single[:, None], shared]
-    solved = np.linalg.solve(own, np.concatenate([cross, gradient[:, single, None]], axis=2))
-    common = _damped(normal[:, shared[:, None], shared].sum(axis=0), damping)
+    """(T, P) minus the damped step; the columns that are `shared` (P,) get the same in all frames."""
+    order, singles = np.argsort(shared, kind="stable"), len(shared) - np.count_nonzero(shared)
+    normal, gradient = normal[:, order[:, None], order], gradient[:, order]
+    own, cross = _damped(normal[:, :singles, :singles], damping), normal[:, :singles, singles:]
+    solved = np.linalg.solve(own, np.concatenate([cross, gradient[:, :singles, None]], axis=2))
+    common = _damped(normal[:, singles:, singles:].sum(axis=0), damping)
     common = common - (cross.transpose(0, 2, 1) @ solved[..., :-1]).sum(axis=0)
-    rest = gradient[:, shared].sum(axis=0) - (cross.transpose(0, 2, 1) @ solved[..., -1:]).sum(axis=0)[:, 0]
+    rest = gradient[:, singles:].sum(axis=0) - (cross.transpose(0, 2, 1) @ solved[..., -1:]).sum(axis=0)[:, 0]
     step = np.empty_like(gradient)
-    step[:, shared] = np.linalg.solve(common, rest)
-    step[:, single] = solved[..., -1] - solved[..., :-1] @ step[0, shared]
+    together = np.linalg.solve(common, rest)
+    step[:, order[singles:]] = together
+    step[:, order[:singles]] = solved[..., -1] - solved[..., :-1] @ together
     return step
 
 

@@ -210,7 +210,7 @@ def consistent_markers(marker: np.ndarray, points: np.ndarray, likelihood: Likel
 
 
 class MarkerPlaces:
-    """Where each of M markers (T, L) of points (T, L, 3) m is, (T, 3) m by its number: all at once would be large."""
+    """Where each of M markers (T, L) of points (T, L, 3) m is, some at a time: all at once would be large."""
 
     def __init__(self, points: np.ndarray, marker: np.ndarray, markers: int):
         self.points, self.shape = points, (len(marker), markers, 3)
@@ -219,11 +219,23 @@ class MarkerPlaces:
             frame, lane = np.nonzero(marker[part] != NO_MARKER)
             self.lane[part][frame, marker[part][frame, lane]] = lane
 
-    def of(self, marker: int) -> np.ndarray:
-        """(T, 3) m, NaN where it is not."""
-        frame = np.flatnonzero(self.lane[:, marker] >= 0)
-        found = np.full((len(self.lane), 3), np.nan)
-        found[frame] = self.points[frame, self.lane[frame, marker]]
+    def of(self, some: np.ndarray, frames: slice) -> np.ndarray:
+        """(K, F, 3) m of some markers (K,) in the frames from start to stop, NaN where one is not."""
+        lane = self.lane[frames, some].T
+        there = lane >= 0
+        found = np.full((*lane.shape, 3), np.nan)
+        _, frame = np.nonzero(there)
+        found[there] = self.points[frames][frame, lane[there]]
+        return found
+
+    def apart(self, pair: np.ndarray) -> np.ndarray:
+        """(K, T) m between the two markers of some pairs (K, 2), NaN where one is not."""
+        which, place = np.unique(pair, return_inverse=True)
+        one, other = place.reshape(pair.shape).T
+        found = np.empty((len(pair), len(self.lane)))
+        for part in blocks(len(self.lane), 3 * len(pair)):
+            places = self.of(which, part)
+            found[:, part] = np.linalg.norm(places[one] - places[other], axis=2)
         return found
 
 
@@ -233,28 +245,27 @@ def strays(
     """(T, M) True where a marker is off most of those that it moves with."""
     count, size = markers.shape[:2]
     dtype = np.uint8 if size <= np.iinfo(np.uint8).max else np.int16
-    broken, asked = np.zeros((count, size), dtype), []
+    broken, asked = np.zeros((count, size), dtype), np.zeros((size, size))
     limits = np.maximum(options.max_sd * constraints.sd, options.max_off_m)
-    before, places = -1, np.zeros((0, 3))
-    for (one, two), limit in zip(constraints.pair.tolist(), limits.tolist(), strict=True):
-        if one != before:
-            before, places = one, markers.of(one)
-        distance = np.linalg.norm(places - markers.of(two), axis=1)
-        known = distance[np.isfinite(distance)]
-        if len(known) < min(options.min_frames, count):
-            continue
-        asked.append([one, two])
+    for some in blocks(len(limits), max(count, 1)):
+        one, two = constraints.pair[some].T
+        distance, limit = markers.apart(constraints.pair[some]), limits[some]
+        known = np.isfinite(distance)
+        often = known.sum(axis=1) >= max(min(options.min_frames, count), 1)
+        asked[one[often], two[often]] = asked[two[often], one[often]] = 1
         # What stays within the limit is nowhere off its median.
-        if np.ptp(known) > limit:
-            broken[:, [one, two]] += (np.abs(distance - np.median(known)) > limit)[:, None]
+        most, least = (np.where(known, distance, none) for none in (-np.inf, np.inf))
+        apart = most.max(axis=1, initial=-np.inf) - least.min(axis=1, initial=np.inf)
+        for row in np.flatnonzero(often & (apart > limit)).tolist():
+            off = np.abs(distance[row] - np.median(distance[row, known[row]])) > limit[row]
+            broken[:, [one[row], two[row]]] += off[:, None]
     found = np.zeros((count, size), bool)
     if not broken.any():
         return found
-    known = np.zeros((count, size), dtype)
-    for one, two in asked:
-        known[:, [one, two]] += ((markers.lane[:, one] >= 0) & (markers.lane[:, two] >= 0))[:, None]
     for part in blocks(count, size):
-        found[part] = (known[part] >= options.min_constraints) & (broken[part] > options.max_broken * known[part])
+        seen = (markers.lane[part] >= 0).astype(float)
+        known = seen * (seen @ asked)
+        found[part] = (known >= options.min_constraints) & (broken[part] > options.max_broken * known)
     return found
 
 

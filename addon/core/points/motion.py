@@ -9,7 +9,7 @@ import numpy as np
 from ..body.bodies import Bodies, BodyModel
 from ..body.posing import POSING, fit_points
 from ..data.columns import Columns, beside_of
-from ..data.lanes import Lanes, blocks
+from ..data.lanes import PACKING, Lanes, blocks
 from ..data.markersets import MarkerSet
 from ..data.room import IN_MEMORY, MakeTable
 from ..data.takes import EditOutcome, LabelledChunk, Labels, Motion, PointRows, Points, Suspect, placed, places_of
@@ -57,12 +57,19 @@ class ByMarker:
     def __init__(self, values: np.ndarray, labels: Labels, markers: int, places: Mapping | None = None):
         self.values, self.labels, self.places = values, labels, dict(places or {})
         self.shape = (len(values), markers, *values.shape[2:])
+        # Of a short take, of which all is asked for several times, all of it is kept.
+        self._all = self._of(np.arange(len(values))) if np.prod(self.shape) <= PACKING.whole_cells else None
 
     def __len__(self) -> int:
         return len(self.values)
 
     def __getitem__(self, frames) -> np.ndarray:
-        number = np.arange(len(self))[frames]
+        if self._all is None:
+            return self._of(np.arange(len(self))[frames])
+        return self._all[frames].copy()
+
+    def _of(self, number: np.ndarray) -> np.ndarray:
+        """That of the frames of such a number (F,)."""
         found = np.empty((len(number), *self.shape[1:]))
         for part in blocks(len(number), self.values.shape[1]):
             some = number[part]

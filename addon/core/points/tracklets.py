@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..data.lanes import PACKING, Lanes, blocks, standing_in
+from ..data.lanes import PACKING, Lanes, blocks, standing_in, trajectories_at
 from ..data.takes import BY_TRAJECTORY, NO_MARKER, Labels, Suspect, Verdict, evenly_spread
 
 
@@ -213,16 +213,21 @@ def renamed(
 
     marker and tracklet are (T, L), `names` the M markers' and `first_frame` the source's number of the first frame.
     """
+    changes = []
+    for some in blocks(marker.shape[1], len(marker)):
+        lane, frame = np.nonzero((marker[:, some] != NO_MARKER).T)
+        lane += some.start
+        own, part = marker[frame, lane], tracklet[frame, lane]
+        at = np.flatnonzero((lane[1:] == lane[:-1]) & (own[1:] != own[:-1]) & (part[1:] != part[:-1]))
+        one, other = (trajectories_at(lanes, frame[place], lane[place]) for place in (at, at + 1))
+        at, one = at[one == other], one[one == other]
+        change = one, frame[at], frame[at + 1], lane[at], own[at], own[at + 1]
+        changes += zip(*(values.tolist() for values in change), strict=True)
     found = []
-    standing = standing_in(lanes, marker.shape)
-    for _, span, lane in standing.each_alone():
-        frames = np.flatnonzero(marker[span, lane] != NO_MARKER) + span.start
-        own, part = marker[frames, lane], tracklet[frames, lane]
-        for at in np.flatnonzero((np.diff(own) != 0) & (np.diff(part) != 0)):
-            pair = names[own[at]], names[own[at + 1]]
-            words = f"is {pair[0]} and, behind a gap or a leap, {pair[1]}"
-            last, first = int(frames[at]) + first_frame, int(frames[at + 1]) + first_frame
-            found.append(Suspect(last, first, words, lane, pair))
+    for _, last, first, lane, old, new in sorted(changes):  # in the order of the file, whatever lanes there are
+        pair = names[old], names[new]
+        words = f"is {pair[0]} and, behind a gap or a leap, {pair[1]}"
+        found.append(Suspect(last + first_frame, first + first_frame, words, lane, pair))
     return tuple(found)
 
 

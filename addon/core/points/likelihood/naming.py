@@ -6,7 +6,8 @@ integrated out; every unnamed point is a ghost, of a density that the number of 
 marker is hidden at a constant price.
 """
 
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields
+from functools import cache
 
 import numpy as np
 
@@ -70,10 +71,19 @@ class Settled:
 
 
 def settle(
-    model: Latent, constraints: DistanceConstraints, points: np.ndarray, present: np.ndarray, naming: np.ndarray
+    model: Latent,
+    constraints: DistanceConstraints,
+    points: np.ndarray,
+    present: np.ndarray,
+    naming: np.ndarray,
+    worth: np.ndarray | None = None,
 ) -> Settled:
-    """What follows from namings (N, M) of points (N, P, 3) m that are nearly in the model's frame."""
-    worth = name_worth(model, present)
+    """What follows from namings (N, M) of points (N, P, 3) m that are nearly in the model's frame.
+
+    `worth` (N,) is what a name is worth in their frames, where that is known.
+    """
+    if worth is None:
+        worth = name_worth(model, present)
     points, *said = settled(model, constraints, points, naming, worth)
     return Settled(points, present, worth, naming, *said)
 
@@ -228,19 +238,25 @@ def names_of_points(naming: np.ndarray, count: int) -> np.ndarray:
 
 def rows_of(data, rows: np.ndarray):
     """The same dataclass with these rows only."""
-    parts = ((field, getattr(data, field.name)) for field in fields(data))
-    return type(data)(*(_cut(part, rows) if field.metadata.get("rows", True) else part for field, part in parts))
+    parts = ((getattr(data, name), by_rows) for name, by_rows in _parts(type(data)))
+    return type(data)(*(_cut(part, rows) if by_rows else part for part, by_rows in parts))
 
 
 def _cut(part, rows: np.ndarray):
-    return rows_of(part, rows) if is_dataclass(part) else part[rows]
+    return part[rows] if isinstance(part, np.ndarray) else rows_of(part, rows)
 
 
 def put_rows(data, other, rows: np.ndarray):
     """Writes the rows of `other` over these rows of `data`, in place."""
-    for field in fields(data):
-        part, new = getattr(data, field.name), getattr(other, field.name)
-        if is_dataclass(part):
+    for name, by_rows in _parts(type(data)):
+        part, new = getattr(data, name), getattr(other, name)
+        if not isinstance(part, np.ndarray):
             put_rows(part, new, rows)
-        elif field.metadata.get("rows", True):
+        elif by_rows:
             part[rows] = new
+
+
+@cache
+def _parts(kind: type) -> tuple[tuple[str, bool], ...]:
+    """The fields of a dataclass and whether each has rows; `fields` takes long, and there are many calls."""
+    return tuple((field.name, field.metadata.get("rows", True)) for field in fields(kind))

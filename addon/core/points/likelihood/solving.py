@@ -192,10 +192,14 @@ def _try(
     rows = rows[changed]
     if not len(rows):
         return rows
-    tried = settle(model, constraints, settled.points[rows], settled.present[rows], naming[changed])
-    better = tried.score > settled.score[rows] + SOLVING.min_gain
-    put_rows(settled, rows_of(tried, better), rows[better])
-    return rows[better]
+    tried = settle(
+        model, constraints, settled.points[rows], settled.present[rows], naming[changed], settled.worth[rows]
+    )
+    better = np.flatnonzero(tried.score > settled.score[rows] + SOLVING.min_gain)
+    rows = rows[better]
+    if len(rows):
+        put_rows(settled, _some_of(tried, better), rows)
+    return rows
 
 
 def _against(settled: Settled, found: Alternatives) -> np.ndarray:

@@ -101,11 +101,12 @@ def parted(tracklet: np.ndarray, voted: np.ndarray, points: np.ndarray, apart: n
     found = tracklet
     count = int(tracklet.max(initial=-1)) + 1
     changes = []
-    for lane in range(tracklet.shape[1]):
-        own, said = tracklet[:, lane], voted[:, lane]
-        frames = np.flatnonzero((said != NO_MARKER) & (own >= 0))
-        changed = np.flatnonzero((np.diff(own[frames]) == 0) & (np.diff(said[frames]) != 0)).tolist()
-        changes += [(int(own[frames[at]]), int(frames[at]), int(frames[at + 1]), lane) for at in changed]
+    for some in blocks(tracklet.shape[1], len(tracklet)):
+        lane, frame = np.nonzero(((voted[:, some] != NO_MARKER) & (tracklet[:, some] >= 0)).T)
+        lane += some.start
+        own, said = tracklet[frame, lane], voted[frame, lane]
+        at = np.flatnonzero((own[1:] == own[:-1]) & (said[1:] != said[:-1]))
+        changes += zip(*(part.tolist() for part in (own[at], frame[at], frame[at + 1], lane[at])), strict=True)
     for number, before, after, lane in sorted(changes):  # in the order of the file, whatever lanes there are
         there = np.flatnonzero(tracklet[:, lane] == number)
         least = max(PARTING.part * apart[voted[before, lane], voted[after, lane]], PARTING.min_leap_m)

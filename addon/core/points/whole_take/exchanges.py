@@ -55,7 +55,7 @@ def undone(
     """
     marker = marker.copy()
     frames = evenly_spread(len(placed), UNDO.frames)
-    some = placed[frames].astype(float)
+    some = np.ascontiguousarray(placed[frames].swapaxes(0, 1), float)
     near = pairs.mean < PAIRING.max_confused_m
     touched: set[int] = set()
     mine = [np.flatnonzero(marker == one) for one in range(len(near))]
@@ -79,17 +79,16 @@ def _turned(tracklets, own, marker, some, frames, names, trained, pairs, rate) -
     begin = tracklets.first[own][np.flatnonzero(np.diff(part, prepend=-1))]
     where = np.searchsorted(begin, frames, side="right") - 1
     near, differs = _differences(some, one, other, pairs)
-    seen = np.isfinite(differs).any(axis=1) & (where >= 0)
-    differs, where = differs[seen], where[seen]
-    if len(differs) < 2:
-        return none
     known = np.isfinite(differs)
+    seen = known.any(axis=0) & (where >= 0)
+    differs, known, where = differs[:, seen], known[:, seen], where[seen]
+    if len(where) < 2:
+        return none
     differs = np.where(known, differs, 0)
     spacing = (frames[1] - frames[0]) / rate
-    sign, said = _signs(differs, known, where, part[-1] + 1, min(1.0, spacing / UNDO.independent_s))
+    sign, said, middle = _signs(differs, known, where, part[-1] + 1, min(1.0, spacing / UNDO.independent_s))
     # Which of the two is which: frames on their own, and what training knows of the two markers' distances.
     turns = np.bincount(part, weights=_votes(tracklets, own, marker, names), minlength=len(sign)) * sign
-    middle = _middle(differs * sign[where][:, None], known)
     expected = trained.mean[one, near] - trained.mean[other, near]
     unsure = trained.unsure[one, near] + trained.unsure[other, near] + UNDO.sd_m**2
     for_it = np.nansum(2 * middle * expected / unsure) * worth_of_each(len(near))
@@ -100,22 +99,20 @@ def _turned(tracklets, own, marker, some, frames, names, trained, pairs, rate) -
 
 
 def _differences(some: np.ndarray, one: int, other: int, pairs: PairDistances) -> tuple[np.ndarray, np.ndarray]:
-    """The steadiest neighbours (Q,) of two markers, and by how much they are farther from the one (F, Q), m."""
+    """The steadiest neighbours (Q,) of two markers, and by how much they are farther from the one (Q, F), m."""
     within = pairs.within[one] + pairs.within[other]
     within[[one, other]] = np.inf
     near = np.argsort(within)[: UNDO.neighbours]
     near = near[np.isfinite(within[near])]
     differs = _distance(some, one, near) - _distance(some, other, near)
-    ever = np.isfinite(differs).any(axis=0)
-    return near[ever], differs[:, ever]
+    ever = np.isfinite(differs).any(axis=1)
+    return near[ever], differs[ever]
 
 
-def _signs(differs, known, where, parts: int, worth: float) -> tuple[np.ndarray, np.ndarray]:
-    """The likeliest signs (parts,) of any start, and the log odds for them (parts,)."""
-    share = worth_of_each(known.sum(axis=1))
-    first, main = _starts(differs, where, parts)
-    starts = [first] if (first == main).all() else [first, main]
-    ends = [_settled(differs, known, where, start, share, worth) for start in starts]
+def _signs(differs, known, where, parts: int, worth: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The likeliest signs (parts,) of any start, the log odds for them (parts,), and what differs with them (Q,) m."""
+    share = worth_of_each(known.sum(axis=0))
+    ends = [_settled(differs, known, where, start, share, worth) for start in _starts(differs, where, parts)]
     return max(ends, key=lambda end: np.abs(end[1]).sum())
 
 
@@ -144,39 +141,42 @@ def _parts(first: np.ndarray, last: np.ndarray) -> np.ndarray:
 
 
 def _starts(differs: np.ndarray, where: np.ndarray, parts: int) -> list[np.ndarray]:
-    """Signs (parts,) to start from: all as they are, and as the main way in which parts differ has it."""
+    """Signs (parts,) to start from: all as they are and, if it is another, as the main way in which parts differ."""
     count = np.maximum(np.bincount(where, minlength=parts), 1)
-    mean = (
-        np.stack([np.bincount(where, weights=column, minlength=parts) for column in differs.T], axis=1) / count[:, None]
-    )
-    left, _, _ = np.linalg.svd(mean * np.sqrt(count)[:, None], full_matrices=False)
+    mean = np.stack([np.bincount(where, weights=row, minlength=parts) for row in differs], axis=1) / count[:, None]
+    mean *= np.sqrt(count)[:, None]
+    # All that are positive have the same sign in the main way of a matrix of positive products.
+    if (mean @ mean.T > 0).all():
+        return [np.ones(parts)]
+    left, _, _ = np.linalg.svd(mean, full_matrices=False)
     main = np.where(left[:, 0] < 0, -1.0, 1.0)
-    return [np.ones(parts), main * (1 if (main * count).sum() >= 0 else -1)]
+    main *= 1 if (main * count).sum() >= 0 else -1
+    return [np.ones(parts)] if (main == 1).all() else [np.ones(parts), main]
 
 
-def _settled(differs, known, where, sign, share, worth) -> tuple[np.ndarray, np.ndarray]:
-    """Signs (parts,) of the parts, and the log odds for them (parts,)."""
+def _settled(differs, known, where, sign, share, worth) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Signs (parts,) of the parts, the log odds for them (parts,), and what usually differs with them (Q,) m."""
     for _ in range(UNDO.rounds):
-        turned = differs * sign[where][:, None]
+        turned = differs * sign[where]
         middle = _middle(turned, known)
-        sd = np.maximum(1.5 * _middle(np.abs(turned - middle), known), UNDO.sd_m)
-        each = (np.where(known, differs * middle / sd**2, 0).sum(axis=1)) * share
+        sd = np.maximum(1.5 * _middle(np.abs(turned - middle[:, None]), known), UNDO.sd_m)
+        each = ((middle / sd**2) @ differs) * share
         each = np.clip(each, -UNDO.max_odds, UNDO.max_odds)
         odds = np.bincount(where, weights=each, minlength=len(sign)) * worth
         after = np.where(odds < 0, -1.0, 1.0)
         if (after == sign).all():
-            break
+            return sign, odds, middle
         sign = after
-    return sign, odds
+    return sign, odds, _middle(differs * sign[where], known)
 
 
 def _middle(values: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """(Q,) the median of the known ones of values (F, Q), of which each column has some; NumPy's is slow with NaN."""
-    order = np.sort(np.where(known, values, np.inf), axis=0)
-    return np.take_along_axis(order, (known.sum(axis=0) - 1)[None] // 2, axis=0)[0]
+    """(Q,) the median of the known ones of values (Q, F), of which each row has some; NumPy's is slow with NaN."""
+    order = np.sort(np.where(known, values, np.inf), axis=1)
+    return order[np.arange(len(order)), (known.sum(axis=1) - 1) // 2]
 
 
 def _distance(points: np.ndarray, one: int, others: np.ndarray) -> np.ndarray:
-    """(F, Q) m from a marker to others in frames (F, M, 3) m."""
-    away = points[:, others] - points[:, one, None]
-    return np.sqrt(np.einsum("fqi,fqi->fq", away, away))
+    """(Q, F) m from a marker to others in frames of markers (M, F, 3) m."""
+    away = points[others] - points[one]
+    return np.sqrt(np.einsum("qfi,qfi->qf", away, away))

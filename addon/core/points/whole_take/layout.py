@@ -13,7 +13,8 @@ import numpy as np
 from ...data.takes import NO_POINT, evenly_spread
 from ...geometry.upright import upright_aligned
 from ..likelihood.model import Known, Likelihood
-from ..likelihood.naming import Settled, name_odds, score_of, settle
+from ..likelihood.naming import IMPOSSIBLE, Settled, name_odds, score_of, settle
+from ..likelihood.swaps import alternatives
 from .blocks import block_exchanges, shifts
 from .pairs import PAIRING
 from .tracklets import seen_in
@@ -164,10 +165,16 @@ def _gains(
     fewer = seldom[place[:markers]].sum() - seldom[others].sum(axis=1)
     others = np.where(now.present[:, others], others, NO_POINT)
     each = _scores(known, now, others) - now.score[:, None]
+    middle, usual = _usual(each)
+    more = LAYOUT_NAMING.missing * fewer
+    return others, middle + more, usual + more
+
+
+def _usual(each: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What the middle one of frames (F, X) wins and, where that is more, all of them on average: (X,) each."""
     middle = np.median(each, axis=0)
     mean = np.clip(each, -LAYOUT_NAMING.max_frame, LAYOUT_NAMING.max_frame).mean(axis=0)
-    more = LAYOUT_NAMING.missing * fewer
-    return others, middle + more, np.maximum(middle, mean) + more
+    return middle, np.maximum(middle, mean)
 
 
 def _questions(tried: np.ndarray, gain: np.ndarray, there: np.ndarray, seldom: np.ndarray) -> tuple[Question, ...]:
@@ -221,11 +228,27 @@ def _exchanges(known: Known, now: Settled, name: np.ndarray, absent: bool) -> np
     near[:markers, markers:] &= _worth_trying(known, now, place)
     one, other = np.nonzero(np.triu(near, 1))
     one, other = one[one < markers], other[one < markers]
+    worth = (other >= markers) | _may_gain(known, now, one, np.minimum(other, markers - 1))
+    one, other = one[worth], other[worth]
     pairs = np.tile(np.arange(every), (len(one), 1))
     rows = np.arange(len(one))
     pairs[rows, one], pairs[rows, other] = other, one
     rest = np.broadcast_to(np.arange(markers, every), (len(limbs), every - markers))
     return np.concatenate([pairs, np.concatenate([limbs, rest], axis=1)])
+
+
+def _may_gain(known: Known, now: Settled, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """(K,) whether names may gain by an exchange of markers (K,), or nearly, by what it does to them alone.
+
+    That is quickly known, but of a point that is far from where the other's marker is expected.
+    """
+    found = alternatives(known.fine, known.constraints, now)
+    first, second = now.named[:, one], now.named[:, other]
+    moved = np.where(first, found.move[:, one, other], found.move[:, other, one])
+    swapped = found.swap[:, np.maximum(one, other), np.minimum(one, other)]
+    each = np.where(first & second, swapped, np.where(first | second, moved, 0.0))
+    unknown = (each <= IMPOSSIBLE).any(axis=0)
+    return unknown | (_usual(each)[1] > -LAYOUT_NAMING.max_question - LAYOUT_NAMING.about)
 
 
 def _worth_trying(known: Known, now: Settled, place: np.ndarray) -> np.ndarray:

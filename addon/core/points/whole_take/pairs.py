@@ -132,6 +132,8 @@ def widened(trained: PairDistances, bend: float, motion_m: float, layout_m: floa
 
 def with_unknown(trained: PairDistances, count: int) -> PairDistances:
     """The same with so many markers more, of which nothing is known."""
+    if not count:
+        return trained
     wide = ((0, count), (0, count))
     return PairDistances(
         *(np.pad(part, wide, constant_values=np.nan) for part in (trained.mean, trained.unsure, trained.within))
