@@ -5,7 +5,7 @@ Walkers of McGill pass each other, people of cmu41 act beside each other and int
 share a court. Their trajectories are cut to pieces as in whole_takes.py, with ghosts. Nobody who is labelled is in the
 training of the model. A label with the wrong person's name is wrong: which number is which person is settled once for
 the whole take. With --keep DIR, models are kept there and used again. With --auto, how many there are is not said. With
---one-by-one the same people's same pieces are labelled as takes of one, too, each with a share of the ghosts.
+--one-by-one the same people's same pieces are labelled as takes of one, too, each with all ghosts of the room.
 """
 
 import argparse
@@ -220,12 +220,10 @@ def pieces_of(meeting: Meeting, seed: int) -> tuple[Points, np.ndarray]:
 
 
 def one_by_one(points: Points, truth: np.ndarray, markers: int, people: int) -> Iterator[tuple[Points, np.ndarray]]:
-    """The pieces of each of so many people as a take of one, with a share of the ghosts; and their markers (T, P)."""
+    """The pieces of each of so many people as a take of one, with all ghosts; and their markers (T, P)."""
     whose = truth.max(axis=0) // markers
-    ghost = np.flatnonzero(whose < 0)
-    whose[ghost] = np.arange(len(ghost)) % people
     for person in range(people):
-        own = whose == person
+        own = (whose == person) | (whose < 0)
         take = Points(("",) * int(own.sum()), points.xyz[:, own], points.residual[:, own], points.rate, 1)
         yield take, np.where(truth[:, own] >= 0, truth[:, own] % markers, -1)
 
