@@ -40,6 +40,8 @@ TOUCHING_M = 0.5  # the same where they are in each other's reach all the time
 ENTERING = 0.35  # part of a take in which somebody is not there yet
 RACKET_MARKERS = ("GRIP", "NECK", "LEFT", "TOP", "RIGHT")
 RACKET = np.array([[0.15, 0, 0], [0.35, 0, 0.02], [0.6, 0.11, 0], [0.68, 0, 0.01], [0.55, -0.13, 0.03]])  # m
+THROUGH_M = 0.15  # between two walkers who meet in one lane: their bodies overlap as they pass
+HOLDING_M = 0.25  # between two actors who overlap all the time
 NOISE_M = 0.0003
 PLAYERS = DATA / "people" / "tennis" / "kinematics_tennis_serve_2players.c3d"
 
@@ -107,6 +109,14 @@ def walkers(count: int) -> Iterator[Meeting]:
             yield Meeting(name, passing(some, lanes, ways), case)
 
 
+def through() -> Iterator[Meeting]:
+    """Walkers who meet in one lane, and pass through each other as far as their middles are apart."""
+    for case in case_few("body26", BODY26, False):
+        for pair in list(combinations(case.tested, 2))[::2]:
+            people = passing(list(pair), [0.0, THROUGH_M], [1, -1])
+            yield Meeting(" ".join(one.subject for one in pair), people, case)
+
+
 def acting(apart: float) -> Iterator[Meeting]:
     """Pairs of cmu41, learned from the other two: takes' middles are so far apart, m, and they move into each other."""
     found = actors("cmu41")
@@ -129,6 +139,31 @@ def entering() -> Iterator[Meeting]:
         gone = np.where((there < 1 - ENTERING)[:, None, None], first.xyz, np.nan)
         late = np.where((there > ENTERING)[:, None, None], second.xyz, np.nan)
         yield replace(meeting, people=(replace(first, xyz=gone), replace(second, xyz=late)))
+
+
+def gone_between(take: Take, elsewhere: np.ndarray, turn: float) -> Take:
+    """The take without its middle third; in its last third all is moved by `elsewhere` (2,) m, and turned."""
+    there = np.arange(len(take.xyz)) / len(take.xyz)
+    middle = np.median(middle_of(take.xyz), axis=0)
+    again = moved(take, turn, middle, middle + elsewhere).xyz
+    late = np.where((there >= 2 / 3)[:, None, None], again, np.nan)
+    return replace(take, xyz=np.where((there < 1 / 3)[:, None, None], take.xyz, late))
+
+
+def returning(meetings: Iterator[Meeting]) -> Iterator[Meeting]:
+    """Two of whom the second leaves for the middle third of the take, and comes back at the other side of the first."""
+    for meeting in meetings:
+        first, second = meeting.people
+        aside = np.median(middle_of(first.xyz), axis=0) - np.median(middle_of(second.xyz), axis=0)
+        yield replace(meeting, people=(first, gone_between(second, 2 * aside, np.pi / 2)))
+
+
+def exchanged_places(meetings: Iterator[Meeting]) -> Iterator[Meeting]:
+    """Two who both leave for the middle third, and come back each where the other was."""
+    for meeting in meetings:
+        first, second = meeting.people
+        aside = np.median(middle_of(second.xyz), axis=0) - np.median(middle_of(first.xyz), axis=0)
+        yield replace(meeting, people=(gone_between(first, aside, 0.0), gone_between(second, -aside, 0.0)))
 
 
 def players() -> Iterator[Meeting]:
@@ -203,6 +238,11 @@ MEETINGS: dict[str, Callable[[], Iterator[Meeting]]] = {
     "entering": entering,
     "acting": lambda: acting(ACTING_M),
     "touching": lambda: acting(TOUCHING_M),
+    "returning": lambda: returning(walkers(2)),
+    "returning-acting": lambda: returning(acting(ACTING_M)),
+    "exchanged": lambda: exchanged_places(acting(ACTING_M)),
+    "through": through,
+    "holding": lambda: acting(HOLDING_M),
     "players": players,
     "alone": alone,
     "racket": racket,

@@ -7,10 +7,12 @@ to which it holds on best while it is there; these live on when it ends, so peop
 """
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
 from ...data.takes import evenly_spread
+from ..refusals import far_groups
 from .holding import HOLDING_ON, Holding
 
 NO_BODY = -1
@@ -27,6 +29,10 @@ class PartingPeopleOptions:
     min_points     of a body in a frame that is begun with
     group_rounds   in which such a frame's points find their bodies
     rounds         of going through all tracklets again
+    firm           part of how well tracklets usually hold on to others, that is needed to be on anybody
+    holds          part of how well a tracklet holds on to whatever it does best, below which it is not on a body
+    gap_m          between people who come at the same time
+    max_stays      of all together
     """
 
     clear: float = 1.6
@@ -36,6 +42,10 @@ class PartingPeopleOptions:
     min_points: int = 4
     group_rounds: int = 20
     rounds: int = 12
+    firm: float = 0.2
+    holds: float = 0.3
+    gap_m: float = 0.5
+    max_stays: int = 24
 
 
 PARTING_PEOPLE = PartingPeopleOptions()
@@ -43,7 +53,7 @@ PARTING_PEOPLE = PartingPeopleOptions()
 
 @dataclass(frozen=True, eq=False)
 class PartedBodies:
-    """N tracklets parted among K bodies.
+    """N tracklets parted among K bodies, or stays of bodies.
 
     hold  (N, K) how well each holds on to each body, 1/m²
     body  (N,) that to which it holds on best, NO_BODY where to none
@@ -54,13 +64,32 @@ class PartedBodies:
     body: np.ndarray
     may: np.ndarray
 
+    def joined(self, whose: np.ndarray, count: int) -> Self:
+        """The same of so many bodies, where each of the K is a stay (K,) of one of them; of NO_BODY, nobody's."""
+        own = whose[:, None] == np.arange(count)
+        hold = np.where(own, self.hold[:, :, None], 0.0).max(axis=1)
+        body = np.where(self.body == NO_BODY, NO_BODY, whose[self.body])
+        return type(self)(hold, body, (self.may[:, :, None] & own).any(axis=1))
 
-def parted(points: np.ndarray, tracklet: np.ndarray, holding: Holding, count: int) -> PartedBodies:
-    """Tracklets (T, L) of points (T, L, 3) m parted among so many bodies; of one they are all."""
+
+def parted(
+    points: np.ndarray, tracklet: np.ndarray, holding: Holding, count: int, least: float = np.inf
+) -> PartedBodies:
+    """Tracklets (T, L) of points (T, L, 3) m parted among so many bodies; of one they are all.
+
+    Whoever leaves and comes back holds on to nothing of before: `least` points that hold on to each other, and to none
+    of the bodies, are a stay of their own, which stands after the bodies that are seen together.
+    """
     if count == 1:
         every = len(holding)
         return PartedBodies(holding.best()[:, None], np.zeros(every, int), np.ones((every, 1), bool))
-    body = _first_bodies(points, tracklet, holding, count)
+    begun = _first_bodies(points, tracklet, holding, count)
+    body = _with_stays(points, tracklet, holding, begun, count, least)
+    stays = int(body.max(initial=-1)) + 1
+    if stays > count:
+        count = stays
+    else:
+        body = _grown(holding, begun, count)
     hold = np.zeros((len(body), count))
     for _ in range(PARTING_PEOPLE.rounds):
         hold = holding.on(body, count)
@@ -84,7 +113,30 @@ def _first_bodies(points: np.ndarray, tracklet: np.ndarray, holding: Holding, co
     if chosen is None:
         return body
     body[chosen[0]] = chosen[1]
-    return _grown(holding, body, count)
+    return body
+
+
+def _with_stays(
+    points: np.ndarray, tracklet: np.ndarray, holding: Holding, body: np.ndarray, count: int, least: float
+) -> np.ndarray:
+    """(N,) bodies of tracklets, from those known on, and as further ones the stays of whoever comes, or comes back."""
+    if not np.isfinite(least):
+        return body
+    best = holding.best()
+    firm = best >= PARTING_PEOPLE.firm * np.median(best[best > 0]) if (best > 0).any() else np.zeros(len(best), bool)
+    while count < PARTING_PEOPLE.max_stays:
+        body = _grown(holding, body, count, PARTING_PEOPLE.holds * best)
+        left = np.append((body == NO_BODY) & firm, False)
+        alone = left[tracklet[holding.frames]].sum(axis=1)
+        frame = holding.frames[alone.argmax()]
+        own = np.flatnonzero(left[tracklet[frame]])
+        groups = far_groups(points[frame, own], PARTING_PEOPLE.gap_m, least)
+        if not groups:
+            break
+        for group in groups:
+            body[tracklet[frame, own[group]]] = count
+            count += 1
+    return body
 
 
 def _groups(points: np.ndarray, count: int) -> tuple[np.ndarray | None, float]:
@@ -125,8 +177,11 @@ def _away(flat: np.ndarray, centres: np.ndarray) -> np.ndarray:
     return np.sqrt(off[..., 0] ** 2 + off[..., 1] ** 2)
 
 
-def _grown(holding: Holding, body: np.ndarray, count: int) -> np.ndarray:
-    """(N,) bodies of all tracklets, from those known on: always the one next that holds on to a body most clearly."""
+def _grown(holding: Holding, body: np.ndarray, count: int, least: np.ndarray | float = 0.0) -> np.ndarray:
+    """(N,) bodies of all tracklets, from those known on: always the one next that holds on to a body most clearly.
+
+    Without those that hold on to none so well as `least` (N,).
+    """
     body = body.copy()
     top = np.zeros((len(body), count, HOLDING_ON.holds))
     for index in np.flatnonzero(body != NO_BODY).tolist():
@@ -135,7 +190,7 @@ def _grown(holding: Holding, body: np.ndarray, count: int) -> np.ndarray:
     while left.any():
         hold = top.mean(axis=2)
         order = np.sort(hold, axis=1)
-        lead = (order[:, -1] - order[:, -2]) * left
+        lead = (order[:, -1] - order[:, -2]) * (left & (order[:, -1] >= least))
         if lead.max() <= 0:
             break
         some = np.flatnonzero(left & (lead >= PARTING_PEOPLE.at_once * lead.max()))
