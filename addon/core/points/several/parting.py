@@ -31,7 +31,9 @@ class PartingPeopleOptions:
     rounds         of going through all tracklets again
     firm           part of how well tracklets usually hold on to others, that is needed to be on anybody
     holds          part of how well a tracklet holds on to whatever it does best, below which it is not on a body
-    gap_m          between people who come at the same time
+    whole          part of the markers of a set that must be on nobody for somebody to be there
+    fullest        part of the most that are so, in which those who come at the same time are parted
+    gap_m          between what one who comes shows, and anything else
     max_stays      of all together
     """
 
@@ -43,7 +45,9 @@ class PartingPeopleOptions:
     group_rounds: int = 20
     rounds: int = 12
     firm: float = 0.2
-    holds: float = 0.3
+    holds: float = 0.5
+    whole: float = 0.55
+    fullest: float = 0.9
     gap_m: float = 0.5
     max_stays: int = 24
 
@@ -73,18 +77,18 @@ class PartedBodies:
 
 
 def parted(
-    points: np.ndarray, tracklet: np.ndarray, holding: Holding, count: int, least: float = np.inf
+    points: np.ndarray, tracklet: np.ndarray, holding: Holding, count: int, markers: int = 0
 ) -> PartedBodies:
     """Tracklets (T, L) of points (T, L, 3) m parted among so many bodies; of one they are all.
 
-    Whoever leaves and comes back holds on to nothing of before: `least` points that hold on to each other, and to none
-    of the bodies, are a stay of their own, which stands after the bodies that are seen together.
+    Whoever leaves and comes back holds on to nothing of before: where so many `markers` as a set has are on none of the
+    bodies, they are a stay of their own, which stands after the bodies that are seen together. With 0 nobody leaves.
     """
     if count == 1:
         every = len(holding)
         return PartedBodies(holding.best()[:, None], np.zeros(every, int), np.ones((every, 1), bool))
     begun = _first_bodies(points, tracklet, holding, count)
-    body = _with_stays(points, tracklet, holding, begun, count, least)
+    body = _with_stays(points, tracklet, holding, begun, count, markers)
     stays = int(body.max(initial=-1)) + 1
     if stays > count:
         count = stays
@@ -117,26 +121,50 @@ def _first_bodies(points: np.ndarray, tracklet: np.ndarray, holding: Holding, co
 
 
 def _with_stays(
-    points: np.ndarray, tracklet: np.ndarray, holding: Holding, body: np.ndarray, count: int, least: float
+    points: np.ndarray, tracklet: np.ndarray, holding: Holding, body: np.ndarray, count: int, markers: int
 ) -> np.ndarray:
     """(N,) bodies of tracklets, from those known on, and as further ones the stays of whoever comes, or comes back."""
-    if not np.isfinite(least):
+    if not markers:
         return body
     best = holding.best()
     firm = best >= PARTING_PEOPLE.firm * np.median(best[best > 0]) if (best > 0).any() else np.zeros(len(best), bool)
     while count < PARTING_PEOPLE.max_stays:
         body = _grown(holding, body, count, PARTING_PEOPLE.holds * best)
         left = np.append((body == NO_BODY) & firm, False)
-        alone = left[tracklet[holding.frames]].sum(axis=1)
-        frame = holding.frames[alone.argmax()]
-        own = np.flatnonzero(left[tracklet[frame]])
-        groups = far_groups(points[frame, own], PARTING_PEOPLE.gap_m, least)
+        groups = _coming(points, tracklet, holding, left, markers)
         if not groups:
             break
         for group in groups:
-            body[tracklet[frame, own[group]]] = count
+            body[group] = count
             count += 1
     return body
+
+
+def _coming(
+    points: np.ndarray, tracklet: np.ndarray, holding: Holding, left: np.ndarray, markers: int
+) -> list[np.ndarray]:
+    """The tracklets of each who is there in the frame that shows best how many of `markers` are on no body yet.
+
+    left (N + 1,) are those that are on none; the last is no tracklet.
+    """
+    alone = left[tracklet[holding.frames]].sum(axis=1)
+    frame, most = holding.frames[alone.argmax()], alone.max()
+    if most < PARTING_PEOPLE.whole * markers:
+        return []
+    people = max(round(most / markers), 1)
+    if people > 1:
+        fullest = holding.frames[alone >= PARTING_PEOPLE.fullest * most]
+        best = -np.inf
+        for at in fullest[evenly_spread(len(fullest), PARTING_PEOPLE.starts)].tolist():
+            own = np.flatnonzero(left[tracklet[at]])
+            group, apart = _groups(points[at, own], people)
+            if group is not None and apart > best:
+                best, found = apart, [tracklet[at, own[group == one]] for one in range(people)]
+        if best > -np.inf:
+            return [some for some in found if len(some) >= PARTING_PEOPLE.whole * markers]
+    own = np.flatnonzero(left[tracklet[frame]])
+    groups = far_groups(points[frame, own], PARTING_PEOPLE.gap_m, PARTING_PEOPLE.whole * markers)
+    return [tracklet[frame, own[group]] for group in groups]
 
 
 def _groups(points: np.ndarray, count: int) -> tuple[np.ndarray | None, float]:

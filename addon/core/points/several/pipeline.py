@@ -24,7 +24,7 @@ from ..tracklets import cut
 from ..whole_take.pipeline import PointOptions, Recognise, as_in_file
 from .bodies import BodyNaming, Crowd, NamedBody, frames_are_sure, recognised_before, take_will_say
 from .claims import share
-from .counting import COUNTING, count_bodies
+from .counting import count_bodies
 from .edits import with_edits
 from .motion import LabelledSubjects
 from .parting import NO_BODY, PartedBodies, parted
@@ -105,8 +105,7 @@ class _Parties:
         ways = [(count, frames_are_sure) for count in counts]
         # Who is mixed up with others for long is known by the whole take, where single frames are not sure of anybody.
         for count, recognise in (*ways, (counts[0], take_will_say)):
-            least = COUNTING.whole * self._smallest
-            stays = parted(crowd.take.xyz, crowd.tracklet, crowd.holding, count, least)
+            stays = parted(crowd.take.xyz, crowd.tracklet, crowd.holding, count, self._smallest)
             try:
                 bodies = yield from self._people_of(stays, count, recognise)
                 named = yield from self._each(bodies, wanted, count, recognise)
