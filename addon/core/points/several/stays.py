@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Whoever leaves and comes back: whose stay a stay is, by who else is there, and by how far markers are from each other.
+"""Whoever leaves and comes back: whose a stay is, by who else is there, and by how far markers are from each other.
 
 Nothing holds on to anything over an absence of everybody. Two who are there at a time are two; where that leaves more
 ways than one, each stay is named on its own, and the distances on it are held against those of the first stays.
@@ -101,7 +101,7 @@ class Build:
         return cls(markers, np.where(known, mean, np.nan), np.where(known, spread, np.nan))
 
     def cost(self, other: "Build") -> float:
-        """How badly two go together, negative log likelihood; inf where they wear different sets, or show too little."""
+        """How badly two go together, negative log likelihood; inf where sets differ, or too little is shown."""
         if self.markers != other.markers:
             return np.inf
         variance = 2 * STAYS.sd_m**2 + (STAYS.bend * self.mean) ** 2 + (self.variance + other.variance) / 2
