@@ -29,7 +29,7 @@ from .edits import with_edits
 from .motion import LabelledSubjects
 from .parting import NO_BODY, PartedBodies, parted
 from .props import found_prop, is_prop
-from .stays import STAYS, Build, likeliest, spans_of, ways_of
+from .stays import STAYS, StayBuild, likeliest, spans_of, ways_of
 from .telling import TELLING, costs_of, told
 from .together import Everybody, FoundSubject, motion_of_all, verdict_on
 from .wearers import AUTO, SeveralOptions, Wearer
@@ -141,15 +141,15 @@ class _Parties:
             way = (NO_BODY,) * (every - count)
         return stays.joined(np.array([*range(count), *way]), count)
 
-    def _builds(self, stays: PartedBodies, recognise: Recognise) -> Generator[Progress, None, list[list[Build]]]:
+    def _builds(self, stays: PartedBodies, recognise: Recognise) -> Generator[Progress, None, list[list[StayBuild]]]:
         """How whoever is there in each stay is built, by every set that it may be; none where it is nobody."""
-        found: list[list[Build]] = []
+        found: list[list[StayBuild]] = []
         for stay in range(stays.may.shape[1]):
             found.append([])
             given = stays.may[:, stay], stays.body == stay, self.asked.models, recognise
             for naming in self.crowd.recognised(*given):
                 named = yield from within(naming.named(), 0.05, 0.05, spans=_spans(0.05, 0.05))
-                found[-1].append(Build.of(named))
+                found[-1].append(StayBuild.of(named))
         return found
 
     def _counts(self, wanted: int) -> list[int]:
@@ -236,7 +236,7 @@ class _Parties:
         return JobError(f"shows fewer than {wanted} subjects who wear {names}; expected as many, so ask for fewer")
 
 
-def _unlike(some: list[Build], others: list[Build]) -> float:
+def _unlike(some: list[StayBuild], others: list[StayBuild]) -> float:
     """How badly those who are there in two stays go together, in the sets that go best."""
     return min((one.cost(other) for one in some for other in others), default=np.inf)
 

@@ -74,7 +74,7 @@ def likeliest(ways: Sequence[tuple[int, ...]], cost: np.ndarray) -> tuple[tuple[
 
 
 @dataclass(frozen=True, eq=False)
-class Build:
+class StayBuild:
     """How far the markers of somebody are from each other in a stay (M, M) m: mean, and variance; NaN where unknown."""
 
     markers: tuple[str, ...]
@@ -82,7 +82,7 @@ class Build:
     variance: np.ndarray
 
     @classmethod
-    def of(cls, one: OnBody) -> "Build":
+    def of(cls, one: OnBody) -> "StayBuild":
         """That of what was named on a body; nothing where it was not solved."""
         markers = one.model.markerset.markers
         size = len(markers)
@@ -100,7 +100,7 @@ class Build:
         known = count >= 10
         return cls(markers, np.where(known, mean, np.nan), np.where(known, spread, np.nan))
 
-    def cost(self, other: "Build") -> float:
+    def cost(self, other: "StayBuild") -> float:
         """How badly two go together, negative log likelihood; inf where sets differ, or too little is shown."""
         if self.markers != other.markers:
             return np.inf

@@ -17,7 +17,7 @@ from addon.core.points.several.counting import count_bodies
 from addon.core.points.several.holding import Holding, HoldingOnOptions
 from addon.core.points.several.parting import PartedBodies, parted
 from addon.core.points.several.pipeline import label_several
-from addon.core.points.several.stays import Build, likeliest, ways_of
+from addon.core.points.several.stays import StayBuild, likeliest, ways_of
 from addon.core.points.several.telling import told
 from addon.core.points.several.wearers import AUTO, SetsWorn, SeveralOptions, Wearer
 from addon.core.points.tracklets import cut
@@ -245,10 +245,10 @@ def test_stays_go_to_whoever_is_built_so():
     generator = np.random.default_rng(4)
     mean = generator.uniform(0.1, 1.5, (15, 15))
     markers, steady = open_model("gait15").markerset.markers, np.full((15, 15), 1e-4)
-    own = Build(markers, mean, steady)
-    assert own.cost(Build(markers, mean * 1.002, steady)) < 1 < own.cost(Build(markers, mean * 1.2, steady))
-    assert own.cost(Build(markers[::-1], mean, steady)) == np.inf
-    assert own.cost(Build(markers, np.full((15, 15), np.nan), steady)) == np.inf
+    own = StayBuild(markers, mean, steady)
+    assert own.cost(StayBuild(markers, mean * 1.002, steady)) < 1 < own.cost(StayBuild(markers, mean * 1.2, steady))
+    assert own.cost(StayBuild(markers[::-1], mean, steady)) == np.inf
+    assert own.cost(StayBuild(markers, np.full((15, 15), np.nan), steady)) == np.inf
 
 
 def test_stays_are_joined_to_people_or_to_nobody():
