@@ -30,8 +30,8 @@ class PartingPeopleOptions:
     group_rounds   in which such a frame's points find their bodies
     rounds         of going through all tracklets again
     firm           part of how well tracklets usually hold on to others, that is needed to be on anybody
-    holds          part of how well a tracklet holds on to whatever it does best, below which it is not on a body; chosen
-                   of 0.3 to 0.8 on `returning` and `returning-acting` of tests/accuracy/actors.py
+    holds          part of how well a tracklet holds on to whatever it does best, below which it is not on a body;
+                   chosen of 0.3 to 0.8 on `returning` and `returning-acting` of tests/accuracy/actors.py
     whole          part of the markers of a set that must be on nobody for somebody to be there
     fullest        part of the most that are so, in which those who come at the same time are parted
     gap_m          between what one who comes shows, and anything else
