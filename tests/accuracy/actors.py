@@ -4,12 +4,13 @@
 Walkers of McGill pass each other, people of cmu41 act beside each other and into each other, and two tennis players
 share a court. Their trajectories are cut to pieces as in whole_takes.py, with ghosts. Nobody who is labelled is in the
 training of the model. A label with the wrong person's name is wrong: which number is which person is settled once for
-the whole take. With --keep DIR, models are kept there and used again. With --auto, how many there are is not said.
+the whole take. With --keep DIR, models are kept there and used again. With --auto, how many there are is not said. With
+--one-by-one the same people's same pieces are labelled as takes of one, too, each with all ghosts of the room.
 """
 
 import argparse
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations, permutations
 from pathlib import Path
 from time import process_time
@@ -23,7 +24,7 @@ from addon.core.geometry.rotations import exponential
 from addon.core.points.models import Model
 from addon.core.points.several.pipeline import label_several
 from addon.core.points.several.wearers import AUTO, SeveralOptions, Wearer
-from addon.core.points.whole_take.pipeline import PointOptions
+from addon.core.points.whole_take.pipeline import PointOptions, label_take
 from addon.io.models import open_model
 
 from .people import BODY26, DATA, MCGILL
@@ -39,6 +40,8 @@ TOUCHING_M = 0.5  # the same where they are in each other's reach all the time
 ENTERING = 0.35  # part of a take in which somebody is not there yet
 RACKET_MARKERS = ("GRIP", "NECK", "LEFT", "TOP", "RIGHT")
 RACKET = np.array([[0.15, 0, 0], [0.35, 0, 0.02], [0.6, 0.11, 0], [0.68, 0, 0.01], [0.55, -0.13, 0.03]])  # m
+THROUGH_M = 0.15  # between two walkers who meet in one lane: their bodies overlap as they pass
+HOLDING_M = 0.25  # between two actors who overlap all the time
 NOISE_M = 0.0003
 PLAYERS = DATA / "people" / "tennis" / "kinematics_tennis_serve_2players.c3d"
 
@@ -106,6 +109,14 @@ def walkers(count: int) -> Iterator[Meeting]:
             yield Meeting(name, passing(some, lanes, ways), case)
 
 
+def through() -> Iterator[Meeting]:
+    """Walkers who meet in one lane, and pass through each other as far as their middles are apart."""
+    for case in case_few("body26", BODY26, False):
+        for pair in list(combinations(case.tested, 2))[::2]:
+            people = passing(list(pair), [0.0, THROUGH_M], [1, -1])
+            yield Meeting(" ".join(one.subject for one in pair), people, case)
+
+
 def acting(apart: float) -> Iterator[Meeting]:
     """Pairs of cmu41, learned from the other two: takes' middles are so far apart, m, and they move into each other."""
     found = actors("cmu41")
@@ -128,6 +139,31 @@ def entering() -> Iterator[Meeting]:
         gone = np.where((there < 1 - ENTERING)[:, None, None], first.xyz, np.nan)
         late = np.where((there > ENTERING)[:, None, None], second.xyz, np.nan)
         yield replace(meeting, people=(replace(first, xyz=gone), replace(second, xyz=late)))
+
+
+def gone_between(take: Take, elsewhere: np.ndarray, turn: float) -> Take:
+    """The take without its middle third; in its last third all is moved by `elsewhere` (2,) m, and turned."""
+    there = np.arange(len(take.xyz)) / len(take.xyz)
+    middle = np.median(middle_of(take.xyz), axis=0)
+    again = moved(take, turn, middle, middle + elsewhere).xyz
+    late = np.where((there >= 2 / 3)[:, None, None], again, np.nan)
+    return replace(take, xyz=np.where((there < 1 / 3)[:, None, None], take.xyz, late))
+
+
+def returning(meetings: Iterator[Meeting]) -> Iterator[Meeting]:
+    """Two of whom the second leaves for the middle third of the take, and comes back at the other side of the first."""
+    for meeting in meetings:
+        first, second = meeting.people
+        aside = np.median(middle_of(first.xyz), axis=0) - np.median(middle_of(second.xyz), axis=0)
+        yield replace(meeting, people=(first, gone_between(second, 2 * aside, np.pi / 2)))
+
+
+def exchanged_places(meetings: Iterator[Meeting]) -> Iterator[Meeting]:
+    """Two who both leave for the middle third, and come back each where the other was."""
+    for meeting in meetings:
+        first, second = meeting.people
+        aside = np.median(middle_of(second.xyz), axis=0) - np.median(middle_of(first.xyz), axis=0)
+        yield replace(meeting, people=(gone_between(first, aside, 0.0), gone_between(second, -aside, 0.0)))
 
 
 def players() -> Iterator[Meeting]:
@@ -202,6 +238,11 @@ MEETINGS: dict[str, Callable[[], Iterator[Meeting]]] = {
     "entering": entering,
     "acting": lambda: acting(ACTING_M),
     "touching": lambda: acting(TOUCHING_M),
+    "returning": lambda: returning(walkers(2)),
+    "returning-acting": lambda: returning(acting(ACTING_M)),
+    "exchanged": lambda: exchanged_places(acting(ACTING_M)),
+    "through": through,
+    "holding": lambda: acting(HOLDING_M),
     "players": players,
     "alone": alone,
     "racket": racket,
@@ -216,6 +257,15 @@ def pieces_of(meeting: Meeting, seed: int) -> tuple[Points, np.ndarray]:
     take = meeting.together()
     points, marker = cut_up(take, take.markers, Pieces(HIDDEN_EACH * len(meeting.people), GHOSTS), seed)
     return points, np.where(points.present, marker, -1)
+
+
+def one_by_one(points: Points, truth: np.ndarray, markers: int, people: int) -> Iterator[tuple[Points, np.ndarray]]:
+    """The pieces of each of so many people as a take of one, with all ghosts; and their markers (T, P)."""
+    whose = truth.max(axis=0) // markers
+    for person in range(people):
+        own = (whose == person) | (whose < 0)
+        take = Points(("",) * int(own.sum()), points.xyz[:, own], points.residual[:, own], points.rate, 1)
+        yield take, np.where(truth[:, own] >= 0, truth[:, own] % markers, -1)
 
 
 def counted(given: np.ndarray, truth: np.ndarray, markers: int, people: int, known: bool) -> Counts:
@@ -235,7 +285,10 @@ def counted(given: np.ndarray, truth: np.ndarray, markers: int, people: int, kno
 
 @dataclass
 class Measured:
-    """What came of the meetings of one kind."""
+    """What came of the meetings of one kind.
+
+    costs (2,) s: of meetings nobody of whom is refused alone, and of the same people one by one
+    """
 
     name: str
     counts: Counts
@@ -244,6 +297,7 @@ class Measured:
     right_number: int = 0
     frames: int = 0
     spent: float = 0.0
+    costs: np.ndarray = field(default_factory=lambda: np.zeros(2))
 
     def row(self) -> list[str]:
         """A line of the table."""
@@ -251,11 +305,19 @@ class Measured:
         recall = f"{100 * (counts.given - counts.wrong) / max(counts.there, 1):.3f} %"
         wrong = share(counts.wrong, counts.given, 3) if counts.given else "–"
         number = f"{self.right_number} of {self.takes}"
-        return [self.name, str(self.takes), recall, wrong, str(self.refused), number, f"{self.frames / self.spent:.0f}"]
+        together, alone = self.costs
+        cost = f"{together / alone:.2f}" if alone else "–"
+        speed = f"{self.frames / self.spent:.0f}"
+        return [self.name, str(self.takes), recall, wrong, str(self.refused), number, speed, cost]
+
+    def add(self, counts: Counts):
+        """Adds what came of a take."""
+        for name in ("given", "wrong", "there", "places"):
+            setattr(self.counts, name, getattr(self.counts, name) + getattr(counts, name))
 
 
-def run(meeting: Meeting, models: list[Model], seed: int, auto: bool, into: Measured, show: bool):
-    """Labels a meeting, and counts what came of it."""
+def run(meeting: Meeting, models: list[Model], seed: int, auto: bool, into: Measured, show: bool) -> float:
+    """Labels a meeting, and counts what came of it; seconds that it took."""
     points, truth = pieces_of(meeting, seed)
     people, markers = len(meeting.people), len(models[0].markerset)
     asked = SeveralOptions(model=models[0], count=AUTO if auto else people)
@@ -269,16 +331,43 @@ def run(meeting: Meeting, models: list[Model], seed: int, auto: bool, into: Meas
         given, found = labelled.labels.marker, len(labelled.worn.subjects)
     except JobError as error:
         given, reason = np.full(points.xyz.shape[:2], -1), str(error)
-    into.spent += process_time() - begin
+    spent = process_time() - begin
+    into.spent += spent
     into.frames += len(points.xyz)
     into.takes += 1
     into.refused += bool(reason)
     into.right_number += found == people
     own = counted(given, truth, markers, max(people, found), bool(meeting.own))
-    for name in ("given", "wrong", "there", "places"):
-        setattr(into.counts, name, getattr(into.counts, name) + getattr(own, name))
+    into.add(own)
     if show:
-        print(f"  {into.name} {meeting.name}: {found} found, {own.line()} {reason}", flush=True)
+        print(f"  {into.name} {meeting.name}: {found} found, {spent:.2f} s, {own.line()} {reason}", flush=True)
+    return spent
+
+
+def run_alone(meeting: Meeting, model: Model, seed: int, together: float, into: Measured, alone: Measured, show: bool):
+    """Labels the people of a meeting, which took so many seconds, one by one; of each the number is right."""
+    points, truth = pieces_of(meeting, seed)
+    markers, refused, before = len(model.markerset), alone.refused, alone.spent
+    for take, own in one_by_one(points, truth, markers, len(meeting.people)):
+        counts, given, begin = Counts(), np.full(own.shape, -1), process_time()
+        try:
+            given = finished(label_take(take, model, PointOptions("likelihood"))).labels.marker
+        except JobError as error:
+            alone.refused += 1
+            print(f"  {alone.name} {meeting.name}: {error}" if show else "", end="\n" if show else "")
+        alone.spent += process_time() - begin
+        alone.frames += len(take.xyz)
+        alone.takes += 1
+        counts.add(given, own, markers)
+        alone.add(counts)
+    alone.right_number = alone.takes - alone.refused
+    if alone.refused == refused:
+        into.costs += together, alone.spent - before
+
+
+def warm_up(meeting: Meeting, models: list[Model], seed: int):
+    """Labels a meeting without counting it: what is loaded when it is first needed is no part of labelling a take."""
+    run(meeting, models, seed, False, Measured("", Counts()), False)
 
 
 def main():
@@ -290,18 +379,25 @@ def main():
     parser.add_argument("--first", type=int, default=0, help="which take of a kind to begin with")
     parser.add_argument("--most", type=int, default=100, help="takes of a kind")
     parser.add_argument("--show", action="store_true", help="take by take")
+    parser.add_argument("--one-by-one", action="store_true", help="label the same people as takes of one, too")
     given = parser.parse_args()
-    done = []
+    done, warm = [], False
     for kind in given.kinds or MEETINGS:
-        own, models = Measured(kind, Counts()), {}
+        own, models, alone = Measured(kind, Counts()), {}, Measured(f"{kind}, one by one", Counts())
         for seed, meeting in enumerate(MEETINGS[kind]()):
             if 0 <= seed - given.first < given.most:
                 cases = meeting.own or (meeting.training,)
                 models = {one.name: models.get(one.name) or model_of(one, given.keep) for one in cases}
-                run(meeting, list(models.values()), seed, given.auto, own, given.show)
-        done.append(own)
-        print(own.row(), flush=True)
-    columns = ["people", "takes", "recall", "wrong labels", "refused", "right number", "frames/s"]
+                if not warm:
+                    warm_up(meeting, list(models.values()), seed)
+                    warm = True
+                spent = run(meeting, list(models.values()), seed, given.auto, own, given.show)
+                if given.one_by_one and not meeting.own:
+                    run_alone(meeting, models[cases[0].name], seed, spent, own, alone, given.show)
+        for one in (own, alone) if alone.takes else (own,):
+            done.append(one)
+            print(one.row(), flush=True)
+    columns = ["people", "takes", "recall", "wrong labels", "refused", "right number", "frames/s", "cost"]
     print(table(columns, [one.row() for one in done]))
 
 

@@ -6,6 +6,7 @@ Only pairs that are there at a time are kept, so memory grows with the tracklets
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Self
 
 import numpy as np
@@ -24,7 +25,8 @@ class HoldingOnOptions:
     steady_m       that a distance on a body varies by
     holds          tracklets of a body that one holds on to best, which say how much it does
     max_body_m     beyond which no two markers are on one body
-    at_once        tracklets whose pairs are added up at a time, by memory
+    at_once        tracklets whose pairs are added up at a time, and
+    frames_at_once of frames, both by memory
     """
 
     sample_rate: float = 20.0
@@ -35,6 +37,7 @@ class HoldingOnOptions:
     holds: int = 6
     max_body_m: float = 2.6
     at_once: int = 1000
+    frames_at_once: int = 64
 
 
 HOLDING_ON = HoldingOnOptions()
@@ -101,10 +104,14 @@ def _looked_at(tracklet: np.ndarray, rate: float) -> np.ndarray:
     for lane in range(tracklet.shape[1]):
         own = tracklet[:, lane]
         there = np.flatnonzero(own >= 0)
-        ends = np.flatnonzero(np.diff(own[there])) + 1
-        for part in np.split(there, ends):
-            if len(part) and wanted[part].sum() < HOLDING_ON.min_samples:
-                wanted[part[evenly_spread(len(part), HOLDING_ON.min_samples)]] = True
+        if not len(there):
+            continue
+        begins = np.append(0, np.flatnonzero(np.diff(own[there])) + 1)
+        seldom = np.add.reduceat(wanted[there].astype(int), begins) < HOLDING_ON.min_samples
+        ends = np.append(begins[1:], len(there))
+        for begin, end in zip(begins[seldom].tolist(), ends[seldom].tolist(), strict=True):
+            part = there[begin:end]
+            wanted[part[evenly_spread(len(part), HOLDING_ON.min_samples)]] = True
     return np.flatnonzero(wanted)
 
 
@@ -143,16 +150,30 @@ def _met(points: np.ndarray, tracklet: np.ndarray, frames: np.ndarray, every: in
     """Of tracklets that meet in some frames a number (E,) for each pair; in how many, distances, squares, longest²."""
     local = np.unique(tracklet[frames])
     local = local[local >= 0].astype(np.int64)
-    number, total, squares, longest = np.zeros((4, len(local), len(local)))
-    for frame in frames.tolist():
-        lane = np.flatnonzero(tracklet[frame] >= 0)
-        place = points[frame][lane]
-        square = ((place[:, None] - place[None]) ** 2).sum(axis=2)
-        own = np.searchsorted(local, tracklet[frame, lane])
-        at = np.ix_(own, own)
-        number[at] += 1
-        total[at] += np.sqrt(square)
-        squares[at] += square
-        longest[at] = np.maximum(longest[at], square)
-    one, other = np.nonzero(np.triu(number, 1))
-    return (local[one] * every + local[other], *(table[one, other] for table in (number, total, squares, longest)))
+    size = len(local)
+    number, total, squares, longest = np.zeros((4, size * size))
+    for some in np.array_split(frames, -(-len(frames) // HOLDING_ON.frames_at_once)):
+        keys, offs = [], []
+        for frame in some.tolist():
+            own = np.searchsorted(local, tracklet[frame])
+            lane = np.flatnonzero(tracklet[frame] >= 0)
+            lane = lane[own[lane].argsort()]
+            one, other = _every_two(len(lane))
+            own, place = own[lane], points[frame][lane]
+            keys.append(own[one] * size + own[other])
+            offs.append(place[one] - place[other])
+        key, off = np.concatenate(keys), np.concatenate(offs)
+        square = off[:, 0] ** 2 + off[:, 1] ** 2 + off[:, 2] ** 2
+        number += np.bincount(key, minlength=size * size)
+        total += np.bincount(key, np.sqrt(square), size * size)
+        squares += np.bincount(key, square, size * size)
+        np.maximum.at(longest, key, square)
+    met = np.flatnonzero(number)
+    one, other = np.divmod(met, size)
+    return (local[one] * every + local[other], *(table[met] for table in (number, total, squares, longest)))
+
+
+@lru_cache(maxsize=256)
+def _every_two(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """The first and the second (K,) of every two of so many things."""
+    return np.triu_indices(count, 1)

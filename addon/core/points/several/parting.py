@@ -7,10 +7,12 @@ to which it holds on best while it is there; these live on when it ends, so peop
 """
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
 from ...data.takes import evenly_spread
+from ..refusals import far_groups
 from .holding import HOLDING_ON, Holding
 
 NO_BODY = -1
@@ -27,6 +29,13 @@ class PartingPeopleOptions:
     min_points     of a body in a frame that is begun with
     group_rounds   in which such a frame's points find their bodies
     rounds         of going through all tracklets again
+    firm           part of how well tracklets usually hold on to others, that is needed to be on anybody
+    holds          part of how well a tracklet holds on to whatever it does best, below which it is not on a body;
+                   chosen of 0.3 to 0.8 on `returning` and `returning-acting` of tests/accuracy/actors.py
+    whole          part of the markers of a set that must be on nobody for somebody to be there
+    fullest        part of the most that are so, in which those who come at the same time are parted
+    gap_m          between what one who comes shows, and anything else
+    max_stays      of all together
     """
 
     clear: float = 1.6
@@ -36,6 +45,12 @@ class PartingPeopleOptions:
     min_points: int = 4
     group_rounds: int = 20
     rounds: int = 12
+    firm: float = 0.2
+    holds: float = 0.5
+    whole: float = 0.55
+    fullest: float = 0.9
+    gap_m: float = 0.5
+    max_stays: int = 24
 
 
 PARTING_PEOPLE = PartingPeopleOptions()
@@ -43,7 +58,7 @@ PARTING_PEOPLE = PartingPeopleOptions()
 
 @dataclass(frozen=True, eq=False)
 class PartedBodies:
-    """N tracklets parted among K bodies.
+    """N tracklets parted among K bodies, or stays of bodies.
 
     hold  (N, K) how well each holds on to each body, 1/m²
     body  (N,) that to which it holds on best, NO_BODY where to none
@@ -54,13 +69,30 @@ class PartedBodies:
     body: np.ndarray
     may: np.ndarray
 
+    def joined(self, whose: np.ndarray, count: int) -> Self:
+        """The same of so many bodies, where each of the K is a stay (K,) of one of them; of NO_BODY, nobody's."""
+        own = whose[:, None] == np.arange(count)
+        hold = np.where(own, self.hold[:, :, None], 0.0).max(axis=1)
+        body = np.where(self.body == NO_BODY, NO_BODY, whose[self.body])
+        return type(self)(hold, body, (self.may[:, :, None] & own).any(axis=1))
 
-def parted(points: np.ndarray, tracklet: np.ndarray, holding: Holding, count: int) -> PartedBodies:
-    """Tracklets (T, L) of points (T, L, 3) m parted among so many bodies; of one they are all."""
+
+def parted(points: np.ndarray, tracklet: np.ndarray, holding: Holding, count: int, markers: int = 0) -> PartedBodies:
+    """Tracklets (T, L) of points (T, L, 3) m parted among so many bodies; of one they are all.
+
+    Whoever leaves and comes back holds on to nothing of before: where so many `markers` as a set has are on none of the
+    bodies, they are a stay of their own, which stands after the bodies that are seen together. With 0 nobody leaves.
+    """
     if count == 1:
         every = len(holding)
         return PartedBodies(holding.best()[:, None], np.zeros(every, int), np.ones((every, 1), bool))
-    body = _first_bodies(points, tracklet, holding, count)
+    begun = _first_bodies(points, tracklet, holding, count)
+    body = _with_stays(points, tracklet, holding, begun, count, markers)
+    stays = int(body.max(initial=-1)) + 1
+    if stays > count:
+        count = stays
+    else:
+        body = _grown(holding, begun, count)
     hold = np.zeros((len(body), count))
     for _ in range(PARTING_PEOPLE.rounds):
         hold = holding.on(body, count)
@@ -84,7 +116,54 @@ def _first_bodies(points: np.ndarray, tracklet: np.ndarray, holding: Holding, co
     if chosen is None:
         return body
     body[chosen[0]] = chosen[1]
-    return _grown(holding, body, count)
+    return body
+
+
+def _with_stays(
+    points: np.ndarray, tracklet: np.ndarray, holding: Holding, body: np.ndarray, count: int, markers: int
+) -> np.ndarray:
+    """(N,) bodies of tracklets, from those known on, and as further ones the stays of whoever comes, or comes back."""
+    if not markers:
+        return body
+    best = holding.best()
+    firm = best >= PARTING_PEOPLE.firm * np.median(best[best > 0]) if (best > 0).any() else np.zeros(len(best), bool)
+    while count < PARTING_PEOPLE.max_stays:
+        body = _grown(holding, body, count, PARTING_PEOPLE.holds * best)
+        left = np.append((body == NO_BODY) & firm, False)
+        groups = _coming(points, tracklet, holding, left, markers)
+        if not groups:
+            break
+        for group in groups:
+            body[group] = count
+            count += 1
+    return body
+
+
+def _coming(
+    points: np.ndarray, tracklet: np.ndarray, holding: Holding, left: np.ndarray, markers: int
+) -> list[np.ndarray]:
+    """The tracklets of each who is there in the frame that shows best how many of `markers` are on no body yet.
+
+    left (N + 1,) are those that are on none; the last is no tracklet.
+    """
+    alone = left[tracklet[holding.frames]].sum(axis=1)
+    frame, most = holding.frames[alone.argmax()], alone.max()
+    if most < PARTING_PEOPLE.whole * markers:
+        return []
+    people = max(round(most / markers), 1)
+    if people > 1:
+        fullest = holding.frames[alone >= PARTING_PEOPLE.fullest * most]
+        best = -np.inf
+        for at in fullest[evenly_spread(len(fullest), PARTING_PEOPLE.starts)].tolist():
+            own = np.flatnonzero(left[tracklet[at]])
+            group, apart = _groups(points[at, own], people)
+            if group is not None and apart > best:
+                best, found = apart, [tracklet[at, own[group == one]] for one in range(people)]
+        if best > -np.inf:
+            return [some for some in found if len(some) >= PARTING_PEOPLE.whole * markers]
+    own = np.flatnonzero(left[tracklet[frame]])
+    groups = far_groups(points[frame, own], PARTING_PEOPLE.gap_m, PARTING_PEOPLE.whole * markers)
+    return [tracklet[frame, own[group]] for group in groups]
 
 
 def _groups(points: np.ndarray, count: int) -> tuple[np.ndarray | None, float]:
@@ -93,28 +172,43 @@ def _groups(points: np.ndarray, count: int) -> tuple[np.ndarray | None, float]:
         return None, 0.0
     flat, options = points[:, :2], PARTING_PEOPLE
     far = int(options.outer * len(flat))
-    centres = np.median(flat, axis=0)[None]
+    centres = _middle(flat)[None]
     for place in range(count):
-        away = np.linalg.norm(flat[:, None] - centres[None], axis=2).min(axis=1)
+        away = _away(flat, centres).min(axis=1)
         centres = np.concatenate([centres[:place], flat[away.argsort()[far]][None]])
     group = np.zeros(0, int)
     for _ in range(options.group_rounds):
-        before, group = group, np.linalg.norm(flat[:, None] - centres[None], axis=2).argmin(axis=1)
+        before, group = group, _away(flat, centres).argmin(axis=1)
         if np.array_equal(before, group):
             break
         if np.bincount(group, minlength=count).min() < options.min_points:
             return None, 0.0
-        centres = np.array([np.median(flat[group == one], axis=0) for one in range(count)])
+        centres = np.array([_middle(flat[group == one]) for one in range(count)])
     size = np.bincount(group, minlength=count)
-    away = np.linalg.norm(flat[:, None] - centres[None], axis=2)
+    away = _away(flat, centres)
     own = np.take_along_axis(away, group[:, None], axis=1)[:, 0]
     others = np.where(np.arange(count) == group[:, None], np.inf, away).min(axis=1)
     # The usual lead of a point's own group, where groups are of like size.
     return group, float(np.quantile(others - own, 1 - options.outer) * size.min() / size.max())
 
 
-def _grown(holding: Holding, body: np.ndarray, count: int) -> np.ndarray:
-    """(N,) bodies of all tracklets, from those known on: always the one next that holds on to a body most clearly."""
+def _middle(flat: np.ndarray) -> np.ndarray:
+    """(2,) the median of each column of (P, 2): NumPy's takes longer over few points than all else here."""
+    order = np.sort(flat, axis=0)
+    return (order[(len(order) - 1) // 2] + order[len(order) // 2]) / 2
+
+
+def _away(flat: np.ndarray, centres: np.ndarray) -> np.ndarray:
+    """(P, K) how far points (P, 2) are from centres (K, 2)."""
+    off = flat[:, None] - centres
+    return np.sqrt(off[..., 0] ** 2 + off[..., 1] ** 2)
+
+
+def _grown(holding: Holding, body: np.ndarray, count: int, least: np.ndarray | float = 0.0) -> np.ndarray:
+    """(N,) bodies of all tracklets, from those known on: always the one next that holds on to a body most clearly.
+
+    Without those that hold on to none so well as `least` (N,).
+    """
     body = body.copy()
     top = np.zeros((len(body), count, HOLDING_ON.holds))
     for index in np.flatnonzero(body != NO_BODY).tolist():
@@ -123,7 +217,7 @@ def _grown(holding: Holding, body: np.ndarray, count: int) -> np.ndarray:
     while left.any():
         hold = top.mean(axis=2)
         order = np.sort(hold, axis=1)
-        lead = (order[:, -1] - order[:, -2]) * left
+        lead = (order[:, -1] - order[:, -2]) * (left & (order[:, -1] >= least))
         if lead.max() <= 0:
             break
         some = np.flatnonzero(left & (lead >= PARTING_PEOPLE.at_once * lead.max()))

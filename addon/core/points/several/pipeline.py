@@ -27,8 +27,9 @@ from .claims import share
 from .counting import count_bodies
 from .edits import with_edits
 from .motion import LabelledSubjects
-from .parting import PartedBodies, parted
+from .parting import NO_BODY, PartedBodies, parted
 from .props import found_prop, is_prop
+from .stays import STAYS, StayBuild, likeliest, spans_of, ways_of
 from .telling import TELLING, costs_of, told
 from .together import Everybody, FoundSubject, motion_of_all, verdict_on
 from .wearers import AUTO, SeveralOptions, Wearer, is_same, kinds
@@ -104,8 +105,9 @@ class _Parties:
         ways = [(count, frames_are_sure) for count in counts]
         # Who is mixed up with others for long is known by the whole take, where single frames are not sure of anybody.
         for count, recognise in (*ways, (counts[0], take_will_say)):
-            bodies = parted(crowd.take.xyz, crowd.tracklet, crowd.holding, count)
+            stays = parted(crowd.take.xyz, crowd.tracklet, crowd.holding, count, self._smallest)
             try:
+                bodies = yield from self._people_of(stays, count, recognise)
                 named = yield from self._each(bodies, wanted, count, recognise)
             except SubjectsError:
                 continue  # two on one body
@@ -113,10 +115,46 @@ class _Parties:
                 return (yield from self._told(bodies, named, wanted))
         raise self._too_few(wanted)
 
+    @property
+    def _smallest(self) -> int:
+        """Markers of the smallest set that anybody may wear."""
+        return min(len(one.markerset) for one in self.asked.models)
+
+    def _people_of(
+        self, stays: PartedBodies, count: int, recognise: Recognise
+    ) -> Generator[Progress, None, PartedBodies]:
+        """The bodies of so many people, whose stays are in the take: who comes back is who left.
+
+        Stays of which it cannot be told whose they are are nobody's.
+        """
+        every = stays.may.shape[1]
+        if every == count:
+            return stays
+        there = spans_of(self.crowd.tracklet, stays.body, every)
+        ways = ways_of(there, count)
+        way, lead = (ways[0], np.inf) if len(ways) == 1 else ((), -np.inf)
+        if len(ways) > 1:
+            builds = yield from self._builds(stays, recognise)
+            cost = [[_unlike(builds[stay], builds[one]) for one in range(count)] for stay in range(count, every)]
+            way, lead = likeliest(ways, np.array(cost))
+        if lead < STAYS.lead:
+            way = (NO_BODY,) * (every - count)
+        return stays.joined(np.array([*range(count), *way]), count)
+
+    def _builds(self, stays: PartedBodies, recognise: Recognise) -> Generator[Progress, None, list[list[StayBuild]]]:
+        """How whoever is there in each stay is built, by every set that it may be; none where it is nobody."""
+        found: list[list[StayBuild]] = []
+        for stay in range(stays.may.shape[1]):
+            found.append([])
+            given = stays.may[:, stay], stays.body == stay, self.asked.models, recognise
+            for naming in self.crowd.recognised(*given):
+                named = yield from within(naming.named(), 0.05, 0.05, spans=_spans(0.05, 0.05))
+                found[-1].append(StayBuild.of(named))
+        return found
+
     def _counts(self, wanted: int) -> list[int]:
         """How many bodies to look for, the likeliest first."""
-        least = min(len(one.markerset) for one in self.asked.models)
-        counted = count_bodies(self.crowd.take.xyz, self.crowd.tracklet, self.crowd.holding, least)
+        counted = count_bodies(self.crowd.take.xyz, self.crowd.tracklet, self.crowd.holding, self._smallest)
         if wanted == AUTO:
             return list(range(max(counted.most, counted.apart, 1), 0, -1))
         first = max(wanted, counted.apart)
@@ -198,6 +236,11 @@ class _Parties:
         if wanted == AUTO:
             return JobError(f"shows nobody who wears {names}; expected a take of that marker set: choose its model")
         return JobError(f"shows fewer than {wanted} subjects who wear {names}; expected as many, so ask for fewer")
+
+
+def _unlike(some: list[StayBuild], others: list[StayBuild]) -> float:
+    """How badly those who are there in two stays go together, in the sets that go best."""
+    return min((one.cost(other) for one in some for other in others), default=np.inf)
 
 
 def _spans(first: float, last: float) -> dict[str, tuple[float, float]]:

@@ -16,8 +16,9 @@ from addon.core.points.several import bodies, holding
 from addon.core.points.several.claims import CLAIMS, shared_out
 from addon.core.points.several.counting import count_bodies
 from addon.core.points.several.holding import Holding, HoldingOnOptions
-from addon.core.points.several.parting import parted
+from addon.core.points.several.parting import PartedBodies, parted
 from addon.core.points.several.pipeline import label_several
+from addon.core.points.several.stays import StayBuild, likeliest, ways_of
 from addon.core.points.several.telling import told
 from addon.core.points.several.wearers import AUTO, SetsWorn, SeveralOptions, Wearer
 from addon.core.points.tracklets import cut
@@ -199,3 +200,75 @@ def test_markers_of_all_are_called_after_their_subjects():
     assert (len(worn), worn.markers[0], worn.markers[15]) == (30, "ann:SACR", "2:SACR")
     assert worn.by_name["2:SACR"] == 15
     assert worn.name == "gait15"
+
+
+def absent(whole: np.ndarray, first: int, after: int, elsewhere: float = 0.0) -> np.ndarray:
+    """Somebody (T, M, 3) m who is not there in some frames, and so far aside (y, m) after them."""
+    found = whole.copy()
+    found[after:, :, 1] += elsewhere
+    found[first:after] = np.nan
+    return found
+
+
+def shown(people: list[np.ndarray]) -> tuple[Points, np.ndarray]:
+    """A take of people (T, 15, 3) m with a trajectory for each time that a marker is there; and whose marker it is."""
+    columns, truth = [], []
+    for index, whole in enumerate(people):
+        for marker in range(whole.shape[1]):
+            seen = np.flatnonzero(np.isfinite(whole[:, marker, 0]))
+            for part in np.split(seen, np.flatnonzero(np.diff(seen) > 1) + 1):
+                columns.append(np.full((len(whole), 3), np.nan))
+                columns[-1][part] = whole[part, marker]
+                truth.append(marker + whole.shape[1] * index)
+    order = np.random.default_rng(3).permutation(len(columns))
+    xyz = np.stack(columns, axis=1)[:, order]
+    residual = np.where(np.isfinite(xyz[..., 0]), 0.0005, np.nan)
+    return Points(("",) * len(order), xyz, residual, RATE, 1), np.array(truth)[order]
+
+
+@pytest.mark.parametrize(
+    "people",
+    [
+        [person(1, 1, 0.0), absent(person(2, -1, 0.6), 30, 70, -2.5)],
+        [absent(person(1, 1, 0.0), 35, 65, 0.8), absent(person(2, -1, 0.8), 35, 65, -0.8)],
+    ],
+    ids=["one leaves", "both leave, and come back in each other's lane"],
+)
+def test_who_comes_back_is_who_left(people):
+    take, truth = shown(people)
+    found = finished(label_several(take, SeveralOptions(open_model("gait15"), 2), PointOptions("likelihood")))
+    right, wrong = matched(found.labels.marker, truth, take.present)
+    assert wrong == 0
+    assert right > 0.9 * take.present.sum()
+
+
+def test_whose_a_stay_is_follows_from_who_is_there():
+    there = np.zeros((90, 3), bool)
+    there[:, 0] = there[:30, 1] = there[60:, 2] = True
+    assert ways_of(there, 2) == [(1,)]
+    there = np.zeros((90, 4), bool)
+    there[:40, :2] = there[50:, 2:] = True
+    assert ways_of(there, 2) == [(0, 1), (1, 0)]
+    there[:, 3] = True
+    assert ways_of(there, 2) == []
+
+
+def test_stays_go_to_whoever_is_built_so():
+    way, lead = likeliest([(0, 1), (1, 0)], np.array([[9.0, 2.0], [1.0, 7.0]]))
+    assert (way, lead) == ((1, 0), 13.0)
+    generator = np.random.default_rng(4)
+    mean = generator.uniform(0.1, 1.5, (15, 15))
+    markers, steady = open_model("gait15").markerset.markers, np.full((15, 15), 1e-4)
+    own = StayBuild(markers, mean, steady)
+    assert own.cost(StayBuild(markers, mean * 1.002, steady)) < 1 < own.cost(StayBuild(markers, mean * 1.2, steady))
+    assert own.cost(StayBuild(markers[::-1], mean, steady)) == np.inf
+    assert own.cost(StayBuild(markers, np.full((15, 15), np.nan), steady)) == np.inf
+
+
+def test_stays_are_joined_to_people_or_to_nobody():
+    body = np.array([0, 1, 2, 3, -1])
+    may = np.eye(4, dtype=bool)[np.maximum(body, 0)] & (body >= 0)[:, None]
+    joined = PartedBodies(may * 2.0, body, may).joined(np.array([0, 1, 1, -1]), 2)
+    assert joined.body.tolist() == [0, 1, 1, -1, -1]
+    assert joined.may.sum(axis=1).tolist() == [1, 1, 1, 0, 0]
+    assert joined.hold.max(axis=1).tolist() == [2, 2, 2, 0, 0]
