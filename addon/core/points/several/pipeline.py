@@ -167,11 +167,12 @@ class _Parties:
 
         Where nobody said how many, all bodies must be of the model.
         """
-        chosen: list[list[BodyNaming]] = []
-        for body in range(count):
+        chosen: list[list[BodyNaming]] = [[] for _ in range(count)]
+        sizes = np.bincount(bodies.body + 1, minlength=count + 1)[1 : count + 1]
+        for body in np.argsort(sizes, kind="stable"):  # where one is too many, the smallest is it
             given = bodies.may[:, body], bodies.body == body, self.asked.models, recognise
-            chosen.append(self.crowd.recognised(*given))
-            if wanted == AUTO and not chosen[-1]:
+            chosen[body] = self.crowd.recognised(*given)
+            if wanted == AUTO and not chosen[body]:
                 return None
         if sum(map(bool, chosen)) < max(wanted, 1):
             return None
