@@ -2,6 +2,7 @@
 """`STEM.report.json`: what a person should know of a labelled take before using it."""
 
 import json
+import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
@@ -89,7 +90,7 @@ def earlier_run(path: Path, now: dict) -> tuple[dict | None, bool]:
         raise InputError(f"{what}; expected the same as then, {INSTEAD}", path)
     for ending, was in made["results"].items():
         file = path.with_name(path.name.removesuffix(REPORT) + ending)
-        if not file.exists():
+        if not os.path.exists(file):  # a Path with too long a name would raise
             missing = True
         elif digest([file]) != was:
             raise InputError(f"was changed since it was made; expected it as it was, {INSTEAD}", file)

@@ -101,6 +101,15 @@ def test_results_lie_beside_their_report_whatever_it_says(ending, sound, tmp_pat
         earlier_run(report, {"options": OPTIONS})
 
 
+def test_a_result_with_too_long_a_name_is_not_there(sound, tmp_path):
+    report = tmp_path / sound["report"].name
+    document = json.loads(sound["report"].read_text())
+    made = document["made_of"] | {"results": {"9" * 5000: "ab"}}
+    report.write_text(json.dumps(document | {"made_of": made}))
+    now = {name: value for name, value in made.items() if name != "results"}
+    assert earlier_run(report, now)[1], "missing"
+
+
 def test_an_array_whose_kind_is_no_word_is_refused(sound, tmp_path):
     document = json.loads(sound["model"].read_text())
     packed = next(value for value in document.values() if isinstance(value, dict) and "digest" in value)
