@@ -2,7 +2,6 @@
 """`STEM.report.json`: what a person should know of a labelled take before using it."""
 
 import json
-import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
@@ -90,11 +89,19 @@ def earlier_run(path: Path, now: dict) -> tuple[dict | None, bool]:
         raise InputError(f"{what}; expected the same as then, {INSTEAD}", path)
     for ending, was in made["results"].items():
         file = path.with_name(path.name.removesuffix(REPORT) + ending)
-        if not os.path.exists(file):  # a Path with too long a name would raise
+        if not _is_there(file):
             missing = True
         elif digest([file]) != was:
             raise InputError(f"was changed since it was made; expected it as it was, {INSTEAD}", file)
     return report, missing
+
+
+def _is_there(file: Path) -> bool:
+    """Whether there is such a file; one with too long a name is not."""
+    try:
+        return file.exists()
+    except OSError:
+        return False
 
 
 def _flat(made: dict) -> dict:
