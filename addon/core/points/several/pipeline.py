@@ -29,8 +29,8 @@ from .edits import with_edits
 from .motion import LabelledSubjects
 from .parting import NO_BODY, PartedBodies, parted
 from .props import found_prop, is_prop
-from .stays import STAYS, StayBuild, likeliest, spans_of, ways_of
-from .telling import TELLING, costs_of, told
+from .stays import STAYS, StayBuild, spans_of, ways_of
+from .telling import TELLING, costs_of, likeliest, told
 from .together import Everybody, FoundSubject, motion_of_all, verdict_on
 from .wearers import AUTO, SeveralOptions, Wearer, is_same, kinds
 

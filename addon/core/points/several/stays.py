@@ -5,7 +5,6 @@ Nothing holds on to anything over an absence of everybody. Two who are there at 
 ways than one, each stay is named on its own, and the distances on it are held against those of the first stays.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -13,7 +12,7 @@ import numpy as np
 
 from ...data.takes import evenly_spread
 from .parting import NO_BODY
-from .telling import OnBody
+from .telling import MIN_MET, OnBody, distances_in
 
 
 @dataclass(frozen=True)
@@ -66,13 +65,6 @@ def ways_of(there: np.ndarray, count: int) -> list[tuple[int, ...]]:
     return [way for way in product(*may) if all(way[one - count] != way[other - count] for one, other in pairs)]
 
 
-def likeliest(ways: Sequence[tuple[int, ...]], cost: np.ndarray) -> tuple[tuple[int, ...], float]:
-    """The best of ways to give stays to people by what each costs (S, K), and by how much it is ahead."""
-    order = sorted((float(sum(cost[stay, one] for stay, one in enumerate(way))), way) for way in ways)
-    lead = order[1][0] - order[0][0] if len(order) > 1 else np.inf
-    return order[0][1], lead if np.isfinite(order[0][0]) else -np.inf
-
-
 @dataclass(frozen=True, eq=False)
 class StayBuild:
     """How far the markers of somebody are from each other in a stay (M, M) m: mean, and variance; NaN where unknown."""
@@ -91,13 +83,8 @@ class StayBuild:
         sure = np.where(one.solution.margin > 0, one.solution.marker, -1)
         placed = one.solution.tracklets.placed(one.frames.take.xyz, sure, size)
         there = np.flatnonzero(np.isfinite(np.asarray(placed[:])).all(axis=2).any(axis=1))
-        some = placed[there[evenly_spread(len(there), STAYS.frames)]].astype(float)
-        distance = np.linalg.norm(some[:, :, None] - some[:, None], axis=3)
-        seen = np.isfinite(distance)
-        count = seen.sum(axis=0)
-        mean = np.where(seen, distance, 0).sum(axis=0) / np.maximum(count, 1)
-        spread = np.where(seen, (distance - mean) ** 2, 0).sum(axis=0) / np.maximum(count, 1)
-        known = count >= 10
+        mean, spread, count = distances_in(placed[there[evenly_spread(len(there), STAYS.frames)]].astype(float))
+        known = count >= MIN_MET
         return cls(markers, np.where(known, mean, np.nan), np.where(known, spread, np.nan))
 
     def cost(self, other: "StayBuild") -> float:

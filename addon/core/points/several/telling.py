@@ -33,6 +33,7 @@ class TellingOptions:
 
 
 TELLING = TellingOptions()
+MIN_MET = 10  # frames in which two markers must be there for their distance to say anything
 
 
 class OnBody(Protocol):
@@ -53,20 +54,32 @@ def _cost(named: OnBody, model: Model) -> float:
         return np.inf
     solution, size = named.solution, len(model.markerset)
     placed = solution.tracklets.placed(named.frames.take.xyz, solution.marker, size)
-    some = placed[evenly_spread(len(placed), TELLING.frames)].astype(float)
-    distance = np.linalg.norm(some[:, :, None] - some[:, None], axis=3)
-    seen = np.isfinite(distance)
-    count = seen.sum(axis=0)
-    mean = np.where(seen, distance, 0).sum(axis=0) / np.maximum(count, 1)
-    spread = np.where(seen, (distance - mean) ** 2, 0).sum(axis=0) / np.maximum(count, 1)
+    mean, spread, count = distances_in(placed[evenly_spread(len(placed), TELLING.frames)].astype(float))
     known = trained_pairs(model)
     variance = TELLING.sd_m**2 + (TELLING.bend * mean) ** 2 + (known.within + spread) / 2
-    usable = np.triu((count >= 10) & np.isfinite(known.mean) & np.isfinite(variance), 1)
+    usable = np.triu((count >= MIN_MET) & np.isfinite(known.mean) & np.isfinite(variance), 1)
     if not usable.any():
         return np.inf
     square = np.minimum((mean - known.mean)[usable] ** 2 / variance[usable], TELLING.max_square)
     # A marker is in many pairs, so these are not as many measurements as they look.
     return float(square.sum() / size)
+
+
+def distances_in(markers: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of every two of M markers in frames (F, M, 3) m: mean distance m, its variance m², and in how many (M, M)."""
+    distance = np.linalg.norm(markers[:, :, None] - markers[:, None], axis=3)
+    seen = np.isfinite(distance)
+    count = seen.sum(axis=0)
+    mean = np.where(seen, distance, 0).sum(axis=0) / np.maximum(count, 1)
+    spread = np.where(seen, (distance - mean) ** 2, 0).sum(axis=0) / np.maximum(count, 1)
+    return mean, spread, count
+
+
+def likeliest(ways: Sequence[tuple[int, ...]], cost: np.ndarray) -> tuple[tuple[int, ...], float]:
+    """The best of ways to give each of S one of K, by what that costs (S, K), and by how much it is ahead."""
+    order = sorted((float(sum(cost[given, one] for given, one in enumerate(way))), way) for way in ways)
+    lead = order[1][0] - order[0][0] if len(order) > 1 else np.inf
+    return order[0][1], lead if np.isfinite(order[0][0]) else -np.inf
 
 
 def told(cost: np.ndarray, kind: Sequence[int]) -> tuple[list[int], float]:
@@ -75,12 +88,12 @@ def told(cost: np.ndarray, kind: Sequence[int]) -> tuple[list[int], float]:
     Subjects of one `kind` (S,) are not told apart: the first of them has the first body.
     """
     bodies, subjects = cost.shape
-    ways = sorted(
-        (float(sum(cost[body, subject] for subject, body in enumerate(way))), way)
+    ways = [
+        way
         for way in permutations(range(bodies), subjects)
         if all(kind[one] != kind[other] or way[one] < way[other] for one, other in combinations(range(subjects), 2))
-    )
-    if not ways or not np.isfinite(ways[0][0]):
+    ]
+    if not ways:
         return list(range(subjects)), -np.inf
-    lead = ways[1][0] - ways[0][0] if len(ways) > 1 else np.inf
-    return list(ways[0][1]), lead
+    way, lead = likeliest(ways, cost.T)
+    return list(way), lead

@@ -18,8 +18,8 @@ from addon.core.points.several.counting import count_bodies
 from addon.core.points.several.holding import Holding, HoldingOnOptions
 from addon.core.points.several.parting import PartedBodies, parted
 from addon.core.points.several.pipeline import label_several
-from addon.core.points.several.stays import StayBuild, likeliest, ways_of
-from addon.core.points.several.telling import told
+from addon.core.points.several.stays import StayBuild, ways_of
+from addon.core.points.several.telling import likeliest, told
 from addon.core.points.several.wearers import AUTO, SetsWorn, SeveralOptions, Wearer
 from addon.core.points.tracklets import cut
 from addon.core.points.whole_take.pipeline import PointOptions, label_points
