@@ -267,3 +267,9 @@ def folders_imported(path: Path) -> set[str]:
             target = CORE.joinpath(*package[: len(package) - node.level + 1], *(node.module or "").split("."))
             found.add((target if target.is_dir() else target.parent).relative_to(CORE).as_posix())
     return found
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_no_page_has_two_versions_of_itself(page):
+    """What a merge leaves where two changes meet is not for readers."""
+    assert re.findall(r"^(?:<{7}|>{7}|={7}$).*", page.read_text(encoding="utf-8"), re.MULTILINE) == []
