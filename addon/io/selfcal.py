@@ -94,7 +94,9 @@ def _table(path: Path, kind: str) -> np.ndarray:
 
 def _camera(name: str, matrix_file: Path, lens_file: Path, size: np.ndarray) -> RigCamera:
     projection = _table(matrix_file, "a 3×4 projection matrix")
-    if projection.shape != (3, 4) or abs(np.linalg.det(projection[:, :3])) < 1e-12:
+    with np.errstate(all="ignore"):  # of numbers at the limits of what a float holds
+        full = projection.shape == (3, 4) and abs(np.linalg.det(projection[:, :3])) >= 1e-12
+    if not full:
         raise InputError("is no projection matrix; expected 3×4 numbers of full rank", matrix_file)
     matrix, rotation, translation = decompose(projection)
     calibration, lens = _lens(lens_file)

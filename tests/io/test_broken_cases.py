@@ -5,7 +5,9 @@ import json
 import re
 import shutil
 import tracemalloc
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from addon.core.data.errors import MAX_LETTERS, InputError
@@ -31,6 +33,20 @@ def test_a_lens_whose_camera_matrix_is_singular_in_the_image_is_refused(sound, t
     lens.write_text(re.sub(r"K13 = \S+\n(.*\n)*?K31 = \S+", lambda found: found[0].rpartition("=")[0] + "= 1", text))
     with pytest.raises(InputError, match="singular matrix"):
         read_cameras(folder)
+
+
+def test_a_projection_matrix_at_the_limit_of_numbers_is_refused(sound, tmp_path):
+    folder = shutil.copytree(sound["pmat"].parent, tmp_path / "selfcal")
+    rows = "0 0 167.343292413849e9 0\n0 1 -1597.90457586114 0\n2.31507038075396e-320 1 -0.522539554766117 1\n"
+    (folder / sound["pmat"].name).write_text(rows)
+    with pytest.raises(InputError, match="no projection matrix"):
+        read_cameras(folder)
+
+
+def test_a_point_at_the_centre_of_a_camera_has_no_image(sound):
+    one = read_cameras(sound["toml"]).select([0])
+    at_centre = replace(one, translation=np.array([[1.7, 2.1, 3.3e-320]]))
+    assert np.isnan(at_centre.project(np.zeros((1, 3)))).all()
 
 
 @pytest.mark.parametrize("value", ["1e-300", "1e-9", "0", "-1"])

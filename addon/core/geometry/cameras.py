@@ -30,6 +30,7 @@ class LensOptions:
 
 
 UNDISTORTING = LensOptions()
+NEAREST_M = 1e-9  # before a camera, m, where a point is still at its centre and has no image that a number could hold
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,12 +123,12 @@ class Cameras:
         return np.minimum(lens_reach(self.distortion), inverse_lens.reach(self.inverse))
 
     def normalised(self, points: np.ndarray) -> np.ndarray:
-        """Normalised image coordinates (C, ..., 2) of world points (..., 3) m; NaN behind the camera."""
+        """Normalised image coordinates (C, ..., 2) of world points (..., 3) m; NaN at a camera's centre and behind."""
         points = np.asarray(points, dtype=float)
         flat = points.reshape(-1, 3)
         local = flat @ self.rotation.transpose(0, 2, 1) + self.translation[:, None, :]
         with np.errstate(invalid="ignore", divide="ignore"):
-            image = local[..., :2] / np.where(local[..., 2:] > 0, local[..., 2:], np.nan)
+            image = local[..., :2] / np.where(local[..., 2:] > NEAREST_M, local[..., 2:], np.nan)
         return image.reshape(len(self), *points.shape[:-1], 2)
 
     def project(self, points: np.ndarray) -> np.ndarray:
