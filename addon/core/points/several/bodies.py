@@ -141,15 +141,16 @@ class BodyNaming:
         """The rest of it.
 
         Frames in doubt are asked where the take that is solved by the first ones leaves much open: it is sure of most
-        names by far fewer frames than a body has.
+        names by far fewer frames than a body has. What is no whole body by these is none by more, either.
         """
         yield from self._begun
         frames = yield from self._work
         if frames.first is not None:
             yield Stage("solve", "solve the take of each")
             solution = yield from solution_for(frames, frames.labels, self._tracklet)
-            if self._open(solution) <= OPEN.max_open:
-                return NamedBody(self.model, frames, solution, self._sure)
+            found = NamedBody(self.model, frames, solution, self._sure)
+            if not found.is_whole or self._open(solution) <= OPEN.max_open:
+                return found
             frames = yield from name_more(frames)
         yield Stage("vote", "solve the take of each")
         solution = yield from solution_for(frames, frames.labels, self._tracklet)
