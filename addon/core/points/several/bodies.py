@@ -130,6 +130,7 @@ class BodyNaming:
         self._crowd, self._own, self._tracklet = crowd, own, crowd.tracklets_of(may)
         self._work = name_frames(crowd.points_of(may), self._tracklet, model, crowd.options, recognise, first_only=True)
         self._begun: list[Stage] = []
+        self._first: NamedFrames | None = None
 
     def begin(self):
         """Goes on until single frames have said whether the body is of the model; JobError where it is not."""
@@ -137,14 +138,25 @@ class BodyNaming:
             step = next(self._work)
             self._begun += [step] if isinstance(step, Stage) and step.name == "name" else []
 
+    def is_half(self) -> Generator[Stage | float | tuple[float, str], None, bool]:
+        """Whether single frames that are sure of it name half of it only: solving what is no body takes long."""
+        first = (yield from self._named_first()).first
+        return self._sure and first is not None and not is_whole(first.labels.named, len(self.model.markerset))
+
+    def _named_first(self) -> Generator[Stage | float | tuple[float, str], None, NamedFrames]:
+        """Its first frames, once it has begun."""
+        if self._first is None:
+            yield from self._begun
+            self._first = yield from self._work
+        return self._first
+
     def named(self) -> Generator[Stage | float | tuple[float, str], None, NamedBody]:
         """The rest of it.
 
         Frames in doubt are asked where the take that is solved by the first ones leaves much open: it is sure of most
         names by far fewer frames than a body has. What is no whole body by these is none by more, either.
         """
-        yield from self._begun
-        frames = yield from self._work
+        frames = yield from self._named_first()
         if frames.first is not None:
             yield Stage("solve", "solve the take of each")
             solution = yield from solution_for(frames, frames.labels, self._tracklet)

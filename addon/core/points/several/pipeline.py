@@ -191,6 +191,8 @@ class _Parties:
             first, found = 0.05 + 0.8 * place / count, []
             for naming in chosen[body]:
                 spans = _spans(first, first + 0.8 / count)
+                if wanted == AUTO and (yield from within(naming.is_half(), first, first, spans=spans)):
+                    continue
                 found.append((yield from within(naming.named(), first, first, spans=spans)))
             if whole := [one for one in found if one.is_whole and one.fits]:
                 named[body] = whole
