@@ -15,8 +15,8 @@ from ..deciding import Said
 from ..models import Model
 from ..naming import Namer
 from ..refusals import Sample, SubjectsError, refuse_others
-from ..whole_take.layout import usual_residual
 from ..whole_take.deciding import least_margin
+from ..whole_take.layout import usual_residual
 from ..whole_take.pipeline import NamedFrames, PointOptions, Recognise, name_frames, name_more, solution_for
 from ..whole_take.solving import Solution
 from .counting import firm_tracklets, is_whole
