@@ -179,7 +179,7 @@ def far_groups(points: np.ndarray, gap: float, least: float) -> list[np.ndarray]
     # Axis by axis: NumPy is slow to add up three of something.
     x, y, z = ((axis[:, None] - axis) ** 2 for axis in points[there].T)
     near = x + y + z <= gap**2
-    found, left = [], np.ones(len(there), bool)
+    found, left = [], near.sum(axis=1) > (1 if least > 1 else 0)  # most ghosts are near to nothing, and no group
     while left.any():
         group, before = near[left.argmax()], 0
         while group.sum() > before:  # whoever is near to one of them

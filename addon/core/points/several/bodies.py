@@ -15,8 +15,9 @@ from ..deciding import Said
 from ..models import Model
 from ..naming import Namer
 from ..refusals import Sample, SubjectsError, refuse_others
+from ..whole_take.deciding import least_margin
 from ..whole_take.layout import usual_residual
-from ..whole_take.pipeline import NamedFrames, PointOptions, Recognise, name_frames, solution_for
+from ..whole_take.pipeline import NamedFrames, PointOptions, Recognise, name_frames, name_more, solution_for
 from ..whole_take.solving import Solution
 from .counting import firm_tracklets, is_whole
 from .holding import Holding
@@ -34,6 +35,20 @@ class RecognisingOptions:
 
 
 RECOGNISING = RecognisingOptions()
+
+
+@dataclass(frozen=True)
+class OpenOptions:
+    """When a body is asked more than its first frames.
+
+    max_open  part of the names that could be sure, as many as points are there or markers in the set, which the solved
+              take leaves open; reckoned: some ghosts hold on to a body as markers do
+    """
+
+    max_open: float = 0.2
+
+
+OPEN = OpenOptions()
 
 
 @dataclass(eq=False)
@@ -105,13 +120,17 @@ class OnlyWhere:
 
 
 class BodyNaming:
-    """A body's way to its names by one model; it can stop where the model has been recognised."""
+    """A body's way to its names by one model; it can stop where the model has been recognised.
 
-    def __init__(self, crowd: "Crowd", may: np.ndarray, model: Model, recognise: Recognise):
+    may (N,) are the tracklets that may be its, and own (N,) those that surely are somebody's, and rather its.
+    """
+
+    def __init__(self, crowd: "Crowd", may: np.ndarray, own: np.ndarray, model: Model, recognise: Recognise):
         self.model, self._sure = model, recognise is not take_will_say
-        self._tracklet = crowd.tracklets_of(may)
-        self._work = name_frames(crowd.points_of(may), self._tracklet, model, crowd.options, recognise)
+        self._crowd, self._own, self._tracklet = crowd, own, crowd.tracklets_of(may)
+        self._work = name_frames(crowd.points_of(may), self._tracklet, model, crowd.options, recognise, first_only=True)
         self._begun: list[Stage] = []
+        self._first: NamedFrames | None = None
 
     def begin(self):
         """Goes on until single frames have said whether the body is of the model; JobError where it is not."""
@@ -119,13 +138,46 @@ class BodyNaming:
             step = next(self._work)
             self._begun += [step] if isinstance(step, Stage) and step.name == "name" else []
 
+    def is_half(self) -> Generator[Stage | float | tuple[float, str], None, bool]:
+        """Whether single frames that are sure of it name half of it only: solving what is no body takes long."""
+        first = (yield from self._named_first()).first
+        return self._sure and first is not None and not is_whole(first.labels.named, len(self.model.markerset))
+
+    def _named_first(self) -> Generator[Stage | float | tuple[float, str], None, NamedFrames]:
+        """Its first frames, once it has begun."""
+        if self._first is None:
+            yield from self._begun
+            self._first = yield from self._work
+        return self._first
+
     def named(self) -> Generator[Stage | float | tuple[float, str], None, NamedBody]:
-        """The rest of it."""
-        yield from self._begun
-        frames = yield from self._work
+        """The rest of it.
+
+        Frames in doubt are asked where the take that is solved by the first ones leaves much open: it is sure of most
+        names by far fewer frames than a body has. What is no whole body by these is none by more, either.
+        """
+        frames = yield from self._named_first()
+        if frames.first is not None:
+            yield Stage("solve", "solve the take of each")
+            solution = yield from solution_for(frames, frames.labels, self._tracklet)
+            found = NamedBody(self.model, frames, solution, self._sure)
+            if not found.is_whole or self._open(solution) <= OPEN.max_open:
+                return found
+            frames = yield from name_more(frames)
         yield Stage("vote", "solve the take of each")
         solution = yield from solution_for(frames, frames.labels, self._tracklet)
         return NamedBody(self.model, frames, solution, self._sure)
+
+    def _open(self, solution: Solution) -> float:
+        """The part of the names that could be sure, which are not."""
+        needed = least_margin(self._crowd.options.target)
+        sure = np.append((solution.margin >= needed) & (solution.marker != NO_MARKER), False)
+        own, possible, named = np.append(self._own, False), 0, 0
+        for part in blocks(*self._tracklet.shape):
+            there = own[self._crowd.tracklet[part]]
+            possible += int(np.minimum(there.sum(axis=1), len(self.model.markerset)).sum())
+            named += int((sure[solution.tracklets.table[part]] & there).sum())
+        return 1 - named / max(possible, 1)
 
 
 def frames_are_sure(model: Model, namer: Namer, points: OrderedPoints, solvable: bool) -> Sample | None:  # noqa: ARG001
@@ -201,11 +253,12 @@ class Crowd:
         frames say whether it is of the model. Raises SubjectsError where two are on it.
         """
         found: dict[tuple[str, ...], BodyNaming] = {}
-        there = np.append(body & self.firm, False)[self.tracklet]
+        own = body & self.firm
+        there = np.append(own, False)[self.tracklet]
         for model in models:
             if model.markerset.markers in found or not is_whole(there, len(model.markerset)):
                 continue
-            naming = BodyNaming(self, may, model, recognise)
+            naming = BodyNaming(self, may, own, model, recognise)
             try:
                 naming.begin()
             except SubjectsError:

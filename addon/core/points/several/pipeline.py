@@ -35,7 +35,16 @@ from .together import Everybody, FoundSubject, motion_of_all, verdict_on
 from .wearers import AUTO, SeveralOptions, Wearer, is_same, kinds
 
 # How far along the work is when each stage of a body's begins, of all of the body's: as measured.
-SHARES = {"adapt": 0.0, "others": 0.01, "name": 0.1, "name more": 0.6, "learn": 0.8, "name again": 0.8, "vote": 0.8}
+SHARES = {
+    "adapt": 0.0,
+    "others": 0.01,
+    "name": 0.1,
+    "solve": 0.6,
+    "name more": 0.6,
+    "learn": 0.8,
+    "name again": 0.8,
+    "vote": 0.8,
+}
 
 
 def label_several(
@@ -169,7 +178,8 @@ class _Parties:
         """
         chosen: list[list[BodyNaming]] = [[] for _ in range(count)]
         sizes = np.bincount(bodies.body + 1, minlength=count + 1)[1 : count + 1]
-        for body in np.argsort(sizes, kind="stable"):  # where one is too many, the smallest is it
+        order = np.argsort(sizes, kind="stable").tolist()  # where one is too many, the smallest is it
+        for body in order:
             given = bodies.may[:, body], bodies.body == body, self.asked.models, recognise
             chosen[body] = self.crowd.recognised(*given)
             if wanted == AUTO and not chosen[body]:
@@ -177,14 +187,18 @@ class _Parties:
         if sum(map(bool, chosen)) < max(wanted, 1):
             return None
         named: dict[int, list[NamedBody]] = {}
-        for body, namings in enumerate(chosen):
-            first, found = 0.05 + 0.8 * body / count, []
-            for naming in namings:
+        for place, body in enumerate(order):
+            first, found = 0.05 + 0.8 * place / count, []
+            for naming in chosen[body]:
                 spans = _spans(first, first + 0.8 / count)
+                if wanted == AUTO and (yield from within(naming.is_half(), first, first, spans=spans)):
+                    continue
                 found.append((yield from within(naming.named(), first, first, spans=spans)))
             if whole := [one for one in found if one.is_whole and one.fits]:
                 named[body] = whole
-        return None if len(named) < (count if wanted == AUTO else wanted) else named
+            elif wanted == AUTO:
+                return None
+        return None if len(named) < wanted else dict(sorted(named.items()))
 
     def _told(
         self, bodies: PartedBodies, named: dict[int, list[NamedBody]], wanted: int
@@ -194,7 +208,8 @@ class _Parties:
         people = []
         for subject, (body, own) in zip(subjects, chosen, strict=True):
             if not is_same(own.model, subject.model):
-                again = BodyNaming(self.crowd, bodies.may[:, body], subject.model, recognised_before)
+                firm = (bodies.body == body) & self.crowd.firm
+                again = BodyNaming(self.crowd, bodies.may[:, body], firm, subject.model, recognised_before)
                 own = yield from within(again.named(), 0.85, 0.85, spans=_spans(0.85, 0.88))
             people.append(own)
         # Whoever nobody asked for is not named, but claims what is theirs.

@@ -187,9 +187,8 @@ def labels_of(
 
 def _believed(solution: Solution, target: float, markers: int) -> np.ndarray:
     """(N,) the markers of the tracklets that are sure enough."""
-    asked = float(np.log(target / (1 - target)))
-    needed = max(BELIEVING.odds_of_target * asked, BELIEVING.least)
-    believed = np.where(solution.margin >= needed, solution.marker, NO_MARKER)
+    asked = _log_odds(target)
+    believed = np.where(solution.margin >= least_margin(target), solution.marker, NO_MARKER)
     least = BELIEVING.layout_of_target * asked
     doubted = np.zeros(markers, dtype=bool)
     for question in solution.questions:
@@ -199,6 +198,15 @@ def _believed(solution: Solution, target: float, markers: int) -> np.ndarray:
     doubted |= doubted[solution.beside].mean(axis=1) >= BELIEVING.doubted_beside
     believed[np.append(doubted, False)[believed]] = NO_MARKER
     return believed
+
+
+def least_margin(target: float) -> float:
+    """Log odds by which a tracklet's name must be ahead of any other for the target."""
+    return max(BELIEVING.odds_of_target * _log_odds(target), BELIEVING.least)
+
+
+def _log_odds(target: float) -> float:
+    return float(np.log(target / (1 - target)))
 
 
 def _agreement(solution: Solution, question: Question, markers: int) -> float:

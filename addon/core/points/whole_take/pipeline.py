@@ -130,6 +130,14 @@ Steps = Generator[Stage | float | tuple[float, str], None, Result]
 
 
 @dataclass(frozen=True, eq=False)
+class Asked:
+    """The frames (F,) of a take that were asked for names first, and the labels (F, L) that they gave."""
+
+    frames: np.ndarray
+    labels: Labels
+
+
+@dataclass(frozen=True, eq=False)
 class NamedFrames:
     """What the frames of a take say on their own.
 
@@ -139,6 +147,7 @@ class NamedFrames:
     labels      (T, P), with their `rate`; of a long take worked out when they are asked for
     solvable    whether the take can be solved as a whole
     room        as in `PointOptions`
+    first       what was asked, where frames that are in doubt are still to be asked by `name_more`
     """
 
     take: Points
@@ -148,6 +157,7 @@ class NamedFrames:
     labels: Said
     solvable: bool
     room: MakeTable
+    first: Asked | None = None
 
     @property
     def model(self) -> Model:
@@ -202,12 +212,18 @@ def as_in_file(suspects: Iterable[Suspect], take: Points) -> tuple[Suspect, ...]
 
 
 def name_frames(
-    take: Points, tracklet: np.ndarray, model: Model, options: PointOptions, recognise: Recognise | None = None
+    take: Points,
+    tracklet: np.ndarray,
+    model: Model,
+    options: PointOptions,
+    recognise: Recognise | None = None,
+    first_only: bool = False,
 ) -> Steps[NamedFrames]:
     """What every frame says on its own, once it is known whose take it is.
 
     Before its stage "name" begins `recognise`, or else `refuse_others`, raises JobError where the take is not of the
-    model's markers.
+    model's markers. With `first_only` a take that can be solved is left as its first frames have it: whether more are
+    needed is for whoever solves it, see `name_more`.
     """
     learned, room = options.method == "likelihood", IN_MEMORY if options.edits else options.room
     yield Stage("adapt", "look who wears the markers")
@@ -221,9 +237,12 @@ def name_frames(
     points = OrderedPoints(take, asked)
     sample = (recognise or refuse_others)(adaptation.model, namer, points, solvable)
     yield Stage("name", f"frame {take.first_frame}")
-    labels = yield from _asked(namer, take, asked, sample if few else None)
-    if few:
+    labels, first = (yield from _asked(namer, take, asked, sample if few else None)), None
+    if few and first_only and solvable:
+        first = Asked(asked, labels)
+    elif few:
         labels, asked = yield from _asked_again(namer, take, tracklet, labels, asked)
+    if few:
         labels = said_between(labels, asked, tracklet)
     if learned and is_unordered(adaptation.model, tracklet):
         yield Stage("learn", "learn the subject from sure frames")
@@ -234,7 +253,14 @@ def name_frames(
             adaptation = replace(adaptation, model=replace(adaptation.model, likelihood=likelihood))
             again = namer_of(adaptation.model, options.method, options.hints)
             labels = yield from _asked(again, take, asked)
-    return NamedFrames(take, tracklet, adaptation, namer, labels, solvable, room)
+    return NamedFrames(take, tracklet, adaptation, namer, labels, solvable, room, first)
+
+
+def name_more(frames: NamedFrames) -> Steps[NamedFrames]:
+    """The same with the frames around those of the `first` that are in doubt."""
+    take, tracklet, first = frames.take, frames.tracklet, frames.first
+    labels, asked = yield from _asked_again(frames.namer, take, tracklet, first.labels, first.frames)
+    return replace(frames, labels=said_between(labels, asked, tracklet), first=None)
 
 
 def _asked(namer: Namer, take: Points, asked: np.ndarray, sample: Sample | None = None) -> Steps[Labels]:

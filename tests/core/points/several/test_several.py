@@ -22,7 +22,8 @@ from addon.core.points.several.stays import StayBuild, ways_of
 from addon.core.points.several.telling import likeliest, told
 from addon.core.points.several.wearers import AUTO, SetsWorn, SeveralOptions, Wearer
 from addon.core.points.tracklets import cut
-from addon.core.points.whole_take.pipeline import PointOptions, label_points
+from addon.core.points.whole_take import asking
+from addon.core.points.whole_take.pipeline import PointOptions, label_points, name_frames, name_more
 from addon.core.simulation.virtual import Act, draw_person, perform
 from addon.io.markersets import markerset_file
 from addon.io.models import open_model, read_model
@@ -138,14 +139,55 @@ def test_what_holds_together_is_added_up_over_parts_of_a_take(passing, monkeypat
     assert whole.best().shape == (len(whole),)
 
 
-def test_one_is_named_as_ever():
+def alone() -> tuple[Points, np.ndarray]:
+    """A take of one, and its tracklets (T, 15): one a marker."""
     whole = person(1, 1, 0.0)
     take = Points(("",) * 15, whole, np.full(whole.shape[:2], 0.0005), RATE, 1)
+    return take, cut(take.xyz, take.rate)
+
+
+def test_one_is_named_as_ever():
+    take, _ = alone()
     model = open_model("gait15")
     found = finished(label_several(take, SeveralOptions(model, AUTO), PointOptions("likelihood")))
-    alone = finished(label_points(take, model, PointOptions("likelihood")))
+    ever = finished(label_points(take, model, PointOptions("likelihood")))
     assert [one.name for one in found.worn.subjects] == ["1"]
-    assert np.array_equal(found.labels.marker, alone.labels.marker)
+    assert np.array_equal(found.labels.marker, ever.labels.marker)
+
+
+def test_a_body_is_asked_more_only_where_much_is_open(passing, monkeypatch):
+    take, _ = passing
+    asked, options, more = SeveralOptions(open_model("gait15"), 2), PointOptions("likelihood"), bodies.name_more
+    calls = []
+    monkeypatch.setattr(bodies, "name_more", lambda frames: calls.append(frames) or more(frames))
+    usual = finished(label_several(take, asked, options))
+    assert not calls
+    monkeypatch.setattr(bodies, "OPEN", bodies.OpenOptions(max_open=-1.0))
+    every = finished(label_several(take, asked, options))
+    assert len(calls) == 2
+    np.testing.assert_array_equal(usual.labels.marker, every.labels.marker)
+
+
+def test_frames_in_doubt_may_be_asked_later(monkeypatch):
+    take, tracklet = alone()
+    monkeypatch.setattr(asking, "ASKING", replace(asking.ASKING, max_unsure=-1.0))
+    given = take, tracklet, open_model("gait15"), PointOptions("likelihood")
+    first = finished(name_frames(*given, first_only=True))
+    later, at_once = finished(name_more(first)), finished(name_frames(*given))
+    assert first.first is not None
+    assert later.first is at_once.first is None
+    assert (first.labels.confidence != at_once.labels.confidence).any()
+    for name in ("marker", "step", "confidence", "rate"):
+        np.testing.assert_array_equal(getattr(later.labels, name), getattr(at_once.labels, name))
+
+
+@pytest.mark.parametrize(("markers", "is_half"), [(15, False), (7, True)])
+def test_half_a_body_is_known_by_what_single_frames_name(markers, is_half):
+    take, tracklet = alone()
+    crowd = bodies.Crowd(take, tracklet, PointOptions("likelihood"))
+    some = np.arange(15) < markers
+    naming = bodies.BodyNaming(crowd, some, some, open_model("gait15"), bodies.recognised_before)
+    assert finished(naming.is_half()) == is_half
 
 
 def test_two_where_one_was_asked_for_are_told_how_to_have_both(passing):
