@@ -26,7 +26,7 @@ from .io.names import written
 if TYPE_CHECKING:  # only some jobs need them
     from .core.body.occlusion import Occlusion
     from .core.filling.kept import KeptFill
-    from .jobs.poses import PoseFile
+    from .io.poses import PoseFile
     from .scene.pictures import Movie
     from .scene.pictures import Sequence as PictureSequence
 

@@ -16,8 +16,8 @@ import numpy as np
 
 from ..core.data.errors import InputError
 
-HEADER = struct.Struct("<12siiffi")  # mark, version, vertices, first frame, frames a sample, samples
-MARK, VERSION = b"POINTCACHE2\0", 1
+PC2_HEADER = struct.Struct("<12siiffi")  # mark, version, vertices, first frame, frames a sample, samples
+PC2_MARK, PC2_VERSION = b"POINTCACHE2\0", 1
 
 
 @dataclass(frozen=True)
@@ -39,12 +39,12 @@ def write_cache(path: Path, parts: Iterator[np.ndarray], absent: np.ndarray):
     """Writes frames (F, V, 3), part by part; what is never known is as in `absent` (V, 3), else NaN means not known."""
     frames = 0
     with path.open("w+b") as file:
-        file.write(HEADER.pack(MARK, VERSION, len(absent), 0.0, 1.0, 0))
+        file.write(PC2_HEADER.pack(PC2_MARK, PC2_VERSION, len(absent), 0.0, 1.0, 0))
         for part in parts:
             file.write(np.ascontiguousarray(part, "<f4").data)
             frames += len(part)
         file.seek(0)
-        file.write(HEADER.pack(MARK, VERSION, len(absent), 0.0, 1.0, frames))
+        file.write(PC2_HEADER.pack(PC2_MARK, PC2_VERSION, len(absent), 0.0, 1.0, frames))
         _bridge(_Parts(file, frames, absent.size), absent.ravel())
 
 
@@ -58,12 +58,12 @@ class _Parts:
 
     def read(self, start: int) -> np.ndarray:
         count = min(self.size, self.frames - start)
-        self.file.seek(HEADER.size + 4 * self.columns * start)
+        self.file.seek(PC2_HEADER.size + 4 * self.columns * start)
         block = self.file.read(4 * self.columns * count)
         return np.frombuffer(bytearray(block), "<f4").reshape(count, self.columns)
 
     def write(self, start: int, values: np.ndarray):
-        self.file.seek(HEADER.size + 4 * self.columns * start)
+        self.file.seek(PC2_HEADER.size + 4 * self.columns * start)
         self.file.write(values.data)
 
 
@@ -118,9 +118,9 @@ def check_cache(path: Path, mark: str):
     """Raises InputError where the file at `path` is not the cache with this mark, saying what it is."""
     try:
         with path.open("rb") as file:
-            head = file.read(HEADER.size)
+            head = file.read(PC2_HEADER.size)
         size = path.stat().st_size
-        if len(head) < HEADER.size or not head.startswith(MARK):
+        if len(head) < PC2_HEADER.size or not head.startswith(PC2_MARK):
             raise InputError("is no point cache; expected the motion that was saved with this Blender file", path)
         if size < int(mark.split(maxsplit=1)[0]):
             raise InputError("is shorter than it was saved; expected the whole file, copied anew", path)

@@ -33,6 +33,7 @@ from ..core.review.trouble import TakeTrouble
 from ..io.blobs import BlobRows, frames_in, read_blobs
 from ..io.edits import open_edits
 from ..io.labels import LabelWriter
+from ..io.poses import PoseFile
 from ..io.report import facts_of_trouble
 from ..io.scratch import naming_scratch, scratch_folder
 from ..io.tables import Room
@@ -40,7 +41,6 @@ from .captures import facts_of_capture
 from .job import LabelJob, Labelled, timed
 from .models import model_for
 from .outcome import Outcome, overview_of, write_take
-from .poses import PoseFile
 from .resuming import open_files
 from .several import NOT_HELD, facts_of_subjects, several_asked, subjects_in_blobs
 from .spool import append

@@ -24,7 +24,7 @@ if TYPE_CHECKING:  # naming blobs takes long to load, and takes of points need n
 
 USUAL_RATE = 100.0
 PAGE = ".report.html"
-MOTION = ".motion.pc2"  # beside a Blender file whose take is too long for keys
+MOTION_FILE = ".motion.pc2"  # beside a Blender file whose take is too long for keys
 # Rays cast at meshes, which takes Blender, or the closed form for capsules; "auto" is the first inside Blender.
 OCCLUSIONS = ("auto", "bvh", "capsules")
 
@@ -122,7 +122,7 @@ class LabelJob:
     @property
     def endings(self) -> list[str]:
         """Those of all files that the job may write, in the order in which they appear; the motion is of long takes."""
-        optional = ((".trc", self.trc), (MOTION, self.blend), (".blend", self.blend), (PAGE, self.html))
+        optional = ((".trc", self.trc), (MOTION_FILE, self.blend), (".blend", self.blend), (PAGE, self.html))
         more = [ending for ending, wanted in optional if wanted]
         return [".labels.csv", ".c3d", *more, REPORT]
 

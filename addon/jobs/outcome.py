@@ -15,11 +15,11 @@ from ..core.review.summary import TakeSummary
 from ..io.c3d import first_number, names_in_c3d
 from ..io.changed import facts_of_changes
 from ..io.points import write_c3d, write_trc
+from ..io.poses import PoseFile
 from ..io.report import REPORT, facts_of_edits, take_report, write_report
 from ..io.source import digest
 from ..version import version
-from .job import MOTION, PAGE, LabelJob, timed
-from .poses import PoseFile
+from .job import MOTION_FILE, PAGE, LabelJob, timed
 
 if TYPE_CHECKING:  # only jobs that fill gaps or write a page need them
     from ..core.filling.kept import KeptFill
@@ -74,7 +74,7 @@ def write_take(job: LabelJob, files: dict[str, Path], model: Model, made: Outcom
     with timed(clock, "write"):
         if job.blend and made.poses is not None:
             said = made.summary.suspects, made.cameras
-            save_played(files[".blend"], files[MOTION], job.source, worn, made.points, made.poses, *said)
+            save_played(files[".blend"], files[MOTION_FILE], job.source, worn, made.points, made.poses, *said)
         elif job.blend:
             said = made.edits, made.fills
             save_blend(files[".blend"], job.source, rate, worn, made.chunks, made.cameras, *said)

@@ -18,6 +18,7 @@ from ..core.review.trouble import TakeTrouble
 from ..io.edits import open_edits
 from ..io.labels import POINT_KEYS, LabelWriter
 from ..io.points import FilePoints, read_points
+from ..io.poses import PoseFile, is_long
 from ..io.report import facts_of_trouble
 from ..io.scratch import scratch_folder
 from ..io.tables import Room
@@ -25,7 +26,6 @@ from .captures import facts_of_capture
 from .job import LabelJob, Labelled, timed
 from .models import model_for
 from .outcome import Outcome, overview_of, write_take
-from .poses import PoseFile, is_long
 from .resuming import open_files
 from .several import facts_of_subjects, label_subjects, several_asked
 

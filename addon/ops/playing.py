@@ -8,7 +8,7 @@ from bpy.props import BoolProperty, StringProperty
 
 from ..core.data.errors import InputError
 from ..io.motion_cache import check_cache
-from ..scene.playing import MARK, find_motion, motion_path, played_takes, suspects_of
+from ..scene.playing import MOTION_MARK, find_motion, motion_path, played_takes, suspects_of
 from .polling import TellsWhyNot
 from .reporting import reports_trouble
 
@@ -91,7 +91,7 @@ class MOCAP_AUTOLABEL_OT_find_motion(OfPlayed, bpy.types.Operator):
             if not bpy.data.filepath:
                 return None
             path = Path(bpy.data.filepath).parent / name
-            check_cache(path, str(take[MARK]))
+            check_cache(path, str(take[MOTION_MARK]))
         except InputError:
             return None
         return path

@@ -25,21 +25,15 @@ from . import naming
 from .body import add_body
 from .markers import DISPLAY_SIZE
 from .performers import body_material, home_of, performers_of
-from .take import frame_shift, set_time
+from .take import SHIFT, SOURCE, SUSPECTS, frame_shift, set_time
 
 if TYPE_CHECKING:
-    from ..jobs.poses import PoseFile
+    from ..io.poses import PoseFile
 
 PLAYED = "mocap_played"  # on the collection: the name of the take
-MARK, SOURCE, SUSPECTS, MODEL, SHIFT = (
-    "mocap_motion_mark",
-    "mocap_source",
-    "mocap_suspects",
-    "mocap_markerset",
-    "mocap_frame_shift",
-)
+MOTION_MARK = "mocap_motion_mark"  # what the file is known again by
 CARRIER = "mocap_carrier"  # on the collection: the object with the modifier
-NUMBERS = 7  # a bone: location x y z, rotation w x y z
+BONE_NUMBERS = 7  # a bone: location x y z, rotation w x y z
 MOST_SUSPECTS = 1000  # that the Blender file keeps, the longest; the report has all
 
 
@@ -51,7 +45,7 @@ class Playing:
     rate      frames a second
     worn      whose markers were named
     markers   gives the places (n, M, 3) m of a slice of frames, NaN where there are none
-    poses     the poses of all frames, as `jobs.poses.PoseFile` has them
+    poses     the poses of all frames, as `io.poses.PoseFile` has them
     suspects  ranges of frames to look at
     source    the file of the take, empty if there is none
     """
@@ -108,7 +102,7 @@ def show_playing(context: bpy.types.Context, take: Playing, cache: Path) -> bpy.
         place = _child(home, f"{home.name} markers")
         for index in range(*performer.marker_rows.indices(len(take.worn.markers))):
             empties[index] = _marker(place, take.worn.markers[index], carrier, index)
-    numbers = NUMBERS * sum(len(one.segments) for one in bones)
+    numbers = BONE_NUMBERS * sum(len(one.segments) for one in bones)
     vertices = len(take.worn.markers) + -(-numbers // 3)
     carrier.data.vertices.add(vertices)
     seen = np.zeros(len(take.worn.markers), bool)
@@ -207,8 +201,8 @@ def _play(carrier: bpy.types.Object, cache: Path, first: int):
 def _keep(collection: bpy.types.Collection, carrier: bpy.types.Object, take: Playing, cache: Path, shift: int):
     longest = sorted(take.suspects, key=lambda one: -one.frames)[:MOST_SUSPECTS]
     rows = sorted([int(one.first), int(one.last), one.reason] for one in longest)
-    collection[PLAYED], collection[SOURCE], collection[MODEL] = take.name, take.source, take.worn.name
-    collection[MARK], collection[CARRIER] = cache_mark(cache), carrier
+    collection[PLAYED], collection[SOURCE], collection[naming.MARKERSET] = take.name, take.source, take.worn.name
+    collection[MOTION_MARK], collection[CARRIER] = cache_mark(cache), carrier
     collection[SUSPECTS], collection[SHIFT] = json.dumps(rows), float(shift)
 
 
@@ -251,7 +245,7 @@ def what_is_wrong(collection: bpy.types.Collection) -> str:
     Files are looked into only when they changed.
     """
     try:
-        path, mark = motion_path(collection), str(collection[MARK])
+        path, mark = motion_path(collection), str(collection[MOTION_MARK])
         try:
             status = path.stat()
             state = str(path), mark, status.st_size, status.st_mtime_ns
@@ -268,7 +262,7 @@ def what_is_wrong(collection: bpy.types.Collection) -> str:
 
 def find_motion(collection: bpy.types.Collection, path: Path):
     """Lets a take play from the file at `path`; InputError where it is not that take's."""
-    check_cache(path, str(collection[MARK]))
+    check_cache(path, str(collection[MOTION_MARK]))
     modifier = modifier_of(collection)
     if modifier is None:
         raise InputError("the object that plays the take was taken away; expected it: open the saved file again")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from addon.core.data.takes import Motion, Suspect
-from addon.jobs.poses import PoseFile
+from addon.io.poses import PoseFile
 from addon.scene import naming, playing
 from addon.scene import take as takes
 
@@ -115,3 +115,29 @@ def test_what_to_look_at_is_bounded_and_kept(both, tmp_path, monkeypatch):
         (1, 4, "middling"),
         (3, 9, "long"),
     ]
+
+
+def test_the_sidebars_operators_step_and_find(extension, both, tmp_path):
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    folder = tmp_path / "more"
+    folder.mkdir()
+    suspects = (Suspect(2, 3, "one"), Suspect(4, 4, "two"))
+    path = saved(bpy.context, replace(both.take, suspects=suspects), folder)
+    collection, scene = opened(path), bpy.context.scene
+    scene.frame_set(1)
+    assert bpy.ops.mocap_autolabel.next_suspect() == {"FINISHED"}
+    assert scene.frame_current == 2
+    bpy.ops.mocap_autolabel.next_suspect()
+    assert scene.frame_current == 4
+    assert bpy.ops.mocap_autolabel.next_suspect() == {"CANCELLED"}
+    bpy.ops.mocap_autolabel.next_suspect(back=True)
+    assert scene.frame_current == 2
+    playing.modifier_of(collection).filepath = "//gone/walk.motion.pc2"
+    assert "is not there" in playing.what_is_wrong(collection)
+    assert bpy.ops.mocap_autolabel.find_motion() == {"FINISHED"}
+    assert playing.what_is_wrong(collection) == ""
+    shutil.move(folder / "out" / "walk.motion.pc2", folder / "hidden.pc2")
+    with pytest.raises(RuntimeError, match="not beside the Blender file"):
+        bpy.ops.mocap_autolabel.find_motion()
+    with pytest.raises(RuntimeError, match="plays from a file and has no keys"):
+        bpy.ops.mocap_autolabel.fill_gaps()

@@ -9,7 +9,7 @@ import pytest
 
 from addon.core.data.errors import InputError
 from addon.io import motion_cache
-from addon.io.motion_cache import HEADER, cache_mark, check_cache, write_cache
+from addon.io.motion_cache import PC2_HEADER, cache_mark, check_cache, write_cache
 
 FRAMES, VERTICES = 40, 3
 
@@ -40,8 +40,8 @@ def test_gaps_are_straight_lines_whatever_the_parts(tmp_path, monkeypatch, known
     path, absent = tmp_path / "walk.pc2", np.arange(9.0).reshape(3, 3)
     write_cache(path, (known[start : start + 11] for start in range(0, FRAMES, 11)), absent)
     data = path.read_bytes()
-    assert HEADER.unpack(data[: HEADER.size]) == (b"POINTCACHE2\0", 1, VERTICES, 0.0, 1.0, FRAMES)
-    found = np.frombuffer(data[HEADER.size :], "<f4").reshape(known.shape)
+    assert PC2_HEADER.unpack(data[: PC2_HEADER.size]) == (b"POINTCACHE2\0", 1, VERTICES, 0.0, 1.0, FRAMES)
+    found = np.frombuffer(data[PC2_HEADER.size :], "<f4").reshape(known.shape)
     np.testing.assert_allclose(found, expected(known, absent), rtol=1e-6)
     there = np.isfinite(known)
     np.testing.assert_array_equal(found[there], known[there].astype(np.float32))

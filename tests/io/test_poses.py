@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from addon.core.data.takes import Motion
-from addon.jobs.poses import PlayedOptions, PoseFile, is_long
+from addon.io.poses import PlayedOptions, PoseFile, is_long
 
 MARKERS, JOINTS = 4, 3
 

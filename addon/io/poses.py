@@ -10,8 +10,7 @@ from typing import Self
 import numpy as np
 
 from ..core.data.takes import Motion
-from ..io.scratch import naming_scratch
-from .spool import append
+from .scratch import naming_scratch
 
 
 @dataclass(frozen=True)
@@ -27,15 +26,15 @@ class PlayedOptions:
     sample_frames: int = 2048
 
 
-PLAYED = PlayedOptions()
-MARKER_KEYS, BONE_KEYS = 3, 7  # numbers a frame
-POSE = ("joints", "rotations")
+PLAYING = PlayedOptions()
+KEYS_A_MARKER, KEYS_A_BONE = 3, 7  # numbers a frame
+POSE_FIELDS = ("joints", "rotations")
 
 
 def is_long(frames: int, markers: int, joints: int, options: PlayedOptions | None = None) -> bool:
     """Whether a take of so many frames, markers and joints is too long for keys."""
-    keys = MARKER_KEYS * markers + BONE_KEYS * joints
-    return frames * keys > (options or PLAYED).most_keys
+    keys = KEYS_A_MARKER * markers + KEYS_A_BONE * joints
+    return frames * keys > (options or PLAYING).most_keys
 
 
 class PoseFile:
@@ -47,14 +46,14 @@ class PoseFile:
     """
 
     def __init__(self, folder: Path, options: PlayedOptions | None = None):
-        self.folder, self.options = folder, options or PLAYED
+        self.folder, self.options = folder, options or PLAYING
         self.frames, self.first_frame, self.expected = 0, 0, np.zeros((0, 3))
         self.sample: list[Motion] = []
         self._step, self._shapes = 1, ()
 
     def __enter__(self) -> Self:
         with naming_scratch(self.folder):
-            self.files = [(self.folder / f"pose {name}").open("w+b") for name in POSE]
+            self.files = [(self.folder / f"pose {name}").open("w+b") for name in POSE_FIELDS]
         return self
 
     def __exit__(self, *_: object):
@@ -73,10 +72,11 @@ class PoseFile:
         if not self.frames:
             self.first_frame = int(motion.frames[0])
             self.expected = np.full(motion.expected.shape[1:], np.nan)
-            self._shapes = tuple(getattr(motion, name).shape[1:] for name in POSE)
+            self._shapes = tuple(getattr(motion, name).shape[1:] for name in POSE_FIELDS)
         with naming_scratch(self.folder):
-            for file, name in zip(self.files, POSE, strict=True):
-                append(file, getattr(motion, name).astype(np.float32))
+            for file, name in zip(self.files, POSE_FIELDS, strict=True):
+                file.write(np.ascontiguousarray(getattr(motion, name), np.float32).data)
+                file.flush()  # whatever is wrong with the disk is said here
         self._note(motion)
         self.frames += len(motion.frames)
 
