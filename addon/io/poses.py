@@ -19,10 +19,15 @@ class PlayedOptions:
 
     most_keys      that a Blender file holds, of markers and bones; opened, each takes some 240 bytes with Blender's
                    undo and the tables of the take, so that these are 1.4 GB
+    foreseen       times as many keys, when they are foreseen from what part of the file was read: then what keys are
+                   made of is not even gathered
+    foreseen_from  frames that were read before anything is foreseen
     sample_frames  which the build of a long take's bodies is the median of, at least half as many
     """
 
     most_keys: int = 6_000_000
+    foreseen: float = 2.0
+    foreseen_from: int = 1000
     sample_frames: int = 2048
 
 
@@ -49,7 +54,7 @@ class PoseFile:
         self.folder, self.options = folder, options or PLAYING
         self.frames, self.first_frame, self.expected = 0, 0, np.zeros((0, 3))
         self.sample: list[Motion] = []
-        self._step, self._shapes = 1, ()
+        self._step, self._shapes, self._foreseen = 1, (), False
 
     def __enter__(self) -> Self:
         with naming_scratch(self.folder):
@@ -65,10 +70,10 @@ class PoseFile:
     def long(self) -> bool:
         """Whether the take is too long for keys."""
         joints = self._shapes[0][0] if self._shapes else 0
-        return is_long(self.frames, len(self.expected), joints, self.options)
+        return self._foreseen or is_long(self.frames, len(self.expected), joints, self.options)
 
-    def append(self, motion: Motion):
-        """Adds the frames of the next chunk."""
+    def append(self, motion: Motion, fraction: float = 1.0):
+        """Adds the frames of the next chunk, after which such a `fraction` of the take was read."""
         if not self.frames:
             self.first_frame = int(motion.frames[0])
             self.expected = np.full(motion.expected.shape[1:], np.nan)
@@ -79,6 +84,9 @@ class PoseFile:
                 file.flush()  # whatever is wrong with the disk is said here
         self._note(motion)
         self.frames += len(motion.frames)
+        if self.frames >= self.options.foreseen_from and 0 < fraction < 1:
+            whole = int(self.frames / fraction / self.options.foreseen)
+            self._foreseen |= is_long(whole, len(self.expected), self._shapes[0][0], self.options)
 
     def parts(self, size: int) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
         """Which frames, their joints (n, J, 3) and rotations (n, J, 3, 3), so many at a time."""

@@ -212,7 +212,7 @@ class Results:
         self.labels = stack.enter_context(LabelWriter(files[".labels.csv"], markers))
         self.summary = TakeSummary(markers)
         self.poses = stack.enter_context(PoseFile(stack.enter_context(scratch_folder()))) if job.blend else None
-        self.keep = job.keep
+        self.keep, self.whole = job.keep, not job.frames
         self.chunks: Chunks = []
         self.outcomes: list[tuple[EditOutcome, ...]] = []
 
@@ -231,7 +231,7 @@ class Results:
         self.summary.add(chunk)
         self.outcomes.append(chunk.outcomes)
         if self.poses is not None:
-            self.poses.append(chunk.motion)
+            self.poses.append(chunk.motion, row.fraction if self.whole else 1.0)
             if self.poses.long and not self.keep:
                 self.kept = False
                 self.chunks.clear()

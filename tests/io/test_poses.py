@@ -40,3 +40,14 @@ def test_a_take_is_long_by_its_keys():
     options = PlayedOptions(most_keys=1000)
     assert not is_long(10, 10, 10, options)
     assert is_long(11, 10, 10, options)
+
+
+@pytest.mark.parametrize(("fraction", "long"), [(0.4, False), (0.04, True), (1.0, False)])
+def test_a_long_take_is_foreseen_from_what_was_read(tmp_path, fraction, long):
+    keys = 3 * MARKERS + 7 * JOINTS
+    options = PlayedOptions(most_keys=1000 * keys, foreseen_from=100)
+    with PoseFile(tmp_path, options) as poses:
+        poses.append(motion_of(0, 99), fraction)
+        assert not poses.long
+        poses.append(motion_of(99, 101), fraction)
+        assert poses.long == long
