@@ -7,7 +7,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, redirect_stdout, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .core.data.errors import InputError, JobError
+from .core.data.lanes import blocks
 from .core.data.markersets import MarkerSet, Worn
-from .core.data.takes import Blobs, LabelledChunk, PointRows
+from .core.data.takes import Blobs, LabelledChunk, PointRows, Points, Suspect
 from .core.edits.kinds import NO_EDITS, Edits
 from .core.geometry.cameras import Cameras
 from .io.cameras import read_cameras
@@ -25,7 +26,9 @@ from .io.names import written
 if TYPE_CHECKING:  # only some jobs need them
     from .core.body.occlusion import Occlusion
     from .core.filling.kept import KeptFill
-    from .scene.pictures import Movie, Sequence
+    from .io.poses import PoseFile
+    from .scene.pictures import Movie
+    from .scene.pictures import Sequence as PictureSequence
 
 # The rows that were labelled, and what is said of them.
 Chunks = list[tuple[Blobs | PointRows, LabelledChunk]]
@@ -86,7 +89,7 @@ def mesh_occlusion(markerset: MarkerSet) -> "Occlusion":
 
 
 @contextmanager
-def opened_pictures(paths: Iterable[Path]) -> "Iterator[list[Movie | Sequence]]":
+def opened_pictures(paths: Iterable[Path]) -> "Iterator[list[Movie | PictureSequence]]":
     """Movies and image sequences, as Blender reads them; InputError for one that it cannot, or without a Blender."""
     if not has_blender():
         words = "pictures are read by Blender, and neither Blender nor the bpy package is here"
@@ -129,11 +132,55 @@ def save_blend(
     with silenced():
         bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
         scenes.show_take(bpy.context, take, unnamed=True)
-        try:
-            bpy.ops.wm.save_as_mainfile(filepath=os.fsencode(path), compress=True, copy=True, relative_remap=False)
-        except RuntimeError as error:  # Blender's way of saying that a disk is full or a folder gone
-            reason = str(error).removeprefix("Error: ").strip().rstrip(".")
-            raise JobError(f"the Blender file cannot be written: {reason}; expected a place with room", path) from error
+        _save(path)
+
+
+def save_played(
+    path: Path,
+    cache: Path,
+    source: Path,
+    worn: Worn,
+    points: Points,
+    poses: "PoseFile",
+    suspects: Sequence[Suspect],
+    cameras: Cameras,
+):
+    """Saves a Blender file that plays a long take from the file `cache` beside it, both of any length.
+
+    `points` begin with the markers, measured or filled. What was open in this Blender is gone.
+    """
+    start_blender()
+    import bpy
+
+    from .scene.cameras import find_or_add_cameras
+    from .scene.playing import Playing, show_playing
+
+    def markers(part: slice) -> np.ndarray:
+        found = np.empty((part.stop - part.start, len(worn.markers), 3))
+        for block in blocks(len(found), points.xyz.shape[1]):
+            some = slice(part.start + block.start, part.start + block.stop)
+            found[block] = points.xyz[some][:, : len(worn.markers)]
+        return found
+
+    name, file = written(source.stem), written(str(source))
+    take = Playing(name, points.rate, worn, markers, poses, tuple(suspects), file)
+    with silenced():
+        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+        if len(cameras):
+            find_or_add_cameras(bpy.context.scene, cameras)
+        show_playing(bpy.context, take, cache)
+        _save(path)
+
+
+def _save(path: Path):
+    """Saves what is open as a Blender file, and says it in one sentence where that cannot be."""
+    import bpy
+
+    try:
+        bpy.ops.wm.save_as_mainfile(filepath=os.fsencode(path), compress=True, copy=True, relative_remap=False)
+    except RuntimeError as error:  # Blender's way of saying that a disk is full or a folder gone
+        reason = str(error).removeprefix("Error: ").strip().rstrip(".")
+        raise JobError(f"the Blender file cannot be written: {reason}; expected a place with room", path) from error
 
 
 def refuse_long(first: int, last: int):

@@ -33,6 +33,7 @@ from ..core.review.trouble import TakeTrouble
 from ..io.blobs import BlobRows, frames_in, read_blobs
 from ..io.edits import open_edits
 from ..io.labels import LabelWriter
+from ..io.poses import PoseFile
 from ..io.report import facts_of_trouble
 from ..io.scratch import naming_scratch, scratch_folder
 from ..io.tables import Room
@@ -121,7 +122,7 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
                 points, of_gaps, fills = yield from fill_labelled(points, worn, (overview, trouble), rays)
             facts |= of_gaps
         facts |= facts_of_trouble(trouble, results.summary.suspects) | {"doubtful": doubtful}
-        said = {"outcomes": joined(results.outcomes), "overview": overview, "fills": fills}
+        said = {"outcomes": joined(results.outcomes), "overview": overview, "fills": fills, "poses": results.played}
         made = Outcome(worn, points, results.chunks, cameras, results.summary, facts, inputs, edits, **said)
         report = write_take(job, files, model, made, clock)
     return Labelled(report, worn, results.chunks if job.keep else [], edits)
@@ -195,7 +196,7 @@ class Source:
 class Results:
     """What becomes of a take, chunk by chunk; its files are open for as long as `stack` is.
 
-    chunks    the chunks, where the job keeps them
+    chunks    the chunks, where the job keeps them; of a take that is too long for keys only where the job is asked to
     outcomes  what became of the edits in each chunk
     rays      of the markers that one camera alone sees, by chunk, each with the index of its first frame; where gaps
               are to be filled
@@ -210,6 +211,8 @@ class Results:
         self.motion = stack.enter_context(MotionFile(stack.enter_context(scratch_folder()), markers, job.frame_rate))
         self.labels = stack.enter_context(LabelWriter(files[".labels.csv"], markers))
         self.summary = TakeSummary(markers)
+        self.poses = stack.enter_context(PoseFile(stack.enter_context(scratch_folder()))) if job.blend else None
+        self.keep, self.whole = job.keep, not job.frames
         self.chunks: Chunks = []
         self.outcomes: list[tuple[EditOutcome, ...]] = []
 
@@ -227,8 +230,18 @@ class Results:
             refuse_long(self.motion.first_frame, int(row.blobs.frames[-1]))
         self.summary.add(chunk)
         self.outcomes.append(chunk.outcomes)
+        if self.poses is not None:
+            self.poses.append(chunk.motion, row.fraction if self.whole else 1.0)
+            if self.poses.long and not self.keep:
+                self.kept = False
+                self.chunks.clear()
         if self.kept:
             self.chunks.append((row.blobs, chunk))
+
+    @property
+    def played(self) -> PoseFile | None:
+        """The poses of a take that is too long for keys, where a Blender file is wanted."""
+        return self.poses if self.poses is not None and self.poses.long else None
 
     def doubt(self, suspects: tuple[Suspect, ...]):
         """Adds what was noticed at the end of the take."""

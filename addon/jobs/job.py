@@ -24,6 +24,7 @@ if TYPE_CHECKING:  # naming blobs takes long to load, and takes of points need n
 
 USUAL_RATE = 100.0
 PAGE = ".report.html"
+MOTION_FILE = ".motion.pc2"  # beside a Blender file whose take is too long for keys
 # Rays cast at meshes, which takes Blender, or the closed form for capsules; "auto" is the first inside Blender.
 OCCLUSIONS = ("auto", "bvh", "capsules")
 
@@ -55,7 +56,7 @@ class LabelJob:
     edits     what a person said of the labels, or the file of it; None for STEM.edits.json beside the take, if there
     trc       write STEM.trc too
     fill      fill the markers' gaps in STEM.c3d, STEM.trc and, marked as such, STEM.blend; labels never are
-    blend     save STEM.blend too; needs Blender
+    blend     save STEM.blend too, and STEM.motion.pc2 where the take is too long for keys; needs Blender
     html      write STEM.report.html too
     resume    go on with what a run of the same job left, and put its own files in their places again
     keep      give the labelled chunks back as well: memory then grows with the take
@@ -120,8 +121,9 @@ class LabelJob:
 
     @property
     def endings(self) -> list[str]:
-        """Those of all files that the job writes, in the order in which they appear."""
-        more = [ending for ending, wanted in ((".trc", self.trc), (".blend", self.blend), (PAGE, self.html)) if wanted]
+        """Those of all files that the job may write, in the order in which they appear; the motion is of long takes."""
+        optional = ((".trc", self.trc), (MOTION_FILE, self.blend), (".blend", self.blend), (PAGE, self.html))
+        more = [ending for ending, wanted in optional if wanted]
         return [".labels.csv", ".c3d", *more, REPORT]
 
     @property

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..blendfile import Chunks, save_blend
+from ..blendfile import Chunks, save_blend, save_played
 from ..core.data.markersets import MarkerSet, Worn
 from ..core.data.takes import EditOutcome, Points
 from ..core.edits.kinds import NO_EDITS, Edits
@@ -15,10 +15,11 @@ from ..core.review.summary import TakeSummary
 from ..io.c3d import first_number, names_in_c3d
 from ..io.changed import facts_of_changes
 from ..io.points import write_c3d, write_trc
+from ..io.poses import PoseFile
 from ..io.report import REPORT, facts_of_edits, take_report, write_report
 from ..io.source import digest
 from ..version import version
-from .job import PAGE, LabelJob, timed
+from .job import MOTION_FILE, PAGE, LabelJob, timed
 
 if TYPE_CHECKING:  # only jobs that fill gaps or write a page need them
     from ..core.filling.kept import KeptFill
@@ -39,6 +40,7 @@ class Outcome:
     outcomes what became of each edit
     overview what the take's page is drawn from; None where the job writes none
     fills    the gaps that were filled, which a Blender file keeps apart from what was measured
+    poses    those of a take that is too long for keys; None of others
     """
 
     worn: Worn
@@ -52,6 +54,7 @@ class Outcome:
     outcomes: tuple[EditOutcome, ...] = ()
     overview: "TakeOverview | None" = None
     fills: "tuple[KeptFill, ...]" = ()
+    poses: PoseFile | None = None
 
 
 def overview_of(
@@ -69,14 +72,19 @@ def write_take(job: LabelJob, files: dict[str, Path], model: Model, made: Outcom
     """Writes all files of a take but its labels, which are written part by part; gives the report."""
     rate, worn = made.points.rate, made.worn
     with timed(clock, "write"):
-        if job.blend:
+        if job.blend and made.poses is not None:
+            said = made.summary.suspects, made.cameras
+            save_played(files[".blend"], files[MOTION_FILE], job.source, worn, made.points, made.poses, *said)
+        elif job.blend:
             said = made.edits, made.fills
             save_blend(files[".blend"], job.source, rate, worn, made.chunks, made.cameras, *said)
         changed = facts_of_changes(job.path(".labels.csv"), files[".labels.csv"], worn.markers)
         write_c3d(files[".c3d"], made.points)
         if job.trc:
             write_trc(files[".trc"], made.points)
-        results = {ending: digest([path]) for ending, path in files.items() if ending not in (PAGE, REPORT)}
+        results = {
+            ending: digest([path]) for ending, path in files.items() if ending not in (PAGE, REPORT) and path.exists()
+        }
     report = take_report(made.summary, job.source.stem, worn.name, rate, version(), clock)
     report |= (
         {"model_version": model.history.version, "model_fingerprint": model.fingerprint}

@@ -18,7 +18,9 @@ from ..core.review.trouble import TakeTrouble
 from ..io.edits import open_edits
 from ..io.labels import POINT_KEYS, LabelWriter
 from ..io.points import FilePoints, read_points
+from ..io.poses import PoseFile, is_long
 from ..io.report import facts_of_trouble
+from ..io.scratch import scratch_folder
 from ..io.tables import Room
 from .captures import facts_of_capture
 from .job import LabelJob, Labelled, timed
@@ -63,13 +65,18 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         trouble = TakeTrouble(markerset.markers, take.rate, edits, words=markerset.by_name)
         summary, chunks, asked = TakeSummary(markerset.markers), [], []
         # Who keeps the take has all of it in memory anyhow.
-        kept = job.keep or job.blend
+        joints = sum(len(one.skeleton) for _, one in markerset.worn)
+        played = job.blend and is_long(len(motion), len(markerset.markers), joints)
+        kept = job.keep or (job.blend and not played)
+        poses = stack.enter_context(PoseFile(stack.enter_context(scratch_folder()))) if played else None
         with LabelWriter(files[".labels.csv"], markerset.markers, POINT_KEYS) as writer:
             for part in [slice(0, len(motion))] if kept else motion.parts():
                 rows, chunk = labelled.part(take, part)
                 with timed(clock, "write"):
                     writer.write_points(rows, chunk.labels)
                 summary.add(chunk)
+                if poses is not None:
+                    poses.append(chunk.motion)
                 if overview is not None:
                     overview.add(rows, chunk)
                 trouble.add(rows, chunk.labels, chunk.motion)
@@ -89,7 +96,7 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         said = labelled.doubts, labelled.suspects, markerset.markers, edits, markerset.by_name
         unsure = doubtful_of(AskedNames.join(asked), motion.frames, *said)
         facts["doubtful"] = doubtful_ranges(unsure, motion.frames, markerset.markers)
-        said = labelled.outcomes, overview, fills
+        said = labelled.outcomes, overview, fills, poses
         made = Outcome(markerset, points, chunks, NO_CAMERAS, summary, facts, inputs, edits, *said)
         report = write_take(job, files, model, made, clock)
     return Labelled(report, markerset, made.chunks if job.keep else [], edits)

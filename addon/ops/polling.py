@@ -4,12 +4,17 @@
 import bpy
 
 from ..scene.performers import homes
+from ..scene.playing import played_takes
 from ..scene.take import is_take
+
+PLAYED_WORDS = "This take plays from a file and has no keys: label a part of it, with Frames in the Label panel"
 
 
 def lacks_take(context: bpy.types.Context) -> str:
     """What to do where no labelled take is active; else nothing."""
-    return "" if is_take(context.scene.mocap_autolabel.take) else "Label a take first"
+    if is_take(context.scene.mocap_autolabel.take):
+        return ""
+    return PLAYED_WORDS if played_takes(context.scene) else "Label a take first"
 
 
 def lacks_one_performer(context: bpy.types.Context) -> str:

@@ -21,6 +21,7 @@ from . import (
     overlay,
     panels,
     performers,
+    playing,
     quality,
     smoothing,
     timeline,
@@ -28,6 +29,7 @@ from . import (
 
 CLASSES = (
     *panels.CLASSES,
+    *playing.CLASSES,
     *performers.CLASSES,
     *character.CLASSES,
     *calibration.CLASSES,

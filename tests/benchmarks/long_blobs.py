@@ -4,7 +4,7 @@
 What eight cameras see of the demo's virtual person goes back the way it came, and so on, until the take is as long as
 asked; it is labelled from file to files. Memory is flat where a take that is ten times as long peaks no higher but by
 what its poses and points themselves are. With --blend a Blender file is saved as
-well, and opened by another process. Linux only.
+well, and opened, played and saved again by another process. Linux only.
 """
 
 import argparse
@@ -87,11 +87,18 @@ def measure(folder: Path, blend: bool):
 
 OPENING = """
 import bpy, sys
-from time import perf_counter
+from time import perf_counter, process_time
 from tests.benchmarks.memory import megabytes
 before, begin = megabytes("VmRSS"), perf_counter()
 bpy.ops.wm.open_mainfile(filepath=sys.argv[1])
 print(f"opened: {megabytes('VmHWM') - before:.0f} MB beyond {before:.0f}, {perf_counter() - begin:.1f} s", flush=True)
+scene = bpy.context.scene
+middle = (scene.frame_start + scene.frame_end) // 2
+scene.frame_set(middle)
+begin = process_time()
+for frame in range(middle, middle + 300):
+    scene.frame_set(frame)
+print(f"played: {300 / (process_time() - begin):.0f} frames a second of the processor", flush=True)
 begin = perf_counter()
 bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
 print(f"saved: {megabytes('VmHWM') - before:.0f} MB beyond {before:.0f}, {perf_counter() - begin:.1f} s", flush=True)
@@ -100,7 +107,9 @@ print(f"saved: {megabytes('VmHWM') - before:.0f} MB beyond {before:.0f}, {perf_c
 
 def open_saved(path: Path):
     """Opens a Blender file and saves it again, in a process of its own, and prints the peak."""
-    print(f"{path.stat().st_size / 1e6:.0f} MB of Blender file", flush=True)
+    motion = path.with_name("take.motion.pc2")
+    beside = f", {motion.stat().st_size / 1e6:.0f} MB of motion beside it" if motion.exists() else ""
+    print(f"{path.stat().st_size / 1e6:.2f} MB of Blender file{beside}", flush=True)
     subprocess.run([sys.executable, "-c", OPENING, str(path)], check=True)
 
 

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The poses of a long take on disk while it is labelled, for a Blender file that plays it without keys."""
+
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+
+from ..core.data.takes import Motion
+from .scratch import naming_scratch
+
+
+@dataclass(frozen=True)
+class PlayedOptions:
+    """When a take is played from a file beside the Blender file, instead of by keys; reckoned.
+
+    most_keys      that a Blender file holds, of markers and bones; opened, each takes some 240 bytes with Blender's
+                   undo and the tables of the take, so that these are 1.4 GB
+    foreseen       times as many keys, when they are foreseen from what part of the file was read: then what keys are
+                   made of is not even gathered
+    foreseen_from  frames that were read before anything is foreseen
+    sample_frames  which the build of a long take's bodies is the median of, at least half as many
+    """
+
+    most_keys: int = 6_000_000
+    foreseen: float = 2.0
+    foreseen_from: int = 1000
+    sample_frames: int = 2048
+
+
+PLAYING = PlayedOptions()
+KEYS_A_MARKER, KEYS_A_BONE = 3, 7  # numbers a frame
+POSE_FIELDS = ("joints", "rotations")
+
+
+def is_long(frames: int, markers: int, joints: int, options: PlayedOptions | None = None) -> bool:
+    """Whether a take of so many frames, markers and joints is too long for keys."""
+    keys = KEYS_A_MARKER * markers + KEYS_A_BONE * joints
+    return frames * keys > (options or PLAYING).most_keys
+
+
+class PoseFile:
+    """The poses of a take on disk, and evenly spaced frames of it in memory; use it as a context manager.
+
+    frames       how many there are so far
+    first_frame  the source's number of the first
+    expected     (M, 3) m where the body carries each marker at first, NaN where it never does
+    """
+
+    def __init__(self, folder: Path, options: PlayedOptions | None = None):
+        self.folder, self.options = folder, options or PLAYING
+        self.frames, self.first_frame, self.expected = 0, 0, np.zeros((0, 3))
+        self.sample: list[Motion] = []
+        self._step, self._shapes, self._foreseen = 1, (), False
+
+    def __enter__(self) -> Self:
+        with naming_scratch(self.folder):
+            self.files = [(self.folder / f"pose {name}").open("w+b") for name in POSE_FIELDS]
+        return self
+
+    def __exit__(self, *_: object):
+        for file in self.files:
+            with suppress(OSError):  # of a full disk, which was said
+                file.close()
+
+    @property
+    def long(self) -> bool:
+        """Whether the take is too long for keys."""
+        joints = self._shapes[0][0] if self._shapes else 0
+        return self._foreseen or is_long(self.frames, len(self.expected), joints, self.options)
+
+    def append(self, motion: Motion, fraction: float = 1.0):
+        """Adds the frames of the next chunk, after which such a `fraction` of the take was read."""
+        if not self.frames:
+            self.first_frame = int(motion.frames[0])
+            self.expected = np.full(motion.expected.shape[1:], np.nan)
+            self._shapes = tuple(getattr(motion, name).shape[1:] for name in POSE_FIELDS)
+        with naming_scratch(self.folder):
+            for file, name in zip(self.files, POSE_FIELDS, strict=True):
+                file.write(np.ascontiguousarray(getattr(motion, name), np.float32).data)
+                file.flush()  # whatever is wrong with the disk is said here
+        self._note(motion)
+        self.frames += len(motion.frames)
+        if self.frames >= self.options.foreseen_from and 0 < fraction < 1:
+            whole = int(self.frames / fraction / self.options.foreseen)
+            self._foreseen |= is_long(whole, len(self.expected), self._shapes[0][0], self.options)
+
+    def parts(self, size: int) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
+        """Which frames, their joints (n, J, 3) and rotations (n, J, 3, 3), so many at a time."""
+        for start in range(0, self.frames, size):
+            part = slice(start, min(start + size, self.frames))
+            yield part, *(self._read(*of, part) for of in zip(self.files, self._shapes, strict=True))
+
+    def _read(self, file, shape: tuple[int, ...], part: slice) -> np.ndarray:
+        width = int(np.prod(shape))
+        file.seek(4 * width * part.start)
+        block = file.read(4 * width * (part.stop - part.start))
+        return np.frombuffer(block, np.float32).reshape(-1, *shape).astype(float)
+
+    def sampled(self) -> Motion:
+        """Evenly spaced frames of the take."""
+        return _joined(self.sample)
+
+    def _note(self, motion: Motion):
+        """Keeps what of the chunk the sample wants: each frame whose number is a multiple of the step."""
+        known = np.isfinite(motion.expected).all(axis=2)
+        fresh = known.any(axis=0) & ~np.isfinite(self.expected).all(axis=1)
+        self.expected[fresh] = motion.expected[known.argmax(axis=0)[fresh], np.flatnonzero(fresh)]
+        self.sample.append(_picked(motion, np.arange(-self.frames % self._step, len(motion.frames), self._step)))
+        if sum(len(one.frames) for one in self.sample) > self.options.sample_frames:
+            whole = _joined(self.sample)
+            while len(whole.frames) > self.options.sample_frames:
+                whole, self._step = _picked(whole, np.arange(0, len(whole.frames), 2)), 2 * self._step
+            self.sample = [whole]
+
+
+def _picked(motion: Motion, rows: np.ndarray) -> Motion:
+    return Motion(*(getattr(motion, field.name)[rows] for field in fields(Motion)))
+
+
+def _joined(parts: list[Motion]) -> Motion:
+    return Motion(*(np.concatenate([getattr(one, field.name) for one in parts]) for field in fields(Motion)))

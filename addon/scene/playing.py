@@ -1,0 +1,276 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A long take that plays from a file beside the Blender file, by Blender's own means: nothing in it grows with frames.
+
+A hidden mesh has a vertex for every marker, which a Mesh Cache modifier moves, and the markers' empties hang on the
+vertices. Further vertices carry the numbers that bones would be keyed with, three each, in their x, y and z; empties
+on these drive the bones. Drivers without an expression and modifiers run in any Blender, with or without us.
+"""
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import bpy
+import numpy as np
+
+from ..core.data.errors import InputError
+from ..core.data.markersets import MarkerSet, Worn
+from ..core.data.takes import Suspect
+from ..io.motion_cache import CACHING, cache_mark, check_cache, write_cache
+from ..io.names import written
+from . import armature as armatures
+from . import naming
+from .body import add_body
+from .markers import DISPLAY_SIZE
+from .performers import body_material, home_of, performers_of
+from .take import SHIFT, SOURCE, SUSPECTS, frame_shift, set_time
+
+if TYPE_CHECKING:
+    from ..io.poses import PoseFile
+
+PLAYED = "mocap_played"  # on the collection: the name of the take
+MOTION_MARK = "mocap_motion_mark"  # what the file is known again by
+CARRIER = "mocap_carrier"  # on the collection: the object with the modifier
+BONE_NUMBERS = 7  # a bone: location x y z, rotation w x y z
+MOST_SUSPECTS = 1000  # that the Blender file keeps, the longest; the report has all
+
+
+@dataclass(frozen=True, eq=False)
+class Playing:
+    """A long take as it comes from the labelling.
+
+    name      what to call it
+    rate      frames a second
+    worn      whose markers were named
+    markers   gives the places (n, M, 3) m of a slice of frames, NaN where there are none
+    poses     the poses of all frames, as `io.poses.PoseFile` has them
+    suspects  ranges of frames to look at
+    source    the file of the take, empty if there is none
+    """
+
+    name: str
+    rate: float
+    worn: Worn
+    markers: Callable[[slice], np.ndarray]
+    poses: "PoseFile"
+    suspects: Sequence[Suspect] = ()
+    source: str = ""
+
+
+class _Bones:
+    """The numbers of one performer's bones, part by part, each rotation on the side of the one before."""
+
+    def __init__(self, performer, armature: bpy.types.Object, markerset: MarkerSet):
+        self.rows, self.armature = performer.joint_rows, armature
+        self.parents, self.rest = markerset.skeleton.parents, armatures.rest_matrices(armature, markerset)
+        self.segments = markerset.skeleton.segments
+        self.last = np.full((len(self.segments), 4), np.nan)
+
+    def numbers(self, joints: np.ndarray, rotations: np.ndarray) -> np.ndarray:
+        """(n, 7 J) of the joints (n, all, 3) and rotations (n, all, 3, 3) of everybody."""
+        own = rotations[:, self.rows], joints[:, self.rows]
+        columns = []
+        for index, (location, turn) in enumerate(armatures.bone_channels(self.parents, self.rest, *own)):
+            known = np.flatnonzero(np.isfinite(turn).all(axis=1))
+            if len(known):
+                turn = -turn if turn[known[0]] @ self.last[index] < 0 else turn
+                self.last[index] = turn[known[-1]]
+            columns += [location, turn]
+        return np.concatenate(columns, axis=1)
+
+
+def show_playing(context: bpy.types.Context, take: Playing, cache: Path) -> bpy.types.Collection:
+    """Writes the motion of a take to `cache`, and builds what plays it in the context's scene.
+
+    Needs object mode. The modifier looks for the file beside the Blender file, which must be saved there.
+    """
+    scene, poses = context.scene, take.poses
+    ends = np.array([poses.first_frame, poses.first_frame + poses.frames - 1])
+    shift = frame_shift(ends)
+    set_time(scene, take.rate, ends + shift)
+    collection = _child(scene.collection, naming.title(take.name))
+    bones, sample, empties = [], poses.sampled(), {}
+    carrier = _carrier(collection)
+    for performer, (_, markerset) in zip(performers_of(take.worn), take.worn.worn, strict=True):
+        home = home_of(collection, performer, {})
+        build = armatures.build_of(markerset, performer.motion_of(sample))
+        armature = armatures.add_armature(context, home, f"{performer.name or take.name} armature", markerset, build)
+        bones.append(_Bones(performer, armature, markerset))
+        add_body(_child(home, f"{home.name} body"), armature, markerset, build.scale, body_material(home))
+        place = _child(home, f"{home.name} markers")
+        for index in range(*performer.marker_rows.indices(len(take.worn.markers))):
+            empties[index] = _marker(place, take.worn.markers[index], carrier, index)
+    numbers = BONE_NUMBERS * sum(len(one.segments) for one in bones)
+    vertices = len(take.worn.markers) + -(-numbers // 3)
+    carrier.data.vertices.add(vertices)
+    seen = np.zeros(len(take.worn.markers), bool)
+    write_cache(cache, _frames(take, bones, vertices, seen), _absent(take, bones, vertices))
+    for index, empty in empties.items():
+        # Standing still in the moving body it would look like a wrong name.
+        empty.hide_viewport = empty.hide_render = not seen[index]
+    _drive(collection, carrier, bones, len(take.worn.markers))
+    _play(carrier, cache, int(ends[0] + shift))
+    _keep(collection, carrier, take, cache, shift)
+    return collection
+
+
+def _frames(take: Playing, bones: list[_Bones], vertices: int, seen: np.ndarray) -> Iterator[np.ndarray]:
+    """The vertices (n, V, 3) of all frames, part by part; notes who is `seen` (M,)."""
+    count = len(seen)
+    size = max(CACHING.part_bytes // (200 * vertices), 1)
+    for part, joints, rotations in take.poses.parts(size):
+        found = np.zeros((len(joints), vertices, 3))
+        found[:, :count] = take.markers(part)
+        seen |= np.isfinite(found[:, :count]).all(axis=2).any(axis=0)
+        numbers = np.concatenate([one.numbers(joints, rotations) for one in bones], axis=1)
+        found[:, count:].reshape(len(joints), -1)[:, : numbers.shape[1]] = numbers
+        yield found
+
+
+def _absent(take: Playing, bones: list[_Bones], vertices: int) -> np.ndarray:
+    """(V, 3) what to show of what is never known: markers where the body has them, bones at rest."""
+    rest = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0] * sum(len(one.segments) for one in bones)
+    absent = np.zeros((vertices, 3))
+    absent[: len(take.poses.expected)] = np.nan_to_num(take.poses.expected)
+    absent[len(take.poses.expected) :].reshape(-1)[: len(rest)] = rest
+    return absent
+
+
+def _carrier(collection: bpy.types.Collection) -> bpy.types.Object:
+    """The hidden mesh whose vertices the file moves; it has none yet."""
+    item = bpy.data.objects.new(f"{collection.name} motion", bpy.data.meshes.new(f"{collection.name} motion"))
+    item.hide_viewport = item.hide_render = item.hide_select = True
+    collection.objects.link(item)
+    return item
+
+
+def _marker(place: bpy.types.Collection, name: str, carrier: bpy.types.Object, vertex: int) -> bpy.types.Object:
+    empty = _on_vertex(place, name, carrier, vertex)
+    empty.empty_display_type, empty.empty_display_size = "SPHERE", DISPLAY_SIZE
+    empty[naming.MARKER] = name
+    empty.show_name = True
+    return empty
+
+
+def _on_vertex(place: bpy.types.Collection, name: str, carrier: bpy.types.Object, vertex: int) -> bpy.types.Object:
+    empty = bpy.data.objects.new(name, None)
+    empty.parent, empty.parent_type, empty.parent_vertices = carrier, "VERTEX", (vertex, 0, 0)
+    place.objects.link(empty)
+    return empty
+
+
+def _drive(collection: bpy.types.Collection, carrier: bpy.types.Object, bones: list[_Bones], first: int):
+    """Makes every bone follow its numbers, which are in the vertices from `first` on."""
+    place = _child(collection, f"{collection.name} numbers")
+    place.hide_viewport = place.hide_render = True
+    empties: dict[int, bpy.types.Object] = {}
+    number = 0
+    for one in bones:
+        for segment in one.segments:
+            bone = one.armature.pose.bones[segment]
+            for path, axes in (("location", 3), ("rotation_quaternion", 4)):
+                for axis in range(axes):
+                    vertex, part = first + number // 3, number % 3
+                    if vertex not in empties:
+                        empties[vertex] = _on_vertex(place, f"{collection.name} {vertex}", carrier, vertex)
+                    _follow(bone.driver_add(path, axis), empties[vertex], "XYZ"[part])
+                    number += 1
+
+
+def _follow(curve: bpy.types.FCurve, empty: bpy.types.Object, axis: str):
+    """The value is the place of an empty along an axis."""
+    for modifier in list(curve.modifiers):
+        curve.modifiers.remove(modifier)
+    curve.keyframe_points.clear()  # at 0 and 1, to which Blender pulls whatever is within 1e-4
+    driver = curve.driver
+    driver.type = "SUM"
+    variable = driver.variables.new()
+    variable.type = "TRANSFORMS"
+    target = variable.targets[0]
+    target.id, target.transform_type, target.transform_space = empty, f"LOC_{axis}", "WORLD_SPACE"
+
+
+def _play(carrier: bpy.types.Object, cache: Path, first: int):
+    modifier = carrier.modifiers.new("Motion", "MESH_CACHE")
+    modifier.cache_format, modifier.frame_start = "PC2", first
+    modifier.filepath = "//" + written(cache.name)
+
+
+def _keep(collection: bpy.types.Collection, carrier: bpy.types.Object, take: Playing, cache: Path, shift: int):
+    longest = sorted(take.suspects, key=lambda one: -one.frames)[:MOST_SUSPECTS]
+    rows = sorted([int(one.first), int(one.last), one.reason] for one in longest)
+    collection[PLAYED], collection[SOURCE], collection[naming.MARKERSET] = take.name, take.source, take.worn.name
+    collection[MOTION_MARK], collection[CARRIER] = cache_mark(cache), carrier
+    collection[SUSPECTS], collection[SHIFT] = json.dumps(rows), float(shift)
+
+
+def _child(parent: bpy.types.Collection, name: str) -> bpy.types.Collection:
+    child = bpy.data.collections.new(name)
+    parent.children.link(child)
+    return child
+
+
+def is_played(collection: bpy.types.Collection | None) -> bool:
+    """True for a take that plays from a file."""
+    return collection is not None and PLAYED in collection
+
+
+def played_takes(scene: bpy.types.Scene) -> list[bpy.types.Collection]:
+    """The takes of a scene that play from files."""
+    return [collection for collection in scene.collection.children_recursive if is_played(collection)]
+
+
+def modifier_of(collection: bpy.types.Collection) -> bpy.types.Modifier | None:
+    """What plays a take; None where a user took it away."""
+    carrier = collection.get(CARRIER)
+    return None if carrier is None else next((one for one in carrier.modifiers if one.type == "MESH_CACHE"), None)
+
+
+def motion_path(collection: bpy.types.Collection) -> Path:
+    """Where the motion of a take is looked for."""
+    modifier = modifier_of(collection)
+    if modifier is None:
+        raise InputError("the object that plays the take was taken away; expected it: open the saved file again")
+    return Path(bpy.path.abspath(modifier.filepath, library=collection.library))
+
+
+_known: dict[tuple, str] = {}
+
+
+def what_is_wrong(collection: bpy.types.Collection) -> str:
+    """One sentence where the motion of a take is not there as it was saved; empty where all is well.
+
+    Files are looked into only when they changed.
+    """
+    try:
+        path, mark = motion_path(collection), str(collection[MOTION_MARK])
+        try:
+            status = path.stat()
+            state = str(path), mark, status.st_size, status.st_mtime_ns
+        except OSError:
+            state = None
+        if state is None or state not in _known:
+            check_cache(path, mark)
+            _known.clear()
+            _known[state] = ""
+    except InputError as error:
+        return str(error)
+    return ""
+
+
+def find_motion(collection: bpy.types.Collection, path: Path):
+    """Lets a take play from the file at `path`; InputError where it is not that take's."""
+    check_cache(path, str(collection[MOTION_MARK]))
+    modifier = modifier_of(collection)
+    if modifier is None:
+        raise InputError("the object that plays the take was taken away; expected it: open the saved file again")
+    name = str(path)
+    modifier.filepath = bpy.path.relpath(name) if bpy.data.filepath else name
+
+
+def suspects_of(collection: bpy.types.Collection) -> list[tuple[int, int, str]]:
+    """First and last frame, as Blender counts, and reason of what to look at in a take."""
+    shift = int(collection[SHIFT])
+    return [(first + shift, last + shift, reason) for first, last, reason in json.loads(collection[SUSPECTS])]

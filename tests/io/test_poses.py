@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The poses of a long take: all of them on disk, some evenly spaced ones in memory."""
+
+import numpy as np
+import pytest
+
+from addon.core.data.takes import Motion
+from addon.io.poses import PlayedOptions, PoseFile, is_long
+
+MARKERS, JOINTS = 4, 3
+
+
+def motion_of(first, last):
+    """Frames whose joints say their number; the body is found from frame 20 on."""
+    frames = np.arange(first, last)
+    joints = np.broadcast_to(frames[:, None, None], (len(frames), JOINTS, 3)).astype(float)
+    expected = np.where((frames >= 20)[:, None, None], np.tile(frames[:, None, None], (1, MARKERS, 3)), np.nan)
+    none = np.zeros((len(frames), MARKERS))
+    turns = np.tile(np.eye(3), (len(frames), JOINTS, 1, 1))
+    size = np.ones((len(frames), 3))
+    return Motion(frames, expected, none, none, none, expected, joints, turns, size, np.ones(len(frames)))
+
+
+@pytest.mark.parametrize("chunk", [1, 9, 50, 1000])
+def test_poses_come_back_and_the_sample_is_evenly_spaced(tmp_path, chunk):
+    with PoseFile(tmp_path, PlayedOptions(sample_frames=32)) as poses:
+        for start in range(11, 311, chunk):
+            poses.append(motion_of(start, min(start + chunk, 311)))
+        assert (poses.frames, poses.first_frame) == (300, 11)
+        parts = list(poses.parts(64))
+        np.testing.assert_array_equal(np.concatenate([joints for _, joints, _ in parts])[:, 0, 0], np.arange(11, 311))
+        assert [part.stop - part.start for part, _, _ in parts] == [64, 64, 64, 64, 44]
+        frames = poses.sampled().frames
+        assert 16 <= len(frames) <= 32
+        assert len(set(np.diff(frames).tolist())) == 1
+        np.testing.assert_array_equal(poses.expected, 20.0)
+
+
+def test_a_take_is_long_by_its_keys():
+    options = PlayedOptions(most_keys=1000)
+    assert not is_long(10, 10, 10, options)
+    assert is_long(11, 10, 10, options)
+
+
+@pytest.mark.parametrize(("fraction", "long"), [(0.4, False), (0.04, True), (1.0, False)])
+def test_a_long_take_is_foreseen_from_what_was_read(tmp_path, fraction, long):
+    keys = 3 * MARKERS + 7 * JOINTS
+    options = PlayedOptions(most_keys=1000 * keys, foreseen_from=100)
+    with PoseFile(tmp_path, options) as poses:
+        poses.append(motion_of(0, 99), fraction)
+        assert not poses.long
+        poses.append(motion_of(99, 101), fraction)
+        assert poses.long == long
