@@ -42,7 +42,7 @@ class OpenOptions:
     """When a body is asked more than its first frames.
 
     max_open  part of the names that could be sure, as many as points are there or markers in the set, which the solved
-              take leaves open; reckoned: some ghosts hold on to a body as markers do
+              take leaves open; set with the measured takes in view, whose speed depends on it and whose labels do not
     """
 
     max_open: float = 0.2
