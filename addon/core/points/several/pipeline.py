@@ -15,10 +15,10 @@ from threadpoolctl import threadpool_limits
 
 from ...data.errors import JobError
 from ...data.progress import Progress, within
-from ...data.takes import Points
+from ...data.takes import Labels, Points, Suspect
 from ...edits.applying import refuse_unknown
 from ...review.answering import unanswered, without_accepted
-from ...review.suspects import summarised
+from ...review.suspects import LISTING, summarised, suspect_ranges
 from ..refusals import SubjectsError, refuse_floods
 from ..tracklets import cut
 from ..whole_take.pipeline import PointOptions, Recognise, as_in_file
@@ -29,7 +29,7 @@ from .edits import with_edits
 from .motion import LabelledSubjects
 from .parting import NO_BODY, PartedBodies, parted
 from .props import found_prop, is_prop
-from .stays import STAYS, StayBuild, spans_of, ways_of
+from .stays import STAYS, StayBuild, UntoldStay, spans_of, ways_of
 from .telling import TELLING, costs_of, likeliest, told
 from .together import Everybody, FoundSubject, motion_of_all, verdict_on
 from .wearers import AUTO, SeveralOptions, Wearer, is_same, kinds
@@ -70,6 +70,7 @@ def label_several(
             edited = yield from within(work, 0.9, 0.92, "solve the take again with the edits")
             applied, unedited = edited.applied, edited.unedited
             labels, suspects = edited.verdict.labels, edited.verdict.suspects
+        suspects += _questions(crowd, found, labels)
         worn = found.worn
         del crowd, found  # a long take's are large
         seconds = {"label": perf_counter() - begin}
@@ -85,6 +86,17 @@ def label_several(
         return LabelledSubjects(labels, motion, suspects, seconds, unedited, outcomes, doubts, worn)
 
 
+def _questions(crowd: Crowd, found: Everybody, labels: Labels) -> tuple[Suspect, ...]:
+    """Who it may be who is there without names, where labels (T, L) are the take's in the end."""
+    stays = [stay.there for stay in found.untold if stay.is_open(crowd.tracklet, labels)]
+    if not stays:
+        return ()
+    people = [one.name for one in found.worn.subjects if not is_prop(one.model)]
+    words = f"somebody here is left without names, who may be {' or '.join(people)}"
+    most = round(LISTING.max_break_s * crowd.take.rate)
+    return tuple(suspect_ranges(crowd.take.frames, np.any(stays, axis=0), words, most))
+
+
 def _everybody(crowd: Crowd, asked: SeveralOptions) -> Generator[Progress, None, Everybody]:
     """Everybody who is asked for, in their order: props first, people in what these leave."""
     props, rest = [], crowd
@@ -92,12 +104,13 @@ def _everybody(crowd: Crowd, asked: SeveralOptions) -> Generator[Progress, None,
         props.append((yield from within(found_prop(rest, prop), 0.0, 0.0, spans=_spans(0.0, 0.05))))
         rest = rest.without(props[-1].may)
     people = tuple(one for one in asked.subjects if not is_prop(one.model))
-    found = props
+    found, untold = props, ()
     if people or not asked.subjects:
-        found = [*props, *(yield from _Parties(rest, replace(asked, subjects=people)).named())]
+        persons, untold = yield from _Parties(rest, replace(asked, subjects=people)).named()
+        found = [*props, *persons]
     if asked.subjects:
         found.sort(key=lambda one: asked.subjects.index(one.subject))
-    return Everybody.of(found)
+    return Everybody.of(found, untold)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,8 +120,8 @@ class _Parties:
     crowd: Crowd
     asked: SeveralOptions
 
-    def named(self) -> Generator[Progress, None, list[FoundSubject]]:
-        """Everybody who is asked for, with their names."""
+    def named(self) -> Generator[Progress, None, tuple[list[FoundSubject], tuple[UntoldStay, ...]]]:
+        """Everybody who is asked for, with their names, and stays of which it cannot be told whose they are."""
         crowd, wanted = self.crowd, len(self.asked.subjects) or self.asked.count
         counts = self._counts(wanted)
         ways = [(count, frames_are_sure) for count in counts]
@@ -116,12 +129,12 @@ class _Parties:
         for count, recognise in (*ways, (counts[0], take_will_say)):
             stays = parted(crowd.take.xyz, crowd.tracklet, crowd.holding, count, self._smallest)
             try:
-                bodies = yield from self._people_of(stays, count, recognise)
+                bodies, untold = yield from self._people_of(stays, count, recognise)
                 named = yield from self._each(bodies, wanted, count, recognise)
             except SubjectsError:
                 continue  # two on one body
             if named is not None:
-                return (yield from self._told(bodies, named, wanted))
+                return (yield from self._told(bodies, named, wanted)), untold
         raise self._too_few(wanted)
 
     @property
@@ -131,14 +144,14 @@ class _Parties:
 
     def _people_of(
         self, stays: PartedBodies, count: int, recognise: Recognise
-    ) -> Generator[Progress, None, PartedBodies]:
+    ) -> Generator[Progress, None, tuple[PartedBodies, tuple[UntoldStay, ...]]]:
         """The bodies of so many people, whose stays are in the take: who comes back is who left.
 
-        Stays of which it cannot be told whose they are are nobody's.
+        Stays of which it cannot be told whose they are are nobody's, and given, too.
         """
-        every = stays.may.shape[1]
+        every, untold = stays.may.shape[1], ()
         if every == count:
-            return stays
+            return stays, untold
         there = spans_of(self.crowd.tracklet, stays.body, every)
         ways = ways_of(there, count)
         way, lead = (ways[0], np.inf) if len(ways) == 1 else ((), -np.inf)
@@ -148,7 +161,8 @@ class _Parties:
             way, lead = likeliest(ways, np.array(cost))
         if lead < STAYS.lead:
             way = (NO_BODY,) * (every - count)
-        return stays.joined(np.array([*range(count), *way]), count)
+            untold = tuple(UntoldStay(there[:, one], stays.body == one) for one in range(count, every))
+        return stays.joined(np.array([*range(count), *way]), count), untold
 
     def _builds(self, stays: PartedBodies, recognise: Recognise) -> Generator[Progress, None, list[list[StayBuild]]]:
         """How whoever is there in each stay is built, by every set that it may be; none where it is nobody."""

@@ -10,7 +10,7 @@ from itertools import product
 
 import numpy as np
 
-from ...data.takes import evenly_spread
+from ...data.takes import Labels, evenly_spread
 from .parting import NO_BODY
 from .telling import MIN_MET, OnBody, distances_in
 
@@ -27,6 +27,7 @@ class StayOptions:
     sd_m      by which the mean of a distance differs from stay to stay, and
     bend      part of it by which it does, as people move otherwise
     max_square  standard deviations², beyond which a distance is no worse
+    unnamed   part of the points of a stay above which nobody has said whose it is
     """
 
     fullest: float = 0.5
@@ -37,6 +38,7 @@ class StayOptions:
     sd_m: float = 0.003
     bend: float = 0.02
     max_square: float = 25.0
+    unnamed: float = 0.5
 
 
 STAYS = StayOptions()
@@ -63,6 +65,19 @@ def ways_of(there: np.ndarray, count: int) -> list[tuple[int, ...]]:
         return []
     pairs = [(one, other) for other in range(count, len(apart)) for one in range(count, other) if not apart[one, other]]
     return [way for way in product(*may) if all(way[one - count] != way[other - count] for one, other in pairs)]
+
+
+@dataclass(frozen=True, eq=False)
+class UntoldStay:
+    """A stay of which it cannot be told whose it is: the frames (T,) in which it is there, its tracklets (N,)."""
+
+    there: np.ndarray
+    tracklets: np.ndarray
+
+    def is_open(self, tracklet: np.ndarray, labels: Labels) -> bool:
+        """Whether nobody has named it, by the tracklet and label (T, L) of every point of the take."""
+        own = np.append(self.tracklets, False)[tracklet]
+        return (~labels.named & own).sum() > STAYS.unnamed * own.sum()
 
 
 @dataclass(frozen=True, eq=False)

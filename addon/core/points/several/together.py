@@ -14,6 +14,7 @@ from ..refusals import refuse_unlike, refuse_unrecognised
 from ..whole_take.pipeline import PointOptions, decided_of
 from .bodies import NamedBody
 from .motion import SubjectsMotion
+from .stays import UntoldStay
 from .wearers import SetsWorn, Wearer
 
 
@@ -29,17 +30,18 @@ class FoundSubject:
 
 @dataclass(frozen=True, eq=False)
 class Everybody:
-    """Who is in a take, and what is said of all of them, labels (T, L) by `worn`."""
+    """Who is in a take, and what is said of all of them, labels (T, L) by `worn`; and stays that may be anybody's."""
 
     found: tuple[FoundSubject, ...]
     worn: SetsWorn
     verdict: Verdict
+    untold: tuple[UntoldStay, ...] = ()
 
     @classmethod
-    def of(cls, found: Sequence[FoundSubject]) -> Self:
+    def of(cls, found: Sequence[FoundSubject], untold: tuple[UntoldStay, ...] = ()) -> Self:
         """Those who were found, in their order."""
         worn = SetsWorn(tuple(one.subject for one in found))
-        return cls(tuple(found), worn, joined(worn, [one.verdict for one in found]))
+        return cls(tuple(found), worn, joined(worn, [one.verdict for one in found]), untold)
 
 
 def verdict_on(one: NamedBody, target: float) -> Verdict:

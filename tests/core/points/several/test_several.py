@@ -11,14 +11,14 @@ from addon.core.body.bodies import BodyModel
 from addon.core.data.errors import JobError
 from addon.core.data.lanes import LaneOptions
 from addon.core.data.progress import finished
-from addon.core.data.takes import Points
+from addon.core.data.takes import Labels, Points
 from addon.core.points.several import bodies, holding
 from addon.core.points.several.claims import CLAIMS, shared_out
 from addon.core.points.several.counting import count_bodies
 from addon.core.points.several.holding import Holding, HoldingOnOptions
 from addon.core.points.several.parting import PartedBodies, parted
 from addon.core.points.several.pipeline import label_several
-from addon.core.points.several.stays import StayBuild, ways_of
+from addon.core.points.several.stays import StayBuild, UntoldStay, ways_of
 from addon.core.points.several.telling import likeliest, told
 from addon.core.points.several.wearers import AUTO, SetsWorn, SeveralOptions, Wearer
 from addon.core.points.tracklets import cut
@@ -282,6 +282,28 @@ def test_who_comes_back_is_who_left(people):
     right, wrong = matched(found.labels.marker, truth, take.present)
     assert wrong == 0
     assert right > 0.9 * take.present.sum()
+
+
+def test_who_comes_back_and_may_be_either_is_asked():
+    """Two of one build leave together: nothing tells which of them comes back where."""
+    take, truth = shown([absent(person(1, 1, 0.0), 35, 65), absent(person(1, -1, 0.8), 35, 65)])
+    found = finished(label_several(take, SeveralOptions(open_model("gait15"), 2), PointOptions("likelihood")))
+    assert matched(found.labels.marker, truth, take.present)[1] == 0
+    named = found.labels.named.any(axis=1)
+    (asked,) = [one for one in found.suspects if "who may be 1 or 2" in one.words]
+    assert not named[asked.first - 1 : asked.last].any(), "nobody has a name where it is asked who they are"
+    assert asked.frames == 35 and named.sum() == 35
+
+
+def test_a_stay_that_a_person_has_named_is_asked_no_more():
+    there, tracklet = np.arange(10) >= 4, np.zeros((10, 3), int)
+    tracklet[:, 1:], tracklet[:4, 2] = [1, 2], -1
+    stay, labels = UntoldStay(there, np.array([False, True, True])), Labels.none(10, 3)
+    assert stay.is_open(tracklet, labels)
+    labels.marker[:, 0] = 0
+    assert stay.is_open(tracklet, labels), "that is somebody else's"
+    labels.marker[:, 1] = 1
+    assert not stay.is_open(tracklet, labels)
 
 
 def test_whose_a_stay_is_follows_from_who_is_there():
