@@ -18,10 +18,12 @@ class PriorOptions:
     """What people may do beyond the recordings that a marker set was learned from; reckoned.
 
     bend_floor_rad  standard deviation added to that of every bend: people do what nobody did in the recordings
+    height_floor_m  least standard deviation of a height: nobody's is known better, though a set may say so
     stretch_sd      parts of the height by which the scale along one axis strays from the mean of the three
     """
 
     bend_floor_rad: float = 0.12
+    height_floor_m: float = 0.001
     stretch_sd: float = 0.03
 
 
@@ -53,7 +55,7 @@ class Prior:
         spread = model.markerset.spread
         self.strength = strength
         self.height = spread.height if height is None else float(height)
-        self.height_sd = spread.height_sd if height_sd is None else float(height_sd)
+        self.height_sd = max(spread.height_sd if height_sd is None else float(height_sd), PRIOR.height_floor_m)
         self.bend_mean = np.asarray(spread.pose_mean, dtype=float)[1:].ravel()
         covariance = np.asarray(spread.pose_covariance, dtype=float)[3:, 3:]
         self.bend_precision = np.linalg.inv(covariance + bend_floor**2 * np.eye(len(covariance)))
