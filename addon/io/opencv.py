@@ -11,7 +11,7 @@ import numpy as np
 from ..core.data.errors import InputError
 from ..core.geometry.cameras import Cameras
 from .filestorage import parse_filestorage
-from .rig import RigCamera, refuse_crowd, rig, rotation_from_vector
+from .rig import RIG_LIMITS, RigCamera, refuse_crowd, rig, rotation_from_vector
 from .source import TEXTS, read_text
 from .toml_cameras import lens
 from .world import z_up
@@ -145,7 +145,7 @@ def _size(parts: dict, matrix: np.ndarray, name: str, path: Path) -> np.ndarray:
         return _array(parts, SIZE, name, path, (2,))
     if any(parts.get(key) is not None for key in WIDTH) and any(parts.get(key) is not None for key in HEIGHT):
         return np.concatenate([_array(parts, keys, name, path, (1,)) for keys in (WIDTH, HEIGHT)])
-    return np.round(2 * matrix[:2, 2])
+    return np.round(2 * np.minimum(matrix[:2, 2], RIG_LIMITS.max_number))  # what is larger is refused with the matrix
 
 
 def _array(parts: dict, keys: tuple[str, ...], name: str, path: Path, counts: tuple[int, ...]) -> np.ndarray:

@@ -43,6 +43,15 @@ def test_a_projection_matrix_at_the_limit_of_numbers_is_refused(sound, tmp_path)
         read_cameras(folder)
 
 
+def test_a_principal_point_at_the_limit_of_numbers_is_refused_where_it_tells_the_image_size(sound, tmp_path):
+    path = tmp_path / "cameras.yml"
+    text = re.sub("W_cam_1: .*\n", "", sound["yml"].read_text())
+    path.write_text(re.sub(r"(K_cam_1:(?:.*\n){4}.* )\S+,", r"\g<1>1e308,", text))
+    assert "1e308" in path.read_text()
+    with pytest.raises(InputError, match="camera cam_1 has a value that is not a number of any camera"):
+        read_cameras(path)
+
+
 def test_a_point_at_the_centre_of_a_camera_has_no_image(sound):
     one = read_cameras(sound["toml"]).select([0])
     at_centre = replace(one, translation=np.array([[1.7, 2.1, 3.3e-320]]))
