@@ -73,7 +73,7 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
             worn, sized = model.markerset, model.markerset
         else:
             seen = yield from subjects_in_blobs(job, cameras, several, edits, Room(stack, NOT_HELD))
-            worn, sized, method = seen.labelled.worn, None, "likelihood"
+            worn, sized, method = seen.worn, None, "likelihood"
             own, read = tee(source.blobs())
             work = with_edits(own, seen.chunks(read), edits, cameras, worn) if edits else seen.chunks(source.blobs())
         check = CameraCheck(cameras, sized)

@@ -70,7 +70,7 @@ def subjects_in_blobs(
     body_of = mesh_occlusion if job.casts == "bvh" else None
     found = yield from label_several_blobs(read, cameras, asked, options, job.frame_rate, body_of)
     with _edits_named(job):
-        refuse_unknown(edits, found.labelled.worn.by_name)
+        refuse_unknown(edits, found.worn.by_name)
     return found
 
 

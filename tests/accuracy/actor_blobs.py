@@ -6,7 +6,9 @@ side by side all the time. `behind` is side by side in eight made-up cameras on 
 the other. All real bodies, which the model knows nothing of, are in the way of all markers. The model of body26 was
 learned from five others. A blob with the wrong person's name is wrong. `one` is one walker in the same room by the same
 method, and by the usual one. Each take is also labelled as one person's: `told` counts those of which it is then said
-how to ask for all. With --keep DIR, models are kept there and used again.
+how to ask for all. `ann` and `ann-beside` are pairs of whom the first alone is asked for, by a model learned from a
+turn of their own; a blob of the other one that is named is wrong. With --keep DIR, models are kept there and used
+again.
 """
 
 import argparse
@@ -21,19 +23,19 @@ import numpy as np
 from addon.core.blobs.pipeline import Options, label_take
 from addon.core.data.errors import JobError
 from addon.core.data.progress import finished
-from addon.core.data.takes import Blobs
+from addon.core.data.takes import Blobs, LabelledChunk
 from addon.core.geometry.cameras import Cameras
 from addon.core.pipelines.others import OtherSubjects
 from addon.core.pipelines.several_through_points import label_several_blobs
 from addon.core.pipelines.through_points import label_through_points
 from addon.core.points.models import Model
 from addon.core.points.refusals import SubjectsError
-from addon.core.points.several.wearers import AUTO, SeveralOptions
+from addon.core.points.several.wearers import AUTO, SeveralOptions, Wearer
 from addon.core.points.whole_take.pipeline import USUAL_TARGET, PointOptions
 from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.simulate import BodiesTogether, CaptureOptions, capture, joined
 
-from .actors import PASSING_M, Meeting, middle_of, passing
+from .actors import PASSING_M, Meeting, middle_of, own_turn, passing
 from .flesh import flesh
 from .people import BODY26
 from .tables import share, table
@@ -55,6 +57,11 @@ class Seen:
     blobs: Blobs
     truth: np.ndarray
     hidden_by_others: float
+
+    def of_first(self) -> "Seen":
+        """The same with the names of the first person alone."""
+        own = ["|".join(one for one in truth.split("|") if one.startswith("1:")) for truth in self.truth]
+        return replace(self, truth=np.array(own, object))
 
     def chunks(self) -> Iterator[tuple[Blobs, float]]:
         """The blobs chunk by chunk."""
@@ -189,6 +196,12 @@ def is_told(shot: Seen, model: Model) -> bool:
     return False
 
 
+def several(shot: Seen, asked: SeveralOptions) -> tuple[Iterator[LabelledChunk], tuple[str, ...], int]:
+    """The labelled chunks of whoever is asked for, their markers, and how many they are."""
+    made = finished(label_several_blobs(shot.chunks, shot.cameras, asked, PointOptions("likelihood"), RATE))
+    return made.chunks(part for part, _ in shot.chunks()), made.worn.markers, len(made.worn.subjects)
+
+
 def run(meeting: Meeting, model: Model, seed: int, way: str, auto: bool, into: Tally, show: bool):
     """Labels a meeting, and counts what came of it."""
     shot, people = seen(meeting, seed, into.name == "behind"), len(meeting.people)
@@ -197,10 +210,10 @@ def run(meeting: Meeting, model: Model, seed: int, way: str, auto: bool, into: T
     try:
         if way == "several":
             asked = SeveralOptions(model=model, count=AUTO if auto else people)
-            work = label_several_blobs(shot.chunks, shot.cameras, asked, PointOptions("likelihood"), RATE)
-            made = finished(work)
-            chunks, worn = made.chunks(part for part, _ in shot.chunks()), made.labelled.worn
-            markers, found = worn.markers, len(worn.subjects)
+            chunks, markers, found = several(shot, asked)
+        elif way == "ann":
+            people, shot = 1, shot.of_first()
+            chunks, markers, found = several(shot, SeveralOptions(subjects=(Wearer("1", model),)))
         else:
             markers, found = tuple(f"1:{name}" for name in model.markerset.markers), 1
             parts = (part for part, _ in shot.chunks())
@@ -235,6 +248,8 @@ KINDS = {
     "beside": ("beside", "several"),
     "behind": ("behind", "several"),
     "three": ("three", "several"),
+    "ann": ("passing", "ann"),
+    "ann-beside": ("beside", "ann"),
     "one": ("one", "points"),
     "one-fit": ("one", "fit"),
 }
@@ -255,9 +270,11 @@ def main():
         title, way = KINDS[kind]
         for seed, meeting in enumerate(meetings(title)):
             if seed < given.most:
-                name = meeting.training.name
-                models = {name: models.get(name) or model_of(meeting.training, given.keep)}
-                run(meeting, models[name], seed, way, given.auto, own, given.show)
+                case = own_turn(meeting.people[0].subject) if way == "ann" else meeting.training
+                if case is None:
+                    continue  # a turn that lacks a marker
+                models = {case.name: models.get(case.name) or model_of(case, given.keep)}
+                run(meeting, models[case.name], seed, way, given.auto, own, given.show)
         done.append(own)
         print(own.row(), flush=True)
     columns = ["people", "takes", "hidden by others", "recall", "wrong labels", "other person's", "refused"]

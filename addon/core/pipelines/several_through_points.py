@@ -23,9 +23,9 @@ from ..data.takes import Blobs, LabelledChunk, Labels, Motion, Points, Suspect, 
 from ..geometry.cameras import Cameras
 from ..geometry.measuring import measured_again
 from ..geometry.triangulation import meet_rows
-from ..points.several.motion import LabelledSubjects, beside
+from ..points.several.motion import LabelledSubjects, beside, motion_of_first
 from ..points.several.pipeline import label_several
-from ..points.several.wearers import SeveralOptions
+from ..points.several.wearers import SetsWorn, SeveralOptions
 from ..points.whole_take.pipeline import PointOptions
 from ..reconstruction.trajectories import Reconstructor, TrajectorySpans
 from .fitted_subjects import FollowedSubjects
@@ -131,13 +131,16 @@ class PointsOfBlobs:
 class SubjectsInImages:
     """A take of blobs whose points are named: what these say of its blobs, for whoever reads them again.
 
-    bodies  what is in the way, a volume for each subject
+    labelled  that of everybody in the take, those who were asked for before the others
+    worn    the sets of those who were asked for
+    bodies  what is in the way, a volume for everybody
     seconds that reconstruction took
     """
 
     cameras: Cameras
     points: PointsOfBlobs
     labelled: LabelledSubjects
+    worn: SetsWorn
     bodies: tuple[Occlusion, ...]
     seconds: float
 
@@ -172,7 +175,10 @@ class SubjectsInImages:
         labels = fitted.read(blobs, checked, by_others)
         there = np.isfinite(motion.markers).all(axis=2)
         meeting = labels.kept(self._meeting(blobs, checked, labels, motion))
-        return labels, measured_again(motion, blobs, given, meeting, self.cameras, there)
+        motion = measured_again(motion, blobs, given, meeting, self.cameras, there)
+        asked = len(self.worn.subjects)
+        joints = sum(one.joints.shape[1] for one in each[:asked])
+        return labels.kept(labels.marker < len(self.worn)), motion_of_first(motion, asked, len(self.worn), joints)
 
     def _meeting(self, blobs: Blobs, before: Labels, labels: Labels, motion: Motion) -> np.ndarray:
         """(N,) True for the labels whose rays are their markers'; a blob of two markers, named anew, is beside both."""
@@ -252,10 +258,11 @@ def label_several_blobs(
         points.add(blobs)
         seconds += perf_counter() - begin
         yield Progress(CHECKING_BACK.share * share, f"reconstruct frame {blobs.frames[-1]}")
+    asked = replace(asked, others=True)  # they have blobs, and are in the way
     labelled = yield from part_of(label_several(points.take(), asked, options), CHECKING_BACK.share, 1.0)
     worn = [one.model.markerset for one in labelled.worn.subjects]
     bodies = tuple(body_of(one) if body_of else CapsuleOcclusion(one, OCCLUDING.fitted_shrink) for one in worn)
-    return SubjectsInImages(cameras, points, labelled, bodies, seconds)
+    return SubjectsInImages(cameras, points, labelled, asked.asked_of(labelled.worn), bodies, seconds)
 
 
 def _of_blobs(suspect: Suspect) -> Suspect:

@@ -12,7 +12,9 @@ from addon.core.data.errors import JobError
 from addon.core.data.progress import finished
 from addon.core.data.takes import Blobs
 from addon.core.pipelines.several_through_points import PointsOfBlobs, SubjectsInImages, label_several_blobs
-from addon.core.points.several.wearers import SeveralOptions
+from addon.core.points.several import pipeline
+from addon.core.points.several.telling import TELLING
+from addon.core.points.several.wearers import SeveralOptions, Wearer
 from addon.core.points.whole_take.pipeline import PointOptions
 from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.simulate import BodiesTogether, CaptureOptions, PosedBody, capture, joined
@@ -90,6 +92,31 @@ def test_blobs_of_two_have_their_names(labelled):
     assert np.isfinite(chunks[0].motion.residual_px[there]).all()
     assert set(chunks[0].seconds) == {"place", "label", "fit"}
     assert all(chunk.seconds["label"] > 0 and set(chunk.seconds) == {"label"} for chunk in chunks[1:])
+
+
+def test_one_asked_for_among_two_has_her_names_alone_and_the_other_is_in_the_way(shot, model, monkeypatch):
+    cameras, blobs, truth = shot[:3]
+    monkeypatch.setattr(pipeline, "TELLING", replace(TELLING, lead=-1.0))  # the set's model knows neither
+    asked = SeveralOptions(subjects=(Wearer("ann", model),))
+    found = finished(label_several_blobs(lambda: parts(blobs), cameras, asked, NAMED, RATE))
+    assert len(found.labelled.worn.subjects) == len(found.bodies) == 2
+    assert found.worn.markers == tuple(f"ann:{name}" for name in model.markerset.markers)
+    names, chunks = named(found, blobs)
+    people = [np.array([f"{one}:{name[4:]}" if name else "" for name in names], object) for one in "12"]
+    shares = [np.mean([one in text.split("|") for one, text in zip(own, truth, strict=True) if one]) for own in people]
+    assert max(shares) > 0.998  # ann is one of them in all of the take
+    hers = truth_of(truth, "12"[int(np.argmax(shares))])
+    assert (names != "").sum() > 0.9 * hers.sum()
+    assert chunks[0].motion.markers.shape == (16, 15, 3)
+    assert chunks[0].motion.joints.shape[1] == found.labelled.motion.part(slice(0, 1)).joints.shape[1] // 2
+    own = np.isfinite(chunks[0].motion.markers).all(axis=2)
+    assert own.mean() > 0.9
+    assert not any(one.markers and not set(one.markers) <= set(found.worn.markers) for one in found.labelled.suspects)
+
+
+def truth_of(truth: np.ndarray, person: str) -> np.ndarray:
+    """(N,) True for the blobs of a person."""
+    return np.array([any(one.startswith(person) for one in text.split("|")) for text in truth])
 
 
 def test_a_marker_that_one_camera_alone_sees_is_named(shot, model):

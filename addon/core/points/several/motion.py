@@ -2,7 +2,7 @@
 """The motion of several subjects side by side: the markers and joints of one after those of the other."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -65,6 +65,13 @@ def beside(each: Sequence[Motion]) -> Motion:
     }
     confidence = np.max([one.confidence for one in each], axis=0)
     return Motion(frames=each[0].frames, confidence=confidence, **tables)
+
+
+def motion_of_first(motion: Motion, subjects: int, markers: int, joints: int) -> Motion:
+    """That of the first of several subjects beside each other, who have so many markers and joints together."""
+    sizes = dict.fromkeys(("markers", "residual", "residual_px", "conflicts", "expected"), markers)
+    sizes |= {"joints": joints, "rotations": joints, "scale": 3 * subjects}
+    return replace(motion, **{name: getattr(motion, name)[:, :size] for name, size in sizes.items()})
 
 
 class Beside:

@@ -70,14 +70,15 @@ def label_several(
             edited = yield from within(work, 0.9, 0.92, "solve the take again with the edits")
             applied, unedited = edited.applied, edited.unedited
             labels, suspects = edited.verdict.labels, edited.verdict.suspects
-        suspects += _questions(crowd, found, labels)
+        suspects += _questions(crowd, asked, found, labels)
         worn = found.worn
         del crowd, found  # a long take's are large
         seconds = {"label": perf_counter() - begin}
         yield Progress(0.92, "pose the bodies")
         motion = motion_of_all(take, labels, worn, options, applied and applied.places)
         seconds["fit"] = perf_counter() - begin - seconds["label"]
-        doubts = motion.suspects(worn.markers, take.rate)
+        own = set(asked.asked_of(worn).markers)
+        doubts = tuple(one for one in motion.suspects(worn.markers, take.rate) if own.issuperset(one.markers))
         suspects += doubts
         if applied:
             suspects = unanswered(suspects, applied.edited, worn.by_name, take.first_frame, take.present)
@@ -86,12 +87,12 @@ def label_several(
         return LabelledSubjects(labels, motion, suspects, seconds, unedited, outcomes, doubts, worn)
 
 
-def _questions(crowd: Crowd, found: Everybody, labels: Labels) -> tuple[Suspect, ...]:
+def _questions(crowd: Crowd, asked: SeveralOptions, found: Everybody, labels: Labels) -> tuple[Suspect, ...]:
     """Who it may be who is there without names, where labels (T, L) are the take's in the end."""
     stays = [stay.there for stay in found.untold if stay.is_open(crowd.tracklet, labels)]
     if not stays:
         return ()
-    people = [one.name for one in found.worn.subjects if not is_prop(one.model)]
+    people = [one.name for one in asked.asked_of(found.worn).subjects if not is_prop(one.model)]
     words = f"somebody here is left without names, who may be {' or '.join(people)}"
     most = round(LISTING.max_break_s * crowd.take.rate)
     return tuple(suspect_ranges(crowd.take.frames, np.any(stays, axis=0), words, most))
@@ -109,8 +110,13 @@ def _everybody(crowd: Crowd, asked: SeveralOptions) -> Generator[Progress, None,
         persons, untold = yield from _Parties(rest, replace(asked, subjects=people)).named()
         found = [*props, *persons]
     if asked.subjects:
-        found.sort(key=lambda one: asked.subjects.index(one.subject))
+        found.sort(key=lambda one: _place(one.subject, asked.subjects))
     return Everybody.of(found, untold)
+
+
+def _place(one: Wearer, subjects: tuple[Wearer, ...]) -> int:
+    """Which of the subjects somebody is; their number for whoever is none of them."""
+    return subjects.index(one) if one in subjects else len(subjects)
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,14 +232,18 @@ class _Parties:
                 again = BodyNaming(self.crowd, bodies.may[:, body], firm, subject.model, recognised_before)
                 own = yield from within(again.named(), 0.85, 0.85, spans=_spans(0.85, 0.88))
             people.append(own)
-        # Whoever nobody asked for is not named, but claims what is theirs.
+        # Whoever nobody asked for has no name in the end, but claims what is theirs.
         asked = [body for body, _ in chosen]
         others = [body for body in named if body not in asked]
         people += [named[body][0] for body in others]
         work = share(self.crowd, people, bodies.may[:, asked + others])
         may = yield from within(work, 0.88, 0.9, "share out what lies between them")
-        own = zip(subjects, people[: len(subjects)], may.T, strict=False)  # without those whom nobody asked for
-        return [FoundSubject(*each, verdict_on(each[1], self.crowd.options.target)) for each in own]
+        target, each = self.crowd.options.target, list(zip(people, may.T, strict=True))
+        found = [FoundSubject(one, *own, verdict_on(own[0], target)) for one, own in zip(subjects, each, strict=False)]
+        if self.asked.others:
+            strangers = [_stranger(number, *own, target) for number, own in enumerate(each[len(subjects) :])]
+            found += [one for one in strangers if one is not None]
+        return found
 
     def _who(
         self, named: dict[int, list[NamedBody]], wanted: int
@@ -266,6 +276,15 @@ class _Parties:
         if wanted == AUTO:
             return JobError(f"shows nobody who wears {names}; expected a take of that marker set: choose its model")
         return JobError(f"shows fewer than {wanted} subjects who wear {names}; expected as many, so ask for fewer")
+
+
+def _stranger(number: int, body: NamedBody, may: np.ndarray, target: float) -> FoundSubject | None:
+    """Somebody whom nobody asked for, of whom nobody asks anything; None where the model is not for them."""
+    try:
+        verdict = verdict_on(body, target)
+    except JobError:
+        return None
+    return FoundSubject(Wearer(f"?{number}", body.model), body, may, replace(verdict, suspects=()))
 
 
 def _unlike(some: list[StayBuild], others: list[StayBuild]) -> float:

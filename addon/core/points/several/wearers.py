@@ -38,11 +38,14 @@ class SeveralOptions:
 
     model     what all of them wear, who have no names: `count` of them, or AUTO
     subjects  those who have, each with a model of their own; then `model` is None
+    others    whether people whom nobody asked for are found, too, after those who have names: for who must know what
+              is theirs, as they are in the way
     """
 
     model: Model | None = None
     count: int = AUTO
     subjects: tuple[Wearer, ...] = ()
+    others: bool = False
 
     @cached_property
     def models(self) -> tuple[Model, ...]:
@@ -54,6 +57,10 @@ class SeveralOptions:
     def numbered(self, count: int) -> tuple[Wearer, ...]:
         """So many without names, who are called 1, 2 and so on."""
         return tuple(Wearer(str(number), self.model) for number in range(1, count + 1))
+
+    def asked_of(self, found: "SetsWorn") -> "SetsWorn":
+        """Those of whoever was found who were asked for."""
+        return SetsWorn(found.subjects[: len(self.subjects)]) if self.subjects else found
 
     @property
     def possible(self) -> "SetsWorn":
