@@ -58,11 +58,6 @@ class Seen:
     truth: np.ndarray
     hidden_by_others: float
 
-    def of_first(self) -> "Seen":
-        """The same with the names of the first person alone."""
-        own = ["|".join(one for one in truth.split("|") if one.startswith("1:")) for truth in self.truth]
-        return replace(self, truth=np.array(own, object))
-
     def chunks(self) -> Iterator[tuple[Blobs, float]]:
         """The blobs chunk by chunk."""
         first, last = int(self.blobs.frames[0]), int(self.blobs.frames[-1])
@@ -157,7 +152,7 @@ class Tally:
     behind: float = 0.0
 
     def add(self, names: np.ndarray, truth: np.ndarray, people: int):
-        """Counts a take, with the numbers of people that go best with it in all of it."""
+        """Counts a take, with the numbers of people that go best with it in all of it; of one, the first's blobs."""
         best = None
         for order in permutations(range(1, people + 1)):
             called = {str(number): str(other) for number, other in enumerate(order, 1)}
@@ -170,7 +165,7 @@ class Tally:
         self.wrong += best[0]
         self.person += best[1]
         self.given += int(sum(map(bool, names)))
-        self.there += int(sum(map(bool, truth)))
+        self.there += sum(bool(t) and (people > 1 or "1:" in t) for t in truth)
 
     def row(self) -> list[str]:
         """A line of the table."""
@@ -212,7 +207,7 @@ def run(meeting: Meeting, model: Model, seed: int, way: str, auto: bool, into: T
             asked = SeveralOptions(model=model, count=AUTO if auto else people)
             chunks, markers, found = several(shot, asked)
         elif way == "ann":
-            people, shot = 1, shot.of_first()
+            people = 1
             chunks, markers, found = several(shot, SeveralOptions(subjects=(Wearer("1", model),)))
         else:
             markers, found = tuple(f"1:{name}" for name in model.markerset.markers), 1

@@ -26,6 +26,7 @@ from addon.core.points.several.pipeline import label_several
 from addon.core.points.several.wearers import AUTO, SeveralOptions, Wearer
 from addon.core.points.whole_take.pipeline import PointOptions, label_take
 from addon.io.models import open_model
+from addon.io.points import read_points
 
 from .people import BODY26, DATA, MCGILL
 from .points import Counts
@@ -43,6 +44,9 @@ RACKET = np.array([[0.15, 0, 0], [0.35, 0, 0.02], [0.6, 0.11, 0], [0.68, 0, 0.01
 THROUGH_M = 0.15  # between two walkers who meet in one lane: their bodies overlap as they pass
 HOLDING_M = 0.25  # between two actors who overlap all the time
 NOISE_M = 0.0003
+LYING_M, UPON_M, LIFTED_M = 0.15, 0.4, 1.4  # how high somebody lies, one who lies upon them, and one who is carried
+PLATES = DATA / "people" / "clouthier"
+PLATE = ("LBUL", "LBLL", "LBUR", "LBLR")  # of four markers on the back
 PLAYERS = DATA / "people" / "tennis" / "kinematics_tennis_serve_2players.c3d"
 
 
@@ -166,6 +170,29 @@ def exchanged_places(meetings: Iterator[Meeting]) -> Iterator[Meeting]:
         yield replace(meeting, people=(gone_between(first, aside, 0.0), gone_between(second, -aside, 0.0)))
 
 
+def laid(take: Take, part: np.ndarray, place: np.ndarray) -> Take:
+    """The take turned about y from upright to flat as far as `part` (T,) says, its middle drawn to `place` (3,) m."""
+    middle = np.nanmean(take.xyz, axis=1, keepdims=True)
+    turn = exponential(np.outer(part * np.pi / 2, [0.0, 1.0, 0.0]))[0]
+    flat = np.einsum("tij,tmj->tmi", turn, take.xyz - middle)
+    return replace(take, xyz=flat + middle + part[:, None, None] * (place - middle))
+
+
+def lain(meetings: Iterator[Meeting], first_m: float | None, second_m: float) -> Iterator[Meeting]:
+    """Two of whom the second lies above the middle of the first for two fifths of the take, so high, m.
+
+    Getting there and away takes a fifth each. The first lies, too, at a height of their own, or stays as they are.
+    """
+    for meeting in meetings:
+        first, second = meeting.people
+        at = np.linspace(-1, 1, len(first.xyz))
+        part = (1 - np.cos(np.pi * np.clip((0.8 - np.abs(at)) / 0.4, 0, 1))) / 2
+        middle = np.nanmedian(first.xyz, axis=(0, 1))
+        if first_m is not None:
+            first = laid(first, part, np.array([*middle[:2], first_m]))
+        yield replace(meeting, people=(first, laid(second, part, np.array([*middle[:2], second_m]))))
+
+
 def players() -> Iterator[Meeting]:
     """Two tennis players in the built-in body39."""
     whole = read(PLAYERS, "players")
@@ -220,6 +247,29 @@ def racket() -> Iterator[Meeting]:
             yield Meeting(f"{one.subject} and a racket", (one, held), case, (case, swung()))
 
 
+def plate_of(take: str, rate: float) -> Take:
+    """The plate that a recorded person wears on the back, as a prop, at a rate."""
+    points = read_points(PLATES / take, everything=True, up="z")
+    xyz = points.xyz[:, [points.names.index(name) for name in PLATE]]
+    at = np.arange(int((len(xyz) - 1) * rate / points.rate)) * points.rate / rate
+    before = at.astype(int)
+    part = (at - before)[:, None, None]
+    return Take("plate", "plate", PLATE, xyz[before] * (1 - part) + xyz[before + 1] * part, rate)
+
+
+def plate() -> Iterator[Meeting]:
+    """Walkers with a recorded plate in the right hand, turning as it did; it is learned from another take of it."""
+    learned = Case("plate", (plate_of("KneeltoProne01.c3d", 100.0),), (), PLATE)
+    for case in case_few("body26", BODY26, False):
+        for one in case.tested:
+            worn = plate_of("PronetoRun01.c3d", one.rate).xyz
+            spare = len(worn) - len(one.xyz)
+            worn = worn[spare // 2 : spare // 2 + len(one.xyz)]
+            hand = one.xyz[:, [one.markers.index(name) for name in ("RWRA", "RWRB")]].mean(axis=1, keepdims=True)
+            carried = Take("plate", "plate", PLATE, worn - worn.mean(axis=1, keepdims=True) + hand, one.rate)
+            yield Meeting(f"{one.subject} and a plate", (one, carried), case, (case, learned))
+
+
 def known(asked: int, there: int = 2) -> Iterator[Meeting]:
     """Walkers passing, so many of whom are asked for by name: each learned from a turn of their own."""
     for case in case_few("body26", BODY26, False):
@@ -243,12 +293,16 @@ MEETINGS: dict[str, Callable[[], Iterator[Meeting]]] = {
     "exchanged": lambda: exchanged_places(acting(ACTING_M)),
     "through": through,
     "holding": lambda: acting(HOLDING_M),
+    "lying": lambda: lain(acting(ACTING_M), LYING_M, UPON_M),
+    "lifted": lambda: lain(acting(ACTING_M), None, LIFTED_M),
     "players": players,
     "alone": alone,
     "racket": racket,
+    "plate": plate,
     "known": lambda: known(2),
     "one-of-two": lambda: known(1),
     "stray": lambda: known(2, 3),
+    "known-returning": lambda: returning(known(2)),
 }
 
 

@@ -107,7 +107,7 @@ print(f"saved: {megabytes('VmHWM') - before:.0f} MB beyond {before:.0f}, {perf_c
 
 def open_saved(path: Path):
     """Opens a Blender file and saves it again, in a process of its own, and prints the peak."""
-    motion = path.with_name("take.motion.pc2")
+    motion = path.with_suffix(".motion.pc2")
     beside = f", {motion.stat().st_size / 1e6:.0f} MB of motion beside it" if motion.exists() else ""
     print(f"{path.stat().st_size / 1e6:.2f} MB of Blender file{beside}", flush=True)
     subprocess.run([sys.executable, "-c", OPENING, str(path)], check=True)

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Memory of long takes of points, stage by stage: python -m tests.benchmarks.long_points [--frames 432000].
+"""Memory of long takes of points, stage by stage: python -m tests.benchmarks.long_points [--frames 432000] [--blend].
 
 A virtual person's markers are mirrored in time until the take is as long as asked, hidden in bursts, and among ghosts;
 the pieces share the columns of a C3D file, as recorders write them, which is labelled from file to files. So that an
 hour is measured in minutes the names of single frames are read off the points, which say in the fractions of their x,
-in mm, what marker they are: naming holds some frames at a time, however long the take is. Linux only.
+in mm, what marker they are: naming holds some frames at a time, however long the take is. With --blend a Blender file
+is saved as well, and opened, played and saved again by another process. Linux only.
 """
 
 import argparse
@@ -24,6 +25,7 @@ from addon.io.c3d import write_c3d_file
 from addon.io.markersets import open_markerset
 from addon.jobs import LabelJob, label_file
 
+from .long_blobs import open_saved
 from .memory import forget_peak, megabytes
 
 RATE, PARTS = 120.0, 128  # frames a second; of a millimetre, of which the first are the markers'
@@ -80,7 +82,7 @@ def write_take(path: Path, frames: int, markerset: str) -> tuple[int, int]:
     return len(pieces), lanes.count
 
 
-def measure(path: Path, out: Path, markerset: str):
+def measure(path: Path, out: Path, markerset: str, blend: bool):
     """Labels the take and prints a row for every stage."""
     import scipy.optimize  # noqa: F401 - which is not the take's
 
@@ -92,7 +94,7 @@ def measure(path: Path, out: Path, markerset: str):
     def row():
         print(f"| {stage} | {megabytes('VmHWM') - before:.0f} | {process_time() - begin:.0f} |", flush=True)
 
-    for step in label_file(LabelJob(path, None, markerset, out=out, up="z")):
+    for step in label_file(LabelJob(path, None, markerset, out=out, up="z", blend=blend)):
         note = "name" if step.note.startswith("frame ") else step.note
         if note != stage:
             row()
@@ -110,6 +112,7 @@ def main():
     parser.add_argument("--markerset", default="actor53")
     parser.add_argument("--only-write", type=Path, help="write the take there, and label nothing")
     parser.add_argument("--take", type=Path, help="one that was written so; else it is made, which needs memory too")
+    parser.add_argument("--blend", action="store_true", help="save a Blender file as well, and open it")
     given = parser.parse_args()
     if given.only_write:
         print(*write_take(given.only_write, given.frames, given.markerset))
@@ -118,7 +121,10 @@ def main():
         path = given.take or Path(folder) / "long.c3d"
         if not given.take:
             print("{} pieces in {} columns\n".format(*write_take(path, given.frames, given.markerset)))
-        measure(path, Path(folder) / "out", given.markerset)
+        out = Path(folder) / "out"
+        measure(path, out, given.markerset, given.blend)
+        if given.blend:
+            open_saved(out / f"{path.stem}.blend")
 
 
 if __name__ == "__main__":
