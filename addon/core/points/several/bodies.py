@@ -73,11 +73,11 @@ class NamedBody:
 
     @property
     def fits(self) -> bool:
-        """Whether its markers sit as the set has them, on whom frames on their own were not sure of any."""
+        """Whether its markers sit as the set has them, however it lies, where frames alone were not sure of any."""
         if self.sure or self.solution is None:
             return self.sure
         placed = self.solution.tracklets.placed(self.frames.take.xyz, self.solution.marker, len(self.model.markerset))
-        return 0 < usual_residual(self.model.likelihood, placed) <= RECOGNISING.max_residual
+        return 0 < usual_residual(self.model.likelihood, placed, upright=False) <= RECOGNISING.max_residual
 
 
 class OnlySome:

@@ -19,7 +19,7 @@ from ...data.takes import Labels, Points, Suspect
 from ...edits.applying import refuse_unknown
 from ...review.answering import unanswered, without_accepted
 from ...review.suspects import LISTING, summarised, suspect_ranges
-from ..refusals import SubjectsError, refuse_floods
+from ..refusals import refuse_floods
 from ..tracklets import cut
 from ..whole_take.pipeline import PointOptions, Recognise, as_in_file
 from .bodies import BodyNaming, Crowd, NamedBody, frames_are_sure, recognised_before, take_will_say
@@ -137,10 +137,11 @@ class _Parties:
             try:
                 bodies, untold = yield from self._people_of(stays, count, recognise)
                 named = yield from self._each(bodies, wanted, count, recognise)
-            except SubjectsError:
-                continue  # two on one body
-            if named is not None:
-                return (yield from self._told(bodies, named, wanted)), untold
+            except JobError:
+                continue  # two are on one body, or the set does not suit it
+            found = None if named is None else (yield from self._told(bodies, named, wanted))
+            if found is not None:
+                return found, untold
         raise self._too_few(wanted)
 
     @property
@@ -214,16 +215,18 @@ class _Parties:
                 if wanted == AUTO and (yield from within(naming.is_half(), first, first, spans=spans)):
                     continue
                 found.append((yield from within(naming.named(), first, first, spans=spans)))
-            if whole := [one for one in found if one.is_whole and one.fits]:
-                named[body] = whole
+            whole = [one for one in found if one.is_whole]
+            # What has another's tracklets does not fit yet. Of several sets it must, as nothing else says which it is.
+            if fitting := whole if len(whole) == 1 else [one for one in whole if one.fits]:
+                named[body] = fitting
             elif wanted == AUTO:
                 return None
         return None if len(named) < wanted else dict(sorted(named.items()))
 
     def _told(
         self, bodies: PartedBodies, named: dict[int, list[NamedBody]], wanted: int
-    ) -> Generator[Progress, None, list[FoundSubject]]:
-        """Who is who, each solved as whoever it is, and no tracklet on two of them."""
+    ) -> Generator[Progress, None, list[FoundSubject] | None]:
+        """Who is who, each solved as whoever it is, and no tracklet on two of them; None where one does not fit."""
         subjects, chosen = self._who(named, wanted)
         people = []
         for subject, (body, own) in zip(subjects, chosen, strict=True):
@@ -238,12 +241,23 @@ class _Parties:
         people += [named[body][0] for body in others]
         work = share(self.crowd, people, bodies.may[:, asked + others])
         may = yield from within(work, 0.88, 0.9, "share out what lies between them")
-        target, each = self.crowd.options.target, list(zip(people, may.T, strict=True))
-        found = [FoundSubject(one, *own, verdict_on(own[0], target)) for one, own in zip(subjects, each, strict=False)]
+        if not all(one.fits for one in people):
+            return None
+        each = list(zip(people, may.T, strict=True))
+        found = [_found(one, *own, self.crowd.options.target) for one, own in zip(subjects, each, strict=False)]
+        if None in found:
+            return None
         if self.asked.others:
-            strangers = [_stranger(number, *own, target) for number, own in enumerate(each[len(subjects) :])]
-            found += [one for one in strangers if one is not None]
+            found += self._strangers(each[len(subjects) :])
         return found
+
+    def _strangers(self, people: list[tuple[NamedBody, np.ndarray]]) -> list[FoundSubject]:
+        """Whom nobody asked for, with the tracklets (N,) that each may have: of them nothing is asked."""
+        each = [
+            _found(Wearer(f"?{index}", own[0].model), *own, self.crowd.options.target)
+            for index, own in enumerate(people)
+        ]
+        return [replace(one, verdict=replace(one.verdict, suspects=())) for one in each if one is not None]
 
     def _who(
         self, named: dict[int, list[NamedBody]], wanted: int
@@ -273,18 +287,17 @@ class _Parties:
     def _too_few(self, wanted: int) -> JobError:
         """What is said where not as many are there as were asked for."""
         names = ", ".join(dict.fromkeys(one.markerset.name for one in self.asked.models))
-        if wanted == AUTO:
+        if wanted in (AUTO, 1):
             return JobError(f"shows nobody who wears {names}; expected a take of that marker set: choose its model")
         return JobError(f"shows fewer than {wanted} subjects who wear {names}; expected as many, so ask for fewer")
 
 
-def _stranger(number: int, body: NamedBody, may: np.ndarray, target: float) -> FoundSubject | None:
-    """Somebody whom nobody asked for, of whom nobody asks anything; None where the model is not for them."""
+def _found(subject: Wearer, body: NamedBody, may: np.ndarray, target: float) -> FoundSubject | None:
+    """Who was found, with what is said of them; None where the model is not for them after all."""
     try:
-        verdict = verdict_on(body, target)
+        return FoundSubject(subject, body, may, verdict_on(body, target))
     except JobError:
         return None
-    return FoundSubject(Wearer(f"?{number}", body.model), body, may, replace(verdict, suspects=()))
 
 
 def _unlike(some: list[StayBuild], others: list[StayBuild]) -> float:

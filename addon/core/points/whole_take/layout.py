@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...data.takes import NO_POINT, evenly_spread
+from ...geometry.rigid import in_axes, laid_on
 from ...geometry.upright import upright_aligned
 from ..likelihood.model import Known, Likelihood
 from ..likelihood.naming import IMPOSSIBLE, Settled, name_odds, score_of, settle
@@ -128,12 +129,16 @@ def _without_held(tried: np.ndarray, held: np.ndarray) -> np.ndarray:
     return tried[(tried[:, held] == held).all(axis=1)]
 
 
-def usual_residual(likelihood: Likelihood, placed: np.ndarray) -> float:
+def usual_residual(likelihood: Likelihood, placed: np.ndarray, upright: bool = True) -> float:
     """The middle frame's mean square between markers placed (T, M + E, 3) m and where the set has them, over its noise.
 
     A set that is not the subject's has its markers elsewhere, whatever the pose. 0 where too few frames show enough.
+    Who is not `upright`, but may lie or hang, is turned as the set stands first.
     """
-    now = _settled(likelihood, _frames(placed, len(likelihood)))
+    some = _frames(placed, len(likelihood))
+    if not upright:
+        some = in_axes(*laid_on(likelihood.shape.mean, some[:, : len(likelihood)]), some)
+    now = _settled(likelihood, some)
     if now is None:
         return 0.0
     square = (now.left**2).sum(axis=2) / likelihood.known.fine.noise

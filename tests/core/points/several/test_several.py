@@ -12,8 +12,10 @@ from addon.core.data.errors import JobError
 from addon.core.data.lanes import LaneOptions
 from addon.core.data.progress import finished
 from addon.core.data.takes import Labels, Points
-from addon.core.points.several import bodies, holding
-from addon.core.points.several.claims import CLAIMS, shared_out
+from addon.core.geometry.rotations import exponential
+from addon.core.points.several import bodies, holding, pipeline
+from addon.core.points.several.bodies import RecognisingOptions
+from addon.core.points.several.claims import CLAIMS, share, shared_out
 from addon.core.points.several.counting import count_bodies
 from addon.core.points.several.holding import Holding, HoldingOnOptions
 from addon.core.points.several.parting import PartedBodies, parted
@@ -201,6 +203,39 @@ def test_more_than_there_are_are_refused(passing):
     take, _ = passing
     with pytest.raises(JobError, match="fewer than 3 subjects who wear gait15; expected"):
         finished(label_several(take, SeveralOptions(open_model("gait15"), 3), PointOptions("likelihood")))
+
+
+def test_whom_single_frames_are_not_sure_of_must_sit_as_the_set_has_them_once_all_is_shared_out(passing, monkeypatch):
+    take, truth = passing
+    asked = SeveralOptions(open_model("gait15"), 2)
+    monkeypatch.setattr(pipeline, "frames_are_sure", bodies.take_will_say)
+    found = finished(label_several(take, asked, PointOptions("likelihood")))
+    right, wrong = matched(found.labels.marker, truth, take.present)
+    assert wrong == 0
+    assert right > 0.95 * take.present.sum()
+    shared = []
+    monkeypatch.setattr(pipeline, "share", lambda *given: shared.append(given) or share(*given))
+    monkeypatch.setattr(bodies, "RECOGNISING", RecognisingOptions(max_residual=1e-3))
+    with pytest.raises(JobError, match="fewer than 2 subjects"):
+        finished(label_several(take, asked, PointOptions("likelihood")))
+    assert shared, "nobody is judged before"
+
+
+def test_two_who_lie_are_told_as_any_who_are_not_there():
+    people = [lying(person(3, 1, 0.0), 0.15), lying(person(4, -1, 1.0), 0.4)]
+    take, _ = shown(people)
+    with pytest.raises(JobError, match="shows fewer than 2 subjects who wear gait15") as caught:
+        finished(label_several(take, SeveralOptions(open_model("gait15"), 2), PointOptions("likelihood")))
+    assert "--subjects" not in caught.value.message
+
+
+def lying(whole: np.ndarray, height: float) -> np.ndarray:
+    """Somebody (T, M, 3) m on their back but for the first and the last frames, so high (m)."""
+    part = (1 - np.cos(np.pi * np.clip((1 - np.abs(np.linspace(-1, 1, len(whole)))) / 0.15, 0, 1))) / 2
+    middle = whole.mean(axis=1, keepdims=True)
+    turn = exponential(np.outer(part * np.pi / 2, [0.0, 1.0, 0.0]))[0]
+    flat = np.einsum("tij,tmj->tmi", turn, whole - middle) + middle
+    return flat + part[:, None, None] * (np.array([0.0, 0.0, height]) - middle)
 
 
 def test_people_whose_models_are_one_have_their_names_in_the_order_of_the_file(passing):
