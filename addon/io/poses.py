@@ -9,6 +9,7 @@ from typing import Self
 
 import numpy as np
 
+from ..core.data.errors import JobError
 from ..core.data.takes import Motion
 from .scratch import naming_scratch
 
@@ -19,6 +20,7 @@ class PlayedOptions:
 
     most_keys      that a Blender file holds, of markers and bones; opened, each takes some 240 bytes with Blender's
                    undo and the tables of the take, so that these are 1.4 GB
+    most_shown     keys that a scene is given in which somebody works, 7 GB of them
     foreseen       times as many keys, when they are foreseen from what part of the file was read: then what keys are
                    made of is not even gathered
     foreseen_from  frames that were read before anything is foreseen
@@ -26,13 +28,14 @@ class PlayedOptions:
     """
 
     most_keys: int = 6_000_000
+    most_shown: int = 30_000_000
     foreseen: float = 2.0
     foreseen_from: int = 1000
     sample_frames: int = 2048
 
 
 PLAYING = PlayedOptions()
-KEYS_A_MARKER, KEYS_A_BONE = 3, 7  # numbers a frame
+KEYS_A_MARKER, KEYS_A_BONE, BYTES_A_KEY = 3, 7, 240  # numbers a frame
 POSE_FIELDS = ("joints", "rotations")
 
 
@@ -40,6 +43,16 @@ def is_long(frames: int, markers: int, joints: int, options: PlayedOptions | Non
     """Whether a take of so many frames, markers and joints is too long for keys."""
     keys = KEYS_A_MARKER * markers + KEYS_A_BONE * joints
     return frames * keys > (options or PLAYING).most_keys
+
+
+def refuse_keys(frames: int, markers: int, joints: int, options: PlayedOptions | None = None):
+    """Raises JobError where the keys of so many frames would fill the memory of a scene that is open."""
+    keys = KEYS_A_MARKER * markers + KEYS_A_BONE * joints
+    most = (options or PLAYING).most_shown // keys
+    if frames > most:
+        words = f"has {frames:,} frames, whose keys take some {frames * keys * BYTES_A_KEY / 1e9:.0f} GB in a scene"
+        way = "choose a part of it with Frames, or use Label Folder, whose Blender file plays a take of any length"
+        raise JobError(f"{words}; expected at most {most:,}: {way}")
 
 
 class PoseFile:

@@ -33,7 +33,7 @@ from ..core.review.trouble import TakeTrouble
 from ..io.blobs import BlobRows, frames_in, read_blobs
 from ..io.edits import open_edits
 from ..io.labels import LabelWriter
-from ..io.poses import PoseFile
+from ..io.poses import PLAYING, PoseFile, refuse_keys
 from ..io.report import facts_of_trouble
 from ..io.scratch import naming_scratch, scratch_folder
 from ..io.tables import Room
@@ -212,7 +212,7 @@ class Results:
         self.labels = stack.enter_context(LabelWriter(files[".labels.csv"], markers))
         self.summary = TakeSummary(markers)
         self.poses = stack.enter_context(PoseFile(stack.enter_context(scratch_folder()))) if job.blend else None
-        self.keep, self.whole = job.keep, not job.frames
+        self.keep, self.shown, self.whole = job.keep, job.shown, not job.frames
         self.chunks: Chunks = []
         self.outcomes: list[tuple[EditOutcome, ...]] = []
 
@@ -228,6 +228,8 @@ class Results:
             self.rays.append((first, rays_of(row.blobs, chunk.labels, self.cameras, missing)))
         if self.blend:
             refuse_long(self.motion.first_frame, int(row.blobs.frames[-1]))
+        if self.shown:
+            self._refuse_keys(row, chunk.motion)
         self.summary.add(chunk)
         self.outcomes.append(chunk.outcomes)
         if self.poses is not None:
@@ -237,6 +239,13 @@ class Results:
                 self.chunks.clear()
         if self.kept:
             self.chunks.append((row.blobs, chunk))
+
+    def _refuse_keys(self, row: BlobRows, motion: Motion):
+        """JobError where the take has too many frames for keys, or shows that it will have."""
+        frames = int(row.blobs.frames[-1]) - self.motion.first_frame + 1
+        if self.whole and frames >= PLAYING.foreseen_from and row.fraction > 0:
+            frames = max(frames, int(frames / row.fraction / PLAYING.foreseen))
+        refuse_keys(frames, motion.markers.shape[1], motion.joints.shape[1])
 
     @property
     def played(self) -> PoseFile | None:

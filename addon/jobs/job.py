@@ -60,6 +60,7 @@ class LabelJob:
     html      write STEM.report.html too
     resume    go on with what a run of the same job left, and put its own files in their places again
     keep      give the labelled chunks back as well: memory then grows with the take
+    shown     the take will have keys in a scene that is open, and is refused as soon as they are known to be too many
     """
 
     source: Path
@@ -86,6 +87,7 @@ class LabelJob:
     overwrite: bool = False
     resume: bool = False
     keep: bool = False
+    shown: bool = False
 
     @property
     def several(self) -> bool:

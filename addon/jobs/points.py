@@ -6,6 +6,7 @@ from contextlib import ExitStack
 
 from ..blendfile import refuse_long
 from ..core.data.errors import InputError
+from ..core.data.markersets import Worn
 from ..core.data.progress import Progress
 from ..core.data.takes import MAX_FRAME
 from ..core.geometry.cameras import NO_CAMERAS
@@ -18,7 +19,7 @@ from ..core.review.trouble import TakeTrouble
 from ..io.edits import open_edits
 from ..io.labels import POINT_KEYS, LabelWriter
 from ..io.points import FilePoints, read_points
-from ..io.poses import PoseFile, is_long
+from ..io.poses import PoseFile, is_long, refuse_keys
 from ..io.report import facts_of_trouble
 from ..io.scratch import scratch_folder
 from ..io.tables import Room
@@ -49,6 +50,8 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
                 raise InputError(words, job.source)
             if job.blend:
                 refuse_long(take.first_frame, last)
+            if job.shown:
+                _refuse_keys(len(take.frames), model.markerset)
             # Of a part of a take nobody knows how long it is.
             known = {"points": take.columns.tolist(), "frames": None if job.frames else (take.first_frame, last)}
             named = several.possible if several else model.markerset
@@ -61,12 +64,13 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         else:
             labelled = yield from label_subjects(job, take, several, options)
             markerset, motion = labelled.worn, labelled.motion
+            if job.shown:
+                _refuse_keys(len(take.frames), markerset)
         overview = overview_of(job, markerset, take.rate, edits)
         trouble = TakeTrouble(markerset.markers, take.rate, edits, words=markerset.by_name)
         summary, chunks, asked = TakeSummary(markerset.markers), [], []
         # Who keeps the take has all of it in memory anyhow.
-        joints = sum(len(one.skeleton) for _, one in markerset.worn)
-        played = job.blend and is_long(len(motion), len(markerset.markers), joints)
+        played = job.blend and is_long(len(motion), len(markerset.markers), _joints(markerset))
         kept = job.keep or (job.blend and not played)
         poses = stack.enter_context(PoseFile(stack.enter_context(scratch_folder()))) if played else None
         with LabelWriter(files[".labels.csv"], markerset.markers, POINT_KEYS) as writer:
@@ -100,6 +104,15 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         made = Outcome(markerset, points, chunks, NO_CAMERAS, summary, facts, inputs, edits, *said)
         report = write_take(job, files, model, made, clock)
     return Labelled(report, markerset, made.chunks if job.keep else [], edits)
+
+
+def _joints(worn: Worn) -> int:
+    """The joints of everybody."""
+    return sum(len(one.skeleton) for _, one in worn.worn)
+
+
+def _refuse_keys(frames: int, worn: Worn):
+    refuse_keys(frames, len(worn), _joints(worn))
 
 
 def _facts(take: FilePoints, summary: TakeSummary, options: PointOptions) -> dict:

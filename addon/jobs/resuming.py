@@ -18,7 +18,7 @@ from ..version import version
 from .job import LabelJob
 
 # Fields of a job that make no difference to what its files hold, or are told by their content.
-OUTSIDE = ("source", "cameras", "model", "out", "body", "edits", "overwrite", "resume", "keep")
+OUTSIDE = ("source", "cameras", "model", "out", "body", "edits", "overwrite", "resume", "keep", "shown")
 
 
 def made_of(job: LabelJob) -> dict:

@@ -66,6 +66,7 @@ def job_of(context: bpy.types.Context) -> LabelJob:
         body=None if points else _body_in_the_way(context, settings, asked["model"]),
         edits=_edits_so_far(context.scene, source),
         keep=True,
+        shown=True,
     )
 
 

@@ -2,6 +2,7 @@
 """Blobs named through cameras in Blender: what is named in two is in space at once, and stays so from then on."""
 
 import importlib
+from dataclasses import replace
 from types import SimpleNamespace
 
 import bpy
@@ -90,6 +91,25 @@ def name_in_two(files, scope: str = "FRAME"):
 def take_now(labelled):
     opened = importlib.import_module("addon.scene.take")
     return opened.stored_take(labelled.scene.mocap_autolabel.take, labelled.scene)
+
+
+@pytest.mark.parametrize(("most", "foreseen"), [(29, 1e9), (59, 1)])
+def test_a_take_whose_keys_would_fill_the_memory_is_refused_as_soon_as_that_is_known(
+    labelled, files, extension, monkeypatch, most, foreseen
+):
+    """Once it has so many frames, or half of the file has shown twice as many."""
+    poses, jobs = (importlib.import_module(f"{extension}.addon.{name}") for name in ("io.poses", "jobs.blobs"))
+    keys = 3 * len(files.names) + 7 * files.motion.joints.shape[1]
+    options = replace(poses.PLAYING, most_shown=most * keys, foreseen_from=30, foreseen=foreseen)
+    monkeypatch.setattr(poses, "PLAYING", options)
+    monkeypatch.setattr(jobs, "PLAYING", options)
+    read = jobs.read_blobs
+    half = (lambda *given: (replace(rows, fraction=0.5) for rows in read(*given))) if foreseen == 1 else read
+    monkeypatch.setattr(jobs, "read_blobs", half)
+    before = labelled.scene.mocap_autolabel.take
+    with pytest.raises(RuntimeError, match=r"walk\.csv: has .* frames, whose keys .*Label Folder"):
+        bpy.ops.mocap_autolabel.label()
+    assert labelled.scene.mocap_autolabel.take == before
 
 
 def test_a_marker_that_is_named_in_two_cameras_is_in_space_at_once(labelled, files):

@@ -291,6 +291,20 @@ def test_trouble_is_one_sentence_and_leaves_nothing(extension, empty, files, tmp
     assert empty.scene.mocap_autolabel.take is None
 
 
+def test_a_take_whose_keys_would_fill_the_memory_is_refused_and_a_part_of_it_is_not(
+    imported, naming_known, files, extension, monkeypatch
+):
+    poses = importlib.import_module(f"{extension}.addon.io.poses")
+    settings = imported.scene.mocap_autolabel
+    keys = 3 * len(open_markerset(files.markerset)) + 7 * 9
+    monkeypatch.setattr(poses, "PLAYING", replace(poses.PLAYING, most_shown=20 * keys))
+    with pytest.raises(RuntimeError, match=r"walk\.c3d: has 30 frames, .*expected at most 20: .*Label Folder"):
+        bpy.ops.mocap_autolabel.label()
+    assert settings.take is None
+    settings.use_range, settings.range_first, settings.range_last = True, 101, 120
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+
+
 def test_a_saved_file_opens_with_its_points(imported, naming_known, tmp_path):
     bpy.ops.mocap_autolabel.label()
     path = str(tmp_path / "walk.blend")

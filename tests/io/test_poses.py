@@ -4,8 +4,9 @@
 import numpy as np
 import pytest
 
+from addon.core.data.errors import JobError
 from addon.core.data.takes import Motion
-from addon.io.poses import PlayedOptions, PoseFile, is_long
+from addon.io.poses import PlayedOptions, PoseFile, is_long, refuse_keys
 
 MARKERS, JOINTS = 4, 3
 
@@ -40,6 +41,14 @@ def test_a_take_is_long_by_its_keys():
     options = PlayedOptions(most_keys=1000)
     assert not is_long(10, 10, 10, options)
     assert is_long(11, 10, 10, options)
+
+
+def test_what_fills_a_scene_is_refused_with_the_frames_that_it_has_room_for():
+    options = PlayedOptions(most_shown=1000)
+    refuse_keys(10, 10, 10, options)
+    with pytest.raises(JobError, match=r"has 11 frames, whose keys .*; expected at most 10: choose a part") as caught:
+        refuse_keys(11, 10, 10, options)
+    assert "Label Folder" in caught.value.message
 
 
 @pytest.mark.parametrize(("fraction", "long"), [(0.4, False), (0.04, True), (1.0, False)])
