@@ -68,8 +68,8 @@ def subjects_in_blobs(
 
     options = PointOptions(chosen_method(asked.models[0], job.method), job.target, room=room)
     body_of = mesh_occlusion if job.casts == "bvh" else None
-    found = yield from label_several_blobs(read, cameras, asked, options, job.frame_rate, body_of)
     with _edits_named(job):
+        found = yield from label_several_blobs(read, cameras, asked, options, job.frame_rate, body_of, edits)
         refuse_unknown(edits, found.worn.by_name)
     return found
 

@@ -6,9 +6,10 @@ side by side all the time. `behind` is side by side in eight made-up cameras on 
 the other. All real bodies, which the model knows nothing of, are in the way of all markers. The model of body26 was
 learned from five others. A blob with the wrong person's name is wrong. `one` is one walker in the same room by the same
 method, and by the usual one. Each take is also labelled as one person's: `told` counts those of which it is then said
-how to ask for all. `ann` and `ann-beside` are pairs of whom the first alone is asked for, by a model learned from a
-turn of their own; a blob of the other one that is named is wrong. With --keep DIR, models are kept there and used
-again.
+how to ask for all. In `returning` the second of two who walk side by side leaves for the middle third of the take, and
+comes back at the other side of the first. `ann` and `ann-beside` are pairs of whom the first alone is asked for, by a
+model learned from a turn of their own; a blob of the other one that is named is wrong. With --keep DIR, models are kept
+there and used again.
 """
 
 import argparse
@@ -35,7 +36,7 @@ from addon.core.points.whole_take.pipeline import USUAL_TARGET, PointOptions
 from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.simulate import BodiesTogether, CaptureOptions, capture, joined
 
-from .actors import PASSING_M, Meeting, middle_of, own_turn, passing
+from .actors import PASSING_M, Meeting, middle_of, own_turn, passing, returning
 from .flesh import flesh
 from .people import BODY26
 from .tables import share, table
@@ -74,7 +75,10 @@ def at_60(take: Take) -> Take:
 
 
 def meetings(kind: str) -> Iterator[Meeting]:
-    """Strangers of McGill: `passing`, `beside` or `behind`, `three` who pass each other, or `one`."""
+    """Strangers of McGill: `passing`, `beside` or `behind`, `three` who pass each other, `one`, or one `returning`."""
+    if kind == "returning":
+        yield from returning(meetings("beside"))
+        return
     for case in case_few("body26", BODY26, False):
         count = {"one": 1, "three": 3}.get(kind, 2)
         groups = [case.tested[first : first + count] for first in range(len(case.tested) - count + 1)]
@@ -243,6 +247,7 @@ KINDS = {
     "beside": ("beside", "several"),
     "behind": ("behind", "several"),
     "three": ("three", "several"),
+    "returning": ("returning", "several"),
     "ann": ("passing", "ann"),
     "ann-beside": ("beside", "ann"),
     "one": ("one", "points"),

@@ -20,6 +20,8 @@ from ..data.markersets import MarkerSet
 from ..data.progress import Progress, part_of
 from ..data.room import IN_MEMORY, MakeTable
 from ..data.takes import Blobs, LabelledChunk, Labels, Motion, Points, Suspect, touched_samples
+from ..edits.blobs_in_points import NamedThroughBlobs
+from ..edits.kinds import NO_EDITS, Edits
 from ..geometry.cameras import Cameras
 from ..geometry.measuring import measured_again
 from ..geometry.triangulation import meet_rows
@@ -152,18 +154,21 @@ class SubjectsInImages:
         for index, blobs in enumerate(chunks):
             begin = perf_counter()
             with threadpool_limits(1, user_api="blas"):  # many threads on small matrices cost more than they bring
-                labels, motion = self._checked(index, blobs, fitted)
+                labels, motion, unedited = self._checked(index, blobs, fitted)
             mine = tuple(one for one in suspects if blobs.frames[0] <= one.first <= blobs.frames[-1])
             spent["label"] = spent.get("label", 0.0) + perf_counter() - begin
-            yield LabelledChunk(labels, motion, mine, spent)
+            yield LabelledChunk(labels, motion, mine, spent, unedited)
             spent = {}
 
-    def _checked(self, index: int, blobs: Blobs, fitted: FollowedSubjects) -> tuple[Labels, Motion]:
-        """The labels of a chunk's blobs that its images and bodies bear out, and the markers where these meet."""
-        part = self.points.parts[index]
-        each = self.labelled.motion.each(slice(part.first, part.first + part.frames))
+    def _checked(self, index: int, blobs: Blobs, fitted: FollowedSubjects) -> tuple[Labels, Motion, Labels | None]:
+        """The labels of a chunk's blobs that its images and bodies bear out, and the markers where these meet.
+
+        Also the labels without what edits say of points; None where they say nothing.
+        """
+        part, said = self.points.parts[index], self.labelled
+        each = said.motion.each(slice(part.first, part.first + part.frames))
         motion = beside(each)
-        given = self.points.named(index, self.labelled.labels, len(blobs))
+        given = self.points.named(index, said.labels, len(blobs))
         hidden = hidden_by_any(self.bodies, each, motion.markers, self.cameras.centres)
         checked = given.kept(self._borne_out(blobs, given, motion, hidden, _subject(each)))
 
@@ -178,7 +183,13 @@ class SubjectsInImages:
         motion = measured_again(motion, blobs, given, meeting, self.cameras, there)
         asked = len(self.worn.subjects)
         joints = sum(one.joints.shape[1] for one in each[:asked])
-        return labels.kept(labels.marker < len(self.worn)), motion_of_first(motion, asked, len(self.worn), joints)
+        unedited = None
+        if said.unedited is not None:
+            before = self.points.named(index, said.unedited, len(blobs))
+            unedited = labels.replaced(before.marker != given.marker, before)
+            unedited = unedited.kept(unedited.marker < len(self.worn))
+        labels = labels.kept(labels.marker < len(self.worn))
+        return labels, motion_of_first(motion, asked, len(self.worn), joints), unedited
 
     def _meeting(self, blobs: Blobs, before: Labels, labels: Labels, motion: Motion) -> np.ndarray:
         """(N,) True for the labels whose rays are their markers'; a blob of two markers, named anew, is beside both."""
@@ -243,23 +254,31 @@ def label_several_blobs(
     options: PointOptions,
     rate: float,
     body_of: Callable[[MarkerSet], Occlusion] | None = None,
+    edits: Edits = NO_EDITS,
 ) -> Generator[Progress, None, SubjectsInImages]:
     """Names the points of a take of blobs, which `read` gives chunk by chunk, each with the share that is read by then.
 
-    `body_of` makes the volume of a subject that is in the way; None for the marker set's capsules. `options.room` keeps
-    what is not held. Raises JobError where there are fewer than two cameras, a frame has more blobs than any capture,
-    or as `label_several` does.
+    Of `edits` the naming hears which points a person named; they are yet to be applied to the chunks. `body_of` makes
+    the volume of a subject that is in the way; None for the marker set's capsules. `options.room` keeps what is not
+    held. Raises JobError where there are fewer than two cameras, a frame has more blobs than any capture, or as
+    `label_several` does, which raises InputError where edits are of somebody who is not there.
     """
     if len(cameras) < 2:
         raise JobError(f"{len(cameras)} camera cannot fix a point in space; expected two or more")
-    seconds, points = 0.0, PointsOfBlobs(cameras, rate, options.room)
+    seconds, points, named = 0.0, PointsOfBlobs(cameras, rate, options.room), NamedThroughBlobs(edits, cameras.names)
     for blobs, share in read():
         begin = perf_counter()
         points.add(blobs)
+        if edits:
+            rows = points.parts[-1].rows[:]
+            named.add(blobs, rows["blobs"], points.first_frame + rows["frame"], rows["trajectory"])
         seconds += perf_counter() - begin
         yield Progress(CHECKING_BACK.share * share, f"reconstruct frame {blobs.frames[-1]}")
     asked = replace(asked, others=True)  # they have blobs, and are in the way
-    labelled = yield from part_of(label_several(points.take(), asked, options), CHECKING_BACK.share, 1.0)
+    take = points.take()
+    options = replace(options, edits=named.edits_of(points.place))
+    labelled = yield from part_of(label_several(take, asked, options), CHECKING_BACK.share, 1.0)
+    del take
     worn = [one.model.markerset for one in labelled.worn.subjects]
     bodies = tuple(body_of(one) if body_of else CapsuleOcclusion(one, OCCLUDING.fitted_shrink) for one in worn)
     return SubjectsInImages(cameras, points, labelled, asked.asked_of(labelled.worn), bodies, seconds)

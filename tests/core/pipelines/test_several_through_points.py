@@ -11,6 +11,7 @@ from addon.core.body.occlusion import CapsuleOcclusion
 from addon.core.data.errors import JobError
 from addon.core.data.progress import finished
 from addon.core.data.takes import Blobs
+from addon.core.edits.kinds import AssignBlob, Edits
 from addon.core.pipelines.several_through_points import PointsOfBlobs, SubjectsInImages, label_several_blobs
 from addon.core.points.several import pipeline
 from addon.core.points.several.telling import TELLING
@@ -148,6 +149,28 @@ def test_a_new_name_far_off_its_markers_rays_does_not_move_it(shot, found):
     xy[row] += [5.0, 5.0]
     meeting = found._meeting(replace(blobs, xy=xy), before, given, motion)
     assert np.flatnonzero(meeting != given.named).tolist() == [row]
+
+
+def test_a_point_has_the_name_that_a_person_gave_one_of_its_blobs(shot, model, found, labelled):
+    """Also a wrong one, which the images then contradict; and the program's own name is kept below it."""
+    cameras, blobs = shot[:2]
+    own = np.flatnonzero(labelled[0] == "1:LTHI")
+    camera = np.bincount(blobs.camera[own]).argmax()
+    rows = own[blobs.camera[own] == camera]
+    trail = np.column_stack([blobs.frames[blobs.frame[rows]], blobs.xy[rows]])
+    where = {"camera": cameras.names[camera], "frame": int(trail[0, 0]), "x": trail[0, 1], "y": trail[0, 2]}
+    edits = Edits((AssignBlob(marker="2:LTHI", **where, frames=(1, FRAMES), trail=trail),))
+    work = label_several_blobs(lambda: parts(blobs), cameras, SeveralOptions(model, 2), NAMED, RATE, edits=edits)
+    again = finished(work)
+    names = again.worn.by_name
+    before, now = found.labelled.labels.marker, again.labelled.labels.marker
+    point = (before == names["1:LTHI"]) & (now == names["2:LTHI"])
+    assert point.any(axis=1).mean() > 0.8
+    assert (now[(before != now) & ~point] != names["2:LTHI"]).all()
+    assert np.array_equal(again.labelled.unedited.marker[point], before[point])
+    _, chunks = named(again, blobs)
+    unedited = np.concatenate([chunk.unedited.marker for chunk in chunks])
+    assert (unedited[own] == names["1:LTHI"]).mean() > 0.95
 
 
 def test_one_body_hides_the_others_markers(shot):
