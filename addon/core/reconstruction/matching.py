@@ -151,28 +151,31 @@ class FrameMatcher:
 
     def _crossings(self, first: np.ndarray, second: np.ndarray):
         """Of pairs of blobs those whose rays pass each other closely, and the points (Q, 3) between."""
-        options, between = self.options, self.origin[second] - self.origin[first]
-        one, two = self.direction[first], self.direction[second]
-        cosine = np.einsum("ni,ni->n", one, two)
-        along_one, along_two = np.einsum("ni,ni->n", between, one), np.einsum("ni,ni->n", between, two)
+        options = self.options
+        # Axis by axis (3, N): NumPy is slow to add up three of something.
+        direction, origin = self.direction.T, self.origin.T
+        between = np.take(origin, second, axis=1) - np.take(origin, first, axis=1)
+        one, two = np.take(direction, first, axis=1), np.take(direction, second, axis=1)
+        cosine, along_one, along_two = _summed(one * two), _summed(between * one), _summed(between * two)
         sine2 = np.maximum(1 - cosine**2, options.min_sine**2)
         near, far = (along_one - cosine * along_two) / sine2, (cosine * along_one - along_two) / sine2
-        gap = between + far[:, None] * two - near[:, None] * one
-        gap2 = np.einsum("ni,ni->n", gap, gap)
+        gap = between + far * two - near * one
+        gap2 = _summed(gap**2)
         focal = self.sight.focal[self.camera]
         allowed2 = options.max_pass_sds**2 * self.pixel**2 * ((near / focal[first]) ** 2 + (far / focal[second]) ** 2)
         good = (gap2 < allowed2) & (1 - cosine**2 > options.min_sine**2)
         kept = np.flatnonzero(good & (near > options.min_depth_m) & (far > options.min_depth_m))
         if len(kept) > options.max_pairs:
             kept = kept[np.argsort(gap2[kept] / allowed2[kept])[: options.max_pairs]]
-        middle = self.origin[first[kept]] + near[kept, None] * one[kept] + gap[kept] / 2
+        middle = self.origin[first[kept]] + (near[kept] * one[:, kept] + gap[:, kept] / 2).T
         return first[kept], second[kept], middle
 
     def _nearest_blobs(self, points: np.ndarray, deviations: float) -> np.ndarray:
         """(Q, C) the free blob nearest to each point's image, -1 where it is farther than `deviations`."""
         image = self.sight.image(self.sight.local(points[None])[0])
-        offset = self.view.image[:, None] - image[:, :, None]
-        square = np.where(self.free[:, None], np.einsum("cqki,cqki->cqk", offset, offset), np.inf)
+        # Axis by axis: NumPy is slow to add up two of something.
+        square = (np.where(self.free, self.view.image[..., 0], np.inf)[:, None] - image[..., :1]) ** 2
+        square += (self.view.image[..., 1][:, None] - image[..., 1:]) ** 2
         nearest = square.argmin(axis=2)
         least = np.take_along_axis(square, nearest[..., None], axis=2)[..., 0]
         return np.where(least < (deviations * self.pixel / self.sight.focal[:, None]) ** 2, nearest, -1).T
@@ -202,12 +205,12 @@ class FrameMatcher:
     def _completed(self, slots: np.ndarray) -> np.ndarray:
         """Sets of blobs (Q, C) whose rays meet in one point, and to which no other near blob belongs; each once."""
         for _ in range(2):
-            slots = self.agreeing(np.unique(slots, axis=0))
+            slots = self.agreeing(each_once(slots))
             met = self.rays.meet(slots.T)
             known = np.isfinite(met.points[:, 0])
             more = self._nearest_blobs(met.points[known], self.options.max_miss_sds)
             slots = np.where(slots[known] >= 0, slots[known], more)
-        return self.agreeing(np.unique(slots, axis=0))
+        return self.agreeing(each_once(slots))
 
     def agreeing(self, slots: np.ndarray) -> np.ndarray:
         """Sets of blobs (Q, C) less their worst rays, until all rays that are left meet; those with two or more."""
@@ -311,11 +314,27 @@ class _Hypotheses:
         touched = lost.any(axis=1)
         rest = self.pick(np.flatnonzero(~winners)[~touched])
         slots = np.where(lost, -1, slots)[touched]
-        again = _Hypotheses.of(frame, frame.agreeing(np.unique(slots, axis=0)), expected)
+        again = _Hypotheses.of(frame, frame.agreeing(each_once(slots)), expected)
         fields = {
             name: np.concatenate([getattr(rest, name), getattr(again, name)]) for name in vars(rest) if name != "miss"
         }
         return _Hypotheses(**fields, miss=np.concatenate([rest.miss, again.miss], axis=1))
+
+
+def _summed(axes: np.ndarray) -> np.ndarray:
+    """(N,) the sum of three rows (3, N)."""
+    return axes[0] + axes[1] + axes[2]
+
+
+def each_once(slots: np.ndarray) -> np.ndarray:
+    """The different ones of sets of blobs (Q, C), in order; with few cameras by one number for each set."""
+    base = int(slots.max(initial=0)) + 2
+    if base ** slots.shape[1] >= 2**63:
+        return np.unique(slots, axis=0)
+    number = np.zeros(len(slots), np.int64)
+    for slot in slots.T:
+        number = number * base + slot + 1
+    return slots[np.unique(number, return_index=True)[1]]
 
 
 def joined(parts: list[FramePoints]) -> FramePoints:
