@@ -374,3 +374,10 @@ def test_a_broken_file_gives_its_content_or_one_sentence(tmp_path_factory, wound
 def test_a_broken_part_gives_its_content_or_one_sentence(tmp_path_factory, part, wounds):
     content = compound_file({**PARTS, part: wounded(PARTS[part], wounds)})
     check_broken(tmp_path_factory.getbasetemp() / "part.qtm", content)
+
+
+@pytest.mark.parametrize("rate", [1e-282, 0.0, 1e300])
+def test_a_rate_that_no_other_file_could_hold_is_not_said(tmp_path, rate):
+    path = write_qtm(tmp_path / "a.qtm", recording(rate=rate))
+    with pytest.raises(InputError, match="has no rate of its 3D points"):
+        read_points(path)

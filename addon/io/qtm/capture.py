@@ -8,6 +8,7 @@ from typing import Self
 import numpy as np
 
 from ...core.data.errors import InputError
+from ...core.data.takes import MAX_RATE_HZ, MIN_RATE_HZ
 from ..rig import RigCamera, refuse_crowd
 from .cameras import CameraPart, read_camera_part
 from .container import KIND, Container
@@ -116,7 +117,7 @@ class QtmCapture:
 
     def _rate(self, item: Item | None) -> float | None:
         rate = None if item is None else item.real("TimeBaseFrequency")
-        return rate if rate is not None and 0 < rate < 1e6 else None
+        return rate if rate is not None and MIN_RATE_HZ <= rate <= MAX_RATE_HZ else None
 
     def _cameras(self, blobs: Item | None) -> list[QtmCamera]:
         """All cameras in their order, the first of which has the first series of blobs."""
