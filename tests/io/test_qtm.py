@@ -321,6 +321,24 @@ def test_a_bomb_is_refused_before_it_fills_the_memory(tmp_path):
         tracemalloc.stop()
 
 
+@pytest.mark.parametrize("place", ["table", "small"])
+def test_small_streams_that_go_round_in_a_ring_do_not_fill_the_memory(tmp_path, place):
+    """A gigabyte is promised of one sector that follows itself, whether in their table or of the streams themselves."""
+    content = bytearray(WHOLE)
+    (directory,), (table,) = struct.unpack_from("<I", content, 48), struct.unpack_from("<I", content, 76)
+    entry = 512 * (directory + 1)
+    start, size = {"table": (60, 64), "small": (entry + 116, entry + 120)}[place]
+    (sector,) = struct.unpack_from("<I", content, start)
+    struct.pack_into("<I", content, 512 * (table + 1) + 4 * sector, sector)
+    struct.pack_into("<I", content, size, {"table": 1 << 21, "small": 1 << 30}[place])
+    path = tmp_path / "ring.qtm"
+    path.write_bytes(content)
+    tracemalloc.start()
+    assert "is a damaged compound file" in refusal(path)
+    assert tracemalloc.get_traced_memory()[1] < 30 << 20
+    tracemalloc.stop()
+
+
 def test_a_frame_of_more_blobs_than_a_camera_finds_is_refused(tmp_path):
     head = struct.pack("<QII", 0, 0, qtm_blobs.QTM_BLOBS.max_a_frame + 1)
     packed, index = packed_series(head + bytes(1000))

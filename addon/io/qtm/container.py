@@ -15,8 +15,9 @@ if TYPE_CHECKING:
 
 KIND = "a capture as Qualisys Track Manager saves it"
 OLE_MAGIC = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
-# Of a compound file: sizes of large and small sectors as powers of two, how many tables, and what lies in small ones.
-OLE_HEAD = struct.Struct("<30xHH10xL8xL")
+# Of a compound file: sizes of large and small sectors as powers of two, how many tables of the large, what lies in
+# small ones, and how many sectors their table has.
+OLE_HEAD = struct.Struct("<30xHH10xL8xL4xL")
 OLE_SHIFTS = (9, 12)  # versions 3 and 4
 END_OF_CHAIN = 0xFFFFFFFC  # and the three words above it are no sectors either
 
@@ -133,10 +134,11 @@ def _check_head(file: BytesOnDisk, path: Path):
         raise InputError(f"is no OLE compound file; expected {KIND}", path)
     if len(head) < OLE_HEAD.size:
         _damaged(path)
-    shift, small, tables, cutoff = OLE_HEAD.unpack(head)
+    shift, small, tables, cutoff, small_tables = OLE_HEAD.unpack(head)
     entries = tables * (1 << shift) // 4 if shift in OLE_SHIFTS else 0
     # A table has an entry a sector, and one sector of it may be begun only.
-    if not entries or entries > len(file) // (1 << shift) + (1 << shift) or (small, cutoff) != (6, 4096):
+    promised = entries > len(file) // (1 << shift) + (1 << shift) or small_tables << shift > len(file)
+    if not entries or promised or (small, cutoff) != (6, 4096):
         _damaged(path)
 
 
@@ -150,7 +152,8 @@ def _opened(file: BytesOnDisk, path: Path):
         ) from None
     try:
         ole = olefile.OleFileIO(file.file)
-        return ole if ole.root is not None else _damaged(path)
+        # The root's size is that of all small streams, which are read together.
+        return ole if ole.root is not None and ole.root.size <= len(file) else _damaged(path)
     except DAMAGE:
         _damaged(path)
 
