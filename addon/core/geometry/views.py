@@ -165,7 +165,8 @@ def _corners(cameras: Cameras) -> tuple[np.ndarray, np.ndarray]:
     camera = np.repeat(np.arange(len(cameras)), len(edge))
     image = cameras.undistort(pixels.reshape(-1, 2), camera).reshape(len(cameras), -1, 2)
     plain = (pixels - cameras.matrix[:, None, :2, 2]) / cameras.matrix[:, None, [0, 1], [0, 1]]
-    length = np.linalg.norm(plain, axis=-1)
+    # The middle of the lens, whose length is none, may be on the edge.
+    length = np.maximum(np.linalg.norm(plain, axis=-1), np.finfo(float).tiny)
     within = np.where(np.isfinite(cameras.reach), cameras.reach, length.max())[:, None]
     image = np.where(np.isfinite(image), image, plain / length[..., None] * within[..., None])
     return image.min(axis=1), image.max(axis=1)

@@ -111,3 +111,12 @@ def test_inside_is_never_false_for_what_falls_on_the_sensor(rig: Cameras):
     assert inside[on_sensor].all()
     margin = ((pixels > -30) & (pixels < rig.size[:, None] + 30)).all(axis=-1)
     assert not inside[~margin].any()
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_lens_whose_middle_is_a_corner_of_the_image_is_none_to_stumble_over():
+    matrix, bulged = RIG.matrix.copy(), RIG.distortion.copy()
+    matrix[1, :2, 2], bulged[1] = 0.0, [-0.1, 0.05, 0.0, 0.0, 0.0]
+    low, high = Sight(replace(RIG, matrix=matrix, distortion=bulged)).corners
+    assert (low[1] == 0).all()
+    assert np.isfinite(high).all() and (high[1] > 0).all()
