@@ -144,10 +144,12 @@ def save_played(
     poses: "PoseFile",
     suspects: Sequence[Suspect],
     cameras: Cameras,
+    for_a_part: dict | None = None,
 ):
     """Saves a Blender file that plays a long take from the file `cache` beside it, both of any length.
 
-    `points` begin with the markers, measured or filled. What was open in this Blender is gone.
+    `points` begin with the markers, measured or filled. `for_a_part` labels a part of it in the same way. What was
+    open in this Blender is gone.
     """
     start_blender()
     import bpy
@@ -163,7 +165,7 @@ def save_played(
         return found
 
     name, file = written(source.stem), written(str(source))
-    take = Playing(name, points.rate, worn, markers, poses, tuple(suspects), file)
+    take = Playing(name, points.rate, worn, markers, poses, tuple(suspects), file, for_a_part)
     with silenced():
         bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
         if len(cameras):

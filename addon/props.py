@@ -517,10 +517,18 @@ def own_model(settings: SceneSettings) -> str | None:
     return chosen_model(settings) if own else None
 
 
-def choose_own(settings: SceneSettings, path: Path):
+def choose_own(settings: SceneSettings | PerformerRow, path: Path):
     """Makes a marker set file the chosen one, by its place in the list where it stands there."""
     listed = path.parent == markerset_folder() and path.exists()
     settings.markerset, settings.markerset_path = str(path) if listed else OWN_FILE, str(path)
+
+
+def choose_model(settings: SceneSettings | PerformerRow, model: str):
+    """Makes a model the chosen one: a built-in one by its name, another by its path."""
+    if model in builtin_markersets():
+        settings.markerset = model
+    else:
+        choose_own(settings, Path(model))
 
 
 def restore_choice(settings: SceneSettings):

@@ -7,7 +7,7 @@ from ..core.data.errors import InputError
 from ..core.data.progress import Progress
 from ..core.points.naming import METHODS, USUAL_TARGET
 from ..io.points import holds_points
-from .job import OCCLUSIONS, USUAL_RATE, LabelJob, Labelled, occlusion_here
+from .job import OCCLUSIONS, USUAL_RATE, LabelJob, Labelled, occlusion_here, part_job
 
 
 def label_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
@@ -35,4 +35,5 @@ __all__ = [
     "Labelled",
     "label_file",
     "occlusion_here",
+    "part_job",
 ]

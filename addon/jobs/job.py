@@ -16,6 +16,8 @@ from ..core.points.naming import USUAL_TARGET
 from ..io.cameras import calibration_files
 from ..io.edits import edits_beside
 from ..io.markersets import markerset_file
+from ..io.names import written
+from ..io.qtm import USE_BLOBS, USE_POINTS
 from ..io.report import REPORT
 
 if TYPE_CHECKING:  # naming blobs takes long to load, and takes of points need none of it
@@ -23,6 +25,10 @@ if TYPE_CHECKING:  # naming blobs takes long to load, and takes of points need n
     from ..core.body.occlusion import Occlusion
 
 USUAL_RATE = 100.0
+# What of a job holds for any part of its take.
+FOR_ANY_PART = (
+    "model", "subjects", "wearers", "up", "use", "method", "target", "rate", "height", "facing", "occlusion"
+)  # fmt: skip
 PAGE = ".report.html"
 MOTION_FILE = ".motion.pc2"  # beside a Blender file whose take is too long for keys
 # Rays cast at meshes, which takes Blender, or the closed form for capsules; "auto" is the first inside Blender.
@@ -109,6 +115,14 @@ class LabelJob:
         """What asks whether the body hides a marker: "bvh" or "capsules"."""
         return occlusion_here(self.occlusion)
 
+    def for_a_part(self, holds_points: bool) -> dict:
+        """What labels a part of the same take in the same way, for `part_job`; files by their whole paths."""
+        found = {name: getattr(self, name) for name in FOR_ANY_PART}
+        found["model"] = _whole(self.model)
+        found["wearers"] = [(name, _whole(model)) for name, model in self.wearers]
+        found["use"] = self.use or (USE_POINTS if holds_points else USE_BLOBS)
+        return {"source": written(str(self.source.absolute())), **found}
+
     @property
     def options(self) -> "Options":
         """The user's hints as the labelling takes them."""
@@ -150,6 +164,19 @@ class LabelJob:
         """The file of the edits that are applied, None where they are of none."""
         edits = self.edits_applied
         return None if isinstance(edits, Edits) else edits
+
+
+def part_job(said: dict, cameras: Cameras | None, frames: tuple[int, int]) -> LabelJob:
+    """The job that labels these frames of a take as `for_a_part` said; `cameras` where it holds blobs."""
+    known = {name: said[name] for name in FOR_ANY_PART if name in said}
+    known["wearers"] = tuple((name, model) for name, model in known.get("wearers", ()))
+    return LabelJob(Path(said["source"]), cameras, out=Path(), frames=frames, **known)
+
+
+def _whole(model: str) -> str:
+    """A built-in model's name, or the whole path of one."""
+    file = markerset_file(model)
+    return model if file != Path(model) else written(str(file.absolute()))
 
 
 @dataclass(frozen=True, eq=False)

@@ -73,7 +73,7 @@ def write_take(job: LabelJob, files: dict[str, Path], model: Model, made: Outcom
     rate, worn = made.points.rate, made.worn
     with timed(clock, "write"):
         if job.blend and made.poses is not None:
-            said = made.summary.suspects, made.cameras
+            said = made.summary.suspects, made.cameras, job.for_a_part(not len(made.cameras))
             save_played(files[".blend"], files[MOTION_FILE], job.source, worn, made.points, made.poses, *said)
         elif job.blend:
             said = made.edits, made.fills

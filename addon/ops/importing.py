@@ -167,7 +167,7 @@ def take_blobs(context: bpy.types.Context, path: Path) -> str:
     scene, settings = context.scene, context.scene.mocap_autolabel
     cameras, own = _cameras_for(scene, path)
     blobs = Blobs.join(part.blobs for part in read_blobs(path, cameras))
-    _forget_take(context)
+    forget_take(context)
     if own:
         settings.cameras = scene_cameras.find_or_add_cameras(scene, cameras)
     settings.preview = store_preview(path.stem, blobs, cameras)
@@ -200,7 +200,7 @@ def take_points(context: bpy.types.Context, path: Path, up: str | None = None, r
     `up` is the axis that points up in it where the user knows, `rate` is used where the file says none.
     """
     settings, take = context.scene.mocap_autolabel, read_points(path, up=up, rate=rate or None)
-    _forget_take(context)
+    forget_take(context)
     settings.preview = show_points(context.scene, path.stem, take)
     settings.points_path, settings.blob_count = str(path), len(settings.preview.vertices)
     settings.points_up = up or ""
@@ -213,7 +213,7 @@ def take_points(context: bpy.types.Context, path: Path, up: str | None = None, r
     return "; ".join([*said, *told_of_capture(path, True)])
 
 
-def _forget_take(context: bpy.types.Context):
+def forget_take(context: bpy.types.Context):
     """Makes room for another take; one that is labelled stays in the scene."""
     settings = context.scene.mocap_autolabel
     settings.take = None

@@ -13,17 +13,27 @@ from ..core.data.errors import InputError, UserError
 from ..core.data.takes import Blobs
 from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import NO_CAMERAS
+from ..core.points.several.wearers import AUTO
 from ..core.review.changes import summary_of_changes
 from ..io.markersets import open_markerset
 from ..io.names import written
 from ..io.qtm import USE_BLOBS, USE_POINTS
 from ..io.scratch import scratch_folder
 from ..jobs import LabelJob, Labelled, label_file
-from ..props import SceneSettings, colours_asked, frames_wanted, refresh_review, subjects_asked, take_name
+from ..props import (
+    SceneSettings,
+    choose_model,
+    colours_asked,
+    frames_wanted,
+    refresh_review,
+    subjects_asked,
+    take_name,
+)
 from ..scene import cameras as scene_cameras
 from ..scene.calibration import keep_health
 from ..scene.corrections import kept_edits
 from ..scene.occlusion import meshes_on, occlusion_of
+from ..scene.performers import usual_colour
 from ..scene.relabelled import kept_changes, show_again
 from ..scene.take import (
     SOURCE,
@@ -64,10 +74,38 @@ def job_of(context: bpy.types.Context) -> LabelJob:
         facing=settings.facing if settings.use_facing else None,
         occlusion=settings.occlusion,
         body=None if points else _body_in_the_way(context, settings, asked["model"]),
-        edits=_edits_so_far(context.scene, source),
+        edits=edits_so_far(context.scene, source),
         keep=True,
         shown=True,
     )
+
+
+def choose_job(settings: SceneSettings, job: LabelJob, ends: tuple[int, int]):
+    """The other way round: makes a scene's choices those of a job on a part of a take of frames `ends`, first and last.
+
+    What it labels, who is asked for, and how names are found; nothing of the take has been counted.
+    """
+    file = str(job.source)
+    settings.points_path, settings.blobs_path = (file, "") if job.use == USE_POINTS else ("", file)
+    settings.points_up, settings.blob_count, settings.trajectories = job.up or "", 0, 0
+    settings.first_frame, settings.last_frame = ends
+    settings.use_range, (settings.range_first, settings.range_last) = True, job.frames
+    settings.rate, settings.method, settings.target = job.rate or settings.rate, job.method, job.target
+    settings.occlusion = job.casts
+    for name, value in (("height", job.height), ("facing", job.facing)):
+        setattr(settings, f"use_{name}", value is not None)
+        if value is not None:
+            setattr(settings, name, value)
+    choose_model(settings, job.model)
+    settings.performing = "LISTED" if job.wearers else {1: "ONE", AUTO: "AUTO"}.get(job.subjects, "SO_MANY")
+    if settings.performing == "SO_MANY":
+        settings.performer_count = job.subjects
+    if job.wearers:
+        settings.performers.clear()
+    for number, (name, model) in enumerate(job.wearers):
+        row = settings.performers.add()
+        row.name, row.colour = name, usual_colour(number)
+        choose_model(row, model)
 
 
 def _body_in_the_way(context: bpy.types.Context, settings: SceneSettings, model: str) -> Occlusion | None:
@@ -77,26 +115,36 @@ def _body_in_the_way(context: bpy.types.Context, settings: SceneSettings, model:
     return occlusion_of(context, settings.body, meshes_on(settings.body, context.scene), open_markerset(model))
 
 
-def _edits_so_far(scene: bpy.types.Scene, source: Path) -> Edits | None:
+def edits_so_far(scene: bpy.types.Scene, source: Path) -> Edits | None:
     """What was said of the same points or blobs when they were labelled before; None where nobody said anything."""
     latest = [scene.mocap_autolabel.take, *reversed(takes_of(scene))]
     same = (take for take in latest if is_take(take) and take[SOURCE] == written(str(source)))
     return next((edits for edits in map(kept_edits, same) if edits is not None), None)
 
 
-def label_steps(job: LabelJob, name: str) -> Generator[float, None, Take]:
+def label_steps(
+    job: LabelJob, name: str, look: Callable[[LabelJob, Labelled], None] | None = None
+) -> Generator[float, None, Take]:
     """Labels the take, yielding how much is done (0 to 1), and returns it. Touches nothing of Blender.
 
-    The job goes on beside the window, with its files in a folder that goes. Raises UserError with the file where it
-    can be told.
+    The job goes on beside the window, with its files in a folder that goes; `look` looks at them before. Raises
+    UserError with the file where it can be told.
     """
-    return in_background(lambda tell: _label(job, name, tell))
+    return in_background(lambda tell: _label(job, name, tell, look))
 
 
-def _label(job: LabelJob, name: str, tell: Callable[[float], None]) -> Take:
+def _label(
+    job: LabelJob,
+    name: str,
+    tell: Callable[[float], None],
+    look: Callable[[LabelJob, Labelled], None] | None,
+) -> Take:
     try:
         with scratch_folder() as folder:
-            labelled = drained(label_file(replace(job, out=folder)), tell)
+            there = replace(job, out=folder)
+            labelled = drained(label_file(there), tell)
+            if look is not None:
+                look(there, labelled)
         return _take_of(labelled, job, name)
     except UserError as error:
         raise error if error.file else type(error)(error.message, job.source) from error
@@ -116,28 +164,16 @@ def _take_of(labelled: Labelled, job: LabelJob, name: str) -> Take:
     return Take(name, rate, cameras, labelled.worn, rows, labels, motion, suspects, source, doubts, edits, unedited)
 
 
-class MOCAP_AUTOLABEL_OT_label(TellsWhyNot, WorksInSteps, bpy.types.Operator):
-    """Name every marker of the take, and show it on an armature with a body."""
+def lacks_room_to_label(context: bpy.types.Context) -> str:
+    """What nothing can be labelled for just now, whatever it is; empty where it can."""
+    going_on = "Something is going on already; wait for it, or cancel it"
+    return lacks_object_mode(context) or (going_on if context.window_manager.mocap_autolabel.doing else "")
 
-    bl_idname = "mocap_autolabel.label"
-    bl_label = "Label"
-    bl_options = {"REGISTER", "UNDO"}
+
+class LabelsTake(TellsWhyNot, WorksInSteps):
+    """Operators that label, and show the take as the scene's settings have it."""
 
     doing = "Labelling"
-
-    @classmethod
-    def lacks(cls, context):
-        settings = context.scene.mocap_autolabel
-        if not settings.points_path and not cameras_at_hand(context.scene):
-            return "Import the calibration of the cameras first, or 3D points"
-        if not settings.points_path and not settings.blobs_path:
-            return "Import the blobs first, or 3D points"
-        going_on = "Something is going on already; wait for it, or cancel it"
-        return lacks_object_mode(context) or (going_on if context.window_manager.mocap_autolabel.doing else "")
-
-    def steps(self, context):
-        """The labelling."""
-        return label_steps(job_of(context), take_name(context.scene.mocap_autolabel))
 
     def _show(self, context, take: Take) -> set[str]:
         if context.mode != "OBJECT":  # where the user went meanwhile
@@ -160,6 +196,27 @@ class MOCAP_AUTOLABEL_OT_label(TellsWhyNot, WorksInSteps, bpy.types.Operator):
         than_before = f"; {changed} than before" if changed else ""
         self.report({"INFO"}, f"{named} of {len(take.rows)} {things} named in {frames} frames{kept}{than_before}")
         return {"FINISHED"}
+
+
+class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
+    """Name every marker of the take, and show it on an armature with a body."""
+
+    bl_idname = "mocap_autolabel.label"
+    bl_label = "Label"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def lacks(cls, context):
+        settings = context.scene.mocap_autolabel
+        if not settings.points_path and not cameras_at_hand(context.scene):
+            return "Import the calibration of the cameras first, or 3D points"
+        if not settings.points_path and not settings.blobs_path:
+            return "Import the blobs first, or 3D points"
+        return lacks_room_to_label(context)
+
+    def steps(self, context):
+        """The labelling."""
+        return label_steps(job_of(context), take_name(context.scene.mocap_autolabel))
 
 
 CLASSES = (MOCAP_AUTOLABEL_OT_label,)

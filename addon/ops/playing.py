@@ -1,14 +1,34 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A long take that plays from a file: through what is to be looked at, and to its motion where that was moved."""
+"""A long take that plays from a file: what is to be looked at, a part of it with keys, and its motion if it moved."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import bpy
-from bpy.props import BoolProperty, StringProperty
+from bpy.props import BoolProperty, IntProperty, StringProperty
 
 from ..core.data.errors import InputError
+from ..core.review.changes import summary_of_changes
+from ..io.changed import changes_of_part
 from ..io.motion_cache import check_cache
-from ..scene.playing import MOTION_MARK, find_motion, motion_path, played_takes, suspects_of
+from ..io.qtm import USE_POINTS
+from ..jobs import LabelJob, Labelled, part_job
+from ..props import refresh_review
+from ..scene import cameras as scene_cameras
+from ..scene.playing import (
+    MOTION_MARK,
+    PLAYED,
+    find_motion,
+    for_a_part,
+    motion_path,
+    part_here,
+    played_takes,
+    suspects_of,
+)
+from ..scene.relabelled import keep_changes
+from ..scene.take import SHIFT
+from .importing import forget_take
+from .labelling import LabelsTake, choose_job, edits_so_far, label_steps, lacks_room_to_label
 from .polling import TellsWhyNot
 from .reporting import reports_trouble
 
@@ -22,12 +42,16 @@ class OfPlayed(TellsWhyNot):
     def lacks(cls, context):
         return "" if played_takes(context.scene) else "No take here plays from a file"
 
+    def meant(self, context: bpy.types.Context) -> bpy.types.Collection | None:
+        """The take that is meant; None where there is none of that name."""
+        return next((one for one in played_takes(context.scene) if self.take in ("", one.name)), None)
+
     def played(self, context: bpy.types.Context) -> bpy.types.Collection:
-        """The take that is meant; InputError where there is none of that name."""
-        found = [one for one in played_takes(context.scene) if self.take in ("", one.name)]
-        if not found:
+        """The same; InputError where there is none."""
+        found = self.meant(context)
+        if found is None:
             raise InputError(f"no take {self.take} plays from a file; expected one that does")
-        return found[0]
+        return found
 
 
 class MOCAP_AUTOLABEL_OT_next_suspect(OfPlayed, bpy.types.Operator):
@@ -53,6 +77,83 @@ class MOCAP_AUTOLABEL_OT_next_suspect(OfPlayed, bpy.types.Operator):
         scene.frame_set(first)
         self.report({"INFO"}, "; ".join(reason for begin, _, reason in later if begin == first))
         return {"FINISHED"}
+
+
+class MOCAP_AUTOLABEL_OT_open_part(OfPlayed, LabelsTake, bpy.types.Operator):
+    """Label a part of the take again, with keys, to correct it: the preview range, or ten seconds about here."""
+
+    bl_idname = "mocap_autolabel.open_part"
+    bl_label = "Open Part"
+    bl_options = {"REGISTER", "UNDO"}
+
+    first: IntProperty(name="From", description="First frame, where both are said", options={"SKIP_SAVE"})
+    last: IntProperty(name="To", description="Last frame, where both are said", options={"SKIP_SAVE"})
+    filepath: StringProperty(
+        name="Take", description="The file of the take, where it was moved", subtype="FILE_PATH", options={"SKIP_SAVE"}
+    )
+    _asked_for_it = False
+
+    @classmethod
+    def lacks(cls, context):
+        return super().lacks(context) or lacks_room_to_label(context)
+
+    def invoke(self, context, event):
+        """Asks for the file of the take where it was moved."""
+        take = self.meant(context)
+        said = None if take is None else for_a_part(take)
+        if said is None or self.filepath or Path(said["source"]).exists() or bpy.app.background:
+            return super().invoke(context, event)
+        self.filepath, self._asked_for_it = said["source"], True
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context):
+        """In the window, where the file was asked for, the work goes on beside it."""
+        return self._begin(context) if self._asked_for_it else super().execute(context)
+
+    def steps(self, context):
+        """The labelling."""
+        take = self.played(context)
+        self._job, self._ends = self._asked(context, take)
+        whole = motion_path(take).with_name(Path(for_a_part(take)["source"]).stem + ".labels.csv")
+
+        def compare(job: LabelJob, labelled: Labelled):
+            part = job.path(".labels.csv")
+            self._changed = changes_of_part(whole, part, labelled.worn.markers, job.frames)
+
+        return label_steps(self._job, str(take[PLAYED]), compare)
+
+    def _asked(self, context: bpy.types.Context, take: bpy.types.Collection) -> tuple[LabelJob, tuple[int, int]]:
+        """What labels the part, and the first and last frame of all of the take."""
+        said, scene = for_a_part(take), context.scene
+        if said is None:
+            raise InputError("this take does not say how it was labelled; expected one that was saved by this version")
+        ends, shift = tuple(said["ends"]), int(take[SHIFT])
+        chosen = self.properties.is_property_set("first") and self.properties.is_property_set("last")
+        first, last = (self.first, self.last) if chosen else part_here(take, scene)
+        frames = max(first - shift, ends[0]), min(last - shift, ends[1])
+        if frames[0] > frames[1]:
+            words = f"frames {first} to {last} are none of take {take[PLAYED]}"
+            raise InputError(f"{words}; expected some of {ends[0] + shift} to {ends[1] + shift}")
+        cameras = None if said["use"] == USE_POINTS else scene_cameras.cameras_of_scene(scene)
+        source = bpy.path.abspath(self.filepath) if self.filepath else said["source"]
+        job = part_job({**said, "source": source}, cameras, frames)
+        return replace(job, edits=edits_so_far(scene, job.source), keep=True, shown=True), ends
+
+    def _show(self, context, take):
+        settings, played = context.scene.mocap_autolabel, self.played(context)
+        forget_take(context)
+        if self._job.cameras is not None:
+            settings.cameras = scene_cameras.find_or_add_cameras(context.scene, self._job.cameras)
+        choose_job(settings, self._job, self._ends)
+        done = super()._show(context, take)
+        played.hide_viewport = True  # the part moves in the same place
+        if self._changed is not None:
+            keep_changes(settings.take, self._changed)
+            refresh_review(context.window_manager, context.scene)
+            said = summary_of_changes(self._changed) or "Nothing is otherwise"
+            self.report({"INFO"}, f"{said} than where all of the take was labelled")
+        return done
 
 
 class MOCAP_AUTOLABEL_OT_find_motion(OfPlayed, bpy.types.Operator):
@@ -97,4 +198,4 @@ class MOCAP_AUTOLABEL_OT_find_motion(OfPlayed, bpy.types.Operator):
         return path
 
 
-CLASSES = (MOCAP_AUTOLABEL_OT_next_suspect, MOCAP_AUTOLABEL_OT_find_motion)
+CLASSES = (MOCAP_AUTOLABEL_OT_next_suspect, MOCAP_AUTOLABEL_OT_open_part, MOCAP_AUTOLABEL_OT_find_motion)

@@ -7,7 +7,7 @@ from ..scene.performers import homes
 from ..scene.playing import played_takes
 from ..scene.take import is_take
 
-PLAYED_WORDS = "This take plays from a file and has no keys: label a part of it, with Frames in the Label panel"
+PLAYED_WORDS = "This take plays from a file and has no keys: open a part of it, with Open Part under Long Take"
 
 
 def lacks_take(context: bpy.types.Context) -> str:

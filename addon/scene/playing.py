@@ -32,8 +32,10 @@ if TYPE_CHECKING:
 
 PLAYED = "mocap_played"  # on the collection: the name of the take
 MOTION_MARK = "mocap_motion_mark"  # what the file is known again by
+FOR_A_PART = "mocap_for_a_part"  # what labels a part of the take as all of it was labelled, and the take's frames
 CARRIER = "mocap_carrier"  # on the collection: the object with the modifier
 BONE_NUMBERS = 7  # a bone: location x y z, rotation w x y z
+OPENED_AROUND = 5.0  # s before and after what is to be looked at: a shorter part tells little of its subject
 MOST_SUSPECTS = 1000  # that the Blender file keeps, the longest; the report has all
 
 
@@ -48,6 +50,7 @@ class Playing:
     poses     the poses of all frames, as `io.poses.PoseFile` has them
     suspects  ranges of frames to look at
     source    the file of the take, empty if there is none
+    for_a_part what labels a part of it as all of it was labelled, as a job says it; None where nobody knows
     """
 
     name: str
@@ -57,6 +60,7 @@ class Playing:
     poses: "PoseFile"
     suspects: Sequence[Suspect] = ()
     source: str = ""
+    for_a_part: dict | None = None
 
 
 class _Bones:
@@ -204,6 +208,9 @@ def _keep(collection: bpy.types.Collection, carrier: bpy.types.Object, take: Pla
     collection[PLAYED], collection[SOURCE], collection[naming.MARKERSET] = take.name, take.source, take.worn.name
     collection[MOTION_MARK], collection[CARRIER] = cache_mark(cache), carrier
     collection[SUSPECTS], collection[SHIFT] = json.dumps(rows), float(shift)
+    if take.for_a_part is not None:
+        ends = take.poses.first_frame, take.poses.first_frame + take.poses.frames - 1
+        collection[FOR_A_PART] = json.dumps({**take.for_a_part, "ends": [int(end) for end in ends]})
 
 
 def _child(parent: bpy.types.Collection, name: str) -> bpy.types.Collection:
@@ -268,6 +275,28 @@ def find_motion(collection: bpy.types.Collection, path: Path):
         raise InputError("the object that plays the take was taken away; expected it: open the saved file again")
     name = str(path)
     modifier.filepath = bpy.path.relpath(name) if bpy.data.filepath else name
+
+
+def for_a_part(collection: bpy.types.Collection) -> dict | None:
+    """What labels a part of a take, with its first and last frame, `ends`; None where the file is older than that."""
+    said = collection.get(FOR_A_PART)
+    return None if said is None else json.loads(said)
+
+
+def part_here(collection: bpy.types.Collection, scene: bpy.types.Scene) -> tuple[int, int]:
+    """First and last frame, as Blender counts, of the part of a take that somebody looks at.
+
+    That is the preview range where there is one, `OPENED_AROUND` seconds to both sides of its middle at least, else
+    what is to be looked at in the current frame and as much before and after it.
+    """
+    now, around = scene.frame_current, round(OPENED_AROUND * scene.render.fps / scene.render.fps_base)
+    if scene.use_preview_range:
+        first, last = scene.frame_preview_start, scene.frame_preview_end
+        middle = (first + last) // 2
+        return min(first, middle - around), max(last, middle + around)
+    here = [(first, last) for first, last, _ in suspects_of(collection) if first <= now <= last]
+    first, last = min((one for one, _ in here), default=now), max((one for _, one in here), default=now)
+    return first - around, last + around
 
 
 def suspects_of(collection: bpy.types.Collection) -> list[tuple[int, int, str]]:

@@ -66,11 +66,16 @@ class MOCAP_AUTOLABEL_PT_take(Step, bpy.types.Panel):
         column.label(text=bpy.path.basename(path), icon="FILE")
         frames = f"Frames {settings.first_frame} to {settings.last_frame}"
         if settings.points_path:
-            column.label(text=f"{frames}, {settings.trajectories} trajectories")
+            column.label(text=_counted(frames, settings.trajectories, "trajectories"))
             column.label(text=f"{settings.rate:g} frames a second")
         else:
-            column.label(text=f"{frames}, {settings.blob_count} blobs")
+            column.label(text=_counted(frames, settings.blob_count, "blobs"))
             layout.prop(settings, "rate")
+
+
+def _counted(frames: str, count: int, things: str) -> str:
+    """What is in a take; of one that was never read as a whole nobody has counted it."""
+    return f"{frames}, {count} {things}" if count else frames
 
 
 class MOCAP_AUTOLABEL_PT_markerset(Step, bpy.types.Panel):

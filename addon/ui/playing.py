@@ -3,13 +3,13 @@
 
 import bpy
 
-from ..scene.playing import PLAYED, played_takes, suspects_of, what_is_wrong
+from ..scene.playing import PLAYED, for_a_part, part_here, played_takes, suspects_of, what_is_wrong
 from .parts import Step, draw_text, frames_in_short
 
-NO_KEYS = (
-    "It plays from a file beside this one and has no keys. To correct it, label a part of it: "
-    "choose its source and Frames in the Label panel."
-)
+NO_KEYS = "It plays from a file beside this one and has no keys."
+# Of a file that an earlier version saved.
+LABEL_A_PART = "To correct it, label a part of it: choose its source and Frames in the Label panel."
+SAVE_THEM = "Save Corrections keeps them for the whole take, when it is labelled again from the command line."
 
 
 class MOCAP_AUTOLABEL_PT_playing(Step, bpy.types.Panel):
@@ -25,13 +25,24 @@ class MOCAP_AUTOLABEL_PT_playing(Step, bpy.types.Panel):
     def draw(self, context):
         for take in played_takes(context.scene):
             box = self.layout.box()
-            box.label(text=str(take[PLAYED]), icon="PLAY")
+            row = box.row(align=True)
+            row.label(text=str(take[PLAYED]), icon="PLAY")
+            row.prop(take, "hide_viewport", text="", emboss=False)
             wrong = what_is_wrong(take)
             if wrong:
                 draw_text(context, box, wrong, "ERROR")
                 box.operator("mocap_autolabel.find_motion", icon="FILE_FOLDER").take = take.name
-            draw_text(context, box, NO_KEYS, "INFO")
             self._draw_suspects(context, box, take)
+            self._draw_part(context, box, take)
+
+    def _draw_part(self, context, box: bpy.types.UILayout, take: bpy.types.Collection):
+        if for_a_part(take) is None:
+            draw_text(context, box, f"{NO_KEYS} {LABEL_A_PART}", "INFO")
+            return
+        box.operator("mocap_autolabel.open_part", icon="ZOOM_SELECTED").take = take.name
+        first, last = part_here(take, context.scene)
+        words = f"{NO_KEYS} Open Part labels frames {first} to {last} again with keys, to correct them. {SAVE_THEM}"
+        draw_text(context, box, words, "INFO")
 
     def _draw_suspects(self, context, box: bpy.types.UILayout, take: bpy.types.Collection):
         rows = suspects_of(take)

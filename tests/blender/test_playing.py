@@ -9,10 +9,14 @@ import bpy
 import numpy as np
 import pytest
 
+from addon.cli import main as command
 from addon.core.data.takes import Motion, Suspect
+from addon.io import poses as pose_files
+from addon.io.edits import read_edits
 from addon.io.poses import PoseFile
 from addon.scene import naming, playing
 from addon.scene import take as takes
+from tests.walkers import FIRST, FRAMES, WORN, write_seen
 
 
 def places(context, collection, frames):
@@ -141,3 +145,123 @@ def test_the_sidebars_operators_step_and_find(extension, both, tmp_path):
         bpy.ops.mocap_autolabel.find_motion()
     with pytest.raises(RuntimeError, match="plays from a file and has no keys"):
         bpy.ops.mocap_autolabel.fill_gaps()
+
+
+@pytest.fixture
+def long(extension, tmp_path, monkeypatch):
+    """Saves a take of two people as one too long for keys, and opens it: `long("points")` or `long("blobs")`."""
+    write_seen(tmp_path)
+
+    def opened_take(kind, *words):
+        who = () if "--subject" in words else ("--model", WORN)
+        monkeypatch.setattr(pose_files, "PLAYING", replace(pose_files.PLAYING, most_keys=100))
+        source = ["pair.c3d"] if kind == "points" else ["seen.csv", "--cameras", "room.toml"]
+        monkeypatch.chdir(tmp_path)  # where the names of files begin
+        assert command(["label", *source, *who, "--blend", "--out", "out", *words]) == 0
+        monkeypatch.chdir(tmp_path.parent)
+        return opened(tmp_path / "out" / f"{'pair' if kind == 'points' else 'seen'}.blend")
+
+    return opened_take
+
+
+@pytest.mark.parametrize("kind", ["points", "blobs"])
+def test_a_part_is_opened_with_keys_and_corrected(long, kind, tmp_path):
+    """What was said of it is saved beside the take, whose next labelling follows it."""
+    collection = long(kind, "--subjects", "2")
+    scene = bpy.context.scene
+    first, last = FIRST + 10, FIRST + 19
+    scene.use_preview_range, scene.frame_preview_start, scene.frame_preview_end = True, first, last
+    played = scene.frame_start, scene.frame_end
+    assert bpy.ops.mocap_autolabel.open_part(first=first, last=last) == {"FINISHED"}
+    settings = scene.mocap_autolabel
+    stored = takes.stored_take(settings.take, scene)
+    assert stored.motion.frames.tolist() == list(range(first, last + 1))
+    assert [one.name for one in stored.performers] == ["1", "2"]
+    assert stored.labels.named.mean() > 0.9
+    assert (scene.frame_start, scene.frame_end) == played
+    assert collection.hide_viewport
+    assert not settings.take.hide_viewport
+    # Label, from here on, labels the same frames in the same way.
+    assert (settings.use_range, settings.range_first, settings.range_last) == (True, first, last)
+    assert (settings.first_frame, settings.last_frame) == (FIRST, FIRST + FRAMES - 1)
+    assert (settings.performing, settings.performer_count, settings.markerset) == ("SO_MANY", 2, WORN)
+    before = stored.labels.marker.copy()
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    assert (takes.stored_take(settings.take, scene).labels.marker == before).all()
+    scene.frame_set(first + 3)
+    for item in settings.take.all_objects:
+        item.select_set(item.get(naming.MARKER) in ("1:LKNE", "1:LANK"))
+    assert bpy.ops.mocap_autolabel.swap_markers(scope="RANGE") == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.save_corrections() == {"FINISHED"}
+    assert [edit.frames for edit in read_edits(next(tmp_path.glob("*.edits.json")))] == [(first, last)]
+    # Another part comes beside it, and knows of them.
+    assert bpy.ops.mocap_autolabel.open_part(first=first + 5, last=last + 10) == {"FINISHED"}
+    assert takes.stored_take(settings.take, scene).motion.frames.tolist() == list(range(first, last + 11))
+    assert len(bpy.context.window_manager.mocap_autolabel.corrections) == 1
+
+
+def test_who_was_asked_for_by_name_is_so_in_a_part(long):
+    long("points", "--subject", f"ann={WORN}", "--subject", f"bob={WORN}", "--target", "0.99")
+    scene = bpy.context.scene
+    scene.frame_set(FIRST + 20)
+    assert bpy.ops.mocap_autolabel.open_part() == {"FINISHED"}
+    settings = scene.mocap_autolabel
+    assert [(row.name, row.markerset) for row in settings.performers] == [("ann", WORN), ("bob", WORN)]
+    assert settings.target == pytest.approx(0.99)
+    stored = takes.stored_take(settings.take, scene)
+    assert len(stored.motion.frames) == FRAMES  # five seconds to either side are more than there is
+    assert {name.partition(":")[0] for name in stored.names} == {"ann", "bob"}
+
+
+def test_what_a_part_on_its_own_says_otherwise_is_listed(long, tmp_path):
+    """Against the labels of the whole take beside the file; where these are gone nothing is listed."""
+    long("points", "--subjects", "2")
+    labels = tmp_path / "out" / "pair.labels.csv"
+    lines = labels.read_text().splitlines()
+    for at, line in enumerate(lines):
+        if line.split(",")[2] == "1:LKNE" and FIRST + 5 <= int(line.split(",")[0]) < FIRST + 9:
+            lines[at] = line.replace("1:LKNE", "")
+    labels.write_text("\n".join(lines) + "\n")
+    assert bpy.ops.mocap_autolabel.open_part(first=FIRST + 2, last=FIRST + 30) == {"FINISHED"}
+    rows = bpy.context.window_manager.mocap_autolabel.changes
+    assert [(row.name, row.first) for row in rows] == [("1:LKNE", FIRST + 5)]
+    assert "is named now" in rows[0].words
+    labels.unlink()
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "out" / "pair.blend"))
+    assert bpy.ops.mocap_autolabel.open_part(first=FIRST + 2, last=FIRST + 30) == {"FINISHED"}
+    assert not bpy.context.window_manager.mocap_autolabel.changes
+
+
+def test_the_part_here_is_what_is_to_be_looked_at_or_the_preview_range(both, monkeypatch):
+    collection, scene = opened(both.path), bpy.context.scene
+    scene.render.fps, scene.render.fps_base = 50, 1.0
+    monkeypatch.setattr(playing, "OPENED_AROUND", 0.1)
+    scene.frame_set(104)
+    assert [row[:2] for row in playing.suspects_of(collection)] == [(104, 105), (110, 112)]
+    assert playing.part_here(collection, scene) == (99, 110)
+    scene.frame_set(107)
+    assert playing.part_here(collection, scene) == (102, 112)
+    scene.use_preview_range, scene.frame_preview_start, scene.frame_preview_end = True, 103, 118
+    assert playing.part_here(collection, scene) == (103, 118)
+    scene.frame_preview_end = 105
+    assert playing.part_here(collection, scene) == (99, 109)
+
+
+def test_what_cannot_be_opened_is_told_and_nothing_changes(long, tmp_path):
+    collection = long("points", "--subjects", "2")
+    scene = bpy.context.scene
+    with pytest.raises(RuntimeError, match=r"frames 900 to 950 are none of take pair; expected some of 7 to 46"):
+        bpy.ops.mocap_autolabel.open_part(first=900, last=950)
+    (tmp_path / "pair.c3d").rename(tmp_path / "elsewhere.c3d")
+    with pytest.raises(RuntimeError, match=r"pair\.c3d: there is no such file"):
+        bpy.ops.mocap_autolabel.open_part()
+    assert not scene.mocap_autolabel.points_path
+    assert not collection.hide_viewport
+    # `pair.c3d` beside the Blender file is what was made of the take, and not the take.
+    assert (tmp_path / "out" / "pair.c3d").exists()
+    found = str(tmp_path / "elsewhere.c3d")
+    assert bpy.ops.mocap_autolabel.open_part(first=FIRST, last=FIRST + 9, filepath=found) == {"FINISHED"}
+    assert scene.mocap_autolabel.points_path == found
+    del collection[playing.FOR_A_PART]
+    with pytest.raises(RuntimeError, match="does not say how it was labelled"):
+        bpy.ops.mocap_autolabel.open_part()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A long take plays in a real Blender that does not have the extension; `play_long.py` opens it, this file judges."""
+"""A long take in a real Blender: `play_long.py` plays it without the extension, `long_tour.py` opens a part of it."""
 
 import json
 from dataclasses import replace
@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.image import imread
 
 from addon.io import poses
 from addon.io.points import read_points
@@ -17,16 +18,22 @@ pytestmark = pytest.mark.real_blender
 FRAMES, LOOKED_AT = 90, (1, 30, 90)
 
 
-@pytest.fixture
-def played(blender_program, tmp_path, monkeypatch):
-    """What a Blender saw of a take that was saved to be played, and the take's points."""
+def saved(folder: Path) -> Path:
+    """The folder of a take in `folder` that was saved as one too long for keys."""
     pytest.importorskip("bpy", reason="what saves the take")
-    write_virtual_points(tmp_path, FRAMES)
-    monkeypatch.setattr(poses, "PLAYING", replace(poses.PLAYING, most_keys=100))
-    out, other = tmp_path / "out", tmp_path / "other"
+    write_virtual_points(folder, FRAMES)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(poses, "PLAYING", replace(poses.PLAYING, most_keys=100))
+        for _ in label_file(LabelJob(folder / "walk.c3d", None, "body26", folder / "out", blend=True)):
+            pass
+    return folder / "out"
+
+
+@pytest.fixture
+def played(blender_program, tmp_path):
+    """What a Blender saw of a take that was saved to be played, and the take's points."""
+    out, other = saved(tmp_path), tmp_path / "other"
     other.mkdir()
-    for _ in label_file(LabelJob(tmp_path / "walk.c3d", None, "body26", out, blend=True)):
-        pass
     script, seen = Path(__file__).with_name("play_long.py"), tmp_path / "seen.json"
     files = [str(out / "walk.blend"), str(other / "walk.blend"), str(seen)]
     arguments = ["--background", "--factory-startup", "--python", str(script), "--", *files, *map(str, LOOKED_AT)]
@@ -50,3 +57,37 @@ def test_it_plays_without_the_extension_and_when_saved_elsewhere(played):
     assert compared > 40
     heads = np.array([list(found["bones"].values()) for found in seen["opened"]])
     assert np.ptp(heads, axis=0).max() > 0.01
+
+
+@pytest.fixture(scope="module")
+def tour(watch, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("tour")
+    (folder / "elsewhere").mkdir()
+    take, moved = folder / "walk.c3d", folder / "elsewhere" / "walk again.c3d"
+    blend = saved(folder) / "walk.blend"
+    return watch("long_tour.py", folder, blend=str(blend), take=str(take), moved=str(moved))
+
+
+@pytest.mark.window
+@pytest.mark.slow
+def test_a_click_opens_a_part_with_keys_and_undo_takes_it_back(tour):
+    folder = tour["folder"]
+    all_of_it = [1, FRAMES]  # which is less than ten seconds
+    opened = {"take": True, "keys": all_of_it, "hidden": True, "points": str(folder / "walk.c3d"), "frames": all_of_it}
+    assert tour["opened"] == opened
+    assert tour["undone"] == {"take": False, "keys": [0, 0], "hidden": False, "points": "", "frames": [0, 0]}
+
+
+@pytest.mark.window
+@pytest.mark.slow
+def test_a_take_that_was_moved_is_asked_for(tour):
+    assert tour["from elsewhere"]["keys"] == [1, FRAMES]
+    assert tour["from elsewhere"]["points"] == str(tour["folder"] / "elsewhere" / "walk again.c3d")
+    assert "Traceback" not in tour["log"]
+
+
+@pytest.mark.window
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["1-plays", "2-a-part", "3-where-it-is"])
+def test_the_window_shows_something(tour, name):
+    assert imread(tour["folder"] / f"long-{name}.png")[..., :3].std() > 0.05
