@@ -10,13 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..data.errors import JobError
 from ..data.takes import Blobs, LabelledChunk, evenly_spread, rows_in_frame
 from ..geometry.cameras import Cameras
 from ..geometry.views import Sight, split_views
 from ..points.models import Model
 from ..points.naming import chosen_method, namer_of
-from ..points.refusals import REFUSAL, SubjectsError, refuse_others
+from ..points.refusals import REFUSAL, SubjectsError, UnsuitedError, refuse_others
 from ..reconstruction.matching import Circumstances, Expected, FrameMatcher
 from ..reconstruction.trajectories import RECONSTRUCTION
 
@@ -70,7 +69,7 @@ class OtherSubjects:
             refuse_others(self.model, namer, self._points(crowded))
         except SubjectsError:
             raise
-        except JobError:
+        except UnsuitedError:
             return  # single frames are not sure of anybody
 
     def _points(self, frames: list[Blobs]) -> np.ndarray:

@@ -25,7 +25,7 @@ from ..edits.kinds import NO_EDITS, Edits
 from ..geometry.cameras import Cameras
 from ..geometry.measuring import measured_again
 from ..geometry.triangulation import meet_rows
-from ..points.several.motion import LabelledSubjects, beside, motion_of_first
+from ..points.several.motion import LabelledSubjects, beside, measured_of_first
 from ..points.several.pipeline import label_several
 from ..points.several.wearers import SetsWorn, SeveralOptions
 from ..points.whole_take.pipeline import PointOptions
@@ -181,15 +181,13 @@ class SubjectsInImages:
         there = np.isfinite(motion.markers).all(axis=2)
         meeting = labels.kept(self._meeting(blobs, checked, labels, motion))
         motion = measured_again(motion, blobs, given, meeting, self.cameras, there)
-        asked = len(self.worn.subjects)
-        joints = sum(one.joints.shape[1] for one in each[:asked])
         unedited = None
         if said.unedited is not None:
             before = self.points.named(index, said.unedited, len(blobs))
             unedited = labels.replaced(before.marker != given.marker, before)
             unedited = unedited.kept(unedited.marker < len(self.worn))
         labels = labels.kept(labels.marker < len(self.worn))
-        return labels, motion_of_first(motion, asked, len(self.worn), joints), unedited
+        return labels, measured_of_first(motion, each[: len(self.worn.subjects)]), unedited
 
     def _meeting(self, blobs: Blobs, before: Labels, labels: Labels, motion: Motion) -> np.ndarray:
         """(N,) True for the labels whose rays are their markers'; a blob of two markers, named anew, is beside both."""
@@ -281,7 +279,7 @@ def label_several_blobs(
     del take
     worn = [one.model.markerset for one in labelled.worn.subjects]
     bodies = tuple(body_of(one) if body_of else CapsuleOcclusion(one, OCCLUDING.fitted_shrink) for one in worn)
-    return SubjectsInImages(cameras, points, labelled, asked.asked_of(labelled.worn), bodies, seconds)
+    return SubjectsInImages(cameras, points, labelled, labelled.worn.asked, bodies, seconds)
 
 
 def _of_blobs(suspect: Suspect) -> Suspect:

@@ -85,9 +85,9 @@ def refuse_others(model: Model, namer: Namer, points: np.ndarray, solvable: bool
     Of a take that is `solvable` as a whole, frames on their own need not be sure where one subject has many more points
     than the model: then `refuse_unlike` has the say.
 
-    Raises JobError where frames on their own are not sure of the model's markers, or are of two
-    subjects' at once. The fitted body needs its frames in a row: for it two groups of points are two subjects, and the
-    rest is for `refuse_unrecognised`.
+    Raises UnsuitedError where frames on their own are not sure of the model's markers, SubjectsError where they are of
+    two subjects' at once. The fitted body needs its frames in a row: for it two groups of points are two subjects, and
+    the rest is for `refuse_unrecognised`.
     """
     if namer.step == BY_FIT:
         some = points[evenly_spread(len(points), REFUSAL.sample_frames)]
@@ -97,7 +97,7 @@ def refuse_others(model: Model, namer: Namer, points: np.ndarray, solvable: bool
     count = _points_at_a_time(points)
     frames = np.flatnonzero(count >= min(REFUSAL.min_points, len(model.markerset)))
     if not len(frames):
-        raise JobError("has no frame with enough points to tell markers apart; expected four or more at a time")
+        raise UnsuitedError("has no frame with enough points to tell markers apart; expected four or more at a time")
     frames = frames[evenly_spread(len(frames), REFUSAL.sample_frames)]
     some = points[frames]
     first = _each_alone(namer, some)
@@ -121,7 +121,7 @@ def _one_crowd(model: Model, points: np.ndarray) -> bool:
 
 
 def refuse_unlike(model: Model, points: np.ndarray, residual: float):
-    """Raises JobError where the markers found among many more points (T, P, 3) do not sit as the set has them.
+    """Raises UnsuitedError where the markers found among many more points (T, P, 3) do not sit as the set has them.
 
     residual is that of `whole_take.solving.Solution`: names can be found for any points, if there are enough.
     """
@@ -130,7 +130,7 @@ def refuse_unlike(model: Model, points: np.ndarray, residual: float):
 
 
 def refuse_unrecognised(model: Model, namer: Namer, points: np.ndarray, given: Labels):
-    """Raises JobError where the labels given (T, P) are so few that points (T, P, 3) are of another marker set.
+    """Raises UnsuitedError where the labels given (T, P) are so few that points (T, P, 3) are of another marker set.
 
     The labels are those of the usual target: of a stricter one there are few in any take.
     """
@@ -226,7 +226,11 @@ def _possible(points: np.ndarray, markers: int) -> int:
 HOW_TO_ASK = "by --subjects 2 or auto, in Blender under Performers"
 
 
-class SubjectsError(JobError):
+class UnsuitedError(JobError):
+    """A take that the model is not for."""
+
+
+class SubjectsError(UnsuitedError):
     """A take of several subjects, where fewer were asked for."""
 
 
@@ -235,12 +239,12 @@ def _two_subjects(model: Model) -> SubjectsError:
     return SubjectsError(f"{words}; expected a take of one, so ask for all of them {HOW_TO_ASK}")
 
 
-def _unrecognised(model: Model, points: np.ndarray, share: float) -> JobError:
+def _unrecognised(model: Model, points: np.ndarray, share: float) -> UnsuitedError:
     name, size = model.markerset.name, len(model.markerset)
     present = _points_at_a_time(points)
     many = f" or of several subjects at once ({int(present.max())} points, {size} markers)"
     several, ask = (many, f", or ask for several {HOW_TO_ASK}") if _is_crowd(present, model) else ("", "")
-    return JobError(
+    return UnsuitedError(
         f"does not look like a take of model {name}{several}: {share:.0%} of its markers were recognised for sure; "
         f"expected a take of that marker set, so choose its model or train one{ask}"
     )

@@ -115,6 +115,33 @@ def test_one_asked_for_among_two_has_her_names_alone_and_the_other_is_in_the_way
     assert not any(one.markers and not set(one.markers) <= set(found.worn.markers) for one in found.labelled.suspects)
 
 
+def test_where_one_asked_for_is_not_there_nobody_is_found(shot, model, monkeypatch):
+    """Whoever else is there is no reason to say that she is."""
+    cameras, blobs, truth = shot[:3]
+    monkeypatch.setattr(pipeline, "TELLING", replace(TELLING, lead=-1.0))
+    asked = SeveralOptions(subjects=(Wearer("ann", model),))
+    names, _ = named(finished(label_several_blobs(lambda: parts(blobs), cameras, asked, NAMED, RATE)), blobs)
+    hers = max("12", key=lambda one: ((names != "") & truth_of(truth, one)).sum())
+    kept = ~(truth_of(truth, hers) & (blobs.frame >= 22))
+    few = blobs.part(slice(0, FRAMES), kept)
+    found = finished(label_several_blobs(lambda: parts(few), cameras, asked, NAMED, RATE))
+    assert len(found.labelled.worn.subjects) == 2
+    _, chunks = named(found, few)
+    confidence = np.concatenate([chunk.motion.confidence for chunk in chunks])
+    assert (confidence[:20] > 0).all()
+    assert (confidence[-15:] == 0).all()
+
+
+def test_as_many_as_are_asked_for_have_names_and_others_are_in_the_way(shot, model):
+    cameras, blobs = shot[:2]
+    found = finished(label_several_blobs(lambda: parts(blobs), cameras, SeveralOptions(model, 1), NAMED, RATE))
+    assert len(found.labelled.worn.subjects) == len(found.bodies) == 2
+    assert found.worn.markers == tuple(f"1:{name}" for name in model.markerset.markers)
+    names, chunks = named(found, blobs)
+    assert set(names) == {"", *found.worn.markers}
+    assert chunks[0].motion.markers.shape == (16, 15, 3)
+
+
 def truth_of(truth: np.ndarray, person: str) -> np.ndarray:
     """(N,) True for the blobs of a person."""
     return np.array([any(one.startswith(person) for one in text.split("|")) for text in truth])

@@ -7,14 +7,13 @@ from functools import cached_property
 
 import numpy as np
 
-from ...data.errors import JobError
 from ...data.lanes import PACKING, blocks
 from ...data.progress import Stage
 from ...data.takes import NO_MARKER, Labels, OrderedPoints, Points
 from ..deciding import Said
 from ..models import Model
 from ..naming import Namer
-from ..refusals import Sample, SubjectsError, refuse_others
+from ..refusals import Sample, SubjectsError, UnsuitedError, refuse_others
 from ..whole_take.deciding import least_margin
 from ..whole_take.layout import usual_residual
 from ..whole_take.pipeline import NamedFrames, PointOptions, Recognise, name_frames, name_more, solution_for
@@ -133,7 +132,7 @@ class BodyNaming:
         self._first: NamedFrames | None = None
 
     def begin(self):
-        """Goes on until single frames have said whether the body is of the model; JobError where it is not."""
+        """Goes on until single frames have said whether the body is of the model; UnsuitedError where it is not."""
         while not self._begun:
             step = next(self._work)
             self._begun += [step] if isinstance(step, Stage) and step.name == "name" else []
@@ -186,7 +185,7 @@ def frames_are_sure(model: Model, namer: Namer, points: OrderedPoints, solvable:
 
 
 def take_will_say(model: Model, namer: Namer, points: OrderedPoints, solvable: bool) -> None:
-    """Of a body that single frames are not sure of; JobError where the take cannot be solved as a whole either."""
+    """Of a body that single frames are not sure of; UnsuitedError where the take cannot be solved as a whole either."""
     if not solvable:
         frames_are_sure(model, namer, points, solvable)
 
@@ -263,7 +262,7 @@ class Crowd:
                 naming.begin()
             except SubjectsError:
                 raise
-            except JobError:
+            except UnsuitedError:
                 continue
             found[model.markerset.markers] = naming
         return list(found.values())

@@ -22,6 +22,8 @@ class HoldingOnOptions:
     min_samples    frames of a tracklet that are looked at, at least, if it has so many
     unknown        frames that what is not known yet counts for: a pair's distance is taken to vary by
     loose          this part of it
+    known          frames that what was seen counts for at most: of people who stand still for long nobody learns more,
+                   and the farther of two markers would be as much on a body as the nearer
     steady_m       that a distance on a body varies by
     holds          tracklets of a body that one holds on to best, which say how much it does
     max_body_m     beyond which no two markers are on one body
@@ -33,6 +35,7 @@ class HoldingOnOptions:
     min_samples: int = 4
     unknown: float = 6.0
     loose: float = 0.25
+    known: float = 400.0
     steady_m: float = 0.02
     holds: int = 6
     max_body_m: float = 2.6
@@ -126,8 +129,10 @@ def _pairs(
     farthest = np.zeros(len(key))
     np.maximum.at(farthest, place, longest)
     mean = total / np.maximum(number, 1)
-    varied = np.maximum(squares - number * mean**2, 0) + HOLDING_ON.unknown * (HOLDING_ON.loose * mean) ** 2
-    variance = varied / (number + HOLDING_ON.unknown) + HOLDING_ON.steady_m**2
+    counts = np.minimum(number, HOLDING_ON.known)
+    seen = np.maximum(squares - number * mean**2, 0) * (counts / np.maximum(number, 1))
+    varied = seen + HOLDING_ON.unknown * (HOLDING_ON.loose * mean) ** 2
+    variance = varied / (counts + HOLDING_ON.unknown) + HOLDING_ON.steady_m**2
     near = farthest < HOLDING_ON.max_body_m**2
     return (key // every)[near], (key % every)[near], 1 / variance[near]
 

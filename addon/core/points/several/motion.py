@@ -67,11 +67,11 @@ def beside(each: Sequence[Motion]) -> Motion:
     return Motion(frames=each[0].frames, confidence=confidence, **tables)
 
 
-def motion_of_first(motion: Motion, subjects: int, markers: int, joints: int) -> Motion:
-    """That of the first of several subjects beside each other, who have so many markers and joints together."""
-    sizes = dict.fromkeys(("markers", "residual", "residual_px", "conflicts", "expected"), markers)
-    sizes |= {"joints": joints, "rotations": joints, "scale": 3 * subjects}
-    return replace(motion, **{name: getattr(motion, name)[:, :size] for name, size in sizes.items()})
+def measured_of_first(motion: Motion, each: Sequence[Motion]) -> Motion:
+    """That of some subjects, with their markers as they were measured in that of all, of whom they are the first."""
+    own = beside(each)
+    measured = ("markers", "residual", "residual_px", "conflicts")
+    return replace(own, **{name: getattr(motion, name)[:, : own.markers.shape[1]] for name in measured})
 
 
 class Beside:

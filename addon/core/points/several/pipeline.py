@@ -19,7 +19,7 @@ from ...data.takes import Labels, Points, Suspect
 from ...edits.applying import refuse_unknown
 from ...review.answering import unanswered, without_accepted
 from ...review.suspects import LISTING, summarised, suspect_ranges
-from ..refusals import refuse_floods
+from ..refusals import UnsuitedError, refuse_floods
 from ..tracklets import cut
 from ..whole_take.pipeline import PointOptions, Recognise, as_in_file
 from .bodies import BodyNaming, Crowd, NamedBody, frames_are_sure, recognised_before, take_will_say
@@ -70,14 +70,14 @@ def label_several(
             edited = yield from within(work, 0.9, 0.92, "solve the take again with the edits")
             applied, unedited = edited.applied, edited.unedited
             labels, suspects = edited.verdict.labels, edited.verdict.suspects
-        suspects += _questions(crowd, asked, found, labels)
+        suspects += _questions(crowd, found, labels)
         worn = found.worn
         del crowd, found  # a long take's are large
         seconds = {"label": perf_counter() - begin}
         yield Progress(0.92, "pose the bodies")
         motion = motion_of_all(take, labels, worn, options, applied and applied.places)
         seconds["fit"] = perf_counter() - begin - seconds["label"]
-        own = set(asked.asked_of(worn).markers)
+        own = set(worn.asked.markers)
         doubts = tuple(one for one in motion.suspects(worn.markers, take.rate) if own.issuperset(one.markers))
         suspects += doubts
         if applied:
@@ -87,12 +87,14 @@ def label_several(
         return LabelledSubjects(labels, motion, suspects, seconds, unedited, outcomes, doubts, worn)
 
 
-def _questions(crowd: Crowd, asked: SeveralOptions, found: Everybody, labels: Labels) -> tuple[Suspect, ...]:
+def _questions(crowd: Crowd, found: Everybody, labels: Labels) -> tuple[Suspect, ...]:
     """Who it may be who is there without names, where labels (T, L) are the take's in the end."""
     stays = [stay.there for stay in found.untold if stay.is_open(crowd.tracklet, labels)]
     if not stays:
         return ()
-    people = [one.name for one in asked.asked_of(found.worn).subjects if not is_prop(one.model)]
+    people = [one.name for one in found.worn.asked.subjects if not is_prop(one.model)]
+    if len(found.worn.asked.subjects) < len(found.worn.subjects):
+        people.append("somebody else")
     words = f"somebody here is left without names, who may be {' or '.join(people)}"
     most = round(LISTING.max_break_s * crowd.take.rate)
     return tuple(suspect_ranges(crowd.take.frames, np.any(stays, axis=0), words, most))
@@ -137,7 +139,7 @@ class _Parties:
             try:
                 bodies, untold = yield from self._people_of(stays, count, recognise)
                 named = yield from self._each(bodies, wanted, count, recognise)
-            except JobError:
+            except UnsuitedError:
                 continue  # two are on one body, or the set does not suit it
             found = None if named is None else (yield from self._told(bodies, named, wanted))
             if found is not None:
@@ -252,12 +254,12 @@ class _Parties:
         return found
 
     def _strangers(self, people: list[tuple[NamedBody, np.ndarray]]) -> list[FoundSubject]:
-        """Whom nobody asked for, with the tracklets (N,) that each may have: of them nothing is asked."""
+        """Whom nobody asked for, with the tracklets (N,) that each may have."""
         each = [
-            _found(Wearer(f"?{index}", own[0].model), *own, self.crowd.options.target)
+            _found(Wearer(f"?{index}", own[0].model, asked=False), *own, self.crowd.options.target)
             for index, own in enumerate(people)
         ]
-        return [replace(one, verdict=replace(one.verdict, suspects=())) for one in each if one is not None]
+        return [one for one in each if one is not None]
 
     def _who(
         self, named: dict[int, list[NamedBody]], wanted: int
@@ -296,7 +298,7 @@ def _found(subject: Wearer, body: NamedBody, may: np.ndarray, target: float) -> 
     """Who was found, with what is said of them; None where the model is not for them after all."""
     try:
         return FoundSubject(subject, body, may, verdict_on(body, target))
-    except JobError:
+    except UnsuitedError:
         return None
 
 

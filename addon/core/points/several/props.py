@@ -9,6 +9,7 @@ import numpy as np
 from ...data.errors import JobError
 from ...data.progress import Stage
 from ..models import Model
+from ..refusals import UnsuitedError
 from ..whole_take.pipeline import name_frames
 from .bodies import Crowd, NamedBody
 from .together import FoundSubject, verdict_on
@@ -43,7 +44,7 @@ def found_prop(crowd: Crowd, prop: Wearer) -> Generator[Stage | float | tuple[fl
         yield Stage("vote", f"look where {prop.name} is")
         body = NamedBody(prop.model, frames, None)
         verdict = verdict_on(body, crowd.options.target)
-    except JobError:
+    except UnsuitedError:
         words = f"shows no {prop.name}, or not often enough to know it by the form of {prop.model.markerset.name}"
         raise JobError(f"{words}; expected a take with that prop, so leave it out") from None
     own = crowd.count(verdict.labels.named) > PROPS.named * np.maximum(crowd.size, 1)

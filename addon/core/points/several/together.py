@@ -45,7 +45,7 @@ class Everybody:
 
 
 def verdict_on(one: NamedBody, target: float) -> Verdict:
-    """What is said of one; JobError where the model is not for it."""
+    """What is said of one; UnsuitedError where the model is not for it."""
     frames = one.frames
     if one.solution is not None:
         refuse_unlike(frames.model, frames.take.xyz, one.solution.residual)
@@ -55,7 +55,7 @@ def verdict_on(one: NamedBody, target: float) -> Verdict:
 
 
 def joined(worn: SetsWorn, verdicts: Sequence[Verdict]) -> Verdict:
-    """What is said of all of them; what two have is nobody's."""
+    """What is said of all of them; what two have is nobody's. Those whom nobody asked for have nothing to look at."""
     whole, suspects = Labels.none(*verdicts[0].labels.marker.shape), ()
     for part in blocks(*whole.marker.shape):
         taken = np.sum([verdict.labels.marker[part] != NO_MARKER for verdict in verdicts], axis=0)
@@ -64,7 +64,7 @@ def joined(worn: SetsWorn, verdicts: Sequence[Verdict]) -> Verdict:
             at = own.named & (taken == 1)
             whole.marker[part][at] = own.marker[at] + first
             whole.step[part][at], whole.confidence[part][at] = own.step[at], own.confidence[at]
-    for subject, verdict in zip(worn.subjects, verdicts, strict=True):
+    for subject, verdict in zip(worn.asked.subjects, verdicts, strict=False):
         suspects += tuple(_of(suspect, subject) for suspect in verdict.suspects)
     return Verdict(whole, suspects)
 

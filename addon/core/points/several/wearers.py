@@ -21,10 +21,11 @@ def is_subject_name(text: str) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Wearer:
-    """Who is in a take: the name, and the model of what is worn."""
+    """Who is in a take: the name, the model of what is worn, and whether they were asked for or only are there."""
 
     name: str
     model: Model
+    asked: bool = True
 
     @property
     def markers(self) -> tuple[str, ...]:
@@ -38,8 +39,8 @@ class SeveralOptions:
 
     model     what all of them wear, who have no names: `count` of them, or AUTO
     subjects  those who have, each with a model of their own; then `model` is None
-    others    whether people whom nobody asked for are found, too, after those who have names: for who must know what
-              is theirs, as they are in the way
+    others    whether people whom nobody asked for are found, too, after those who were: for who must know what is
+              theirs, as they are in the way
     """
 
     model: Model | None = None
@@ -57,10 +58,6 @@ class SeveralOptions:
     def numbered(self, count: int) -> tuple[Wearer, ...]:
         """So many without names, who are called 1, 2 and so on."""
         return tuple(Wearer(str(number), self.model) for number in range(1, count + 1))
-
-    def asked_of(self, found: "SetsWorn") -> "SetsWorn":
-        """Those of whoever was found who were asked for."""
-        return SetsWorn(found.subjects[: len(self.subjects)]) if self.subjects else found
 
     @property
     def possible(self) -> "SetsWorn":
@@ -86,6 +83,11 @@ class SetsWorn:
 
     def __len__(self) -> int:
         return len(self.markers)
+
+    @cached_property
+    def asked(self) -> "SetsWorn":
+        """Those of the subjects who were asked for; the others come after them."""
+        return SetsWorn(tuple(one for one in self.subjects if one.asked))
 
     @cached_property
     def markers(self) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from addon.core.body.bodies import BodyModel
 from addon.core.data.errors import JobError
 from addon.core.data.lanes import LaneOptions
 from addon.core.data.progress import finished
-from addon.core.data.takes import Labels, Points
+from addon.core.data.takes import Labels, Points, Suspect, Verdict
 from addon.core.geometry.rotations import exponential
 from addon.core.points.several import bodies, holding, pipeline
 from addon.core.points.several.bodies import RecognisingOptions
@@ -22,6 +22,7 @@ from addon.core.points.several.parting import PartedBodies, parted
 from addon.core.points.several.pipeline import label_several
 from addon.core.points.several.stays import StayBuild, UntoldStay, ways_of
 from addon.core.points.several.telling import likeliest, told
+from addon.core.points.several.together import joined
 from addon.core.points.several.wearers import AUTO, SetsWorn, SeveralOptions, Wearer
 from addon.core.points.tracklets import cut
 from addon.core.points.whole_take import asking
@@ -371,3 +372,40 @@ def test_stays_are_joined_to_people_or_to_nobody():
     assert joined.body.tolist() == [0, 1, 1, -1, -1]
     assert joined.may.sum(axis=1).tolist() == [1, 1, 1, 0, 0]
     assert joined.hold.max(axis=1).tolist() == [2, 2, 2, 0, 0]
+
+
+@pytest.mark.parametrize("tables", [0, 3, 6])
+def test_a_full_disk_is_told_and_is_not_that_nobody_is_there(passing, tables):
+    """Wherever in the work a table more has no room."""
+    left = tables
+
+    def room(shape, kind):
+        nonlocal left
+        left -= 1
+        if left < 0:
+            raise JobError("there is no room; expected some")
+        return np.empty(shape, kind)
+
+    with pytest.raises(JobError, match="there is no room"):
+        finished(label_several(passing[0], SeveralOptions(open_model("gait15"), 2), PointOptions("likelihood", room=room)))
+
+
+def test_of_whom_nobody_asked_for_nothing_is_to_be_looked_at():
+    model = open_model("gait15")
+    worn = SetsWorn((Wearer("ann", model), Wearer("?0", model, asked=False)))
+    said = Verdict(Labels.none(2, 3), (Suspect(1, 2, "left and right may be exchanged", markers=("LKNE",)),))
+    assert [one.markers for one in joined(worn, [said, said]).suspects] == [("ann:LKNE",)]
+    assert worn.asked.markers == worn.markers[:15]
+
+
+@pytest.mark.parametrize("count", [2, AUTO])
+def test_two_who_stand_still_for_long_are_as_sure_as_for_a_moment(count):
+    """Nobody learns more of a distance that nothing happens to."""
+    poses = [person(seed, 1, 0.0)[:1] for seed in (1, 2)]
+    poses = [one - one.mean(axis=1, keepdims=True) * [1, 1, 0] for one in poses]
+    still = np.concatenate([poses[0], poses[1] + [0, 1.0, 0]], axis=1)
+    xyz = still + np.random.default_rng(0).normal(0, 0.0003, (5000, 30, 3))
+    take = Points(("",) * 30, xyz, np.full(xyz.shape[:2], 0.0005), 50.0, 1)
+    found = finished(label_several(take, SeveralOptions(open_model("gait15"), count), PointOptions("likelihood")))
+    right, wrong = matched(found.labels.marker, np.arange(30), take.present)
+    assert (right, wrong) == (take.present.sum(), 0)
