@@ -10,6 +10,7 @@ from typing import Self
 import numpy as np
 
 from ..core.data.errors import JobError
+from ..core.data.markersets import Worn
 from ..core.data.takes import Motion
 from .scratch import naming_scratch
 
@@ -45,10 +46,16 @@ def is_long(frames: int, markers: int, joints: int, options: PlayedOptions | Non
     return frames * keys > (options or PLAYING).most_keys
 
 
-def refuse_keys(frames: int, markers: int, joints: int, options: PlayedOptions | None = None):
-    """Raises JobError where the keys of so many frames would fill the memory of a scene that is open."""
-    keys = KEYS_A_MARKER * markers + KEYS_A_BONE * joints
-    most = (options or PLAYING).most_shown // keys
+def refuse_keys(frames: int, worn: Worn, read: float = 0.0, options: PlayedOptions | None = None):
+    """Raises JobError where the keys of so many frames of these markers would fill the memory of a scene that is open.
+
+    So it is where the frames are the part `read` of a file that promises to have so many; 0 where that is not known.
+    """
+    options = options or PLAYING
+    if read > 0 and frames >= options.foreseen_from:
+        frames = max(frames, int(frames / read / options.foreseen))
+    keys = KEYS_A_MARKER * len(worn.markers) + KEYS_A_BONE * sum(len(one.skeleton) for _, one in worn.worn)
+    most = options.most_shown // keys
     if frames > most:
         words = f"has {frames:,} frames, whose keys take some {frames * keys * BYTES_A_KEY / 1e9:.0f} GB in a scene"
         way = "choose a part of it with Frames, or use Label Folder, whose Blender file plays a take of any length"

@@ -15,6 +15,7 @@ import numpy as np
 from ..blendfile import Chunks, mesh_occlusion, open_cameras, refuse_long
 from ..core.body.occlusion import Occlusion
 from ..core.data.errors import InputError
+from ..core.data.markersets import Worn
 from ..core.data.progress import Progress
 from ..core.data.takes import BY_EDIT, STEPS, Blobs, EditOutcome, LabelledChunk, Motion, Points, Suspect
 from ..core.edits.applying import BLOB_EDITING, joined
@@ -33,7 +34,7 @@ from ..core.review.trouble import TakeTrouble
 from ..io.blobs import BlobRows, frames_in, read_blobs
 from ..io.edits import open_edits
 from ..io.labels import LabelWriter
-from ..io.poses import PLAYING, PoseFile, refuse_keys
+from ..io.poses import PoseFile, refuse_keys
 from ..io.report import facts_of_trouble
 from ..io.scratch import naming_scratch, scratch_folder
 from ..io.tables import Room
@@ -79,7 +80,7 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         check = CameraCheck(cameras, sized)
         trouble = TakeTrouble(worn.markers, job.frame_rate, edits, cameras, worn.by_name)
         overview = overview_of(job, worn, job.frame_rate, edits, cameras)
-        results = Results(job, cameras, files, worn.markers, stack)
+        results = Results(job, cameras, files, worn, stack)
         said_of, doubtful = (worn.markers, job.frame_rate), {}
         # Whoever corrected names has seen who is in the take.
         others = OtherSubjects(cameras, model) if several is None and not edits else None
@@ -202,9 +203,8 @@ class Results:
               are to be filled
     """
 
-    def __init__(
-        self, job: LabelJob, cameras: Cameras, files: dict[str, Path], markers: tuple[str, ...], stack: ExitStack
-    ):
+    def __init__(self, job: LabelJob, cameras: Cameras, files: dict[str, Path], worn: Worn, stack: ExitStack):
+        markers = worn.markers
         self.blend, self.kept = job.blend, job.keep or job.blend
         self.cameras = cameras if job.fill else None
         self.rays: list[tuple[int, MarkerRays]] = []
@@ -212,7 +212,7 @@ class Results:
         self.labels = stack.enter_context(LabelWriter(files[".labels.csv"], markers))
         self.summary = TakeSummary(markers)
         self.poses = stack.enter_context(PoseFile(stack.enter_context(scratch_folder()))) if job.blend else None
-        self.keep, self.shown, self.whole = job.keep, job.shown, not job.frames
+        self.keep, self.showing, self.whole = job.keep, worn if job.shown else None, not job.frames
         self.chunks: Chunks = []
         self.outcomes: list[tuple[EditOutcome, ...]] = []
 
@@ -228,8 +228,9 @@ class Results:
             self.rays.append((first, rays_of(row.blobs, chunk.labels, self.cameras, missing)))
         if self.blend:
             refuse_long(self.motion.first_frame, int(row.blobs.frames[-1]))
-        if self.shown:
-            self._refuse_keys(row, chunk.motion)
+        if self.showing is not None:
+            frames = int(row.blobs.frames[-1]) - self.motion.first_frame + 1
+            refuse_keys(frames, self.showing, row.fraction if self.whole else 0.0)
         self.summary.add(chunk)
         self.outcomes.append(chunk.outcomes)
         if self.poses is not None:
@@ -239,13 +240,6 @@ class Results:
                 self.chunks.clear()
         if self.kept:
             self.chunks.append((row.blobs, chunk))
-
-    def _refuse_keys(self, row: BlobRows, motion: Motion):
-        """JobError where the take has too many frames for keys, or shows that it will have."""
-        frames = int(row.blobs.frames[-1]) - self.motion.first_frame + 1
-        if self.whole and frames >= PLAYING.foreseen_from and row.fraction > 0:
-            frames = max(frames, int(frames / row.fraction / PLAYING.foreseen))
-        refuse_keys(frames, motion.markers.shape[1], motion.joints.shape[1])
 
     @property
     def played(self) -> PoseFile | None:

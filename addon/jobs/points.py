@@ -51,7 +51,7 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
             if job.blend:
                 refuse_long(take.first_frame, last)
             if job.shown:
-                _refuse_keys(len(take.frames), model.markerset)
+                refuse_keys(len(take.frames), several.at_least if several else model.markerset)
             # Of a part of a take nobody knows how long it is.
             known = {"points": take.columns.tolist(), "frames": None if job.frames else (take.first_frame, last)}
             named = several.possible if several else model.markerset
@@ -65,7 +65,7 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
             labelled = yield from label_subjects(job, take, several, options)
             markerset, motion = labelled.worn, labelled.motion
             if job.shown:
-                _refuse_keys(len(take.frames), markerset)
+                refuse_keys(len(take.frames), markerset)
         overview = overview_of(job, markerset, take.rate, edits)
         trouble = TakeTrouble(markerset.markers, take.rate, edits, words=markerset.by_name)
         summary, chunks, asked = TakeSummary(markerset.markers), [], []
@@ -109,10 +109,6 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
 def _joints(worn: Worn) -> int:
     """The joints of everybody."""
     return sum(len(one.skeleton) for _, one in worn.worn)
-
-
-def _refuse_keys(frames: int, worn: Worn):
-    refuse_keys(frames, len(worn), _joints(worn))
 
 
 def _facts(take: FilePoints, summary: TakeSummary, options: PointOptions) -> dict:

@@ -17,6 +17,7 @@ from ..core.points.naming import chosen_method
 from ..core.points.several.wearers import SetsWorn, SeveralOptions, Wearer, kinds
 from ..core.points.whole_take.pipeline import PointOptions
 from ..io.blobs import read_blobs
+from ..io.poses import refuse_keys
 from ..io.tables import FileTableOptions, Room
 from .job import LabelJob
 from .models import model_for
@@ -63,7 +64,12 @@ def subjects_in_blobs(
     from ..core.pipelines.several_through_points import label_several_blobs
 
     def read() -> Iterator[tuple[Blobs, float]]:
+        first = None
         for rows in read_blobs(job.source, cameras, job.frames):
+            first = int(rows.blobs.frames[0]) if first is None else first
+            if job.shown:
+                frames = int(rows.blobs.frames[-1]) - first + 1
+                refuse_keys(frames, asked.at_least, 0.0 if job.frames else rows.fraction)
             yield rows.blobs, rows.fraction
 
     options = PointOptions(chosen_method(asked.models[0], job.method), job.target, room=room)

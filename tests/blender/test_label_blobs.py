@@ -102,7 +102,6 @@ def test_a_take_whose_keys_would_fill_the_memory_is_refused_as_soon_as_that_is_k
     keys = 3 * len(files.names) + 7 * files.motion.joints.shape[1]
     options = replace(poses.PLAYING, most_shown=most * keys, foreseen_from=30, foreseen=foreseen)
     monkeypatch.setattr(poses, "PLAYING", options)
-    monkeypatch.setattr(jobs, "PLAYING", options)
     read = jobs.read_blobs
     half = (lambda *given: (replace(rows, fraction=0.5) for rows in read(*given))) if foreseen == 1 else read
     monkeypatch.setattr(jobs, "read_blobs", half)

@@ -3,6 +3,7 @@
 
 import importlib
 import shutil
+from dataclasses import replace
 
 import bpy
 import numpy as np
@@ -17,7 +18,7 @@ from addon.scene import naming, performers
 from addon.scene import take as takes
 from addon.scene.armature import SCALE
 from addon.scene.relabelled import show_again
-from tests.walkers import RATE, WORN, write_pair, write_seen
+from tests.walkers import FRAMES, RATE, WORN, write_pair, write_seen
 
 
 def kinds(collection: bpy.types.Collection, kind: str) -> list[bpy.types.Object]:
@@ -214,6 +215,29 @@ def test_the_list_is_saved(imported, extension, tmp_path):
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "asked.blend"))
     settings = bpy.context.scene.mocap_autolabel
     assert (settings.performing, settings.performers[0].name) == ("LISTED", "ann")
+
+
+@pytest.mark.parametrize("kind", ["points", "blobs"])
+def test_keys_of_two_that_would_fill_the_memory_are_refused_before_anybody_is_named(
+    extension, empty, tmp_path, monkeypatch, kind
+):
+    """Though those of one would not."""
+    write_seen(tmp_path)
+    settings, worn = empty.scene.mocap_autolabel, open_markerset(WORN)
+    if kind == "points":
+        bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "pair.c3d"))
+    else:
+        bpy.ops.mocap_autolabel.import_cameras(filepath=str(tmp_path / "room.toml"))
+        bpy.ops.mocap_autolabel.import_blobs(filepath=str(tmp_path / "seen.csv"))
+    settings.markerset, settings.performing = WORN, "SO_MANY"
+    poses, pipeline = (
+        importlib.import_module(f"{extension}.addon.{name}") for name in ("io.poses", "core.points.several.pipeline")
+    )
+    most = FRAMES * (3 * len(worn) + 7 * len(worn.skeleton)) * 3 // 2
+    monkeypatch.setattr(poses, "PLAYING", replace(poses.PLAYING, most_shown=most))
+    monkeypatch.setattr(pipeline, "cut", lambda *_, **__: pytest.fail("it was begun"))
+    with pytest.raises(RuntimeError, match=f"has {FRAMES} frames, whose keys .* expected at most 30: choose a part"):
+        bpy.ops.mocap_autolabel.label()
 
 
 def test_blobs_of_several_are_labelled_and_each_is_written_alone(extension, empty, tmp_path):

@@ -6,6 +6,7 @@ import pytest
 
 from addon.core.data.errors import JobError
 from addon.core.data.takes import Motion
+from addon.io.markersets import open_markerset
 from addon.io.poses import PlayedOptions, PoseFile, is_long, refuse_keys
 
 MARKERS, JOINTS = 4, 3
@@ -44,11 +45,17 @@ def test_a_take_is_long_by_its_keys():
 
 
 def test_what_fills_a_scene_is_refused_with_the_frames_that_it_has_room_for():
-    options = PlayedOptions(most_shown=1000)
-    refuse_keys(10, 10, 10, options)
+    worn = open_markerset("gait15")
+    keys = 3 * len(worn) + 7 * len(worn.skeleton)
+    options = PlayedOptions(most_shown=10 * keys, foreseen_from=5)
+    refuse_keys(10, worn, options=options)
+    refuse_keys(4, worn, 0.1, options)  # too few to foresee anything
+    refuse_keys(5, worn, 0.25, options)
     with pytest.raises(JobError, match=r"has 11 frames, whose keys .*; expected at most 10: choose a part") as caught:
-        refuse_keys(11, 10, 10, options)
+        refuse_keys(11, worn, options=options)
     assert "Label Folder" in caught.value.message
+    with pytest.raises(JobError, match="has 12 frames"):
+        refuse_keys(5, worn, 0.2, options)
 
 
 @pytest.mark.parametrize(("fraction", "long"), [(0.4, False), (0.04, True), (1.0, False)])

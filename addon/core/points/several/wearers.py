@@ -60,6 +60,11 @@ class SeveralOptions:
         return tuple(Wearer(str(number), self.model) for number in range(1, count + 1))
 
     @property
+    def at_least(self) -> "SetsWorn":
+        """The sets of all who must be in the take."""
+        return SetsWorn(self.subjects or self.numbered(self.count or 1))
+
+    @property
     def possible(self) -> "SetsWorn":
         """The sets of all who may be in the take, as far as is known before it is looked at."""
         return SetsWorn(self.subjects or self.numbered(self.count or MAX_SUBJECTS))

@@ -386,8 +386,9 @@ def test_a_full_disk_is_told_and_is_not_that_nobody_is_there(passing, tables):
             raise JobError("there is no room; expected some")
         return np.empty(shape, kind)
 
+    options = PointOptions("likelihood", room=room)
     with pytest.raises(JobError, match="there is no room"):
-        finished(label_several(passing[0], SeveralOptions(open_model("gait15"), 2), PointOptions("likelihood", room=room)))
+        finished(label_several(passing[0], SeveralOptions(open_model("gait15"), 2), options))
 
 
 def test_of_whom_nobody_asked_for_nothing_is_to_be_looked_at():
