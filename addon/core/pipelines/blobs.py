@@ -29,6 +29,7 @@ from ..geometry.cameras import Cameras
 from ..geometry.measuring import measured_again, put_places
 from ..points.models import Model
 from ..points.naming import chosen_method, plain_method
+from ..points.several.motion import with_bodies_of
 from ..points.whole_take.pipeline import USUAL_TARGET
 from ..review.answering import unanswered_of_blobs, without_accepted
 from .cross_check import MethodAgreement, label_by_both
@@ -124,7 +125,8 @@ def with_edits(
 ) -> Iterator[LabelledChunk]:
     """The labelled chunks with the edits applied; what these mean, a chunk's `unedited` labels tell where it has some.
 
-    A marker whose blobs are others then is where these meet, and one that was placed is there; the body stays.
+    A marker whose blobs are others then is where these meet, and one that was placed is there; a body stays, unless it
+    is the other one's by its markers.
     """
     names = markerset.by_name
     for blobs, chunk in zip(chunks, labelled, strict=True):
@@ -135,7 +137,8 @@ def with_edits(
             first = apply_to_blobs(before, edits, cells)
             before = cells.rows(first.edited.below(cells.table(before), cells.table(chunk.labels)))
         applied = apply_to_blobs(before, edits, cells)
-        motion = measured_again(chunk.motion, blobs, chunk.labels, applied.labels, cameras)
+        motion = with_bodies_of(chunk.motion, blobs.frame, chunk.labels, applied.labels, markerset)
+        motion = measured_again(motion, blobs, chunk.labels, applied.labels, cameras)
         put_places(motion, applied.places)
         yield replace(
             chunk,

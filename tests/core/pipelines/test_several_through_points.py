@@ -11,7 +11,8 @@ from addon.core.body.occlusion import CapsuleOcclusion
 from addon.core.data.errors import JobError
 from addon.core.data.progress import finished
 from addon.core.data.takes import Blobs
-from addon.core.edits.kinds import AssignBlob, Edits
+from addon.core.edits.kinds import AssignBlob, Edits, Swap
+from addon.core.pipelines.blobs import with_edits
 from addon.core.pipelines.several_through_points import PointsOfBlobs, SubjectsInImages, label_several_blobs
 from addon.core.points.several import pipeline
 from addon.core.points.several.telling import TELLING
@@ -241,3 +242,22 @@ def test_what_no_two_cameras_see_is_told(shot):
     points.add(nothing.between(1, 8))
     with pytest.raises(JobError, match="no markers that two cameras see"):
         points.take()
+
+
+def test_bodies_follow_who_is_said_to_be_the_other(shot, found, labelled):
+    """Exchanged marker by marker in some frames, they have each other's bodies in these, and nothing jumps."""
+    _, chunks, _ = labelled
+    cameras, blobs = shot[:2]
+    markers = [name.partition(":")[2] for name in found.worn.markers[:15]]
+    edits = Edits(tuple(Swap((f"1:{name}", f"2:{name}"), frames=(5, 12)) for name in markers))
+    few = [part for part, _ in parts(blobs)]
+    [again, *_] = with_edits(few, iter(chunks), edits, cameras, found.worn)
+    frames, joints = slice(4, 12), chunks[0].motion.joints.shape[1] // 2
+    before, after = chunks[0].motion, again.motion
+    np.testing.assert_array_equal(after.joints[frames, :joints], before.joints[frames, joints:])
+    np.testing.assert_array_equal(after.scale[frames, 3:], before.scale[frames, :3])
+    for rest in (slice(0, 4), slice(12, 16)):
+        np.testing.assert_array_equal(after.rotations[rest], before.rotations[rest])
+    away = np.linalg.norm(after.markers - after.expected, axis=2)
+    assert np.nanmax(away) < 0.15
+    assert again.motion.expected.shape == before.expected.shape

@@ -3,10 +3,12 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
-from ...data.takes import Motion, Suspect
+from ...data.markersets import MarkerSet, Worn
+from ...data.takes import Labels, Motion, Suspect
 from ..motion import LabelledPoints, TakeMotion
 from .wearers import SetsWorn
 
@@ -72,6 +74,43 @@ def measured_of_first(motion: Motion, each: Sequence[Motion]) -> Motion:
     own = beside(each)
     measured = ("markers", "residual", "residual_px", "conflicts")
     return replace(own, **{name: getattr(motion, name)[:, : own.markers.shape[1]] for name in measured})
+
+
+def with_bodies_of(motion: Motion, frame: np.ndarray, before: Labels, after: Labels, worn: Worn) -> Motion:
+    """The motion with the bodies of two exchanged in the frames in which their markers are, or most of them.
+
+    frame (N,) is that of each row, and before and after (N,) are the labels that the bodies were fitted to and those
+    that edits gave. Only bodies of one skeleton can be exchanged; of a single set nothing changes.
+    """
+    sets = [markerset for _, markerset in worn.worn]
+    if len(sets) < 2 or (before.marker == after.marker).all():
+        return motion
+    count, frames = len(sets), len(motion.frames)
+    whose = np.repeat(np.arange(count), [len(one) for one in sets])
+    rows = before.named & after.named
+    moved = np.zeros((frames, count, count), int)
+    np.add.at(moved, (frame[rows], whose[before.marker[rows]], whose[after.marker[rows]]), 1)
+    every = moved.sum(axis=2)
+    most = 2 * moved > every[..., None]
+    tables = {name: getattr(motion, name).copy() for name in ("expected", "joints", "rotations", "scale")}
+    for one, other in combinations(range(count), 2):
+        # Of whom nothing is there the markers cannot go to anybody.
+        to, back = most[:, one, other] | (every[:, one] == 0), most[:, other, one] | (every[:, other] == 0)
+        at = np.flatnonzero(to & back & (every[:, one] + every[:, other] > 0))
+        if not len(at) or sets[one].skeleton.parents.tolist() != sets[other].skeleton.parents.tolist():
+            continue
+        for name, table in tables.items():
+            first, second = (_columns(name, sets, number) for number in (one, other))
+            if first.stop - first.start == second.stop - second.start:
+                table[at, first], table[at, second] = table[at, second], table[at, first]
+    return replace(motion, **tables)
+
+
+def _columns(name: str, sets: Sequence[MarkerSet], number: int) -> slice:
+    """Where a subject's columns of a table of `beside` are."""
+    size = {"expected": len, "scale": lambda _: 3}.get(name, lambda one: len(one.skeleton))
+    first = sum(size(one) for one in sets[:number])
+    return slice(first, first + size(sets[number]))
 
 
 class Beside:
