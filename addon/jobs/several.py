@@ -9,7 +9,6 @@ from ..blendfile import mesh_occlusion
 from ..core.data.errors import InputError
 from ..core.data.progress import Progress
 from ..core.data.takes import Blobs, Points
-from ..core.edits.applying import refuse_unknown
 from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import Cameras
 from ..core.points.models import Model
@@ -75,9 +74,7 @@ def subjects_in_blobs(
     options = PointOptions(chosen_method(asked.models[0], job.method), job.target, room=room)
     body_of = mesh_occlusion if job.casts == "bvh" else None
     with _edits_named(job):
-        found = yield from label_several_blobs(read, cameras, asked, options, job.frame_rate, body_of, edits)
-        refuse_unknown(edits, found.worn.by_name)
-    return found
+        return (yield from label_several_blobs(read, cameras, asked, options, job.frame_rate, body_of, edits))
 
 
 @contextmanager

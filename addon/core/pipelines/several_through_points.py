@@ -263,7 +263,8 @@ def label_several_blobs(
     """
     if len(cameras) < 2:
         raise JobError(f"{len(cameras)} camera cannot fix a point in space; expected two or more")
-    seconds, points, named = 0.0, PointsOfBlobs(cameras, rate, options.room), NamedThroughBlobs(edits, cameras.names)
+    seconds, points = 0.0, PointsOfBlobs(cameras, rate, options.room)
+    named = NamedThroughBlobs(edits, cameras.names, asked.possible)
     for blobs, share in read():
         begin = perf_counter()
         points.add(blobs)
@@ -275,7 +276,7 @@ def label_several_blobs(
     asked = replace(asked, others=True)  # they have blobs, and are in the way
     take = points.take()
     options = replace(options, edits=named.edits_of(points.place))
-    labelled = yield from part_of(label_several(take, asked, options), CHECKING_BACK.share, 1.0)
+    labelled = yield from part_of(label_several(take, asked, options, edits), CHECKING_BACK.share, 1.0)
     del take
     worn = [one.model.markerset for one in labelled.worn.subjects]
     bodies = tuple(body_of(one) if body_of else CapsuleOcclusion(one, OCCLUDING.fitted_shrink) for one in worn)

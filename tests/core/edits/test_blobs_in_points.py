@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Points that a person named by naming their blobs."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -16,14 +18,16 @@ from addon.core.edits.kinds import (
     UnlabelBlob,
     UnlabelMarker,
 )
+from addon.io.markersets import open_markerset
 
 CAMERAS = ("left", "right")
+WORN = open_markerset("body26")
 FRAMES = 6  # 11 to 16, in two chunks; in each two points, of trajectories 4 and 7, of a blob in both cameras
 
 
 def heard(*edits) -> NamedThroughBlobs:
     """What is heard of the take, of whose points the first is at x = 100 + frame and the second at x = 200 + frame."""
-    named = NamedThroughBlobs(Edits(edits), CAMERAS)
+    named = NamedThroughBlobs(Edits(edits), CAMERAS, WORN)
     for first in (11, 14):
         index, camera, point = (one.ravel() for one in np.meshgrid(range(3), range(2), range(2), indexing="ij"))
         xy = np.column_stack([100.0 * (point + 1) + first + index, 50.0 + camera])
@@ -84,3 +88,30 @@ def test_points_that_are_not_of_the_take_and_blobs_of_none_are_passed_over():
     assert not heard(far).edits_of(place())
     assert not heard(Swap(("LKNE", "RKNE"))).edits_of(place())
     assert all(isinstance(one, AssignPoint) for one in named.edits_of(place()))
+
+
+def test_a_marker_is_the_point_that_was_named_it_last_whatever_its_number():
+    one, other = blob(AssignBlob, 12, "LKNE", frames=(12, 15)), blob(AssignBlob, 13, "LKNE", point=1)
+    assert said(heard(one, other)) == [(1, "LKNE", (12, 12)), (1, "LKNE", (14, 15)), (0, "LKNE", (13, 13))]
+    assert said(heard(other, one)) == [(1, "LKNE", (12, 15))]
+    swapped = heard(one, blob(AssignBlob, 13, "RKNE", point=1), Swap(("LKNE", "RKNE"), frames=(13, 13)))
+    assert said(swapped) == [
+        (1, "LKNE", (12, 12)), (1, "RKNE", (13, 13)), (1, "LKNE", (14, 15)), (0, "LKNE", (13, 13))
+    ]  # fmt: skip
+
+
+def test_a_name_stays_when_another_camera_s_blob_is_refused():
+    """It is gone with the blob that it was given through, unless another one bears it out."""
+    named = blob(AssignBlob, 12, "LKNE")
+    for kind in (UnlabelBlob, DeleteBlob):
+        refused = blob(kind, 12)
+        elsewhere = replace(refused, camera="right", y=51.0)
+        assert said(heard(named, elsewhere)) == said(heard(elsewhere, named)) == [(1, "LKNE", (12, 12))]
+        assert said(heard(named, refused)) == []
+        assert said(heard(named, replace(named, camera="right", y=51.0), refused)) == [(1, "LKNE", (12, 12))]
+
+
+def test_markers_are_known_by_their_other_names_and_those_of_nobody_are_none():
+    assert said(heard(blob(AssignBlob, 12, "LFWT"), Swap(("LASI", "RKNE")))) == [(1, "RKNE", (12, 12))]
+    assert said(heard(blob(AssignBlob, 12, "LASI"), UnlabelMarker("LFWT"))) == []
+    assert said(heard(blob(AssignBlob, 12, "3:LKNE"))) == []

@@ -8,10 +8,10 @@ import pytest
 
 from addon.core.body.bodies import BodyModel
 from addon.core.body.occlusion import CapsuleOcclusion
-from addon.core.data.errors import JobError
+from addon.core.data.errors import InputError, JobError
 from addon.core.data.progress import finished
 from addon.core.data.takes import Blobs
-from addon.core.edits.kinds import AssignBlob, Edits, Swap
+from addon.core.edits.kinds import AssignBlob, Edits, Place, Swap
 from addon.core.pipelines.blobs import with_edits
 from addon.core.pipelines.several_through_points import PointsOfBlobs, SubjectsInImages, label_several_blobs
 from addon.core.points.several import pipeline
@@ -199,6 +199,16 @@ def test_a_point_has_the_name_that_a_person_gave_one_of_its_blobs(shot, model, f
     _, chunks = named(again, blobs)
     unedited = np.concatenate([chunk.unedited.marker for chunk in chunks])
     assert (unedited[own] == names["1:LTHI"]).mean() > 0.95
+
+
+def test_an_edit_of_somebody_who_is_not_there_is_told_by_its_own_number(shot, model):
+    cameras, blobs = shot[:2]
+    row = int(np.flatnonzero(blobs.frame == 9)[0])
+    where = {"camera": cameras.names[blobs.camera[row]], "frame": 10, "x": blobs.xy[row, 0], "y": blobs.xy[row, 1]}
+    edits = Edits((Place("1:LKNE", 10, (0.0, 0.0, 1.0)), AssignBlob(marker="3:LKNE", **where)))
+    work = label_several_blobs(lambda: parts(blobs), cameras, SeveralOptions(model), NAMED, RATE, edits=edits)
+    with pytest.raises(InputError, match="edit 2 names '3:LKNE'"):
+        finished(work)
 
 
 def test_one_body_hides_the_others_markers(shot):

@@ -17,6 +17,7 @@ from ...data.errors import JobError
 from ...data.progress import Progress, within
 from ...data.takes import Labels, Points, Suspect
 from ...edits.applying import refuse_unknown
+from ...edits.kinds import NO_EDITS, Edits
 from ...review.answering import unanswered, without_accepted
 from ...review.suspects import LISTING, summarised, suspect_ranges
 from ..refusals import UnsuitedError, refuse_floods
@@ -48,10 +49,11 @@ SHARES = {
 
 
 def label_several(
-    take: Points, asked: SeveralOptions, options: PointOptions
+    take: Points, asked: SeveralOptions, options: PointOptions, said: Edits = NO_EDITS
 ) -> Generator[Progress, None, LabelledSubjects]:
     """Names the points of a take that several subjects are in; labels count the markers of all subjects in a row.
 
+    `said` is what a person said, where the edits of `options` only follow from it: in an error their numbers are told.
     Raises JobError where fewer subjects are found than were asked for, or who is who cannot be told; InputError where
     edits are of somebody who is not there.
     """
@@ -64,8 +66,8 @@ def label_several(
         crowd = Crowd(take, cut(take.xyz, take.rate, lanes=take.lanes), options)
         found = yield from _everybody(crowd, asked)
         labels, suspects, applied, unedited = found.verdict.labels, found.verdict.suspects, None, None
+        refuse_unknown(said or options.edits, found.worn.asked.by_name)
         if options.edits:
-            refuse_unknown(options.edits, found.worn.by_name)
             work = with_edits(crowd, found, options.edits)
             edited = yield from within(work, 0.9, 0.92, "solve the take again with the edits")
             applied, unedited = edited.applied, edited.unedited
