@@ -96,6 +96,14 @@ def earlier_run(path: Path, now: dict) -> tuple[dict | None, bool]:
     return report, missing
 
 
+def digests_then(path: Path) -> dict[str, str]:
+    """The digests of the files that an earlier run wrote beside its report at `path`, by ending; none if it is gone."""
+    try:
+        return _read(path)["made_of"]["results"]
+    except InputError:
+        return {}
+
+
 def _is_there(file: Path) -> bool:
     """Whether there is such a file; one with too long a name is not."""
     try:
