@@ -115,7 +115,8 @@ def _is_there(file: Path) -> bool:
 def _flat(made: dict) -> dict:
     """What results were made of, the options beside the files."""
     files = {name: value for name, value in made.items() if name not in ("options", "results")}
-    return files | {f"--{name}": value for name, value in made["options"].items()}
+    called = {"wearers": "subject"}
+    return files | {f"--{called.get(name, name)}": value for name, value in made["options"].items()}
 
 
 def _read(path: Path) -> dict:

@@ -85,6 +85,12 @@ def test_two_names_for_one_set_are_given_in_the_order_of_the_file(label, run, pa
     assert words in report["notes"]
 
 
+def test_who_goes_on_with_others_is_told_by_an_option_that_there_is(label):
+    assert label("--model", WORN, "--subjects", "2").status == 0
+    reason = label("--subject", f"zoe={WORN}", "--subject", f"ann={WORN}", "--resume").reason
+    assert "differs in model, --subjects, --subject; expected" in reason
+
+
 def test_gaps_of_each_are_filled_and_the_page_shows_both(label, run, pair, tmp_path):
     take = read_points(pair / "pair.c3d")
     order = np.array([int(row["point"]) for row in rows_of(pair / "truth.csv") if row["marker"] == "2:LKNE"][:1])
