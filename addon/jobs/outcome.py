@@ -104,6 +104,7 @@ def write_take(job: LabelJob, files: dict[str, Path], model: Model, made: Outcom
         from ..io.html import write_take_page
         from .pages import today
 
+        made.overview.outcomes = made.outcomes
         write_take_page(files[PAGE], report, made.overview, job.source.name, today())
         results[PAGE] = digest([files[PAGE]])
     write_report(files[REPORT], report)

@@ -17,7 +17,7 @@ from ...data.errors import JobError
 from ...data.progress import Progress, within
 from ...data.takes import Labels, Points, Suspect
 from ...edits.applying import refuse_unknown
-from ...review.answering import unanswered, without_accepted
+from ...review.answering import heard_in, unanswered, without_accepted
 from ...review.suspects import LISTING, summarised, suspect_ranges
 from ..refusals import refuse_floods
 from ..tracklets import cut
@@ -82,9 +82,10 @@ def label_several(
         suspects += doubts
         if applied:
             suspects = unanswered(suspects, applied.edited, worn.by_name, take.first_frame, take.present)
-        suspects = without_accepted(summarised(as_in_file(suspects, take), take.rate), options.edits)
+        listed = summarised(as_in_file(suspects, take), take.rate)
+        suspects, heard = without_accepted(listed, options.edits), heard_in(options.edits, listed)
         outcomes = applied.outcomes if applied else ()
-        return LabelledSubjects(labels, motion, suspects, seconds, unedited, outcomes, doubts, worn)
+        return LabelledSubjects(labels, motion, suspects, seconds, unedited, outcomes, doubts, heard, worn)
 
 
 def _questions(crowd: Crowd, asked: SeveralOptions, found: Everybody, labels: Labels) -> tuple[Suspect, ...]:
