@@ -61,21 +61,35 @@ def _read_blend(path: Path) -> Cameras:
 
 
 def start_blender():
-    """Imports bpy, which takes a second in which it loses a Ctrl-C: that is noted, and raised behind it."""
+    """Imports bpy, which takes a second in which whatever stops the process is noted, and raised behind it."""
     if "bpy" in sys.modules:
         return
-    if threading.current_thread() is not threading.main_thread():
-        import bpy
-
-        return
-    noted: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, _: noted.append(number))
-    try:
+    with unbroken():
         import bpy  # noqa: F401
+
+
+@contextmanager
+def unbroken() -> Iterator[None]:
+    """Notes what asks this process to stop while the block runs, and lets it be raised behind the block.
+
+    Raised while Blender is at work it is lost, as in a handler of an add-on, or leaves a Blender that crashes.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    # Windows has no SIGHUP. What Python does not handle, such as what nohup ignores, stays as it is.
+    kinds = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    before = {kind: handler for kind in kinds if callable(handler := signal.getsignal(kind))}
+    noted: list[int] = []
+    try:
+        for kind in before:
+            signal.signal(kind, lambda number, _: noted.append(number))
+        yield
     finally:
-        signal.signal(signal.SIGINT, before)
-    if noted:
-        raise KeyboardInterrupt
+        for kind, handler in before.items():
+            signal.signal(kind, handler)
+        for kind in noted[:1]:
+            before[kind](kind, None)
 
 
 def mesh_occlusion(markerset: MarkerSet) -> "Occlusion":
@@ -130,7 +144,7 @@ def save_blend(
     said = {"edits": edits or None, "unedited": unedited, "fills": fills}
     take = scenes.Take(name, rate, cameras, worn, rows, labels, motion, suspects, file, **said)
     with silenced():
-        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+        _open_nothing()
         scenes.show_take(bpy.context, take, unnamed=True)
         _save(path)
 
@@ -167,11 +181,19 @@ def save_played(
     name, file = written(source.stem), written(str(source))
     take = Playing(name, points.rate, worn, markers, poses, tuple(suspects), file, for_a_part)
     with silenced():
-        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+        _open_nothing()
         if len(cameras):
             find_or_add_cameras(bpy.context.scene, cameras)
         show_playing(bpy.context, take, cache)
         _save(path)
+
+
+def _open_nothing():
+    """Opens a Blender file with nothing in it, in the place of what was open."""
+    import bpy
+
+    with unbroken():
+        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
 
 
 def _save(path: Path):
@@ -179,7 +201,8 @@ def _save(path: Path):
     import bpy
 
     try:
-        bpy.ops.wm.save_as_mainfile(filepath=os.fsencode(path), compress=True, copy=True, relative_remap=False)
+        with unbroken():
+            bpy.ops.wm.save_as_mainfile(filepath=os.fsencode(path), compress=True, copy=True, relative_remap=False)
     except RuntimeError as error:  # Blender's way of saying that a disk is full or a folder gone
         reason = str(error).removeprefix("Error: ").strip().rstrip(".")
         raise JobError(f"the Blender file cannot be written: {reason}; expected a place with room", path) from error

@@ -21,7 +21,7 @@ from bpy.props import (
 from .core.data.errors import InputError
 from .core.edits.wording import counted_on, words_of
 from .core.filling.kept import resting_on
-from .core.points.several.wearers import AUTO, MAX_SUBJECTS, is_subject_name
+from .core.points.several.wearers import AUTO, MAX_SUBJECTS, NAME_RULE, as_compared, is_subject_name
 from .core.review.trouble import TROUBLE_KINDS
 from .io.markersets import SUFFIX, builtin_markersets, open_markerset
 from .io.model_history import is_beside
@@ -487,9 +487,8 @@ def subjects_asked(settings: SceneSettings) -> dict:
         raise InputError(f"{len(rows)} performers are in the list; expected up to {MAX_SUBJECTS}")
     for row in rows:
         if not is_subject_name(row.name):
-            words = 'expected up to 40 letters without spaces or : , = | * "'
-            raise InputError(f"{row.name!r} is no name of a performer; {words}")
-    if len({row.name.casefold() for row in rows}) < len(rows):
+            raise InputError(f"{row.name[:60]!r} is no name of a performer; {NAME_RULE}")
+    if len({as_compared(row.name) for row in rows}) < len(rows):
         raise InputError("two performers have the same name; expected a name for each")
     wearers = tuple((row.name, chosen_model(row)) for row in rows)
     return {"model": wearers[0][1], "subjects": 1, "wearers": wearers}

@@ -21,6 +21,13 @@ def frame_range(text: str) -> tuple[int | None, int | None]:
     return bounds
 
 
+def a_model(text: str) -> str:
+    """A model, which is not left out by being empty."""
+    if not text:
+        raise argparse.ArgumentTypeError("is empty; expected a model (a variable of the shell that is not set?)")
+    return text
+
+
 def number(low: float, high: float, what: str) -> Callable[[str], float]:
     """A reader of finite numbers from `low` to `high`, for `type=`."""
     return _bounded(float, low, high, what, f"a number from {low:g} to {high:g}")

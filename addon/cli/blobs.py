@@ -6,6 +6,7 @@ from dataclasses import fields
 from pathlib import Path
 
 from ..blendfile import open_cameras, silenced
+from ..core.data.errors import InputError
 from ..core.pictures.spots import SpotOptions
 from ..io.cameras import calibration_files
 from ..io.whole import check_targets
@@ -85,9 +86,11 @@ def run(arguments) -> int:
 def _said(text: str, names: tuple[str, ...]) -> tuple[str | None, Path]:
     """Camera and path of an argument; a path that is there may have an = in it."""
     camera, equals, path = text.partition("=")
-    if equals and (camera in names or not os.path.lexists(text)):
-        return camera, Path(path)
-    return None, Path(text)
+    if not equals or (camera not in names and os.path.lexists(text)):
+        camera, path = None, text
+    if not path:
+        raise InputError(f"{text!r} names no pictures; expected a movie or a folder of numbered pictures")
+    return camera, Path(path)
 
 
 def _lines(result: dict) -> list[str]:

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What a command says: results on standard output, progress and the reason of a failure on standard error."""
 
+import _thread
 import json
 import os
 import signal
 import sys
 import threading
 import time
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from ..core.data.progress import finished
 PROGRAM = "mocap-autolabel"
 # A terminal hears often, a log file now and then, s.
 TERMINAL_PAUSE, LOG_PAUSE = 0.1, 2.0
+AGAIN = 0.02  # s after which a request to stop that Python could not raise is made again
 
 
 def open_streams():
@@ -111,11 +113,25 @@ def stoppable() -> Iterator[None]:
     if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
         kinds.append(signal.SIGHUP)
     before = {kind: signal.signal(kind, signal.default_int_handler) for kind in kinds}
+    hook, sys.unraisablehook = sys.unraisablehook, _say_again(sys.unraisablehook)
     try:
         yield
     finally:
+        sys.unraisablehook = hook
         for kind, handler in before.items():
             signal.signal(kind, signal.SIG_DFL if handler is None else handler)
+
+
+def _say_again(hook: Callable) -> Callable:
+    """A hook for what Python cannot raise: a request to stop that fell into such a moment is made again behind it."""
+
+    def heard(lost):
+        if lost.exc_type is KeyboardInterrupt:
+            threading.Timer(AGAIN, _thread.interrupt_main).start()
+        else:
+            hook(lost)
+
+    return heard
 
 
 def _plain(value):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from ..core.filling.filling import FILL_METHODS
 from ..jobs.fill import FillJob, fill_file
-from .arguments import add_overwrite, add_point_rate, add_up, names, whole
+from .arguments import a_model, add_overwrite, add_point_rate, add_up, names, whole
 from .console import ProgressLine, print_results
 
 DESCRIPTION = """Fills the gaps of a labelled take, a .c3d or .trc. Measured samples stay as they are; filled ones have
@@ -30,7 +30,9 @@ def add_parser(verbs):
         "--max-gap", type=whole(1, 10**9, "number of frames"), metavar="FRAMES", help="leave longer gaps"
     )
     parser.add_argument("--markers", type=names, metavar="A,B,…", help="fill only these markers")
-    parser.add_argument("--model", metavar="MODEL", help="a model of these markers, whose body may fill gaps too")
+    parser.add_argument(
+        "--model", type=a_model, metavar="MODEL", help="a model of these markers, whose body may fill gaps too"
+    )
     parser.add_argument(
         "--labels",
         type=Path,

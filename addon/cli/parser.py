@@ -5,6 +5,7 @@ import argparse
 import re
 from collections.abc import Sequence
 from importlib import import_module
+from pathlib import Path
 from typing import NoReturn
 
 from ..core.data.errors import InputError
@@ -34,6 +35,7 @@ class Parser(argparse.ArgumentParser):
         kwargs.setdefault("allow_abbrev", False)
         kwargs.setdefault("epilog", SHARED_HELP)
         super().__init__(*args, **kwargs)
+        self.register("type", Path, a_path)
         # So that --frames -5:10, --facing -1e1 and --up -z are read as values, as -5 is.
         self._negative_number_matcher = re.compile(r"-\.?\d|-[xyz]$")
 
@@ -41,6 +43,13 @@ class Parser(argparse.ArgumentParser):
         """What argparse calls when it cannot read the arguments."""
         wanted = f"expected arguments as {self.prog} --help tells"
         raise InputError(message if "; expected" in message else f"{message}; {wanted}")
+
+
+def a_path(text: str) -> Path:
+    """A path; one that is empty, as of a shell's variable that is not set, is not the folder that one is in."""
+    if not text:
+        raise argparse.ArgumentTypeError("is empty; expected a path (a variable of the shell that is not set?)")
+    return Path(text)
 
 
 def build_parser(argv: Sequence[str] = ()) -> Parser:

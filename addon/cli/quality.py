@@ -12,7 +12,7 @@ from ..io.models import open_model
 from ..io.quality import write_quality
 from ..io.whole import whole_file
 from ..jobs.quality import judge_placement
-from .arguments import add_overwrite, names, number, whole
+from .arguments import a_model, add_overwrite, names, number, whole
 from .console import ProgressLine, print_results
 
 DESCRIPTION = """Judges where the markers of a model sit, before anybody wears them. How far two names are separated is
@@ -25,7 +25,7 @@ SHOWN = 8  # pairs
 def add_parser(verbs):
     """Adds the verb to the command line's grammar."""
     parser = verbs.add_parser("quality", help="judge where a model's markers sit", description=DESCRIPTION)
-    parser.add_argument("model", metavar="MODEL", help="a built-in model or the path of one")
+    parser.add_argument("model", type=a_model, metavar="MODEL", help="a built-in model or the path of one")
     parser.add_argument(
         "--goal",
         type=number(0.5, 20, "separation"),

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from ..jobs.captures import blob_rate, calibration_for
 from ..jobs.refine import RefineJob, refine_file
-from .arguments import add_blob_rate, add_frames, add_overwrite, add_own_cameras, add_up
+from .arguments import a_model, add_blob_rate, add_frames, add_overwrite, add_own_cameras, add_up
 from .console import ProgressLine, print_results
 
 DESCRIPTION = """Moves and turns the cameras so that the take's own labelled blobs meet, as when a camera was bumped
@@ -19,7 +19,9 @@ def add_parser(verbs):
     parser = verbs.add_parser("refine", help="refine a calibration by a take", description=DESCRIPTION)
     parser.add_argument("blobs", metavar="BLOBS", type=Path, help="a file of blobs, .csv or .qtm")
     add_own_cameras(parser)
-    parser.add_argument("--model", required=True, metavar="MODEL", help="what the subject wears: a name or a file")
+    parser.add_argument(
+        "--model", type=a_model, required=True, metavar="MODEL", help="what the subject wears: a name or a file"
+    )
     parser.add_argument("--out", required=True, type=Path, metavar="FILE.toml", help="the calibration to write")
     add_blob_rate(parser)
     add_frames(parser)

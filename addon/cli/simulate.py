@@ -12,7 +12,7 @@ from ..io.cameras import calibration_files
 from ..io.markersets import builtin_markersets, markerset_file, open_markerset
 from ..io.points import marker_columns, read_points
 from ..io.whole import keep_apart
-from .arguments import add_frames, add_overwrite, add_point_rate, add_up, names, number, whole
+from .arguments import a_model, add_frames, add_overwrite, add_point_rate, add_up, names, number, whole
 from .console import ProgressLine, print_results
 
 DESCRIPTION = """A virtual capture of a labelled take (.c3d or .trc): what the cameras would see, with a body in the
@@ -28,7 +28,9 @@ def add_parser(verbs):
     parser.add_argument("take", metavar="TAKE", type=Path, help="a labelled take, .c3d or .trc")
     parser.add_argument("--cameras", required=True, type=Path, metavar="CAMERAS", help="the calibration of the room")
     parser.add_argument("--out", required=True, type=Path, metavar="BLOBS", help="the blob file to write")
-    parser.add_argument("--model", help="whose body is in the way; default: the built-in model whose markers are there")
+    parser.add_argument(
+        "--model", type=a_model, help="whose body is in the way; default: the built-in model whose markers are there"
+    )
     chosen = parser.add_mutually_exclusive_group()
     chosen.add_argument("--markers", type=names, metavar="A,B,…", help="only these markers; default: the model's")
     chosen.add_argument("--all-markers", action="store_true", help="every named marker of the take")

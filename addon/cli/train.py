@@ -11,7 +11,7 @@ from ..io.markersets import SUFFIX
 from ..jobs.train import TrainJob, train_file
 from ..jobs.training_takes import KnownBetter
 from ..jobs.versions import system_user
-from .arguments import add_overwrite, add_point_rate, add_up, names, number, whole
+from .arguments import a_model, add_overwrite, add_point_rate, add_up, names, number, whole
 from .console import ProgressLine, print_results
 from .model_history import SHOWN_DIGITS
 from .trials import trying
@@ -27,7 +27,9 @@ def add_parser(verbs):
     parser = verbs.add_parser("train", help="make a model from labelled takes", description=DESCRIPTION)
     parser.add_argument("takes", metavar="TAKE", nargs="*", type=Path, help="a labelled take")
     parser.add_argument("--out", required=True, type=Path, metavar="MODEL", help=f"the file to write, NAME{SUFFIX}")
-    parser.add_argument("--from", dest="base", metavar="MODEL", help="train this model on, with what it keeps")
+    parser.add_argument(
+        "--from", type=a_model, dest="base", metavar="MODEL", help="train this model on, with what it keeps"
+    )
     parser.add_argument(
         "--markers", type=names, metavar="A,B,…", help="default: those of --from, or that all takes have"
     )
@@ -106,7 +108,7 @@ def subject(text: str) -> tuple[str, str]:
 
 def subject_or_take(text: str) -> tuple[str, str] | Path:
     """`ID=GLOB`, or a take that follows the subjects on the command line."""
-    return Path(text) if "=" not in text and Path(text).exists() else subject(text)
+    return Path(text) if text and "=" not in text and Path(text).exists() else subject(text)
 
 
 def run(arguments) -> int:

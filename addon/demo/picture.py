@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..blendfile import unbroken
 from ..core.data.markersets import MarkerSet
 from ..core.data.takes import EXCLUSIVE, NO_MARKER, STEPS
 from ..core.geometry.cameras import Cameras
@@ -82,7 +83,8 @@ def draw(shot: Shot, title: str, subtitle: str, path: Path):
     try:
         compose(scene, shot, title, subtitle)
         scene.render.filepath = str(Path(path).resolve())
-        bpy.ops.render.render(write_still=True, scene=scene.name)
+        with unbroken():
+            bpy.ops.render.render(write_still=True, scene=scene.name)
     finally:
         bpy.data.scenes.remove(scene)
         for kind, kept in before.items():

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.data.takes import Blobs
+from ..core.data.wording import words_of_range
 from ..core.geometry.cameras import Cameras
 from .qtm import held_in, is_qtm, rows_of_qtm
 from .rows import Rows, parse_rows, read_header
@@ -70,10 +71,11 @@ def read_blobs(
     Raises InputError with the file and line for whatever breaks that, and when there is no blob at all.
     """
     first, last = frames or (None, None)
-    pending, tally = _Pending(chunk_frames), _Tally(Path(path))
+    pending, tally, own = _Pending(chunk_frames), _Tally(Path(path)), []
     blocks = rows_of_qtm if is_qtm(path) else _blocks
     for rows, fraction, finished in blocks(Path(path), cameras):
         outside = last is not None and len(rows) and rows.frame[-1] > last
+        own = [*own[:1], *rows.frame[[0, -1]].tolist()] if len(rows) else own
         wanted_rows = rows.between(first, last)
         tally.check(wanted_rows)
         pending.add(wanted_rows, fraction)
@@ -82,8 +84,10 @@ def read_blobs(
         if finished:
             break
     if not pending.begun:
-        wanted = "" if frames is None else f" in frames {'' if first is None else first}:{'' if last is None else last}"
-        raise InputError(f"has no blobs{wanted}; expected at least one row", path)
+        if not own:
+            raise InputError("has no blobs; expected at least one row", path)
+        there = f"{own[0]} and later" if outside else f"{own[0]} to {own[-1]}"
+        raise InputError(f"has no blobs in frames {words_of_range(frames)}; expected some of its own, {there}", path)
 
 
 def frames_in(path: Path, cameras: Cameras) -> tuple[int, int] | None:

@@ -14,6 +14,7 @@ from ..core.data.lanes import blocks
 from ..core.data.room import IN_MEMORY, MakeTable
 from ..core.data.scaled import Scaled
 from ..core.data.takes import Points
+from ..core.data.wording import words_of_range
 from .c3d import C3dHead, open_c3d, write_c3d_file
 from .motive_points import is_motive, read_motive
 from .points_up import Upright, find_up
@@ -107,7 +108,10 @@ def _of_frames(take: FilePoints, frames: Frames, path: Path) -> FilePoints:
     part = slice(start, min(stop, len(take.xyz)))
     here = blocks(part.stop - part.start, take.xyz.shape[1])
     if not any(np.isfinite(take.xyz[part.start + own.start : part.start + own.stop, :, 0]).any() for own in here):
-        raise InputError("has no point that is present in these frames; expected frames with markers", path)
+        own = f"{take.first_frame} to {take.first_frame + len(take.xyz) - 1}"
+        asked = own if frames == (None, None) else words_of_range(frames)
+        words = f"has no point that is present in frames {asked}"
+        raise InputError(f"{words}; expected frames with markers, of its own {own}", path)
     if part == slice(0, len(take.xyz)):
         return take
     lanes = None if take.lanes is None else take.lanes.between(part.start, part.stop)

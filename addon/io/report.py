@@ -96,6 +96,14 @@ def earlier_run(path: Path, now: dict) -> tuple[dict | None, bool]:
     return report, missing
 
 
+def digests_then(path: Path) -> dict[str, str]:
+    """The digests of the files that an earlier run wrote beside its report at `path`, by ending; none if it is gone."""
+    try:
+        return _read(path)["made_of"]["results"]
+    except InputError:
+        return {}
+
+
 def _is_there(file: Path) -> bool:
     """Whether there is such a file; one with too long a name is not."""
     try:
@@ -107,7 +115,8 @@ def _is_there(file: Path) -> bool:
 def _flat(made: dict) -> dict:
     """What results were made of, the options beside the files."""
     files = {name: value for name, value in made.items() if name not in ("options", "results")}
-    return files | {f"--{name}": value for name, value in made["options"].items()}
+    called = {"wearers": "subject"}
+    return files | {f"--{called.get(name, name)}": value for name, value in made["options"].items()}
 
 
 def _read(path: Path) -> dict:

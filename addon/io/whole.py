@@ -9,7 +9,7 @@ import json
 import os
 import stat
 import unicodedata
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
@@ -18,7 +18,8 @@ from .scratch import LOCK, leave, own_folder, take_away_forsaken
 from .turns import TURN, turns
 
 PART = ".part-mocap-autolabel-"
-LIST = ".mocap-autolabel.json"  # in a folder of parts: what each file to be replaced was like
+LIST = ".mocap-autolabel.json"  # in a folder of parts: what each file to be replaced or taken away was like
+AWAY = "away"
 
 
 @contextmanager
@@ -33,8 +34,15 @@ def whole_file(target: Path, overwrite: bool = False, read: Iterable[Path] = ())
 
 
 @contextmanager
-def whole_files(targets: Sequence[Path], overwrite: bool = False, read: Iterable[Path] = ()) -> Iterator[list[Path]]:
+def whole_files(
+    targets: Sequence[Path],
+    overwrite: bool = False,
+    read: Iterable[Path] = (),
+    stale: Callable[[], Iterable[Path]] = tuple,
+) -> Iterator[list[Path]]:
     """The same for the several files of one job: they appear together when the block ends well, in their order.
+
+    Those that `stale` says then, files in the same folders, are taken away once all others are there.
 
     The temporary paths are in the order of `targets`, in folders within the same folders, with the same names. A
     temporary that the block did not write stands for an optional file: its target does not appear. Missing folders are
@@ -57,7 +65,7 @@ def whole_files(targets: Sequence[Path], overwrite: bool = False, read: Iterable
         for parent, folder in folders.items():
             if not (folder / LOCK).exists():  # and of a share that is gone no file was written
                 raise JobError("went away while files were written there; expected it to stay", parent)
-        _appear(pairs, overwrite)
+        _appear(pairs, overwrite, stale)
 
 
 def check_targets(targets: Sequence[Path], overwrite: bool = False, read: Iterable[Path] = ()):
@@ -84,6 +92,12 @@ def keep_apart(read: Iterable[Path], written: Iterable[Path]):
             if identity in taken:
                 what = "is read" if Path(path) == Path(taken[identity]) else f"is the file {path}, which is read,"
                 raise InputError(f"{what} and would be written over; expected another name or folder", taken[identity])
+
+
+def is_read(path: Path, read: Iterable[Path]) -> bool:
+    """Whether a file is one of those that are read, under whatever name."""
+    own = _identities(path)
+    return any(own & _identities(one) for one in read)
 
 
 def finish_renaming(folder: Path):
@@ -115,8 +129,8 @@ def _identities(path: Path) -> set[object]:
     return found
 
 
-def _appear(pairs: Sequence[tuple[Path, Path]], overwrite: bool):
-    """Renames parts to their targets, all or none of them as far as the system allows."""
+def _appear(pairs: Sequence[tuple[Path, Path]], overwrite: bool, stale: Callable[[], Iterable[Path]]):
+    """Renames parts to their targets, all or none of them as far as the system allows; what is stale goes with that."""
     for part, target in pairs:
         try:
             _flush(part)
@@ -128,17 +142,19 @@ def _appear(pairs: Sequence[tuple[Path, Path]], overwrite: bool):
             take_away_forsaken(parent, PART, _rename_rest)  # or what one was killed at would mix with these later
         for _, target in pairs:
             _refuse(target, overwrite)
-        _list(pairs)
-        _rename(pairs)
+        away = [(path, _state(path)) for path in stale()]
+        _list(pairs, away)
+        _rename(pairs, away)
     for parent in parents:
         _flush_folder(parent)
 
 
-def _list(pairs: Sequence[tuple[Path, Path]]):
-    """Puts into each folder of parts what is to be renamed, and what each is to take the place of."""
+def _list(pairs: Sequence[tuple[Path, Path]], away: Sequence[tuple[Path, list[int] | None]]):
+    """Puts into each folder of parts what is to be renamed, what each is to take the place of, and what is to go."""
     for folder in dict.fromkeys(part.parent for part, _ in pairs):
         try:
-            states = {part.name: _state(target) for part, target in pairs if part.parent == folder}
+            states: dict = {part.name: _state(target) for part, target in pairs if part.parent == folder}
+            states |= {path.name: {AWAY: state} for path, state in away if path.parent == folder.parent}
             (folder / LIST).write_text(json.dumps(states), encoding="utf-8", newline="\n")
             _flush(folder / LIST)
         except OSError as error:
@@ -146,7 +162,7 @@ def _list(pairs: Sequence[tuple[Path, Path]]):
         _flush_folder(folder)
 
 
-def _rename(pairs: Sequence[tuple[Path, Path]]):
+def _rename(pairs: Sequence[tuple[Path, Path]], away: Sequence[tuple[Path, list[int] | None]]):
     done = 0
     try:
         for part, target in pairs:
@@ -158,8 +174,10 @@ def _rename(pairs: Sequence[tuple[Path, Path]]):
                         leave(folder)
                 raise _unwritable(error, target) from None
             done += 1
+        for path, state in away:
+            _take_away(path, state)
     except KeyboardInterrupt:
-        _rename([(part, target) for part, target in pairs if part.exists()])
+        _rename([(part, target) for part, target in pairs if part.exists()], away)
         raise
 
 
@@ -170,10 +188,21 @@ def _rename_rest(folder: Path):
     except (OSError, ValueError):  # killed while it was still at work
         return
     for name, state in states.items():
+        if Path(name).name != name:  # no list of ours
+            continue
         part, target = folder / name, folder.parent / name
-        if part.exists() and _state(target) == state:
+        if isinstance(state, dict):
+            _take_away(target, state.get(AWAY))
+        elif part.exists() and _state(target) == state:
             part.replace(target)
     _flush_folder(folder.parent)
+
+
+def _take_away(path: Path, state: list[int] | None):
+    """Takes a file away that is as it was; one that somebody holds open on Windows stays."""
+    with suppress(OSError):
+        if state is not None and _state(path) == state:
+            path.unlink()
 
 
 def _state(target: Path) -> list[int] | None:

@@ -18,15 +18,15 @@ from ..core.data.errors import InputError
 from ..core.data.markersets import Worn
 from ..core.data.progress import Progress
 from ..core.data.takes import BY_EDIT, STEPS, Blobs, EditOutcome, LabelledChunk, Motion, Points, Suspect
-from ..core.edits.applying import BLOB_EDITING, joined
+from ..core.edits.applying import BLOB_EDITING, joined, unless_heard
 from ..core.edits.blob_tracks import followed, wants_tracks
-from ..core.edits.kinds import Edits
+from ..core.edits.kinds import Accepted, Edits
 from ..core.geometry.cameras import Cameras
 from ..core.pipelines.blobs import BlobOptions, blob_method, label_blobs, steps_of, with_edits
 from ..core.pipelines.cross_check import MethodAgreement
 from ..core.pipelines.others import OtherSubjects
 from ..core.points.models import Model
-from ..core.review.answering import without_accepted
+from ..core.review.answering import heard_in, without_accepted
 from ..core.review.doubtful import doubtful_ranges, doubtful_samples
 from ..core.review.odd_cameras import CameraCheck
 from ..core.review.summary import TakeSummary
@@ -105,7 +105,8 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         with timed(clock, "label"):
             if others is not None:
                 others.refuse()
-            doubts = without_accepted(check.suspects(), edits)
+            noticed = check.suspects()
+            doubts = without_accepted(noticed, edits)
             results.doubt(doubts)
         results.labels.file.flush()
         facts = _facts(job, method, cameras, results, agreement)
@@ -123,7 +124,9 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
                 points, of_gaps, fills = yield from fill_labelled(points, worn, (overview, trouble), rays)
             facts |= of_gaps
         facts |= facts_of_trouble(trouble, results.summary.suspects) | {"doubtful": doubtful}
-        said = {"outcomes": joined(results.outcomes), "overview": overview, "fills": fills, "poses": results.played}
+        heard = results.heard | heard_in(edits, noticed) | trouble.heard(results.summary.suspects)
+        outcomes = unless_heard(joined(results.outcomes), edits, heard)
+        said = {"outcomes": outcomes, "overview": overview, "fills": fills, "poses": results.played}
         made = Outcome(worn, points, results.chunks, cameras, results.summary, facts, inputs, edits, **said)
         report = write_take(job, files, model, made, clock)
     return Labelled(report, worn, results.chunks if job.keep else [], edits)
@@ -199,6 +202,7 @@ class Results:
 
     chunks    the chunks, where the job keeps them; of a take that is too long for keys only where the job is asked to
     outcomes  what became of the edits in each chunk
+    heard     the edits that accept a doubt that there was
     rays      of the markers that one camera alone sees, by chunk, each with the index of its first frame; where gaps
               are to be filled
     """
@@ -215,6 +219,7 @@ class Results:
         self.keep, self.showing, self.whole = job.keep, worn if job.shown else None, not job.frames
         self.chunks: Chunks = []
         self.outcomes: list[tuple[EditOutcome, ...]] = []
+        self.heard: frozenset[Accepted] = frozenset()
 
     def add(self, row: BlobRows, chunk: LabelledChunk):
         """Writes the labels and keeps what the end needs; JobError once a `.blend` is wanted that cannot be."""
@@ -233,6 +238,7 @@ class Results:
             refuse_keys(frames, self.showing, row.fraction if self.whole else 0.0)
         self.summary.add(chunk)
         self.outcomes.append(chunk.outcomes)
+        self.heard |= chunk.heard
         if self.poses is not None:
             self.poses.append(chunk.motion, row.fraction if self.whole else 1.0)
             if self.poses.long and not self.keep:

@@ -20,6 +20,7 @@ from ..io.report import REPORT, facts_of_edits, take_report, write_report
 from ..io.source import digest
 from ..version import version
 from .job import MOTION_FILE, PAGE, LabelJob, timed
+from .resuming import leftovers
 
 if TYPE_CHECKING:  # only jobs that fill gaps or write a page need them
     from ..core.filling.kept import KeptFill
@@ -96,10 +97,14 @@ def write_take(job: LabelJob, files: dict[str, Path], model: Model, made: Outcom
     )
     if "points" in report:
         del report["blobs"]
+    if left := [path.name for path in leftovers(job)[1]]:
+        words = [f"{name} is not of this run, and stays as it is" for name in left]
+        report["notes"] = [*report.get("notes", []), *words]
     if made.overview is not None:
         from ..io.html import write_take_page
         from .pages import today
 
+        made.overview.outcomes = made.outcomes
         write_take_page(files[PAGE], report, made.overview, job.source.name, today())
         results[PAGE] = digest([files[PAGE]])
     write_report(files[REPORT], report)

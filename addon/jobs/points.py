@@ -9,6 +9,7 @@ from ..core.data.errors import InputError
 from ..core.data.markersets import Worn
 from ..core.data.progress import Progress
 from ..core.data.takes import MAX_FRAME
+from ..core.edits.applying import unless_heard
 from ..core.geometry.cameras import NO_CAMERAS
 from ..core.points.motion import labelled_points
 from ..core.points.naming import chosen_method
@@ -100,7 +101,8 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         said = labelled.doubts, labelled.suspects, markerset.markers, edits, markerset.by_name
         unsure = doubtful_of(AskedNames.join(asked), motion.frames, *said)
         facts["doubtful"] = doubtful_ranges(unsure, motion.frames, markerset.markers)
-        said = labelled.outcomes, overview, fills, poses
+        heard = labelled.heard | trouble.heard(labelled.suspects)
+        said = unless_heard(labelled.outcomes, edits, heard), overview, fills, poses
         made = Outcome(markerset, points, chunks, NO_CAMERAS, summary, facts, inputs, edits, *said)
         report = write_take(job, files, model, made, clock)
     return Labelled(report, markerset, made.chunks if job.keep else [], edits)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import bpy
 
-from ..core.points.several.wearers import MAX_SUBJECTS, is_subject_name
+from ..core.points.several.wearers import MAX_SUBJECTS, as_compared, is_subject_name
 from ..io.markersets import SUFFIX
 from ..props import OWN_FILE, SceneSettings
 from ..scene.performers import usual_colour
@@ -57,9 +57,9 @@ def free_name(settings: SceneSettings) -> str:
     """What to call one more performer: as the marker set is called, where that is a person's own."""
     path = settings.markerset_path if settings.markerset == OWN_FILE else settings.markerset
     own = Path(bpy.path.abspath(path)).name.removesuffix(SUFFIX) if path.endswith(SUFFIX) else ""
-    taken = {row.name.casefold() for row in settings.performers}
+    taken = {as_compared(row.name) for row in settings.performers}
     numbered = (f"performer{number}" for number in range(1, MAX_SUBJECTS + 2))
-    return next(name for name in (own, *numbered) if is_subject_name(name) and name.casefold() not in taken)
+    return next(name for name in (own, *numbered) if is_subject_name(name) and as_compared(name) not in taken)
 
 
 CLASSES = (MOCAP_AUTOLABEL_OT_add_performer, MOCAP_AUTOLABEL_OT_remove_performer)

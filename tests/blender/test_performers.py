@@ -194,10 +194,13 @@ def test_the_list_says_who_wears_what(imported, extension, monkeypatch, tmp_path
     assert (first.name, second.name) == ("performer1", "ann")
     assert tuple(first.colour) != tuple(second.colour)
     assert asked(imported)["wearers"] == (("performer1", WORN), ("ann", str(own)))
-    for name, reason in (("Ann", "same name"), ("a b", "no name of a performer"), ("", "no name of a performer")):
+    second.name = "ren\u00e9"
+    alike = (("Ren\u00e9", "same name"), ("rene\u0301", "same name"))
+    for name, reason in (*alike, *((name, "no name of a performer") for name in ("a b", "", "a\x7f", "a\u202eb"))):
         first.name = name
         with pytest.raises(RuntimeError, match=reason):
             bpy.ops.mocap_autolabel.label()
+    second.name = "ann"
     imported.performer_index = 0
     assert bpy.ops.mocap_autolabel.remove_performer() == {"FINISHED"}
     assert [row.name for row in imported.performers] == ["ann"]

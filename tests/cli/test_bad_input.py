@@ -170,3 +170,30 @@ def test_a_fault_of_our_own_is_one_sentence_too(run, monkeypatch):
     assert answer.status == 1
     assert "ZeroDivisionError" in answer.err
     assert "Traceback" not in answer.err
+
+
+def test_a_path_that_is_empty_is_not_the_folder_one_is_in(run, room, tmp_path, monkeypatch):
+    """As of a variable of the shell that is not set."""
+    monkeypatch.chdir(tmp_path)
+    blobs, cameras = str(room.blobs), str(room.cameras)
+    lines = [
+        ["label", blobs, "--model", "body26", "--cameras", cameras, "--out", "out"],
+        ["label", blobs, "--model", "body26", "--cameras", cameras, "--out", "out", "--edits", "edits.json"],
+        ["reconstruct", blobs, "--cameras", cameras, "--out", "a.c3d"],
+        ["simulate", "take.c3d", "--cameras", cameras, "--model", "body26", "--out", "a.csv"],
+        ["fill", "take.c3d", "--model", "body26", "--labels", "a.labels.csv", "--cameras", cameras, "--out", "a.c3d"],
+        ["refine", blobs, "--cameras", cameras, "--model", "body26", "--out", "a.toml"],
+        ["train", "take.c3d", "--from", "gait15", "--out", "a.markerset.json", "--report", "a.json"],
+        ["evaluate", "a.labels.csv", "truth.csv", "--model", "gait15"],
+        ["quality", "gait15", "--report", "a.json"],
+        ["blobs", "film.mp4", "--cameras", cameras, "--out", "a.csv"],
+        ["blobs", "cam1=", "--cameras", cameras, "--out", "a.csv"],
+        ["demo", "--out", "demo"],
+    ]
+    for line in lines:
+        for place in range(1, len(line)):
+            if not line[place].startswith("-"):
+                answer = run(*line[:place], "", *line[place + 1 :])
+                assert answer.status == 2, (line, place)
+                assert re.search(r"is empty; expected|names no pictures; expected", answer.reason), answer.reason
+    assert not list(tmp_path.iterdir())

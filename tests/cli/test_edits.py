@@ -135,12 +135,47 @@ def test_edits_beside_a_take_of_points_hold_in_every_file(run, cloud, tmp_path, 
     assert report["steps"]["edit"] == 25
 
 
+def accepting(report):
+    """An edit for each trouble and doubt of a report, which accepts it."""
+    topics = {"missing": "has gaps", "off the body": "is off the body at times"}
+    words = [
+        f"{one['markers'][0]} {topics[one['kind']]}" if one["kind"] in topics else one["reason"]
+        for one in report["trouble"]
+    ]
+    words += [one["reason"] for one in report["suspect"]]
+    return [{"kind": "right", "doubt": said} for said in dict.fromkeys(words)]
+
+
+def test_who_accepts_what_nobody_says_is_told(run, cloud, room, tmp_path, edited):
+    gap = {"kind": "unlabel", "marker": "LANK", "frames": [105, 119]}
+    takes = (
+        (room.blobs, ["--cameras", room.cameras, "--frames", "100:140"]),
+        (cloud[0], ["--method", "fit"]),
+    )
+    for path, words in takes:
+        line = ["label", path, "--model", MODEL, "--out", tmp_path / "out", "--overwrite", *words, "--edits"]
+        report = tmp_path / "out" / f"{path.stem}.report.json"
+        assert run(*line, edited(gap)).status == 0
+        said = accepting(json.loads(report.read_text()))
+        assert said
+        answer = run(*line, edited(gap, *said, {"kind": "right", "doubt": "no such doubt at all"}))
+        assert answer.status == 0
+        last = len(said) + 2
+        words = f"edit {last} (right) found nothing: nothing to look at says 'no such doubt at all'"
+        assert words in answer.out
+        found = json.loads(report.read_text())["edits"]
+        assert [one["edit"] for one in found["found_nothing"]] == [last]
+        assert found["applied"] == {"unlabel": 1, "right": len(said)}
+
+
 def test_results_of_other_edits_are_not_passed_over(run, cloud, tmp_path, edited):
     path, _ = cloud
     words = "label", path, "--model", MODEL, "--out", tmp_path / "out", "--method", "fit", "--resume"
     edited({"kind": "right", "marker": "C7"}, name="cloud.edits.json")
     assert run(*words).status == 0
-    assert "done before" in run(*words).out
+    again = run(*words).out
+    assert "done before" in again
+    assert ", 1 edit applied" in again
     edited({"kind": "delete", "point": 0}, name="cloud.edits.json")
     assert "differs in edits; expected the same as then" in run(*words).reason
 

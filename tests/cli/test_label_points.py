@@ -93,7 +93,9 @@ def test_report_counts_points(label, tmp_path):
 
 
 def test_what_cannot_be_labelled_is_said(label, run, room, anonymous, tmp_path):
-    assert "no point that is present in these frames" in label("--method", "fit", "--frames", "1:2").reason
+    for frames in ("1:2", "1000:2000", "1000:", ":2"):
+        words = f"has no point that is present in frames {frames}; expected frames with markers, of its own 100 to 1"
+        assert words in label("--method", "fit", "--frames", frames).reason
     few = read_points(anonymous / "anon.c3d")
     write_c3d(tmp_path / "few.c3d", Points(few.names[:5], few.xyz[:, :5], few.residual[:, :5], few.rate, 1))
     words = ("label", tmp_path / "few.c3d", "--model", MODEL, "--method", "fit", "--out")

@@ -7,11 +7,12 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
-from addon.blendfile import has_blender
+from addon.blendfile import has_blender, unbroken
 from addon.cli import main
 from addon.cli.console import stoppable
 
@@ -73,6 +74,57 @@ def test_a_closed_terminal_stops_the_work_and_nohup_does_not():
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
         with stoppable():
             os.kill(os.getpid(), signal.SIGHUP)
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+@pytest.mark.parametrize("kind", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_what_stops_the_work_is_noted_while_blender_is_at_work_and_raised_behind(kind):
+    kind, behind = getattr(signal, kind), []
+    before = signal.signal(kind, signal.SIG_DFL)
+    try:
+        with stoppable(), pytest.raises(KeyboardInterrupt), unbroken():
+            os.kill(os.getpid(), kind)
+            behind.append(kind)
+        assert behind == [kind]
+        signal.signal(kind, signal.SIG_IGN)
+        with unbroken():
+            os.kill(os.getpid(), kind)
+        assert signal.getsignal(kind) is signal.SIG_IGN
+    finally:
+        signal.signal(kind, before)
+
+
+def test_a_request_to_stop_where_python_raises_nothing_stops_all_the_same():
+    class Gone:
+        def __del__(self):
+            signal.raise_signal(signal.SIGTERM)
+
+    with pytest.raises(KeyboardInterrupt), stoppable():
+        Gone()  # what is raised while something is taken away, Python only tells of
+        for _ in range(100):
+            time.sleep(0.1)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+@pytest.mark.parametrize("kind", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_whoever_is_stopped_while_blender_loads_stops_behind(tmp_path, kind):
+    """With a package in the place of Blender's that loses what is raised while it loads, as Blender does."""
+    work = f"os.kill(os.getpid(), signal.{kind}); time.sleep(1)"
+    (tmp_path / "bpy.py").write_text(f"import os, signal, time\ntry: {work}\nexcept BaseException: pass\n")
+    script = (
+        "import sys; sys.path[:0] = sys.argv[1:]\n"
+        "from addon.blendfile import start_blender\n"
+        "from addon.cli.console import stoppable\n"
+        "try:\n with stoppable(): start_blender()\n"
+        "except KeyboardInterrupt: sys.exit(0 if 'bpy' in sys.modules else 2)\n"
+        "sys.exit(3)"
+    )
+    line = [sys.executable, "-c", script, str(tmp_path), str(ROOT)]
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # a child under nohup ignores it
+    try:
+        assert subprocess.run(line, check=False).returncode == 0
     finally:
         signal.signal(signal.SIGHUP, before)
 

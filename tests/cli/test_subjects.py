@@ -17,6 +17,7 @@ from addon.cli.label.asked import as_job, command_for
 from addon.cli.label.farm import _for_elsewhere
 from addon.cli.label.subjects import settle_subjects
 from addon.core.data.takes import Points
+from addon.core.points.several.wearers import is_subject_name
 from addon.io.markersets import markerset_file, open_markerset
 from addon.io.points import read_points, write_c3d
 from addon.jobs.resuming import made_of
@@ -82,6 +83,12 @@ def test_two_names_for_one_set_are_given_in_the_order_of_the_file(label, run, pa
     report = json.loads((tmp_path / "out/pair.report.json").read_text())
     words = "zoe and ann wear the same model, which does not tell them apart: zoe is who is first in the file"
     assert words in report["notes"]
+
+
+def test_who_goes_on_with_others_is_told_by_an_option_that_there_is(label):
+    assert label("--model", WORN, "--subjects", "2").status == 0
+    reason = label("--subject", f"zoe={WORN}", "--subject", f"ann={WORN}", "--resume").reason
+    assert "differs in model, --subjects, --subject; expected" in reason
 
 
 def test_gaps_of_each_are_filled_and_the_page_shows_both(label, run, pair, tmp_path):
@@ -157,7 +164,9 @@ def test_one_where_there_are_two_is_told_how_to_have_both(label):
         (("--subject", f"ann={WORN}", "--subjects", "2"), "--subject and --subjects both say"),
         (("--subject", f"ann={WORN}", "--subject", f"Ann={WORN}"), "--subject names somebody twice"),
         (("--subject", WORN), "says not who wears what"),
-        (("--subject", f"a:b={WORN}"), "says not who wears what"),
+        (("--subject", f"={WORN}"), "says not who wears what"),
+        (("--subject", "ann="), "says not who wears what"),
+        (("--subject", f"Ren\u00e9={WORN}", "--subject", f"rene\u0301={WORN}"), "--subject names somebody twice"),
         (("--model", WORN, "--subjects", "2", "--method", "fit"), "several subjects need a model"),
     ],
 )
@@ -165,6 +174,20 @@ def test_what_cannot_be_asked(label, words, reason):
     answer = label(*words)
     assert answer.status == 2
     assert reason in answer.reason
+
+
+@pytest.mark.parametrize("sign", [*' :,*|"', "\x01", "\x7f", "\u200b", "\u202e", "\udcff", 40 * "o"])
+def test_what_nobody_can_be_called(label, tmp_path, sign):
+    answer = label("--subject", f"a{sign}b={WORN}", "--subject", f"bob={WORN}")
+    assert answer.status == 2
+    assert "is no name of a subject; expected up to 40 letters and signs that can be printed" in answer.reason
+    assert answer.reason.isprintable()
+    assert not (tmp_path / "out").exists()
+
+
+def test_names_of_any_alphabet_are_names():
+    names = ["ann", "1", "Ren\u00e9", "rene\u0301", "\u5c71\u7530", "\u0905\u0928\u0940\u0924\u093e", "a" * 40]
+    assert all(is_subject_name(name) for name in names)
 
 
 def test_a_folder_that_is_watched_is_told_at_once(run, pair, tmp_path):

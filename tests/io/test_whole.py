@@ -2,6 +2,7 @@
 """Output files appear whole or not at all."""
 
 import errno
+import json
 import os
 import signal
 import subprocess
@@ -14,7 +15,7 @@ import pytest
 from addon.core.data.errors import InputError, JobError
 from addon.io import scratch
 from addon.io import turns as turns_of_folders
-from addon.io.whole import PART, finish_renaming, whole_file, whole_files
+from addon.io.whole import LIST, PART, finish_renaming, whole_file, whole_files
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -220,6 +221,68 @@ def test_what_a_killed_run_left_half_written_goes_and_nothing_else(tmp_path):
         assert temporary.read_text() == "all of it"
     assert sorted(tmp_path.iterdir()) == sorted([*mine, tmp_path / "running"])
     assert all((folder / "picture").read_text() == "mine" for folder in mine)
+
+
+def test_what_is_stale_goes_once_the_others_are_there(tmp_path):
+    old, kept = tmp_path / "old", tmp_path / "kept"
+    old.write_text("old")
+    kept.write_text("kept")
+    with pytest.raises(ValueError, match="oops"), whole_files([tmp_path / "1"], stale=lambda: [old]) as parts:
+        parts[0].write_text("new")
+        raise ValueError("oops")
+    assert sorted(tmp_path.iterdir()) == [kept, old]
+    with whole_files([tmp_path / "1"], stale=lambda: [old, tmp_path / "gone"]) as parts:
+        parts[0].write_text("new")
+        assert old.exists()
+    assert sorted(tmp_path.iterdir()) == [tmp_path / "1", kept]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs a system where a process can be killed")
+@pytest.mark.parametrize("changed", [False, True])
+def test_what_is_stale_goes_with_the_next_run_where_one_was_killed_before_unless_it_is_changed(tmp_path, changed):
+    (tmp_path / "old").write_text("old")
+    script = KILLED.replace("overwrite)", 'overwrite, stale=lambda: [folder / "old"])')
+    assert script != KILLED
+    command = [sys.executable, "-c", script, str(ROOT), str(tmp_path), "2"]
+    assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
+    assert (tmp_path / "old").exists()
+    if changed:
+        (tmp_path / "old").write_text("somebody's")
+    finish_renaming(tmp_path)
+    left = {path.name: path.read_text() for path in tmp_path.iterdir()}
+    assert left == dict.fromkeys("123", "new") | ({"old": "somebody's"} if changed else {})
+
+
+def test_a_list_that_is_none_of_ours_takes_nothing_away_elsewhere(tmp_path):
+    folder, mine = tmp_path / "takes", tmp_path / "mine"
+    parts = folder / f"{PART}0123456789ab"
+    parts.mkdir(parents=True)
+    mine.write_text("mine")
+    (parts / scratch.LOCK).touch()
+    state = [mine.stat().st_size, mine.stat().st_mtime_ns]
+    (parts / LIST).write_text(json.dumps({"../mine": {"away": state}}))
+    finish_renaming(folder)
+    assert mine.exists()
+    assert not parts.exists()
+
+
+@pytest.mark.parametrize("stop", [1, 2])
+def test_a_stop_before_what_is_stale_goes_is_one_behind_it(tmp_path, monkeypatch, stop):
+    rename, calls = Path.replace, []
+
+    def stopped(part, target):
+        calls.append(target)
+        if len(calls) == stop:
+            raise KeyboardInterrupt
+        return rename(part, target)
+
+    (tmp_path / "old").write_text("old")
+    monkeypatch.setattr(Path, "replace", stopped)
+    targets = [tmp_path / name for name in "12"]
+    with pytest.raises(KeyboardInterrupt), whole_files(targets, stale=lambda: [tmp_path / "old"]) as parts:
+        for part in parts:
+            part.write_text("new")
+    assert sorted(tmp_path.iterdir()) == targets
 
 
 def test_a_stop_between_two_names_is_one_after_the_last(tmp_path, monkeypatch):

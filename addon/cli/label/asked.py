@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ... import jobs
+from ...core.data.wording import words_of_range
 from ...io.points import holds_points
 from ...jobs.captures import blob_rate, calibration_for
 from .subjects import subject_words
@@ -58,7 +59,7 @@ def command_for(arguments, path: Path) -> list[str]:
     }
     command += [f"--{name}={value}" for name, value in known.items() if value is not None]
     if arguments.frames:
-        command.append("--frames=" + ":".join("" if end is None else str(end) for end in arguments.frames))
+        command.append(f"--frames={words_of_range(arguments.frames)}")
     command += [
         f"--{name}" for name in ("trc", "fill", "blend", "html", "overwrite", "resume") if getattr(arguments, name)
     ]

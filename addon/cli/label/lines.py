@@ -9,7 +9,8 @@ def as_line(report: dict) -> str:
     speed = report["timing"]["frames_per_second"]
     pace = "" if speed is None else f", {speed:.0f} frames/s"
     if "edits" in report:
-        pace += f", {sum(report['edits']['applied'].values())} edits applied"
+        applied = sum(report["edits"]["applied"].values())
+        pace += f", {applied} edit{'' if applied == 1 else 's'} applied"
     if "agreement" in report:
         pace += f", {report['agreement']['different']} otherwise by their points"
     unit = f", no unit in the file, taken for {report['unit_assumed']}" if "unit_assumed" in report else ""

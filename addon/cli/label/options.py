@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ... import jobs
 from ...io.qtm import USES
-from ..arguments import add_frames, add_overwrite, add_own_cameras, add_up, number, whole
+from ..arguments import a_model, add_frames, add_overwrite, add_own_cameras, add_up, number, whole
 from .subjects import add_subjects
 
 DESCRIPTION = """Names the markers of one or more takes. INPUT: camera blobs, a CSV file with the header
@@ -22,7 +22,7 @@ def add_options(verbs) -> argparse.ArgumentParser:
     parser.add_argument(
         "inputs", metavar="INPUT", nargs="+", type=Path, help="a take: camera blobs or 3D points; with --watch a folder"
     )
-    parser.add_argument("--model", help="a built-in model (see models) or a *.markerset.json file")
+    parser.add_argument("--model", type=a_model, help="a built-in model (see models) or a *.markerset.json file")
     add_subjects(parser)
     add_own_cameras(parser)
     parser.add_argument(

@@ -8,7 +8,16 @@ from collections.abc import Sequence
 from ... import jobs
 from ...core.data.errors import InputError
 from ...core.points.models import Model
-from ...core.points.several.wearers import AUTO, MAX_SUBJECTS, SetsWorn, SeveralOptions, Wearer, is_subject_name
+from ...core.points.several.wearers import (
+    AUTO,
+    MAX_SUBJECTS,
+    NAME_RULE,
+    SetsWorn,
+    SeveralOptions,
+    Wearer,
+    as_compared,
+    is_subject_name,
+)
 from ...io.models import open_model
 
 
@@ -41,16 +50,18 @@ def _count(text: str) -> int:
 
 def _wearer(text: str) -> tuple[str, str]:
     name, equals, model = text.partition("=")
-    if not equals or not model or not is_subject_name(name):
+    if not equals or not name or not model:
         words = f"{text[:60]!r} says not who wears what"
-        raise argparse.ArgumentTypeError(f"{words}; expected NAME=MODEL, such as ann=body26, without : in the name")
+        raise argparse.ArgumentTypeError(f"{words}; expected NAME=MODEL, such as ann=body26")
+    if not is_subject_name(name):
+        raise argparse.ArgumentTypeError(f"{name[:60]!r} is no name of a subject; {NAME_RULE}")
     return name, model
 
 
 def settle_subjects(arguments):
     """Settles what the arguments leave open; InputError where they contradict each other."""
     arguments.subject = list(arguments.subject or [])
-    names = [name.casefold() for name, _ in arguments.subject]
+    names = [as_compared(name) for name, _ in arguments.subject]
     if arguments.subject and (arguments.model or arguments.subjects is not None):
         other = "--model" if arguments.model else "--subjects"
         raise InputError(f"--subject and {other} both say who is there; expected one of them")

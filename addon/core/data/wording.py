@@ -5,3 +5,8 @@
 def words_of_frames(first: int, last: int) -> str:
     """The frames from the first to the last, in a sentence."""
     return f"frame {first}" if first == last else f"frames {first}–{last}"
+
+
+def words_of_range(frames: tuple[int | None, int | None] | None) -> str:
+    """The frames from the first to the last as they are asked for, A:B, either left out; empty where none are."""
+    return ":".join("" if end is None else str(end) for end in frames or ())

@@ -6,7 +6,7 @@ given is changed. When the take was labelled again, it keeps `LabelledChunk.uned
 new labels.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -266,6 +266,15 @@ def _rows(edit: Edit, first_frame: int, count: int) -> slice | None:
     first, last = frames_of(edit) or (first_frame, first_frame + count - 1)
     first, after = max(first - first_frame, 0), min(last - first_frame + 1, count)
     return slice(first, after) if first < after else None
+
+
+def unless_heard(outcomes: Sequence[EditOutcome], edits: Edits, heard: Collection[Accepted]) -> tuple[EditOutcome, ...]:
+    """The outcomes, where whoever accepts what no review says found nothing; `heard` are those that one says."""
+    told = list(outcomes)
+    for index, edit in enumerate(edits if told else ()):
+        if isinstance(edit, Accepted) and edit not in heard and told[index].labels:
+            told[index] = EditOutcome(kind_of(edit), 0, f"nothing to look at says {edit.doubt[:60]!r}")
+    return tuple(told)
 
 
 def found_outside(edit: Edit) -> EditOutcome:

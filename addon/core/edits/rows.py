@@ -38,12 +38,14 @@ class EditLimits:
     max_m      from the origin that a marker may be placed: beyond any room
     max_px     that a blob may be looked for at: beyond any camera
     max_point  that a trajectory may be counted as
+    max_shown  values of a list that a sentence has
     """
 
     max_edits: int = 100_000
     max_m: float = 10_000.0
     max_px: float = 1e7
     max_point: int = 2**31 - 1
+    max_shown: int = 4
 
 
 EDIT_LIMITS = EditLimits()
@@ -152,13 +154,15 @@ def _shape(whole: type[Edit], keys: Sequence[str]) -> str:
 
 def _point(value: object, number: int) -> int:
     if not _is_whole(value) or not 0 <= value <= EDIT_LIMITS.max_point:
-        raise InputError(f"edit {number} has the point {_shown(value)}; expected the number of a trajectory, from 0")
+        words = f"edit {number} has the point {_shown(value)}"
+        raise InputError(f"{words}; expected the number of a trajectory, from 0 to {EDIT_LIMITS.max_point:,}")
     return value
 
 
 def _frame(value: object, number: int) -> int:
     if not _is_whole(value) or abs(value) > MAX_FRAME:
-        raise InputError(f"edit {number} has the frame {_shown(value)}; expected a whole number, as in the source")
+        words = f"edit {number} has the frame {_shown(value)}"
+        raise InputError(f"{words}; expected a whole number as in the source, up to {MAX_FRAME:,}")
     return value
 
 
@@ -193,14 +197,16 @@ def _markers(value: object, number: int) -> tuple[str, str]:
 
 def _pixel(value: object, number: int) -> float:
     if not _is_number(value) or abs(value) > EDIT_LIMITS.max_px:
-        raise InputError(f"edit {number} looks for a blob at {_shown(value)}; expected x and y in px")
+        limit = f"up to {EDIT_LIMITS.max_px:,.0f}"
+        raise InputError(f"edit {number} looks for a blob at {_shown(value)}; expected x and y in px, {limit}")
     return float(value)
 
 
 def _xyz(value: object, number: int) -> tuple[float, float, float]:
     fine = isinstance(value, list) and len(value) == 3 and all(map(_is_number, value))
     if not fine or max(map(abs, value)) > EDIT_LIMITS.max_m:
-        raise InputError(f"edit {number} has the place {_shown(value)}; expected x, y and z in m")
+        words = f"edit {number} has the place {_shown(value)}"
+        raise InputError(f"{words}; expected x, y and z in m, finite and up to {EDIT_LIMITS.max_m:,.0f} either way")
     x, y, z = map(float, value)
     return x, y, z
 
@@ -241,7 +247,13 @@ def _shown(value: object) -> str:
     if value is None:
         return "none"
     if isinstance(value, list | dict):
-        return "a list" if isinstance(value, list) else "an object"
+        return "an object" if isinstance(value, dict) else _shown_list(value)
     if _is_whole(value) and abs(value) >= 2**63:
         return "of too many digits"
     return ascii(value)[:40]
+
+
+def _shown_list(values: list) -> str:
+    """The same of a list, of which some are enough to find it by."""
+    some = ["a list" if isinstance(value, list) else _shown(value) for value in values[: EDIT_LIMITS.max_shown]]
+    return f"[{', '.join(some)}{', …' if len(values) > EDIT_LIMITS.max_shown else ''}]"

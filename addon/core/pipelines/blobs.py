@@ -31,7 +31,7 @@ from ..points.models import Model
 from ..points.naming import chosen_method, plain_method
 from ..points.several.motion import with_bodies_of
 from ..points.whole_take.pipeline import USUAL_TARGET
-from ..review.answering import unanswered_of_blobs, without_accepted
+from ..review.answering import heard_in, unanswered_of_blobs, without_accepted
 from .cross_check import MethodAgreement, label_by_both
 from .through_points import label_through_points
 
@@ -147,4 +147,5 @@ def with_edits(
             suspects=without_accepted(unanswered_of_blobs(chunk.suspects, edits, names), edits),
             unedited=before,
             outcomes=(first or applied).outcomes,
+            heard=heard_in(edits, chunk.suspects),
         )

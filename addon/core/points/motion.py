@@ -186,7 +186,8 @@ class LabelledPoints:
     """What the labelling says of a take of points; `LabelledChunk` with the motion part by part.
 
     labels (T, L) and `unedited` are by lanes; suspects, seconds and outcomes are those of all of it. `doubts` are those
-    of the suspects that the motion alone shows, as `TakeMotion.suspects` has them, before they are put together.
+    of the suspects that the motion alone shows, as `TakeMotion.suspects` has them, before they are put together;
+    `heard` the edits that accept a suspect that there was.
     """
 
     labels: Labels
@@ -196,6 +197,7 @@ class LabelledPoints:
     unedited: Labels | None
     outcomes: tuple[EditOutcome, ...]
     doubts: tuple[Suspect, ...]
+    heard: frozenset
 
     def whole(self) -> LabelledChunk:
         """All of it at once."""

@@ -86,6 +86,21 @@ def without_accepted(suspects: Iterable[Suspect], edits: Edits) -> tuple[Suspect
     return tuple(left)
 
 
+def heard_in(edits: Edits, suspects: Iterable[Suspect]) -> frozenset[Accepted]:
+    """The edits that accept what some suspect says, in some frame of it."""
+    listening = [edit for edit in edits if isinstance(edit, Accepted)]
+    if not listening:
+        return frozenset()
+    said = [(one.reason, one.first, one.last) for one in suspects]
+    return frozenset(edit for edit in listening if any(is_heard(edit, *one) for one in said))
+
+
+def is_heard(edit: Accepted, words: str, first: int, last: int) -> bool:
+    """Whether an edit accepts what a review says in these words of some of the frames from the first to the last."""
+    here = edit.frames is None or (edit.frames[0] <= last and first <= edit.frames[1])
+    return here and topic_of(edit.doubt) == topic_of(words)
+
+
 def topic_of(words: str) -> str:
     """What a review says, without its figures, which change when a take is labelled again."""
     return re.sub(r"\d[\d.,]*(?= ?(?:px|mm|%))", "…", words).replace(*FORMER_WORDS)

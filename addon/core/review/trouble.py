@@ -14,12 +14,12 @@ from ..data.takes import Blobs, Labels, Motion, PointRows, Suspect
 from ..data.wording import words_of_frames
 from ..edits.kinds import NO_EDITS, Accepted, Delete, Edit, Edits, Right
 from ..geometry.cameras import NO_CAMERAS, Cameras
-from .answering import PAIR, accepted_in, right_in, settled_in
+from .answering import PAIR, accepted_in, is_heard, right_in, settled_in
 from .camera_blobs import CameraBlobs
 from .camera_words import OF_ROOM, cameras_in
 from .leftovers import LEAVING, Leftover, find_leftovers, joined_leftovers
 from .summary import MM_PER_M
-from .suspects import FAR_OFF, SUSPECTING
+from .suspects import FAR_OFF, JUMPS, SUSPECTING
 
 # What is the matter, in the words of the list and of reports.
 MISSING, LEFT_OVER, OFF_BODY, IN_DOUBT, OF_CAMERA, NOBODY_THERE = (
@@ -238,6 +238,15 @@ class TakeTrouble:
         if any(isinstance(edit, Accepted) for edit in self.edits):
             found = [self._accepted_by(one) for one in found]
         return tuple(sorted(found, key=lambda one: (one.answered, -one.stake, one.first)))
+
+    def heard(self, suspects: Iterable[Suspect] = ()) -> frozenset[Accepted]:
+        """The edits that accept some trouble, or what is said of a marker's doubtful frames."""
+        listening = [edit for edit in self.edits if isinstance(edit, Accepted)]
+        if not listening:
+            return frozenset()
+        said = [(one.topic, one.first, one.last) for one in self.found(suspects)]
+        said += [(f"{name} {what}", self.first, self.last) for name in self.names for what in (FAR_OFF, JUMPS)]
+        return frozenset(edit for edit in listening if any(is_heard(edit, *one) for one in said))
 
     def _accepted_by(self, one: Trouble) -> Trouble:
         """A trouble as answered, where a person accepted what it says in all of its frames."""

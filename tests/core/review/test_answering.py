@@ -4,9 +4,9 @@
 import numpy as np
 
 from addon.core.data.takes import Suspect
-from addon.core.edits.applying import PointCells, apply_to_points
+from addon.core.edits.applying import PointCells, apply_to_points, unless_heard
 from addon.core.edits.kinds import Accepted, AssignPoint, Edits, Right
-from addon.core.review.answering import unanswered, unanswered_of_blobs, without_accepted
+from addon.core.review.answering import heard_in, unanswered, unanswered_of_blobs, without_accepted
 
 from ..edits.lists import COLUMNS, FIRST, INDEX, NAMES, named
 
@@ -52,6 +52,19 @@ def test_what_was_accepted_does_not_come_back_with_other_figures():
     assert without_accepted([moved], Edits((accepted,))) == (Suspect(18, 20, moved.words),)
     assert without_accepted([moved], Edits((Accepted("camera C seems to have moved: its blobs are 1.7 px off"),)))
     assert apply_to_points(LABELS, Edits((accepted,)), CELLS).outcomes[0].labels == 6
+
+
+def test_an_edit_is_heard_where_a_doubt_says_the_same_in_a_frame_of_it():
+    moved = Suspect(12, 20, "camera B seems to have moved: its blobs are 1.7 px off")
+    words = "camera B seems to have moved: its blobs are 1.62 px off"
+    heard = Accepted(words), Accepted(words, frames=(20, 30))
+    deaf = Accepted(words, frames=(21, 30)), Accepted("no such doubt at all")
+    assert heard_in(Edits((*heard, *deaf, Right("A"))), [moved]) == set(heard)
+    outcomes = apply_to_points(LABELS, Edits((*heard, *deaf)), CELLS).outcomes
+    told = unless_heard(outcomes, Edits((*heard, *deaf)), heard)
+    assert told[:2] == outcomes[:2]
+    assert [one.labels for one in told[2:]] == [0, 0]
+    assert told[3].reason == "nothing to look at says 'no such doubt at all'"
 
 
 def test_what_was_accepted_in_the_words_of_the_first_versions_does_not_come_back():

@@ -18,7 +18,7 @@ from ...data.progress import Progress, within
 from ...data.takes import Labels, Points, Suspect
 from ...edits.applying import refuse_unknown
 from ...edits.kinds import NO_EDITS, Edits
-from ...review.answering import unanswered, without_accepted
+from ...review.answering import heard_in, unanswered, without_accepted
 from ...review.suspects import LISTING, summarised, suspect_ranges
 from ..refusals import UnsuitedError, refuse_floods
 from ..tracklets import cut
@@ -84,9 +84,10 @@ def label_several(
         suspects += doubts
         if applied:
             suspects = unanswered(suspects, applied.edited, worn.by_name, take.first_frame, take.present)
-        suspects = without_accepted(summarised(as_in_file(suspects, take), take.rate), options.edits)
+        listed = summarised(as_in_file(suspects, take), take.rate)
+        suspects, heard = without_accepted(listed, options.edits), heard_in(options.edits, listed)
         outcomes = applied.outcomes if applied else ()
-        return LabelledSubjects(labels, motion, suspects, seconds, unedited, outcomes, doubts, worn)
+        return LabelledSubjects(labels, motion, suspects, seconds, unedited, outcomes, doubts, heard, worn)
 
 
 def _questions(crowd: Crowd, found: Everybody, labels: Labels) -> tuple[Suspect, ...]:

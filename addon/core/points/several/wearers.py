@@ -2,6 +2,7 @@
 """Who is in a take of several subjects, and what the markers of all of them are called."""
 
 import re
+import unicodedata
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate
@@ -12,11 +13,20 @@ from ..models import Model
 AUTO = 0  # how many subjects there are is for the take to say
 MAX_SUBJECTS = 8  # that are asked for, or found
 SUBJECT_NAME = re.compile(r"[^\s:,=|*\"]{1,40}")
+NAME_RULE = 'expected up to 40 letters and signs that can be printed, without spaces or : , = | * "'
 
 
 def is_subject_name(text: str) -> bool:
-    """Whether somebody can be called so: what markers, files and lists are separated by is in no name."""
-    return SUBJECT_NAME.fullmatch(text) is not None
+    """Whether somebody can be called so (NAME_RULE): what separates markers, files and lists is in no name.
+
+    Nor is what nobody sees or no file holds: control signs, marks of direction, halves of surrogate pairs.
+    """
+    return SUBJECT_NAME.fullmatch(text) is not None and text.isprintable()
+
+
+def as_compared(name: str) -> str:
+    """What two names that people take for one have in common."""
+    return unicodedata.normalize("NFC", name).casefold()
 
 
 @dataclass(frozen=True, eq=False)

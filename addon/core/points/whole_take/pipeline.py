@@ -21,7 +21,7 @@ from ...data.room import IN_MEMORY, MakeTable
 from ...data.takes import BY_FIT, LabelledChunk, Labels, OrderedPoints, Points, Suspect, Verdict
 from ...edits.applying import AppliedEdits, PointCells, apply_to_points
 from ...edits.kinds import NO_EDITS, Edits
-from ...review.answering import unanswered, without_accepted
+from ...review.answering import heard_in, unanswered, without_accepted
 from ...review.suspects import called_by, summarised
 from ..adaptation import Adaptation, adapt, borne_out
 from ..deciding import Said
@@ -195,8 +195,9 @@ def _labelled(
         suspects = unanswered(suspects, *asked)
     suspects = as_in_file(suspects, take)
     outcomes = applied.outcomes if applied else ()
-    suspects = without_accepted(summarised(suspects, take.rate), options.edits)
-    return LabelledPoints(verdict.labels, motion, suspects, seconds, unedited, outcomes, doubts)
+    listed = summarised(suspects, take.rate)
+    suspects, heard = without_accepted(listed, options.edits), heard_in(options.edits, listed)
+    return LabelledPoints(verdict.labels, motion, suspects, seconds, unedited, outcomes, doubts, heard)
 
 
 def as_in_file(suspects: Iterable[Suspect], take: Points) -> tuple[Suspect, ...]:
