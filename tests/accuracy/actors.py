@@ -195,9 +195,17 @@ def lain(meetings: Iterator[Meeting], first_m: float | None, second_m: float) ->
 
 
 def standing() -> Iterator[Meeting]:
-    """Strangers who stand still beside each other: what was recorded of it goes back and forth for a minute."""
+    """Strangers who stand still beside each other: what was recorded of it goes back and forth for a minute.
+
+    The set is learned from how the five others stand, too: whose walks alone are known may have their arms otherwise.
+    """
     for case in case_few("body26", BODY26, False):
-        takes = [read(min((MCGILL / one.subject).glob("*.c3d")), one.subject) for one in case.tested]
+        others = sorted({one.subject for one in case.training})
+        stood = [one for one in map(_stood, others) if set(BODY26) <= set(one.markers)]
+        training = replace(
+            case, name=f"standing {case.name[-1]}", training=(*case.training, *(one.of(BODY26) for one in stood))
+        )
+        takes = [_stood(one.subject) for one in case.tested]
         long = [one.of(BODY26) for one in takes if len(one.xyz) >= STANDING and set(BODY26) <= set(one.markers)]
         for pair in combinations(long, 2):
             people = []
@@ -206,7 +214,12 @@ def standing() -> Iterator[Meeting]:
                 whole = np.concatenate([both] * (int(STOOD_S * one.rate) // len(both)))
                 middle = np.median(middle_of(whole), axis=0)
                 people.append(moved(replace(one, xyz=whole), 0.0, middle, np.array([STANDING_M * index, 0.0])))
-            yield Meeting(" ".join(one.subject for one in pair), tuple(people), case)
+            yield Meeting(" ".join(one.subject for one in pair), tuple(people), training)
+
+
+def _stood(person: str) -> Take:
+    """How somebody of McGill was recorded standing, which is the first file of each."""
+    return read(min((MCGILL / person).glob("*.c3d")), person)
 
 
 def players() -> Iterator[Meeting]:

@@ -22,8 +22,10 @@ class HoldingOnOptions:
     min_samples    frames of a tracklet that are looked at, at least, if it has so many
     unknown        frames that what is not known yet counts for: a pair's distance is taken to vary by
     loose          this part of it
-    known          frames that what was seen counts for at most: of people who stand still for long nobody learns more,
-                   and the farther of two markers would be as much on a body as the nearer
+    known          frames that what was seen counts for at most where nothing moves: of people who stand still for
+                   long nobody learns more, and the farther of two markers would be as much on a body as the nearer
+    moved_m        standard deviation of a marker's place from which on it counts for more, as its square grows; 0.02 cost
+                   one of the takes of `holding` of tests/accuracy/actors.py
     steady_m       that a distance on a body varies by
     holds          tracklets of a body that one holds on to best, which say how much it does
     max_body_m     beyond which no two markers are on one body
@@ -35,7 +37,8 @@ class HoldingOnOptions:
     min_samples: int = 4
     unknown: float = 6.0
     loose: float = 0.25
-    known: float = 400.0
+    known: float = 40.0
+    moved_m: float = 0.01
     steady_m: float = 0.02
     holds: int = 6
     max_body_m: float = 2.6
@@ -129,12 +132,30 @@ def _pairs(
     farthest = np.zeros(len(key))
     np.maximum.at(farthest, place, longest)
     mean = total / np.maximum(number, 1)
-    counts = np.minimum(number, HOLDING_ON.known)
+    most = _counts_at_most(points, tracklet, frames, every)
+    counts = np.minimum(number, np.maximum(most[key // every], most[key % every]))
     seen = np.maximum(squares - number * mean**2, 0) * (counts / np.maximum(number, 1))
     varied = seen + HOLDING_ON.unknown * (HOLDING_ON.loose * mean) ** 2
     variance = varied / (counts + HOLDING_ON.unknown) + HOLDING_ON.steady_m**2
     near = farthest < HOLDING_ON.max_body_m**2
     return (key // every)[near], (key % every)[near], 1 / variance[near]
+
+
+def _counts_at_most(points: np.ndarray, tracklet: np.ndarray, frames: np.ndarray, every: int) -> np.ndarray:
+    """(N,) how many frames what a tracklet shows counts for at most, by how far it gets about."""
+    number, total, squares = np.zeros(every), np.zeros((every, 3)), np.zeros((every, 3))
+    for start in range(0, len(frames), HOLDING_ON.frames_at_once):
+        some = frames[start : start + HOLDING_ON.frames_at_once]
+        own, places = tracklet[some], points[some]
+        there = own >= 0
+        own, places = own[there], places[there].astype(float)
+        number += np.bincount(own, minlength=every)
+        for axis in range(3):
+            total[:, axis] += np.bincount(own, places[:, axis], every)
+            squares[:, axis] += np.bincount(own, places[:, axis] ** 2, every)
+    mean = total / np.maximum(number, 1)[:, None]
+    variance = np.maximum(squares / np.maximum(number, 1)[:, None] - mean**2, 0).sum(axis=1)
+    return HOLDING_ON.known * np.maximum(variance / HOLDING_ON.moved_m**2, 1)
 
 
 def _windows(tracklet: np.ndarray, frames: np.ndarray) -> Iterator[np.ndarray]:
