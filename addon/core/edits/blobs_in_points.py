@@ -9,7 +9,7 @@ import numpy as np
 from ..data.markersets import Worn
 from ..data.takes import Blobs
 from .applying import BlobCells, blobs_of
-from .kinds import AssignBlob, AssignPoint, BlobEdit, Edits, Swap, UnlabelMarker
+from .kinds import AssignBlob, AssignPoint, BlobEdit, Edit, Edits, Swap, UnlabelMarker, frames_of
 
 Key = tuple[int, int]  # a trajectory, and the source's number of a frame
 
@@ -33,14 +33,15 @@ class NamedThroughBlobs:
         frame (Q,) are the source's numbers of their frames, and trajectory (Q,) is the one of each.
         """
         first, last = int(blobs.frames[0]), int(blobs.frames[-1])
-        if not any(isinstance(edit, AssignBlob) and _touches(edit, first, last) for edit in self.edits):
+        edits = [edit for edit in self.edits if _touches(edit, first, last)]
+        if not any(isinstance(edit, AssignBlob) for edit in edits):
             return
         point_of = np.full(len(blobs), -1)
         point, camera = np.nonzero(rows >= 0)
         point_of[rows[point, camera]] = point
         cells = BlobCells.of(blobs, self.cameras, self.worn)
         heard = _Heard(self.worn.by_name)
-        for edit in self.edits:
+        for edit in edits:
             if isinstance(edit, BlobEdit):
                 points = point_of[blobs_of(edit, cells)[0]]
                 points = points[points >= 0]
@@ -118,7 +119,7 @@ class _Heard:
             del self.points[self.named.pop(key), key[1]], self.cameras[key]
 
 
-def _touches(edit: BlobEdit, first: int, last: int) -> bool:
-    """Whether an edit's blobs are in some frames."""
-    numbers = [edit.frame] if edit.trail is None else [edit.frame, *edit.trail[:, 0].tolist()]
-    return min(numbers) <= last and max(numbers) >= first
+def _touches(edit: Edit, first: int, last: int) -> bool:
+    """Whether an edit is about some frames."""
+    own = frames_of(edit)
+    return own is None or (own[0] <= last and own[1] >= first)
