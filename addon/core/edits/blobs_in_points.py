@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..data.markersets import Worn
-from ..data.takes import Blobs
+from ..data.takes import NO_POINT, Blobs
 from .applying import BlobCells, blobs_of
-from .kinds import AssignBlob, AssignPoint, BlobEdit, Edits, Swap, UnlabelMarker
+from .kinds import AssignBlob, AssignPoint, BlobEdit, Edit, Edits, Swap, UnlabelMarker, frames_of
 
 Key = tuple[int, int]  # a trajectory, and the source's number of a frame
 
@@ -19,7 +19,8 @@ class NamedThroughBlobs:
 
     Edits are heard in their order, so what is said of a point, or of a marker, last holds. Only names are passed on:
     that a blob is not what it is called says nothing of the point, which others may make as well; but a name that was
-    given through that blob alone is gone with it. Markers that are not of `worn` are nobody's.
+    given through that blob alone is gone with it, also where another blob of its image, which may make no point, has
+    the name then. Markers that are not of `worn` are nobody's.
     """
 
     def __init__(self, edits: Edits, cameras: tuple[str, ...], worn: Worn):
@@ -27,24 +28,25 @@ class NamedThroughBlobs:
         self.edits = [edit for edit in edits if isinstance(edit, BlobEdit | Swap | UnlabelMarker)]
         self.named: dict[Key, int] = {}
 
-    def add(self, blobs: Blobs, rows: np.ndarray, frame: np.ndarray, trajectory: np.ndarray):
+    def add(self, blobs: Blobs, rows: np.ndarray, trajectory: np.ndarray):
         """Hears of a chunk, whose points are made of the blobs `rows` (Q, C), -1 where a camera has none of them.
 
-        frame (Q,) are the source's numbers of their frames, and trajectory (Q,) is the one of each.
+        trajectory (Q,) is the one of each.
         """
         first, last = int(blobs.frames[0]), int(blobs.frames[-1])
-        if not any(isinstance(edit, AssignBlob) and _touches(edit, first, last) for edit in self.edits):
+        edits = [edit for edit in self.edits if _touches(edit, first, last)]
+        if not any(isinstance(edit, AssignBlob) for edit in edits):
             return
-        point_of = np.full(len(blobs), -1)
+        own = np.full(len(blobs), NO_POINT)
         point, camera = np.nonzero(rows >= 0)
-        point_of[rows[point, camera]] = point
+        own[rows[point, camera]] = trajectory[point]
         cells = BlobCells.of(blobs, self.cameras, self.worn)
         heard = _Heard(self.worn.by_name)
-        for edit in self.edits:
+        for edit in edits:
             if isinstance(edit, BlobEdit):
-                points = point_of[blobs_of(edit, cells)[0]]
-                points = points[points >= 0]
-                for key in zip(trajectory[points].tolist(), frame[points].tolist(), strict=True):
+                found = blobs_of(edit, cells)[0]
+                numbers = blobs.frames[blobs.frame[found]]
+                for key in zip(own[found].tolist(), numbers.tolist(), strict=True):
                     heard.of_blob(edit, key)
             else:
                 heard.of_marker(edit)
@@ -81,16 +83,17 @@ class _Heard:
     cameras: dict[Key, set[str]] = field(default_factory=dict)
 
     def of_blob(self, edit: BlobEdit, key: Key):
-        """Hears of a point's blob in a camera."""
-        if isinstance(edit, AssignBlob) and edit.marker in self.names:
-            marker = self.names[edit.marker]
+        """Hears of a blob in a camera, which a point is made of, or none."""
+        trajectory, frame = key
+        marker = self.names.get(edit.marker) if isinstance(edit, AssignBlob) else None
+        if marker is None:
+            self._give_up(key, edit.camera)
+        elif trajectory != NO_POINT:
             same = self.cameras.get(key, set()) if self.named.get(key) == marker else set()
             self._name(key, marker, same | {edit.camera})
-        elif edit.camera in self.cameras.get(key, ()):
-            marker, others = self.named[key], self.cameras[key] - {edit.camera}
-            self._forget(key)
-            if others:
-                self._name(key, marker, others)
+        else:
+            # An image has a marker once, so the blob that had it has not; in other images this may be its marker, too.
+            self._give_up((self.points.get((marker, frame), NO_POINT), frame), edit.camera)
 
     def of_marker(self, edit: Swap | UnlabelMarker):
         """Hears of a marker's name, or of two."""
@@ -103,6 +106,14 @@ class _Heard:
         if isinstance(edit, Swap):
             for key, (marker, cameras) in before.items():
                 self._name(key, meant[1 - meant.index(marker)], cameras)
+
+    def _give_up(self, key: Key, camera: str):
+        """A point's name is not borne out by its blob in a camera, where it was."""
+        if camera in self.cameras.get(key, ()):
+            marker, others = self.named[key], self.cameras[key] - {camera}
+            self._forget(key)
+            if others:
+                self._name(key, marker, others)
 
     def _name(self, key: Key, marker: int | None, cameras: set[str]):
         """Names a point; the one that had the name has none."""
@@ -118,7 +129,7 @@ class _Heard:
             del self.points[self.named.pop(key), key[1]], self.cameras[key]
 
 
-def _touches(edit: BlobEdit, first: int, last: int) -> bool:
-    """Whether an edit's blobs are in some frames."""
-    numbers = [edit.frame] if edit.trail is None else [edit.frame, *edit.trail[:, 0].tolist()]
-    return min(numbers) <= last and max(numbers) >= first
+def _touches(edit: Edit, first: int, last: int) -> bool:
+    """Whether an edit is about some frames."""
+    own = frames_of(edit)
+    return own is None or (own[0] <= last and own[1] >= first)

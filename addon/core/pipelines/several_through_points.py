@@ -270,7 +270,7 @@ def label_several_blobs(
         points.add(blobs)
         if edits:
             rows = points.parts[-1].rows[:]
-            named.add(blobs, rows["blobs"], points.first_frame + rows["frame"], rows["trajectory"])
+            named.add(blobs, rows["blobs"], rows["trajectory"])
         seconds += perf_counter() - begin
         yield Progress(CHECKING_BACK.share * share, f"reconstruct frame {blobs.frames[-1]}")
     asked = replace(asked, others=True)  # they have blobs, and are in the way

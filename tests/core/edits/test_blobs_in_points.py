@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from addon.core.data.takes import Blobs
+from addon.core.edits import blobs_in_points
+from addon.core.edits.applying import BlobCells
 from addon.core.edits.blobs_in_points import NamedThroughBlobs
 from addon.core.edits.kinds import (
     AssignBlob,
@@ -33,7 +35,7 @@ def heard(*edits) -> NamedThroughBlobs:
         xy = np.column_stack([100.0 * (point + 1) + first + index, 50.0 + camera])
         blobs = Blobs(first + np.arange(3), index, camera, xy, np.ones(len(xy)))
         rows = np.arange(len(xy)).reshape(3, 2, 2).transpose(0, 2, 1).reshape(6, 2)  # frame by frame, point by point
-        named.add(blobs, rows, np.repeat(first + np.arange(3), 2), np.tile([4, 7], 3))
+        named.add(blobs, rows, np.tile([4, 7], 3))
     return named
 
 
@@ -115,3 +117,41 @@ def test_markers_are_known_by_their_other_names_and_those_of_nobody_are_none():
     assert said(heard(blob(AssignBlob, 12, "LFWT"), Swap(("LASI", "RKNE")))) == [(1, "RKNE", (12, 12))]
     assert said(heard(blob(AssignBlob, 12, "LASI"), UnlabelMarker("LFWT"))) == []
     assert said(heard(blob(AssignBlob, 12, "3:LKNE"))) == []
+
+
+def test_blobs_are_looked_for_in_chunks_of_their_frames_alone(monkeypatch):
+    looked, tables = [], []
+    blobs_of, of = blobs_in_points.blobs_of, BlobCells.of
+
+    def found(edit, cells):
+        looked.append((edit.marker, int(cells.blobs.frames[0])))
+        return blobs_of(edit, cells)
+
+    def table(blobs, *given):
+        tables.append(int(blobs.frames[0]))
+        return of(blobs, *given)
+
+    monkeypatch.setattr(blobs_in_points, "blobs_of", found)
+    monkeypatch.setattr(BlobCells, "of", table)
+    heard(blob(AssignBlob, 15, "LKNE", frames=(14, 16)), Swap(("LKNE", "RKNE")))
+    assert tables == [14]
+    heard(blob(AssignBlob, 12, "C7", frames=(11, 14)), blob(AssignBlob, 15, "LKNE"))
+    assert looked == [("LKNE", 14), ("C7", 11), ("C7", 14), ("LKNE", 14)]
+
+
+def test_a_marker_s_blob_that_makes_no_point_takes_it_from_the_point_named_in_its_image():
+    """Left shows a third blob, which no other camera sees; another image's may be of the marker, too."""
+    xy = np.array([[112.0, 50.0], [112.0, 51.0], [312.0, 50.0]])
+    blobs = Blobs(np.array([12]), np.zeros(3, int), np.array([0, 1, 0]), xy, np.ones(3))
+    left = blob(AssignBlob, 12, "LKNE")
+    right, alone = replace(left, camera="right", y=51.0), replace(left, x=312.0)
+
+    def after(*edits):
+        named = NamedThroughBlobs(Edits(edits), CAMERAS, WORN)
+        named.add(blobs, np.array([[0, 1]]), np.array([4]))
+        return said(named)
+
+    kept = [(1, "LKNE", (12, 12))]
+    assert after(left, alone) == []
+    assert after(alone, left) == after(right, alone) == after(left, right, alone) == kept
+    assert after(left, replace(alone, marker="RKNE")) == kept
