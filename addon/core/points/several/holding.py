@@ -24,8 +24,8 @@ class HoldingOnOptions:
     loose          this part of it
     known          frames that what was seen counts for at most where nothing moves: of people who stand still for
                    long nobody learns more, and the farther of two markers would be as much on a body as the nearer
-    moved_m        standard deviation of a marker's place from which on it counts for more, as its square grows; 0.02 cost
-                   one of the takes of `holding` of tests/accuracy/actors.py
+    moved_m        standard deviation of a marker's place from which on it counts for more, as its square grows; with
+                   0.02 one of the takes of `holding` of tests/accuracy/actors.py more was refused
     steady_m       that a distance on a body varies by
     holds          tracklets of a body that one holds on to best, which say how much it does
     max_body_m     beyond which no two markers are on one body
