@@ -200,9 +200,10 @@ def _save(path: Path):
     """Saves what is open as a Blender file, and says it in one sentence where that cannot be."""
     import bpy
 
+    whole = os.fsencode(path.absolute())  # Blender 4.5 goes from the folder in which the process began
     try:
         with unbroken():
-            bpy.ops.wm.save_as_mainfile(filepath=os.fsencode(path), compress=True, copy=True, relative_remap=False)
+            bpy.ops.wm.save_as_mainfile(filepath=whole, compress=True, copy=True, relative_remap=False)
     except RuntimeError as error:  # Blender's way of saying that a disk is full or a folder gone
         reason = str(error).removeprefix("Error: ").strip().rstrip(".")
         raise JobError(f"the Blender file cannot be written: {reason}; expected a place with room", path) from error
