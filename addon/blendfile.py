@@ -22,6 +22,7 @@ from .core.edits.kinds import NO_EDITS, Edits
 from .core.geometry.cameras import Cameras
 from .io.cameras import read_cameras
 from .io.names import written
+from .io.scratch import lasting_scratch
 
 if TYPE_CHECKING:  # only some jobs need them
     from .core.body.occlusion import Occlusion
@@ -64,8 +65,28 @@ def start_blender():
     """Imports bpy, which takes a second in which whatever stops the process is noted, and raised behind it."""
     if "bpy" in sys.modules:
         return
-    with unbroken():
+    with unbroken(), _own_temporary_files():
         import bpy  # noqa: F401
+
+
+@contextmanager
+def _own_temporary_files() -> Iterator[None]:
+    """Blender, loaded in the block, keeps its temporary files where the next run takes them away if this is killed."""
+    try:
+        folder = str(lasting_scratch())
+    except JobError:  # it then looks for a place by itself, and needs it seldom
+        yield
+        return
+    before = {name: os.environ.get(name) for name in ("TMPDIR", "TEMP", "TMP")}
+    os.environ.update(dict.fromkeys(before, folder))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
 
 
 @contextmanager

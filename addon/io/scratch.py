@@ -5,6 +5,7 @@ The maker holds a lock on a file in its folder; the system lets go of it when th
 folder whose lock can be had is nobody's any more, on whichever machine or in whichever container its maker ran.
 """
 
+import atexit
 import os
 import re
 import shutil
@@ -44,6 +45,14 @@ def scratch_folder() -> Iterator[Path]:
     take_away_forsaken(parent, SCRATCH)
     with own_folder(parent, SCRATCH, unwritable_scratch) as folder:
         yield folder
+
+
+def lasting_scratch() -> Path:
+    """A folder as of `scratch_folder` that is there until this process ends."""
+    stack = ExitStack()
+    folder = stack.enter_context(scratch_folder())
+    atexit.register(stack.close)
+    return folder
 
 
 def take_away_scratch():

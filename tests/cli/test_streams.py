@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -15,6 +16,7 @@ import pytest
 from addon.blendfile import has_blender, unbroken
 from addon.cli import main
 from addon.cli.console import stoppable
+from addon.io.scratch import SCRATCH, take_away_scratch
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -127,6 +129,32 @@ def test_whoever_is_stopped_while_blender_loads_stops_behind(tmp_path, kind):
         assert subprocess.run(line, check=False).returncode == 0
     finally:
         signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs a system where a process can be killed")
+@pytest.mark.parametrize("killed", [True, False])
+def test_temporary_files_of_blender_are_gone_at_the_end_or_with_the_next_run(tmp_path, monkeypatch, killed):
+    script = (
+        "import os, signal, sys; sys.path[:0] = sys.argv[2:]\n"
+        "from addon.blendfile import start_blender\n"
+        "before = [os.environ.get(name) for name in ('TMPDIR', 'TEMP', 'TMP')]\n"
+        "start_blender()\n"
+        "assert [os.environ.get(name) for name in ('TMPDIR', 'TEMP', 'TMP')] == before\n"
+        "import bpy; print(bpy.app.tempdir, flush=True)\n"
+        "if sys.argv[1] == 'True': os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    line = [sys.executable, "-c", script, str(killed), *sys.path, str(ROOT)]
+    there = subprocess.run(
+        line, env=os.environ | {"TMPDIR": str(tmp_path)}, stdout=subprocess.PIPE, text=True, check=False
+    )
+    assert there.returncode == (-signal.SIGKILL if killed else 0)
+    (name,) = there.stdout.split()
+    assert Path(name).parent.parent == tmp_path
+    assert Path(name).parent.name.startswith(SCRATCH)
+    assert len(list(tmp_path.iterdir())) == killed
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    take_away_scratch()
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("place", ["--model", "--cameras", "--out"])
