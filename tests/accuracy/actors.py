@@ -44,7 +44,7 @@ RACKET = np.array([[0.15, 0, 0], [0.35, 0, 0.02], [0.6, 0.11, 0], [0.68, 0, 0.01
 THROUGH_M = 0.15  # between two walkers who meet in one lane: their bodies overlap as they pass
 HOLDING_M = 0.25  # between two actors who overlap all the time
 NOISE_M = 0.0003
-STANDING, STOOD_S, STANDING_M = 200, 60.0, 1.0  # frames that were recorded of it, how long it goes on, how far apart
+STANDING, STOOD_S = 200, 60.0  # frames that were recorded of standing still, how long it goes on
 LYING_M, UPON_M, LIFTED_M = 0.15, 0.4, 1.4  # how high somebody lies, one who lies upon them, and one who is carried
 PLATES = DATA / "people" / "clouthier"
 PLATE = ("LBUL", "LBLL", "LBUR", "LBLR")  # of four markers on the back
@@ -194,8 +194,8 @@ def lain(meetings: Iterator[Meeting], first_m: float | None, second_m: float) ->
         yield replace(meeting, people=(first, laid(second, part, np.array([*middle[:2], second_m]))))
 
 
-def standing() -> Iterator[Meeting]:
-    """Strangers who stand still beside each other: what was recorded of it goes back and forth for a minute.
+def standing(apart_m: float) -> Iterator[Meeting]:
+    """Strangers who stand still, so far from each other: what was recorded of it goes back and forth for a minute.
 
     The set is learned from how the five others stand, too: whose walks alone are known may have their arms otherwise.
     """
@@ -213,7 +213,7 @@ def standing() -> Iterator[Meeting]:
                 both = np.concatenate([one.xyz, one.xyz[::-1]])
                 whole = np.concatenate([both] * (int(STOOD_S * one.rate) // len(both)))
                 middle = np.median(middle_of(whole), axis=0)
-                people.append(moved(replace(one, xyz=whole), 0.0, middle, np.array([STANDING_M * index, 0.0])))
+                people.append(moved(replace(one, xyz=whole), 0.0, middle, np.array([apart_m * index, 0.0])))
             yield Meeting(" ".join(one.subject for one in pair), tuple(people), training)
 
 
@@ -324,7 +324,9 @@ MEETINGS: dict[str, Callable[[], Iterator[Meeting]]] = {
     "holding": lambda: acting(HOLDING_M),
     "lying": lambda: lain(acting(ACTING_M), LYING_M, UPON_M),
     "lifted": lambda: lain(acting(ACTING_M), None, LIFTED_M),
-    "standing": standing,
+    "standing": lambda: standing(1.0),
+    "standing-near": lambda: standing(0.8),
+    "standing-hands": lambda: standing(0.6),  # in which hands are in each other
     "players": players,
     "alone": alone,
     "racket": racket,

@@ -13,7 +13,7 @@ from ..whole_take.pairs import in_take, trained_pairs, widened
 from ..whole_take.solving import ROUNDS, Solution
 from ..whole_take.tracklets import Tracklets, seen_in, tracklets_of
 from .bodies import Crowd, NamedBody
-from .parting import NO_BODY
+from .places import NO_BODY
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,9 @@
 """Which tracklets are on the same body: those that stay near each other and keep their distance, over all of the take.
 
 Before anything is named. Two markers of one person are never far from each other, and most distances on a body keep;
-between people they do not keep unless both stand still, and then there is room between them. A tracklet goes with those
-to which it holds on best while it is there; these live on when it ends, so people are followed through contact.
+between people they do not keep unless both stand still, and then there is room between them (`places`). A tracklet goes
+with those to which it holds on best while it is there; these live on when it ends, so people are followed through
+contact.
 """
 
 from dataclasses import dataclass
@@ -14,8 +15,7 @@ import numpy as np
 from ...data.takes import evenly_spread
 from ..refusals import far_groups
 from .holding import HOLDING_ON, Holding
-
-NO_BODY = -1
+from .places import BY_PLACE, NO_BODY, bodies_by_place, grouped
 
 
 @dataclass(frozen=True)
@@ -24,10 +24,6 @@ class PartingPeopleOptions:
 
     clear          times that it must hold on to one body as it does to any other, for it to be that one's alone
     at_once        of the clearest lead, by which tracklets are given to bodies together
-    starts         frames in which bodies are looked for first, spread over the take
-    outer          part of the points that are not farther out than where another body is looked for: ghosts are
-    min_points     of a body in a frame that is begun with
-    group_rounds   in which such a frame's points find their bodies
     rounds         of going through all tracklets again
     firm           part of how well tracklets usually hold on to others, that is needed to be on anybody
     holds          part of how well a tracklet holds on to whatever it does best, below which it is not on a body;
@@ -40,10 +36,6 @@ class PartingPeopleOptions:
 
     clear: float = 1.6
     at_once: float = 0.5
-    starts: int = 60
-    outer: float = 0.9
-    min_points: int = 4
-    group_rounds: int = 20
     rounds: int = 12
     firm: float = 0.2
     holds: float = 0.5
@@ -86,7 +78,7 @@ def parted(points: np.ndarray, tracklet: np.ndarray, holding: Holding, count: in
     if count == 1:
         every = len(holding)
         return PartedBodies(holding.best()[:, None], np.zeros(every, int), np.ones((every, 1), bool))
-    begun = _first_bodies(points, tracklet, holding, count)
+    begun = bodies_by_place(points, tracklet, holding.frames, len(holding), count)
     body = _with_stays(points, tracklet, holding, begun, count, markers)
     stays = int(body.max(initial=-1)) + 1
     if stays > count:
@@ -102,21 +94,6 @@ def parted(points: np.ndarray, tracklet: np.ndarray, holding: Holding, count: in
         body = best
     most = hold.max(axis=1, keepdims=True)
     return PartedBodies(hold, body, (hold * PARTING_PEOPLE.clear >= most) & (most > 0))
-
-
-def _first_bodies(points: np.ndarray, tracklet: np.ndarray, holding: Holding, count: int) -> np.ndarray:
-    """(N,) the body of each tracklet to begin with: from the frame on in which bodies are farthest from each other."""
-    best, chosen, frames = -1.0, None, holding.frames
-    for frame in frames[evenly_spread(len(frames), PARTING_PEOPLE.starts)].tolist():
-        lane = np.flatnonzero(tracklet[frame] >= 0)
-        group, apart = _groups(points[frame][lane], count)
-        if group is not None and apart > best:
-            best, chosen = apart, (tracklet[frame, lane], group)
-    body = np.full(len(holding), NO_BODY)
-    if chosen is None:
-        return body
-    body[chosen[0]] = chosen[1]
-    return body
 
 
 def _with_stays(
@@ -154,9 +131,9 @@ def _coming(
     if people > 1:
         fullest = holding.frames[alone >= PARTING_PEOPLE.fullest * most]
         best = -np.inf
-        for at in fullest[evenly_spread(len(fullest), PARTING_PEOPLE.starts)].tolist():
+        for at in fullest[evenly_spread(len(fullest), BY_PLACE.starts)].tolist():
             own = np.flatnonzero(left[tracklet[at]])
-            group, apart = _groups(points[at, own], people)
+            group, apart = grouped(points[at, own], people)
             if group is not None and apart > best:
                 best, found = apart, [tracklet[at, own[group == one]] for one in range(people)]
         if best > -np.inf:
@@ -164,44 +141,6 @@ def _coming(
     own = np.flatnonzero(left[tracklet[frame]])
     groups = far_groups(points[frame, own], PARTING_PEOPLE.gap_m, PARTING_PEOPLE.whole * markers)
     return [tracklet[frame, own[group]] for group in groups]
-
-
-def _groups(points: np.ndarray, count: int) -> tuple[np.ndarray | None, float]:
-    """Points (P, 3) m in `count` groups on the floor (P,), and how far these are from each other, for their widths."""
-    if len(points) < 2 * count:
-        return None, 0.0
-    flat, options = points[:, :2], PARTING_PEOPLE
-    far = int(options.outer * len(flat))
-    centres = _middle(flat)[None]
-    for place in range(count):
-        away = _away(flat, centres).min(axis=1)
-        centres = np.concatenate([centres[:place], flat[away.argsort()[far]][None]])
-    group = np.zeros(0, int)
-    for _ in range(options.group_rounds):
-        before, group = group, _away(flat, centres).argmin(axis=1)
-        if np.array_equal(before, group):
-            break
-        if np.bincount(group, minlength=count).min() < options.min_points:
-            return None, 0.0
-        centres = np.array([_middle(flat[group == one]) for one in range(count)])
-    size = np.bincount(group, minlength=count)
-    away = _away(flat, centres)
-    own = np.take_along_axis(away, group[:, None], axis=1)[:, 0]
-    others = np.where(np.arange(count) == group[:, None], np.inf, away).min(axis=1)
-    # The usual lead of a point's own group, where groups are of like size.
-    return group, float(np.quantile(others - own, 1 - options.outer) * size.min() / size.max())
-
-
-def _middle(flat: np.ndarray) -> np.ndarray:
-    """(2,) the median of each column of (P, 2): NumPy's takes longer over few points than all else here."""
-    order = np.sort(flat, axis=0)
-    return (order[(len(order) - 1) // 2] + order[len(order) // 2]) / 2
-
-
-def _away(flat: np.ndarray, centres: np.ndarray) -> np.ndarray:
-    """(P, K) how far points (P, 2) are from centres (K, 2)."""
-    off = flat[:, None] - centres
-    return np.sqrt(off[..., 0] ** 2 + off[..., 1] ** 2)
 
 
 def _grown(holding: Holding, body: np.ndarray, count: int, least: np.ndarray | float = 0.0) -> np.ndarray:

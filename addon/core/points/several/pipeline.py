@@ -28,7 +28,8 @@ from .claims import share
 from .counting import count_bodies
 from .edits import with_edits
 from .motion import LabelledSubjects
-from .parting import NO_BODY, PartedBodies, parted
+from .parting import PartedBodies, parted
+from .places import NO_BODY
 from .props import found_prop, is_prop
 from .stays import STAYS, StayBuild, UntoldStay, spans_of, ways_of
 from .telling import TELLING, costs_of, likeliest, told

@@ -11,7 +11,7 @@ from itertools import product
 import numpy as np
 
 from ...data.takes import Labels, evenly_spread
-from .parting import NO_BODY
+from .places import NO_BODY
 from .telling import MIN_MET, OnBody, distances_in
 
 
