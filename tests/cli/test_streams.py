@@ -135,7 +135,7 @@ def test_whoever_is_stopped_while_blender_loads_stops_behind(tmp_path, kind):
 @pytest.mark.parametrize("killed", [True, False])
 def test_temporary_files_of_blender_are_gone_at_the_end_or_with_the_next_run(tmp_path, monkeypatch, killed):
     script = (
-        "import os, signal, sys; sys.path[:0] = sys.argv[2:]\n"
+        "import os, signal, sys; sys.path.insert(0, sys.argv[2])\n"
         "from addon.blendfile import start_blender\n"
         "before = [os.environ.get(name) for name in ('TMPDIR', 'TEMP', 'TMP')]\n"
         "start_blender()\n"
@@ -143,7 +143,7 @@ def test_temporary_files_of_blender_are_gone_at_the_end_or_with_the_next_run(tmp
         "import bpy; print(bpy.app.tempdir, flush=True)\n"
         "if sys.argv[1] == 'True': os.kill(os.getpid(), signal.SIGKILL)"
     )
-    line = [sys.executable, "-c", script, str(killed), *sys.path, str(ROOT)]
+    line = [sys.executable, "-c", script, str(killed), str(ROOT)]
     there = subprocess.run(
         line, env=os.environ | {"TMPDIR": str(tmp_path)}, stdout=subprocess.PIPE, text=True, check=False
     )
