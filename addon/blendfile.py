@@ -71,7 +71,10 @@ def start_blender():
 
 @contextmanager
 def _own_temporary_files() -> Iterator[None]:
-    """Blender, loaded in the block, keeps its temporary files where the next run takes them away if this is killed."""
+    """Blender, loaded in the block, keeps its temporary files where the next run takes them away if this is killed.
+
+    It does so until preferences are read: it looks for a place anew then.
+    """
     try:
         folder = str(lasting_scratch())
     except JobError:  # it then looks for a place by itself, and needs it seldom

@@ -2,7 +2,8 @@
 """Bodies as groups of points on the floor: which points are whose in frames in which bodies are apart.
 
 From the frame in which they are farthest from each other they are followed, as long as nobody can have become another
-between two frames that are looked at. It says what those who stand still do not show by keeping their distances.
+body, or a thing, between two frames that are looked at. It says what those who stand still do not show by keeping
+their distances.
 """
 
 from collections.abc import Iterable
@@ -17,7 +18,9 @@ NO_BODY = -1
 
 @dataclass(frozen=True)
 class PlacesOptions:
-    """How bodies are told by where they are. All reckoned.
+    """How bodies are told by where they are. All reckoned but `gone_over`, chosen with `lying` in view.
+
+    The takes are those of tests/accuracy/actors.py.
 
     starts         frames in which bodies are looked for first, spread over the take
     outer          part of the points that are not farther out than where another body is looked for: ghosts are
@@ -26,6 +29,9 @@ class PlacesOptions:
     apart_m        between the middles of bodies that are followed by their places
     lead           part of that, by which a point must be nearer to its body's middle than to another's to say whose its
                    tracklet is
+    there          part of its points in the first frame that a body shows where it is there
+    missed         frames in a row without somebody, after which nobody is followed any more
+    moved_m        that a body's middle moves at most between frames: what is farther away is somebody or something else
     agreed         part of the frames of a tracklet that say so, in which they must say the same
     gone_over      part of the tracklets that were one body's, beyond which nobody is followed any more where they are
                    another's: who lies has feet where somebody else may stand
@@ -37,6 +43,9 @@ class PlacesOptions:
     group_rounds: int = 20
     apart_m: float = 0.4
     lead: float = 0.5
+    there: float = 0.5
+    missed: int = 4
+    moved_m: float = 0.2
     agreed: float = 0.9
     gone_over: float = 0.03
 
@@ -60,29 +69,44 @@ def bodies_by_place(points: np.ndarray, tracklet: np.ndarray, frames: np.ndarray
         return body
     place, own, group = chosen
     flat = points[frames[place], own, :2]
-    centres = np.array([_middle(flat[group == one]) for one in range(count)])
+    centres = _middles(flat, group, count)
+    fewest = BY_PLACE.there * np.bincount(group, minlength=count)
     votes = np.zeros((every, count), int)
     for way in (frames[place:], frames[place::-1]):
-        _follow(points, tracklet, way.tolist(), centres, votes)
+        _follow(points, tracklet, way.tolist(), centres, fewest, votes)
     said = votes.max(axis=1) > BY_PLACE.agreed * votes.sum(axis=1)
     body[said] = votes[said].argmax(axis=1)
     body[tracklet[frames[place], own]] = group
     return body
 
 
-def _follow(points: np.ndarray, tracklet: np.ndarray, frames: Iterable[int], centres: np.ndarray, votes: np.ndarray):
-    """Adds to votes (N, K) whose each tracklet is by frames from that with centres (K, 2) on, while they are apart."""
+def _follow(
+    points: np.ndarray,
+    tracklet: np.ndarray,
+    frames: Iterable[int],
+    centres: np.ndarray,
+    fewest: np.ndarray,
+    votes: np.ndarray,
+):
+    """Adds to votes (N, K) whose each tracklet is by frames from that with centres (K, 2) on, while all are apart.
+
+    A body of fewer than the `fewest` (K,) points is not there.
+    """
+    missed, count = 0, len(centres)
     for frame in frames:
         own = tracklet[frame] >= 0
         flat = points[frame, own, :2]
-        away = _away(flat, centres)
-        group = away.argmin(axis=1)
-        if np.bincount(group, minlength=len(centres)).min() < BY_PLACE.min_points:
-            return
-        centres = np.array([_middle(flat[group == one]) for one in range(len(centres))])
+        group = _away(flat, centres).argmin(axis=1)
+        if (np.bincount(group, minlength=count) < fewest).any():
+            missed += 1
+            if missed > BY_PLACE.missed:
+                return
+            continue
+        missed, before, centres = 0, centres, _middles(flat, group, count)
         between = _away(centres, centres)
         np.fill_diagonal(between, np.inf)
-        if between.min() < BY_PLACE.apart_m:
+        moved = np.linalg.norm(centres - before, axis=1).max()
+        if between.min() < BY_PLACE.apart_m or moved > BY_PLACE.moved_m:
             return
         sure = _leads(_away(flat, centres), group) >= BY_PLACE.lead * between.min(axis=1)[group]
         own, group = tracklet[frame, own][sure], group[sure]
@@ -110,7 +134,7 @@ def grouped(points: np.ndarray, count: int) -> tuple[np.ndarray | None, float]:
             break
         if np.bincount(group, minlength=count).min() < options.min_points:
             return None, 0.0
-        centres = np.array([_middle(flat[group == one]) for one in range(count)])
+        centres = _middles(flat, group, count)
     size = np.bincount(group, minlength=count)
     # The usual lead of a point's own group, where groups are of like size.
     usual = np.quantile(_leads(_away(flat, centres), group), 1 - options.outer)
@@ -121,6 +145,11 @@ def _leads(away: np.ndarray, group: np.ndarray) -> np.ndarray:
     """(P,) by how much points, away (P, K) from centres, are nearer to that of their group (P,) than to any other."""
     own = np.take_along_axis(away, group[:, None], axis=1)[:, 0]
     return np.where(np.arange(away.shape[1]) == group[:, None], np.inf, away).min(axis=1) - own
+
+
+def _middles(flat: np.ndarray, group: np.ndarray, count: int) -> np.ndarray:
+    """(K, 2) those of so many groups (P,) of points (P, 2)."""
+    return np.array([_middle(flat[group == one]) for one in range(count)])
 
 
 def _middle(flat: np.ndarray) -> np.ndarray:
