@@ -14,12 +14,14 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 TOOL = ROOT.parent / "shared" / "tools" / "real-blender"
+# It takes a number that is free, and ends with its one window.
+XVFB = ("Xvfb", "-displayfd", "1", "-screen", "0", "1600x1000x24", "-terminate")
 WINDOW = (
     "--factory-startup",
     "--no-window-focus",
@@ -42,8 +44,7 @@ class RealBlender:
 
     def run(self, *arguments: str, home: Path, seconds: float = 300) -> subprocess.CompletedProcess:
         """Run `blender ARGUMENTS…` with its settings in the folder `home`; output is text."""
-        command = [*self.command, *(["run"] if self.tool else []), *arguments]
-        return _run(command, self._environment(home), seconds)
+        return _run(self._line(*arguments), self._environment(home), seconds)
 
     def window(self, script: Path, out: Path, *, home: Path, seconds: float = 120) -> subprocess.CompletedProcess:
         """Open Blender's window and run `script` in it, until the script quits Blender or the time is over.
@@ -52,13 +53,34 @@ class RealBlender:
         where no window can be opened.
         """
         environment = self._environment(home) | {"MOCAP_OUT": str(out), "LIBGL_ALWAYS_SOFTWARE": "1"}
-        if self.tool:
-            return _run([*self.command, "window", str(script), str(out)], environment, seconds)
-        command = [*self.command, *WINDOW, "--python", str(script)]
-        if sys.platform != "linux" or environment.get("DISPLAY") or environment.get("WAYLAND_DISPLAY"):
+        command = self._line(*WINDOW, "--python", str(script))
+        seen = environment.get("DISPLAY") or environment.get("WAYLAND_DISPLAY")
+        if not self.tool and (sys.platform != "linux" or seen):
             return _run(command, environment, seconds)
-        with _screen() as display:
+        with self._screen(environment) as display:
             return _run(command, environment | {"DISPLAY": display}, seconds)
+
+    @contextmanager
+    def _screen(self, environment: dict[str, str]) -> Iterator[str]:
+        """A virtual screen for as long as the context lasts; gives its DISPLAY."""
+        command = list(XVFB)
+        if self.tool:  # only its Blender, which becomes it, can start the Xvfb that it brings
+            become = f"import bpy, os; os.rmdir(bpy.app.tempdir); os.execvp('Xvfb', {XVFB})"
+            command = self._line("--background", "--python-expr", become)
+        elif shutil.which("Xvfb") is None:
+            raise LookupError("no window: there is no screen (DISPLAY is not set) and no Xvfb")
+        server = _begun(command, environment, stderr=subprocess.DEVNULL)
+        try:
+            with server.stdout:
+                number = next((line.strip() for line in server.stdout if line.strip().isdigit()), None)
+            if number is None:
+                raise LookupError("no window: Xvfb does not start")
+            yield f":{number}"
+        finally:
+            _end(server, signal.SIGTERM)  # it takes the lock of its number away
+
+    def _line(self, *arguments: str) -> list[str]:
+        return [*self.command, *(["run"] if self.tool else []), *arguments]
 
     def _environment(self, home: Path) -> dict[str, str]:
         names = ("REAL_BLENDER_HOME", "BLENDER_USER_RESOURCES")
@@ -88,43 +110,36 @@ def _started(blender: RealBlender, where: str) -> RealBlender:
     return replace(blender, version=tuple(int(number) for number in version.groups()))
 
 
-@contextmanager
-def _screen() -> Iterator[str]:
-    """A virtual screen for as long as the context lasts; gives its DISPLAY."""
-    if shutil.which("Xvfb") is None:
-        raise LookupError("no window: there is no screen (DISPLAY is not set) and no Xvfb")
-    read, write = os.pipe()
-    command = ["Xvfb", "-displayfd", str(write), "-screen", "0", "1600x1000x24"]
-    server = subprocess.Popen(command, pass_fds=(write,), stderr=subprocess.DEVNULL)
-    os.close(write)
-    try:
-        with os.fdopen(read, encoding="utf-8") as answer:
-            number = answer.readline().strip()
-        if not number:
-            raise LookupError("no window: Xvfb does not start")
-        yield f":{number}"
-    finally:
-        server.terminate()
-        server.wait()
-
-
 def _run(command: list[str], environment: dict[str, str], seconds: float) -> subprocess.CompletedProcess:
     """Run to the end or, when the time is over, end the command and all it started and say so among the errors."""
-    process = subprocess.Popen(
+    process = _begun(command, environment, stderr=subprocess.PIPE)
+    try:
+        output, errors = process.communicate(timeout=seconds)
+    except subprocess.TimeoutExpired:
+        _end(process, signal.SIGKILL)
+        output, errors = process.communicate()
+        errors += f"\nstopped after {seconds:.0f} s"
+    finally:
+        _end(process, signal.SIGKILL)
+    return subprocess.CompletedProcess(command, process.returncode, output, errors)
+
+
+def _begun(command: list[str], environment: dict[str, str], stderr: int) -> subprocess.Popen:
+    return subprocess.Popen(
         command,
         cwd=ROOT,
-        env=environment | {"REAL_BLENDER_S": str(int(seconds))},
+        env=environment,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
+        stderr=stderr,
         text=True,
         errors="replace",
         start_new_session=True,
     )
-    try:
-        output, errors = process.communicate(timeout=seconds + 10)
-    except subprocess.TimeoutExpired:
-        os.killpg(process.pid, signal.SIGKILL)
-        output, errors = process.communicate()
-        errors += f"\nstopped after {seconds:.0f} s"
-    return subprocess.CompletedProcess(command, process.returncode, output, errors)
+
+
+def _end(process: subprocess.Popen, how: signal.Signals) -> None:
+    """End a command and all that it started."""
+    with suppress(ProcessLookupError):
+        os.killpg(process.pid, how)
+    process.wait()

@@ -4,7 +4,6 @@
 import importlib.util
 import json
 import platform
-import shutil
 import sys
 from collections.abc import Callable
 from functools import cache
@@ -13,10 +12,6 @@ from pathlib import Path
 import pytest
 
 from scripts import build, real_blender
-
-# Two windows opened at once may draw the same number for their screens by lot: the second one's goes with the first.
-LOST_SCREEN = "XIO:  fatal IO error"
-SCREENS = 3
 
 
 @pytest.fixture(scope="session")
@@ -47,18 +42,12 @@ def watch(blender_program, make_zip) -> Callable[..., dict]:
     def run(script: str, folder: Path, seconds: float = 600, **task) -> dict:
         package = str(make_zip(zip_for(blender_program.version[:2])))
         (folder / "task.json").write_text(json.dumps({"zip": package, **task}))
-        given = set(folder.iterdir())
-        for _ in range(SCREENS):
-            try:
-                done = blender_program.window(
-                    Path(__file__).with_name(script), folder, home=folder / "home", seconds=seconds
-                )
-            except LookupError as reason:
-                pytest.skip(str(reason))
-            log = done.stdout + done.stderr
-            if (folder / "seen.json").exists() or LOST_SCREEN not in log:
-                break
-            clear(set(folder.iterdir()) - given)
+        script = Path(__file__).with_name(script)
+        try:
+            done = blender_program.window(script, folder, home=folder / "home", seconds=seconds)
+        except LookupError as reason:
+            pytest.skip(str(reason))
+        log = done.stdout + done.stderr
         assert (folder / "seen.json").exists(), log
         return json.loads((folder / "seen.json").read_text()) | {"folder": folder, "log": log}
 
@@ -73,15 +62,6 @@ def virtual_take(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("take")
     write_virtual_take(folder, 90)
     return folder
-
-
-def clear(paths: set[Path]) -> None:
-    """Remove files and folders."""
-    for path in paths:
-        if path.is_dir():
-            shutil.rmtree(path)
-        else:
-            path.unlink()
 
 
 def this_platform() -> str:
