@@ -33,6 +33,9 @@ STANDING_FRAMES, MOVING_FRAMES = 12, 14
 EVERY = 2  # frames of a take for each that the likelihood of points is learned from
 # One player: the second one in the take of two has the first one's body to the millimetre.
 TENNIS, PLAYER = "kinematics_tennis_serve.c3d", "Derrick"
+WALKERS = (
+    "HC002D", "HC030A", "HC031A", "HC032A", "HC033A", "HC036A", "HC038A", "HC039A", "HC044A", "HC055A",
+)  # fmt: skip
 HEAD_TURNED = {"LFHD": "LBHD", "LBHD": "LFHD", "RFHD": "RBHD", "RBHD": "RFHD"}
 HEAD_MIRRORED = {"LFHD": "RFHD", "RFHD": "LFHD", "LBHD": "RBHD", "RBHD": "LBHD"}
 LEFT_WRIST, RIGHT_WRIST = {"LWRA": "LWRB", "LWRB": "LWRA"}, {"RWRA": "RWRB", "RWRB": "RWRA"}
@@ -64,7 +67,7 @@ SOURCE = {
 
 def read_people(data: Path, leave_out=()) -> list[learning.Person]:
     """Everybody in `data` but those left out, a few dozen frames each."""
-    people = [read_walker(folder) for folder in sorted((data / "mcgill").glob("HC*")) if folder.name not in leave_out]
+    people = [read_walker(data / "mcgill" / name) for name in WALKERS if name not in leave_out]
     return people + [player for player in read_players(data / "tennis" / TENNIS) if player.name not in leave_out]
 
 
@@ -91,12 +94,12 @@ def read_takes(data: Path, markers, leave_out=()) -> list[tuple[np.ndarray, str]
     And the player's, where he wears all of them.
     """
     takes = []
-    for folder in sorted((data / "mcgill").glob("HC*")):
-        for file in sorted(folder.glob("*.c3d")) if folder.name not in leave_out else ():
+    for person in (one for one in WALKERS if one not in leave_out):
+        for file in sorted((data / "mcgill" / person).glob("*.c3d")):
             names, points, _ = read_c3d(file)
             worn = [names.index(name) if name in names else -1 for name in markers]
             picked = np.where(np.array(worn)[None, :, None] >= 0, points[:, worn], np.nan)
-            takes.append((picked[np.isfinite(picked).any(axis=(1, 2))][::EVERY], folder.name))
+            takes.append((picked[np.isfinite(picked).any(axis=(1, 2))][::EVERY], person))
     names, points, _ = read_c3d(data / "tennis" / TENNIS, prefixes=True)
     worn = [f"{PLAYER}:{name}" for name in markers]
     if PLAYER not in leave_out and set(worn) <= set(names):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from scripts.learn_markersets import MISLABELLED
+from scripts.learn_markersets import MISLABELLED, WALKERS
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 MCGILL = DATA / "people" / "mcgill"
@@ -51,7 +51,7 @@ def available() -> bool:
 
 def everyone() -> tuple[str, ...]:
     """The ids of all recorded people."""
-    return tuple(sorted(folder.name for folder in MCGILL.iterdir() if folder.is_dir()))
+    return WALKERS
 
 
 def takes(people=None, kind: str | None = None) -> list[Recording]:

@@ -23,7 +23,7 @@ RATE = 60.0
 @cache
 def vicon12() -> Cameras:
     """The recorded room's twelve cameras, less their (small) lens terms; not by the project's own reader."""
-    cameras = sorted(ET.parse(next(ROOM.glob("*.xcp"))).getroot().iter("Camera"), key=lambda c: int(c.get("USERID")))
+    cameras = sorted(ET.parse(ROOM / "walking_1.xcp").getroot().iter("Camera"), key=lambda c: int(c.get("USERID")))
     names, size, matrix, rotation, translation = [], [], [], [], []
     for camera in cameras:
         frame = camera.find(".//KeyFrame")
@@ -113,5 +113,5 @@ def _seen(cameras: Cameras, xyz: np.ndarray) -> np.ndarray:
 @cache
 def room_middle() -> np.ndarray:
     """The middle of the walk that was recorded in the room, on the floor."""
-    _, walk, _ = people.read_c3d(next(ROOM.glob("*.c3d")))
+    _, walk, _ = people.read_c3d(ROOM / "walking_1.c3d")
     return np.append(np.nanmean(walk, axis=(0, 1))[:2], 0.0)

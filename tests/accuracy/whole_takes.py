@@ -27,6 +27,7 @@ from addon.io.markersets import builtin_markersets, open_markerset
 from addon.io.models import open_model, write_model
 from addon.io.points import write_c3d
 
+from .. import recorded
 from .labs import OTHER_MOTIONS, WALKS, gait15_of
 from .partial.clouds import Trouble, drawn, placed_differently, spoilt
 from .people import BODY26, DATA, EXCHANGED, GAIT15, MCGILL, everyone, read_c3d
@@ -136,7 +137,7 @@ def read(path: Path, subject: str, markers: Sequence[str] | None = None) -> Take
 
 def actors(folder: str) -> dict[str, Take]:
     """The takes of `cmu41` or `actors53`, with the markers in one order."""
-    paths = sorted((PEOPLE / folder).glob("*/*.c3d"))
+    paths = recorded.takes(DATA, *(one for one in recorded.ACTORS if f"/{folder}/" in one))
     first = read(paths[0], "").markers
     return {path.parent.name: read(path, path.parent.name, first) for path in paths}
 

@@ -17,6 +17,7 @@ from addon.io.points import holds_points, marker_columns, read_points, write_c3d
 from addon.io.trc import read_trc
 from addon.io.whole import whole_file
 from addon.io.world import guess_unit, up_rotation
+from tests import recorded
 from tests.io.samples import BLOBS, motive, other_processor, walk
 
 ezc3d = pytest.importorskip("ezc3d")
@@ -138,13 +139,14 @@ def test_a_c3d_file_that_is_cut_off_says_how_much_is_there(tmp_path):
 
 
 def test_real_files_are_read_as_ezc3d_reads_them(shared_data):
-    for pattern in ("people/mcgill/HC030A/*05.c3d", "people/tennis/*.c3d", "people/gaps/*.c3d", "rooms/*/*.c3d"):
-        for path in sorted(shared_data.glob(pattern)):
-            take = read_c3d(path)
-            labels, xyz, _, rate, first = by_ezc3d(path)
-            assert take.labels == labels, path.name
-            assert (take.rate, take.first_frame) == (pytest.approx(rate), first), path.name
-            np.testing.assert_array_equal(take.xyz, xyz)
+    folders = (recorded.TENNIS, recorded.GAPS, "rooms/vicon12")
+    one = shared_data / "people" / "mcgill" / "HC030A" / "HC030A05.c3d"
+    for path in (one, *recorded.takes(shared_data, *folders, kinds=(".c3d",))):
+        take = read_c3d(path)
+        labels, xyz, _, rate, first = by_ezc3d(path)
+        assert take.labels == labels, path.name
+        assert (take.rate, take.first_frame) == (pytest.approx(rate), first), path.name
+        np.testing.assert_array_equal(take.xyz, xyz)
     # ezc3d takes the residual from other bits than the format's guide says; py-c3d reads them as we do.
     doubled = shared_data / "people" / "tennis" / "duplicate_labels.c3d"
     assert np.nanmax(read_c3d(doubled).residual) > 1
@@ -159,7 +161,7 @@ MARKERS = (
 
 
 def test_model_outputs_are_told_from_markers(shared_data):
-    for path in sorted(shared_data.glob("people/mcgill/*/*.c3d")):
+    for path in recorded.takes(shared_data, *recorded.MCGILL):
         take = read_points(path)
         assert 50 < len(take.names) < 90, f"{path.name}: {take.names}"
         present = marker_columns(take.names, MARKERS, path)

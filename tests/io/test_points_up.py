@@ -1,9 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Which axis of 3D points is up: what a file says, what it holds, who wrote it, and who knows better."""
 
-import re
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -12,6 +9,7 @@ from addon.io.cameras import read_cameras
 from addon.io.points import read_points, write_trc
 from addon.io.points_up import SIGNED_AXES, find_up
 from addon.io.world import up_rotation
+from tests import recorded
 from tests.io.c3d_layouts import Layout
 
 RATE = 100.0
@@ -174,10 +172,8 @@ def test_the_samples_that_went_wrong(shared_data):
 def test_recorded_people_keep_the_axis_that_they_have(shared_data):
     """All C3D and TRC of the people and rooms: those with y up are known by name, all others have z up."""
     y_up = {"freeform.c3d", "squat.c3d", "walk_free_01.trc"}
-    paths = [path for path in sorted(shared_data.rglob("*")) if re.fullmatch(r"\.(c3d|trc)", path.suffix.lower())]
-    paths = [path for path in paths if "faults" not in path.parts]
-    assert len(paths) >= 40
-    for path in paths:
+    folders = (*recorded.MCGILL, *recorded.ACTORS, recorded.PLATES, recorded.TENNIS, recorded.GAPS, *recorded.IN_ROOMS)
+    for path in recorded.takes(shared_data, *folders):
         take = read_points(path)
         assert take.up == ("+Y" if path.name in y_up else "+Z"), path.name
         assert bool(take.notes) == (path.name in y_up and path.suffix == ".c3d"), (path.name, take.notes)
@@ -185,9 +181,8 @@ def test_recorded_people_keep_the_axis_that_they_have(shared_data):
 
 def test_turned_takes_of_recorded_people_are_turned_back(shared_data):
     """Told wrongly that it is upside down, a recorded take is mended where anybody walks in it."""
-    kinds = ("people/mcgill/*/*.c3d", "people/cmu41/*/*.c3d", "people/actors53/*/*.c3d", "people/clouthier/*.c3d")
     mended = []
-    for path in (path for kind in kinds for path in sorted(Path(shared_data).glob(kind))):
+    for path in recorded.takes(shared_data, *recorded.MCGILL, *recorded.ACTORS, recorded.PLATES):
         take = read_points(path)
         for up in ("+Z", "-Y"):
             assert find_up(up, turned(take.xyz, up), take.names, take.rate).axis == up, path.name

@@ -8,6 +8,7 @@ from addon.core.body.bodies import BodyModel
 from addon.core.simulation.virtual import Act, draw_person, perform
 from addon.core.training.contradictions import contradictions, leads
 from addon.io.markersets import open_markerset
+from tests import recorded
 
 MARKERS = open_markerset("body26").markers
 
@@ -73,7 +74,7 @@ def test_the_recorded_takes_with_exchanged_names_are_found(shared_data):
     from addon.core.training.takes import contradicted
     from addon.jobs.training_takes import read_takes
 
-    said = contradicted(read_takes(sorted((shared_data / "people" / "mcgill").glob("*/*.c3d")), ()), MARKERS)
+    said = contradicted(read_takes(recorded.takes(shared_data, *recorded.MCGILL), ()), MARKERS)
     assert [line.split(", if")[0] for line in said] == [
         "LWRA and LWRB have each other's names in HC030A01.c3d",
         "LWRA and LWRB have each other's names in HC030A05.c3d",
