@@ -4,11 +4,13 @@
 Blender needs the option --enable-event-simulate. Coordinates are pixels of the window from its lower left corner.
 """
 
+import importlib
 import os
 import shutil
 import subprocess
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import bpy
@@ -35,10 +37,23 @@ def play(steps: Iterator[float]) -> None:
 
 
 def until(done: Callable[[], bool], pause: float = 0.2) -> Iterator[float]:
-    """Wait until something is so, for what Blender does later has no time of its own; though not for ever."""
+    """Wait until something is so and stays so; TimeoutError where it does not come."""
     end = time.monotonic() + PATIENCE
-    while not done() and time.monotonic() < end:
+    while not done():
+        if time.monotonic() > end:
+            raise TimeoutError(f"waited {PATIENCE:.0f} s in vain")
         yield pause
+
+
+@contextmanager
+def held() -> Iterator[None]:
+    """As long as it lasts, no work of the add-on comes to its end, however fast the machine and slow the window."""
+    working = importlib.import_module("bl_ext.user_default.mocap_autolabel.addon.ops.stepping").WorksInSteps
+    tick, working._tick = working._tick, lambda *_: {"RUNNING_MODAL"}
+    try:
+        yield
+    finally:
+        working._tick = tick
 
 
 def area(kind: str = "VIEW_3D") -> bpy.types.Area:

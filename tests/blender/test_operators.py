@@ -5,7 +5,6 @@ import importlib
 import json
 import tempfile
 import threading
-import time
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,6 +19,7 @@ from addon.io.cameras import write_cameras
 from addon.io.markersets import open_markerset, write_markerset
 from addon.io.points import read_points
 from addon.scene import naming
+from tests.faults.stage import SECONDS, wait_for
 from tests.io.pages import read as read_page
 
 KINDS = (
@@ -88,7 +88,7 @@ def labelling(extension, monkeypatch, made, tmp_path_factory):
     def label_take(chunks, cameras, markerset, rate, options, occlusion=None, edits=()):
         for blobs in chunks:
             if given:
-                assert gate.wait(10)
+                assert gate.wait(SECONDS)
             given.append(SimpleNamespace(cameras=cameras, rate=rate, options=options, occlusion=occlusion, blobs=blobs))
             motion = made.motion(made.markerset(), len(blobs.frames))
             labels = takes.Labels(np.arange(len(blobs)) % 3, np.arange(len(blobs)) % 4, np.full(len(blobs), 0.8))
@@ -341,14 +341,6 @@ def window(ready, labelling):
     return SimpleNamespace(context=context, manager=manager, status=status, operator=Modal(labelling.module))
 
 
-def gone(folder) -> bool:
-    """Whether a folder becomes empty soon: the job ends beside the window, and its files go with it."""
-    until = time.monotonic() + 10
-    while list(folder.iterdir()) and time.monotonic() < until:
-        time.sleep(0.01)
-    return not list(folder.iterdir())
-
-
 def test_escape_leaves_nothing_behind(ready, labelling, in_fives, window):
     labelling.gate.clear()
     before = counts()
@@ -364,7 +356,7 @@ def test_escape_leaves_nothing_behind(ready, labelling, in_fives, window):
     assert counts() == before
     assert ready.scene.mocap_autolabel.take is None
     labelling.gate.set()
-    assert gone(labelling.folder)
+    wait_for(lambda: not list(labelling.folder.iterdir()))  # the job ends beside the window
     assert len(labelling.given) <= 2, "it stopped before its end"
 
 
@@ -382,7 +374,7 @@ def test_the_panel_says_how_long_it_takes_and_its_button_cancels(ready, labellin
     assert operator.modal(context, SimpleNamespace(type="TIMER")) == {"CANCELLED"}
     assert state.doing == ""
     labelling.gate.set()
-    assert gone(labelling.folder)
+    wait_for(lambda: not list(labelling.folder.iterdir()))  # the job ends beside the window
     stepping = importlib.import_module(labelling.module.__name__.replace("labelling", "stepping"))
     told = [stepping.time_left(10, 0.5), stepping.time_left(1, 0.5), stepping.time_left(60, 0.1)]
     assert told == ["10 s", "", "9 min"]

@@ -3,7 +3,7 @@
 
 import importlib
 import tempfile
-import time
+import threading
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -23,6 +23,7 @@ from addon.io.markersets import open_markerset, write_markerset
 from addon.io.points import read_points, write_c3d, write_trc
 from addon.scene import naming
 from addon.scene.cameras import camera_name
+from tests.faults.stage import SECONDS, wait_for
 from tests.io.qtm_file import Recording, Trajectory, write_qtm
 
 GHOSTS = 2
@@ -220,12 +221,12 @@ def test_the_exports_are_what_the_command_line_writes(imported, files, naming_kn
 
 def test_what_is_cancelled_ends_soon_and_leaves_no_files(imported, extension, monkeypatch, naming_known, tmp_path):
     module = importlib.import_module(f"{extension}.addon.ops.labelling")
-    known, counts = naming_known.name, []
+    known, counts, closed = naming_known.name, [], threading.Event()
 
     def slowly(points, rate):
         for part in known(points, rate):
             counts.append(len(part.marker))
-            time.sleep(0.3)
+            assert closed.wait(SECONDS)
             yield part
 
     naming_known.name = slowly
@@ -235,10 +236,8 @@ def test_what_is_cancelled_ends_soon_and_leaves_no_files(imported, extension, mo
         assert 0 <= next(steps) < 1
     assert list(tmp_path.iterdir())
     steps.close()
-    until = time.monotonic() + 10
-    while list(tmp_path.iterdir()) and time.monotonic() < until:
-        time.sleep(0.05)
-    assert not list(tmp_path.iterdir())
+    closed.set()
+    wait_for(lambda: not list(tmp_path.iterdir()))
     assert len(counts) < 3, "it stopped before its end"
 
 

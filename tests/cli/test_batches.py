@@ -243,7 +243,7 @@ def test_processes_side_by_side_end_with_the_one_that_started_them(room, takes, 
     wait_for(lambda: len(at_work(temporary)) == 3 and len(list(temporary.glob("mocap*"))) == 3)
     batch.send_signal(getattr(signal, kind))
     batch.wait()
-    wait_for(lambda: not at_work(temporary), seconds=workers.PATIENCE / 2)
+    wait_for(lambda: not at_work(temporary))
     if kind == "SIGKILL":
         # The next run takes it away, and that may be a process of this one that came to its first take just then.
         assert {path.name[:5] for path in temporary.iterdir()} <= {"mocap"}

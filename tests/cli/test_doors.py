@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from types import SimpleNamespace
 
 import pytest
@@ -15,6 +14,7 @@ from addon.blendfile import has_blender
 from addon.cli import workers
 from addon.cli.workers import door
 from addon.demo.take import MODEL
+from tests.faults.stage import wait_for
 
 
 def through_a_process(*words, **kwargs) -> subprocess.CompletedProcess:
@@ -90,9 +90,7 @@ def test_an_interruption_leaves_nothing_half_written(room, tmp_path, jobs):
     out = tmp_path / "out"
     words = ["label", *takes, "--model", MODEL, "--cameras", room.cameras, "--out", out, "--jobs", jobs]
     process = subprocess.Popen([*door(), *map(str, words)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    limit = time.monotonic() + 60
-    while not (out.exists() and list(out.iterdir())) and time.monotonic() < limit:
-        time.sleep(0.05)
+    wait_for(lambda: out.exists() and list(out.iterdir()))
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=60)
     assert process.returncode == 1

@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from concurrent.futures import CancelledError
 from contextlib import ExitStack
 from pathlib import Path
@@ -21,19 +20,13 @@ from addon.cli.label import farm
 from addon.core.data.errors import JobError
 from addon.demo.take import MODEL
 from addon.version import version
+from tests.faults.stage import wait_for
 
 distributed = pytest.importorskip("distributed")
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="needs links, and a system where a process can be killed")
 FEW = ("--frames", "100:101", "--trc")
 LONG = 30  # times the walk, which takes longer than whoever stops it needs
-
-
-def wait_for(what, seconds=120.0):
-    end = time.monotonic() + seconds
-    while not what():
-        assert time.monotonic() < end
-        time.sleep(0.02)
 
 
 class Farm:

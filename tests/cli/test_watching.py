@@ -7,6 +7,7 @@ import shutil
 import threading
 import time
 from functools import partial
+from pathlib import Path
 
 import pytest
 
@@ -60,6 +61,11 @@ def states(out) -> dict[str, str]:
     return {row.source: row.state for row in read_table(table)} if table.exists() else {}
 
 
+def arrive(source: Path, target: Path):
+    """Copies a file whole at once, which a busy machine may stop over in the middle else."""
+    Path(shutil.copy(source, target.parent.with_suffix(".part"))).replace(target)
+
+
 def test_takes_are_labelled_as_they_arrive_until_somebody_stops_it(label, room, folder, tmp_path, meanwhile):
     out = tmp_path / "out"
     shutil.copy(room.blobs, folder / "one.csv")
@@ -68,9 +74,9 @@ def test_takes_are_labelled_as_they_arrive_until_somebody_stops_it(label, room, 
 
     def steps():
         yield lambda: states(out) == {"one.csv": "labelled", "bad.csv": "failed"}
-        shutil.copy(room.blobs, folder / "two.csv")
+        arrive(room.blobs, folder / "two.csv")
         yield lambda: states(out).get("two.csv") == "labelled"
-        shutil.copy(room.blobs, folder / "bad.csv")
+        arrive(room.blobs, folder / "bad.csv")
         yield lambda: states(out).get("bad.csv") == "labelled"
 
     thread, failed = meanwhile(steps())

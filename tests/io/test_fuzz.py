@@ -7,7 +7,6 @@ import re
 import shutil
 import subprocess
 import sys
-import time
 import warnings
 from pathlib import Path
 
@@ -23,7 +22,6 @@ from tests.fuzz import READERS, mutated, samples
 
 ROOT = Path(__file__).resolve().parents[2]
 ROUNDS = 150
-SECONDS = 1.5
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +36,7 @@ def test_a_damaged_file_gives_its_content_or_an_input_error(kind, files, tmp_pat
     content, reader = path.read_bytes(), READERS[kind]
     reader(path)
     chance = random.Random(f"seed of {kind}")
-    refused, begin = 0, time.perf_counter()
+    refused = 0
     for round_ in range(ROUNDS):
         path.write_bytes(mutated(content, chance))
         with warnings.catch_warnings():
@@ -50,8 +48,6 @@ def test_a_damaged_file_gives_its_content_or_an_input_error(kind, files, tmp_pat
                 assert error.message
                 assert error.file, f"the error of round {round_} does not name its file: {error}"
                 assert "\n" not in error.message
-        if time.perf_counter() - begin > SECONDS:
-            break
     assert refused, "no damage was ever noticed"
 
 

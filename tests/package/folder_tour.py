@@ -40,7 +40,7 @@ def walk() -> Iterator[float]:
     yield from window.screenshot("folder-1-ready")
     yield from window.click(*places[LABEL])
     seen["doing"] = state().folder_doing
-    yield from window.until(lambda: any(row.state == "at work" for row in state().folder_takes))
+    yield from window.until(lambda: any(row.state != "waiting" for row in state().folder_takes))
     yield from window.screenshot("folder-2-at-work")
     seen["cube moved meanwhile"] = move_cube()
     yield from window.until(lambda: len(state().folder_takes) == 2 and all(done(row) for row in state().folder_takes))

@@ -31,10 +31,11 @@ def walk() -> Iterator[float]:
     bpy.ops.ed.undo_push(message="Cameras")
     settings = bpy.context.scene.mocap_autolabel
 
-    yield from window.choose_folder(FIND, task["movies"], picture="pictures-1-asked")
-    seen["doing"] = state().doing
-    yield from window.press("ESC", 500, 500)
-    yield from window.until(lambda: not state().doing)
+    with window.held():
+        yield from window.choose_folder(FIND, task["movies"], picture="pictures-1-asked")
+        seen["doing"] = state().doing
+        yield from window.press("ESC", 500, 500)
+        yield from window.until(lambda: not state().doing)
     seen["cancelled"] = [settings.blobs_path, sorted(path.name for path in Path(task["movies"]).iterdir())]
 
     yield from window.choose_folder(FIND, task["movies"])

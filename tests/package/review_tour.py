@@ -39,16 +39,18 @@ def walk() -> Iterator[float]:
     yield from window.screenshot("1-imported")
 
     places = yield from window.all_buttons()
-    yield from window.click(*places[LABEL])
-    yield from window.until(lambda: state().doing, pause=0.05)  # no longer: it is soon over
-    seen["doing"] = state().doing
-    sidebar = window.region("UI")
-    yield from window.click(sidebar.x + sidebar.width - FROM_RIGHT, places[LABEL][1])
-    yield from window.until(lambda: not state().doing)
+    with window.held():
+        yield from window.click(*places[LABEL])
+        yield from window.until(lambda: state().doing)
+        seen["doing"] = state().doing
+        sidebar = window.region("UI")
+        yield from window.click(sidebar.x + sidebar.width - FROM_RIGHT, places[LABEL][1])
+        yield from window.until(lambda: not state().doing)
     seen["after Cancel"] = {"running": bool(state().doing), "take": settings().take is not None}
 
-    bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
-    yield from window.screenshot("2-labelling")  # after the cancelling: a picture takes as long as labelling
+    with window.held():
+        bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
+        yield from window.screenshot("2-labelling")
     yield from window.until(lambda: settings().take is not None and not state().doing)
     view = window.area().spaces.active.region_3d
     for item in settings().take.all_objects:

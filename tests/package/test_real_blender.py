@@ -110,3 +110,12 @@ def test_what_takes_too_long_is_ended(nothing_found, tmp_path):
     done = real_blender.RealBlender((str(slow),)).run(home=tmp_path, seconds=2)
     assert "started" in done.stdout
     assert "stopped after" in done.stderr
+
+
+def test_what_is_waited_for_in_vain_ends_the_way_through_a_window(monkeypatch):
+    pytest.importorskip("bpy", reason="what a window's script is written in")
+    from scripts import window
+
+    monkeypatch.setattr(window, "PATIENCE", -1)
+    with pytest.raises(TimeoutError, match="in vain"):
+        list(window.until(lambda: False))

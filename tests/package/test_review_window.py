@@ -13,7 +13,7 @@ def tour(watch, tmp_path_factory):
     from scripts.virtual_take import write_virtual_points
 
     folder = tmp_path_factory.mktemp("review")
-    write_virtual_points(folder, 5000)  # long enough to be cancelled on a fast machine
+    write_virtual_points(folder, 240)
     return watch("review_tour.py", folder, points=str(folder / "walk.c3d"))
 
 

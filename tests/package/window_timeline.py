@@ -140,11 +140,12 @@ def fill(of, seen: dict) -> Iterator[float]:
     sidebar = window.region("UI")
     x, y = found["mocap_autolabel.fill_gaps"]
     x = sidebar.x + sidebar.width * 4 // 5  # the last of the three is of the whole take
-    yield from window.click(x, y)
-    running = bpy.context.window_manager.windows[0].modal_operators
-    seen["filling"] = [operator.bl_idname for operator in running]
-    yield from window.press("ESC", x, y)
-    yield from window.until(lambda: not len(bpy.context.window_manager.windows[0].modal_operators))
+    with window.held():
+        yield from window.click(x, y)
+        running = bpy.context.window_manager.windows[0].modal_operators
+        seen["filling"] = [operator.bl_idname for operator in running]
+        yield from window.press("ESC", x, y)
+        yield from window.until(lambda: not len(bpy.context.window_manager.windows[0].modal_operators))
     seen["filling stopped"] = [len(bpy.context.window_manager.windows[0].modal_operators), len(state.fills)]
     bpy.context.scene.mocap_autolabel.fill_method = "rigid"
     yield from window.click(x, y)

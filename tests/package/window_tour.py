@@ -39,10 +39,11 @@ def walk() -> Iterator[float]:
     places = yield from window.all_buttons()
     seen["imported"] = places
 
-    yield from window.click(*places[LABEL])
-    seen["running after the click"] = running()
-    yield from window.press("ESC", *places[LABEL])
-    yield from window.until(lambda: not running())
+    with window.held():
+        yield from window.click(*places[LABEL])
+        seen["running after the click"] = running()
+        yield from window.press("ESC", *places[LABEL])
+        yield from window.until(lambda: not running())
     seen["after Esc"] = {"running": running(), "take": settings().take is not None, "actions": len(bpy.data.actions)}
 
     yield from window.click(*places[LABEL])
