@@ -228,6 +228,8 @@ def buttons(found: dict[str, tuple[int, int]], step: int = 9, until: str = "", t
     """
     sidebar = region("UI")
     x = sidebar.x + sidebar.width // 2 - 20
+    point(sidebar.x - 40, sidebar.y + sidebar.height // 2)  # off the sidebar, where a button may be lit up still
+    yield WHILE_IT_DRAWS
     for y in range(sidebar.y + int(top * sidebar.height) - 5, sidebar.y + 5, -step):
         point(x, y)
         yield 0.05
