@@ -218,7 +218,8 @@ def forget_take(context: bpy.types.Context):
     settings = context.scene.mocap_autolabel
     settings.take = None
     if settings.preview is not None:
-        remove_preview(settings.preview)
+        preview, settings.preview = settings.preview, None
+        remove_preview(preview)
         opened.forget()
     settings.blobs_path = settings.points_path = ""
     refresh_review(context.window_manager, context.scene)

@@ -33,6 +33,7 @@ from ..scene import cameras as scene_cameras
 from ..scene.calibration import keep_health
 from ..scene.corrections import kept_edits
 from ..scene.occlusion import meshes_on, occlusion_of
+from ..scene.ownership import persons_in
 from ..scene.performers import usual_colour
 from ..scene.relabelled import kept_changes, show_again
 from ..scene.take import (
@@ -194,6 +195,8 @@ class LabelsTake(TellsWhyNot, WorksInSteps):
         kept += fills_kept(context)
         changed = summary_of_changes(kept_changes(settings.take))
         than_before = f"; {changed} than before" if changed else ""
+        yours = persons_in(settings.take)
+        kept += f"; kept in {settings.take.name}: {yours}" if yours else ""
         self.report({"INFO"}, f"{named} of {len(take.rows)} {things} named in {frames} frames{kept}{than_before}")
         return {"FINISHED"}
 

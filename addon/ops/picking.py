@@ -16,6 +16,7 @@ from ..core.data.takes import NO_MARKER, NO_POINT, PointRows
 from ..scene import naming
 from ..scene.blob_dots import blob_dots, marker_dots, rows_now
 from ..scene.cameras import camera_name, camera_through
+from ..scene.markers import marker_empties
 from ..scene.opened import opened
 from ..scene.picking import Dots, combined, dots_of, inside_box, inside_lasso, nearest, to_region
 from ..scene.stored import Stored
@@ -74,7 +75,7 @@ def show_picked(context: bpy.types.Context, stored: Stored, points: Sequence[int
         item.select_set(False)
     marker = _names_of(stored, scene, points) if points else {}
     wanted = [marker[point] for point in points if marker.get(point, NO_MARKER) != NO_MARKER]
-    empties = {item.get(naming.MARKER): item for item in scene.mocap_autolabel.take.all_objects}
+    empties = marker_empties(scene.mocap_autolabel.take)
     for name in (stored.names[index] for index in (*markers, *wanted)):
         item = empties.get(name)
         if item is not None and item.visible_get():

@@ -8,6 +8,7 @@ from ..props import refresh_review
 from ..scene import naming
 from ..scene.cameras import is_mocap_camera, look_through
 from ..scene.opened import opened
+from ..scene.ownership import persons_in
 from ..scene.take import is_take, remove_take
 from .polling import TellsWhyNot, lacks_object_mode
 
@@ -62,7 +63,7 @@ class MOCAP_AUTOLABEL_OT_jump(bpy.types.Operator):
 
 
 class MOCAP_AUTOLABEL_OT_clear(TellsWhyNot, bpy.types.Operator):
-    """Remove the labelled take from the scene; its cameras and blobs stay."""
+    """Remove the labelled take from the scene; its cameras and blobs stay, and so does all that you made or changed."""
 
     bl_idname = "mocap_autolabel.clear"
     bl_label = "Remove Take"
@@ -77,9 +78,11 @@ class MOCAP_AUTOLABEL_OT_clear(TellsWhyNot, bpy.types.Operator):
     def execute(self, context):
         settings = context.scene.mocap_autolabel
         collection, settings.take = settings.take, None
-        remove_take(collection)
+        left = remove_take(collection)
         opened.forget()
         refresh_review(context.window_manager, context.scene)
+        if left is not None:
+            self.report({"INFO"}, f"What is yours is kept in {left.name}: {persons_in(left) or 'collections'}")
         return {"FINISHED"}
 
 

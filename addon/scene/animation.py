@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-LINEAR = 1  # the value of BEZT_IPO_LIN behind Keyframe.interpolation
+from .ownership import LINEAR, note_keys, sign
+
 # The values of BEZT_KEYTYPE_KEYFRAME and BEZT_KEYTYPE_GENERATED behind Keyframe.type, from Blender 4.4 on: the second
 # is for keys that are "set automatically by a tool", and is drawn and selected apart.
 SET_BY_HAND, SET_BY_TOOL = 0, 5
@@ -47,6 +48,7 @@ class TakeActions:
         if self.action is None or self.keys + keys > KEYING.most_keys:
             self.count, self.keys = self.count + 1, 0
             self.action = bpy.data.actions.new(self.name if self.count == 1 else f"{self.name} {self.count}")
+            sign(self.action, f"action {self.count}")
         self.keys += keys
         return self.action
 
@@ -111,6 +113,7 @@ def key(
         if kinds.any():
             curve.keyframe_points.foreach_set("type", kinds)
         curve.update()
+        note_keys(bag, curve, points)
 
 
 def move(bag: bpy.types.ActionChannelbag, path: str, frames: np.ndarray, before: Keyed, after: Keyed) -> bool:
@@ -146,6 +149,7 @@ def move(bag: bpy.types.ActionChannelbag, path: str, frames: np.ndarray, before:
             points.foreach_set("type", kinds)
         for place in single:  # Blender notices what is set one by one only
             points[place].co = places[place]
+        note_keys(bag, curve, places)
     return True
 
 

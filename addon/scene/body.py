@@ -42,7 +42,8 @@ def add_body(
     for index, segment in enumerate(markerset.capsules.segment):
         name = markerset.skeleton.segments[segment]
         item = add_capsule(collection, armature, name, capsule_in_metres(markerset, index, scale))
-        item.data.materials.append(material or _material(sides[name]))
+        item[naming.MATERIAL] = material or _material(sides[name])
+        item.data.materials.append(item[naming.MATERIAL])
         meshes.append(item)
     return meshes
 

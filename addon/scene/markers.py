@@ -62,6 +62,11 @@ def show_marker(
         animation.key(bag, "location", frames, seen, empty[naming.MARKER], filled)
 
 
+def marker_empties(collection: bpy.types.Collection) -> dict[str, bpy.types.Object]:
+    """The empties of a take by marker; of one that was duplicated the first."""
+    return {item[naming.MARKER]: item for item in list(collection.all_objects)[::-1] if naming.MARKER in item}
+
+
 def _first_finite(points: np.ndarray) -> np.ndarray:
     """The first row of (F, 3) without NaN, or the origin."""
     there = np.isfinite(points).all(axis=1)

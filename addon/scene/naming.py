@@ -5,10 +5,12 @@ Blender renames whatever collides (`LASI.001`), so the true names live in custom
 """
 
 PREFIX = "Mocap: "
+OWN_KEYS = "mocap_"  # what the names of all our custom properties begin with
 
 MARKER = "mocap_marker"
 CAMERA = "mocap_camera"
 CAPSULE = "mocap_capsule"
+MATERIAL = "mocap_material"  # of a capsule as it was made
 TAKE = "mocap_take"
 PERFORMER = "mocap_performer"
 CAMERAS = "mocap_cameras"

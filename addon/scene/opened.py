@@ -16,12 +16,12 @@ from .fills import FillsInTake, fills_text, kept_fills
 from .preview import holds_points, read_points_preview, read_preview
 from .smoothing import kept_cutoff
 from .stored import Stored
-from .take import finished_take, unedited_take
+from .take import ROWS, finished_take, unedited_take
 
 
 @dataclass
 class Opened:
-    """What is at hand, by the session's own number of the datablock that holds it.
+    """What is at hand, by the session's own number of the datablock that holds it: of a take the table of its rows.
 
     stored  takes as the program labelled them, and what waits to be labelled
     edited  takes with their edits, beside the text of these: another text, after an undo as well, is another take
@@ -46,7 +46,7 @@ class Opened:
         text = kept_text(collection)
         if text is None:
             return self.unedited(collection, scene)
-        kept = self.edited.get(collection.session_uid)
+        kept = self.edited.get(_number_of(collection))
         if kept is not None and kept[0] == text:
             return kept[1]
         return self._edited(collection, scene, kept_edits(collection), text)
@@ -56,7 +56,7 @@ class Opened:
         return self._final(collection, self._edited(collection, scene, edits, text_of(edits)))
 
     def _edited(self, collection: bpy.types.Collection, scene: bpy.types.Scene, edits: Edits, text: str) -> Stored:
-        key, before = collection.session_uid, self.unedited(collection, scene)
+        key, before = _number_of(collection), self.unedited(collection, scene)
         if key not in self.following and before.own_labels:
             self.following[key] = following_of(before)
         after = edited(before, edits, self.following.get(key))
@@ -66,34 +66,34 @@ class Opened:
     def make_ready(self, collection: bpy.types.Collection, scene: bpy.types.Scene):
         """Makes what the first corrections of a take would wait for, which of a long one is some 100 MB of memory."""
         before = self.unedited(collection, scene)
-        if collection.session_uid in self.following or not before.own_labels:
+        if _number_of(collection) in self.following or not before.own_labels:
             return
-        following = self.following[collection.session_uid] = following_of(before)
-        edits, shown = kept_edits(collection) or NO_EDITS, self.final.get(collection.session_uid)
+        following = self.following[_number_of(collection)] = following_of(before)
+        edits, shown = kept_edits(collection) or NO_EDITS, self.final.get(_number_of(collection))
         # Two, as the take before an edit and after it are there at once.
         both = [self._final(collection, following.apply(before, edits)) for _ in range(2)]
         both.clear()
-        self.final.pop(collection.session_uid, None)
+        self.final.pop(_number_of(collection), None)
         if shown is not None:  # what is drawn knows its take by what it is
-            self.final[collection.session_uid] = shown
+            self.final[_number_of(collection)] = shown
 
     def _final(self, collection: bpy.types.Collection, stored: Stored) -> Stored:
         said = fills_text(collection), kept_cutoff(collection)
         if said == (None, None):
             return stored
-        kept = self.final.get(collection.session_uid)
+        kept = self.final.get(_number_of(collection))
         if kept is not None and kept[0] == said and kept[1] is stored:
             return kept[2]
-        filling = self.filling.get(collection.session_uid)
+        filling = self.filling.get(_number_of(collection))
         if filling is None or filling[0] != said[0]:
-            filling = self.filling[collection.session_uid] = said[0], FillsInTake(kept_fills(collection))
+            filling = self.filling[_number_of(collection)] = said[0], FillsInTake(kept_fills(collection))
         after = finished_take(collection, stored, filling[1])
-        self.final[collection.session_uid] = (said, stored, after)
+        self.final[_number_of(collection)] = (said, stored, after)
         return after
 
     def unedited(self, collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
         """The take that `collection` holds, as the program labelled it."""
-        key = collection.session_uid
+        key = _number_of(collection)
         if key not in self.stored:
             self.stored[key] = unedited_take(collection, scene)
         return self.stored[key]
@@ -107,7 +107,7 @@ class Opened:
 
     def tracks(self, collection: bpy.types.Collection, scene: bpy.types.Scene) -> BlobTracks:
         """The tracks of the blobs of a take of blobs."""
-        key = collection.session_uid
+        key = _number_of(collection)
         if not isinstance(self.following.get(key), BlobCorrecting):
             self.following[key] = BlobCorrecting(self.unedited(collection, scene))
         return self.following[key].tracks
@@ -130,6 +130,11 @@ class Opened:
         self.filling.clear()
         self.following.clear()
         self.trajectories.clear()
+
+
+def _number_of(collection: bpy.types.Collection) -> int:
+    """Other labels have another table, though they may be in the same collection."""
+    return collection[ROWS].session_uid
 
 
 opened = Opened()

@@ -12,6 +12,7 @@ from ..core.data.markersets import Worn
 from ..core.data.takes import Motion
 from . import armature as armatures
 from . import naming
+from .ownership import made_collection, sign
 
 COLOUR_OF = "mocap_colour"  # on the collection of a performer with a name: the material whose viewport colour is theirs
 SEE_THROUGH = 0.35  # alpha of a performer's body
@@ -103,13 +104,17 @@ def home_of(
     """The collection that a performer's armature, body and markers go into: of the only one of a take the take's."""
     if not performer.name:
         return collection
-    home = bpy.data.collections.new(performer.name)
-    collection.children.link(home)
-    home[naming.PERFORMER] = performer.name
-    home.color_tag = PALETTE[performer.number % len(PALETTE)][1]
-    material = bpy.data.materials.new(naming.title(performer.name, "body"))
-    material.diffuse_color = (*_linear(colours.get(performer.name, usual_colour(performer.number))), SEE_THROUGH)
-    home[COLOUR_OF] = material
+    colour = colours.get(performer.name, usual_colour(performer.number))
+    home = homes(collection).get(performer.name)
+    if home is None:
+        home = made_collection(collection, collection, performer.name, performer.name)
+        home[naming.PERFORMER] = performer.name
+        home.color_tag = PALETTE[performer.number % len(PALETTE)][1]
+    if body_material(home) is None:
+        material = home[COLOUR_OF] = bpy.data.materials.new(naming.title(performer.name, "body"))
+        material.diffuse_color[3] = SEE_THROUGH
+        sign(material, "colour")
+    set_colour(collection, performer.name, colour)
     return home
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..core.data.takes import Blobs, Labels, Motion, PointRows, Points
 from ..core.geometry.cameras import NO_CAMERAS, Cameras
-from . import naming, storage
+from . import naming, ownership, storage
 from .cloud import FRAME, add_cloud, cloud_points, cloud_table
 from .take import Stored, frame_shift
 
@@ -46,7 +46,7 @@ def show_points(scene: bpy.types.Scene, name: str, take: Points) -> bpy.types.Me
     title = naming.title(name, "points")
     mesh = cloud_table(title, rows.frames[rows.frame] + shift, rows.xyz, trajectory=rows.trajectory)
     mesh[PREVIEW_SHIFT] = float(shift)
-    add_cloud(scene.collection, mesh)
+    ownership.sign(add_cloud(scene.collection, mesh), "points")
     return mesh
 
 
@@ -72,10 +72,11 @@ def hide_preview(mesh: bpy.types.Mesh | None, hidden: bool):
 
 
 def remove_preview(mesh: bpy.types.Mesh):
-    """Removes unlabelled blobs or points with the object that shows them."""
-    for item in _objects(mesh):
-        bpy.data.objects.remove(item)
-    bpy.data.meshes.remove(mesh)
+    """Removes unlabelled blobs or points with the object that shows them; one that a person changed or copied stays."""
+    made = [item for item in _objects(mesh) if ownership.is_untouched(item)]
+    ownership.let_go(ownership.former_of(made))
+    if not made:
+        ownership.remove_unused([mesh])
 
 
 def _objects(mesh: bpy.types.Mesh | None) -> list[bpy.types.Object]:

@@ -12,8 +12,9 @@ from ..core.review.changes import Change, changes
 from . import naming
 from .corrections import kept_edits
 from .opened import opened
+from .ownership import Former, put_in_place
 from .performers import colours_in
-from .take import MARKER_NAMES, SOURCE, Take, remove_take, show_take, takes_of
+from .take import MARKER_NAMES, SOURCE, Take, clear_take, remove_take, show_take, takes_of
 
 CHANGES = "mocap_changes"
 MAX_KEPT = 500  # changes that a file keeps, the longest first: a list that a person reads
@@ -22,6 +23,7 @@ MAX_KEPT = 500  # changes that a file keeps, the longest first: a list that a pe
 def show_again(context: bpy.types.Context, take: Take, unnamed: bool, whole: bool) -> bpy.types.Collection:
     """Shows a take in place of what the scene has of the same file in the same markers, which it is put into.
 
+    What is a person's in its collection stays there, and what hung on the take or followed it does so again.
     A take of the same file in other markers stays, hidden. The frame stays where it is, and the range of frames that
     the scene plays unless all of the take was labelled for the first time (`whole`).
     """
@@ -30,6 +32,8 @@ def show_again(context: bpy.types.Context, take: Take, unnamed: bool, whole: boo
     others = [one for one in takes_of(scene) if take.source and one[SOURCE] == take.source]
     found: tuple[Change, ...] | None = None
     before, lay = None, None
+    place: bpy.types.Collection | None = None
+    former = Former({}, [])
     for collection in reversed(others):
         old = range_of(collection, scene)
         if found is None and _same_markers(collection, take, old):
@@ -49,10 +53,16 @@ def show_again(context: bpy.types.Context, take: Take, unnamed: bool, whole: boo
                 edits=take.edits if said is None else said,
                 colours={**colours_in(collection), **take.colours},
             )
-            remove_take(collection)
+            if collection.library is None:
+                place, former = collection, clear_take(collection)
+            else:
+                remove_take(collection)
         else:
             collection.hide_viewport = True
-    shown = show_take(context, take, unnamed)
+    shown = show_take(context, take, unnamed, place)
+    put_in_place(former, shown)
+    opened.forget()
+    shown.hide_viewport = False
     if found is not None:
         keep_changes(shown, found)
     if before is not None or not whole:

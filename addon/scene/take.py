@@ -20,7 +20,8 @@ from ..core.geometry.measuring import measured_again
 from . import armature as armatures
 from . import cameras as scene_cameras
 from . import markers as scene_markers
-from . import naming, storage
+from . import naming, ownership, storage
+from .adopting import adopt_take
 from .animation import TakeActions
 from .body import add_body
 from .cloud import FRAME, add_cloud, cloud_table
@@ -124,9 +125,12 @@ def frame_shift(frames: np.ndarray) -> int:
     return int(1 - frames[0])
 
 
-def show_take(context: bpy.types.Context, take: Take, unnamed: bool = False) -> bpy.types.Collection:
+def show_take(
+    context: bpy.types.Context, take: Take, unnamed: bool = False, collection: bpy.types.Collection | None = None
+) -> bpy.types.Collection:
     """Builds a take in the context's scene: cameras, armature, body and keyed markers in a collection `Mocap: NAME`.
 
+    Or in the collection of a take that was cleared by `clear_take`, with whatever of a person's is in there.
     Performers with names have a collection each in it. With `unnamed` the points that have no name are there as well,
     as one object. Returns that collection, which also keeps the take itself (`stored_take`). The scene's frames and
     rate become the take's. Needs object mode; adds no undo step of its own.
@@ -135,7 +139,10 @@ def show_take(context: bpy.types.Context, take: Take, unnamed: bool = False) -> 
     shift = frame_shift(take.motion.frames)
     frames = take.motion.frames + shift
     camera_collection = scene_cameras.find_or_add_cameras(scene, take.cameras) if len(take.cameras) else None
-    collection = _child(scene.collection, naming.title(take.name))
+    if collection is None:
+        collection = bpy.data.collections.new(naming.title(take.name))
+        scene.collection.children.link(collection)
+        ownership.sign(collection, collection.name)
     actions = TakeActions(collection.name)
     names = take.markerset.markers
     motion, unfit = put_fills(take.motion, names, take.fills)
@@ -148,10 +155,15 @@ def show_take(context: bpy.types.Context, take: Take, unnamed: bool = False) -> 
         build = armatures.build_of(markerset, own)
         armature = armatures.add_armature(context, home, f"{performer.name or take.name} armature", markerset, build)
         armatures.pose_armature(armature, actions, markerset, own, frames)
-        add_body(_child(home, f"{home.name} body"), armature, markerset, build.scale, body_material(home))
+        ownership.sign(armature, f"{performer.name} armature", collection)
+        place = ownership.made_collection(collection, home, f"{home.name} body", f"{performer.name} body")
+        body = add_body(place, armature, markerset, build.scale, body_material(home))
+        for number, item in enumerate(body):
+            ownership.sign(item, f"{performer.name} capsule {number}", collection)
         mine = performer.marker_rows
-        empties = _child(home, f"{home.name} markers")
-        scene_markers.add_markers(empties, actions, names[mine], own, frames, filled[:, mine])
+        place = ownership.made_collection(collection, home, f"{home.name} markers", f"{performer.name} markers")
+        for item in scene_markers.add_markers(place, actions, names[mine], own, frames, filled[:, mine]):
+            ownership.sign(item, f"marker {item[naming.MARKER]}", collection)
     if isinstance(take.rows, PointRows):
         show_unnamed(collection, f"{take.name} unnamed", take.rows, take.labels, shift, unnamed)
     _store(collection, take, camera_collection, shift)
@@ -164,16 +176,19 @@ def show_unnamed(
 ):
     """Makes the object of the points without a name show these; without one, adds it where it is `wanted`."""
     left = ~labels.named
-    item = next((one for one in collection.objects if one.type == "MESH" and FRAME in one.data.attributes), None)
+    clouds = [one for one in collection.all_objects if one.type == "MESH" and FRAME in one.data.attributes]
+    if ownership.role_of(collection):
+        clouds = [one for one in clouds if ownership.is_made_for(one, collection)]
+    item = next(iter(clouds), None)
     if item is None and not (wanted and left.any()):
         return
     table = cloud_table(name, rows.frames[rows.frame[left]] + shift, rows.xyz[left])
     if item is None:
-        add_cloud(collection, table)
+        ownership.sign(add_cloud(collection, table), ownership.WITHOUT_NAMES, collection)
         return
-    before, item.data = item.data, table
-    if not before.users:
-        bpy.data.meshes.remove(before)
+    with ownership.changed_by_us(item):
+        before, item.data = item.data, table
+    ownership.remove_unused([before])
 
 
 def show_edits(collection: bpy.types.Collection, before: Stored, after: Stored, unnamed: bool):
@@ -183,14 +198,15 @@ def show_edits(collection: bpy.types.Collection, before: Stored, after: Stored, 
     names are shown even if there was no object of such points. Adds no undo step of its own.
     """
     frames = after.motion.frames + after.shift
-    action = next((item.animation_data.action for item in collection.all_objects if item.animation_data), None)
-    items = {item[naming.MARKER]: item for item in collection.all_objects if naming.MARKER in item}
+    items = scene_markers.marker_empties(collection)
+    action = next((item.animation_data.action for item in items.values() if item.animation_data), None)
     filled, was_filled = after.filled_markers, before.filled_markers
     for index in _changed(before, after):
         item = items.get(after.names[index])
         if item is not None:
             shown = before.motion.markers[:, index], was_filled.get(index)
-            scene_markers.show_marker(item, action, after.motion, index, frames, filled.get(index), shown)
+            with ownership.changed_by_us(item):
+                scene_markers.show_marker(item, action, after.motion, index, frames, filled.get(index), shown)
     points = isinstance(after.rows, PointRows)
     if points and not np.array_equal(before.labels.named, after.labels.named):
         show_unnamed(collection, f"{after.name} unnamed", after.rows, after.labels, after.shift, unnamed)
@@ -229,17 +245,41 @@ def is_take(collection: bpy.types.Collection | None) -> bool:
     return collection is not None and naming.TAKE in collection
 
 
-def remove_take(collection: bpy.types.Collection):
-    """Removes a take with everything that was made for it; its cameras stay."""
-    kept = [collection.get(key) for key in (ROWS, MOTION, POSE, FRAME_TABLE, FILL_PATHS)]
+def remove_take(collection: bpy.types.Collection) -> bpy.types.Collection | None:
+    """Removes a take with everything that was made for it and nobody changed; its cameras stay.
+
+    What is a person's stays in the collection, which is returned, holds no take any more and is called so; None where
+    nothing is left.
+    """
+    if collection.library is not None:  # another file's, so nobody changed it here
+        bpy.data.batch_remove([*collection.all_objects, *collection.children_recursive, collection])
+        return None
+    adopt_take(collection)
+    name = f"Kept from {collection[naming.TAKE]}"
     materials = [body_material(home) for home in homes(collection).values()]
-    items = list(collection.all_objects)
-    actions = {item.animation_data.action for item in items if item.animation_data and item.animation_data.action}
-    data = {item.data for item in items if item.data is not None}
-    gone = [*items, *collection.children_recursive, collection]
-    bpy.data.batch_remove(gone)
-    for blocks in ({*data, *actions, *kept}, set(materials)):
-        bpy.data.batch_remove([block for block in blocks if block is not None and block.users == 0])
+    places = ownership.made_places(collection)
+    linked = [item for item in collection.all_objects if not set(item.users_collection) <= set(places)]
+    ownership.let_go(clear_take(collection, linked))
+    left = ownership.remove_collections(collection, name)
+    for material in materials:
+        ownership.remove_or_keep(material)
+    return left
+
+
+def clear_take(collection: bpy.types.Collection, but: Sequence[bpy.types.Object] = ()) -> ownership.Former:
+    """Takes a take out of its collection: what is kept of it, and what was made for it and nobody changed.
+
+    What was made is returned, to be let go; `but` these, which become a person's.
+    """
+    adopt_take(collection)
+    former = ownership.set_aside(collection, but)
+    tables = [collection.get(key) for key in (ROWS, MOTION, POSE, FRAME_TABLE, FILL_PATHS)]
+    made = collection.get(ownership.MADE)
+    ownership.release(collection)
+    if made is not None:
+        collection[ownership.MADE] = made
+    ownership.remove_unused([table for table in tables if table is not None])
+    return former
 
 
 def holds_points(collection: bpy.types.Collection | None) -> bool:
@@ -431,12 +471,6 @@ def set_time(scene: bpy.types.Scene, rate: float, frames: np.ndarray):
     if len(frames):
         scene.frame_start, scene.frame_end = int(frames[0]), int(frames[-1])
         scene.frame_set(int(frames[0]))
-
-
-def _child(parent: bpy.types.Collection, name: str) -> bpy.types.Collection:
-    child = bpy.data.collections.new(name)
-    parent.children.link(child)
-    return child
 
 
 def _merged(suspects: Iterator[Suspect]) -> tuple[Suspect, ...]:

@@ -265,7 +265,7 @@ def test_what_is_made_ready_for_corrections_leaves_the_take_as_it_is(filled, ext
     before = opened.take(take, filled.scene)
     opened.make_ready(take, filled.scene)
     assert opened.take(take, filled.scene) is before
-    assert take.session_uid in opened.following
+    assert take["mocap_blobs"].session_uid in opened.following
     choose("RASI", "LASI")
     assert bpy.ops.mocap_autolabel.swap_markers(scope="FRAME") == {"FINISHED"}
     after = opened.take(take, filled.scene)

@@ -1,0 +1,578 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Labelling again and Remove Take take what was made for the take, and nothing that a person made or changed."""
+
+import importlib
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+import pytest
+
+from addon.core.data.takes import Points
+from addon.core.edits.kinds import Swap
+from addon.io.markersets import open_markerset, write_markerset
+from addon.io.points import write_c3d
+from addon.scene import naming, ownership, performers
+from addon.scene import take as takes
+from addon.scene.character import add_character
+from addon.scene.relabelled import show_again
+from addon.scene.stored import alone
+
+KINDS = ("objects", "meshes", "armatures", "actions", "collections", "materials", "node_groups")
+
+
+def counts() -> dict[str, list[str]]:
+    """The names of everything in the file that a take is made of."""
+    return {kind: sorted(block.name for block in getattr(bpy.data, kind)) for kind in KINDS}
+
+
+def own_mesh(name: str, place: bpy.types.Collection) -> bpy.types.Object:
+    item = bpy.data.objects.new(name, bpy.data.meshes.new(name))
+    place.objects.link(item)
+    return item
+
+
+def item_of(collection: bpy.types.Collection, kind: str) -> bpy.types.Object:
+    """One of the things that were made for a take: a marker of bob's, his armature, a capsule, what has no name."""
+    if kind == "unnamed":
+        return next(item for item in collection.all_objects if item.name.endswith("unnamed"))
+    bob = collection.children["bob"]
+    if kind == "marker":
+        return next(item for item in bob.all_objects if item.get(naming.MARKER) == "bob:LKNE")
+    mark = {"armature": "mocap_scale", "capsule": naming.CAPSULE}[kind]
+    return next(item for item in bob.all_objects if mark in item)
+
+
+def in_scene(name: str) -> bool:
+    return name in bpy.context.scene.objects
+
+
+@pytest.fixture(params=["labelled again", "removed", "saved, opened and labelled again", "saved, opened and removed"])
+def over(request, tmp_path):
+    """Does what deletes: labels the take again or removes it, in this session or in one after it was saved."""
+
+    def delete(take: takes.Take) -> bpy.types.Collection | None:
+        name = next(one.name for one in takes.takes_of(bpy.context.scene) if one[naming.TAKE] == take.name)
+        if request.param.startswith("saved"):
+            path = str(tmp_path / "own.blend")
+            bpy.ops.wm.save_as_mainfile(filepath=path)
+            bpy.ops.wm.open_mainfile(filepath=path)
+        collection = bpy.data.collections[name]
+        if request.param.endswith("removed"):
+            return takes.remove_take(collection)
+        return show_again(bpy.context, take, unnamed=True, whole=True)
+
+    delete.removes = request.param.endswith("removed")
+    return delete
+
+
+@pytest.fixture
+def duet(empty, made):
+    """A take of two in a scene, with the points that have no name."""
+    take = made.pair()
+    collection = takes.show_take(empty, take, unnamed=True)
+    return SimpleNamespace(take=take, collection=collection)
+
+
+def rename(item):
+    item.name = "mine"
+
+
+def add_constraint(item):
+    item.name, target = item.name, own_mesh("target", bpy.context.scene.collection)
+    item.constraints.new("COPY_ROTATION").target = target
+
+
+def add_property(item):
+    item["note"] = "look here"
+
+
+def turn(item):
+    item.rotation_quaternion = item.rotation_euler.to_quaternion() if item.rotation_mode == "XYZ" else (0.6, 0.8, 0, 0)
+    item.rotation_euler, item.scale = (0.1, 0.2, 0.3), (2, 2, 2)
+
+
+def key_scale(item):
+    item.keyframe_insert("scale", frame=105)
+
+
+def protect(item):
+    item.use_fake_user = True
+
+
+def drive(item):
+    item.driver_add("rotation_euler", 0).driver.expression = "frame"
+
+
+def use_own_action(item):
+    item.animation_data_create().action = bpy.data.actions.new("mine too")
+
+
+def push_down(item):
+    data = item.animation_data
+    data.nla_tracks.new().strips.new("mine", 101, data.action)
+
+
+def move_a_key(item):
+    data = item.animation_data
+    curve = data.action.layers[0].strips[0].channelbag(data.action_slot).fcurves[0]
+    curve.keyframe_points[2].co.y += 0.25
+
+
+def make_constant(item):
+    data = item.animation_data
+    curve = data.action.layers[0].strips[0].channelbag(data.action_slot).fcurves[0]
+    curve.keyframe_points[1].interpolation = "CONSTANT"
+
+
+def smooth_keys(item):
+    data = item.animation_data
+    data.action.layers[0].strips[0].channelbag(data.action_slot).fcurves[0].modifiers.new("NOISE")
+
+
+CHANGES = {
+    "marker": (
+        *(rename, add_constraint, add_property, turn, key_scale, protect, drive),
+        *(use_own_action, push_down, move_a_key, make_constant, smooth_keys),
+    ),
+    "armature": (rename, add_constraint, add_property, turn, key_scale, push_down, move_a_key),
+    "capsule": (rename, add_constraint, add_property, turn, key_scale),
+    "unnamed": (rename, add_constraint, add_property, key_scale),
+}
+
+
+def constrain_bone(item):
+    item.pose.bones[2].constraints.new("LIMIT_ROTATION")
+
+
+def shape_bone(item):
+    item.pose.bones[2].custom_shape = own_mesh("shape", bpy.context.scene.collection)
+
+
+def move_joint(item):
+    bpy.context.view_layer.objects.active = item
+    bpy.ops.object.mode_set(mode="EDIT")
+    item.data.edit_bones[2].tail.z += 0.1
+    bpy.ops.object.mode_set(mode="OBJECT")
+
+
+def give_material(item):
+    item.data.materials[0] = bpy.data.materials.new("mine too")
+
+
+def give_material_to_the_object(item):
+    item.material_slots[0].link = "OBJECT"
+    item.material_slots[0].material = bpy.data.materials.new("mine too")
+
+
+def sculpt(item):
+    item.data.vertices[3].co.x += 0.02
+
+
+def add_modifier(item):
+    item.modifiers.new("mine", "SUBSURF")
+
+
+def add_uv(item):
+    item.data.uv_layers.new(name="mine")
+
+
+def add_group(item):
+    item.vertex_groups.new(name="mine")
+
+
+def hang_elsewhere(item):
+    item.parent = own_mesh("hook", bpy.context.scene.collection)
+
+
+CHANGES["armature"] += (constrain_bone, shape_bone, move_joint)
+CHANGES["capsule"] += (give_material, give_material_to_the_object, sculpt, add_modifier, add_uv, add_group)
+CHANGES["capsule"] += (hang_elsewhere,)
+CHANGES["marker"] += (hang_elsewhere,)
+EVERY_CHANGE = [(kind, change) for kind, changes in CHANGES.items() for change in changes]
+
+
+@pytest.mark.parametrize("over", ["labelled again", "saved, opened and removed"], indirect=True)
+@pytest.mark.parametrize(("kind", "change"), EVERY_CHANGE, ids=[f"{k}-{c.__name__}" for k, c in EVERY_CHANGE])
+def test_what_a_person_changed_is_that_persons(duet, over, kind, change):
+    item = item_of(duet.collection, kind)
+    change(item)
+    name = item.name
+    bpy.context.view_layer.update()
+    action = item.animation_data.action.name if item.animation_data and item.animation_data.action else None
+    left = over(duet.take)
+    assert in_scene(name), "it is in a collection of the scene"
+    kept = bpy.data.objects[name]
+    assert name in left.all_objects
+    assert ownership.role_of(kept) == ""
+    assert not any(key.startswith("mocap_") for key, _ in kept.items())
+    assert (kept.animation_data.action.name if action else None) == action
+    assert name in ownership.persons_in(left)
+    assert left in bpy.context.scene.collection.children_recursive
+    if over.removes:
+        assert left.name == "Kept from duet"
+        assert not takes.is_take(left)
+        assert not [child for child in left.children_recursive if ownership.MADE in child]
+        ours = [one for one in left.all_objects if ownership.MADE in one]
+        assert not ours
+    else:
+        assert takes.is_take(left)
+        same = [one for one in left.all_objects if ownership.role_of(one)]
+        assert len(same) == 2 * (1 + 9 + 13) + 1
+        assert all(ownership.is_untouched(one) for one in same)
+
+
+def test_keys_that_were_changed_are_as_they_were(duet, over):
+    item = item_of(duet.collection, "marker")
+    move_a_key(item)
+    before, name = [list(curve.keyframe_points[2].co) for curve in ownership._curves(item)], item.name
+    over(duet.take)
+    kept = bpy.data.objects[name]
+    assert [list(curve.keyframe_points[2].co) for curve in ownership._curves(kept)] == before
+    assert len(kept.animation_data.action.slots) == 1, "the keys of what went are gone"
+
+
+@pytest.mark.parametrize("where", ["take", "performer", "markers", "nested", "moved"])
+def test_a_persons_own_things_stay(duet, over, where):
+    own = bpy.data.collections.new("own")
+    bob = duet.collection.children["bob"]
+    places = {"take": duet.collection, "performer": bob, "nested": own, "moved": own}
+    place = places.get(where) or next(child for child in bob.children if child.name.endswith("markers"))
+    {"nested": bob, "moved": duet.collection}.get(where, bpy.context.scene.collection).children.link(own)
+    item = own_mesh("stage", place)
+    item.location = (1, 2, 3)
+    left = over(duet.take)
+    assert in_scene("stage")
+    assert "stage" in left.all_objects
+    assert bpy.data.objects["stage"].data.name == "stage"
+    if where in ("nested", "moved"):
+        assert [one.name for one in bpy.data.objects["stage"].users_collection] == ["own"]
+
+
+def test_a_copy_of_what_was_made_is_who_copied_its(duet, over):
+    names = []
+    for kind in ("marker", "armature", "capsule", "unnamed"):
+        item = item_of(duet.collection, kind)
+        copy = item.copy()
+        if item.data is not None:
+            copy.data = item.data.copy() if kind != "capsule" else item.data
+        if kind == "marker":
+            copy.animation_data.action = item.animation_data.action.copy()
+        item.users_collection[0].objects.link(copy)
+        names.append(copy.name)
+    over(duet.take)
+    assert all(in_scene(name) for name in names)
+    assert not any(ownership.MADE in bpy.data.objects[name] for name in names)
+    assert all(len(bpy.data.objects[name].data.vertices) for name in names[2:])
+
+
+def test_corrections_go_to_the_marker_and_not_to_its_copy(duet):
+    item = item_of(duet.collection, "marker")
+    copy = item.copy()
+    item.users_collection[0].objects.link(copy)
+    assert takes.scene_markers.marker_empties(duet.collection)["bob:LKNE"] == item
+
+
+def test_what_was_promised_stays_even_unchanged(empty, made, over):
+    take = made.pair(markerset=open_markerset("body26"))
+    collection = takes.show_take(empty, take, unnamed=True)
+    stored = takes.stored_take(collection, empty.scene)
+    names = []
+    for one in stored.performers:
+        home = performers.homes(collection)[one.name]
+        names.append(add_character(empty, home, alone(stored, one), "HUMANIK").name)
+    bpy.data.objects[names[0]].name = "hero"
+    over(take)
+    for name in ("hero", names[1]):
+        assert in_scene(name)
+        data = bpy.data.objects[name].animation_data
+        assert sum(len(curve.keyframe_points) for curve in ownership._curves(bpy.data.objects[name])) > 0
+        assert data.action_slot is not None
+
+
+def test_what_hangs_on_the_take_stays_where_it_is_or_follows_what_comes(duet, over):
+    marker, armature = (item_of(duet.collection, kind) for kind in ("marker", "armature"))
+    scene = bpy.context.scene
+    on_marker, on_bone = (own_mesh(name, scene.collection) for name in ("on marker", "on bone"))
+    on_marker.parent = marker
+    on_bone.parent, on_bone.parent_type, on_bone.parent_bone = armature, "BONE", "head"
+    follower = own_mesh("follower", scene.collection)
+    constraint = follower.constraints.new("COPY_LOCATION")
+    constraint.target = marker
+    skin = own_mesh("skin", scene.collection)
+    skin.modifiers.new("skin", "ARMATURE").object = armature
+    scene.frame_set(110)
+    bpy.context.view_layer.update()
+    items = ("on marker", "on bone", "follower")
+    before = [np.array(bpy.data.objects[name].matrix_world) for name in items]
+    left = over(duet.take)
+    bpy.context.scene.frame_set(110)
+    bpy.context.view_layer.update()
+    places = [np.array(bpy.data.objects[name].matrix_world) for name in items]
+    np.testing.assert_allclose(places[:2], before[:2], atol=1e-5)
+    target = bpy.data.objects["follower"].constraints[0].target
+    deforms = bpy.data.objects["skin"].modifiers[0].object
+    if over.removes:
+        assert (left, target, deforms) == (None, None, None)
+    else:
+        np.testing.assert_allclose(places[2], before[2], atol=1e-5)
+        assert (target.name, target[naming.MARKER]) == ("bob:LKNE", "bob:LKNE")
+        assert deforms == item_of(left, "armature")
+        assert bpy.data.objects["on bone"].parent == deforms
+
+
+def test_what_is_linked_into_an_own_collection_stays_in_it(duet, over):
+    own = bpy.data.collections.new("knees")
+    bpy.context.scene.collection.children.link(own)
+    own.objects.link(item_of(duet.collection, "marker"))
+    over(duet.take)
+    [item] = bpy.data.collections["knees"].objects
+    assert item.name == "bob:LKNE"
+    assert ownership._curves(item)
+
+
+def test_what_was_called_otherwise_among_collections_stays(duet, over):
+    bob = duet.collection.children["bob"]
+    duet.collection.name, bob.name = "my walk", "my bob"
+    duet.collection["note"] = "best take"
+    left = over(duet.take)
+    assert left.name == "my walk"
+    assert left["note"] == "best take"
+    assert "my bob" in left.children
+    assert in_scene("bob:LKNE") is not over.removes
+
+
+def test_an_action_or_a_material_that_was_renamed_stays(duet, over, tmp_path):
+    action = item_of(duet.collection, "marker").animation_data.action
+    action.name = "best"
+    slots = len(action.slots)
+    performers.body_material(duet.collection.children["bob"]).name = "skin"
+    left = over(duet.take)
+    assert len(bpy.data.actions["best"].slots) == slots
+    assert bpy.data.actions["best"].users > 0
+    assert bpy.data.materials["skin"].users > 0
+    assert (left is None) is over.removes
+
+
+def test_nothing_that_nobody_changed_is_left(empty, made, over):
+    """Not even after it was played, looked at, hidden, edited and shown again by the add-on itself."""
+    take = made.pair()
+    before = counts()
+    collection = takes.show_take(empty, take, unnamed=True)
+    shown = counts()
+    stored = takes.stored_take(collection, empty.scene)
+    edits = stored.edits.added(Swap(("bob:LKNE", "bob:RKNE"), frames=(103, 110)))
+    takes.keep_edits(collection, edits)
+    after = takes.stored_take(collection, empty.scene)
+    takes.show_edits(collection, stored, after, True)
+    performers.set_colour(collection, "bob", (0.1, 0.2, 0.3))
+    for item in list(collection.all_objects):
+        item.select_set(True)
+        item.show_name = True
+        item.hide_viewport = True
+    bpy.context.view_layer.objects.active = armature = item_of(collection, "armature")
+    armature.hide_viewport = False
+    for mode in ("EDIT", "POSE", "OBJECT"):
+        bpy.ops.object.mode_set(mode=mode)
+    for frame in (104, 118):
+        empty.scene.frame_set(frame)
+    left = over(take)
+    # Materials and nodes that all takes of a file share stay.
+    now = counts()
+    if over.removes:
+        assert left is None
+        assert {kind: now[kind] for kind in KINDS[:-1]} == {kind: before[kind] for kind in KINDS[:-1]}
+    else:
+        assert now == shown
+        assert [child.name for child in left.children] == ["ann", "bob"]
+
+
+def test_who_moves_by_the_takes_action_goes_on_moving(duet, over):
+    """An own object in the slot of a marker, and one in a slot of its own in the take's action."""
+    marker = item_of(duet.collection, "marker")
+    action = marker.animation_data.action
+    for name in ("in the slot", "in an own slot"):
+        data = own_mesh(name, bpy.context.scene.collection).animation_data_create()
+        data.action = action
+    bpy.data.objects["in the slot"].animation_data.action_slot = marker.animation_data.action_slot
+    own = bpy.data.objects["in an own slot"].animation_data
+    own.action_slot = action.slots.new(id_type="OBJECT", name="own")
+    bpy.data.objects["in an own slot"].keyframe_insert("location", frame=103)
+    over(duet.take)
+    assert len(ownership._curves(bpy.data.objects["in the slot"])) == 3
+    assert len(ownership._curves(bpy.data.objects["in an own slot"])) == 3
+    action = bpy.data.objects["in the slot"].animation_data.action
+    assert sorted(slot.name_display for slot in action.slots) == ["bob:LKNE", "own"]
+
+
+def test_a_take_of_an_earlier_version_is_labelled_again_in_its_place(duet):
+    before = counts()
+    for kind in ("objects", "collections", "materials", "actions"):
+        for block in getattr(bpy.data, kind):
+            for key in (ownership.MADE, ownership.KEYED, naming.MATERIAL):
+                if key in block:
+                    del block[key]
+    knee = item_of(duet.collection, "capsule")
+    follower = own_mesh("follower", bpy.context.scene.collection)
+    follower.constraints.new("COPY_LOCATION").target = knee
+    segment = knee[naming.CAPSULE]
+    shown = show_again(bpy.context, duet.take, unnamed=True, whole=True)
+    assert shown == duet.collection
+    target = follower.constraints[0].target
+    assert (target[naming.CAPSULE], target.parent) == (segment, item_of(shown, "armature"))
+    now = counts()
+    now["objects"].remove("follower")
+    now["meshes"].remove("follower")
+    assert now == before
+
+
+def test_another_take_in_the_collection_is_left_alone(duet, made, over):
+    """One that was dragged into it, and one of whose things somebody linked there."""
+    inside, beside = (takes.show_take(bpy.context, made.take(name=name)) for name in ("inside", "beside"))
+    bpy.context.scene.collection.children.unlink(inside)
+    duet.collection.children.link(inside)
+    guests = [item.name for item in inside.all_objects] + [item.name for item in beside.all_objects]
+    for item in list(beside.all_objects):
+        duet.collection.objects.link(item)
+    names = inside.name, beside.name
+    over(duet.take)
+    for name in guests:
+        assert ownership.is_untouched(bpy.data.objects[name])
+    assert [len(bpy.data.collections[name].all_objects) for name in names] == [23, 23]
+    assert {one.name for one in takes.takes_of(bpy.context.scene)} >= set(names)
+
+
+@pytest.mark.parametrize("link", [False, True], ids=["appended", "linked"])
+@pytest.mark.parametrize("again", [False, True], ids=["removed", "labelled again"])
+def test_a_take_out_of_another_file_goes(duet, tmp_path, link, again):
+    path = str(tmp_path / "other.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.read_homefile(use_empty=True)
+    with bpy.data.libraries.load(path, link=link) as (_, wanted):
+        wanted.collections = ["Mocap: duet"]
+    [collection] = wanted.collections
+    bpy.context.scene.collection.children.link(collection)
+    if again:
+        show_again(bpy.context, duet.take, unnamed=True, whole=True)
+    else:
+        assert takes.remove_take(collection) is None
+    assert len(bpy.data.objects) == again * (2 * (1 + 9 + 13) + 1)
+    assert all(item.library is None for item in bpy.data.objects)
+
+
+def test_twice_again_keeps_what_was_kept_once(duet):
+    rename(item_of(duet.collection, "marker"))
+    first = show_again(bpy.context, duet.take, unnamed=True, whole=True)
+    once = counts()
+    add_property(item_of(first, "capsule"))
+    second = show_again(bpy.context, duet.take, unnamed=True, whole=True)
+    assert second == first
+    assert len(counts()["objects"]) == len(once["objects"]) + 1
+    left = takes.remove_take(second)
+    assert sorted(ownership.persons_in(left).split(", ")) == sorted(["mine", "pelvis capsule.001"])
+
+
+def test_a_take_in_other_markers_is_hidden_with_all_that_is_in_it(duet, made):
+    own_mesh("stage", duet.collection)
+    other = replace(made.take(name="duet"), source=duet.take.source)
+    shown = show_again(bpy.context, other, unnamed=True, whole=True)
+    assert shown != duet.collection
+    assert duet.collection.hide_viewport
+    assert "stage" in duet.collection.objects
+
+
+def test_points_that_were_renamed_stay_when_others_are_imported(extension, empty, made, tmp_path):
+    points, settings = _points(made), empty.scene.mocap_autolabel
+    for name in ("one", "two", "three"):
+        write_c3d(tmp_path / f"{name}.c3d", points)
+    assert bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "one.c3d")) == {"FINISHED"}
+    [item] = empty.scene.objects
+    item.name = "reference"
+    child = own_mesh("stage", empty.scene.collection)
+    child.parent = item
+    assert bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "two.c3d")) == {"FINISHED"}
+    assert sorted(one.name for one in empty.scene.objects) == ["Mocap: two points", "reference", "stage"]
+    assert len(bpy.data.objects["reference"].data.vertices)
+    assert bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "three.c3d")) == {"FINISHED"}
+    assert sorted(one.name for one in empty.scene.objects) == ["Mocap: three points", "reference", "stage"]
+    assert settings.preview.name == "Mocap: three points"
+    assert "Mocap: two points" not in bpy.data.meshes
+
+
+def _points(made):
+    xyz = made.motion(made.markerset(), 12).markers
+    return Points(("",) * xyz.shape[1], xyz, np.where(np.isfinite(xyz[..., 0]), 0.0002, np.nan), 60.0, 101)
+
+
+@pytest.fixture
+def labelled(extension, empty, made, name_as, tmp_path):
+    """A take of points labelled by the buttons."""
+    points = _points(made)
+    write_c3d(tmp_path / "walk.c3d", points)
+    write_markerset(tmp_path / "small.markerset.json", made.markerset())
+    name_as(np.arange(points.xyz.shape[1]))
+    assert bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "walk.c3d")) == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.open_markerset(filepath=str(tmp_path / "small.markerset.json")) == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    return empty.scene.mocap_autolabel
+
+
+@pytest.mark.parametrize("button", ["label", "clear"])
+def test_the_buttons_say_what_stays_and_undo_takes_them_back(labelled, extension, capfd, button):
+    opened = importlib.import_module(f"{extension}.addon.scene.opened").opened
+    own_mesh("stage", labelled.take)
+    knee = next(item for item in labelled.take.all_objects if item.get(naming.MARKER) == "LKNE")
+    knee.name = "my knee"
+    before = counts()
+    opened.take(labelled.take, bpy.context.scene)
+    bpy.ops.ed.undo_push(message="Before")
+    capfd.readouterr()
+    assert getattr(bpy.ops.mocap_autolabel, button)() == {"FINISHED"}
+    said = capfd.readouterr().out
+    assert "my knee" in said and "stage" in said
+    assert ("Mocap: walk" if button == "label" else "Kept from walk") in said
+    assert in_scene("my knee") and in_scene("stage")
+    bpy.ops.ed.undo_push(message="After")
+    bpy.ops.ed.undo()
+    assert counts() == before
+    settings = bpy.context.scene.mocap_autolabel
+    stored = opened.take(settings.take, bpy.context.scene)
+    assert np.isfinite(stored.motion.markers[:, stored.names.index("LKNE")]).any()
+    assert bpy.data.objects["my knee"][naming.MARKER] == "LKNE"
+
+
+def test_after_labelling_again_and_its_undo_the_take_at_hand_is_the_one_that_is_there(labelled, extension, name_as):
+    opened = importlib.import_module(f"{extension}.addon.scene.opened").opened
+    count = len(opened.take(labelled.take, bpy.context.scene).labels.marker)
+    opened.take(labelled.take, bpy.context.scene)
+    bpy.ops.ed.undo_push(message="Before")
+    name_as(np.r_[1, 0, 2:13])
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    again = opened.take(labelled.take, bpy.context.scene).labels.marker[:2]
+    bpy.ops.ed.undo_push(message="Again")
+    bpy.ops.ed.undo()
+    settings = bpy.context.scene.mocap_autolabel
+    undone = opened.take(settings.take, bpy.context.scene).labels.marker
+    assert len(undone) == count
+    assert again.tolist() == undone[:2].tolist()[::-1]
+
+
+@pytest.mark.parametrize("version", ["2026-11-21", "2026-11-22-noon", "2026-11-22-night"])
+def test_takes_of_earlier_versions_go_but_for_what_is_a_persons(extension, empty, version):
+    bpy.ops.wm.open_mainfile(filepath=str(Path(__file__).resolve().parents[1] / "earlier" / version / "takes.blend"))
+    scene = bpy.data.scenes["points"]
+    bpy.context.window.scene = scene
+    [collection] = takes.takes_of(scene)
+    own_mesh("stage", collection)
+    markers = {item[naming.MARKER]: item for item in collection.all_objects if naming.MARKER in item}
+    markers["LKNE"].name = "my knee"
+    markers["LASI"].constraints.new("LIMIT_LOCATION")
+    copy = markers["RASI"].copy()
+    collection.objects.link(copy)
+    kept = sorted(["stage", "my knee", markers["LASI"].name, copy.name])
+    left = takes.remove_take(collection)
+    assert sorted(item.name for item in left.all_objects) == kept
+    assert left.name == "Kept from walk"
+    assert not left.children
