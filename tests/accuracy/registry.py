@@ -1,0 +1,304 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Every case that naming is measured on, as takes that are labelled one by one: blobs and points, one person and several.
+
+Nobody who is labelled is in the training of the model that names them, unless the case says "own" or "frame". Takes of
+other labs are made by ../shared/tools/peers/strangers.py into the folder of models.
+"""
+
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from itertools import permutations
+from pathlib import Path
+from time import process_time
+
+import numpy as np
+
+from addon.core.data.errors import JobError, UserError
+from addon.core.data.progress import finished
+from addon.core.data.takes import Points
+from addon.core.points.models import Model
+from addon.core.points.several.pipeline import label_several
+from addon.core.points.several.wearers import AUTO, SeveralOptions
+from addon.core.points.whole_take.pipeline import PointOptions, label_points
+from addon.core.training.pipeline import TrainingOptions, train
+from addon.core.training.takes import LabelledTake
+from addon.io.markersets import builtin_markersets, open_markerset
+from addon.io.models import open_model, write_model
+from addon.io.points import read_points
+
+from . import actor_blobs, actors, people, plates, real_blobs, strangers, whole_takes
+from .commands import labelled, rows_of, side_by_side
+from .models import Labeller, left_out_model
+from .standing import standing
+from .walking import walking
+
+PEERS = people.DATA.parent / "tools" / "peers" / "strangers.py"
+STANDING = 40  # captures of one frame of each group of left-out people
+DRAWS = 20  # of each stranger's single frame
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What came of a take: right and wrong labels and markers that were there, by second (S,); refused; core seconds."""
+
+    right: np.ndarray
+    wrong: np.ndarray
+    there: np.ndarray
+    refused: str
+    seconds: float
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """One take of a case, ready to be labelled."""
+
+    case: str
+    take: str
+    label: Callable[[], Outcome]
+
+
+def by_second(given: np.ndarray, right: np.ndarray, there: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Right and wrong labels, and markers, of points (N,) that lie in some second of the take."""
+    count = int(second.max(initial=0)) + 1
+    return tuple(np.bincount(second[some], minlength=count) for some in (given & right, given & ~right, there))
+
+
+def of_points(marker: np.ndarray, truth: np.ndarray, rate: float, refused: str, seconds: float) -> Outcome:
+    """The outcome of markers (T, P) given, -1 for none."""
+    second = np.broadcast_to((np.arange(len(truth)) / rate).astype(int)[:, None], truth.shape).ravel()
+    given = (marker >= 0).ravel()
+    return Outcome(*by_second(given, (marker == truth).ravel(), (truth >= 0).ravel(), second), refused, seconds)
+
+
+def of_blobs(names, truth, frame, rate: float, seconds: float, refused: str = "") -> Outcome:
+    """The outcome of names (N,) of blobs, "" for none; the truth may name several, joined with `|`."""
+    second = ((frame - frame.min(initial=0)) / rate).astype(int) if len(frame) else np.zeros(0, int)
+    right = np.array([name in true.split("|") for name, true in zip(names, truth, strict=True)], bool)
+    given, there = np.array([bool(name) for name in names]), np.array([bool(true) for true in truth])
+    return Outcome(*by_second(given, right, there, second), refused, seconds)
+
+
+def named_points(points: Points, model: Model) -> tuple[np.ndarray, str, float]:
+    """The markers (T, P) that the product gives, why none, and the seconds of a core."""
+    begin = process_time()
+    try:
+        marker, refused = finished(label_points(points, model, PointOptions("likelihood"))).labels.marker, ""
+    except JobError as error:
+        marker, refused = np.full(points.xyz.shape[:2], -1), str(error)
+    return marker, refused, process_time() - begin
+
+
+def labelled_points(points: Points, truth: np.ndarray, model: Model) -> Outcome:
+    marker, refused, seconds = named_points(points, model)
+    return of_points(marker, truth, points.rate, refused, seconds)
+
+
+def whole(name: str, keep: Path, most: int | None = None) -> Iterator[Trial]:
+    """Takes of `whole_takes`, at most so many of each case."""
+    for case in whole_takes.CASES[name]():
+        model = whole_takes.model_of(case, keep)
+        for seed, take in enumerate(case.tested[:most]):
+            points, truth = whole_takes.anonymous(take, case, seed)
+            title = f"{case.name} {take.subject}"
+            yield Trial(name, title, partial(labelled_points, points, truth, model))
+
+
+def on_plates(keep: Path) -> Iterator[Trial]:
+    """Another take of who was learned from, in 62 markers on plates, cut in three ways."""
+    model = kept(keep / "plates.markerset.json", lambda: plates.trained([plates.TRAINED]))
+    take = read_points(plates.TESTED)
+    for tracklets, hidden, ghosts in plates.CUTS:
+        xyz, column = plates.cut_up(take.xyz, tracklets, hidden, ghosts, np.random.default_rng(plates.SEED))
+        truth = np.where(np.isfinite(xyz[..., 0]), column, -1)
+        residual = np.where(np.isfinite(xyz[..., 0]), 0.0005, np.nan)
+        points = Points(("",) * xyz.shape[1], xyz, residual, take.rate, 1)
+        yield Trial("plates", f"{tracklets} pieces", partial(labelled_points, points, truth, model))
+
+
+def kept(file: Path, make: Callable[[], Model]) -> Model:
+    """A model that is made once."""
+    if not file.exists():
+        file.parent.mkdir(parents=True, exist_ok=True)
+        write_model(file, make())
+    return open_model(str(file))
+
+
+def together(kind: str, keep: Path, most: int, auto: bool = False) -> Iterator[Trial]:
+    """Several people in one take of points."""
+    for seed, meeting in enumerate(actors.MEETINGS[kind]()):
+        if seed >= most:
+            return
+        points, truth = actors.pieces_of(meeting, seed)
+        model = whole_takes.model_of(meeting.training, keep)
+        title = "auto " * auto + meeting.name
+        yield Trial(f"several {kind}", title, partial(_several, points, truth, model, len(meeting.people), auto))
+
+
+def _several(points: Points, truth: np.ndarray, model: Model, people_there: int, auto: bool) -> Outcome:
+    begin, refused = process_time(), ""
+    asked = SeveralOptions(model=model, count=AUTO if auto else people_there)
+    try:
+        given = finished(label_several(points, asked, PointOptions("likelihood"))).labels.marker
+    except JobError as error:
+        given, refused = np.full(points.xyz.shape[:2], -1), str(error)
+    seconds, markers = process_time() - begin, len(model.markerset)
+    found = max(people_there, int(given.max(initial=0)) // markers + 1)
+    best = None
+    for order in permutations(range(found)):
+        place = np.concatenate([np.arange(markers) + markers * index for index in order] + [[-1]])
+        own = of_points(np.where(given >= 0, place[given], -1), truth, points.rate, refused, seconds)
+        best = own if best is None or own.wrong.sum() < best.wrong.sum() else best
+    return best
+
+
+def together_in_images(kind: str, keep: Path, most: int) -> Iterator[Trial]:
+    """Two strangers in eight cameras."""
+    for seed, meeting in enumerate(actor_blobs.meetings(kind)):
+        if seed >= most:
+            return
+        shot, model = actor_blobs.seen(meeting, seed), whole_takes.model_of(meeting.training, keep)
+        count = len(meeting.people)
+        yield Trial(f"blobs of several {kind}", meeting.name, partial(_several_in_images, shot, model, count))
+
+
+def _several_in_images(shot: actor_blobs.Seen, model: Model, count: int) -> Outcome:
+    names, refused, begin = np.full(len(shot.blobs), "", object), "", process_time()
+    try:
+        chunks, markers, _ = actor_blobs.several(shot, SeveralOptions(model=model, count=count))
+        marker = np.concatenate([chunk.labels.marker for chunk in chunks])
+        names[marker >= 0] = np.array(markers, object)[marker[marker >= 0]]
+    except JobError as error:
+        refused = str(error)
+    seconds, best = process_time() - begin, None
+    for order in permutations(range(1, count + 1)):
+        called = {str(number): str(other) for number, other in enumerate(order, 1)}
+        own = [called.get(n.partition(":")[0], "?") + ":" + n.partition(":")[2] if n else "" for n in names]
+        found = of_blobs(own, shot.truth, shot.blobs.frame, actor_blobs.RATE, seconds, refused)
+        best = found if best is None or found.wrong.sum() < best.wrong.sum() else best
+    return best
+
+
+def in_images(case: str, trials: Callable, name: str, count: int | None) -> Iterator[Trial]:
+    """Captures of left-out people, as `trials(markers, people, count)` makes them."""
+    for fold in people.folds():
+        markerset = left_out_model(name, fold)
+        for trial in trials(markerset.markers, fold, count):
+            yield Trial(case, trial.title, partial(_in_image, trial, markerset))
+
+
+def of_strangers(name: str, count: int) -> Iterator[Trial]:
+    """Single frames of people of other labs."""
+    for title, left_out, trials in strangers.cases(False, count):
+        markerset = left_out_model(name, left_out)
+        for trial in trials:
+            yield Trial("blobs, strangers' frames", f"{title} {trial.title}", partial(_in_image, trial, markerset))
+
+
+def _in_image(trial, markerset) -> Outcome:
+    begin, refused = process_time(), ""
+    try:
+        names, _ = Labeller(markerset, trial.rate)(trial.blobs, trial.cameras)
+    except JobError as error:
+        names, refused = np.full(len(trial.blobs), "", object), str(error)
+    return of_blobs(names, trial.truth, trial.blobs.frame, trial.rate, process_time() - begin, refused)
+
+
+def recorded(keep: Path) -> Iterator[Trial]:
+    """Real blobs of eleven cameras, learned from the first half, and without the two cameras that were moved."""
+    folder = keep / "real-blobs"
+    folder.mkdir(parents=True, exist_ok=True)
+    model = folder / "run.markerset.json"
+    if not model.exists():
+        real_blobs.learn(folder)
+    for title, without in (("all cameras", ()), ("without the moved", real_blobs.MOVED)):
+        files = real_blobs.recorded(folder / title.replace(" ", "-"), model, without)
+        yield Trial("real blobs", title, partial(_recorded, files, folder / "out"))
+
+
+def _recorded(files, out: Path) -> Outcome:
+    first, last = real_blobs.TESTED
+    answer = labelled(files, out, "--frames", f"{first}:{last}", "--occlusion", "capsules")
+    pairs = list(side_by_side(rows_of(answer.labels), rows_of(files.truth, (first, last))))
+    names, truth = ([pair[at]["marker"] for pair in pairs] for at in (0, 1))
+    frame = np.array([int(pair[0]["frame"]) for pair in pairs])
+    return of_blobs(names, truth, frame, files.rate, answer.seconds)
+
+
+def of_other_labs(kind: str, keep: Path) -> Iterator[Trial]:
+    """Takes of people, animals and hands of other labs, by the built-in `body39` or a set of their own."""
+    folder = keep / "strangers" / kind
+    if not folder.is_dir():
+        subprocess.run([sys.executable, PEERS, keep / "strangers", kind], check=True, stdout=subprocess.DEVNULL)
+    first = None
+    for place in sorted(one for one in folder.iterdir() if one.is_dir()):
+        files = sorted(place.glob("train/*/*.c3d"))
+        first = place / "own.markerset.json" if files else first
+        if first is not None and not first.exists() and files:
+            try:
+                write_model(first, taught(files))
+            except UserError as error:
+                yield Trial(f"strangers {kind}", place.name, partial(_untaught, place, str(error)))
+                continue
+        model = open_model("body39" if kind == "plugin_gait" else str(first))
+        yield Trial(f"strangers {kind}", place.name, partial(_of_other_lab, place, model))
+
+
+def taught(files: list[Path]) -> Model:
+    """The model that labelled takes teach, with the default options but for partial solvers."""
+    takes = [read_points(file) for file in files]
+    learned = [
+        LabelledTake(file.stem, file.parent.name, take.names, take.xyz) for file, take in zip(files, takes, strict=True)
+    ]
+    markers = tuple(name for name in learned[0].names if all(name in one.names for one in learned))
+    bodies = [open_markerset(name) for name in builtin_markersets()]
+    return finished(train(learned, markers, TrainingOptions("own", search="none"), None, bodies)).model
+
+
+def _of_other_lab(place: Path, model: Model) -> Outcome:
+    points, index = read_points(place / "cloud.c3d"), {name: at for at, name in enumerate(model.markerset.markers)}
+    rows = [line.split(",") for line in (place / "truth.csv").read_text(encoding="utf-8").splitlines()[1:]]
+    # A piece is one marker's for as long as it lasts.
+    of_column = np.full(max(int(column) for _, column, _ in rows) + 1, -1)
+    of_column[[int(column) for _, column, _ in rows]] = [index.get(name, -1) for _, _, name in rows]
+    frame, lane = np.nonzero(points.present)
+    truth = np.full(points.xyz.shape[:2], -1)
+    truth[frame, lane] = of_column[points.numbers(points.standing.at(frame, lane))]
+    return labelled_points(points, truth, model)
+
+
+def _untaught(place: Path, why: str) -> Outcome:
+    there = sum(not line.endswith(",") for line in (place / "truth.csv").read_text(encoding="utf-8").splitlines()[1:])
+    return Outcome(np.zeros(1, int), np.zeros(1, int), np.array([there]), f"not learned: {why}", 0.0)
+
+
+def _walking(markers, fold, count):
+    return walking(markers, fold, count, 1)
+
+
+def _standing(markers, fold, count):
+    return standing(markers, fold, count, 1)
+
+
+def registry(keep: Path) -> dict[str, Callable[[], Iterator[Trial]]]:
+    """The cases by name; each gives its takes one after the other. Models are kept in the folder."""
+    found: dict[str, Callable[[], Iterator[Trial]]] = {}
+    for name in whole_takes.CASES:
+        found[f"points {name}"] = partial(whole, name, keep)
+    found["plates"] = partial(on_plates, keep)
+    for kind in actors.MEETINGS:
+        if not kind.startswith(("known", "one-of", "stray", "racket", "plate", "alone")):
+            found[f"several {kind}"] = partial(together, kind, keep, 10)
+    found["several auto"] = partial(together, "walkers-2", keep, 10, True)
+    for kind in ("passing", "beside", "behind"):
+        found[f"blobs of several {kind}"] = partial(together_in_images, kind, keep, 8)
+    for name in ("gait15", "body26"):
+        found[f"blobs standing {name}"] = partial(in_images, f"blobs standing {name}", _standing, name, STANDING)
+        found[f"blobs walking {name}"] = partial(in_images, f"blobs walking {name}", _walking, name, None)
+    found["blobs strangers"] = partial(of_strangers, "body26", DRAWS)
+    found["blobs real"] = partial(recorded, keep)
+    for kind in ("plugin_gait", "still", "plates", "animal_hand"):
+        found[f"strangers {kind}"] = partial(of_other_labs, kind, keep)
+    return found

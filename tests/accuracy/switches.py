@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What can be switched off or varied in naming: every stage by a name, every number set by hand by where it stands."""
+
+import importlib
+import pkgutil
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import fields, is_dataclass
+from unittest.mock import patch
+
+import numpy as np
+
+import addon.core
+from addon.core.blobs.swaps import try_swaps
+from addon.core.data.takes import NO_MARKER
+from addon.core.points.whole_take.layout import NOTHING_HELD
+
+# What decides labels; what only draws, fills, trains or simulates is elsewhere.
+NAMING = ("blobs", "points", "pipelines", "reconstruction", "body")
+
+
+def _number(value) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def numbers() -> dict[str, tuple[object, str, int | None]]:
+    """Every number in an options object of naming, as `blobs.search.FINDING.field` or `….field[1]`: holder, field, place."""
+    found, seen = {}, set()
+    for module in _modules():
+        for name, held in vars(module).items():
+            if name.isupper() and is_dataclass(held) and id(held) not in seen:
+                seen.add(id(held))
+                where = f"{type(held).__module__.partition('.core.')[2]}.{name}"
+                found.update(_numbers_of(where, held))
+    return found
+
+
+def _numbers_of(where: str, held) -> Iterator[tuple[str, tuple[object, str, int | None]]]:
+    for field in fields(held):
+        value = getattr(held, field.name)
+        if _number(value):
+            yield f"{where}.{field.name}", (held, field.name, None)
+        elif isinstance(value, tuple):
+            for place, part in enumerate(value):
+                if _number(part):
+                    yield f"{where}.{field.name}[{place}]", (held, field.name, place)
+                elif is_dataclass(part):
+                    yield from _numbers_of(f"{where}.{field.name}[{place}]", part)
+
+
+def _modules():
+    for part in NAMING:
+        package = importlib.import_module(f"{addon.core.__name__}.{part}")
+        for one in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
+            yield importlib.import_module(one.name)
+
+
+@contextmanager
+def varied(name: str, factor: float):
+    """With one number multiplied; whole numbers stay whole, and are moved by one at least."""
+    holder, field, place = numbers()[name]
+    before = getattr(holder, field)
+    old = before if place is None else before[place]
+    new = old * factor
+    if isinstance(old, int):
+        new = round(new) if round(new) != old else old + (1 if factor > 1 else -1)
+    after = new if place is None else (*before[:place], new, *before[place + 1 :])
+    object.__setattr__(holder, field, after)
+    try:
+        yield
+    finally:
+        object.__setattr__(holder, field, before)
+
+
+def _same_marker(tracklets, placed, marker, *_):  # noqa: ARG001
+    return marker
+
+
+def _no_layout(likelihood, placed, absent, held=NOTHING_HELD, crowd=False):  # noqa: ARG001
+    return np.arange(placed.shape[1]), ()
+
+
+def _no_extras(tracklets, marker, markers, missing):  # noqa: ARG001
+    return np.where(marker >= markers, NO_MARKER, marker), 0
+
+
+def _nothing_tried(known, now, place):  # noqa: ARG001
+    return np.zeros((0, len(place)), int)
+
+
+CORE = addon.core.__name__
+# Of each stage: what stands in its place, by where it is called.
+STAGES: dict[str, dict[str, Callable]] = {
+    "points: exchanges of a while": {"points.whole_take.solving.undone": _same_marker},
+    "points: layout naming": {"points.whole_take.solving.named_by_layout": _no_layout},
+    "points: blocks": {"points.whole_take.layout.block_exchanges": _nothing_tried},
+    "points: shifts": {"points.whole_take.layout.shifts": _nothing_tried},
+    "points: unmodelled markers": {"points.whole_take.solving.with_extras": _no_extras},
+    "points: links over gaps": {
+        "points.whole_take.solving.links": lambda tracklets, which, placed, *_: np.zeros((len(which), placed.shape[1]))
+    },
+    "points: seldom there": {"points.whole_take.solving._Solving._seldom_there": lambda self: self.margin},
+    "points: consistency": {
+        "points.whole_take.deciding.consistent_markers": lambda marker, points, likelihood: marker,
+        "points.whole_take.deciding.consistent": lambda verdict, *_: verdict,
+    },
+    "points: parting at leaps": {"points.whole_take.deciding.parted": lambda tracklet, *_: tracklet},
+    "points: second asking": {"points.whole_take.pipeline.asked_again": lambda *_: np.zeros(0, int)},
+    "points: the whole take": {"points.whole_take.pipeline.can_be_solved": lambda *_: False},
+    "points: frames in no order": {"points.whole_take.pipeline.is_unordered": lambda *_: False},
+    "frames: limbs exchanged": {"points.likelihood.solving._exchanged": lambda *_: []},
+    "blobs: rereading": {"blobs.rereading.Rereader.read_again": lambda *_: ()},
+    "blobs: review of swaps": {"blobs.pipeline.TakeLabeller._review": lambda *_: None},
+    "blobs: continuity": {"blobs.pipeline.renamed": lambda *_: ()},
+    "blobs: between": {"blobs.pipeline.put_between": lambda *_: None},
+    "blobs: image tracklets": {"blobs.pipeline.name_by_tracklets": lambda *_: None},
+    "blobs: absent markers": {"blobs.pipeline.absent_markers": lambda *_: np.zeros(0, int)},
+    "blobs: swaps in a found frame": {"blobs.search.settle": lambda *given: try_swaps(*given)},
+}
+EXCHANGES = ("blocks", "shifts", "exchanges of a while", "seldom there", "consistency", "parting at leaps")
+TOGETHER = {
+    "points: six that seem to do nothing": [f"points: {name}" for name in EXCHANGES],
+    "blobs: all that look again": [name for name in STAGES if name.startswith("blobs: ") and "found" not in name],
+}
+
+
+@contextmanager
+def without(*names: str):
+    """With some stages switched off; one of `TOGETHER` is all that it names."""
+    with ExitStack() as stack:
+        for name in names:
+            for one in TOGETHER.get(name, [name]):
+                for where, instead in STAGES[one].items():
+                    stack.enter_context(patch(f"{CORE}.{where}", instead))
+        yield
+
+
+@contextmanager
+def variant(name: str):
+    """What a result is of: `all`, `without STAGE`, or `NUMBER*FACTOR`."""
+    if name == "all":
+        yield
+    elif name.startswith("without "):
+        with without(name.removeprefix("without ")):
+            yield
+    else:
+        number, _, factor = name.rpartition("*")
+        with varied(number, float(factor)):
+            yield
