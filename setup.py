@@ -26,7 +26,7 @@ setup(
     packages=["mocap_autolabel"]
     + [f"mocap_autolabel.{name}" for name in find_packages(str(ROOT), include=["addon", "addon.*"])],
     package_dir={"mocap_autolabel": "."},
-    package_data={"mocap_autolabel": ["blender_manifest.toml", "LICENSE", "assets/**"]},
+    package_data={"mocap_autolabel": ["blender_manifest.toml", "LICENSE", "py.typed", "assets/**"]},
     include_package_data=False,
     cmdclass={"build_py": BuildPy},
 )

@@ -197,6 +197,16 @@ def test_a_scheduler_that_is_not_there_is_named(label, address, monkeypatch):
     assert f"no scheduler answers at {address}" in answer.reason
 
 
+def test_without_a_scheduler_dask_works_here_with_as_many_workers_as_jobs(label, takes, tmp_path, monkeypatch):
+    assert label(*FEW, blobs=takes).status == 0
+    (tmp_path / "out").rename(tmp_path / "here")
+    made_of, cluster = [], distributed.LocalCluster
+    monkeypatch.setattr(distributed, "LocalCluster", lambda **said: made_of.append(said) or cluster(**said))
+    assert label(*FEW, "--engine", "dask", "--jobs", "2", blobs=takes).status == 0
+    assert [said["n_workers"] for said in made_of] == [2]
+    assert made(tmp_path / "out") == made(tmp_path / "here")
+
+
 def test_what_a_farm_needs_is_asked_for_before_any_work(label, monkeypatch):
     def refused(*words):
         answer = label(*FEW, *words)
@@ -204,7 +214,7 @@ def test_what_a_farm_needs_is_asked_for_before_any_work(label, monkeypatch):
         return answer.reason
 
     assert "--scheduler is of --engine dask" in refused("--scheduler", "tcp://127.0.0.1:8786")
-    assert "--engine dask needs to know its scheduler" in refused("--engine", "dask")
+    assert "--scheduler is empty" in refused("--engine", "dask", "--scheduler", "")
     monkeypatch.setattr(farm, "find_spec", lambda name: None)
     reason = refused("--engine", "dask", "--scheduler", "tcp://127.0.0.1:8786")
     assert "needs the Python package distributed, which is not here" in reason

@@ -19,7 +19,7 @@ import uuid
 import warnings
 from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -44,24 +44,24 @@ def check_farm(engine: str, scheduler: str | None):
     """Raises InputError where takes cannot be spread over machines as the options have it."""
     if engine != "dask":
         raise InputError("--scheduler is of --engine dask; expected both of them or neither")
-    if not scheduler:
-        raise InputError("--engine dask needs to know its scheduler; expected --scheduler tcp://HOST:8786 or alike")
+    if scheduler == "":
+        raise InputError("--scheduler is empty; expected tcp://HOST:8786 or alike, or none for a cluster of this machine")
     if find_spec("distributed") is None:
         words = "--engine dask needs the Python package distributed, which is not here"
         raise InputError(f"{words}; expected it installed, as pip install 'mocap-autolabel[farm]' does")
 
 
 def farm_out(
-    address: str, job_of: Callable[[Path], LabelJob], lines: Sequence[list[str]]
+    address: str | None, jobs: int, job_of: Callable[[Path], LabelJob], lines: Sequence[list[str]]
 ) -> Iterator[tuple[int, dict | UserError]]:
     """Runs command lines of `label` by the workers of the scheduler at `address`; yields number and answer.
 
-    The last word of each is its take, and `job_of` gives that as a job. Closing the generator stops what runs. Raises
+    Without an address by dask's own local cluster, of so many workers as `jobs` says. The last word of each is its take, and `job_of` gives that as a job. Closing the generator stops what runs. Raises
     JobError where the scheduler is not there or goes away, or a worker has no such version or does not see the takes.
     """
     batch = f"mocap-autolabel-{uuid.uuid4().hex}"
     at_work = {}
-    with _connected(address) as client:
+    with _local_cluster(jobs) if address is None else nullcontext(address) as address, _connected(address) as client:
         if not client.nthreads():
             complain(f"the scheduler at {address} has no workers yet: the takes wait for the first of them")
         try:
@@ -73,13 +73,27 @@ def farm_out(
 
 
 @contextmanager
+def _local_cluster(jobs: int) -> Iterator[str]:
+    """The address of a scheduler with so many workers, all in this process: each take has a process of its own anyway."""
+    from distributed import LocalCluster
+
+    _silence()
+    with LocalCluster(n_workers=jobs, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
+        yield cluster.scheduler_address
+
+
+def _silence():
+    """Whatever matters of `distributed` is said in our words; it gives several of its loggers a level of their own."""
+    for name in [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]:
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+
+
+@contextmanager
 def _connected(address: str) -> Iterator["distributed.Client"]:  # noqa: F821 - it may not be there
     """A client of the scheduler; JobError where none answers."""
     from distributed import Client
 
-    # Whatever matters of it is said in our words; it gives several of its loggers a level of their own.
-    for name in [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]:
-        logging.getLogger(name).setLevel(logging.CRITICAL)
+    _silence()
     try:
         with warnings.catch_warnings(action="ignore"):
             client = Client(address, timeout=CONNECT_S, set_as_default=False)
