@@ -9,8 +9,8 @@
   --keep DIR                       for models and what was measured take by take
   --out results/ablation.json      wrong, recall, refused and seconds a case, and how each variant differs from `all`
 
-Nothing is measured twice unless the code of naming has changed. A difference that is smaller than its interval (95 %, by
-takes, or by seconds where a case has fewer than five) is none.
+Nothing is measured twice unless the code of naming has changed. A difference that is smaller than its interval is none:
+95 %, by takes, or by seconds where a case has fewer than five.
 """
 
 import argparse
@@ -110,7 +110,9 @@ def difference(before: dict, after: dict) -> dict:
     for name in ("right", "wrong"):
         units, there = [], []
         for take in some:
-            one, other, known = (np.array(part, float) for part in (before[take][name], after[take][name], before[take]["there"]))
+            one, other, known = (
+                np.array(part, float) for part in (before[take][name], after[take][name], before[take]["there"])
+            )
             longest = max(len(one), len(other), len(known))
             one, other, known = (np.pad(part, (0, longest - len(part))) for part in (one, other, known))
             units.append(other - one)
@@ -121,7 +123,7 @@ def difference(before: dict, after: dict) -> dict:
         total, count = max(known.sum(), 1.0), len(change)
         share = change.sum() / total
         spread = np.sqrt(((change - share * known) ** 2).sum() * count / max(count - 1, 1)) / total
-        found[name] = [round(100 * share, 4), round(100 * SIGMAS * spread, 4)]
+        found[name] = [round(float(100 * part), 4) for part in (share, SIGMAS * spread)]
     seconds = [sum(which[take]["seconds"] for take in some) for which in (before, after)]
     found["seconds"] = [round(part, 2) for part in seconds]
     found["refused"] = [sum(bool(which[take]["refused"]) for take in some) for which in (before, after)]
@@ -201,7 +203,12 @@ def write(kept: Measured, out: Path, cases: list[str], names: list[str]):
         if rows:
             variants[name] = rows
     measured = {case: figures(takes) for case in cases if (takes := kept.read(case, "all"))}
-    result = {"command": "python -m tests.accuracy.ablation", "version": version(), "cases": measured, "variants": variants}
+    result = {
+        "command": "python -m tests.accuracy.ablation",
+        "version": version(),
+        "cases": measured,
+        "variants": variants,
+    }
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text(json.dumps(result, indent=1, sort_keys=True) + "\n", encoding="utf-8")
 

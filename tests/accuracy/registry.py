@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Every case that naming is measured on, as takes that are labelled one by one: blobs and points, one person and several.
+"""Every case that naming is measured on, as takes labelled one by one: blobs and points, one person and several.
 
 Nobody who is labelled is in the training of the model that names them, unless the case says "own" or "frame". Takes of
 other labs are made by ../shared/tools/peers/strangers.py into the folder of models.
@@ -42,7 +42,7 @@ DRAWS = 20  # of each stranger's single frame
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What came of a take: right and wrong labels and markers that were there, by second (S,); refused; core seconds."""
+    """What came of a take: right and wrong labels, and markers there, by second (S,); why refused; core seconds."""
 
     right: np.ndarray
     wrong: np.ndarray

@@ -24,7 +24,7 @@ def _number(value) -> bool:
 
 
 def numbers() -> dict[str, tuple[object, str, int | None]]:
-    """Every number in an options object of naming, as `blobs.search.FINDING.field` or `….field[1]`: holder, field, place."""
+    """Every number in an options object of naming, by where it stands: who holds it, in which field, at which place."""
     found, seen = {}, set()
     for module in _modules():
         for name, held in vars(module).items():
@@ -72,19 +72,19 @@ def varied(name: str, factor: float):
         object.__setattr__(holder, field, before)
 
 
-def _same_marker(tracklets, placed, marker, *_):  # noqa: ARG001
+def _same_marker(tracklets, placed, marker, *_):
     return marker
 
 
-def _no_layout(likelihood, placed, absent, held=NOTHING_HELD, crowd=False):  # noqa: ARG001
+def _no_layout(likelihood, placed, absent, held=NOTHING_HELD, crowd=False):
     return np.arange(placed.shape[1]), ()
 
 
-def _no_extras(tracklets, marker, markers, missing):  # noqa: ARG001
+def _no_extras(tracklets, marker, markers, missing):
     return np.where(marker >= markers, NO_MARKER, marker), 0
 
 
-def _nothing_tried(known, now, place):  # noqa: ARG001
+def _nothing_tried(known, now, place):
     return np.zeros((0, len(place)), int)
 
 
@@ -115,7 +115,7 @@ STAGES: dict[str, dict[str, Callable]] = {
     "blobs: between": {"blobs.pipeline.put_between": lambda *_: None},
     "blobs: image tracklets": {"blobs.pipeline.name_by_tracklets": lambda *_: None},
     "blobs: absent markers": {"blobs.pipeline.absent_markers": lambda *_: np.zeros(0, int)},
-    "blobs: swaps in a found frame": {"blobs.search.settle": lambda *given: try_swaps(*given)},
+    "blobs: swaps in a found frame": {"blobs.search.settle": try_swaps},
 }
 EXCHANGES = ("blocks", "shifts", "exchanges of a while", "seldom there", "consistency", "parting at leaps")
 TOGETHER = {

@@ -45,7 +45,9 @@ def check_farm(engine: str, scheduler: str | None):
     if engine != "dask":
         raise InputError("--scheduler is of --engine dask; expected both of them or neither")
     if scheduler == "":
-        raise InputError("--scheduler is empty; expected tcp://HOST:8786 or alike, or none for a cluster of this machine")
+        raise InputError(
+            "--scheduler is empty; expected tcp://HOST:8786 or alike, or none for a cluster of this machine"
+        )
     if find_spec("distributed") is None:
         words = "--engine dask needs the Python package distributed, which is not here"
         raise InputError(f"{words}; expected it installed, as pip install 'mocap-autolabel[farm]' does")
@@ -56,12 +58,14 @@ def farm_out(
 ) -> Iterator[tuple[int, dict | UserError]]:
     """Runs command lines of `label` by the workers of the scheduler at `address`; yields number and answer.
 
-    Without an address by dask's own local cluster, of so many workers as `jobs` says. The last word of each is its take, and `job_of` gives that as a job. Closing the generator stops what runs. Raises
-    JobError where the scheduler is not there or goes away, or a worker has no such version or does not see the takes.
+    Without an address by dask's own local cluster, of so many workers as `jobs` says. The last word of each is its take,
+    and `job_of` gives that as a job. Closing the generator stops what runs. Raises JobError where the scheduler is not
+    there or goes away, or a worker has no such version or does not see the takes.
     """
     batch = f"mocap-autolabel-{uuid.uuid4().hex}"
     at_work = {}
-    with _local_cluster(jobs) if address is None else nullcontext(address) as address, _connected(address) as client:
+    cluster = _local_cluster(jobs) if address is None else nullcontext(address)
+    with cluster as address, _connected(address) as client:
         if not client.nthreads():
             complain(f"the scheduler at {address} has no workers yet: the takes wait for the first of them")
         try:
@@ -74,7 +78,7 @@ def farm_out(
 
 @contextmanager
 def _local_cluster(jobs: int) -> Iterator[str]:
-    """The address of a scheduler with so many workers, all in this process: each take has a process of its own anyway."""
+    """The address of a scheduler with so many workers, all in this process: each take has its own process anyway."""
     from distributed import LocalCluster
 
     _silence()
