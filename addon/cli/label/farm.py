@@ -58,7 +58,7 @@ def farm_out(
 ) -> Iterator[tuple[int, dict | UserError]]:
     """Runs command lines of `label` by the workers of the scheduler at `address`; yields number and answer.
 
-    Without an address by dask's own local cluster, of so many workers as `jobs` says. The last word of each is its take,
+    Without an address by dask's own local cluster, of as many workers as `jobs`. The last word of each is its take,
     and `job_of` gives that as a job. Closing the generator stops what runs. Raises JobError where the scheduler is not
     there or goes away, or a worker has no such version or does not see the takes.
     """
