@@ -232,8 +232,9 @@ def name_frames(
     namer = namer_of(adaptation.model, options.method, options.hints)
     yield Stage("others", "look whether the model is for this take")
     solvable = learned and can_be_solved(adaptation.model, tracklet)
-    # What is asked for beyond what a take can promise, each frame must promise on its own.
-    few = learned and options.target <= BELIEVING.max_target
+    unordered = learned and is_unordered(adaptation.model, tracklet)
+    # What is asked for beyond what a take can promise, each frame must promise on its own; so must frames in no order.
+    few = learned and options.target <= BELIEVING.max_target and not unordered
     asked = asked_frames(tracklet, take.rate) if few else np.arange(len(take.xyz))
     points = OrderedPoints(take, asked)
     sample = (recognise or refuse_others)(adaptation.model, namer, points, solvable)
@@ -245,10 +246,10 @@ def name_frames(
         labels, asked = yield from _asked_again(namer, take, tracklet, labels, asked)
     if few:
         labels = said_between(labels, asked, tracklet)
-    if learned and is_unordered(adaptation.model, tracklet):
+    if unordered:
         yield Stage("learn", "learn the subject from sure frames")
         trained = adaptation.model.likelihood
-        likelihood = yield from learn_subject(trained, take.xyz, labels.whole())
+        likelihood = yield from learn_subject(trained, take.xyz, labels)
         if likelihood is not trained:
             yield Stage("name again", f"frame {take.first_frame}")
             adaptation = replace(adaptation, model=replace(adaptation.model, likelihood=likelihood))
