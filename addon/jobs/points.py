@@ -58,7 +58,8 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
             named = several.possible if several else model.markerset
             edits = open_edits(job.edits_applied, job.source, named, **known)
             method = chosen_method(model, job.method)
-            options = PointOptions(method, job.target, job.options if method == "fit" else None, edits, room)
+            hints = job.options if method == "fit" else None
+            options = PointOptions(method, job.target, hints, edits, room, job.force)
         if several is None:
             labelled = yield from label_take(take, model, options)
             markerset, motion = model.markerset, labelled.motion
