@@ -13,6 +13,7 @@ from ..core.edits.applying import unless_heard
 from ..core.geometry.cameras import NO_CAMERAS
 from ..core.points.motion import labelled_points
 from ..core.points.naming import chosen_method
+from ..core.points.possible import slow_words
 from ..core.points.whole_take.pipeline import PointOptions, label_take
 from ..core.review.doubtful import AskedNames, doubtful_of, doubtful_ranges
 from ..core.review.summary import TakeSummary
@@ -119,7 +120,7 @@ def _facts(take: FilePoints, summary: TakeSummary, options: PointOptions) -> dic
     facts = {"unit_assumed": take.assumed} if take.assumed else {}
     return facts | {
         "up_axis": take.up,
-        "notes": list(take.notes),
+        "notes": [*take.notes, *filter(None, [slow_words(take.xyz, take.rate)])],
         "points": summary.rows,
         "trajectories": len(take.names),
         "method": options.method,

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Takes that cannot be as they say, by what people are and can do: a unit, a rate, an order that is wrong.
 
-A rate that is too low can be: nobody who moves slowly shows that it was not ten times as fast.
+A rate that is too low can be: who moves slowly may do so. It is no more than said.
 """
 
 from collections.abc import Callable, Iterable
@@ -38,6 +38,9 @@ class PossibleOptions:
     max_size       physical: times larger or smaller than those of a set's usual wearer markers are, in the right unit:
                    from the shortest newborn to the tallest man there ever was it is 0.25 to 1.6; and
     min_unit       times too large or too small where size alone tells the unit; reckoned: beyond whoever else it may be
+    slow_hz        up to which a rate is no marker system's; reckoned; and
+    slow_speed     m/s, beyond which next to no point of people is who get about, at a tenth of their rate; measured: 0.7
+                   at most there, 1.2 at least at their own
     frames         that are looked at, and
     columns        which have the most points; by time
     """
@@ -52,6 +55,8 @@ class PossibleOptions:
     min_nearest: float = 0.75
     max_size: float = 3.0
     min_unit: float = 10.0
+    slow_hz: float = 25.0
+    slow_speed: float = 0.8
     frames: int = 200
     columns: int = 100
 
@@ -82,6 +87,19 @@ def refuse_impossible(points: np.ndarray, rate: float, lanes: Lanes | None, mode
             "times gravity in a quarter of the frames, which nobody can; expected the rate at which it was recorded, "
             f"such as {rate / 10:g} Hz, or --force"
         )
+
+
+def slow_words(points: np.ndarray, rate: float) -> str:
+    """What to look at where points (T, L, 3) m that get about do so as at a rate ten times too low; else empty."""
+    chosen = evenly_spread(max(len(points) - 1, 0), POSSIBLE.frames)
+    speed = np.linalg.norm(points[chosen + 1] - points[chosen], axis=2) * rate
+    if rate > POSSIBLE.slow_hz or np.isfinite(speed).sum() < POSSIBLE.frames:
+        return ""
+    there = points[chosen][:, np.isfinite(speed).any(axis=0)]
+    about, fast = np.median(_reach(there.swapaxes(0, 1))), np.nanquantile(speed, 0.99)
+    if about < POSSIBLE.min_reach_m or fast > POSSIBLE.slow_speed:
+        return ""
+    return f"nothing is faster than {fast:.1g} m/s at {rate:g} Hz: look whether the rate is ten times as high"
 
 
 def mistaken_unit(
@@ -147,7 +165,7 @@ def _apart(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 def _reach(points: np.ndarray) -> np.ndarray:
-    """(F,) m, how far points (F, L, 3) m, of which each frame has some, reach from end to end along some axis."""
+    """(F,) m, how far points (F, L, 3) m, of which each row has some, reach from end to end along some axis."""
     return (np.nanmax(points, axis=1) - np.nanmin(points, axis=1)).max(axis=1)
 
 

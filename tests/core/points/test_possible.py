@@ -13,7 +13,14 @@ from addon.core.data.errors import JobError
 from addon.core.data.progress import finished
 from addon.core.data.takes import Points
 from addon.core.points.motion import LabelledPoints
-from addon.core.points.possible import GRAVITY, POSSIBLE, refuse_impossible, times_nearer, usual_acceleration
+from addon.core.points.possible import (
+    GRAVITY,
+    POSSIBLE,
+    refuse_impossible,
+    slow_words,
+    times_nearer,
+    usual_acceleration,
+)
 from addon.core.points.several.pipeline import label_several
 from addon.core.points.several.wearers import SeveralOptions
 from addon.core.points.whole_take.pipeline import PointOptions, label_take
@@ -86,6 +93,13 @@ def test_who_stands_still_or_is_slow_can_be_at_any_rate(model, walk):
         refuse_impossible(standing, rate, None, [model])
         refuse_impossible(standing[::-1], rate, None, [model])
     refuse_impossible(walk, RATE / 10, None, [model])
+
+
+def test_a_rate_ten_times_too_low_is_something_to_look_at(walk):
+    assert slow_words(walk, RATE) == slow_words(walk[::6], RATE / 6) == ""
+    assert slow_words(walk, RATE / 10).endswith("m/s at 6 Hz: look whether the rate is ten times as high")
+    standing = walk[:1] + np.random.default_rng(1).normal(0, 0.001, walk.shape)
+    assert slow_words(standing, RATE / 10) == ""
 
 
 def test_points_in_no_order_are_not_called_wrong(model, walk):
