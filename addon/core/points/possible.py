@@ -39,8 +39,8 @@ class PossibleOptions:
                    from the shortest newborn to the tallest man there ever was it is 0.25 to 1.6; and
     min_unit       times too large or too small where size alone tells the unit; reckoned: beyond whoever else it may be
     slow_hz        up to which a rate is no marker system's; reckoned; and
-    slow_speed     m/s, beyond which next to no point of people is who get about, at a tenth of their rate; measured: 0.7
-                   at most there, 1.2 at least at their own
+    slow_speed     m/s, beyond which next to no point of people is who get about, at a tenth of their rate; measured:
+                   0.7 at most there, 1.2 at least at their own
     frames         that are looked at, and
     columns        which have the most points; by time
     """
