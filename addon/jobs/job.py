@@ -27,7 +27,8 @@ if TYPE_CHECKING:  # naming blobs takes long to load, and takes of points need n
 USUAL_RATE = 100.0
 # What of a job holds for any part of its take.
 FOR_ANY_PART = (
-    "model", "subjects", "wearers", "up", "use", "method", "target", "rate", "height", "facing", "occlusion"
+    "model", "subjects", "wearers", "up", "use", "method", "target", "rate", "height", "facing", "occlusion",
+    "force",
 )  # fmt: skip
 PAGE = ".report.html"
 MOTION_FILE = ".motion.pc2"  # beside a Blender file whose take is too long for keys
@@ -66,6 +67,7 @@ class LabelJob:
     html      write STEM.report.html too
     resume    go on with what a run of the same job left, and put its own files in their places again
     keep      give the labelled chunks back as well: memory then grows with the take
+    force     label although the take cannot be as it says
     shown     the take will have keys in a scene that is open, and is refused as soon as they are known to be too many
     """
 
@@ -93,6 +95,7 @@ class LabelJob:
     overwrite: bool = False
     resume: bool = False
     keep: bool = False
+    force: bool = False
     shown: bool = False
 
     @property

@@ -13,6 +13,7 @@ from ..core.edits.applying import unless_heard
 from ..core.geometry.cameras import NO_CAMERAS
 from ..core.points.motion import labelled_points
 from ..core.points.naming import chosen_method
+from ..core.points.possible import slow_words
 from ..core.points.whole_take.pipeline import PointOptions, label_take
 from ..core.review.doubtful import AskedNames, doubtful_of, doubtful_ranges
 from ..core.review.summary import TakeSummary
@@ -58,7 +59,8 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
             named = several.possible if several else model.markerset
             edits = open_edits(job.edits_applied, job.source, named, **known)
             method = chosen_method(model, job.method)
-            options = PointOptions(method, job.target, job.options if method == "fit" else None, edits, room)
+            hints = job.options if method == "fit" else None
+            options = PointOptions(method, job.target, hints, edits, room, job.force)
         if several is None:
             labelled = yield from label_take(take, model, options)
             markerset, motion = model.markerset, labelled.motion
@@ -118,7 +120,7 @@ def _facts(take: FilePoints, summary: TakeSummary, options: PointOptions) -> dic
     facts = {"unit_assumed": take.assumed} if take.assumed else {}
     return facts | {
         "up_axis": take.up,
-        "notes": list(take.notes),
+        "notes": [*take.notes, *filter(None, [slow_words(take.xyz, take.rate)])],
         "points": summary.rows,
         "trajectories": len(take.names),
         "method": options.method,

@@ -71,7 +71,7 @@ def subjects_in_blobs(
                 refuse_keys(frames, asked.at_least, 0.0 if job.frames else rows.fraction)
             yield rows.blobs, rows.fraction
 
-    options = PointOptions(chosen_method(asked.models[0], job.method), job.target, room=room)
+    options = PointOptions(chosen_method(asked.models[0], job.method), job.target, room=room, force=job.force)
     body_of = mesh_occlusion if job.casts == "bvh" else None
     with _edits_named(job):
         return (yield from label_several_blobs(read, cameras, asked, options, job.frame_rate, body_of, edits))

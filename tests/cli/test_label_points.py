@@ -9,7 +9,9 @@ import ezc3d
 import numpy as np
 import pytest
 
+from addon.core.body.bodies import BodyModel
 from addon.core.data.takes import Points
+from addon.core.simulation.virtual import Act, draw_person, perform
 from addon.demo.take import MODEL
 from addon.io.labels import POINT_KEYS, TruthWriter
 from addon.io.markersets import SUFFIX, open_markerset, write_markerset
@@ -254,3 +256,18 @@ def test_a_hint_that_is_followed_is_not_said_to_be_without_use(room, label, run,
     assert run(*words, "--model", MODEL, "--height", "1.7").err == ""
     answer = run(*words, "--model", "gait15", "--method", "evidence", "--facing", "0", "--overwrite")
     assert answer.err == "mocap-autolabel: --facing is not looked at for blobs: that needs --method fit here\n"
+
+
+def test_a_rate_that_cannot_be_is_one_sentence_and_nothing_is_named_without_force(run, tmp_path):
+    markerset = open_markerset("gait15")
+    generator, body = np.random.default_rng(3), BodyModel(markerset)
+    markers = body.pose(perform(body, draw_person(markerset, generator), [Act(2.0, 0.8)], rate=60)).markers[:120]
+    take = Points(("",) * 15, markers, np.full(markers.shape[:2], 0.0005), 600.0, 1)
+    write_c3d(tmp_path / "fast.c3d", take)
+    given = "label", tmp_path / "fast.c3d", "--model", "gait15", "--out", tmp_path / "out"
+    refused = run(*given)
+    assert (refused.status, len(refused.err.splitlines())) == (1, 1)
+    assert "has a rate that cannot be: at 600 Hz" in refused.err
+    assert not (tmp_path / "out" / "fast.labels.csv").exists()
+    assert run(*given, "--force").status == 0
+    assert json.loads((tmp_path / "out" / "fast.report.json").read_text())["made_of"]["options"]["force"] is True

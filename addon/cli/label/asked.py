@@ -43,6 +43,7 @@ def as_job(arguments, path: Path) -> jobs.LabelJob:
         html=arguments.html,
         overwrite=arguments.overwrite,
         resume=arguments.resume,
+        force=arguments.force,
     )
 
 
@@ -61,7 +62,9 @@ def command_for(arguments, path: Path) -> list[str]:
     if arguments.frames:
         command.append(f"--frames={words_of_range(arguments.frames)}")
     command += [
-        f"--{name}" for name in ("trc", "fill", "blend", "html", "overwrite", "resume") if getattr(arguments, name)
+        f"--{name}"
+        for name in ("trc", "fill", "blend", "html", "overwrite", "resume", "force")
+        if getattr(arguments, name)
     ]
     return [*command, "--", str(path)]
 

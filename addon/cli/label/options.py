@@ -74,6 +74,7 @@ def add_options(verbs) -> argparse.ArgumentParser:
         help="go on with a batch that was stopped: takes whose results are there, whole and made of the same files "
         "and options, are passed over",
     )
+    parser.add_argument("--force", action="store_true", help="label although the take cannot be as it says")
     _add_batch(parser)
     parser.add_argument("--result", type=Path, help=argparse.SUPPRESS)
     return parser

@@ -14,6 +14,7 @@ from ..data.lanes import blocks
 from ..data.takes import BY_FIT, Labels, evenly_spread
 from .models import Model
 from .naming import Namer
+from .possible import mistaken_unit
 
 
 @dataclass(frozen=True)
@@ -109,7 +110,7 @@ def refuse_others(model: Model, namer: Namer, points: np.ndarray, solvable: bool
     if len(others) + found >= 2:
         raise _two_subjects(model)
     if not found and not (solvable and _one_crowd(model, some)):
-        raise _unrecognised(model, some, alone)
+        raise _unrecognised(model, namer, some, alone)
     return Sample(frames, first)
 
 
@@ -120,13 +121,13 @@ def _one_crowd(model: Model, points: np.ndarray) -> bool:
     return not _grouped(points, model.likelihood.shape.radius, REFUSAL.min_second * len(model.markerset))
 
 
-def refuse_unlike(model: Model, points: np.ndarray, residual: float):
+def refuse_unlike(model: Model, namer: Namer, points: np.ndarray, residual: float):
     """Raises UnsuitedError where the markers found among many more points (T, P, 3) do not sit as the set has them.
 
     residual is that of `whole_take.solving.Solution`: names can be found for any points, if there are enough.
     """
     if residual > REFUSAL.max_residual:
-        raise _unrecognised(model, points, 0.0)
+        raise _unrecognised(model, namer, points, 0.0)
 
 
 def refuse_unrecognised(model: Model, namer: Namer, points: np.ndarray, given: Labels):
@@ -136,7 +137,7 @@ def refuse_unrecognised(model: Model, namer: Namer, points: np.ndarray, given: L
     """
     share = given.named.sum() / _possible(points, len(model.markerset))
     if share < (REFUSAL.min_named_fit if namer.step == BY_FIT else REFUSAL.min_named):
-        raise _unrecognised(model, points, share)
+        raise _unrecognised(model, namer, points, share)
 
 
 def sure_share(named: Labels, points: np.ndarray, markers: int) -> float:
@@ -239,8 +240,14 @@ def _two_subjects(model: Model) -> SubjectsError:
     return SubjectsError(f"{words}; expected a take of one, so ask for all of them {HOW_TO_ASK}")
 
 
-def _unrecognised(model: Model, points: np.ndarray, share: float) -> UnsuitedError:
+def _unrecognised(model: Model, namer: Namer, points: np.ndarray, share: float) -> UnsuitedError:
     name, size = model.markerset.name, len(model.markerset)
+    some = points[evenly_spread(len(points), REFUSAL.sample_frames)]
+    alone = namer.step != BY_FIT and not _is_crowd(_points_at_a_time(some), model)
+    sure = (lambda scaled: _sure(model, namer, scaled) >= REFUSAL.min_sure_rest) if alone else None
+    unit = mistaken_unit(model, some, sure)
+    if unit:
+        return UnsuitedError(unit.message)
     present = _points_at_a_time(points)
     many = f" or of several subjects at once ({int(present.max())} points, {size} markers)"
     several, ask = (many, f", or ask for several {HOW_TO_ASK}") if _is_crowd(present, model) else ("", "")

@@ -81,7 +81,7 @@ def cut(points: np.ndarray, rate: float, options: CutOptions = CUTTING, lanes: L
         present[part] = np.isfinite(points[part]).all(axis=2)
     standing = standing_in(lanes, present.shape)
     tracklet = np.full(present.shape, -1, np.int32)
-    if not _are_trajectories(points, present, options, lanes):
+    if not are_trajectories(points, options, lanes):
         tracklet[present] = np.arange(present.sum())
         return tracklet
     count, size, waiting = 0, 0, []
@@ -111,15 +111,15 @@ def _cut_some(tracklet, points, some, count: int, rate: float, options: CutOptio
     return int(number[-1]) + 1
 
 
-def _are_trajectories(points: np.ndarray, present: np.ndarray, options: CutOptions, lanes: Lanes | None) -> bool:
-    """Whether the trajectories of points (T, L, 3) m, present (T, L), follow anything, as far as can be known."""
+def are_trajectories(points: np.ndarray, options: CutOptions = CUTTING, lanes: Lanes | None = None) -> bool:
+    """Whether the trajectories of points (T, L, 3) m follow anything, as far as can be known."""
     frames = evenly_spread(max(len(points) - 1, 0), options.pairs)
-    goes_on = present[frames] & present[frames + 1]
+    now, then = (np.isfinite(points[some]).all(axis=2) for some in (frames, frames + 1))
+    goes_on = now & then
     if lanes is not None:
         tables = [lanes.table(slice(frame, frame + 2)) for frame in frames]
         goes_on &= np.array([before == after for before, after in tables], bool).reshape(goes_on.shape)
-    there = np.argsort(~present[frames + 1], axis=1, kind="stable")
-    there = there[:, : int(present[frames + 1].sum(axis=1).max(initial=0))]
+    there = np.argsort(~then, axis=1, kind="stable")[:, : int(then.sum(axis=1).max(initial=0))]
     nearest, steps = 0, int(goes_on.sum())
     for part in blocks(len(frames), there.shape[1] ** 2):
         if steps < options.min_steps or nearest >= options.min_nearest * steps:

@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 
 from addon.core.body.bodies import BodyModel
 from addon.core.data.progress import finished
@@ -86,6 +88,31 @@ def test_the_pipeline_learns_where_nothing_connects_frames(model, clouds):
     marker = chunk.labels.marker
     assert (marker == clouds.truth)[clouds.truth >= 0].mean() > 0.98
     assert not any("behind a gap" in suspect.words for suspect in chunk.suspects)
+
+
+@settings(max_examples=25)
+@given(length=st.integers(1, 9), rate=st.integers(10, 240), in_order=st.booleans())
+@example(length=2, rate=120, in_order=False)
+@example(length=2, rate=120, in_order=True)
+@example(length=4, rate=60, in_order=True)
+def test_trajectories_of_few_frames_have_the_names_of_their_own_frames(model, walk, length, rate, in_order):
+    # Each trajectory is so many frames long and has a column of its own; they follow on each other, or in no order.
+    generator = np.random.default_rng(length)
+    starts = np.arange(0, 60, length)
+    order = starts if in_order else generator.permutation(starts)
+    pieces = [walk[start : min(start + length, 60)] for start in order]
+    points = np.full((60, 15 * len(pieces), 3), np.nan)
+    truth, first = np.full(points.shape[:2], -1), 0
+    for number, piece in enumerate(pieces):
+        frames, columns = slice(first, first + len(piece)), slice(15 * number, 15 * (number + 1))
+        marker = generator.permutation(15)
+        points[frames, columns], truth[frames, columns] = piece[:, marker], marker
+        first += len(piece)
+    residual = np.where(np.isfinite(points[..., 0]), 0.0005, np.nan)
+    take = Points(("",) * points.shape[1], points, residual, float(rate), 1)
+    marker = finished(label_points(take, model, PointOptions("likelihood"))).labels.marker
+    assert (marker == truth)[marker >= 0].mean() > 0.999
+    assert (marker == truth)[truth >= 0].mean() > 0.99
 
 
 @pytest.mark.parametrize("rate", [5.0, RATE])

@@ -20,6 +20,7 @@ from ...edits.applying import refuse_unknown
 from ...edits.kinds import NO_EDITS, Edits
 from ...review.answering import heard_in, unanswered, without_accepted
 from ...review.suspects import LISTING, summarised, suspect_ranges
+from ..possible import refuse_impossible
 from ..refusals import UnsuitedError, refuse_floods
 from ..tracklets import cut
 from ..whole_take.pipeline import PointOptions, Recognise, as_in_file
@@ -60,6 +61,8 @@ def label_several(
     """
     begin = perf_counter()
     refuse_floods(take.xyz)
+    if not options.force:
+        refuse_impossible(take.xyz, take.rate, take.lanes, asked.models)
     if options.method != "likelihood":
         raise JobError(f"several subjects cannot be named by the method {options.method}; expected likelihood")
     with threadpool_limits(1, user_api="blas"):

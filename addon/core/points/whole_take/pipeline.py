@@ -28,6 +28,7 @@ from ..deciding import Said
 from ..models import Model
 from ..motion import ByMarker, LabelledPoints, TakeMotion, take_motion
 from ..naming import USUAL_TARGET, Namer, namer_of
+from ..possible import refuse_impossible
 from ..refusals import Sample, refuse_floods, refuse_others, refuse_unlike, refuse_unrecognised
 from ..tracklets import are_lasting, cut, renamed
 from ..unordered import UNORDERED, is_unordered, learn_subject
@@ -69,6 +70,7 @@ class PointOptions:
     hints   what the user may say about the take, for the fitted body; None for nothing
     edits   what a person said of the labels; those that `edits.applying.refuse_unknown` lets pass
     room    where large tables of what comes of a take are kept; with edits they are in memory
+    force   name the points although the take cannot be as it says
     """
 
     method: str
@@ -76,6 +78,7 @@ class PointOptions:
     hints: "Options | None" = None
     edits: Edits = NO_EDITS
     room: MakeTable = IN_MEMORY
+    force: bool = False
 
 
 def label_points(take: Points, model: Model, options: PointOptions) -> Generator[Progress, None, LabelledChunk]:
@@ -87,10 +90,12 @@ def label_take(take: Points, model: Model, options: PointOptions) -> Generator[P
     """Names the points of a take, and poses the body on them.
 
     Labels are by lanes, as the points; suspects call trajectories by their index in the file (`Points.columns`).
-    Raises JobError where the take is not of one subject in the model's markers.
+    Raises JobError where the take is not of one subject in the model's markers, or cannot be as it says.
     """
     begin = perf_counter()
     refuse_floods(take.xyz)
+    if not options.force:
+        refuse_impossible(take.xyz, take.rate, take.lanes, [model])
     tracklet = cut(take.xyz, take.rate, lanes=take.lanes)
     unordered = options.method == "likelihood" and is_unordered(model, tracklet)
     shares = begins(len(take.xyz), options.method, unordered, bool(options.edits))
@@ -232,8 +237,9 @@ def name_frames(
     namer = namer_of(adaptation.model, options.method, options.hints)
     yield Stage("others", "look whether the model is for this take")
     solvable = learned and can_be_solved(adaptation.model, tracklet)
-    # What is asked for beyond what a take can promise, each frame must promise on its own.
-    few = learned and options.target <= BELIEVING.max_target
+    unordered = learned and is_unordered(adaptation.model, tracklet)
+    # What is asked for beyond what a take can promise, each frame must promise on its own; so must frames in no order.
+    few = learned and options.target <= BELIEVING.max_target and not unordered
     asked = asked_frames(tracklet, take.rate) if few else np.arange(len(take.xyz))
     points = OrderedPoints(take, asked)
     sample = (recognise or refuse_others)(adaptation.model, namer, points, solvable)
@@ -245,10 +251,10 @@ def name_frames(
         labels, asked = yield from _asked_again(namer, take, tracklet, labels, asked)
     if few:
         labels = said_between(labels, asked, tracklet)
-    if learned and is_unordered(adaptation.model, tracklet):
+    if unordered:
         yield Stage("learn", "learn the subject from sure frames")
         trained = adaptation.model.likelihood
-        likelihood = yield from learn_subject(trained, take.xyz, labels.whole())
+        likelihood = yield from learn_subject(trained, take.xyz, labels)
         if likelihood is not trained:
             yield Stage("name again", f"frame {take.first_frame}")
             adaptation = replace(adaptation, model=replace(adaptation.model, likelihood=likelihood))
@@ -321,7 +327,7 @@ def _as_a_whole(frames: NamedFrames, target: float) -> Steps[Verdict]:
     yield Stage("vote", "solve the whole take" if frames.solvable else "let trajectories vote")
     solution = yield from solution_for(frames, named, tracklet)
     if solution is not None:
-        refuse_unlike(frames.model, take.xyz, solution.residual)
+        refuse_unlike(frames.model, frames.namer, take.xyz, solution.residual)
     verdict = decided_of(frames, named, tracklet, solution, target)
     # Who asks for surer labels gets fewer, and the take is of the model's markers all the same.
     usual = verdict if target == USUAL_TARGET else decided_of(frames, named, tracklet, solution, USUAL_TARGET)

@@ -6,6 +6,7 @@ import pytest
 
 from addon.core.data.errors import JobError
 from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, NO_STEP, Labels
+from addon.core.points.naming import namer_of
 from addon.core.points.refusals import REFUSAL, refuse_unlike
 from addon.core.points.tracklets import cut
 from addon.core.points.whole_take.blocks import block_exchanges, shifts
@@ -142,6 +143,7 @@ def test_another_set_sits_elsewhere_and_is_refused(model, markers):
     elsewhere = markers + rng.normal(0, 0.08, (1, markers.shape[1], 3))
     other = usual_residual(model.likelihood, elsewhere)
     assert own < REFUSAL.max_residual < other
-    refuse_unlike(model, markers, own)
+    namer = namer_of(model, "likelihood", None)
+    refuse_unlike(model, namer, markers, own)
     with pytest.raises(JobError, match="does not look like a take of model body26"):
-        refuse_unlike(model, markers, other)
+        refuse_unlike(model, namer, markers, other)
