@@ -23,6 +23,7 @@ from addon.core.points.models import Model
 from addon.core.points.several.pipeline import label_several
 from addon.core.points.several.wearers import AUTO, SeveralOptions
 from addon.core.points.whole_take.pipeline import PointOptions, label_points
+from addon.core.simulation.simulate import CaptureOptions
 from addon.core.training.pipeline import TrainingOptions, train
 from addon.core.training.takes import LabelledTake
 from addon.io.markersets import builtin_markersets, open_markerset
@@ -37,6 +38,14 @@ from .walking import walking
 
 PEERS = people.DATA.parent / "tools" / "peers" / "strangers.py"
 STANDING = 40  # captures of one frame of each group of left-out people
+# Where and by how many cameras walks are seen.
+WALKED = {
+    "": {},
+    " in a ring": {"room": "ring"},
+    " in eight": {"cameras": (8, 8)},
+    " in eight, drawn again": {"cameras": (8, 8), "seed": 2},
+    " in five, noisy": {"cameras": (5, 5), "options": CaptureOptions(noise=1.5)},
+}
 DRAWS = 20  # of each stranger's single frame
 
 
@@ -274,8 +283,8 @@ def _untaught(place: Path, why: str) -> Outcome:
     return Outcome(np.zeros(1, int), np.zeros(1, int), np.array([there]), f"not learned: {why}", 0.0)
 
 
-def _walking(markers, fold, count):
-    return walking(markers, fold, count, 1)
+def _walking(markers, fold, count, seed=1, **more):
+    return walking(markers, fold, count, seed, **more)
 
 
 def _standing(markers, fold, count):
@@ -296,7 +305,9 @@ def registry(keep: Path) -> dict[str, Callable[[], Iterator[Trial]]]:
         found[f"blobs of several {kind}"] = partial(together_in_images, kind, keep, 8)
     for name in ("gait15", "body26"):
         found[f"blobs standing {name}"] = partial(in_images, f"blobs standing {name}", _standing, name, STANDING)
-        found[f"blobs walking {name}"] = partial(in_images, f"blobs walking {name}", _walking, name, None)
+        for title, more in WALKED.items():
+            case = f"blobs walking{title} {name}"
+            found[case] = partial(in_images, case, partial(_walking, **more), name, None)
     found["blobs strangers"] = partial(of_strangers, "body26", DRAWS)
     found["blobs real"] = partial(recorded, keep)
     for kind in ("plugin_gait", "still", "plates", "animal_hand"):
