@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import bpy
+from bpy.props import BoolProperty
 
 from ..core.body.occlusion import Occlusion
 from ..core.data.background import drained, in_background
@@ -13,6 +14,7 @@ from ..core.data.errors import InputError, UserError
 from ..core.data.takes import Blobs
 from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import NO_CAMERAS
+from ..core.points.refusals import HOW_TO_ASK
 from ..core.points.several.wearers import AUTO
 from ..core.review.changes import summary_of_changes
 from ..io.markersets import open_markerset
@@ -49,6 +51,8 @@ from .framing import fit_timelines, show_take_whole
 from .importing import cameras_at_hand
 from .polling import TellsWhyNot, lacks_object_mode
 from .stepping import WorksInSteps
+
+ASK_HERE = "by Label All Performers, or under Performers"
 
 
 def job_of(context: bpy.types.Context) -> LabelJob:
@@ -147,7 +151,8 @@ def _label(
                 look(there, labelled)
         return _take_of(labelled, job, name)
     except UserError as error:
-        raise error if error.file else type(error)(error.message, job.source) from error
+        words = error.message.replace(HOW_TO_ASK, ASK_HERE)
+        raise type(error)(words, error.file or job.source, error.line) from error
 
 
 def _take_of(labelled: Labelled, job: LabelJob, name: str) -> Take:
@@ -205,6 +210,12 @@ class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
     bl_label = "Label"
     bl_options = {"REGISTER", "UNDO"}
 
+    everybody: BoolProperty(
+        name="All Performers",
+        description="As many who wear the marker set as there are, whoever was asked for",
+        options={"HIDDEN", "SKIP_SAVE"},
+    )
+
     @classmethod
     def lacks(cls, context):
         settings = context.scene.mocap_autolabel
@@ -216,7 +227,23 @@ class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
 
     def steps(self, context):
         """The labelling."""
-        return label_steps(job_of(context), take_name(context.scene.mocap_autolabel))
+        settings = context.scene.mocap_autolabel
+        if self.everybody:
+            settings.performing = "AUTO"
+        job = job_of(context)
+        return _noting_crowds(context.window_manager, job, label_steps(job, take_name(settings)))
+
+
+def _noting_crowds(
+    manager: bpy.types.WindowManager, job: LabelJob, work: Generator[float, None, Take]
+) -> Generator[float, None, Take]:
+    """The same work; where the take is refused because it shows more people than were asked for, the sidebar knows."""
+    try:
+        return (yield from work)
+    except UserError as error:
+        if ASK_HERE in error.message:
+            manager.mocap_autolabel.crowded = written(str(job.source))
+        raise
 
 
 CLASSES = (MOCAP_AUTOLABEL_OT_label,)

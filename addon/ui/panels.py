@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The sidebar tab "Mocap": the steps from files to named markers, in the order a person takes them."""
 
+from pathlib import Path
+
 import bpy
 
 from ..io.markersets import SUFFIX
+from ..io.names import written
 from ..ops.importing import cameras_at_hand
 from ..ops.picking import picked_points, selected_markers, words_of_picked
 from ..props import OWN_FILE
@@ -177,9 +180,18 @@ class MOCAP_AUTOLABEL_PT_label(Step, bpy.types.Panel):
         row.scale_y = 1.6
         if not state.doing:
             row.operator("mocap_autolabel.label", icon="PLAY")
+            if crowded_here(state, settings):
+                draw_text(context, layout, "The take shows two performers or more", icon="ERROR")
+                layout.operator("mocap_autolabel.label", text="Label All Performers", icon="COMMUNITY").everybody = True
             return
         row.progress(factor=state.share, text=state.doing)
         row.operator("mocap_autolabel.cancel", text="", icon="X")
+
+
+def crowded_here(state: bpy.types.PropertyGroup, settings: bpy.types.PropertyGroup) -> bool:
+    """Whether the take that is chosen was refused because it shows more people than the one who is asked for."""
+    source = settings.points_path or settings.blobs_path
+    return settings.performing == "ONE" and state.crowded == written(str(Path(bpy.path.abspath(source))))
 
 
 class MOCAP_AUTOLABEL_PT_hints(Step, bpy.types.Panel):
