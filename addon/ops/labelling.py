@@ -12,6 +12,7 @@ from ..core.body.occlusion import Occlusion
 from ..core.data.background import drained, in_background
 from ..core.data.errors import InputError, UserError
 from ..core.data.takes import Blobs
+from ..core.data.wording import count_of
 from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import NO_CAMERAS
 from ..core.points.refusals import HOW_TO_ASK
@@ -195,11 +196,13 @@ class LabelsTake(TellsWhyNot, WorksInSteps):
             self.report({"WARNING"}, words)
         things = "blobs" if isinstance(take.rows, Blobs) else "points"
         named, frames = int(take.labels.named.sum()), len(take.motion.frames)
-        kept = f"; {len(take.edits)} corrections hold" if take.edits else ""
+        kept = f"; {count_of(len(take.edits), 'correction')} kept" if take.edits else ""
         kept += fills_kept(context)
         changed = summary_of_changes(kept_changes(settings.take))
         than_before = f"; {changed} than before" if changed else ""
-        self.report({"INFO"}, f"{named} of {len(take.rows)} {things} named in {frames} frames{kept}{than_before}")
+        self.report(
+            {"INFO"}, f"{named} of {len(take.rows)} {things} named in {count_of(frames, 'frame')}{kept}{than_before}"
+        )
         return {"FINISHED"}
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import bpy
 
+from ..core.data.wording import count_of
 from ..io.markersets import SUFFIX
 from ..io.names import written
 from ..ops.importing import cameras_at_hand
@@ -69,16 +70,16 @@ class MOCAP_AUTOLABEL_PT_take(Step, bpy.types.Panel):
         column.label(text=bpy.path.basename(path), icon="FILE")
         frames = f"Frames {settings.first_frame} to {settings.last_frame}"
         if settings.points_path:
-            column.label(text=_counted(frames, settings.trajectories, "trajectories"))
+            column.label(text=_counted(frames, settings.trajectories, "trajectory"))
             column.label(text=f"{settings.rate:g} frames a second")
         else:
-            column.label(text=_counted(frames, settings.blob_count, "blobs"))
+            column.label(text=_counted(frames, settings.blob_count, "blob"))
             layout.prop(settings, "rate")
 
 
-def _counted(frames: str, count: int, things: str) -> str:
+def _counted(frames: str, count: int, thing: str) -> str:
     """What is in a take; of one that was never read as a whole nobody has counted it."""
-    return f"{frames}, {count} {things}" if count else frames
+    return f"{frames}, {count_of(count, thing)}" if count else frames
 
 
 class MOCAP_AUTOLABEL_PT_markerset(Step, bpy.types.Panel):
@@ -138,7 +139,7 @@ class MOCAP_AUTOLABEL_PT_train(Step, bpy.types.Panel):
                 rows=3,
             )
             chosen = settings.training_takes[min(settings.training_take_index, len(settings.training_takes) - 1)]
-            layout.label(text=f"{chosen.markers} named markers")
+            layout.label(text=count_of(chosen.markers, "named marker"))
         own = settings.markerset == OWN_FILE or settings.markerset.endswith(SUFFIX)
         if own:
             layout.prop(settings, "train_on", text="Train the Chosen One On")
