@@ -430,6 +430,8 @@ class ReviewState(bpy.types.PropertyGroup):
     )
     doing: StringProperty(name="Doing", description="What is going on, and how long it will; empty where nothing is")
     share: FloatProperty(name="Done", description="How much of it is done", subtype="FACTOR", min=0.0, max=1.0)
+    spent: FloatProperty(name="Spent", description="Seconds of work that would be lost by cancelling", min=0.0)
+    crowded: StringProperty(name="Crowded", description="The file that shows more performers than were asked for")
     cancelled: BoolProperty(name="Cancel", description="Whether what is going on is to stop")
     folder_doing: StringProperty(name="Doing", description="How far Label Folder is; empty where it does not go on")
     folder_share: FloatProperty(name="Done", description="How much of it is done", subtype="FACTOR", min=0.0, max=1.0)

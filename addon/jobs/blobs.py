@@ -24,7 +24,7 @@ from ..core.edits.kinds import Accepted, Edits
 from ..core.geometry.cameras import Cameras
 from ..core.pipelines.blobs import BlobOptions, blob_method, label_blobs, steps_of, with_edits
 from ..core.pipelines.cross_check import MethodAgreement
-from ..core.pipelines.others import OtherSubjects
+from ..core.pipelines.others import OtherSubjects, refuse_two
 from ..core.points.models import Model
 from ..core.review.answering import heard_in, without_accepted
 from ..core.review.doubtful import doubtful_ranges, doubtful_samples
@@ -66,6 +66,11 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         known = {"cameras": cameras.names, "frames": _frames_if_edited(job, cameras)}
         named = several.possible if several else model.markerset
         edits = _tracked(open_edits(job.edits_applied, job.source, named, **known), job, cameras)
+        # Whoever corrected names has seen who is in the take.
+        others = OtherSubjects(cameras, model) if several is None and not edits else None
+        if others is not None:
+            yield Progress(0.0, "look how many there are")
+            refuse_two(Source(job, cameras).blobs, cameras, model)
         agreement, source = MethodAgreement(), Source(job, cameras)
         clock = {"load": perf_counter() - begin, "write": 0.0}
         if several is None:
@@ -82,8 +87,6 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         overview = overview_of(job, worn, job.frame_rate, edits, cameras)
         results = Results(job, cameras, files, worn, stack)
         said_of, doubtful = (worn.markers, job.frame_rate), {}
-        # Whoever corrected names has seen who is in the take.
-        others = OtherSubjects(cameras, model) if several is None and not edits else None
         for chunk in work:
             row = source.taken.popleft()
             with timed(clock, "write"):

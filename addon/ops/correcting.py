@@ -10,6 +10,7 @@ from bpy.props import EnumProperty, IntProperty
 
 from ..core.data.errors import InputError
 from ..core.data.takes import NO_MARKER, NO_POINT, PointRows
+from ..core.data.wording import count_of
 from ..core.edits.kinds import (
     NO_EDITS,
     Accepted,
@@ -301,7 +302,9 @@ class MOCAP_AUTOLABEL_OT_swap_markers(Corrects, bpy.types.Operator):
             return [blob_edit(AssignBlob, stored, row, frames, name) for row, name in both]
         names = sorted(selected_markers(context))
         if len(names) != 2:
-            raise InputError(f"{len(names)} markers are selected; expected the two that have each other's names")
+            raise InputError(
+                f"the selection has {count_of(len(names), 'marker')}; expected the two that have each other's names"
+            )
         return [Swap((names[0], names[1]), frames=frames)]
 
 

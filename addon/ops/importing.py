@@ -10,6 +10,7 @@ from bpy_extras.io_utils import ImportHelper
 
 from ..core.data.errors import InputError
 from ..core.data.takes import Blobs, evenly_spread
+from ..core.data.wording import count_of
 from ..core.geometry.camera_up import AXIS_NAMES
 from ..core.geometry.cameras import Cameras
 from ..io.blobs import read_blobs
@@ -77,7 +78,7 @@ class MOCAP_AUTOLABEL_OT_import_cameras(ImportsFile, bpy.types.Operator):
         cameras = read_cameras(path, read_blend=scene_cameras.cameras_of_blend, up=up)
         collection = scene_cameras.find_or_add_cameras(context.scene, cameras)
         context.scene.mocap_autolabel.cameras = collection
-        return "; ".join([f"{len(cameras)} cameras: {', '.join(cameras.names)}", *cameras.remarks])
+        return "; ".join([f"{count_of(len(cameras), 'camera')}: {', '.join(cameras.names)}", *cameras.remarks])
 
 
 class MOCAP_AUTOLABEL_OT_use_cameras(TellsWhyNot, bpy.types.Operator):
@@ -95,7 +96,7 @@ class MOCAP_AUTOLABEL_OT_use_cameras(TellsWhyNot, bpy.types.Operator):
     def execute(self, context):
         collection = scene_cameras.adopt_cameras(context.scene)
         context.scene.mocap_autolabel.cameras = collection
-        self.report({"INFO"}, f"{len(collection.objects)} cameras")
+        self.report({"INFO"}, count_of(len(collection.objects), "camera"))
         return {"FINISHED"}
 
 
@@ -175,7 +176,10 @@ def take_blobs(context: bpy.types.Context, path: Path) -> str:
     settings.rate = blob_rate(path, None) or settings.rate
     _set_frames(context, blobs.frames)
     fit_timelines(context)
-    said = [f"{len(blobs)} blobs in {len(blobs.frames)} frames", *(cameras.remarks if own else ())]
+    said = [
+        f"{count_of(len(blobs), 'blob')} in {count_of(len(blobs.frames), 'frame')}",
+        *(cameras.remarks if own else ()),
+    ]
     return "; ".join([*said, *told_of_capture(path, False, cameras)])
 
 
@@ -209,7 +213,11 @@ def take_points(context: bpy.types.Context, path: Path, up: str | None = None, r
     show_take_whole(context, take.xyz[evenly_spread(len(take.xyz), MAX_PLACES)].reshape(-1, 3))
     edits = edits_beside(path)
     more = [] if edits is None else [f"{edits.name} beside it will be applied"]
-    said = [f"{settings.trajectories} trajectories in {len(take.xyz)} frames", *take.notes, *more]
+    said = [
+        f"{count_of(settings.trajectories, 'trajectory')} in {count_of(len(take.xyz), 'frame')}",
+        *take.notes,
+        *more,
+    ]
     return "; ".join([*said, *told_of_capture(path, True)])
 
 

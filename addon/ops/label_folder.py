@@ -12,6 +12,7 @@ from bpy.props import IntProperty
 
 from ..core.data.errors import InputError, UserError
 from ..core.geometry.cameras import Cameras
+from ..core.points.refusals import HOW_TO_ASK
 from ..io.batch import FAILING, TakeRow, read_table
 from ..io.cameras import write_cameras
 from ..io.names import written
@@ -159,7 +160,12 @@ def show_batch():
 
 
 def _said(row: TakeRow) -> tuple[str, str, str, int]:
-    return written(row.take), row.state, written(row.reason), round(row.at_stake)
+    return (
+        written(row.take),
+        row.state,
+        written(row.reason).replace(HOW_TO_ASK, "under Performers"),
+        round(row.at_stake),
+    )
 
 
 def _list_takes(state: bpy.types.PropertyGroup, rows: list[TakeRow]):

@@ -6,13 +6,16 @@ from dataclasses import replace
 from pathlib import Path
 
 import bpy
+from bpy.props import BoolProperty
 
 from ..core.body.occlusion import Occlusion
 from ..core.data.background import drained, in_background
 from ..core.data.errors import InputError, UserError
 from ..core.data.takes import Blobs
+from ..core.data.wording import count_of
 from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import NO_CAMERAS
+from ..core.points.refusals import HOW_TO_ASK
 from ..core.points.several.wearers import AUTO
 from ..core.review.changes import summary_of_changes
 from ..io.markersets import open_markerset
@@ -50,6 +53,8 @@ from .framing import fit_timelines, show_take_whole
 from .importing import cameras_at_hand
 from .polling import TellsWhyNot, lacks_object_mode
 from .stepping import WorksInSteps
+
+ASK_HERE = "by Label All Performers, or under Performers"
 
 
 def job_of(context: bpy.types.Context) -> LabelJob:
@@ -148,7 +153,8 @@ def _label(
                 look(there, labelled)
         return _take_of(labelled, job, name)
     except UserError as error:
-        raise error if error.file else type(error)(error.message, job.source) from error
+        words = error.message.replace(HOW_TO_ASK, ASK_HERE)
+        raise type(error)(words, error.file or job.source, error.line) from error
 
 
 def _take_of(labelled: Labelled, job: LabelJob, name: str) -> Take:
@@ -191,13 +197,15 @@ class LabelsTake(TellsWhyNot, WorksInSteps):
             self.report({"WARNING"}, words)
         things = "blobs" if isinstance(take.rows, Blobs) else "points"
         named, frames = int(take.labels.named.sum()), len(take.motion.frames)
-        kept = f"; {len(take.edits)} corrections hold" if take.edits else ""
+        kept = f"; {count_of(len(take.edits), 'correction')} kept" if take.edits else ""
         kept += fills_kept(context)
         changed = summary_of_changes(kept_changes(settings.take))
         than_before = f"; {changed} than before" if changed else ""
         yours = persons_in(settings.take)
         kept += f"; kept in {settings.take.name}: {yours}" if yours else ""
-        self.report({"INFO"}, f"{named} of {len(take.rows)} {things} named in {frames} frames{kept}{than_before}")
+        self.report(
+            {"INFO"}, f"{named} of {len(take.rows)} {things} named in {count_of(frames, 'frame')}{kept}{than_before}"
+        )
         return {"FINISHED"}
 
 
@@ -207,6 +215,12 @@ class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
     bl_idname = "mocap_autolabel.label"
     bl_label = "Label"
     bl_options = {"REGISTER", "UNDO"}
+
+    everybody: BoolProperty(
+        name="All Performers",
+        description="As many who wear the marker set as there are, whoever was asked for",
+        options={"HIDDEN", "SKIP_SAVE"},
+    )
 
     @classmethod
     def lacks(cls, context):
@@ -219,7 +233,23 @@ class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
 
     def steps(self, context):
         """The labelling."""
-        return label_steps(job_of(context), take_name(context.scene.mocap_autolabel))
+        settings = context.scene.mocap_autolabel
+        if self.everybody:
+            settings.performing = "AUTO"
+        job = job_of(context)
+        return _noting_crowds(context.window_manager, job, label_steps(job, take_name(settings)))
+
+
+def _noting_crowds(
+    manager: bpy.types.WindowManager, job: LabelJob, work: Generator[float, None, Take]
+) -> Generator[float, None, Take]:
+    """The same work; where the take is refused because it shows more people than were asked for, the sidebar knows."""
+    try:
+        return (yield from work)
+    except UserError as error:
+        if ASK_HERE in error.message:
+            manager.mocap_autolabel.crowded = written(str(job.source))
+        raise
 
 
 CLASSES = (MOCAP_AUTOLABEL_OT_label,)

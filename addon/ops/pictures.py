@@ -8,6 +8,7 @@ import bpy
 from bpy.props import CollectionProperty, EnumProperty, FloatProperty, StringProperty
 
 from ..core.data.errors import InputError, UserError
+from ..core.data.wording import count_of
 from ..core.pictures.spots import SpotOptions
 from ..io.blobs import write_blobs
 from ..io.whole import whole_file
@@ -142,7 +143,10 @@ class MOCAP_AUTOLABEL_OT_find_blobs(CountsPixels, TellsWhyNot, WorksInSteps, bpy
         _use(context, Path(said["out"]), said["rate"])
         for words in said["notes"]:
             self.report({"WARNING"}, words)
-        self.report({"INFO"}, f"{said['blobs']} blobs in {said['frames']} frames, in {Path(said['out']).name}")
+        self.report(
+            {"INFO"},
+            f"{count_of(said['blobs'], 'blob')} in {count_of(said['frames'], 'frame')}, in {Path(said['out']).name}",
+        )
         return {"FINISHED"}
 
 
@@ -182,7 +186,7 @@ class MOCAP_AUTOLABEL_OT_import_clip_tracks(CountsPixels, TellsWhyNot, bpy.types
             write_blobs(temporary, blobs, cameras)
         settings.cameras = collection
         _use(context, path, first.fps)
-        self.report({"INFO"}, f"{len(blobs)} blobs of {len(used)} clips, in {path.name}")
+        self.report({"INFO"}, f"{count_of(len(blobs), 'blob')} of {count_of(len(used), 'clip')}, in {path.name}")
         return {"FINISHED"}
 
 

@@ -8,7 +8,7 @@ from bpy.props import BoolProperty, IntProperty
 from ..core.data.errors import InputError
 from ..core.data.takes import NO_POINT, PointRows, rows_in_frame
 from ..core.edits.kinds import AssignPoint, Edit, Swap, UnlabelMarker
-from ..core.review.trouble import DELETE, FILL, LABEL, LEFT_OVER, NAME_IT, REFINE, RIGHT, SWAP, UNLABEL, Trouble
+from ..core.review.trouble import DELETE, FILL, LABEL, NAME_IT, REFINE, RIGHT, SWAP, UNLABEL, Trouble
 from ..props import list_trouble
 from ..scene.cameras import camera_name
 from ..scene.opened import opened
@@ -60,11 +60,6 @@ def words_for(trouble: Trouble) -> str:
     if trouble.action == SWAP:
         return f"Swap {trouble.markers[0]} and {trouble.markers[1]}"
     return f"Unlabel {trouble.markers[0]}" if trouble.action == UNLABEL else BUTTONS[trouble.action]
-
-
-def words_of_answer(trouble: Trouble) -> str:
-    """What the button says that answers."""
-    return "No Marker" if trouble.kind == LEFT_OVER and trouble.trajectories else "It Is Right"
 
 
 def places_of(trouble: Trouble, stored: Stored, frame: int) -> np.ndarray:

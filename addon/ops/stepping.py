@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Long work in Blender: a little at a time, with progress in the status bar and Esc to cancel, all shown at the end."""
+"""Long work in Blender: a little at a time, with progress in sidebar and status bar, all shown at the end.
+
+What ends it early is the operator Cancel alone: the cross beside the progress asks for it, and Esc over a 3D view, the
+editor that shows the progress. Esc anywhere else belongs to whatever is there.
+"""
 
 from collections.abc import Generator
 from time import perf_counter
@@ -16,12 +20,13 @@ BUDGET = 0.1  # s of work between two looks at the keyboard
 TICK = 0.02  # s
 TELL_EVERY = 0.25  # s between two words on how far it is: Blender draws the whole window anew for each
 TELLING_AFTER, TELLING_FROM = 3.0, 0.02  # s and share of the work from which on its end can be told
+ASKED_FROM = 10.0  # s of work that is not given up unasked; paper: Miller 1968, people who wait longer turn away
 
 
 class WorksInSteps:
     """An operator whose `steps` yields how much is done (0 to 1) and returns what `_show` puts into the scene.
 
-    Nothing of Blender is touched before `_show`, so that Esc leaves nothing behind and undo is one step.
+    Nothing of Blender is touched before `_show`, so that cancelling leaves nothing behind and undo is one step.
     """
 
     doing = "Working"
@@ -52,13 +57,18 @@ class WorksInSteps:
         self._timer = manager.event_timer_add(TICK, window=context.window)
         manager.progress_begin(0, 100)
         self._began, self._told = perf_counter(), float("-inf")
-        manager.mocap_autolabel.cancelled = False
+        manager.mocap_autolabel.cancelled, manager.mocap_autolabel.spent = False, 0.0
         manager.modal_handler_add(self)
         self._tell(context, 0.0)
         return {"RUNNING_MODAL"}
 
     def modal(self, context, event):
-        if event.type == "ESC" or context.window_manager.mocap_autolabel.cancelled:
+        state = context.window_manager.mocap_autolabel
+        if ends_work(context, event):
+            bpy.ops.mocap_autolabel.cancel("INVOKE_DEFAULT")
+            if not state.cancelled:
+                return {"RUNNING_MODAL"}  # it asks
+        if state.cancelled:
             self._end(context)
             self.report({"INFO"}, f"{self.doing} was cancelled")
             return {"CANCELLED"}
@@ -95,9 +105,9 @@ class WorksInSteps:
         self._told, spent = now, now - self._began
         left = f", {time_left(spent, fraction)} left" if time_left(spent, fraction) else ""
         state = context.window_manager.mocap_autolabel
-        state.doing, state.share = f"{self.doing}: {fraction:.0%}{left}", fraction
+        state.doing, state.share, state.spent = f"{self.doing}: {fraction:.0%}{left}", fraction, spent
         context.window_manager.progress_update(round(100 * fraction))
-        context.workspace.status_text_set(f"{state.doing}. Esc cancels")
+        context.workspace.status_text_set(f"{state.doing}. Esc over a 3D view cancels")
         redraw("VIEW_3D", "UI")
 
     def _end(self, context):
@@ -113,6 +123,19 @@ class WorksInSteps:
         self._timer = None
 
 
+def ends_work(context: bpy.types.Context, event: bpy.types.Event) -> bool:
+    """Whether an event is Esc meant for the work: pressed over a 3D view, and not to stop what plays."""
+    if event.type != "ESC" or event.value != "PRESS" or event.is_repeat:
+        return False  # Esc is let go after it has closed a menu, and repeated while it is held
+    if any(window.screen.is_animation_playing for window in context.window_manager.windows):
+        return False
+    return any(area.type == "VIEW_3D" and _is_over(area, event) for area in context.window.screen.areas)
+
+
+def _is_over(area: bpy.types.Area, event: bpy.types.Event) -> bool:
+    return 0 <= event.mouse_x - area.x < area.width and 0 <= event.mouse_y - area.y < area.height
+
+
 def time_left(spent: float, fraction: float) -> str:
     """How long work goes on that took `spent` seconds for a fraction, such as "2 min"; empty where nobody can tell."""
     if spent < TELLING_AFTER or fraction < TELLING_FROM:
@@ -122,11 +145,23 @@ def time_left(spent: float, fraction: float) -> str:
 
 
 class MOCAP_AUTOLABEL_OT_cancel(bpy.types.Operator):
-    """Stop what is going on; nothing of it stays."""
+    """Stop what is going on; nothing of it stays, so more than ten seconds of work are asked about."""
 
     bl_idname = "mocap_autolabel.cancel"
     bl_label = "Cancel"
     bl_options = {"INTERNAL"}
+
+    def invoke(self, context, event):
+        state = context.window_manager.mocap_autolabel
+        if state.spent <= ASKED_FROM:
+            return self.execute(context)
+        return context.window_manager.invoke_confirm(
+            self,
+            event,
+            title=f"Throw away {state.spent:.0f} s of work?",
+            message=state.doing,
+            confirm_text="Throw It Away",
+        )
 
     def execute(self, context):
         context.window_manager.mocap_autolabel.cancelled = True

@@ -16,6 +16,7 @@ from bpy_extras.io_utils import ImportHelper
 from ..core.data.background import drained, in_background
 from ..core.data.errors import InputError
 from ..core.data.takes import Points
+from ..core.data.wording import count_of
 from ..core.review.doubtful import doubtful_samples
 from ..core.training.looked_at import learnable
 from ..io.markersets import SUFFIX
@@ -56,7 +57,7 @@ class MOCAP_AUTOLABEL_OT_add_training_takes(ReadsPoints, bpy.types.Operator, Imp
             row = takes.add()
             row.name, row.path, row.markers, row.subject = path.name, str(path), count, path.resolve().parent.name
             row.up, row.rate = self.known_up or "", self.rate
-        self.report({"INFO"}, f"{len(takes)} takes to learn from")
+        self.report({"INFO"}, f"{count_of(len(takes), 'take')} to learn from")
         return {"FINISHED"}
 
 

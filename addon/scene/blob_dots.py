@@ -11,7 +11,7 @@ from ..core.data.errors import InputError
 from ..core.data.takes import NO_MARKER, NO_POINT, rows_in_frame
 from ..core.edits.blob_tracks import BlobTracks
 from ..core.edits.kinds import BlobEdit
-from .likely import predicted
+from .likely import predicted, ranked
 from .picking import Dots, missing
 from .stored import Stored
 
@@ -81,8 +81,7 @@ def asked_in_image(stored: Stored, index: int, camera: int) -> np.ndarray:
 def likely_of_blob(stored: Stored, tracks: BlobTracks, row: int) -> list[int]:
     """All markers, the likeliest for a blob first.
 
-    First come those that no blob of its image is, of which those that its track is in other frames; then the others. Of
-    each the one that is seen, or should be seen, nearest to it in the image.
+    They are `likely.ranked` by how far they are seen, or should be seen, from it in the image.
     """
     index, camera = int(stored.rows.frame[row]), int(stored.rows.camera[row])
     seen = stored.unfilled.markers[index]
@@ -91,7 +90,7 @@ def likely_of_blob(stored: Stored, tracks: BlobTracks, row: int) -> list[int]:
     free = missing_in_image(stored, index, camera)
     names = stored.labels.marker[tracks.rows(row)]
     elsewhere = np.bincount(names[names != NO_MARKER], minlength=len(stored.names)) > 0
-    return np.lexsort((np.nan_to_num(off, nan=np.inf), ~(free & elsewhere), ~free)).tolist()
+    return ranked(off, free, elsewhere, stored.names)
 
 
 def ray_of(stored: Stored, row: int) -> tuple[np.ndarray, np.ndarray]:

@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which names a dot may have: the markers that are missing, the one that should be nearest to it first."""
+"""Which names a dot may have: of the markers around it those that are missing, the nearest first."""
+
+from collections.abc import Sequence
 
 import numpy as np
 
+from ..core.body.anatomy import side_in
 from ..core.data.takes import NO_MARKER
 from .picking import missing
 from .stored import Stored
 
+NEAREST = 6  # markers that a dot may well be: as many as a pie has pieces for, beside those for all names and for none
 NEAR_SECONDS = 5.0  # to each side: in more time a marker may have been placed anew, or the body was lost between
 
 
@@ -41,14 +45,30 @@ def predicted(stored: Stored, index: int) -> np.ndarray:
 def likely_markers(stored: Stored, index: int, rows: np.ndarray, xyz: np.ndarray) -> list[int]:
     """All markers, the likeliest for the dot of a trajectory, whose rows are given, at xyz (3,) m in a frame first.
 
-    First come those that nothing is in this frame, of which those that the trajectory is in other frames; then those
-    that another dot is. Of each the nearest first, and what cannot be told last.
+    They are `ranked` by how far they are or should be.
     """
     free = missing(stored, index)
     off = np.linalg.norm(predicted(stored, index) - xyz, axis=1)
     names = stored.labels.marker[rows]
     elsewhere = np.bincount(names[names != NO_MARKER], minlength=len(stored.names)) > 0
-    return np.lexsort((np.nan_to_num(off, nan=np.inf), ~(free & elsewhere), ~free)).tolist()
+    return ranked(off, free, elsewhere, stored.names)
+
+
+def ranked(off: np.ndarray, free: np.ndarray, elsewhere: np.ndarray, names: Sequence[str]) -> list[int]:
+    """The M markers, the likeliest for a dot first.
+
+    off (M,) is how far each is from it, NaN where nothing tells; free (M,) those that nothing is, elsewhere (M,) those
+    that the same trajectory is in other frames. First come those that are both; then the NEAREST around the dot, of
+    which the free ones first; then the rest. What is on the other side than the nearest of all comes last: a right hand
+    is no left thigh, though that is all that is missing.
+    """
+    off, known = np.nan_to_num(off, nan=np.inf), set(names)
+    sides = np.array([side_in(name, known) for name in names])
+    here = sides[off.argmin()]
+    other = (here != "") & (sides != "") & (sides != here)
+    near = np.zeros(len(names), bool)
+    near[np.lexsort((off, other))[:NEAREST]] = True
+    return np.lexsort((off, ~(free & near), other, ~near, ~(free & elsewhere))).tolist()
 
 
 def on_ray(origin: np.ndarray, direction: np.ndarray, near: np.ndarray) -> np.ndarray:

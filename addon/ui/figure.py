@@ -2,13 +2,15 @@
 """Drawn over the 3D view: a stick figure in the colours of its sides, trails of what is selected, and what is meant.
 
 A trail is broken where its marker was not seen: a dashed line leads over the gap. Where a marker is missing in this
-frame a thin ring is drawn in the place that the body has for it.
+frame, and the list asks about that, a thin ring is drawn in the place that the body has for it.
 """
+
+from collections.abc import Sequence
 
 import bpy
 import numpy as np
 
-from ..core.review.trouble import Trouble
+from ..core.review.trouble import MISSING, Trouble
 from ..ops.picking import selected_markers
 from ..ops.reviewing import places_of
 from ..scene.opened import opened
@@ -44,10 +46,11 @@ def draw():
     index = marks.frame_index(stored, context.scene.frame_current)
     if index < 0:
         return
+    found = known_trouble(settings.take, context.scene) or ()
     with Canvas(context) as canvas:
         if settings.show_figure:
             draw_figure(canvas, settings.take)
-            canvas.rings(canvas.place(missing(stored, index)), MISSING_COLOUR, MISSING_RADIUS)
+            canvas.rings(canvas.place(missing(stored, index, found)), MISSING_COLOUR, MISSING_RADIUS)
         if settings.show_trails:
             names = [name for name in selected_markers(context) if name in stored.words]
             draw_trails(canvas, stored, index, [stored.words[name] for name in names], settings.take)
@@ -112,10 +115,12 @@ def _bone_colours(armature: bpy.types.Object, own: Colour | None) -> tuple[np.nd
     return kept[1]
 
 
-def missing(stored: Stored, index: int) -> np.ndarray:
-    """(K, 3) m where the body has the markers that nothing is in a frame."""
-    found = np.isfinite(stored.motion.markers[index]).all(axis=1)
-    return stored.motion.expected[index, ~found]
+def missing(stored: Stored, index: int, found: Sequence[Trouble]) -> np.ndarray:
+    """(K, 3) m where the body has the markers that nothing is in a frame, and whose gap is among the trouble found."""
+    frame, there = stored.motion.frames[index], np.isfinite(stored.motion.markers[index]).all(axis=1)
+    gaps = [one for one in found if one.kind == MISSING and not one.answered]
+    lost = {stored.words[one.markers[0]] for one in gaps if any(a <= frame <= b for a, b in one.ranges)}
+    return stored.motion.expected[index, [marker for marker in sorted(lost) if not there[marker]]]
 
 
 def draw_trails(
@@ -158,10 +163,11 @@ def _dashes(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 def meant(context: bpy.types.Context, collection: bpy.types.Collection, stored: Stored) -> Trouble | None:
-    """The trouble that is chosen in the list, while the current frame is one of it."""
+    """The trouble that was shown, while it is the chosen one of the list and the current frame is one of it."""
     state = context.window_manager.mocap_autolabel
     found = known_trouble(collection, context.scene) or ()
-    if not state.trouble_index < len(found) == len(state.troubles) or found[state.trouble_index].answered:
+    if not state.trouble_index < len(found) == len(state.troubles):
         return None
     trouble, frame = found[state.trouble_index], context.scene.frame_current - stored.shift
-    return trouble if trouble.first <= frame <= trouble.last else None
+    asked = trouble.reason == state.trouble_shown and not trouble.answered
+    return trouble if asked and trouble.first <= frame <= trouble.last else None

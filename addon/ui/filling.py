@@ -3,6 +3,7 @@
 
 import bpy
 
+from ..core.data.wording import count_of
 from ..ops.correcting import selected_markers
 from ..ops.filling import EXTENTS
 from ..scene.opened import opened
@@ -32,7 +33,7 @@ class MOCAP_AUTOLABEL_PT_fill_gaps(Reviewing, bpy.types.Panel):
         if len(state.fills):
             draw_fills(context, layout, state)
         if len(state.left_gaps):
-            layout.label(text=f"{len(state.left_gaps)} gaps left:")
+            layout.label(text=f"{count_of(len(state.left_gaps), 'gap')} left:")
             layout.template_list("MOCAP_AUTOLABEL_UL_left_gaps", "", state, "left_gaps", state, "left_index", rows=2)
             if state.left_index < len(state.left_gaps):
                 draw_text(context, layout, f"The gap {state.left_gaps[state.left_index].reason}")

@@ -12,6 +12,7 @@ from ..ops.gestures import gesture
 from ..ops.picking import image_in, picked_points, selected_markers
 from ..ops.polling import lacks_take
 from ..scene.blob_dots import blob_dots, marker_dots, on_rays, track_around
+from ..scene.likely import NEAREST
 from ..scene.opened import opened
 from ..scene.performers import homes
 from ..scene.picking import Dots, dots_of, path_of
@@ -22,7 +23,6 @@ from .marks import ORANGE, WHITE
 from .overlay import BLOB_RADIUS, Canvas
 
 TOOL = "mocap_autolabel.label_tool"
-PIE_NAMES = 6  # of a pie's eight pieces; the others lead to all names and to none
 GLOW, GLOW_RADIUS, HALO_RADIUS = (1.0, 1.0, 1.0, 0.3), 6.5, 11.0
 NAMED_PATH, UNNAMED_PATH = (0.3, 0.85, 1.0, 0.9), (0.85, 0.85, 0.85, 0.8)
 ASKED = (1.0, 0.9, 0.2, 1.0)
@@ -108,7 +108,7 @@ class NamesPie:
         pie.operator_context = "EXEC_REGION_WIN"
         own = selected_markers(context)  # what it is called already needs no button
         names = [marker for marker in likely_here(context, stored) if stored.names[marker] not in own]
-        for marker in names[:PIE_NAMES]:
+        for marker in names[:NEAREST]:
             row = pie.operator("mocap_autolabel.name_point", text=stored.names[marker])
             row.marker, row.scope = stored.names[marker], scope
         pie.operator("mocap_autolabel.unlabel", icon="X").scope = scope

@@ -10,6 +10,7 @@ import numpy as np
 from gpu_extras.batch import batch_for_shader
 
 from ..core.data.takes import BY_EDIT, CONFLICT, EXCLUSIVE, NO_MARKER, NO_STEP, REMAINING, PointRows
+from ..core.data.wording import count_of
 from ..ops.importing import cameras_at_hand
 from ..scene import naming
 from ..scene.cameras import camera_name, camera_through
@@ -200,7 +201,7 @@ def draw_camera(canvas: Canvas, stored: Stored, index: int, camera: bpy.types.Ob
         legend = (*LEGEND, *([BY_HAND] if (seen.step == BY_EDIT).any() else []))
         draw_legend(canvas, camera_name(camera), len(places), int((seen.marker != NO_MARKER).sum()), legend)
     else:
-        canvas.text(f"{camera_name(camera)}: {len(places)} blobs", LEGEND_LEFT * canvas.scale, canvas.foot)
+        canvas.text(f"{camera_name(camera)}: {count_of(len(places), 'blob')}", LEGEND_LEFT * canvas.scale, canvas.foot)
 
 
 def draw_markers(canvas: Canvas, stored: Stored, index: int, settings, collection: bpy.types.Collection | None = None):
@@ -235,7 +236,7 @@ def draw_point_legend(
     `people` are performers with names, and their colours.
     """
     if not labelled:
-        canvas.text(f"{points} points", LEGEND_LEFT * canvas.scale, canvas.foot)
+        canvas.text(count_of(points, "point"), LEGEND_LEFT * canvas.scale, canvas.foot)
         return
     names = [(name, (*colour, 1.0)) for name, colour in people.items()] or [("named", ORANGE)]
     rows = (*names, ("doubtful", RED), ("unnamed", GREY)) + (("filled", BLUE),) * filled

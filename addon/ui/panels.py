@@ -1,9 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The sidebar tab "Mocap": the steps from files to named markers, in the order a person takes them."""
 
+from pathlib import Path
+
 import bpy
 
+from ..core.data.wording import count_of
 from ..io.markersets import SUFFIX
+from ..io.names import written
 from ..ops.importing import cameras_at_hand
 from ..ops.picking import picked_points, selected_markers, words_of_picked
 from ..props import OWN_FILE
@@ -66,16 +70,16 @@ class MOCAP_AUTOLABEL_PT_take(Step, bpy.types.Panel):
         column.label(text=bpy.path.basename(path), icon="FILE")
         frames = f"Frames {settings.first_frame} to {settings.last_frame}"
         if settings.points_path:
-            column.label(text=_counted(frames, settings.trajectories, "trajectories"))
+            column.label(text=_counted(frames, settings.trajectories, "trajectory"))
             column.label(text=f"{settings.rate:g} frames a second")
         else:
-            column.label(text=_counted(frames, settings.blob_count, "blobs"))
+            column.label(text=_counted(frames, settings.blob_count, "blob"))
             layout.prop(settings, "rate")
 
 
-def _counted(frames: str, count: int, things: str) -> str:
+def _counted(frames: str, count: int, thing: str) -> str:
     """What is in a take; of one that was never read as a whole nobody has counted it."""
-    return f"{frames}, {count} {things}" if count else frames
+    return f"{frames}, {count_of(count, thing)}" if count else frames
 
 
 class MOCAP_AUTOLABEL_PT_markerset(Step, bpy.types.Panel):
@@ -135,7 +139,7 @@ class MOCAP_AUTOLABEL_PT_train(Step, bpy.types.Panel):
                 rows=3,
             )
             chosen = settings.training_takes[min(settings.training_take_index, len(settings.training_takes) - 1)]
-            layout.label(text=f"{chosen.markers} named markers")
+            layout.label(text=count_of(chosen.markers, "named marker"))
         own = settings.markerset == OWN_FILE or settings.markerset.endswith(SUFFIX)
         if own:
             layout.prop(settings, "train_on", text="Train the Chosen One On")
@@ -177,9 +181,18 @@ class MOCAP_AUTOLABEL_PT_label(Step, bpy.types.Panel):
         row.scale_y = 1.6
         if not state.doing:
             row.operator("mocap_autolabel.label", icon="PLAY")
+            if crowded_here(state, settings):
+                draw_text(context, layout, "The take shows two performers or more", icon="ERROR")
+                layout.operator("mocap_autolabel.label", text="Label All Performers", icon="COMMUNITY").everybody = True
             return
         row.progress(factor=state.share, text=state.doing)
         row.operator("mocap_autolabel.cancel", text="", icon="X")
+
+
+def crowded_here(state: bpy.types.PropertyGroup, settings: bpy.types.PropertyGroup) -> bool:
+    """Whether the take that is chosen was refused because it shows more people than the one who is asked for."""
+    source = settings.points_path or settings.blobs_path
+    return settings.performing == "ONE" and state.crowded == written(str(Path(bpy.path.abspath(source))))
 
 
 class MOCAP_AUTOLABEL_PT_hints(Step, bpy.types.Panel):

@@ -4,7 +4,7 @@
 import bpy
 
 from ..core.review.trouble import IN_DOUBT, LEFT_OVER, MISSING, NOBODY_THERE, OF_CAMERA, OFF_BODY
-from ..ops.reviewing import is_listed, words_for, words_of_answer
+from ..ops.reviewing import is_listed, words_for
 from ..scene.trouble import known_cameras, known_trouble
 from .parts import Reviewing, draw_text, frames_in_short
 
@@ -60,13 +60,13 @@ class MOCAP_AUTOLABEL_PT_trouble(Reviewing, bpy.types.Panel):
         sentence = trouble.reason[0].upper() + trouble.reason[1:]
         draw_text(context, box, sentence, ICONS[trouble.kind])
         if trouble.answered:
-            box.label(text="Looked at, and right", icon="CHECKMARK")
+            box.label(text="Looked at", icon="CHECKMARK")
             return
         draw_text(context, box, trouble.advice, "INFO")
         column = box.column(align=True)
         if words := words_for(trouble):
             column.operator("mocap_autolabel.mend_trouble", text=words, icon="PLAY").index = index
-        answer = column.operator("mocap_autolabel.accept_trouble", text=words_of_answer(trouble), icon="CHECKMARK")
+        answer = column.operator("mocap_autolabel.accept_trouble", text=trouble.answer, icon="CHECKMARK")
         answer.index = index
 
 

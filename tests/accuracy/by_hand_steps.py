@@ -102,7 +102,7 @@ def through_the_list() -> Iterator[float]:
         places: dict = {}
         yield from find(button, places)
         if button not in places:
-            button, words = ACCEPT, "It Is Right"
+            button, words = ACCEPT, trouble.answer
             yield from find(button, places)
         said = json.dumps([len(stored().edits), len(stored().fills)])
         began = time.monotonic()
@@ -123,7 +123,7 @@ def through_the_list() -> Iterator[float]:
 def decide(trouble, filled: bool) -> tuple[str, str]:
     """Which of the two buttons a person presses who sees what is where, and what it says."""
     reviewing = importlib.import_module(f"{ADDON}.ops.reviewing")
-    offered, answer = reviewing.words_for(trouble), reviewing.words_of_answer(trouble)
+    offered, answer = reviewing.words_for(trouble), trouble.answer
     if trouble.action == "name" and offered:
         return (MEND, offered) if is_beside(trouble) else (ACCEPT, answer)
     if trouble.action == "fill" and not filled:

@@ -301,7 +301,7 @@ def test_what_cannot_be_done_is_one_sentence_and_changes_nothing(labelled, files
     choose()
     for work, words in (
         (bpy.ops.mocap_autolabel.unlabel, "nothing is selected; expected"),
-        (bpy.ops.mocap_autolabel.swap_markers, "0 markers are selected; expected"),
+        (bpy.ops.mocap_autolabel.swap_markers, "the selection has 0 markers; expected"),
         (bpy.ops.mocap_autolabel.is_right, "no marker is selected; expected"),
         (partial(bpy.ops.mocap_autolabel.pick_point, point=99), "trajectory 99 has no point in frame 120; expected"),
         (bpy.ops.mocap_autolabel.clear_corrections, "Nothing was corrected"),
@@ -309,6 +309,8 @@ def test_what_cannot_be_done_is_one_sentence_and_changes_nothing(labelled, files
         with pytest.raises(RuntimeError, match=words):
             work()
     choose("LKNE")
+    with pytest.raises(RuntimeError, match="the selection has 1 marker; expected the two"):
+        bpy.ops.mocap_autolabel.swap_markers()
     with pytest.raises(RuntimeError, match="no range is selected; expected"):
         bpy.ops.mocap_autolabel.unlabel(scope="RANGE")
     gap = int(np.flatnonzero(np.isnan(files.xyz[:, 2, 0]))[-1])

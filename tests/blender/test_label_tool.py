@@ -14,8 +14,9 @@ from addon.core.data.takes import NO_MARKER, NO_STEP, Labels, PointRows
 from addon.core.edits.kinds import AssignPoint, Delete, Place
 from addon.core.geometry.cameras import NO_CAMERAS
 from addon.io.edits import read_edits
+from addon.io.markersets import open_markerset
 from addon.scene import picking
-from addon.scene.likely import likely_markers, on_ray, predicted
+from addon.scene.likely import NEAREST, likely_markers, on_ray, predicted, ranked
 from addon.scene.stored import Stored
 
 from .test_correcting import GHOST, choose, files, follows, keys_of, labelled, picked  # noqa: F401 - its fixtures
@@ -92,9 +93,24 @@ def test_the_missing_marker_that_is_nearest_is_the_likeliest(stored):
     rows = np.flatnonzero(stored.rows.trajectory == 2)
     xyz = stored.motion.expected[20, 2]
     assert likely_markers(stored, 20, rows, xyz)[0] == 2
-    near = likely_markers(stored, 20, rows, stored.motion.expected[20, 7])
-    assert near[:2] == [2, 7], "a dot that has a name comes behind what is missing"
+    mate = int(np.linalg.norm(stored.motion.expected[20] - xyz, axis=1).argsort()[1])
+    near = likely_markers(stored, 20, rows, stored.motion.expected[20, mate])
+    assert near[:2] == [2, mate], "a dot that has a name comes behind what is missing"
     assert sorted(near) == list(range(len(stored.names)))
+
+
+def test_a_right_hand_is_offered_what_is_around_it_and_missing_first_and_no_left_thigh():
+    markerset = open_markerset("body39")
+    names, at = markerset.markers, markerset.rest_markers
+    of = markerset.by_name
+    off = np.linalg.norm(at - at[of["RFIN"]], axis=1)
+    free = np.isin(names, ["LTHI", "RWRB"])
+    offered = [names[marker] for marker in ranked(off, free, np.zeros(len(names), bool), names)]
+    assert offered[:2] == ["RWRB", "RFIN"]
+    assert not [name for name in offered[: NEAREST + 2] if name.startswith("L")]
+    assert sorted(offered) == sorted(names)
+    before = [names[marker] for marker in ranked(off, free, np.isin(names, ["LTHI"]), names)]
+    assert before[0] == "LTHI", "the same trajectory is that in other frames"
 
 
 def test_a_marker_that_was_filled_is_missing_still_and_expected_where_it_was_filled(stored):

@@ -291,7 +291,7 @@ class Modal:
         kind = module.MOCAP_AUTOLABEL_OT_label
         for name in ("_begin", "_tick", "_tell", "_end", "_show", "steps", "execute", "modal"):
             setattr(self, name, getattr(kind, name).__get__(self))
-        self._timer, self.doing = None, kind.doing
+        self._timer, self.doing, self.everybody = None, kind.doing, False
 
     def report(self, kind, words):
         self.reports.append((*kind, words))
@@ -302,6 +302,7 @@ class Manager:
 
     def __init__(self, real):
         self.mocap_autolabel, self.timers, self.bars, self.told = real.mocap_autolabel, 0, 0, []
+        self.windows = []
 
     def event_timer_add(self, step, window):
         self.timers += 1
@@ -322,6 +323,24 @@ class Manager:
     def modal_handler_add(self, operator):
         pass
 
+    def invoke_confirm(self, operator, event, **words):
+        self.told.append(words)
+        return {"RUNNING_MODAL"}
+
+
+def screen(playing: bool = False) -> SimpleNamespace:
+    """A window's screen with a 3D view on the left, 800 px wide, and a timeline beside it."""
+    areas = [SimpleNamespace(type=kind, x=x, y=0, width=800, height=600) for kind, x in KINDS_AT]
+    return SimpleNamespace(areas=areas, is_animation_playing=playing)
+
+
+KINDS_AT = (("VIEW_3D", 0), ("DOPESHEET_EDITOR", 800))
+
+
+def escape(x: int = 400, value: str = "PRESS", is_repeat: bool = False) -> SimpleNamespace:
+    """Esc at a place of the window."""
+    return SimpleNamespace(type="ESC", value=value, is_repeat=is_repeat, mouse_x=x, mouse_y=300)
+
 
 @pytest.fixture
 def window(ready, labelling):
@@ -329,9 +348,11 @@ def window(ready, labelling):
     manager = Manager(ready.window_manager)
     status = []
     workspace = SimpleNamespace(status_text_set=status.append)
+    window = SimpleNamespace(screen=screen())
+    manager.windows.append(window)
     context = SimpleNamespace(
         scene=ready.scene,
-        window=None,
+        window=window,
         screen=None,
         mode="OBJECT",
         window_manager=manager,
@@ -351,13 +372,45 @@ def test_escape_leaves_nothing_behind(ready, labelling, in_fives, window):
     assert list(labelling.folder.iterdir()), "the job writes its files"
     assert operator.modal(context, SimpleNamespace(type="MOUSEMOVE")) == {"PASS_THROUGH"}
     assert (window.manager.timers, window.manager.bars) == (1, 1)
-    assert operator.modal(context, SimpleNamespace(type="ESC")) == {"CANCELLED"}
+    assert operator.modal(context, escape()) == {"CANCELLED"}
     assert (window.manager.timers, window.manager.bars, window.status[-1]) == (0, 0, None)
     assert counts() == before
     assert ready.scene.mocap_autolabel.take is None
     labelling.gate.set()
     wait_for(lambda: not list(labelling.folder.iterdir()))  # the job ends beside the window
     assert len(labelling.given) <= 2, "it stopped before its end"
+
+
+def test_escape_ends_only_what_it_is_meant_for(ready, labelling, in_fives, window):
+    labelling.gate.clear()
+    operator, context = window.operator, window.context
+    operator._begin(context)
+    for other in (escape(value="RELEASE"), escape(x=1000), escape(is_repeat=True)):
+        assert operator.modal(context, other) == {"PASS_THROUGH"}, other
+    context.window.screen = screen(playing=True)
+    assert operator.modal(context, escape()) == {"PASS_THROUGH"}
+    context.window.screen = screen()
+    assert operator.modal(context, escape()) == {"CANCELLED"}
+    labelling.gate.set()
+    wait_for(lambda: not list(labelling.folder.iterdir()))
+
+
+def test_much_work_is_not_given_up_unasked(ready, labelling, window):
+    state = window.manager.mocap_autolabel
+    cancel = importlib.import_module(labelling.module.__name__.replace("labelling", "stepping"))
+    cancel = cancel.MOCAP_AUTOLABEL_OT_cancel
+    state.doing, state.spent, state.cancelled = "Labelling: 40%, 2 min left", 80.0, False
+    asked = SimpleNamespace(execute=cancel.execute)
+    try:
+        assert cancel.invoke(asked, window.context, escape()) == {"RUNNING_MODAL"}
+        assert not state.cancelled
+        assert window.manager.told[-1]["title"] == "Throw away 80 s of work?"
+        state.spent = 9.0
+        asked.execute = lambda context: cancel.execute(asked, context)
+        assert cancel.invoke(asked, window.context, escape()) == {"FINISHED"}
+        assert state.cancelled
+    finally:
+        state.doing, state.spent, state.cancelled = "", 0.0, False
 
 
 def test_the_panel_says_how_long_it_takes_and_its_button_cancels(ready, labelling, in_fives, window, monkeypatch):

@@ -57,6 +57,30 @@ def test_each_has_a_collection_with_all_that_is_theirs(empty, made):
         assert shown == [pytest.approx(colours[name], abs=1e-4)]
 
 
+@pytest.mark.parametrize("of_blobs", [False, True])
+def test_two_where_one_is_asked_for_are_labelled_by_the_button_that_is_offered(extension, empty, tmp_path, of_blobs):
+    settings, state = empty.scene.mocap_autolabel, bpy.context.window_manager.mocap_autolabel
+    write_seen(tmp_path)
+    if of_blobs:
+        bpy.ops.mocap_autolabel.import_cameras(filepath=str(tmp_path / "room.toml"))
+        bpy.ops.mocap_autolabel.import_blobs(filepath=str(tmp_path / "seen.csv"))
+    else:
+        bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "pair.c3d"))
+    settings.markerset, settings.performing, settings.rate = WORN, "ONE", RATE
+    panels = importlib.import_module(f"{extension}.addon.ui.panels")
+    assert not panels.crowded_here(state, settings)
+    with pytest.raises(
+        RuntimeError, match=r"two subjects or more.*by Label All Performers, or under Performers"
+    ) as caught:
+        bpy.ops.mocap_autolabel.label()
+    assert "--" not in str(caught.value)
+    assert panels.crowded_here(state, settings)
+    assert bpy.ops.mocap_autolabel.label(everybody=True) == {"FINISHED"}
+    assert list(performers.homes(settings.take)) == ["1", "2"]
+    assert settings.performing == "AUTO"
+    assert not panels.crowded_here(state, settings)
+
+
 def test_a_colour_is_the_bodys_and_of_all_that_is_drawn(empty, made):
     take = made.pair()
     collection = takes.show_take(empty, take)

@@ -87,6 +87,28 @@ def test_what_is_right_is_done_and_does_not_come_back(state):
     assert not any(row.answered for row in state.review.troubles)
 
 
+def test_rings_are_only_around_what_the_list_asks_about(state):
+    figure = importlib.import_module(f"{state.extension}.addon.ui.figure")
+    handles = importlib.import_module(f"{state.extension}.addon.scene.opened").opened
+    known = importlib.import_module(f"{state.extension}.addon.scene.trouble").known_trouble
+    scene = bpy.context.scene
+    collection, state.review.trouble_shown = scene.mocap_autolabel.take, ""
+    stored = handles.take(collection, scene)
+    scene.frame_set(FIRST + stored.shift)
+    assert figure.meant(bpy.context, collection, stored) is None, "nobody went there"
+    bpy.ops.mocap_autolabel.show_trouble(index=0)
+    assert figure.meant(bpy.context, collection, stored).reason == state.review.trouble_shown
+
+    def rings() -> list:
+        stored = handles.take(collection, scene)
+        return figure.missing(stored, 0, known(collection, scene)).tolist()
+
+    assert rings() == [stored.motion.expected[0, state.knee].tolist()]
+    number, _ = rows(state, kind="missing", name=LOST)[0]
+    bpy.ops.mocap_autolabel.accept_trouble(index=number)
+    assert rings() == []
+
+
 def test_the_next_is_the_next_that_is_listed_and_open(state):
     reviewing = importlib.import_module(f"{state.extension}.addon.ops.reviewing")
     listed = [number for number, row in enumerate(state.review.troubles) if reviewing.is_listed(state.review, row)]

@@ -259,9 +259,11 @@ def test_blobs_of_two_are_named_in_every_file(run, seen, tmp_path):
     assert "1:LASI" in (tmp_path / "seen.trc").read_text()
 
 
-def test_one_where_cameras_see_two_is_told_how_to_have_both(run, seen, tmp_path):
+def test_one_where_cameras_see_two_is_told_how_to_have_both(run, seen, tmp_path, monkeypatch):
     words = "--model", WORN, "--cameras", seen / "room.toml", "--rate", RATE, "--out", tmp_path / "out"
-    answer = run("label", seen / "seen.csv", *words)
+    with monkeypatch.context() as patched:
+        patched.setattr("addon.jobs.blobs.label_blobs", None)  # none is named before
+        answer = run("label", seen / "seen.csv", *words)
     assert answer.status == 1
     assert "shows two subjects or more that wear gait15" in answer.reason
     assert "by --subjects 2 or auto" in answer.reason

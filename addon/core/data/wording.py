@@ -2,6 +2,12 @@
 """How what many parts tell is put into words."""
 
 
+def count_of(number: int, what: str) -> str:
+    """A number of things, such as `1 gap`, `2,000 gaps` or `2 trajectories`."""
+    several = f"{what[:-1]}ies" if what.endswith("y") else f"{what}s"
+    return f"{number:,} {what if number == 1 else several}"
+
+
 def words_of_frames(first: int, last: int) -> str:
     """The frames from the first to the last, in a sentence."""
     return f"frame {first}" if first == last else f"frames {first}–{last}"

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Whether blobs that one subject was asked of show two: what a take of points is asked at first, of blobs at the end.
+"""Whether blobs that one subject was asked of show two, who would have to be asked for.
 
-A body takes what it needs of two people's blobs, and what it leaves looks like ghosts. But two leave as many as they
-have, so that nothing is looked at in a take of one; and where they do, the blobs of a few frames make points, in which
-single frames are sure of two subjects at once, or are not.
+The blobs of a few frames make points, in which single frames are sure of two subjects at once, or are not. That is
+asked before anything is named, and at the end, when it is known how far rays miss and what is left: a body takes what
+it needs of two people's blobs, and the rest looks like ghosts, but two leave as many as they have.
 """
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +16,7 @@ from ..geometry.cameras import Cameras
 from ..geometry.views import Sight, split_views
 from ..points.models import Model
 from ..points.naming import chosen_method, namer_of
-from ..points.refusals import REFUSAL, SubjectsError, UnsuitedError, refuse_others
+from ..points.refusals import REFUSAL, SubjectsError, UnsuitedError, is_crowd, refuse_others
 from ..reconstruction.matching import Circumstances, Expected, FrameMatcher
 from ..reconstruction.trajectories import RECONSTRUCTION
 
@@ -24,10 +25,12 @@ from ..reconstruction.trajectories import RECONSTRUCTION
 class SeekingOptions:
     """Where a take may show two. Reckoned.
 
+    first   of its beginning, whose points are counted before any is named; as measured, 0.1 s
     frames  that are looked at, spread over the take
     left    blobs without a name in a frame, as a share of those with one, that may be somebody else's
     """
 
+    first: int = 4
     frames: int = 12
     left: float = 0.5
 
@@ -35,8 +38,21 @@ class SeekingOptions:
 SEEKING = SeekingOptions()
 
 
+def refuse_two(read: Callable[[], Iterable[Blobs]], cameras: Cameras, model: Model):
+    """Raises JobError where a take, which `read` begins to read, shows two subjects before any of it is named.
+
+    Whether all of it is read for that, the number of points in its beginning says.
+    """
+    begun, whole = OtherSubjects(cameras, model), OtherSubjects(cameras, model)
+    begun.add(next(iter(read())))
+    if is_crowd(begun.some_points(SEEKING.first), model):
+        for blobs in read():
+            whole.add(blobs)
+        whole.refuse()
+
+
 class OtherSubjects:
-    """Looks at a labelled take of blobs, chunk by chunk, for whoever was not asked for."""
+    """Looks at a take of blobs, chunk by chunk, for whoever was not asked for."""
 
     def __init__(self, cameras: Cameras, model: Model):
         self.cameras, self.model = cameras, model
@@ -44,36 +60,39 @@ class OtherSubjects:
         self.residual: list[np.ndarray] = []
         self.stride, self.frames = 1, 0
 
-    def add(self, blobs: Blobs, chunk: LabelledChunk):
-        """Looks at the next chunk, whose rows are in the order of their frames."""
+    def add(self, blobs: Blobs, chunk: LabelledChunk | None = None):
+        """Looks at the next chunk, whose rows are in the order of their frames; at all of it before it is labelled."""
         count = len(blobs.frames)
-        named = np.bincount(blobs.frame[chunk.labels.named], minlength=count)
-        left = np.bincount(blobs.frame[~chunk.labels.named], minlength=count)
-        crowded = (left >= SEEKING.left * named) & (left > 0)
+        crowded, residual = np.ones(count, bool), np.full(count, np.nan)
+        if chunk is not None:
+            named = np.bincount(blobs.frame[chunk.labels.named], minlength=count)
+            left = np.bincount(blobs.frame[~chunk.labels.named], minlength=count)
+            crowded, residual = (left >= SEEKING.left * named) & (left > 0), chunk.motion.residual_px
         for index in range(-self.frames % self.stride, count, self.stride):
             one = blobs.part(slice(index, index + 1), rows_in_frame(blobs, index)) if crowded[index] else None
             self.kept.append(one)
-            self.residual.append(chunk.motion.residual_px[index])
+            self.residual.append(np.atleast_1d(residual[index]))
         self.frames += count
         while len(self.kept) > 2 * SEEKING.frames:
             self.kept, self.residual, self.stride = self.kept[::2], self.residual[::2], 2 * self.stride
 
     def refuse(self):
         """Raises JobError where the take shows two subjects or more, and says how to ask for both."""
-        crowded = [one for one in self.kept if one is not None]
-        if not crowded or len(crowded) < REFUSAL.min_often * len(self.kept):
+        crowded = sum(one is not None for one in self.kept)
+        if not crowded or crowded < REFUSAL.min_often * len(self.kept):
             return
-        crowded = [crowded[index] for index in evenly_spread(len(crowded), SEEKING.frames)]
         namer = namer_of(self.model, chosen_method(self.model, "auto"), None)
         try:
-            refuse_others(self.model, namer, self._points(crowded))
+            refuse_others(self.model, namer, self.some_points(SEEKING.frames))
         except SubjectsError:
             raise
         except UnsuitedError:
             return  # single frames are not sure of anybody
 
-    def _points(self, frames: list[Blobs]) -> np.ndarray:
-        """(T, P, 3) m, what the blobs of some frames make, each on its own."""
+    def some_points(self, count: int) -> np.ndarray:
+        """(T, P, 3) m, what the blobs of so many of the frames that may show two make, each on its own."""
+        crowded = [one for one in self.kept if one is not None]
+        frames = [crowded[index] for index in evenly_spread(len(crowded), count)]
         sight, believed = Sight(self.cameras), self._circumstances()
         views = split_views(Blobs.join(frames), self.cameras)
         matched = [FrameMatcher(view, sight, self.cameras.size, believed) for view in views]

@@ -121,7 +121,8 @@ def _of_props(seen: "Recognition", first_frame: int, lanes: Lanes | None) -> tup
     count = sum(bool(prop[span, lane].any()) for _, span, lane in standing.each_alone())
     if not count:
         return ()
-    words = f"{count} trajectories stand still while the subject moves: no markers of the set"
+    who = "1 trajectory stands" if count == 1 else f"{count} trajectories stand"
+    words = f"{who} still while the subject moves: no markers of the set"
     return (Suspect(first_frame, first_frame + len(seen.part) - 1, words),)
 
 

@@ -116,7 +116,7 @@ def refuse_others(model: Model, namer: Namer, points: np.ndarray, solvable: bool
 
 def _one_crowd(model: Model, points: np.ndarray) -> bool:
     """Whether frames of points (T, P, 3) have many more of them than markers, and all of them together."""
-    if model.likelihood is None or not _is_crowd(_points_at_a_time(points), model):
+    if model.likelihood is None or not is_crowd(points, model):
         return False
     return not _grouped(points, model.likelihood.shape.radius, REFUSAL.min_second * len(model.markerset))
 
@@ -214,9 +214,9 @@ def _points_at_a_time(points: np.ndarray) -> np.ndarray:
     return count
 
 
-def _is_crowd(present: np.ndarray, model: Model) -> bool:
-    """Whether the usual frame of so many points (T,) has many more than the model's markers."""
-    return bool(np.median(present) >= REFUSAL.crowd * len(model.markerset))
+def is_crowd(points: np.ndarray, model: Model) -> bool:
+    """Whether the usual frame of points (T, P, 3), NaN where missing, has many more than the model's markers."""
+    return bool(np.median(_points_at_a_time(points)) >= REFUSAL.crowd * len(model.markerset))
 
 
 def _possible(points: np.ndarray, markers: int) -> int:
@@ -224,7 +224,7 @@ def _possible(points: np.ndarray, markers: int) -> int:
     return max(int(np.minimum(_points_at_a_time(points), markers).sum()), 1)
 
 
-HOW_TO_ASK = "by --subjects 2 or auto, in Blender under Performers"
+HOW_TO_ASK = "by --subjects 2 or auto"  # on the command line; Blender puts words of its sidebar there
 
 
 class UnsuitedError(JobError):
@@ -243,14 +243,14 @@ def _two_subjects(model: Model) -> SubjectsError:
 def _unrecognised(model: Model, namer: Namer, points: np.ndarray, share: float) -> UnsuitedError:
     name, size = model.markerset.name, len(model.markerset)
     some = points[evenly_spread(len(points), REFUSAL.sample_frames)]
-    alone = namer.step != BY_FIT and not _is_crowd(_points_at_a_time(some), model)
+    alone = namer.step != BY_FIT and not is_crowd(some, model)
     sure = (lambda scaled: _sure(model, namer, scaled) >= REFUSAL.min_sure_rest) if alone else None
     unit = mistaken_unit(model, some, sure)
     if unit:
         return UnsuitedError(unit.message)
     present = _points_at_a_time(points)
     many = f" or of several subjects at once ({int(present.max())} points, {size} markers)"
-    several, ask = (many, f", or ask for several {HOW_TO_ASK}") if _is_crowd(present, model) else ("", "")
+    several, ask = (many, f", or ask for several {HOW_TO_ASK}") if is_crowd(points, model) else ("", "")
     return UnsuitedError(
         f"does not look like a take of model {name}{several}: {share:.0%} of its markers were recognised for sure; "
         f"expected a take of that marker set, so choose its model or train one{ask}"

@@ -34,6 +34,9 @@ TROUBLE_KINDS = (NOBODY_THERE, MISSING, LEFT_OVER, OFF_BODY, IN_DOUBT, OF_CAMERA
 # What helps.
 NAME_IT, FILL, UNLABEL, RIGHT, SWAP = "name", "fill", "unlabel", "right", "swap"
 REFINE, LABEL, DELETE = "refine", "label", "delete"
+# What reasons say, and what answers it.
+NEVER_FOUND, STAYS_UNNAMED = "is never found", "stays unnamed"
+NOT_WORN, LEAVE_UNNAMED = "Not Worn", "Leave Unnamed"
 
 
 @dataclass(frozen=True)
@@ -117,8 +120,19 @@ class Trouble:
         said = {MISSING: "has gaps", OFF_BODY: "is off the body at times"}.get(self.kind)
         return f"{self.markers[0]} {said}" if said else self.reason
 
+    @property
+    def answer(self) -> str:
+        """What a person says who finds that nothing is to be mended, in the words of a button."""
+        if self.kind == MISSING:
+            return NOT_WORN if NEVER_FOUND in self.reason else "Not Seen"
+        if self.kind == LEFT_OVER:
+            return "No Marker" if self.trajectories else "No Markers"
+        if self.kind == IN_DOUBT:
+            return LEAVE_UNNAMED if STAYS_UNNAMED in self.reason else "It Is Right"
+        return {NOBODY_THERE: "Nobody Is There", OF_CAMERA: "Calibration Is Right"}.get(self.kind, "It Is Right")
+
     def answers(self) -> list[Edit]:
-        """What a person says with "it is right": markers are, points are none, or what is said may be as it is."""
+        """What `answer` means: markers are right, points are none, or what is said may be as it is."""
         ranges = self.ranges or ((self.first, self.last),)
         if len(ranges) > TROUBLING.max_answers:
             return [Accepted(self.topic, frames=(ranges[0][0], ranges[-1][1]))]
@@ -288,8 +302,8 @@ class TakeTrouble:
         short = length <= TROUBLING.max_filled_gap_s * self.rate
         beside = [one for one in self._left if one.beside is not None and self.names[one.beside] == name]
         if not share:
-            reason, action = f"{name} is never found", RIGHT
-            advice = f"If {name} was not on the subject, say It Is Right; else name its point, and label again"
+            reason, action = f"{name} {NEVER_FOUND}", RIGHT
+            advice = f"If {name} was not on the subject, say {NOT_WORN}; else name its point, and label again"
         elif share < TROUBLING.never_share:
             reason, action = f"{name} is found in {_percent(share)} of the frames only; {where}", NAME_IT
             advice = f"Look whether what is called {name} is {name}; name the point that is, and label again"
@@ -435,7 +449,7 @@ class TakeTrouble:
                 continue
             advice, action = _advice_of(one)
             if action == NAME_IT and not self._is_on_body(one):
-                advice, action = "It is off the body: look what it is; if it is nothing, say No Marker", ""
+                advice, action = f"It is off the body: look what it is; if it is nothing, say {LEAVE_UNNAMED}", ""
             tracks = () if one.trajectory is None else (one.trajectory,)
             stake = self._stake_of(one)
             yield Trouble(
@@ -508,7 +522,7 @@ def summary_of_trouble(found: Sequence[Trouble]) -> str:
 def _advice_of(suspect: Suspect) -> tuple[str, str]:
     """What to do about a doubt, and what does it."""
     pair = len(suspect.markers) == PAIR
-    if suspect.trajectory is not None and "stays unnamed" in suspect.words:
+    if suspect.trajectory is not None and STAYS_UNNAMED in suspect.words:
         return f"Look whether it is {suspect.markers[0]}; if so, name it" if suspect.markers else "Name it", NAME_IT
     if pair and suspect.trajectory is not None:
         return f"Look which of {' and '.join(suspect.markers)} it is; name it so, or say It Is Right", ""

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from urllib.parse import quote
 
+from ...core.data.wording import count_of
 from ..batch import FAILING, TakeRow, worst_first
 from .drawings import bar
-from .markup import GENERATOR, Html, count_of, element, length, name_of, percent, section, table, write_page
+from .markup import GENERATOR, Html, element, length, name_of, percent, section, table, write_page
 
 
 def write_folder_page(path: Path, rows: Sequence[TakeRow], written: str):

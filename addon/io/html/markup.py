@@ -120,11 +120,6 @@ def percent(share: float | None) -> str:
     return f"{text} %"
 
 
-def count_of(number: int, what: str) -> str:
-    """A number of things, such as `1 gap` or `2,000 gaps`."""
-    return f"{number:,} {what}" + ("" if number == 1 else "s")
-
-
 def length(value: float | None) -> str:
     """A length with three digits, – where there is none."""
     if value is None or value != value:

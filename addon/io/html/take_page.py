@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...core.data.wording import count_of
 from ...core.edits.wording import words_of
 from ...core.review.camera_words import cameras_in
 from ...core.review.overview import CELL_STATES, TakeOverview
@@ -14,7 +15,6 @@ from .drawings import bar, histogram, moment_views, over_time, strip_legend, tim
 from .markup import (
     GENERATOR,
     Html,
-    count_of,
     element,
     escaped,
     joined_html,

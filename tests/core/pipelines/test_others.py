@@ -11,7 +11,7 @@ from addon.core.body.bodies import BodyModel
 from addon.core.body.occlusion import CapsuleOcclusion
 from addon.core.data.takes import Blobs
 from addon.core.geometry.cameras import Cameras
-from addon.core.pipelines.others import SEEKING, OtherSubjects
+from addon.core.pipelines.others import SEEKING, OtherSubjects, refuse_two
 from addon.core.points.refusals import SubjectsError
 from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.simulate import BodiesTogether, CaptureOptions, PosedBody, capture, joined
@@ -52,7 +52,7 @@ def blobs_of(model, cameras: Cameras, people: tuple[int, ...], options: CaptureO
 def looked_at(blobs: Blobs, cameras: Cameras, model) -> OtherSubjects:
     """A take that was labelled as one subject's, and looked at."""
     others = OtherSubjects(cameras, model)
-    parts = [blobs.between(first, min(first + CHUNK - 1, FRAMES)) for first in range(1, FRAMES + 1, CHUNK)]
+    parts = parts_of(blobs)
     for part, chunk in zip(parts, label_take(parts, cameras, model.markerset, RATE), strict=True):
         others.add(part, chunk)
     return others
@@ -61,6 +61,34 @@ def looked_at(blobs: Blobs, cameras: Cameras, model) -> OtherSubjects:
 def test_two_are_told_how_to_have_both(model, cameras):
     with pytest.raises(SubjectsError, match=r"two subjects or more that wear gait15.*--subjects 2 or auto"):
         looked_at(blobs_of(model, cameras, (1, 2)), cameras, model).refuse()
+
+
+def parts_of(blobs: Blobs) -> list[Blobs]:
+    """A take in chunks, as it is read."""
+    return [blobs.between(first, min(first + CHUNK - 1, FRAMES)) for first in range(1, FRAMES + 1, CHUNK)]
+
+
+def test_two_are_told_before_any_of_the_take_is_named(model, cameras):
+    with pytest.raises(SubjectsError, match=r"two subjects or more that wear gait15"):
+        refuse_two(lambda: parts_of(blobs_of(model, cameras, (1, 2))), cameras, model)
+
+
+@pytest.mark.parametrize(("reflections", "read"), [(2, 1), (30, 2)])
+def test_a_take_of_one_is_not_and_read_in_parts_only_unless_it_is_crowded(model, cameras, reflections, read):
+    parts, begun = parts_of(blobs_of(model, cameras, (1,), replace(QUIET, reflections=reflections))), []
+
+    def reading():
+        begun.append(1)
+        return iter(parts)
+
+    refuse_two(reading, cameras, model)
+    assert len(begun) <= read
+
+
+def test_who_leaves_soon_is_not_told_before(model, cameras):
+    both, alone = blobs_of(model, cameras, (1, 2)), blobs_of(model, cameras, (1,))
+    early = Blobs.join([both.between(1, 10), alone.between(11, FRAMES)])
+    refuse_two(lambda: parts_of(early), cameras, model)
 
 
 @pytest.mark.parametrize("reflections", [2, 30])

@@ -169,6 +169,26 @@ def test_doubts_are_in_the_list_once_with_what_to_do():
     assert answered.answered and answered.stake == 0
 
 
+def test_what_answers_a_trouble_fits_it():
+    ghost = np.tile(PLACES[1] + [0.05, 0, 0.02], (FRAMES, 1))
+    away = even()
+    away[30:40, 2, 0] += 0.285
+    alike = Suspect(20, 29, "LHEE and RHEE may have each other's names in the whole take", markers=("LHEE", "RHEE"))
+    unnamed = Suspect(20, 29, "may be LHEE and stays unnamed", 7, ("LHEE",))
+    room = Suspect(FIRST, FIRST + FRAMES - 1, "the room seems to be about 1000 times too large: its cameras see")
+    for found, answer in (
+        (trouble(without("LHEE")), "Not Worn"),
+        (trouble(without("LHEE", frames=slice(20, 160))), "Not Seen"),
+        (trouble(even(), {7: ghost}), "No Marker"),
+        (trouble(away), "It Is Right"),
+        (trouble(even(), suspects=[alike]), "It Is Right"),
+        (trouble(even(), suspects=[unnamed]), "Leave Unnamed"),
+        (trouble(even(), suspects=[room]), "Calibration Is Right"),
+    ):
+        assert found[0].answer == answer, found[0].reason
+        assert "say It Is Right" not in found[0].advice or answer == "It Is Right", found[0].advice
+
+
 def test_another_room_is_the_worst_as_no_name_is_to_be_trusted():
     room = Suspect(FIRST, FIRST + FRAMES - 1, "the room seems to be about 1000 times too large: its cameras see")
     first, second = trouble(without("LHEE"), suspects=[room])

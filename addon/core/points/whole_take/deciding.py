@@ -226,12 +226,17 @@ def _agreement(solution: Solution, question: Question, markers: int) -> float:
 
 
 def _questions(solution: Solution, names: Sequence[str], frames: int, first_frame: int) -> tuple[Suspect, ...]:
-    """What holds for all of the take, and only a person can tell."""
+    """What holds for all of the take, and only a person can tell.
+
+    Limbs are exchanged whole, with markers that nothing is on either side: of two such there is nothing to ask.
+    """
     said = {}
     for question in solution.questions:
         if question.odds < BELIEVING.max_question:
             one = names[question.one]
             if question.other < len(names):
+                if not np.isin(solution.marker, (question.one, question.other)).any():
+                    continue
                 pair = one, names[question.other]
                 words = f"{one} and {pair[1]} may have each other's names in the whole take"
             else:

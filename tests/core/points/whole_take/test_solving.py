@@ -102,6 +102,18 @@ def test_points_that_are_no_marker_get_no_name(model, markers):
     assert (labels.marker[:, whose == NO_MARKER] == NO_MARKER).all()
 
 
+def test_two_names_that_nothing_has_are_not_asked_about(model, markers):
+    points, whose = pieces(markers)
+    named, names = said(points, whose, np.ones(points.shape[:2], bool)), model.markerset.markers
+    solution = solve_take(points, cut(points, RATE), named, named.marker, model, RATE)
+    pair = names.index("LELB"), names.index("RELB")
+    words = "LELB and RELB may have each other's names in the whole take"
+    for unworn, asks in (((), True), (pair[:1], True), (pair, False)):
+        marker = np.where(np.isin(solution.marker, unworn), NO_MARKER, solution.marker)
+        worn = replace(solution, marker=marker, questions=(Question(*pair, 0.1),))
+        assert (words in [one.words for one in labels_of(worn, named, 0.999, names).suspects]) == asks
+
+
 def exchanged_for_a_while(markers: np.ndarray, names) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Pieces in which both wrists' markers are hidden at once twice, whose they are, and names exchanged in between."""
     one, other = (names.index(name) for name in LEFT_WRIST)
