@@ -113,6 +113,14 @@ def key(
         curve.update()
 
 
+def move_key(bag: bpy.types.ActionChannelbag, path: str, frame: float, values: np.ndarray):
+    """Puts the keys at Blender's `frame` of those channels of the property at `path` that there are to values (n,)."""
+    for index, value in enumerate(values):
+        curve = bag.fcurves.find(path, index=index)
+        if curve is not None:
+            curve.keyframe_points.insert(frame, value, options={"FAST"}).interpolation = "LINEAR"
+
+
 def move(bag: bpy.types.ActionChannelbag, path: str, frames: np.ndarray, before: Keyed, after: Keyed) -> bool:
     """Moves the keys of `before`, as `key` made them at Blender's `frames` (F,), to where `after` is.
 

@@ -47,6 +47,26 @@ def add_body(
     return meshes
 
 
+def fit_body(home: bpy.types.Collection, armature: bpy.types.Object, markerset: MarkerSet, scale: np.ndarray):
+    """Gives the capsules of a body, which hang on an armature, the place and size that they have by another scale.
+
+    What a person made of them, or took away, stays so.
+    """
+    hung = [item for item in home.all_objects if naming.CAPSULE in item and item.parent == armature]
+    for number, name in enumerate(markerset.skeleton.segments):
+        own = np.flatnonzero(markerset.capsules.segment == number).tolist()
+        items = [item for item in hung if item[naming.CAPSULE] == name]
+        for index, item in zip(own, items, strict=False) if len(own) == len(items) else ():
+            capsule = capsule_in_metres(markerset, index, scale)
+            place, half = capsule_place(capsule)
+            vertices, _ = capsule_shape(half, capsule.radius)
+            if len(item.data.vertices) == len(vertices):
+                item.data.vertices.foreach_set("co", vertices.astype(np.float32).ravel())
+                item.data.update()
+            item[START], item[END], item[RADIUS] = [0.0, 0.0, -half], [0.0, 0.0, half], capsule.radius
+            armatures.attach(item, armature, name, place)
+
+
 def capsule_in_metres(markerset: MarkerSet, index: int, scale: np.ndarray) -> Capsule:
     """Capsule `index` of a marker set for a subject of `scale` (3,): ends stretch with it, the radius with its mean."""
     capsules = markerset.capsules
