@@ -17,6 +17,7 @@ from ..scene.take import Stored, set_time
 from .exporting import ExportsPerformers, performer_property
 from .polling import OfTake
 from .reporting import reports_trouble
+from .reposing import follow_now
 
 BVH_UNITS = 100.0  # to a metre: BVH has no unit, and what reads it takes centimetres
 
@@ -31,6 +32,7 @@ class MOCAP_AUTOLABEL_OT_add_character(OfTake, bpy.types.Operator):
     @reports_trouble
     def execute(self, context):
         settings = context.scene.mocap_autolabel
+        follow_now(context)
         stored, added = opened.take(settings.take, context.scene), []
         for one in stored.performers:
             home = homes(settings.take).get(one.name, settings.take)
@@ -45,6 +47,7 @@ class ExportsCharacter(OfTake, ExportsPerformers):
     They differ in `axes`, which the armature is turned into, and in `export`, which writes it: JobError if it cannot.
     """
 
+    of_body = True
     performer: performer_property(together=False)
 
     def write(self, paths: list[Path], stored: Stored):

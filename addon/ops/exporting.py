@@ -22,6 +22,7 @@ from ..scene.stored import alone
 from ..scene.take import Stored, is_take
 from .polling import WithTake
 from .reporting import reports_trouble
+from .reposing import follow_now, words_behind
 
 # No performer is called so.
 TOGETHER = (":TOGETHER", "Together", "All performers in one file, markers called NAME:MARKER")
@@ -34,9 +35,11 @@ class ExportsTake(WithTake, ExportHelper):
     """What the exports share: they need a labelled take, and name the file after it.
 
     They differ in `write`, which writes a take to a path and to those of the files `beside` it; UserError if it cannot.
+    What is `of_body` waits for that to follow the labels.
     """
 
     bl_options = {"REGISTER"}
+    of_body = False
 
     def invoke(self, context, event):
         if not self.filepath:
@@ -45,12 +48,19 @@ class ExportsTake(WithTake, ExportHelper):
             self.filepath = str(folder / (stored.name + self.filename_ext))
         return ExportHelper.invoke(self, context, event)
 
+    def draw(self, context):
+        """Says where what is written is out of date, which it is not any more once it is written."""
+        if self.of_body and (words := words_behind(context)):
+            self.layout.label(text=words, icon="ERROR")
+
     def beside(self, path: Path) -> list[Path]:
         """The files that may appear beside `path`."""
         return []
 
     @reports_trouble
     def execute(self, context):
+        if self.of_body:
+            follow_now(context)
         stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
         parts, read = self.parts(stored), read_by(context, stored)
         paths = [self.path_of(name) for name, _ in parts]
@@ -117,6 +127,7 @@ class ExportsPerformers(ExportsTake):
 
     def draw(self, context):
         """Asks whose motion is written where the take is of several."""
+        super().draw(context)
         if homes(context.scene.mocap_autolabel.take):
             self.layout.prop(self, "performer")
 

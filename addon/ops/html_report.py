@@ -18,7 +18,7 @@ class MOCAP_AUTOLABEL_OT_export_report(ExportsTake, bpy.types.Operator):
 
     bl_idname = "mocap_autolabel.export_report"
     bl_label = "Save Report"
-    filename_ext = ".report.html"
+    filename_ext, of_body = ".report.html", True
     filter_glob: StringProperty(default="*.report.html", options={"HIDDEN"})
     open_after: BoolProperty(name="Open It", description="Show the page in the browser once it is saved", default=True)
 

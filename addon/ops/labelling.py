@@ -52,6 +52,7 @@ from .filling import fills_kept, kept_before
 from .framing import fit_timelines, show_take_whole
 from .importing import cameras_at_hand
 from .polling import TellsWhyNot, lacks_object_mode
+from .reposing import follow_soon
 from .stepping import WorksInSteps
 
 ASK_HERE = "by Label All Performers, or under Performers"
@@ -189,6 +190,7 @@ class LabelsTake(TellsWhyNot, WorksInSteps):
         take = replace(take, **kept_before(context.scene, take.source), colours=colours_asked(settings))
         settings.take = show_again(context, take, settings.keep_unnamed, whole=not settings.use_range)
         keep_health(settings.take, take.doubts)
+        follow_soon()  # frames around those that were labelled may have been corrected a moment before
         refresh_review(context.window_manager, context.scene)
         fit_timelines(context)
         if isinstance(take.rows, Blobs):

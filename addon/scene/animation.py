@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from .ownership import LINEAR, note_keys, sign
+from .ownership import LINEAR, note_keys, numbers, sign
 
 # The values of BEZT_KEYTYPE_KEYFRAME and BEZT_KEYTYPE_GENERATED behind Keyframe.type, from Blender 4.4 on: the second
 # is for keys that are "set automatically by a tool", and is drawn and selected apart.
@@ -114,6 +114,15 @@ def key(
             curve.keyframe_points.foreach_set("type", kinds)
         curve.update()
         note_keys(bag, curve, points)
+
+
+def move_key(bag: bpy.types.ActionChannelbag, path: str, frame: float, values: np.ndarray):
+    """Puts the keys at Blender's `frame` of those channels of the property at `path` that there are to values (n,)."""
+    for index, value in enumerate(values):
+        curve = bag.fcurves.find(path, index=index)
+        if curve is not None:
+            curve.keyframe_points.insert(frame, value, options={"FAST"}).interpolation = "LINEAR"
+            note_keys(bag, curve, numbers(curve.keyframe_points, "co", 2))
 
 
 def move(bag: bpy.types.ActionChannelbag, path: str, frames: np.ndarray, before: Keyed, after: Keyed) -> bool:

@@ -2,7 +2,7 @@
 """What a person said of a take of blobs, and the take as it follows from that: names, markers in space, what is open.
 
 The counterpart of `corrections` for blobs. A marker whose blobs are others is where these meet, so one that was named
-in two cameras is there at once; the body stays until the take is labelled again.
+in two cameras is there at once; the body follows by `reposing`.
 """
 
 from dataclasses import fields, replace

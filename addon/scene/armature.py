@@ -14,6 +14,7 @@ from mathutils import Matrix
 
 from ..core.data.markersets import MarkerSet
 from ..core.data.takes import Motion
+from ..core.points.motion import PosedFrames
 from . import animation
 from .sides import keep_sides
 
@@ -60,24 +61,35 @@ def add_armature(
     armature.show_in_front = True
     data.display_type = "STICK"
     collection.objects.link(armature)
-    layer = context.view_layer
+    lay_bones(context, armature, markerset, build)
+    for bone in armature.pose.bones:
+        bone.rotation_mode = "QUATERNION"
+    keep_sides(armature, markerset)
+    return armature
+
+
+def lay_bones(context: bpy.types.Context, armature: bpy.types.Object, markerset: MarkerSet, build: Build):
+    """Gives an armature the bones of a build at rest; those that it has get other places. Needs object mode."""
+    layer, data = context.view_layer, armature.data
     before = layer.objects.active
     layer.objects.active = armature
     bpy.ops.object.mode_set(mode="EDIT")
     tails = bone_tails(markerset, build)
     for index, segment in enumerate(markerset.skeleton.segments):
-        bone = data.edit_bones.new(segment)
-        bone.head, bone.tail = build.joints[index], tails[index]
+        bone = data.edit_bones.get(segment) or data.edit_bones.new(segment)
+        bone.head, bone.tail, bone.roll = build.joints[index], tails[index], 0.0
         parent = markerset.skeleton.parents[index]
         if parent >= 0:
             bone.parent = data.edit_bones[markerset.skeleton.segments[parent]]
     bpy.ops.object.mode_set(mode="OBJECT")
     layer.objects.active = before
-    for bone in armature.pose.bones:
-        bone.rotation_mode = "QUATERNION"
-    keep_sides(armature, markerset)
     armature[SCALE] = [float(value) for value in build.scale]
-    return armature
+
+
+def is_laid(armature: bpy.types.Object, markerset: MarkerSet, build: Build) -> bool:
+    """Whether the bones of an armature are at rest where a build has them."""
+    rest = rest_matrices(armature, markerset)[:, :3, 3]
+    return bool(np.abs(rest - build.joints).max() <= MOVED_BONE and np.allclose(armature[SCALE], build.scale))
 
 
 def bone_tails(markerset: MarkerSet, build: Build) -> np.ndarray:
@@ -103,7 +115,7 @@ def pose_armature(
     frames: np.ndarray,
 ):
     """Keys every bone at Blender's `frames` (F,) so that its head is the joint and it turns as its segment does."""
-    segments, channels = markerset.skeleton.segments, pose_channels(armature, markerset, motion)
+    segments, channels = markerset.skeleton.segments, list(pose_channels(armature, markerset, motion))
     keys = sum(int(np.isfinite(values).sum()) for _, _, values in keyed_channels(segments, channels))
     key_bones(armature, actions.for_keys(keys), segments, channels, frames)
 
@@ -118,8 +130,12 @@ def key_bones(
     """Keys the bones that are called so, the root first, with their channels at Blender's `frames` (F,)."""
     bag = animation.bind(armature, action)
     for name, channel, values in keyed_channels(names, channels):
-        path = f'pose.bones["{bpy.utils.escape_identifier(name)}"].{channel}'
-        animation.key(bag, path, frames, values, name)
+        animation.key(bag, bone_path(name, channel), frames, values, name)
+
+
+def bone_path(name: str, channel: str) -> str:
+    """Where Blender has a channel of a bone."""
+    return f'pose.bones["{bpy.utils.escape_identifier(name)}"].{channel}'
 
 
 def keyed_channels(
@@ -128,13 +144,18 @@ def keyed_channels(
     """The bones that are called so, the root first, with the channels that need keys, and the values of these."""
     for index, (name, (location, quaternion)) in enumerate(zip(names, channels, strict=True)):
         yield name, "rotation_quaternion", quaternion
-        if index == 0 or np.nanmax(np.abs(location), initial=0.0) > MOVED_BONE:
+        if index == 0 or moves(location):
             yield name, "location", location
 
 
+def moves(location: np.ndarray) -> bool:
+    """Whether a bone below the root, by its location channel (F, 3), begins elsewhere than at rest."""
+    return bool(np.nanmax(np.abs(location), initial=0.0) > MOVED_BONE)
+
+
 def pose_channels(
-    armature: bpy.types.Object, markerset: MarkerSet, motion: Motion
-) -> list[tuple[np.ndarray, np.ndarray]]:
+    armature: bpy.types.Object, markerset: MarkerSet, motion: Motion | PosedFrames
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """For each of the J bones its location (F, 3) and rotation quaternion (F, 4), in Blender's bone channels.
 
     Blender composes matrix = parent matrix · parent rest⁻¹ · rest · channels; this solves for the channels.
@@ -145,7 +166,7 @@ def pose_channels(
 
 def bone_channels(
     parents: np.ndarray, rest: np.ndarray, rotations: np.ndarray, heads: np.ndarray
-) -> list[tuple[np.ndarray, np.ndarray]]:
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """The channels of bones with rest matrices (J, 4, 4) that are turned from the rest by rotations (F, J, 3, 3).
 
     `heads` (F, J, 3) m is where they begin, both in the armature's space.
@@ -153,15 +174,13 @@ def bone_channels(
     posed = np.tile(np.eye(4), (*heads.shape[:2], 1, 1))
     posed[..., :3, :3] = rotations @ rest[:, :3, :3]
     posed[..., :3, 3] = heads
-    channels = []
     for index, parent in enumerate(parents):
         if parent >= 0:
             before = posed[:, parent] @ (np.linalg.inv(rest[parent]) @ rest[index])
         else:
             before = np.broadcast_to(rest[index], posed[:, 0].shape)
         local = _inverse(before) @ posed[:, index]
-        channels.append((local[:, :3, 3], _quaternions(local[:, :3, :3])))
-    return channels
+        yield local[:, :3, 3], _quaternions(local[:, :3, :3])
 
 
 def rest_matrices(armature: bpy.types.Object, markerset: MarkerSet) -> np.ndarray:

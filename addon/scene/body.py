@@ -9,6 +9,7 @@ import numpy as np
 from ..core.data.markersets import MarkerSet
 from . import armature as armatures
 from . import naming
+from .ownership import changed_by_us
 from .sides import SIDE_COLOURS, segment_sides
 
 AROUND, RINGS = 24, 6
@@ -46,6 +47,31 @@ def add_body(
         item.data.materials.append(item[naming.MATERIAL])
         meshes.append(item)
     return meshes
+
+
+def fit_body(home: bpy.types.Collection, armature: bpy.types.Object, markerset: MarkerSet, scale: np.ndarray):
+    """Gives the capsules of a body, which hang on an armature, the place and size that they have by another scale.
+
+    What a person made of them, or took away, stays so.
+    """
+    hung = [item for item in home.all_objects if naming.CAPSULE in item and item.parent == armature]
+    for number, name in enumerate(markerset.skeleton.segments):
+        own = np.flatnonzero(markerset.capsules.segment == number).tolist()
+        items = [item for item in hung if item[naming.CAPSULE] == name]
+        for index, item in zip(own, items, strict=False) if len(own) == len(items) else ():
+            with changed_by_us(item):
+                _reshape(item, armature, name, capsule_in_metres(markerset, index, scale))
+
+
+def _reshape(item: bpy.types.Object, armature: bpy.types.Object, name: str, capsule: Capsule):
+    """Gives a capsule that hangs on the bone `name` another place and size."""
+    place, half = capsule_place(capsule)
+    vertices, _ = capsule_shape(half, capsule.radius)
+    if len(item.data.vertices) == len(vertices):
+        item.data.vertices.foreach_set("co", vertices.astype(np.float32).ravel())
+        item.data.update()
+    item[START], item[END], item[RADIUS] = [0.0, 0.0, -half], [0.0, 0.0, half], capsule.radius
+    armatures.attach(item, armature, name, place)
 
 
 def capsule_in_metres(markerset: MarkerSet, index: int, scale: np.ndarray) -> Capsule:

@@ -60,7 +60,7 @@ def add_character(
     _add_bones(context, armature, character, called, axes)
     rest = np.array([data.bones[name].matrix_local for name in called], dtype=float)
     heads, rotations = character.posed(stored.motion.joints, stored.motion.rotations)
-    channels = armatures.bone_channels(character.parents, rest, axes @ rotations @ axes.T, heads @ axes.T)
+    channels = list(armatures.bone_channels(character.parents, rest, axes @ rotations @ axes.T, heads @ axes.T))
     # Only the root moves: each bone begins where the one above has it, and hundredths of millimetres are no motion.
     still = [(np.zeros_like(location), turn) for location, turn in channels[1:]]
     action = bpy.data.actions.new(armature.name)

@@ -106,7 +106,7 @@ def following_of(stored: Stored) -> PointCorrecting | BlobCorrecting:
 
 
 def edited(stored: Stored, edits: Edits, following: PointCorrecting | BlobCorrecting | None = None) -> Stored:
-    """A take with its edits applied: labels, markers and what is left to look at; the body stays.
+    """A take with its edits applied: labels, markers and what is left to look at; the body follows by `reposing`.
 
     stored has the labels that the program gave, `following` is its own and makes one more edit quick. Where the labels
     are not the program's own they stay as well: they were made with the edits.

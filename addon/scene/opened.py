@@ -16,7 +16,7 @@ from .fills import FillsInTake, fills_text, kept_fills
 from .preview import holds_points, read_points_preview, read_preview
 from .smoothing import kept_cutoff
 from .stored import Stored
-from .take import ROWS, finished_take, unedited_take
+from .take import POSE, ROWS, finished_take, unedited_take, with_kept_body
 
 
 @dataclass
@@ -24,7 +24,9 @@ class Opened:
     """What is at hand, by the session's own number of the datablock that holds it: of a take the table of its rows.
 
     stored  takes as the program labelled them, and what waits to be labelled
-    edited  takes with their edits, beside the text of these: another text, after an undo as well, is another take
+    bodies  which poses those have: others, after an undo as well, are other poses
+    edited  takes with their edits, beside the text of these and the take without: another text, after an undo as well,
+            is another take
     final   takes with their fills, and smoothed, beside the text and cut-off of these and the take that they are in
     filling  what puts the fills of each take in, beside their text
     following  what works the edits of each take out
@@ -32,7 +34,8 @@ class Opened:
     """
 
     stored: dict[int, Stored] = field(default_factory=dict)
-    edited: dict[int, tuple[str, Stored]] = field(default_factory=dict)
+    bodies: dict[int, int] = field(default_factory=dict)
+    edited: dict[int, tuple[str, Stored, Stored]] = field(default_factory=dict)
     final: dict[int, tuple[tuple[str | None, float | None], Stored, Stored]] = field(default_factory=dict)
     filling: dict[int, tuple[str | None, FillsInTake]] = field(default_factory=dict)
     following: dict[int, PointCorrecting | BlobCorrecting] = field(default_factory=dict)
@@ -47,8 +50,8 @@ class Opened:
         if text is None:
             return self.unedited(collection, scene)
         kept = self.edited.get(_number_of(collection))
-        if kept is not None and kept[0] == text:
-            return kept[1]
+        if kept is not None and kept[0] == text and kept[1] is self.unedited(collection, scene):
+            return kept[2]
         return self._edited(collection, scene, kept_edits(collection), text)
 
     def take_with(self, collection: bpy.types.Collection, scene: bpy.types.Scene, edits: Edits) -> Stored:
@@ -60,7 +63,7 @@ class Opened:
         if key not in self.following and before.own_labels:
             self.following[key] = following_of(before)
         after = edited(before, edits, self.following.get(key))
-        self.edited[key] = (text, after)
+        self.edited[key] = (text, before, after)
         return after
 
     def make_ready(self, collection: bpy.types.Collection, scene: bpy.types.Scene):
@@ -93,9 +96,12 @@ class Opened:
 
     def unedited(self, collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
         """The take that `collection` holds, as the program labelled it."""
-        key = _number_of(collection)
+        key, body = _number_of(collection), collection[POSE].session_uid
         if key not in self.stored:
             self.stored[key] = unedited_take(collection, scene)
+        elif body != self.bodies[key]:
+            self.stored[key] = with_kept_body(collection, self.stored[key])
+        self.bodies[key] = body
         return self.stored[key]
 
     def rows_of(self, stored: Stored, point: int) -> np.ndarray:
@@ -125,6 +131,7 @@ class Opened:
     def forget(self):
         """Lets go of everything: another file was loaded, something was undone, or the extension ends."""
         self.stored.clear()
+        self.bodies.clear()
         self.edited.clear()
         self.final.clear()
         self.filling.clear()

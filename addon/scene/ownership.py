@@ -39,7 +39,7 @@ def is_made_for(block: bpy.types.ID, take: bpy.types.Collection) -> bool:
 
 def is_untouched(block: bpy.types.ID) -> bool:
     """True for what the add-on made and nobody changed since."""
-    return _is_as_signed(block) and (not isinstance(block, bpy.types.Object) or _is_keyed_by_us(block))
+    return _is_as_signed(block) and (not isinstance(block, bpy.types.Object) or is_keyed_by_us(block))
 
 
 def _is_as_signed(block: bpy.types.ID) -> bool:
@@ -62,14 +62,14 @@ def _digest_of_keys(keys: np.ndarray) -> str:
     return str(crc32(np.ascontiguousarray(keys, np.float32).tobytes()))
 
 
-def _is_keyed_by_us(item: bpy.types.Object) -> bool:
+def is_keyed_by_us(item: bpy.types.Object) -> bool:
     """Whether all keys of an object are those that the add-on noted; earlier versions noted none."""
     for curve in _curves(item):
         data, points = item.animation_data, curve.keyframe_points
         noted = data.action.get(KEYED, {}).get(_place_of(data.action_slot.handle, curve))
-        if noted is not None and noted != _digest_of_keys(_numbers(points, "co", 2)):
+        if noted is not None and noted != _digest_of_keys(numbers(points, "co", 2)):
             return False
-        if (_numbers(points, "interpolation", 1, np.int32) != LINEAR).any():
+        if (numbers(points, "interpolation", 1, np.int32) != LINEAR).any():
             return False
     return True
 
@@ -242,7 +242,7 @@ def _state(block: bpy.types.ID) -> str:
             mesh = block.data
             said += [len(mesh.polygons), sorted(one.name for one in mesh.attributes if one.name[0] != ".")]
             said.append(mesh.shape_keys is not None)
-            arrays.append(_numbers(mesh.vertices, "co", 3))
+            arrays.append(numbers(mesh.vertices, "co", 3))
         if block.type == "ARMATURE":
             said += [_of_bone(bone) for bone in block.pose.bones]
             arrays += [
@@ -311,7 +311,8 @@ def _curves(item: bpy.types.Object) -> list[bpy.types.FCurve]:
     return [curve for bag in bags if bag is not None for curve in bag.fcurves]
 
 
-def _numbers(things, path: str, width: int, kind: type = np.float32) -> np.ndarray:
+def numbers(things, path: str, width: int, kind: type = np.float32) -> np.ndarray:
+    """(N * width,) what each of N things has at `path`."""
     flat = np.empty(len(things) * width, kind)
     things.foreach_get(path, flat)
     return flat

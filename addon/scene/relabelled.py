@@ -39,7 +39,8 @@ def show_again(context: bpy.types.Context, take: Take, unnamed: bool, whole: boo
         if found is None and _same_markers(collection, take, old):
             # What was said while the labelling went on is said of what came of it as well.
             before, said = old, kept_edits(collection)
-            shift = opened.take(collection, scene).shift
+            stored = opened.take(collection, scene)
+            shift, stale = stored.shift, stored.motion.frames[stored.stale]
             lay = int(old.motion.frames[0]) + shift, int(old.motion.frames[-1]) + shift
             whole_take = merged(old, as_range(take))
             found = changes_of(old, whole_take, take.markerset.markers)
@@ -51,6 +52,7 @@ def show_again(context: bpy.types.Context, take: Take, unnamed: bool, whole: boo
                 suspects=whole_take.suspects,
                 unedited=whole_take.unedited,
                 edits=take.edits if said is None else said,
+                old_body=np.setdiff1d(stale, take.motion.frames),
                 colours={**colours_in(collection), **take.colours},
             )
             if collection.library is None:

@@ -4,6 +4,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from zlib import crc32
 
 import numpy as np
 
@@ -14,6 +15,8 @@ from ..core.edits.kinds import NO_EDITS, Edits
 from ..core.filling.kept import KeptFill, filled_samples, fills_by_marker
 from ..core.geometry.cameras import Cameras
 from .performers import Performer, performers_in_row, rows_of
+
+MIXING = np.uint64(0x9E3779B97F4A7C15)  # format: odd, its bits as if by lot; by another all kept bodies are old
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +38,7 @@ class Stored:
     placed    index of the frame and marker of each that a person placed
     held      which rows are the markers of a take of points by its edits, for telling what one more of them changes
     own_labels  whether the labels are what the program gave before any edit; not so of blobs of the first versions
+    posed_on  (F,) the digests of the labels that the body was posed on; None where there is no body
     """
 
     name: str
@@ -84,6 +88,22 @@ class Stored:
     placed: tuple[tuple[int, int], ...] = ()
     held: Held | None = None
     own_labels: bool = True
+    posed_on: np.ndarray | None = None
+
+    @cached_property
+    def label_digests(self) -> np.ndarray:
+        """(F,) those of the labels as they are."""
+        return digests_of(self.rows, self.labels, self.unfilled)
+
+    @cached_property
+    def body_digest(self) -> str:
+        """That of the labels that the body was posed on."""
+        return "" if self.posed_on is None else digest_of(self.posed_on)
+
+    @cached_property
+    def stale(self) -> np.ndarray:
+        """(F,) True where the body was posed on other labels."""
+        return np.zeros(len(self.motion.frames), bool) if self.posed_on is None else self.posed_on != self.label_digests
 
     def source_frame(self, current: int) -> int:
         """Blender's current frame in the source's numbers; InputError outside the take."""
@@ -92,6 +112,32 @@ class Stored:
             words = f"expected one of the take, {first + self.shift} to {last + self.shift}"
             raise InputError(f"the current frame is {current}; {words}")
         return frame
+
+
+def digests_of(rows: Blobs | PointRows, labels: Labels, motion: Motion) -> np.ndarray:
+    """(F,) whole numbers of 31 bits that are others where other rows are markers, or a person placed one elsewhere."""
+    named, (frame, marker) = np.flatnonzero(labels.named), np.nonzero(motion.residual == 0)
+    placed = motion.markers[frame, marker].astype(np.float32).view(np.uint32)
+    facts = [np.column_stack([np.full(len(named), 3), named, labels.marker[named]])]
+    facts += [np.column_stack([np.full(len(frame), axis), placed[:, axis], marker]) for axis in range(3)]
+    return _sums(np.concatenate([rows.frame[named], *[frame] * 3]), np.concatenate(facts), len(rows.frames))
+
+
+def _sums(frame: np.ndarray, facts: np.ndarray, frames: int) -> np.ndarray:
+    """(F,) what facts (K, 3), whole numbers, of a frame each (K,) come to in each frame, in whatever order they are."""
+    mixed = np.zeros(len(facts), np.uint64)
+    for column in facts.T.astype(np.uint64):
+        # Twice, with shifts between: of one product alone the sum stays when two rows exchange their markers.
+        for shift in (32, 29):
+            mixed = (mixed + column + np.uint64(1)) * MIXING
+            mixed ^= mixed >> np.uint64(shift)
+    # The sum of a frame's numbers of 31 bits is exact: it has far fewer than 2^22 of them.
+    return np.bincount(frame, mixed >> np.uint64(33), frames).astype(np.int64) % 2**31
+
+
+def digest_of(digests: np.ndarray) -> str:
+    """One digest of those of all frames."""
+    return f"{crc32(digests.astype(np.int64).tobytes()):08x}"
 
 
 def alone(stored: Stored, performer: Performer) -> Stored:
@@ -152,7 +198,7 @@ def _between(
 ) -> dict[int, slice] | None:
     # Of blobs nothing says what an edit changes.
     same = isinstance(before.rows, PointRows) and before.rows is after.rows
-    same = same and before.motion.expected is after.motion.expected and before.fills is after.fills
+    same = same and before.fills is after.fills
     if not same or before.cutoff is not None or after.cutoff is not None:
         return None
     found = frames_of(before.held, after.held)

@@ -27,11 +27,14 @@ from .body import add_body
 from .cloud import FRAME, add_cloud, cloud_table
 from .corrections import OWN_LABELS, edited, keep_edits, kept_edits, kept_text, motion_of_labels
 from .fills import FILL_PATHS, FillsInTake, keep_fills, kept_fills
-from .performers import Colour, body_material, home_of, homes, performers_in_row, performers_of, rows_of
+from .performers import Colour, Performer, body_material, home_of, homes, performers_in_row, performers_of, rows_of
 from .smoothing import keep_cutoff, kept_cutoff, smoothed_in
-from .stored import Stored, moved_between
+from .stored import Stored, digest_of, digests_of, moved_between
 
 ROWS, MOTION, POSE, FRAME_TABLE = "mocap_blobs", "mocap_motion", "mocap_pose", "mocap_frames"
+EXPECTED = "mocap_expected"  # files of the first versions have it with the motion
+POSED_ON = "posed_on"  # of a frame: the digest of the labels that the body was posed on; not in the first versions
+SHOWN_BODY = "mocap_shown_body"  # on an action: the digest of the labels that the body was posed on that it shows
 RATE, SHIFT, SUSPECTS, SOURCE, MARKER_NAMES = (
     "mocap_rate",
     "mocap_frame_shift",
@@ -68,6 +71,7 @@ class Take:
     fills      gaps that were filled, which `motion` has not
     cutoff     Hz, by which the markers are shown smoothed, which `motion` is not; None for as they are
     colours    of performers by their names; a usual one for who has none
+    old_body   frames, by the source's numbers, whose body was posed on other labels
     """
 
     name: str
@@ -85,6 +89,13 @@ class Take:
     fills: tuple[KeptFill, ...] = ()
     cutoff: float | None = None
     colours: Mapping[str, Colour] = field(default_factory=dict)
+    old_body: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+
+    @property
+    def posed_on(self) -> np.ndarray:
+        """(F,) the digests of the labels that the body was posed on."""
+        now = digests_of(self.rows, self.labels, self.motion)
+        return np.where(np.isin(self.motion.frames, self.old_body), now ^ 1, now)
 
 
 def join_rows(chunks: Sequence[Blobs] | Sequence[PointRows]) -> Blobs | PointRows:
@@ -156,6 +167,7 @@ def show_take(
         armature = armatures.add_armature(context, home, f"{performer.name or take.name} armature", markerset, build)
         armatures.pose_armature(armature, actions, markerset, own, frames)
         ownership.sign(armature, f"{performer.name} armature", collection)
+        armature.animation_data.action[SHOWN_BODY] = digest_of(take.posed_on)
         place = ownership.made_collection(collection, home, f"{home.name} body", f"{performer.name} body")
         body = add_body(place, armature, markerset, build.scale, body_material(home))
         for number, item in enumerate(body):
@@ -273,7 +285,7 @@ def clear_take(collection: bpy.types.Collection, but: Sequence[bpy.types.Object]
     """
     adopt_take(collection)
     former = ownership.set_aside(collection, but)
-    tables = [collection.get(key) for key in (ROWS, MOTION, POSE, FRAME_TABLE, FILL_PATHS)]
+    tables = [collection.get(key) for key in (ROWS, MOTION, EXPECTED, POSE, FRAME_TABLE, FILL_PATHS)]
     made = collection.get(ownership.MADE)
     ownership.release(collection)
     if made is not None:
@@ -306,10 +318,10 @@ def finished_take(collection: bpy.types.Collection, stored: Stored, filling: Fil
 
 def unedited_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
     """A take as the program labelled it."""
-    table, frames = storage.read_table(collection[ROWS]), storage.read_table(collection[FRAME_TABLE])
+    table, frames = storage.read_table(collection[ROWS]), storage.read_table(collection[FRAME_TABLE])["number"]
     names = tuple(json.loads(collection[MARKER_NAMES]))
     kept = json.loads(collection.get(PERFORMERS, "null"))
-    rows, motion = _read_rows(table, frames["number"]), _read_motion(collection, frames, len(names), len(kept or [1]))
+    rows, motion = _read_rows(table, frames), _read_motion(collection, frames, len(names), len(kept or [1]))
     model = str(collection.get(naming.MARKERSET, ""))
     # Files of the first versions are of one performer each.
     performers = performers_in_row(kept or [["", model, len(names), motion.joints.shape[1]]])
@@ -318,7 +330,7 @@ def unedited_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> S
         # What the file keeps of the motion may have been made with the edits.
         motion = motion_of_labels(motion, rows, labels)
     cameras = collection.get(naming.CAMERAS)
-    return Stored(
+    stored = Stored(
         str(collection[naming.TAKE]),
         float(collection[RATE]),
         scene_cameras.cameras_of(cameras, scene) if cameras else NO_CAMERAS,
@@ -336,6 +348,7 @@ def unedited_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> S
         own_labels=isinstance(rows, PointRows) or kept_text(collection) is None or OWN_LABELS in collection,
         segments=tuple(json.loads(collection.get(SEGMENTS, "[]"))),
     )
+    return _with_digests(collection, stored)
 
 
 def _suspect(
@@ -385,18 +398,13 @@ def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Coll
     collection[STEP_NAMES] = json.dumps(STEPS)
     flat = {
         "markers": motion.markers.reshape(-1, 3),
-        "expected": motion.expected.reshape(-1, 3),
         "residual": motion.residual.ravel(),
         "residual_px": motion.residual_px.ravel(),
         "conflicts": motion.conflicts.ravel().astype(int),
     }
     collection[MOTION] = storage.store_table(f"{title} motion", flat)
-    turns = rotations.rotation_vector(motion.rotations.reshape(-1, 3, 3))
-    collection[POSE] = storage.store_table(f"{title} pose", {"joints": motion.joints.reshape(-1, 3), "turns": turns})
     performers = performers_of(take.markerset)
-    sizes = {_size_of(one.number): one.motion_of(motion).scale for one in performers}
-    per_frame = {"number": motion.frames, **sizes, "confidence": motion.confidence}
-    collection[FRAME_TABLE] = storage.store_table(f"{title} frames", per_frame)
+    keep_body(collection, motion, performers, take.posed_on)
     collection[naming.TAKE] = take.name
     collection[naming.MARKERSET] = take.markerset.name
     if cameras is not None:
@@ -420,6 +428,31 @@ def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Coll
     keep_cutoff(collection, take.cutoff)
 
 
+def keep_body(collection: bpy.types.Collection, motion: Motion, performers: Sequence[Performer], posed_on: np.ndarray):
+    """Keeps the body of a motion with a take, in the place of the one that it has, and what labels it was posed on."""
+    title = collection.name
+    turns = rotations.rotation_vector(motion.rotations.reshape(-1, 3, 3))
+    sizes = {_size_of(one.number): one.motion_of(motion).scale for one in performers}
+    tables = {
+        EXPECTED: (f"{title} expected", {"expected": motion.expected.reshape(-1, 3)}),
+        POSE: (f"{title} pose", {"joints": motion.joints.reshape(-1, 3), "turns": turns}),
+        FRAME_TABLE: (
+            f"{title} frames",
+            {"number": motion.frames, **sizes, "confidence": motion.confidence, POSED_ON: posed_on},
+        ),
+    }
+    for key, (name, columns) in tables.items():
+        before = collection.get(key)
+        collection[key] = storage.store_table(name, columns)
+        if before is not None and not before.users:
+            bpy.data.meshes.remove(before)
+
+
+def keeps_digests(collection: bpy.types.Collection) -> bool:
+    """Whether a take says what labels its body was posed on: those of the first versions do not until it is another."""
+    return POSED_ON in collection[FRAME_TABLE].attributes
+
+
 def _size_of(number: int) -> str:
     """The column of the sizes of a performer by how many are before: files of the first versions have one."""
     return f"scale{number}" if number else "scale"
@@ -439,24 +472,41 @@ def _row_columns(rows: Blobs | PointRows) -> dict[str, np.ndarray]:
     return columns if rows.residual is None else columns | {RESIDUAL: rows.residual}
 
 
-def _read_motion(
-    collection: bpy.types.Collection, frames: dict[str, np.ndarray], markers: int, performers: int
-) -> Motion:
-    motion, pose = storage.read_table(collection[MOTION]), storage.read_table(collection[POSE])
-    count = len(frames["number"])
-    turns = rotations.exponential(pose["turns"])[0]
+def _read_motion(collection: bpy.types.Collection, frames: np.ndarray, markers: int, performers: int) -> Motion:
+    motion, count = storage.read_table(collection[MOTION]), len(frames)
     return Motion(
-        frames["number"],
-        _by_marker(motion["markers"].reshape(count, markers, 3)),
-        _by_marker(motion["residual"].reshape(count, markers)),
-        _by_marker(motion["residual_px"].reshape(count, markers)),
-        motion["conflicts"].reshape(count, markers),
-        _by_marker(motion["expected"].reshape(count, markers, 3)),
-        pose["joints"].reshape(count, -1, 3),
-        turns.reshape(count, -1, 3, 3),
-        np.concatenate([frames[_size_of(number)] for number in range(performers)], axis=1),
-        frames["confidence"],
+        frames=frames,
+        markers=_by_marker(motion["markers"].reshape(count, markers, 3)),
+        residual=_by_marker(motion["residual"].reshape(count, markers)),
+        residual_px=_by_marker(motion["residual_px"].reshape(count, markers)),
+        conflicts=motion["conflicts"].reshape(count, markers),
+        **_read_body(collection, count, markers, performers),
     )
+
+
+def _read_body(collection: bpy.types.Collection, count: int, markers: int, performers: int) -> dict[str, np.ndarray]:
+    """The body of a take in so many frames, as the fields of a motion."""
+    pose, frames = storage.read_table(collection[POSE]), storage.read_table(collection[FRAME_TABLE])
+    expected = storage.read_table(collection.get(EXPECTED) or collection[MOTION])["expected"]
+    return {
+        "expected": _by_marker(expected.reshape(count, markers, 3)),
+        "joints": pose["joints"].reshape(count, -1, 3),
+        "rotations": rotations.exponential(pose["turns"])[0].reshape(count, -1, 3, 3),
+        "scale": np.concatenate([frames[_size_of(number)] for number in range(performers)], axis=1),
+        "confidence": frames["confidence"],
+    }
+
+
+def with_kept_body(collection: bpy.types.Collection, stored: Stored) -> Stored:
+    """A take as the program labelled it, with the body that the file has of it by now."""
+    own = _read_body(collection, len(stored.motion.frames), len(stored.names), len(stored.performers))
+    return _with_digests(collection, replace(stored, motion=replace(stored.motion, **own)))
+
+
+def _with_digests(collection: bpy.types.Collection, stored: Stored) -> Stored:
+    """With what its body was posed on; in the first versions, which did not say, on the labels without any edits."""
+    kept = storage.read_table(collection[FRAME_TABLE]).get(POSED_ON)
+    return replace(stored, posed_on=stored.label_digests if kept is None else kept)
 
 
 def _by_marker(values: np.ndarray) -> np.ndarray:

@@ -51,7 +51,8 @@ def forget_trouble():
 
 def _sight_of(stored: Stored) -> MarkerSight:
     """Where the markers of a take are seen: of one that was edited since, only what that changed is looked at again."""
-    changed = changed_between(_sight[0][0], stored) if _sight else None
+    same_body = bool(_sight) and _sight[0][0].motion.expected is stored.motion.expected
+    changed = changed_between(_sight[0][0], stored) if same_body else None
     if changed is None:
         sight = MarkerSight.of(stored.motion)
     else:

@@ -7,6 +7,7 @@ import bpy
 
 from ..ops.correcting import review_now
 from ..ops.label_folder import follow, leave_batch
+from ..ops.reposing import forget_reposing
 from ..ops.timeline import forget_rows
 from ..props import list_trouble
 from ..scene.opened import opened
@@ -51,6 +52,7 @@ def add_handlers(stack: ExitStack):
     stack.callback(opened.forget)
     stack.callback(forget_trouble)
     stack.callback(forget_rows)
+    stack.callback(forget_reposing)
     stack.callback(overlay.letters.forget)
     stack.callback(overlay.discs.forget)
     stack.callback(_stop_timer, list_trouble)

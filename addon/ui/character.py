@@ -3,7 +3,8 @@
 
 import bpy
 
-from .parts import Reviewing
+from ..ops.reposing import words_behind
+from .parts import Reviewing, draw_text
 
 
 class MOCAP_AUTOLABEL_PT_character(Reviewing, bpy.types.Panel):
@@ -14,6 +15,8 @@ class MOCAP_AUTOLABEL_PT_character(Reviewing, bpy.types.Panel):
 
     def draw(self, context):
         layout = self.layout
+        if words := words_behind(context):
+            draw_text(context, layout, words, icon="ERROR")
         layout.prop(context.scene.mocap_autolabel, "bone_names", text="Bones")
         layout.operator("mocap_autolabel.add_character", icon="OUTLINER_OB_ARMATURE")
         row = layout.row(align=True)

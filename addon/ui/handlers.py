@@ -6,6 +6,7 @@ from bpy.app.handlers import persistent
 
 from ..ops.label_folder import show_batch
 from ..ops.picking import keep_picked, restore_picked
+from ..ops.reposing import follow_soon, forget_reposing
 from ..ops.timeline import forget_rows
 from ..props import SceneSettings, TrainingTakeRow, refresh_review, restore_choice
 from ..scene import naming
@@ -22,9 +23,12 @@ def after_load(*_):
         adopt_training_takes(scene.mocap_autolabel)
     forget_trouble()
     forget_rows()
+    forget_reposing()
     bpy.context.view_layer.update()  # constraints of cameras, which what was edited in takes of blobs is measured by
     bpy.context.window_manager.mocap_autolabel.picked.clear()
     adopt_takes()
+    if not bpy.app.background:
+        follow_soon()
     show_batch()
 
 
@@ -36,7 +40,8 @@ def before_undo(*_):
 
 @persistent
 def after_undo(*_):
-    """A step was undone or redone: the tables may be of a take that is gone."""
+    """A step was undone or redone: the tables may be of a take that is gone, and the body of other labels."""
+    follow_soon()
     refresh_review(bpy.context.window_manager, bpy.context.scene)
     restore_picked(bpy.context)
 

@@ -12,6 +12,7 @@ from gpu_extras.batch import batch_for_shader
 from ..core.data.takes import BY_EDIT, CONFLICT, EXCLUSIVE, NO_MARKER, NO_STEP, REMAINING, PointRows
 from ..core.data.wording import count_of
 from ..ops.importing import cameras_at_hand
+from ..ops.reposing import words_behind
 from ..scene import naming
 from ..scene.cameras import camera_name, camera_through
 from ..scene.markerset_edit import edited_collection
@@ -28,7 +29,7 @@ from .marks import BLUE, GREY, ORANGE, RED, STEP_COLOURS, WHITE
 BLOB_RADIUS, RING_RADIUS, LINK_WIDTH, TEXT_SIZE = 3.5, 5.5, 2.2, 11.0
 RING_COLOUR = (1.0, 1.0, 1.0, 0.45)
 CORNERS = 16
-LEGEND_LEFT, LEGEND_BOTTOM = 60, 20
+LEGEND_LEFT, LEGEND_BOTTOM, LINE = 60, 20, 18
 LEGEND = (
     ("nothing else near", EXCLUSIVE),
     ("chosen among several", CONFLICT),
@@ -49,6 +50,9 @@ def draw():
     with Canvas(context) as canvas:
         if settings.show_names:
             draw_laid_out(canvas, context.scene)
+        if words := words_behind(context):
+            canvas.text(words, LEGEND_LEFT * canvas.scale, canvas.foot, RED)
+            canvas.foot += LINE * canvas.scale
         draw_frame(canvas, context)
 
 
@@ -251,7 +255,7 @@ def draw_legend(canvas: Canvas, camera: str, blobs: int, named: int, legend):
 
 def draw_colours(canvas: Canvas, title: str, rows):
     """A title and below it colours, each one or from one to another, with the words for them."""
-    left, bottom, line = LEGEND_LEFT * canvas.scale, canvas.foot, 18 * canvas.scale
+    left, bottom, line = LEGEND_LEFT * canvas.scale, canvas.foot, LINE * canvas.scale
     lower = bottom + line * np.arange(len(rows))[::-1]
     y = lower + line * 0.25
     ends = np.stack([np.column_stack([0 * y + left, y]), np.column_stack([0 * y + left + 22 * canvas.scale, y])], 1)

@@ -10,6 +10,7 @@ from ..io.markersets import SUFFIX
 from ..io.names import written
 from ..ops.importing import cameras_at_hand
 from ..ops.picking import picked_points, selected_markers, words_of_picked
+from ..ops.reposing import words_behind
 from ..props import OWN_FILE
 from ..scene import naming
 from ..scene.cameras import camera_name
@@ -235,6 +236,8 @@ class MOCAP_AUTOLABEL_PT_review(Step, bpy.types.Panel):
         row.prop(settings, "show_trails", toggle=True)
         if not settings.points_path:
             row.prop(settings, "show_links", toggle=True)
+        if words := words_behind(context):
+            draw_text(context, layout, words, icon="ERROR")
         if is_take(settings.take):
             layout.operator("mocap_autolabel.clear", icon="TRASH")
 

@@ -13,9 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from addon.blendfile import start_blender
+from addon.io.markersets import write_markerset
 
 from .cases import Row, milliseconds
-from .long_take import FRAMES, MARKERS, long_take
+from .long_take import FRAMES, MARKERS, long_take, many_markers
 
 EDITS = 100
 PERSPECTIVE = np.array([[1.2, 0, 0, 0], [0, 0, 2.0, -1.8], [0, 1, 0, 0], [0, 1, 0, 4]])
@@ -111,6 +112,12 @@ class Session:
         keep_fills(collection, fills)
         show_edits(collection, before, self.stored, True)
 
+    def choose_set(self):
+        """Lets the body follow from then on: the marker set is that of the take."""
+        path = self.file.with_name("long.markerset.json")
+        write_markerset(path, many_markers())
+        self.bpy.ops.mocap_autolabel.open_markerset(filepath=str(path))
+
     def frame_to_draw(self):
         """What the overlay works out for a frame before it draws."""
         stored, index = self.stored, FRAMES // 2
@@ -143,3 +150,6 @@ def editing(repeats: int) -> Iterator[Row]:
     yield row("two markers swapped, in the whole take, its gaps filled", partial(session.swap, "WHOLE"), floor, some)
     yield row("a piece named, the gaps filled", session.name, floor, some)
     yield row("opening the file", session.open, ("10 s", "", ""), 2)
+    session.choose_set()
+    title = "two markers swapped in one frame, and the body of all frames behind them"
+    yield row(title, partial(session.swap, "FRAME"), ("", "", ""), 2)

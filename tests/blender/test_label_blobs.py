@@ -252,3 +252,25 @@ def test_the_timeline_shows_what_a_person_named(labelled, files, extension):
     states = rows.states_of(take_now(labelled), [files.names.index(LOST)], slice(0, FRAMES))[:, 0]
     assert states[14] == rows.CORRECTED
     assert (np.delete(states, 14) == rows.GAP).all()
+
+
+def test_the_body_follows_where_the_labels_are_others(labelled):
+    """Elsewhere it rests on rays, which labelling alone follows."""
+    [armature] = [item for item in labelled.scene.mocap_autolabel.take.all_objects if item.type == "ARMATURE"]
+
+    def bones() -> np.ndarray:
+        found = []
+        for frame in range(101, 101 + FRAMES):
+            labelled.scene.frame_set(frame)
+            found.append([np.array(bone.matrix) for bone in armature.pose.bones])
+        labelled.scene.frame_set(115)
+        return np.array(found)
+
+    before = bones()
+    choose("LWRA", "LKNE")
+    assert bpy.ops.mocap_autolabel.swap_markers(scope="ON") == {"FINISHED"}
+    now = bones()
+    np.testing.assert_allclose(now[:14, :, :3, 3], before[:14, :, :3, 3], atol=1e-5)
+    assert np.abs(now[14:] - before[14:]).max() > 0.1
+    assert bpy.ops.mocap_autolabel.remove_correction(index=0) == {"FINISHED"}
+    assert np.median(np.abs(bones()[14:, :, :3, 3] - before[14:, :, :3, 3])) < 0.01

@@ -4,13 +4,14 @@
 Used to put the body in the way of a recorded take, and to learn marker sets.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..data.lanes import blocks
 from ..data.markersets import MarkerSet
+from ..data.progress import finished
 from ..data.room import IN_MEMORY, MakeTable
 from ..geometry import rotations
 from ..geometry.rigid import best_turns
@@ -99,18 +100,56 @@ def fit_points(
     bends. Size and shape are taken from so many `subject_frames`. `progress` hears the share that is done; `make_table`
     says where the poses are kept. Raises ValueError when no frame has more.
     """
-    there = np.concatenate([np.isfinite(points[part]).all(axis=2).sum(axis=1) for part in blocks(*points.shape[:2])])
+    if prior is None:
+        prior = Prior(model, height=height, height_sd=None if height is None else POSING.height_sd_m)
+    return finished(fit_in_steps(model, points, prior, subject_frames, make_table), progress)
+
+
+def fit_in_steps(
+    model: BodyModel,
+    points: np.ndarray,
+    prior: Prior,
+    subject_frames: int = POSING.subject_frames,
+    make_table: MakeTable = IN_MEMORY,
+    subject: Bodies | None = None,
+) -> Generator[float, None, Bodies]:
+    """What `fit_points` does, a little at a time; yields the share that is done. The `subject` may be known already."""
+    enough = np.flatnonzero(markers_there(points) >= POSING.min_markers)
+    if subject is None:
+        subject = subject_of(model, points, prior, subject_frames)
+    count = _counter(len(enough), min(subject_frames, len(enough)))
+    poses = {name: (len(points), *getattr(subject, name).shape[1:]) for name in ("translation", "quaternion", "bends")}
+    fields = {name: _each(getattr(subject, name), len(points)) for name in ("scale", "shape", "own")}
+    for name, shape in poses.items():
+        fields[name] = make_table(shape, float)
+        for part in blocks(len(points), int(np.prod(shape[1:]))):
+            fields[name][part] = np.nan
+    yield count(0)
+    for at in range(0, len(enough), POSING.window_frames):
+        part = enough[at : at + POSING.window_frames]
+        bodies = yield from _pose_in_steps(model, subject, points[part], prior, count)
+        for name in poses:
+            fields[name][part] = getattr(bodies, name)
+    return Bodies(**fields)
+
+
+def markers_there(points: np.ndarray) -> np.ndarray:
+    """(T,) how many markers there are in each frame of points (T, M, 3)."""
+    parts = blocks(*points.shape[:2])
+    counts = [np.isfinite(points[part]).all(axis=2).sum(axis=1) for part in parts]
+    return np.concatenate([np.zeros(0, int), *counts])
+
+
+def subject_of(model: BodyModel, points: np.ndarray, prior: Prior, frames: int = POSING.subject_frames) -> Bodies:
+    """The size and shape of the subject of points (T, M, 3) m, as a body (a batch of 1), from so many of the frames.
+
+    Raises ValueError when no frame has enough markers.
+    """
+    there = markers_there(points)
     enough = np.flatnonzero(there >= POSING.min_markers)
     if not len(enough):
         raise ValueError("no frame has enough markers to pose a body on")
-    if prior is None:
-        prior = Prior(model, height=height, height_sd=None if height is None else POSING.height_sd_m)
-    fullest = _fullest(there, enough, subject_frames)
-    subject = fit_subject(model, points[fullest], prior).pick(slice(0, 1))
-    count = _counter(progress, len(enough), len(fullest))
-    parts = [enough[at : at + POSING.window_frames] for at in range(0, len(enough), POSING.window_frames)]
-    posed = ((part, pose_subject(model, subject, points[part], prior, count)) for part in parts)
-    return _spread_out(subject, posed, len(points), make_table)
+    return fit_subject(model, points[_fullest(there, enough, frames)], prior).pick(slice(0, 1))
 
 
 def fit_subject(model: BodyModel, points: np.ndarray, prior: Prior, steps: int = POSING.subject_steps) -> Bodies:
@@ -124,8 +163,8 @@ def fit_subject(model: BodyModel, points: np.ndarray, prior: Prior, steps: int =
     return bodies
 
 
-def _counter(progress: Callable[[float], None] | None, frames: int, fullest: int) -> Callable[[int], None]:
-    """A function that hears how many frames went how many steps on, and tells `progress` the share of it all.
+def _counter(frames: int, fullest: int) -> Callable[[int], float]:
+    """A function that hears how many frames went how many steps on, and says how far that is in it all.
 
     So many frames, the `fullest`, have given size and shape by then.
     """
@@ -134,35 +173,35 @@ def _counter(progress: Callable[[float], None] | None, frames: int, fullest: int
     done = POSING.subject_work * fullest
     whole = done + frames * each
 
-    def count(work: int):
+    def count(work: int) -> float:
         nonlocal done
         done += work
-        if progress is not None:
-            progress(min(done / whole, 1.0))
+        return min(done / whole, 1.0)
 
-    count(0)
     return count
 
 
-def pose_subject(
-    model: BodyModel,
-    subject: Bodies,
-    points: np.ndarray,
-    prior: Prior,
-    count: Callable[[int], None] = lambda _: None,
-) -> Bodies:
-    """One subject (a batch of 1) posed on frames (T, M, 3) m that all have enough markers; nothing else is fitted.
+def pose_subject(model: BodyModel, subject: Bodies, points: np.ndarray, prior: Prior) -> Bodies:
+    """One subject (a batch of 1) posed on frames (T, M, 3) m that all have enough markers; nothing else is fitted."""
+    return finished(_pose_in_steps(model, subject, points, prior, float))
 
-    `count` is called with the number of frames times the steps that they were moved on by, batch after batch.
+
+def _pose_in_steps(
+    model: BodyModel, subject: Bodies, points: np.ndarray, prior: Prior, count: Callable[[int], float]
+) -> Generator[float, None, Bodies]:
+    """The same batch after batch.
+
+    `count` is called with the number of frames times the steps that they were moved on by; what it says is yielded.
     """
     stiff = BodyModel(baked(model, subject))
     held = _Held(Prior(stiff, prior.strength, height=prior.height), slice(6, PLACEMENT))
     keys = np.unique(np.append(np.arange(0, len(points), POSING.key_stride), len(points) - 1))
     start = replace(aligned(stiff, points[keys], prior), scale=np.repeat(subject.scale, len(keys), axis=0))
-    posed = _fit_batches(stiff, start, points[keys], held, POSING.key_steps, count)
+    posed = yield from _fit_batches(stiff, start, points[keys], held, POSING.key_steps, count)
     if len(keys) < len(points):
-        posed = _fit_batches(stiff, _between(posed, keys, len(points)), points, held, POSING.between_steps, count)
-        posed = _tried_again(stiff, posed, points, held, count)
+        start = _between(posed, keys, len(points))
+        posed = yield from _fit_batches(stiff, start, points, held, POSING.between_steps, count)
+        posed = yield from _tried_again(stiff, posed, points, held, count)
     return replace(
         posed,
         scale=_each(subject.scale, len(points)),
@@ -312,11 +351,13 @@ class _Held:
         return calls.prior_arrays(self.prior, model, hessian=self.hessian)
 
 
-def _fit_batches(model: BodyModel, start: Bodies, points: np.ndarray, prior, steps: int, count) -> Bodies:
+def _fit_batches(
+    model: BodyModel, start: Bodies, points: np.ndarray, prior, steps: int, count: Callable[[int], float]
+) -> Generator[float, None, Bodies]:
     parts = []
     for chosen in _batches(len(points)):
         parts.append(_until_still(model, start.pick(chosen), points[chosen], steps, prior))
-        count(steps * len(points[chosen]))
+        yield count(steps * len(points[chosen]))
     own = _each(start.own[:1], len(points))  # no fit moves them
     none = own[:0, :0]
     return replace(Bodies.join([replace(part, own=none) for part in parts]), own=own)
@@ -331,7 +372,9 @@ def _until_still(model: BodyModel, start: Bodies, points: np.ndarray, steps: int
     return fit_until_still(model, start, pull_on, steps, prior, POSING.at_once, POSING.still)
 
 
-def _tried_again(model: BodyModel, posed: Bodies, points: np.ndarray, prior: _Held, count) -> Bodies:
+def _tried_again(
+    model: BodyModel, posed: Bodies, points: np.ndarray, prior: _Held, count: Callable[[int], float]
+) -> Generator[float, None, Bodies]:
     """The frames that are posed worse than most, once more from where they are and from the frame before and after."""
     cost = np.concatenate([_cost(model, posed, points, part) for part in _batches(len(points))])
     poor = np.flatnonzero(cost > POSING.max_cost_ratio * np.median(cost))
@@ -339,7 +382,7 @@ def _tried_again(model: BodyModel, posed: Bodies, points: np.ndarray, prior: _He
         if not len(poor):
             break
         start = posed.pick(np.clip(poor + shift, 0, len(points) - 1))
-        again = _fit_batches(model, start, points[poor], prior, POSING.again_steps, count)
+        again = yield from _fit_batches(model, start, points[poor], prior, POSING.again_steps, count)
         new = np.concatenate([_cost(model, again, points[poor], part) for part in _batches(len(poor))])
         better = new < cost[poor]
         for name in ("translation", "quaternion", "scale", "bends"):
@@ -371,19 +414,3 @@ def _between(keys_posed: Bodies, keys: np.ndarray, count: int) -> Bodies:
         fields[name] = one + share.reshape(-1, *[1] * (one.ndim - 1)) * (two - one)
     fields["quaternion"] /= np.linalg.norm(fields["quaternion"], axis=1, keepdims=True)
     return Bodies(**fields, shape=_each(keys_posed.shape[:1], count), own=_each(keys_posed.own[:1], count))
-
-
-def _spread_out(
-    subject: Bodies, posed: Iterable[tuple[np.ndarray, Bodies]], count: int, make_table: MakeTable
-) -> Bodies:
-    """Bodies for all `count` frames, to be read: those posed at some frames (F,) after the other, NaN elsewhere."""
-    fields = {name: _each(getattr(subject, name), count) for name in ("scale", "shape", "own")}
-    poses = {name: (count, *getattr(subject, name).shape[1:]) for name in ("translation", "quaternion", "bends")}
-    for name, shape in poses.items():
-        fields[name] = make_table(shape, float)
-        for part in blocks(count, int(np.prod(shape[1:]))):
-            fields[name][part] = np.nan
-    for frames, bodies in posed:
-        for name in poses:
-            fields[name][frames] = getattr(bodies, name)
-    return Bodies(**fields)

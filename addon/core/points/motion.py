@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """From named points to a moving body."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..body.bodies import Bodies, BodyModel
-from ..body.posing import POSING, fit_points
+from ..body.posing import POSING, fit_in_steps, fit_points, markers_there, pose_subject, subject_of
+from ..body.prior import Prior
 from ..data.columns import Columns, beside_of
 from ..data.lanes import PACKING, Lanes, blocks
 from ..data.markersets import MarkerSet
@@ -149,8 +150,7 @@ def take_motion(
         options = {"subject_frames": MOVING.subject_frames, "progress": progress, "make_table": make_table}
         bodies = fit_points(model, markers, **options)
     else:
-        nobody = model.rest(len(markers), 1.0)
-        bodies = replace(nobody, translation=np.full_like(nobody.translation, np.nan))
+        bodies = _nobody(model, len(markers))
     return TakeMotion(markers, residual, labels, model, frames, bodies)
 
 
@@ -179,6 +179,44 @@ def _posed(model: BodyModel, bodies: Bodies, found: np.ndarray, at_once: int = 2
         for array, value in zip(whole, values, strict=True):
             array[frames] = value
     return tuple(whole)
+
+
+@dataclass(frozen=True, eq=False)
+class PosedFrames:
+    """A body in F frames, as `Motion` has it; NaN where there is none."""
+
+    expected: np.ndarray
+    joints: np.ndarray
+    rotations: np.ndarray
+    scale: np.ndarray
+
+
+def posed_again(
+    markers: np.ndarray, markerset: MarkerSet, frame: int
+) -> Generator[PosedFrames | float, None, PosedFrames]:
+    """The body posed on the markers (T, M, 3) m of one subject, as `take_motion` poses it, a little at a time.
+
+    Yields first how it is in the frame of that index alone, for whoever looks at it, and then the share that is done.
+    """
+    model = BodyModel(markerset)
+    there = markers_there(markers) >= POSING.min_markers
+    prior, here = Prior(model), markers[frame : frame + 1]
+    if not there.any():
+        yield _frames_of(model, _nobody(model, len(here)))
+        return _frames_of(model, _nobody(model, len(markers)))
+    subject = subject_of(model, markers, prior, MOVING.subject_frames)
+    yield _frames_of(model, pose_subject(model, subject, here, prior) if there[frame] else _nobody(model, 1))
+    return _frames_of(model, (yield from fit_in_steps(model, markers, prior, subject=subject)))
+
+
+def _frames_of(model: BodyModel, bodies: Bodies) -> PosedFrames:
+    return PosedFrames(*_posed(model, bodies, np.isfinite(bodies.translation).all(axis=1)))
+
+
+def _nobody(model: BodyModel, frames: int) -> Bodies:
+    """Bodies of so many frames in which nobody was found."""
+    nobody = model.rest(frames, 1.0)
+    return replace(nobody, translation=np.full_like(nobody.translation, np.nan))
 
 
 @dataclass(frozen=True, eq=False)

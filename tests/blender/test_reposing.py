@@ -1,0 +1,358 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Armature and body follow what a person says of the labels, and whoever looks at them before that is told."""
+
+import importlib
+import re
+from dataclasses import replace
+from itertools import combinations
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+import pytest
+
+from addon.core.data.takes import Labels, Points
+from addon.core.points.motion import motion_of
+from addon.io.markersets import open_markerset, write_markerset
+from addon.io.points import write_c3d
+from addon.scene import take as takes
+from addon.scene.stored import digests_of
+
+from .test_correcting import choose
+from .test_performers import kinds
+
+FRAMES, FIRST = 30, 101
+WRIST, KNEE = "LWRA", "LKNE"
+NEAR = 1e-4  # m and of a turn: floats of single precision are in between
+
+
+@pytest.fixture
+def files(tmp_path, made):
+    """A take of points of a person who wears `body26`, a trajectory a marker."""
+    markerset = open_markerset("body26")
+    xyz = made.motion(markerset, FRAMES).markers
+    residual = np.where(np.isfinite(xyz[..., 0]), 0.0002, np.nan)
+    write_c3d(tmp_path / "walk.c3d", Points(("",) * xyz.shape[1], xyz, residual, 60.0, FIRST))
+    return SimpleNamespace(folder=tmp_path, take=tmp_path / "walk.c3d", names=markerset.markers)
+
+
+@pytest.fixture
+def labelled(extension, empty, files, name_as):
+    """The take in a scene, named as it is."""
+    name_as(np.arange(len(files.names)))
+    assert bpy.ops.mocap_autolabel.import_points(filepath=str(files.take)) == {"FINISHED"}
+    empty.scene.mocap_autolabel.markerset = "body26"
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    empty.scene.frame_set(120)
+    return empty
+
+
+@pytest.fixture
+def reposing(extension):
+    """What lets the body follow."""
+    return importlib.import_module(f"{extension}.addon.ops.reposing")
+
+
+@pytest.fixture
+def later(extension, monkeypatch):
+    """Lets nothing follow an edit by itself, as in a window until it has time."""
+    for name in ("ops.correcting", "ops.labelling", "ui.handlers"):
+        monkeypatch.setattr(importlib.import_module(f"{extension}.addon.{name}"), "follow_soon", lambda: None)
+
+
+def bones(frames=range(FIRST, FIRST + FRAMES), home=None) -> np.ndarray:
+    """(F, J, 4, 4) where the bones of the active take are."""
+    scene = bpy.context.scene
+    [armature] = kinds(home or scene.mocap_autolabel.take, "ARMATURE")
+    now, found = scene.frame_current, []
+    for frame in frames:
+        scene.frame_set(frame)
+        found.append([np.array(bone.matrix) for bone in armature.pose.bones])
+    scene.frame_set(now)
+    return np.array(found)
+
+
+def rests() -> np.ndarray:
+    [armature] = kinds(bpy.context.scene.mocap_autolabel.take, "ARMATURE")
+    return np.array([[*bone.head_local, *bone.tail_local] for bone in armature.data.bones])
+
+
+def capsules() -> np.ndarray:
+    """(K, 5) where the capsules are, and their lengths and radii."""
+    items = [item for item in bpy.context.scene.mocap_autolabel.take.all_objects if "mocap_capsule" in item]
+    return np.array([[*item.matrix_world.translation, item["mocap_end"][2], item["mocap_radius"]] for item in items])
+
+
+def swap(one=WRIST, other=KNEE, scope="WHOLE"):
+    choose(one, other)
+    assert bpy.ops.mocap_autolabel.swap_markers(scope=scope) == {"FINISHED"}
+
+
+def numbers_of(path) -> np.ndarray:
+    """All numbers of a BVH file, its bones' lengths and what moves them."""
+    return np.array([float(word) for word in re.findall(r"-?\d+\.\d+", path.read_text())])
+
+
+def bvh(files, name: str) -> np.ndarray:
+    path = files.folder / name
+    assert bpy.ops.mocap_autolabel.export_bvh(filepath=str(path)) == {"FINISHED"}
+    return numbers_of(path)
+
+
+def test_a_correction_that_is_taken_back_after_labelling_again_leaves_the_body_as_it_was(labelled, files):
+    before = bones(), rests(), capsules()
+    swap()
+    path = str(files.folder / "walk.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.open_mainfile(filepath=path)
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    assert np.abs(bones() - before[0]).max() > 0.1, "the arm goes to the knee"
+    assert bpy.ops.mocap_autolabel.remove_correction(index=0) == {"FINISHED"}
+    for now, was in zip((bones(), rests(), capsules()), before, strict=True):
+        np.testing.assert_allclose(now, was, atol=NEAR)
+
+
+def test_digests_tell_labels_apart(made):
+    """Any two markers exchanged, one without a name, and one that a person placed: in those frames, and there only."""
+    take = made.pair(40)
+    rows, motion, labels = take.rows, take.motion, take.labels
+    before, there = digests_of(rows, labels, motion), rows.frame == 20
+    assert (digests_of(rows, labels, motion) == before).all() and len(set(before.tolist())) == 39  # two have nobody
+    own, found = np.flatnonzero(there & labels.named), {int(before[20])}
+    for one, other in combinations(own, 2):
+        marker = labels.marker.copy()
+        marker[[one, other]] = marker[[other, one]]
+        now = digests_of(rows, replace(labels, marker=marker), motion)
+        found.add(int(now[20]))
+        assert np.flatnonzero(now != before).tolist() == [20]
+    for one in own:
+        now = digests_of(rows, replace(labels, marker=np.where(np.arange(len(rows)) == one, -1, labels.marker)), motion)
+        found.add(int(now[20]))
+    for x in (0.5, 0.50001, 0.6):
+        residual, markers = motion.residual.copy(), motion.markers.copy()
+        residual[20, 3], markers[20, 3] = 0.0, (x, 0.0, 1.0)
+        found.add(int(digests_of(rows, labels, replace(motion, residual=residual, markers=markers))[20]))
+    assert len(found) == 1 + len(own) * (len(own) - 1) // 2 + len(own) + 3
+
+
+def anew(collection) -> np.ndarray:
+    """(F, J, 3) m the joints of a body that is fitted to the markers of a take of one as they are."""
+    stored = takes.stored_take(collection, bpy.context.scene)
+    points = Labels.none(len(stored.motion.frames), len(stored.names))  # whose confidence alone is asked for
+    own = stored.unfilled
+    return motion_of(own.markers, own.residual, points, open_markerset("body26"), own.frames).joints
+
+
+def test_the_body_is_what_is_fitted_to_the_markers_after_each_correction(labelled):
+    take = labelled.scene.mocap_autolabel.take
+    for scope, markers in (("ON", ("LWRA", "LKNE")), ("BACK", ("RASI", "C7")), ("FRAME", ("LWRA", "LKNE"))):
+        swap(*markers, scope)
+        fitted = anew(take)
+        there = np.isfinite(fitted[:, 0, 0])
+        np.testing.assert_allclose(bones()[there][..., :3, 3], fitted[there], atol=NEAR)
+
+
+def test_what_is_exported_after_a_correction_is_what_labelling_again_gives(labelled, files, reposing, later):
+    """Whether or not there was time for the body to follow."""
+    before = bvh(files, "before.bvh")
+    swap()
+    now = bvh(files, "now.bvh")
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    assert not reposing.is_behind(bpy.context)
+    np.testing.assert_allclose(now, bvh(files, "anew.bvh"), atol=0.02)  # cm and degrees
+    assert np.abs(now - before).max() > 5
+
+
+def test_a_character_that_is_added_after_a_correction_is_of_the_body_as_it_is(labelled, reposing, later):
+    swap()
+    assert reposing.is_behind(bpy.context)
+    assert bpy.ops.mocap_autolabel.add_character() == {"FINISHED"}
+    assert not reposing.is_behind(bpy.context)
+
+
+def test_undo_and_redo_leave_no_body_of_other_labels(labelled, reposing):
+    """Also where the body followed after the step of undo was made, as it does beside a window."""
+    bpy.ops.ed.undo_push(message="Labelled")
+    before = bones()
+    swap()
+    bpy.ops.ed.undo_push(message="Swapped")
+    after = bones()
+    for step, wanted in ((bpy.ops.ed.undo, before), (bpy.ops.ed.redo, after)) * 2:
+        assert step() == {"FINISHED"}
+        np.testing.assert_allclose(bones(), wanted, atol=NEAR)
+
+
+def test_undo_does_so_where_nothing_followed_in_time(labelled, reposing, later, monkeypatch):
+    """The step of undo has keys and tables of different bodies in every order, and says so."""
+    bpy.ops.ed.undo_push(message="Labelled")
+    swap()
+    bpy.ops.ed.undo_push(message="Swapped")
+    reposing.follow_now(bpy.context)
+    after = bones()
+    bpy.ops.ed.undo()
+    bpy.ops.ed.redo()
+    assert reposing.is_behind(bpy.context) or np.abs(bones() - after).max() < NEAR
+    reposing.follow_now(bpy.context)
+    np.testing.assert_allclose(bones(), after, atol=NEAR)
+
+
+def test_what_is_seen_follows_at_once_and_the_rest_in_small_steps(labelled, reposing, later, monkeypatch):
+    right = bones()
+    swap()
+    reposing.follow_now(bpy.context)
+    bent = bones()
+    assert bpy.ops.mocap_autolabel.remove_correction(index=0) == {"FINISHED"}
+    monkeypatch.setattr(reposing, "BUDGET", 0.0)
+    assert reposing._follow() is not None
+    here, seen = 120 - FIRST, bones()
+    assert np.abs(bent[here] - right[here]).max() > 0.1
+    off = np.linalg.norm(seen[here, :, :3, 3] - right[here, :, :3, 3], axis=1)
+    assert off.max() < 0.2 * np.linalg.norm(bent[here, :, :3, 3] - right[here, :, :3, 3], axis=1).max()
+    np.testing.assert_allclose(seen[:here], bent[:here], atol=NEAR)
+    assert reposing.is_behind(bpy.context)
+    steps = 1
+    while reposing._follow() is not None:
+        steps += 1
+    assert steps > 20
+    np.testing.assert_allclose(bones(), right, atol=NEAR)
+    assert not reposing.is_behind(bpy.context)
+
+
+def test_what_was_begun_of_other_labels_is_left(labelled, reposing, later, monkeypatch):
+    """Taken back before it ended, the frame that was shown at once is as it was."""
+    right = bones()
+    monkeypatch.setattr(reposing, "BUDGET", 0.0)
+    swap()
+    reposing._follow()
+    assert bpy.ops.mocap_autolabel.remove_correction(index=0) == {"FINISHED"}
+    assert reposing.is_behind(bpy.context), "one frame is still of the other labels"
+    while reposing._follow() is not None:
+        pass
+    np.testing.assert_allclose(bones(), right, atol=NEAR)
+
+
+class Written:
+    """A layout, or a canvas, that keeps what it is to show."""
+
+    scale, foot = 1.0, 20.0
+
+    def __init__(self):
+        self.words = []
+
+    def label(self, text="", icon="NONE"):
+        self.words.append(text)
+
+    def text(self, words, *_):
+        self.words.append(words)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+
+def test_until_then_viewport_panel_and_export_dialog_say_that_the_body_is_out_of_date(
+    labelled, files, extension, reposing, later, monkeypatch
+):
+    overlay, panels, character, exporting = (
+        importlib.import_module(f"{extension}.addon.{name}")
+        for name in ("ui.overlay", "ui.panels", "ui.character", "ops.exporting")
+    )
+
+    def said() -> list[str]:
+        canvas, layout = Written(), Written()
+        monkeypatch.setattr(overlay, "Canvas", lambda _: canvas)
+        for name in ("draw_laid_out", "draw_frame"):
+            monkeypatch.setattr(overlay, name, lambda *_: None)
+        space = SimpleNamespace(overlay=SimpleNamespace(show_overlays=True))
+        own = {name: getattr(bpy.context, name) for name in ("scene", "mode", "view_layer")}
+        monkeypatch.setattr(overlay, "bpy", SimpleNamespace(context=SimpleNamespace(**own, space_data=space)))
+        overlay.draw()
+        exporting.ExportsTake.draw(SimpleNamespace(of_body=True, layout=layout), bpy.context)
+        panel = Written()
+        for module in (panels, character):
+            monkeypatch.setattr(module, "draw_text", lambda _context, _layout, words, icon: panel.label(words))
+        for module, name in ((panels, "MOCAP_AUTOLABEL_PT_review"), (character, "MOCAP_AUTOLABEL_PT_character")):
+            getattr(module, name).draw(SimpleNamespace(layout=Any()), bpy.context)
+        return [*canvas.words, *layout.words, *panel.words]
+
+    assert said() == []
+    swap()
+    words = said()
+    assert len(words) == 4 and all("body is out of date" in one for one in words)
+    reposing.follow_now(bpy.context)
+    assert said() == []
+
+
+class Any:
+    """Whatever is asked of it."""
+
+    def __getattr__(self, _):
+        return self
+
+    def __call__(self, *_, **__):
+        return self
+
+
+def test_without_its_marker_set_the_body_says_what_it_needs_and_is_not_written(labelled, files, reposing, made):
+    """The labels are corrected all the same."""
+    take = bpy.context.scene.mocap_autolabel.take
+    take[takes.PERFORMERS] = take[takes.PERFORMERS].replace("body26", "mine")
+    opened = importlib.import_module(reposing.__name__.replace("ops.reposing", "scene.opened")).opened
+    opened.forget()
+    write_markerset(files.folder / "small.markerset.json", made.markerset())
+    bpy.ops.mocap_autolabel.open_markerset(filepath=str(files.folder / "small.markerset.json"))
+    swap()
+    assert len(bpy.context.window_manager.mocap_autolabel.corrections) == 1
+    assert "choose marker set mine" in reposing.words_behind(bpy.context)
+    with pytest.raises(RuntimeError, match="older than the last correction; expected you to choose marker set mine"):
+        bpy.ops.mocap_autolabel.export_bvh(filepath=str(files.folder / "walk.bvh"))
+    assert not (files.folder / "walk.bvh").exists()
+    bpy.context.scene.mocap_autolabel.markerset = "body26"
+    bvh(files, "walk.bvh")
+    assert not reposing.is_behind(bpy.context)
+
+
+def test_an_armature_that_a_person_gave_other_keys_keeps_them(labelled, reposing):
+    [armature] = kinds(bpy.context.scene.mocap_autolabel.take, "ARMATURE")
+    own = bpy.data.actions.new("mine")
+    armature.animation_data.action = own
+    swap()
+    assert armature.animation_data.action == own and not len(own.layers)
+    assert not reposing.is_behind(bpy.context)
+
+
+def test_frames_around_those_that_are_labelled_again_stay_marked(labelled, reposing, later):
+    swap()
+    settings = bpy.context.scene.mocap_autolabel
+    settings.use_range, settings.range_first, settings.range_last = True, 110, 115
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    assert reposing.is_behind(bpy.context)
+    reposing.follow_now(bpy.context)
+    fitted = anew(settings.take)
+    there = np.isfinite(fitted[:, 0, 0])
+    np.testing.assert_allclose(bones()[there][..., :3, 3], fitted[there], atol=NEAR)
+
+
+def test_of_two_performers_both_are_right(extension, empty, made, files, reposing):
+    markerset = made.markerset()
+    write_markerset(files.folder / "small.markerset.json", markerset)
+    collection = takes.show_take(empty, replace(made.pair(), source=""))
+    settings = empty.scene.mocap_autolabel
+    settings.take, settings.performing = collection, "LISTED"
+    for name in ("ann", "bob"):
+        bpy.ops.mocap_autolabel.add_performer()
+        row = settings.performers[-1]
+        row.name, row.markerset, row.markerset_path = name, "FILE", str(files.folder / "small.markerset.json")
+    empty.scene.frame_set(115)
+    found = []
+    for _ in range(2):
+        swap("bob:LWRA", "bob:LKNE")
+        found.append([bones(range(101, 121), home) for home in collection.children[:2]])
+        assert bpy.ops.mocap_autolabel.remove_correction(index=0) == {"FINISHED"}
+        found.append([bones(range(101, 121), home) for home in collection.children[:2]])
+    bent, right, *again = found
+    assert np.abs(bent[1] - right[1]).max() > 0.1
+    np.testing.assert_allclose(bent[0], right[0], atol=NEAR)
+    np.testing.assert_allclose(again, [bent, right], atol=NEAR)
