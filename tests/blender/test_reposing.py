@@ -32,7 +32,7 @@ def files(tmp_path, made):
     markerset = open_markerset("body26")
     xyz = made.motion(markerset, FRAMES).markers
     residual = np.where(np.isfinite(xyz[..., 0]), 0.0002, np.nan)
-    write_c3d(tmp_path / "walk.c3d", Points(("",) * xyz.shape[1], xyz, residual, 60.0, FIRST))
+    write_c3d(tmp_path / "walk.c3d", Points(("",) * xyz.shape[1], xyz, residual, 30.0, FIRST))
     return SimpleNamespace(folder=tmp_path, take=tmp_path / "walk.c3d", names=markerset.markers)
 
 
