@@ -323,6 +323,17 @@ def test_an_armature_that_a_person_gave_other_keys_keeps_them(labelled, reposing
     assert not reposing.is_behind(bpy.context)
 
 
+def test_keys_that_a_person_set_on_the_armature_stay(labelled, reposing):
+    [armature] = kinds(bpy.context.scene.mocap_autolabel.take, "ARMATURE")
+    bag = armature.animation_data.action.layers[0].strips[0].channelbag(armature.animation_data.action_slot)
+    curve = bag.fcurves[0]
+    curve.keyframe_points[7].co.y += 0.5
+    before = [tuple(point.co) for one in bag.fcurves for point in one.keyframe_points]
+    swap()
+    assert [tuple(point.co) for one in bag.fcurves for point in one.keyframe_points] == before
+    assert curve.keyframe_points[7].co.y == before[7][1]
+
+
 def test_frames_around_those_that_are_labelled_again_stay_marked(labelled, reposing, later):
     swap()
     settings = bpy.context.scene.mocap_autolabel
