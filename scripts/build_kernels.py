@@ -30,7 +30,8 @@ ROOT = Path(__file__).resolve().parent.parent
 SOURCES = ROOT / "kernels" / "src"
 WHEELS = ROOT / "wheels" / "kernels"
 COMPILER = ROOT / "build" / "compiler"
-COMPILER_PACKAGE = "ziglang==0.17.1"
+COMPILER_PINNED = "scripts/compiler.txt"  # its version, and what its files hash to
+COMPILER_PACKAGE = (ROOT / COMPILER_PINNED).read_text(encoding="utf-8").split()[0]
 PACKAGE = "mocap_autolabel_kernels"
 # Contraction would make sums differ from machine to machine.
 FLAGS = ("-std=c11", "-O3", "-ffp-contract=off", "-fvisibility=hidden", "-shared", "-Wall", "-Wextra", "-Werror")
@@ -202,7 +203,7 @@ def _fetch_compiler() -> None:
     if stamp.is_file() and stamp.read_text(encoding="utf-8") == COMPILER_PACKAGE:
         return
     shutil.rmtree(COMPILER, ignore_errors=True)
-    _pip("install", "--target", str(COMPILER), COMPILER_PACKAGE)
+    _pip("install", "--target", str(COMPILER), "--require-hashes", "--requirement", str(ROOT / COMPILER_PINNED))
     stamp.write_text(COMPILER_PACKAGE, encoding="utf-8")
 
 
