@@ -22,6 +22,8 @@ WINDOWS = os.name == "nt"
 # Blender comes as a module for these two only: 5.2 LTS for the first, 4.5 LTS for the second.
 PYTHONS = ("3.13", "3.11")
 STAMP = "mocap-autolabel.installed"
+# Every package with its version and what its files hash to, so that any two installations are the same.
+PINNED = "requirements.txt"
 REAL_BLENDER = ROOT.parent / "shared" / "tools" / "real-blender"
 # Every file of tests in one process, so that what its tests share is made once.
 SIDE_BY_SIDE = ("-n", str(min(os.cpu_count() or 1, 8)), "--dist", "loadfile")
@@ -49,7 +51,7 @@ def main(argv):
 
 
 def demo(found, extra):
-    python = install(".venv", *best(found), extras={"blender"})
+    python = install(".venv", *best(found))
     if python is None:
         return 1
     bring_kernels(python)
@@ -61,7 +63,7 @@ def demo(found, extra):
 def test(found, extra):
     version, interpreter = best(found)
     real_blender = start_real_blender()
-    python = install(".venv", version, interpreter, extras={"blender", "dev"})
+    python = install(".venv", version, interpreter)
     if python is None:
         return 1
     bring_kernels(python)
@@ -74,7 +76,7 @@ def test(found, extra):
 
     other = next((v for v in PYTHONS if v != version), None)
     if found[other]:
-        second = install(".venv-" + other, other, found[other], extras={"blender", "dev"})
+        second = install(".venv-" + other, other, found[other])
         if second is not None:
             bring_kernels(second)
             compile_sources(second)
@@ -113,25 +115,24 @@ def find_python(version):
     return next((c for c in candidates if c[0] and output([*c, "-c", probe]) == version), None)
 
 
-def install(folder, version, interpreter, extras):
+def install(folder, version, interpreter):
     """Brings the environment in `folder` up to date; gives its Python, or None, the reason printed."""
     python = ROOT / folder / ("Scripts/python.exe" if WINDOWS else "bin/python")
     stamp = ROOT / folder / STAMP
-    facts = [(ROOT / name).read_bytes() for name in ("pyproject.toml", "setup.py", "blender_manifest.toml")]
+    facts = [(ROOT / name).read_bytes() for name in (PINNED, "pyproject.toml", "setup.py", "blender_manifest.toml")]
     state = hashlib.sha256(b"\0".join([version.encode(), str(ROOT).encode(), *facts])).hexdigest()
-    have = stamp.read_text(encoding="utf-8").split() if stamp.exists() else []
-    if have[:1] == [state] and extras <= set(have[1:]):
+    if stamp.exists() and stamp.read_text(encoding="utf-8") == state:
         return python
 
     say("Installing into " + folder + " for Python " + version + " (minutes the first time)")
     usable = output([str(python), "-c", "import sys, pip; print('%d.%d' % sys.version_info[:2])"]) == version
     if not usable and call([*interpreter, "-m", "venv", "--clear", folder]):
         return None
-    extras = extras | set(have[1:])
-    wanted = ".[" + ",".join(sorted(extras)) + "]"
     pip = [python, "-m", "pip", "install", "-q", "--disable-pip-version-check", "--no-input", "--retries", "8"]
-    if all(call([*pip, "--editable", wanted]) for _ in range(3)):
+    if all(call([*pip, "--require-hashes", "--requirement", PINNED]) for _ in range(3)):
         say("The installation failed three times, see above: is the package index within reach?")
+        return None
+    if call([*pip, "--no-deps", "--no-build-isolation", "--editable", "."]):
         return None
     if call([python, "-c", "import bpy"]):
         say(
@@ -139,7 +140,7 @@ def install(folder, version, interpreter, extras):
             "and Ubuntu: apt install libegl1 libgl1 libsm6 libxi6 libxkbcommon0 libxrender1 libxxf86vm1)"
         )
         return None
-    stamp.write_text(" ".join([state, *sorted(extras)]), encoding="utf-8")
+    stamp.write_text(state, encoding="utf-8")
     return python
 
 

@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The two facts that pyproject.toml cannot state: the version and the layout.
+"""What pyproject.toml cannot state: the version, the layout, and that a wheel carries the compiled library.
 
 The repository's root is itself the package `mocap_autolabel`, because it is the root of a Blender extension too.
 """
 
+import shutil
+import sys
 import tomllib
 from pathlib import Path
 
+import build_kernels  # beside backend.py, which runs this
 from setuptools import find_packages, setup
+from setuptools.command.bdist_wheel import bdist_wheel
 from setuptools.command.build_py import build_py
 
 ROOT = Path(__file__).resolve().parent
@@ -21,6 +25,28 @@ class BuildPy(build_py):
         return [m for m in modules if package != "mocap_autolabel" or m[1] == "__init__"]
 
 
+class BdistWheel(bdist_wheel):
+    """Packs the compiled library too, which makes the wheel one platform's; without it, it is for all."""
+
+    platform_tag = "any"
+
+    def run(self):
+        folder = Path(self.get_finalized_command("build").build_lib)
+        shutil.rmtree(folder, ignore_errors=True)  # what an earlier build left would go along
+        try:
+            self.platform_tag = build_kernels.unpack_library(folder)
+        except SystemExit as error:
+            print(f"The wheel is built without the compiled library, NumPy does its work: {error}", file=sys.stderr)
+        super().run()
+
+    def get_tag(self):
+        return "py3", "none", self.platform_tag
+
+    def write_wheelfile(self, *arguments, **words):
+        self.root_is_pure = self.platform_tag == "any"
+        super().write_wheelfile(*arguments, **words)
+
+
 setup(
     version=tomllib.loads((ROOT / "blender_manifest.toml").read_text(encoding="utf-8"))["version"],
     packages=["mocap_autolabel"]
@@ -28,5 +54,5 @@ setup(
     package_dir={"mocap_autolabel": "."},
     package_data={"mocap_autolabel": ["blender_manifest.toml", "LICENSE", "py.typed", "assets/**"]},
     include_package_data=False,
-    cmdclass={"build_py": BuildPy},
+    cmdclass={"bdist_wheel": BdistWheel, "build_py": BuildPy},
 )

@@ -23,6 +23,7 @@ import sys
 import tempfile
 import tomllib
 import zipfile
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,7 +31,8 @@ ROOT = Path(__file__).resolve().parent.parent
 SOURCES = ROOT / "kernels" / "src"
 WHEELS = ROOT / "wheels" / "kernels"
 COMPILER = ROOT / "build" / "compiler"
-COMPILER_PACKAGE = "ziglang==0.17.1"
+COMPILER_PINNED = "scripts/compiler.txt"  # its version, and what its files hash to
+COMPILER_PACKAGE = (ROOT / COMPILER_PINNED).read_text(encoding="utf-8").split()[0]
 PACKAGE = "mocap_autolabel_kernels"
 # Contraction would make sums differ from machine to machine.
 FLAGS = ("-std=c11", "-O3", "-ffp-contract=off", "-fvisibility=hidden", "-shared", "-Wall", "-Wextra", "-Werror")
@@ -85,9 +87,7 @@ def this_platform() -> str:
 
 def install() -> int:
     """Put this machine's library into the Python that runs this, unless it is there."""
-    name = this_platform()
-    if name not in TARGETS:
-        sys.exit(f"build_kernels.py: no library is built for {name}; expected one of {', '.join(TARGETS)}")
+    name = _this_target()
     try:
         have = importlib.metadata.version(PACKAGE)
     except importlib.metadata.PackageNotFoundError:
@@ -98,6 +98,21 @@ def install() -> int:
     _pip("install", "--no-deps", "--force-reinstall", str(wheel))
     print(wheel)
     return 0
+
+
+def unpack_library(folder: Path) -> str:
+    """Put this machine's library into `folder`, where it lies beside other packages; gives its wheel's platform tag."""
+    name = _this_target()
+    with zipfile.ZipFile(build(name)) as wheel:
+        wheel.extractall(folder, [entry for entry in wheel.namelist() if ".dist-info/" not in entry])
+    return TARGETS[name].tag
+
+
+def _this_target() -> str:
+    name = this_platform()
+    if name not in TARGETS:
+        sys.exit(f"build_kernels.py: no library is built for {name}; expected one of {', '.join(TARGETS)}")
+    return name
 
 
 def build(name: str, folder: Path = WHEELS) -> Path:
@@ -130,7 +145,7 @@ def version() -> str:
 
 def compile_library(target: Target, library: Path) -> None:
     """Compile the sources for a target; the compiler's complaints end the build."""
-    _fetch_compiler()
+    compiler = _compiler()
     command = [
         sys.executable,
         "-m",
@@ -145,8 +160,7 @@ def compile_library(target: Target, library: Path) -> None:
     ]
     # What the compiler keeps for the next time belongs to the project, not to its user's home.
     cache = {name: str(ROOT / "build" / "compiled") for name in ("ZIG_GLOBAL_CACHE_DIR", "ZIG_LOCAL_CACHE_DIR")}
-    environment = os.environ | cache | {"PYTHONPATH": str(COMPILER)}
-    _compile([*command, "-o", str(library)], environment)
+    _compile([*command, "-o", str(library)], os.environ | cache | compiler)
 
 
 def pack(wheel: Path, target: Target, library: bytes) -> None:
@@ -196,14 +210,20 @@ def _sources() -> list[str]:
     return [str(path) for path in sorted(SOURCES.glob("*.c"))]
 
 
-def _fetch_compiler() -> None:
-    """Fetch the compiler unless it is there."""
+def _compiler() -> dict[str, str]:
+    """What has to be in the environment for Python to find the compiler, which is fetched unless it is there."""
+    name, _, wanted = COMPILER_PACKAGE.partition("==")
+    with suppress(importlib.metadata.PackageNotFoundError):
+        if importlib.metadata.version(name) == wanted:
+            return {}
     stamp = COMPILER / "fetched"
+    found = {"PYTHONPATH": str(COMPILER)}
     if stamp.is_file() and stamp.read_text(encoding="utf-8") == COMPILER_PACKAGE:
-        return
+        return found
     shutil.rmtree(COMPILER, ignore_errors=True)
-    _pip("install", "--target", str(COMPILER), COMPILER_PACKAGE)
+    _pip("install", "--target", str(COMPILER), "--require-hashes", "--requirement", str(ROOT / COMPILER_PINNED))
     stamp.write_text(COMPILER_PACKAGE, encoding="utf-8")
+    return found
 
 
 def _pip(*arguments: str) -> None:
