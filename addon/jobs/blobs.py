@@ -107,9 +107,9 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         with timed(clock, "label"):
             if others is not None:
                 others.refuse()
-            forced = job.doubted(check.refuse) + job.doubted(handedness.refuse)
             noticed = check.suspects()
             doubts = without_accepted(noticed, edits)
+            forced = (job.doubted(check.refuse) if doubts else []) + job.doubted(handedness.refuse)
             results.doubt(doubts)
         results.labels.file.flush()
         facts = _facts(job, method, cameras, results, agreement)

@@ -45,7 +45,9 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
             model = yield from model_for(job.model, job.method)
             several = (yield from several_asked(job, model)) if job.several else None
             room = Room(stack)
-            take = read_points(job.source, frames=job.frames, up=job.up, rate=job.rate, make_table=room, mirror=job.mirror)
+            take = read_points(
+                job.source, frames=job.frames, up=job.up, rate=job.rate, make_table=room, mirror=job.mirror
+            )
             last = int(take.frames[-1])
             if last > MAX_FRAME:
                 words = f"goes on to frame {last}; expected frame numbers up to {MAX_FRAME}"

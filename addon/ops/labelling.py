@@ -6,10 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import bpy
+from bpy.props import BoolProperty
 
 from ..core.body.occlusion import Occlusion
 from ..core.data.background import drained, in_background
-from ..core.data.errors import InputError, UserError
+from ..core.data.errors import ForceableError, InputError, UserError
 from ..core.data.takes import Blobs
 from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import NO_CAMERAS
@@ -68,6 +69,7 @@ def job_of(context: bpy.types.Context) -> LabelJob:
         method=settings.method,
         target=settings.target,
         up=settings.points_up or None if points else None,
+        mirror=points and settings.points_mirror,
         use=USE_POINTS if points else USE_BLOBS,
         rate=settings.rate,
         height=settings.height if settings.use_height else None,
@@ -77,6 +79,7 @@ def job_of(context: bpy.types.Context) -> LabelJob:
         edits=edits_so_far(context.scene, source),
         keep=True,
         shown=True,
+        force=settings.forced,
     )
 
 
@@ -88,6 +91,7 @@ def choose_job(settings: SceneSettings, job: LabelJob, ends: tuple[int, int]):
     file = str(job.source)
     settings.points_path, settings.blobs_path = (file, "") if job.use == USE_POINTS else ("", file)
     settings.points_up, settings.blob_count, settings.trajectories = job.up or "", 0, 0
+    settings.points_mirror, settings.forced = job.mirror, job.force
     settings.first_frame, settings.last_frame = ends
     settings.use_range, (settings.range_first, settings.range_last) = True, job.frames
     settings.rate, settings.method, settings.target = job.rate or settings.rate, job.method, job.target
@@ -204,6 +208,11 @@ class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
     bl_idname = "mocap_autolabel.label"
     bl_label = "Label"
     bl_options = {"REGISTER", "UNDO"}
+    force: BoolProperty(
+        name="Regardless",
+        description="Name markers although something of the take cannot be as it is, for as long as it is this take",
+        options={"SKIP_SAVE"},
+    )
 
     @classmethod
     def lacks(cls, context):
@@ -215,8 +224,20 @@ class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
         return lacks_room_to_label(context)
 
     def steps(self, context):
-        """The labelling."""
-        return label_steps(job_of(context), take_name(context.scene.mocap_autolabel))
+        """The labelling; what it is refused for, and may be forced, stays beside the button."""
+        settings, state = context.scene.mocap_autolabel, context.window_manager.mocap_autolabel
+        settings.forced |= self.force
+        state.refused = ""
+        work = label_steps(job_of(context), take_name(settings))
+
+        def remembered():
+            try:
+                return (yield from work)
+            except ForceableError as error:
+                state.refused = error.message
+                raise
+
+        return remembered()
 
 
 CLASSES = (MOCAP_AUTOLABEL_OT_label,)

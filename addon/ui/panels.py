@@ -177,6 +177,9 @@ class MOCAP_AUTOLABEL_PT_label(Step, bpy.types.Panel):
         row.scale_y = 1.6
         if not state.doing:
             row.operator("mocap_autolabel.label", icon="PLAY")
+            if state.refused:
+                draw_text(context, layout, state.refused, icon="ERROR")
+                layout.operator("mocap_autolabel.label", text="Label Regardless", icon="PLAY").force = True
             return
         row.progress(factor=state.share, text=state.doing)
         row.operator("mocap_autolabel.cancel", text="", icon="X")
