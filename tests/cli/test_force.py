@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Takes that cannot be as they are: a mirrored capture, a room that is another's. Refused, unless `--force` is given."""
+"""Takes that cannot be as they are, mirrored or in another's room: refused, unless `--force` is given."""
 
 import csv
 import json
