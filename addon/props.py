@@ -154,6 +154,10 @@ class SceneSettings(bpy.types.PropertyGroup):
     points_up: StringProperty(
         name="Up", description="The axis that points up in the file of the 3D points, empty for what it says or tells"
     )
+    points_mirror: BoolProperty(
+        name="Mirror", description="Reverse an axis of the 3D points, as those of their file are left-handed"
+    )
+    forced: BoolProperty(name="Regardless", description="Whether names are wanted whatever is wrong with the take")
     preview: PointerProperty(type=bpy.types.Mesh)
     first_frame: IntProperty(name="First", description="First frame of the take")
     last_frame: IntProperty(name="Last", description="Last frame of the take")
@@ -432,6 +436,7 @@ class ReviewState(bpy.types.PropertyGroup):
     share: FloatProperty(name="Done", description="How much of it is done", subtype="FACTOR", min=0.0, max=1.0)
     spent: FloatProperty(name="Spent", description="Seconds of work that would be lost by cancelling", min=0.0)
     crowded: StringProperty(name="Crowded", description="The file that shows more performers than were asked for")
+    refused: StringProperty(name="Refused", description="Why nothing was named that can be named regardless")
     cancelled: BoolProperty(name="Cancel", description="Whether what is going on is to stop")
     folder_doing: StringProperty(name="Doing", description="How far Label Folder is; empty where it does not go on")
     folder_share: FloatProperty(name="Done", description="How much of it is done", subtype="FACTOR", min=0.0, max=1.0)

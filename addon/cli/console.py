@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.data.errors import JobError, UserError
+from ..core.data.errors import ForceableError, JobError, UserError
 from ..core.data.progress import finished
 
 PROGRAM = "mocap-autolabel"
@@ -37,7 +37,8 @@ def open_streams():
 
 def complain(trouble: UserError | str):
     """One line on standard error: `mocap-autolabel: FILE:LINE: what is wrong; what was expected`."""
-    for stream, text in ((sys.stdout, ""), (sys.stderr, f"{PROGRAM}: {' '.join(str(trouble).split())}\n")):
+    more = "; --force goes on regardless" if isinstance(trouble, ForceableError) else ""
+    for stream, text in ((sys.stdout, ""), (sys.stderr, f"{PROGRAM}: {' '.join(str(trouble).split())}{more}\n")):
         with suppress(OSError):  # where nobody can hear, the exit status tells
             stream.write(text)
             stream.flush()

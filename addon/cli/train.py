@@ -86,6 +86,9 @@ def add_parser(verbs):
         help="with --from, replace the model that is there although known takes are named worse by the new one",
     )
     parser.add_argument(
+        "--force", action="store_true", help="learn from takes that cannot be as they are, such as mirrored ones"
+    )
+    parser.add_argument(
         "--by",
         default=None,
         metavar="NAME",
@@ -143,6 +146,7 @@ def run(arguments) -> int:
         kept=tuple(dict.fromkeys(arguments.kept)),
         by=system_user() if arguments.by is None else arguments.by,
         adopt=arguments.adopt,
+        force=arguments.force,
     )
     report = ProgressLine(arguments.progress).drain(train_file(job, trying(arguments.jobs)), arguments.out.name)
     print_results(as_lines(report), report, arguments.json)

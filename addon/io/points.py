@@ -87,17 +87,25 @@ def read_points(
     up: str | None = None,
     rate: float | None = None,
     make_table: MakeTable = IN_MEMORY,
+    mirror: bool = False,
 ) -> FilePoints:
     """A take of 3D points, known by its suffix: markers only, unless `everything` is asked for.
 
     Left out are the model outputs, axes of segments and joint centres that Vicon mixes among the markers.
     `up` is the axis that points up in the file, one of x y z -x -y -z, where that is known better than from the file;
-    `rate` is used where a C3D file says none; `make_table` says where residuals are kept.
+    `rate` is used where a C3D file says none; `make_table` says where residuals are kept; `mirror` reverses an axis,
+    of a take whose axes are left-handed.
 
     Raises InputError for whatever cannot be used, and where no point is in the frames asked for.
     """
     path = Path(path)
-    return _of_frames(_read(path, everything, up, rate, make_table), frames or (None, None), path)
+    take = _read(path, everything, up, rate, make_table)
+    if mirror:
+        numbers = take.xyz.numbers if isinstance(take.xyz, Scaled) else take.xyz
+        for part in blocks(*take.xyz.shape[:2]):
+            numbers[part, :, 1] *= -1
+        take = replace(take, notes=(*take.notes, "its points are mirrored, as was asked for"))
+    return _of_frames(take, frames or (None, None), path)
 
 
 def _of_frames(take: FilePoints, frames: Frames, path: Path) -> FilePoints:

@@ -25,6 +25,7 @@ from ..core.geometry.cameras import Cameras
 from ..core.pipelines.blobs import BlobOptions, blob_method, label_blobs, steps_of, with_edits
 from ..core.pipelines.cross_check import MethodAgreement
 from ..core.pipelines.others import OtherSubjects, refuse_two
+from ..core.points.handedness import Handedness
 from ..core.points.models import Model
 from ..core.review.answering import heard_in, without_accepted
 from ..core.review.doubtful import doubtful_ranges, doubtful_samples
@@ -82,7 +83,7 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
             worn, sized, method = seen.worn, None, "likelihood"
             own, read = tee(source.blobs())
             work = with_edits(own, seen.chunks(read), edits, cameras, worn) if edits else seen.chunks(source.blobs())
-        check = CameraCheck(cameras, sized)
+        check, handedness = CameraCheck(cameras, sized), Handedness(worn)
         trouble = TakeTrouble(worn.markers, job.frame_rate, edits, cameras, worn.by_name)
         overview = overview_of(job, worn, job.frame_rate, edits, cameras)
         results = Results(job, cameras, files, worn, stack)
@@ -92,6 +93,7 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
             with timed(clock, "write"):
                 results.add(row, chunk)
             check.add(row.blobs, chunk)
+            handedness.add(chunk.motion.markers)
             if others is not None:
                 others.add(row.blobs, chunk)
             if overview is not None:
@@ -110,9 +112,11 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
                 others.refuse()
             noticed = check.suspects()
             doubts = without_accepted(noticed, edits)
+            forced = (job.doubted(check.refuse) if doubts else []) + job.doubted(handedness.refuse)
             results.doubt(doubts)
         results.labels.file.flush()
         facts = _facts(job, method, cameras, results, agreement)
+        facts |= {"notes": forced} if forced else {}
         facts |= facts_of_subjects(job, worn, facts.get("notes", [])) if several else {}
         counts = {one.name: one.as_dict() for one in trouble.by_camera.figures()}
         of_cameras = {name: row | counts[name] for name, row in check.of_cameras().items()}

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What to label, and what the jobs of all kinds of input share: their files, their clock, their report."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +9,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING
 
 from ..blendfile import Chunks, inside_blender
+from ..core.data.errors import ForceableError
 from ..core.data.markersets import Worn
 from ..core.edits.kinds import NO_EDITS, Edits
 from ..core.geometry.cameras import Cameras
@@ -27,7 +28,7 @@ if TYPE_CHECKING:  # naming blobs takes long to load, and takes of points need n
 USUAL_RATE = 100.0
 # What of a job holds for any part of its take.
 FOR_ANY_PART = (
-    "model", "subjects", "wearers", "up", "use", "method", "target", "rate", "height", "facing", "occlusion",
+    "model", "subjects", "wearers", "up", "mirror", "use", "method", "target", "rate", "height", "facing", "occlusion",
     "force",
 )  # fmt: skip
 PAGE = ".report.html"
@@ -52,6 +53,7 @@ class LabelJob:
     wearers   who wears what, by name: models as above, of whom `model` is the first one's; none without names
     frames    first and last frame to label, both included, None for the take's own
     up        the axis that points up in the files that are read, None for what they say or tell
+    mirror    one axis of the 3D points is reversed when they are read, as they are left-handed
     use       "blobs" or "points": which to label of a capture that holds both; None for its own choice
     method    how names are found: one of METHODS
     rate      frames a second, None where nobody knows: then USUAL_RATE, and the report says that it was assumed; of
@@ -67,7 +69,7 @@ class LabelJob:
     html      write STEM.report.html too
     resume    go on with what a run of the same job left, and put its own files in their places again
     keep      give the labelled chunks back as well: memory then grows with the take
-    force     label although the take cannot be as it says
+    force     name markers although something of the take cannot be as it is: see `ForceableError`
     shown     the take will have keys in a scene that is open, and is refused as soon as they are known to be too many
     """
 
@@ -79,6 +81,7 @@ class LabelJob:
     wearers: tuple[tuple[str, str], ...] = ()
     frames: tuple[int | None, int | None] | None = None
     up: str | None = None
+    mirror: bool = False
     use: str | None = None
     method: str = "auto"
     target: float = USUAL_TARGET
@@ -97,6 +100,16 @@ class LabelJob:
     keep: bool = False
     force: bool = False
     shown: bool = False
+
+    def doubted(self, check: Callable[[], None]) -> list[str]:
+        """Runs a check that may raise ForceableError; where the job is forced, what it says instead, for the report."""
+        try:
+            check()
+        except ForceableError as error:
+            if not self.force:
+                raise
+            return [error.message]
+        return []
 
     @property
     def several(self) -> bool:

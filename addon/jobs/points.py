@@ -11,6 +11,7 @@ from ..core.data.progress import Progress
 from ..core.data.takes import MAX_FRAME
 from ..core.edits.applying import unless_heard
 from ..core.geometry.cameras import NO_CAMERAS
+from ..core.points.handedness import Handedness
 from ..core.points.motion import labelled_points
 from ..core.points.naming import chosen_method
 from ..core.points.possible import slow_words
@@ -45,7 +46,9 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
             model = yield from model_for(job.model, job.method)
             several = (yield from several_asked(job, model)) if job.several else None
             room = Room(stack)
-            take = read_points(job.source, frames=job.frames, up=job.up, rate=job.rate, make_table=room)
+            take = read_points(
+                job.source, frames=job.frames, up=job.up, rate=job.rate, make_table=room, mirror=job.mirror
+            )
             last = int(take.frames[-1])
             if last > MAX_FRAME:
                 words = f"goes on to frame {last}; expected frame numbers up to {MAX_FRAME}"
@@ -70,6 +73,7 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
             if job.shown:
                 refuse_keys(len(take.frames), markerset)
         overview = overview_of(job, markerset, take.rate, edits)
+        handedness = Handedness(markerset)
         trouble = TakeTrouble(markerset.markers, take.rate, edits, words=markerset.by_name)
         summary, chunks, asked = TakeSummary(markerset.markers), [], []
         # Who keeps the take has all of it in memory anyhow.
@@ -82,6 +86,7 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
                 with timed(clock, "write"):
                     writer.write_points(rows, chunk.labels)
                 summary.add(chunk)
+                handedness.add(chunk.motion.markers)
                 if poses is not None:
                     poses.append(chunk.motion)
                 if overview is not None:
@@ -90,8 +95,10 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
                 asked.append(AskedNames.of(rows, chunk.labels, chunk.motion.residual.shape))
                 chunks += [(rows, chunk)] if kept else []
         del rows, chunk
+        forced = job.doubted(handedness.refuse)
         points = labelled_points(take, labelled, markerset)
         facts, fills = _facts(take, summary, options) | facts_of_capture(job.source, True), ()
+        facts["notes"] += forced
         facts |= facts_of_subjects(job, markerset, facts.get("notes", [])) if several else {}
         if job.fill:
             from .fill import fill_labelled

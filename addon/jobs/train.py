@@ -36,7 +36,7 @@ from .checking import KeptFile, as_taught, checking, files_of, kept_file, takes_
 from .job import timed
 from .models import USUAL_SEARCH, known_bodies
 from .pages import today
-from .training_takes import KnownBetter, TakeFile, chosen_markers, read_takes, unseen_markers
+from .training_takes import KnownBetter, TakeFile, chosen_markers, read_takes, refuse_mirrored, unseen_markers
 from .versions import VersionPlaces
 
 CHECK_FROM = 0.75  # of the work where a model is trained on, when what got worse begins to be looked for
@@ -64,6 +64,7 @@ class TrainJob:
     body      a marker set whose body may be that of the takes, beside the built-in ones; None for no other
     kept      labelled takes that the model is checked on whenever it is trained on, beside those that it knows already
     by        who teaches it, for its history; empty where nobody knows
+    force     learn from takes although something of them cannot be as it is
     adopt     take the model although something got worse
     """
 
@@ -86,6 +87,7 @@ class TrainJob:
     kept: tuple[Path, ...] = ()
     by: str = ""
     adopt: bool = False
+    force: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,6 +213,8 @@ def _learned(
         bodies = known_bodies() + ([open_markerset(job.body)] if job.body else [])
         digests = [digest([path]) for path in job.takes]  # before they are read
         takes = [*read_takes(job.takes, job.subjects, job.known), *job.shown]
+        if not job.force:
+            refuse_mirrored(takes, [*([base.markerset] if base else []), *bodies])
         kept, lost = unseen_markers(takes, bodies)
         markers = chosen_markers(takes, job.markers, base.markerset.markers if base else (), kept)
         # Of what was asked for, or learned before, nothing is left out.

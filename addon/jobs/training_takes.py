@@ -12,6 +12,7 @@ import numpy as np
 
 from ..core.data.errors import InputError, UserError
 from ..core.data.markersets import MarkerSet
+from ..core.points.handedness import MirroredError, refuse_labelled
 from ..core.points.likelihood.learn import LEARN
 from ..core.review.answering import right_in
 from ..core.training.looked_at import learnable
@@ -83,6 +84,20 @@ def _read(path: Path, subjects: Sequence[tuple[str, str]], known: KnownBetter) -
         doubts.append(f"{path.name} names no unit, so it was taken to be in {points.assumed}")
     doubts += [f"{path.name}: {note}" for note in points.notes]
     return TakeFile(written(path.name), written(subject), names, xyz, tuple(doubts), path)
+
+
+def refuse_mirrored(takes: Sequence[TakeFile], bodies: Sequence[MarkerSet]):
+    """Raises MirroredError for the first take that is left-handed for sure, by a known body whose markers it names."""
+    for take in takes:
+        body = known_body([name for name in take.names if any(name in one.by_name for one in bodies)], bodies)
+        if body is not None:
+            places = known_places(body, take.names)
+            points = np.full((len(take.xyz), len(body), 3), np.nan)
+            points[:, places[places >= 0]] = take.xyz[:, places >= 0]
+            try:
+                refuse_labelled(body, points)
+            except MirroredError as error:
+                raise MirroredError(error.message, take.path if take.path.name else take.name) from None
 
 
 def own_output(path: Path) -> dict | None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-from bpy.props import EnumProperty, FloatProperty, StringProperty
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ..core.data.errors import InputError
@@ -128,6 +128,12 @@ class ReadsPoints:
         options={"SKIP_SAVE"},
     )
 
+    mirror: BoolProperty(
+        name="Mirror",
+        description="Reverse an axis of 3D points whose axes are left-handed: left and right are exchanged in them",
+        options={"SKIP_SAVE"},
+    )
+
     @property
     def known_up(self) -> str | None:
         """The axis that was chosen, None for what the file says or tells."""
@@ -143,7 +149,7 @@ class MOCAP_AUTOLABEL_OT_import_points(ReadsPoints, ImportsFile, bpy.types.Opera
 
     def take_in(self, context, path: Path) -> str:
         """Takes points only."""
-        return take_points(context, path, self.known_up, self.rate)
+        return take_points(context, path, self.known_up, self.rate, self.mirror)
 
 
 class MOCAP_AUTOLABEL_OT_import_take(ReadsPoints, ImportsFile, bpy.types.Operator):
@@ -159,7 +165,7 @@ class MOCAP_AUTOLABEL_OT_import_take(ReadsPoints, ImportsFile, bpy.types.Operato
     def take_in(self, context, path: Path) -> str:
         """Takes either, as the file holds it."""
         if holds_points(path, self.use if is_qtm(path) and self.use != USE_ITEMS[0][0] else None):
-            return take_points(context, path, self.known_up, self.rate)
+            return take_points(context, path, self.known_up, self.rate, self.mirror)
         return take_blobs(context, path)
 
 
@@ -198,16 +204,19 @@ def _cameras_for(scene: bpy.types.Scene, path: Path) -> tuple[Cameras, bool]:
     return chosen, False
 
 
-def take_points(context: bpy.types.Context, path: Path, up: str | None = None, rate: float = 0.0) -> str:
+def take_points(
+    context: bpy.types.Context, path: Path, up: str | None = None, rate: float = 0.0, mirror: bool = False
+) -> str:
     """Makes a file of 3D points the scene's take and says what is in it; InputError where it cannot be used.
 
-    `up` is the axis that points up in it where the user knows, `rate` is used where the file says none.
+    `up` is the axis that points up in it where the user knows, `rate` is used where the file says none;
+    `mirror` reverses an axis of one whose axes are left-handed.
     """
-    settings, take = context.scene.mocap_autolabel, read_points(path, up=up, rate=rate or None)
+    settings, take = context.scene.mocap_autolabel, read_points(path, up=up, rate=rate or None, mirror=mirror)
     forget_take(context)
     settings.preview = show_points(context.scene, path.stem, take)
     settings.points_path, settings.blob_count = str(path), len(settings.preview.vertices)
-    settings.points_up = up or ""
+    settings.points_up, settings.points_mirror = up or "", mirror
     settings.trajectories, settings.rate = len(take.names), take.rate
     _set_frames(context, take.first_frame + np.arange(len(take.xyz)))
     show_take_whole(context, take.xyz[evenly_spread(len(take.xyz), MAX_PLACES)].reshape(-1, 3))
@@ -229,7 +238,8 @@ def forget_take(context: bpy.types.Context):
         preview, settings.preview = settings.preview, None
         remove_preview(preview)
         opened.forget()
-    settings.blobs_path = settings.points_path = ""
+    settings.blobs_path = settings.points_path = context.window_manager.mocap_autolabel.refused = ""
+    settings.forced = False
     refresh_review(context.window_manager, context.scene)
 
 

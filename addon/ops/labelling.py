@@ -10,7 +10,7 @@ from bpy.props import BoolProperty
 
 from ..core.body.occlusion import Occlusion
 from ..core.data.background import drained, in_background
-from ..core.data.errors import InputError, UserError
+from ..core.data.errors import ForceableError, InputError, UserError
 from ..core.data.takes import Blobs
 from ..core.data.wording import count_of
 from ..core.edits.kinds import Edits
@@ -75,6 +75,7 @@ def job_of(context: bpy.types.Context) -> LabelJob:
         method=settings.method,
         target=settings.target,
         up=settings.points_up or None if points else None,
+        mirror=points and settings.points_mirror,
         use=USE_POINTS if points else USE_BLOBS,
         rate=settings.rate,
         height=settings.height if settings.use_height else None,
@@ -84,6 +85,7 @@ def job_of(context: bpy.types.Context) -> LabelJob:
         edits=edits_so_far(context.scene, source),
         keep=True,
         shown=True,
+        force=settings.forced,
     )
 
 
@@ -95,6 +97,7 @@ def choose_job(settings: SceneSettings, job: LabelJob, ends: tuple[int, int]):
     file = str(job.source)
     settings.points_path, settings.blobs_path = (file, "") if job.use == USE_POINTS else ("", file)
     settings.points_up, settings.blob_count, settings.trajectories = job.up or "", 0, 0
+    settings.points_mirror, settings.forced = job.mirror, job.force
     settings.first_frame, settings.last_frame = ends
     settings.use_range, (settings.range_first, settings.range_last) = True, job.frames
     settings.rate, settings.method, settings.target = job.rate or settings.rate, job.method, job.target
@@ -217,6 +220,11 @@ class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
     bl_idname = "mocap_autolabel.label"
     bl_label = "Label"
     bl_options = {"REGISTER", "UNDO"}
+    force: BoolProperty(
+        name="Regardless",
+        description="Name markers although something of the take cannot be as it is, for as long as it is this take",
+        options={"SKIP_SAVE"},
+    )
 
     everybody: BoolProperty(
         name="All Performers",
@@ -234,23 +242,26 @@ class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
         return lacks_room_to_label(context)
 
     def steps(self, context):
-        """The labelling."""
-        settings = context.scene.mocap_autolabel
+        """The labelling; what the take is refused for stays beside the button where something can be done about it."""
+        settings, state = context.scene.mocap_autolabel, context.window_manager.mocap_autolabel
         if self.everybody:
             settings.performing = "AUTO"
+        settings.forced |= self.force
+        state.refused = ""
         job = job_of(context)
-        return _noting_crowds(context.window_manager, job, label_steps(job, take_name(settings)))
+        return _remembering(state, job, label_steps(job, take_name(settings)))
 
 
-def _noting_crowds(
-    manager: bpy.types.WindowManager, job: LabelJob, work: Generator[float, None, Take]
-) -> Generator[float, None, Take]:
-    """The same work; where the take is refused because it shows more people than were asked for, the sidebar knows."""
+def _remembering(state, job: LabelJob, work: Generator[float, None, Take]) -> Generator[float, None, Take]:
+    """The same work; where the take is refused and a button can help, the sidebar knows."""
     try:
         return (yield from work)
+    except ForceableError as error:
+        state.refused = error.message
+        raise
     except UserError as error:
         if ASK_HERE in error.message:
-            manager.mocap_autolabel.crowded = written(str(job.source))
+            state.crowded = written(str(job.source))
         raise
 
 

@@ -185,6 +185,9 @@ class MOCAP_AUTOLABEL_PT_label(Step, bpy.types.Panel):
             if crowded_here(state, settings):
                 draw_text(context, layout, "The take shows two performers or more", icon="ERROR")
                 layout.operator("mocap_autolabel.label", text="Label All Performers", icon="COMMUNITY").everybody = True
+            if state.refused:
+                draw_text(context, layout, state.refused, icon="ERROR")
+                layout.operator("mocap_autolabel.label", text="Label Regardless", icon="PLAY").force = True
             return
         row.progress(factor=state.share, text=state.doing)
         row.operator("mocap_autolabel.cancel", text="", icon="X")

@@ -385,3 +385,33 @@ def test_blobs_get_the_labels_of_the_command_line(extension, empty, virtual, tmp
     # Blender keeps where its cameras stand in single precision.
     sure, known = (np.array([float(row[6] or 0) for row in found]) for found in (rows, theirs))
     np.testing.assert_allclose(sure, known, atol=0.003)
+
+
+def test_what_is_refused_can_be_labelled_regardless(extension, imported, files, naming_known, monkeypatch):
+    handedness = importlib.import_module(f"{extension}.addon.core.points.handedness")
+
+    def refuse(check):
+        raise handedness.mirrored_error("A would be on the other side of the body")
+
+    monkeypatch.setattr(handedness.Handedness, "refuse", refuse)
+    settings, state = imported.scene.mocap_autolabel, imported.window_manager.mocap_autolabel
+    with pytest.raises(RuntimeError, match="is left-handed: one axis is mirrored, as A would be"):
+        bpy.ops.mocap_autolabel.label()
+    assert settings.take is None
+    assert state.refused.startswith("is left-handed")
+    assert "--force" not in state.refused
+    assert bpy.ops.mocap_autolabel.label(force=True) == {"FINISHED"}
+    assert settings.take is not None
+    assert not state.refused
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}, "for as long as it is this take"
+
+    path = str(files.folder / "walk.c3d")
+    assert bpy.ops.mocap_autolabel.import_points(filepath=path) == {"FINISHED"}
+    assert not settings.forced
+    plain = [tuple(vertex.co) for vertex in settings.preview.vertices]
+    for importer in (bpy.ops.mocap_autolabel.import_points, bpy.ops.mocap_autolabel.import_take):
+        assert importer(filepath=path, mirror=True) == {"FINISHED"}
+        seen = [tuple(vertex.co) for vertex in settings.preview.vertices]
+        assert seen == [(x, -y, z) for x, y, z in plain]
+    labelling = importlib.import_module(f"{extension}.addon.ops.labelling")
+    assert labelling.job_of(bpy.context).mirror

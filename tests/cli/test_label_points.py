@@ -200,7 +200,8 @@ def test_points_of_something_else_name_no_blobs(room, run, tmp_path):
     blobs = tmp_path / "noise.csv"
     blobs.write_text("\n".join(["frame,camera,x,y", *lines]) + "\n")
     words = ("label", blobs, "--cameras", room.cameras, "--model", "gait15", "--rate", "60", "--method", "evidence")
-    answer = run(*words, "--out", tmp_path / "other", "--json")
+    assert "the room seems not to be this take's" in run(*words, "--out", tmp_path / "other").reason
+    answer = run(*words, "--out", tmp_path / "other", "--force", "--json")
     [report] = json.loads(answer.out)["takes"]
     assert report["unlabelled"] == report["blobs"]
     assert any("no subject that wears gait15" in row["reason"] for row in report["suspect"])

@@ -31,6 +31,7 @@ def as_job(arguments, path: Path) -> jobs.LabelJob:
         target=arguments.target,
         frames=arguments.frames,
         up=arguments.up,
+        mirror=arguments.mirror,
         use=arguments.use,
         rate=rate,
         height=arguments.height,
@@ -61,11 +62,8 @@ def command_for(arguments, path: Path) -> list[str]:
     command += [f"--{name}={value}" for name, value in known.items() if value is not None]
     if arguments.frames:
         command.append(f"--frames={words_of_range(arguments.frames)}")
-    command += [
-        f"--{name}"
-        for name in ("trc", "fill", "blend", "html", "overwrite", "resume", "force")
-        if getattr(arguments, name)
-    ]
+    switches = "mirror", "trc", "fill", "blend", "html", "overwrite", "resume", "force"
+    command += [f"--{name}" for name in switches if getattr(arguments, name)]
     return [*command, "--", str(path)]
 
 

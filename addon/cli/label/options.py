@@ -33,6 +33,11 @@ def add_options(verbs) -> argparse.ArgumentParser:
     parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="the folder for the results")
     add_frames(parser)
     add_up(parser)
+    parser.add_argument(
+        "--mirror",
+        action="store_true",
+        help="reverse an axis of 3D points whose axes are left-handed, so that left and right are exchanged in them",
+    )
     _add_naming(parser)
     parser.add_argument("--blend", action="store_true", help="also save DIR/walk.blend: armature, body, keyed markers")
     parser.add_argument(
@@ -74,7 +79,11 @@ def add_options(verbs) -> argparse.ArgumentParser:
         help="go on with a batch that was stopped: takes whose results are there, whole and made of the same files "
         "and options, are passed over",
     )
-    parser.add_argument("--force", action="store_true", help="label although the take cannot be as it says")
+    parser.add_argument(
+        "--force",
+        action="store_true",
+        help="name markers although something of the take cannot be as it is, such as its room or its handedness",
+    )
     _add_batch(parser)
     parser.add_argument("--result", type=Path, help=argparse.SUPPRESS)
     return parser

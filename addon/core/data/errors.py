@@ -44,3 +44,10 @@ class JobError(UserError):
     """The input was read but the job could not be done with it (exit status 1)."""
 
     exit_status = 1
+
+
+class ForceableError(JobError):
+    """What was read cannot be as it is, by what is in it: nothing is named of it, unless somebody knows better.
+
+    Whoever knows better asks for `force`: `--force`, or the button beside the sentence.
+    """

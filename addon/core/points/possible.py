@@ -10,7 +10,7 @@ from itertools import permutations
 
 import numpy as np
 
-from ..data.errors import JobError
+from ..data.errors import ForceableError, JobError
 from ..data.lanes import Lanes
 from ..data.takes import evenly_spread
 from .models import Model
@@ -65,7 +65,7 @@ POSSIBLE = PossibleOptions()
 
 
 def refuse_impossible(points: np.ndarray, rate: float, lanes: Lanes | None, models: Iterable[Model]):
-    """Raises JobError where points (T, L, 3) m, NaN where missing, move at `rate` frames a second as nobody can.
+    """Raises ForceableError where points (T, L, 3) m, NaN where missing, move at `rate` frames a second as nobody can.
 
     It says what is wrong: the unit, by the size of what the models are of, the order of the frames, or the rate.
     Points that are in no order within their frames follow nothing, and are let pass; so is what stands or is slow.
@@ -77,15 +77,15 @@ def refuse_impossible(points: np.ndarray, rate: float, lanes: Lanes | None, mode
     for unit in filter(None, (mistaken_unit(model, some) for model in models)):
         raise unit
     if times_nearer(points) >= POSSIBLE.nearer:
-        raise JobError(
+        raise ForceableError(
             "has its frames out of order: most look far more like some other frame than like those before and after; "
-            "expected frames in the order in which they were recorded, or --force"
+            "expected frames in the order in which they were recorded"
         )
     if are_trajectories(points, replace(CUTTING, min_nearest=POSSIBLE.min_nearest), lanes):
-        raise JobError(
+        raise ForceableError(
             f"has a rate that cannot be: at {rate:g} Hz half of its points accelerate by more than {gravities:.0f} "
             "times gravity in a quarter of the frames, which nobody can; expected the rate at which it was recorded, "
-            f"such as {rate / 10:g} Hz, or --force"
+            f"such as {rate / 10:g} Hz"
         )
 
 

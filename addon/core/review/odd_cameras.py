@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..data.errors import ForceableError
 from ..data.markersets import MarkerSet
 from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Suspect
 from ..geometry.cameras import Cameras
@@ -147,6 +148,13 @@ class CameraCheck:
         if len(self.cameras) < 2 or not self.frames:
             return ()
         return tuple(Suspect(self._first, self._last, words) for words in self._sentences())
+
+    def refuse(self):
+        """Raises ForceableError where the room as a whole is not the take's: names in it would be guesses."""
+        if len(self.cameras) < 2 or not self.frames or not (self.wrong_room or self._nothing_meets):
+            return
+        expected = "" if self.wrong_room else "; expected each camera by the name that it was calibrated by"
+        raise ForceableError("; ".join(self._sentences()) + expected)
 
     @cached_property
     def agreement(self) -> CameraAgreement:

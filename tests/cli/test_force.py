@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Takes that cannot be as they are, mirrored or in another's room: refused, unless `--force` is given."""
+
+import csv
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from addon.capturing import cut
+from addon.core.data.takes import Points
+from addon.demo.take import STAGE, make_performance
+from addon.io.labels import POINT_KEYS, TruthWriter
+from addon.io.markersets import open_markerset
+from addon.io.points import read_points, write_c3d
+from addon.jobs.train import known_bodies
+from addon.jobs.training_takes import read_takes, refuse_mirrored
+
+LOPSIDED = "body39"  # by RBAK
+
+
+@pytest.fixture(scope="module")
+def walks(tmp_path_factory):
+    """Somebody in `body39` who walks, as recorded and mirrored, with the truth of both; names are in the files."""
+    folder = tmp_path_factory.mktemp("walks")
+    take = cut(make_performance(open_markerset(LOPSIDED)).take, (100, 160))
+    points = Points(take.names, take.xyz, np.zeros(take.xyz.shape[:2]), STAGE.rate, take.first_frame)
+    write_c3d(folder / "plain.c3d", points)
+    write_c3d(folder / "mirrored.c3d", replace(points, xyz=points.xyz * [-1.0, 1.0, 1.0]))
+    with TruthWriter(folder / "truth.csv", POINT_KEYS) as writer:
+        frame, point = np.nonzero(np.isfinite(points.xyz[..., 0]))
+        writer.write(
+            [f"{take.first_frame + f},{p}" for f, p in zip(frame, point, strict=True)], [take.names[p] for p in point]
+        )
+    return folder
+
+
+def precision(run, folder, labels) -> float:
+    answer = run("evaluate", labels, folder / "truth.csv", "--json")
+    assert answer.status == 0, answer.err
+    return json.loads(answer.out)["precision"]
+
+
+def test_a_mirrored_take_is_refused_and_mended(run, walks, tmp_path):
+    def label(*words, name="mirrored.c3d"):
+        return run("label", walks / name, "--model", LOPSIDED, "--out", tmp_path / "out", *words)
+
+    assert label(name="plain.c3d").status == 0
+    before = sorted((tmp_path / "out").iterdir())
+    answer = label()
+    assert answer.status == 1
+    assert "is left-handed: one axis is mirrored, as RBAK would be on the other side of the body" in answer.reason
+    assert answer.reason.endswith("; --force goes on regardless")
+    assert sorted((tmp_path / "out").iterdir()) == before, "nothing is named"
+
+    assert label("--mirror").status == 0
+    assert precision(run, walks, tmp_path / "out" / "mirrored.labels.csv") > 0.99
+    written = read_points(tmp_path / "out" / "mirrored.c3d")
+    recorded = read_points(walks / "plain.c3d")
+    # Which axis is reversed is all the same: distances stay, and the triple product has its sign again.
+    across, forward = (
+        recorded.xyz[0, [recorded.names.index(name) for name in ("LASI", "RASI", "LTOE", "C7")]],
+        written.xyz[0, [written.names.index(name) for name in ("LASI", "RASI", "LTOE", "C7")]],
+    )
+    assert np.linalg.det(across[1:] - across[0]) == pytest.approx(np.linalg.det(forward[1:] - forward[0]), rel=1e-3)
+
+    assert label("--force", "--overwrite").status == 0
+    report = json.loads((tmp_path / "out" / "mirrored.report.json").read_text())
+    assert any(note.startswith("is left-handed") for note in report["notes"])
+    assert "--force" not in json.dumps(report["notes"])
+
+
+def test_results_are_of_the_same_mirror_and_force(run, walks, tmp_path):
+    words = ["label", walks / "mirrored.c3d", "--model", LOPSIDED, "--out", tmp_path]
+    assert run(*words, "--mirror").status == 0
+    for other in ("--force", "--force --mirror"):
+        again = run(*words, "--resume", *other.split())
+        assert again.status == 2, "these results were made otherwise"
+    assert run(*words, "--resume", "--mirror").status == 0
+
+
+@pytest.mark.parametrize("symmetric", ["gait15", "body26"])
+def test_of_a_set_that_has_all_twice_nothing_is_said(run, walks, tmp_path, symmetric):
+    take = read_points(walks / "mirrored.c3d")
+    kept = [index for index, name in enumerate(take.names) if name in open_markerset(symmetric).by_name]
+    path = tmp_path / "twice.c3d"
+    write_c3d(path, Points(tuple(take.names[i] for i in kept), take.xyz[:, kept], take.residual[:, kept], take.rate, 1))
+    assert run("label", path, "--model", symmetric, "--out", tmp_path / "out").status == 0
+
+
+@pytest.mark.parametrize("turned", [(1, 1, 1), (-1, -1, 1)], ids=["as it is", "turned"])
+def test_train_learns_from_what_is_right_handed(run, walks, tmp_path, turned):
+    take, out = read_points(walks / "plain.c3d"), tmp_path / "own.markerset.json"
+    plain, path = tmp_path / "right.c3d", tmp_path / "left.c3d"
+    write_c3d(plain, replace(take, xyz=take.xyz * turned))
+    write_c3d(path, replace(take, xyz=take.xyz * turned * [-1, 1, 1]))
+    refuse_mirrored(read_takes([plain], ()), known_bodies())
+    answer = run("train", plain, path, "--out", out)
+    assert answer.status == 1
+    assert "left.c3d: is left-handed: one axis is mirrored, as the body of its labels is" in answer.reason
+    assert not out.exists()
+
+
+def moved_blobs(room, path, change) -> None:
+    with room.blobs.open(newline="") as file:
+        head, *rows = csv.reader(file)
+    with path.open("w", newline="") as file:
+        csv.writer(file).writerows([head, *map(change, rows)])
+
+
+def shifted(row):
+    return [*row[:2], float(row[2]) + 40, float(row[3]) + 40, *row[4:]]
+
+
+def renamed(row):
+    return [row[0], f"cam{int(row[1].removeprefix('cam')) % 8 + 1}", *row[2:]]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [(shifted, "the room seems not to be this take's"), (renamed, "cameras seem to have the names of others")],
+)
+def test_nothing_is_named_in_another_room(label, room, tmp_path, change, words):
+    moved_blobs(room, tmp_path / "odd.csv", change)
+    answer = label(blobs=[tmp_path / "odd.csv"])
+    assert answer.status == 1
+    assert words in answer.reason
+    assert answer.reason.endswith("; --force goes on regardless")
+    assert not list((tmp_path / "out").glob("odd.*"))
+
+    forced = label("--force", blobs=[tmp_path / "odd.csv"])
+    assert forced.status == 0
+    report = json.loads((tmp_path / "out" / "odd.report.json").read_text())
+    assert words in report["camera_doubts"][0]
