@@ -6,11 +6,10 @@ Every verb has a file here with `add_parser`; this one turns whatever happens in
 
 import sys
 
-from ..blendfile import drop_banner
 from ..io.scratch import take_away_own
-from .console import complain, open_streams, stoppable
+from .console import complain, open_streams, stoppable, telling
 from .failures import as_trouble
-from .loading import uncollected
+from .loading import try_libraries, uncollected
 from .parser import build_parser
 from .serving import SERVE, TRY, serve
 
@@ -21,18 +20,16 @@ def main(argv: list[str] | None = None) -> int:
     """Runs one command and gives its exit status; argv without the program's name, default: the process's own."""
     argv = sys.argv[1:] if argv is None else list(argv)
     open_streams()
-    drop_banner()
     try:
         with stoppable():
-            if argv == [SERVE]:
-                return serve(main)
-            if argv[:2] == [TRY, "--result"]:
-                from .trials import run_trial
+            try_libraries()
+            # Here and not above: where memory lacks for these, there is a sentence too.
+            from ..blendfile import drop_banner
+            from ..io.whole import LeftAlone
 
-                return run_trial(argv[1:])
-            with uncollected():
-                arguments = build_parser(argv).parse_args(argv)
-            return arguments.run(arguments)
+            drop_banner()
+            with telling(LeftAlone):
+                return _run(argv)
     except SystemExit as error:  # --help and --version
         return DONE if error.code in (None, 0) else BAD_INPUT
     except KeyboardInterrupt:
@@ -43,6 +40,18 @@ def main(argv: list[str] | None = None) -> int:
         complain(trouble)
         return trouble.exit_status
     return FAILED
+
+
+def _run(argv: list[str]) -> int:
+    if argv == [SERVE]:
+        return serve(main)
+    if argv[:2] == [TRY, "--result"]:
+        from .trials import run_trial
+
+        return run_trial(argv[1:])
+    with uncollected():
+        arguments = build_parser(argv).parse_args(argv)
+    return arguments.run(arguments)
 
 
 __all__ = ["main"]

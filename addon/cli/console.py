@@ -8,13 +8,12 @@ import signal
 import sys
 import threading
 import time
+import warnings
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-import numpy as np
-
-from ..core.data.errors import ForceableError, JobError, UserError
+from ..core.data.errors import ForceableError, JobError, UserError, spelt_out
 from ..core.data.progress import finished
 
 PROGRAM = "mocap-autolabel"
@@ -37,16 +36,37 @@ def open_streams():
 
 def complain(trouble: UserError | str):
     """One line on standard error: `mocap-autolabel: FILE:LINE: what is wrong; what was expected`."""
+    said = spelt_out(" ".join(str(trouble).split()))
     more = "; --force goes on regardless" if isinstance(trouble, ForceableError) else ""
-    for stream, text in ((sys.stdout, ""), (sys.stderr, f"{PROGRAM}: {' '.join(str(trouble).split())}{more}\n")):
+    for stream, text in ((sys.stdout, ""), (sys.stderr, f"{PROGRAM}: {said}{more}\n")):
         with suppress(OSError):  # where nobody can hear, the exit status tells
             stream.write(text)
             stream.flush()
 
 
+@contextmanager
+def telling(kind: type[Warning]) -> Iterator[None]:
+    """Warnings of this kind are lines as of `complain`, each once."""
+    shown = warnings.showwarning
+
+    def say(message, category, *where, **more):
+        if issubclass(category, kind):
+            complain(str(message))
+        else:
+            shown(message, category, *where, **more)
+
+    warnings.showwarning = say
+    try:
+        yield
+    finally:
+        warnings.showwarning = shown
+
+
 def print_results(lines: list[str], result: dict, as_json: bool):
     """The results as lines for people, or as one JSON object."""
-    text = json.dumps(result, indent=1, default=_plain, allow_nan=False) if as_json else "\n".join(lines)
+    text = (
+        json.dumps(result, indent=1, default=_plain, allow_nan=False) if as_json else "\n".join(map(spelt_out, lines))
+    )
     # A file's name may have letters that the terminal's alphabet lacks.
     alphabet = sys.stdout.encoding or "utf-8"
     try:
@@ -78,7 +98,7 @@ class ProgressLine:
         pause = TERMINAL_PAUSE if self.terminal else LOG_PAUSE
         if not self.shown or (not at_once and time.monotonic() - self.last < pause):
             return
-        self.last = time.monotonic()
+        self.last, words = time.monotonic(), spelt_out(words)
         if self.terminal:
             self._write("\r" + words.ljust(self.width))
             self.width = len(words)
@@ -137,6 +157,4 @@ def _say_again(hook: Callable) -> Callable:
 
 def _plain(value):
     """NumPy's numbers and arrays as JSON has them."""
-    if isinstance(value, np.generic | np.ndarray):
-        return value.tolist()
-    return str(value)
+    return value.tolist() if hasattr(value, "tolist") else str(value)

@@ -1,11 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What stopped a command, or one take of several, as one sentence, which the contract promises, never a traceback."""
 
+import errno
 import os
 import traceback
 from pathlib import Path
 
 from ..core.data.errors import InputError, JobError, UserError
+
+# What systems and Python say where there is no memory, other than by MemoryError.
+OUT_OF_MEMORY = (
+    os.strerror(errno.ENOMEM),
+    "failed to map segment from shared object",
+    "can't start new thread",
+    "paging file is too small",
+)
 
 
 def as_trouble(error: Exception, trace: bool = False) -> UserError:
@@ -14,7 +23,7 @@ def as_trouble(error: Exception, trace: bool = False) -> UserError:
         return error
     if isinstance(error, BrokenPipeError):
         return JobError("the program that reads the results went away; expected it to read them all")
-    if isinstance(error, MemoryError):
+    if _lacks_memory(error):
         return JobError("the memory is full; expected fewer frames at once, see --frames, or fewer --jobs")
     if isinstance(error, OSError):
         kind = InputError if error.filename else JobError
@@ -30,6 +39,16 @@ def of_take(error: Exception, take: Path, trace: bool = False) -> UserError:
     """The same of one take of several, which it names unless it names another file."""
     trouble = as_trouble(error, trace)
     return trouble if trouble.file else type(trouble)(trouble.message, take)
+
+
+def _lacks_memory(error: BaseException | None) -> bool:
+    """Whether something failed, or what it failed of, for want of memory: what loads libraries has words of its own."""
+    while error is not None:
+        said = str(error)
+        if isinstance(error, MemoryError) or any(words in said for words in OUT_OF_MEMORY):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
 
 
 def _line(error: Exception) -> str:

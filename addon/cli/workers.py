@@ -20,6 +20,7 @@ from pathlib import Path
 
 from ..core.data.errors import InputError, JobError, UserError
 from ..io.scratch import naming_scratch, scratch_folder
+from ..io.source import read_bytes
 from .serving import ANSWER, PATIENCE, POLL, SERVE
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -57,7 +58,7 @@ class Command:
     def answer(self, status: int, said: str) -> dict | UserError:
         """What came of it, or why nothing did, by its exit status and what it said on standard error."""
         if status == 0 and self.result.is_file():
-            return json.loads(self.result.read_text(encoding="utf-8"))
+            return json.loads(read_bytes(self.result))
         lines = said.strip().splitlines()
         reason = next((line for line in reversed(lines) if line.startswith("mocap-autolabel: ")), "")
         error = InputError if status == InputError.exit_status else JobError
@@ -104,7 +105,7 @@ class Worker:
 
     def ending(self) -> dict:
         """How it ended, and what it said before."""
-        said = self.errors.read_text(encoding="utf-8", errors="replace")
+        said = self.errors.read_bytes().decode("utf-8", "replace")
         return {"status": self.process.returncode, "said": said}
 
     def _listen(self):

@@ -9,6 +9,7 @@ from pathlib import Path
 from ..core.data.errors import InputError
 from .batch import is_result
 from .edits import edits_beside
+from .source import open_binary
 
 # Endings of takes. Of files that share the rest of their name the first is the take: what was recorded comes before
 # what another program made of it.
@@ -169,11 +170,9 @@ def _held(path: Path) -> bool:
     if os.name != "nt":
         return False
     try:
-        path.open("rb").close()
-    except PermissionError:
-        return True
-    except OSError:
-        return False
+        open_binary(path).close()
+    except InputError as error:
+        return isinstance(error.__context__, PermissionError)
     return False
 
 

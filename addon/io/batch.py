@@ -3,13 +3,16 @@
 
 import csv
 import io
-import json
+import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 
 from ..core.data.errors import InputError
 from ..core.review.trouble import LEFT_OVER
+from .names import cell_of, in_cell
+from .report import REPORT, read_report
+from .source import open_binary, read_bytes
 
 # What becomes of a take, in the order of the table.
 FAILING, LABELLED, DONE_BEFORE, AT_WORK, WAITING = "failed", "labelled", "done before", "at work", "waiting"
@@ -17,6 +20,9 @@ TAKE_STATES = (FAILING, LABELLED, DONE_BEFORE, AT_WORK, WAITING)
 MEASURED = (LABELLED, DONE_BEFORE)
 TABLE = ".csv"
 MAX_BYTES = 64 * 1024 * 1024  # of a table that is read: a row is some 150 bytes, and no batch has 400,000 takes
+
+FIGURES = (int, float, float | None)  # kinds of figures
+MAX_FIGURE = 2.0**53  # beyond which a float counts no more: format
 
 
 @dataclass(frozen=True)
@@ -70,13 +76,16 @@ TABLE_COLUMNS = (
 
 
 def row_of(report: Mapping, source: str, state: str = LABELLED, page: str = "") -> TakeRow:
-    """The row of a labelled take, by its report, with the name of its page where it has one."""
+    """The row of a labelled take, by its report, with the name of its page where it has one.
+
+    Raises what Python does where the report is not as `label` writes it.
+    """
     open_ones = [one for one in report["trouble"] if not one["answered"]]
     count = report["points" if "points" in report else "blobs"]
     frames, markers = report["frames"], report["markers"]
     found = sum(row["labelled_frames"] for row in markers.values())
     filled = (len(report["filled"]), len(report["filled"]) + len(report["left"])) if "filled" in report else None
-    return TakeRow(
+    row = TakeRow(
         report["take"],
         source,
         state,
@@ -94,6 +103,13 @@ def row_of(report: Mapping, source: str, state: str = LABELLED, page: str = "") 
         report["version"],
         {name: row["labelled_frames"] for name, row in markers.items()},
     )
+    for field in fields(TakeRow):
+        value, kind = getattr(row, field.name), field.type
+        if not isinstance(value, kind if kind is str else int | float | None if kind in FIGURES else object):
+            raise TypeError(f"{field.name} is {value!r}")
+        if kind in FIGURES and value is not None and not abs(value) < MAX_FIGURE:
+            raise ValueError(f"{field.name} is {value}")
+    return row
 
 
 def _on_body(report: Mapping, open_ones: list[Mapping]) -> int:
@@ -114,7 +130,7 @@ def _place(row: TakeRow) -> int:
 def write_table(path: Path, rows: Iterable[TakeRow]):
     """Writes the table, in the order given. Figures of takes that have none are empty."""
     text = io.StringIO(newline="")
-    writer = csv.writer(text)  # which puts lines that a name has in quotes only where its own end alike
+    writer = csv.writer(text)
     writer.writerow(TABLE_COLUMNS)
     for row in rows:
         writer.writerow([_cell(row, name) for name in TABLE_COLUMNS])
@@ -125,7 +141,7 @@ def write_table(path: Path, rows: Iterable[TakeRow]):
 def _cell(row: TakeRow, name: str) -> str:
     value = getattr(row, name)
     if isinstance(value, str):
-        return value
+        return cell_of(value)
     if value is None or not row.measured:
         return ""
     return f"{value:.6g}" if isinstance(value, float) else str(value)
@@ -135,17 +151,17 @@ def is_table(path: Path) -> bool:
     """Whether a file is a table that was written here."""
     wanted = (",".join(TABLE_COLUMNS) + "\r\n").encode()
     try:
-        with Path(path).open("rb") as file:
+        with open_binary(path) as file:
             return file.read(len(wanted)) == wanted
-    except OSError:
+    except (InputError, OSError):
         return False
 
 
 def read_table(path: Path) -> list[TakeRow]:
     """The rows of a table, in its order; InputError where it is none."""
-    if not is_table(path) or path.stat().st_size > MAX_BYTES:
+    if not is_table(path):
         raise InputError("is no table of a batch; expected a summary.csv that label --summary wrote", path)
-    text = path.read_bytes().decode("utf-8", "surrogateescape")
+    text = read_bytes(path, MAX_BYTES).decode("utf-8", "surrogateescape")
     kinds = {field.name: field.type for field in fields(TakeRow)}
     try:
         return [
@@ -159,7 +175,7 @@ def read_table(path: Path) -> list[TakeRow]:
 def _value(kind: object, cell: str) -> object:
     if kind in (int, "int"):
         return int(cell)
-    return cell if kind in (str, "str") else float(cell)
+    return in_cell(cell) if kind in (str, "str") else float(cell)
 
 
 def is_result(path: Path) -> bool:
@@ -170,7 +186,7 @@ def is_result(path: Path) -> bool:
     name = path.name.casefold()
     if name.endswith((".labels.csv", ".truth.csv", ".filled.csv")):
         return True
-    if path.with_name(path.stem + ".filled.csv").exists():
+    if os.path.exists(path.with_name(path.stem + ".filled.csv")):  # noqa: PTH110 no name is too long for it
         return True
     return (name.endswith(TABLE) and is_table(path)) or _made(path)
 
@@ -178,7 +194,6 @@ def is_result(path: Path) -> bool:
 def _made(path: Path) -> bool:
     """Whether the report beside a take says that it was written with it."""
     try:
-        report = json.loads(path.with_name(path.stem + ".report.json").read_text(encoding="utf-8"))
-        return path.suffix in report["made_of"]["results"]
-    except (OSError, ValueError, LookupError, TypeError, RecursionError):
+        return path.suffix in read_report(path.with_name(path.stem + REPORT))["made_of"]["results"]
+    except InputError:
         return False

@@ -12,6 +12,7 @@ from ..core.data.errors import InputError
 from ..core.data.takes import Blobs
 from ..core.data.wording import words_of_range
 from ..core.geometry.cameras import Cameras
+from .names import cell_of
 from .qtm import held_in, is_qtm, rows_of_qtm
 from .rows import Rows, parse_rows, read_header
 from .source import open_binary
@@ -303,5 +304,6 @@ def write_blobs(path: Path, blobs: Blobs, cameras: Cameras) -> list[str]:
 
 
 def csv_field(text: str) -> str:
-    """`text` as one field of a CSV file."""
-    return '"' + text.replace('"', '""') + '"' if any(sign in text for sign in ',"\r\n') else text
+    """`text` as one field of a CSV file, as `names.cell_of` has it."""
+    text = cell_of(text)
+    return '"' + text.replace('"', '""') + '"' if any(sign in text for sign in ',"') else text

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """`STEM.edits.json`: what a person said of a take, an edit a line."""
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,7 +22,7 @@ EDITS_ENDING = ".edits.json"
 def edits_beside(take: Path) -> Path | None:
     """The file of edits beside a take, None where there is none."""
     path = Path(take).with_name(Path(take).stem + EDITS_ENDING)
-    return path if path.exists() else None
+    return path if os.path.exists(path) else None  # noqa: PTH110 beside a name that is too long there is none
 
 
 def open_edits(edits: Edits | Path | None, take: Path, markerset: "Worn", **known) -> Edits:

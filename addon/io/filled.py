@@ -9,6 +9,7 @@ import numpy as np
 
 from ..core.filling.filling import FilledGap, LeftGap
 from ..core.filling.kept import KeptFill, resting_on
+from .names import cell_of
 
 GAP_COLUMNS = ("marker", "first", "last", "method", "expected_mm")
 
@@ -37,7 +38,7 @@ def write_filled(path: Path, rows: Sequence[dict]):
     with Path(path).open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, GAP_COLUMNS, extrasaction="ignore", lineterminator="\n")
         writer.writeheader()
-        writer.writerows(rows)
+        writer.writerows(row | {"marker": cell_of(row["marker"])} for row in rows)
 
 
 def _row(marker: str, first: int, last: int, method: str, expected: float, rests_on: str) -> dict:

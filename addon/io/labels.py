@@ -13,6 +13,7 @@ import numpy as np
 from ..core.data.errors import InputError
 from ..core.data.takes import NO_MARKER, NO_STEP, STEPS, Blobs, Labels, PointRows
 from .blobs import BLOB_FILE, csv_field
+from .names import in_cell
 from .source import open_binary
 
 BLOB_KEYS = ("frame", "camera", "x", "y")
@@ -202,12 +203,12 @@ class LabelFile:
         frame, *key, marker = (fields[column].strip() for column in self._columns)
         try:
             # Equal numbers are the same place, however many digits each file writes.
-            key = (key[0], *map(_finite, key[1:])) if len(key) > 1 else (int(key[0]),)
+            key = (in_cell(key[0]), *map(_finite, key[1:])) if len(key) > 1 else (int(key[0]),)
         except ValueError:
             raise self._error(f"has a key that is no number; expected {self.what} as frame,…") from None
         step = "" if self._step is None else fields[self._step].strip()
         share = np.nan if self._confidence is None else self._share(fields[self._confidence])
-        return LabelRow(self._line, self._whole(frame), key, marker, step, share)
+        return LabelRow(self._line, self._whole(frame), key, in_cell(marker), step, share)
 
     def _whole(self, text: str) -> int:
         try:

@@ -15,6 +15,7 @@ from typing import BinaryIO
 import numpy as np
 
 from ..core.data.errors import InputError
+from .source import open_binary
 
 PC2_HEADER = struct.Struct("<12siiffi")  # mark, version, vertices, first frame, frames a sample, samples
 PC2_MARK, PC2_VERSION = b"POINTCACHE2\0", 1
@@ -107,7 +108,7 @@ def _bridged(values: np.ndarray, start: int, before: tuple[float, float], after:
 def cache_mark(path: Path) -> str:
     """What a cache is known again by: its size, and a digest of its begin, middle and end."""
     told, size = hashlib.sha256(), path.stat().st_size
-    with path.open("rb") as file:
+    with open_binary(path) as file:
         for place in (0, size // 2, max(size - CACHING.told_by, 0)):
             file.seek(place)
             told.update(file.read(CACHING.told_by))
@@ -116,8 +117,10 @@ def cache_mark(path: Path) -> str:
 
 def check_cache(path: Path, mark: str):
     """Raises InputError where the file at `path` is not the cache with this mark, saying what it is."""
+    if not path.exists():
+        raise InputError("is not there; expected the motion beside the Blender file (Find Motion)", path)
     try:
-        with path.open("rb") as file:
+        with open_binary(path) as file:
             head = file.read(PC2_HEADER.size)
         size = path.stat().st_size
         if len(head) < PC2_HEADER.size or not head.startswith(PC2_MARK):
@@ -126,7 +129,5 @@ def check_cache(path: Path, mark: str):
             raise InputError("is shorter than it was saved; expected the whole file, copied anew", path)
         if cache_mark(path) != mark:
             raise InputError("is of another take or another labelling; expected the one saved with this file", path)
-    except FileNotFoundError:
-        raise InputError("is not there; expected the motion beside the Blender file (Find Motion)", path) from None
     except OSError as error:
         raise InputError(f"cannot be read ({error.strerror or error}); expected a file that can", path) from None

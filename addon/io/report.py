@@ -2,15 +2,16 @@
 """`STEM.report.json`: what a person should know of a labelled take before using it."""
 
 import json
+import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from ..core.data.errors import InputError
+from ..core.data.errors import InputError, spelt_out
 from ..core.data.takes import EditOutcome, Suspect
 from ..core.edits.applying import summary_of
 from ..core.review.summary import TakeSummary
 from ..core.review.trouble import TakeTrouble, summary_of_trouble
-from .source import digest
+from .source import digest, read_json
 
 REPORT = ".report.json"  # the last of a take's files to appear: where it is the others are
 INSTEAD = "--overwrite to make it anew, or another folder for --out"
@@ -78,9 +79,12 @@ def earlier_run(path: Path, now: dict) -> tuple[dict | None, bool]:
     `path` is the report's, `now` what this run is made of. Raises InputError where something is there that the same job
     did not make.
     """
-    if not path.exists():
+    if not os.path.exists(path):  # noqa: PTH110
         return None, True
-    report, missing = _read(path), False
+    report, missing = read_report(path), False
+    stem = path.name.removesuffix(REPORT)
+    if report.get("take") != stem:
+        raise InputError(f"is of the take {report.get('take')!r}; expected that of {stem!r}, {INSTEAD}", path)
     made = report["made_of"]
     then, now = _flat(made), _flat(now)
     other = [name for name in now | then if now.get(name) != then.get(name)]
@@ -89,7 +93,7 @@ def earlier_run(path: Path, now: dict) -> tuple[dict | None, bool]:
         raise InputError(f"{what}; expected the same as then, {INSTEAD}", path)
     for ending, was in made["results"].items():
         file = path.with_name(path.name.removesuffix(REPORT) + ending)
-        if not _is_there(file):
+        if not os.path.exists(file):  # noqa: PTH110 no name is too long for it
             missing = True
         elif digest([file]) != was:
             raise InputError(f"was changed since it was made; expected it as it was, {INSTEAD}", file)
@@ -99,17 +103,9 @@ def earlier_run(path: Path, now: dict) -> tuple[dict | None, bool]:
 def digests_then(path: Path) -> dict[str, str]:
     """The digests of the files that an earlier run wrote beside its report at `path`, by ending; none if it is gone."""
     try:
-        return _read(path)["made_of"]["results"]
+        return read_report(path)["made_of"]["results"]
     except InputError:
         return {}
-
-
-def _is_there(file: Path) -> bool:
-    """Whether there is such a file; one with too long a name is not."""
-    try:
-        return file.exists()
-    except OSError:
-        return False
 
 
 def _flat(made: dict) -> dict:
@@ -119,16 +115,16 @@ def _flat(made: dict) -> dict:
     return files | {f"--{called.get(name, name)}": value for name, value in made["options"].items()}
 
 
-def _read(path: Path) -> dict:
-    """A report that says what it was made of."""
+def read_report(path: Path) -> dict:
+    """A report that says what it was made of; InputError where it does not."""
     try:
-        report = json.loads(path.read_text(encoding="utf-8"))
+        report = read_json(path, "a report")
         made = report["made_of"]
         whole = all(isinstance(made[part], dict) for part in ("options", "results"))
         # The results lie beside the report, whatever a report says.
         if whole and all(Path(ending).name == ending for ending in made["results"]):
             return report
-    except (OSError, ValueError, LookupError, TypeError, RecursionError):
+    except (InputError, OSError, LookupError, TypeError):
         pass
     raise InputError(f"does not say what it was made of; expected the report of an earlier run, {INSTEAD}", path)
 
@@ -136,5 +132,5 @@ def _read(path: Path) -> dict:
 def compact(value: object) -> str:
     """A value as JSON of one line."""
     text = json.dumps(value, ensure_ascii=False, allow_nan=False)
-    # A file's name may hold bytes that are no letters; JSON has an escape for each.
-    return text.encode("utf-8", "backslashreplace").decode("utf-8")
+    # A file's name may hold bytes that are no letters, and signs that move a cursor; JSON has an escape for each.
+    return spelt_out(text).encode("utf-8", "backslashreplace").decode("utf-8")

@@ -11,6 +11,7 @@ import numpy as np
 from ..core.data.errors import InputError
 from ..core.data.takes import MAX_FRAME
 from ..core.geometry.cameras import Cameras
+from .names import in_cell
 
 COLUMNS = ("frame", "camera", "x", "y")
 
@@ -303,7 +304,7 @@ def _camera(field: str, indices: dict[str, int], path: Path, line: int) -> int:
     name = field
     if field.strip().startswith('"'):
         name = field.strip()[1:-1].replace('""', '"')
-    index = indices.get(name, indices.get(name.strip()))
+    index = indices.get(name, indices.get(name.strip(), indices.get(in_cell(name.strip()))))
     if index is None:
         known = ", ".join(list(indices)[:6]) + (", …" if len(indices) > 6 else "")
         raise InputError(f"camera {name.strip()[:60]!r} is not in the calibration; expected one of {known}", path, line)

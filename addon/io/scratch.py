@@ -144,8 +144,11 @@ def _hold(lock: IO, path: Path) -> bool:
     return os.path.samestat(os.fstat(lock.fileno()), path.stat())
 
 
-def take_away_forsaken(parent: Path, prefix: str, rescue: Callable[[Path], None] | None = None):
-    """Takes away those of `own_folder` in `parent` whose makers are gone; `rescue` sees each before."""
+def take_away_forsaken(parent: Path, prefix: str, rescue: Callable[[Path], bool] | None = None):
+    """Takes away those of `own_folder` in `parent` whose makers are gone.
+
+    `rescue` sees each before, and says whether it may go.
+    """
     wanted = re.compile(f"{re.escape(prefix)}[0-9a-f]{{{TOKEN}}}")
     try:
         with os.scandir(parent) as entries:
@@ -164,20 +167,17 @@ def _is_ours(entry: os.DirEntry) -> bool:
     return os.name == "nt" or entry.stat(follow_symlinks=False).st_uid == os.getuid()
 
 
-def _take_away(folder: Path, rescue: Callable[[Path], None] | None):
+def _take_away(folder: Path, rescue: Callable[[Path], bool] | None):
     try:
         lock = (folder / LOCK).open("r+b")
     except FileNotFoundError:  # about to be made, or somebody was killed while taking the folder away
-        if _forsaken(folder):
-            _clear(folder)
         folder.rmdir()  # if it is empty; who is just making it makes another
         return
     with lock:
         # Where its maker could lock none, nobody knows whether that is gone.
         gone = _locked(lock) and (lock.read(len(NO_LOCKS)) != NO_LOCKS or _forsaken(folder))
+        gone = gone and (rescue is None or rescue(folder))
         if gone:
-            if rescue is not None:
-                rescue(folder)
             _clear(folder)
     if gone:
         _drop(folder)

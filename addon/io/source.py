@@ -4,6 +4,8 @@
 import codecs
 import hashlib
 import json
+import os
+import stat
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -48,19 +50,28 @@ _MARKS = (
 
 
 def open_binary(path: Path) -> BinaryIO:
-    """The file at `path`, open for reading; InputError when there is none or it may not be read."""
+    """The file at `path`, open for reading; InputError when there is none, it is no file or may not be read.
+
+    Whatever is read goes through here, also what we wrote ourselves: anybody may have put something in its place.
+    """
     path = Path(path)
     try:
-        if path.is_dir():
+        kind = path.stat().st_mode
+        if stat.S_ISDIR(kind):
             raise InputError("is a folder; expected a file", path)
-        if path.is_fifo() or path.is_char_device() or path.is_socket():
+        if not stat.S_ISREG(kind):
             # Opening a pipe waits for a writer that may never come, and two readings of one differ.
             raise InputError("is a pipe or a device; expected an ordinary file", path)
-        return path.open("rb")
+        return open(path, "rb", opener=open_at_once)
     except FileNotFoundError:
         raise InputError("there is no such file; expected the path of an existing file", path) from None
     except (OSError, ValueError) as error:
         raise InputError(f"cannot be read ({_reason(error)}); expected a readable file", path) from None
+
+
+def open_at_once(path: str, flags: int) -> int:
+    """An opener, as `open` takes one, that waits for nobody at a pipe that was put there meanwhile."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0), 0o666)
 
 
 class BytesOnDisk:

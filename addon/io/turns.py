@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import IO
 
 from .scratch import lock_now
+from .source import open_at_once
 
 TURN = ".mocap-autolabel.turn"
 LONG_S = 60.0  # s; giving names takes milliseconds, so who has the turn for so long is stopped or cut off
@@ -49,7 +50,7 @@ def _taken(path: Path) -> IO | None:
     end = time.monotonic() + LONG_S
     while time.monotonic() < end:
         try:
-            file = path.open("ab")
+            file = open(path, "ab", opener=open_at_once)  # noqa: SIM115 a path has no opener
         except OSError:
             return None
         try:

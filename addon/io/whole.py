@@ -9,17 +9,22 @@ import json
 import os
 import stat
 import unicodedata
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from ..core.data.errors import InputError, JobError
 from .scratch import LOCK, leave, own_folder, take_away_forsaken
+from .source import read_json
 from .turns import TURN, turns
 
 PART = ".part-mocap-autolabel-"
-LIST = ".mocap-autolabel.json"  # in a folder of parts: what each file to be replaced or taken away was like
-AWAY = "away"
+LIST = ".mocap-autolabel.json"  # in a folder of parts: what each part is like, and what it is to take the place of
+
+
+class LeftAlone(UserWarning):
+    """A folder that looks as if a killed run had left it, and is not surely so."""
 
 
 @contextmanager
@@ -54,6 +59,8 @@ def whole_files(
         finish_renaming(parent)
     check_targets(targets, overwrite, read)
     _make_folders(targets)
+    for target in targets:  # in a folder that was not there no name was too long
+        _refuse(target, overwrite)
     with ExitStack() as stack:
         folders = {parent: stack.enter_context(own_folder(parent, PART, _unwritable)) for parent in parents}
         temporaries = [folders[target.parent] / target.name for target in targets]
@@ -153,10 +160,14 @@ def _list(pairs: Sequence[tuple[Path, Path]], away: Sequence[tuple[Path, list[in
     """Puts into each folder of parts what is to be renamed, what each is to take the place of, and what is to go."""
     for folder in dict.fromkeys(part.parent for part, _ in pairs):
         try:
-            states: dict = {part.name: _state(target) for part, target in pairs if part.parent == folder}
-            states |= {path.name: {AWAY: state} for path, state in away if path.parent == folder.parent}
-            (folder / LIST).write_text(json.dumps(states), encoding="utf-8", newline="\n")
-            _flush(folder / LIST)
+            # What is to go has no part.
+            states = {part.name: [_state(part), _state(target)] for part, target in pairs if part.parent == folder}
+            states |= {path.name: [None, state] for path, state in away if path.parent == folder.parent}
+            states[LOCK] = _mark(folder / LOCK)
+            begun = folder / f"{LIST}~"
+            begun.write_text(json.dumps(states), encoding="utf-8", newline="\n")
+            _flush(begun)
+            os.replace(begun, folder / LIST)  # noqa: PTH105 so that it is whole or not there
         except OSError as error:
             raise _unwritable(error, folder.parent) from None
         _flush_folder(folder)
@@ -181,21 +192,30 @@ def _rename(pairs: Sequence[tuple[Path, Path]], away: Sequence[tuple[Path, list[
         raise
 
 
-def _rename_rest(folder: Path):
-    """Renames what is left in a folder of parts whose list is whole, unless its place is not as it was."""
+def _rename_rest(folder: Path) -> bool:
+    """Renames what is left in a folder of parts, unless its place is not as it was; whether the folder may go then.
+
+    It stays where its list is not surely this program's own: whoever copies or plants one cannot know the mark.
+    """
+    if not os.path.lexists(folder / LIST):  # killed while it was still at work
+        return True
     try:
-        states = json.loads((folder / LIST).read_text(encoding="utf-8"))
-    except (OSError, ValueError):  # killed while it was still at work
-        return
-    for name, state in states.items():
-        if Path(name).name != name:  # no list of ours
-            continue
+        states = read_json(folder / LIST, "what a killed run left")
+        ours = isinstance(states, dict) and states.pop(LOCK, None) == _mark(folder / LOCK)
+    except (InputError, OSError):
+        ours = False
+    if not ours:
+        words = "is left alone, as somebody else may have put it there; expected what a killed run of your own left"
+        warnings.warn(LeftAlone(f"{folder}: {words}"), stacklevel=2)
+        return False
+    for name, (own, state) in states.items():
         part, target = folder / name, folder.parent / name
-        if isinstance(state, dict):
-            _take_away(target, state.get(AWAY))
-        elif part.exists() and _state(target) == state:
+        if own is None:
+            _take_away(target, state)
+        elif _state(part) == own and _state(target) == state:
             part.replace(target)
     _flush_folder(folder.parent)
+    return True
 
 
 def _take_away(path: Path, state: list[int] | None):
@@ -203,6 +223,15 @@ def _take_away(path: Path, state: list[int] | None):
     with suppress(OSError):
         if state is not None and _state(path) == state:
             path.unlink()
+
+
+def _mark(lock: Path) -> list[int]:
+    """What tells a folder of parts, by its lock, from a copy, and from one that was made to look like it.
+
+    No copy and no archive can set when the system last changed what it knows of a file.
+    """
+    status = lock.lstat()
+    return [status.st_ino, status.st_ctime_ns]
 
 
 def _state(target: Path) -> list[int] | None:

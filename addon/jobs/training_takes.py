@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Files of labelled takes to learn from: which markers, whose, and every way in which they cannot be used."""
 
-import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -21,7 +20,7 @@ from ..core.training.transfer import known_body, known_places
 from ..io.edits import edits_beside, read_edits
 from ..io.names import can_be_named, written
 from ..io.points import FilePoints, read_points
-from ..io.report import REPORT
+from ..io.report import REPORT, read_report
 from ..io.source import digest
 
 
@@ -105,12 +104,11 @@ def own_output(path: Path) -> dict | None:
 
     A file that was changed since was corrected elsewhere, and its labels are what somebody says.
     """
-    beside = path.with_name(path.stem + REPORT)
     try:
-        report = json.loads(beside.read_text(encoding="utf-8"))
+        report = read_report(path.with_name(path.stem + REPORT))
         made = report["made_of"]["results"].get(path.suffix)
         fitting = isinstance(report.get("doubtful"), dict) and made == digest([path])
-    except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
+    except InputError:
         return None
     return report if fitting else None
 

@@ -9,6 +9,7 @@ from threadpoolctl import threadpool_limits
 from ..core.points.likelihood.trying import TrialOutcome, TrialWork, tried
 from ..io.packed import pack, unpack
 from ..io.scratch import naming_scratch
+from ..io.source import read_bytes
 
 
 def write_trial(path: Path, work: TrialWork):
@@ -19,7 +20,7 @@ def write_trial(path: Path, work: TrialWork):
 
 def try_file(path: Path, result: Path):
     """Tries the trial of a scratch file, as it would be tried in the process that wrote it; writes what comes of it."""
-    work = unpack(TrialWork, json.loads(path.read_text(encoding="utf-8")), "trial", path)
+    work = unpack(TrialWork, json.loads(read_bytes(path)), "trial", path)
     with threadpool_limits(1, user_api="blas"):
         outcome = tried(work)
     with naming_scratch(result.parent):

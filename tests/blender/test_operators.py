@@ -291,7 +291,7 @@ class Modal:
         kind = module.MOCAP_AUTOLABEL_OT_label
         for name in ("_begin", "_tick", "_tell", "_end", "_show", "steps", "execute", "modal"):
             setattr(self, name, getattr(kind, name).__get__(self))
-        self._timer, self.doing, self.everybody = None, kind.doing, False
+        self._timer, self.doing, self.everybody, self.force = None, kind.doing, False, False
 
     def report(self, kind, words):
         self.reports.append((*kind, words))

@@ -71,7 +71,7 @@ def test_what_is_no_take_is_left_alone(watched, tmp_path):
     (tmp_path / "folder.csv").mkdir()
     put(tmp_path / "walk.csv")
     put(tmp_path / "walk.c3d")  # what was made of walk.csv
-    put(tmp_path / "walk.report.json", json.dumps({"made_of": {"results": {".c3d": "…", ".labels.csv": "…"}}}))
+    put(tmp_path / "walk.report.json", json.dumps({"made_of": {"options": {}, "results": {".c3d": "…"}}}))
     put(tmp_path / "full.c3d")
     put(tmp_path / "full.filled.csv")
     write_table(tmp_path / "summary.csv", [TakeRow("a", "a.csv", "failed")])

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The table over a batch: what goes in comes out, whatever takes are called, and the worst take first."""
 
+import csv
+import re
 from dataclasses import replace
 
 import pytest
@@ -78,6 +80,21 @@ def test_a_table_comes_back(tmp_path_factory, rows):
         for name in TABLE_COLUMNS:
             value = getattr(was, name)
             assert getattr(row, name) == (pytest.approx(value, rel=1e-5) if isinstance(value, float) else value)
+
+
+FORMULAS = ["=1+1", "@SUM(A1)", "+1", "-1", "'=1", "\uff1d1", "\x1b[2J", "\x9b2J", "a\nb", "\\u001b", "\\\x1b"]
+
+
+@pytest.mark.parametrize("name", FORMULAS)
+def test_a_name_is_no_formula_and_moves_no_cursor_in_a_table(tmp_path, name):
+    path = tmp_path / "summary.csv"
+    write_table(path, [TakeRow(name, f"{name}.c3d", "failed", reason=name)])
+    text = path.read_text(encoding="utf-8")
+    assert not re.search(r"[\x00-\x09\x0b\x0c\x0e-\x1f\x7f-\x9f]", text)
+    [_, *rows] = text.splitlines()
+    [row] = csv.reader(rows)
+    assert not [cell for cell in row if re.match("[=+@\uff1d-]", cell)]
+    assert (read_table(path)[0].take, read_table(path)[0].reason) == (name, name)
 
 
 def test_what_is_no_table_is_refused(tmp_path):

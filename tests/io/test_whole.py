@@ -2,8 +2,8 @@
 """Output files appear whole or not at all."""
 
 import errno
-import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -15,7 +15,7 @@ import pytest
 from addon.core.data.errors import InputError, JobError
 from addon.io import scratch
 from addon.io import turns as turns_of_folders
-from addon.io.whole import LIST, PART, finish_renaming, whole_file, whole_files
+from addon.io.whole import LIST, PART, LeftAlone, finish_renaming, whole_file, whole_files
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -253,17 +253,57 @@ def test_what_is_stale_goes_with_the_next_run_where_one_was_killed_before_unless
     assert left == dict.fromkeys("123", "new") | ({"old": "somebody's"} if changed else {})
 
 
-def test_a_list_that_is_none_of_ours_takes_nothing_away_elsewhere(tmp_path):
-    folder, mine = tmp_path / "takes", tmp_path / "mine"
+def planted(folder, content: str):
+    """A folder of parts as somebody else could make it, with a file to move in, beside one to take away."""
     parts = folder / f"{PART}0123456789ab"
     parts.mkdir(parents=True)
-    mine.write_text("mine")
     (parts / scratch.LOCK).touch()
-    state = [mine.stat().st_size, mine.stat().st_mtime_ns]
-    (parts / LIST).write_text(json.dumps({"../mine": {"away": state}}))
-    finish_renaming(folder)
-    assert mine.exists()
-    assert not parts.exists()
+    (parts / "in").write_text("theirs")
+    (parts / LIST).write_text(content)
+    (folder / "mine").write_text("mine")
+    return parts
+
+
+LISTS = {
+    "a list": "[]",
+    "a number": "5",
+    "nothing": "",
+    "cut off": '{"in": [',
+    "deep": "[" * 100_000,
+    "no states": '{"in": 5, "mine": {"away": []}}',
+    "no mark": '{"in": [[6, 0], null], "mine": [null, [4, 0]]}',
+    "another's mark": '{"in": [[6, 0], null], "mine": [null, [4, 0]], ".mocap-autolabel.lock": [1, 2]}',
+    "as in version 1": '{"in": null, "mine": {"away": [4, 0]}}',
+}
+
+
+@pytest.mark.parametrize("what", LISTS)
+def test_a_list_that_is_not_surely_ours_is_left_alone_and_said(tmp_path, what):
+    folder = tmp_path / "takes"
+    parts = planted(folder, LISTS[what])
+    for path in (folder / "mine", parts / "in"):
+        os.utime(path, ns=(0, 0))  # as the list says it is
+    with pytest.warns(LeftAlone, match=f"{parts}: is left alone"), whole_file(folder / "take.c3d") as part:
+        part.write_text("whole")
+    assert {path.name for path in folder.iterdir()} == {"take.c3d", "mine", parts.name}
+    assert (parts / "in").read_text() == "theirs"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs a system where a process can be killed")
+def test_a_copy_of_what_a_killed_run_left_is_left_alone(tmp_path):
+    killed(tmp_path / "one", 1)
+    shutil.copytree(tmp_path / "one", tmp_path / "other")
+    (tmp_path / "other" / "1").unlink()
+    with pytest.warns(LeftAlone):
+        finish_renaming(tmp_path / "other")
+    assert [path.name.startswith(PART) for path in (tmp_path / "other").iterdir()] == [True]
+    finish_renaming(tmp_path / "one")
+    assert sorted(path.name for path in (tmp_path / "one").iterdir()) == ["1", "2", "3"]
+
+
+def test_a_name_too_long_is_called_by_its_name_in_a_folder_that_was_not_there(tmp_path):
+    with pytest.raises(InputError, match="nnn: cannot be the name"), whole_file(tmp_path / "new" / ("n" * 300)):
+        pytest.fail("the block must not begin")
 
 
 @pytest.mark.parametrize("stop", [1, 2])

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 from ... import jobs
 from ...blendfile import open_cameras
 from ...core.data.errors import InputError, UserError
-from ...io.batch import DONE_BEFORE, LABELLED
+from ...io.batch import DONE_BEFORE, LABELLED, row_of
+from ...io.report import INSTEAD, REPORT
 from ...io.scratch import naming_scratch, take_away_scratch
 from ...io.whole import finish_renaming
 from ...jobs.resuming import results_of
@@ -123,8 +124,26 @@ def _watch(arguments) -> int:
         open_cameras(arguments.cameras, arguments.up)
     summary = summary_of(arguments)
     summary.check(arguments.overwrite, arguments.resume)
-    work = TakeWork(lambda path: results_of(as_job(arguments, path)), partial(command_for, arguments), as_line)
+    work = TakeWork(partial(_earlier, arguments), partial(command_for, arguments), as_line)
     return watch(arguments, work, summary)
+
+
+def _earlier(arguments, path: Path) -> dict | None:
+    """The report of an earlier run of the same job, None where there is none that is whole.
+
+    Raises InputError where what is there may not be replaced, or nobody can tell by the report what came of the take.
+    """
+    job = as_job(arguments, path)
+    report = results_of(job)
+    if report is not None:
+        try:
+            as_line(report), doubts_in(report), row_of(report, path.name)
+            json.dumps(report, allow_nan=False)
+        except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError):
+            raise InputError(
+                f"is damaged; expected the report of an earlier run, {INSTEAD}", job.path(REPORT)
+            ) from None
+    return report
 
 
 def _answers(
@@ -134,7 +153,7 @@ def _answers(
     left = list(arguments.inputs)
     if arguments.resume:
         finish_renaming(arguments.out)
-        for path, answer in _each(left, lambda path: results_of(as_job(arguments, path)), arguments.traceback):
+        for path, answer in _each(left, partial(_earlier, arguments), arguments.traceback):
             if answer is None:
                 continue
             left.remove(path)

@@ -4,7 +4,7 @@
 import re
 
 # Signs that move a terminal's cursor or end a line; a file may have them in any of its words.
-_UNSEEN = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]+")
+UNSEEN = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")
 MAX_LETTERS = 1000  # of a message; what is quoted from a broken file may have a million
 
 
@@ -25,13 +25,18 @@ class UserError(Exception):
         self.line = line
 
     def __str__(self) -> str:
-        place = self.file + (f":{self.line}" if self.line else "")
+        place = spelt_out(self.file) + (f":{self.line}" if self.line else "")
         return f"{place}: {self.message}" if place else self.message
+
+
+def spelt_out(text: str) -> str:
+    r"""The text with each sign that moves a terminal's cursor or ends a line as an escape, such as `\u001b`."""
+    return UNSEEN.sub(lambda sign: f"\\u{ord(sign[0]):04x}", text)
 
 
 def _readable(message: str) -> str:
     """The message in one line; where it is endless its middle goes, for what was expected comes last."""
-    message = _UNSEEN.sub(" ", message)
+    message = re.sub(f"{UNSEEN.pattern}+", " ", message)
     half = MAX_LETTERS // 2
     return message if len(message) <= MAX_LETTERS else f"{message[:half]} … {message[-half:]}"
 

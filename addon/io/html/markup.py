@@ -6,6 +6,8 @@ import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from ...core.data.errors import InputError
+from ..source import open_binary
 from .style import STYLE
 
 GENERATOR = "Mocap Autolabel"
@@ -102,9 +104,9 @@ def is_page(path: Path) -> bool:
     """Whether a file is a page that was written here."""
     mark = element("meta", name="generator", content=GENERATOR).encode()
     try:
-        with Path(path).open("rb") as file:
+        with open_binary(path) as file:
             return mark in file.read(1000)
-    except OSError:
+    except (InputError, OSError):
         return False
 
 

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What somebody may have put in the way of a batch: one take's trouble at most, one sentence, and no endless wait."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from addon.cli.console import ProgressLine, print_results
+from addon.cli.failures import as_trouble
+from addon.demo.take import MODEL
+from addon.io.batch import read_table
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def takes(room, tmp_path):
+    """A folder of results of the takes a, b and c, and the words that label them."""
+    sources = [shutil.copy(room.c3d, tmp_path / f"{name}.c3d") for name in "abc"]
+    return tmp_path / "out", ["label", *sources, "--model", MODEL, "--out", tmp_path / "out"]
+
+
+def names(report):
+    report["take"] = "another"
+
+
+def figures(report):
+    report["frames"] = 10**400
+
+
+def version(report):
+    report["version"] = ["1"]
+
+
+def nothing(report):
+    report["timing"]["load"] = float("nan")
+
+
+def emptied(report):
+    report.clear()
+
+
+BAD_REPORTS = [names, figures, version, nothing, emptied]
+BAD_REPORTS += [lambda report, key=key: report.pop(key) for key in ("take", "timing", "markers", "trouble", "frames")]
+
+
+def test_a_bad_report_is_one_takes_trouble(run, takes):
+    out, words = takes
+    assert run(*words).status == 0
+    good = (out / "b.report.json").read_text(encoding="utf-8")
+    for change in BAD_REPORTS:
+        report = json.loads(good)
+        change(report)
+        (out / "b.report.json").write_text(json.dumps(report), encoding="utf-8")
+        answer = run(*words, "--resume", "--json")
+        assert answer.status == 2
+        assert "b.report.json: " in answer.reason
+        assert "fault of" not in answer.err
+        result = json.loads(answer.out)
+        assert [one["take"] for one in result["takes"]] == ["a", "c"]
+        assert [one["take"] for one in result["failed"]] == ["b"]
+
+
+def test_a_name_too_long_is_one_takes_trouble(run, takes, tmp_path):
+    out, words = takes
+    long = shutil.copy(tmp_path / "a.c3d", tmp_path / f"{'n' * 246}.c3d")
+    for more in ([], ["--resume"], ["--overwrite", "--html", "--summary"]):
+        answer = run(*words[:2], long, *words[4:], *more)
+        assert answer.status == 2
+        assert "File name too long" in answer.reason
+        assert answer.out.startswith("a: 20 frames")
+    assert (out / "a.report.json").exists()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only here any bytes are a name of a file")
+@pytest.mark.parametrize("stem", ["=1+1", "@SUM(A1)", "\x1b[31mred", "a\x9b2J"])
+def test_a_hostile_name_reaches_neither_terminal_nor_table(run, room, tmp_path, stem):
+    source, broken = shutil.copy(room.c3d, tmp_path / f"{stem}.c3d"), tmp_path / f"{stem}2.c3d"
+    broken.touch()
+    words = ["label", source, broken, "--model", MODEL, "--out", tmp_path / "out", "--summary", "--html", "--progress"]
+    answer = run(*words)
+    assert answer.status == 2
+    assert not any(sign in answer.out + answer.err for sign in "\x1b\x9b")
+    table = tmp_path / "out" / "summary.csv"
+    assert {row.take for row in read_table(table)} == {stem, f"{stem}2"}
+    for path in (table, *(tmp_path / "out").glob("*.json"), *(tmp_path / "out").glob("*.html")):
+        assert not any(sign in path.read_text(encoding="utf-8") for sign in "\x1b\x9b")
+    assert not any(line.startswith(("=", "@")) for line in table.read_text().splitlines())
+    answer = run(*words, "--resume", "--json")
+    assert json.loads(answer.out)["passed_over"] == [stem]
+
+
+def test_what_a_terminal_is_told_moves_no_cursor(capsys):
+    print_results(["a\x1b[2Jb"], {}, False)
+    ProgressLine(True).tell("a\x1b[2Jb", at_once=True)
+    said = capsys.readouterr()
+    assert (said.out, said.err) == ("a\\u001b[2Jb\n", "a\\u001b[2Jb\n")
+
+
+def test_a_folder_that_is_left_alone_is_said_before_the_last_line(run, takes):
+    out, words = takes
+    parts = out / ".part-mocap-autolabel-0123456789ab"
+    parts.mkdir(parents=True)
+    for name, content in ((".mocap-autolabel.lock", ""), (".mocap-autolabel.json", "[]")):
+        (parts / name).write_text(content)
+    answer = run(*words)
+    assert answer.status == 0
+    assert answer.err.startswith(f"mocap-autolabel: {parts}: is left alone")
+    assert parts.exists()
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        MemoryError(),
+        ImportError("numpy.so: failed to map segment from shared object"),
+        OSError(12, os.strerror(12)),
+        RuntimeError("can't start new thread"),
+    ],
+)
+def test_lack_of_memory_is_called_so(error):
+    outer = ImportError("something of a library")
+    outer.__cause__ = error
+    for one in (error, outer):
+        trouble = as_trouble(one)
+        assert trouble.exit_status == 1
+        assert trouble.message.startswith("the memory is full; expected")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs a limit that the system keeps")
+@pytest.mark.parametrize("megabytes", [100, 120, 135, 140, 160, 200, 300])
+def test_whatever_memory_there_is_nothing_is_called_a_fault(room, tmp_path, megabytes):
+    script = (
+        "import resource, sys; sys.path.insert(0, sys.argv.pop(1)); limit = int(sys.argv.pop(1)) << 20; "
+        "resource.setrlimit(resource.RLIMIT_AS, (limit, limit)); "
+        "from addon.cli import main; sys.exit(main(sys.argv[1:]))"
+    )
+    words = [sys.executable, "-c", script, ROOT, megabytes, "label", room.c3d, "--model", MODEL, "--out", tmp_path]
+    done = subprocess.run([str(word) for word in words], capture_output=True, text=True, check=False)
+    lines = done.stderr.splitlines()
+    assert done.returncode in (0, 1)
+    assert len(lines) == done.returncode
+    assert all("memory" in line and line.startswith("mocap-autolabel: ") and "; expected" in line for line in lines)

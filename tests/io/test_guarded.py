@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Whatever is read goes through `io.source.open_binary`, which no pipe, device or socket keeps waiting."""
+
+import ast
+import os
+import socket
+from pathlib import Path
+
+import pytest
+
+from addon.core.data.errors import InputError
+from addon.io.batch import is_result, is_table, read_table
+from addon.io.edits import read_edits
+from addon.io.html import is_page
+from addon.io.models import read_model
+from addon.io.motion_cache import cache_mark, check_cache
+from addon.io.report import earlier_run
+from addon.io.source import open_binary
+from addon.io.turns import TURN, turns
+
+ADDON = Path(__file__).resolve().parents[2] / "addon"
+READERS = {"read_text", "read_bytes", "fromfile", "memmap", "loadtxt", "genfromtxt", "iterparse"}
+# What else is opened to be read, by file and function: what this run made itself a moment ago, in a folder of its own,
+# locks, and what ships with the program.
+OWN = {
+    ("io/source.py", "open_binary"): "the one way",
+    ("io/source.py", "open_at_once"): "a part of it",
+    ("io/tables.py", "_read"): "a scratch file",
+    ("io/tables.py", "__setitem__"): "a scratch file",
+    ("io/poses.py", "__enter__"): "a scratch file",
+    ("io/motion_cache.py", "write_cache"): "what is being written",
+    ("io/scratch.py", "_take_away"): "a lock, which is opened to be locked",
+    ("io/whole.py", "_flush"): "what was just written",
+    ("io/whole.py", "_flush_folder"): "a folder",
+    ("jobs/spool.py", "__enter__"): "a scratch file",
+    ("jobs/spool.py", "points"): "a scratch file",
+    ("jobs/blobs.py", "__enter__"): "a scratch file",
+    ("jobs/blobs.py", "points"): "a scratch file",
+    ("cli/console.py", "open_streams"): "the null device",
+    ("cli/workers.py", "ending"): "a scratch file",
+    ("version.py", "version"): "ships with the program",
+}
+
+
+def openings(path: Path):
+    """Function and line of each place of a file that opens something not only to write it."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    for function in ast.walk(tree):
+        if isinstance(function, ast.FunctionDef):
+            for call in ast.walk(function):
+                if isinstance(call, ast.Call) and reads(call):
+                    yield function.name, call.lineno
+
+
+def reads(call: ast.Call) -> bool:
+    """Whether a call opens a file, and not only to write it."""
+    name = call.func.attr if isinstance(call.func, ast.Attribute) else getattr(call.func, "id", "")
+    of = getattr(getattr(call.func, "value", None), "id", "")
+    if name in READERS or (of == "os" and name == "open") or (of in ("np", "json", "tomllib") and name == "load"):
+        return not isinstance(call.func, ast.Name)  # by its own name it is ours, and goes through the one way
+    modes = [word.value for word in call.args if isinstance(word, ast.Constant) and isinstance(word.value, str)]
+    return name == "open" and not any(mode[:1] in ("w", "x", "a") and "+" not in mode for mode in modes)
+
+
+def test_nothing_else_opens_a_file_to_read_it():
+    found = {
+        (path.relative_to(ADDON).as_posix(), function)
+        for path in sorted(ADDON.rglob("*.py"))
+        for function, _ in openings(path)
+    }
+    assert found == OWN.keys()
+
+
+@pytest.mark.parametrize(
+    "code",
+    ["path.open('rb')", "open(path)", "path.read_text()", "os.open(path, 0)", "np.fromfile(path)", "path.open('r+b')"],
+)
+def test_another_way_is_found(tmp_path, code):
+    (tmp_path / "one.py").write_text(f"def one(path):\n    return {code}\n")
+    assert list(openings(tmp_path / "one.py")) == [("one", 2)]
+
+
+@pytest.fixture(params=["pipe", "device", "socket", "folder"])
+def thing(request, tmp_path, monkeypatch):
+    """What is no file, at a path."""
+    if os.name == "nt" and request.param != "folder":
+        pytest.skip("such things have no path on Windows")
+    monkeypatch.chdir(tmp_path)  # the path of a socket may be short only
+    path = tmp_path / "walk.report.json"
+    if request.param == "pipe":
+        os.mkfifo(path)
+    elif request.param == "device":
+        path.symlink_to("/dev/zero")
+    elif request.param == "socket":
+        with socket.socket(socket.AF_UNIX) as one:
+            one.bind(path.name)
+    else:
+        path.mkdir()
+    return path
+
+
+def test_nobody_waits_for_what_is_no_file(thing):
+    for reader in (open_binary, read_table, read_edits, read_model, cache_mark, lambda path: check_cache(path, "1 a")):
+        with pytest.raises(InputError, match=r"is (a pipe|a folder|no table)"):
+            reader(thing)
+    with pytest.raises(InputError, match="does not say what it was made of"):
+        earlier_run(thing, {})
+    assert not is_table(thing)
+    assert not is_page(thing)
+    assert not is_result(thing.with_name("walk.c3d"))
+
+
+def test_a_turn_waits_for_nothing_that_is_no_file(thing):
+    thing.rename(thing.with_name(TURN))
+    with turns([thing.parent]):
+        pass
