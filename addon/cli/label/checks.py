@@ -23,7 +23,7 @@ def check(arguments):
     if arguments.scheduler is not None or arguments.engine != "local":
         from .farm import check_farm
 
-        check_farm(arguments.engine, arguments.scheduler)
+        check_farm(arguments.engine)
     _check_inputs(arguments)
     blobs = [path for path in arguments.inputs if not holds_points(path, arguments.use)]
     for path in blobs:
@@ -73,8 +73,8 @@ def unused(arguments) -> list[str]:
     """What is given and makes no difference to some of the takes, a sentence each; they are labelled all the same."""
     kinds = {holds_points(path, arguments.use) for path in arguments.inputs}
     said = []
-    if arguments.engine == "dask" and arguments.jobs > 1:
-        said.append("--jobs is not looked at with --engine dask: workers take as many takes as they have threads")
+    if arguments.scheduler is not None and arguments.jobs > 1:
+        said.append("--jobs is not looked at with --scheduler: its workers take as many takes as they have threads")
     if arguments.rate is not None and True in kinds:
         said.append("--rate is not looked at for 3D points whose files say their own rate")
     hints = [f"--{name}" for name in ("height", "facing") if getattr(arguments, name) is not None]

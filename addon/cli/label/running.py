@@ -43,7 +43,7 @@ def _crew(arguments, stack: ExitStack) -> Callable[[list[list[str]]], Iterator[t
     if arguments.engine == "dask":
         from .farm import farm_out
 
-        return partial(farm_out, arguments.scheduler, partial(as_job, arguments))
+        return partial(farm_out, arguments.scheduler, arguments.jobs, partial(as_job, arguments))
     count = min(arguments.jobs, len(arguments.inputs))
     if count == 1 or arguments.resume:
         return None
