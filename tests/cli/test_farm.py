@@ -13,6 +13,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from types import SimpleNamespace
 
+import psutil
 import pytest
 
 from addon.cli import workers
@@ -197,16 +198,6 @@ def test_a_scheduler_that_is_not_there_is_named(label, address, monkeypatch):
     assert f"no scheduler answers at {address}" in answer.reason
 
 
-def test_without_a_scheduler_dask_works_here_with_as_many_workers_as_jobs(label, takes, tmp_path, monkeypatch):
-    assert label(*FEW, blobs=takes).status == 0
-    (tmp_path / "out").rename(tmp_path / "here")
-    made_of, cluster = [], distributed.LocalCluster
-    monkeypatch.setattr(distributed, "LocalCluster", lambda **said: made_of.append(said) or cluster(**said))
-    assert label(*FEW, "--engine", "dask", "--jobs", "2", blobs=takes).status == 0
-    assert [said["n_workers"] for said in made_of] == [2]
-    assert made(tmp_path / "out") == made(tmp_path / "here")
-
-
 def test_what_a_farm_needs_is_asked_for_before_any_work(label, monkeypatch):
     def refused(*words):
         answer = label(*FEW, *words)
@@ -214,7 +205,6 @@ def test_what_a_farm_needs_is_asked_for_before_any_work(label, monkeypatch):
         return answer.reason
 
     assert "--scheduler is of --engine dask" in refused("--scheduler", "tcp://127.0.0.1:8786")
-    assert "--scheduler is empty" in refused("--engine", "dask", "--scheduler", "")
     monkeypatch.setattr(farm, "find_spec", lambda name: None)
     reason = refused("--engine", "dask", "--scheduler", "tcp://127.0.0.1:8786")
     assert "needs the Python package distributed, which is not here" in reason
@@ -238,3 +228,45 @@ def test_a_worker_is_killed_and_the_results_are_those_of_one_machine(started, fa
     assert (answer.status, len(answer.out.splitlines())) == (0, len(takes)), answer.err
     assert answer.err.splitlines() == [f"{number} of 4 takes" for number in range(1, 5)]
     assert made(tmp_path / "out") == made(tmp_path / "here")
+
+
+def test_without_a_scheduler_dask_has_as_many_workers_as_jobs_here_and_leaves_nothing(
+    label, takes, tmp_path, monkeypatch
+):
+    assert label(*FEW, blobs=takes[:3]).status == 0  # there will be something to replace
+    here = timeless(label(*FEW, "--json", "--overwrite", "--jobs", "2", blobs=takes[:3]))
+    results = made(tmp_path / "out")
+    asked, start, threads = [], distributed.LocalCluster, set(threading.enumerate())
+
+    def started_here(**words):
+        asked.append((words["n_workers"], Path(words["local_directory"])))
+        return start(**words)
+
+    monkeypatch.setattr(distributed, "LocalCluster", started_here)
+    before = processes_of_ours()
+    farmed = label(*FEW, "--json", "--overwrite", "--engine", "dask", "--jobs", "2", blobs=takes[:3])
+    assert timeless(farmed) == here
+    assert made(tmp_path / "out") == results
+    [(workers_here, scratch)] = asked
+    assert workers_here == 2 and not scratch.exists()
+    assert processes_of_ours() == before
+    # Of what it ran in this process only threads that wait for work and have no name of a worker may be left.
+    assert [one.name for one in set(threading.enumerate()) - threads if "Dask-Default" in one.name] == []
+
+
+def test_a_cluster_that_does_not_start_is_one_sentence(label, takes, monkeypatch):
+    def refused(**words):
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(distributed, "LocalCluster", refused)
+    answer = label(*FEW, "--engine", "dask", "--jobs", "2", blobs=takes[:2])
+    assert answer.status == 1
+    assert (
+        answer.err.strip()
+        .splitlines()[-1]
+        .endswith("dask's own cluster does not start (can't start new thread); expected fewer --jobs")
+    )
+
+
+def processes_of_ours() -> set[int]:
+    return {child.pid for child in psutil.Process().children(recursive=True)}

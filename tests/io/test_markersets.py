@@ -223,7 +223,8 @@ def test_texts_that_are_no_unicode_are_refused(tmp_path, keys, value):
 @pytest.mark.parametrize("name", ["Links vorne ü", "左膝", "a b", "L\x92ASI", "नमस्ते\u200d", "L:ASI"])
 def test_names_of_all_alphabets_are_read_and_written(tmp_path, name):
     path = tmp_path / "a.markerset.json"
-    path.write_text(damaged(toy_markerset(), "markers", 3, "name", value=name).replace('"LASI": [', f'"{name}": ['))
+    text = damaged(toy_markerset(), "markers", 3, "name", value=name).replace('"LASI": [', f'"{name}": [')
+    path.write_text(text, encoding="utf-8")
     markerset = read_markerset(path)
     assert markerset.markers[3] == name
     write_markerset(path, markerset)

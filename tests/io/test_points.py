@@ -402,6 +402,6 @@ def test_a_trc_says_the_name_that_it_will_have(tmp_path):
 
 
 def test_points_are_told_from_blobs(tmp_path):
-    (tmp_path / "motive.csv").write_text("\ufeff" + motive())
+    (tmp_path / "motive.csv").write_text("\ufeff" + motive(), encoding="utf-8")
     (tmp_path / "blobs.csv").write_text(BLOBS)
     assert [holds_points(tmp_path / name) for name in ("motive.csv", "blobs.csv", "a.c3d", "a.TRC")] == [1, 0, 1, 1]

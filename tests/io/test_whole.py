@@ -3,6 +3,7 @@
 
 import errno
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -18,6 +19,14 @@ from addon.io import turns as turns_of_folders
 from addon.io.whole import LIST, PART, LeftAlone, finish_renaming, whole_file, whole_files
 
 ROOT = Path(__file__).resolve().parents[2]
+LINUX = Path("/proc/self/fd").is_dir() and os.name == "posix"  # Wine shows /proc too, with other numbers
+
+
+def link(path: Path, target: Path):
+    """Makes a link, or skips the test where there are none: Wine makes them without a word, and does not see them."""
+    path.symlink_to(target)
+    if not path.is_symlink():
+        pytest.skip("Wine has no links")
 
 
 def test_a_file_appears_only_when_the_block_ends_well(tmp_path):
@@ -86,7 +95,7 @@ def test_a_place_that_cannot_be_written_is_one_sentence(tmp_path):
 
 def test_a_link_that_leads_nowhere_counts_as_a_file_that_exists(tmp_path):
     target = tmp_path / "take.c3d"
-    target.symlink_to(tmp_path / "nowhere")
+    link(target, tmp_path / "nowhere")
     with pytest.raises(InputError, match="exists already"), whole_file(target):
         pytest.fail("the block must not begin")
     assert target.is_symlink()
@@ -98,6 +107,7 @@ def test_a_device_is_never_replaced_by_a_file():
         pytest.fail("the block must not begin")
 
 
+@pytest.mark.skipif(os.name == "nt", reason="Wine ends no name at 255 letters, and Windows ends the whole path at 259")
 def test_a_name_too_long_is_refused_and_one_that_just_fits_is_taken(tmp_path):
     with pytest.raises(InputError, match="expected another name"), whole_file(tmp_path / ("n" * 300)):
         pytest.fail("the block must not begin")
@@ -115,9 +125,9 @@ def test_a_folder_that_may_not_be_written_is_told_before_the_work(tmp_path, monk
 def test_links_and_letter_case_make_no_other_file(tmp_path):
     take = tmp_path / "take.c3d"
     take.write_text("recorded")
-    (tmp_path / "linked.c3d").symlink_to(take)
+    link(tmp_path / "linked.c3d", take)
     (tmp_path / "hard.c3d").hardlink_to(take)
-    (tmp_path / "folder").symlink_to(tmp_path)
+    link(tmp_path / "folder", tmp_path)
     around = f"../{tmp_path.name}/take.c3d"
     for name in ("take.c3d", "linked.c3d", "hard.c3d", "TAKE.c3d", "folder/take.c3d", around):
         with pytest.raises(InputError, match="is read"), whole_file(tmp_path / name, overwrite=True, read=[take]):
@@ -134,7 +144,7 @@ def test_files_are_on_disk_before_they_get_their_names_and_the_last_gets_its_nam
     said, flush, rename = [], os.fsync, Path.replace
 
     def flushed(number):
-        said.append(Path(f"/proc/self/fd/{number}").resolve())
+        said.append(Path(f"/proc/self/fd/{number}").resolve() if LINUX else number)
         flush(number)
 
     def renamed(part, target):
@@ -148,7 +158,7 @@ def test_files_are_on_disk_before_they_get_their_names_and_the_last_gets_its_nam
         for part in parts:
             part.write_text("all of it")
     assert [one for one in said if one in targets] == targets
-    if Path("/proc/self/fd").is_dir():
+    if LINUX:
         before = {one.name for one in said[: said.index(targets[0])]}
         assert before >= {target.name for target in targets}
         assert said[-1] == tmp_path
@@ -372,7 +382,10 @@ def test_what_a_stop_leaves_of_the_folder_of_parts_is_taken_away_before_the_proc
 def test_the_file_that_the_system_names_is_to_blame(tmp_path):
     with pytest.raises(JobError, match="elsewhere: the system says: No space"), whole_file(tmp_path / "take.c3d"):
         raise OSError(errno.ENOSPC, "No space left on device", "/elsewhere")
-    with pytest.raises(JobError, match=f"{tmp_path}: cannot be written"), whole_file(tmp_path / "take.c3d") as part:
+    with (
+        pytest.raises(JobError, match=f"{re.escape(str(tmp_path))}: cannot be written"),
+        whole_file(tmp_path / "take.c3d") as part,
+    ):
         raise OSError(errno.ENOSPC, "No space left on device", str(part))
 
 

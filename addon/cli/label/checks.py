@@ -23,7 +23,7 @@ def check(arguments):
     if arguments.scheduler is not None or arguments.engine != "local":
         from .farm import check_farm
 
-        check_farm(arguments.engine, arguments.scheduler)
+        check_farm(arguments.engine)
     _check_inputs(arguments)
     blobs = [path for path in arguments.inputs if not holds_points(path, arguments.use)]
     for path in blobs:

@@ -19,12 +19,13 @@ import uuid
 import warnings
 from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
 
 from ...core.data.errors import InputError, JobError, UserError
 from ...io.markersets import markerset_file
+from ...io.scratch import scratch_folder
 from ...io.whole import check_targets
 from ...jobs.job import LabelJob
 from ...jobs.resuming import results_of
@@ -40,14 +41,10 @@ AHEAD = 2  # takes sent for each thread of the workers: one at work, and one so 
 UNFIT = 0  # an exit status that no failed take has: the worker can do no take of this batch
 
 
-def check_farm(engine: str, scheduler: str | None):
+def check_farm(engine: str):
     """Raises InputError where takes cannot be spread over machines as the options have it."""
     if engine != "dask":
         raise InputError("--scheduler is of --engine dask; expected both of them or neither")
-    if scheduler == "":
-        raise InputError(
-            "--scheduler is empty; expected tcp://HOST:8786 or alike, or none for a cluster of this machine"
-        )
     if find_spec("distributed") is None:
         words = "--engine dask needs the Python package distributed, which is not here"
         raise InputError(f"{words}; expected it installed, as pip install 'mocap-autolabel[farm]' does")
@@ -58,14 +55,13 @@ def farm_out(
 ) -> Iterator[tuple[int, dict | UserError]]:
     """Runs command lines of `label` by the workers of the scheduler at `address`; yields number and answer.
 
-    Without an address by dask's own local cluster, of as many workers as `jobs`. The last word of each is its take,
-    and `job_of` gives that as a job. Closing the generator stops what runs. Raises JobError where the scheduler is not
-    there or goes away, or a worker has no such version or does not see the takes.
+    Without an address they are `jobs` workers of dask's own cluster on this machine, which ends with them. The last
+    word of each is its take, and `job_of` gives that as a job. Closing the generator stops what runs. JobError where
+    the scheduler is not there or goes away, or a worker has no such version or does not see the takes.
     """
     batch = f"mocap-autolabel-{uuid.uuid4().hex}"
     at_work = {}
-    cluster = _local_cluster(jobs) if address is None else nullcontext(address)
-    with cluster as address, _connected(address) as client:
+    with _scheduler(address, min(jobs, len(lines))) as address, _connected(address) as client:
         if not client.nthreads():
             complain(f"the scheduler at {address} has no workers yet: the takes wait for the first of them")
         try:
@@ -77,19 +73,34 @@ def farm_out(
 
 
 @contextmanager
-def _local_cluster(jobs: int) -> Iterator[str]:
-    """The address of a scheduler with so many workers, all in this process: each take has its own process anyway."""
-    from distributed import LocalCluster
+def _scheduler(address: str | None, workers: int) -> Iterator[str]:
+    """The scheduler's address; where none is given one is started, which needs no port: every take has a process."""
+    import distributed
 
-    _silence()
-    with LocalCluster(n_workers=jobs, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
-        yield cluster.scheduler_address
-
-
-def _silence():
-    """Whatever matters of `distributed` is said in our words; it gives several of its loggers a level of their own."""
+    # Whatever matters of it is said in our words; it gives several of its loggers a level of their own.
     for name in [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]:
         logging.getLogger(name).setLevel(logging.CRITICAL)
+    if address:
+        yield address
+        return
+    with scratch_folder() as folder:
+        try:
+            cluster = distributed.LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                processes=False,
+                memory_limit=0,  # the takes' memory is that of other processes
+                # Its pages are for this machine alone, at any free ports.
+                dashboard_address="127.0.0.1:0",
+                worker_dashboard_address="127.0.0.1:0",
+                local_directory=str(folder),
+                silence_logs=logging.CRITICAL,
+            )
+        except (OSError, RuntimeError) as error:
+            reason = " ".join(str(error).split())[:200]
+            raise JobError(f"dask's own cluster does not start ({reason}); expected fewer --jobs") from None
+        with cluster:
+            yield cluster.scheduler_address
 
 
 @contextmanager
@@ -97,7 +108,6 @@ def _connected(address: str) -> Iterator["distributed.Client"]:  # noqa: F821 - 
     """A client of the scheduler; JobError where none answers."""
     from distributed import Client
 
-    _silence()
     try:
         with warnings.catch_warnings(action="ignore"):
             client = Client(address, timeout=CONNECT_S, set_as_default=False)

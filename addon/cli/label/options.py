@@ -59,8 +59,8 @@ def add_options(verbs) -> argparse.ArgumentParser:
         "--engine",
         choices=ENGINES,
         default="local",
-        help="where takes are worked on: local (default) is this machine, dask the workers of --scheduler, or without "
-        "it those of a cluster that dask makes here, as many as --jobs says",
+        help="where takes are worked on: local (default) is this machine, dask the workers of --scheduler, or --jobs "
+        "workers of dask's own on this machine",
     )
     parser.add_argument(
         "--scheduler", metavar="ADDRESS", help="of --engine dask: where it is, such as tcp://farm:8786; see farm.md"
