@@ -11,7 +11,7 @@ import pytest
 
 from addon.demo.take import MODEL
 from addon.io import html
-from addon.io.html.markup import count_of
+from addon.core.data.wording import count_of
 from addon.jobs import batches
 from tests.io.pages import read
 

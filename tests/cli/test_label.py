@@ -129,7 +129,7 @@ def test_inputs_that_would_have_the_same_results_are_refused_before_any_work(lab
 
 
 def test_progress_only_on_request_where_nobody_watches(label):
-    assert "walk: 100%" in label("--progress").err
+    assert label("--progress").err.startswith("walk: ")
 
 
 @pytest.mark.blender

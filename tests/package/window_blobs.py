@@ -51,10 +51,16 @@ def walk() -> Iterator[float]:
 
 def label() -> Iterator[float]:
     """Press the one button, and wait."""
-    take = bpy.context.scene.mocap_autolabel.take
+    before = _rows_of_take()
     bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
-    yield from window.until(lambda: bpy.context.scene.mocap_autolabel.take not in (None, take))
+    yield from window.until(lambda: _rows_of_take() not in (None, before))
     yield 1
+
+
+def _rows_of_take() -> int | None:
+    """Which table the rows of the take are in: labelling again makes another in the same collection."""
+    take = bpy.context.scene.mocap_autolabel.take
+    return None if take is None else take["mocap_rows"].session_uid
 
 
 def losing(seen: dict) -> Iterator[float]:
