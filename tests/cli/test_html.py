@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from addon.core.data.wording import count_of
 from addon.demo.take import MODEL
 from addon.io import html
-from addon.core.data.wording import count_of
 from addon.jobs import batches
 from tests.io.pages import read
 

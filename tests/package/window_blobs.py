@@ -60,7 +60,7 @@ def label() -> Iterator[float]:
 def _rows_of_take() -> int | None:
     """Which table the rows of the take are in: labelling again makes another in the same collection."""
     take = bpy.context.scene.mocap_autolabel.take
-    return None if take is None else take["mocap_rows"].session_uid
+    return None if take is None else take["mocap_blobs"].session_uid
 
 
 def losing(seen: dict) -> Iterator[float]:
