@@ -135,15 +135,22 @@ def refuse_labelled(markerset: MarkerSet, points: np.ndarray):
     model = BodyModel(markerset)
     prior = Prior(model)
     with threadpool_limits(1, user_api="blas"):
-        plain, image = (_cost(model, prior, one) for one in (some, some * MIRROR))
-    if (plain - image) / 2 > SURE:
+        (plain, _), (image, off) = (_posed(model, prior, one) for one in (some, some * MIRROR))
+    # Names that are wrong otherwise fit no better in a mirror than by chance.
+    if (plain - image) / 2 > SURE and off < POSING.own_sd:
         raise mirrored_error("the body of its labels is the mirror image of one")
     check = Handedness(markerset)
     check.add(points)
     check.refuse()
 
 
-def _cost(model: BodyModel, prior: Prior, points: np.ndarray) -> float:
-    """Twice minus the log likelihood of the body in the usual one of frames (T, M, 3) m."""
+def _posed(model: BodyModel, prior: Prior, points: np.ndarray) -> tuple[float, float]:
+    """Twice minus the log likelihood of the body in the usual one of frames (T, M, 3) m, and how far markers are off.
+
+    The latter root mean square, in heights.
+    """
     bodies = fit_subject(model, points, prior)
-    return float(np.median(labelled_pull(points)(model.pose(bodies).markers).cost + prior.terms(bodies)[0]))
+    markers = model.pose(bodies).markers
+    off = np.linalg.norm(markers - points, axis=2) / bodies.scale.mean()
+    cost = labelled_pull(points)(markers).cost + prior.terms(bodies)[0]
+    return float(np.median(cost)), float(np.sqrt(np.nanmean(off**2)))
