@@ -41,7 +41,7 @@ from ..scene.take import is_take, show_edits
 from .picking import picked_points, selected_markers, show_picked
 from .polling import OfTake
 from .reporting import reports_trouble
-from .reposing import follow_soon
+from .reposing import follow_seen, follow_soon
 
 REVIEW_DELAY = 0.05  # s from an edit to the tables that follow it
 
@@ -103,6 +103,7 @@ def correct(context: bpy.types.Context, edits: Edits) -> Stored:
     keep_edits(collection, edits)
     show_edits(collection, before, after, scene.mocap_autolabel.keep_unnamed)
     scene.frame_set(scene.frame_current)
+    follow_seen()
     follow_soon()
     review_soon()
     return opened.take(collection, scene)

@@ -106,6 +106,12 @@ def _lacking(context: bpy.types.Context) -> str:
     return lacks_to_repose(context, collection)
 
 
+def follow_seen():
+    """Puts the body of the frame that is seen in its place, before anything is drawn: no redraw is waited for."""
+    if not bpy.app.background:
+        _follow()
+
+
 def follow_soon():
     """Lets the body follow the labels: beside the window, without one at once."""
     if not bpy.app.background:
