@@ -21,7 +21,7 @@ from addon.io.markersets import open_markerset, read_markerset
 
 ROOT = Path(__file__).resolve().parents[1]
 CORE = ROOT / "addon" / "core"
-PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
 FRAMES = (200, 219)
 BLENDERS = {"bpy", "mathutils", "gpu", "blf", "gpu_extras", "bpy_extras"}
 PACKAGE = "mocap_autolabel"
@@ -100,7 +100,7 @@ def options_of(verb: str) -> set[str]:
 
 @pytest.mark.parametrize("verb", sorted(verbs()))
 def test_the_guide_tells_every_option_that_people_see(verb):
-    guide = (ROOT / "docs" / "user-guide.md").read_text(encoding="utf-8")
+    guide = "".join(page.read_text(encoding="utf-8") for page in (ROOT / "docs" / "guide").glob("*.md"))
     hidden = {"--result"}
     assert {flag for flag in options_of(verb) - hidden if not re.search(rf"`[^`\n]*{flag}\b", guide)} == set()
 

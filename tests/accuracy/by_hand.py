@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """One take from raw to clean by hand, in a real Blender's window, in counted clicks and keys.
 
-python -m tests.accuracy.by_hand                     prints what docs/by-hand.md shows
+python -m tests.accuracy.by_hand                     prints what docs/guide/by-hand.md sums up
 python -m tests.accuracy.by_hand --pictures DIR      also keeps the pictures, as docs/images
 
 The model is trained on the two labelled takes beside the raw one, which is not in the training. Of the raw take nobody

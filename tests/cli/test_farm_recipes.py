@@ -79,7 +79,7 @@ def run(line, **more) -> subprocess.CompletedProcess:
 
 @pytest.mark.parametrize("path", [SLURM, OPENJD, FLAMENCO], ids=lambda path: path.name)
 def test_the_guide_quotes_the_recipes_as_they_are(path):
-    guide = (ROOT / "docs" / "farm.md").read_text(encoding="utf-8")
+    guide = (ROOT / "docs" / "guide" / "farm.md").read_text(encoding="utf-8")
     blocks = re.findall(r"^```(?:bash|yaml|javascript)\n(.*?)^```$", guide, re.MULTILINE | re.DOTALL)
     assert path.read_text(encoding="utf-8") in blocks
     assert f"farm/{path.name}" in guide
