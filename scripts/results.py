@@ -73,10 +73,9 @@ def pages() -> dict[str, str]:
 
 def _page(page: str, title: str) -> str:
     parts = [MADE, f"# {title}\n"]
-    for name in names():
-        data = read(name)
-        if data.get("page") == page:
-            parts += _command(name, data)
+    own = [(data["order"], name, data) for name in names() if (data := read(name)).get("page") == page]
+    for _, name, data in sorted(own, key=lambda part: part[:2]):
+        parts += _command(name, data)
     return "\n".join(parts)
 
 
@@ -212,7 +211,9 @@ def quoted(name: str, keys: list[str]) -> str:
 def take(name: str, text: str):
     """Puts the tables of a command's output into a file that is there, or into a new one."""
     path = RESULTS / f"{name}.json"
-    data = read(name) if path.exists() else {"title": name, "page": "from-blobs", "command": name, "note": ""}
+    data = (
+        read(name) if path.exists() else {"title": name, "page": "from-blobs", "order": 99, "command": name, "note": ""}
+    )
     old = data.get("tables", [])
     found = re.findall(r"((?:^\|.*\|\n)+)", text, re.MULTILINE)
     tables = []

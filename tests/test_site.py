@@ -44,7 +44,7 @@ def test_plots_are_of_the_results():
 def test_a_result_says_where_it_is_from(name):
     data = results.read(name)
     assert data["page"] in results.PAGES
-    assert data["command"].startswith("python -m ")
+    assert data["command"].startswith("python ")
     assert re.search(r"\d{4}-\d\d-\d\d.* commit [0-9a-f]{10}", data["measured_at"])
     assert len({table["key"] for table in data["tables"]}) == len(data["tables"]) > 0
     for table in data["tables"]:
@@ -80,9 +80,11 @@ def test_a_quoted_figure_that_was_not_measured_is_seen():
 
 @pytest.mark.parametrize("page", [page for page in WRITTEN if named(page) not in WAITING], ids=named)
 def test_percentages_say_where_they_are_from(page):
+    """By the mark of a result, or, of somebody else's, by a link in the same line."""
     text = re.sub(r"```.*?```|`[^`\n]+`|\$[^$\n]+\$", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
     for match in re.finditer(r"\d\.\d+ %", text):
-        assert text[match.end() :].lstrip().startswith("<!-- "), f"{named(page)}: {match[0]} without its result"
+        rest = text[match.end() :].partition("\n")[0]
+        assert re.match(r"\s?<!-- \w+: |.*\]\(https://", rest), f"{named(page)}: {match[0]} without its result"
 
 
 def test_every_file_of_the_code_is_listed_with_what_it_does():
