@@ -225,7 +225,7 @@ def take(name: str, text: str):
     commit = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, check=True)
     today = datetime.datetime.now(datetime.UTC).date()
     data.update(measured_at=f"{today}, commit {commit.stdout.strip()}", tables=tables)
-    path.write_text(dump(data), encoding="utf-8")
+    path.write_text(dump(data), encoding="utf-8", newline="\n")
 
 
 def write():
