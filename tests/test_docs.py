@@ -2,7 +2,6 @@
 """What the documentation says is true: its Python runs, its command lines exist, its links and tests are there."""
 
 import ast
-import importlib
 import importlib.util
 import json
 import re
@@ -21,10 +20,17 @@ from addon.io.markersets import open_markerset, read_markerset
 
 ROOT = Path(__file__).resolve().parents[1]
 CORE = ROOT / "addon" / "core"
-PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
+DOCS = ROOT / "docs"
+PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted(DOCS.rglob("*.md"))]
+WRITTEN = [page for page in PAGES if page.name != "CHANGELOG.md" and page.parent != DOCS / "results"]
+MOST_WORDS = 35_000
 FRAMES = (200, 219)
 BLENDERS = {"bpy", "mathutils", "gpu", "blf", "gpu_extras", "bpy_extras"}
 PACKAGE = "mocap_autolabel"
+
+
+def named(page: Path) -> str:
+    return page.relative_to(ROOT).as_posix()
 
 
 def blocks(page: Path, language: str) -> list[tuple[int, str]]:
@@ -35,7 +41,7 @@ def blocks(page: Path, language: str) -> list[tuple[int, str]]:
 
 
 def cases(language: str):
-    return [pytest.param(text, id=f"{page.name}:{line}") for page in PAGES for line, text in blocks(page, language)]
+    return [pytest.param(text, id=f"{named(page)}:{line}") for page in PAGES for line, text in blocks(page, language)]
 
 
 @pytest.fixture(scope="module")
@@ -98,9 +104,14 @@ def options_of(verb: str) -> set[str]:
     return {flag for action in parser._actions for flag in action.option_strings if flag.startswith("--")} - {"--help"}
 
 
+def guide_pages() -> list[Path]:
+    """The pages that tell users what to do: a folder of them, or the one that it is made of."""
+    return sorted((DOCS / "guide").rglob("*.md"))
+
+
 @pytest.mark.parametrize("verb", sorted(verbs()))
 def test_the_guide_tells_every_option_that_people_see(verb):
-    guide = "".join(page.read_text(encoding="utf-8") for page in (ROOT / "docs" / "guide").glob("*.md"))
+    guide = "\n".join(page.read_text(encoding="utf-8") for page in guide_pages())
     hidden = {"--result"}
     assert {flag for flag in options_of(verb) - hidden if not re.search(rf"`[^`\n]*{flag}\b", guide)} == set()
 
@@ -126,7 +137,7 @@ def anchors(page: Path) -> set[str]:
     return {heading.replace(" ", "-") for heading in bare}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=named)
 def test_links_lead_somewhere(page):
     for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
         if re.match(r"https?://", link):
@@ -137,7 +148,7 @@ def test_links_lead_somewhere(page):
         assert not anchor or anchor in anchors(target), f"{page.name} links to {link}"
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=named)
 def test_files_and_tests_that_are_named_are_there(page):
     text = page.read_text(encoding="utf-8")
     for name in re.findall(r"`((?:tests|scripts|addon|assets|docs)/[\w./]+\.\w+)", text):
@@ -146,29 +157,19 @@ def test_files_and_tests_that_are_named_are_there(page):
         assert f"def {function}(" in (ROOT / file).read_text(encoding="utf-8"), f"{page.name} names {file}::{function}"
 
 
-def test_constants_that_the_method_names_are_there():
-    text = (ROOT / "docs" / "method.md").read_text(encoding="utf-8")
-    named = re.findall(r"`(\w+)\.([A-Z_]{2,})\.(\w+)`", text)
-    assert named
-    for module, options, field in named:
-        files = (ROOT / "addon" / "core").rglob(f"{module}.py")
-        (file,) = (file for file in files if f"\n{options} = " in file.read_text(encoding="utf-8"))
-        found = importlib.import_module(".".join(file.relative_to(ROOT).with_suffix("").parts))
-        assert hasattr(getattr(found, options), field), f"{module}.{options}.{field}"
+def test_the_papers_are_gone_through_claim_by_claim():
+    text = (DOCS / "papers.md").read_text(encoding="utf-8")
+    lines = re.findall(r"^\| ([AB]\d+) \| [^|]+ \| ([^|]+) \|$", text, re.MULTILINE)
+    assert [line for line, _ in lines] == [f"A{n}" for n in range(1, 35)] + [f"B{n}" for n in range(1, 39)]
+    for line, shown in lines:
+        assert re.search(r"`tests/[\w/]+\.py::\w+`|\]\(results/", shown), f"{line} has no test and no result"
 
 
-def test_files_and_folders_that_the_method_names_are_there():
-    """By their path from `core`, or from `addon` for what is elsewhere; a folder's ends with a stroke."""
-    text = (ROOT / "docs" / "method.md").read_text(encoding="utf-8")
-    names = {name for name in re.findall(r"`(\w[\w/]*(?:\.py|/))`", text) if not name.startswith("tests/")}
-    assert len(names) > 40
-    for name in names:
-        found = [place / name for place in (CORE, ROOT / "addon") if (place / name).exists()]
-        assert found, f"method.md names {name}"
-        assert all(path.is_dir() == name.endswith("/") for path in found), f"method.md names {name}"
+def test_hand_written_pages_are_not_too_long():
+    assert sum(len(page.read_text(encoding="utf-8").split()) for page in WRITTEN) <= MOST_WORDS
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=named)
 def test_modules_and_functions_that_are_named_are_there(page):
     """Such as `core.blobs.search.find_subject`: a file of `addon`, and what is defined in it."""
     parts = "|".join(path.stem for path in (ROOT / "addon").iterdir() if path.is_dir())
@@ -196,7 +197,7 @@ def defined_in(file: Path) -> set[str]:
 
 def documented_imports() -> dict[str, set[str]]:
     """The table of architecture.md: which part of `addon` may import which others, and what besides."""
-    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    text = (DOCS / "architecture.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `(\w+)` \|([^|]*)\|([^|]*)\|$", text, re.MULTILINE)
     assert len(rows) > 10
     return {part: set(re.findall(r"`(\w+)`", others + besides)) for part, others, besides in rows}
@@ -231,28 +232,20 @@ def test_the_table_of_imports_names_parts_that_are_there():
         assert others <= known | {"bpy", "distributed", "lzallright", "olefile", "scipy", "threadpoolctl"}, part
 
 
-def documented_files() -> dict[str, set[str]]:
-    """The table of architecture.md: each folder of `core`, and the files in it."""
-    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
-    table = text.partition("## One idea a file: `core`")[2].partition("\n## ")[0]
-    rows = re.findall(r"^\| `([\w/]+)` \|(.*)\|$", table, re.MULTILINE)
-    assert len({folder for folder, _ in rows}) == len(rows)
-    return {folder: set(re.findall(r"`([a-z_]+)`", files)) for folder, files in rows}
+def documented_folders() -> list[str]:
+    """The table of architecture.md: the folders of `core`, in the order in which they know of each other."""
+    text = (DOCS / "architecture.md").read_text(encoding="utf-8")
+    table = text.partition("### The order of `core`")[2].partition("\n## ")[0]
+    return re.findall(r"^\| `([\w/]+)` \|.+\|$", table, re.MULTILINE)
 
 
-def test_every_core_file_has_its_line_in_the_architecture():
-    there: dict[str, set[str]] = {}
-    for path in CORE.rglob("*.py"):
-        if path.name != "__init__.py":
-            there.setdefault(path.parent.relative_to(CORE).as_posix(), set()).add(path.stem)
-    assert documented_files() == there
+def test_every_folder_of_core_has_its_line_in_the_architecture():
+    there = {path.parent.relative_to(CORE).as_posix() for path in CORE.rglob("*.py") if path.name != "__init__.py"}
+    assert sorted(documented_folders()) == sorted(there)
 
 
 def test_folders_of_core_import_only_those_above_them_in_the_architecture():
-    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
-    table = text.partition("## One idea a file: `core`")[2].partition("\n## ")[0]
-    order = re.findall(r"^\| `([\w/]+)` \|", table, re.MULTILINE)
-    assert len(order) > 10
+    order = documented_folders()
     for place, folder in enumerate(order):
         for path in sorted((CORE / folder).glob("*.py")):
             below = {found for found in folders_imported(path) if found != folder and found not in order[:place]}
@@ -269,7 +262,7 @@ def folders_imported(path: Path) -> set[str]:
     return found
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=named)
 def test_no_page_has_two_versions_of_itself(page):
     """What a merge leaves where two changes meet is not for readers."""
     assert re.findall(r"^(?:<{7}|>{7}|={7}$).*", page.read_text(encoding="utf-8"), re.MULTILINE) == []

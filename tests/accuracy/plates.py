@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How well a set of plates is named: python -m tests.accuracy.plates prints what docs/measurements.md shows.
+"""How well a set of plates is named: python -m tests.accuracy.plates prints what results/plates.json keeps.
 
 Trained on one take and tested on another of the same subject, whole and cut into tracklets with markers hidden and
 ghosts; on other people made of the test take; and on a raw take of which nobody knows the truth, by what anatomy says

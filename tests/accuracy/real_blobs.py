@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Real blobs of real cameras: python -m tests.accuracy.real_blobs prints what docs/measurements.md shows.
+"""Real blobs of real cameras: python -m tests.accuracy.real_blobs prints what results/real_blobs.json keeps.
 
 A person stands and moves the arms; eleven cameras see it for ten seconds. A model is learned from the first half of the
 recorded markers, and the second half's blobs are named with it, all by the command line. The truth is the recorder's

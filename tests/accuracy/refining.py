@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A real room refined by its own take: python -m tests.accuracy.refining prints what docs/measurements.md shows.
+"""A real room refined by its own take: python -m tests.accuracy.refining prints what results/refining.json keeps.
 
 The recording of `real_blobs`, two of whose eleven cameras were moved after the calibration. The calibration is refined
 by the first half of the take, all by the command line; the second half says what it is worth: the reprojection error of

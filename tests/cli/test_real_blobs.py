@@ -48,7 +48,7 @@ def test_labels_of_other_blobs_are_refused():
 
 @pytest.mark.slow
 def test_a_person_learned_from_the_first_half_is_named_in_the_second(shared_data, tmp_path):
-    """Floors a little below what was measured (docs/replication.md): 99.76 %, 99.64 % and 9 exchanges."""
+    """Floors a little below what was measured (results/real_blobs.json): 99.76 %, 99.64 % and 9 exchanges."""
     if not real_blobs.available():
         pytest.skip("the recorded blobs (../shared/data/blobs) are not on this machine")
     model = real_blobs.learn(tmp_path, "--search", "none")

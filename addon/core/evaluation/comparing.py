@@ -18,7 +18,7 @@ class WorseOptions:
 
     Reckoned: a set has up to 60 markers, so that one of them named wrong from the first frame to the last is 1.7 % of a
     take or more. Names that are lost cost less than names that are wrong. Every training moves single markers of single
-    takes, to the better and to the worse (docs/measurements.md, "Training on"), so takes may lose some names.
+    takes, to the better and to the worse (results/training_on.json), so takes may lose some names.
 
     all_recall   that right names may fall by in all takes together, and
     all_wrong    that wrong names may rise by

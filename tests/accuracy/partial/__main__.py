@@ -5,7 +5,7 @@ python -m tests.accuracy.partial --results DIR                       everything 
 python -m tests.accuracy.partial --results DIR --quick               one group left out, two targets; minutes
 python -m tests.accuracy.partial --results DIR --only ours --again   our method anew
 python -m tests.accuracy.partial --results DIR --only ghosts noise   two studies, all methods
-python -m tests.accuracy.partial --results DIR --as-is --plots docs/images --write docs/replication.md
+python -m tests.accuracy.partial --results DIR --as-is --show table4 | python scripts/results.py --take partial_table_4
 
 Each part is kept in DIR as soon as it is measured, so a run can be stopped and gone on with, and parts may be run at
 different times; the tables are put together from all that is there. "faithful" is the paper's method with its four
@@ -20,11 +20,9 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from addon.core.data.errors import InputError
 from addon.core.points.partial_solvers.training import Training
 
 from .. import people
-from . import pages
 from .methods import FAITHFUL, METHODS
 from .plots import draw
 from .report import BLOCKS
@@ -75,7 +73,6 @@ def main() -> int:
     parser.add_argument("--as-is", action="store_true", help="measure nothing; put together what is there")
     parser.add_argument("--show", nargs="*", choices=list(BLOCKS), metavar="BLOCK", help=f"of {', '.join(BLOCKS)}")
     parser.add_argument("--plots", type=Path, metavar="DIR", help="draw the figures into this folder")
-    parser.add_argument("--write", type=Path, nargs="*", metavar="PAGE", help="fill the marked blocks of these pages")
     given = parser.parse_args()
     if not people.available():
         print("the recorded people are not here; expected them in ../shared/data/people", file=sys.stderr)
@@ -84,17 +81,10 @@ def main() -> int:
         with threadpool_limits(1, user_api="blas"):
             run(plan_of(given))
     results = Results(given.results)
-    blocks = {name: BLOCKS[name](results) for name in given.show or BLOCKS}
-    for name, text in blocks.items():
-        print(f"\n## {name}\n\n{text}")
+    for name in given.show or BLOCKS:
+        print(f"\n## {name}\n\n{BLOCKS[name](results)}")
     if given.plots:
         draw(results, given.plots)
-    try:
-        for page in given.write or ():
-            pages.write(page, blocks)
-    except InputError as trouble:
-        print(trouble, file=sys.stderr)
-        return 2
     return 0
 
 

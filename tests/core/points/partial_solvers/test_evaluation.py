@@ -11,7 +11,6 @@ from addon.core.points.partial_solvers.features import all_features
 from addon.core.points.partial_solvers.frames import label_frames
 from addon.core.points.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS
 from addon.core.points.partial_solvers.training import Training, train_partial_solvers
-from tests.accuracy.partial import pages
 from tests.accuracy.partial.clouds import Clouds, Trouble, drawn, mirrored, other_side, spoilt, together
 from tests.accuracy.partial.report import BLOCKS
 from tests.accuracy.partial.results import Results, added, best_at, chosen_on_others
@@ -197,11 +196,3 @@ def test_blocks_can_be_printed_before_all_is_measured(name, tmp_path):
     text = BLOCKS[name](Results(tmp_path))
     assert ("11.11 %" in text) == (name == "crowd")
     assert ("7 s" in text) == (name in ("training", "aims"))
-
-
-def test_only_named_blocks_of_a_page_are_written():
-    begin = f"<!-- begin: {pages.COMMAND}"
-    page = f"text\n{begin} table4 -->\nold\n<!-- end -->\n{begin} table5 -->\nkept\n<!-- end -->\n"
-    after = pages.written(page, {"table4": "| new |\n", "other": "lost"})
-    assert after == f"text\n{begin} table4 -->\n\n| new |\n\n<!-- end -->\n{begin} table5 -->\nkept\n<!-- end -->\n"
-    assert pages.written(after, {"table4": "| new |"}) == after
