@@ -117,9 +117,9 @@ def ablation_page(data: dict) -> str:
     cases = [[case, *(f"{row[key]:g}" for key in keys)] for case, row in sorted(data["cases"].items())]
     rows, without = [], []
     for name, found in sorted(data["variants"].items()):
-        some = [[name, case, *_change(row)] for case, row in sorted(found.items()) if _matters(row)]
+        some = [[f"`{name}`", case, *_change(row)] for case, row in sorted(found.items()) if _matters(row)]
         rows += some
-        without += [] if some else [[f"{name}", str(len(found))]]
+        without += [] if some else [[f"`{name}`", str(len(found))]]
     words = (
         "Differences are in per cent of the markers that are there, with their 95 % intervals, against all stages on.\n"
     )
