@@ -14,7 +14,7 @@ if sys.platform != "win32":
     import resource
 
 # 16 MB are what this program has taken before it loads them, generously; measured.
-# Five seconds of a core are 25 times what NumPy takes to load, measured; some of what it is built on asks for memory for ever.
+# 5 s of a core are 25 times what NumPy takes to load, measured: what it is built on may ask for memory for ever.
 LIBRARIES = """
 import mmap, resource
 most = min((one for one in (5, resource.getrlimit(resource.RLIMIT_CPU)[1]) if one >= 0))
