@@ -94,7 +94,11 @@ def _taught(take: Path) -> Path:
     report = take.with_name(take.stem + ".report.json")
     made = {"options": OPTIONS, "results": {".c3d": digest([take])}}
     filled = [{"marker": "M2", "first": 34, "last": 35, "method": "spline"}]
-    report.write_text(json.dumps({"made_of": made, "doubtful": {"M1": [[33, 34]], "M3": [[36, 36]]}, "filled": filled}))
+    report.write_text(
+        json.dumps(
+            {"take": take.stem, "made_of": made, "doubtful": {"M1": [[33, 34]], "M3": [[36, 36]]}, "filled": filled}
+        )
+    )
     return report
 
 
