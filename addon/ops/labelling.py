@@ -15,6 +15,7 @@ from ..core.data.takes import Blobs
 from ..core.data.wording import count_of
 from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import NO_CAMERAS
+from ..core.points.handedness import HOW_TO_MIRROR
 from ..core.points.refusals import HOW_TO_ASK
 from ..core.points.several.wearers import AUTO
 from ..core.review.changes import summary_of_changes
@@ -56,6 +57,7 @@ from .reposing import follow_soon
 from .stepping import WorksInSteps
 
 ASK_HERE = "by Label All Performers, or under Performers"
+MIRROR_HERE = "by Mirror in the options of Import 3D Points"
 
 
 def job_of(context: bpy.types.Context) -> LabelJob:
@@ -157,7 +159,7 @@ def _label(
                 look(there, labelled)
         return _take_of(labelled, job, name)
     except UserError as error:
-        words = error.message.replace(HOW_TO_ASK, ASK_HERE)
+        words = error.message.replace(HOW_TO_ASK, ASK_HERE).replace(HOW_TO_MIRROR, MIRROR_HERE)
         raise type(error)(words, error.file or job.source, error.line) from error
 
 

@@ -26,6 +26,9 @@ from .refusals import REFUSAL
 SURE = log(USUAL_TARGET / (1 - USUAL_TARGET))
 
 
+HOW_TO_MIRROR = "by label --mirror"  # on the command line; Blender puts words of its sidebar there
+
+
 class MirroredError(ForceableError):
     """A take whose points are the mirror image of what was there."""
 
@@ -64,7 +67,7 @@ def mirrored_error(why: str) -> MirroredError:
     """The refusal, and how to mend it."""
     return MirroredError(
         f"is left-handed: one axis is mirrored, as {why}, so left and right are exchanged; expected right-handed axes, "
-        "so have its 3D points mirrored when they are read (label --mirror, in Blender Mirror of Import 3D Points)"
+        f"so have its 3D points mirrored as they are read, {HOW_TO_MIRROR}"
     )
 
 
