@@ -110,7 +110,7 @@ def _parts(document: dict, path: Path) -> dict[str, dict]:
 
 def _suffixes(document: dict) -> list[str]:
     """What stands behind `K`, `M` or `camera_matrix` in the names of matrices, such as `_01` or `1`."""
-    found = {}
+    found: dict[str, None] = {}
     for key, value in document.items():
         if len(key) > YML_LIMITS.max_key or not isinstance(value, np.ndarray) or value.size != 9:
             continue

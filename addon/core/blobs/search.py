@@ -403,7 +403,7 @@ def picked(state: State, index) -> State:
 def _distinct(bodies: Bodies, cost: np.ndarray, setup: Setup) -> np.ndarray:
     """Indices of the bodies, best first, without those that ended where a better one did."""
     markers = setup.model.pose(bodies).markers
-    kept = []
+    kept: list[int] = []
     for index in np.argsort(cost):
         distance = np.linalg.norm(markers[kept] - markers[index], axis=-1).mean(axis=-1)
         if (distance > FINDING.min_distance_m / 2).all():

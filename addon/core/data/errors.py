@@ -2,6 +2,7 @@
 """The one family of exceptions that a user can do something about."""
 
 import re
+from pathlib import Path
 
 # Signs that move a terminal's cursor or end a line; a file may have them in any of its words.
 UNSEEN = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")
@@ -17,7 +18,7 @@ class UserError(Exception):
 
     exit_status = 2
 
-    def __init__(self, message: str, file: str = "", line: int = 0):
+    def __init__(self, message: str, file: str | Path = "", line: int = 0):
         message = _readable(message)
         super().__init__(message)
         self.message = message

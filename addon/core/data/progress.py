@@ -8,7 +8,8 @@ from itertools import pairwise
 from types import MappingProxyType
 from typing import Any, TypeVar
 
-Result, Item = TypeVar("Result"), TypeVar("Item")
+Result = TypeVar("Result")
+Item = TypeVar("Item")
 NO_SPANS: Mapping[str, tuple[float, float]] = MappingProxyType({})
 
 

@@ -43,7 +43,7 @@ class Blobs:
     @classmethod
     def join(cls, chunks: Iterable[Self]) -> Self:
         """Consecutive chunks of a take as one; none make a take without frames."""
-        nothing = cls(*(np.empty(0, int) for _ in range(3)), np.empty((0, 2)), np.empty(0))
+        nothing = cls(np.empty(0, int), np.empty(0, int), np.empty(0, int), np.empty((0, 2)), np.empty(0))
         parts = [nothing, *chunks]
         before = np.cumsum([0, *(len(part.frames) for part in parts)])
         return cls(

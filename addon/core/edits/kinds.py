@@ -175,13 +175,13 @@ def kind_of(edit: Edit) -> str:
 
 def frames_of(edit: Edit) -> tuple[int, int] | None:
     """The first and last frame that an edit is about, None for all."""
-    if isinstance(edit, RangeEdit) and not (isinstance(edit, BlobEdit) and edit.frames is None):
-        return edit.frames
-    return edit.frame, edit.frame
+    if isinstance(edit, Place) or (isinstance(edit, BlobEdit) and edit.frames is None):
+        return edit.frame, edit.frame
+    return edit.frames if isinstance(edit, RangeEdit) else None
 
 
 def markers_of(edit: Edit) -> tuple[str, ...]:
     """The markers that an edit names."""
     if isinstance(edit, Swap):
         return edit.markers
-    return () if isinstance(edit, UnlabelPoint | UnlabelBlob | Delete | DeleteBlob | Accepted) else (edit.marker,)
+    return (edit.marker,) if isinstance(edit, AssignPoint | AssignBlob | UnlabelMarker | Place | Right) else ()

@@ -93,8 +93,8 @@ def _labelled(
     if len(labellers) == 1:
         return labellers[0](chunks)
     own, *each = tee(chunks, 3)
-    named = (labeller(part) for labeller, part in zip(labellers, each, strict=True))
-    return label_by_both(own, *named, model.markerset.markers, agreement)
+    fitted, pointed = (labeller(part) for labeller, part in zip(labellers, each, strict=True))
+    return label_by_both(own, fitted, pointed, model.markerset.markers, agreement)
 
 
 def _labellers(cameras: Cameras, model: Model, options: BlobOptions) -> list[Labeller]:

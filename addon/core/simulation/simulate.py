@@ -69,6 +69,10 @@ class BodyInTheWay(Protocol):
         """(F, M, 3) world directions of offsets (M, 3) m that are fixed to what carries each marker."""
         ...
 
+    def moved(self, shift: np.ndarray) -> Self:
+        """The same body elsewhere, by `shift` (3,) m."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class PosedBody:

@@ -189,7 +189,7 @@ def study(people: Sequence[Person], whole_body: bool) -> FittedPeople:
 
 def _shown(people: Sequence[Person]) -> set[str]:
     """Names of all points that are in anybody's takes, and of their mirror images."""
-    shown = set()
+    shown: set[str] = set()
     for person in people:
         there = np.isfinite(person.points).all(axis=2).any(axis=0)
         shown.update(name for name, is_there in zip(person.names, there, strict=True) if is_there)

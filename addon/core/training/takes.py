@@ -144,7 +144,7 @@ def contradicted(
         points.append(kept)
     there = [index for index, own in enumerate(points) if len(own)]
     found = contradictions([leads(points[index]) for index in there])
-    said = {}
+    said: dict[str, None] = {}
     for index, groups in zip(there, found, strict=True):
         for group in groups:
             names = " and ".join(markers[place] for place in group)

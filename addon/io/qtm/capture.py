@@ -143,7 +143,7 @@ class QtmCapture:
         return QtmCamera(part, number, ranges, bool(len(ranges)) and self.series(number).size > 0)
 
     def _trajectories(self, points: Item | None) -> list[QtmTrajectory]:
-        found = []
+        found: list[QtmTrajectory] = []
         for item in [] if points is None else points.within:
             number = item.number("Series ID")
             if item.kind != TRAJECTORY_DATA or number is None:

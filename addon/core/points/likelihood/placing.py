@@ -80,8 +80,8 @@ class NearPairs:
     def of(cls, rigid_bodies: RigidBodies, distance: np.ndarray, options: PlacingOptions = PLACING) -> "NearPairs":
         """Those of frames in which points are `distance` (F, P, P) m from each other."""
         longest = max(rigid_bodies.lengths(group).max() for group in rigid_bodies.members)
-        found = np.nonzero(distance < longest + options.gate(longest))
-        return cls(*found, distance[found])
+        frame, one, two = np.nonzero(distance < longest + options.gate(longest))
+        return cls(frame, one, two, distance[frame, one, two])
 
 
 def place(

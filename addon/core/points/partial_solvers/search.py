@@ -180,8 +180,8 @@ def genetic(
         for _ in range(round(options.population * options.die_out / (1.0 - options.die_out))):
             alive = list(population)
             if generator.random() < options.crossover:
-                parents = [_genes(alive[generator.integers(len(alive))], markers) for _ in range(2)]
-                born(crossover(*parents, generator))
+                one, other = (_genes(alive[generator.integers(len(alive))], markers) for _ in range(2))
+                born(crossover(one, other, generator))
             else:
                 mutation = MUTATIONS[generator.integers(len(MUTATIONS))]
                 born(mutation(_genes(alive[generator.integers(len(alive))], markers), generator))

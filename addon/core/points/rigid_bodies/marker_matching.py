@@ -138,8 +138,8 @@ def _joint_fit(form, points, wanted, found, tried: np.ndarray, options: MarkerMa
 
     No pose changes that.
     """
-    away = [farther(markers[None], joints[None])[0] for markers, joints in ((points, found), (form, wanted))]
-    return -_costs(*away, np.array(options.distance_sd_m), tried, options.max_cost).sum(axis=1)
+    away, usual = (farther(markers[None], joints[None])[0] for markers, joints in ((points, found), (form, wanted)))
+    return -_costs(away, usual, np.array(options.distance_sd_m), tried, options.max_cost).sum(axis=1)
 
 
 def _side_fit(

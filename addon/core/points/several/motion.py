@@ -51,7 +51,8 @@ class SubjectsMotion:
 
     def suspects(self, names: tuple[str, ...], rate: float) -> tuple[Suspect, ...]:
         """What each body shows that is doubtful, by the names of all markers in a row."""
-        found, first = [], 0
+        found: list[Suspect] = []
+        first = 0
         for one in self.subjects:
             size = one.markers.shape[1]
             found += one.suspects(names[first : first + size], rate)
