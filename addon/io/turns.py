@@ -62,8 +62,9 @@ def _taken(path: Path) -> IO | None:
         except FileNotFoundError:  # whoever had it took it away
             pass
         except OSError:  # no locks here
-            path.unlink(missing_ok=True)
-            file.close()
+            file.close()  # Windows takes no file away that is open
+            with suppress(OSError):
+                path.unlink()
             return None
         file.close()
     return None

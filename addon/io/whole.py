@@ -126,13 +126,12 @@ def _identities(path: Path) -> set[object]:
     """What a path has in common with every other one of the same file."""
     try:
         found: set[object] = {unicodedata.normalize("NFC", os.path.realpath(path)).casefold()}
-        status = Path(path).stat()
-    except ValueError:  # no path at all
+    except (OSError, ValueError):  # no path at all, or longer than Windows takes
         return set()
-    except OSError:  # nothing is there yet
-        return found
-    if status.st_ino:
-        found.add((status.st_dev, status.st_ino))
+    with suppress(OSError, ValueError):  # nothing is there yet
+        status = Path(path).stat()
+        if status.st_ino:
+            found.add((status.st_dev, status.st_ino))
     return found
 
 

@@ -13,7 +13,6 @@ from contextlib import ExitStack
 from pathlib import Path
 from types import SimpleNamespace
 
-import psutil
 import pytest
 
 from addon.cli import workers
@@ -23,9 +22,11 @@ from addon.demo.take import MODEL
 from addon.version import version
 from tests.faults.stage import wait_for
 
+if os.name == "nt":
+    pytest.skip("needs links, and a system where a process can be killed", allow_module_level=True)
 distributed = pytest.importorskip("distributed")
+psutil = pytest.importorskip("psutil")
 
-pytestmark = pytest.mark.skipif(os.name == "nt", reason="needs links, and a system where a process can be killed")
 FEW = ("--frames", "100:101", "--trc")
 LONG = 30  # times the walk, which takes longer than whoever stops it needs
 

@@ -71,8 +71,11 @@ def test_a_name_too_long_is_one_takes_trouble(run, takes, tmp_path):
     long = shutil.copy(tmp_path / "a.c3d", tmp_path / f"{'n' * 246}.c3d")
     for more in ([], ["--resume"], ["--overwrite", "--html", "--summary"]):
         answer = run(*words[:2], long, *words[4:], *more)
-        assert answer.status == 2
-        assert "File name too long" in answer.reason
+        if os.name == "nt":  # which says of a path that is too long that nothing is there
+            assert "cannot be" in answer.reason
+        else:
+            assert answer.status == 2
+            assert "File name too long" in answer.reason
         assert answer.out.startswith("a: 20 frames")
     assert (out / "a.report.json").exists()
 

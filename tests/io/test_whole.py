@@ -16,7 +16,7 @@ import pytest
 from addon.core.data.errors import InputError, JobError
 from addon.io import scratch
 from addon.io import turns as turns_of_folders
-from addon.io.whole import LIST, PART, LeftAlone, finish_renaming, whole_file, whole_files
+from addon.io.whole import LIST, PART, LeftAlone, finish_renaming, keep_apart, whole_file, whole_files
 
 ROOT = Path(__file__).resolve().parents[2]
 LINUX = Path("/proc/self/fd").is_dir() and os.name == "posix"  # Wine shows /proc too, with other numbers
@@ -484,3 +484,11 @@ def test_a_turn_that_nobody_has_any_more_goes_with_the_next_run(tmp_path):
     (tmp_path / turns_of_folders.TURN).touch()
     finish_renaming(tmp_path)
     assert not list(tmp_path.iterdir())
+
+
+def test_paths_longer_than_windows_takes_are_apart_from_others(tmp_path, monkeypatch):
+    def realpath(path):
+        raise FileNotFoundError(2, "The filename or extension is too long", path)
+
+    monkeypatch.setattr(os.path, "realpath", realpath)
+    keep_apart([tmp_path / "read.c3d"], [tmp_path / "written.c3d"])
