@@ -36,6 +36,7 @@ COMMANDS = {
     "label, model": ("label b.csv --cameras room.toml --model b.trc --out . --trc", "written over"),
     "demo, picture and take in one": ("demo --out .", "written twice"),
 }
+OVER_LINKS = "simulate, blobs over a link", "demo, picture and take in one"
 
 
 @pytest.fixture
@@ -68,6 +69,8 @@ def held(folder):
 @pytest.mark.parametrize("what", COMMANDS)
 def test_no_output_is_an_input_or_another_output(run, files, what, overwrite):
     words, reason = COMMANDS[what]
+    if what in OVER_LINKS and not (files / "soft.c3d").is_symlink():
+        pytest.skip("Wine has no links: it makes them without a word, and does not see them")
     before = held(files)
     answer = run(*words.split(), *overwrite)
     assert answer.status == 2
