@@ -156,14 +156,14 @@ def test_who_accepts_what_nobody_says_is_told(run, cloud, room, tmp_path, edited
         line = ["label", path, "--model", MODEL, "--out", tmp_path / "out", "--overwrite", *words, "--edits"]
         report = tmp_path / "out" / f"{path.stem}.report.json"
         assert run(*line, edited(gap)).status == 0
-        said = accepting(json.loads(report.read_text()))
+        said = accepting(json.loads(report.read_text(encoding="utf-8")))
         assert said
         answer = run(*line, edited(gap, *said, {"kind": "right", "doubt": "no such doubt at all"}))
         assert answer.status == 0
         last = len(said) + 2
         words = f"edit {last} (right) found nothing: nothing to look at says 'no such doubt at all'"
         assert words in answer.out
-        found = json.loads(report.read_text())["edits"]
+        found = json.loads(report.read_text(encoding="utf-8"))["edits"]
         assert [one["edit"] for one in found["found_nothing"]] == [last]
         assert found["applied"] == {"unlabel": 1, "right": len(said)}
 
