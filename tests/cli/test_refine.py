@@ -76,6 +76,7 @@ def test_what_cannot_be_done(refine, run, room, tmp_path):
     blobs = tmp_path / "two.csv"
     blobs.write_text("".join(line for line in room.blobs.open() if line.split(",")[1] in ("camera", "cam1", "cam2")))
     answer = refine(cameras=two, blobs=blobs, out="of-two.toml")
-    assert (answer.status, answer.reason.split(":")[0]) == (1, str(blobs))
+    assert answer.status == 1
+    assert answer.reason.startswith(f"{blobs}: ")
     assert "2 cameras cannot tell which of them was moved" in answer.reason
     assert sorted(path.name for path in tmp_path.iterdir()) == ["refined.toml", "two.csv", "two.toml"]
