@@ -18,7 +18,7 @@ from ..data.markersets import MarkerSet
 from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Suspect
 from ..geometry.cameras import Cameras
 from ..geometry.triangulation import meet_rows
-from .camera_order import MEETING_BY_CHANCE, CameraAgreement, best_order
+from .camera_order import MEETING_BY_CHANCE, CameraAgreement, best_order, same_names_meet
 from .camera_places import CameraPlace, find_again
 from .camera_words import OF_ROOM
 from .room_size import times_too_large
@@ -53,6 +53,7 @@ class StandOutOptions:
 
 
 STANDING_OUT = StandOutOptions()
+OF_THIS_TAKE = "; expected the calibration that the take was recorded with, in metres"
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,10 +152,13 @@ class CameraCheck:
 
     def refuse(self):
         """Raises ForceableError where the room as a whole is not the take's: names in it would be guesses."""
-        if len(self.cameras) < 2 or not self.frames or not (self.wrong_room or self._nothing_meets):
+        if len(self.cameras) < 2 or not self.frames:
             return
-        expected = "" if self.wrong_room else "; expected each camera by the name that it was calibrated by"
-        raise ForceableError("; ".join(self._sentences()) + expected)
+        if self.names_apart:
+            raise ForceableError(self.names_apart + OF_THIS_TAKE)
+        if self.wrong_room or self._nothing_meets:
+            expected = "" if self.wrong_room else "; expected each camera by the name that it was calibrated by"
+            raise ForceableError("; ".join(self._sentences()) + expected)
 
     @cached_property
     def agreement(self) -> CameraAgreement:
@@ -192,6 +196,28 @@ class CameraCheck:
         size = f"about {times:g} times too large" if times > 1 else f"about {1 / times:g} times too small"
         unit = {1000: ", as if millimetres were read as metres", 100: ", as if centimetres were read as metres"}
         return f"{OF_ROOM} to be {size}{unit.get(times, '')}: what its cameras see is {_plain(high)} m high"
+
+    @cached_property
+    def names_apart(self) -> str:
+        """That blobs of one name meet in few pairs of cameras, which says the same of a room; empty if they do.
+
+        Bodies are found in a wrong room too, and names given to whatever is near them; adjusting cameras may mend it.
+        """
+        if self._nothing_meets or self.wrong_room or self.order is not None:
+            return ""
+        image = np.full((len(self.cameras), len(self.frames), len(self.frames[0].expected), 2), np.nan)
+        for index, frame in enumerate(self.frames):
+            mine = frame.marker != NO_MARKER
+            camera = frame.camera[mine]
+            image[camera, index, frame.marker[mine]] = self.cameras.undistort(frame.xy[mine], camera)
+        shares = same_names_meet(self.cameras, image.reshape(len(image), -1, 2))
+        shares = shares[np.isfinite(shares)]
+        if 2 * len(shares) < len(image) or np.median(shares) >= MEETING_BY_CHANCE.min_same_name:
+            return ""
+        return (
+            f"{OF_ROOM} not to be this take's: by this calibration few blobs of one name meet in two cameras "
+            f"({np.median(shares):.0%} do)"
+        )
 
     @cached_property
     def moved(self) -> dict[int, CameraPlace]:
@@ -242,8 +268,10 @@ class CameraCheck:
 
     def _sentences(self) -> Iterator[str]:
         if self.wrong_room:
-            yield f"{self.wrong_room}; expected the calibration that the take was recorded with, in metres"
+            yield self.wrong_room + OF_THIS_TAKE
             return
+        if self.names_apart:
+            yield self.names_apart + OF_THIS_TAKE
         if len(self.cameras) < 3:
             return
         figures, names = self.figures, self.cameras.names

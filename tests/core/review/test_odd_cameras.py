@@ -283,3 +283,20 @@ def _only(count: int, blobs: Blobs, marker: np.ndarray) -> tuple[Blobs, np.ndarr
     rows = blobs.camera < count
     own = blobs.frame[rows], blobs.camera[rows], blobs.xy[rows], blobs.area[rows]
     return Blobs(blobs.frames, *own), marker[rows]
+
+
+@pytest.mark.parametrize(("count", "off"), [(4, 3.0), (8, 5.0)])
+def test_a_room_whose_blobs_lie_beside_where_they_should_is_told(count, off):
+    """Some still meet, and a body is found by whatever is near it."""
+    rig = ring_rig(count, generator=np.random.default_rng(2))
+    blobs, marker, markers = captured(rig)
+    words = said(rig, replace(blobs, xy=blobs.xy + off), marker, markers)
+    assert words[0].startswith("the room seems not to be this take's: by this calibration few blobs of one name meet")
+    assert words[0].endswith("; expected the calibration that the take was recorded with, in metres")
+
+
+@pytest.mark.parametrize("seen", [0.9, 0.4])
+def test_a_calibration_of_some_age_is_this_takes_room(seen):
+    blobs, marker, markers = captured(RIG, seen=seen)
+    old = replace(blobs, xy=blobs.xy + np.array([-2.0, 1.0]))
+    assert not [words for words in said(RIG, old, marker, markers) if words.startswith("the room")]
