@@ -25,7 +25,7 @@ from ..core.geometry.cameras import Cameras
 from ..core.pipelines.blobs import BlobOptions, blob_method, label_blobs, steps_of, with_edits
 from ..core.pipelines.cross_check import MethodAgreement
 from ..core.pipelines.others import OtherSubjects, refuse_two
-from ..core.points.handedness import Handedness
+from ..core.points.handedness import MEND_BLOBS, Handedness
 from ..core.points.models import Model
 from ..core.review.answering import heard_in, without_accepted
 from ..core.review.doubtful import doubtful_ranges, doubtful_samples
@@ -83,7 +83,7 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
             worn, sized, method = seen.worn, None, "likelihood"
             own, read = tee(source.blobs())
             work = with_edits(own, seen.chunks(read), edits, cameras, worn) if edits else seen.chunks(source.blobs())
-        check, handedness = CameraCheck(cameras, sized), Handedness(worn)
+        check, handedness = CameraCheck(cameras, sized), Handedness(worn, MEND_BLOBS)
         trouble = TakeTrouble(worn.markers, job.frame_rate, edits, cameras, worn.by_name)
         overview = overview_of(job, worn, job.frame_rate, edits, cameras)
         results = Results(job, cameras, files, worn, stack)

@@ -11,7 +11,7 @@ from ..core.data.progress import Progress
 from ..core.data.takes import MAX_FRAME
 from ..core.edits.applying import unless_heard
 from ..core.geometry.cameras import NO_CAMERAS
-from ..core.points.handedness import Handedness
+from ..core.points.handedness import MEND_MIRRORED, MEND_POINTS, Handedness
 from ..core.points.motion import labelled_points
 from ..core.points.naming import chosen_method
 from ..core.points.possible import slow_words
@@ -73,7 +73,7 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
             if job.shown:
                 refuse_keys(len(take.frames), markerset)
         overview = overview_of(job, markerset, take.rate, edits)
-        handedness = Handedness(markerset)
+        handedness = Handedness(markerset, MEND_MIRRORED if job.mirror else MEND_POINTS)
         trouble = TakeTrouble(markerset.markers, take.rate, edits, words=markerset.by_name)
         summary, chunks, asked = TakeSummary(markerset.markers), [], []
         # Who keeps the take has all of it in memory anyhow.

@@ -10,6 +10,8 @@ import pytest
 
 from addon.capturing import cut
 from addon.core.data.takes import Points
+from addon.core.points.handedness import MEND_BLOBS, Handedness, MirroredError
+from addon.core.points.likelihood.sides import mirror_order
 from addon.demo.take import STAGE, make_performance
 from addon.io.labels import POINT_KEYS, TruthWriter
 from addon.io.markersets import open_markerset
@@ -69,6 +71,26 @@ def test_a_mirrored_take_is_refused_and_mended(run, walks, tmp_path):
     report = json.loads((tmp_path / "out" / "mirrored.report.json").read_text())
     assert any(note.startswith("is left-handed") for note in report["notes"])
     assert "--force" not in json.dumps(report["notes"])
+
+
+def test_a_take_that_is_mirrored_once_too_often_is_not_told_to_be_mirrored(run, walks, tmp_path):
+    answer = run("label", walks / "plain.c3d", "--model", LOPSIDED, "--mirror", "--out", tmp_path)
+    assert answer.status == 1
+    assert "; expected points whose file is left-handed, so have these read as they are, without mir" in answer.reason
+    assert "--mirror" not in answer.reason
+
+
+def test_of_blobs_it_is_images_or_calibration_that_are_mirrored(walks, label, room):
+    take = read_points(walks / "mirrored.c3d")
+    body = open_markerset(LOPSIDED)
+    heard = Handedness(body, MEND_BLOBS)
+    exchanged = mirror_order(body.markers)  # as they are named: all but what is lopsided goes with it
+    heard.add(take.xyz[:, [take.names.index(name) for name in body.markers]][:, exchanged])
+    with pytest.raises(MirroredError, match=r"; expected images and a calibration of which none is mirrored$"):
+        heard.refuse()
+    answer = label("--mirror", blobs=[room.blobs])
+    assert answer.status == 0
+    assert "--mirror is not looked at for blobs: what is mirrored of them is their images" in answer.err
 
 
 def test_results_are_of_the_same_mirror_and_force(run, walks, tmp_path):

@@ -77,6 +77,8 @@ def unused(arguments) -> list[str]:
         said.append("--jobs is not looked at with --scheduler: its workers take as many takes as they have threads")
     if arguments.rate is not None and True in kinds:
         said.append("--rate is not looked at for 3D points whose files say their own rate")
+    if arguments.mirror and False in kinds:
+        said.append("--mirror is not looked at for blobs: what is mirrored of them is their images or calibration")
     hints = [f"--{name}" for name in ("height", "facing") if getattr(arguments, name) is not None]
     if hints:
         several = arguments.subjects != 1 or bool(arguments.subject)

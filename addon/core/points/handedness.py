@@ -27,6 +27,10 @@ SURE = log(USUAL_TARGET / (1 - USUAL_TARGET))
 
 
 HOW_TO_MIRROR = "by label --mirror"  # on the command line; Blender puts words of its sidebar there
+# What is expected of points as their file has them, of those that were mirrored as they were read, and of blobs.
+MEND_POINTS = f"right-handed axes, so have its 3D points mirrored as they are read, {HOW_TO_MIRROR}"
+MEND_MIRRORED = "points whose file is left-handed, so have these read as they are, without mirroring them"
+MEND_BLOBS = "images and a calibration of which none is mirrored"
 
 
 class MirroredError(ForceableError):
@@ -37,10 +41,11 @@ class Handedness:
     """Hears where the markers of a take are, part by part; says at its end whether all of it is mirrored.
 
     Of each segment that carries a marker without its like, the markers are laid on the set's in frames spread over the
-    take, once as they are, and once in the mirror with the names of the sides exchanged.
+    take, once as they are, and once in the mirror with the names of the sides exchanged. `expected` is what mends it.
     """
 
-    def __init__(self, worn: Worn):
+    def __init__(self, worn: Worn, expected: str = MEND_POINTS):
+        self.expected = expected
         self.segments: list[_Segment] = []
         first = 0
         for name, markerset in worn.worn:
@@ -60,14 +65,14 @@ class Handedness:
         # In the mirror all is where the set has it; of wrong names it is nowhere.
         if plain - image > SURE and image < SURE:
             segment = self.segments[int((misfits[:, 0] - misfits[:, 1]).argmax())]
-            raise mirrored_error(f"{' and '.join(segment.names)} would be on the other side of the body")
+            why = f"{' and '.join(segment.names)} would be on the other side of the body"
+            raise mirrored_error(why, self.expected)
 
 
-def mirrored_error(why: str) -> MirroredError:
+def mirrored_error(why: str, expected: str = MEND_POINTS) -> MirroredError:
     """The refusal, and how to mend it."""
     return MirroredError(
-        f"is left-handed: one axis is mirrored, as {why}, so left and right are exchanged; expected right-handed axes, "
-        f"so have its 3D points mirrored as they are read, {HOW_TO_MIRROR}"
+        f"is left-handed: one axis is mirrored, as {why}, so left and right are exchanged; expected {expected}"
     )
 
 
