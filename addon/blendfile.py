@@ -25,8 +25,8 @@ from .io.names import written
 from .io.scratch import lasting_scratch
 
 if TYPE_CHECKING:  # only some jobs need them
-    from .core.body.occlusion import Occlusion
     from .core.filling.kept import KeptFill
+    from .core.papers.virtual_occlusions.occlusion import Occlusion
     from .io.poses import PoseFile
     from .scene.pictures import Movie
     from .scene.pictures import Sequence as PictureSequence

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from .core.body.bodies import BodyModel
-from .core.body.occlusion import CapsuleOcclusion
-from .core.body.posing import POSING, fit_points
 from .core.data.errors import InputError, JobError
 from .core.data.markersets import MarkerSet
 from .core.data.progress import Progress
 from .core.data.takes import Points
 from .core.geometry.cameras import Cameras
+from .core.papers.virtual_occlusions.occlusion import CapsuleOcclusion
+from .core.posing.posing import POSING, fit_points
 from .core.simulation.simulate import BodiesTogether, CaptureOptions, PosedBody, capture
 from .io.blobs import BlobWriter
 from .io.labels import TruthWriter

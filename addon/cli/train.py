@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ..core.data.errors import InputError, JobError
 from ..core.evaluation.comparing import difference_lines
-from ..core.points.partial_solvers.training import SEARCHES
+from ..core.papers.partial_solvers.training import SEARCHES
 from ..io.markersets import SUFFIX
 from ..jobs.train import TrainJob, train_file
 from ..jobs.training_takes import KnownBetter

@@ -7,9 +7,9 @@ import numpy as np
 
 from ..capturing import LabelledMarkers
 from ..core.body.bodies import BodyModel
-from ..core.body.occlusion import CapsuleOcclusion
 from ..core.data.markersets import MarkerSet
 from ..core.geometry.cameras import Cameras
+from ..core.papers.virtual_occlusions.occlusion import CapsuleOcclusion
 from ..core.simulation.rigs import ring_rig
 from ..core.simulation.simulate import CaptureOptions, PosedBody
 from ..core.simulation.virtual import DEMO, draw_person, perform

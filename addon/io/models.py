@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from ..core.data.errors import InputError
+from ..core.papers.partial_solvers.model import DOMAIN, FUNCTIONS, NO_POINT, Classifiers, PartialSolvers, Record, Solver
 from ..core.points.models import Model, TrainingTake
-from ..core.points.partial_solvers.model import DOMAIN, FUNCTIONS, NO_POINT, Classifiers, PartialSolvers, Record, Solver
 from .likelihood import likelihood_text, read_likelihood
 from .markersets import markerset_file, markerset_in, markerset_text, open_document, open_markerset
 from .model_history import HISTORY, fingerprint_of, history_text, read_history

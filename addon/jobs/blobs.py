@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from ..blendfile import Chunks, mesh_occlusion, open_cameras, refuse_long
-from ..core.body.occlusion import Occlusion
 from ..core.data.errors import InputError
 from ..core.data.markersets import Worn
 from ..core.data.progress import Progress
@@ -22,6 +21,7 @@ from ..core.edits.applying import BLOB_EDITING, joined, unless_heard
 from ..core.edits.blob_tracks import followed, wants_tracks
 from ..core.edits.kinds import Accepted, Edits
 from ..core.geometry.cameras import Cameras
+from ..core.papers.virtual_occlusions.occlusion import Occlusion
 from ..core.pipelines.blobs import BlobOptions, blob_method, label_blobs, steps_of, with_edits
 from ..core.pipelines.cross_check import MethodAgreement
 from ..core.pipelines.others import OtherSubjects, refuse_two

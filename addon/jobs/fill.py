@@ -9,7 +9,6 @@ from time import perf_counter
 import numpy as np
 
 from ..blendfile import open_cameras
-from ..core.body.posing import POSING
 from ..core.data.columns import Columns, beside_of, markers_in
 from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet, Worn
@@ -18,6 +17,7 @@ from ..core.data.takes import Points
 from ..core.filling.filling import FilledTake, FillOptions, SubjectMarkers, fill_subjects, kept_fills_of
 from ..core.filling.kept import KeptFill
 from ..core.filling.rays import NO_RAYS, MarkerRays, rays_of
+from ..core.posing.posing import POSING
 from ..core.review.overview import TakeOverview
 from ..core.review.trouble import TakeTrouble
 from ..io.filled import gap_rows, left_rows, write_filled

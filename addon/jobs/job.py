@@ -23,7 +23,7 @@ from ..io.report import REPORT
 
 if TYPE_CHECKING:  # naming blobs takes long to load, and takes of points need none of it
     from ..core.blobs.pipeline import Options
-    from ..core.body.occlusion import Occlusion
+    from ..core.papers.virtual_occlusions.occlusion import Occlusion
 
 USUAL_RATE = 100.0
 # What of a job holds for any part of its take.

@@ -8,8 +8,8 @@ from weakref import WeakKeyDictionary
 from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet
 from ..core.data.progress import Progress
+from ..core.papers.partial_solvers.model import PartialSolvers
 from ..core.points.models import Model
-from ..core.points.partial_solvers.model import PartialSolvers
 from ..io.markersets import builtin_markersets, open_markerset
 from ..io.models import open_model
 

@@ -10,10 +10,10 @@ import numpy as np
 from ..core.data.errors import InputError
 from ..core.data.progress import Progress, part_of, within
 from ..core.evaluation.comparing import Comparison
+from ..core.papers.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS
 from ..core.points.history import NO_HISTORY, ModelHistory, ModelVersion
 from ..core.points.likelihood.trying import Trying, in_turn
 from ..core.points.models import Model, TrainingTake
-from ..core.points.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS
 from ..core.training.looked_at import listed
 from ..core.training.pipeline import (
     TRAINING_SHARES,

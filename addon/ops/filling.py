@@ -8,7 +8,6 @@ import bpy
 import numpy as np
 from bpy.props import EnumProperty, IntProperty
 
-from ..core.body.posing import POSING
 from ..core.data.background import in_background
 from ..core.data.errors import InputError, UserError
 from ..core.data.progress import finished
@@ -16,6 +15,7 @@ from ..core.data.takes import Blobs
 from ..core.filling.filling import FilledTake, FillOptions, SubjectMarkers, fill_subjects, kept_fills_of
 from ..core.filling.kept import KeptFill, replaced_fills
 from ..core.filling.rays import NO_RAYS, MarkerRays, rays_of
+from ..core.posing.posing import POSING
 from ..io.filled import left_rows
 from ..io.names import written
 from ..props import chosen_markerset, refresh_review, row_of

@@ -8,13 +8,13 @@ from pathlib import Path
 import bpy
 from bpy.props import BoolProperty
 
-from ..core.body.occlusion import Occlusion
 from ..core.data.background import drained, in_background
 from ..core.data.errors import ForceableError, InputError, UserError
 from ..core.data.takes import Blobs
 from ..core.data.wording import count_of
 from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import NO_CAMERAS
+from ..core.papers.virtual_occlusions.occlusion import Occlusion
 from ..core.points.handedness import HOW_TO_MIRROR
 from ..core.points.refusals import HOW_TO_ASK
 from ..core.points.several.wearers import AUTO

@@ -8,8 +8,8 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
-from ..core.body.character import BONE_NAMES, Character, character_of
 from ..core.data.errors import InputError
+from ..core.posing.character import BONE_NAMES, Character, character_of
 from . import armature as armatures
 from . import naming
 from .stored import Stored

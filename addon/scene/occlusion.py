@@ -12,9 +12,9 @@ import bpy
 import numpy as np
 from mathutils.bvhtree import BVHTree
 
-from ..core.body.occlusion import OCCLUDING, segment_distance2
 from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet
+from ..core.papers.virtual_occlusions.occlusion import OCCLUDING, segment_distance2
 from .armature import SCALE
 from .body import capsule_in_metres, capsule_place, capsule_shape
 
@@ -70,7 +70,7 @@ class Skin:
 
 
 class MeshOcclusion:
-    """Meshes on a skeleton as the volume in the way: an `addon.core.body.occlusion.Occlusion`.
+    """Meshes on a skeleton as the volume in the way: an `addon.core.papers.virtual_occlusions.occlusion.Occlusion`.
 
     volumes  the meshes, each with a tree built once in its segment's own axes: rays are brought there
     scale    (3,) m for one unit of the marker set, of the body that the meshes were made for; other bodies stretch them
@@ -87,7 +87,7 @@ class MeshOcclusion:
     def hidden(
         self, rotations: np.ndarray, joints: np.ndarray, scale: np.ndarray, markers: np.ndarray, centres: np.ndarray
     ) -> np.ndarray:
-        """See `addon.core.body.occlusion.Occlusion.hidden`: (B, C, M)."""
+        """See `addon.core.papers.virtual_occlusions.occlusion.Occlusion.hidden`: (B, C, M)."""
         found = np.zeros((len(markers), len(centres), markers.shape[1]), dtype=bool)
         for body in range(len(markers)):
             if np.isfinite(joints[body]).all():

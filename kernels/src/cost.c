@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later */
-/* What the data says to bodies' markers: `addon/core/body/cost.py`. */
+/* What the data says to bodies' markers: `addon/core/papers/virtual_occlusions/cost.py`. */
 
 #include <math.h>
 #include <string.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later */
-/* Normal equations from one 3 x 3 block a marker, their solution, and the descent: `addon/core/body/fit.py`. */
+/* Normal equations from one 3 x 3 block a marker, their solution, and the descent: `addon/core/papers/virtual_occlusions/fit.py`. */
 
 #include <math.h>
 #include <stddef.h>

@@ -51,7 +51,7 @@ typedef struct {
     const double *weight;         /* (P,) */
 } PriorArrays;
 
-/* What the data pulls markers to: one of the four of `addon/core/body/cost.py`. */
+/* What the data pulls markers to: one of the four of `addon/core/papers/virtual_occlusions/cost.py`. */
 enum { RAYS = 0, BLOBS = 1, CLOUD = 2, POINTS = 3 };
 typedef struct {
     int64_t kind, sets, size;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later */
-/* Algorithm 1 on one frame: `addon/core/blobs/labelling.py`, whose functions have the same names. */
+/* Algorithm 1 on one frame: `addon/core/papers/virtual_occlusions/labelling.py`, whose functions have the same names. */
 
 #include <math.h>
 #include <stddef.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later */
-/* Which markers capsules hide from cameras: `addon/core/body/occlusion.py`. */
+/* Which markers capsules hide from cameras: `addon/core/papers/virtual_occlusions/occlusion.py`. */
 
 #include <math.h>
 

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from addon.core.body.bodies import BodyModel
-from addon.core.body.posing import fit_points
 from addon.core.data.markersets import MarkerSet
 from addon.core.placement_quality import ADVICE, Advice, advise, judge, marker_layout, separation
 from addon.core.placement_quality.advice import ADD
 from addon.core.points.likelihood.learn import learn_likelihood
 from addon.core.points.likelihood.model import Likelihood
 from addon.core.points.likelihood.trials import make_trial
+from addon.core.posing.posing import fit_points
 from addon.io.markersets import open_markerset
 
 from . import people

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from addon.core.body.occlusion import OCCLUDING, capsules_hide
+from addon.core.papers.virtual_occlusions.occlusion import OCCLUDING, capsules_hide
 
 HEAD_BAND_TO_STATURE = 1.06
 # The hip's centre from the middle of the front of the pelvis, in its own width: backward, to the side, down.

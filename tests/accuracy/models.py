@@ -22,7 +22,7 @@ CACHE = Path(tempfile.gettempdir()) / "mocap-autolabel-accuracy"
 LEARNED_BY = (
     "addon/core/body/anatomy.py",
     "addon/core/training/learning.py",
-    "addon/core/body/posing.py",
+    "addon/core/posing/posing.py",
     "scripts/learn_markersets.py",
 )
 

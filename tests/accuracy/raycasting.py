@@ -20,9 +20,9 @@ import numpy as np
 from addon.blendfile import has_blender, mesh_occlusion, start_blender
 from addon.capturing import truth_path, write_capture
 from addon.core.blobs.pipeline import label_take
-from addon.core.body.occlusion import OCCLUDING, CapsuleOcclusion, Occlusion
 from addon.core.data.markersets import MarkerSet
 from addon.core.data.progress import finished
+from addon.core.papers.virtual_occlusions.occlusion import OCCLUDING, CapsuleOcclusion, Occlusion
 from addon.demo.take import MODEL, STAGE, TROUBLE, make_performance
 from addon.io.blobs import read_blobs, write_blobs
 from addon.io.cameras import read_cameras, write_cameras
@@ -158,7 +158,7 @@ class Asked:
         self.questions, self.counts = 0, {way: np.zeros(3, dtype=int) for way in self.meshes}
 
     def hidden(self, *given) -> np.ndarray:
-        """See `addon.core.body.occlusion.Occlusion.hidden`."""
+        """See `addon.core.papers.virtual_occlusions.occlusion.Occlusion.hidden`."""
         closed, thinner = self.capsules.hidden(*given), self.thinner.hidden(*given)
         found = {way: meshes.hidden(*given) for way, meshes in self.meshes.items()}
         self.questions += closed.size

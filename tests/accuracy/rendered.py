@@ -21,11 +21,11 @@ from scipy.optimize import linear_sum_assignment
 
 from addon import capturing
 from addon.blendfile import silenced
-from addon.core.body.occlusion import segment_distance2
 from addon.core.data.progress import finished
 from addon.core.data.takes import Blobs
 from addon.core.evaluation.figures import Figures
 from addon.core.geometry.cameras import Cameras
+from addon.core.papers.virtual_occlusions.occlusion import segment_distance2
 from addon.demo.take import MODEL, STAGE, make_performance
 from addon.io.blobs import read_blobs
 from addon.io.cameras import write_cameras
@@ -161,7 +161,7 @@ def truth_of(made, frame: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     away = np.linalg.norm(markers - cameras.centres[:, None], axis=2)
     radius = cameras.focal[:, None] * RADIUS / away
     inside = (xy > radius[..., None]).all(axis=2) & (xy < cameras.size[:, None] - radius[..., None]).all(axis=2)
-    start, axis, thick = made.body.occlusion._posed(
+    start, axis, thick = made.papers.virtual_occlusions.occlusion._posed(
         made.body.rotations[at], made.body.joints[at], np.asarray(made.body.scale[at])
     )
     length2 = np.einsum("bkx,bkx->bk", axis, axis)

@@ -11,8 +11,8 @@ import numpy as np
 
 from addon.blendfile import has_blender, mesh_occlusion
 from addon.core.body.bodies import BodyModel
-from addon.core.body.occlusion import OCCLUDING, CapsuleOcclusion, Occlusion
 from addon.core.data.markersets import MarkerSet
+from addon.core.papers.virtual_occlusions.occlusion import OCCLUDING, CapsuleOcclusion, Occlusion
 from addon.core.points.fitted_body import NothingInTheWay
 from addon.core.simulation.simulate import CaptureOptions
 
@@ -133,7 +133,7 @@ def _by_marker(score: Score) -> list[list]:
 
 def run_occlusion(plan: Plan):
     """How often the model's body is wrong about what is hidden: of full size and shrunk, and of meshes."""
-    from addon.core.body.posing import fit_points
+    from addon.core.posing.posing import fit_points
 
     rows = []
     for set_name in plan.sets:
@@ -213,9 +213,9 @@ def run_sweeps(plan: Plan):
 def run_speed(plan: Plan):
     """Ten iterations of the nine-parameter fit with occlusion test, on one core."""
     from addon.core.blobs.subject import Setup
-    from addon.core.body.cost import BlobPull
-    from addon.core.body.fit import fit_placement
     from addon.core.geometry.views import split_views
+    from addon.core.papers.virtual_occlusions.cost import BlobPull
+    from addon.core.papers.virtual_occlusions.fit import fit_placement
 
     rows = []
     for set_name in plan.sets:

@@ -7,17 +7,17 @@ from pathlib import Path
 
 import numpy as np
 
-from addon.core.blobs.labelling import Naming
 from addon.core.blobs.search import FINDING, name_found, visible_pull
 from addon.core.blobs.subject import Setup, Subject, expect, name
 from addon.core.body.bodies import Bodies, BodyModel
-from addon.core.body.fit import State, body_state, fit_placement
 from addon.core.body.prior import Prior
 from addon.core.evaluation.figures import Figures
 from addon.core.geometry import rotations
 from addon.core.geometry.views import View, split_views
+from addon.core.papers.virtual_occlusions.fit import State, body_state, fit_placement
+from addon.core.papers.virtual_occlusions.labelling import Naming
 from addon.core.simulation.simulate import CaptureOptions
-from tests.core.blobs.paper import PLACEMENT_STAGES, QUARTERS, fit_from, fit_nine, stages
+from tests.core.papers.virtual_occlusions.stages import PLACEMENT_STAGES, QUARTERS, fit_from, fit_nine, stages
 
 from .captures import Trial
 from .models import left_out_model

@@ -7,13 +7,11 @@ from functools import partial
 
 import numpy as np
 
-from addon.core.blobs.cloud import build_cloud
 from addon.core.blobs.pipeline import label_take
 from addon.core.blobs.search import Hints, find_subject, first_starts
 from addon.core.blobs.subject import Setup
 from addon.core.blobs.subject import name as name_blobs
 from addon.core.body.bodies import Bodies, BodyModel
-from addon.core.body.occlusion import CapsuleOcclusion
 from addon.core.calibration.adjusting import adjusted
 from addon.core.calibration.refining import parts_of, refine_cameras
 from addon.core.calibration.sightings import Sightings
@@ -21,12 +19,14 @@ from addon.core.data.progress import finished
 from addon.core.data.takes import NO_MARKER, Labels
 from addon.core.geometry import rotations
 from addon.core.geometry.views import View
+from addon.core.papers.virtual_occlusions.cloud import build_cloud
+from addon.core.papers.virtual_occlusions.occlusion import CapsuleOcclusion
 from addon.core.pipelines.blobs import BlobOptions
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from addon.core.simulation.simulate import CaptureOptions
 from addon.core.simulation.virtual import Act
 from addon.io.models import open_model
-from tests.core.blobs.paper import fit_nine, stages
+from tests.core.papers.virtual_occlusions.stages import fit_nine, stages
 from tests.core.scenes import act, built_in, stand
 
 Job = Callable[[], object]

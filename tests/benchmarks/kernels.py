@@ -33,7 +33,7 @@ from tests.accuracy import plates, whole_takes
 from tests.accuracy.people import BODY26, GAIT15, MCGILL, everyone
 from tests.benchmarks.both_ways import BY_NUMPY, COMPILED, machine, processor_seconds, rows_of_ways
 from tests.benchmarks.cases import RATE, ROOM, WALK, standing, start_of
-from tests.core.blobs.paper import fit_nine, stages
+from tests.core.papers.virtual_occlusions.stages import fit_nine, stages
 from tests.core.scenes import act, built_in
 
 COLUMNS = ("what", "NumPy", "compiled", "times as fast", "floor", "aim")

@@ -13,7 +13,6 @@ import pytest
 bpy = pytest.importorskip("bpy", reason="needs the bpy module")
 
 from addon.core.body.bodies import BodyModel  # noqa: E402
-from addon.core.body.occlusion import CapsuleOcclusion  # noqa: E402
 from addon.core.data.markersets import Capsules, MarkerSet, Skeleton, Spread  # noqa: E402
 from addon.core.data.takes import (  # noqa: E402
     BY_FIT,
@@ -31,6 +30,7 @@ from addon.core.data.takes import (  # noqa: E402
 )
 from addon.core.geometry import rotations  # noqa: E402
 from addon.core.geometry.cameras import NO_CAMERAS, Cameras  # noqa: E402
+from addon.core.papers.virtual_occlusions.occlusion import CapsuleOcclusion  # noqa: E402
 from addon.core.points.models import Model  # noqa: E402
 from addon.core.points.several.wearers import SetsWorn, Wearer  # noqa: E402
 from addon.scene.take import Take  # noqa: E402

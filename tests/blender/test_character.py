@@ -7,8 +7,8 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.core.body.character import BONE_NAMES
 from addon.core.data.errors import InputError
+from addon.core.posing.character import BONE_NAMES
 from addon.io.markersets import open_markerset
 from addon.scene import character as characters
 from addon.scene import take as takes

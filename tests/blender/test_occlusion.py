@@ -7,8 +7,8 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.core.body.occlusion import OCCLUDING, CapsuleOcclusion, hidden_by_any
 from addon.core.data.errors import InputError
+from addon.core.papers.virtual_occlusions.occlusion import OCCLUDING, CapsuleOcclusion, hidden_by_any
 from addon.scene.armature import add_armature, mean_build
 from addon.scene.body import add_body, capsule_shape
 from addon.scene.occlusion import capsule_meshes, occlusion_of

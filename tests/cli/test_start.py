@@ -16,7 +16,7 @@ OTHERS = (
     "addon.cli.workers",
     "addon.core.filling",
     "addon.core.placement_quality",
-    "addon.core.points.partial_solvers.solver",
+    "addon.core.papers.partial_solvers.solver",
     "addon.core.points.rigid_bodies.recognition",
     "addon.core.simulation",
     "addon.core.training",

@@ -7,11 +7,11 @@ from functools import cache
 import numpy as np
 
 from addon.core.body.bodies import Bodies, BodyModel
-from addon.core.body.occlusion import CapsuleOcclusion
 from addon.core.data.markersets import MarkerSet
 from addon.core.data.takes import Blobs
 from addon.core.geometry.cameras import Cameras
 from addon.core.geometry.views import View, split_views
+from addon.core.papers.virtual_occlusions.occlusion import CapsuleOcclusion
 from addon.core.simulation.simulate import CaptureOptions, PosedBody, capture, joined
 from addon.core.simulation.virtual import Act, draw_person, perform
 from addon.io.markersets import open_markerset

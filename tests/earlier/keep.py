@@ -30,8 +30,8 @@ def make_inputs(folder: Path) -> None:
     """Writes walk.c3d without names, walk.csv, room.toml and two labelled takes."""
     from addon import capturing
     from addon.core.body.bodies import BodyModel
-    from addon.core.body.occlusion import CapsuleOcclusion
     from addon.core.data.takes import Points
+    from addon.core.papers.virtual_occlusions.occlusion import CapsuleOcclusion
     from addon.core.simulation.rigs import ring_rig
     from addon.core.simulation.simulate import CaptureOptions, PosedBody
     from addon.core.simulation.virtual import DEMO, draw_person, perform

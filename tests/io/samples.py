@@ -9,9 +9,9 @@ import numpy as np
 
 from addon.core.data.takes import Blobs, Points
 from addon.core.geometry.cameras import Cameras
+from addon.core.papers.partial_solvers.model import Classifiers, PartialSolvers, Record, Solver, Strong
 from addon.core.points.history import CheckedTake, ModelHistory, ModelVersion, TaughtTake
 from addon.core.points.models import Model, TrainingTake
-from addon.core.points.partial_solvers.model import Classifiers, PartialSolvers, Record, Solver, Strong
 from addon.io.cameras import write_cameras
 from addon.io.points import write_c3d, write_trc
 from addon.io.rig import Z_UP_FROM_Y_UP

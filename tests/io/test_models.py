@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from addon.core.data.errors import InputError
+from addon.core.papers.partial_solvers.frames import SolversNamer
 from addon.core.points.models import by_subject
-from addon.core.points.partial_solvers.frames import SolversNamer
 from addon.io import packed
 from addon.io.markersets import read_markerset
 from addon.io.models import open_model, read_model, write_model

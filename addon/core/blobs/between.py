@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from ..data.takes import REMAINING
-from .labelling import TOO_FAR, Frame, Naming, withdraw_unmet
+from ..papers.virtual_occlusions.labelling import TOO_FAR, Frame, Naming, withdraw_unmet
 from .tracking import FrameResult, met_points
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..kernels import frame_calls, stands_for
-from .labelling import TOO_FAR, Naming, nll_given_names
+from ..papers.virtual_occlusions.labelling import TOO_FAR, Naming, nll_given_names
 from .swaps import Swaps
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .labelling import Naming
+from ..papers.virtual_occlusions.labelling import Naming
 from .swaps import swap_names
 from .tracking import FrameResult, met_points
 

@@ -13,8 +13,8 @@ import numpy as np
 from ..data.takes import REMAINING
 from ..geometry.views import View
 from ..kernels import frame_calls, stands_for
+from ..papers.virtual_occlusions.labelling import TOO_FAR, Frame, Naming
 from .between import in_rounds
-from .labelling import TOO_FAR, Frame, Naming
 from .tracking import FrameResult
 
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from ..data.takes import REMAINING
 from ..geometry.views import View
-from .cloud import CLOUD, nearest_blobs, partners
-from .labelling import Expectation, Frame, Naming
+from ..papers.virtual_occlusions.cloud import CLOUD, nearest_blobs, partners
+from ..papers.virtual_occlusions.labelling import Expectation, Frame, Naming
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.bodies import Bodies
-from ..body.cost import RayPull
-from ..body.fit import fit_body
 from ..geometry.views import View
-from .labelling import Naming
+from ..papers.virtual_occlusions.cost import RayPull
+from ..papers.virtual_occlusions.fit import fit_body
+from ..papers.virtual_occlusions.labelling import Naming
 from .subject import SUBJECT, Setup, Subject
 from .tracking import FrameResult
 

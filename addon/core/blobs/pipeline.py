@@ -12,7 +12,6 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..body.bodies import Bodies
-from ..body.occlusion import Occlusion
 from ..data.errors import JobError
 from ..data.markersets import MarkerSet
 from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Suspect, summed
@@ -20,6 +19,8 @@ from ..edits.applying import BlobCells, apply_to_blobs
 from ..edits.kinds import NO_EDITS, Edits
 from ..geometry.cameras import Cameras
 from ..geometry.views import VIEWING, View, split_views
+from ..papers.virtual_occlusions.labelling import hand_over
+from ..papers.virtual_occlusions.occlusion import Occlusion
 from ..review.doubtful import WHOLE_FRAME
 from ..review.suspects import find_suspects
 from .absent import absent_markers
@@ -27,7 +28,6 @@ from .between import put_between
 from .confidence import CONFIDENCE, named_confidences, swap_doubts
 from .continuity import renamed
 from .image_tracklets import name_by_tracklets
-from .labelling import hand_over
 from .rereading import Rereader
 from .search import Found, Hints, find_subject
 from .seeding import contradicted, fixed_in, seeds_of

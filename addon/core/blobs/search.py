@@ -6,17 +6,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.bodies import Bodies, Posed
-from ..body.cost import BlobPull, CloudPull
-from ..body.fit import Fit, State, body_state, fit_body, fit_placement
 from ..body.prior import Prior
 from ..data.errors import JobError
 from ..geometry import rotations
 from ..geometry.views import VIEWING, View
+from ..papers.virtual_occlusions.cloud import Cloud, build_cloud
+from ..papers.virtual_occlusions.cost import BlobPull, CloudPull
+from ..papers.virtual_occlusions.fit import Fit, State, body_state, fit_body, fit_placement
+from ..papers.virtual_occlusions.labelling import Expectation, Frame, Naming, give_nearer, name_merged
+from ..papers.virtual_occlusions.placement import blob_centre, make_starts, principal_guess
 from .arms import with_arms_held
-from .cloud import Cloud, build_cloud
 from .jointly import JOINTLY, name_jointly
-from .labelling import Expectation, Frame, Naming, give_nearer, name_merged
-from .placement import blob_centre, make_starts, principal_guess
 from .subject import Setup, Subject, expect, learn_noise, learn_own, name, named_pull, refit
 from .swaps import Swaps, swap_names, try_swaps, withdraw_unexpected, without_own
 

@@ -6,7 +6,7 @@ import numpy as np
 from ..data.takes import NO_MARKER
 from ..edits.applying import AppliedEdits, BlobCells
 from ..geometry.views import View
-from .labelling import Naming
+from ..papers.virtual_occlusions.labelling import Naming
 
 
 def seeds_of(applied: AppliedEdits, cells: BlobCells) -> np.ndarray:

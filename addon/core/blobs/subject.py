@@ -7,16 +7,16 @@ from time import perf_counter
 
 import numpy as np
 
-from ..body import cost
 from ..body.bodies import Bodies, BodyModel, Posed
-from ..body.fit import State, fit_body
-from ..body.occlusion import OCCLUDING, CapsuleOcclusion, Occlusion
 from ..body.prior import Prior
 from ..data.markersets import MarkerSet
 from ..geometry.cameras import Cameras
 from ..geometry.views import Sight, View
+from ..papers.virtual_occlusions import cost
+from ..papers.virtual_occlusions.fit import State, fit_body
+from ..papers.virtual_occlusions.labelling import Expectation, Naming, Rules, name_exclusive, name_markers, pixel_noise
+from ..papers.virtual_occlusions.occlusion import OCCLUDING, CapsuleOcclusion, Occlusion
 from .exchanges import standing_exchanges
-from .labelling import Expectation, Naming, Rules, name_exclusive, name_markers, pixel_noise
 
 TIMED_STAGES = ("place", "fit", "label")
 

@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..body.fit import State, fit_body
 from ..geometry.rigid import pairwise_distances
 from ..geometry.views import View
-from .labelling import Naming, doubles
+from ..papers.virtual_occlusions.fit import State, fit_body
+from ..papers.virtual_occlusions.labelling import Naming, doubles
 from .subject import Setup, Subject, refit, slots_pull
 
 

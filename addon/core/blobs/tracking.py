@@ -7,15 +7,15 @@ from dataclasses import astuple, dataclass, replace
 import numpy as np
 
 from ..body.bodies import PLACEMENT, Bodies, BodyModel, Posed
-from ..body.fit import DAMPING
-from ..body.occlusion import OCCLUDING, CapsuleOcclusion
 from ..geometry import rotations
 from ..geometry.triangulation import MEETING
 from ..geometry.views import NOWHERE, View
 from ..kernels import calls, in_use
 from ..kernels.frame_calls import Follower
 from ..kernels.structures import made_once
-from .labelling import CONDITION, LABEL_STEPS, Expectation, Naming, naming_of
+from ..papers.virtual_occlusions.fit import DAMPING
+from ..papers.virtual_occlusions.labelling import CONDITION, LABEL_STEPS, Expectation, Naming, naming_of
+from ..papers.virtual_occlusions.occlusion import OCCLUDING, CapsuleOcclusion
 from .subject import SUBJECT, Setup, Subject, expect, learn_noise, learn_own, name, refit
 
 

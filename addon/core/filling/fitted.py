@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..body.bodies import Bodies, BodyModel
-from ..body.posing import POSING, fit_subject, pose_subject
 from ..body.prior import Prior
 from ..data.markersets import MarkerSet
 from ..data.takes import evenly_spread
+from ..posing.posing import POSING, fit_subject, pose_subject
 from .gaps import Gap, KnownMarkers
 
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 from itertools import tee
 
 from ..blobs.pipeline import Options, label_take
-from ..body.occlusion import Occlusion
 from ..data.errors import InputError
 from ..data.markersets import Worn
 from ..data.takes import (
@@ -27,6 +26,7 @@ from ..edits.applying import BlobCells, apply_to_blobs
 from ..edits.kinds import NO_EDITS, Edits
 from ..geometry.cameras import Cameras
 from ..geometry.measuring import measured_again, put_places
+from ..papers.virtual_occlusions.occlusion import Occlusion
 from ..points.models import Model
 from ..points.naming import chosen_method, plain_method
 from ..points.several.motion import with_bodies_of

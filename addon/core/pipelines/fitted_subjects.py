@@ -13,12 +13,12 @@ from typing import Self
 
 import numpy as np
 
-from ..blobs.labelling import Rules
 from ..blobs.pipeline import Options, TakeLabeller
 from ..blobs.subject import Setup
-from ..body.occlusion import Occlusion
 from ..data.takes import NO_MARKER, Blobs, Labels, Motion
 from ..geometry.cameras import Cameras
+from ..papers.virtual_occlusions.labelling import Rules
+from ..papers.virtual_occlusions.occlusion import Occlusion
 from ..points.several.props import is_prop
 from ..points.several.wearers import SetsWorn
 

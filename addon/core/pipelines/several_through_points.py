@@ -13,7 +13,6 @@ from time import perf_counter
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ..body.occlusion import OCCLUDING, CapsuleOcclusion, Occlusion, hidden_by_any
 from ..data.errors import JobError
 from ..data.lanes import Lanes
 from ..data.markersets import MarkerSet
@@ -25,6 +24,7 @@ from ..edits.kinds import NO_EDITS, Edits
 from ..geometry.cameras import Cameras
 from ..geometry.measuring import measured_again
 from ..geometry.triangulation import meet_rows
+from ..papers.virtual_occlusions.occlusion import OCCLUDING, CapsuleOcclusion, Occlusion, hidden_by_any
 from ..points.several.motion import LabelledSubjects, beside, measured_of_first
 from ..points.several.pipeline import label_several
 from ..points.several.wearers import SetsWorn, SeveralOptions

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..body.occlusion import CapsuleOcclusion
 from ..data.markersets import MarkerSet
+from ..papers.virtual_occlusions.occlusion import CapsuleOcclusion
 
 
 @dataclass(frozen=True)

@@ -66,7 +66,7 @@ class NothingInTheWay:
     """The occlusion of cameras that see through everything."""
 
     def hidden(self, rotations, joints, scale, markers, centres) -> np.ndarray:  # noqa: ARG002 - as Occlusion has it
-        """See `body.occlusion.Occlusion`."""
+        """See `papers.virtual_occlusions.occlusion.Occlusion`."""
         return np.zeros((len(markers), len(centres), markers.shape[1]), dtype=bool)
 
 

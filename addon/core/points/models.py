@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..data.markersets import MarkerSet
+from ..papers.partial_solvers.model import PartialSolvers
 from .history import NO_HISTORY, ModelHistory
 from .likelihood.model import Likelihood
-from .partial_solvers.model import PartialSolvers
 from .rigid_bodies.model import RigidBodies
 
 if TYPE_CHECKING:  # most sets are on no rigid bodies

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.bodies import Bodies, BodyModel
-from ..body.posing import POSING, fit_in_steps, fit_points, markers_there, pose_subject, subject_of
 from ..body.prior import Prior
 from ..data.columns import Columns, beside_of
 from ..data.lanes import PACKING, Lanes, blocks
 from ..data.markersets import MarkerSet
 from ..data.room import IN_MEMORY, MakeTable
 from ..data.takes import EditOutcome, LabelledChunk, Labels, Motion, PointRows, Points, Suspect, placed, places_of
+from ..posing.posing import POSING, fit_in_steps, fit_points, markers_there, pose_subject, subject_of
 from ..review.suspects import doubtful_flags, suspects_of
 
 

@@ -53,7 +53,7 @@ def namer_of(model: Model, method: str, options: "Options | None") -> Namer:
 
         return LikelihoodNamer(model.likelihood)
     if method == "ensemble":
-        from .partial_solvers.frames import SolversNamer
+        from ..papers.partial_solvers.frames import SolversNamer
 
         return SolversNamer(model.partial_solvers)
     from ..blobs.pipeline import Options

@@ -11,10 +11,10 @@ from typing import Protocol, Self
 
 import numpy as np
 
-from ..body.occlusion import Occlusion
 from ..data.takes import Blobs
 from ..geometry import rotations
 from ..geometry.cameras import Cameras
+from ..papers.virtual_occlusions.occlusion import Occlusion
 
 # Random numbers of the take as a whole come from a stream that no chunk uses.
 TAKE_STREAM = 2**32

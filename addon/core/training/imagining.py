@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.bodies import BodyModel
-from ..body.posing import fit_points
 from ..data.markersets import MarkerSet
 from ..data.takes import evenly_spread
 from ..geometry.rigid import pairwise_distances
 from ..points.likelihood.shape import cloud_radius
+from ..posing.posing import fit_points
 from .laying import LAYING
 from .poses import mirrored_poses, posed_bodies, poses_of
 

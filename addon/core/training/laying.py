@@ -11,15 +11,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.bodies import Bodies, BodyModel
-from ..body.fit import fit_body
-from ..body.posing import labelled_pull
 from ..body.prior import Prior
 from ..data.markersets import MarkerSet
 from ..data.takes import evenly_spread
 from ..geometry import rotations
 from ..geometry.rigid import MIN_POINTS
 from ..geometry.upright import turned
+from ..papers.virtual_occlusions.fit import fit_body
 from ..points.likelihood.sides import mirror_order
+from ..posing.posing import labelled_pull
 from .poses import posed_bodies
 
 

@@ -25,13 +25,13 @@ from ..body.anatomy import (
     other_side,
 )
 from ..body.bodies import Bodies, BodyModel
-from ..body.fit import fit_body
-from ..body.posing import aligned, baked, descend_subject, labelled_pull
 from ..body.prior import Prior
 from ..data.markersets import Capsules, MarkerSet, Skeleton, Spread
 from ..geometry import rotations
 from ..geometry.rigid import best_turns
+from ..papers.virtual_occlusions.fit import fit_body
 from ..points.likelihood.sides import MIRROR
+from ..posing.posing import aligned, baked, descend_subject, labelled_pull
 from .segments import distance_to_axis
 
 

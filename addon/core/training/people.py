@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.bodies import Bodies, BodyModel
-from ..body.posing import fit_points, labelled_pull
 from ..body.prior import Prior
 from ..data.markersets import MarkerSet
 from ..data.takes import evenly_spread
+from ..posing.posing import fit_points, labelled_pull
 from .laying import LAYING, laid_body, marker_sides
 from .limbs import Limb, guide, has_limbs, readings, sites_of
 from .poses import known_poses

@@ -13,16 +13,16 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..body.bodies import BodyModel
-from ..body.posing import fit_points
 from ..data.errors import InputError
 from ..data.markersets import MarkerSet
 from ..data.progress import Progress, within
+from ..papers.partial_solvers.model import FUNCTIONS, PartialSolvers
+from ..papers.partial_solvers.training import Training, training
 from ..points.likelihood.learn import LEARN, learning
 from ..points.likelihood.trying import Trying, in_turn
 from ..points.models import Model, TrainingTake, by_subject
-from ..points.partial_solvers.model import FUNCTIONS, PartialSolvers
-from ..points.partial_solvers.training import Training, training
 from ..points.rigid_bodies.model import learn_rigid_bodies
+from ..posing.posing import fit_points
 from .imagining import IMAGINING, imagined, shows_poses, size_of, strangers
 from .laying import LaidBody, laid_body, marker_sides
 from .people import person_in

@@ -8,9 +8,9 @@ import numpy as np
 
 from ..body.anatomy import other_side
 from ..body.bodies import Bodies, BodyModel
-from ..body.posing import fit_points
 from ..data.markersets import MarkerSet
 from ..geometry import rotations
+from ..posing.posing import fit_points
 from .takes import most_different
 
 MIRRORED_TURN = np.array([-1.0, 1.0, -1.0])  # a rotation vector's, left and right exchanged

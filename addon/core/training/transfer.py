@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.bodies import BodyModel
-from ..body.posing import POSING, fit_points
 from ..data.markersets import MarkerSet
 from ..data.takes import evenly_spread
+from ..posing.posing import POSING, fit_points
 from .segments import distance_to_axis
 
 

@@ -20,7 +20,7 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from addon.core.points.partial_solvers.training import Training
+from addon.core.papers.partial_solvers.training import Training
 
 from .. import people
 from .methods import FAITHFUL, METHODS

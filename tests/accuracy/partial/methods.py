@@ -9,11 +9,11 @@ import numpy as np
 
 from addon.core.data.progress import finished
 from addon.core.data.takes import Labels
+from addon.core.papers.partial_solvers.frames import SolversNamer
+from addon.core.papers.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS, PartialSolvers, Solver
+from addon.core.papers.partial_solvers.training import SolverStudy, Training
 from addon.core.points.likelihood.frames import label_frames
 from addon.core.points.likelihood.learn import learn_likelihood
-from addon.core.points.partial_solvers.frames import SolversNamer
-from addon.core.points.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS, PartialSolvers, Solver
-from addon.core.points.partial_solvers.training import SolverStudy, Training
 
 Takes = Sequence[tuple[np.ndarray, str]]  # frames (T, M, 3) m, and whose they are
 FAITHFUL = {"paper": PAPER_FUNCTIONS, "turn": FUNCTIONS}

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from addon.core.points.partial_solvers.training import Training
+from addon.core.papers.partial_solvers.training import Training
 
 from .. import people
 from . import solvers, speed

@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from addon.core.points.partial_solvers import search as searches
-from addon.core.points.partial_solvers.features import tables
-from addon.core.points.partial_solvers.masks import Masks
-from addon.core.points.partial_solvers.search import Genetics
-from addon.core.points.partial_solvers.solver import TreeSearch
-from addon.core.points.partial_solvers.training import Ground, SolverStudy, Training
-from tests.core.points.partial_solvers.plain import exhaustive, without_supersets
+from addon.core.papers.partial_solvers import search as searches
+from addon.core.papers.partial_solvers.features import tables
+from addon.core.papers.partial_solvers.masks import Masks
+from addon.core.papers.partial_solvers.search import Genetics
+from addon.core.papers.partial_solvers.solver import TreeSearch
+from addon.core.papers.partial_solvers.training import Ground, SolverStudy, Training
+from tests.core.papers.partial_solvers.plain import exhaustive, without_supersets
 
 from .methods import HIDES, Faithful
 from .studies import Test

@@ -6,10 +6,10 @@ from time import perf_counter
 import numpy as np
 
 from addon.core.data.takes import Labels
+from addon.core.papers.partial_solvers.frames import SolversNamer
 from addon.core.points.likelihood.frames import LikelihoodNamer
 from addon.core.points.likelihood.learn import learn_likelihood
 from addon.core.points.naming import Namer
-from addon.core.points.partial_solvers.frames import SolversNamer
 from addon.io.models import open_model
 from addon.io.points import read_points
 

@@ -4,9 +4,9 @@
 import numpy as np
 
 from addon.core.blobs.absent import absent_markers
-from addon.core.blobs.labelling import hand_over
 from addon.core.blobs.pipeline import label_take
 from addon.core.data.takes import EXCLUSIVE
+from addon.core.papers.virtual_occlusions.labelling import hand_over
 from tests.core.blobs.followed import RIG, followed, take_name, walk, wrong_names
 from tests.core.scenes import RATE, keep
 

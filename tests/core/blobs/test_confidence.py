@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from addon.core.blobs.confidence import label_confidences, swap_doubts
-from addon.core.blobs.labelling import Expectation, Frame, Naming, Rules, name_markers
 from addon.core.blobs.swaps import Swaps
 from addon.core.data.takes import EXCLUSIVE
 from addon.core.geometry.views import Sight, split_views
+from addon.core.papers.virtual_occlusions.labelling import Expectation, Frame, Naming, Rules, name_markers
 from addon.core.simulation.rigs import paper_rig
 from tests.core.scenes import blobs_at
 

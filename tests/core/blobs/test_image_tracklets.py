@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from addon.core.blobs.image_tracklets import name_by_tracklets, tracklets_of
-from addon.core.blobs.labelling import Frame, Naming
 from addon.core.geometry.views import View
+from addon.core.papers.virtual_occlusions.labelling import Frame, Naming
 from tests.core.blobs.followed import RIG, exchange, followed, take_name, wrong_names
 from tests.core.scenes import RATE
 

@@ -8,11 +8,11 @@ import pytest
 
 from addon.core.blobs.arms import ARMS, with_arms_held
 from addon.core.blobs.jointly import JOINTLY, hypotheses_of, name_jointly
-from addon.core.blobs.labelling import Expectation, Frame, Rules
 from addon.core.blobs.search import Hints, find_subject
 from addon.core.blobs.subject import Setup
 from addon.core.body.bodies import BodyModel
 from addon.core.geometry.views import Sight, View
+from addon.core.papers.virtual_occlusions.labelling import Expectation, Frame, Rules
 from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.simulate import CaptureOptions
 from tests.core.scenes import built_in, film, person_of

@@ -6,12 +6,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from addon.core.blobs.cloud import build_cloud
-from addon.core.blobs.labelling import Rules
 from addon.core.blobs.search import Hints, find_subject, first_starts
 from addon.core.blobs.subject import Setup
 from addon.core.data.takes import CONFLICT, EXCLUSIVE, REMAINING
 from addon.core.geometry.views import split_views
+from addon.core.papers.virtual_occlusions.cloud import build_cloud
+from addon.core.papers.virtual_occlusions.labelling import Rules
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from addon.core.simulation.simulate import CaptureOptions
 from tests.core.scenes import CLEAN, blobs_at, built_in, stand

@@ -7,12 +7,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from addon.core.blobs.labelling import Frame, Naming
 from addon.core.blobs.search import Hints, find_subject, settle
 from addon.core.blobs.subject import Setup, refit
 from addon.core.blobs.swaps import swap_names, try_swaps, withdraw_unexpected, without_own
 from addon.core.body.prior import Prior
 from addon.core.data.takes import EXCLUSIVE
+from addon.core.papers.virtual_occlusions.labelling import Frame, Naming
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from tests.core.scenes import FLAWLESS, built_in, stand
 

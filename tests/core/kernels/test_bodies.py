@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 
 from addon.core.blobs.tracking import Anchor
 from addon.core.body import bodies as posing
-from addon.core.body import cost, fit, occlusion
 from addon.core.body.bodies import PLACEMENT, Bodies, BodyModel
 from addon.core.body.prior import Prior
 from addon.core.geometry import cameras
 from addon.core.geometry.views import Sight, split_views
+from addon.core.papers.virtual_occlusions import cost, fit, occlusion
 from addon.core.simulation.rigs import paper_rig
 from tests.core.scenes import blobs_at, built_in
 from tests.core.toybody import toy_markerset

@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from addon.core.blobs import confidence
 from addon.core.blobs.confidence import CONFIDENCE
 from addon.core.blobs.image_tracklets import link_blobs
-from addon.core.blobs.labelling import named_by_numpy
 from addon.core.blobs.search import Hints, find_subject
 from addon.core.blobs.subject import Setup
 from addon.core.blobs.tracking import Track, followed_by_library, followed_by_numpy
 from addon.core.body.bodies import Bodies
 from addon.core.geometry.views import View
 from addon.core.kernels.frame_calls import Follower
+from addon.core.papers.virtual_occlusions.labelling import named_by_numpy
 from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.simulate import CaptureOptions
 from addon.core.simulation.virtual import Act

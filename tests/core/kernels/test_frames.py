@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from addon.core.blobs import labelling
-from addon.core.blobs.labelling import Expectation, Rules, named_by_library, named_by_numpy
 from addon.core.blobs.pipeline import label_take
 from addon.core.geometry import triangulation
 from addon.core.geometry.triangulation import MEETING
 from addon.core.geometry.views import Sight, split_views
 from addon.core.kernels import frame_calls
+from addon.core.papers.virtual_occlusions import labelling
+from addon.core.papers.virtual_occlusions.labelling import Expectation, Rules, named_by_library, named_by_numpy
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from addon.core.simulation.simulate import CaptureOptions
 from addon.core.simulation.virtual import Act

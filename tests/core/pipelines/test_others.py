@@ -8,9 +8,9 @@ import pytest
 
 from addon.core.blobs.pipeline import label_take
 from addon.core.body.bodies import BodyModel
-from addon.core.body.occlusion import CapsuleOcclusion
 from addon.core.data.takes import Blobs
 from addon.core.geometry.cameras import Cameras
+from addon.core.papers.virtual_occlusions.occlusion import CapsuleOcclusion
 from addon.core.pipelines.others import SEEKING, OtherSubjects, refuse_two
 from addon.core.points.refusals import SubjectsError
 from addon.core.simulation.rigs import ring_rig

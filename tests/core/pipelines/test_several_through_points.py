@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from addon.core.body.bodies import BodyModel
-from addon.core.body.occlusion import CapsuleOcclusion
 from addon.core.data.errors import InputError, JobError
 from addon.core.data.progress import finished
 from addon.core.data.takes import Blobs
 from addon.core.edits.kinds import AssignBlob, Edits, Place, Swap
+from addon.core.papers.virtual_occlusions.occlusion import CapsuleOcclusion
 from addon.core.pipelines.blobs import with_edits
 from addon.core.pipelines.several_through_points import PointsOfBlobs, SubjectsInImages, label_several_blobs
 from addon.core.points.several import pipeline

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from addon.core.body.bodies import BodyModel
-from addon.core.body.occlusion import CapsuleOcclusion
 from addon.core.geometry.cameras import Cameras
+from addon.core.papers.virtual_occlusions.occlusion import CapsuleOcclusion
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from addon.core.simulation.simulate import CaptureOptions, PosedBody, capture, disturbed, joined
 from tests.core.toybody import toy_markerset

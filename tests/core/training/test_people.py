@@ -9,11 +9,11 @@ import pytest
 
 from addon.core.body.anatomy import other_side
 from addon.core.body.bodies import BodyModel
-from addon.core.body.posing import fit_points
 from addon.core.data.progress import finished
 from addon.core.data.takes import evenly_spread
 from addon.core.geometry import rotations
 from addon.core.points.likelihood import learn
+from addon.core.posing.posing import fit_points
 from addon.core.training import people, pipeline
 from addon.core.training.limbs import guide, has_limbs, readings, sites_of
 from addon.core.training.people import FoundPerson, person_in

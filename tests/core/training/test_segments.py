@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from addon.core.body.bodies import BodyModel
-from addon.core.body.posing import fit_points
 from addon.core.geometry import rotations
 from addon.core.geometry.rigid import centre_of_rotation, laid_on
+from addon.core.posing.posing import fit_points
 from addon.core.training.segments import find_segments, segment_markerset
 
 NAMES = [f"{part}{number}" for part in ("HIP", "SHIN", "TOE") for number in range(1, 5)]

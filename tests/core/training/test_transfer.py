@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from addon.core.body.bodies import BodyModel
-from addon.core.body.posing import fit_points
+from addon.core.posing.posing import fit_points
 from addon.core.training.transfer import known_body, transferred
 from addon.demo.take import make_performance
 from addon.io.markersets import builtin_markersets, open_markerset

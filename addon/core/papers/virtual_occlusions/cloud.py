@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Points in space from unnamed blobs: which rays of different cameras meet, and how well.
+
+A frame's cloud starts the placement: it holds nearly every marker that two cameras see, and some false crossings.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...geometry.rigid import pairwise_distances
+from ...geometry.triangulation import Rays
+from ...geometry.views import Sight, View
+
+
+@dataclass(frozen=True)
+class CloudOptions:
+    """Which rays meet, and how much is worked on; reckoned.
+
+    max_gap_m        between two rays of one marker at its depth: most of a marker's size, for calibrations that are
+                     off, plus what the pixels add
+    max_gap_px       what they add
+    max_residual_m   root mean square distance of a point from its rays, so that chains of near misses make none
+    min_depth_m      nobody stands nearer to a camera
+    min_sine         of the angle between two rays; below it they fix no depth
+    partners         of a camera, the nearest others, whose rays it meets: they see the same side of a body, and what
+                     cameras farther apart see as well is confirmed by them. With eight cameras all are partners; with
+                     more the work grows as their number and not as its square
+    few_cameras      of so few all rays are met at once; of more
+    neighbours       of a camera are met first, and
+    sure_support     cameras settle a point then
+    max_crossings    of pairs of rays in a frame, the best first: more is a crowd, which would take minutes
+    distances_once   a camera that are worked on at once: few enough for the processor's cache
+    """
+
+    max_gap_m: float = 0.012
+    max_gap_px: float = 3.0
+    max_residual_m: float = 0.024
+    min_depth_m: float = 0.2
+    min_sine: float = 0.02
+    partners: int = 7
+    few_cameras: int = 5
+    neighbours: int = 2
+    sure_support: int = 4
+    max_crossings: int = 4000
+    distances_once: int = 100_000
+
+
+CLOUD = CloudOptions()
+
+
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """Q candidate points of one frame.
+
+    points   (Q, 3) m
+    support  (Q,) number of cameras whose blobs agree on the point
+    weight   (Q,) 0 to 1, how likely the point is a marker: shared blobs share their weight
+    """
+
+    points: np.ndarray
+    support: np.ndarray
+    weight: np.ndarray
+
+
+def build_cloud(view: View, sight: Sight) -> Cloud:
+    """The cloud of one frame: pairs of rays that meet, completed by the other cameras that confirm the point.
+
+    Of many cameras the rays of neighbours are met first: what several others confirm is settled, and only the blobs
+    that are left go on to be met more widely.
+    """
+    rays, claimed = Rays(view, sight), np.zeros(view.real.shape, bool)
+    parts = []
+    if sight.count > CLOUD.few_cameras:
+        parts.append(_sets(view, sight, rays, claimed, CLOUD.neighbours, CLOUD.sure_support))
+    parts.append(_sets(view, sight, rays, claimed, CLOUD.partners, 2))
+    members, points = (np.concatenate(column) for column in zip(*parts, strict=True))
+    support = (members >= 0).sum(axis=1)
+    return Cloud(points, support, _weights(members, support, view.real.shape))
+
+
+def partners(centres: np.ndarray, count: int) -> np.ndarray:
+    """(C, C) which of the cameras with centres (C, 3) m are among the `count` nearest of one another, either way."""
+    rank = pairwise_distances(centres).argsort(axis=1, kind="stable").argsort(axis=1)
+    among = rank <= count
+    return (among | among.T) & ~np.eye(len(centres), dtype=bool)
+
+
+def _sets(view: View, sight: Sight, rays: Rays, claimed: np.ndarray, count: int, least: int):
+    """Sets of blobs (Q, C) that `least` cameras or more agree on, and their points (Q, 3); their blobs are `claimed`.
+
+    The rays of `count` neighbours are met.
+    """
+    camera, slot = np.nonzero(view.real & ~claimed)
+    direction, origin = rays.direction[camera, slot], sight.centres[camera]
+    first, second, middle = _crossings(camera, direction, origin, sight, count)
+    if not len(first):
+        return np.zeros((0, sight.count), int), np.zeros((0, 3))
+    members = _members(middle, view, sight)
+    members[np.arange(len(first)), camera[first]] = slot[first]
+    members[np.arange(len(first)), camera[second]] = slot[second]
+    return _chosen(np.unique(members, axis=0), rays, claimed, least)
+
+
+def _crossings(camera, direction, origin, sight, count: int):
+    """Pairs of rays of neighbours that pass each other closely in front of both, and their mid-points."""
+    start = np.searchsorted(camera, np.arange(sight.count + 1))
+    one, other = np.nonzero(np.triu(partners(sight.centres, count)))
+    mine, theirs = np.diff(start)[one], np.diff(start)[other]
+    pair = np.repeat(np.arange(len(one)), mine * theirs)
+    within = np.arange(len(pair)) - np.repeat(np.cumsum(mine * theirs) - mine * theirs, mine * theirs)
+    first, second = start[one[pair]] + within // theirs[pair], start[other[pair]] + within % theirs[pair]
+    first, second, middle, badness = _meetings(first, second, camera, direction, origin, sight)
+    if len(first) > CLOUD.max_crossings:
+        best = np.argsort(badness)[: CLOUD.max_crossings]
+        return first[best], second[best], middle[best]
+    return first, second, middle
+
+
+def _meetings(first, second, camera, direction, origin, sight):
+    """Of pairs of rays, those that meet: their indices, mid-points, and the gap as a share of what is allowed."""
+    between = origin[second] - origin[first]
+    cosine = np.einsum("ni,ni->n", direction[first], direction[second])
+    along_first = np.einsum("ni,ni->n", between, direction[first])
+    along_second = np.einsum("ni,ni->n", between, direction[second])
+    sine2 = np.maximum(1 - cosine**2, CLOUD.min_sine**2)
+    near, far = (along_first - cosine * along_second) / sine2, (cosine * along_first - along_second) / sine2
+    low, high = origin[first] + near[:, None] * direction[first], origin[second] + far[:, None] * direction[second]
+    pixel = near / sight.focal[camera[first]] + far / sight.focal[camera[second]]
+    gap = np.linalg.norm(low - high, axis=1)
+    allowed = CLOUD.max_gap_m + CLOUD.max_gap_px * pixel / 2
+    kept = (near > CLOUD.min_depth_m) & (far > CLOUD.min_depth_m) & (gap < allowed)
+    kept &= 1 - cosine**2 > CLOUD.min_sine**2
+    return first[kept], second[kept], ((low + high) / 2)[kept], (gap / allowed)[kept]
+
+
+def _members(points: np.ndarray, view: View, sight: Sight) -> np.ndarray:
+    """(Q, C) slot of the blob nearest to each point's image where it is near enough, else -1."""
+    nearest, metres, depth = nearest_blobs(points, view, sight)
+    allowed = CLOUD.max_gap_m + CLOUD.max_gap_px * depth / sight.focal[:, None]
+    return np.where(metres < allowed, nearest, -1).T
+
+
+def nearest_blobs(points: np.ndarray, view: View, sight: Sight) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of points (Q, 3) m the nearest blob's slot in each camera (C, Q), how far off at its depth, and that depth, m."""
+    blocks = np.array_split(points, max(1, len(points) * view.image.shape[1] // CLOUD.distances_once))
+    parts = zip(*(_nearest_of_block(block, view, sight) for block in blocks), strict=True)
+    return tuple(np.concatenate(part, axis=1) for part in parts)
+
+
+def _nearest_of_block(points, view, sight) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    local = sight.local(points[None])[0]
+    image = sight.image(local)
+    square, other = (view.image[:, None, :, axis] - image[..., axis, None] for axis in (0, 1))
+    square *= square
+    other *= other
+    square += other
+    nearest = square.argmin(axis=2)
+    least = np.take_along_axis(square, nearest[..., None], axis=2)[..., 0]
+    return nearest, np.sqrt(least) * local[..., 2], local[..., 2]
+
+
+def _chosen(members: np.ndarray, rays: Rays, claimed: np.ndarray, least: int) -> tuple[np.ndarray, np.ndarray]:
+    """The best-supported sets of blobs, and their points; a set that only repeats the blobs of better ones goes."""
+    seen = members >= 0
+    support = seen.sum(axis=1)
+    members, seen, support = (part[support >= least] for part in (members, seen, support))
+    met = rays.meet(members.T)
+    fine = np.isfinite(met.residual) & (met.residual < CLOUD.max_residual_m)
+    order = np.lexsort((met.residual, -support))
+    everyone = np.arange(len(claimed))
+    chosen = []
+    for index in order[fine[order]]:
+        mine = seen[index]
+        fresh = ~claimed[everyone[mine], members[index, mine]]
+        if support[index] >= 3 and fresh.sum() >= 2:
+            claimed[everyone[mine], members[index, mine]] = True
+            chosen.append(index)
+        elif support[index] == 2 and fresh.all():
+            chosen.append(index)
+    return members[chosen], met.points[chosen]
+
+
+def _weights(members: np.ndarray, support: np.ndarray, shape) -> np.ndarray:
+    """A point confirmed by three cameras counts whole; points that claim one blob share it."""
+    claims = np.zeros(shape)
+    cameras = np.broadcast_to(np.arange(shape[0]), members.shape)
+    has = members >= 0
+    np.add.at(claims, (cameras[has], members[has]), 1)
+    share = np.where(has, 1 / np.maximum(claims[cameras, np.maximum(members, 0)], 1), 1).min(axis=1, initial=1.0)
+    return np.where(support >= 3, 1.0, share)

@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A posed body as the skeleton of a character: the bones and names that rigs have, at rest in a T-pose.
+
+A segment moves its bones rigidly, so every bone is where the body has it, whatever its rest. The rest is what copies of
+rotations from one rig to another count from: upright, arms out to the sides with the palms down, looking along -y, as
+characters do in Blender.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..body.anatomy import BODY_SIDES
+from ..data.errors import InputError
+
+# From the body's axes (x forward, y left) to a character's (-y forward, x left).
+FACING = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
+UPWARDS, DOWNWARDS, FORWARDS = (0.0, 0, 1), (0.0, 0, -1), (0.0, -1, 0)
+
+
+@dataclass(frozen=True)
+class CharacterOptions:
+    """Where bones begin that a body's segments have no joints for. Reckoned.
+
+    chest     part of the way from the back's joint to the neck's
+    skull     part of the way from the neck's joint to the top of the head
+    shoulder  part of the way from the neck's joint to the shoulder's
+    toes      part of the way from the ankle to the tips of the toes
+    """
+
+    chest: float = 0.5
+    skull: float = 0.4
+    shoulder: float = 0.15
+    toes: float = 0.7
+
+
+CHARACTER = CharacterOptions()
+
+
+@dataclass(frozen=True)
+class BoneSite:
+    """A bone of a character.
+
+    name       as in `BONE_NAMES`
+    parent     None for the root
+    segment    of the body, that moves it
+    towards    the segment whose joint is ahead of it; None for the own far end
+    along      it begins so far, of the way there
+    direction  of the bone at rest, None for as the body has it
+    until      it ends so far on that way
+    start      the segment whose joint that way begins at, None for its own
+    """
+
+    name: str
+    parent: str | None
+    segment: str
+    towards: str | None
+    direction: tuple[float, float, float] | None
+    along: float = 0.0
+    until: float = 1.0
+    start: str | None = None
+
+
+def _arm_and_leg(side: str) -> tuple[BoneSite, ...]:
+    out = (1.0 if side == BODY_SIDES[0] else -1.0, 0.0, 0.0)
+    arm, forearm, hand, thigh, shank, foot = (
+        f"{name}.{side}" for name in ("upper_arm", "forearm", "hand", "thigh", "shank", "foot")
+    )
+    shoulder = f"shoulder.{side}"
+    return (
+        BoneSite(shoulder, "chest", "thorax", arm, out, along=CHARACTER.shoulder, start="head"),
+        BoneSite(arm, shoulder, arm, forearm, out),
+        BoneSite(forearm, arm, forearm, hand, out),
+        BoneSite(hand, forearm, hand, None, out),
+        BoneSite(thigh, "hips", thigh, shank, DOWNWARDS),
+        BoneSite(shank, thigh, shank, foot, DOWNWARDS),
+        BoneSite(foot, shank, foot, None, None, until=CHARACTER.toes),
+        BoneSite(f"toes.{side}", foot, foot, None, FORWARDS, along=CHARACTER.toes),
+    )
+
+
+BONES = (
+    BoneSite("hips", None, "pelvis", "thorax", None),
+    BoneSite("spine", "hips", "thorax", "head", UPWARDS, until=CHARACTER.chest),
+    BoneSite("chest", "spine", "thorax", "head", UPWARDS, along=CHARACTER.chest),
+    BoneSite("neck", "chest", "head", None, UPWARDS, until=CHARACTER.skull),
+    BoneSite("head", "neck", "head", None, UPWARDS, along=CHARACTER.skull),
+    *_arm_and_leg("L"),
+    *_arm_and_leg("R"),
+)
+_TRUNK_BONES = ("hips", "spine", "chest", "neck", "head")
+_LIMB_BONES = ("shoulder", "upper_arm", "forearm", "hand", "thigh", "shank", "foot", "toes")
+
+
+def _both_sides(trunk: str, limbs: str, sides: tuple[str, str]) -> Mapping[str, str]:
+    """The names of all bones; in `limbs` the side stands where `*` is."""
+    names = dict(zip(_TRUNK_BONES, trunk.split(), strict=True))
+    for side, word in zip(BODY_SIDES, sides, strict=True):
+        for limb, name in zip(_LIMB_BONES, limbs.split(), strict=True):
+            names[f"{limb}.{side}"] = name.replace("*", word)
+    return names
+
+
+# What rigs call the bones: HumanIK's names, which Mixamo and most retargeting know; Unreal's mannequin; Rigify's human.
+BONE_NAMES = {
+    "HUMANIK": _both_sides(
+        "Hips Spine Spine1 Neck Head",
+        "*Shoulder *Arm *ForeArm *Hand *UpLeg *Leg *Foot *ToeBase",
+        ("Left", "Right"),
+    ),
+    "UNREAL": _both_sides(
+        "pelvis spine_01 spine_02 neck_01 head",
+        "clavicle_* upperarm_* lowerarm_* hand_* thigh_* calf_* foot_* ball_*",
+        ("l", "r"),
+    ),
+    "RIGIFY": _both_sides(
+        "spine spine.001 spine.003 spine.004 spine.006",
+        "shoulder.* upper_arm.* forearm.* hand.* thigh.* shin.* foot.* toe.*",
+        ("L", "R"),
+    ),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Character:
+    """The B bones of a character of one size, at rest.
+
+    names    as in `BONE_NAMES`, parents before children
+    parents  (B,) -1 for the root
+    heads    (B, 3) m, where each begins in the T-pose, and
+    tails    (B, 3) m, where it ends
+    segment  (B,) index of the segment of the body that moves it
+    starts   (B, 3) m, where it begins in that segment's axes from its joint
+    turns    (B, 3, 3) from that segment's axes to those of the T-pose
+    """
+
+    names: tuple[str, ...]
+    parents: np.ndarray
+    heads: np.ndarray
+    tails: np.ndarray
+    segment: np.ndarray
+    starts: np.ndarray
+    turns: np.ndarray
+
+    def posed(self, joints: np.ndarray, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Where bones begin (F, B, 3) m and how they are turned from the rest (F, B, 3, 3), world.
+
+        From the joints (F, J, 3) m of a body and the rotations (F, J, 3, 3) of its segments; NaN stays NaN.
+        """
+        carried = rotations[:, self.segment]
+        heads = joints[:, self.segment] + np.einsum("fbij,bj->fbi", carried, self.starts)
+        return heads, carried @ self.turns.swapaxes(1, 2)
+
+
+def character_of(segments: Sequence[str], joints: np.ndarray, ends: np.ndarray) -> Character:
+    """The character of a body at rest: its segments' names, joints (J, 3) m and far ends (J, 3) m in the body's axes.
+
+    It has the bones of what the body has: no arms on legs alone. Raises InputError where it is no person's.
+    """
+    there = set(segments)
+    sites = [site for site in BONES if {site.segment, site.start or site.segment} <= there]
+    if not {"pelvis", "thigh.L", "thigh.R"} <= there:
+        raise InputError(
+            f"the marker set has no person's skeleton (its segments: {', '.join(segments[:4])}, …); expected one with "
+            "pelvis and legs, such as the built-in ones or one that was learned from a person's movement"
+        )
+    names = tuple(site.name for site in sites)
+    parents = np.array([names.index(site.parent) if site.parent in names else -1 for site in sites])
+    index = {name: at for at, name in enumerate(segments)}
+    begin, end = (np.array(part) for part in zip(*(_ends(site, index, joints, ends) for site in sites), strict=True))
+    turns = np.array([_turn(site, two - one) for site, one, two in zip(sites, begin, end, strict=True)])
+    heads = np.zeros_like(begin)
+    for at, above in enumerate(parents):
+        if above >= 0:
+            heads[at] = heads[above] + turns[above] @ (begin[at] - begin[above])
+    feet = [at for at, site in enumerate(sites) if site.segment.startswith("foot")]
+    heads[:, 2] += (begin[feet, 2] - heads[feet, 2]).mean() if feet else begin[0, 2]
+    segment = np.array([index[site.segment] for site in sites])
+    tails = heads + np.einsum("bij,bj->bi", turns, end - begin)
+    return Character(names, parents, heads, tails, segment, begin - joints[segment], turns)
+
+
+def _ends(site: BoneSite, index: Mapping[str, int], joints: np.ndarray, ends: np.ndarray):
+    """Where a bone begins and ends on the body at rest."""
+    own = index[site.segment]
+    first = joints[index[site.start or site.segment]]
+    last = joints[index[site.towards]] if site.towards in index else ends[own]
+    return first + site.along * (last - first), first + site.until * (last - first)
+
+
+def _turn(site: BoneSite, bone: np.ndarray) -> np.ndarray:
+    """(3, 3) from a body's axes to those of the T-pose: the least turn that makes the bone (3,) point as it should."""
+    ahead = FACING @ bone / max(float(np.linalg.norm(bone)), 1e-9)
+    if site.direction is None:
+        return FACING
+    goal = np.array(site.direction)
+    axis, along = np.cross(ahead, goal), float(ahead @ goal)
+    if along < -1 + 1e-9:  # half a turn has no least one: about the way it looks
+        return np.diag([-1.0, 1, -1]) @ FACING
+    cross = np.cross(axis, np.eye(3)).T
+    return (np.eye(3) + cross + cross @ cross / (1 + along)) @ FACING

@@ -1,0 +1,416 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Posing a body on labelled 3D points: one subject, so one shape and size over all frames, and a pose in each.
+
+Used to put the body in the way of a recorded take, and to learn marker sets.
+"""
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..body.bodies import PLACEMENT, Bodies, BodyModel
+from ..body.prior import Prior
+from ..data.lanes import blocks
+from ..data.markersets import MarkerSet
+from ..data.progress import finished
+from ..data.room import IN_MEMORY, MakeTable
+from ..geometry import rotations
+from ..geometry.rigid import best_turns
+from ..kernels import calls
+from ..papers.virtual_occlusions.cost import PointPull
+from ..papers.virtual_occlusions.fit import fit_body, fit_until_still
+
+
+@dataclass(frozen=True)
+class PosingOptions:
+    """How a body is posed on labelled points; reckoned.
+
+    marker_sd_m      how far a marker sits from where a well fitted body carries it: skin moves
+    reach_m          farther off than this a point pulls less and less, it may be labelled wrongly
+    height_sd_m      of a height that was measured
+    own_sd           heights, how far a subject's own markers stray from where the shape puts them
+    min_markers      a frame with fewer has no pose
+    subject_frames   which one subject's size and shape are taken from, where a marker set is learned from them
+    key_stride       frames; those in between start from their neighbours' poses
+    window_frames    of one subject that are posed as a take of their own, so that memory hardly grows with the take
+    batch_frames     posed at once: large enough for NumPy, small enough for the cache
+    max_cost_ratio   of a frame's cost to the median; a frame that is posed worse than this is tried again
+    min_size_ratio   of a body's first size to the prior's height: a child on a grown person's marker set
+    max_size_ratio   and a grown person on a child's
+    limb_weight      of a marker in the first alignment, for every joint between it and the root: limbs move
+    hold             1/m², holds a column against any data, yet is not so large that the rest is lost in rounding
+    free_steps       iterations of the frames' own fits, from the first alignment
+    subject_steps    iterations of the fit with shared size and shape
+    own_rounds       of own offsets, each followed by
+    own_steps        iterations of that fit
+    key_steps        iterations of a key frame
+    between_steps    iterations of a frame that starts from its neighbours
+    again_steps      iterations of a frame that is tried again
+    at_once          iterations after which frames that are still go no further; all of these are at most
+    still            of a frame's cost, that its last iteration lowered it by; a marker 1.4 mm off costs ten times that
+    subject_work     what a frame of the subject's size and shape takes, in steps; measured, for progress only
+    again_share      of the frames, that are tried again; measured, for progress only
+    """
+
+    marker_sd_m: float = 0.01
+    reach_m: float = 0.2
+    height_sd_m: float = 0.03
+    own_sd: float = 0.02
+    min_markers: int = 4
+    subject_frames: int = 40
+    key_stride: int = 8
+    window_frames: int = 20_000
+    batch_frames: int = 256
+    max_cost_ratio: float = 3.0
+    min_size_ratio: float = 0.6
+    max_size_ratio: float = 1.6
+    limb_weight: float = 0.25
+    hold: float = 1e9
+    free_steps: int = 12
+    subject_steps: int = 8
+    own_rounds: int = 2
+    own_steps: int = 3
+    key_steps: int = 15
+    between_steps: int = 4
+    again_steps: int = 12
+    at_once: int = 2
+    still: float = 1e-3
+    subject_work: int = 38
+    again_share: float = 0.05
+
+
+POSING = PosingOptions()
+
+
+def fit_points(
+    model: BodyModel,
+    points: np.ndarray,
+    *,
+    height: float | None = None,
+    prior: Prior | None = None,
+    subject_frames: int = POSING.subject_frames,
+    progress: Callable[[float], None] | None = None,
+    make_table: MakeTable = IN_MEMORY,
+) -> Bodies:
+    """T bodies of one subject posed on its markers.
+
+    points (T, M, 3) m, NaN where missing, in the marker set's order; `height` m, if it was measured. Scale, shape and
+    own offsets are the same in every body. A frame with too few markers gets NaN translation, quaternion and
+    bends. Size and shape are taken from so many `subject_frames`. `progress` hears the share that is done; `make_table`
+    says where the poses are kept. Raises ValueError when no frame has more.
+    """
+    if prior is None:
+        prior = Prior(model, height=height, height_sd=None if height is None else POSING.height_sd_m)
+    return finished(fit_in_steps(model, points, prior, subject_frames, make_table), progress)
+
+
+def fit_in_steps(
+    model: BodyModel,
+    points: np.ndarray,
+    prior: Prior,
+    subject_frames: int = POSING.subject_frames,
+    make_table: MakeTable = IN_MEMORY,
+    subject: Bodies | None = None,
+) -> Generator[float, None, Bodies]:
+    """What `fit_points` does, a little at a time; yields the share that is done. The `subject` may be known already."""
+    enough = np.flatnonzero(markers_there(points) >= POSING.min_markers)
+    if subject is None:
+        subject = subject_of(model, points, prior, subject_frames)
+    count = _counter(len(enough), min(subject_frames, len(enough)))
+    poses = {name: (len(points), *getattr(subject, name).shape[1:]) for name in ("translation", "quaternion", "bends")}
+    fields = {name: _each(getattr(subject, name), len(points)) for name in ("scale", "shape", "own")}
+    for name, shape in poses.items():
+        fields[name] = make_table(shape, float)
+        for part in blocks(len(points), int(np.prod(shape[1:]))):
+            fields[name][part] = np.nan
+    yield count(0)
+    for at in range(0, len(enough), POSING.window_frames):
+        part = enough[at : at + POSING.window_frames]
+        bodies = yield from _pose_in_steps(model, subject, points[part], prior, count)
+        for name in poses:
+            fields[name][part] = getattr(bodies, name)
+    return Bodies(**fields)
+
+
+def markers_there(points: np.ndarray) -> np.ndarray:
+    """(T,) how many markers there are in each frame of points (T, M, 3)."""
+    parts = blocks(*points.shape[:2])
+    counts = [np.isfinite(points[part]).all(axis=2).sum(axis=1) for part in parts]
+    return np.concatenate([np.zeros(0, int), *counts])
+
+
+def subject_of(model: BodyModel, points: np.ndarray, prior: Prior, frames: int = POSING.subject_frames) -> Bodies:
+    """The size and shape of the subject of points (T, M, 3) m, as a body (a batch of 1), from so many of the frames.
+
+    Raises ValueError when no frame has enough markers.
+    """
+    there = markers_there(points)
+    enough = np.flatnonzero(there >= POSING.min_markers)
+    if not len(enough):
+        raise ValueError("no frame has enough markers to pose a body on")
+    return fit_subject(model, points[_fullest(there, enough, frames)], prior).pick(slice(0, 1))
+
+
+def fit_subject(model: BodyModel, points: np.ndarray, prior: Prior, steps: int = POSING.subject_steps) -> Bodies:
+    """Bodies (T) that share scale, shape and own offsets, on a few frames (T, M, 3) m that all have a pose."""
+    free = _until_still(model, aligned(model, points, prior), points, POSING.free_steps, prior)
+    bodies = replace(free, scale=_shared(free.scale), shape=_shared(free.shape))
+    bodies = descend_subject(model, bodies, points, prior, steps)
+    for _ in range(POSING.own_rounds):
+        bodies = _with_own(model, bodies, points)
+        bodies = descend_subject(model, bodies, points, prior, POSING.own_steps)
+    return bodies
+
+
+def _counter(frames: int, fullest: int) -> Callable[[int], float]:
+    """A function that hears how many frames went how many steps on, and says how far that is in it all.
+
+    So many frames, the `fullest`, have given size and shape by then.
+    """
+    again = POSING.again_share * 3 * POSING.again_steps
+    each = POSING.key_steps / POSING.key_stride + POSING.between_steps + again
+    done = POSING.subject_work * fullest
+    whole = done + frames * each
+
+    def count(work: int) -> float:
+        nonlocal done
+        done += work
+        return min(done / whole, 1.0)
+
+    return count
+
+
+def pose_subject(model: BodyModel, subject: Bodies, points: np.ndarray, prior: Prior) -> Bodies:
+    """One subject (a batch of 1) posed on frames (T, M, 3) m that all have enough markers; nothing else is fitted."""
+    return finished(_pose_in_steps(model, subject, points, prior, float))
+
+
+def _pose_in_steps(
+    model: BodyModel, subject: Bodies, points: np.ndarray, prior: Prior, count: Callable[[int], float]
+) -> Generator[float, None, Bodies]:
+    """The same batch after batch.
+
+    `count` is called with the number of frames times the steps that they were moved on by; what it says is yielded.
+    """
+    stiff = BodyModel(baked(model, subject))
+    held = _Held(Prior(stiff, prior.strength, height=prior.height), slice(6, PLACEMENT))
+    keys = np.unique(np.append(np.arange(0, len(points), POSING.key_stride), len(points) - 1))
+    start = replace(aligned(stiff, points[keys], prior), scale=np.repeat(subject.scale, len(keys), axis=0))
+    posed = yield from _fit_batches(stiff, start, points[keys], held, POSING.key_steps, count)
+    if len(keys) < len(points):
+        start = _between(posed, keys, len(points))
+        posed = yield from _fit_batches(stiff, start, points, held, POSING.between_steps, count)
+        posed = yield from _tried_again(stiff, posed, points, held, count)
+    return replace(
+        posed,
+        scale=_each(subject.scale, len(points)),
+        shape=_each(subject.shape, len(points)),
+        own=_each(subject.own, len(points)),
+    )
+
+
+def _each(values: np.ndarray, count: int) -> np.ndarray:
+    """The same values (1, …) for every one of so many frames, held once."""
+    return np.broadcast_to(values, (count, *values.shape[1:]))
+
+
+def labelled_pull(points: np.ndarray, noise: float = POSING.marker_sd_m, reach: float = POSING.reach_m) -> PointPull:
+    """The data of a fit on labelled points (B, M, 3) m, NaN where missing."""
+    return PointPull(points, noise, reach)
+
+
+def aligned(model: BodyModel, points: np.ndarray, prior: Prior) -> Bodies:
+    """Bodies in the mean pose and shape, laid on points (B, M, 3) m as rigid bodies, in Umeyama's size.
+
+    Markers count less the more joints are between them and the root: limbs move, the trunk shows where one faces.
+    """
+    bodies = model.rest(len(points), 1.0)
+    bodies.bends[:, 1:] = prior.bend_mean.reshape(-1, 3)
+    shape = model.pose(bodies.pick(slice(0, 1))).markers[0]
+    depth = np.bincount(model.carried[0], minlength=model.marker_count)
+    weight = np.where(np.isfinite(points).all(axis=2), POSING.limb_weight**depth, 0.0)
+    weight /= weight.sum(axis=1, keepdims=True)
+    known = np.where(weight[..., None] > 0, points, 0.0)
+    there = np.einsum("bm,bmi->bi", weight, known)
+    here = weight @ shape
+    outer = np.einsum("bm,bmi,bmj->bij", weight, known - there[:, None], shape - here[:, None])
+    turn, values = best_turns(outer)
+    variance = np.einsum("bm,bmi,bmi->b", weight, shape - here[:, None], shape - here[:, None])
+    size = values.sum(axis=1) / np.maximum(variance, 1e-9)
+    size = np.clip(size, POSING.min_size_ratio * prior.height, POSING.max_size_ratio * prior.height)
+    vector = rotations.rotation_vector(turn)
+    return replace(
+        bodies,
+        translation=there - size[:, None] * (turn @ here[..., None])[..., 0],
+        quaternion=rotations.turned(bodies.quaternion, vector),
+        scale=np.repeat(size[:, None], 3, axis=1),
+    )
+
+
+def descend_subject(
+    model: BodyModel, bodies: Bodies, points: np.ndarray, prior: Prior, steps: int, noise: float = POSING.marker_sd_m
+) -> Bodies:
+    """Damped Gauss-Newton on all frames' poses and the shared scale and shape at once.
+
+    The frames meet only in the shared columns, so each frame's pose is eliminated (Schur complement) before the shared
+    system is solved. The prior counts in every frame, as skin moves alike in all of them.
+    """
+    pull = labelled_pull(points, noise)
+    shared = np.ones(model.parameters, bool)
+    shared[:6] = shared[PLACEMENT : PLACEMENT + 3 * (model.joint_count - 1)] = False
+    damping = 1e-3
+    cost, gradient, normal = _equations(model, bodies, pull, prior)
+    for _ in range(steps):
+        tried = bodies.moved(-_subject_step(gradient, normal, shared, damping))
+        new = _equations(model, tried, pull, prior)
+        if new[0] <= cost:
+            still = cost - new[0] < POSING.still * len(points)
+            bodies, (cost, gradient, normal), damping = tried, new, max(damping / 10, 1e-8)
+            if still:
+                break
+        else:
+            damping *= 10
+    return bodies
+
+
+def _equations(model: BodyModel, bodies: Bodies, pull: PointPull, prior: Prior) -> tuple[float, np.ndarray, np.ndarray]:
+    """Cost of all frames together, then gradient (T, P) and normal matrix (T, P, P) of each."""
+    state = fit_body(model, bodies, pull, 0, prior).state
+    return float(state.cost.sum()), state.gradient, state.normal
+
+
+def _subject_step(gradient: np.ndarray, normal: np.ndarray, shared: np.ndarray, damping: float) -> np.ndarray:
+    """(T, P) minus the damped step; the columns that are `shared` (P,) get the same in all frames."""
+    order, singles = np.argsort(shared, kind="stable"), len(shared) - np.count_nonzero(shared)
+    normal, gradient = normal[:, order[:, None], order], gradient[:, order]
+    own, cross = _damped(normal[:, :singles, :singles], damping), normal[:, :singles, singles:]
+    solved = np.linalg.solve(own, np.concatenate([cross, gradient[:, :singles, None]], axis=2))
+    common = _damped(normal[:, singles:, singles:].sum(axis=0), damping)
+    common = common - (cross.transpose(0, 2, 1) @ solved[..., :-1]).sum(axis=0)
+    rest = gradient[:, singles:].sum(axis=0) - (cross.transpose(0, 2, 1) @ solved[..., -1:]).sum(axis=0)[:, 0]
+    step = np.empty_like(gradient)
+    together = np.linalg.solve(common, rest)
+    step[:, order[singles:]] = together
+    step[:, order[:singles]] = solved[..., -1] - solved[..., :-1] @ together
+    return step
+
+
+def _damped(normal: np.ndarray, damping: float) -> np.ndarray:
+    damped, at = normal.copy(), np.arange(normal.shape[-1])
+    damped[..., at, at] += normal[..., at, at] * damping + 1e-9
+    return damped
+
+
+def _shared(values: np.ndarray) -> np.ndarray:
+    return np.repeat(np.median(values, axis=0, keepdims=True), len(values), axis=0)
+
+
+def _with_own(model: BodyModel, bodies: Bodies, points: np.ndarray) -> Bodies:
+    """The subject's own offsets from what is left: the mean over frames in the segment's axes, drawn towards none."""
+    posed = model.pose(bodies)
+    turn = posed.rotations[:, model.attachment]
+    left = (turn.swapaxes(-1, -2) @ (points - posed.markers)[..., None])[..., 0] / bodies.scale[:, None]
+    count = np.isfinite(left[..., 0]).sum(axis=0)[:, None]
+    shrinkage = 1 / (1 + (POSING.marker_sd_m / (POSING.own_sd * bodies.scale.mean())) ** 2)
+    mean = np.nansum(left, axis=0) / np.maximum(count, 1)
+    return replace(bodies, own=bodies.own + shrinkage * mean)
+
+
+def _fullest(there: np.ndarray, enough: np.ndarray, count: int) -> np.ndarray:
+    """So many frames of those with `enough`, by how many markers show (T,): the fullest of each stretch."""
+    stretches = np.array_split(enough, min(count, len(enough)))
+    return np.array([stretch[np.argmax(there[stretch])] for stretch in stretches])
+
+
+def baked(model: BodyModel, subject: Bodies) -> MarkerSet:
+    """The marker set of one subject: the mean is the subject, and no modes are left."""
+    offsets = model.shaped_offsets(subject)[0]
+    markerset, joints = model.markerset, model.joint_count
+    return replace(
+        markerset,
+        skeleton=replace(markerset.skeleton, offsets=offsets[:joints]),
+        offsets=offsets[joints:],
+        spread=replace(markerset.spread, modes=np.zeros((0, *offsets.shape))),
+    )
+
+
+class _Held:
+    """A prior that holds some columns where they are."""
+
+    def __init__(self, prior: Prior, columns: slice):
+        self.prior, self.hessian = prior, prior.hessian.copy()
+        held = np.arange(len(self.hessian))[columns]
+        self.hessian[held, held] += POSING.hold
+
+    def terms(self, bodies: Bodies) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        cost, gradient, _ = self.prior.terms(bodies)
+        return cost, gradient, self.hessian
+
+    def compiled(self, model: BodyModel):
+        return calls.prior_arrays(self.prior, model, hessian=self.hessian)
+
+
+def _fit_batches(
+    model: BodyModel, start: Bodies, points: np.ndarray, prior, steps: int, count: Callable[[int], float]
+) -> Generator[float, None, Bodies]:
+    parts = []
+    for chosen in _batches(len(points)):
+        parts.append(_until_still(model, start.pick(chosen), points[chosen], steps, prior))
+        yield count(steps * len(points[chosen]))
+    own = _each(start.own[:1], len(points))  # no fit moves them
+    none = own[:0, :0]
+    return replace(Bodies.join([replace(part, own=none) for part in parts]), own=own)
+
+
+def _until_still(model: BodyModel, start: Bodies, points: np.ndarray, steps: int, prior) -> Bodies:
+    """Bodies moved on from where they start, each until it is still, so many steps at most."""
+
+    def pull_on(some: np.ndarray) -> PointPull:
+        return labelled_pull(points[some])
+
+    return fit_until_still(model, start, pull_on, steps, prior, POSING.at_once, POSING.still)
+
+
+def _tried_again(
+    model: BodyModel, posed: Bodies, points: np.ndarray, prior: _Held, count: Callable[[int], float]
+) -> Generator[float, None, Bodies]:
+    """The frames that are posed worse than most, once more from where they are and from the frame before and after."""
+    cost = np.concatenate([_cost(model, posed, points, part) for part in _batches(len(points))])
+    poor = np.flatnonzero(cost > POSING.max_cost_ratio * np.median(cost))
+    for shift in (0, -1, 1):
+        if not len(poor):
+            break
+        start = posed.pick(np.clip(poor + shift, 0, len(points) - 1))
+        again = yield from _fit_batches(model, start, points[poor], prior, POSING.again_steps, count)
+        new = np.concatenate([_cost(model, again, points[poor], part) for part in _batches(len(poor))])
+        better = new < cost[poor]
+        for name in ("translation", "quaternion", "scale", "bends"):
+            getattr(posed, name)[poor[better]] = getattr(again, name)[better]
+        cost[poor[better]] = new[better]
+    return posed
+
+
+def _batches(count: int) -> list[slice]:
+    return [slice(first, first + POSING.batch_frames) for first in range(0, count, POSING.batch_frames)]
+
+
+def _cost(model: BodyModel, bodies: Bodies, points: np.ndarray, part: slice) -> np.ndarray:
+    """(B,) the cost of some of the frames."""
+    return labelled_pull(points[part])(model.pose(bodies.pick(part)).markers).cost
+
+
+def _between(keys_posed: Bodies, keys: np.ndarray, count: int) -> Bodies:
+    """Bodies for `count` frames, linearly between those of the key frames."""
+    frames = np.arange(count)
+    after = np.clip(np.searchsorted(keys, frames), 1, len(keys) - 1) if len(keys) > 1 else np.zeros(count, dtype=int)
+    before = np.maximum(after - 1, 0)
+    share = (frames - keys[before]) / np.maximum(keys[after] - keys[before], 1)
+    fields = {}
+    for name in ("translation", "quaternion", "scale", "bends"):
+        one, two = getattr(keys_posed, name)[before], getattr(keys_posed, name)[after]
+        if name == "quaternion":
+            two = np.where(np.einsum("fi,fi->f", one, two)[:, None] < 0, -two, two)
+        fields[name] = one + share.reshape(-1, *[1] * (one.ndim - 1)) * (two - one)
+    fields["quaternion"] /= np.linalg.norm(fields["quaternion"], axis=1, keepdims=True)
+    return Bodies(**fields, shape=_each(keys_posed.shape[:1], count), own=_each(keys_posed.own[:1], count))

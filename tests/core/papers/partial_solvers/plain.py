@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The paper's geometric functions and its search written plainly, a frame at a time, to check the fast code by."""
+
+from collections.abc import Callable, Iterable
+from math import comb
+
+import numpy as np
+
+from addon.core.papers.partial_solvers import features
+from addon.core.papers.partial_solvers.features import UP, Tables
+from addon.core.papers.partial_solvers.masks import TREE
+from addon.core.papers.partial_solvers.model import DOMAIN, Classifiers
+from addon.core.papers.partial_solvers.solver import newly_judged
+
+
+def angle(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """g1: the angle at `a` between the directions to `b` and `c`, rad. Points (..., 3).
+
+    The table prints a minus sign where the dot product of AB and AC belongs.
+    """
+    ab, ac = b - a, c - a
+    lengths = np.linalg.norm(ab, axis=-1) * np.linalg.norm(ac, axis=-1)
+    return np.arccos(np.clip((ab * ac).sum(axis=-1) / lengths, -1.0, 1.0))
+
+
+def distance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """g2: how far `a` is from `b`, m. Points (..., 3)."""
+    return np.linalg.norm(b - a, axis=-1)
+
+
+def ratio(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """g3: how much longer AB is than CD, over their mean; -2 to 2, whatever the size of the body. Points (..., 3)."""
+    first, second = distance(a, b), distance(c, d)
+    return 2.0 * (first - second) / (first + second)
+
+
+def height(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """g4: how much higher `a` is than `b`, m. Points (..., 3), z up (the table's axis for up is y)."""
+    return a[..., UP] - b[..., UP]
+
+
+def turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Not in the table: the turn from AB to AC seen from above, over their lengths; -1 to 1, positive to the left.
+
+    Its sign changes in a mirror, where all of the table's functions stay the same.
+    """
+    ab, ac = b - a, c - a
+    across = ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0]
+    return across / (np.linalg.norm(ab, axis=-1) * np.linalg.norm(ac, axis=-1))
+
+
+def count_features(markers: int) -> dict[str, int]:
+    """How many features each function gives over all combinations of `markers` points."""
+    triples, pairs = markers * comb(max(markers - 1, 0), 2), comb(markers, 2)
+    return {"angle": triples, "distance": pairs, "ratio": 3 * comb(markers, 4), "height": pairs, "turn": triples}
+
+
+def accepts(classifiers: Classifiers, frame: int, labelling: np.ndarray, clouds: Tables) -> bool:
+    """Whether all weak classifiers accept one labelling (M,) of a frame; a marker without a point is -1.
+
+    A classifier with a point that is unassigned or missing has no vote. This is φ = 1 (equation 2): every vote counts.
+    """
+    return not any(_rejects(classifiers, row, frame, labelling, clouds) for row in range(len(classifiers)))
+
+
+def search_one(markers, classifiers: Classifiers, frame: int, clouds: Tables) -> tuple[list[tuple[int, ...]], int]:
+    """Every feasible labelling of `markers` in one frame, depth first, and the number of nodes visited.
+
+    A labelling is the tuple of points in the order of `markers`; it never leaves a marker out.
+    """
+    markers = list(markers)
+    judged = [newly_judged(classifiers, markers[: depth + 1]) for depth in range(len(markers))]
+    present = np.flatnonzero(clouds.present[frame])
+    labelling = np.full(max(int(classifiers.points.max(initial=0)), *markers) + 1, -1)
+    found, visited = [], 0
+
+    def descend(depth: int):
+        nonlocal visited
+        if depth == len(markers):
+            found.append(tuple(int(labelling[marker]) for marker in markers))
+            return
+        for point in present:
+            if (labelling == point).any():
+                continue
+            visited += 1
+            labelling[markers[depth]] = point
+            if not any(_rejects(classifiers, row, frame, labelling, clouds) for row in judged[depth]):
+                descend(depth + 1)
+            labelling[markers[depth]] = -1
+
+    descend(0)
+    return sorted(found), visited
+
+
+def _rejects(classifiers: Classifiers, row: int, frame: int, labelling: np.ndarray, clouds: Tables) -> bool:
+    kind = int(classifiers.kind[row])
+    points = labelling[classifiers.points[row, : DOMAIN[kind]]]
+    if (points < 0).any():
+        return False
+    value = features.values(kind, np.array(frame), points, clouds)
+    return bool(value < classifiers.low[row] - TREE.tolerance or value > classifiers.high[row] + TREE.tolerance)
+
+
+def exhaustive(markers: int, good: Callable[[int], bool], own: int | None = None) -> set[int]:
+    """Every good subset that contains no smaller good one; for few markers only."""
+    every = (subset for subset in range(1, 1 << markers) if own is None or subset >> own & 1)
+    return _least(every, good)
+
+
+def without_supersets(found: set[int]) -> set[int]:
+    """Those that contain no other."""
+    return _least(found, lambda _: True)
+
+
+def _least(subsets: Iterable[int], good: Callable[[int], bool]) -> set[int]:
+    """The good ones that contain no smaller good one; what contains one is not asked."""
+    kept: set[int] = set()
+    for subset in sorted(subsets, key=lambda subset: (subset.bit_count(), subset)):
+        if not any(other & subset == other for other in kept) and good(subset):
+            kept.add(subset)
+    return kept

@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the replication page's figures rest on: the clouds that are tested, the counts, the claims about solvers."""
+
+import json
+
+import numpy as np
+import pytest
+
+from addon.core.evaluation.figures import Figures
+from addon.core.papers.partial_solvers.features import all_features
+from addon.core.papers.partial_solvers.frames import label_frames
+from addon.core.papers.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS
+from addon.core.papers.partial_solvers.training import Training, train_partial_solvers
+from tests.accuracy.partial.clouds import Clouds, Trouble, drawn, mirrored, other_side, spoilt, together
+from tests.accuracy.partial.report import BLOCKS
+from tests.accuracy.partial.results import Results, added, best_at, chosen_on_others
+from tests.accuracy.partial.scores import in_the_mirror, score, swaps, sweep
+from tests.accuracy.partial.solvers import Purse, growth
+from tests.core.papers.partial_solvers.toys import moving
+
+NAMES = ("MID", "LKNE", "RKNE", "LTOE", "RTOE")
+OTHER = other_side(NAMES)
+
+
+def rng(seed=0):
+    return np.random.default_rng(seed)
+
+
+@pytest.mark.parametrize("hide", range(6))
+def test_clouds_lack_as_many_markers_as_asked_in_any_order(hide):
+    frames = moving(7, 200)
+    clouds = spoilt(frames, Trouble(hide), rng())
+    assert clouds.points.shape == (200, 7 - hide, 3)
+    assert all(len(set(row)) == 7 - hide for row in clouds.truth.tolist())
+    assert np.array_equal(clouds.points, np.take_along_axis(frames, clouds.truth[..., None], axis=1))
+    # Every marker is hidden about equally often, and comes at every place.
+    assert np.ptp(np.bincount(clouds.truth.ravel(), minlength=7)) < 60
+    assert len(np.unique(clouds.truth[:, 0])) == 7
+
+
+def test_clouds_repeat_themselves_for_a_seed_and_have_ghosts_and_noise():
+    frames = moving(6, 50)
+    clouds, again = (spoilt(frames, Trouble(2, 3, 0.01), rng(4)) for _ in range(2))
+    assert np.array_equal(clouds.points, again.points)
+    assert np.array_equal(clouds.truth, again.truth)
+    assert not np.array_equal(clouds.truth, spoilt(frames, Trouble(2, 3, 0.01), rng(5)).truth)
+    assert ((clouds.truth == -1).sum(axis=1) == 3).all()
+    real = clouds.truth >= 0
+    off = (clouds.points - np.take_along_axis(frames, np.maximum(clouds.truth, 0)[..., None], axis=1))[real]
+    assert off.std() == pytest.approx(0.01, rel=0.15)
+
+
+def test_a_missing_marker_is_nobodys_point():
+    frames = moving(5, 20)
+    frames[:, 2] = np.nan
+    assert (spoilt(frames, Trouble(), rng()).truth != 2).all()
+
+
+def test_frames_come_once_before_any_comes_twice():
+    frames = np.arange(10.0)[:, None, None] * np.ones((1, 2, 3))
+    once, more = drawn(frames, 10, rng()), drawn(frames, 25, rng())
+    assert sorted(once[:, 0, 0].tolist()) == list(range(10))
+    assert np.bincount(more[:, 0, 0].astype(int)).min() == 2
+
+
+def test_two_people_stand_apart_and_keep_their_shape():
+    one = moving(5, 30)
+    clouds = together(one, one, 3.0, rng())
+    place = np.argsort(clouds.truth, axis=1)
+    points = np.take_along_axis(clouds.points, place[..., None], axis=1)
+    middles = points[:, :5, :2].mean(axis=1) - points[:, 5:, :2].mean(axis=1)
+    assert np.linalg.norm(middles, axis=1) == pytest.approx(3.0)
+    mine, theirs = (np.linalg.norm(part[:, 0] - part[:, 4], axis=1) for part in (points[:, :5], points[:, 5:]))
+    assert mine == pytest.approx(theirs)
+
+
+def test_scores_by_hand():
+    # Three markers. First cloud: 0 right, 2 on the point of 1; second: a ghost is named 1, and 1 is hidden.
+    truth = np.array([[0, 1, -1], [2, -1, 0]])
+    named = np.array([[0, 2, -1], [-1, 1, 0]])
+    found = score(named, Clouds(np.zeros((2, 3, 3)), truth, 3))
+    assert found.given.tolist() == [2, 1, 1]
+    assert found.wrong.tolist() == [0, 1, 1]
+    assert found.there.tolist() == [2, 1, 1]
+    # Declared occluded: 1 in the first cloud, which was there; 2 in the second, which was there.
+    assert found.declared.tolist() == [0, 1, 1]
+    assert found.missed.tolist() == [0, 1, 1]
+    assert (found.false_assignments, found.false_occlusions, found.recall) == (0.5, 1.0, 0.5)
+
+
+def random_names(seed: int, count=200, markers=5, points=6):
+    generator = rng(seed)
+    truth = generator.random((count, markers + 2)).argsort(axis=1)[:, :points]
+    truth = np.where(truth < markers, truth, -1)
+    shown = np.where(generator.random(truth.shape) < 0.3, np.roll(truth, 1, axis=1), truth)
+    first = np.array([[point not in row[:at] for at, point in enumerate(row)] for row in shown.tolist()])
+    return np.where(first & (generator.random(truth.shape) < 0.8), shown, -1), Clouds(
+        np.zeros((*truth.shape, 3)), truth, 5
+    )
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_scores_are_the_contracts_figures(seed):
+    named, clouds = random_names(seed)
+    texts = [*NAMES, ""]
+    frame = np.repeat(np.arange(len(named)), named.shape[1])
+    figures = Figures(NAMES).add(
+        frame, None, [texts[name] for name in named.ravel()], [texts[name] for name in clouds.truth.ravel()]
+    )
+    found, total = score(named, clouds), figures.as_dict()
+    assert found.false_assignments == pytest.approx(total["false_assignments"])
+    assert found.recall == pytest.approx(total["recall"])
+    assert found.f1 == pytest.approx(total["f1"])
+
+
+def test_a_sweep_is_the_score_at_every_level():
+    named, clouds = random_names(7)
+    confidence = np.where(named >= 0, rng(1).random(named.shape), 0.0)
+    levels = np.array([0.0, 0.3, 0.9, 1.0])
+    for level, *counted in zip(levels, *sweep(named, confidence, clouds, levels), strict=True):
+        found = score(np.where(confidence >= level, named, -1), clouds)
+        assert counted == [found.given.sum(), found.wrong.sum(), found.declared.sum(), found.missed.sum()]
+    swept = sweep(named, confidence, clouds, levels)
+    assert best_at(swept, 1.0)[1] == pytest.approx(score(named, clouds).false_occlusions)
+    assert best_at(swept, -1.0) is None
+
+
+def test_a_confidence_is_chosen_on_others_than_it_is_tested_on():
+    """Given, wrong, declared and missed at two levels: the second is right for whom the first would be chosen."""
+    parts = {
+        "ANN": {"1": [[100, 50], [10, 0], [10, 60], [1, 30]]},
+        "BEN": {"1": [[100, 60], [0, 0], [10, 50], [2, 20]]},
+    }
+    assert chosen_on_others(parts, 1, 0.0) == (10 / 160, 21 / 60)
+    assert best_at(added(parts["ANN"], parts["BEN"])["1"], 0.0) == (0.0, 50 / 110)
+    parts["BEN"]["1"][1] = [50, 40]
+    assert chosen_on_others(parts, 1, 0.0) is None
+
+
+def test_swaps_by_hand():
+    truth = np.array([[0, 1, 2], [1, 2, 3], [1, 2, 4], [0, -1, 1]])
+    named = np.array([[0, 2, 1], [2, 1, 3], [1, 2, -1], [0, 3, -1]])
+    clouds = Clouds(np.zeros((4, 3, 3)), truth, 5)
+    # Wholly swapped: the first; in part: the second. The last has a side's name on a ghost.
+    assert swaps(named, clouds, OTHER) == [4, 1, 1, 5, 4]
+    assert in_the_mirror(named, named, clouds, OTHER) == [8, 8, 4, 8]
+
+
+def test_a_mirror_changes_nothing_for_the_papers_functions_and_much_for_turn():
+    points = moving(6, 260, sway=0.05, seed=3)
+    for functions in (PAPER_FUNCTIONS, FUNCTIONS):
+        options = Training(functions=functions, survey_frames=40, check_frames=120, wrong=300)
+        partial_solvers = train_partial_solvers(points[:200], tuple("ABCDEF"), 0.95, options)
+        plain, turned = (label_frames(partial_solvers, some).marker for some in (points[200:], mirrored(points[200:])))
+        assert (plain >= 0).mean() > 0.5
+        if functions == PAPER_FUNCTIONS:
+            assert np.array_equal(plain, turned)
+        else:
+            assert (turned == plain)[plain >= 0].mean() < 0.5
+
+
+@pytest.mark.parametrize("markers", [15, 26])
+def test_the_pool_of_features_is_small(markers):
+    kind, points = all_features(markers)
+    assert len(kind) == {15: 5670, 26: 53300}[markers]
+    assert kind.nbytes + points.nbytes < 4e6
+
+
+def test_growth_counts_rates_that_fall():
+    # Of two markers: marker 0 alone 0.5, marker 1 alone 0.9; together 0.7 and 0.6.
+    rates = np.array([[0, 0], [0.5, 0], [0, 0.9], [0.7, 0.6]])
+    compared, fallen, worst = growth(rates)
+    assert (compared, fallen) == (2, 1)
+    assert worst == pytest.approx(0.3)
+
+
+def test_a_spent_purse_refuses_what_it_was_not_asked_before():
+    purse = Purse(np.ones(8, dtype=bool), np.full(8, 0.5), 2)
+    assert purse.good(1)
+    assert purse.fitness(2) == 0.5
+    assert not purse.good(3)
+    assert purse.fitness(3) == 0.0
+    assert purse.good(2)
+    assert purse.asked == {1, 2}
+
+
+def test_results_add_up_wherever_they_stand():
+    one, other = {"a": [1, [2, 3]], "b": {"c": 4}}, {"a": [10, [20, 30]], "b": {"c": 40}}
+    assert added(one, other) == {"a": [11, [22, 33]], "b": {"c": 44}}
+
+
+@pytest.mark.parametrize("name", sorted(set(BLOCKS) - {"conditions"}))
+def test_blocks_can_be_printed_before_all_is_measured(name, tmp_path):
+    results = {"facts": {"training": 7.0, "frames": 900}, "crowd": {"0.999": [9, 1, 0, 3]}}
+    (tmp_path / "ours.ANN.json").write_text(json.dumps(results), encoding="utf-8")
+    text = BLOCKS[name](Results(tmp_path))
+    assert ("11.11 %" in text) == (name == "crowd")
+    assert ("7 s" in text) == (name in ("training", "aims"))

@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The tree search: equal to trying everything, depth first or side by side, whatever the order of the points."""
+
+from itertools import permutations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from addon.core.papers.partial_solvers import solver as solver_module
+from addon.core.papers.partial_solvers.boosting import learn_intervals
+from addon.core.papers.partial_solvers.features import all_features, tables
+from addon.core.papers.partial_solvers.masks import Masks, TreeOptions
+from addon.core.papers.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS, Classifiers
+from addon.core.papers.partial_solvers.solver import TreeSearch
+from tests.core.papers.partial_solvers.plain import accepts, search_one
+from tests.core.papers.partial_solvers.toys import moving, pool_of
+
+
+def by_trying(markers, classifiers, frame, clouds):
+    """All injective labellings that are accepted, one by one."""
+    present = np.flatnonzero(clouds.present[frame])
+    size = int(max(classifiers.points.max(), *markers)) + 1
+    found = []
+    for points in permutations(present, len(markers)):
+        labelling = np.full(size, -1)
+        labelling[list(markers)] = points
+        if accepts(classifiers, frame, labelling, clouds):
+            found.append(tuple(int(point) for point in points))
+    return sorted(found)
+
+
+def side_by_side(markers, classifiers, clouds):
+    cloud, chosen = TreeSearch(markers, classifiers)(Masks(clouds))
+    return [sorted(tuple(row) for row in chosen[cloud == frame].tolist()) for frame in range(len(clouds.present))]
+
+
+@settings(max_examples=12, deadline=None)
+@given(st.integers(0, 1000), st.integers(3, 6), st.sampled_from([PAPER_FUNCTIONS, FUNCTIONS]), st.booleans())
+def test_equals_trying_everything(seed, size, functions, boosted):
+    generator = np.random.default_rng(seed)
+    points = moving(7, 30, sway=0.1, seed=seed)
+    pool = pool_of(points, functions)
+    markers = sorted(generator.choice(7, size, replace=False).tolist())
+    mine = pool[pool.within(markers)]
+    if boosted:
+        mine = mine[generator.choice(len(mine), max(len(mine) // 3, 1), replace=False)]
+    seen = points[:3].copy()
+    seen[1, generator.integers(7)] = np.nan
+    clouds = tables(seen)
+    expected = [by_trying(markers, mine, frame, clouds) for frame in range(3)]
+    assert side_by_side(markers, mine, clouds) == expected
+    assert [search_one(markers, mine, frame, clouds)[0] for frame in range(3)] == expected
+
+
+def test_seven_of_seven_against_all_5040():
+    points = moving(7, 40, sway=0.15)
+    pool = pool_of(points)
+    clouds = tables(points[:2])
+    for frame in range(2):
+        expected = by_trying(range(7), pool, frame, clouds)
+        found, visited = search_one(range(7), pool, frame, clouds)
+        assert found == expected
+        assert side_by_side(range(7), pool, clouds)[frame] == expected
+        assert visited < 5040
+
+
+def test_early_rejection_saves_nodes():
+    points = moving(7, 40)
+    pool = pool_of(points)
+    clouds = tables(points[:1])
+    _, visited = search_one(range(7), pool, 0, clouds)
+    _, without = search_one(range(7), pool[pool.kind == FUNCTIONS.index("ratio")], 0, clouds)
+    assert visited < without
+
+
+def test_the_right_labelling_is_always_found_in_any_order_of_the_points():
+    points = moving(6, 80)
+    pool = pool_of(points)
+    generator = np.random.default_rng(4)
+    order = generator.random((80, 6)).argsort(axis=1)
+    shuffled = np.take_along_axis(points, order[..., None], axis=1)
+    place = order.argsort(axis=1)
+    cloud, chosen = TreeSearch(range(6), pool)(Masks(tables(shuffled)))
+    right = (chosen == place[cloud]).all(axis=1)
+    assert sorted(cloud[right].tolist()) == list(range(80))
+
+
+def test_none_one_and_several():
+    square = np.array([[0, 0, 0], [1.0, 0, 0], [1, 1, 0], [0, 1, 0]])
+    distances = learn_intervals(tables(square[None]), *all_features(4, ("distance",)))
+    clouds = tables(np.stack([square, 2 * square]))
+    found = side_by_side(range(4), distances, clouds)
+    assert len(found[0]) == 8  # four turns of the square, and their mirror images
+    assert found[1] == []
+    lopsided = np.array([[0, 0, 0], [1.0, 0, 0], [1.5, 1, 0], [0, 1, 0]])
+    own = learn_intervals(tables(lopsided[None]), *all_features(4, ("distance",)))
+    assert side_by_side(range(4), own, tables(lopsided[None])) == [[(0, 1, 2, 3)]]
+
+
+def test_all_or_none():
+    points = moving(6, 40)
+    pool = pool_of(points)
+    seen = points.copy()
+    seen[:, 2:] = np.nan
+    assert side_by_side(range(6), pool, tables(seen)) == [[]] * 40
+
+
+def test_more_points_than_a_word_has_bits():
+    points = moving(5, 20)
+    pool = pool_of(points)
+    ghosts = np.random.default_rng(0).uniform(3, 9, (20, 120, 3))
+    cloud, chosen = TreeSearch(range(5), pool)(Masks(tables(np.concatenate([ghosts, points], axis=1))))
+    right = (chosen == np.arange(120, 125)).all(axis=1)
+    assert sorted(cloud[right].tolist()) == list(range(20))
+
+
+def test_parts_make_no_difference(monkeypatch):
+    points = moving(6, 50, sway=0.2)
+    pool = pool_of(points)
+    whole = side_by_side(range(4), pool[pool.within(range(4))], tables(points))
+    monkeypatch.setattr(solver_module, "TREE", TreeOptions(max_rows=7))
+    assert side_by_side(range(4), pool[pool.within(range(4))], tables(points)) == whole
+
+
+def test_unassigned_points_do_not_vote():
+    points = moving(5, 30)
+    pool = pool_of(points)
+    clouds = tables(points)
+    assert accepts(pool, 0, np.array([0, 1, -1, -1, 4]), clouds)
+    assert accepts(pool, 0, np.full(5, -1), clouds)
+    assert not accepts(pool, 0, np.array([4, 1, -1, -1, 0]), clouds)
+
+
+def test_within_keeps_to_the_subset():
+    pool = pool_of(moving(6, 10))
+    inside = pool[pool.within([0, 2, 5])]
+    assert set(inside.points.ravel().tolist()) == {-1, 0, 2, 5}
+    assert len(inside) == 3 + 3 + 3 + 3
+    assert isinstance(inside, Classifiers)
+
+
+@pytest.mark.parametrize("size", [1, 2])
+def test_the_smallest_solvers(size):
+    points = moving(4, 20)
+    pool = pool_of(points)
+    markers = list(range(size))
+    mine = pool[pool.within(markers)]
+    found = side_by_side(markers, mine, tables(points[:2]))
+    assert (0, 1)[:size] in found[0]
+    if size == 1:
+        assert found[0] == [(0,), (1,), (2,), (3,)]

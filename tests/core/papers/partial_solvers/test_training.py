@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Trained ensembles: what they promise of their solvers, and what they do with points."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from addon.core.data.errors import InputError
+from addon.core.data.takes import BY_PARTIAL_SOLVERS, NO_STEP, Labels
+from addon.core.papers.partial_solvers import frames
+from addon.core.papers.partial_solvers.assess import Occlusions, assess, draw_occlusions
+from addon.core.papers.partial_solvers.boosting import rejections
+from addon.core.papers.partial_solvers.features import tables
+from addon.core.papers.partial_solvers.frames import SolversNamer, label_frames
+from addon.core.papers.partial_solvers.masks import Masks
+from addon.core.papers.partial_solvers.model import FUNCTIONS
+from addon.core.papers.partial_solvers.search import Genetics
+from addon.core.papers.partial_solvers.solver import TreeSearch
+from addon.core.papers.partial_solvers.training import SEARCHES, Training, train_partial_solvers, training
+from tests.core.papers.partial_solvers.toys import moving
+
+NAMES = tuple("ABCDEFG")
+OPTIONS = Training(functions=FUNCTIONS, survey_frames=60, check_frames=200, genetics=Genetics(16, 10), wrong=400)
+
+
+@pytest.fixture(scope="module")
+def points():
+    return moving(7, 500, sway=0.05, seed=3)
+
+
+@pytest.fixture(scope="module")
+def partial_solvers(points):
+    return train_partial_solvers(points, NAMES, 0.99, OPTIONS)
+
+
+def shuffled(points, seed=0, hide=0, ghosts=0):
+    generator = np.random.default_rng(seed)
+    points = points.copy()
+    away = generator.random(points.shape[:2]).argsort(axis=1).argsort(axis=1) < hide
+    points[away] = np.nan
+    points = np.concatenate([points, generator.uniform(-3, 3, (len(points), ghosts, 3))], axis=1)
+    order = generator.random(points.shape[:2]).argsort(axis=1)
+    truth = np.where(np.take_along_axis(away, np.minimum(order, 6), axis=1) & (order < 7), -1, order)
+    return np.take_along_axis(points, order[..., None], axis=1), np.where(truth < 7, truth, -1)
+
+
+def test_it_covers_the_markers(partial_solvers):
+    assert (partial_solvers.covered > 0).all()
+    assert set(np.concatenate([solver.markers for solver in partial_solvers.solvers]).tolist()) == set(range(7))
+    assert len({tuple(solver.markers) for solver in partial_solvers.solvers}) == len(partial_solvers)
+
+
+def test_solvers_only_use_classifiers_over_their_own_markers(partial_solvers):
+    for solver in partial_solvers.solvers:
+        mine = partial_solvers.classifiers[solver.strong.chosen]
+        assert mine.within(solver.markers).all()
+        assert (solver.strong.weights > 0).all()
+
+
+def test_each_solver_reaches_a_target_and_its_record_holds_on_new_samples(partial_solvers, points):
+    masks = Masks(tables(points))
+    removed = draw_occlusions(masks, Occlusions(5, 8), np.random.default_rng(77))
+    for solver in partial_solvers.solvers:
+        assert solver.reached.any()
+        assert (solver.record.rates[solver.reached] >= 0.99).all()
+        again = assess(TreeSearch(solver.markers, partial_solvers.classifiers[solver.strong.chosen]), masks, removed)
+        told, rate = np.maximum(solver.record.answers, 1), np.nan_to_num(solver.record.rates)
+        # Both records are shares of samples of the same kind; frames repeat, so that they are fewer than they seem.
+        room = 4 * np.sqrt(np.maximum(rate * (1 - rate), 0.002) / np.minimum(told, 60))
+        assert (np.abs(np.nan_to_num(again.rates) - rate) <= room).all()
+
+
+def test_a_hit_rate_outside_the_subset_is_undefined(partial_solvers):
+    solver = next(solver for solver in partial_solvers.solvers if len(solver.markers) < 7)
+    outside = next(marker for marker in range(7) if marker not in solver.markers)
+    assert 0 <= solver.hit_rate(int(solver.markers[0])) <= 1
+    with pytest.raises(KeyError):
+        solver.hit_rate(outside)
+
+
+def test_strong_classifiers_accept_every_right_labelling(partial_solvers, points):
+    labelling = np.tile(np.arange(7), (len(points), 1))
+    assert not rejections(partial_solvers.classifiers, np.arange(len(points)), labelling, tables(points)).any()
+
+
+def test_the_same_seed_gives_the_same_ensemble(partial_solvers, points):
+    again = train_partial_solvers(points, NAMES, 0.99, OPTIONS)
+    assert [solver.markers.tolist() for solver in again.solvers] == [
+        s.markers.tolist() for s in partial_solvers.solvers
+    ]
+    for mine, theirs in zip(again.solvers, partial_solvers.solvers, strict=True):
+        assert np.array_equal(mine.strong.chosen, theirs.strong.chosen)
+        assert np.array_equal(mine.strong.weights, theirs.strong.weights)
+        assert np.array_equal(mine.record.hits, theirs.record.hits)
+
+
+@pytest.mark.parametrize("search", SEARCHES)
+@pytest.mark.parametrize("goal", ["own", "any"])
+def test_every_search_names_points(points, search, goal):
+    partial_solvers = train_partial_solvers(
+        points, NAMES, 0.97, Training(**{**vars(OPTIONS), "search": search, "goal": goal, "survey_frames": 40})
+    )
+    seen, truth = shuffled(points[:60], hide=1)
+    named = label_frames(partial_solvers, seen).marker
+    given = named >= 0
+    assert (named[given] == truth[given]).mean() > 0.97
+    assert (partial_solvers.covered > 0).all() or goal == "any"
+
+
+def test_each_marker_has_its_own_target(points):
+    targets = np.full(7, 0.9)
+    targets[2] = 1.0
+    partial_solvers = train_partial_solvers(points, NAMES, targets, OPTIONS)
+    for solver in partial_solvers.solvers:
+        asked = targets[solver.markers]
+        assert (solver.record.rates[solver.reached] >= asked[solver.reached]).all()
+        for marker, reached, rate in zip(solver.markers, solver.reached, solver.record.rates, strict=True):
+            if marker == 2 and reached:
+                assert rate == 1.0
+
+
+@pytest.mark.parametrize(("hide", "ghosts"), [(0, 0), (2, 0), (2, 3), (4, 0)])
+def test_named_points(partial_solvers, points, hide, ghosts):
+    seen, truth = shuffled(points, seed=hide, hide=hide, ghosts=ghosts)
+    labels = label_frames(partial_solvers, seen)
+    named, confidence = labels.marker, labels.confidence
+    given = named >= 0
+    assert named.shape == truth.shape
+    assert (named[given] == truth[given]).mean() > 0.98
+    assert ((confidence > 0) == given).all()
+    assert (labels.step == np.where(given, BY_PARTIAL_SOLVERS, NO_STEP)).all()
+    assert (labels.rate == given).all()
+    assert confidence.max() <= 1
+    assert (named[np.isnan(seen).any(axis=2)] == -1).all()
+    if hide <= 2 and not ghosts:
+        assert given.sum() > 0.7 * (truth >= 0).sum()
+
+
+def test_frames_are_independent(partial_solvers, points):
+    seen, _ = shuffled(points[:30], hide=1)
+    named = label_frames(partial_solvers, seen).marker
+    broken = seen.copy()
+    broken[10] = np.random.default_rng(0).uniform(-1, 1, broken[10].shape)
+    again = label_frames(partial_solvers, broken).marker
+    others = np.arange(30) != 10
+    assert (again[others] == named[others]).all()
+    alone = label_frames(partial_solvers, seen[17:18]).marker
+    assert (alone[0] == named[17]).all()
+
+
+def test_a_take_in_pieces_and_in_chunks(partial_solvers, points, monkeypatch):
+    seen, _ = shuffled(points[:40], hide=1, ghosts=1)
+    whole = label_frames(partial_solvers, seen)
+    sparse = np.full((40, 200, 3), np.nan)
+    columns = np.sort(np.random.default_rng(1).choice(200, 8, replace=False))
+    sparse[:, columns] = seen
+    named = label_frames(partial_solvers, sparse)
+    assert (named.marker[:, columns] == whole.marker).all()
+    assert named.named.sum() == whole.named.sum() > 0
+    monkeypatch.setattr(frames, "TABLES", frames.TableOptions(max_frames=7))
+    parts = list(SolversNamer(partial_solvers).name(seen, 100.0))
+    assert max(len(part.marker) for part in parts) <= 7
+    for one, other in zip(Labels.join(parts)._columns, whole._columns, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("shape", [(0, 5, 3), (4, 0, 3), (4, 5, 3)])
+def test_nothing_to_name(partial_solvers, shape):
+    named = label_frames(partial_solvers, np.full(shape, np.nan))
+    assert named.marker.shape == named.confidence.shape == named.rate.shape == shape[:2]
+    assert not named.named.any()
+
+
+def test_too_little_to_learn_from():
+    with pytest.raises(InputError, match="only 2 markers"):
+        train_partial_solvers(np.zeros((50, 2, 3)), ("A", "B"))
+    with pytest.raises(InputError, match="fewer than two frames"):
+        train_partial_solvers(np.full((50, 4, 3), np.nan), NAMES[:4])
+
+
+def test_frames_with_gaps_can_be_learned_from(points):
+    gappy = points.copy()
+    gappy[np.random.default_rng(0).random(gappy.shape[:2]) < 0.05] = np.nan
+    partial_solvers = train_partial_solvers(gappy, NAMES, 0.95, OPTIONS)
+    named = label_frames(partial_solvers, points[:80]).marker
+    given = named >= 0
+    assert given.mean() > 0.6
+    assert (named == np.arange(7))[given].mean() > 0.97
+
+
+def test_progress_ends_near_the_whole(points):
+    shares = list(training(points, NAMES, 0.99, OPTIONS))
+    assert shares[0][0] == 0.0
+    assert 0.9 < shares[-1][0] <= 1.0
+    assert all(after >= before for (before, _), (after, _) in pairwise(shares))

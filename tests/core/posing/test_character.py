@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The bones of a character: a T-pose at rest, and in every pose where the body has its joints."""
+
+import numpy as np
+import pytest
+
+from addon.core.body.bodies import BodyModel
+from addon.core.data.errors import InputError
+from addon.core.geometry import rotations
+from addon.core.posing.character import BONE_NAMES, BONES, character_of
+from addon.core.training.poses import known_poses, posed_bodies
+from addon.io.markersets import open_markerset
+
+HEIGHT = 1.7
+
+
+def at_rest(markerset):
+    """Segments' names, joints (J, 3) m and far ends (J, 3) m of a body at rest."""
+    joints = markerset.skeleton.rest_joints * HEIGHT
+    ends = joints + np.array([0, 0, 0.15])
+    for index, name in enumerate(markerset.skeleton.segments):
+        if name.startswith(("hand", "foot")):
+            ends[index] = joints[index] + (np.array([0, 0, -0.1]) if name.startswith("hand") else [0.15, 0, -0.03])
+    return markerset.skeleton.segments, joints, ends
+
+
+def test_the_rest_is_upright_with_level_arms_and_mirrored():
+    character = character_of(*at_rest(open_markerset("actor41")))
+    assert len(character.names) == len(BONES)
+    ahead = character.tails - character.heads
+    at = {name: index for index, name in enumerate(character.names)}
+    for side, outward in (("L", 1.0), ("R", -1.0)):
+        for limb in ("shoulder", "upper_arm", "forearm", "hand"):
+            bone = ahead[at[f"{limb}.{side}"]]
+            np.testing.assert_allclose(bone / np.linalg.norm(bone), [outward, 0, 0], atol=1e-9)
+        assert ahead[at[f"shank.{side}"]][2] < 0
+    for left, right in ((name, f"{name[:-1]}R") for name in character.names if name.endswith(".L")):
+        np.testing.assert_allclose(character.heads[at[left]] * [-1, 1, 1], character.heads[at[right]], atol=0.02)
+    assert character.heads[:, 2].min() > 0
+    np.testing.assert_allclose(np.linalg.det(character.turns), 1)
+
+
+def test_bones_begin_at_the_joints_and_hang_together_in_any_pose():
+    markerset = open_markerset("actor41")
+    model = BodyModel(markerset)
+    posed = model.pose(posed_bodies(model, known_poses(markerset, [markerset])[::20], HEIGHT))
+    character = character_of(*at_rest(markerset))
+    heads, turns = character.posed(posed.joints, posed.rotations)
+    for index, name in enumerate(character.names):
+        segment = {"hips": "pelvis", "spine": "thorax", "neck": "head"}.get(name, name)
+        if segment in markerset.skeleton.segments and name != "head":
+            joint = markerset.skeleton.segments.index(segment)
+            np.testing.assert_allclose(heads[:, index], posed.joints[:, joint], atol=1e-9)
+        above = character.parents[index]
+        if above >= 0:
+            hung = turns[:, above] @ (character.heads[index] - character.heads[above])
+            np.testing.assert_allclose(heads[:, index], heads[:, above] + hung, atol=1e-6, err_msg=name)
+
+
+def test_a_lower_body_has_hips_and_legs():
+    character = character_of(*at_rest(open_markerset("gait15")))
+    assert character.names[0] == "hips"
+    assert {name.partition(".")[0] for name in character.names[1:]} == {"thigh", "shank", "foot", "toes"}
+
+
+def test_bones_are_called_by_every_scheme_and_none_twice():
+    for names in BONE_NAMES.values():
+        assert set(names) == {site.name for site in BONES}
+        assert len(set(names.values())) == len(names)
+
+
+def test_what_is_no_person_is_refused():
+    with pytest.raises(InputError, match=r"no person's skeleton \(its segments: lid, box, …\); expected one with"):
+        character_of(("lid", "box"), np.zeros((2, 3)), np.ones((2, 3)))
+
+
+def test_who_was_not_found_is_nowhere():
+    markerset = open_markerset("actor41")
+    character, count = character_of(*at_rest(markerset)), len(markerset.skeleton)
+    turns = rotations.exponential(np.full((1, count, 3), np.nan))[0]
+    heads, _ = character.posed(np.full((1, count, 3), np.nan), turns)
+    assert np.isnan(heads).all()

@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Posing a body on labelled points: made-up subjects found again, gaps, and real people who were not learned from."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from addon.core.body.bodies import Bodies, BodyModel
+from addon.core.geometry import rotations
+from addon.core.posing.posing import fit_points
+from addon.core.training.learning import learn
+from addon.io.markersets import open_markerset
+from scripts import learn_markersets
+
+PEOPLE = Path(__file__).resolve().parents[4] / "shared" / "data" / "people"
+needs_people = pytest.mark.skipif(not PEOPLE.is_dir(), reason="the recorded people are not beside the project")
+
+
+@pytest.fixture(scope="module")
+def model():
+    return BodyModel(open_markerset("body26"))
+
+
+def walk(model: BodyModel, frames: int = 60, height: float = 1.4, seed: int = 0) -> Bodies:
+    """A subject of one shape who walks in a circle with bends that swing within what people do."""
+    rng = np.random.default_rng(seed)
+    spread = model.markerset.spread
+    phase = np.linspace(0, 4 * np.pi, frames)
+    swing = rng.normal(size=(model.joint_count, 3)) * np.sqrt(np.diag(spread.pose_covariance)).reshape(-1, 3)
+    bends = spread.pose_mean + 0.7 * np.sin(phase)[:, None, None] * swing
+    heading = phase / 2
+    rest = model.rest(frames, height)
+    return replace(
+        rest,
+        translation=np.stack([np.sin(heading), -np.cos(heading), 0.02 * np.sin(2 * phase)], axis=1),
+        quaternion=rotations.about_z(heading),
+        bends=bends,
+        shape=np.repeat(rng.normal(0, 0.7, (1, rest.shape.shape[1])), frames, axis=0),
+        own=np.repeat(rng.normal(0, 0.004, (1, model.marker_count, 3)), frames, axis=0),
+    )
+
+
+def off(model: BodyModel, bodies: Bodies, points: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(model.pose(bodies).markers - points, axis=2)
+
+
+def test_a_made_up_walk_is_found_again(model):
+    points = model.pose(walk(model)).markers
+    found = fit_points(model, points)
+    assert np.median(off(model, found, points)) < 0.004
+    assert off(model, found, points).max() < 0.02
+    np.testing.assert_allclose(found.scale.mean(), 1.4, atol=0.06)
+    np.testing.assert_allclose(np.linalg.norm(found.quaternion, axis=1), 1, atol=1e-12)
+    for shared in (found.scale, found.shape, found.own):
+        assert (shared == shared[:1]).all()
+
+
+@pytest.mark.parametrize("facing", [0, 90, 180, 270])
+def test_any_facing_and_any_place(model, facing):
+    bodies = walk(model, 9)
+    turn = rotations.quaternion_to_matrix(rotations.about_z(np.radians(facing)))
+    points = model.pose(bodies).markers @ turn.T + [5, -3, 0]
+    assert np.median(off(model, fit_points(model, points), points)) < 0.004
+
+
+def test_lying_people_are_posed_too(model):
+    turn = rotations.exponential(np.array([0, np.pi / 2, 0]))[0]
+    points = model.pose(walk(model, 9)).markers @ turn.T
+    assert np.median(off(model, fit_points(model, points), points)) < 0.004
+
+
+def test_missing_markers_are_placed_where_the_body_has_them(model):
+    whole = model.pose(walk(model)).markers
+    points = whole.copy()
+    rng = np.random.default_rng(3)
+    points[rng.random(points.shape[:2]) < 0.2] = np.nan
+    found = off(model, fit_points(model, points), whole)
+    assert np.nanmedian(found) < 0.004
+    assert np.percentile(found, 95) < 0.03
+
+
+def test_frames_without_enough_markers_have_no_pose(model):
+    points = model.pose(walk(model)).markers
+    points[7] = np.nan
+    points[8, 3:] = np.nan
+    found = fit_points(model, points)
+    empty = np.isnan(model.pose(found).markers).all(axis=(1, 2))
+    assert np.flatnonzero(empty).tolist() == [7, 8]
+    assert len(found) == len(points)
+    with pytest.raises(ValueError, match="enough markers"):
+        fit_points(model, np.full((4, model.marker_count, 3), np.nan))
+
+
+def test_a_point_that_is_labelled_wrongly_does_not_drag_the_body_along(model):
+    right = model.pose(walk(model)).markers
+    points = right.copy()
+    points[20, model.markerset.index("LKNE")] += [0.5, 0.5, 1.0]
+    found = off(model, fit_points(model, points), right)
+    assert np.median(found[20]) < 0.01
+
+
+def test_a_measured_height_is_kept(model):
+    points = model.pose(walk(model, 12)).markers
+    assert fit_points(model, points, height=1.4).scale[0].mean() == pytest.approx(1.4, abs=0.03)
+
+
+def person_points(markerset, stem: str) -> np.ndarray:
+    names, points, _ = learn_markersets.read_c3d(PEOPLE / "mcgill" / stem[:6] / f"{stem}.c3d")
+    return np.stack([points[:, names.index(name)] for name in markerset.markers], axis=1)
+
+
+@needs_people
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["gait15", "body26"])
+def test_people_who_were_not_learned_from_are_posed_within_15_mm(name):
+    left_out = ("HC002D", "HC033A", "HC044A")
+    markerset = learn(learn_markersets.read_people(PEOPLE, left_out), name)
+    model = BodyModel(markerset)
+    for stem in ("HC002D02", "HC002D06", "HC044A29"):
+        points = person_points(markerset, stem)
+        away = off(model, fit_points(model, points), points)
+        assert np.nanmedian(away) < 0.005, stem
+        assert np.nanpercentile(away, 99) < 0.015, stem
+
+
+@needs_people
+def test_a_real_walk_is_posed_within_15_mm():
+    markerset = open_markerset("gait15")
+    points = person_points(markerset, "HC038A11")
+    away = off(BodyModel(markerset), fit_points(BodyModel(markerset), points), points)
+    assert np.nanmedian(away) < 0.005
+    assert np.nanmax(away) < 0.03
