@@ -12,8 +12,6 @@ import numpy as np
 
 import addon.core
 from addon.core.blobs.swaps import try_swaps
-from addon.core.data.takes import NO_MARKER
-from addon.core.points.whole_take.layout import NOTHING_HELD
 
 # What decides labels; what only draws, fills, trains or simulates is elsewhere.
 NAMING = ("blobs", "points", "pipelines", "reconstruction", "body")
@@ -72,16 +70,8 @@ def varied(name: str, factor: float):
         object.__setattr__(holder, field, before)
 
 
-def _same_marker(tracklets, placed, marker, *_):
-    return marker
-
-
-def _no_layout(likelihood, placed, absent, held=NOTHING_HELD, crowd=False):
+def _no_layout(likelihood, placed, held, absent):
     return np.arange(placed.shape[1]), ()
-
-
-def _no_extras(tracklets, marker, markers, missing):
-    return np.where(marker >= markers, NO_MARKER, marker), 0
 
 
 def _nothing_tried(known, now, place):
@@ -91,15 +81,16 @@ def _nothing_tried(known, now, place):
 CORE = addon.core.__name__
 # Of each stage: what stands in its place, by where it is called.
 STAGES: dict[str, dict[str, Callable]] = {
-    "points: exchanges of a while": {"points.whole_take.solving.undone": _same_marker},
-    "points: layout naming": {"points.whole_take.solving.named_by_layout": _no_layout},
+    "points: search": {"points.whole_take.solving.Search.climb": lambda self: None},
+    "points: layout of a crowd": {"points.whole_take.solving.named_by_layout": _no_layout},
     "points: blocks": {"points.whole_take.layout.block_exchanges": _nothing_tried},
-    "points: shifts": {"points.whole_take.layout.shifts": _nothing_tried},
-    "points: unmodelled markers": {"points.whole_take.solving.with_extras": _no_extras},
+    "points: unmodelled markers": {"points.whole_take.solving._Solving._add_extras": lambda self: False},
     "points: links over gaps": {
-        "points.whole_take.solving.links": lambda tracklets, which, placed, *_: np.zeros((len(which), placed.shape[1]))
+        "points.whole_take.objective.links": lambda *given: np.zeros(given[-1].shape),
     },
-    "points: seldom there": {"points.whole_take.solving._Solving._seldom_there": lambda self: self.margin},
+    "points: seldom there": {
+        "points.whole_take.solving._Solving._of_seldom": lambda self, own: np.full(len(own), np.inf)
+    },
     "points: consistency": {
         "points.whole_take.deciding.consistent_markers": lambda marker, points, likelihood: marker,
         "points.whole_take.deciding.consistent": lambda verdict, *_: verdict,
@@ -117,9 +108,9 @@ STAGES: dict[str, dict[str, Callable]] = {
     "blobs: absent markers": {"blobs.pipeline.absent_markers": lambda *_: np.zeros(0, int)},
     "blobs: swaps in a found frame": {"blobs.search.settle": try_swaps},
 }
-EXCHANGES = ("blocks", "shifts", "exchanges of a while", "seldom there", "consistency", "parting at leaps")
+LOOKS = ("blocks", "seldom there", "consistency", "parting at leaps")
 TOGETHER = {
-    "points: six that seem to do nothing": [f"points: {name}" for name in EXCHANGES],
+    "points: four that seem to do little": [f"points: {name}" for name in LOOKS],
     "blobs: all that look again": [name for name in STAGES if name.startswith("blobs: ") and "found" not in name],
 }
 

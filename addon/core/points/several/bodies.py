@@ -15,7 +15,7 @@ from ..models import Model
 from ..naming import Namer
 from ..refusals import Sample, SubjectsError, UnsuitedError, refuse_others
 from ..whole_take.deciding import least_margin
-from ..whole_take.layout import usual_residual
+from ..whole_take.objective import usual_residual
 from ..whole_take.pipeline import NamedFrames, PointOptions, Recognise, name_frames, name_more, solution_for
 from ..whole_take.solving import Solution
 from .counting import firm_tracklets, is_whole

@@ -14,7 +14,7 @@ import numpy as np
 from ...data.takes import NO_POINT
 from ...geometry.rigid import pairwise_distances
 from ..likelihood.model import Known
-from ..likelihood.naming import IMPOSSIBLE, Settled, expected_of, name_odds, settle
+from ..likelihood.naming import Settled, expected_of
 from .pairs import PAIRING
 
 
@@ -23,8 +23,6 @@ class BlockOptions:
     """What is named anew together. All reckoned.
 
     sizes       markers at a time: one and those that sit next to it
-    around      markers about one that is missing: all of them may be one place off
-    rounds      of naming those, by everyone else and by each other
     points      that each may be, the likeliest on its own
     proposed    choices of each block that are weighed exactly,
     max_behind  log likelihood that such a choice may be behind by what is quickly known
@@ -32,8 +30,6 @@ class BlockOptions:
     """
 
     sizes: tuple[int, ...] = (3, 4)
-    around: tuple[int, ...] = (8, 14)
-    rounds: int = 3
     points: int = 6
     proposed: int = 4
     max_behind: float = 20.0
@@ -41,7 +37,6 @@ class BlockOptions:
 
 
 BLOCKS = BlockOptions()
-NOBODY_NAMED = np.zeros(0, int)
 
 
 def block_exchanges(known: Known, now: Settled, place: np.ndarray) -> np.ndarray:
@@ -54,15 +49,6 @@ def block_exchanges(known: Known, now: Settled, place: np.ndarray) -> np.ndarray
         found = [_turned_about(known, now, place, blocks) for blocks in of_sizes]
     else:
         found = [_choices(known, now, place, block) for blocks in of_sizes for block in blocks]
-    return np.concatenate(found) if found else np.zeros((0, len(place)), int)
-
-
-def shifts(known: Known, now: Settled, place: np.ndarray) -> np.ndarray:
-    """(X, M + E) the same of names that are all one place off, on the way to a marker that is missing."""
-    missing = np.flatnonzero((now.naming >= 0).mean(axis=0) < BLOCKS.min_seen)
-    about = [_about(known.fine.mean, marker, size) for marker in missing.tolist() for size in BLOCKS.around]
-    found = [_moved_up(known, now, place, block) for block in about]
-    found += [_moved_up(known, now, place, block, missing) for block in about]
     return np.concatenate(found) if found else np.zeros((0, len(place)), int)
 
 
@@ -131,43 +117,6 @@ def _choices(known: Known, now: Settled, place: np.ndarray, block: np.ndarray) -
     square = _square(covariance, away, tuple(range(len(block))), choice)
     choice = free[choice[np.argsort(square, kind="stable")[: BLOCKS.proposed]]]
     rows = [_row(block, other, every) for other in choice if (other != block).any()]
-    return np.array(rows, dtype=int).reshape(-1, every)
-
-
-def _about(mean: np.ndarray, marker: int, size: int) -> np.ndarray:
-    """A marker and those of a mean shape (M, 3) m that sit about it, so many in all."""
-    apart = np.linalg.norm(mean - mean[marker], axis=1)
-    return np.sort(np.argsort(apart, kind="stable")[:size])
-
-
-def _moved_up(
-    known: Known, now: Settled, place: np.ndarray, block: np.ndarray, named: np.ndarray = NOBODY_NAMED
-) -> np.ndarray:
-    """(X, M + E) what a block (B,) is by everyone else, and then by each other too, where one of it is missing.
-
-    Each may have the name of the next, all the way to the missing one: no exchange of a few is likelier then. Those of
-    the missing that are to be `named` take a point even where that is unlikely, for it to be weighed.
-    """
-    from scipy.optimize import linear_sum_assignment
-
-    markers, every = now.naming.shape[1], len(place)
-    naming, found = np.where(np.isin(np.arange(markers), block), NO_POINT, now.naming), {}
-    free = np.concatenate([block, np.arange(markers, every)])
-    for _ in range(BLOCKS.rounds):
-        rest = settle(known.fine, known.constraints, now.points, now.present, naming)
-        odds = name_odds(known.fine, known.constraints, rest)[:, block][:, :, place[free]]
-        there = now.present[:, None, place[free]]
-        often = there.mean(axis=0) >= BLOCKS.min_seen
-        usual = np.nanmedian(np.where(often, np.where(there, odds, np.nan), 0.0), axis=0)
-        forced = np.isin(block, named)[:, None] & ~often
-        _, column = linear_sum_assignment(np.where(forced, IMPOSSIBLE, usual), maximize=True)
-        row = _row(block, free[column], every)
-        if row.tobytes() in found:
-            break
-        found[row.tobytes()] = row
-        others = place[row[:markers]]
-        naming = np.where(now.present[:, others], others, NO_POINT)
-    rows = [row for row in found.values() if (row != np.arange(every)).any()]
     return np.array(rows, dtype=int).reshape(-1, every)
 
 

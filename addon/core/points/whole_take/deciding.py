@@ -14,7 +14,6 @@ from ..deciding import Said, consistent, consistent_markers, decide, decided_mar
 from ..likelihood.calibration import chance
 from ..models import Model
 from ..tracklets import VOTE, are_lasting, gone_over
-from .layout import Question
 from .pairs import nearest, trained_pairs
 from .rulings import Rulings
 from .solving import ROUNDS, Solution, solve_take
@@ -192,7 +191,7 @@ def _believed(solution: Solution, target: float, markers: int) -> np.ndarray:
     least = BELIEVING.layout_of_target * asked
     doubted = np.zeros(markers, dtype=bool)
     for question in solution.questions:
-        if question.odds + _agreement(solution, question, markers) < least:
+        if question.odds < least:
             doubted[[name for name in (question.one, question.other) if name < markers]] = True
     # What is known by its neighbours alone is known no better than they are.
     doubted |= doubted[solution.beside].mean(axis=1) >= BELIEVING.doubted_beside
@@ -207,22 +206,6 @@ def least_margin(target: float) -> float:
 
 def _log_odds(target: float) -> float:
     return float(np.log(target / (1 - target)))
-
-
-def _agreement(solution: Solution, question: Question, markers: int) -> float:
-    """Log odds that frames on their own add to the names of two markers, if all of them say so.
-
-    Of what is beside a marker no frame says anything: the layout alone has chosen between the two, unless what it has
-    chosen is seldom there.
-    """
-    one, other = question.one, question.other
-    if question.shifted:
-        return 0.0
-    if other >= markers:
-        return 0.0 if question.missing else np.inf
-    of_one, of_other = (solution.tracklets.votes[solution.marker == name].sum(axis=0) for name in (one, other))
-    as_named, exchanged = float(of_one[one] + of_other[other]), float(of_one[other] + of_other[one])
-    return BELIEVING.votes * (as_named - exchanged) / max(as_named + exchanged, 1.0)
 
 
 def _questions(solution: Solution, names: Sequence[str], frames: int, first_frame: int) -> tuple[Suspect, ...]:

@@ -10,112 +10,74 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...data.takes import NO_POINT, evenly_spread
-from ...geometry.rigid import in_axes, laid_on
-from ...geometry.upright import upright_aligned
+from ...data.takes import NO_POINT
 from ..likelihood.model import Known, Likelihood
 from ..likelihood.naming import IMPOSSIBLE, Settled, name_odds, score_of, settle
 from ..likelihood.swaps import alternatives
-from .blocks import block_exchanges, shifts
+from .blocks import block_exchanges
+from .objective import clipped, settled_frames
 from .pairs import PAIRING
-from .tracklets import seen_in
 
 
 @dataclass(frozen=True)
 class LayoutNamingOptions:
-    """How names are given to the markers of a take. All reckoned.
+    """How names are given to the markers of a crowd.
 
-    frames           that are asked, of
-    fullest          so many times as many that show most of the markers
-    min_frames       fewer say nothing
-    min_markers      of a frame that is asked
-    min_gain         log likelihood of the middle frame by which other names must be better, and
-    min_shift_gain   where several are moved on, each to the next one's name: a body of which little is known gains
-                     something by that, too
-    max_question     log odds below which what is right is a question
-    max_frame        log likelihood that one frame can win or lose: beyond it training knows nothing
-    about            log odds that a quick look at an exchange may be wrong by
-    missing          log odds against a marker that is missing while something else is there in its stead: out of a
-                     crowd one take in twenty has the one, one in twenty the other
-    min_there        part of the take in which a marker is there, that is not missing, and
-    min_steady       in which something else is, to be it: ghosts that follow each other are there for half of a short
-                     take
-    rounds           of asking, and asking again
-    block            exchanges at once
+    min_gain      log likelihood of the middle frame by which other names must be better
+    max_question  log odds below which what is right is a question
+    about         log odds that a quick look at an exchange may be wrong by
+    rounds        of asking, and asking again
+    block         memory: exchanges at once
     """
 
-    frames: int = 16
-    fullest: int = 16
-    min_frames: int = 3
-    min_markers: int = 5
     min_gain: float = 0.3
-    min_shift_gain: float = 6.0
     max_question: float = 6.0
-    max_frame: float = 12.0
     about: float = 4.0
-    missing: float = 6.0
-    min_there: float = 0.5
-    min_steady: float = 0.8
     rounds: int = 12
     block: int = 16
 
 
 LAYOUT_NAMING = LayoutNamingOptions()
-NOTHING_HELD = np.zeros(0, int)
 
 
 @dataclass(frozen=True)
 class Question:
-    """Two markers that may be each other, and the log odds of the names that they have against the other way round.
-
-    `shifted` where more than the two would change names, each to the next one's: then frames err as the take does.
-    `missing` where what has the one's name is seldom there, and the other is not.
-    """
+    """A marker whose points may be another's, or an extra's, and the log odds of the names that they have."""
 
     one: int
     other: int
     odds: float
-    shifted: bool = False
-    missing: bool = False
 
 
 def named_by_layout(
-    likelihood: Likelihood, placed: np.ndarray, absent: bool, held: np.ndarray = NOTHING_HELD, crowd: bool = False
+    likelihood: Likelihood, placed: np.ndarray, held: np.ndarray, absent: bool
 ) -> tuple[np.ndarray, tuple[Question, ...]]:
-    """The name (M + E,) that each marker of a take should have, and what is hardly sure.
+    """The name (M + E,) that each marker of a crowd should have, and what is hardly sure.
 
-    placed (T, M + E, 3) m, NaN where there is none: the set's M markers as they are named so far, and E extras, of
-    which each may be what a marker's name belongs to. With `absent`, names that nothing has are tried too.
-    The markers `held` keep their names. Out of a `crowd`, all markers of the set are there rather than something else.
+    placed (F, M + E, 3) m in frames that show most, NaN where there is none: the set's M markers as they are named so
+    far, and E extras, of which each may be what a marker's name belongs to. The markers `held` keep their names. With
+    `absent`, names that nothing has are tried too.
     """
-    every, markers = placed.shape[1], len(likelihood)
-    name, known = np.arange(every), likelihood.known
-    now = _settled(likelihood, _frames(placed, markers))
+    name, known = np.arange(placed.shape[1]), likelihood.known
+    now = settled_frames(likelihood, placed)
     if now is None:
         return name, ()
-    present = now.present
-    there = seen_in(placed).mean(axis=0)
-    least = np.where(name < markers, LAYOUT_NAMING.min_there, LAYOUT_NAMING.min_steady)
-    seldom = (there < least) & (not crowd)
+    present, questions = now.present, ()
     for _ in range(LAYOUT_NAMING.rounds):
         place = np.argsort(name)
         tried = _without_held(_exchanges(known, now, name, absent), held)
-        others, gain, usual = _gains(known, now, place, tried, seldom)
-        questions = _questions(tried, usual, present[:, place].any(axis=0), seldom[place])
-        questions += _several(tried, usual, markers)
-        if gain.max(initial=0) <= LAYOUT_NAMING.min_gain:
+        others, middle, usual = _gains(known, now, place, tried)
+        questions = _questions(tried, usual, len(likelihood))
+        if middle.max(initial=0) <= LAYOUT_NAMING.min_gain:
             tried = _others_than(tried, _without_held(block_exchanges(known, now, place), held))
-            others, gain, usual = _gains(known, now, place, tried, seldom)
-            questions += _several(tried, usual, markers)
-        if gain.max(initial=0) <= LAYOUT_NAMING.min_gain:
-            tried = _without_held(shifts(known, now, place), held)
-            others, gain, usual = _gains(known, now, place, tried, seldom)
-            if gain.max(initial=0) <= LAYOUT_NAMING.min_shift_gain:
-                return name, questions + _several(tried, usual, markers, shifted=True)
-        best = int(gain.argmax())
+            others, middle, usual = _gains(known, now, place, tried)
+            questions += _questions(tried, usual, len(likelihood))
+            if middle.max(initial=0) <= LAYOUT_NAMING.min_gain:
+                break
+        best = int(middle.argmax())
         name = np.argsort(place[tried[best]])
         now = settle(known.fine, known.constraints, now.points, present, others[:, best])
-    return name, ()
+    return name, questions
 
 
 def _others_than(tried: np.ndarray, more: np.ndarray) -> np.ndarray:
@@ -129,87 +91,33 @@ def _without_held(tried: np.ndarray, held: np.ndarray) -> np.ndarray:
     return tried[(tried[:, held] == held).all(axis=1)]
 
 
-def usual_residual(likelihood: Likelihood, placed: np.ndarray, upright: bool = True) -> float:
-    """The middle frame's mean square between markers placed (T, M + E, 3) m and where the set has them, over its noise.
-
-    A set that is not the subject's has its markers elsewhere, whatever the pose. 0 where too few frames show enough.
-    Who is not `upright`, but may lie or hang, is turned as the set stands first.
-    """
-    some = _frames(placed, len(likelihood))
-    if not upright:
-        some = in_axes(*laid_on(likelihood.shape.mean, some[:, : len(likelihood)]), some)
-    now = _settled(likelihood, some)
-    if now is None:
-        return 0.0
-    square = (now.left**2).sum(axis=2) / likelihood.known.fine.noise
-    return float(np.median(square.sum(axis=1) / (3 * now.named.sum(axis=1))))
-
-
-def _settled(likelihood: Likelihood, some: np.ndarray) -> Settled | None:
-    """Frames (F, M + E, 3) m with the names that they have; None where they are too few."""
-    if len(some) < LAYOUT_NAMING.min_frames:
-        return None
-    points = upright_aligned(some, likelihood.shape.mean)
-    present = np.isfinite(points[..., 0])
-    naming = np.where(present[:, : len(likelihood)], np.arange(len(likelihood)), NO_POINT)
-    known = likelihood.known
-    return settle(known.fine, known.constraints, np.where(present[..., None], points, 0), present, naming)
-
-
 def _gains(
-    known: Known, now: Settled, place: np.ndarray, tried: np.ndarray, seldom: np.ndarray
+    known: Known, now: Settled, place: np.ndarray, tried: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Namings (F, X, M) of frames by other names (X, M + E), and log likelihoods (X,) that these win.
 
     The one is the middle frame's, the other, where that is more, the mean of all frames: names that are wrong for the
-    usual pose of a short take are far off in another. More of the markers are then something that is there, not
-    `seldom` (M + E,), or fewer.
+    usual pose of a short take are far off in another.
     """
-    markers = now.naming.shape[1]
-    others = place[tried[:, :markers]]
-    fewer = seldom[place[:markers]].sum() - seldom[others].sum(axis=1)
+    others = place[tried[:, : now.naming.shape[1]]]
     others = np.where(now.present[:, others], others, NO_POINT)
-    each = _scores(known, now, others) - now.score[:, None]
-    middle, usual = _usual(each)
-    more = LAYOUT_NAMING.missing * fewer
-    return others, middle + more, usual + more
+    return others, *_usual(_scores(known, now, others) - now.score[:, None])
 
 
 def _usual(each: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What the middle one of frames (F, X) wins and, where that is more, all of them on average: (X,) each."""
     middle = np.median(each, axis=0)
-    mean = np.clip(each, -LAYOUT_NAMING.max_frame, LAYOUT_NAMING.max_frame).mean(axis=0)
-    return middle, np.maximum(middle, mean)
+    return middle, np.maximum(middle, clipped(each, 2))
 
 
-def _questions(tried: np.ndarray, gain: np.ndarray, there: np.ndarray, seldom: np.ndarray) -> tuple[Question, ...]:
-    """Which of the exchanges (X, M + E) of two are hardly worse; `there` and `seldom` (M + E,) by the names so far."""
-    found = []
-    for row, value in zip(tried, gain.tolist(), strict=True):
-        pair = np.flatnonzero(row != np.arange(len(row)))
-        if len(pair) == 2 and there[pair].any() and value > -LAYOUT_NAMING.max_question:
-            one, other = pair.tolist()
-            found.append(Question(one, other, -value, missing=bool(seldom[one] and not seldom[other])))
-    return tuple(found)
-
-
-def _several(tried: np.ndarray, gain: np.ndarray, markers: int, shifted: bool = False) -> tuple[Question, ...]:
-    """The same of those (X, M + E) of several at once: each marker and the one whose point it would take."""
+def _questions(tried: np.ndarray, gain: np.ndarray, markers: int) -> tuple[Question, ...]:
+    """Of exchanges (X, M + E) that are hardly worse: each marker, and the marker whose point it would take."""
     found: dict[tuple[int, int], float] = {}
     for row, value in zip(tried.tolist(), gain.tolist(), strict=True):
-        moved = [(one, other) for one, other in enumerate(row) if one != other]
-        if len(moved) > 2 and value > -LAYOUT_NAMING.max_question:
-            for pair in (pair for pair in moved if pair[0] < markers):
+        if value > -LAYOUT_NAMING.max_question:
+            for pair in [(one, other) for one, other in enumerate(row[:markers]) if one != other and other < markers]:
                 found[pair] = min(-value, found.get(pair, np.inf))
-    return tuple(Question(*pair, odds, shifted) for pair, odds in found.items())
-
-
-def _frames(placed: np.ndarray, markers: int) -> np.ndarray:
-    """(F, M + E, 3) m, some of the frames that show most of the markers, all over the take."""
-    count = seen_in(placed)[:, :markers].sum(axis=1)
-    fullest = np.sort(np.argsort(-count, kind="stable")[: LAYOUT_NAMING.frames * LAYOUT_NAMING.fullest])
-    fullest = fullest[count[fullest] >= LAYOUT_NAMING.min_markers]
-    return placed[fullest[evenly_spread(len(fullest), LAYOUT_NAMING.frames)]].astype(float)
+    return tuple(Question(*pair, odds) for pair, odds in found.items())
 
 
 def _exchanges(known: Known, now: Settled, name: np.ndarray, absent: bool) -> np.ndarray:

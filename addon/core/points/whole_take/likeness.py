@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...data.lanes import blocks
 from ...data.takes import NO_MARKER
 from ...kernels import point_calls, stands_for
+from ..tracklets import VOTE
 from .pairs import PairDistances
-from .tracklets import PlacedMarkers, Tracklets, seen_in
+from .tracklets import PlacedMarkers, Tracklets
 
 
 @dataclass(frozen=True)
@@ -151,55 +151,55 @@ def worth_of_each(asked: np.ndarray | int) -> np.ndarray:
     return np.minimum(1, LIKENESS.independent / np.maximum(asked, 1))
 
 
-def _next_seen(seen: np.ndarray, first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(N, M) the frame before each `first` (N,), and after each `last`, in which a marker is next; -1 where in none.
+def _next_named(tracklets: Tracklets, marker: np.ndarray, which: np.ndarray, markers: int) -> np.ndarray:
+    """(2, K, M) the last tracklet that has each name (N,) before some tracklets (K,), and the first after; -1 for none.
 
-    `seen` (T, M) is where each marker is.
+    They may overlap by as much as those of one marker do.
     """
-    before, after = np.full((2, len(first), seen.shape[1]), -1)
-    stride = len(seen) + 2
-    for some in blocks(seen.shape[1], len(seen)):
-        marker, frame = np.nonzero(seen[:, some].T)
-        # All of them in a row, marker after marker, with an end before and behind each marker's.
-        begins = np.arange(some.stop - some.start) * stride
-        keys = np.sort(np.concatenate([marker * stride + frame + 1, begins, begins + stride - 1]))
-        found = keys[np.searchsorted(keys, begins + first[:, None] + 1) - 1] - begins
-        before[:, some] = found - 1
-        found = keys[np.searchsorted(keys, begins + last[:, None] + 1, side="right")] - begins
-        after[:, some] = np.where(found <= len(seen), found - 1, -1)
-    return before, after
+    found = np.full((2, len(which), markers), -1)
+    named, name = np.flatnonzero(marker != NO_MARKER), np.arange(markers)
+    sides = (tracklets.last, tracklets.first), (-tracklets.first, -tracklets.last)
+    reach = 2 * (int(tracklets.last.max(initial=0)) + VOTE.max_overlap_frames) + 2  # one marker after the other
+    for side, (ends, begins) in zip(found if len(named) else (), sides, strict=False):
+        order = named[np.lexsort((ends[named], marker[named]))]
+        keys = marker[order] * reach + ends[order]
+        latest = begins[which, None] + VOTE.max_overlap_frames
+        place = np.searchsorted(keys, name * reach + latest, side="right") - 1
+        place -= (place >= 0) & (order[place] == which[:, None])
+        side[:] = np.where((place >= 0) & (marker[order[place]] == name), order[place], -1)
+    return found
 
 
 def links(
     tracklets: Tracklets,
-    which: np.ndarray,
+    at: tuple[np.ndarray, np.ndarray],
+    marker: np.ndarray,
     placed: np.ndarray,
-    own: np.ndarray,
     pairs: PairDistances,
     rate: float,
-    asked: np.ndarray | None = None,
+    which: np.ndarray,
+    asked: np.ndarray,
 ) -> np.ndarray:
     """(K, M) log odds that some tracklets (K,) go on as a marker did before them, and as the marker does after them.
 
-    Over a gap the distances to its neighbours hardly change; 0 where nothing is named near in time, and where it is not
+    By names (N,), with markers placed (F, M, 3) m in frames of which `at` has the tracklets' first and last (N,). Over
+    a gap the distances to its neighbours hardly change; 0 where nothing is named near in time, and where it is not
     `asked` (K, M).
     """
     markers, near = placed.shape[1], steadiest(pairs.within)
     within = pairs.within[np.arange(markers)[:, None], near]
-    begin, end, own = tracklets.first[which], tracklets.last[which], own[which]
-    next_seen = _next_seen(seen_in(placed), begin, end)
     found = np.zeros((len(which), markers))
-    ends = ((begin, 0), (end, tracklets.frame[which].argmax(axis=1)))
-    for (frame, sample), then in zip(ends, next_seen, strict=True):
-        gap = np.abs(frame[:, None] - then)
-        known = (then >= 0) & (gap <= LIKENESS.max_gap_s * rate)
-        then = np.where(known if asked is None else known & asked, then, -1)
-        xyz = tracklets.xyz[which, sample]
-        for first in range(0, len(which), LIKENESS.block):
-            some = slice(first, first + LIKENESS.block)
-            at, beside = _looked_at(placed, np.column_stack([frame[some], then[some]]))
-            parts = at[:, 0], at[:, 1:], gap[some], xyz[some], beside, own[some], near, within, rate
-            found[some] += of_ends(*parts, LIKENESS)
+    before, after = _next_named(tracklets, marker, which, markers)
+    ends = (0, before, tracklets.first, tracklets.last), (1, after, tracklets.last, tracklets.first)
+    last_sample = tracklets.frame[which].argmax(axis=1)
+    for (end, other, own_end, other_end), sample in zip(ends, (0, last_sample), strict=True):
+        gap = np.abs(own_end[which][:, None] - other_end[other])
+        known = (other >= 0) & (gap <= LIKENESS.max_gap_s * rate) & asked
+        some = np.flatnonzero(known.any(axis=1))
+        then = np.where(known, at[1 - end][other], -1)[some]
+        xyz = tracklets.xyz[which, sample][some]
+        parts = at[end][which[some]], then, gap[some], xyz, placed, marker[which[some]], near, within, rate
+        found[some] += of_ends(*parts, LIKENESS)
     return found
 
 

@@ -78,8 +78,8 @@ def trained_pairs(model: Model) -> PairDistances:
     everyone = [points for points in model.subjects.values() if len(points) >= PAIRING.min_frames]
     if not everyone:
         return _of_shape(model.likelihood)
-    own = [_moments(points) for points in everyone]
-    means, within, counts = (np.stack(part) for part in zip(*own, strict=True))
+    own = [moments(points) for points in everyone]
+    means, within, counts = (np.stack([getattr(one, name) for one in own]) for name in ("mean", "variance", "count"))
     seen = counts > 1
     number = seen.sum(axis=0)
     size = np.ones(len(everyone))
@@ -113,9 +113,9 @@ def _of_shape(likelihood: Likelihood) -> PairDistances:
     pose = rng.standard_normal((PAIRING.shapes, shape.modes.shape[2]))
     clouds = shape.mean + np.einsum("fk,mak->fma", pose, shape.modes)
     clouds = clouds + np.sqrt(shape.noise)[:, None] * rng.standard_normal(clouds.shape)
-    mean, spread, _ = _moments(clouds)
-    guess = _guess(mean)
-    within = np.maximum(spread - guess, 0.1 * spread)
+    shown = moments(clouds)
+    mean, guess = shown.mean, _guess(shown.mean)
+    within = np.maximum(shown.variance - guess, 0.1 * shown.variance)
     one, other = likelihood.constraints.pair.T
     sd = likelihood.constraints.sd
     mean[one, other] = mean[other, one] = likelihood.constraints.length
@@ -140,10 +140,32 @@ def with_unknown(trained: PairDistances, count: int) -> PairDistances:
     )
 
 
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """Mean (m), variance (m²) and number of frames of all distances (M, M) in so many frames."""
+
+    mean: np.ndarray
+    variance: np.ndarray
+    count: np.ndarray
+    frames: int
+
+
 def in_take(trained: PairDistances, placed: np.ndarray) -> PairDistances:
     """What the markers as they are named so far, (T, M, 3) m, NaN where they are not, add to what is known."""
-    mean, within, count = _moments(placed)
-    coverage = count / max(min(len(placed), PAIRING.frames), 1)
+    return corrected(trained, moments(placed))
+
+
+def without_markers(shown: Moments, some: np.ndarray) -> Moments:
+    """The same where some markers (B,) are nowhere."""
+    count = shown.count.copy()
+    count[some] = count[:, some] = 0
+    return Moments(shown.mean, shown.variance, count, shown.frames)
+
+
+def corrected(trained: PairDistances, shown: Moments) -> PairDistances:
+    """What a take shows of distances, added to what is known."""
+    mean, within, count = shown.mean, shown.variance, shown.count
+    coverage = count / max(shown.frames, 1)
     count = count / PAIRING.independent
     some = count > 0
     mean, within = np.where(some, mean, 0), np.where(some, within, 0)
@@ -152,8 +174,8 @@ def in_take(trained: PairDistances, placed: np.ndarray) -> PairDistances:
     unsure = np.where(np.isfinite(trained.unsure), trained.unsure + size_variance * prior**2, 1.0)
     known = np.where(np.isfinite(trained.within), trained.within, 0.01)
     counts_for = np.where(np.isfinite(trained.within), PAIRING.within_frames, PAIRING.unknown_frames)
-    shown = coverage * count / (count + counts_for)
-    spread = (1 - shown) * known + shown * within
+    part = coverage * count / (count + counts_for)
+    spread = (1 - part) * known + part * within
     sampling = (spread + PAIRING.min_sd_m**2) / np.maximum(count, 1e-9)
     weight = np.where(some, unsure / (unsure + sampling), 0)
     return PairDistances(prior + weight * (mean - prior), (1 - weight) * unsure, spread)
@@ -171,12 +193,13 @@ def _size(trained: PairDistances, mean: np.ndarray, within: np.ndarray, count: n
     return float(np.exp((weight * ratio).sum() / known)), float(1 / known)
 
 
-def _moments(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mean, variance and number of frames of all distances (M, M) in some frames of (T, M, 3) m."""
-    total, squares, count = distance_sums(points[evenly_spread(len(points), PAIRING.frames)].astype(float))
+def moments(points: np.ndarray) -> Moments:
+    """Of all distances (M, M) in some frames of (T, M, 3) m."""
+    some = points[evenly_spread(len(points), PAIRING.frames)].astype(float)
+    total, squares, count = distance_sums(some)
     mean = total / np.maximum(count, 1)
     variance = np.maximum(squares / np.maximum(count, 1) - mean**2, 0) * count / np.maximum(count - 1, 1)
-    return np.where(count > 0, mean, np.nan), variance, count
+    return Moments(np.where(count > 0, mean, np.nan), variance, count, len(some))
 
 
 @stands_for(point_calls.distance_sums)

@@ -54,6 +54,11 @@ class Tracklets:
     def __len__(self) -> int:
         return len(self.first)
 
+    def some(self, rows: np.ndarray) -> Self:
+        """Some of them (K,)."""
+        names = "first", "last", "count", "frame", "xyz", "votes", "lane", "held"
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+
     def spread(self, values: np.ndarray, nothing: float, frames: slice) -> np.ndarray:
         """(F, L) the value (N,) of each tracklet at its points in some frames, `nothing` where there is none."""
         return np.append(values, np.array(nothing, values.dtype))[self.table[frames]]

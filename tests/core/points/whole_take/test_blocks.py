@@ -12,7 +12,6 @@ from addon.core.points.likelihood.latent import Latent
 from addon.core.points.likelihood.naming import score_of, settle
 from addon.core.points.likelihood.shape import Shape
 from addon.core.points.whole_take.blocks import _held_together, _row, block_exchanges, middle_of_known
-from addon.core.points.whole_take.exchanges import _fall_apart, _parts
 
 SEEDS = st.integers(0, 2**16)
 UNHELD = DistanceConstraints(np.zeros((0, 2), int), np.zeros(0), np.zeros(0), 0.05)
@@ -71,10 +70,3 @@ def test_the_middle_of_what_is_known(seed, count):
 
 def test_who_gives_a_point_away_takes_what_is_left():
     assert _row(np.array([0, 1]), np.array([1, 4]), 6).tolist() == [1, 4, 2, 3, 0, 5]
-
-
-@given(st.lists(st.tuples(st.integers(0, 40), st.integers(0, 15)), min_size=1, max_size=5))
-def test_spans_fall_apart_where_they_have_parts(some):
-    spans = sorted((first, first + length) for first, length in some)
-    first, last = np.array(spans).T
-    assert _fall_apart(spans) == (_parts(first, last)[-1] > 0)

@@ -9,12 +9,11 @@ from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, NO_STEP, Labels
 from addon.core.points.naming import namer_of
 from addon.core.points.refusals import REFUSAL, refuse_unlike
 from addon.core.points.tracklets import cut
-from addon.core.points.whole_take.blocks import block_exchanges, shifts
+from addon.core.points.whole_take.blocks import block_exchanges
 from addon.core.points.whole_take.deciding import labels_of
-from addon.core.points.whole_take.extras import EXTRAS, with_extras
-from addon.core.points.whole_take.layout import named_by_layout, usual_residual
+from addon.core.points.whole_take.layout import named_by_layout
+from addon.core.points.whole_take.objective import settled_frames, usual_residual
 from addon.core.points.whole_take.solving import solve_take
-from addon.core.points.whole_take.tracklets import tracklets_of
 from addon.demo.take import make_performance
 from addon.io.markersets import open_markerset
 from addon.io.models import open_model
@@ -69,72 +68,22 @@ def test_a_crowd_is_told_from_the_set_where_frames_know_the_trunk_only(model, ma
     assert solution.residual < REFUSAL.max_residual
 
 
-def test_extras_that_nothing_is_leave_and_their_numbers_close_up(model, markers):
-    size = markers.shape[1]
-    points, whose = shuffled(np.concatenate([markers, beside(markers)], axis=1), size)
-    nothing = said(points, np.full(points.shape[:2], NO_MARKER))
-    tracklets = tracklets_of(points, cut(points, RATE), nothing, size)
-    own = whose[tracklets.lane]
-    marker, count = with_extras(tracklets, own, size)
-    long = tracklets.count >= EXTRAS.min_frames
-    assert count == ((own == NO_MARKER) & long).sum()
-    assert sorted(marker[marker >= size]) == list(range(size, size + count))
-    gone = np.where(marker == size, NO_MARKER, marker)
-    gone[np.flatnonzero(marker == size + 1)] = size
-    again, same = with_extras(tracklets, gone, size)
-    assert same == count
-    assert sorted(again[again >= size]) == list(range(size, size + count))
-
-
 @pytest.mark.parametrize("turned", [(1, 2, 0), (2, 0, 1)])
 def test_three_that_are_each_in_the_place_of_the_next_are_put_right(model, markers, turned):
     foot = [model.markerset.markers.index(name) for name in FOOT]
     placed = markers.copy()
     placed[:, foot] = markers[:, [foot[index] for index in turned]]
-    name, _ = named_by_layout(model.likelihood, placed, absent=False)
+    name, _ = named_by_layout(model.likelihood, placed[::20], np.zeros(0, int), False)
     assert (name[foot] == [foot[index] for index in turned]).all()
     assert (np.delete(name, foot) == np.delete(np.arange(len(name)), foot)).all()
 
 
 def test_every_choice_of_a_block_gives_each_point_one_taker(model, markers):
-    from addon.core.points.whole_take.layout import _frames, _settled
-
     placed = np.concatenate([markers, beside(markers)[:, :20]], axis=1)
-    now = _settled(model.likelihood, _frames(placed, markers.shape[1]))
+    now = settled_frames(model.likelihood, placed[::20])
     tried = block_exchanges(model.likelihood.known, now, np.arange(placed.shape[1]))
     assert len(tried)
     assert (np.sort(tried, axis=1) == np.arange(placed.shape[1])).all()
-    assert not len(shifts(model.likelihood.known, now, np.arange(placed.shape[1])))
-    placed[:, 3] = np.nan
-    now = _settled(model.likelihood, _frames(placed, markers.shape[1]))
-    tried = shifts(model.likelihood.known, now, np.arange(placed.shape[1]))
-    assert len(tried)
-    assert (np.sort(tried, axis=1) == np.arange(placed.shape[1])).all()
-
-
-def test_names_that_are_one_place_off_where_one_is_missing_are_put_right_or_asked(model, markers):
-    foot = [model.markerset.markers.index(name) for name in FOOT]
-    placed = np.concatenate([markers, markers[:, foot[:1]]], axis=1)
-    placed[:, foot[:2]] = markers[:, foot[1:]]
-    placed[:, foot[2]] = np.nan
-    name, questions = named_by_layout(model.likelihood, placed, absent=True)
-    whose = np.r_[np.arange(markers.shape[1]), foot[0]]
-    whose[foot[:2]] = foot[1:]
-    asked = {one for question in questions for one in (question.one, question.other)}
-    assert all(name[one] == whose[one] or one in asked for one in foot[:2])
-
-
-def test_tracklets_without_a_name_are_extras_where_a_marker_is_missing(model, markers):
-    size = markers.shape[1]
-    points = np.concatenate([markers, beside(markers)[:, :1]], axis=1)
-    nothing = said(points, np.full(points.shape[:2], NO_MARKER))
-    tracklets = tracklets_of(points, cut(points, RATE), nothing, size)
-    own = tracklets.lane
-    own = np.where(own < size, own, NO_MARKER)
-    gone = np.where(own == 0, NO_MARKER, own)
-    assert with_extras(tracklets, own, size, missing=True)[1] == 0
-    assert with_extras(tracklets, gone, size)[1] == 0
-    assert with_extras(tracklets, gone, size, missing=True)[1] == 2
 
 
 def test_another_set_sits_elsewhere_and_is_refused(model, markers):

@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which exchanges of names are worth weighing, and where a marker is next seen: what is quick against what is plain."""
+"""Which exchanges of names are worth weighing, and where a marker is next seen."""
 
 from itertools import combinations
+from types import SimpleNamespace
 
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from addon.core.points.likelihood.naming import settle
+from addon.core.points.tracklets import VOTE
 from addon.core.points.whole_take.layout import LAYOUT_NAMING, _gains, _may_gain
-from addon.core.points.whole_take.likeness import _next_seen
+from addon.core.points.whole_take.likeness import _next_named
 from addon.io.models import open_model
 
 SEEDS = st.integers(0, 2**16)
@@ -39,20 +41,24 @@ def test_exchanges_that_are_left_out_are_no_question(seed, exchanged):
     tried = np.tile(np.arange(markers), (len(one), 1))
     rows = np.arange(len(one))
     tried[rows, one], tried[rows, other] = other, one
-    _, _, usual = _gains(known, now, place, tried, np.zeros(markers, bool))
+    _, _, usual = _gains(known, now, place, tried)
     assert (~worth).sum() > len(one) / 10
     assert usual[~worth].max() < -LAYOUT_NAMING.max_question
     assert worth[(one == exchanged[0]) & (other == exchanged[1])].all()
 
 
-@given(SEEDS, st.integers(1, 30), st.integers(1, 5), st.sampled_from([0.0, 0.3, 1.0]))
-def test_the_frames_in_which_markers_are_next_seen(seed, frames, markers, share):
+@given(SEEDS, st.integers(1, 12), st.integers(1, 3))
+def test_the_tracklets_in_which_markers_are_next(seed, count, markers):
     rng = np.random.default_rng(seed)
-    seen = rng.random((frames, markers)) < share
-    first = rng.integers(0, frames, 4)
-    last = np.minimum(first + rng.integers(0, frames, 4), frames - 1)
-    before, after = _next_seen(seen, first, last)
-    for row, marker in np.ndindex(4, markers):
-        there = np.flatnonzero(seen[:, marker])
-        assert before[row, marker] == there[there < first[row]].max(initial=-1)
-        assert after[row, marker] == next(iter(there[there > last[row]].tolist()), -1)
+    first = rng.integers(0, 60, count)
+    last, marker = first + rng.integers(0, 30, count), rng.integers(-1, markers, count)
+    found = _next_named(SimpleNamespace(first=first, last=last), marker, np.arange(count), markers)
+    for one, name in np.ndindex(count, markers):
+        others = (marker == name) & (np.arange(count) != one)
+        before = others & (last <= first[one] + VOTE.max_overlap_frames)
+        after = others & (first >= last[one] - VOTE.max_overlap_frames)
+        own = found[:, one, name]
+        assert (own[0] >= 0) == before.any()
+        assert own[0] < 0 or (before[own[0]] and last[own[0]] == last[before].max())
+        assert (own[1] >= 0) == after.any()
+        assert own[1] < 0 or (after[own[1]] and first[own[1]] == first[after].min())

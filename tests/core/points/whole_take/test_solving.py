@@ -10,9 +10,9 @@ from addon.core.data.lanes import LaneOptions
 from addon.core.data.takes import BY_LIKELIHOOD, BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels
 from addon.core.points.tracklets import cut
 from addon.core.points.whole_take.deciding import can_be_solved, labels_of, parted
-from addon.core.points.whole_take.exchanges import undone
 from addon.core.points.whole_take.layout import Question, named_by_layout
-from addon.core.points.whole_take.likeness import likeness, links
+from addon.core.points.whole_take.likeness import likeness
+from addon.core.points.whole_take.objective import Objective, fullest_frames
 from addon.core.points.whole_take.pairs import in_take, trained_pairs
 from addon.core.points.whole_take.solving import solve_take
 from addon.core.points.whole_take.tracklets import seen_in, tracklets_of
@@ -132,26 +132,58 @@ def exchanged_for_a_while(markers: np.ndarray, names) -> tuple[np.ndarray, np.nd
 def test_an_exchange_for_a_while_is_undone(model, markers):
     points, whose, given = exchanged_for_a_while(markers, model.markerset.markers)
     nothing = said(points, whose, np.zeros(points.shape[:2], bool))
+    begun = said(points, given, np.ones(points.shape[:2], bool)).marker
+    solution = solve_take(points, cut(points, RATE), nothing, begun, model, RATE)
+    assert solution.marker.tolist() == whose[solution.tracklets.lane].tolist()
+
+
+@pytest.mark.parametrize("limb", [("LELB", "LWRA", "LWRB", "LFIN"), ("LKNE", "LANK", "LHEE", "LTOE")])
+def test_a_limb_that_is_one_place_off_is_put_right(model, markers, limb):
+    points, whose = pieces(markers)
+    limb = [model.markerset.markers.index(name) for name in limb]
+    given = whose.copy()
+    for one, other in zip(limb, [*limb[1:], NO_MARKER], strict=True):
+        given[whose == one] = other
+    named = said(points, given, np.ones(points.shape[:2], bool), 0.9)
+    solution = solve_take(points, cut(points, RATE), named, named.marker, model, RATE)
+    right = solution.marker == whose[solution.tracklets.lane]
+    assert right.mean() > 0.95
+
+
+def test_markers_of_a_long_take_are_looked_up_where_they_are_asked_for(model, markers):
+    points, whose = pieces(markers)
+    nothing = said(points, whose, np.zeros(points.shape[:2], bool))
     tracklets = tracklets_of(points, cut(points, RATE), nothing, len(whose))
-    column = tracklets.lane
-    placed = tracklets.placed(points, given[column], len(model.markerset))
-    trained = trained_pairs(model)
-    # Of a long take only what is asked for is looked up.
-    looked_up = tracklets.placed(points, given[column], len(model.markerset), LaneOptions(whole_cells=0))
+    own = whose[tracklets.lane]
+    placed = tracklets.placed(points, own, len(model.markerset))
+    looked_up = tracklets.placed(points, own, len(model.markerset), LaneOptions(whole_cells=0))
     assert (seen_in(looked_up) == seen_in(placed)).all()
     np.testing.assert_array_equal(looked_up[5:90], placed[5:90])
-    about = given[column], in_take(trained, placed), RATE
-    every = np.arange(len(tracklets))
-    for weigh in (likeness, lambda tracklets, *given: links(tracklets, every, *given)):
-        np.testing.assert_array_equal(weigh(tracklets, looked_up, *about), weigh(tracklets, placed, *about))
-    # Nor do some of them, or names that are not asked for, change what is said of the others.
-    whole, some = links(tracklets, every, placed, *about), every[::2]
-    asked = np.random.default_rng(0).random(whole.shape) < 0.5
-    assert (whole != 0).any()
-    expected = np.where(asked, whole, 0)[some]
-    np.testing.assert_array_equal(links(tracklets, some, placed, *about, asked[some]), expected)
-    marker = undone(tracklets, placed, given[column], trained, in_take(trained, placed), RATE)
-    assert marker.tolist() == whose[column].tolist()
+    about = own, in_take(trained_pairs(model), placed), RATE
+    np.testing.assert_array_equal(likeness(tracklets, looked_up, *about), likeness(tracklets, placed, *about))
+
+
+def test_the_objective_is_highest_for_the_truth(model, markers):
+    points, whose = pieces(markers)
+    nothing = said(points, whose, np.zeros(points.shape[:2], bool))
+    tracklets = tracklets_of(points, cut(points, RATE), nothing, len(model.markerset))
+    truth = whose[tracklets.lane]
+    objective = Objective(points, tracklets, model, RATE, truth)
+    right = objective.of(truth)
+    for one, other in (LEFT_WRIST, ("LANK", "LTOE"), ("LELB", "RELB")):
+        order = np.arange(len(model.markerset))
+        pair = [model.markerset.markers.index(name) for name in (one, other)]
+        order[pair] = pair[::-1]
+        assert objective.gain(objective.of(order[truth]), right) < 0
+    hidden = np.where(truth == 3, NO_MARKER, truth)
+    assert objective.gain(objective.of(hidden), right) < 0
+    assert objective.gain(right, right) == 0
+
+
+def layout_names(model, placed: np.ndarray, absent: bool):
+    """What the layout says of markers placed (T, M, 3) m, of which nobody has named one."""
+    shown = placed[fullest_frames(np.isfinite(placed[..., 0]))]
+    return named_by_layout(model.likelihood, shown, np.zeros(0, int), absent)
 
 
 def test_names_exchanged_in_all_of_the_take_are_put_right(model, markers):
@@ -160,12 +192,12 @@ def test_names_exchanged_in_all_of_the_take_are_put_right(model, markers):
         order = np.arange(len(names))
         pair = [names.index(one), names.index(other)]
         order[pair] = order[pair[::-1]]
-        name, _ = named_by_layout(model.likelihood, markers[:, order], absent=False)
+        name, _ = layout_names(model, markers[:, order], False)
         assert name.tolist() == order.tolist(), (one, other)
 
 
 def test_names_that_are_right_stay_and_what_is_hardly_surer_is_a_question(model, markers):
-    name, questions = named_by_layout(model.likelihood, markers, absent=True)
+    name, questions = layout_names(model, markers, True)
     assert name.tolist() == list(range(len(model.markerset)))
     assert all(question.odds >= -1 for question in questions)
 
@@ -198,32 +230,12 @@ def test_a_tracklet_that_does_not_leap_is_one_markers_whatever_its_frames_say(le
     assert parted(tracklet, voted, points, np.full((6, 6), 0.1), RATE).tolist() == tracklet.tolist()
 
 
-def something_in_stead_of(markers: np.ndarray, marker: int, up: float) -> np.ndarray:
-    """The markers without one of them, and beside them what is so far above it, m."""
-    placed = np.concatenate([markers, markers[:, [marker]] + [0, 0, up]], axis=1)
-    placed[:, marker] = np.nan
-    return placed
-
-
-@pytest.mark.parametrize(("name", "up"), [("LKNE", 0.06), ("LSHO", 0.08)])
-def test_a_missing_marker_is_what_is_there_for_long_unless_much_else_is_there(model, markers, name, up):
-    missing, extra = model.markerset.markers.index(name), len(model.markerset)
-    placed = something_in_stead_of(markers, missing, up)
-    named, _ = named_by_layout(model.likelihood, placed, absent=True)
-    assert named[extra] == missing
-    crowded, _ = named_by_layout(model.likelihood, placed, absent=True, crowd=True)
-    assert crowded[extra] == extra
-    placed[: FRAMES // 3, extra] = np.nan
-    for_a_while, _ = named_by_layout(model.likelihood, placed, absent=True)
-    assert for_a_while[extra] == extra
-
-
 def test_names_that_some_poses_contradict_are_a_question(model, markers):
     one, other = (model.markerset.markers.index(name) for name in ("LANK", "LTOE"))
     placed = markers.copy()
     placed[::3, [one, other]] = placed[::3, [other, one]]
     placed[1::9, [one, other]] = placed[1::9, [other, one]]
-    name, questions = named_by_layout(model.likelihood, placed, absent=False)
+    name, questions = layout_names(model, placed, False)
     assert name.tolist() == list(range(len(name)))
     assert {one, other} in [{question.one, question.other} for question in questions]
 
@@ -249,7 +261,7 @@ def test_a_marker_is_no_surer_than_those_beside_it(model, markers):
     marker = model.markerset.markers.index("LFIN")
     beside = solution.beside[marker].tolist()
     for count, stays in ((1, True), (len(beside) - 1, False)):
-        doubts = tuple(Question(name, name, 0.0, shifted=True) for name in beside[:count])
+        doubts = tuple(Question(name, name, 0.0) for name in beside[:count])
         labels = labels_of(replace(solution, questions=doubts), named, 0.999, model.markerset.markers).labels
         assert (labels.marker == marker).any() == stays
         assert not np.isin(labels.marker, beside[:count]).any()

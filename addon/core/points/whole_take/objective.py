@@ -1,0 +1,247 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What makes one naming of a take better than another: the one measure that all of solving climbs.
+
+A naming gives each tracklet i of n_i frames a marker z_i, or none. It is worth
+
+    J(z) = sum_i n_i (d_i(z_i) + v_i(z_i) + l_i(z_i)) + L sum_f clip(s_f(z))
+
+    d  mean log odds, against a ghost, of the tracklet's points by their distances to what z names beside it; how far
+       markers are from each other is what training knows, corrected by what z itself shows in this take
+    v  what frames on their own say of the tracklet
+    l  whether it goes on over a gap as its marker did before and does after
+    s  log likelihood of a whole frame f under the shape of the training, of a few frames that show most of the markers
+
+Of each marker the odds given all others are added up, a pseudo-likelihood: the joint likelihood of all distances counts
+one odd pose as hundreds of odd distances. Two namings are only ever compared, so s is their difference, clipped by how
+many markers they have elsewhere: far from the poses of training it says nothing. A tracklet without a name brings
+nothing and costs nothing; an unmodelled marker has a name of its own, which costs what a marker usually brings.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...data.takes import NO_MARKER, NO_POINT, evenly_spread
+from ...geometry.rigid import in_axes, laid_on
+from ...geometry.upright import upright_aligned
+from ..likelihood.model import Likelihood
+from ..likelihood.naming import Settled, settle
+from ..models import Model
+from .likeness import likeness, links, worth_of_length
+from .pairs import PAIRING, Moments, PairDistances, corrected, moments, trained_pairs, widened, with_unknown
+from .rulings import RULING
+from .tracklets import PlacedMarkers, Tracklets, seen_in
+
+
+@dataclass(frozen=True)
+class Freedom:
+    """What is allowed for beyond the training: bends and motion_m of the body, layout_m of the markers' places.
+
+    bend      standard deviation of a distance, over its square, 1/m: what is far from each other is on no one bone
+    motion_m  the same of any distance
+    layout_m  of a distance's mean
+    link      log odds that how a marker went on over gaps may say at most
+    """
+
+    bend: float
+    motion_m: float
+    layout_m: float
+    link: float
+
+
+@dataclass(frozen=True)
+class ObjectiveOptions:
+    """What the objective looks at.
+
+    frames     whose shape is asked
+    fullest    so many times as many that show most of the markers, out of which they are taken evenly
+    min_frames fewer say nothing
+    min_seen   markers of a frame that is asked
+    max_marker measured: log likelihood of a frame's shape that the point of one marker wins or loses; unclipped, it is
+               for wrong names, by 8 to 228, in eight of ten takes of other labs
+    shape      measured: L over the frames of the take; at 0.5 no exchange of two or of a limb is worth more than the
+               truth in 26 takes of crowd, frame, lab-1, others and pieces: by 1.85 a frame less at least
+    extra      measured: log odds that an unmodelled marker must bring; with 4 or 8 takes of other labs lose 3 to 5 %
+    """
+
+    frames: int = 16
+    fullest: int = 16
+    min_frames: int = 3
+    min_seen: int = 5
+    max_marker: float = 6.0
+    shape: float = 0.5
+    extra: float = 12.0
+
+
+OBJECTIVE = ObjectiveOptions()
+USUAL_FREEDOM = Freedom(0.1, 0.0, 0.0, 8.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A naming of N tracklets, and what follows from it.
+
+    marker   (N,) of each, NO_MARKER for none
+    placed   (F, M + E, 3) m where each marker is in the frames that are looked at, NaN where it is not
+    moments  of the distances between the markers
+    odds     (N, M + E) log odds of every name given the others
+    total    the first sum of the objective
+    settled  the frames whose shape is asked; None where none shows enough
+    """
+
+    marker: np.ndarray
+    placed: np.ndarray
+    moments: Moments
+    odds: np.ndarray
+    total: float
+    settled: Settled | None
+
+
+class Objective:
+    """The objective of a take of `tracklets` whose points are (T, L, 3) m, at `rate` frames a second.
+
+    start (N,) are names that tell which frames show most of the markers; `extras` is how many markers more than the
+    model's there are.
+    """
+
+    def __init__(self, points: np.ndarray, tracklets: Tracklets, model: Model, rate: float, start: np.ndarray):
+        self.model, self.rate, self.extras = model, rate, 0
+        self.known, self.markers = trained_pairs(model), len(model.markerset)
+        # Odds grow less than a tracklet does: its parts would say more than all of it where they are only added up.
+        self.weight = tracklets.count / worth_of_length(tracklets, rate)
+        spread = evenly_spread(len(points), PAIRING.frames)
+        sampled = tracklets.frame[tracklets.frame >= 0]
+        at = np.unique(np.concatenate([spread, sampled, tracklets.first, tracklets.last]))
+        frame = np.where(tracklets.frame >= 0, np.searchsorted(at, tracklets.frame), -1)
+        self.tracklets = replace(tracklets, frame=frame)
+        self._ends = np.searchsorted(at, tracklets.first), np.searchsorted(at, tracklets.last)
+        self._spread, self._looked_at, self.length = np.searchsorted(at, spread), len(at), len(points)
+        table = tracklets.table[at]
+        self._row, lane = np.nonzero(table >= 0)
+        self._of = table[self._row, lane]
+        order = np.argsort(self._of, kind="stable")  # of two that share a frame at their ends the later has the marker
+        self._row, self._of = self._row[order], self._of[order]
+        self._xyz = points[at[self._row], lane[order]].astype(np.float32)
+        self._shown = self._frames_shown(start)
+
+    def _frames_shown(self, start: np.ndarray) -> np.ndarray:
+        """(F,) some of the frames that show most of the markers, all over the take."""
+        seen = np.isfinite(self.placed(np.where(start < self.markers, start, NO_MARKER))[self._spread, :, 0])
+        return self._spread[fullest_frames(seen)]
+
+    @property
+    def pairs(self) -> PairDistances:
+        """What training knows of the distances between the markers, and nothing of the extras'."""
+        return with_unknown(self.known, self.extras)
+
+    def placed(self, marker: np.ndarray) -> np.ndarray:
+        """(F, M + E, 3) m where each marker is by names (N,), NaN where it is not."""
+        found = np.full((self._looked_at, self.markers + self.extras, 3), np.nan, np.float32)
+        name = marker[self._of]
+        there = name != NO_MARKER
+        found[self._row[there], name[there]] = self._xyz[there]
+        return found
+
+    def every_placed(self, marker: np.ndarray) -> np.ndarray:
+        """(F, M + E, 3) m the same in frames evenly spread."""
+        return self.placed(marker)[self._spread]
+
+    def moments(self, placed: np.ndarray) -> Moments:
+        """Of the distances between markers placed (F, M + E, 3) m."""
+        return moments(placed[self._spread])
+
+    def odds(
+        self,
+        marker: np.ndarray,
+        placed: np.ndarray,
+        shown: Moments,
+        freedom: Freedom,
+        rows: np.ndarray | None = None,
+        unheard: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """(K, M + E) log odds of every name of some tracklets (K,), the others being named and placed as they are.
+
+        Of the markers `unheard` it does not count what frames on their own say. What could not be a marker even if it
+        went on best as one, as most ghosts could not, is not asked how it does.
+        """
+        rows = np.arange(len(marker)) if rows is None else rows
+        pairs = corrected(widened(self.pairs, freedom.bend, freedom.motion_m, freedom.layout_m), shown)
+        tracklets = self.tracklets.some(rows)
+        votes = np.pad(tracklets.votes, ((0, 0), (0, self.extras)))
+        if unheard is not None:
+            votes[:, unheard] = np.where(np.abs(votes[:, unheard]) >= RULING.odds, votes[:, unheard], 0)
+        odds = likeness(tracklets, placed, marker[rows], pairs, self.rate) + votes
+        if freedom.link:
+            given = self.tracklets, self._ends, marker, placed, pairs, self.rate
+            some = np.flatnonzero(odds.max(axis=1, initial=-np.inf) > -freedom.link)
+            odds[some] += np.clip(links(*given, rows[some], odds[some] > -freedom.link), -freedom.link, freedom.link)
+        return odds
+
+    def of(self, marker: np.ndarray) -> Candidate:
+        """A naming (N,) with all that follows from it."""
+        placed = self.placed(marker)
+        shown = self.moments(placed)
+        odds = self.odds(marker, placed, shown, USUAL_FREEDOM)
+        named = np.flatnonzero(marker != NO_MARKER)
+        worth = odds[named, marker[named]] * self.weight[named]
+        worth -= np.where(marker[named] < self.markers, 0.0, OBJECTIVE.extra * self.tracklets.count[named])
+        total = float(worth.sum())
+        return Candidate(marker, placed, shown, odds, total, settled_frames(self.model.likelihood, placed[self._shown]))
+
+    def borne_out(self, naming: Candidate) -> tuple[np.ndarray, np.ndarray]:
+        """(M,) in how many frames each marker is, and the mean log odds of it there."""
+        own = np.flatnonzero((naming.marker != NO_MARKER) & (naming.marker < self.markers))
+        name = naming.marker[own]
+        count = np.bincount(name, self.tracklets.count[own], self.markers)
+        total = np.bincount(name, naming.odds[own, name] * self.weight[own], self.markers)
+        return count, total / np.maximum(count, 1)
+
+    def gain(self, new: Candidate, old: Candidate) -> float:
+        """By how much one naming is worth more than another, a frame."""
+        gain = (new.total - old.total) / self.length
+        if new.settled is None or old.settled is None:
+            return gain
+        one, other = (naming.placed[self._shown, :, 0] for naming in (new, old))
+        moved = ((one != other) & (np.isfinite(one) | np.isfinite(other))).sum(axis=1)
+        return gain + OBJECTIVE.shape * float(clipped(new.settled.score - old.settled.score, moved))
+
+
+def clipped(each: np.ndarray, moved: np.ndarray | int) -> np.ndarray:
+    """What frames (F, ...) win on average by other points of so many markers: none of it more than it can know."""
+    most = OBJECTIVE.max_marker * moved
+    return np.clip(each, -most, most).mean(axis=0)
+
+
+def fullest_frames(seen: np.ndarray) -> np.ndarray:
+    """(F,) some of the frames that show most of the markers seen (T, M), all over the take."""
+    count = seen.sum(axis=1)
+    fullest = np.sort(np.argsort(-count, kind="stable")[: OBJECTIVE.frames * OBJECTIVE.fullest])
+    fullest = fullest[count[fullest] >= OBJECTIVE.min_seen]
+    return fullest[evenly_spread(len(fullest), OBJECTIVE.frames)]
+
+
+def settled_frames(likelihood: Likelihood, placed: np.ndarray) -> Settled | None:
+    """Frames (F, M + E, 3) m with the names that they have; None where they are too few."""
+    if len(placed) < OBJECTIVE.min_frames:
+        return None
+    points = upright_aligned(placed.astype(float), likelihood.shape.mean)
+    present = np.isfinite(points[..., 0])
+    naming = np.where(present[:, : len(likelihood)], np.arange(len(likelihood)), NO_POINT)
+    known = likelihood.known
+    return settle(known.fine, known.constraints, np.where(present[..., None], points, 0), present, naming)
+
+
+def usual_residual(likelihood: Likelihood, placed: np.ndarray | PlacedMarkers, upright: bool = True) -> float:
+    """The middle frame's mean square between markers placed (T, M, 3) m and where the set has them, over its noise.
+
+    A set that is not the subject's has its markers elsewhere, whatever the pose. 0 where too few frames show enough.
+    Who is not `upright`, but may lie or hang, is turned as the set stands first.
+    """
+    some = placed[fullest_frames(seen_in(placed)[:, : len(likelihood)])].astype(float)
+    if not upright:
+        some = in_axes(*laid_on(likelihood.shape.mean, some[:, : len(likelihood)]), some)
+    now = settled_frames(likelihood, some)
+    if now is None:
+        return 0.0
+    square = (now.left**2).sum(axis=2) / likelihood.known.fine.noise
+    return float(np.median(square.sum(axis=1) / (3 * now.named.sum(axis=1))))

@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Looking for a naming of a take that is worth more: one kind of move, on groups of markers, and one rule.
+
+A group of markers loses its names. They are given anew, to all that has none, by the distances to everything else that
+is named; or they are exchanged within the group. What frames said of the group does not count for what is proposed: it
+is what may be wrong. It counts for what is kept, which is what the objective prefers.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...data.takes import NO_MARKER, NO_POINT
+from ..likelihood.naming import name_odds, score_of, settle
+from ..likelihood.swaps import alternatives, own_odds
+from ..tracklets import VOTE
+from .matching import margins, matched
+from .objective import USUAL_FREEDOM, Candidate, Freedom, Objective, clipped
+from .pairs import without_markers
+from .rulings import RULING
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """Which moves are tried.
+
+    sizes      of a neighbourhood, a marker and those nearest to it: a hand, a forearm, a foot with its shank
+    least      nats in all of the take by which a naming must be worth more: less than one frame says
+    promising  log likelihood of a frame's shape by which an exchange may be worse, and is tried
+    seen       measured: part of the take below which a marker is in doubt, and
+    borne_out  measured: of the odds a frame of the usual marker; in takes that are right 0.71 and 0.68 at least, and
+               where limbs are one place off some marker has less
+    margin     measured: log odds a frame that a tracklet must be ahead; exchanged wrists are by 2.9 to 4.7
+    rounds     of giving a group its names by shape, and again by those
+    far        log odds of a point that is nowhere near
+    sweeps     over all groups
+    """
+
+    sizes: tuple[int, ...] = (5, 9, 14)
+    least: float = 5.0
+    promising: float = -6.0
+    seen: float = 0.5
+    borne_out: float = 0.6
+    margin: float = 6.0
+    rounds: int = 2
+    far: float = 100.0
+    sweeps: int = 3
+
+
+SEARCH = SearchOptions()
+
+
+class Search:
+    """A search that stands at `best`; `others` are the namings that were tried and are worth less."""
+
+    def __init__(self, objective: Objective, start: np.ndarray, wide: Freedom):
+        self.objective, self._wide = objective, wide
+        self.best = objective.of(start)
+        self._tried = {start.tobytes()}
+        self.others: list[Candidate] = []
+        apart = np.nan_to_num(objective.known.mean, nan=np.inf)
+        np.fill_diagonal(apart, -1.0)
+        self._near = np.argsort(apart, axis=1, kind="stable")
+
+    def climb(self):
+        """Tries all groups until none is worth more."""
+        for _ in range(SEARCH.sweeps):
+            before = self.best
+            for group in self._neighbourhoods():
+                self.propose(self._opened(group))
+                for order in self._by_shape(group):
+                    self.propose(self._exchanged(order))
+            for tracklet in self._unsure():
+                if self.best.marker[tracklet] != NO_MARKER:
+                    self.propose(self._turned(tracklet))
+            for order in self._exchanges():
+                self.propose(self._exchanged(order))
+            if self.best is before:
+                break
+
+    def propose(self, marker: np.ndarray) -> bool:
+        """Goes over to the naming (N,) if it is worth more, and if nobody has said otherwise."""
+        key, held = marker.tobytes(), self.objective.tracklets.held
+        if key in self._tried or (marker != held)[held != NO_MARKER].any():
+            return False
+        self._tried.add(key)
+        new = self.objective.of(marker)
+        better = self.objective.gain(new, self.best) * self.objective.length > SEARCH.least
+        self.others.append(self.best if better else new)
+        if better:
+            self.best = new
+        return better
+
+    def _neighbourhoods(self) -> Iterator[np.ndarray]:
+        """Each marker with those that are nearest to it, where one of them is in doubt; none twice."""
+        seen, doubted = set(), self._doubted()
+        for size in SEARCH.sizes:
+            for near in self._near[:, :size]:
+                group = np.sort(near)
+                if group.tobytes() not in seen and doubted[group].any():
+                    seen.add(group.tobytes())
+                    yield group
+
+    def _doubted(self) -> np.ndarray:
+        """(M,) the markers that are seldom there, or that what is named beside them hardly bears out."""
+        objective, marker = self.objective, self.best.marker
+        count, borne_out = objective.borne_out(self.best)
+        doubted = (count < SEARCH.seen * objective.length) | (borne_out < SEARCH.borne_out * np.median(borne_out))
+        doubted[marker[[one for one in self._unsure() if marker[one] < objective.markers]]] = True
+        return doubted
+
+    def _unsure(self) -> list[int]:
+        """The tracklets that are named and nearly as likely something else, the least sure first."""
+        tracklets, weight = self.objective.tracklets, self.objective.weight
+        margin = margins(self.best.odds, self.best.marker, tracklets.first, tracklets.last) * weight / tracklets.count
+        some = np.flatnonzero((self.best.marker != NO_MARKER) & (margin < SEARCH.margin))
+        return some[np.argsort(margin[some], kind="stable")].tolist()
+
+    def _turned(self, tracklet: int) -> np.ndarray:
+        """(N,) the names with that of a tracklet and its likeliest other exchanged, for as long as they hang together.
+
+        One of two is exchanged with the other until a moment comes at which neither is there.
+        """
+        marker, tracklets = self.best.marker.copy(), self.objective.tracklets
+        odds = self.best.odds[tracklet].copy()
+        one = marker[tracklet]
+        odds[one] = -np.inf
+        other = odds.argmax()
+        own = np.flatnonzero(((marker == one) | (marker == other)) & (tracklets.held == NO_MARKER))
+        own = own[np.argsort(tracklets.first[own], kind="stable")]
+        ends = np.maximum.accumulate(tracklets.last[own])
+        part = np.cumsum(np.append(False, tracklets.first[own][1:] > ends[:-1] - VOTE.max_overlap_frames))
+        turned = own[part == part[own == tracklet][0]] if (own == tracklet).any() else own[:0]
+        marker[turned] = one + other - marker[turned]
+        return marker
+
+    def _opened(self, group: np.ndarray) -> np.ndarray:
+        """(N,) the names with those of a group given anew; extras may take part in it."""
+        objective, now, marker = self.objective, self.best, self.best.marker
+        inside, held = np.isin(marker, group), objective.tracklets.held != NO_MARKER
+        free = np.flatnonzero((inside | (marker == NO_MARKER) | (marker >= objective.markers)) & ~held)
+        first, last = objective.tracklets.first[free], objective.tracklets.last[free]
+        tried = np.where(inside & ~held, NO_MARKER, marker)
+        placed, shown = now.placed.copy(), without_markers(now.moments, group)
+        placed[:, group] = np.nan
+        if held.any():
+            placed, shown = objective.placed(tried), objective.moments(objective.placed(tried))
+        for freedom in (USUAL_FREEDOM, self._wide, self._wide):
+            odds = objective.odds(tried, placed, shown, freedom, free, group)[:, group] * objective.weight[free, None]
+            found = matched(odds, first, last)
+            before, tried = tried, tried.copy()
+            left = np.where(marker[free] >= objective.markers, marker[free], NO_MARKER)
+            tried[free] = np.where(found == NO_MARKER, left, group[found])
+            if (tried == before).all():
+                break
+            placed = objective.placed(tried)
+            shown = objective.moments(placed)
+        return self._with_left(tried, group)
+
+    def _with_left(self, tried: np.ndarray, group: np.ndarray) -> np.ndarray:
+        """(N,) names in which what a marker of the group was is the extra that it has become, which else is none."""
+        marker, markers = self.best.marker, self.objective.markers
+        for name in group.tolist() if self.objective.extras else ():
+            taken = marker[(tried == name) & (marker >= markers)]
+            if len(taken):
+                tried = np.where((marker == name) & (tried == NO_MARKER), np.bincount(taken).argmax(), tried)
+        return tried
+
+    def _by_shape(self, group: np.ndarray) -> Iterator[np.ndarray]:
+        """(M + E,) a group's names given anew by where the shape of frames has them, among their points and extras."""
+        from scipy.optimize import linear_sum_assignment
+
+        now, known = self.best.settled, self.objective.model.likelihood.known
+        if now is None:
+            return
+        every = np.arange(self.objective.markers + self.objective.extras)
+        free = np.append(group, every[self.objective.markers :])
+        naming = now.naming.copy()
+        naming[:, group] = NO_POINT
+        for _ in range(SEARCH.rounds):
+            rest = settle(known.fine, known.constraints, now.points, now.present, naming)
+            odds = name_odds(known.fine, known.constraints, rest)[:, group][:, :, free]
+            there = now.present[:, None, free]
+            usual = np.where(there, np.clip(odds, -SEARCH.far, None), 0.0).mean(axis=0)
+            column = free[linear_sum_assignment(usual, maximize=True)[1]]
+            order = every.copy()
+            order[column] = group
+            order[np.setdiff1d(group, column)] = np.setdiff1d(column, group)
+            yield order
+            naming = naming.copy()
+            naming[:, group] = np.where(now.present[:, column], column, NO_POINT)
+
+    def _exchanged(self, order: np.ndarray) -> np.ndarray:
+        """(N,) the names with each marker called as `order` (M + E,) has it, but where a person has said otherwise."""
+        marker, votes = self.best.marker, self.objective.tracklets.votes
+        called = np.where(marker == NO_MARKER, marker, order[marker])
+        own = np.flatnonzero((called != NO_MARKER) & (called < self.objective.markers))
+        refused = own[votes[own, called[own]] <= -RULING.odds]
+        called[refused] = marker[refused]
+        return called
+
+    def _exchanges(self) -> Iterator[np.ndarray]:
+        """(M + E,) exchanges of limbs, two markers, and one with an extra, that the shape of frames allows."""
+        now, known = self.best.settled, self.objective.model.likelihood.known
+        if now is None:
+            return
+        markers, every = self.objective.markers, self.objective.markers + self.objective.extras
+        for limb in known.exchanges:
+            naming = np.where(now.present[:, limb], limb, NO_POINT)
+            score = score_of(known.fine, known.constraints, now.points, now.worth, naming)
+            if clipped(score - now.score, 2) > SEARCH.promising:
+                yield np.append(limb, np.arange(markers, every))
+        one, other = np.nonzero(self._of_two() > SEARCH.promising)
+        for pair in zip(one.tolist(), other.tolist(), strict=True):
+            order = np.arange(every)
+            order[list(pair)] = pair[::-1]
+            yield order
+
+    def _of_two(self) -> np.ndarray:
+        """(M, M + E) what frames win if two exchange names; each two once, minus infinity elsewhere."""
+        now, known, markers = self.best.settled, self.objective.model.likelihood.known, self.objective.markers
+        found = alternatives(known.fine, known.constraints, now)
+        there, rest = now.named[:, :, None] & now.named[:, None], now.named[:, :, None] | now.named[:, None]
+        moved = np.where(now.named[:, :, None], found.move, found.move.swapaxes(1, 2))
+        each = np.where(there, np.maximum(found.swap, found.swap.swapaxes(1, 2)), np.where(rest, moved, 0.0))
+        named = now.named.any(axis=0)
+        gain = np.where(np.triu(named | named[:, None], 1), clipped(each, 2), -np.inf)
+        odds = name_odds(known.fine, known.constraints, now)
+        extra = odds[:, :, markers:] - own_odds(now, odds)[..., None]
+        return np.concatenate([gain, clipped(extra, 2)], axis=1)
