@@ -91,11 +91,6 @@ STAGES: dict[str, dict[str, Callable]] = {
     "points: seldom there": {
         "points.whole_take.solving._Solving._of_seldom": lambda self, own: np.full(len(own), np.inf)
     },
-    "points: consistency": {
-        "points.whole_take.deciding.consistent_markers": lambda marker, points, likelihood: marker,
-        "points.whole_take.deciding.consistent": lambda verdict, *_: verdict,
-    },
-    "points: parting at leaps": {"points.whole_take.deciding.parted": lambda tracklet, *_: tracklet},
     "points: second asking": {"points.whole_take.pipeline.asked_again": lambda *_: np.zeros(0, int)},
     "points: the whole take": {"points.whole_take.pipeline.can_be_solved": lambda *_: False},
     "points: frames in no order": {"points.whole_take.pipeline.is_unordered": lambda *_: False},
@@ -108,9 +103,7 @@ STAGES: dict[str, dict[str, Callable]] = {
     "blobs: absent markers": {"blobs.pipeline.absent_markers": lambda *_: np.zeros(0, int)},
     "blobs: swaps in a found frame": {"blobs.search.settle": try_swaps},
 }
-LOOKS = ("blocks", "seldom there", "consistency", "parting at leaps")
 TOGETHER = {
-    "points: four that seem to do little": [f"points: {name}" for name in LOOKS],
     "blobs: all that look again": [name for name in STAGES if name.startswith("blobs: ") and "found" not in name],
 }
 

@@ -159,7 +159,7 @@ def _decided(
     tracklet = window.tracklet if rulings is None else rulings.parted()
     if work.namer.step == BY_LIKELIHOOD and found.named.any() and can_be_solved(work.model, window.tracklet):
         solution = solution_of(found, tracklet, window.xyz, work.model, work.rate, rulings=rulings)
-    verdict = verdict_of(solution, found, tracklet, window.xyz, work.model, work.target, first)
+    verdict = verdict_of(solution, found, tracklet, work.model, work.target, first)
     return Verdict(verdict.labels, tuple(_without_number(one) for one in verdict.suspects) + said)
 
 

@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From what frames say one by one to what is said of the take: tracklets vote, and the rest of the take objects.
-
-It objects to a marker that for some frames is not where its rigid neighbours have it. One subject keeps the distances
-between markers on one bone; what they are, the take itself tells best.
-"""
+"""From what frames say one by one to what is said of the take: tracklets vote."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -13,9 +9,6 @@ import numpy as np
 
 from ..data.lanes import PACKING, Lanes, blocks, trajectories_at
 from ..data.takes import BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Suspect, Verdict
-from ..review.suspects import suspect_ranges
-from .likelihood.distances import DistanceConstraints
-from .likelihood.model import Likelihood
 from .models import Model
 from .tracklets import are_lasting, voted_windows
 
@@ -34,28 +27,7 @@ class WitnessOptions:
     min_sure_one_subject: float = 0.25
 
 
-@dataclass(frozen=True)
-class ConsistencyOptions:
-    """When a take contradicts a name. All reckoned.
-
-    max_sd            standard deviations of a constraint's length that are no contradiction,
-    max_off_m         and what is none whatever they are
-    max_broken        share of a marker's constraints that may be broken
-    min_constraints   of a marker that must be seen
-    min_frames        that tell a distance
-    max_break_frames  between two findings that are one
-    """
-
-    max_sd: float = 4.0
-    max_off_m: float = 0.015
-    max_broken: float = 0.5
-    min_constraints: int = 2
-    min_frames: int = 20
-    max_break_frames: int = 5
-
-
 WITNESSES = WitnessOptions()
-CONSISTENCY = ConsistencyOptions()
 
 
 class Said(Protocol):
@@ -183,99 +155,6 @@ def _part_sure(marker: np.ndarray, named: Said, tracklet: np.ndarray, target: fl
         there &= (marker[part] == said.marker) & (said.rate >= target)
         sure += np.bincount(own[there], minlength=count)
     return sure / np.maximum(frames, 1)
-
-
-def consistent(verdict: Verdict, points: np.ndarray, likelihood: Likelihood | None, first_frame: int) -> Verdict:
-    """Takes back names of points (T, P, 3) m that contradict the rest of the take, and says so."""
-    if likelihood is None:
-        return verdict
-    labels = verdict.labels
-    stray = strays(MarkerPlaces(points, labels.marker, len(likelihood)), likelihood.constraints)
-    kept = np.ones(labels.marker.shape, bool)
-    for part in blocks(*kept.shape):
-        frame, column = np.nonzero(labels.marker[part] != NO_MARKER)
-        kept[part][frame, column] = ~stray[part][frame, labels.marker[part][frame, column]]
-    suspects = verdict.suspects + stray_suspects(stray, likelihood.markers, first_frame)
-    return Verdict(labels.kept(kept), suspects)
-
-
-def consistent_markers(marker: np.ndarray, points: np.ndarray, likelihood: Likelihood) -> np.ndarray:
-    """The markers (T, P) of points (T, P, 3) m without those that contradict the rest of the take."""
-    stray, kept = strays(MarkerPlaces(points, marker, len(likelihood)), likelihood.constraints), marker.copy()
-    for part in blocks(*marker.shape):
-        frame, column = np.nonzero(marker[part] != NO_MARKER)
-        off = stray[part][frame, marker[part][frame, column]]
-        kept[part][frame[off], column[off]] = NO_MARKER
-    return kept
-
-
-class MarkerPlaces:
-    """Where each of M markers (T, L) of points (T, L, 3) m is, some at a time: all at once would be large."""
-
-    def __init__(self, points: np.ndarray, marker: np.ndarray, markers: int):
-        self.points, self.shape = points, (len(marker), markers, 3)
-        self.lane = np.full((len(marker), markers), -1, np.int16)
-        for part in blocks(*marker.shape):
-            frame, lane = np.nonzero(marker[part] != NO_MARKER)
-            self.lane[part][frame, marker[part][frame, lane]] = lane
-
-    def of(self, some: np.ndarray, frames: slice) -> np.ndarray:
-        """(K, F, 3) m of some markers (K,) in the frames from start to stop, NaN where one is not."""
-        lane = self.lane[frames, some].T
-        there = lane >= 0
-        found = np.full((*lane.shape, 3), np.nan)
-        _, frame = np.nonzero(there)
-        found[there] = self.points[frames][frame, lane[there]]
-        return found
-
-    def apart(self, pair: np.ndarray) -> np.ndarray:
-        """(K, T) m between the two markers of some pairs (K, 2), NaN where one is not."""
-        which, place = np.unique(pair, return_inverse=True)
-        one, other = place.reshape(pair.shape).T
-        found = np.empty((len(pair), len(self.lane)))
-        for part in blocks(len(self.lane), 3 * len(pair)):
-            places = self.of(which, part)
-            found[:, part] = np.linalg.norm(places[one] - places[other], axis=2)
-        return found
-
-
-def strays(
-    markers: MarkerPlaces, constraints: DistanceConstraints, options: ConsistencyOptions = CONSISTENCY
-) -> np.ndarray:
-    """(T, M) True where a marker is off most of those that it moves with."""
-    count, size = markers.shape[:2]
-    dtype = np.uint8 if size <= np.iinfo(np.uint8).max else np.int16
-    broken, asked = np.zeros((count, size), dtype), np.zeros((size, size))
-    limits = np.maximum(options.max_sd * constraints.sd, options.max_off_m)
-    for some in blocks(len(limits), max(count, 1)):
-        one, two = constraints.pair[some].T
-        distance, limit = markers.apart(constraints.pair[some]), limits[some]
-        known = np.isfinite(distance)
-        often = known.sum(axis=1) >= max(min(options.min_frames, count), 1)
-        asked[one[often], two[often]] = asked[two[often], one[often]] = 1
-        # What stays within the limit is nowhere off its median.
-        most, least = (np.where(known, distance, none) for none in (-np.inf, np.inf))
-        apart = most.max(axis=1, initial=-np.inf) - least.min(axis=1, initial=np.inf)
-        for row in np.flatnonzero(often & (apart > limit)).tolist():
-            off = np.abs(distance[row] - np.median(distance[row, known[row]])) > limit[row]
-            broken[:, [one[row], two[row]]] += off[:, None]
-    found = np.zeros((count, size), bool)
-    if not broken.any():
-        return found
-    for part in blocks(count, size):
-        seen = (markers.lane[part] >= 0).astype(float)
-        known = seen * (seen @ asked)
-        found[part] = (known >= options.min_constraints) & (broken[part] > options.max_broken * known)
-    return found
-
-
-def stray_suspects(stray: np.ndarray, names, first_frame: int) -> tuple[Suspect, ...]:
-    """What a person should look at: ranges of frames by marker, short interruptions bridged."""
-    frames, found = first_frame + np.arange(len(stray)), []
-    for marker, name in enumerate(names):
-        words = f"{name} was off the markers that it moves with, and lost its name"
-        found += suspect_ranges(frames, stray[:, marker], words, CONSISTENCY.max_break_frames, (name,))
-    return tuple(found)
 
 
 def once(marker: np.ndarray, sure: np.ndarray, markers: int, lanes: Lanes | None = None, start: int = 0) -> np.ndarray:

@@ -10,11 +10,10 @@ import numpy as np
 from ...data.lanes import Lanes, blocks, trajectories_at
 from ...data.room import IN_MEMORY, MakeTable
 from ...data.takes import BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Suspect, Verdict
-from ..deciding import Said, consistent, consistent_markers, decide, decided_markers, once
+from ..deciding import Said, decide, decided_markers, once
 from ..likelihood.calibration import chance
 from ..models import Model
 from ..tracklets import VOTE, are_lasting, gone_over
-from .pairs import nearest, trained_pairs
 from .rulings import Rulings
 from .solving import ROUNDS, Solution, solve_take
 
@@ -27,7 +26,6 @@ class BelievingOptions:
     odds_of_target   of the log odds of a target, that a tracklet's name must be ahead of any other; and
     least            at least,
     max_target       beyond which nothing is promised of a take as a whole: frames must be as sure on their own
-    votes            log odds that frames on their own add to those of two names, if all of them agree; of which,
     layout_of_target of the log odds of a target, below which neither of two markers is named that may have each
                      other's names
     max_question     log odds below which a person is asked
@@ -38,28 +36,12 @@ class BelievingOptions:
     odds_of_target: float = 0.6
     least: float = 2.0
     max_target: float = 0.9999
-    votes: float = 2.0
     layout_of_target: float = 0.362
     max_question: float = 3.0
     doubted_beside: float = 0.75
 
 
-@dataclass(frozen=True)
-class PartingOptions:
-    """What shows that a trajectory went over to another marker. All reckoned.
-
-    part        of how near the two markers ever are, that it leaps beyond where its speed leads; and
-    min_leap_m  at least: no two markers are nearer than their size
-    around_s    of where its frames begin to say so, in which it leaps
-    """
-
-    part: float = 0.5
-    min_leap_m: float = 0.01
-    around_s: float = 0.25
-
-
 BELIEVING = BelievingOptions()
-PARTING = PartingOptions()
 
 
 def can_be_solved(model: Model, tracklet: np.ndarray) -> bool:
@@ -85,69 +67,25 @@ def solution_of(
     tracklets and names are as these have them, and what the take was solved to without them is begun with.
     """
     said = decided_markers(named, tracklet, model, BELIEVING.sure_target, lanes)
-    tracklet = parted(tracklet, said, points, nearest(trained_pairs(model)), rate)
-    given = [consistent_markers(said, points, model.likelihood) if rulings is None else rulings.start]
+    given = [said if rulings is None else rulings.start]
     del said  # a long take's tables are large, and solving it takes its time
     return solve_take(points, tracklet, named, given.pop(), model, rate, progress, rulings)
-
-
-def parted(tracklet: np.ndarray, voted: np.ndarray, points: np.ndarray, apart: np.ndarray, rate: float) -> np.ndarray:
-    """Tracklets (T, L), cut where by the votes of frames (T, L) they go over from one marker to another.
-
-    Whoever goes over to another marker leaps there: points (T, L, 3) m at `rate` frames a second, `apart` (M, M) m how
-    near two markers ever are. Votes that change without a leap are those of frames that err together.
-    """
-    found = tracklet
-    count = int(tracklet.max(initial=-1)) + 1
-    changes = []
-    for some in blocks(tracklet.shape[1], len(tracklet)):
-        lane, frame = np.nonzero(((voted[:, some] != NO_MARKER) & (tracklet[:, some] >= 0)).T)
-        lane += some.start
-        own, said = tracklet[frame, lane], voted[frame, lane]
-        at = np.flatnonzero((own[1:] == own[:-1]) & (said[1:] != said[:-1]))
-        changes += zip(*(part.tolist() for part in (own[at], frame[at], frame[at + 1], lane[at])), strict=True)
-    for number, before, after, lane in sorted(changes):  # in the order of the file, whatever lanes there are
-        there = np.flatnonzero(tracklet[:, lane] == number)
-        least = max(PARTING.part * apart[voted[before, lane], voted[after, lane]], PARTING.min_leap_m)
-        at = _leap(points[there, lane], there, (before, after), PARTING.around_s * rate, least)
-        if at is not None:
-            rest = there[there >= at]
-            found = tracklet.astype(np.int32) if found is tracklet else found
-            found[rest, lane] = np.where(found[rest, lane] == found[at, lane], count, found[rest, lane])
-            count += 1
-    return found
-
-
-def _leap(points: np.ndarray, frames: np.ndarray, between: tuple[int, int], around: float, least: float) -> int | None:
-    """The frame before which a trajectory of points (F, 3) m in frames (F,) leaps farthest, near two of them.
-
-    None where it leaps less than `least` m beyond what its speed before and after has it go.
-    """
-    step = np.diff(frames)
-    speed = np.diff(points, axis=0) / step[:, None]
-    beside = np.stack([np.concatenate([speed[1:2], speed[:-1]]), np.concatenate([speed[1:], speed[-2:-1]])])
-    leap = np.linalg.norm(speed - beside.mean(axis=0), axis=1) * step if len(speed) > 1 else np.full(len(step), np.inf)
-    near = (frames[1:] >= between[0] - around) & (frames[1:] <= between[1] + around)
-    at = int(np.where(near, leap, -1.0).argmax())
-    return int(frames[at + 1]) if leap[at] >= least else None
 
 
 def verdict_of(
     solution: Solution | None,
     named: Said,
     tracklet: np.ndarray,
-    points: np.ndarray,
     model: Model,
     target: float,
     first_frame: int,
     lanes: Lanes | None = None,
     make_table: MakeTable = IN_MEMORY,
 ) -> Verdict:
-    """What is sure enough for the target: by the solution, else by the tracklets (T, L) and what contradicts them."""
+    """What is sure enough for the target: by the solution, else by the tracklets (T, L)."""
     if solution is not None:
         return labels_of(solution, named, target, model.markerset.markers, first_frame, lanes, make_table)
-    verdict = decide(named, tracklet, model, target, first_frame, lanes)
-    return consistent(verdict, points, model.likelihood, first_frame)
+    return decide(named, tracklet, model, target, first_frame, lanes)
 
 
 def labels_of(

@@ -33,7 +33,6 @@ class PairOptions:
     unknown_frames    the same of a guess where training knows nothing
     independent       frames of a take that say as much as one independent one: neighbours show the same pose
     min_sd_m          that a distance has at least
-    nearest_sd        standard deviations below its mean that a distance hardly ever is
     block             frames at once
     """
 
@@ -48,7 +47,6 @@ class PairOptions:
     unknown_frames: float = 0.5
     independent: float = 4.0
     min_sd_m: float = 0.006
-    nearest_sd: float = 2.0
     block: int = 64
 
 
@@ -96,11 +94,6 @@ def trained_pairs(model: Model) -> PairDistances:
     between = between.sum(axis=0) / np.maximum(number - 1, 1)
     within = np.where(seen, within, 0).sum(axis=0) / np.maximum(number, 1)
     return PairDistances(mean, between + _guess(mean), PAIRING.motion_factor * within)
-
-
-def nearest(pairs: PairDistances) -> np.ndarray:
-    """(M, M) how near any two markers ever are to each other, m; 0 where nothing is known."""
-    return np.maximum(np.nan_to_num(pairs.mean - PAIRING.nearest_sd * np.sqrt(pairs.variance)), 0)
 
 
 def _guess(mean: np.ndarray) -> np.ndarray:

@@ -354,7 +354,7 @@ def decided_of(
     By the solution; where there is none, by the tracklets (T, P), the rest of the take, and its motion.
     """
     take, names = frames.take, frames.model.markerset.markers
-    given = solution, named, tracklet, take.xyz, frames.model, target, take.first_frame, take.lanes
+    given = solution, named, tracklet, frames.model, target, take.first_frame, take.lanes
     verdict = verdict_of(*given, frames.room)
     if solution is None:
         verdict = borne_out(verdict, frames.adaptation, take.first_frame, take.lanes)

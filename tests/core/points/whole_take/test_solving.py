@@ -9,7 +9,7 @@ import pytest
 from addon.core.data.lanes import LaneOptions
 from addon.core.data.takes import BY_LIKELIHOOD, BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels
 from addon.core.points.tracklets import cut
-from addon.core.points.whole_take.deciding import can_be_solved, labels_of, parted
+from addon.core.points.whole_take.deciding import can_be_solved, labels_of
 from addon.core.points.whole_take.layout import Question, named_by_layout
 from addon.core.points.whole_take.likeness import likeness
 from addon.core.points.whole_take.objective import Objective, fullest_frames
@@ -200,34 +200,6 @@ def test_names_that_are_right_stay_and_what_is_hardly_surer_is_a_question(model,
     name, questions = layout_names(model, markers, True)
     assert name.tolist() == list(range(len(model.markerset)))
     assert all(question.odds >= -1 for question in questions)
-
-
-def gone_over_at(frame: int, leap: float) -> tuple[np.ndarray, np.ndarray]:
-    """Votes (T, 2) of which the first column's change in frame 6 to 8, and points that leap (m) before `frame`."""
-    voted = np.full((12, 2), 3)
-    voted[8:, 0] = 5
-    voted[6:8, 0] = NO_MARKER
-    points = np.zeros((12, 2, 3))
-    points[..., 1] = 0.02 * np.arange(12)[:, None]
-    points[frame:, 0, 0] += leap
-    return voted, points
-
-
-def test_a_tracklet_is_parted_where_it_leaps_to_the_marker_that_its_frames_say():
-    tracklet = np.tile([0, 1], (12, 1))
-    apart = np.full((6, 6), 0.1)
-    voted, points = gone_over_at(5, leap=0.09)
-    found = parted(tracklet, voted, points, apart, RATE)
-    assert found[:, 1].tolist() == [1] * 12
-    assert found[:5, 0].tolist() == [0] * 5
-    assert set(found[5:, 0].tolist()) == {2}
-
-
-@pytest.mark.parametrize("leap", [0.0, 0.03])
-def test_a_tracklet_that_does_not_leap_is_one_markers_whatever_its_frames_say(leap):
-    tracklet = np.tile([0, 1], (12, 1))
-    voted, points = gone_over_at(5, leap)
-    assert parted(tracklet, voted, points, np.full((6, 6), 0.1), RATE).tolist() == tracklet.tolist()
 
 
 def test_names_that_some_poses_contradict_are_a_question(model, markers):
