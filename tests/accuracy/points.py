@@ -7,7 +7,7 @@ import numpy as np
 
 from addon.core.data.takes import Labels
 from addon.core.points.adaptation import Adaptation, adapt, borne_out
-from addon.core.points.deciding import consistent, decide
+from addon.core.points.deciding import decide
 from addon.core.points.likelihood.frames import LikelihoodNamer, label_frames
 from addon.core.points.likelihood.model import Likelihood
 from addon.core.points.models import Model
@@ -69,5 +69,4 @@ def labelled_as_product(model: Model, points: np.ndarray, rate: float) -> tuple[
         solution = solution_of(named, tracklet, points, model, rate)
         return named, labels_of(solution, named, TARGET, model.markerset.markers).labels, adaptation
     decided = decide(named, tracklet, model, TARGET, 0)
-    decided = consistent(decided, points, model.likelihood, 0)
     return named, borne_out(decided, adaptation, 0).labels, adaptation
