@@ -28,7 +28,7 @@ class SearchOptions:
     sizes      of a neighbourhood, a marker and those nearest to it: a hand, a forearm, a foot with its shank
     least      nats in all of the take by which a naming must be worth more: less than one frame says
     promising  log likelihood of a frame's shape by which an exchange may be worse, and is tried
-    seen       measured: part of the take below which a marker is in doubt, and
+    seen       measured: of the frames of the usual marker, in less of which one is in doubt, and
     borne_out  measured: of the odds a frame of the usual marker; in takes that are right 0.71 and 0.68 at least, and
                where limbs are one place off some marker has less
     margin     measured: log odds a frame that a tracklet must be ahead; exchanged wrists are by 2.9 to 4.7
@@ -106,7 +106,7 @@ class Search:
         """(M,) the markers that are seldom there, or that what is named beside them hardly bears out."""
         objective, marker = self.objective, self.best.marker
         count, borne_out = objective.borne_out(self.best)
-        doubted = (count < SEARCH.seen * objective.length) | (borne_out < SEARCH.borne_out * np.median(borne_out))
+        doubted = (count < SEARCH.seen * np.median(count)) | (borne_out < SEARCH.borne_out * np.median(borne_out))
         doubted[marker[[one for one in self._unsure() if marker[one] < objective.markers]]] = True
         return doubted
 
