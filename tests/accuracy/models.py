@@ -21,7 +21,7 @@ LOST = "the subject was lost"  # what the pipeline says
 CACHE = Path(tempfile.gettempdir()) / "mocap-autolabel-accuracy"
 LEARNED_BY = (
     "addon/core/body/anatomy.py",
-    "addon/core/training/learning.py",
+    "scripts/people_study.py",
     "addon/core/posing/posing.py",
     "scripts/learn_markersets.py",
 )

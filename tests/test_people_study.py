@@ -9,8 +9,8 @@ import pytest
 from addon.core.body.anatomy import LOWER_SEGMENTS, SETS, other_side
 from addon.core.body.bodies import BodyModel
 from addon.core.geometry import rotations
-from addon.core.training.learning import Person, learn, study
 from addon.io.markersets import open_markerset
+from scripts.people_study import Person, learn, study
 
 JOINT_CENTRES = {site.name: site.landmarks[0] for site in LOWER_SEGMENTS if site.landmarks}
 

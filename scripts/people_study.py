@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..body.anatomy import (
+from addon.core.body.anatomy import (
     LOWER_CAPSULES,
     LOWER_SEGMENTS,
     MARKERS,
@@ -24,20 +24,22 @@ from ..body.anatomy import (
     is_right,
     other_side,
 )
-from ..body.bodies import Bodies, BodyModel
-from ..body.prior import Prior
-from ..data.markersets import Capsules, MarkerSet, Skeleton, Spread
-from ..geometry import rotations
-from ..geometry.rigid import best_turns
-from ..papers.virtual_occlusions.fit import fit_body
-from ..points.likelihood.sides import MIRROR
-from ..posing.posing import aligned, baked, descend_subject, labelled_pull
-from .segments import distance_to_axis
+from addon.core.body.bodies import Bodies, BodyModel
+from addon.core.body.prior import Prior
+from addon.core.data.markersets import Capsules, MarkerSet, Skeleton, Spread
+from addon.core.geometry import rotations
+from addon.core.geometry.rigid import best_turns
+from addon.core.papers.virtual_occlusions.fit import fit_body
+from addon.core.points.likelihood.sides import MIRROR
+from addon.core.posing.posing import aligned, baked, descend_subject, labelled_pull
+from addon.core.training.poses import mirrored_poses, posed_bodies
+from addon.core.training.segments import distance_to_axis
+from addon.core.training.takes import most_different
 
 
 @dataclass(frozen=True)
 class StudyOptions:
-    """How people are fitted with bodies of their own, and how far others may be from them; reckoned but for one.
+    """How people are fitted with bodies of their own, and how far others may be from them.
 
     rounds             of fits and a new mean
     marker_sd_m        how far a marker is off its body; smaller than when posing, so that people's own offsets are
@@ -490,3 +492,21 @@ def _capsule_end(end, segment: str, where: dict[str, np.ndarray]) -> np.ndarray:
     mix, lift = end
     place = sum(share * where[name] for name, share in mix) + np.array(lift) * (MIRROR if is_right(segment) else 1)
     return place - where[segment]
+
+
+def with_poses(markerset: MarkerSet, people: Sequence[np.ndarray], count: int) -> MarkerSet:
+    """The marker set with the poses (F, J, 3) of these people: their spread, and up to `count` of the most different.
+
+    Everybody counts the same in the spread, and so do their mirror images.
+    """
+    segments = markerset.skeleton.segments
+    everyone = [np.concatenate([one, mirrored_poses(one, segments)]) for one in people]
+    rows = np.concatenate(everyone).reshape(-1, 3 * len(segments))
+    weight = np.concatenate([np.full(len(one), 1 / len(one)) for one in everyone]) / len(everyone)
+    mean = weight @ rows
+    covariance = ((rows - mean) * weight[:, None]).T @ (rows - mean)
+    mean[:3], covariance[:3], covariance[:, :3] = 0, 0, 0
+    pool, model = np.concatenate(people), BodyModel(markerset)
+    chosen = pool[most_different(model.pose(posed_bodies(model, pool, markerset.spread.height)).markers, count)]
+    spread = replace(markerset.spread, pose_mean=mean.reshape(-1, 3), pose_covariance=covariance, poses=chosen)
+    return replace(markerset, spread=spread)
