@@ -55,16 +55,17 @@ class LabelWriter(_RowWriter):
             for key, marker, step, confidence in rows
         )
 
-    def write_points(self, rows: PointRows, labels: Labels):
-        """Appends a row for each point, and what `labels` (N,) say of it."""
-        frames, trajectories = rows.frames[rows.frame].tolist(), rows.trajectory.tolist()
-        self.write([f"{frame},{point}" for frame, point in zip(frames, trajectories, strict=True)], labels)
+
+def point_keys(rows: PointRows) -> list[str]:
+    """What tells the row of each point from the others: its frame and its trajectory."""
+    frames, trajectories = rows.frames[rows.frame].tolist(), rows.trajectory.tolist()
+    return [f"{frame},{point}" for frame, point in zip(frames, trajectories, strict=True)]
 
 
 def write_point_labels(path: Path, rows: PointRows, labels: Labels, markers: tuple[str, ...]):
     """Writes the labels (N,) of a take of points, a row for every point that is there."""
     with LabelWriter(path, markers, POINT_KEYS) as writer:
-        writer.write_points(rows, labels)
+        writer.write(point_keys(rows), labels)
 
 
 class TruthWriter(_RowWriter):

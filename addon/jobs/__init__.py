@@ -15,15 +15,17 @@ def label_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
 
     Raises UserError with the file where it can be told.
     """
-    if holds_points(job.source, job.use):
-        if job.method == "both":
-            raise InputError("holds points, and the method both is for blobs; expected another method", job.source)
-        from .points import label_point_file
+    points = holds_points(job.source, job.use)
+    if points and job.method == "both":
+        raise InputError("holds points, and the method both is for blobs; expected another method", job.source)
+    from .labelling import label_take
 
-        return label_point_file(job)
-    from .blobs import label_blob_file
-
-    return label_blob_file(job)
+    # Naming blobs takes long to load, and takes of points need none of it.
+    if points:
+        from .points import PointTake as Take
+    else:
+        from .blobs import BlobTake as Take
+    return label_take(job, Take)
 
 
 __all__ = [

@@ -26,7 +26,7 @@ from ..io.markersets import markerset_file
 from ..io.models import open_model
 from ..io.points import marker_columns, read_points, write_c3d
 from ..io.whole import whole_files
-from .outcome import renumbered
+from .labelling import renumbered
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from ..io.scratch import scratch_folder
 from ..io.whole import whole_file
 from .captures import facts_of_capture
 from .job import USUAL_RATE
-from .outcome import renumbered
+from .labelling import renumbered
 from .spool import TrajectoryFile
 
 WRITERS = {".c3d": write_c3d, ".trc": write_trc}
@@ -69,7 +69,7 @@ def rebuild_file(job: RebuildJob) -> Generator[Progress, None, dict]:
         taken: deque[BlobRows] = deque()
         for part in reconstruct_take(_noted(read_blobs(job.source, cameras, job.frames), taken), cameras, rate):
             rows = taken.popleft()
-            spool.append(part)
+            spool.add(part)
             tally.add(rows.blobs, part)
             yield Progress(rows.fraction, f"frame {part.frames[-1]}")
         points = spool.points()

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Trajectories on disk while a take is worked on, and as the columns of a file in the end."""
+"""Rows on disk while a take is worked on, and trajectories among them as the columns of a file in the end."""
 
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Self
+from typing import Self
 
 import numpy as np
 
@@ -31,13 +31,11 @@ SPOOLING = SpoolOptions()
 ROW = np.dtype([("trajectory", "<i4"), ("xyz", "<f4", 3), ("residual", "<f4")])
 
 
-class TrajectoryFile:
-    """The points of a take, row after row in a scratch file; use it as a context manager."""
+class RowFile:
+    """Rows of one kind, an array's dtype, on disk while a take is worked on; use it as a context manager."""
 
-    def __init__(self, folder: Path, rate: float):
-        self.folder, self.path, self.rate, self.first_frame = folder, folder / "trajectories", rate, 0
-        self.counts: list[int] = []
-        self.spans = TrajectorySpans()
+    def __init__(self, folder: Path, kind: np.dtype):
+        self.folder, self.path, self.kind, self.count = folder, folder / "rows", kind, 0
 
     def __enter__(self) -> Self:
         with naming_scratch(self.folder):
@@ -48,15 +46,35 @@ class TrajectoryFile:
         with suppress(OSError):  # of a full disk, which was said
             self.file.close()
 
-    def append(self, part: Reconstructed):
+    def append(self, rows: np.ndarray):
+        """Writes rows to the end and sees that they got there, which `ndarray.tofile` does not."""
+        with naming_scratch(self.folder):
+            self.file.write(np.ascontiguousarray(rows).data)
+            self.file.flush()
+        self.count += len(rows)
+
+    def rows(self) -> np.ndarray:
+        """All of them, read from disk where they are looked at."""
+        return np.memmap(self.path, self.kind, "r") if self.count else np.zeros(0, self.kind)
+
+
+class TrajectoryFile(RowFile):
+    """The points of a take, row after row in a scratch file; use it as a context manager."""
+
+    def __init__(self, folder: Path, rate: float):
+        super().__init__(folder, ROW)
+        self.rate, self.first_frame = rate, 0
+        self.counts: list[int] = []
+        self.spans = TrajectorySpans()
+
+    def add(self, part: Reconstructed):
         """Adds the frames of the next chunk."""
         if not self.counts:
             self.first_frame = int(part.frames[0])
         self.spans.note(part.trajectory, len(self.counts) + part.frame)
         rows = np.empty(len(part.points), ROW)
         rows["trajectory"], rows["xyz"], rows["residual"] = part.trajectory, part.points, part.residual
-        with naming_scratch(self.folder):
-            append(self.file, rows)
+        self.append(rows)
         self.counts += np.bincount(part.frame, minlength=len(part.frames)).tolist()
 
     def points(self) -> Points:
@@ -66,9 +84,8 @@ class TrajectoryFile:
         """
         column = self._columns()
         width = int(column.max(initial=-1)) + 1
-        rows = np.memmap(self.path, ROW, "r") if sum(self.counts) else np.zeros(0, ROW)
         starts = np.concatenate([[0], np.cumsum(self.counts)])
-        xyz, residual = (_Columns(rows, starts, column, width, field) for field in ("xyz", "residual"))
+        xyz, residual = (_Columns(self.rows(), starts, column, width, field) for field in ("xyz", "residual"))
         return Points(("",) * width, xyz, residual, self.rate, self.first_frame)
 
     def _columns(self) -> np.ndarray:
@@ -87,12 +104,6 @@ class TrajectoryFile:
             columns[index] = int(np.argmax(ends + rest < first))
             ends[columns[index]] = last
         return columns
-
-
-def append(file: IO, rows: np.ndarray):
-    """Writes an array to the end of an open file and sees that it got there, which `ndarray.tofile` does not."""
-    file.write(np.ascontiguousarray(rows).data)
-    file.flush()
 
 
 class _Columns:

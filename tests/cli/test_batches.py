@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -17,6 +18,7 @@ from addon import jobs
 from addon.cli import serving, workers
 from addon.demo.take import MODEL
 from addon.io import scratch
+from addon.jobs import spool
 from tests.faults.stage import at_work, wait_for
 
 FEW = ("--frames", "100:103", "--trc")
@@ -146,10 +148,17 @@ def test_takes_of_a_batch_share_their_processes(label, takes, monkeypatch):
 
 
 def test_a_full_temporary_folder_is_called_by_its_name(label, temporary, monkeypatch, tmp_path):
-    def full(_file, _rows):
+    def full(_rows):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr("addon.jobs.blobs.append", full)
+    def begun(self):
+        begin(self)
+        self.file.close()
+        self.file = SimpleNamespace(write=full, close=lambda: None)
+        return self
+
+    begin = spool.RowFile.__enter__
+    monkeypatch.setattr(spool.RowFile, "__enter__", begun)
     answer = label(*FEW)
     assert answer.status == 1
     assert answer.reason.startswith(f"{temporary}{os.sep}mocap-autolabel-")
