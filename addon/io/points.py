@@ -143,7 +143,7 @@ def _read(path: Path, everything: bool, up: str | None, rate: float | None, make
     found = packed(take.frames, columns, len(columns), lambda: take.parts)
     metre, assumed = _metres(found, take.unit, (1.0,), path)
     names, xyz = _named(take.labels), Scaled(found.xyz, (metre,))
-    upright = _given(up or take.up) or find_up("", xyz, names, take.rate, usual="+Y", lanes=found.lanes)
+    upright = _given(up or take.up) or find_up("", xyz, names, usual="+Y", lanes=found.lanes)
     residual = Scaled(found.residual, ())
     return _file_points(found, residual, (metre,), (names, columns), take, (assumed, upright.axis, upright.notes))
 
@@ -184,9 +184,6 @@ def _from_c3d(
         _text(head, "POINT:Y_SCREEN").upper(),
         Scaled(found.xyz, scales),
         names,
-        head.rate,
-        head.plates * metre,
-        maker=f"{_text(head, 'MANUFACTURER:COMPANY')} {_text(head, 'MANUFACTURER:SOFTWARE')}",
         lanes=found.lanes,
     )
     residual, said = (
@@ -200,7 +197,7 @@ def _from_qtm(head: QtmPoints, path: Path, up: str | None) -> FilePoints:
     found = packed(head.frames, head.columns, head.count, head.parts)
     metre, _ = _metres(found, "mm", (1.0,), path)
     names = _named(head.labels)
-    upright = _given(up) or find_up("", Scaled(found.xyz, (metre,)), names, head.rate, lanes=found.lanes)
+    upright = _given(up) or find_up("", Scaled(found.xyz, (metre,)), names, lanes=found.lanes)
     residual = Scaled(found.residual, (metre,))
     said = "", upright.axis, upright.notes
     return _file_points(found, residual, (metre,), (names, head.columns), head, said)
