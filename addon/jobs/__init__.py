@@ -3,7 +3,6 @@
 
 from collections.abc import Generator
 
-from ..core.data.errors import InputError
 from ..core.data.progress import Progress
 from ..core.points.naming import METHODS, USUAL_TARGET
 from ..io.points import holds_points
@@ -16,8 +15,6 @@ def label_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
     Raises UserError with the file where it can be told.
     """
     if holds_points(job.source, job.use):
-        if job.method == "both":
-            raise InputError("holds points, and the method both is for blobs; expected another method", job.source)
         from .points import label_point_file
 
         return label_point_file(job)

@@ -23,7 +23,6 @@ from ..core.edits.kinds import Accepted, Edits
 from ..core.geometry.cameras import Cameras
 from ..core.papers.virtual_occlusions.occlusion import Occlusion
 from ..core.pipelines.blobs import BlobOptions, blob_method, label_blobs, steps_of, with_edits
-from ..core.pipelines.cross_check import MethodAgreement
 from ..core.pipelines.others import OtherSubjects, refuse_two
 from ..core.points.handedness import MEND_BLOBS, Handedness
 from ..core.points.models import Model
@@ -72,11 +71,11 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         if others is not None:
             yield Progress(0.0, "look how many there are")
             refuse_two(Source(job, cameras).blobs, cameras, model)
-        agreement, source = MethodAgreement(), Source(job, cameras)
+        source = Source(job, cameras)
         clock = {"load": perf_counter() - begin, "write": 0.0}
         if several is None:
             settings = BlobOptions(job.method, job.frame_rate, job.target, job.options, _occlusion(job, model), edits)
-            work, method = label_blobs(source.blobs(), cameras, model, settings, agreement), blob_method(settings)
+            work, method = label_blobs(source.blobs(), cameras, model, settings), blob_method(settings)
             worn, sized = model.markerset, model.markerset
         else:
             seen = yield from subjects_in_blobs(job, cameras, several, edits, Room(stack, NOT_HELD))
@@ -115,7 +114,7 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
             forced = (job.doubted(check.refuse) if doubts else []) + job.doubted(handedness.refuse)
             results.doubt(doubts)
         results.labels.file.flush()
-        facts = _facts(job, method, cameras, results, agreement)
+        facts = _facts(job, method, cameras, results)
         facts |= {"notes": forced} if forced else {}
         facts |= facts_of_subjects(job, worn, facts.get("notes", [])) if several else {}
         counts = {one.name: one.as_dict() for one in trouble.by_camera.figures()}
@@ -157,12 +156,10 @@ def _tracked(edits: Edits, job: LabelJob, cameras: Cameras) -> Edits:
         return edits
 
 
-def _facts(job: LabelJob, method: str, cameras: Cameras, results: "Results", agreement: MethodAgreement) -> dict:
+def _facts(job: LabelJob, method: str, cameras: Cameras, results: "Results") -> dict:
     """What the report of blobs says beside what every report says."""
     facts = {"method": method, "occlusion": job.casts, "rate_assumed": job.rate is None}
-    facts["steps"] = results.counts("both" if job.several else method)  # bodies of several name what has no point
-    if method == "both":
-        facts["agreement"] = agreement.as_dict()
+    facts["steps"] = results.counts(steps_of(method, bool(job.several)))
     if cameras.remarks:
         facts["calibration"] = list(cameras.remarks)
     return facts | facts_of_capture(job.source, False, cameras)
@@ -266,9 +263,9 @@ class Results:
             blobs, last = self.chunks[-1]
             self.chunks[-1] = (blobs, replace(last, suspects=(*last.suspects, *suspects)))
 
-    def counts(self, method: str) -> dict[str, int]:
-        """How many labels came about by each step that the method has."""
-        steps = (*steps_of(method), *([BY_EDIT] if any(self.outcomes) else []))
+    def counts(self, steps: tuple[int, ...]) -> dict[str, int]:
+        """How many labels came about by each of the steps that a method has, and by edits where there are some."""
+        steps = (*steps, *([BY_EDIT] if any(self.outcomes) else []))
         return {STEPS[step]: self.summary.steps[STEPS[step]] for step in steps}
 
 
