@@ -225,7 +225,6 @@ class SceneSettings(bpy.types.PropertyGroup):
             ("fit", "Body", "Fit the marker set's body, frame after frame"),
             ("ensemble", "Partial Solvers", "An ensemble of partial solvers, each frame of points on its own"),
             ("likelihood", "Likelihood", "How likely it is that points are markers, each frame on its own"),
-            ("both", "Both", "Blobs by the body, checked by the points that they make"),
         ),
     )
     target: FloatProperty(

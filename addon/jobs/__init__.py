@@ -3,7 +3,6 @@
 
 from collections.abc import Generator
 
-from ..core.data.errors import InputError
 from ..core.data.progress import Progress
 from ..core.points.naming import METHODS, USUAL_TARGET
 from ..io.points import holds_points
@@ -16,8 +15,6 @@ def label_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
     Raises UserError with the file where it can be told.
     """
     points = holds_points(job.source, job.use)
-    if points and job.method == "both":
-        raise InputError("holds points, and the method both is for blobs; expected another method", job.source)
     from .labelling import label_take
 
     # Naming blobs takes long to load, and takes of points need none of it.

@@ -19,7 +19,6 @@ from ..core.edits.blob_tracks import followed, wants_tracks
 from ..core.edits.kinds import Accepted, Edits
 from ..core.papers.virtual_occlusions.occlusion import Occlusion
 from ..core.pipelines.blobs import BlobOptions, blob_method, label_blobs, steps_of, with_edits
-from ..core.pipelines.cross_check import MethodAgreement
 from ..core.pipelines.others import OtherSubjects, refuse_two
 from ..core.points.handedness import MEND_BLOBS
 from ..core.points.models import Model
@@ -63,7 +62,6 @@ class BlobTake:
         # Whoever corrected names has seen who is in the take.
         self.others = OtherSubjects(self.cameras, model) if several is None and not self.edits else None
         self.taken: deque[BlobRows] = deque()  # that went into the labelling and did not come out yet
-        self.agreement = MethodAgreement()
         self._rays: list[tuple[int, MarkerRays]] = []  # by chunk, each with the index of its first frame
 
     def name(self) -> Generator[Progress, None, None]:
@@ -76,7 +74,7 @@ class BlobTake:
             self.taken.clear()
         if self.several is None:
             settings = BlobOptions(job.method, self.rate, job.target, job.options, self._occlusion(), self.edits)
-            self.work = label_blobs(self._blobs(), cameras, model, settings, self.agreement)
+            self.work = label_blobs(self._blobs(), cameras, model, settings)
             self.method, self.worn = blob_method(settings), model.markerset
             self.check = CameraCheck(cameras, self.worn)
         else:
@@ -127,11 +125,9 @@ class BlobTake:
     def facts(self, results: Results) -> dict:
         """What the report of blobs says beside what every report says."""
         facts = {"method": self.method, "occlusion": self.job.casts, "rate_assumed": self.job.rate is None}
-        steps = steps_of("both" if self.several else self.method)  # bodies of several name what has no point
+        steps = steps_of(self.method, self.several is not None)  # bodies of several name what has no point
         steps = [STEPS[step] for step in (*steps, *([BY_EDIT] if any(results.outcomes) else []))]
         facts["steps"] = {step: results.summary.steps[step] for step in steps}
-        if self.method == "both":
-            facts["agreement"] = self.agreement.as_dict()
         if self.cameras.remarks:
             facts["calibration"] = list(self.cameras.remarks)
         counts = {one.name: one.as_dict() for one in results.trouble.by_camera.figures()}

@@ -116,7 +116,12 @@ def folder_line(settings: SceneSettings) -> tuple[list[str], Path, bool]:
         "--summary",
         "--html",
     ]
-    line += ["--blend", f"--method={settings.method}", f"--target={settings.target}", f"--jobs={settings.folder_jobs}"]
+    line += [
+        "--blend",
+        f"--method={settings.method or 'auto'}",
+        f"--target={settings.target}",
+        f"--jobs={settings.folder_jobs}",
+    ]
     line += [] if settings.folder_watch else ["--idle=0"]
     line += ["--overwrite"] if settings.folder_anew else []
     line += [f"--occlusion={settings.occlusion}", f"--rate={settings.rate}"] if blobs else []

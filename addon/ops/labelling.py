@@ -74,7 +74,7 @@ def job_of(context: bpy.types.Context) -> LabelJob:
         **asked,
         out=Path(),
         frames=frames_wanted(settings),
-        method=settings.method,
+        method=settings.method or "auto",  # none of an older version's that is gone
         target=settings.target,
         up=settings.points_up or None if points else None,
         mirror=points and settings.points_mirror,

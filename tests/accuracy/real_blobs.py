@@ -153,7 +153,6 @@ def runs(folder: Path, model: Path) -> Iterator[Run]:
     ways = (
         ("`fit`, the default in Blender: rays cast at the body (`bvh`)", whole, ("--occlusion", "bvh")),
         ("`fit`, `--occlusion capsules`", whole, ("--occlusion", "capsules")),
-        ("`both`", whole, ("--method", "both")),
         ("`likelihood`", whole, ("--method", "likelihood")),
         ("`ensemble`", whole, ("--method", "ensemble")),
         ("`fit`, without the two moved cameras", fewer, ("--occlusion", "bvh")),

@@ -111,10 +111,7 @@ STAGES: dict[str, dict[str, Callable]] = {
     "frames: limbs exchanged": {"points.likelihood.solving._exchanged": lambda *_: []},
     "blobs: rereading": {"blobs.rereading.Rereader.read_again": lambda *_: ()},
     "blobs: review of swaps": {"blobs.pipeline.TakeLabeller._review": lambda *_: None},
-    "blobs: continuity": {"blobs.pipeline.renamed": lambda *_: ()},
-    "blobs: between": {"blobs.pipeline.put_between": lambda *_: None},
     "blobs: image tracklets": {"blobs.pipeline.name_by_tracklets": lambda *_: None},
-    "blobs: absent markers": {"blobs.pipeline.absent_markers": lambda *_: np.zeros(0, int)},
     "blobs: swaps in a found frame": {"blobs.search.settle": try_swaps},
 }
 EXCHANGES = ("blocks", "shifts", "exchanges of a while", "seldom there", "consistency", "parting at leaps")

@@ -364,23 +364,21 @@ def virtual(tmp_path_factory):
     return SimpleNamespace(folder=folder, cameras=folder / "room.toml", blobs=folder / "walk.csv")
 
 
-@pytest.mark.parametrize("method", ["likelihood", "both"])
-def test_blobs_get_the_labels_of_the_command_line(extension, empty, virtual, tmp_path, method):
+def test_blobs_get_the_labels_of_the_command_line(extension, empty, virtual, tmp_path):
     words = ["label", virtual.blobs, "--cameras", virtual.cameras, "--model", "gait15", "--rate", "60"]
-    assert command([*map(str, words), "--method", method, "--out", str(tmp_path)]) == 0
+    assert command([*map(str, words), "--method", "likelihood", "--out", str(tmp_path)]) == 0
     bpy.ops.mocap_autolabel.import_cameras(filepath=str(virtual.cameras))
     bpy.ops.mocap_autolabel.import_blobs(filepath=str(virtual.blobs))
     settings = empty.scene.mocap_autolabel
-    settings.markerset, settings.method, settings.rate = "gait15", method, 60.0
+    settings.markerset, settings.method, settings.rate = "gait15", "likelihood", 60.0
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     bpy.ops.mocap_autolabel.export_labels(filepath=str(tmp_path / "ours.labels.csv"))
     theirs, rows = (
         [line.split(",") for line in (tmp_path / name).read_text().splitlines()[1:]]
         for name in ("walk.labels.csv", "ours.labels.csv")
     )
-    steps = {"likelihood": {"", "evidence", "trajectory"}, "both": {"", "exclusive", "conflict", "remaining"}}[method]
     assert sum(row[4] != "" for row in rows) > 0.8 * len(rows)
-    assert {row[5] for row in rows} <= steps | {"evidence", "trajectory"}
+    assert {row[5] for row in rows} <= {"", "evidence", "trajectory"}
     assert [row[:6] for row in rows] == [row[:6] for row in theirs]
     # Blender keeps where its cameras stand in single precision.
     sure, known = (np.array([float(row[6] or 0) for row in found]) for found in (rows, theirs))

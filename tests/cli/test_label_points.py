@@ -163,21 +163,6 @@ def test_evidence_is_what_likelihood_was_called_at_first(trained, anonymous, roo
     assert report["method"] == "likelihood"
 
 
-def test_blobs_named_both_ways_say_where_the_ways_agree(trained, room, run, tmp_path):
-    words = ("label", room.blobs, "--cameras", room.cameras, "--model", trained, "--rate", "60", "--method", "both")
-    answer = run(*words, "--out", tmp_path / "both", "--json")
-    assert (answer.status, answer.err) == (0, "")
-    [report] = json.loads(answer.out)["takes"]
-    agreement = report["agreement"]
-    assert agreement["same"] > 1000
-    assert agreement["different"] < 0.01 * agreement["same"]
-    named = agreement["same"] + agreement["different"] + agreement["only_fit"]
-    assert named == report["blobs"] - report["unlabelled"] == sum(report["steps"].values())
-    assert len(rows_of(tmp_path / "both" / "walk.labels.csv")) == report["blobs"] + 1
-    figures = json.loads(run("evaluate", tmp_path / "both" / "walk.labels.csv", room.truth, "--json").out)
-    assert figures["precision"] > 0.99
-
-
 def test_of_another_marker_set_only_what_both_have_is_named(room, run, tmp_path):
     words = ("label", room.blobs, "--cameras", room.cameras, "--model", "gait15", "--rate", "60")
     assert run(*words, "--method", "evidence", "--out", tmp_path / "other").status == 0
@@ -207,13 +192,11 @@ def test_points_of_something_else_name_no_blobs(room, run, tmp_path):
     assert any("no subject that wears gait15" in row["reason"] for row in report["suspect"])
 
 
-def test_both_ways_need_blobs_and_what_names_points(run, room, label, tmp_path):
-    assert "the method both is for blobs" in label("--method", "both").reason
+def test_blobs_are_named_by_points_only_where_the_model_names_points(run, room, tmp_path):
     bare = tmp_path / f"bare{SUFFIX}"
     write_markerset(bare, replace(open_markerset("body26"), name="bare"))
     words = ("label", room.blobs, "--cameras", room.cameras, "--out", tmp_path / "o", "--model", bare)
     for method, lack in (
-        ("both", "has nothing to name points by"),
         ("likelihood", "has learned nothing to name points by"),
         ("evidence", "has learned nothing to name points by"),
         ("ensemble", "has no partial solvers"),

@@ -286,9 +286,8 @@ def test_edits_of_several_hold_in_their_blobs(run, seen, tmp_path):
     assert not any(8 <= frame <= 20 for frame in frames)
 
 
-@pytest.mark.parametrize("method", ["fit", "both"])
-def test_blobs_of_several_are_named_by_their_points_only(run, seen, tmp_path, method):
-    words = "--model", WORN, "--cameras", seen / "room.toml", "--out", tmp_path, "--subjects", "2", "--method", method
+def test_blobs_of_several_are_named_by_their_points_only(run, seen, tmp_path):
+    words = "--model", WORN, "--cameras", seen / "room.toml", "--out", tmp_path, "--subjects", "2", "--method", "fit"
     assert "expected --method auto, which names blobs by their points" in run("label", seen / "seen.csv", *words).reason
 
 

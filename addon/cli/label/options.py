@@ -118,8 +118,8 @@ def _add_naming(parser: argparse.ArgumentParser):
         choices=jobs.METHODS,
         default="auto",
         help="fit: a body fitted frame after frame; likelihood (also called evidence), and ensemble: partial solvers, "
-        "each frame on its own, blobs by way of the points that they make; both: blobs by fit, checked by their "
-        "points; auto (default): the best for the input, fit for blobs and likelihood for points",
+        "each frame on its own, blobs by way of the points that they make; auto (default): the best for "
+        "the input, fit for blobs and likelihood for points",
     )
     parser.add_argument(
         "--occlusion",

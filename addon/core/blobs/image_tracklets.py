@@ -14,7 +14,6 @@ from ..data.takes import REMAINING
 from ..geometry.views import View
 from ..kernels import frame_calls, stands_for
 from ..papers.virtual_occlusions.labelling import TOO_FAR, Frame, Naming
-from .between import in_rounds
 from .tracking import FrameResult
 
 
@@ -30,7 +29,6 @@ class ImageTrackletOptions:
     min_frames    of a tracklet that have its name, and
     min_ratio     times as many as have any other
     part_m        by which the middle of a marker that is partly hidden may be off: as large as markers are
-    rounds        of all this: a blob that lost a wrong name is free for its own
     """
 
     noise_m: float = 0.004
@@ -41,7 +39,6 @@ class ImageTrackletOptions:
     min_frames: int = 12
     min_ratio: float = 4.0
     part_m: float = 0.008
-    rounds: int = 2
 
 
 IMAGE_TRACKLETS = ImageTrackletOptions()
@@ -58,20 +55,9 @@ def name_by_tracklets(
     if not markers:
         return {}
     tracklet, count = tracklets_of(views, _depths(results), rate, options)
-    in_vain: dict[int, np.ndarray | None] = {}  # claims by which nothing changed
-
-    def once() -> dict[int, list[int]]:
-        changed = {}
-        for index, claim in _claims(tracklet, count, results, markers, options).items():
-            if np.array_equal(in_vain.get(index), claim):
-                continue
-            some = _settle(results[index].naming, claim, options)
-            in_vain[index] = None if some else claim
-            if some:
-                changed[index] = some
-        return changed
-
-    return in_rounds(once, options.rounds)
+    claims = _claims(tracklet, count, results, markers, options)
+    changed = {index: _settle(results[index].naming, claim, options) for index, claim in claims.items()}
+    return {index: moved for index, moved in changed.items() if moved}
 
 
 def _depths(results: Sequence[FrameResult | None]) -> list[np.ndarray | None]:

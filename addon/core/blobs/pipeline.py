@@ -19,14 +19,10 @@ from ..edits.applying import BlobCells, apply_to_blobs
 from ..edits.kinds import NO_EDITS, Edits
 from ..geometry.cameras import Cameras
 from ..geometry.views import VIEWING, View, split_views
-from ..papers.virtual_occlusions.labelling import hand_over
 from ..papers.virtual_occlusions.occlusion import Occlusion
 from ..review.doubtful import WHOLE_FRAME
 from ..review.suspects import find_suspects
-from .absent import absent_markers
-from .between import put_between
 from .confidence import CONFIDENCE, named_confidences, swap_doubts
-from .continuity import renamed
 from .image_tracklets import name_by_tracklets
 from .rereading import Rereader
 from .search import Found, Hints, find_subject
@@ -157,21 +153,8 @@ class TakeLabeller:
                 if stretch.last == len(chunk.views) - 1 and stretch.track is not None and self.track is not None:
                     self.track = stretch.track
                 chunk.suspect(stretch.first, stretch.last, "names did not suit the rest of the take and are new")
-            self._rename(chunk)
-            put_between(chunk.results, self.setup.rate)
             name_by_tracklets(chunk.views, chunk.results, self.setup.rate)
-            absent = absent_markers(chunk.results)
-            for result in chunk.results if len(absent) else ():
-                if result is not None:
-                    camera, own = np.nonzero(result.naming.slot[:, absent] >= 0)
-                    hand_over(result.naming, camera, absent[own])
         self.last = chunk.results[-1] if chunk.results else self.last
-
-    def _rename(self, chunk: "_Chunk"):
-        """Gives names back that jumped to a neighbour."""
-        for first, last, moved in renamed(chunk.results, self.setup.rate):
-            names = ", ".join(self.setup.model.markerset.markers[marker] for marker in moved)
-            chunk.suspect(first, last, f"{names} had changed names and got them back")
 
     def _follow(self, chunk: "_Chunk", first: int, end: int) -> int:
         """Follows the track through frames `first` … until it is lost or at `end`; returns the frame to go on with."""

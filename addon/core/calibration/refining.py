@@ -15,7 +15,6 @@ from ..data.errors import JobError
 from ..data.takes import NO_MARKER, Blobs, LabelledChunk
 from ..geometry.cameras import Cameras
 from ..pipelines.blobs import BlobOptions, label_blobs
-from ..pipelines.cross_check import MethodAgreement
 from ..points.models import Model
 from ..review.odd_cameras import STANDING_OUT, CameraCheck
 from .adjusting import adjusted, held
@@ -136,7 +135,7 @@ def _labelled(
     check, labelled = CameraCheck(cameras, model.markerset), []
     for number, part in enumerate(parts):
         yield span[0] + (span[1] - span[0]) * number / len(parts), f"label frames from {part.frames[0]}"
-        [chunk] = label_blobs([part], cameras, model, options, MethodAgreement())
+        [chunk] = label_blobs([part], cameras, model, options)
         check.add(part, chunk)
         labelled.append(chunk)
     return labelled, check

@@ -383,7 +383,6 @@ def _made(report: Mapping, overview: TakeOverview, source: str) -> Html:
         "Up in the file": report.get("up_axis"),
         "Trajectories": f"{report['trajectories']:,}" if "trajectories" in report else None,
         "Cameras": f"{len(overview.cameras)}" if len(overview.cameras) else None,
-        "Both methods": _agreement(report["agreement"]) if "agreement" in report else None,
         "Edits from": name_of(report["edits"]["file"]) if report.get("edits", {}).get("file") else None,
         "Program": f"{GENERATOR} {report['version']}",
         "SHA-256 of the file": report.get("made_of", {}).get("input"),
@@ -392,7 +391,3 @@ def _made(report: Mapping, overview: TakeOverview, source: str) -> Html:
         joined_html([element("dt", name), element("dd", value)]) for name, value in facts.items() if value is not None
     ]
     return section("How it was made", element("dl", *said))
-
-
-def _agreement(counts: Mapping) -> str:
-    return ", ".join(f"{escaped(kind)} {count:,}" for kind, count in counts.items())

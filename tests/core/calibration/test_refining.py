@@ -46,7 +46,7 @@ class Room:
         self.rounds = 0
         monkeypatch.setattr(refining, "label_blobs", self.label)
 
-    def label(self, chunks, cameras, model, options, agreement):
+    def label(self, chunks, cameras, model, options):
         """One part, labelled."""
         [blobs] = chunks
         self.rounds += blobs is self.parts[0]

@@ -487,25 +487,6 @@ def doubles(naming: Naming) -> np.ndarray:
     return found
 
 
-def hand_over(naming: Naming, camera: np.ndarray, marker: np.ndarray):
-    """Takes names (N,) back; a blob that lies on the point that other cameras made of another marker is that marker's.
-
-    None of the markers that lose names gets one.
-    """
-    if not len(camera):
-        return
-    slot = naming.slot[camera, marker]
-    naming.withdraw(camera, marker)
-    square = np.where(naming.slot[camera] < 0, naming.reprojection[camera, :, slot], TOO_FAR)
-    square[:, np.unique(marker)] = TOO_FAR
-    best = square.argmin(axis=1)
-    square = square.min(axis=1)
-    for index in np.argsort(square, kind="stable"):
-        c, m = camera[index], best[index]
-        if square[index] < naming.frame.rules.max_on_point and naming.slot[c, m] < 0:
-            naming.give(c, m, slot[index], REMAINING)
-
-
 def name_merged(frame: Frame, naming: Naming):
     """Blobs still unnamed that lie between two markers which look like one from there: named after the nearer one.
 
