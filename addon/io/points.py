@@ -11,8 +11,8 @@ import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.data.lanes import blocks
+from ..core.data.made import Scaled
 from ..core.data.room import IN_MEMORY, MakeTable
-from ..core.data.scaled import Scaled
 from ..core.data.takes import Points
 from ..core.data.wording import words_of_range
 from .c3d import C3dHead, open_c3d, write_c3d_file

@@ -8,6 +8,7 @@ from typing import Self
 
 import numpy as np
 
+from ..core.data.made import Made, by_frames
 from ..core.data.takes import Points
 from ..core.reconstruction.trajectories import Reconstructed, TrajectorySpans
 from ..io.scratch import naming_scratch
@@ -85,7 +86,8 @@ class TrajectoryFile(RowFile):
         column = self._columns()
         width = int(column.max(initial=-1)) + 1
         starts = np.concatenate([[0], np.cumsum(self.counts)])
-        xyz, residual = (_Columns(self.rows(), starts, column, width, field) for field in ("xyz", "residual"))
+        rows = self.rows()
+        xyz, residual = (_columns(rows, starts, column, width, field) for field in ("xyz", "residual"))
         return Points(("",) * width, xyz, residual, self.rate, self.first_frame)
 
     def _columns(self) -> np.ndarray:
@@ -106,20 +108,16 @@ class TrajectoryFile(RowFile):
         return columns
 
 
-class _Columns:
+def _columns(rows: np.ndarray, starts: np.ndarray, column: np.ndarray, width: int, field: str) -> Made:
     """One field of the rows as an array (T, P, …) of which slices and single frames can be had."""
+    shape = (len(starts) - 1, width, *ROW[field].shape)
 
-    def __init__(self, rows: np.ndarray, starts: np.ndarray, column: np.ndarray, width: int, field: str):
-        self.rows, self.starts, self.column, self.field = rows, starts, column, field
-        self.shape = (len(starts) - 1, width, *ROW[field].shape)
+    def block(frames: slice) -> np.ndarray:
+        own = rows[starts[frames.start] : starts[frames.stop]]
+        frame = np.repeat(np.arange(frames.stop - frames.start), np.diff(starts[frames.start : frames.stop + 1]))
+        found = np.full((frames.stop - frames.start, *shape[1:]), np.nan, np.float32)
+        to = column[own["trajectory"]]
+        found[frame[to >= 0], to[to >= 0]] = own[field][to >= 0]
+        return found
 
-    def __getitem__(self, frames: slice | int) -> np.ndarray:
-        if not isinstance(frames, slice):
-            return self[frames : frames + 1][0]
-        first, last, _ = frames.indices(self.shape[0])
-        rows = self.rows[self.starts[first] : self.starts[last]]
-        frame = np.repeat(np.arange(last - first), np.diff(self.starts[first : last + 1]))
-        block = np.full((last - first, *self.shape[1:]), np.nan, np.float32)
-        column = self.column[rows["trajectory"]]
-        block[frame[column >= 0], column[column >= 0]] = rows[self.field][column >= 0]
-        return block
+    return Made(shape, by_frames(shape[0], block))

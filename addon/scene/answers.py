@@ -10,7 +10,7 @@ from dataclasses import fields, replace
 from ..core.data.takes import EditOutcome, Motion
 from ..core.edits.blob_tracks import BlobTracks
 from ..core.edits.following_blobs import BlobFollowing, BlobGroup
-from ..core.edits.kinds import Edits, frames_of, kind_of
+from ..core.edits.kinds import Edits
 from ..core.geometry.measuring import measured_at, put_places
 from ..core.review.answering import unanswered_of_blobs, without_accepted
 from .stored import Stored
@@ -67,10 +67,9 @@ class BlobCorrecting:
 def answered_blobs(stored: Stored, edits: Edits) -> Stored:
     """A take of blobs without the doubts that its edits answer: as the first versions kept it, with edited labels."""
     count = len(stored.motion.frames)
-    spans = [frames_of(edit) for edit in edits]
+    spans = [edit.span or (1, count) for edit in edits]
     outcomes = tuple(
-        EditOutcome(kind_of(edit), count if span is None else span[1] - span[0] + 1)
-        for edit, span in zip(edits, spans, strict=True)
+        EditOutcome(edit.verb.kind, last - first + 1) for edit, (first, last) in zip(edits, spans, strict=True)
     )
     return replace(stored, suspects=_open(stored, edits), edits=edits, outcomes=outcomes)
 

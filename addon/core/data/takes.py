@@ -8,6 +8,7 @@ from typing import Self
 import numpy as np
 
 from .lanes import Lanes, blocks, standing_in, trajectories_at
+from .made import Made, Table
 
 # How a blob or a point came by its name, in the words of label files: the three steps of the first paper's algorithm 1,
 # then what names points, then a person. The index is what `Labels.step` holds.
@@ -279,7 +280,7 @@ class Points:
     """A take of 3D points: P trajectories over T frames, in L lanes that several may share one after the other.
 
     names        P labels as in the file; an unlabelled trajectory has an empty name
-    xyz          (T, L, 3) m, z up; NaN where missing; an array, or what gives parts of one (`data.scaled`)
+    xyz          (T, L, 3) m, z up; NaN where missing; an array, or what makes parts of one
     residual     (T, L) m, NaN where missing or unknown, 0 where a sample was filled and not measured; likewise
     rate         frames a second
     first_frame  the source's number of the first frame
@@ -288,8 +289,8 @@ class Points:
     """
 
     names: tuple[str, ...]
-    xyz: np.ndarray
-    residual: np.ndarray
+    xyz: Table
+    residual: Table
     rate: float
     first_frame: int
     columns: np.ndarray | None = None
@@ -335,6 +336,10 @@ class Points:
                 residual[own, place] = self.residual[own, self.lanes.lane[index]]
         return Points(names, xyz, residual, self.rate, self.first_frame)
 
+    def ordered(self, frames: np.ndarray) -> Made:
+        """(F, W, 3) m, the points of some frames (F,), each in the order of the file, made of those asked for."""
+        return Made((len(frames), *self.xyz.shape[1:]), lambda index: self.in_order(frames[index]).xyz)
+
     def in_order(self, frames: np.ndarray) -> "InOrder":
         """Some frames (F,), ascending, with the points of each in the order of the file."""
         if self.lanes is None:
@@ -361,20 +366,6 @@ def _ordered(take: Points, part: slice, frames: np.ndarray) -> tuple[np.ndarray,
     present = np.isfinite(take.xyz[part][frames]).all(axis=2)
     number = np.where(present, take.lanes.table(part)[frames], len(take.lanes))
     return np.argsort(number, axis=1, kind="stable").astype(np.int32), present.sum(axis=1)
-
-
-class OrderedPoints:
-    """Points (F, W, 3) m of some frames (F,) of a take, each in the order of the file, made when they are asked for."""
-
-    def __init__(self, take: Points, frames: np.ndarray):
-        self.take, self.frames = take, frames
-        self.shape = (len(frames), *take.xyz.shape[1:])
-
-    def __len__(self) -> int:
-        return len(self.frames)
-
-    def __getitem__(self, index: slice | np.ndarray) -> np.ndarray:
-        return self.take.in_order(self.frames[index]).xyz
 
 
 @dataclass(frozen=True, eq=False)

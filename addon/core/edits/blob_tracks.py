@@ -162,7 +162,7 @@ class BlobTracks:
         found = own.at(edit.frame, edit.x, edit.y, self.radius)
         if found is None:
             return np.empty((0, 3))
-        track = own.track(edit.frame, found, edit.frames)
+        track = own.track(edit.frame, found, edit.span)
         number = self.blobs.frames[self.blobs.frame[own.rows[track]]]
         return np.column_stack([number, own.xy[track]]).astype(float)
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from ..blobs.pipeline import Options
 from ..data.takes import BY_LIKELIHOOD, BY_TRAJECTORY, Blobs, LabelledChunk, Labels, Suspect, Verdict
-from ..edits.applying import BlobCells, blobs_of
-from ..edits.kinds import NO_EDITS, AssignBlob, Edits
+from ..edits.blobs_in_points import named_points
+from ..edits.kinds import NO_EDITS, Edits
 from ..edits.replay import ANYBODY, Replay
 from ..geometry.cameras import Cameras
 from ..points.models import Model
@@ -170,32 +170,23 @@ def _rulings(
 
     A point keeps the name of its blob for as long as it is followed, or to half the way to another that a person named.
     """
-    replay, width = Replay.of_table(labels, len(work.model.markerset)), window.tracklet.shape[1]
-    claims: dict[int, list[tuple[int, int]]] = {}
+    worn, width = work.model.markerset, window.tracklet.shape[1]
+    replay = Replay.of_table(labels, len(worn))
+    claims: dict[int, dict[int, int]] = {}
     first = 0
-    for start, (blobs, part) in zip(window.starts, waiting, strict=False):
-        cells = BlobCells.of(blobs, work.cameras.names, work.model.markerset)
-        for row, marker in _named_rows(work.edits, cells):
-            point = np.flatnonzero((part.rows == row).any(axis=1))[:1]
-            for at in (first + point).tolist():
-                claims.setdefault(int(window.column[at]), []).append((int(start + blobs.frame[row]), marker))
+    for blobs, part in waiting:
+        named = named_points(work.edits, blobs, work.cameras.names, worn.by_name, len(worn), part.rows)
+        for point, marker in named.items():
+            column, frame = int(window.column[first + point]), int(window.frame[first + point])
+            claims.setdefault(column, {})[frame] = marker
         first += len(part.points)
-    for column, said in claims.items():
-        last = dict(said)  # by frame, so that of several edits of one the last counts
-        frames = np.array(sorted(last))
+    for column, marker_at in claims.items():
+        frames = np.array(sorted(marker_at))
         ends = [0, *((frames[1:] + frames[:-1] + 1) // 2).tolist(), len(window.frames)]
         for frame, begin, end in zip(frames.tolist(), ends[:-1], ends[1:], strict=True):
             there = begin + np.flatnonzero(window.tracklet[begin:end, column] >= 0)
-            replay.assign(there, there * width + column, last[frame])
+            replay.assign(there, there * width + column, marker_at[frame])
     return Rulings(replay.done(labels), labels, window.tracklet) if claims else None
-
-
-def _named_rows(edits: Edits, cells: BlobCells) -> Iterator[tuple[int, int]]:
-    """The rows of the blobs of a chunk that a person named, and their markers."""
-    for edit in edits:
-        if isinstance(edit, AssignBlob):
-            for row in blobs_of(edit, cells)[0].tolist():
-                yield row, cells.names[edit.marker]
 
 
 def _as_said(labels: Labels, rulings: Rulings) -> Labels:

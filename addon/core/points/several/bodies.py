@@ -8,8 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from ...data.lanes import PACKING, blocks
+from ...data.made import Made, Table
 from ...data.progress import Stage
-from ...data.takes import NO_MARKER, Labels, OrderedPoints, Points
+from ...data.takes import NO_MARKER, Labels, Points
 from ..deciding import Said
 from ..models import Model
 from ..naming import Namer
@@ -79,28 +80,13 @@ class NamedBody:
         return 0 < usual_residual(self.model.likelihood, placed, upright=False) <= RECOGNISING.max_residual
 
 
-class OnlySome:
+def only_some(points: Table, tracklet: np.ndarray, may: np.ndarray) -> Made:
     """A table (T, L, 3) of points without those of others, made of the frames that are looked at.
 
     tracklet (T, L) is that of each point, -1 where there is none; may (N,) True for those that are kept.
     """
-
-    dtype = np.dtype(float)
-
-    def __init__(self, points: np.ndarray, tracklet: np.ndarray, may: np.ndarray):
-        self.points, self.may = points, np.append(may, False)
-        self.shape, self.ndim = points.shape, 3
-        self._tracklet = np.broadcast_to(tracklet[..., None], self.shape)
-
-    def __len__(self) -> int:
-        return self.shape[0]
-
-    def __getitem__(self, index) -> np.ndarray:
-        return np.where(self.may[self._tracklet[index]], self.points[index], np.nan)
-
-    def __array__(self, dtype=None, copy=None) -> np.ndarray:
-        whole = self[...]
-        return whole if dtype is None else whole.astype(dtype)
+    kept, own = np.append(may, False), np.broadcast_to(tracklet[..., None], points.shape)
+    return Made(points.shape, lambda index: np.where(kept[own[index]], points[index], np.nan))
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,18 +165,18 @@ class BodyNaming:
         return 1 - named / max(possible, 1)
 
 
-def frames_are_sure(model: Model, namer: Namer, points: OrderedPoints, solvable: bool) -> Sample | None:  # noqa: ARG001
+def frames_are_sure(model: Model, namer: Namer, points: Made, solvable: bool) -> Sample | None:  # noqa: ARG001
     """Frames on their own must be sure of a body that was parted from others."""
     return refuse_others(model, namer, points)
 
 
-def take_will_say(model: Model, namer: Namer, points: OrderedPoints, solvable: bool) -> None:
+def take_will_say(model: Model, namer: Namer, points: Made, solvable: bool) -> None:
     """Of a body that single frames are not sure of; UnsuitedError where the take cannot be solved as a whole either."""
     if not solvable:
         frames_are_sure(model, namer, points, solvable)
 
 
-def recognised_before(model: Model, namer: Namer, points: OrderedPoints, solvable: bool) -> None:
+def recognised_before(model: Model, namer: Namer, points: Made, solvable: bool) -> None:
     """Of a body whose markers were recognised by another model of them."""
 
 
@@ -240,7 +226,7 @@ class Crowd:
 
     def points_of(self, may: np.ndarray) -> Points:
         """The take without the points of tracklets that are not a body's (N,); a long one's as they are looked at."""
-        xyz = OnlySome(self.take.xyz, self.tracklet, may)
+        xyz = only_some(self.take.xyz, self.tracklet, may)
         return replace(self.take, xyz=xyz if self.tracklet.size > PACKING.whole_cells else xyz[...])
 
     def recognised(

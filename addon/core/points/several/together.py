@@ -9,7 +9,7 @@ import numpy as np
 
 from ...data.lanes import blocks
 from ...data.takes import NO_MARKER, Labels, Points, Suspect, Verdict
-from ..motion import ByMarker, take_motion
+from ..motion import by_marker, take_motion
 from ..refusals import refuse_unlike, refuse_unrecognised
 from ..whole_take.pipeline import PointOptions, decided_of
 from .bodies import NamedBody
@@ -90,8 +90,8 @@ def motion_of_all(
         size = len(subject.model.markerset)
         own = own_labels(labels, first, size)
         put = {(frame, marker - first): xyz for (frame, marker), xyz in _of_range(places or {}, first, size)}
-        markers = ByMarker(take.xyz, own, size, put)
-        residual = ByMarker(take.residual, own, size, dict.fromkeys(put, 0.0))  # not measured
+        markers = by_marker(take.xyz, own, size, put)
+        residual = by_marker(take.residual, own, size, dict.fromkeys(put, 0.0))  # not measured
         given = markers, residual, own, subject.model.markerset, take.frames, None, options.room
         parts.append(take_motion(*given))
     return SubjectsMotion(tuple(parts))

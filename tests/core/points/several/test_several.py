@@ -123,7 +123,7 @@ def test_the_points_of_some_are_looked_up_by_any_index():
     generator = np.random.default_rng(3)
     points, tracklet = generator.normal(size=(9, 5, 3)), generator.integers(-1, 6, (9, 5))
     may = np.array([True, False, True, False, False, True])
-    some = bodies.OnlySome(points, tracklet, may)
+    some = bodies.only_some(points, tracklet, may)
     wanted = np.where(np.append(may, False)[tracklet][..., None], points, np.nan)
     np.testing.assert_array_equal(np.asarray(some), wanted)
     row, lane = np.array([[0], [4]]), np.array([1, 3, 3])
