@@ -17,7 +17,8 @@ from ..geometry.cameras import Cameras
 from ..pipelines.blobs import BlobOptions, label_blobs
 from ..pipelines.cross_check import MethodAgreement
 from ..points.models import Model
-from ..review.odd_cameras import STANDING_OUT, CameraCheck
+from ..review.camera_order import HEALTH
+from ..review.odd_cameras import CameraCheck
 from .adjusting import adjusted, held
 from .sightings import Sightings
 
@@ -162,7 +163,7 @@ def _refuse_room(check: CameraCheck):
 def _refuse_nobody(check: CameraCheck):
     """JobError where nobody was labelled to go by."""
     seen = check.figures.seen.max()
-    if 0 < seen < STANDING_OUT.min_seen:
+    if 0 < seen < HEALTH.enough:
         return  # somebody, in too few frames: what is named in them is counted next
     if not check.usual > REFINING.min_named:
         raise JobError(
