@@ -12,7 +12,7 @@ from itertools import combinations, permutations
 
 import numpy as np
 
-from ..data.physical import SIGMAS
+from ..data.physical import MARKER_LIMITS, SIGMAS
 from ..geometry.cameras import Cameras
 
 
@@ -20,7 +20,6 @@ from ..geometry.cameras import Cameras
 class HealthOptions:
     """When something is said of cameras. Virtual rooms have ghosts, dropouts and errors of calibration.
 
-    noise_px       measured: px, standard deviation of blobs about where calibrations have them, 0.3 to 0.6 in rooms
     enough         measured: blobs or markers before anything is said of them: of 100 a share is known to 5 %
     beside         measured: times what counts as on an epipolar line, from where to where blobs are there by chance
     min_meeting    measured: share of a camera's blobs, beyond chance, that meet those of the camera it goes best with:
@@ -33,7 +32,6 @@ class HealthOptions:
     frames         memory: of a take that are looked at, spread over it
     """
 
-    noise_px: float = 0.5
     enough: int = 100
     beside: tuple[float, float] = (3.0, 13.0)
     min_meeting: float = 0.2
@@ -48,7 +46,7 @@ HEALTH = HealthOptions()
 
 def near_image(cameras: Cameras) -> np.ndarray:
     """(C,) how far from where it should be a blob still counts as there, normalised image."""
-    return SIGMAS * HEALTH.noise_px / cameras.focal
+    return SIGMAS * MARKER_LIMITS.noise_px / cameras.focal
 
 
 class CameraAgreement:

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..data.errors import ForceableError
 from ..data.markersets import MarkerSet
-from ..data.physical import SIGMAS
+from ..data.physical import MARKER_LIMITS, SIGMAS
 from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Suspect
 from ..geometry.cameras import Cameras
 from ..geometry.triangulation import meet_rows
@@ -305,7 +305,7 @@ def _moved(cameras: Cameras, frames: list[_Frame], offsets: np.ndarray) -> Itera
         without.append(worst)
         others = _offsets(cameras, frames, without)
         known = others[np.isfinite(others)]
-        if not len(known) or offsets[worst] < max(HEALTH.noise_px, SIGMAS * np.median(known)):
+        if not len(known) or offsets[worst] < max(MARKER_LIMITS.noise_px, SIGMAS * np.median(known)):
             return
         yield worst, float(offsets[worst])
         offsets = others
