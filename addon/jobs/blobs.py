@@ -31,7 +31,7 @@ from ..core.review.answering import heard_in, without_accepted
 from ..core.review.doubtful import doubtful_ranges, doubtful_samples
 from ..core.review.odd_cameras import CameraCheck
 from ..core.review.summary import TakeSummary
-from ..core.review.trouble import TakeTrouble
+from ..core.review.take_trouble import TakeTrouble
 from ..io.blobs import BlobRows, frames_in, read_blobs
 from ..io.edits import open_edits
 from ..io.labels import LabelWriter
@@ -131,7 +131,7 @@ def label_blob_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
                 points, of_gaps, fills = yield from fill_labelled(points, worn, (overview, trouble), rays)
             facts |= of_gaps
         facts |= facts_of_trouble(trouble, results.summary.suspects) | {"doubtful": doubtful}
-        heard = results.heard | heard_in(edits, noticed) | trouble.heard(results.summary.suspects)
+        heard = results.heard | heard_in(edits, noticed) | trouble.accepted(results.summary.suspects)
         outcomes = unless_heard(joined(results.outcomes), edits, heard)
         said = {"outcomes": outcomes, "overview": overview, "fills": fills, "poses": results.played}
         made = Outcome(worn, points, results.chunks, cameras, results.summary, facts, inputs, edits, **said)

@@ -18,7 +18,7 @@ from ..core.points.possible import slow_words
 from ..core.points.whole_take.pipeline import PointOptions, label_take
 from ..core.review.doubtful import AskedNames, doubtful_of, doubtful_ranges
 from ..core.review.summary import TakeSummary
-from ..core.review.trouble import TakeTrouble
+from ..core.review.take_trouble import TakeTrouble
 from ..io.edits import open_edits
 from ..io.labels import POINT_KEYS, LabelWriter
 from ..io.points import FilePoints, read_points
@@ -110,7 +110,7 @@ def label_point_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
         said = labelled.doubts, labelled.suspects, markerset.markers, edits, markerset.by_name
         unsure = doubtful_of(AskedNames.join(asked), motion.frames, *said)
         facts["doubtful"] = doubtful_ranges(unsure, motion.frames, markerset.markers)
-        heard = labelled.heard | trouble.heard(labelled.suspects)
+        heard = labelled.heard | trouble.accepted(labelled.suspects)
         said = unless_heard(labelled.outcomes, edits, heard), overview, fills, poses
         made = Outcome(markerset, points, chunks, NO_CAMERAS, summary, facts, inputs, edits, *said)
         report = write_take(job, files, model, made, clock)

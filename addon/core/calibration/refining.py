@@ -18,7 +18,7 @@ from ..geometry.cameras import Cameras
 from ..pipelines.blobs import BlobOptions, label_blobs
 from ..pipelines.cross_check import MethodAgreement
 from ..points.models import Model
-from ..review.camera_order import HEALTH
+from ..review.camera_order import CAMERA_HEALTH
 from ..review.odd_cameras import CameraCheck
 from .adjusting import adjusted, held
 from .sightings import Sightings
@@ -150,9 +150,9 @@ def _refuse_room(check: CameraCheck):
 def _refuse_nobody(check: CameraCheck):
     """JobError where nobody was labelled to go by."""
     seen = check.figures.seen.max()
-    if 0 < seen < HEALTH.enough:
+    if 0 < seen < CAMERA_HEALTH.enough:
         return  # somebody, in too few frames: what is named in them is counted next
-    if not check.usual > 1 - HEALTH.max_lacking:
+    if not check.usual > 1 - CAMERA_HEALTH.max_lacking:
         raise JobError(
             "nobody was recognised, so there are no named blobs to go by; expected a take of somebody who wears "
             f"{check.markerset.name}"
@@ -170,9 +170,9 @@ def _seen(parts: Sequence[Blobs], labelled: Sequence[LabelledChunk], cameras: Ca
     """What every other part shows, from the first or the second on."""
     pairs = [(part, chunk.labels) for part, chunk in zip(parts, labelled, strict=True)]
     found = Sightings.of(pairs[first::2] or pairs, cameras)
-    if found.count < HEALTH.enough:
+    if found.count < CAMERA_HEALTH.enough:
         raise JobError(
-            f"only {found.count} named markers are seen by three cameras at a time; expected {HEALTH.enough} or "
+            f"only {found.count} named markers are seen by three cameras at a time; expected {CAMERA_HEALTH.enough} or "
             "more, so a longer take, or more cameras that look at the same place"
         )
     return found
@@ -181,7 +181,7 @@ def _seen(parts: Sequence[Blobs], labelled: Sequence[LabelledChunk], cameras: Ca
 def _adjusted(before: Cameras, given: Cameras, fitted: Sightings) -> Cameras:
     """The cameras adjusted, in the world that they were in before."""
     chosen = fitted.spread(given)
-    free = chosen.blobs(len(given)) >= HEALTH.enough
+    free = chosen.blobs(len(given)) >= CAMERA_HEALTH.enough
     return held(before, adjusted(given, chosen, free), chosen)
 
 

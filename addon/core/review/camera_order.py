@@ -41,7 +41,7 @@ class HealthOptions:
     frames: int = 40
 
 
-HEALTH = HealthOptions()
+CAMERA_HEALTH = HealthOptions()
 
 
 def near_image(cameras: Cameras) -> np.ndarray:
@@ -86,7 +86,7 @@ class CameraAgreement:
         best = np.full(len(order), np.nan)
         for one, other in combinations(range(len(order)), 2):
             first, second = order[one], order[other]
-            if 2 * min(self.counts[first], self.counts[second]) >= HEALTH.enough:
+            if 2 * min(self.counts[first], self.counts[second]) >= CAMERA_HEALTH.enough:
                 best[[one, other]] = np.fmax(best[[one, other]], self.of(one, other, first, second))
         return best
 
@@ -149,7 +149,7 @@ def same_names_meet(cameras: Cameras, image: np.ndarray) -> np.ndarray:
     seen = np.isfinite(image).all(axis=2)
     for one, other in combinations(range(len(cameras)), 2):
         both = seen[one] & seen[other]
-        if 2 * both.sum() >= HEALTH.enough:
+        if 2 * both.sum() >= CAMERA_HEALTH.enough:
             there, back = _passing(cameras, one, other, rays[one, both], rays[other, both])
             best[[one, other]] = np.fmax(best[[one, other]], ((there < 1) & (back < 1)).mean())
     return best
@@ -161,14 +161,14 @@ def best_order(agreement: CameraAgreement, sure: np.ndarray) -> np.ndarray | Non
     `sure` are cameras that go together as they are; without two of them the pairs that agree best are begun with. Of
     many cameras that are not sure nothing is tried.
     """
-    if len(agreement.own) - len(sure) > HEALTH.max_tried:
+    if len(agreement.own) - len(sure) > CAMERA_HEALTH.max_tried:
         return None
     begun = [{int(index): int(index) for index in sure}] if len(sure) >= 2 else agreement.best_pairs()
     order = max((agreement.completed(known) for known in begun), key=agreement.total)
     moved = order != agreement.own
     before, after = agreement.meeting(), agreement.meeting(order)
     with np.errstate(invalid="ignore"):
-        better = (before < HEALTH.min_meeting) & (after >= HEALTH.min_meeting)
+        better = (before < CAMERA_HEALTH.min_meeting) & (after >= CAMERA_HEALTH.min_meeting)
     return order if moved.any() and better[moved].all() else None
 
 
@@ -188,7 +188,7 @@ def _passing(cameras: Cameras, one: int, other: int, a: np.ndarray, b: np.ndarra
 
 def _by_chance(part: np.ndarray) -> np.ndarray:
     """(N,) how likely it is that a line has a blob on it by chance; part (N, K) is how far blobs are beside lines."""
-    low, high = HEALTH.beside
+    low, high = CAMERA_HEALTH.beside
     return 1 - np.exp(-((part > low) & (part < high)).sum(axis=1) / (high - low))
 
 

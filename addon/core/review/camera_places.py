@@ -12,7 +12,7 @@ import numpy as np
 
 from ..geometry.cameras import Cameras
 from ..geometry.rotations import exponential
-from .camera_order import HEALTH, near_image
+from .camera_order import CAMERA_HEALTH, near_image
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def find_again(camera: Cameras, points: np.ndarray, blobs: list[np.ndarray], lea
     local = points @ camera.rotation[0].T + camera.translation[0]
     with np.errstate(invalid="ignore"):
         frame, marker = np.nonzero(_inside(camera, points) & (local[..., 2] > 0))
-    if len(frame) < HEALTH.enough or image.shape[1] == 0:
+    if len(frame) < CAMERA_HEALTH.enough or image.shape[1] == 0:
         return None
     seen, image = local[frame, marker], image[frame]
     near = float(near_image(camera)[0])

@@ -19,7 +19,7 @@ from ..data.physical import MARKER_LIMITS, SIGMAS
 from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Suspect
 from ..geometry.cameras import Cameras
 from ..geometry.triangulation import meet_rows
-from .camera_order import HEALTH, CameraAgreement, best_order, same_names_meet
+from .camera_order import CAMERA_HEALTH, CameraAgreement, best_order, same_names_meet
 from .camera_places import CameraPlace, find_again
 from .camera_words import OF_ROOM
 from .room_size import times_too_large
@@ -82,7 +82,7 @@ class CameraCheck:
                 kept = (blobs.camera[rows], blobs.xy[rows], marker[rows])
                 self.frames.append(_Frame(*kept, expected[index]))
             self._count += 1
-        while len(self.frames) > 2 * HEALTH.frames:
+        while len(self.frames) > 2 * CAMERA_HEALTH.frames:
             self.frames, self._stride = self.frames[::2], self._stride * 2
 
     @cached_property
@@ -134,7 +134,7 @@ class CameraCheck:
     @cached_property
     def agreement(self) -> CameraAgreement:
         """Which blobs of the frames with the most of them meet."""
-        richest = sorted(self.frames, key=lambda frame: len(frame.camera), reverse=True)[: HEALTH.frames // 4]
+        richest = sorted(self.frames, key=lambda frame: len(frame.camera), reverse=True)[: CAMERA_HEALTH.frames // 4]
         return CameraAgreement(self.cameras, [(frame.camera, frame.xy) for frame in richest])
 
     @cached_property
@@ -145,7 +145,7 @@ class CameraCheck:
         if self._nothing_meets:
             return best_order(self.agreement, np.zeros(0, int))
         with np.errstate(invalid="ignore"):
-            sure = ~(self.agreement.meeting() < HEALTH.min_meeting)
+            sure = ~(self.agreement.meeting() < CAMERA_HEALTH.min_meeting)
         return None if (~sure).sum() < 2 else best_order(self.agreement, np.flatnonzero(sure))
 
     @cached_property
@@ -180,7 +180,7 @@ class CameraCheck:
             image[camera, index, frame.marker[mine]] = self.cameras.undistort(frame.xy[mine], camera)
         shares = same_names_meet(self.cameras, image.reshape(len(image), -1, 2))
         shares = shares[np.isfinite(shares)]
-        if 2 * len(shares) < len(image) or np.median(shares) >= HEALTH.min_same_name:
+        if 2 * len(shares) < len(image) or np.median(shares) >= CAMERA_HEALTH.min_same_name:
             return ""
         return (
             f"{OF_ROOM} not to be this take's: by this calibration few blobs of one name meet in two cameras "
@@ -194,7 +194,7 @@ class CameraCheck:
         if (~lacking).sum() < 2:
             return {}
         points = _points_of_others(self.cameras, self.frames, np.flatnonzero(lacking))
-        least, places = HEALTH.max_lacking * self.usual, {}
+        least, places = CAMERA_HEALTH.max_lacking * self.usual, {}
         for index in np.flatnonzero(lacking).tolist():
             blobs = [frame.xy[frame.camera == index] for frame in self.frames]
             place = find_again(self.cameras.select([index]), points, blobs, least)
@@ -208,13 +208,13 @@ class CameraCheck:
 
     @property
     def _known(self) -> np.ndarray:
-        return self.figures.seen >= HEALTH.enough
+        return self.figures.seen >= CAMERA_HEALTH.enough
 
     @property
     def _lacking(self) -> np.ndarray:
         """(C,) cameras under their own names that have clearly fewer names than usual."""
         with np.errstate(invalid="ignore"):
-            few = self._known & (self.figures.share < HEALTH.max_lacking * self.usual)
+            few = self._known & (self.figures.share < CAMERA_HEALTH.max_lacking * self.usual)
         return few & (np.arange(len(self.cameras)) == self._order_or_own)
 
     @property
@@ -238,7 +238,7 @@ class CameraCheck:
         """Whether most cameras' blobs meet those of others by chance only."""
         meeting = self.agreement.meeting()
         measured = np.isfinite(meeting)
-        return bool(measured.sum() >= 2 and np.median(meeting[measured]) < HEALTH.min_meeting)
+        return bool(measured.sum() >= 2 and np.median(meeting[measured]) < CAMERA_HEALTH.min_meeting)
 
     def _sentences(self) -> Iterator[str]:
         if self.wrong_room:
@@ -258,7 +258,7 @@ class CameraCheck:
                 f"{np.degrees(place.turned):.1f}° and shifted by {1000 * place.shifted:.0f} mm"
             )
         with np.errstate(invalid="ignore"):
-            alone = ~(self.agreement.meeting() >= HEALTH.min_meeting)
+            alone = ~(self.agreement.meeting() >= CAMERA_HEALTH.min_meeting)
         for index in np.flatnonzero(self._lacking & alone):
             if index not in self.moved:
                 yield (
@@ -326,7 +326,7 @@ def _offsets(cameras: Cameras, frames: list[_Frame], without: Sequence[int] = ()
         mine = camera == index
         off = xy[mine] - cameras.select([index]).project(points[mine])[0]
         off = off[np.isfinite(off).all(axis=1)]
-        if len(off) >= HEALTH.enough:
+        if len(off) >= CAMERA_HEALTH.enough:
             offsets[index] = np.linalg.norm(np.median(off, axis=0))
     return offsets
 
