@@ -10,7 +10,8 @@ from ..core.data.errors import InputError, spelt_out
 from ..core.data.takes import EditOutcome, Suspect
 from ..core.edits.applying import summary_of
 from ..core.review.summary import TakeSummary
-from ..core.review.trouble import TakeTrouble, summary_of_trouble
+from ..core.review.take_trouble import TakeTrouble
+from ..core.review.trouble import summary_of_trouble
 from .source import digest, read_json
 
 REPORT = ".report.json"  # the last of a take's files to appear: where it is the others are

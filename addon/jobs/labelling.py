@@ -19,7 +19,7 @@ from ..core.points.models import Model
 from ..core.points.several.wearers import SeveralOptions
 from ..core.review.doubtful import AskedNames, doubtful_of, doubtful_ranges
 from ..core.review.summary import TakeSummary
-from ..core.review.trouble import TakeTrouble
+from ..core.review.take_trouble import TakeTrouble
 from ..io.c3d import first_number, names_in_c3d
 from ..io.changed import facts_of_changes
 from ..io.labels import LabelWriter

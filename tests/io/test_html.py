@@ -12,7 +12,7 @@ from addon.core.data.takes import BY_EDIT, NO_MARKER, EditOutcome, LabelledChunk
 from addon.core.edits.kinds import AssignPoint, Edits, Place
 from addon.core.review.overview import OverviewSubject, TakeOverview
 from addon.core.review.summary import TakeSummary
-from addon.core.review.trouble import TakeTrouble
+from addon.core.review.take_trouble import TakeTrouble
 from addon.io.batch import TakeRow, row_of
 from addon.io.html import is_page, write_folder_page, write_take_page
 from addon.io.report import facts_of_trouble, take_report

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What markers on a body can do, whatever is recorded: the one place for how fast and how hard they move."""
+"""What is known of markers before anything is recorded: how they move, and how exactly they are seen."""
 
 from dataclasses import dataclass
 
@@ -15,6 +15,7 @@ class MarkerLimits:
                        every recorded walk are below 46, three of it hold 99 % of dance and ball games (102 to 124)
     max_impact_m_s2    physical: m/s², a foot that hits the floor or a ball; 99.9 % of the samples of the hardest takes
                        recorded are below 280
+    noise_px           measured: px, standard deviation of blobs about where calibrations have them, 0.3 to 0.6 in rooms
     noise_m            measured: m, standard deviation of a point that was reconstructed, beside its motion: blobs that
                        merge or are partly hidden, and rays that come and go; half of it breaks trajectories
     """
@@ -22,6 +23,7 @@ class MarkerLimits:
     max_speed_m_s: float = 15.0
     push_sd_m_s2: float = 40.0
     max_impact_m_s2: float = 600.0
+    noise_px: float = 0.5
     noise_m: float = 0.003
 
     @property

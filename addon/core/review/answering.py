@@ -92,10 +92,10 @@ def heard_in(edits: Edits, suspects: Iterable[Suspect]) -> frozenset[Accepted]:
     if not listening:
         return frozenset()
     said = [(one.reason, one.first, one.last) for one in suspects]
-    return frozenset(edit for edit in listening if any(is_heard(edit, *one) for one in said))
+    return frozenset(edit for edit in listening if any(is_accepted(edit, *one) for one in said))
 
 
-def is_heard(edit: Accepted, words: str, first: int, last: int) -> bool:
+def is_accepted(edit: Accepted, words: str, first: int, last: int) -> bool:
     """Whether an edit accepts what a review says in these words of some of the frames from the first to the last."""
     here = edit.frames is None or (edit.frames[0] <= last and first <= edit.frames[1])
     return here and topic_of(edit.doubt) == topic_of(words)

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...core.review.moments import Moment
-from ...core.review.overview import CELL_STATES, GAP_CELL, OVERVIEW, LengthLog, TakeOverview
+from ...core.review.overview import CELL_STATES, GAP_CELL, TakeOverview
+from ...core.review.tallies import OVERVIEW, LengthLog
 from .markup import Html, element, joined_html, percent
 
 
@@ -116,7 +117,7 @@ def histogram(log: LengthLog, title: str) -> Html:
     at = np.flatnonzero((counts > 0) & (np.cumsum(counts) > 0.005 * counts.sum()))
     first, last = at[0] // 10 * 10, -(-(at[-1] + 1) // 10) * 10
     shares = counts[first:last] / counts.sum()
-    low, high = OVERVIEW.min_mm * 10.0 ** (np.array([first, last]) / 10)
+    low, high = OVERVIEW.least * 10.0 ** (np.array([first, last]) / 10)
     axes = _Axes(low, high, 0.0, float(shares.max()) * 1.08)
     wide = (axes.right - axes.left) / len(shares)
     blocks = [
@@ -134,7 +135,7 @@ def over_time(log: LengthLog, overview: TakeOverview, title: str) -> Html:
     """The mean of all markers and the largest of them, over the take, on a logarithmic axis."""
     mean, largest = log.means, log.largest.values[: log.largest.used]
     known = mean[np.isfinite(mean) & (mean > 0)]
-    low = 10.0 ** np.floor(np.log10(max(float(np.quantile(known, 0.02)), OVERVIEW.min_mm)))
+    low = 10.0 ** np.floor(np.log10(max(float(np.quantile(known, 0.02)), OVERVIEW.least)))
     high = max(10.0 ** np.ceil(np.log10(float(largest.max()))), 10 * low)
     axes = _Axes(low, high, np.log10(low), np.log10(high))
     place = axes.left + (np.arange(len(mean)) + 0.5) / len(mean) * (axes.right - axes.left)
