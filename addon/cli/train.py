@@ -11,7 +11,7 @@ from ..io.markersets import SUFFIX
 from ..jobs.train import TrainJob, train_file
 from ..jobs.training_takes import KnownBetter
 from ..jobs.versions import system_user
-from .arguments import a_model, add_overwrite, add_point_rate, add_up, names, number, whole
+from .arguments import a_model, add_options, job_of, names, number, whole
 from .console import ProgressLine, print_results
 from .model_history import SHOWN_DIGITS
 from .trials import trying
@@ -62,7 +62,9 @@ def add_parser(verbs):
         action="store_true",
         help="partial solvers by the paper's four functions only, none of which tells left from right",
     )
-    parser.add_argument("--lean", action="store_true", help="keep no frames: the model cannot be trained on")
+    parser.add_argument(
+        "--lean", dest="keep", action="store_false", help="keep no frames: the model cannot be trained on"
+    )
     parser.add_argument(
         "--jobs",
         type=whole(1, 256, "number of jobs"),
@@ -94,10 +96,8 @@ def add_parser(verbs):
         metavar="NAME",
         help="who teaches the model, for its history (default: who is logged in; '' for nobody)",
     )
-    add_up(parser)
-    add_point_rate(parser)
+    add_options(parser, "--up", "--rate", "--overwrite")
     parser.add_argument("--report", type=Path, metavar="FILE", help="also write what was learned, as JSON")
-    add_overwrite(parser)
     parser.set_defaults(run=run)
 
 
@@ -120,7 +120,9 @@ def run(arguments) -> int:
     asked = arguments.search not in (None, "none") or arguments.hit_rate is not None or arguments.paper
     if not takes and not (asked and arguments.base):
         raise InputError("no take was given; expected one labelled take or more: train TAKE… --out MODEL")
-    if not takes and (arguments.markers or arguments.name or arguments.subjects or arguments.lean or arguments.kept):
+    if not takes and (
+        arguments.markers or arguments.name or arguments.subjects or not arguments.keep or arguments.kept
+    ):
         raise InputError(
             "no take was given, so only partial solvers are found; expected a take, or no --markers, --name, "
             "--subject, --lean or --check"
@@ -129,24 +131,14 @@ def run(arguments) -> int:
         raise InputError("--adopt is for training on; expected --from MODEL with it, or no --adopt")
     if not arguments.out.name.endswith(SUFFIX):
         raise InputError(f"is no name for a model; expected one that ends in {SUFFIX}", arguments.out)
-    job = TrainJob(
+    job = job_of(
+        TrainJob,
+        arguments,
         takes=tuple(dict.fromkeys(takes)),
-        out=arguments.out,
-        markers=tuple(arguments.markers) if arguments.markers else None,
-        name=arguments.name,
-        hit_rate=arguments.hit_rate,
-        search=arguments.search,
-        paper=arguments.paper,
         subjects=tuple(given for given in arguments.subjects if not isinstance(given, Path)),
-        base=arguments.base,
-        keep=not arguments.lean,
-        report=arguments.report,
-        overwrite=arguments.overwrite,
         known=dict.fromkeys([*takes, *arguments.kept], KnownBetter(arguments.up, arguments.rate)),
         kept=tuple(dict.fromkeys(arguments.kept)),
         by=system_user() if arguments.by is None else arguments.by,
-        adopt=arguments.adopt,
-        force=arguments.force,
     )
     report = ProgressLine(arguments.progress).drain(train_file(job, trying(arguments.jobs)), arguments.out.name)
     print_results(as_lines(report), report, arguments.json)

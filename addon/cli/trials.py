@@ -3,7 +3,6 @@
 
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -13,7 +12,7 @@ from ..core.points.likelihood.trying import TrialOutcome, TrialWork, Trying, in_
 from ..io.scratch import scratch_folder
 from ..jobs.trials import outcome_of, try_file, write_trial
 from .serving import TRY
-from .workers import side_by_side
+from .workers import crew
 
 
 @dataclass(frozen=True)
@@ -58,8 +57,8 @@ def _tried_side_by_side(works: Sequence[TrialWork], jobs: int) -> Iterator[Trial
         for path, work in zip(paths, works, strict=True):
             write_trial(path, work)
         found, given = {}, 0
-        with closing(side_by_side([[TRY, str(path)] for path in paths], jobs)) as answers:
-            for number, answer in answers:
+        with crew(min(jobs, len(works))) as run:
+            for number, answer in run([[TRY, str(path)] for path in paths]):
                 if isinstance(answer, UserError):
                     raise type(answer)(f"a trial could not be made: {answer.message}")
                 found[number] = outcome_of(answer, paths[number])

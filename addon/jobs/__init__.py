@@ -19,10 +19,12 @@ def label_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
 
     # Naming blobs takes long to load, and takes of points need none of it.
     if points:
-        from .points import PointTake as Take
-    else:
-        from .blobs import BlobTake as Take
-    return label_take(job, Take)
+        from .points import PointTake
+
+        return label_take(job, PointTake)
+    from .blobs import BlobTake
+
+    return label_take(job, BlobTake)
 
 
 __all__ = [

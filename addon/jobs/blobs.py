@@ -3,9 +3,7 @@
 
 from collections import deque
 from collections.abc import Generator, Iterator
-from contextlib import ExitStack
 from itertools import tee
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,24 +15,22 @@ from ..core.data.takes import BY_EDIT, STEPS, Blobs, LabelledChunk, Points, Susp
 from ..core.edits.applying import BLOB_EDITING
 from ..core.edits.blob_tracks import followed, wants_tracks
 from ..core.edits.kinds import Accepted, Edits
+from ..core.geometry.cameras import Cameras
 from ..core.papers.virtual_occlusions.occlusion import Occlusion
 from ..core.pipelines.blobs import BlobOptions, blob_method, label_blobs, steps_of, with_edits
 from ..core.pipelines.others import OtherSubjects, refuse_two
 from ..core.points.handedness import MEND_BLOBS
-from ..core.points.models import Model
-from ..core.points.several.wearers import SeveralOptions
 from ..core.review.answering import heard_in, without_accepted
 from ..core.review.odd_cameras import CameraCheck
 from ..core.review.suspects import find_suspects
 from ..io.blobs import BlobRows, frames_in, read_blobs
-from ..io.edits import open_edits
 from ..io.labels import BLOB_KEYS
 from ..io.poses import refuse_keys
 from ..io.scratch import scratch_folder
 from ..io.tables import Room
 from .captures import facts_of_capture
-from .job import LabelJob, timed
-from .labelling import Results, TakePart
+from .job import timed
+from .labelling import OpenTake, Results, TakePart
 from .several import NOT_HELD, subjects_in_blobs
 from .spool import RowFile
 
@@ -42,31 +38,27 @@ if TYPE_CHECKING:  # only who fills gaps needs it
     from ..core.filling.rays import MarkerRays
 
 
-class BlobTake:
-    """See `labelling.OpenTake`."""
+class BlobTake(OpenTake):
+    """A take of blobs; memory does not grow with it."""
 
-    keys, mend, long = BLOB_KEYS, MEND_BLOBS, None
+    keys, mend = BLOB_KEYS, MEND_BLOBS
 
-    def __init__(
-        self, job: LabelJob, model: Model, several: SeveralOptions | None, stack: ExitStack, clock: dict[str, float]
-    ):
-        self.job, self.model, self.several, self.stack, self.clock = job, model, several, stack, clock
-        self.cameras = job.cameras if not isinstance(job.cameras, Path) else open_cameras(job.cameras, job.up)
-        self.rate, self.in_parts = job.frame_rate, several is None
-        # To check the edits' frames by; of a part of a take nobody knows how long it is.
-        frames = frames_in(job.source, self.cameras) if job.edits_applied and not job.frames else None
-        named = several.possible if several else model.markerset
-        self.edits = self._tracked(
-            open_edits(job.edits_applied, job.source, named, cameras=self.cameras.names, frames=frames)
-        )
-        # Whoever corrected names has seen who is in the take.
-        self.others = OtherSubjects(self.cameras, model) if several is None and not self.edits else None
+    def read(self) -> dict:
+        """Reads the cameras, and gives them; of a take that is edited its frames, too, where these are known."""
+        job = self.job
+        self.cameras = job.cameras if isinstance(job.cameras, Cameras) else open_cameras(job.cameras, job.up)
+        self.in_parts = self.several is None
         self.taken: deque[BlobRows] = deque()  # that went into the labelling and did not come out yet
         self._rays: list[tuple[int, MarkerRays]] = []  # by chunk, each with the index of its first frame
+        frames = frames_in(job.source, self.cameras) if job.edits_applied and not job.frames else None
+        return {"cameras": self.cameras.names, "frames": frames}
 
     def name(self) -> Generator[Progress, None, None]:
         """Begins to name one subject, or finds all who are there by the points that their blobs make."""
         job, cameras, model = self.job, self.cameras, self.model
+        self.edits = self._tracked()
+        # Whoever corrected names has seen who is in the take.
+        self.others = OtherSubjects(cameras, model) if self.several is None and not self.edits else None
         if self.others is not None:
             yield Progress(0.0, "look how many there are")
             with timed(self.clock, "load"):
@@ -92,13 +84,14 @@ class BlobTake:
 
     def parts(self, _kept: bool) -> Iterator[TakePart]:
         """The named chunks; JobError once they are too many frames for what is made of them."""
-        first = None
         for chunk in self.work:
             rows = self.taken.popleft()
             frames = rows.blobs.frames
-            first = int(frames[0]) if first is None else first
+            if not self.motion.count:
+                self.first_frame = int(frames[0])
+            first = self.first_frame
             with timed(self.clock, "write"):
-                self._keep(rows.blobs, chunk, first)
+                self._keep(rows.blobs, chunk)
             if self.job.blend:
                 refuse_long(first, int(frames[-1]))
             if self.job.shown:
@@ -107,7 +100,6 @@ class BlobTake:
             if self.others is not None:
                 self.others.add(rows.blobs, chunk)
             yield rows.blobs, rows.keys, chunk, rows.fraction
-        self.first_frame = first
 
     def doubts(self, chunk: LabelledChunk) -> tuple[tuple[Suspect, ...], tuple[Suspect, ...]]:
         """What the motion of the chunk shows, and its suspects."""
@@ -124,10 +116,10 @@ class BlobTake:
 
     def facts(self, results: Results) -> dict:
         """What the report of blobs says beside what every report says."""
-        facts = {"method": self.method, "occlusion": self.job.casts, "rate_assumed": self.job.rate is None}
-        steps = steps_of(self.method, self.several is not None)  # bodies of several name what has no point
-        steps = [STEPS[step] for step in (*steps, *([BY_EDIT] if any(results.outcomes) else []))]
-        facts["steps"] = {step: results.summary.steps[step] for step in steps}
+        facts: dict = {"method": self.method, "occlusion": self.job.casts, "rate_assumed": self.job.rate is None}
+        steps = steps_of(self.method, self.several is not None)
+        words = [STEPS[step] for step in (*steps, *([BY_EDIT] if any(results.outcomes) else []))]
+        facts["steps"] = {step: results.summary.steps[step] for step in words}
         if self.cameras.remarks:
             facts["calibration"] = list(self.cameras.remarks)
         counts = {one.name: one.as_dict() for one in results.trouble.by_camera.figures()}
@@ -159,7 +151,7 @@ class BlobTake:
             self.taken.append(rows)
             yield rows.blobs
 
-    def _keep(self, blobs: Blobs, chunk: LabelledChunk, first_frame: int):
+    def _keep(self, blobs: Blobs, chunk: LabelledChunk):
         """Keeps of a chunk what the end needs."""
         rows = np.empty(len(chunk.motion.frames), self.motion.kind)
         rows["xyz"], rows["residual"] = chunk.motion.markers, chunk.motion.residual
@@ -168,20 +160,20 @@ class BlobTake:
             from ..core.filling.rays import rays_of
 
             missing = ~np.isfinite(chunk.motion.markers).all(axis=2)
-            first = int(chunk.motion.frames[0]) - first_frame
+            first = int(chunk.motion.frames[0]) - self.first_frame
             self._rays.append((first, rays_of(blobs, chunk.labels, self.cameras, missing)))
 
-    def _tracked(self, edits: Edits) -> Edits:
+    def _tracked(self) -> Edits:
         """The edits, which know the tracks of the blobs that they are of: their cameras' blobs are read before."""
-        wanted = wants_tracks(edits).values()
+        wanted = wants_tracks(self.edits).values()
         if not wanted:
-            return edits
+            return self.edits
         frames = min(span[0] for span in wanted), max(span[1] for span in wanted)
         chunks = (rows.blobs for rows in read_blobs(self.job.source, self.cameras, frames))
         try:
-            return followed(edits, chunks, self.cameras.names, BLOB_EDITING.max_distance_px)
+            return followed(self.edits, chunks, self.cameras.names, BLOB_EDITING.max_distance_px)
         except InputError:  # nothing is there in these frames; whatever else is wrong with the file, reading it tells
-            return edits
+            return self.edits
 
     def _occlusion(self) -> Occlusion | None:
         """The body in the way; None for the closed form. InputError where rays are wanted and there is no Blender."""

@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A take from file to files, of blobs as of 3D points: named part by part, and written as a whole."""
 
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from ..blendfile import Chunks, save_blend, save_played
-from ..core.data.markersets import MarkerSet, Worn
+from ..core.data.markersets import Worn
 from ..core.data.progress import Progress
 from ..core.data.takes import Blobs, EditOutcome, LabelledChunk, PointRows, Points, Suspect
 from ..core.edits.applying import joined, unless_heard
-from ..core.edits.kinds import Accepted, Edits
-from ..core.geometry.cameras import Cameras
+from ..core.edits.kinds import Accepted
+from ..core.geometry.cameras import NO_CAMERAS, Cameras
 from ..core.points.handedness import Handedness
 from ..core.points.models import Model
 from ..core.points.several.wearers import SeveralOptions
@@ -22,6 +22,7 @@ from ..core.review.summary import TakeSummary
 from ..core.review.take_trouble import TakeTrouble
 from ..io.c3d import first_number, names_in_c3d
 from ..io.changed import facts_of_changes
+from ..io.edits import open_edits
 from ..io.labels import LabelWriter
 from ..io.points import write_c3d, write_trc
 from ..io.poses import PoseFile
@@ -40,60 +41,68 @@ if TYPE_CHECKING:  # only jobs that fill gaps or write a page need them
     from ..core.review.overview import TakeOverview
 
 
-class OpenTake(Protocol):
-    """A take of blobs or of points while it is labelled; what is not said of it is known once `name` has ended.
+TakePart = tuple[Blobs | PointRows, list[str], LabelledChunk, float]  # with the keys of its rows, and the part read
 
-    worn     whose markers are named: one set, or those that several subjects wear
-    cameras  that saw it; none for points
-    edits    those that the labels follow
-    keys     the columns that tell one row of its labels from another
-    mend     what is expected of a take that is mirrored
-    long     whether it has too many frames for keys; None where that shows only while it is read
-    in_parts whether it is named part by part, so that progress is told of the parts
+
+class OpenTake:
+    """A take while it is labelled; `PointTake` and `BlobTake` say what is different.
+
+    keys      the columns that tell one row of its labels from another
+    mend      what is expected of a take that is mirrored
+    in_parts  whether it is named part by part, so that progress is told of the parts
+    long      whether it has too many frames for keys; None where that shows only while it is read
+    cameras   that saw it; none for points
+    edits     those that the labels follow
+    worn      whose markers are named, one set or those that several subjects wear; known once `name` has ended
     """
 
-    worn: Worn
-    cameras: Cameras
-    edits: Edits
-    rate: float
     keys: tuple[str, ...]
     mend: str
-    long: bool | None
-    in_parts: bool
+    in_parts = False
+    long: bool | None = None
+    cameras: Cameras = NO_CAMERAS
+    worn: Worn
 
     def __init__(
-        self,
-        job: LabelJob,
-        model: Model,
-        several: SeveralOptions | None,
-        stack: ExitStack,
-        clock: dict[str, float],
+        self, job: LabelJob, model: Model, several: SeveralOptions | None, stack: ExitStack, clock: dict[str, float]
     ):
-        """Opens the take, and files that stay open as long as `stack`; InputError for what cannot be labelled."""
+        self.job, self.model, self.several, self.stack, self.clock = job, model, several, stack, clock
+        self.rate = job.frame_rate
+        known = self.read()
+        named = several.possible if several else model.markerset
+        self.edits = open_edits(job.edits_applied, job.source, named, **known)
+
+    def read(self) -> dict:
+        """Opens the take, and gives what edits are checked by; InputError for what cannot be labelled."""
+        raise NotImplementedError
 
     def name(self) -> Generator[Progress, None, None]:
         """Names what is named of the whole take at once, and refuses what cannot be named."""
+        raise NotImplementedError
 
-    def parts(self, kept: bool) -> "Iterator[TakePart]":
+    def parts(self, kept: bool) -> Iterator[TakePart]:
         """The named parts, in their order; they may be long where all of them are `kept`."""
+        raise NotImplementedError
 
-    def doubts(self, chunk: LabelledChunk) -> tuple[tuple[Suspect, ...], tuple[Suspect, ...]]:
+    def doubts(self, chunk: LabelledChunk) -> tuple[Sequence[Suspect], Sequence[Suspect]]:
         """What the motion of a part shows, and the suspects that are about it."""
+        raise NotImplementedError
 
-    def end(self) -> "tuple[list[str], tuple[Suspect, ...], frozenset[Accepted]]":
+    def end(self) -> tuple[list[str], tuple[Suspect, ...], frozenset]:
         """What all of it shows: notes, suspects, and the edits that accept some; ForceableError where it cannot be."""
+        raise NotImplementedError
 
     def facts(self, results: "Results") -> dict:
-        """What the report says of this kind of take beside what every report says."""
+        """What the report says beside what every report says."""
+        raise NotImplementedError
 
     def points(self) -> Points:
         """The markers in space, then what stays unnamed of points."""
+        raise NotImplementedError
 
-    def rays(self) -> "MarkerRays":
-        """Those of the markers that one camera alone sees."""
-
-
-TakePart = tuple[Blobs | PointRows, list[str], LabelledChunk, float]  # with the keys of its rows, and the part read
+    def rays(self) -> "MarkerRays | None":
+        """Those of the markers that one camera alone sees; None where no camera is known."""
+        return None
 
 
 def label_take(job: LabelJob, kind: type[OpenTake]) -> Generator[Progress, None, Labelled]:
@@ -125,8 +134,9 @@ def label_take(job: LabelJob, kind: type[OpenTake]) -> Generator[Progress, None,
             from .fill import fill_labelled
 
             with timed(clock, "fill"):
-                listeners = (results.overview, results.trouble)
-                points, of_gaps, fills = yield from fill_labelled(points, take.worn, listeners, take.rays())
+                listeners, rays = (results.overview, results.trouble), take.rays()
+                given = points, take.worn, listeners, *(() if rays is None else (rays,))
+                points, of_gaps, fills = yield from fill_labelled(*given)
             facts |= of_gaps
         facts |= results.judged()
         report = _write(results, files, model, points, facts, inputs, fills, clock)
@@ -148,7 +158,7 @@ class Results:
         self.labels = stack.enter_context(LabelWriter(labels, worn.markers, take.keys))
         self.summary, self.handedness = TakeSummary(worn.markers), Handedness(worn, take.mend)
         self.trouble = TakeTrouble(worn.markers, take.rate, take.edits, take.cameras, worn.by_name)
-        self.overview = overview_of(job, worn, take.rate, take.edits, take.cameras)
+        self.overview = _overview_of(take) if job.html else None
         played = job.blend and take.long is not False
         self.poses = stack.enter_context(PoseFile(stack.enter_context(scratch_folder()))) if played else None
         self.kept = job.keep or (job.blend and not take.long)
@@ -180,8 +190,8 @@ class Results:
         """Notes which samples are doubtful; what goes on from one part to the next is one range."""
         markers, frames = self.take.worn.markers, chunk.motion.frames
         asked = AskedNames.of(rows, chunk.labels, chunk.motion.residual.shape)
-        given = markers, self.take.edits, self.take.worn.by_name
-        doubtful = doubtful_of(asked, frames, *self.take.doubts(chunk), *given)
+        edits, words = self.take.edits, self.take.worn.by_name
+        doubtful = doubtful_of(asked, frames, *self.take.doubts(chunk), markers, edits, words)
         for name, spans in doubtful_ranges(doubtful, frames, markers).items():
             known = self._doubtful[name]
             if known and known[-1][1] + 1 == spans[0][0]:
@@ -222,15 +232,11 @@ class Results:
         return unless_heard(joined(filter(None, self.outcomes)), self.take.edits, self.heard)
 
 
-def overview_of(
-    job: LabelJob, markerset: MarkerSet, rate: float, edits: Edits, cameras: Cameras
-) -> "TakeOverview | None":
-    """What the take's page is drawn from; None where the job writes none."""
-    if not job.html:
-        return None
+def _overview_of(take: OpenTake) -> "TakeOverview":
+    """What the take's page is drawn from."""
     from ..core.review.overview import OverviewSubject, TakeOverview
 
-    return TakeOverview(OverviewSubject.of(markerset), rate, cameras, edits)
+    return TakeOverview(OverviewSubject.of(take.worn), take.rate, take.cameras, take.edits)
 
 
 def _write(
@@ -247,11 +253,12 @@ def _write(
     job, take, rate = results.job, results.take, points.rate
     with timed(clock, "write"):
         if results.played is not None:
-            said = results.summary.suspects, take.cameras, job.for_a_part(not len(take.cameras))
-            save_played(files[".blend"], files[MOTION_FILE], job.source, take.worn, points, results.played, *said)
+            of_take = points, results.played, results.summary.suspects, take.cameras
+            part = job.for_a_part(not len(take.cameras))
+            save_played(files[".blend"], files[MOTION_FILE], job.source, take.worn, *of_take, part)
         elif job.blend:
-            said = take.edits, fills
-            save_blend(files[".blend"], job.source, rate, take.worn, results.chunks, take.cameras, *said)
+            shown = results.chunks, take.cameras, take.edits, fills
+            save_blend(files[".blend"], job.source, rate, take.worn, *shown)
         changed = facts_of_changes(job.path(".labels.csv"), files[".labels.csv"], take.worn.markers)
         write_c3d(files[".c3d"], points)
         if job.trc:
@@ -287,7 +294,7 @@ def _write(
 
 def renumbered(points: Points) -> dict:
     """What a report says where a C3D file cannot say what the take does: of frame numbers, and of long names."""
-    said = {}
+    said: dict = {}
     first = first_number(points.first_frame, points.xyz.shape[0])
     if first != points.first_frame:
         said["c3d_first_frame"] = first

@@ -68,7 +68,8 @@ def test_inside_blender_its_own_program_is_started_again(monkeypatch):
 
 def test_a_worker_that_dies_is_one_sentence(monkeypatch, tmp_path):
     monkeypatch.setattr(workers, "door", lambda: [sys.executable, "-c", "import os; os._exit(7)"])
-    [(number, answer)] = workers.side_by_side([["label"]], 1)
+    with workers.crew(1) as run:
+        [(number, answer)] = run([["label"]])
     assert number == 0
     assert answer.exit_status == 1
     assert "status 7" in str(answer)
