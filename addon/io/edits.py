@@ -31,13 +31,12 @@ def open_edits(edits: Edits | Path | None, take: Path, markerset: "Worn", **know
     `known` is what is known of the take, as `applying.refuse_unknown` takes it.
     Raises InputError with the file and the number of the edit where one cannot be of this take.
     """
-    path = edits if isinstance(edits, Path) else None
-    edits = read_edits(path) if path else edits or NO_EDITS
+    said = read_edits(edits) if isinstance(edits, Path) else edits or NO_EDITS
     try:
-        refuse_unknown(edits, markerset.by_name, **known)
+        refuse_unknown(said, markerset.by_name, **known)
     except InputError as error:
-        raise InputError(error.message, path or take) from None
-    return edits
+        raise InputError(error.message, edits if isinstance(edits, Path) else take) from None
+    return said
 
 
 def read_edits(path: Path) -> Edits:

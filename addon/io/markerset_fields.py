@@ -116,7 +116,7 @@ class Reader:
     ) -> float:
         """The number under `key`, within bounds."""
         value = row.get(key)
-        if not _is_number(value) or not low <= value <= high:
+        if value is None or not _is_number(value) or not low <= value <= high:
             self.fail(f'{where} has no "{key}" from {low:g} to {high:g}; expected a number')
         return float(value)
 

@@ -53,9 +53,9 @@ def _version(row: dict) -> ModelVersion:
     version = row["version"]
     if type(version) is not int or version < 1:
         raise ValueError
-    words = (_text(row.get(key)) for key in ("date", "by", "program", "from"))
-    takes = tuple(map(_take, row.get("takes", [])))
-    return ModelVersion(version, *words, takes, tuple(map(_checked, row.get("checked", []))), row.get("told") is True)
+    date, by, program, origin = (_text(row.get(key)) for key in ("date", "by", "program", "from"))
+    takes, checked = tuple(map(_take, row.get("takes", []))), tuple(map(_checked, row.get("checked", [])))
+    return ModelVersion(version, date, by, program, origin, takes, checked, row.get("told") is True)
 
 
 def _take(row: dict) -> TaughtTake:
@@ -63,8 +63,8 @@ def _take(row: dict) -> TaughtTake:
     if type(frames) is not int or frames < 0:
         raise ValueError
     name, subject = _text(row["take"]), _text(row.get("subject"))
-    words = (_text(row.get(key)) for key in ("sha256", "path", "up"))
-    return TaughtTake(name, subject, frames, *words, _number(row.get("rate") or 0.0))
+    sha256, path, up = (_text(row.get(key)) for key in ("sha256", "path", "up"))
+    return TaughtTake(name, subject, frames, sha256, path, up, _number(row.get("rate") or 0.0))
 
 
 def _checked(row: dict) -> CheckedTake:

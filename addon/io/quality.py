@@ -78,4 +78,4 @@ def _taken_for(found: Ambiguity, index: int) -> str:
 
 
 def _rounded(overlap: float) -> float:
-    return round(float(separation(overlap)), QUALITY_DIGITS)
+    return round(float(separation(np.asarray(overlap))), QUALITY_DIGITS)
