@@ -7,9 +7,9 @@ from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet
 from ..core.placement_quality import ADVICE
 from ..core.placement_quality.renamings import TURNED_ROUND
+from ..io.json_text import write_json
 from ..io.markersets import markerset_file
 from ..io.models import open_model
-from ..io.quality import write_quality
 from ..io.whole import whole_file
 from ..jobs.quality import judge_placement
 from .arguments import a_model, add_overwrite, names, number, whole
@@ -58,7 +58,7 @@ def run(arguments) -> int:
     else:
         with whole_file(arguments.report, arguments.overwrite, [markerset_file(arguments.model)]) as temporary:
             report = line.drain(steps, markerset.name)
-            write_quality(temporary, report)
+            write_json(temporary, report)
     print_results(as_lines(report), report, arguments.json)
     return 0
 

@@ -26,7 +26,7 @@ LEAST = 1e-6
 SUBPIXELS = 64
 
 # Qualisys and Motive look along their own -z with y up, we along +z with y down.
-TURN = np.diag([1.0, -1.0, -1.0])
+CAMERA_TURN = np.diag([1.0, -1.0, -1.0])
 
 _QUALISYS_LENS = (
     "radialDistortion1",
@@ -102,8 +102,8 @@ def _vicon(camera: _Camera) -> RigCamera:
     aspect = float(read(element, "PIXEL_ASPECT_RATIO")[0]) if element.get("PIXEL_ASPECT_RATIO") else 1.0
     quaternion = read(frame, "ORIENTATION", each=4)
     if min(focal, aspect) < LEAST or not quaternion.any() or not (size > 0).all():
-        words = "has no focal length, orientation or size; expected a calibrated camera"
-        raise InputError(f"camera {camera.name} {words}", camera.path)
+        words = f"camera {camera.name} has no focal length, orientation or size"
+        raise InputError(f"{words}; expected a calibrated camera", camera.path)
     rotation = rotation_from_quaternion(quaternion)
     position = read(frame, "POSITION", each=3) / 1000
     distortion, inverse = _vicon_lens(camera, frame, focal)
@@ -139,7 +139,9 @@ def read_qca(path: Path, up: str = "") -> Cameras:
 
 def _qca(camera: _Camera) -> RigCamera:
     read, transform, intrinsic = camera.read, camera.part("transform"), camera.part("intrinsic")
-    rotation = TURN @ read(transform, *(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))).reshape(3, 3)
+    rotation = CAMERA_TURN @ read(transform, *(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))).reshape(
+        3, 3
+    )
     focal = read(intrinsic, "focalLengthU", "focalLengthV") / SUBPIXELS
     centre = read(intrinsic, "centerPointU", "centerPointV") / SUBPIXELS
     [skew] = camera.read_lens(intrinsic, ("skew",)) / SUBPIXELS
@@ -173,11 +175,11 @@ def _mcal(camera: _Camera) -> RigCamera:
     if intrinsic is None:
         intrinsic = camera.element.find("Intrinsic")
         if intrinsic is None or camera.read_lens(intrinsic, _MOTIVE_LENS).any():
-            words = "has no IntrinsicStandardCameraModel; expected a .mcal of Motive 2.2 or later"
-            raise InputError(f"camera {camera.name} {words}", camera.path)
+            words = f"camera {camera.name} has no IntrinsicStandardCameraModel"
+            raise InputError(f"{words}; expected a .mcal of Motive 2.2 or later", camera.path)
     focal = read(intrinsic, "HorizontalFocalLength", "VerticalFocalLength")
     centre = read(intrinsic, "LensCenterX", "LensCenterY")
-    to_world = read(extrinsic, *(f"OrientMatrix{index}" for index in range(9))).reshape(3, 3) @ TURN
+    to_world = read(extrinsic, *(f"OrientMatrix{index}" for index in range(9))).reshape(3, 3) @ CAMERA_TURN
     return RigCamera(
         name=camera.name,
         size=read(attributes, "ImagerPixelWidth", "ImagerPixelHeight"),

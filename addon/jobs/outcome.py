@@ -14,9 +14,10 @@ from ..core.points.models import Model
 from ..core.review.summary import TakeSummary
 from ..io.c3d import first_number, names_in_c3d
 from ..io.changed import facts_of_changes
+from ..io.json_text import write_json
 from ..io.points import write_c3d, write_trc
 from ..io.poses import PoseFile
-from ..io.report import REPORT, facts_of_edits, take_report, write_report
+from ..io.report import REPORT, facts_of_edits, take_report
 from ..io.source import digest
 from ..version import version
 from .job import MOTION_FILE, PAGE, LabelJob, timed
@@ -107,7 +108,7 @@ def write_take(job: LabelJob, files: dict[str, Path], model: Model, made: Outcom
         made.overview.outcomes = made.outcomes
         write_take_page(files[PAGE], report, made.overview, job.source.name, today())
         results[PAGE] = digest([files[PAGE]])
-    write_report(files[REPORT], report)
+    write_json(files[REPORT], report)
     return report
 
 
