@@ -7,9 +7,9 @@ from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet
 from ..core.placement_quality import ADVICE
 from ..core.placement_quality.renamings import TURNED_ROUND
+from ..io.json_text import write_json
 from ..io.markersets import markerset_file
 from ..io.models import open_model
-from ..io.quality import write_quality
 from ..io.whole import whole_files
 from ..jobs.quality import judge_placement
 from .arguments import a_model, add_options, names, number, whole
@@ -56,7 +56,7 @@ def run(arguments) -> int:
     with whole_files(written, arguments.overwrite, [markerset_file(arguments.model)]) as files:
         report = ProgressLine(arguments.progress).drain(steps, markerset.name)
         for file in files:
-            write_quality(file, report)
+            write_json(file, report)
     print_results(as_lines(report), report, arguments.json)
     return 0
 

@@ -6,18 +6,21 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial import ConvexHull
 
 from ..core.data.markersets import MarkerSet
 from ..core.data.takes import EXCLUSIVE, NO_MARKER
 from ..core.geometry.cameras import Cameras
-from .sheet import CIRCLE, LETTER_WIDTH, Sheet
+from .sheet import LETTER_WIDTH, Sheet
 
-WIDTH, HEIGHT, PANELS = 1280, 720, 850  # px; the room has what is left of where the panels of the cameras begin
+PICTURE_WIDTH, PICTURE_HEIGHT, PANELS = (
+    1280,
+    720,
+    850,
+)  # px; the room has what is left of where the panels of the cameras begin
 PAPER, PANEL, GRID, BODY = (0.075, 0.088, 0.115), (0.045, 0.055, 0.075), (0.17, 0.2, 0.26), (0.24, 0.28, 0.36)
-INK, DIM, CAMERA = (0.93, 0.95, 0.98), (0.56, 0.61, 0.7), (0.72, 0.78, 0.88)
-TRUNK = (0.98, 0.83, 0.42)
-ARMS, LEGS = ((1.0, 0.55, 0.66), (0.36, 0.8, 0.98)), ((1.0, 0.62, 0.36), (0.5, 0.66, 1.0))  # right, left
+INK, DIM, CAMERA_COLOUR = (0.93, 0.95, 0.98), (0.56, 0.61, 0.7), (0.72, 0.78, 0.88)
+TRUNK_COLOUR = (0.98, 0.83, 0.42)
+ARM_COLOURS, LEG_COLOURS = ((1.0, 0.55, 0.66), (0.36, 0.8, 0.98)), ((1.0, 0.62, 0.36), (0.5, 0.66, 1.0))  # right, left
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,10 +53,12 @@ class Shot:
 
 def draw(shot: Shot, title: str, subtitle: str, path: Path):
     """Renders the picture of `shot` with its title to `path`, a PNG. Needs bpy; leaves no data behind in it."""
-    sheet = Sheet(WIDTH, HEIGHT, PAPER)
+    sheet = Sheet(PICTURE_WIDTH, PICTURE_HEIGHT, PAPER)
     colours = limb_colours(shot.markerset)
     draw_room(sheet, shot, colours)
-    sheet.polygon([(PANELS - 14, 0), (WIDTH, 0), (WIDTH, HEIGHT), (PANELS - 14, HEIGHT)], PANEL, 4)
+    sheet.polygon(
+        [(PANELS - 14, 0), (PICTURE_WIDTH, 0), (PICTURE_WIDTH, PICTURE_HEIGHT), (PANELS - 14, PICTURE_HEIGHT)], PANEL, 4
+    )
     for row, index in enumerate(two_cameras(shot)):
         draw_panel(sheet, shot, index, colours, np.array([PANELS, 34.0 + 342 * row]), np.array([416.0, 304.0]))
     sheet.text(26, 42, title, 25, INK)
@@ -70,8 +75,8 @@ def limb_colours(markerset: MarkerSet) -> list[tuple]:
         top = segment
         while not central[top] and not central[parents[top]]:
             top = parents[top]
-        limb = LEGS if joints[top, 2] < joints[0, 2] + 0.1 else ARMS
-        colours.append(TRUNK if central[segment] else limb[int(joints[top, 1] > 0)])
+        limb = LEG_COLOURS if joints[top, 2] < joints[0, 2] + 0.1 else ARM_COLOURS
+        colours.append(TRUNK_COLOUR if central[segment] else limb[int(joints[top, 1] > 0)])
     return colours
 
 
@@ -87,8 +92,8 @@ def view_of(shot: Shot) -> Cameras:
     right /= np.linalg.norm(right)
     rotation = np.stack([right, np.cross(depth, right), depth])
     eye = np.array([middle[0], middle[1], 1.05]) + away
-    matrix = np.array([[1030.0, 0, PANELS / 2], [0, 1030.0, HEIGHT / 2], [0, 0, 1]])
-    size = np.array([[PANELS, HEIGHT]])
+    matrix = np.array([[1030.0, 0, PANELS / 2], [0, 1030.0, PICTURE_HEIGHT / 2], [0, 0, 1]])
+    size = np.array([[PANELS, PICTURE_HEIGHT]])
     return Cameras(("view",), size, matrix[None], np.zeros((1, 5)), rotation[None], -(rotation @ eye)[None])
 
 
@@ -104,12 +109,11 @@ def draw_room(sheet: Sheet, shot: Shot, colours: list[tuple]):
     for index, name in enumerate(shot.cameras.names):
         corners = pyramid(shot.cameras, index, 0.28)
         _lines(sheet, view, [corners[0], corners[0] * [1, 1, 0]], BODY, 1)
-        _lines(sheet, view, corners[[1, 2, 3, 4, 1, 0, 2, 0, 3, 0, 4]], CAMERA, 1)
+        _lines(sheet, view, corners[[1, 2, 3, 4, 1, 0, 2, 0, 3, 0, 4]], CAMERA_COLOUR, 1)
         [[(u, v)]] = view.project(corners[:1])
-        if 30 < u < PANELS - 40 and 110 < v < HEIGHT - 10:
-            sheet.text(u, v - 21, name, 13, CAMERA, "CENTER")
-    for outline in outlines(view, shot.body):
-        sheet.polygon(outline, BODY, 2)
+        if 30 < u < PANELS - 40 and 110 < v < PICTURE_HEIGHT - 10:
+            sheet.text(u, v - 21, name, 13, CAMERA_COLOUR, "CENTER")
+    draw_limbs(sheet, limbs(view, shot.body), 2)
     pixels = view.project(shot.markers)[0]
     seen = np.flatnonzero(np.isfinite(pixels).all(axis=1))
     for index in seen.tolist():
@@ -119,7 +123,7 @@ def draw_room(sheet: Sheet, shot: Shot, colours: list[tuple]):
     edges = pixels[seen, 0].min() - 74, pixels[seen, 0].max() + 74
     for column, edge, align, way in ((order[:half], edges[0], "RIGHT", 1), (order[half:], edges[1], "LEFT", -1)):
         column = column[np.argsort(pixels[column, 1])]
-        for marker, height in zip(column, np.linspace(110, HEIGHT - 40, len(column)), strict=True):
+        for marker, height in zip(column, np.linspace(110, PICTURE_HEIGHT - 40, len(column)), strict=True):
             sheet.text(edge - way * 6, height + 5, shot.markerset.markers[marker], 15, colours[marker], align)
             sheet.lines([(edge, height), (edge + way * 20, height), pixels[marker]], colours[marker], 2, 0.7)
 
@@ -128,13 +132,12 @@ def draw_panel(sheet: Sheet, shot: Shot, index: int, colours: list[tuple], corne
     """What one camera saw about the subject: the body's outline, the blobs in their markers' colours, and names."""
     mine = shot.camera == index
     named = mine & (shot.marker != NO_MARKER)
-    shapes = outlines(shot.cameras.select([index]), shot.body)
-    about = np.vstack([*shapes, shot.xy[named]])
+    shapes = limbs(shot.cameras.select([index]), shot.body)
+    about = np.vstack([*(places for places, _ in shapes), shot.xy[named]])
     low, high = about.min(axis=0), about.max(axis=0)
-    scale = (size / (high - low)).min() * 0.85
+    scale = (size / (high - low)).min() * 0.8
     shift = corner + size / 2 - scale * (low + high) / 2
-    for outline in shapes:
-        sheet.polygon(shift + scale * outline, BODY, 6)
+    draw_limbs(sheet, [(shift + scale * places, scale * radii) for places, radii in shapes], 6)
     spots = shift + scale * shot.xy
     for blob in np.flatnonzero(mine & ((spots > corner) & (spots < corner + size)).all(axis=1)).tolist():
         marker, right = shot.marker[blob], corner[0] + size[0]
@@ -160,18 +163,25 @@ def two_cameras(shot: Shot) -> list[int]:
     return [first, int(np.argmax(worth))]
 
 
-def outlines(camera: Cameras, body: Body) -> list[np.ndarray]:
-    """The outline (N, 2) px of every capsule as one camera sees it, from the balls at its ends."""
+def limbs(camera: Cameras, body: Body) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Places (6, 2) px along every capsule as one camera sees it, and its radius (6,) px there."""
     found = []
     for start, end, radius in zip(body.start, body.end, body.radius, strict=True):
         steps = np.linspace(start, end, 6)
         depth = steps @ camera.rotation[0, 2] + camera.translation[0, 2]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            cloud = camera.project(steps)[0][:, None] + (camera.focal[0] * radius / depth)[:, None, None] * CIRCLE
-        cloud = cloud.reshape(-1, 2)
-        if (depth > 0.2).all() and np.isfinite(cloud).all():
-            found.append(cloud[ConvexHull(cloud).vertices])
+        pixels = camera.project(steps)[0]
+        if (depth > 0.2).all() and np.isfinite(pixels).all():
+            found.append((pixels, camera.focal[0] * radius / depth))
     return found
+
+
+def draw_limbs(sheet: Sheet, shapes: list[tuple[np.ndarray, np.ndarray]], layer: int):
+    """The body as thick lines with round ends."""
+    for places, radii in shapes:
+        for spot, radius in zip(places, radii, strict=True):
+            sheet.disc(spot, radius, BODY, layer)
+        for pair, radius in zip(pairwise(places), radii[1:], strict=True):
+            sheet.lines(pair, BODY, layer, 2 * radius)
 
 
 def pyramid(cameras: Cameras, index: int, depth: float) -> np.ndarray:
@@ -186,5 +196,5 @@ def _lines(sheet: Sheet, view: Cameras, points, colour: tuple, layer: int):
     """Lines between points (N, 3) m as the view shows them, those behind it left out."""
     pixels = view.project(np.asarray(points))[0]
     for pair in pairwise(pixels):
-        if np.isfinite(pair).all() and np.max(np.abs(pair)) < 5 * WIDTH:
+        if np.isfinite(pair).all() and np.max(np.abs(pair)) < 5 * PICTURE_WIDTH:
             sheet.lines(pair, colour, layer)

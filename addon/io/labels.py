@@ -163,7 +163,7 @@ class LabelFile:
             if begins != beginning or self._columns[0]:
                 beginning = begins
                 previous = self._in_order(previous, self.read(UnreadRow(line, 0, text)).frame)
-            yield UnreadRow(line, previous, text)
+            yield UnreadRow(line, previous or 0, text)
 
     def read(self, row: UnreadRow) -> LabelRow:
         """What a row says."""
@@ -204,12 +204,12 @@ class LabelFile:
         frame, *key, marker = (fields[column].strip() for column in self._columns)
         try:
             # Equal numbers are the same place, however many digits each file writes.
-            key = (in_cell(key[0]), *map(_finite, key[1:])) if len(key) > 1 else (int(key[0]),)
+            where = (in_cell(key[0]), *map(_finite, key[1:])) if len(key) > 1 else (int(key[0]),)
         except ValueError:
             raise self._error(f"has a key that is no number; expected {self.what} as frame,…") from None
         step = "" if self._step is None else fields[self._step].strip()
         share = np.nan if self._confidence is None else self._share(fields[self._confidence])
-        return LabelRow(self._line, self._whole(frame), key, in_cell(marker), step, share)
+        return LabelRow(self._line, self._whole(frame), where, in_cell(marker), step, share)
 
     def _whole(self, text: str) -> int:
         try:

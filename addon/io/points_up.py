@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core.data.lanes import Lanes, trajectories_at
+from ..core.data.scaled import Scaled
 
 SIGNED_AXES = ("+Z", "+Y", "+X", "-Z", "-Y", "-X")
 
@@ -45,7 +46,7 @@ class Upright:
 
 def find_up(
     word: str,
-    xyz: np.ndarray,
+    xyz: np.ndarray | Scaled,
     names: Sequence[str],
     usual: str = "+Z",
     lanes: Lanes | None = None,
@@ -70,7 +71,7 @@ def find_up(
     return Upright(up, tuple(notes))
 
 
-def _some_frames(xyz: np.ndarray, names: Sequence[str], lanes: Lanes | None) -> np.ndarray:
+def _some_frames(xyz: np.ndarray | Scaled, names: Sequence[str], lanes: Lanes | None) -> np.ndarray:
     """(F, L, 3) some frames with points of the subject with most names: two people are as wide as they are tall."""
     owners = [name.rpartition(":")[0] for name in names]
     largest = max(dict.fromkeys(owners), key=owners.count)

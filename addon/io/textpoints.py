@@ -9,7 +9,7 @@ import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.data.takes import MAX_FRAME
-from .samples import Samples, dense
+from .samples import Samples
 
 
 @dataclass(frozen=True)
@@ -45,11 +45,6 @@ class TextTake:
     rate: float
     first_frame: int
     up: str = ""
-
-    @property
-    def xyz(self) -> np.ndarray:
-        """(T, P, 3) in `unit`, NaN where missing."""
-        return dense(self.frames, len(self.labels), self.parts)[0]
 
 
 def rows_to_samples(

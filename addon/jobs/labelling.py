@@ -23,10 +23,11 @@ from ..core.review.take_trouble import TakeTrouble
 from ..io.c3d import first_number, names_in_c3d
 from ..io.changed import facts_of_changes
 from ..io.edits import open_edits
+from ..io.json_text import write_json
 from ..io.labels import LabelWriter
 from ..io.points import write_c3d, write_trc
 from ..io.poses import PoseFile
-from ..io.report import REPORT, facts_of_edits, facts_of_trouble, take_report, write_report
+from ..io.report import REPORT, facts_of_edits, facts_of_trouble, take_report
 from ..io.scratch import scratch_folder
 from ..io.source import digest
 from ..version import version
@@ -288,7 +289,7 @@ def _write(
         results.overview.outcomes = outcomes
         write_take_page(files[PAGE], report, results.overview, job.source.name, today())
         digests[PAGE] = digest([files[PAGE]])
-    write_report(files[REPORT], report)
+    write_json(files[REPORT], report)
     return report
 
 

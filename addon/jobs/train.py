@@ -24,11 +24,11 @@ from ..core.training.pipeline import (
     train_solvers,
 )
 from ..core.training.takes import standing_apart, subject_rows
+from ..io.json_text import write_json
 from ..io.markersets import SUFFIX, markerset_file, open_markerset
 from ..io.model_history import file_of, moved, seen_from
 from ..io.models import open_model, read_model, write_model
 from ..io.names import written
-from ..io.report import compact
 from ..io.source import digest, read_bytes
 from ..io.whole import keep_apart, whole_files
 from ..version import version
@@ -142,7 +142,7 @@ def train_file(job: TrainJob, try_all: Trying = in_turn) -> Generator[Progress, 
             "check": made.check.as_dict() if made.check else None,
         }
         if job.report:
-            write_training_report(parts[job.report], report)
+            write_json(parts[job.report], report)
     return report
 
 
@@ -337,9 +337,3 @@ def _report(
         "seconds": {part: round(seconds, 2) for part, seconds in clock.items()},
         "replaced": [{"take": " ".join(gone.takes), "subject": gone.subject} for gone in trained.replaced],
     }
-
-
-def write_training_report(path: Path, report: dict):
-    """Writes the report as JSON, a part a line."""
-    rows = ",\n".join(f"  {compact(key)}: {compact(value)}" for key, value in report.items())
-    Path(path).write_text(f"{{\n{rows}\n}}\n", encoding="utf-8", newline="\n")

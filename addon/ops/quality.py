@@ -7,8 +7,8 @@ import bpy
 from bpy.props import IntProperty
 
 from ..core.data.background import drained, in_background
+from ..io.json_text import json_text
 from ..io.models import open_model
-from ..io.quality import quality_text
 from ..jobs.quality import judge_placement
 from ..scene import naming
 from ..scene.markerset_edit import edited_collection, read_markerset
@@ -36,7 +36,7 @@ class MOCAP_AUTOLABEL_OT_judge_markers(Laid, WorksInSteps, bpy.types.Operator):
         if collection is None:
             self.report({"WARNING"}, "The marker set was put away meanwhile")
             return {"CANCELLED"}
-        keep_report(collection, quality_text(result))
+        keep_report(collection, json_text(result) + "\n")
         poor = sum(pair["separation"] < result["goal"] for pair in result["pairs"])
         self.report({"INFO"}, f"{poor} ambiguous pairs, {len(result['advice'])} changes advised")
         return {"FINISHED"}

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 from addon.core.data.errors import InputError
-from addon.io.c3d import read_c3d
 from addon.io.c3d.layout import find_layout
 from addon.io.c3d.parameters import C3dFile
+from tests.io.whole_columns import read_c3d
 
 ezc3d = pytest.importorskip("ezc3d")
 

@@ -11,7 +11,7 @@ import numpy as np
 from ...core.data.errors import InputError
 from ...core.data.lanes import blocks
 from ...core.data.takes import MAX_RATE_HZ, MIN_RATE_HZ
-from ..samples import Parts, Samples, dense
+from ..samples import Parts, Samples
 from ..source import BytesOnDisk
 from .layout import FileLayout, find_layout
 from .parameters import C3dFile
@@ -39,35 +39,13 @@ class C3dHead:
     scales: tuple[float, float]
 
 
-@dataclass(frozen=True, eq=False)
-class C3dTake(C3dHead):
-    """All that a C3D file holds of points, as it stands there.
-
-    xyz         (T, P, 3) in the file's units; NaN where missing
-    residual    (T, P) in the file's units; NaN where missing or not stated
-    """
-
-    xyz: np.ndarray
-    residual: np.ndarray
-
-
-def read_c3d(path: Path, rate: float | None = None) -> C3dTake:
-    """Reads a whole file; `rate` is used where the file says none.
-
-    Raises InputError where the file is no C3D file, is damaged or cut off, has no points, or no rate is known.
-    """
-    with open_c3d(path, rate) as (head, parts):
-        return C3dTake(**vars(head), **dict(zip(("xyz", "residual"), _dense(head, parts), strict=True)))
-
-
-def _dense(head: C3dHead, parts: Parts) -> tuple[np.ndarray, np.ndarray]:
-    numbers = dense(head.frames, len(head.labels), parts())
-    return tuple(one * scale for one, scale in zip(numbers, head.scales, strict=True))
-
-
 @contextmanager
 def open_c3d(path: Path, rate: float | None = None) -> Iterator[tuple[C3dHead, Parts]]:
-    """A file's head, and the numbers of its samples, which are read from disk part by part; else as `read_c3d`."""
+    """A file's head, and the numbers of its samples, which are read from disk part by part.
+
+    `rate` is used where the file says none.
+    Raises InputError where the file is no C3D file, is damaged or cut off, has no points, or no rate is known.
+    """
     with BytesOnDisk(path) as content:
         file = C3dFile(content, path)
         layout = find_layout(file)

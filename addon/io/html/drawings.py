@@ -222,7 +222,7 @@ def _view(
     moment: Moment, names: Sequence[str], parents: Sequence[int], across: np.ndarray, title: str, words: str
 ) -> Html:
     drawn = _Canvas.of(moment, across)
-    parts: list[Html] = [drawn.floor()]
+    parts: list[Html | None] = [drawn.floor()]
     for joint, parent in enumerate(parents[: len(moment.joints)]):
         if parent >= 0:
             parts.append(drawn.bone(moment.joints[parent], moment.joints[joint]))

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...core.data.errors import InputError
-from ..qualisys import SUBPIXELS
 from ..rig import RIG_LIMITS, RigCamera
+from ..xml_cameras import SUBPIXELS
 from .container import KIND, Container
 from .layout import Cursor
 
