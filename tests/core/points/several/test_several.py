@@ -165,7 +165,7 @@ def test_a_body_is_asked_more_only_where_much_is_open(passing, monkeypatch):
     monkeypatch.setattr(bodies, "name_more", lambda frames: calls.append(frames) or more(frames))
     usual = finished(label_several(take, asked, options))
     assert not calls
-    monkeypatch.setattr(bodies, "OPEN", bodies.OpenOptions(-1.0))
+    monkeypatch.setattr(bodies, "MAX_OPEN", -1.0)
     every = finished(label_several(take, asked, options))
     assert len(calls) == 2
     np.testing.assert_array_equal(usual.labels.marker, every.labels.marker)
@@ -372,7 +372,7 @@ def test_presences_are_joined_to_people_or_to_nobody():
     joined = PartedBodies(may * 2.0, body, may).joined(np.array([0, 1, 1, -1]), 2)
     assert joined.body.tolist() == [0, 1, 1, -1, -1]
     assert joined.may.sum(axis=1).tolist() == [1, 1, 1, 0, 0]
-    assert joined.hold.max(axis=1).tolist() == [2, 2, 2, 0, 0]
+    assert joined.affinity.max(axis=1).tolist() == [2, 2, 2, 0, 0]
 
 
 @pytest.mark.parametrize("tables", [0, 3, 6])
