@@ -239,9 +239,9 @@ def _given_solvers(job: TrainJob, base: Model, clock: dict[str, float]) -> Gener
     with timed(clock, "ensemble"):
         work = train_solvers(base, options, bodies)
         model = yield from within(work, TRAINING_SHARES["compare"], TRAINING_SHARES["end"])
-    untold = np.full(len(model.markerset), np.nan)
+    unidentified = np.full(len(model.markerset), np.nan)
     doubts = tuple(never_named(model))
-    trained = Trained(model, model.training_takes, (), "as it was", untold, doubts, {})
+    trained = Trained(model, model.training_takes, (), "as it was", unidentified, doubts, {})
     return _Taught(model, base, (), _report(job, (), trained, options.hit_rate, clock))
 
 

@@ -15,7 +15,7 @@ from addon.core.papers.virtual_occlusions.occlusion import CapsuleOcclusion
 from addon.core.pipelines.blobs import with_edits
 from addon.core.pipelines.several_through_points import PointsOfBlobs, SubjectsInImages, label_several_blobs
 from addon.core.points.several import pipeline
-from addon.core.points.several.telling import TELLING
+from addon.core.points.several.identification import IDENTIFICATION
 from addon.core.points.several.wearers import SeveralOptions, Wearer
 from addon.core.points.whole_take.pipeline import PointOptions
 from addon.core.simulation.rigs import ring_rig
@@ -98,7 +98,7 @@ def test_blobs_of_two_have_their_names(labelled):
 
 def test_one_asked_for_among_two_has_her_names_alone_and_the_other_is_in_the_way(shot, model, monkeypatch):
     cameras, blobs, truth = shot[:3]
-    monkeypatch.setattr(pipeline, "TELLING", replace(TELLING, lead=-1.0))  # the set's model knows neither
+    monkeypatch.setattr(pipeline, "IDENTIFICATION", replace(IDENTIFICATION, lead=-1.0))  # the set's model knows neither
     asked = SeveralOptions(subjects=(Wearer("ann", model),))
     found = finished(label_several_blobs(lambda: parts(blobs), cameras, asked, NAMED, RATE))
     assert len(found.labelled.worn.subjects) == len(found.bodies) == 2
@@ -119,7 +119,7 @@ def test_one_asked_for_among_two_has_her_names_alone_and_the_other_is_in_the_way
 def test_where_one_asked_for_is_not_there_nobody_is_found(shot, model, monkeypatch):
     """Whoever else is there is no reason to say that she is."""
     cameras, blobs, truth = shot[:3]
-    monkeypatch.setattr(pipeline, "TELLING", replace(TELLING, lead=-1.0))
+    monkeypatch.setattr(pipeline, "IDENTIFICATION", replace(IDENTIFICATION, lead=-1.0))
     asked = SeveralOptions(subjects=(Wearer("ann", model),))
     names, _ = named(finished(label_several_blobs(lambda: parts(blobs), cameras, asked, NAMED, RATE)), blobs)
     hers = max("12", key=lambda one: ((names != "") & truth_of(truth, one)).sum())

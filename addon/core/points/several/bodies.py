@@ -19,15 +19,15 @@ from ..whole_take.deciding import least_margin
 from ..whole_take.layout import usual_residual
 from ..whole_take.pipeline import NamedFrames, PointOptions, Recognise, name_frames, name_more, solution_for
 from ..whole_take.solving import Solution
+from .affinity import Affinity
 from .counting import firm_tracklets, is_whole
-from .holding import Holding
 
 
 @dataclass(frozen=True)
 class RecognisingOptions:
     """When a body is of a model although single frames are not sure of it.
 
-    max_residual  mean square, over what training leaves, between its markers and where the set has them; chosen on
+    max_residual  mean square, over what training leaves, between its markers and where the set has them; measured on
                   people in each other's reach (0.2 to 0.52) and on other sets (0.94 and more)
     """
 
@@ -35,20 +35,9 @@ class RecognisingOptions:
 
 
 RECOGNISING = RecognisingOptions()
-
-
-@dataclass(frozen=True)
-class OpenOptions:
-    """When a body is asked more than its first frames.
-
-    max_open  part of the names that could be sure, as many as points are there or markers in the set, which the solved
-              take leaves open; set with the measured takes in view, whose speed depends on it and whose labels do not
-    """
-
-    max_open: float = 0.2
-
-
-OPEN = OpenOptions()
+# Part of the names that could be sure, as many as points are there or markers in the set, which the solved take may
+# leave open for a body not to be asked more than its first frames; measured takes' speed depends on it, no label.
+MAX_OPEN = 0.2
 
 
 @dataclass(eq=False)
@@ -146,7 +135,7 @@ class BodyNaming:
             yield Stage("solve", "solve the take of each")
             solution = yield from solution_for(frames, frames.labels, self._tracklet)
             found = NamedBody(self.model, frames, solution, self._sure)
-            if not found.is_whole or self._open(solution) <= OPEN.max_open:
+            if not found.is_whole or self._open(solution) <= MAX_OPEN:
                 return found
             frames = yield from name_more(frames)
         yield Stage("vote", "solve the take of each")
@@ -181,7 +170,7 @@ def recognised_before(model: Model, namer: Namer, points: Made, solvable: bool) 
 
 
 class Crowd:
-    """The N tracklets (T, L) of a take of several, how well they hold on to each other, and which of them do at all.
+    """The N tracklets (T, L) of a take of several, their affinity to each other, and which of them have any.
 
     `every` is N where some of them are left out.
     """
@@ -194,14 +183,14 @@ class Crowd:
         return self.every
 
     @cached_property
-    def holding(self) -> Holding:
-        """How well they hold on to each other."""
-        return Holding.of(self.take.xyz, self.tracklet, self.take.rate, len(self))
+    def affinity(self) -> Affinity:
+        """Their affinity to each other."""
+        return Affinity.of(self.take.xyz, self.tracklet, self.take.rate, len(self))
 
     @cached_property
     def firm(self) -> np.ndarray:
-        """(N,) True for those that hold on to others as markers on a body do."""
-        return firm_tracklets(self.holding)
+        """(N,) True for those whose affinity to others is that of markers on a body."""
+        return firm_tracklets(self.affinity)
 
     @cached_property
     def size(self) -> np.ndarray:

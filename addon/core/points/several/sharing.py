@@ -17,25 +17,22 @@ from .places import NO_BODY
 
 
 @dataclass(frozen=True)
-class ClaimOptions:
-    """How tracklets are shared out; reckoned.
+class SharingOptions:
+    """How tracklets are shared out.
 
-    rounds  of solving those again that lost some
-    named   part of a tracklet's points that somebody must have named for it not to be offered to others,
-    wide    to whose bodies it holds on so many times less than to its own
+    wide    times less than to its own body that a tracklet's affinity to another may be, for it to be offered that one
     fitting log odds, at best, that a tracklet is a marker which the body lacks at the time, for it to be offered: what
-            comes before and after may say more for it
+            comes before and after may be stronger evidence
     lead    log odds by which one must be surer than any other to keep a tracklet; else nobody has it
     """
 
-    rounds: int = 3
-    named: float = 0.5
     wide: float = 6.0
     fitting: float = -4.0
     lead: float = 2.0
 
 
-CLAIMS = ClaimOptions()
+SHARING = SharingOptions()
+ROUNDS_OF_SHARING = 3  # of solving those again that lost some; by time
 
 
 def share(crowd: Crowd, people: Sequence[NamedBody], may: np.ndarray) -> Generator[float, None, np.ndarray]:
@@ -44,26 +41,26 @@ def share(crowd: Crowd, people: Sequence[NamedBody], may: np.ndarray) -> Generat
     Gives the tracklets (N, K) that each may have in the end.
     """
     wider = _offered(crowd, people, may)
-    for _ in range(CLAIMS.rounds):
+    for _ in range(ROUNDS_OF_SHARING):
         for index in np.flatnonzero((wider != may).any(axis=0)).tolist():
             yield from crowd.solve_again(people[index], wider[:, index])
-        may, claims = wider, np.zeros(wider.shape)
+        may, certainty = wider, np.zeros(wider.shape)
         for index, one in enumerate(people):
             if one.solution is not None:
-                claims[:, index] = claim_of(one.solution, crowd.tracklet, len(crowd))
-        wider = shared_out(may, claims)
+                certainty[:, index] = certainty_of(one.solution, crowd.tracklet, len(crowd))
+        wider = shared_out(may, certainty)
         if (wider == may).all():
             break
     return may
 
 
 def _offered(crowd: Crowd, people: Sequence[NamedBody], may: np.ndarray) -> np.ndarray:
-    """(N, K) what tracklets may be on, with what nobody named and what holds on to a body of which it was not."""
+    """(N, K) what tracklets may be on, and further bodies that have some affinity to what nobody named."""
     named = np.array([crowd.named_points(one) for one in people])
-    left = crowd.firm & (named.sum(axis=0) < CLAIMS.named * crowd.size)
+    left = crowd.firm & (2 * named.sum(axis=0) < crowd.size)
     body = np.where(named.any(axis=0), named.argmax(axis=0), NO_BODY)
-    hold = crowd.holding.on(body, len(people))
-    new = left[:, None] & ~may & (hold * CLAIMS.wide >= hold.max(axis=1, keepdims=True)) & (hold > 0)
+    affinity = crowd.affinity.on(body, len(people))
+    new = left[:, None] & ~may & (affinity * SHARING.wide >= affinity.max(axis=1, keepdims=True)) & (affinity > 0)
     for index, one in enumerate(people):
         new[:, index] &= _could_be(crowd, one, new[:, index])
     return may | new
@@ -81,13 +78,13 @@ def _could_be(crowd: Crowd, one: NamedBody, some: np.ndarray) -> np.ndarray:
     freedom = ROUNDS.freedoms[-1]
     wide = widened(trained_pairs(one.model), freedom.bend, freedom.motion_m, freedom.layout_m)
     own = crowd.tracklets_of(some)
-    said = Labels.none(*own.shape)
-    tracklets = tracklets_of(crowd.take.xyz, own, said, size)
+    unnamed = Labels.none(*own.shape)
+    tracklets = tracklets_of(crowd.take.xyz, own, unnamed, size)
     nobody = np.full(len(tracklets), NO_MARKER)
     odds = likeness(tracklets, placed, nobody, in_take(wide, placed), crowd.take.rate)
     free = _free(tracklets, seen_in(placed))
     found = np.zeros(len(some), bool)
-    found[np.unique(own[own >= 0])] = np.where(free, odds, -np.inf).max(axis=1) >= CLAIMS.fitting
+    found[np.unique(own[own >= 0])] = np.where(free, odds, -np.inf).max(axis=1) >= SHARING.fitting
     return found
 
 
@@ -97,7 +94,7 @@ def _free(tracklets: Tracklets, seen: np.ndarray) -> np.ndarray:
     return (~seen[np.maximum(tracklets.frame, 0)] & there[..., None]).any(axis=1)
 
 
-def claim_of(solution: Solution, tracklet: np.ndarray, every: int) -> np.ndarray:
+def certainty_of(solution: Solution, tracklet: np.ndarray, every: int) -> np.ndarray:
     """(N,) how sure a solution is of a name of each of `every` tracklets (T, L), log odds; 0 where it has none."""
     total, count = np.zeros((2, every))
     margin = np.where(solution.marker != NO_MARKER, np.maximum(solution.margin, 0), 0.0)
@@ -110,16 +107,17 @@ def claim_of(solution: Solution, tracklet: np.ndarray, every: int) -> np.ndarray
     return total / np.maximum(count, 1)
 
 
-def shared_out(may: np.ndarray, claims: np.ndarray) -> np.ndarray:
-    """(N, K) the bodies that tracklets may be on, `may` (N, K) before, once those that claim them (N, K) are heard.
+def shared_out(may: np.ndarray, certainty: np.ndarray) -> np.ndarray:
+    """(N, K) the bodies that tracklets may be on, `may` (N, K) before, by who is surer of them.
 
-    Of two that claim one the surer has it; where neither is surer, nobody. Nothing changes for what only one claims.
+    certainty (N, K) is how sure each is of its name of each, 0 for none. Of two that named one the surer has it; where
+    neither is surer, nobody. Nothing changes for what only one named.
     """
     if may.shape[1] == 1:
         return may
-    claims = np.where(may, claims, 0.0)
-    order = np.sort(claims, axis=1)
-    wanted = (claims > 0).sum(axis=1) > 1
-    clear = wanted & (order[:, -1] - order[:, -2] >= CLAIMS.lead)
-    winner = claims.argmax(axis=1)[:, None] == np.arange(may.shape[1])
+    certainty = np.where(may, certainty, 0.0)
+    order = np.sort(certainty, axis=1)
+    wanted = (certainty > 0).sum(axis=1) > 1
+    clear = wanted & (order[:, -1] - order[:, -2] >= SHARING.lead)
+    winner = certainty.argmax(axis=1)[:, None] == np.arange(may.shape[1])
     return np.where(wanted[:, None], clear[:, None] & winner, may)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How well tracklets hold on to each other: those that stay near each other and keep their distance, in all of a take.
+"""The affinity of tracklets: how near they stay to each other, and how steady their distance is, in all of a take.
 
 Only pairs that are there at a time are kept, so memory grows with the tracklets and not with their square.
 """
@@ -15,48 +15,45 @@ from ...data.takes import evenly_spread
 
 
 @dataclass(frozen=True)
-class HoldingOnOptions:
-    """How it is told what holds together. All reckoned.
+class AffinityOptions:
+    """What distances between two markers of one body do, and how much of a take is looked at.
 
-    sample_rate    frames a second that are looked at
-    min_samples    frames of a tracklet that are looked at, at least, if it has so many
-    unknown        frames that what is not known yet counts for: a pair's distance is taken to vary by
-    loose          this part of it
-    known          frames that what was seen counts for at most where nothing moves: of people who stand still for
-                   long nobody learns more, and the farther of two markers would be as much on a body as the nearer
-    moved_m        standard deviation of a marker's place from which on it counts for more, as its square grows; with
-                   0.02 one of the takes of `holding` of tests/accuracy/actors.py more was refused
-    steady_m       that a distance on a body varies by
-    holds          tracklets of a body that one holds on to best, which say how much it does
-    max_body_m     beyond which no two markers are on one body
-    at_once        tracklets whose pairs are added up at a time, and
-    frames_at_once of frames, both by memory
+    sample_rate    frames a second that are looked at; physical: nobody walks past anybody in a twentieth of a second
+    unknown        frames that the prior counts for, by which
+    loose          a distance varies by this part of it; physical: a bent limb shortens distances across it by a quarter
+    known          frames that what was seen counts for at most where nothing moves; physical: who stands still for two
+                   seconds shows no more by standing longer
+    moved_m        standard deviation of a marker's place from which on it counts for more, as its square grows;
+                   measured: with 0.02 one more of the takes of `holding` of tests/accuracy/actors.py was refused
+    steady_m       that a distance on a body varies by; physical: skin moves so far over bone
+    max_body_m     beyond which no two markers are on one body; physical: a tall person's reach
+    frames_at_once whose pairs are added up at a time; memory
     """
 
     sample_rate: float = 20.0
-    min_samples: int = 4
     unknown: float = 6.0
     loose: float = 0.25
     known: float = 40.0
     moved_m: float = 0.01
     steady_m: float = 0.02
-    holds: int = 6
     max_body_m: float = 2.6
-    at_once: int = 1000
     frames_at_once: int = 64
 
 
-HOLDING_ON = HoldingOnOptions()
+AFFINITY = AffinityOptions()
+NEIGHBOURS = 6  # of a tracklet on a body, whose mean affinity is that to the body; as many as a segment has at most
+MIN_SAMPLES = 4  # frames of a tracklet that are looked at, at least: with fewer a distance has no variance
+TRACKLETS_AT_ONCE = 1000  # whose pairs are added up at a time; by memory
 
 
 @dataclass(frozen=True, eq=False)
-class Holding:
-    """How well the N tracklets of a take hold on to each other.
+class Affinity:
+    """How strongly the N tracklets of a take go together in pairs.
 
     frames    (F,) those that were looked at
     first     (N + 1,) where the pairs of each tracklet begin, each pair being there for both of its tracklets
-    other     (E,) the other tracklet of each, those that it holds on to best first
-    strength  (E,) how well, 1/m²
+    other     (E,) the other tracklet of each, the strongest affinity first
+    strength  (E,) the affinity, 1/m²
     """
 
     frames: np.ndarray
@@ -82,29 +79,29 @@ class Holding:
         return len(self.first) - 1
 
     def of_tracklet(self, index: int) -> tuple[np.ndarray, np.ndarray]:
-        """The tracklets (K,) that one holds on to, and how well (K,)."""
+        """The tracklets (K,) that were there with one, and the affinities (K,)."""
         own = slice(self.first[index], self.first[index + 1])
         return self.other[own], self.strength[own]
 
     def best(self) -> np.ndarray:
-        """(N,) how well each holds on to whatever it holds on to best."""
+        """(N,) the strongest affinity of each."""
         return self.on(np.zeros(len(self), int), 1)[:, 0]
 
     def on(self, body: np.ndarray, count: int) -> np.ndarray:
-        """(N, K) how well each holds on to the tracklets of so many bodies (N,)."""
+        """(N, K) the affinity of each to so many bodies, by the bodies (N,) of all tracklets."""
         found, size = np.zeros((len(self), count)), np.diff(self.first)
         for one in range(count):
             own = body[self.other] == one
             place = np.append(0, np.cumsum(own))
-            chosen = own & (place[1:] - np.repeat(place[self.first[:-1]], size) <= HOLDING_ON.holds)
+            chosen = own & (place[1:] - np.repeat(place[self.first[:-1]], size) <= NEIGHBOURS)
             row = np.repeat(np.arange(len(self)), size)[chosen]
-            found[:, one] = np.bincount(row, self.strength[chosen], len(self)) / HOLDING_ON.holds
+            found[:, one] = np.bincount(row, self.strength[chosen], len(self)) / NEIGHBOURS
         return found
 
 
 def _looked_at(tracklet: np.ndarray, rate: float) -> np.ndarray:
     """(F,) the frames that are looked at: often enough for tracklets that are there shortly, too."""
-    step = max(int(rate / HOLDING_ON.sample_rate), 1)
+    step = max(int(rate / AFFINITY.sample_rate), 1)
     wanted = np.zeros(len(tracklet), bool)
     wanted[::step] = True
     for lane in range(tracklet.shape[1]):
@@ -113,11 +110,11 @@ def _looked_at(tracklet: np.ndarray, rate: float) -> np.ndarray:
         if not len(there):
             continue
         begins = np.append(0, np.flatnonzero(np.diff(own[there])) + 1)
-        seldom = np.add.reduceat(wanted[there].astype(int), begins) < HOLDING_ON.min_samples
+        seldom = np.add.reduceat(wanted[there].astype(int), begins) < MIN_SAMPLES
         ends = np.append(begins[1:], len(there))
         for begin, end in zip(begins[seldom].tolist(), ends[seldom].tolist(), strict=True):
             part = there[begin:end]
-            wanted[part[evenly_spread(len(part), HOLDING_ON.min_samples)]] = True
+            wanted[part[evenly_spread(len(part), MIN_SAMPLES)]] = True
     return np.flatnonzero(wanted)
 
 
@@ -135,17 +132,17 @@ def _pairs(
     most = _counts_at_most(points, tracklet, frames, every)
     counts = np.minimum(number, np.maximum(most[key // every], most[key % every]))
     seen = np.maximum(squares - number * mean**2, 0) * (counts / np.maximum(number, 1))
-    varied = seen + HOLDING_ON.unknown * (HOLDING_ON.loose * mean) ** 2
-    variance = varied / (counts + HOLDING_ON.unknown) + HOLDING_ON.steady_m**2
-    near = farthest < HOLDING_ON.max_body_m**2
+    varied = seen + AFFINITY.unknown * (AFFINITY.loose * mean) ** 2
+    variance = varied / (counts + AFFINITY.unknown) + AFFINITY.steady_m**2
+    near = farthest < AFFINITY.max_body_m**2
     return (key // every)[near], (key % every)[near], 1 / variance[near]
 
 
 def _counts_at_most(points: np.ndarray, tracklet: np.ndarray, frames: np.ndarray, every: int) -> np.ndarray:
     """(N,) how many frames what a tracklet shows counts for at most, by how far it gets about."""
     number, total, squares = np.zeros(every), np.zeros((every, 3)), np.zeros((every, 3))
-    for start in range(0, len(frames), HOLDING_ON.frames_at_once):
-        some = frames[start : start + HOLDING_ON.frames_at_once]
+    for start in range(0, len(frames), AFFINITY.frames_at_once):
+        some = frames[start : start + AFFINITY.frames_at_once]
         own, places = tracklet[some], points[some]
         there = own >= 0
         own, places = own[there], places[there].astype(float)
@@ -155,7 +152,7 @@ def _counts_at_most(points: np.ndarray, tracklet: np.ndarray, frames: np.ndarray
             squares[:, axis] += np.bincount(own, places[:, axis] ** 2, every)
     mean = total / np.maximum(number, 1)[:, None]
     variance = np.maximum(squares / np.maximum(number, 1)[:, None] - mean**2, 0).sum(axis=1)
-    return HOLDING_ON.known * np.maximum(variance / HOLDING_ON.moved_m**2, 1)
+    return AFFINITY.known * np.maximum(variance / AFFINITY.moved_m**2, 1)
 
 
 def _windows(tracklet: np.ndarray, frames: np.ndarray) -> Iterator[np.ndarray]:
@@ -164,7 +161,7 @@ def _windows(tracklet: np.ndarray, frames: np.ndarray) -> Iterator[np.ndarray]:
     for place, frame in enumerate(frames.tolist()):
         own = tracklet[frame]
         new = known.union(own[own >= 0].tolist())
-        if len(new) > HOLDING_ON.at_once and place > begin:
+        if len(new) > TRACKLETS_AT_ONCE and place > begin:
             yield frames[begin:place]
             begin, new = place, set(own[own >= 0].tolist())
         known = new
@@ -178,7 +175,7 @@ def _met(points: np.ndarray, tracklet: np.ndarray, frames: np.ndarray, every: in
     local = local[local >= 0].astype(np.int64)
     size = len(local)
     number, total, squares, longest = np.zeros((4, size * size))
-    for some in np.array_split(frames, -(-len(frames) // HOLDING_ON.frames_at_once)):
+    for some in np.array_split(frames, -(-len(frames) // AFFINITY.frames_at_once)):
         keys, offs = [], []
         for frame in some.tolist():
             own = np.searchsorted(local, tracklet[frame])
