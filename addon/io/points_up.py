@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core.data.lanes import Lanes, trajectories_at
-from ..core.data.scaled import Scaled
+from ..core.data.made import Scaled
 
 SIGNED_AXES = ("+Z", "+Y", "+X", "-Z", "-Y", "-X")
 

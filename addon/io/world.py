@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..core.data.lanes import blocks
-from ..core.data.scaled import Scaled
+from ..core.data.made import Scaled
 from ..core.geometry.camera_up import guess_up, turned
 from ..core.geometry.cameras import Cameras
 from .rig import Z_UP_FROM_Y_UP
