@@ -36,19 +36,19 @@ class AssemblyOptions:
 
 
 ASSEMBLY = AssemblyOptions()
-BEAM_WIDTH = 16  # namings of a frame that are followed; by time
+NAMINGS_KEPT = 16  # namings of a frame that are followed; by time
 MAX_LINKS = 3  # earlier rigid bodies that one is compared with: three distances fix a place
-NEIGHBOURS = 8  # markers that a single marker is judged by, and
-INDEPENDENT = 3.0  # distances that fix a point; more say partly the same
-ROUNDS = 2  # of naming single markers, each by those that were named before
-MAX_MARGIN = 50.0  # log odds that a name without an alternative leads by
+NAMED_NEAR = 8  # markers that a single marker is judged by, and
+INDEPENDENT_DISTANCES = 3.0  # distances that fix a point; more say partly the same
+SINGLES_ROUNDS = 2  # of naming single markers, each by those that were named before
+UNRIVALLED = 50.0  # log odds that a name without an alternative leads by
 
 
 def assemble(rigid_bodies: RigidBodies, points: np.ndarray) -> Solved:
     """The best naming of frames of points (F, P, 3) m, NaN where there is none."""
     distance = distances(points)
     naming, score = _beam(rigid_bodies, points, distance)
-    best, most = naming[:, 0], MAX_MARGIN
+    best, most = naming[:, 0], UNRIVALLED
     lead = np.where(naming[:, 1:] == best[:, None], -np.inf, (score[:, 1:] - score[:, :1])[..., None])
     margin = np.where(best >= 0, -lead.max(axis=1, initial=-most), 0)
     best, single = _filled(rigid_bodies, distance, np.isfinite(points[..., 0]), best)
@@ -100,7 +100,7 @@ def _beam(rigid_bodies: RigidBodies, points: np.ndarray, distance: np.ndarray) -
         choices = np.concatenate([total, score[:, :, None]], axis=2)
         width = choices.shape[2]
         flat = choices.reshape(frames, -1)
-        top = np.argsort(-flat, axis=1, kind="stable")[:, :BEAM_WIDTH]
+        top = np.argsort(-flat, axis=1, kind="stable")[:, :NAMINGS_KEPT]
         score = np.take_along_axis(flat, top, axis=1)
         parent, choice = top // width, top % width
         naming, used, had = naming[rows, parent], used[rows, parent], had[rows, parent]
@@ -136,7 +136,7 @@ def _filled(rigid_bodies: RigidBodies, distance, present, naming) -> tuple[np.nd
     """The naming with single and missed markers named, and their lead (F, M) on the next best; NaN for others."""
     single = np.full(naming.shape, np.nan)
     naming = naming.copy()
-    for _ in range(ROUNDS):
+    for _ in range(SINGLES_ROUNDS):
         odds = _single_odds(rigid_bodies, distance, present, naming)
         added = one_to_one(odds)
         new = (added >= 0) & (naming < 0)
@@ -159,7 +159,7 @@ def _single_odds(rigid_bodies: RigidBodies, distance, present, naming) -> np.nda
     width = rigid_bodies.high - rigid_bodies.low + 2 * rigid_bodies.slack
     scale = np.median(rigid_bodies.high)
     price = ASSEMBLY.single_cost + np.log1p(free.sum(axis=1))
-    near = np.argsort(width + 1e3 * np.eye(markers), axis=1)[:, :NEIGHBOURS]
+    near = np.argsort(width + 1e3 * np.eye(markers), axis=1)[:, :NAMED_NEAR]
     log_gain = np.log(np.maximum(scale / np.take_along_axis(width, near, axis=1), 1))
     frame, marker = np.nonzero(naming < 0)
     there = naming[frame[:, None], near[marker]]
@@ -169,6 +169,6 @@ def _single_odds(rigid_bodies: RigidBodies, distance, present, naming) -> np.nda
     )
     gain = log_gain[marker][..., None] - np.minimum(0.5 * breach**2, 2 * ASSEMBLY.max_breach_cost)
     total = np.where(known[..., None], gain, 0).sum(axis=1)
-    total *= np.minimum(1, INDEPENDENT / np.maximum(known.sum(axis=1), 1))[:, None]
+    total *= np.minimum(1, INDEPENDENT_DISTANCES / np.maximum(known.sum(axis=1), 1))[:, None]
     odds[frame, marker] = np.where(free[frame], total - price[frame, None], IMPOSSIBLE)
     return odds

@@ -49,9 +49,9 @@ class ShapeOptions:
 
 
 SHAPE = ShapeOptions()
-MAX_FRAMES = 400  # of each subject, drawn; by time
+SHAPE_FRAMES = 400  # of each subject, drawn; by time
 MAX_MODES = 20  # what is beyond is noise; by time
-ROUNDS, FACTOR_ROUNDS = 4, 12  # of aligning and of filling gaps in, and of factor analysis; all settle sooner
+ALIGNING_ROUNDS, FACTOR_ROUNDS = 4, 12  # of aligning and of filling gaps in, and of factor analysis; all settle sooner
 SUBJECT_PRIOR = SubjectPrior()
 
 
@@ -91,19 +91,19 @@ def learn_shape(subjects: Sequence[np.ndarray], seed: int = 0, images: Sequence[
     At least one frame must show every marker that any frame shows.
     """
     rng = np.random.default_rng(seed)
-    thinned = [points[np.sort(rng.permutation(len(points))[:MAX_FRAMES])] for points in (*subjects, *images)]
+    thinned = [points[np.sort(rng.permutation(len(points))[:SHAPE_FRAMES])] for points in (*subjects, *images)]
     owner = np.repeat(np.arange(len(thinned)), [len(points) for points in thinned])
     clouds = np.concatenate(thinned)
     best = clouds[np.isfinite(clouds[..., 0]).sum(axis=1).argmax()]
     template = np.where(np.isfinite(best), best, np.nanmean(best, axis=0))
-    for _ in range(ROUNDS):
+    for _ in range(ALIGNING_ROUNDS):
         aligned = upright_aligned(clouds, template)
         template = _mean_known(aligned, template)
     template = template - template.mean(axis=0)
     flat = upright_aligned(clouds, template).reshape(len(clouds), -1)
     floor = SHAPE.min_sd_radii * np.sqrt((template**2).sum(axis=1).mean())
     mean, covariance = _moments(np.where(np.isnan(flat), template.ravel(), flat), owner, len(subjects), floor)
-    for _ in range(ROUNDS if np.isnan(flat).any() else 0):
+    for _ in range(ALIGNING_ROUNDS if np.isnan(flat).any() else 0):
         mean, covariance = _moments(completed(flat, mean, covariance)[0], owner, len(subjects), floor)
     modes, noise = factors(covariance, floor)
     return Shape(mean.reshape(-1, 3), modes, noise)

@@ -40,7 +40,10 @@ class SolvingOptions:
 
 SOLVING = SolvingOptions()
 MIN_GAIN = 0.05  # log likelihood that is worth another round
-ROUNDS, MAX_CLIMBS = 2, 6  # of naming anew by everyone's conditional odds; moves and swaps that may follow each other
+NAMING_ROUNDS, MAX_CLIMBS = (
+    2,
+    6,
+)  # of naming anew by everyone's conditional odds; moves and swaps that may follow each other
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +142,7 @@ def _exchanged(
 def _reassigned(model: Latent, constraints: DistanceConstraints, settled: Settled) -> Settled:
     """Each naming changed for the better by everyone's conditional odds at once."""
     rows = np.arange(len(settled.naming))
-    for _ in range(ROUNDS):
+    for _ in range(NAMING_ROUNDS):
         tried = one_to_one(name_odds(model, constraints, _some_of(settled, rows)))
         rows = _try(model, constraints, settled, rows, tried)
         if not len(rows):

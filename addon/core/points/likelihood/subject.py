@@ -31,7 +31,7 @@ class SubjectLearningOptions:
 
 
 SUBJECT_LEARNING = SubjectLearningOptions()
-ROUNDS = 6  # of expectation maximisation; it settles sooner
+SUBJECT_ROUNDS = 6  # of expectation maximisation; it settles sooner
 
 
 def of_subject(likelihood: Likelihood, clouds: np.ndarray) -> Likelihood:
@@ -75,7 +75,7 @@ def _subject_shape(shape: Shape, clouds: np.ndarray) -> Shape:
     mean, covariance = known, spread
     seen = np.isfinite(clouds[..., :1])
     aligned = upright_aligned(clouds, shape.mean)
-    for _ in range(ROUNDS):
+    for _ in range(SUBJECT_ROUNDS):
         filled, unsure = completed(_flat(aligned), mean, covariance)
         # Whole clouds are laid on the mean, not what happens to be seen of them.
         whole = upright_aligned(filled.reshape(clouds.shape), mean.reshape(-1, 3))

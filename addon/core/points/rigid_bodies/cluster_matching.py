@@ -42,7 +42,7 @@ class ClusterMatchOptions:
 
 
 CLUSTER_MATCH = ClusterMatchOptions()
-BEAM_WIDTH = 2000  # assignments that are followed; by time
+ASSIGNMENTS_KEPT = 2000  # assignments that are followed; by time
 MAX_MARKERS = 12  # of a cluster that is looked at; by time
 PERCENTILES = (2, 14, 26, 38, 50, 62, 74, 86, 98)  # of a distance over the take that are compared with its range
 
@@ -148,7 +148,7 @@ def _search(structure: Structure, likeness: _Likeness) -> tuple[np.ndarray, np.n
             taken = np.flatnonzero(states[:, other] >= 0)
             said[taken, states[taken, other]] = -np.inf
         total = np.concatenate([score[:, None] + said, score[:, None] - CLUSTER_MATCH.missing_cost], axis=1).ravel()
-        kept = np.argsort(-total, kind="stable")[:BEAM_WIDTH]
+        kept = np.argsort(-total, kind="stable")[:ASSIGNMENTS_KEPT]
         kept = kept[np.isfinite(total[kept])]
         states, score = states[kept // (clusters + 1)].copy(), total[kept]
         choice = kept % (clusters + 1)

@@ -38,9 +38,9 @@ class ClusteringOptions:
 
 
 CLUSTERING = ClusteringOptions()
-MAX_FRAMES = 500  # that a take is looked at in; more show the same
+CLUSTERING_FRAMES = 500  # that a take is looked at in; more show the same
 MIN_TRACKLET_S = 0.1  # of a tracklet that is looked at
-ROUNDS = 6  # of laying a cluster on its mean form; it is still before
+LAYING_ROUNDS = 6  # of laying a cluster on its mean form; it is still before
 MAX_SHARED = 0.05  # part of its frames that a tracklet may share with another of the same marker
 
 
@@ -110,7 +110,7 @@ def sampled(points: np.ndarray, tracklet: np.ndarray, rate: float) -> Sampled:
     frame, column = np.nonzero(tracklet >= 0)
     number, place, count = np.unique(tracklet[frame, column], return_inverse=True, return_counts=True)
     long = count >= MIN_TRACKLET_S * rate
-    frames = evenly_spread(len(points), MAX_FRAMES)
+    frames = evenly_spread(len(points), CLUSTERING_FRAMES)
     row = np.full(len(points), -1)
     row[frames] = np.arange(len(frames))
     new = np.cumsum(long) - 1
@@ -211,7 +211,7 @@ def _laid(seen: Sampled, own: np.ndarray, distance: np.ndarray) -> Cluster | Non
     strings = _strung(seen.points[:, own], distance[np.ix_(own, own)])
     points = np.stack([_first_seen(seen.points[:, own[one]]) for one in strings], axis=1)
     form = points[np.isfinite(points[..., 0]).sum(axis=1).argmax()]
-    for _ in range(ROUNDS):
+    for _ in range(LAYING_ROUNDS):
         turn, place = laid_on(form, points)
         local = in_axes(turn, place, points)
         known = np.isfinite(local[..., 0])

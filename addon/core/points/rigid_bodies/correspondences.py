@@ -26,7 +26,7 @@ CORRESPONDENCE = CorrespondenceOptions()
 MAX_ALL = 7  # markers of a rigid body, or points of a cluster, of which all are tried: of 8 there are 40,320
 BASES = 8  # triples of markers that a large rigid body is laid by; by time
 MAX_SIDE_SDS = 2.0  # that a side of such a triple may be off: of eight triples one is nearer
-KEPT = 30  # placements of a large rigid body that are looked at more closely; by time
+PLACEMENTS_KEPT = 30  # placements of a large rigid body that are looked at more closely; by time
 INDEPENDENT = 3  # distances that are all the evidence there is of a place; more are partly the same
 MAX_COST = 8.0  # the most that one fact counts against, log likelihood: four standard deviations
 
@@ -64,7 +64,7 @@ def _likely(form: np.ndarray, points: np.ndarray) -> np.ndarray:
     laid = [_assigned(form, points, *pair) for base in _bases(form, BASES) for pair in _on_points(form, points, base)]
     laid.sort(key=lambda row: row[0])
     tried = np.array([assigned for _, assigned in laid] or np.full((1, len(form)), NO_POINT))
-    tried = tried[np.sort(np.unique(tried, axis=0, return_index=True)[1])][:KEPT]
+    tried = tried[np.sort(np.unique(tried, axis=0, return_index=True)[1])][:PLACEMENTS_KEPT]
     exchanged = [tried]
     for one, two in combinations(range(len(form)), 2):
         other = tried.copy()
@@ -91,7 +91,7 @@ def _on_points(form: np.ndarray, points: np.ndarray, base: np.ndarray) -> list[t
     # Sorted by how near the other markers come to any point.
     moved = np.einsum("tij,nj->tni", turn, form) + place[:, None]
     nearest = np.linalg.norm(moved[:, :, None] - points, axis=-1).min(axis=2)
-    best = np.argsort(nearest.sum(axis=1), kind="stable")[:KEPT]
+    best = np.argsort(nearest.sum(axis=1), kind="stable")[:PLACEMENTS_KEPT]
     return list(zip(turn[best], place[best], strict=True))
 
 

@@ -26,7 +26,7 @@ class SingleMarkerOptions:
 
 
 SINGLE_MARKER = SingleMarkerOptions()
-NEIGHBOURS = 8  # named markers that a tracklet is judged by
+JUDGES = 8  # named markers that a tracklet is judged by
 
 
 def find_single_markers(
@@ -65,7 +65,7 @@ def _odds(rigid_bodies: RigidBodies, named: np.ndarray, missing: np.ndarray, poi
     if not len(known) or not len(missing):
         return odds
     width = rigid_bodies.high - rigid_bodies.low + 2 * rigid_bodies.slack
-    place = np.argsort(width[np.ix_(missing, known)], axis=1)[:, :NEIGHBOURS]
+    place = np.argsort(width[np.ix_(missing, known)], axis=1)[:, :JUDGES]
     near = missing[:, None], known[place]
     gain = np.log(np.maximum(SINGLE_MARKER.room_m / width[near], 1))
     for tracklet in range(points.shape[1]):

@@ -62,7 +62,7 @@ STRUCTURE = StructureOptions()
 SAMPLE_FRAMES = 300  # of a subject that are learned from, evenly spread
 MIN_FRAMES = 20  # in which two rigid bodies must be seen to have a joint
 FRAMES_OF_JOINT = 0.9  # part of them that a joint is found from, those that agree best: some trajectories go astray
-TAILS = [1.0, 99.0]  # per cent of a distance, between which its range is; beyond are outliers
+MIDDLES_TAILS = [1.0, 99.0]  # per cent of a distance, between which its range is; beyond are outliers
 MAX_LOOSE_RATIO = 3.0  # times the usual, that a rigid body's own markers may move against each other
 MAX_MEMBERS = 7  # markers of a rigid body with those beside it: of more not all correspondences can be tried
 
@@ -162,7 +162,7 @@ def _learn(rigid_bodies: RigidBodies, subjects: Sequence[np.ndarray]) -> Structu
     groups = [_firm(group, frames) for group in rigid_bodies.members]
     poses = [laid_on(_centred(rigid_bodies.form[group]), frames[:, group]) for group in groups]
     turn, place = (np.stack(part, axis=1) for part in zip(*poses, strict=True))
-    low, high = np.nanpercentile(pairwise_distances(place), TAILS, axis=0)
+    low, high = np.nanpercentile(pairwise_distances(place), MIDDLES_TAILS, axis=0)
     quads = np.array(list(combinations(range(len(poses)), 4)), int).reshape(-1, 4)
     volumes = signed_volumes(*(place[:, quads[:, corner]] for corner in range(4)))
     mean, spread = np.nanmean(volumes, axis=0), np.hypot(np.nanstd(volumes, axis=0), STRUCTURE.min_volume_sd)

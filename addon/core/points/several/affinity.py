@@ -41,7 +41,9 @@ class AffinityOptions:
 
 
 AFFINITY = AffinityOptions()
-NEIGHBOURS = 6  # of a tracklet on a body, whose mean affinity is that to the body; as many as a segment has at most
+AFFINE_TRACKLETS = (
+    6  # of a tracklet on a body, whose mean affinity is that to the body; as many as a segment has at most
+)
 MIN_SAMPLES = 4  # frames of a tracklet that are looked at, at least: with fewer a distance has no variance
 TRACKLETS_AT_ONCE = 1000  # whose pairs are added up at a time; by memory
 
@@ -93,9 +95,9 @@ class Affinity:
         for one in range(count):
             own = body[self.other] == one
             place = np.append(0, np.cumsum(own))
-            chosen = own & (place[1:] - np.repeat(place[self.first[:-1]], size) <= NEIGHBOURS)
+            chosen = own & (place[1:] - np.repeat(place[self.first[:-1]], size) <= AFFINE_TRACKLETS)
             row = np.repeat(np.arange(len(self)), size)[chosen]
-            found[:, one] = np.bincount(row, self.strength[chosen], len(self)) / NEIGHBOURS
+            found[:, one] = np.bincount(row, self.strength[chosen], len(self)) / AFFINE_TRACKLETS
         return found
 
 

@@ -31,7 +31,7 @@ class CountingOptions:
 
 
 COUNTING = CountingOptions()
-FRAMES = 80  # that are looked at
+FRAMES_COUNTED = 80  # that are looked at
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Counted:
 def count_bodies(points: np.ndarray, tracklet: np.ndarray, affinity: Affinity, markers: int) -> Counted:
     """How many bodies with so many markers are in points (T, L, 3) m of tracklets (T, L), -1 where there is none."""
     firm = np.append(firm_tracklets(affinity), False)[tracklet]
-    frames = evenly_spread(len(points), FRAMES)
+    frames = evenly_spread(len(points), FRAMES_COUNTED)
     groups, present = [], []
     for frame in frames.tolist():
         own = points[frame][firm[frame]]

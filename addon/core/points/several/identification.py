@@ -34,7 +34,7 @@ class IdentificationOptions:
 
 
 IDENTIFICATION = IdentificationOptions()
-FRAMES = 300  # that are looked at, of all with two markers of somebody
+FRAMES_COMPARED = 300  # that are looked at, of all with two markers of somebody
 MIN_MET = 10  # frames in which two markers must be there for their distance to say anything
 
 
@@ -47,7 +47,7 @@ class OnBody(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Build:
+class PersonBuild:
     """How far the markers of somebody are from each other (M, M) m: mean, and variance m²; NaN where unknown."""
 
     markers: tuple[str, ...]
@@ -64,7 +64,7 @@ class Build:
         sure = np.where(one.solution.margin > 0, one.solution.marker, -1)
         placed = one.solution.tracklets.placed(one.frames.take.xyz, sure, size)
         there = np.flatnonzero(np.isfinite(np.asarray(placed[:])).all(axis=2).any(axis=1))
-        mean, spread, count = distances_in(placed[there[evenly_spread(len(there), FRAMES)]].astype(float))
+        mean, spread, count = distances_in(placed[there[evenly_spread(len(there), FRAMES_COMPARED)]].astype(float))
         known = count >= MIN_MET
         return cls(markers, np.where(known, mean, np.nan), np.where(known, spread, np.nan))
 
@@ -92,8 +92,10 @@ class Build:
 
 def costs_of(named: list, models: tuple[Model, ...]) -> list[float]:
     """How badly each model goes with what was named on a body, negative log likelihood; inf where not at all."""
-    builds, varies = [Build.of(one) for one in named], IDENTIFICATION.put_on_m
-    return [min((build.cost(Build.trained(model), varies) for build in builds), default=np.inf) for model in models]
+    builds, varies = [PersonBuild.of(one) for one in named], IDENTIFICATION.put_on_m
+    return [
+        min((build.cost(PersonBuild.trained(model), varies) for build in builds), default=np.inf) for model in models
+    ]
 
 
 def distances_in(markers: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -14,9 +14,9 @@ import numpy as np
 
 from ...data.takes import evenly_spread
 from ..refusals import far_groups
-from .affinity import NEIGHBOURS, Affinity
+from .affinity import AFFINE_TRACKLETS, Affinity
 from .counting import COUNTING, firm_tracklets
-from .places import NO_BODY, STARTS, bodies_by_place, grouped
+from .places import NO_BODY, PLACES_TRIED, bodies_by_place, grouped
 
 
 @dataclass(frozen=True)
@@ -35,8 +35,8 @@ class PartingPeopleOptions:
 
 
 PARTING_PEOPLE = PartingPeopleOptions()
-ROUNDS = 12  # of going through all tracklets again; it is still before, but where two go back and forth
-AT_ONCE = 0.5  # part of the clearest lead from which on tracklets are given to bodies together; by time
+PARTING_ROUNDS = 12  # of going through all tracklets again; it is still before, but where two go back and forth
+GIVEN_TOGETHER = 0.5  # part of the clearest lead from which on tracklets are given to bodies together; by time
 MAX_PRESENCES = 24  # of all together; by time
 
 
@@ -78,7 +78,7 @@ def parted(points: np.ndarray, tracklet: np.ndarray, affinity: Affinity, count: 
     else:
         body = _grown(affinity, begun, count)
     strength_to = np.zeros((len(body), count))
-    for _ in range(ROUNDS):
+    for _ in range(PARTING_ROUNDS):
         strength_to = affinity.on(body, count)
         best = np.where(strength_to.max(axis=1) > 0, strength_to.argmax(axis=1), NO_BODY)
         if (best == body).all():
@@ -122,7 +122,7 @@ def _coming(
     if people > 1:
         fullest = affinity.frames[alone >= PARTING_PEOPLE.fullest * most]
         best = -np.inf
-        for at in fullest[evenly_spread(len(fullest), STARTS)].tolist():
+        for at in fullest[evenly_spread(len(fullest), PLACES_TRIED)].tolist():
             own = np.flatnonzero(left[tracklet[at]])
             group, apart = grouped(points[at, own], people)
             if group is not None and apart > best:
@@ -140,7 +140,7 @@ def _grown(affinity: Affinity, body: np.ndarray, count: int, least: np.ndarray |
     Without those whose affinity to none is `least` (N,).
     """
     body = body.copy()
-    top = np.zeros((len(body), count, NEIGHBOURS))
+    top = np.zeros((len(body), count, AFFINE_TRACKLETS))
     for index in np.flatnonzero(body != NO_BODY).tolist():
         _add_to_best(top, *affinity.of_tracklet(index), body[index])
     left = body == NO_BODY
@@ -150,7 +150,7 @@ def _grown(affinity: Affinity, body: np.ndarray, count: int, least: np.ndarray |
         lead = (order[:, -1] - order[:, -2]) * (left & (order[:, -1] >= least))
         if lead.max() <= 0:
             break
-        some = np.flatnonzero(left & (lead >= AT_ONCE * lead.max()))
+        some = np.flatnonzero(left & (lead >= GIVEN_TOGETHER * lead.max()))
         for index in some.tolist():
             body[index] = strength_to[index].argmax()
             left[index] = False

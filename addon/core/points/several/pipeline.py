@@ -27,7 +27,7 @@ from ..whole_take.pipeline import PointOptions, Recognise, as_in_file
 from .bodies import BodyNaming, Crowd, NamedBody, frames_are_sure, recognised_before, take_will_say
 from .counting import count_bodies
 from .edits import with_edits
-from .identification import IDENTIFICATION, Build, costs_of, identified, likeliest
+from .identification import IDENTIFICATION, PersonBuild, costs_of, identified, likeliest
 from .motion import LabelledSubjects
 from .parting import PartedBodies, parted
 from .places import NO_BODY
@@ -182,15 +182,17 @@ class _Parties:
             unidentified = tuple(UnidentifiedPresence(there[:, one], presences.body == one) for one in later)
         return presences.joined(np.array([*range(count), *way]), count), unidentified
 
-    def _builds(self, presences: PartedBodies, recognise: Recognise) -> Generator[Progress, None, list[list[Build]]]:
+    def _builds(
+        self, presences: PartedBodies, recognise: Recognise
+    ) -> Generator[Progress, None, list[list[PersonBuild]]]:
         """How whoever is there in each presence is built, by every set that it may be; none where it is nobody."""
-        found: list[list[Build]] = []
+        found: list[list[PersonBuild]] = []
         for presence in range(presences.may.shape[1]):
             found.append([])
             given = presences.may[:, presence], presences.body == presence, self.asked.models, recognise
             for naming in self.crowd.recognised(*given):
                 named = yield from within(naming.named(), 0.05, 0.05, spans=_spans(0.05, 0.05))
-                found[-1].append(Build.of(named))
+                found[-1].append(PersonBuild.of(named))
         return found
 
     def _counts(self, wanted: int) -> list[int]:
@@ -311,7 +313,7 @@ def _found(subject: Wearer, body: NamedBody, may: np.ndarray, target: float) -> 
         return None
 
 
-def _unlike(some: list[Build], others: list[Build]) -> float:
+def _unlike(some: list[PersonBuild], others: list[PersonBuild]) -> float:
     """How badly those who are there in two presences go together, in the sets that go best."""
     return min((one.cost(other, IDENTIFICATION.in_take_m) for one in some for other in others), default=np.inf)
 

@@ -39,9 +39,9 @@ class PlacesOptions:
 
 
 BY_PLACE = PlacesOptions()
-STARTS = 60  # frames in which bodies are looked for first, spread over the take; by time
-ROUNDS = 20  # in which such a frame's points find their bodies; it is still before
-MIN_POINTS = 4  # of a body in a frame
+PLACES_TRIED = 60  # frames in which bodies are looked for first, spread over the take; by time
+GROUPING_ROUNDS = 20  # in which such a frame's points find their bodies; it is still before
+POINTS_OF_BODY = 4  # of a body in a frame
 
 
 def bodies_by_place(points: np.ndarray, tracklet: np.ndarray, frames: np.ndarray, every: int, count: int) -> np.ndarray:
@@ -50,7 +50,7 @@ def bodies_by_place(points: np.ndarray, tracklet: np.ndarray, frames: np.ndarray
     Of points (T, L, 3) m of tracklets (T, L) in the frames (F,) that are looked at, for so many bodies.
     """
     best, chosen = -1.0, None
-    for place in evenly_spread(len(frames), STARTS).tolist():
+    for place in evenly_spread(len(frames), PLACES_TRIED).tolist():
         own = tracklet[frames[place]] >= 0
         group, apart = grouped(points[frames[place]][own], count)
         if group is not None and apart > best:
@@ -120,11 +120,11 @@ def grouped(points: np.ndarray, count: int) -> tuple[np.ndarray | None, float]:
         away = _away(flat, centres).min(axis=1)
         centres = np.concatenate([centres[:place], flat[away.argsort()[far]][None]])
     group = np.zeros(0, int)
-    for _ in range(ROUNDS):
+    for _ in range(GROUPING_ROUNDS):
         before, group = group, _away(flat, centres).argmin(axis=1)
         if np.array_equal(before, group):
             break
-        if np.bincount(group, minlength=count).min() < MIN_POINTS:
+        if np.bincount(group, minlength=count).min() < POINTS_OF_BODY:
             return None, 0.0
         centres = _middles(flat, group, count)
     size = np.bincount(group, minlength=count)

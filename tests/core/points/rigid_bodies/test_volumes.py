@@ -42,7 +42,7 @@ def test_volumes_are_the_same_in_blocks_and_asked_for_again(place, monkeypatch):
     asked = rng.integers(0, 6, (4, 5, 7))
     volumes = MedianVolumes(place)
     first = volumes.of(*asked)
-    monkeypatch.setattr("addon.core.points.rigid_bodies.volumes.BLOCK", 50)
+    monkeypatch.setattr("addon.core.points.rigid_bodies.volumes.VOLUMES_AT_ONCE", 50)
     assert first.shape == (5, 7)
     assert (volumes.of(*asked) == first).all()
     assert (MedianVolumes(place).of(*asked) == first).all()

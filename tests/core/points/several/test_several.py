@@ -17,7 +17,7 @@ from addon.core.points.several import affinity, bodies, pipeline
 from addon.core.points.several.affinity import Affinity, AffinityOptions
 from addon.core.points.several.bodies import RecognisingOptions
 from addon.core.points.several.counting import count_bodies
-from addon.core.points.several.identification import Build, identified, likeliest
+from addon.core.points.several.identification import PersonBuild, identified, likeliest
 from addon.core.points.several.parting import PartedBodies, parted
 from addon.core.points.several.pipeline import label_several
 from addon.core.points.several.presence import UnidentifiedPresence, ways_of
@@ -359,11 +359,11 @@ def test_presences_go_to_whoever_is_built_so():
     generator = np.random.default_rng(4)
     mean = generator.uniform(0.1, 1.5, (15, 15))
     markers, steady = open_model("gait15").markerset.markers, np.full((15, 15), 1e-4)
-    own = Build(markers, mean, steady)
-    assert own.cost(Build(markers, mean * 1.002, steady), 0.003) < 1
-    assert own.cost(Build(markers, mean * 1.2, steady), 0.003) > 1
-    assert own.cost(Build(markers[::-1], mean, steady), 0.003) == np.inf
-    assert own.cost(Build(markers, np.full((15, 15), np.nan), steady), 0.003) == np.inf
+    own = PersonBuild(markers, mean, steady)
+    assert own.cost(PersonBuild(markers, mean * 1.002, steady), 0.003) < 1
+    assert own.cost(PersonBuild(markers, mean * 1.2, steady), 0.003) > 1
+    assert own.cost(PersonBuild(markers[::-1], mean, steady), 0.003) == np.inf
+    assert own.cost(PersonBuild(markers, np.full((15, 15), np.nan), steady), 0.003) == np.inf
 
 
 def test_presences_are_joined_to_people_or_to_nobody():
