@@ -40,10 +40,8 @@ class SolvingOptions:
 
 SOLVING = SolvingOptions()
 MIN_GAIN = 0.05  # log likelihood that is worth another round
-NAMING_ROUNDS, MAX_CLIMBS = (
-    2,
-    6,
-)  # of naming anew by everyone's conditional odds; moves and swaps that may follow each other
+NAMING_ROUNDS = 2  # of naming anew by everyone's conditional odds
+MAX_CLIMBS = 6  # moves and swaps that may follow each other
 
 
 @dataclass(frozen=True, eq=False)

@@ -41,9 +41,7 @@ class AffinityOptions:
 
 
 AFFINITY = AffinityOptions()
-AFFINE_TRACKLETS = (
-    6  # of a tracklet on a body, whose mean affinity is that to the body; as many as a segment has at most
-)
+AFFINE_TRACKLETS = 6  # of a body, whose mean affinity to one is the body's; as many markers as a segment has at most
 MIN_SAMPLES = 4  # frames of a tracklet that are looked at, at least: with fewer a distance has no variance
 TRACKLETS_AT_ONCE = 1000  # whose pairs are added up at a time; by memory
 
