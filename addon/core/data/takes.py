@@ -2,7 +2,7 @@
 """What goes into the labelling and what comes out of it: blobs, points, labels and the motion of the markers."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
@@ -17,6 +17,7 @@ NO_STEP, EXCLUSIVE, CONFLICT, REMAINING, BY_LIKELIHOOD, BY_PARTIAL_SOLVERS, BY_F
     len(STEPS)
 )
 NO_MARKER = NO_POINT = -1
+LABEL_COLUMNS = ("marker", "step", "confidence")
 
 # C3D files count frames no further than this, and blob files neither.
 MAX_FRAME = 2**32 - 1
@@ -90,17 +91,20 @@ class Labels:
     @classmethod
     def join(cls, parts: Iterable[Self]) -> Self:
         """Several parts one after the other."""
-        return cls(*(_joined(column) for column in zip(*(part._columns for part in parts), strict=True)))
+        whole = tuple(parts)
+        rates = [part.rate for part in whole if part.rate is not None]
+        columns = (np.concatenate([getattr(part, name) for part in whole]) for name in LABEL_COLUMNS)
+        return cls(*columns, rate=np.concatenate(rates) if len(rates) == len(whole) else None)
 
     def __getitem__(self, index) -> Self:
         """Some of the labels, by any index that arrays take."""
-        return type(self)(*(None if column is None else column[index] for column in self._columns))
+        rate = None if self.rate is None else self.rate[index]
+        return type(self)(*(getattr(self, name)[index] for name in LABEL_COLUMNS), rate=rate)
 
-    def put(self, index, other: Self):
+    def put(self, index, other: Self) -> None:
         """Writes the labels of `other` over some of these, by any index that arrays take."""
-        for mine, new in zip(self._columns, other._columns, strict=True):
-            if mine is not None:
-                mine[index] = new
+        for name in LABEL_COLUMNS if self.rate is None else (*LABEL_COLUMNS, "rate"):
+            getattr(self, name)[index] = getattr(other, name)
 
     def whole(self) -> Self:
         """All of the labels, as whatever gives some of them when it is asked has them."""
@@ -123,13 +127,12 @@ class Labels:
 
     def replaced(self, where: np.ndarray, other: Self) -> Self:
         """The labels of `other` where `where` is True, and these elsewhere; without rates."""
-        names = ("marker", "step", "confidence")
-        return type(self)(*(np.where(where, getattr(other, name), getattr(self, name)) for name in names))
+        return type(self)(*(np.where(where, getattr(other, name), getattr(self, name)) for name in LABEL_COLUMNS))
 
     def spread(self, at: tuple[np.ndarray, ...], *shape: int) -> Self:
         """A table of this shape with these labels (N,) at the indices `at`, and none elsewhere; without rates."""
         table = type(self).none(*shape)
-        for name in ("marker", "step", "confidence"):
+        for name in LABEL_COLUMNS:
             getattr(table, name)[at] = getattr(self, name)
         return table
 
@@ -139,11 +142,8 @@ class Labels:
 
     def sure(self, target: float) -> np.ndarray:
         """The markers to accept so that a part `target` of them is right, NO_MARKER elsewhere."""
-        return np.where(self.rate >= target, self.marker, NO_MARKER)
-
-    @property
-    def _columns(self) -> tuple[np.ndarray | None, ...]:
-        return tuple(getattr(self, one.name) for one in fields(self))
+        measured = np.zeros(self.marker.shape) if self.rate is None else self.rate
+        return np.where(measured >= target, self.marker, NO_MARKER)
 
 
 def placed(marker: np.ndarray, points: np.ndarray, markers: int) -> np.ndarray:
@@ -163,10 +163,6 @@ def touched_samples(blobs: Blobs, before: Labels, after: Labels, shape: tuple[in
         named = changed[labels.marker[changed] != NO_MARKER]
         found[blobs.frame[named], labels.marker[named]] = True
     return found
-
-
-def _joined(column: tuple[np.ndarray | None, ...]) -> np.ndarray | None:
-    return None if any(part is None for part in column) else np.concatenate(column)
 
 
 @dataclass(frozen=True, eq=False)
@@ -364,7 +360,8 @@ class Points:
 def _ordered(take: Points, part: slice, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(F, L) the lanes of some frames of a part, those first that have a point, by trajectory; and how many (F,)."""
     present = np.isfinite(take.xyz[part][frames]).all(axis=2)
-    number = np.where(present, take.lanes.table(part)[frames], len(take.lanes))
+    standing = take.standing
+    number = np.where(present, standing.table(part)[frames], len(standing))
     return np.argsort(number, axis=1, kind="stable").astype(np.int32), present.sum(axis=1)
 
 
@@ -392,7 +389,7 @@ class InOrder:
         found, rate = Labels.none(len(self.xyz), self.lanes), None
         at = np.nonzero(given.named)
         to = at[0], self.lane[at]
-        for name in ("marker", "step", "confidence"):
+        for name in LABEL_COLUMNS:
             getattr(found, name)[to] = getattr(given, name)[at]
         if given.rate is not None:
             rate = np.zeros(found.marker.shape)
@@ -437,15 +434,15 @@ class PointRows:
 def places_of(take: Points, part: slice) -> tuple[np.ndarray, np.ndarray]:
     """Frame from the start of a part on and lane (N,) of all points that are there, in the order of label files."""
     if take.lanes is None:
-        return np.nonzero(np.isfinite(take.xyz[part]).all(axis=2))
-    found = []
+        row, column = np.nonzero(np.isfinite(take.xyz[part]).all(axis=2))
+        return row, column
+    found = [(np.zeros(0, int), np.zeros(0, int))]
     for block in blocks(part.stop - part.start, take.xyz.shape[1]):
         own = slice(part.start + block.start, part.start + block.stop)
         order, count = _ordered(take, own, np.arange(own.stop - own.start))
         frame, place = np.nonzero(np.arange(order.shape[1]) < count[:, None])
         found.append((frame + block.start, order[frame, place].astype(int)))
-    frame, lane = zip(*found, strict=True) if found else ([np.zeros(0, int)], [np.zeros(0, int)])
-    return np.concatenate(frame), np.concatenate(lane)
+    return np.concatenate([frame for frame, _ in found]), np.concatenate([lane for _, lane in found])
 
 
 def evenly_spread(count: int, most: int) -> np.ndarray:

@@ -99,11 +99,10 @@ class BlobFollowing:
 
     def _joined(self) -> Labels:
         """The labels of all blocks."""
-        columns = [getattr(self.labels, name).copy() for name in ("marker", "step", "confidence")]
+        whole = self.labels[np.arange(len(self.blobs))]
         for group in self._groups.values():
-            for column, name in zip(columns, ("marker", "step", "confidence"), strict=True):
-                column[group.rows] = getattr(group.labels, name)
-        return Labels(*columns)
+            whole.put(group.rows, group.labels)
+        return whole
 
     def _span(self, edit: Edit) -> slice:
         """The frames, by their index, that an edit may change; none outside of the take."""
