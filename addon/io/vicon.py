@@ -97,5 +97,5 @@ def _lens(frame: Element, name: str, focal: float, path: Path) -> tuple[np.ndarr
 
 def _refuse_fold(inverse: np.ndarray, radii: np.ndarray, name: str, path: Path):
     """InputError where the lens turns back before half of the sensor: then it is no lens."""
-    if inverse_lens.fold(inverse) < np.median(radii):
+    if inverse_lens.turning_point(inverse) < np.median(radii):
         raise InputError(f"camera {name} has a lens that folds the image; expected a calibrated camera", path)

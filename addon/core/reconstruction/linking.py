@@ -38,14 +38,14 @@ class Links:
     velocity: np.ndarray
     length: np.ndarray
     missing: np.ndarray
-    begun: int = 0
+    begun: int
     options: LinkingOptions = LINKING
 
     @classmethod
     def at(cls, rate: float) -> "Links":
         """No trajectories yet, `rate` frames a second."""
         none = np.zeros(0, int)
-        return cls(rate, none, np.zeros((0, 3)), np.zeros((0, 3)), none, none)
+        return cls(rate, none, np.zeros((0, 3)), np.zeros((0, 3)), none, none, begun=0)
 
     def backwards(self, points: np.ndarray, numbers: np.ndarray) -> "Links":
         """The same trajectories, to be followed into the past from where they had `points` with these `numbers`."""
