@@ -109,7 +109,7 @@ def _vicon(camera: _Camera) -> RigCamera:
     distortion, inverse = _vicon_lens(camera, frame, focal)
     # A lens that turns back before half of the sensor is none.
     x, y = np.meshgrid(np.linspace(0, size[0], 60) - centre[0], (np.linspace(0, size[1], 60) - centre[1]) * aspect)
-    if inverse_lens.fold(inverse) < np.median(np.hypot(x, y)) / focal:
+    if inverse_lens.turning_point(inverse) < np.median(np.hypot(x, y)) / focal:
         raise InputError(
             f"camera {camera.name} has a lens that folds the image; expected a calibrated camera", camera.path
         )

@@ -90,13 +90,14 @@ def refine_cameras(
         raise JobError(f"{len(cameras)} cameras cannot tell which of them was moved; expected three or more")
     yield 0.0, "look at the room"
     _refuse_room(_unlabelled(parts, cameras, model))
-    given, rounds, doubts = cameras, 0, ()
+    given, rounds = cameras, 0
+    doubts: tuple[str, ...] = ()
     while True:
         span = (rounds / REFINING.max_rounds, (rounds + 1) / REFINING.max_rounds)
         labelled, check = yield from _labelled(parts, given, model, options, span)
         if not rounds:
             _refuse_room(check)
-            _refuse_nobody(check)
+            _refuse_nobody(check, model.markerset.name)
             doubts = tuple(suspect.reason for suspect in check.suspects())
         rounds += 1
         places, more = check.moved, rounds < REFINING.max_rounds
@@ -146,15 +147,14 @@ def _refuse_room(check: CameraCheck):
         raise JobError(f"{check.suspects()[0].reason}; expected every camera's blobs under its own name")
 
 
-def _refuse_nobody(check: CameraCheck):
+def _refuse_nobody(check: CameraCheck, name: str):
     """JobError where nobody was labelled to go by."""
     seen = check.figures.seen.max()
     if 0 < seen < CAMERA_HEALTH.enough:
         return  # somebody, in too few frames: what is named in them is counted next
     if not check.usual > 1 - CAMERA_HEALTH.max_lacking:
         raise JobError(
-            "nobody was recognised, so there are no named blobs to go by; expected a take of somebody who wears "
-            f"{check.markerset.name}"
+            f"nobody was recognised, so there are no named blobs to go by; expected a take of somebody who wears {name}"
         )
 
 

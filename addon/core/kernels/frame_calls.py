@@ -65,7 +65,7 @@ def _cut(shapes: dict[str, tuple[int, ...]]) -> tuple[tuple, int]:
 
 def _in_turn(*shapes: tuple[int, ...]) -> tuple[tuple[int, int, tuple[int, ...]], ...]:
     """Start, stop and shape of arrays that lie in a block one after the other."""
-    return tuple(part[1:] for part in _cut(dict(enumerate(shapes)))[0])
+    return tuple(part[1:] for part in _cut({str(index): shape for index, shape in enumerate(shapes)})[0])
 
 
 def _new_frame(cameras: int, markers: int, blobs: int) -> tuple[dict[str, np.ndarray], dict[str, int]]:

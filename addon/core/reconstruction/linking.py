@@ -38,14 +38,14 @@ class Links:
     velocity: np.ndarray
     length: np.ndarray
     missing: np.ndarray
-    begun: int = 0
+    begun: int
     options: LinkingOptions = LINKING
 
     @classmethod
     def at(cls, rate: float) -> "Links":
         """No trajectories yet, `rate` frames a second."""
         none = np.zeros(0, int)
-        return cls(rate, none, np.zeros((0, 3)), np.zeros((0, 3)), none, none)
+        return cls(rate, none, np.zeros((0, 3)), np.zeros((0, 3)), none, none, begun=0)
 
     def backwards(self, points: np.ndarray, numbers: np.ndarray) -> "Links":
         """The same trajectories, to be followed into the past from where they had `points` with these `numbers`."""
@@ -53,8 +53,14 @@ class Links:
         at = np.array([place.get(number, -1) for number in numbers.tolist()], dtype=int)
         velocity = np.where((at >= 0)[:, None], -self.velocity[at], 0.0) if len(self.number) else 0 * points
         length = np.where(at >= 0, self.length[at], 1) if len(self.number) else np.ones(len(points), int)
-        kept = {"number": numbers.copy(), "points": points.copy(), "missing": np.zeros(len(points), int)}
-        return replace(self, velocity=velocity, length=length, **kept)
+        return replace(
+            self,
+            number=numbers.copy(),
+            points=points.copy(),
+            velocity=velocity,
+            length=length,
+            missing=np.zeros(len(points), int),
+        )
 
     def expected(self) -> Expected:
         """Where the trajectories should be in the next frame."""

@@ -103,7 +103,8 @@ def _voted_turn(seen: np.ndarray, image: np.ndarray) -> np.ndarray:
         rolled = exponential(np.array([0.0, 0.0, roll]))[0]
         turned = seen @ rolled.T
         away = image - (turned[:, :2] / turned[:, 2:])[:, None]
-        votes, _, _ = np.histogram2d(*away[np.isfinite(away).all(axis=-1)].T, bins=(edges, edges))
+        across, down = away[np.isfinite(away).all(axis=-1)].T
+        votes, _, _ = np.histogram2d(across, down, bins=[edges, edges])
         total = uniform_filter(votes, 3, mode="constant")
         at = np.unravel_index(np.argmax(total), total.shape)
         if total[at] > best:

@@ -259,7 +259,7 @@ class CameraCheck:
             )
         with np.errstate(invalid="ignore"):
             alone = ~(self.agreement.meeting() >= CAMERA_HEALTH.min_meeting)
-        for index in np.flatnonzero(self._lacking & alone):
+        for index in np.flatnonzero(self._lacking & alone).tolist():
             if index not in self.moved:
                 yield (
                     f"camera {names[index]} shows almost none of the markers in its image ({figures.share[index]:.0%} "

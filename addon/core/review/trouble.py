@@ -148,18 +148,17 @@ def missing(name: str, ranges: Spans, frames: int, beside: Sequence[Leftover]) -
         away = f"{most.distance * MM_PER_M:.0f} mm from where it should be"
         reason += f"; trajectory {most.trajectory}, which has no name, is {away}"
         advice, action = f"Look whether trajectory {most.trajectory} is {name}; if so, name it", NAME_IT
-    about = {"trajectories": tracks, "named_in": named_in, "ranges": ranges, "lasting": f"{name} has gaps"}
     return Trouble(
-        MISSING, first, last, reason, advice, float(lost), (name,), action=action, answer=answer, **about
+        MISSING, first, last, reason, advice, float(lost), (name,), tracks, action=action, answer=answer, ranges=ranges,
+        named_in=named_in, lasting=f"{name} has gaps",
     )  # fmt: skip
 
 
 def left_over(one: Leftover, marker: str) -> Trouble:
     """A point on the body without a name, beside which a marker is missing; empty where none is."""
     reason = f"trajectory {one.trajectory} is on the body and has no name in {words_of_frames(one.first, one.last)}"
-    advice, markers = "Say that it is no marker, or name it", ()
+    advice, markers = "Say that it is no marker, or name it", (marker,) if marker else ()
     if marker:
-        markers = (marker,)
         reason += f"; {marker}, which is not found there, should be {one.distance * MM_PER_M:.0f} mm from it"
         advice = f"Look whether it is {marker}; if so, name it, else delete it"
     return Trouble(

@@ -177,7 +177,7 @@ def test_arrays_of_the_wrong_shape_are_a_programmers_mistake():
 )
 def test_a_lens_of_vicons_kind_is_undone_exactly(share, angle, terms):
     lens = np.array(terms)
-    seen = np.array([np.cos(angle), np.sin(angle)]) * share * min(inverse_lens.fold(lens), 2.0)
+    seen = np.array([np.cos(angle), np.sin(angle)]) * share * min(inverse_lens.turning_point(lens), 2.0)
     straight = inverse_lens.straighten(seen[None], lens)
     assert np.isfinite(straight).all()
     # Near its fold a lens is flat, and a rounding error in what is straight is a larger one in what is seen.
@@ -188,7 +188,7 @@ def test_a_lens_of_vicons_kind_is_undone_exactly(share, angle, terms):
 
 def test_beyond_the_fold_of_a_lens_of_vicons_kind_there_is_nothing():
     lens = np.array([-1 / 3, 0.0, 0.0])  # r - r³/3 turns back at 1, where it is 2/3
-    assert inverse_lens.fold(lens) == pytest.approx(1)
+    assert inverse_lens.turning_point(lens) == pytest.approx(1)
     assert inverse_lens.reach(lens) == pytest.approx(2 / 3)
     image = np.array([[0.99, 0.0], [0.0, 1.01]])
     assert np.isfinite(inverse_lens.straighten(image, lens)).all(axis=1).tolist() == [True, False]
