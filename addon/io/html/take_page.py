@@ -11,7 +11,7 @@ from ...core.data.wording import count_of
 from ...core.edits.wording import words_of
 from ...core.review.camera_words import cameras_in
 from ...core.review.overview import CELL_STATES, TakeOverview
-from .drawings import bar, histogram, moment_views, over_time, strip_legend, time_strips
+from .drawings import bar, moment_views, over_time, strip_legend, time_strips
 from .markup import (
     GENERATOR,
     Html,
@@ -262,10 +262,10 @@ def _lengths(overview: TakeOverview) -> Html | None:
             continue
         half, most = log.spread.quantile(0.5), log.spread.quantile(0.99)
         said = f"{words}: half of them below {length(half)} mm, 99 of 100 below {length(most)} mm. "
-        said += "Below, over the take: the mean of all markers, and, in the thinner line, the largest."
-        plots = histogram(log, f"{title}: how it is spread"), over_time(log, overview, f"{title} over the take")
+        said += "Over the take: the mean of all markers, and, in the thinner line, the largest."
+        plot = over_time(log, overview, f"{title} over the take")
         parts.append(element("h3", title))
-        figure = element("figure", *plots, element("figcaption", said), class_="plot")
+        figure = element("figure", plot, element("figcaption", said), class_="plot")
         parts.append(element("div", figure, class_="wide"))
     return section("Residuals", *parts)
 

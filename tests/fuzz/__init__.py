@@ -31,11 +31,12 @@ from pathlib import Path
 
 from addon import cli
 from addon.core.data.errors import InputError
-from tests.fuzz_kinds import READERS, USES, Verbs, samples
-from tests.wounds import case, mutated
+
+from .kinds import READERS, USES, Verbs, samples
+from .wounds import case, mutated
 
 try:
-    from tests import watched
+    from . import watched
 except ImportError:  # Windows has no limits for a process
     watched = None
 
@@ -342,6 +343,3 @@ def main(words: list[str] | None = None) -> int:
 
 
 __all__ = ["READERS", "case", "hunt", "main", "mutated", "results", "samples", "trouble"]
-
-if __name__ == "__main__":
-    sys.exit(main())

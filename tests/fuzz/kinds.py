@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The kinds of files that `tests.fuzz` breaks: a sound one, its reader, and what is done with what was read."""
+"""The kinds of files that are broken: a sound one, its reader, and what is done with what was read."""
 
 import json
 from collections.abc import Callable
