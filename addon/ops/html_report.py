@@ -16,7 +16,6 @@ from .exporting import ExportsTake
 class MOCAP_AUTOLABEL_OT_export_report(ExportsTake, bpy.types.Operator):
     """Save a page that shows how the take was labelled: one file that opens in any browser, to be passed on."""
 
-    bl_idname = "mocap_autolabel.export_report"
     bl_label = "Save Report"
     filename_ext, of_body = ".report.html", True
     filter_glob: StringProperty(default="*.report.html", options={"HIDDEN"})
@@ -49,6 +48,3 @@ def kept_take(stored: Stored) -> KeptTake:
         stored.edits,
         stored.fitting,
     )
-
-
-CLASSES = (MOCAP_AUTOLABEL_OT_export_report,)

@@ -8,33 +8,28 @@ import bpy
 from ..core.filling.smoothing import smoothed
 from ..scene.opened import opened
 from ..scene.smoothing import keep_cutoff, kept_cutoff
+from .base import OfTake
 from .filling import keep_and_show
-from .polling import OfTake
-from .reporting import reports_trouble
 
 
 class MOCAP_AUTOLABEL_OT_smooth(OfTake, bpy.types.Operator):
     """Smooth the markers by a Butterworth filter without lag, each stretch between gaps for itself; labels stay."""
 
-    bl_idname = "mocap_autolabel.smooth"
     bl_label = "Smooth"
-    bl_options = {"REGISTER", "UNDO"}
 
-    @reports_trouble
-    def execute(self, context):
+    def work(self, context):
         settings = context.scene.mocap_autolabel
         stored = opened.take(settings.take, context.scene)
-        smoothed(stored.motion.markers[:0], stored.rate, settings.cutoff)  # before anything is kept that cannot be
-        keep_and_show(context, partial(keep_cutoff, cutoff=settings.cutoff))
-        return {"FINISHED"}
+        smoothed(
+            stored.motion.markers[:0], stored.rate, settings.filling.cutoff
+        )  # before anything is kept that cannot be
+        keep_and_show(context, partial(keep_cutoff, cutoff=settings.filling.cutoff))
 
 
 class MOCAP_AUTOLABEL_OT_take_back_smoothing(OfTake, bpy.types.Operator):
     """Show and export the markers as they were measured again."""
 
-    bl_idname = "mocap_autolabel.take_back_smoothing"
     bl_label = "Take Back Smoothing"
-    bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
     def lacks(cls, context):
@@ -42,10 +37,5 @@ class MOCAP_AUTOLABEL_OT_take_back_smoothing(OfTake, bpy.types.Operator):
             return words
         return "Nothing is smoothed" if kept_cutoff(context.scene.mocap_autolabel.take) is None else ""
 
-    @reports_trouble
-    def execute(self, context):
+    def work(self, context):
         keep_and_show(context, partial(keep_cutoff, cutoff=None))
-        return {"FINISHED"}
-
-
-CLASSES = (MOCAP_AUTOLABEL_OT_smooth, MOCAP_AUTOLABEL_OT_take_back_smoothing)

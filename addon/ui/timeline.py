@@ -17,7 +17,6 @@ from ..scene.take import is_take
 from ..scene.trajectories import CORRECTED, DOUBTFUL, FILLED, GAP, NAMED, STATES, UNNAMED, Runs
 from .boxes import BOX_CORNERS, box_batch
 from .lettering import Letters, pixel_matrix
-from .parts import Reviewing
 
 # Okabe and Ito's colours, which are told apart whatever one's eyes, and for each a form of its own as well.
 STATE_COLOURS = {
@@ -302,7 +301,7 @@ def draw_names(context: bpy.types.Context, pixels: Pixels, runs: Runs, places: R
 def draw_toggle(self, context):
     """The toggle in the editor's header."""
     if context.space_data.mode == "DOPESHEET" and is_take(context.scene.mocap_autolabel.take):
-        self.layout.prop(context.scene.mocap_autolabel, "show_timeline", toggle=True, icon="NLA")
+        self.layout.prop(context.scene.mocap_autolabel.display, "show_timeline", toggle=True, icon="NLA")
 
 
 def draw_view_menu(self, context):
@@ -310,27 +309,8 @@ def draw_view_menu(self, context):
     if context.space_data.mode != "DOPESHEET" or not is_take(context.scene.mocap_autolabel.take):
         return
     self.layout.separator()
-    self.layout.prop(context.scene.mocap_autolabel, "show_timeline")
+    self.layout.prop(context.scene.mocap_autolabel.display, "show_timeline")
     self.layout.prop(context.window_manager.mocap_autolabel, "timeline_unfolded")
-
-
-class MOCAP_AUTOLABEL_PT_timeline(Reviewing, bpy.types.Panel):
-    """The trajectory timeline's switch."""
-
-    bl_label = "Trajectory Timeline"
-    bl_options = {"DEFAULT_CLOSED"}
-
-    def draw(self, context):
-        column = self.layout.column()
-        settings = context.scene.mocap_autolabel
-        if settings.show_timeline:
-            column.prop(settings, "show_timeline", icon="NLA", toggle=True)
-        else:
-            column.operator("mocap_autolabel.show_timeline", icon="NLA")
-        column.prop(context.window_manager.mocap_autolabel, "timeline_unfolded")
-
-
-CLASSES = (MOCAP_AUTOLABEL_PT_timeline,)
 
 
 def add_timeline(stack: ExitStack):

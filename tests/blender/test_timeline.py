@@ -46,7 +46,7 @@ def test_rows_are_markers_and_what_has_no_name(rows, files):
 
 def test_doubts_corrections_and_fills_are_told_apart(rows, labelled, files):
     choose("RASI")
-    labelled.scene.mocap_autolabel.fill_method = "rigid"
+    labelled.scene.mocap_autolabel.filling.method = "rigid"
     labelled.scene.frame_set(112)
     bpy.ops.mocap_autolabel.fill_gaps(extent="GAP")
     assert (111, 115, "filled") in stretches(rows, rows.now(), "RASI")

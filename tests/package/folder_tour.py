@@ -33,8 +33,8 @@ def walk() -> Iterator[float]:
     bpy.utils.register_class(panel)
     bpy.ops.mocap_autolabel.import_cameras(filepath=task["cameras"])
     settings = bpy.context.scene.mocap_autolabel
-    settings.markerset, settings.rate, settings.folder_watch = task["markerset"], 60, True
-    settings.folder_path, settings.folder_out = task["takes"], str(OUT / "labelled")
+    settings.subjects.markerset, settings.source.rate, settings.folder.watch = task["markerset"], 60, True
+    settings.folder.path, settings.folder.out = task["takes"], str(OUT / "labelled")
     yield from window.open_tab("Mocap")
     places = yield from window.scroll_to(LABEL)
     yield from window.screenshot("folder-1-ready")
@@ -49,7 +49,7 @@ def walk() -> Iterator[float]:
     sidebar = window.region("UI")
     yield from window.click(sidebar.x + sidebar.width - FROM_RIGHT, places[LABEL][1])
     yield from window.until(lambda: not state().folder_doing)
-    state().folder_index = 1
+    state().folder_take_index = 1
     places = yield from window.scroll_to(LABEL, OPEN)
     yield from window.screenshot("folder-4-done")
     seen["said"] = state().folder_said

@@ -65,8 +65,8 @@ def state() -> dict:
         "take": take is not None,
         "keys": [min((end[0] for end in ends), default=0), max((end[1] for end in ends), default=0)],
         "hidden": played.hide_viewport,
-        "points": settings().points_path,
-        "frames": [settings().range_first, settings().range_last],
+        "points": settings().source.points_path,
+        "frames": [settings().labelling.range_first, settings().labelling.range_last],
     }
 
 

@@ -36,17 +36,22 @@ def walk() -> Iterator[float]:
         seen["doing"] = state().doing
         yield from window.press("ESC", 500, 500)
         yield from window.until(lambda: not state().doing)
-    seen["cancelled"] = [settings.blobs_path, sorted(path.name for path in Path(task["movies"]).iterdir())]
+    seen["cancelled"] = [settings.source.blobs_path, sorted(path.name for path in Path(task["movies"]).iterdir())]
 
     yield from window.choose_folder(FIND, task["movies"])
-    yield from window.until(lambda: settings.blobs_path and not state().doing)
-    seen["found"] = [Path(settings.blobs_path).name, settings.rate, settings.first_frame, settings.last_frame]
+    yield from window.until(lambda: settings.source.blobs_path and not state().doing)
+    seen["found"] = [
+        Path(settings.source.blobs_path).name,
+        settings.source.rate,
+        settings.source.first_frame,
+        settings.source.last_frame,
+    ]
     seen["files"] = sorted(path.name for path in Path(task["movies"]).iterdir())
     yield from window.look_through_first()
     yield from window.screenshot("pictures-2-found")
     bpy.ops.ed.undo()
     yield 1
-    seen["taken back"] = bpy.context.scene.mocap_autolabel.blobs_path
+    seen["taken back"] = bpy.context.scene.mocap_autolabel.source.blobs_path
     (OUT / "seen.json").write_text(json.dumps(seen, indent=1))
 
 

@@ -34,7 +34,7 @@ def walk() -> Iterator[float]:
     bpy.data.batch_remove(list(bpy.data.objects))
     yield from window.open_tab("Mocap")
     bpy.ops.mocap_autolabel.import_points(filepath=task["points"])
-    settings().markerset = "body26"
+    settings().subjects.markerset = "body26"
     bpy.ops.ed.undo_push(message="Imported")
     yield from window.screenshot("1-imported")
 

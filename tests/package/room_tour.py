@@ -37,7 +37,7 @@ def walk() -> Iterator[float]:
     bpy.ops.extensions.package_install_files(filepath=task["zip"], repo="user_default", enable_on_install=True)
     bpy.data.batch_remove(list(bpy.data.objects))
     bpy.ops.mocap_autolabel.import_points(filepath=task["points"])
-    bpy.context.scene.mocap_autolabel.markerset = task["markerset"]
+    bpy.context.scene.mocap_autolabel.subjects.markerset = task["markerset"]
     bpy.ops.ed.undo_push(message="Imported")
     yield from label()
     scene = bpy.context.scene

@@ -33,7 +33,11 @@ def walk() -> Iterator[float]:
     bpy.ops.mocap_autolabel.import_cameras(filepath=task["cameras"])
     bpy.ops.mocap_autolabel.import_blobs(filepath=task["blobs"])
     settings = bpy.context.scene.mocap_autolabel
-    settings.markerset, settings.rate, settings.occlusion = task["markerset"], 60.0, "capsules"
+    settings.subjects.markerset, settings.source.rate, settings.labelling.occlusion = (
+        task["markerset"],
+        60.0,
+        "capsules",
+    )
     yield from label()
     bpy.context.scene.frame_set(task["frame"])
     with bpy.context.temp_override(area=window.area(), region=window.region("WINDOW")):

@@ -33,7 +33,7 @@ def walk() -> Iterator[float]:
     bpy.ops.extensions.package_install_files(filepath=task["zip"], repo="user_default", enable_on_install=True)
     bpy.data.batch_remove(list(bpy.data.objects))
     bpy.ops.mocap_autolabel.import_points(filepath=task["points"])
-    bpy.context.scene.mocap_autolabel.markerset = task["markerset"]
+    bpy.context.scene.mocap_autolabel.subjects.markerset = task["markerset"]
     bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
     yield from window.until(lambda: bpy.context.scene.mocap_autolabel.take is not None)
     bpy.context.scene.frame_set(task["frame"])
@@ -170,7 +170,7 @@ def of_two(seen: dict, task: dict) -> Iterator[float]:
     """Two performers labelled beside the window, and a knee that is the other one's; taken back."""
     settings = bpy.context.scene.mocap_autolabel
     bpy.ops.mocap_autolabel.import_points(filepath=task["pair"])
-    settings.performing = "SO_MANY"
+    settings.subjects.performing = "SO_MANY"
     bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
     yield from window.until(lambda: take() is not None and "duet" in take().name)
     bpy.context.scene.frame_set(bpy.context.scene.frame_start + 20)

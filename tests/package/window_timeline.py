@@ -119,7 +119,7 @@ def walk() -> Iterator[float]:
     yield from window.screenshot("timeline-unfolded")
     with bpy.context.temp_override(area=window.area("DOPESHEET_EDITOR"), region=main):
         seen["rows unfolded"] = len(timeline.shown_runs(bpy.context))
-    settings().show_timeline = False
+    settings().display.show_timeline = False
     yield from window.screenshot("timeline-off")
     yield from fill(of, seen)
     (OUT / "seen.json").write_text(json.dumps(seen, indent=1))
@@ -147,13 +147,13 @@ def fill(of, seen: dict) -> Iterator[float]:
         yield from window.press("ESC", x, y)
         yield from window.until(lambda: not len(bpy.context.window_manager.windows[0].modal_operators))
     seen["filling stopped"] = [len(bpy.context.window_manager.windows[0].modal_operators), len(state.fills)]
-    bpy.context.scene.mocap_autolabel.fill_method = "rigid"
+    bpy.context.scene.mocap_autolabel.filling.method = "rigid"
     yield from window.click(x, y)
     yield from window.until(lambda: len(state.fills))
     seen["filled"] = len(state.fills)
     yield from window.screenshot("fill-gaps")
     settings = bpy.context.scene.mocap_autolabel
-    settings.show_timeline = True
+    settings.display.show_timeline = True
     yield from window.screenshot("timeline-filled")
     bpy.ops.ed.undo()
     yield 1

@@ -32,7 +32,7 @@ def walk() -> Iterator[float]:
 
     bpy.ops.mocap_autolabel.import_cameras(filepath=task["cameras"])
     bpy.ops.mocap_autolabel.import_blobs(filepath=task["blobs"])
-    settings().markerset, settings().rate = task["markerset"], 60
+    settings().subjects.markerset, settings().source.rate = task["markerset"], 60
     bpy.ops.ed.undo_push(message="Imported")
     yield 1
     yield from window.screenshot("2-imported")
@@ -73,7 +73,7 @@ def walk() -> Iterator[float]:
     seen["back after undo"] = settings().take is not None
     bpy.ops.mocap_autolabel.edit_markerset()
     bpy.ops.mocap_autolabel.save_markerset(filepath=str(OUT / "mine.markerset.json"))
-    seen["marker set"] = Path(settings().markerset_path).name
+    seen["marker set"] = Path(settings().subjects.markerset_path).name
     yield from window.screenshot("5-marker-set")
     (OUT / "seen.json").write_text(json.dumps(seen, indent=1))
 
