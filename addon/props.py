@@ -253,11 +253,6 @@ class LabellingSettings(bpy.types.PropertyGroup):
         precision=4,
         subtype="FACTOR",
     )
-    keep_unnamed: BoolProperty(
-        name="Keep Unnamed Points",
-        description="Show the points that stay without a name as an object of their own",
-        default=True,
-    )
     occlusion: EnumProperty(
         name="Body in the Way",
         description="What asks whether the body hides a marker from a camera",

@@ -35,7 +35,7 @@ from tests.fuzz_kinds import READERS, USES, Verbs, samples
 from tests.wounds import case, mutated
 
 try:
-    from tests import watched
+    from tests.fuzzing import watched
 except ImportError:  # Windows has no limits for a process
     watched = None
 

@@ -1,20 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Refine Calibration: cameras that were moved are put where the take's own blobs show them to stand."""
 
-from collections.abc import Callable, Generator
 from pathlib import Path
 
 import bpy
 from bpy.props import StringProperty
 
-from ..core.data.background import drained, in_background
 from ..core.data.errors import InputError
 from ..jobs.refine import Refined, RefineJob, refine_file
 from ..props import chosen_model, frames_wanted
 from ..scene import cameras as scene_cameras
 from ..scene.calibration import show_refined
 from .importing import cameras_at_hand
-from .stepping import WorksInSteps
+from .stepping import WorksInSteps, beside
 
 ENDING = ".refined.toml"
 
@@ -45,7 +43,7 @@ class MOCAP_AUTOLABEL_OT_refine_calibration(WorksInSteps, bpy.types.Operator):
     def steps(self, context):
         """The refining."""
         self._of = context.scene.mocap_autolabel.source.cameras.session_uid
-        return refine_steps(refine_job_of(context, self.filepath))
+        return beside(refine_file(refine_job_of(context, self.filepath)))
 
     def _show(self, context, refined: Refined) -> set[str]:
         scene, report = context.scene, refined.report
@@ -86,15 +84,6 @@ def free_path(source: Path, ending: str = ENDING) -> Path:
         number += 1
         path = source.with_name(f"{source.stem}-{number}{ending}")
     return path
-
-
-def refine_steps(job: RefineJob) -> Generator[float, None, Refined]:
-    """Refines, yielding how much is done (0 to 1), and returns what came of it. Touches nothing of Blender."""
-
-    def work(tell: Callable[[float], None]) -> Refined:
-        return drained(refine_file(job), tell)
-
-    return in_background(work)
 
 
 def _worst(report: dict) -> str:

@@ -92,7 +92,7 @@ def correct(context: bpy.types.Context, edits: Edits) -> Stored:
             reason = counted_on(outcome.reason, before.shift)
             raise InputError(f"{reason}; expected frames in which there is something to correct")
     keep_edits(collection, edits)
-    show_edits(collection, before, after, scene.mocap_autolabel.labelling.keep_unnamed)
+    show_edits(collection, before, after)
     scene.frame_set(scene.frame_current)
     follow_soon(seen=True)
     review_soon()

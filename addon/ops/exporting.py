@@ -5,19 +5,21 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-from bpy.props import EnumProperty, StringProperty
+from bpy.props import BoolProperty, EnumProperty, StringProperty
 
 from ..core.data.columns import Columns
 from ..core.data.errors import InputError, JobError
-from ..core.data.takes import PointRows, Points
+from ..core.data.takes import LabelledChunk, PointRows, Points
+from ..core.review.overview import OverviewSubject
 from ..io.blobs import read_blobs
 from ..io.filled import kept_rows, write_filled
 from ..io.labels import LabelWriter, write_point_labels
 from ..io.points import write_c3d, write_trc
 from ..io.whole import whole_files
+from ..jobs.pages import KeptTake, write_kept_page
 from ..scene.performers import homes
-from ..scene.stored import alone
-from ..scene.take import Stored, is_take
+from ..scene.stored import Stored, alone
+from ..scene.take import is_take
 from .base import ToldWhere, WithTake, keeps_items, taken
 from .reposing import follow_now, words_behind
 
@@ -227,3 +229,40 @@ def found_again(source: Path) -> Path:
     """Where a take's file is: where it was or, as after a move of the whole folder, beside the Blender file."""
     beside = Path(bpy.data.filepath).with_name(source.name) if bpy.data.filepath else source
     return beside if beside.is_file() and not source.exists() else source
+
+
+class MOCAP_AUTOLABEL_OT_export_report(ExportsTake, bpy.types.Operator):
+    """Save a page that shows how the take was labelled: one file that opens in any browser, to be passed on."""
+
+    bl_label = "Save Report"
+    filename_ext, of_body = ".report.html", True
+    filter_glob: StringProperty(default="*.report.html", options={"HIDDEN"})
+    open_after: BoolProperty(name="Open It", description="Show the page in the browser once it is saved", default=True)
+
+    def execute(self, context):
+        """Saves the page, and opens it where that is wanted and there is a window."""
+        done = super().execute(context)
+        if done == {"FINISHED"} and self.open_after and not bpy.app.background:
+            bpy.ops.wm.path_open(filepath=self.filepath)
+        return done
+
+    def write(self, paths: list[Path], stored: Stored):
+        """Writes the page."""
+        [path] = paths
+        write_kept_page(path, kept_take(stored))
+
+
+def kept_take(stored: Stored) -> KeptTake:
+    """A take as its page takes it."""
+    return KeptTake(
+        stored.name,
+        bpy.path.abspath(stored.source) if stored.source else "",
+        stored.model,
+        stored.rate,
+        OverviewSubject(stored.names, stored.words, stored.parents),
+        stored.cameras,
+        stored.rows,
+        LabelledChunk(stored.labels, stored.unfilled, stored.suspects, outcomes=stored.outcomes),
+        stored.edits,
+        stored.fitting,
+    )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Gaps filled in the scene, by what the rest of the take says, and taken back: kept beside labels and edits."""
+"""Gaps filled and markers smoothed in the scene, and both taken back: kept beside labels and edits."""
 
 from collections.abc import Callable, Generator, Sequence
 from functools import partial
@@ -15,14 +15,14 @@ from ..core.data.takes import Blobs
 from ..core.filling.filling import FilledTake, FillOptions, SubjectMarkers, fill_subjects, kept_fills_of
 from ..core.filling.kept import KeptFill, replaced_fills
 from ..core.filling.rays import NO_RAYS, MarkerRays, rays_of
+from ..core.filling.smoothing import smoothed
 from ..core.posing.posing import POSING
 from ..io.filled import left_rows
 from ..io.names import written
 from ..props import chosen_markerset, list_rows, refresh_review, row_of
-from ..scene.fills import keep_fills, kept_fills
+from ..scene.fills import keep_cutoff, keep_fills, kept_cutoff, kept_fills
 from ..scene.opened import opened
 from ..scene.performers import Performer
-from ..scene.smoothing import kept_cutoff
 from ..scene.stored import Stored
 from ..scene.take import SOURCE, is_take, show_edits, takes_of
 from .base import OfTake, taken
@@ -46,7 +46,7 @@ def keep_and_show(context: bpy.types.Context, keep: Callable[[bpy.types.Collecti
     scene, collection = context.scene, context.scene.mocap_autolabel.take
     before = opened.take(collection, scene)
     keep(collection)
-    show_edits(collection, before, opened.take(collection, scene), scene.mocap_autolabel.labelling.keep_unnamed)
+    show_edits(collection, before, opened.take(collection, scene))
     scene.frame_set(scene.frame_current)
     refresh_review(context.window_manager, scene)
 
@@ -203,3 +203,32 @@ class MOCAP_AUTOLABEL_OT_take_back_fills(HasFills, bpy.types.Operator):
         mine = markers is None or fill.marker in {stored.names[marker] for marker in markers}
         frame = context.scene.frame_current - stored.shift
         return mine and (self.extent != "GAP" or fill.first <= frame <= fill.last)
+
+
+class MOCAP_AUTOLABEL_OT_smooth(OfTake, bpy.types.Operator):
+    """Smooth the markers by a Butterworth filter without lag, each stretch between gaps for itself; labels stay."""
+
+    bl_label = "Smooth"
+
+    def work(self, context):
+        settings = context.scene.mocap_autolabel
+        stored = opened.take(settings.take, context.scene)
+        smoothed(
+            stored.motion.markers[:0], stored.rate, settings.filling.cutoff
+        )  # before anything is kept that cannot be
+        keep_and_show(context, partial(keep_cutoff, cutoff=settings.filling.cutoff))
+
+
+class MOCAP_AUTOLABEL_OT_take_back_smoothing(OfTake, bpy.types.Operator):
+    """Show and export the markers as they were measured again."""
+
+    bl_label = "Take Back Smoothing"
+
+    @classmethod
+    def lacks(cls, context):
+        if words := super().lacks(context):
+            return words
+        return "Nothing is smoothed" if kept_cutoff(context.scene.mocap_autolabel.take) is None else ""
+
+    def work(self, context):
+        keep_and_show(context, partial(keep_cutoff, cutoff=None))

@@ -193,8 +193,7 @@ class LabelsTake(WorksInSteps):
             bpy.ops.object.mode_set(mode="OBJECT")
         settings = context.scene.mocap_autolabel
         take = replace(take, **kept_before(context.scene, take.source), colours=colours_asked(settings.subjects))
-        labelling = settings.labelling
-        settings.take = show_again(context, take, labelling.keep_unnamed, whole=not labelling.use_range)
+        settings.take = show_again(context, take, whole=not settings.labelling.use_range)
         keep_health(settings.take, take.doubts)
         follow_soon()  # frames around those that were labelled may have been corrected a moment before
         refresh_review(context.window_manager, context.scene)

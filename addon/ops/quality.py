@@ -6,7 +6,6 @@ from collections.abc import Generator
 import bpy
 from bpy.props import IntProperty
 
-from ..core.data.background import drained, in_background
 from ..io.models import open_model
 from ..io.quality import quality_text
 from ..jobs.quality import judge_placement
@@ -14,7 +13,7 @@ from ..scene import naming
 from ..scene.markerset_edit import edited_collection, read_markerset
 from ..scene.quality import keep_report, locked_markers, take_advice
 from .markersets import Laid
-from .stepping import WorksInSteps
+from .stepping import WorksInSteps, beside
 
 
 class MOCAP_AUTOLABEL_OT_judge_markers(Laid, WorksInSteps, bpy.types.Operator):
@@ -45,7 +44,7 @@ def judge_steps(scene: bpy.types.Scene) -> Generator[float, None, dict]:
     model = open_model(bpy.path.abspath(collection[naming.EDITED]))
     base, keep = model.markerset, locked_markers(collection)
     markerset = read_markerset(collection, base, base.name)
-    return in_background(lambda tell: drained(judge_placement(markerset, base, model.likelihood, keep=keep), tell))
+    return beside(judge_placement(markerset, base, model.likelihood, keep=keep))
 
 
 class MOCAP_AUTOLABEL_OT_take_advice(Laid, bpy.types.Operator):

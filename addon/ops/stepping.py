@@ -11,6 +11,7 @@ from typing import Any
 
 import bpy
 
+from ..core.data.background import drained, in_background
 from ..core.data.errors import InputError
 from ..core.data.progress import finished
 from ..scene.redrawing import redraw
@@ -120,6 +121,11 @@ class WorksInSteps(Ours):
         context.window_manager.mocap_autolabel.doing = ""
         redraw("VIEW_3D", "UI")
         self._timer = None
+
+
+def beside(job: Generator) -> Generator[float, None, Any]:
+    """A job, done beside the window: it touches nothing of Blender. Yields how much is done (0 to 1)."""
+    return in_background(lambda tell: drained(job, tell))
 
 
 def ends_work(context: bpy.types.Context, event: bpy.types.Event) -> bool:

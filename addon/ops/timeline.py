@@ -11,6 +11,7 @@ from ..scene.redrawing import redraw
 from ..scene.take import is_take
 from ..scene.trajectories import FOLDED, KeptRows, Runs
 from .base import Ours, WithTake, taken
+from .framing import fit_timelines
 from .picking import picked_points, selected_markers, show_picked
 
 SCRUB_HEIGHT, ROW_HEIGHT, LEGEND_HEIGHT = (
@@ -302,17 +303,9 @@ class MOCAP_AUTOLABEL_OT_show_timeline(WithTake, bpy.types.Operator):
             area = max(areas, key=lambda area: area.width * area.height)
             area.ui_type = "DOPESHEET"
             area.spaces.active.show_region_channels = True
-            frame_take(context, area)
+            fit_timelines(context)
         if not areas:
             self.report({"INFO"}, "Open a Dope Sheet to see it")
-
-
-def frame_take(context: bpy.types.Context, area: bpy.types.Area):
-    """Lets a Dope Sheet show the scene's frames from the first to the last."""
-    region = next(region for region in area.regions if region.type == "WINDOW")
-    with context.temp_override(area=area, region=region):
-        if bpy.ops.action.view_all.poll():
-            bpy.ops.action.view_all()
 
 
 class MOCAP_AUTOLABEL_OT_timeline_keys(OnTimeline, bpy.types.Operator):

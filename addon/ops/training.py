@@ -13,7 +13,6 @@ import numpy as np
 from bpy.props import CollectionProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from ..core.data.background import drained, in_background
 from ..core.data.errors import InputError
 from ..core.data.takes import Points
 from ..core.data.wording import count_of
@@ -27,7 +26,7 @@ from ..props import ReviewState, SceneSettings, choose_own, chosen_markerset, ch
 from ..scene.stored import Stored
 from .base import Ours, lacks_one_performer, lacks_take, remove_chosen, taken
 from .importing import POINTS, ReadsPoints
-from .stepping import WorksInSteps
+from .stepping import WorksInSteps, beside
 
 if TYPE_CHECKING:  # with all that can be learned, which nobody who starts waits for
     from ..jobs.train import TrainJob
@@ -274,7 +273,7 @@ def _trained(job: "TrainJob") -> Generator[float, None, dict]:
     """The training beside the window; returns its report."""
     from ..jobs.train import train_file
 
-    return in_background(lambda tell: drained(train_file(job), tell))
+    return beside(train_file(job))
 
 
 def _new_model(settings: SceneSettings) -> tuple[str, Path]:

@@ -12,9 +12,8 @@ from ..core.edits.kinds import NO_EDITS, Edits
 from . import cameras as scene_cameras
 from .answers import BlobCorrecting
 from .corrections import PointCorrecting, edited, following_of, kept_edits, kept_text, text_of
-from .fills import FillsInTake, fills_text, kept_fills
+from .fills import FillsInTake, fills_text, kept_cutoff, kept_fills
 from .preview import holds_points, read_points_preview, read_preview
-from .smoothing import kept_cutoff
 from .stored import Stored
 from .take import POSE, ROWS, finished_take, unedited_take, with_kept_body
 

@@ -33,7 +33,7 @@ def is_out_of_date(collection: bpy.types.Collection, stored: Stored) -> bool:
 
 
 def _actions(collection: bpy.types.Collection) -> dict[str, bpy.types.Action]:
-    """The actions that the armatures of a take were given, by performer: where a person put or keyed one it stays so."""
+    """The actions that the armatures of a take were given, by performer, but those that a person changed."""
     found = {}
     for name, armature in armatures_of(collection):
         action = None if armature.animation_data is None else armature.animation_data.action

@@ -25,9 +25,8 @@ from .animation import TakeActions
 from .body import add_body
 from .cloud import FRAME, add_cloud, cloud_table
 from .corrections import edited, keep_edits, kept_edits, kept_text, motion_of_labels
-from .fills import FILL_PATHS, FillsInTake, keep_fills, kept_fills
+from .fills import FILL_PATHS, FillsInTake, keep_cutoff, keep_fills, kept_cutoff, kept_fills, smoothed_in
 from .performers import Colour, Performer, body_material, home_of, homes, performers_in_row, performers_of, rows_of
-from .smoothing import keep_cutoff, kept_cutoff, smoothed_in
 from .stored import Stored, digest_of, digests_of, moved_between
 
 ROWS, MOTION, POSE, FRAME_TABLE = "mocap_blobs", "mocap_motion", "mocap_pose", "mocap_frames"
@@ -134,14 +133,14 @@ def frame_shift(frames: np.ndarray) -> int:
 
 
 def show_take(
-    context: bpy.types.Context, take: Take, unnamed: bool = False, collection: bpy.types.Collection | None = None
+    context: bpy.types.Context, take: Take, collection: bpy.types.Collection | None = None
 ) -> bpy.types.Collection:
     """Builds a take in the context's scene: cameras, armature, body and keyed markers in a collection `Mocap: NAME`.
 
     Or in the collection of a take that was cleared by `clear_take`, with whatever of a person's is in there.
-    Performers with names have a collection each in it. With `unnamed` the points that have no name are there as well,
-    as one object. Returns that collection, which also keeps the take itself (`stored_take`). The scene's frames and
-    rate become the take's. Needs object mode; adds no undo step of its own.
+    Performers with names have a collection each in it. The points that have no name are one object. Returns that
+    collection, which also keeps the take itself (`stored_take`). The scene's frames and rate become the take's. Needs
+    object mode; adds no undo step of its own.
     """
     scene = context.scene
     shift = frame_shift(take.motion.frames)
@@ -174,20 +173,18 @@ def show_take(
         for item in scene_markers.add_markers(place, actions, names[mine], own, frames, filled[:, mine]):
             ownership.sign(item, f"marker {item[naming.MARKER]}", collection)
     if isinstance(take.rows, PointRows):
-        show_unnamed(collection, f"{take.name} unnamed", take.rows, take.labels, shift, unnamed)
+        show_unnamed(collection, f"{take.name} unnamed", take.rows, take.labels, shift)
     _store(collection, take, camera_collection, shift)
     set_time(scene, take.rate, frames)
     return collection
 
 
-def show_unnamed(
-    collection: bpy.types.Collection, name: str, rows: PointRows, labels: Labels, shift: int, wanted: bool
-):
-    """Makes the object of the points without a name show these; without one, adds it where it is `wanted`."""
+def show_unnamed(collection: bpy.types.Collection, name: str, rows: PointRows, labels: Labels, shift: int):
+    """Makes the object of the points without a name show these; without one, adds it where there are some."""
     left = ~labels.named
     clouds = [one for one in collection.all_objects if one.type == "MESH" and FRAME in one.data.attributes]
     item = next((one for one in clouds if ownership.is_made_for(one, collection)), None)
-    if item is None and not (wanted and left.any()):
+    if item is None and not left.any():
         return
     table = cloud_table(name, rows.frames[rows.frame[left]] + shift, rows.xyz[left])
     if item is None:
@@ -198,11 +195,10 @@ def show_unnamed(
     ownership.remove_unused([before])
 
 
-def show_edits(collection: bpy.types.Collection, before: Stored, after: Stored, unnamed: bool):
+def show_edits(collection: bpy.types.Collection, before: Stored, after: Stored):
     """Makes the empties of a take, and its points without a name, follow its edits.
 
-    The collection shows the take as it was `before`, and then as it is `after`; with `unnamed` points that lost their
-    names are shown even if there was no object of such points. Adds no undo step of its own.
+    The collection shows the take as it was `before`, and then as it is `after`. Adds no undo step of its own.
     """
     frames = after.motion.frames + after.shift
     items = scene_markers.marker_empties(collection)
@@ -216,7 +212,7 @@ def show_edits(collection: bpy.types.Collection, before: Stored, after: Stored, 
                 scene_markers.show_marker(item, action, after.motion, index, frames, filled.get(index), shown)
     points = isinstance(after.rows, PointRows)
     if points and not np.array_equal(before.labels.named, after.labels.named):
-        show_unnamed(collection, f"{after.name} unnamed", after.rows, after.labels, after.shift, unnamed)
+        show_unnamed(collection, f"{after.name} unnamed", after.rows, after.labels, after.shift)
 
 
 def _changed(before: Stored, after: Stored) -> list[int]:

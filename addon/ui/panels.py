@@ -246,9 +246,7 @@ class MOCAP_AUTOLABEL_PT_label(Step, bpy.types.Panel):
         draw_choice(layout, labelling, "method")
         if points or labelling.method not in ("auto", "fit"):
             layout.prop(labelling, "target")
-        if points:
-            layout.prop(labelling, "keep_unnamed")
-        else:
+        if not points:
             draw_choice(layout, labelling, "occlusion")
             if labelling.occlusion == "bvh":
                 draw_choice(layout, labelling, "body")

@@ -8,10 +8,10 @@ from ..core.review.trouble import IN_DOUBT, LEFT_OVER, MISSING, NOBODY_THERE, OF
 from ..ops.filling import EXTENTS
 from ..ops.picking import picked_points, selected_markers, words_of_picked
 from ..ops.reviewing import is_listed, words_for
+from ..scene.fills import kept_cutoff
 from ..scene.opened import opened
 from ..scene.performers import body_material, homes
 from ..scene.playing import PLAYED, for_a_part, part_here, played_takes, suspects_of, what_is_wrong
-from ..scene.smoothing import kept_cutoff
 from ..scene.trouble import known_cameras, known_trouble
 from .parts import (
     DrawsRows,

@@ -15,7 +15,7 @@ from ..ops.timeline import KEYS, RowPlaces, shown_runs, timeline_shown
 from ..scene.redrawing import redraw
 from ..scene.take import is_take
 from ..scene.trajectories import CORRECTED, DOUBTFUL, FILLED, GAP, NAMED, STATES, UNNAMED, Runs
-from .boxes import BOX_CORNERS, box_batch
+from .boxes import BOX_CORNERS, box_batch, made_shader
 from .lettering import Letters, pixel_matrix
 
 # Okabe and Ito's colours, which are told apart whatever one's eyes, and for each a form of its own as well.
@@ -99,7 +99,8 @@ class DrawnRuns:
     def ready(self, runs: Runs):
         """Makes what there is not yet, for these rows."""
         if self.shader is None:
-            self.shader = make_shader()
+            corners, between = "VEC4 run, VEC2 corner", "@FLOAT state, FLOAT across"
+            self.shader = made_shader("run", VERTEX, FRAGMENT, corners, between, "VEC4 view")
             self.legend = [buffer_of(self.shader, np.array([[0, 1, 0, state]])) for state in range(len(STATES))]
         if self.of is None or self.of() is not runs:
             self.of, self.batch = weakref.ref(runs), buffer_of(self.shader, corners_of(runs))
@@ -117,22 +118,6 @@ def corners_of(runs: Runs) -> np.ndarray:
     table = runs.runs[np.argsort(runs.runs[:, 3], kind="stable")]
     first = runs.span[0]
     return np.column_stack([table[:, 1] - first - 0.5, table[:, 2] - first + 0.5, table[:, 0], table[:, 3]])
-
-
-def make_shader() -> gpu.types.GPUShader:
-    """The shader that places runs by the editor's view and gives each state its colour and form."""
-    info, between = gpu.types.GPUShaderCreateInfo(), gpu.types.GPUStageInterfaceInfo("mocap_autolabel_run")
-    between.flat("FLOAT", "state")
-    between.smooth("FLOAT", "across")
-    info.push_constant("MAT4", "ModelViewProjectionMatrix")
-    info.push_constant("VEC4", "view")
-    info.vertex_in(0, "VEC4", "run")
-    info.vertex_in(1, "VEC2", "corner")
-    info.vertex_out(between)
-    info.fragment_out(0, "VEC4", "colour")
-    info.vertex_source(VERTEX)
-    info.fragment_source(FRAGMENT)
-    return gpu.shader.create_from_info(info)
 
 
 def buffer_of(shader: gpu.types.GPUShader, runs: np.ndarray) -> gpu.types.GPUBatch:

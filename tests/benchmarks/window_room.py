@@ -82,7 +82,7 @@ def walk() -> Iterator[float]:
     take = long_take()
 
     def show():
-        settings().take = show_take(bpy.context, take, unnamed=True)
+        settings().take = show_take(bpy.context, take)
         redraw()
 
     spent("a take is shown, to the first redraw", show)

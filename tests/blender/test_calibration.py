@@ -89,7 +89,7 @@ def test_cameras_that_were_changed_meanwhile_stay(extension, scene, files, monke
         report = {"cameras": {"cam 0": {"before_px": 2.0, "after_px": 0.4}}, "camera_doubts": [], "refined": True}
         return module.Refined({**report, "out": "there/new.toml"}, files.true)
 
-    monkeypatch.setattr(module, "refine_steps", changed_meanwhile)
+    monkeypatch.setattr(module, "beside", changed_meanwhile)
     with pytest.raises(RuntimeError, match=r"which are in new\.toml; expected them to stay"):
         bpy.ops.mocap_autolabel.refine_calibration()
     assert settings.source.cameras == other

@@ -61,7 +61,7 @@ def over(request, tmp_path):
         collection = bpy.data.collections[name]
         if request.param.endswith("removed"):
             return takes.remove_take(collection)
-        return show_again(bpy.context, take, unnamed=True, whole=True)
+        return show_again(bpy.context, take, whole=True)
 
     delete.removes = request.param.endswith("removed")
     return delete
@@ -71,7 +71,7 @@ def over(request, tmp_path):
 def duet(empty, made):
     """A take of two in a scene, with the points that have no name."""
     take = made.pair()
-    collection = takes.show_take(empty, take, unnamed=True)
+    collection = takes.show_take(empty, take)
     return SimpleNamespace(take=take, collection=collection)
 
 
@@ -276,7 +276,7 @@ def test_corrections_go_to_the_marker_and_not_to_its_copy(duet):
 
 def test_what_was_promised_stays_even_unchanged(empty, made, over):
     take = made.pair(markerset=open_markerset("body26"))
-    collection = takes.show_take(empty, take, unnamed=True)
+    collection = takes.show_take(empty, take)
     stored = takes.stored_take(collection, empty.scene)
     names = []
     for one in stored.performers:
@@ -359,13 +359,13 @@ def test_nothing_that_nobody_changed_is_left(empty, made, over):
     """Not even after it was played, looked at, hidden, edited and shown again by the add-on itself."""
     take = made.pair()
     before = counts()
-    collection = takes.show_take(empty, take, unnamed=True)
+    collection = takes.show_take(empty, take)
     shown = counts()
     stored = takes.stored_take(collection, empty.scene)
     edits = stored.edits.added(Swap(("bob:LKNE", "bob:RKNE"), frames=(103, 110)))
     takes.keep_edits(collection, edits)
     after = takes.stored_take(collection, empty.scene)
-    takes.show_edits(collection, stored, after, True)
+    takes.show_edits(collection, stored, after)
     performers.set_colour(collection, "bob", (0.1, 0.2, 0.3))
     for item in list(collection.all_objects):
         item.select_set(True)
@@ -433,7 +433,7 @@ def test_a_take_out_of_another_file_goes(duet, tmp_path, link, again):
     [collection] = wanted.collections
     bpy.context.scene.collection.children.link(collection)
     if again:
-        show_again(bpy.context, duet.take, unnamed=True, whole=True)
+        show_again(bpy.context, duet.take, whole=True)
     else:
         assert takes.remove_take(collection) is None
     assert len(bpy.data.objects) == again * (2 * (1 + 9 + 13) + 1)
@@ -442,10 +442,10 @@ def test_a_take_out_of_another_file_goes(duet, tmp_path, link, again):
 
 def test_twice_again_keeps_what_was_kept_once(duet):
     rename(item_of(duet.collection, "marker"))
-    first = show_again(bpy.context, duet.take, unnamed=True, whole=True)
+    first = show_again(bpy.context, duet.take, whole=True)
     once = counts()
     add_property(item_of(first, "capsule"))
-    second = show_again(bpy.context, duet.take, unnamed=True, whole=True)
+    second = show_again(bpy.context, duet.take, whole=True)
     assert second == first
     assert len(counts()["objects"]) == len(once["objects"]) + 1
     left = takes.remove_take(second)
@@ -455,7 +455,7 @@ def test_twice_again_keeps_what_was_kept_once(duet):
 def test_a_take_in_other_markers_is_hidden_with_all_that_is_in_it(duet, made):
     own_mesh("stage", duet.collection)
     other = replace(made.take(name="duet"), source=duet.take.source)
-    shown = show_again(bpy.context, other, unnamed=True, whole=True)
+    shown = show_again(bpy.context, other, whole=True)
     assert shown != duet.collection
     assert duet.collection.hide_viewport
     assert "stage" in duet.collection.objects

@@ -18,7 +18,7 @@ from addon.scene import naming, performers
 from addon.scene import take as takes
 from addon.scene.armature import SCALE
 from addon.scene.relabelled import show_again
-from tests.walkers import FRAMES, RATE, WORN, write_pair, write_seen
+from tests.inputs.walkers import FRAMES, RATE, WORN, write_pair, write_seen
 
 
 def kinds(collection: bpy.types.Collection, kind: str) -> list[bpy.types.Object]:
@@ -128,7 +128,7 @@ def test_labelled_again_they_take_their_own_place_and_colours(empty, made):
     take = made.pair()
     before = takes.show_take(empty, take)
     performers.set_colour(before, "ann", (0.5, 0.25, 0.125))
-    after = show_again(empty, take, unnamed=True, whole=True)
+    after = show_again(empty, take, whole=True)
     assert takes.takes_of(empty.scene) == [after]
     assert performers.colours_in(after)["ann"] == pytest.approx((0.5, 0.25, 0.125), abs=1e-4)
     assert [child.name for child in after.children] == ["ann", "bob"]

@@ -12,7 +12,7 @@ from addon.io.blobs import read_blobs
 from addon.io.cameras import write_cameras
 from addon.scene import cameras as scene_cameras
 from scripts.movies import encode
-from tests.pictures import NAMES, SIZE, places, save_pictures, two_cameras
+from tests.inputs.pictures import NAMES, SIZE, places, save_pictures, two_cameras
 
 FRAMES = range(1, 9)
 

@@ -16,7 +16,7 @@ from addon.io.edits import read_edits
 from addon.io.poses import PoseFile
 from addon.scene import naming, playing
 from addon.scene import take as takes
-from tests.walkers import FIRST, FRAMES, WORN, write_seen
+from tests.inputs.walkers import FIRST, FRAMES, WORN, write_seen
 
 
 def places(context, collection, frames):

@@ -188,16 +188,12 @@ def test_anonymous_points_become_named_markers(imported, files, naming_known):
     assert (gap.gaps, gap.longest_gap) == (2, 5)
 
 
-def test_what_stays_unnamed_is_one_object_if_it_is_wanted(imported, naming_known):
-    settings = imported.scene.mocap_autolabel
+def test_what_stays_unnamed_is_one_object(imported, naming_known):
     bpy.ops.mocap_autolabel.label()
     imported.scene.frame_set(115)
     assert visible_points() == GHOSTS, "the unlabelled take is out of sight, its ghosts are not"
     assert bpy.ops.mocap_autolabel.clear() == {"FINISHED"}
     assert [item.hide_viewport for item in imported.scene.objects if item.modifiers] == [False]
-    settings.labelling.keep_unnamed = False
-    bpy.ops.mocap_autolabel.label()
-    assert not any(item.modifiers for item in settings.take.all_objects)
 
 
 def test_the_exports_are_what_the_command_line_writes(imported, files, naming_known, extension, tmp_path):

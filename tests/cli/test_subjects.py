@@ -21,7 +21,7 @@ from addon.core.points.several.wearers import is_subject_name
 from addon.io.markersets import markerset_file, open_markerset
 from addon.io.points import read_points, write_c3d
 from addon.jobs.resuming import made_of
-from tests.walkers import RATE, WORN, write_pair, write_seen
+from tests.inputs.walkers import RATE, WORN, write_pair, write_seen
 
 
 def label_arguments(take, out, *words):

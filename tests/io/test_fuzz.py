@@ -153,7 +153,7 @@ def test_whatever_is_no_sentence_is_a_fault(answer, said, tmp_path):
 
 PLANTED = """
 import os, signal, socket, subprocess, sys, time, warnings
-import tests.fuzz as fuzz, tests.watched as watched
+import tests.fuzz as fuzz, tests.fuzzing.watched as watched
 def blocked():
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGALRM, signal.SIGPROF})
     time.sleep(600)

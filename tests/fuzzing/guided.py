@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Broken files guided by what they reach in the code: `python -m tests.guided KIND --seconds S --keep FOLDER`.
+"""Broken files guided by what they reach in the code: `python -m tests.fuzzing.guided KIND --seconds S --keep FOLDER`.
 
 It needs the package `atheris` (wheels for Linux), in an environment of your own. The limits and what counts as a fault
 are those of `tests.fuzz`, and so are the wounds, beside those of `atheris`. A file that is a fault is kept.
@@ -14,7 +14,8 @@ from pathlib import Path
 import atheris
 
 with atheris.instrument_imports(include=["addon"]):
-    from tests import fuzz, watched
+    from tests import fuzz
+    from tests.fuzzing import watched
     from tests.wounds import mutated, rebuilt
 
 MOST_BYTES = 1 << 18  # of a file that is guided
@@ -59,7 +60,7 @@ def guide(kind: str, seconds: float, seed: int, keep: Path):
 
 def main():
     """The command."""
-    parser = argparse.ArgumentParser(prog="python -m tests.guided", description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(prog="python -m tests.fuzzing.guided", description=__doc__.partition("\n")[0])
     parser.add_argument("kind", choices=fuzz.READERS, metavar="KIND")
     parser.add_argument("--seconds", type=float, default=60)
     parser.add_argument("--seed", type=int, default=0)
