@@ -7,7 +7,7 @@ in two cameras is there at once; the body follows by `reposing`.
 
 from dataclasses import fields, replace
 
-from ..core.data.takes import EditOutcome, Motion
+from ..core.data.takes import Motion
 from ..core.edits.blob_tracks import BlobTracks
 from ..core.edits.following_blobs import BlobFollowing, BlobGroup
 from ..core.edits.kinds import Edits
@@ -62,16 +62,6 @@ class BlobCorrecting:
         part = measured_at(part, blobs, group.labels, stored.cameras, group.touched)
         put_places(part, {(frame - group.frames.start, marker): xyz for (frame, marker), xyz in group.places.items()})
         return part
-
-
-def answered_blobs(stored: Stored, edits: Edits) -> Stored:
-    """A take of blobs without the doubts that its edits answer: as the first versions kept it, with edited labels."""
-    count = len(stored.motion.frames)
-    spans = [edit.span or (1, count) for edit in edits]
-    outcomes = tuple(
-        EditOutcome(edit.verb.kind, last - first + 1) for edit, (first, last) in zip(edits, spans, strict=True)
-    )
-    return replace(stored, suspects=_open(stored, edits), edits=edits, outcomes=outcomes)
 
 
 def _open(stored: Stored, edits: Edits) -> tuple:

@@ -62,11 +62,6 @@ class Runs:
         return int(inside[np.abs(inside - frame).argmin()])
 
 
-def runs_of(stored: Stored, unfolded: bool = False) -> Runs:
-    """The rows of a take; `unfolded` gives each short trajectory a row of its own too."""
-    return KeptRows().runs(stored, unfolded)
-
-
 @dataclass(eq=False)
 class KeptRows:
     """The rows of the take that was asked for last: of one that was edited since, only what changed is made anew.

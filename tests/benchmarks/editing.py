@@ -47,7 +47,7 @@ class Session:
         self.bpy, self.correcting, self.picking = bpy, correcting, picking
         self.likely, self.opened, self.dots, self.marks = likely, opened.opened, dots, marks
         scene = bpy.context.scene
-        scene.mocap_autolabel.take = show_take(bpy.context, long_take(), unnamed=True)
+        scene.mocap_autolabel.take = show_take(bpy.context, long_take())
         scene.frame_set(FRAMES // 2)
         self.numbers = cycle(range(len(self.stored.names) - 1))
         self.file = folder / "long.blend"

@@ -19,7 +19,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.timeline", description=__doc__.splitlines()[0])
     parser.add_argument("--frames", type=int, default=20000)
     given = parser.parse_args()
-    script = Path(__file__).resolve().parents[1] / "package" / "window_timeline.py"
+    script = Path(__file__).resolve().parents[1] / "package" / "tours" / "timeline.py"
     with tempfile.TemporaryDirectory(prefix="mocap-timeline-") as name:
         folder = Path(name)
         try:

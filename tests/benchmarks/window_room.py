@@ -82,14 +82,14 @@ def walk() -> Iterator[float]:
     take = long_take()
 
     def show():
-        settings().take = show_take(bpy.context, take, unnamed=True)
+        settings().take = show_take(bpy.context, take)
         redraw()
 
     spent("a take is shown, to the first redraw", show)
     spent("a step of undo alone", lambda: bpy.ops.ed.undo_push(message="Shown"))
     yield 1
     bpy.context.scene.frame_set(FRAMES // 2)
-    settings().show_trails = True
+    settings().display.show_trails = True
     bpy.ops.mocap_autolabel.show_timeline()
     yield 1
     yield from window.grow("DOPESHEET_EDITOR", 250)

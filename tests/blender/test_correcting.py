@@ -152,7 +152,7 @@ def test_a_name_is_taken_away_and_given_to_what_was_picked(labelled, files):
     assert shown()["LKNE"].hide_viewport
     cloud = next(item for item in labelled.scene.mocap_autolabel.take.objects if item.modifiers)
     assert len(cloud.data.vertices) == FRAMES + int(np.isfinite(files.xyz[:, knee, 0]).sum())
-    assert bpy.ops.mocap_autolabel.pick_point(point=GHOST) == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.pick(point=GHOST) == {"FINISHED"}
     assert (picked(), bpy.context.selected_objects) == ([GHOST], [])
     assert bpy.ops.mocap_autolabel.name_point(marker="LKNE", scope="BACK") == {"FINISHED"}
     follows(files, "LKNE", GHOST, slice(0, 20))
@@ -164,7 +164,7 @@ def test_a_name_is_taken_away_and_given_to_what_was_picked(labelled, files):
 
 def test_a_named_point_that_is_picked_is_selected_as_its_marker(labelled, files):
     ankle = files.names.index("LANK")
-    assert bpy.ops.mocap_autolabel.pick_point(point=ankle) == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.pick(point=ankle) == {"FINISHED"}
     assert [item[naming.MARKER] for item in bpy.context.selected_objects] == ["LANK"]
     assert picked() == [ankle]
 
@@ -193,7 +193,7 @@ def test_what_is_right_is_no_longer_asked(extension, labelled, suspects):
     bpy.ops.mocap_autolabel.is_right(scope="ON")
     state = labelled.window_manager.mocap_autolabel
     assert suspects() == [(110, 111, "LKNE jumps"), (112, 113, f"trajectory {GHOST} may be LKNE"), (120, 121, "of old")]
-    bpy.ops.mocap_autolabel.pick_point(point=GHOST)
+    bpy.ops.mocap_autolabel.pick(point=GHOST)
     bpy.ops.mocap_autolabel.name_point(marker="LKNE", scope="WHOLE")
     assert not any("may be LKNE" in reason for *_, reason in suspects())
     bpy.ops.mocap_autolabel.clear_corrections()
@@ -243,7 +243,7 @@ def test_labelling_again_keeps_them_and_is_what_the_command_line_makes(labelled,
     jobs = importlib.import_module(f"{extension}.addon.jobs")
     choose("LKNE", "RKNE")
     bpy.ops.mocap_autolabel.swap_markers(scope="WHOLE")
-    bpy.ops.mocap_autolabel.pick_point(point=GHOST)
+    bpy.ops.mocap_autolabel.pick(point=GHOST)
     bpy.ops.mocap_autolabel.name_point(marker="LANK", scope="FRAME")
     bpy.ops.mocap_autolabel.save_corrections()
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
@@ -303,7 +303,7 @@ def test_what_cannot_be_done_is_one_sentence_and_changes_nothing(labelled, files
         (bpy.ops.mocap_autolabel.unlabel, "nothing is selected; expected"),
         (bpy.ops.mocap_autolabel.swap_markers, "the selection has 0 markers; expected"),
         (bpy.ops.mocap_autolabel.is_right, "no marker is selected; expected"),
-        (partial(bpy.ops.mocap_autolabel.pick_point, point=99), "trajectory 99 has no point in frame 120; expected"),
+        (partial(bpy.ops.mocap_autolabel.pick, point=99), "trajectory 99 has no point in frame 120; expected"),
         (bpy.ops.mocap_autolabel.clear_corrections, "Nothing was corrected"),
     ):
         with pytest.raises(RuntimeError, match=words):
@@ -322,7 +322,7 @@ def test_what_cannot_be_done_is_one_sentence_and_changes_nothing(labelled, files
     with pytest.raises(RuntimeError, match="the current frame is 500; expected one of the take, 101 to 130"):
         bpy.ops.mocap_autolabel.unlabel()
     scene.frame_set(120)
-    bpy.ops.mocap_autolabel.pick_point(point=GHOST)
+    bpy.ops.mocap_autolabel.pick(point=GHOST)
     with pytest.raises(RuntimeError, match=f"trajectory {GHOST} has no name in the take; expected"):
         bpy.ops.mocap_autolabel.unlabel()
     assert "mocap_edits" not in collection

@@ -128,22 +128,22 @@ def test_a_place_on_a_ray_is_as_deep_as_what_is_near():
 
 def test_pieces_are_added_and_joined_but_not_two_of_one_frame(labelled, files):  # noqa: F811
     knee, ankle = files.names.index("LKNE"), files.names.index("LANK")
-    bpy.ops.mocap_autolabel.pick_point(point=knee)
-    bpy.ops.mocap_autolabel.pick_point(point=ankle, mode="TOGGLE")
+    bpy.ops.mocap_autolabel.pick(point=knee)
+    bpy.ops.mocap_autolabel.pick(point=ankle, mode="TOGGLE")
     assert picked() == [knee, ankle]
     assert {item.name for item in bpy.context.selected_objects} == {"LKNE", "LANK"}
     with pytest.raises(
         RuntimeError, match="2 points are picked, several of them in frame 101; expected one, or pieces"
     ):
         bpy.ops.mocap_autolabel.name_point(marker="LKNE")
-    bpy.ops.mocap_autolabel.pick_point(point=knee, mode="TOGGLE")
+    bpy.ops.mocap_autolabel.pick(point=knee, mode="TOGGLE")
     assert picked() == [ankle]
     bpy.ops.mocap_autolabel.pick_none()
     assert (picked(), bpy.context.selected_objects) == ([], [])
 
 
 def test_what_was_selected_since_counts_more_than_what_was_picked(labelled, files):  # noqa: F811
-    bpy.ops.mocap_autolabel.pick_point(point=GHOST)
+    bpy.ops.mocap_autolabel.pick(point=GHOST)
     choose("LKNE")
     bpy.ops.mocap_autolabel.unlabel()
     assert len(keys_of("LKNE")) == 0
@@ -153,7 +153,7 @@ def test_what_was_selected_since_counts_more_than_what_was_picked(labelled, file
 
 def test_a_dot_stays_picked_by_whatever_it_is_called(labelled, files):  # noqa: F811
     ankle = files.names.index("LANK")
-    bpy.ops.mocap_autolabel.pick_point(point=ankle)
+    bpy.ops.mocap_autolabel.pick(point=ankle)
     bpy.ops.ed.undo_push(message="Before")
     bpy.ops.mocap_autolabel.name_point(marker="RANK", scope="WHOLE")
     assert [item.name for item in bpy.context.selected_objects] == ["RANK"]
@@ -166,7 +166,7 @@ def test_a_dot_stays_picked_by_whatever_it_is_called(labelled, files):  # noqa: 
 
 def test_what_is_no_marker_gets_no_name(labelled, files):  # noqa: F811
     ankle = files.names.index("LANK")
-    bpy.ops.mocap_autolabel.pick_point(point=ankle)
+    bpy.ops.mocap_autolabel.pick(point=ankle)
     assert bpy.ops.mocap_autolabel.no_marker(scope="ON") == {"FINISHED"}
     follows(files, "LANK", ankle, slice(0, 19))
     assert keys_of("LANK")[-1, 0] == 119
@@ -175,7 +175,7 @@ def test_what_is_no_marker_gets_no_name(labelled, files):  # noqa: F811
 
 
 def test_another_name_from_here_on_splits_a_trajectory(labelled, files):  # noqa: F811
-    bpy.ops.mocap_autolabel.pick_point(point=GHOST)
+    bpy.ops.mocap_autolabel.pick(point=GHOST)
     bpy.ops.mocap_autolabel.name_point(marker="C7", scope="ON")
     bpy.ops.mocap_autolabel.save_corrections()
     assert read_edits(files.edits).items == (AssignPoint(GHOST, "C7", frames=(120, 130)),)

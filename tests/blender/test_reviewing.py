@@ -185,7 +185,7 @@ def test_a_range_labelled_again_is_put_into_the_take(state, monkeypatch):
 
     monkeypatch.setattr(pipeline, "namer_of", lambda *_: SimpleNamespace(step=6, name=name))
     scene.frame_set(140)
-    settings.use_range, settings.range_first, settings.range_last = True, 121, 130
+    settings.labelling.use_range, settings.labelling.range_first, settings.labelling.range_last = True, 121, 130
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     assert [one.name for one in scene.collection.children if naming.TAKE in one] == [settings.take.name]
     assert (scene.frame_start, scene.frame_end, scene.frame_current) == (101, 160, 140)
@@ -196,7 +196,7 @@ def test_a_range_labelled_again_is_put_into_the_take(state, monkeypatch):
     wrist = stored.names[7]
     words = [row.words for row in state.review.changes]
     assert words == [f"{LOST} is named now in frames 121–130", f"{wrist} is named no more in frames 121–130"]
-    settings.use_range = False
+    settings.labelling.use_range = False
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     assert len([one for one in scene.collection.children if naming.TAKE in one]) == 1
     words = [row.words for row in state.review.changes]
@@ -217,10 +217,10 @@ def test_a_set_of_the_same_name_with_other_markers_is_put_into_no_take(state):
 def test_a_range_labelled_first_leaves_the_scene_its_frames(state):
     scene, settings = bpy.context.scene, bpy.context.scene.mocap_autolabel
     bpy.ops.mocap_autolabel.clear()
-    settings.use_range, settings.range_first, settings.range_last = True, 121, 130
+    settings.labelling.use_range, settings.labelling.range_first, settings.labelling.range_last = True, 121, 130
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     assert (scene.frame_start, scene.frame_end) == (101, 160)
-    settings.range_first, settings.range_last = 141, 150
+    settings.labelling.range_first, settings.labelling.range_last = 141, 150
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     stored = importlib.import_module(f"{state.extension}.addon.scene.opened").opened.take(settings.take, scene)
     assert stored.motion.frames.tolist() == list(range(121, 151))
@@ -236,6 +236,6 @@ def test_what_is_said_while_labelling_goes_on_is_not_lost(state):
     for item in context.scene.mocap_autolabel.take.all_objects:
         item.select_set(item.get(naming.MARKER) == "RKNE")
     assert bpy.ops.mocap_autolabel.unlabel(scope="WHOLE") == {"FINISHED"}
-    assert labelling.MOCAP_AUTOLABEL_OT_label._show(again, context, finished(steps)) == {"FINISHED"}
+    labelling.MOCAP_AUTOLABEL_OT_label._show(again, context, finished(steps))
     assert len(state.review.corrections) == 1
     assert rows(state, kind="missing", name="RKNE")

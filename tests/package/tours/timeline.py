@@ -1,13 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The trajectory timeline in a real Blender's window: clicked, dragged along, scrolled and timed.
+"""The trajectory timeline in a real Blender's window: clicked, dragged along, scrolled and timed."""
 
-Runs as the window's script. Its task is `task.json` in the folder MOCAP_OUT: the zip, and how many frames. It
-judges nothing: what it saw goes to `seen.json` beside its pictures.
-"""
-
-import importlib
-import json
-import os
 import sys
 import time
 from collections.abc import Iterator
@@ -16,42 +9,34 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT / "scripts"), str(Path(__file__).resolve().parent)]
+sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-import window  # noqa: E402
-from timeline_take import make_take  # noqa: E402
+from stage import EXTENSION, TASK, module, opened, play, settings, window
+from timeline_take import make_take
 
-OUT = Path(os.environ["MOCAP_OUT"])
-EXTENSION = "bl_ext.user_default.mocap_autolabel"
 REDRAWS = 40
 
 
-def walk() -> Iterator[float]:
+def walk(seen: dict) -> Iterator[float]:
     """Show a take, open the timeline, click, drag, undo, scroll, unfold, and time redraws."""
-    task, seen = json.loads((OUT / "task.json").read_text()), {}
-    bpy.ops.extensions.package_install_files(filepath=task["zip"], repo="user_default", enable_on_install=True)
-    of = lambda name: importlib.import_module(f"{EXTENSION}.addon.{name}")  # noqa: E731
-    settings = lambda: bpy.context.scene.mocap_autolabel  # noqa: E731
-    take = make_take(EXTENSION, task["frames"])
+    take = make_take(EXTENSION, TASK["frames"])
     begin = time.perf_counter()
-    settings().take = of("scene.take").show_take(bpy.context, take)
+    settings().take = module("scene.take").show_take(bpy.context, take)
     seen["s to show the take"] = time.perf_counter() - begin
     bpy.ops.ed.undo_push(message="Shown")
     yield 1
     bpy.ops.mocap_autolabel.show_timeline()
     yield 1
     yield from window.grow("DOPESHEET_EDITOR", 330)
-    of("ops.timeline").frame_take(bpy.context, window.area("DOPESHEET_EDITOR"))
+    module("ops.framing").fit_timelines(bpy.context)
     yield 1
-    if task.get("timing"):
-        seen["timing"] = yield from times(of)
-        (OUT / "seen.json").write_text(json.dumps(seen, indent=1))
+    if TASK.get("timing"):
+        seen["timing"] = yield from times()
         return
     yield from window.screenshot("timeline-whole")
 
     main, names = window.region("WINDOW", "DOPESHEET_EDITOR"), window.region("CHANNELS", "DOPESHEET_EDITOR")
-    timeline = of("ops.timeline")
+    timeline = module("ops.timeline")
     with bpy.context.temp_override(area=window.area("DOPESHEET_EDITOR"), region=main):
         runs = timeline.shown_runs(bpy.context)
         places = timeline.RowPlaces.of(bpy.context, main, len(runs))
@@ -112,25 +97,21 @@ def walk() -> Iterator[float]:
         "wanted": int(runs.trajectory[ghost]),
     }
 
-    of("ops.timeline").frame_take(bpy.context, window.area("DOPESHEET_EDITOR"))
+    module("ops.framing").fit_timelines(bpy.context)
     state.timeline_scroll = 0.0
-    seen["timing"] = yield from times(of)
+    seen["timing"] = yield from times()
     state.timeline_unfolded = True
     yield from window.screenshot("timeline-unfolded")
     with bpy.context.temp_override(area=window.area("DOPESHEET_EDITOR"), region=main):
         seen["rows unfolded"] = len(timeline.shown_runs(bpy.context))
-    settings().show_timeline = False
+    settings().display.show_timeline = False
     yield from window.screenshot("timeline-off")
-    yield from fill(of, seen)
-    (OUT / "seen.json").write_text(json.dumps(seen, indent=1))
+    yield from fill(seen)
 
 
-def fill(of, seen: dict) -> Iterator[float]:
+def fill(seen: dict) -> Iterator[float]:
     """Fill gaps by the sidebar's buttons: stop once, then let it finish by a quick method, and undo it."""
-    panel = of("ui.filling").MOCAP_AUTOLABEL_PT_fill_gaps
-    bpy.utils.unregister_class(panel)
-    panel.bl_options = set()  # open from the start
-    bpy.utils.register_class(panel)
+    opened(module("ui.review").MOCAP_AUTOLABEL_PT_fill_gaps)
     yield from window.grow("DOPESHEET_EDITOR", -330)
     yield from window.open_tab("Mocap")
     yield from window.scroll_sidebar()
@@ -147,13 +128,13 @@ def fill(of, seen: dict) -> Iterator[float]:
         yield from window.press("ESC", x, y)
         yield from window.until(lambda: not len(bpy.context.window_manager.windows[0].modal_operators))
     seen["filling stopped"] = [len(bpy.context.window_manager.windows[0].modal_operators), len(state.fills)]
-    bpy.context.scene.mocap_autolabel.fill_method = "rigid"
+    bpy.context.scene.mocap_autolabel.filling.method = "rigid"
     yield from window.click(x, y)
     yield from window.until(lambda: len(state.fills))
     seen["filled"] = len(state.fills)
     yield from window.screenshot("fill-gaps")
     settings = bpy.context.scene.mocap_autolabel
-    settings.show_timeline = True
+    settings.display.show_timeline = True
     yield from window.screenshot("timeline-filled")
     bpy.ops.ed.undo()
     yield 1
@@ -171,12 +152,12 @@ def looked(at: int) -> dict:
     }
 
 
-def times(of) -> Iterator[float]:
+def times() -> Iterator[float]:
     """Milliseconds of a redraw of rows and names while time is panned and rows scrolled, and of making them anew.
 
     Of each redraw: what the code takes by the clock and of its own core, and with the GPU, which is waited for.
     """
-    drawing, clock, core, whole = of("ui.timeline"), [], [], []
+    drawing, clock, core, whole = module("ui.timeline"), [], [], []
 
     def timed(draw):
         import gpu
@@ -209,10 +190,10 @@ def times(of) -> Iterator[float]:
         yield 0.05
     for handler, part in handlers:
         kind.draw_handler_remove(handler, part)
-    stored, made = of("scene.opened").opened.take(bpy.context.scene.mocap_autolabel.take, bpy.context.scene), []
+    stored, made = module("scene.opened").opened.take(bpy.context.scene.mocap_autolabel.take, bpy.context.scene), []
     for _ in range(3):
         begin = time.perf_counter()
-        runs = of("scene.trajectories").runs_of(stored)
+        runs = module("scene.trajectories").KeptRows().runs(stored, False)
         made.append(1000 * (time.perf_counter() - begin))
     figures = {"redraws": sum(spent > 0 for spent in clock), "making the rows": min(made), "runs": len(runs.runs)}
     for name, table in (("by the clock", clock), ("of its core", core), ("with the GPU", whole)):
@@ -221,4 +202,4 @@ def times(of) -> Iterator[float]:
     return figures
 
 
-window.play(walk())
+play(walk)

@@ -1,42 +1,44 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A hand that corrects a take with the tool Label in a real Blender's window, by pointer and keys.
+"""A hand that corrects a take with the tool Label in a real Blender's window, by pointer and keys."""
 
-Runs as the window's script. Its task is the JSON file `task.json` in the folder MOCAP_OUT: the zip and a take of
-points. It judges nothing: what it saw goes to `seen.json` beside its pictures.
-"""
-
-import importlib
-import json
-import math
-import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
 import numpy as np
-from bpy_extras.view3d_utils import location_3d_to_region_2d
-from mathutils import Euler
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
+sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-import window
+from stage import (
+    TASK,
+    Place,
+    asked,
+    corrections,
+    dot,
+    event,
+    in_window,
+    look_at_the_person,
+    module,
+    now,
+    picked,
+    play,
+    press_held,
+    running,
+    set_tool,
+    settings,
+    window,
+)
 
-OUT = Path(os.environ["MOCAP_OUT"])
-ADDON = "bl_ext.user_default.mocap_autolabel.addon"
-Place = tuple[int, int]
 
-
-def walk() -> Iterator[float]:
+def walk(seen: dict) -> Iterator[float]:
     """Install, import, label; pick in every way, name, swap, unlabel and relabel, place, play; two people."""
-    task, seen = json.loads((OUT / "task.json").read_text()), {}
-    bpy.ops.extensions.package_install_files(filepath=task["zip"], repo="user_default", enable_on_install=True)
     bpy.data.batch_remove(list(bpy.data.objects))
-    bpy.ops.mocap_autolabel.import_points(filepath=task["points"])
-    bpy.context.scene.mocap_autolabel.markerset = task["markerset"]
+    bpy.ops.mocap_autolabel.import_points(filepath=TASK["points"])
+    bpy.context.scene.mocap_autolabel.subjects.markerset = TASK["markerset"]
     bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
     yield from window.until(lambda: bpy.context.scene.mocap_autolabel.take is not None)
-    bpy.context.scene.frame_set(task["frame"])
+    bpy.context.scene.frame_set(TASK["frame"])
     look_at_the_person()
     set_tool()
     bpy.ops.ed.undo_push(message="Labelled")
@@ -46,8 +48,7 @@ def walk() -> Iterator[float]:
     yield from quick_labelling(seen)
     yield from placing(seen)
     yield from playing(seen)
-    yield from of_two(seen, task)
-    (OUT / "seen.json").write_text(json.dumps(seen, indent=1))
+    yield from of_two(seen)
 
 
 def picking(seen: dict) -> Iterator[float]:
@@ -109,16 +110,16 @@ def quick_labelling(seen: dict) -> Iterator[float]:
     yield from window.press("F", *aside)
     yield from window.screenshot("4-quick-label")
     yield from skip_to(places, aside)
-    seen["asked"] = [asked()]
-    yield from window.click(*places.pop(asked()))
-    seen["asked"].append(asked())
+    seen["asked"] = [asked().rstrip("?")]
+    yield from window.click(*places.pop(asked().rstrip("?")))
+    seen["asked"].append(asked().rstrip("?"))
     yield from window.press("BACK_SPACE", *aside)
-    seen["asked"].append(asked())
+    seen["asked"].append(asked().rstrip("?"))
     yield from window.press("SPACE", *aside)
-    seen["asked"].append(asked())
+    seen["asked"].append(asked().rstrip("?"))
     yield from skip_to(places, aside)
-    seen["asked"].append(asked())
-    yield from window.click(*places.pop(asked()))
+    seen["asked"].append(asked().rstrip("?"))
+    yield from window.click(*places.pop(asked().rstrip("?")))
     yield from window.press("ESC", *aside)
     seen["given"] = corrections()[begun:]
     seen["quick label runs"] = running()
@@ -127,7 +128,7 @@ def quick_labelling(seen: dict) -> Iterator[float]:
 def skip_to(wanted: dict[str, Place], aside: Place) -> Iterator[float]:
     """Pass over the markers that are asked for until it is one of those wanted."""
     for _ in range(30):
-        if asked() in wanted:
+        if asked().rstrip("?") in wanted:
             return
         yield from window.press("SPACE", *aside)
 
@@ -166,11 +167,10 @@ def playing(seen: dict) -> Iterator[float]:
     seen["tool"] = bpy.context.workspace.tools.from_space_view3d_mode("OBJECT").idname
 
 
-def of_two(seen: dict, task: dict) -> Iterator[float]:
+def of_two(seen: dict) -> Iterator[float]:
     """Two performers labelled beside the window, and a knee that is the other one's; taken back."""
-    settings = bpy.context.scene.mocap_autolabel
-    bpy.ops.mocap_autolabel.import_points(filepath=task["pair"])
-    settings.performing = "SO_MANY"
+    bpy.ops.mocap_autolabel.import_points(filepath=TASK["pair"])
+    settings().subjects.performing = "SO_MANY"
     bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
     yield from window.until(lambda: take() is not None and "duet" in take().name)
     bpy.context.scene.frame_set(bpy.context.scene.frame_start + 20)
@@ -192,88 +192,20 @@ def of_two(seen: dict, task: dict) -> Iterator[float]:
     seen["their knees again"] = [trajectory("1:LKNE"), trajectory("2:LKNE")]
 
 
-def set_tool():
-    """Makes Label the active tool."""
-    with bpy.context.temp_override(area=window.area(), region=window.region("WINDOW")):
-        bpy.ops.wm.tool_set_by_id(name="mocap_autolabel.label_tool")
-
-
-def look_at_the_person():
-    """Turn the 3D view to the person of the current frame."""
-    stored, index = now()
-    view = window.area().spaces.active.region_3d
-    view.view_perspective, view.view_distance = "PERSP", 3.0
-    view.view_location = np.nanmean(stored.motion.markers[index], axis=0)
-    view.view_rotation = Euler((math.radians(75), 0, math.radians(65))).to_quaternion()
-
-
 def take() -> bpy.types.Collection:
     return bpy.context.scene.mocap_autolabel.take
-
-
-def now():
-    """The take, and the index of the current frame."""
-    stored = importlib.import_module(f"{ADDON}.scene.opened").opened.take(take(), bpy.context.scene)
-    return stored, bpy.context.scene.frame_current - stored.shift - int(stored.motion.frames[0])
 
 
 def dots():
     """The dots of the current frame, and the names of the markers."""
     stored, index = now()
-    return importlib.import_module(f"{ADDON}.scene.picking").dots_of(stored, index), stored.names
+    return module("scene.picking").dots_of(stored, index), stored.names
 
 
 def trajectory(marker: str) -> int:
     """The trajectory that is a marker now."""
     here, names = dots()
     return int(here.trajectory[here.marker == names.index(marker)][0])
-
-
-def dot(marker: str) -> Place:
-    """Where a marker's dot is in the window."""
-    here, names = dots()
-    return in_window(here.xyz[here.marker == names.index(marker)][0])
-
-
-def in_window(xyz) -> Place:
-    """Where a place of the world is in the window."""
-    region = window.region("WINDOW")
-    x, y = location_3d_to_region_2d(region, window.area().spaces.active.region_3d, xyz)
-    return int(region.x + x), int(region.y + y)
-
-
-def picked() -> list[int]:
-    return [row.point for row in bpy.context.window_manager.mocap_autolabel.picked]
-
-
-def corrections() -> list[str]:
-    """What was said so far; the sidebar's list comes a moment later."""
-    stored, _ = now()
-    words_of = importlib.import_module(f"{ADDON}.core.edits.wording").words_of
-    return [words_of(edit, stored.shift) for edit in stored.edits]
-
-
-def asked() -> str:
-    """The marker that Quick Label asks for."""
-    return importlib.import_module(f"{ADDON}.ops.gestures").gesture.words.rstrip("?")
-
-
-def running() -> bool:
-    """True while a modal operator of ours runs in the window."""
-    operators = bpy.context.window_manager.windows[0].modal_operators
-    return any(operator.bl_idname.startswith("MOCAP_AUTOLABEL") for operator in operators)
-
-
-def event(kind: str, value: str, place: Place, **held: bool):
-    """One event of the pointer or a key."""
-    bpy.context.window_manager.windows[0].event_simulate(type=kind, value=value, x=place[0], y=place[1], **held)
-
-
-def press_held(key: str, place: Place, **held: bool) -> Iterator[float]:
-    """Press and release a key while others are held."""
-    for value in ("PRESS", "RELEASE"):
-        event(key, value, place, **held)
-        yield 0.3
 
 
 def lasso(path: list[Place]) -> Iterator[float]:
@@ -291,4 +223,4 @@ def lasso(path: list[Place]) -> Iterator[float]:
     yield 0.5
 
 
-window.play(walk())
+play(walk)

@@ -1,34 +1,24 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Esc pressed everywhere in a real Blender's window while a take is labelled, which only some of them may end.
-
-Runs as the window's script. Its task is the JSON file `task.json` in the folder MOCAP_OUT: the zip and the points. It
-judges nothing: what it saw goes to `seen.json` beside its pictures.
-"""
+"""Esc pressed everywhere in a real Blender's window while a take is labelled, which only some of them may end."""
 
 import importlib
-import json
-import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
+sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-import window
+from stage import TASK, play, state, window
 
-OUT = Path(os.environ["MOCAP_OUT"])
 MUCH = 10.5  # s of work, of which it is asked
 
 
-def walk() -> Iterator[float]:
+def walk(seen: dict) -> Iterator[float]:
     """Esc in another editor, in a menu, to stop what plays; asked, and said no to; and yes; unasked."""
-    task, seen = json.loads((OUT / "task.json").read_text()), {}
-    state = lambda: bpy.context.window_manager.mocap_autolabel  # noqa: E731 - Blender's references go stale
-    bpy.ops.extensions.package_install_files(filepath=task["zip"], repo="user_default", enable_on_install=True)
     yield from window.open_tab("Mocap")
-    bpy.ops.mocap_autolabel.import_points(filepath=task["points"])
+    bpy.ops.mocap_autolabel.import_points(filepath=TASK["points"])
     labelling = importlib.import_module("bl_ext.user_default.mocap_autolabel.addon.ops.labelling")
     labelling.label_steps = endless
     view, other = window.region("WINDOW"), window.area("DOPESHEET_EDITOR")
@@ -73,7 +63,6 @@ def walk() -> Iterator[float]:
     yield from window.press("ESC", *here)
     yield from window.until(lambda: not state().doing)
     seen["little work"] = bool(state().doing)
-    (OUT / "seen.json").write_text(json.dumps(seen, indent=1))
 
 
 def endless(*job) -> Iterator[float]:
@@ -82,4 +71,4 @@ def endless(*job) -> Iterator[float]:
         yield 0.4
 
 
-window.play(walk())
+play(walk)

@@ -1,13 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A hand that names blobs through cameras with the tool Label in a real Blender's window, by pointer and keys.
+"""A hand that names blobs through cameras with the tool Label in a real Blender's window, by pointer and keys."""
 
-Runs as the window's script. Its task is the JSON file `task.json` in the folder MOCAP_OUT: the zip, a take of blobs and
-its cameras. It judges nothing: what it saw goes to `seen.json` beside its pictures.
-"""
-
-import importlib
-import json
-import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,38 +8,35 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
+sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-import window
+from stage import TASK, Place, asked, corrections, event, module, now, picked, play, set_tool, window
 
-OUT = Path(os.environ["MOCAP_OUT"])
-ADDON = "bl_ext.user_default.mocap_autolabel.addon"
 LOST = "RKNE"
-Place = tuple[int, int]
 
 
-def walk() -> Iterator[float]:
+def walk(seen: dict) -> Iterator[float]:
     """Install, import, label; lose a marker, name its blobs in two cameras, take that back, place it, label again."""
-    task, seen = json.loads((OUT / "task.json").read_text()), {}
-    bpy.ops.extensions.package_install_files(filepath=task["zip"], repo="user_default", enable_on_install=True)
     bpy.data.batch_remove(list(bpy.data.objects))
-    bpy.ops.mocap_autolabel.import_cameras(filepath=task["cameras"])
-    bpy.ops.mocap_autolabel.import_blobs(filepath=task["blobs"])
+    bpy.ops.mocap_autolabel.import_cameras(filepath=TASK["cameras"])
+    bpy.ops.mocap_autolabel.import_blobs(filepath=TASK["blobs"])
     settings = bpy.context.scene.mocap_autolabel
-    settings.markerset, settings.rate, settings.occlusion = task["markerset"], 60.0, "capsules"
+    settings.subjects.markerset, settings.source.rate, settings.labelling.occlusion = (
+        TASK["markerset"],
+        60.0,
+        "capsules",
+    )
     yield from label()
-    bpy.context.scene.frame_set(task["frame"])
-    with bpy.context.temp_override(area=window.area(), region=window.region("WINDOW")):
-        bpy.ops.wm.tool_set_by_id(name="mocap_autolabel.label_tool")
+    bpy.context.scene.frame_set(TASK["frame"])
+    set_tool()
     bpy.ops.ed.undo_push(message="Labelled")
     seen["cameras"] = cameras_that_see(LOST)
     yield from losing(seen)
     yield from naming(seen)
     yield from picking(seen)
     yield from undoing(seen)
-    yield from placing(seen, task["frame"] + 12)
-    yield from labelling_again(seen, task["frame"])
-    (OUT / "seen.json").write_text(json.dumps(seen, indent=1))
+    yield from placing(seen, TASK["frame"] + 12)
+    yield from labelling_again(seen, TASK["frame"])
 
 
 def label() -> Iterator[float]:
@@ -95,7 +85,7 @@ def naming(seen: dict) -> Iterator[float]:
     yield 1
     place = dot(seen["rows"][second])
     yield from window.press("F", *aside())
-    seen["asked"] = importlib.import_module(f"{ADDON}.ops.gestures").gesture.words
+    seen["asked"] = asked()
     yield from window.screenshot("2-quick-label")
     named = len(corrections())
     yield from window.click(*place)
@@ -121,7 +111,7 @@ def undoing(seen: dict) -> Iterator[float]:
     """One step back, and forth."""
     for key, shift in (("undone", False), ("redone", True)):
         for value in ("PRESS", "RELEASE"):
-            window_event("Z", value, aside(), ctrl=True, shift=shift)
+            event("Z", value, aside(), ctrl=True, shift=shift)
             yield 0.5
         yield 1
         seen[key] = [len(corrections()), place_of(LOST)]
@@ -154,18 +144,6 @@ def labelling_again(seen: dict, frame: int) -> Iterator[float]:
     yield 1
     seen["labelled again"] = [len(corrections()), place_of(LOST)]
     yield from window.screenshot("5-again")
-
-
-def module(name: str):
-    """A module of the extension."""
-    return importlib.import_module(f"{ADDON}.{name}")
-
-
-def now():
-    """The take, and the index of the current frame."""
-    scene = bpy.context.scene
-    stored = module("scene.opened").opened.take(scene.mocap_autolabel.take, scene)
-    return stored, scene.frame_current - stored.shift - int(stored.motion.frames[0])
 
 
 def empty(marker: str) -> bpy.types.Object:
@@ -254,20 +232,4 @@ def look_through(camera: str):
     window.area().spaces.active.region_3d.view_perspective = "CAMERA"
 
 
-def picked() -> list[int]:
-    return [row.point for row in bpy.context.window_manager.mocap_autolabel.picked]
-
-
-def corrections() -> list[str]:
-    """What was said so far."""
-    stored, _ = now()
-    words_of = module("core.edits.wording").words_of
-    return [words_of(edit, stored.shift) for edit in stored.edits]
-
-
-def window_event(kind: str, value: str, place: Place, **held: bool):
-    """One event of a key."""
-    bpy.context.window_manager.windows[0].event_simulate(type=kind, value=value, x=place[0], y=place[1], **held)
-
-
-window.play(walk())
+play(walk)

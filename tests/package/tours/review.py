@@ -1,40 +1,29 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A person's way through the trouble of a take, walked in a real Blender's window by pointer and keys.
+"""A person's way through the trouble of a take, walked in a real Blender's window by pointer and keys."""
 
-Runs as the window's script. Its task is the JSON file `task.json` in the folder MOCAP_OUT: the zip and the points. It
-judges nothing: what it saw goes to `seen.json` beside its pictures.
-"""
-
-import json
-import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
+sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-import window
+from stage import TASK, play, settings, state, window
 
-OUT = Path(os.environ["MOCAP_OUT"])
 LABEL = "mocap_autolabel.label"
 NEXT, MEND, ACCEPT = (f"mocap_autolabel.{name}" for name in ("next_trouble", "mend_trouble", "accept_trouble"))
 LOST = "LKNE"
 FROM_RIGHT = 50  # px from the sidebar's right end to the middle of the cross beside the progress
 
 
-def walk() -> Iterator[float]:
+def walk(seen: dict) -> Iterator[float]:
     """Import, label, cancel by the button, label, lose a knee, find it in the list, name it by a button, undo."""
-    task, seen = json.loads((OUT / "task.json").read_text()), {}
-    settings = lambda: bpy.context.scene.mocap_autolabel  # noqa: E731 - Blender's own references go stale with undo
-    state = lambda: bpy.context.window_manager.mocap_autolabel  # noqa: E731
     listed = lambda: [one.reason for one in state().troubles]  # noqa: E731
-    bpy.ops.extensions.package_install_files(filepath=task["zip"], repo="user_default", enable_on_install=True)
     bpy.data.batch_remove(list(bpy.data.objects))
     yield from window.open_tab("Mocap")
-    bpy.ops.mocap_autolabel.import_points(filepath=task["points"])
-    settings().markerset = "body26"
+    bpy.ops.mocap_autolabel.import_points(filepath=TASK["points"])
+    settings().subjects.markerset = "body26"
     bpy.ops.ed.undo_push(message="Imported")
     yield from window.screenshot("1-imported")
 
@@ -84,7 +73,6 @@ def walk() -> Iterator[float]:
     seen["answered"] = sum(one.answered for one in state().troubles)
     state().trouble_done, state().trouble_marker = "DONE", ""
     yield from window.screenshot("5-done")
-    (OUT / "seen.json").write_text(json.dumps(seen, indent=1))
 
 
-window.play(walk())
+play(walk)

@@ -1,38 +1,28 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A person's way through the sidebar, walked in a real Blender's window by pointer and keys.
+"""A person's way through the sidebar, walked in a real Blender's window by pointer and keys."""
 
-Runs as the window's script. Its task is the JSON file `task.json` in the folder MOCAP_OUT: the zip, the calibration and
-the blobs. It judges nothing: what it saw goes to `seen.json` beside its pictures.
-"""
-
-import json
-import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
+sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-import window
+from stage import OUT, TASK, play, running, settings, window
 
-OUT = Path(os.environ["MOCAP_OUT"])
 LABEL, CLEAR, LOOK = "mocap_autolabel.label", "mocap_autolabel.clear", "mocap_autolabel.look_through"
 
 
-def walk() -> Iterator[float]:
+def walk(seen: dict) -> Iterator[float]:
     """Install, import, label and stop, label, export, look through a camera, clear, undo, save a marker set."""
-    task, seen = json.loads((OUT / "task.json").read_text()), {}
-    settings = lambda: bpy.context.scene.mocap_autolabel  # noqa: E731 - Blender's own references go stale with undo
-    bpy.ops.extensions.package_install_files(filepath=task["zip"], repo="user_default", enable_on_install=True)
     yield from window.open_tab("Mocap")
     yield from window.screenshot("1-empty")
     seen["at first"] = yield from window.all_buttons()
 
-    bpy.ops.mocap_autolabel.import_cameras(filepath=task["cameras"])
-    bpy.ops.mocap_autolabel.import_blobs(filepath=task["blobs"])
-    settings().markerset, settings().rate = task["markerset"], 60
+    bpy.ops.mocap_autolabel.import_cameras(filepath=TASK["cameras"])
+    bpy.ops.mocap_autolabel.import_blobs(filepath=TASK["blobs"])
+    settings().subjects.markerset, settings().source.rate = TASK["markerset"], 60
     bpy.ops.ed.undo_push(message="Imported")
     yield 1
     yield from window.screenshot("2-imported")
@@ -73,15 +63,8 @@ def walk() -> Iterator[float]:
     seen["back after undo"] = settings().take is not None
     bpy.ops.mocap_autolabel.edit_markerset()
     bpy.ops.mocap_autolabel.save_markerset(filepath=str(OUT / "mine.markerset.json"))
-    seen["marker set"] = Path(settings().markerset_path).name
+    seen["marker set"] = Path(settings().subjects.markerset_path).name
     yield from window.screenshot("5-marker-set")
-    (OUT / "seen.json").write_text(json.dumps(seen, indent=1))
 
 
-def running() -> bool:
-    """True while a modal operator of ours runs in the window."""
-    operators = bpy.context.window_manager.windows[0].modal_operators
-    return any(operator.bl_idname.startswith("MOCAP_AUTOLABEL") for operator in operators)
-
-
-window.play(walk())
+play(walk)
