@@ -224,7 +224,7 @@ class Results:
 
     def judged(self) -> dict:
         """What the report says that a person should look at; asked once gaps are filled, which are no trouble then."""
-        self.heard |= self.trouble.heard(self.summary.suspects)
+        self.heard |= self.trouble.accepted(self.summary.suspects)
         doubtful = {name: spans for name, spans in self._doubtful.items() if spans}
         return facts_of_trouble(self.trouble, self.summary.suspects) | {"doubtful": doubtful}
 
