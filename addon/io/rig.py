@@ -17,7 +17,7 @@ Z_UP_FROM_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 @dataclass(frozen=True)
 class RigLimits:
-    """What no camera room has; reckoned.
+    """What no camera room has; physical.
 
     max_rotation_error  of a rotation times its transpose: printed ones carry four digits or more
     max_cameras         no room has more
