@@ -9,8 +9,8 @@ import numpy as np
 
 from ...core.data.errors import InputError
 from ...core.geometry.cameras import Cameras
+from ..rig import SUBPIXELS
 from ..rows import MAX_PIXEL, Rows
-from ..xml_cameras import SUBPIXELS
 from .capture import CAMERA_DATA, QtmCamera, QtmCapture
 from .container import KIND
 

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...core.data.errors import InputError
-from ..rig import RIG_LIMITS, RigCamera
-from ..xml_cameras import SUBPIXELS
+from ..rig import RIG_LIMITS, SUBPIXELS, RigCamera
 from .container import KIND, Container
 from .layout import Cursor
 
