@@ -22,7 +22,7 @@ KIND = "a blob file with the header frame,camera,x,y"
 
 @dataclass(frozen=True)
 class BlobFileOptions:
-    """How blob files are read, and what is none; reckoned.
+    """How blob files are read, and what is none; memory, and what a capture is.
 
     block_bytes      that are read at a time
     max_line_bytes   of a line; a longer one is no row

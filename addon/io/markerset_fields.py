@@ -15,7 +15,7 @@ from .names import EXPECTED, can_be_written, is_unicode
 
 @dataclass(frozen=True)
 class FieldLimits:
-    """What no marker set holds; reckoned.
+    """What no marker set holds; physical.
 
     max_number  heights, metres and square radians of a body are all far below it
     max_rows    of a table: a subject has a hundred markers at most and fewer joints

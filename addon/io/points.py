@@ -32,7 +32,7 @@ OUTPUT_GROUPS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "MODELED_MA
 
 @dataclass(frozen=True)
 class NarrowOptions:
-    """How the points of a file are kept; reckoned, by memory.
+    """How the points of a file are kept; memory.
 
     max_cells  of a table (T, L) beyond which they stay as narrow as in the file, and are lengths where they are asked
     """

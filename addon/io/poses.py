@@ -17,7 +17,7 @@ from .scratch import naming_scratch
 
 @dataclass(frozen=True)
 class PlayedOptions:
-    """When a take is played from a file beside the Blender file, instead of by keys; reckoned.
+    """When a take is played from a file beside the Blender file, instead of by keys; memory.
 
     most_keys      that a Blender file holds, of markers and bones; opened, each takes some 240 bytes with Blender's
                    undo and the tables of the take, so that these are 1.4 GB

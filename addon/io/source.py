@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TextLimits:
-    """Bytes beyond which a text is another file than is meant; reckoned.
+    """Bytes beyond which a text is another file than is meant; memory.
 
     max_values   of JSON: parsed, a value takes up to a hundred times the letters that it was written with, and no file
                  of ours has a tenth of these. Long texts, such as packed arrays, cost no more than their letters

@@ -14,7 +14,7 @@ from .samples import Samples
 
 @dataclass(frozen=True)
 class TextPointLimits:
-    """What is no take of points; reckoned.
+    """What is no take of points; physical, and memory.
 
     max_coordinate    in any unit
     max_gap           frames that are left out between two rows: what it would fill the memory with is no take

@@ -11,7 +11,7 @@ import numpy as np
 from ..core.data.errors import InputError
 from ..core.geometry import inverse_lens
 from ..core.geometry.cameras import Cameras
-from .rig import RigCamera, refuse_crowd, rig, rotation_from_quaternion
+from .rig import SUBPIXELS, RigCamera, refuse_crowd, rig, rotation_from_quaternion
 from .source import numbers, read_xml
 from .world import z_up
 
@@ -21,9 +21,6 @@ XCP, QCA, MCAL = "a Vicon .xcp calibration", "a Qualisys calibration", "a Motive
 PIXEL_COEFFICIENT = 1e-4
 # Focal lengths are hundreds of px and the shapes of pixels near one; what is far below overflows where it divides.
 LEAST = 1e-6
-
-# Qualisys has focal lengths, centres and the sensor in 64ths of a pixel; its lens is OpenCV's.
-SUBPIXELS = 64
 
 # Qualisys and Motive look along their own -z with y up, we along +z with y down.
 CAMERA_TURN = np.diag([1.0, -1.0, -1.0])

@@ -7,7 +7,7 @@ import pytest
 
 from addon.io.markersets import write_markerset
 from tests.core.toybody import toy_markerset
-from tests.io.limits import read_within
+from tests.fuzz.limits import read_within
 
 
 def markerset(path, change) -> None:

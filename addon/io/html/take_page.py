@@ -41,7 +41,7 @@ STEP_WORDS = {
 
 @dataclass(frozen=True)
 class PageOptions:
-    """How many rows a page lists before it says how many more there are; reckoned, by what a person reads.
+    """How many rows a page lists before it says how many more there are; what a person reads.
 
     max_rows   of doubts, edits and notes, and
     max_gaps   of gaps, the worst of which come first

@@ -19,7 +19,7 @@ FILLED_TYPES = ("Point Type Gap Filled", "Point Type Virtual", "Point Type Linea
 
 @dataclass(frozen=True)
 class QtmPointLimits:
-    """What is no take of points; reckoned.
+    """What is no take of points; physical, and memory.
 
     max_coordinate  mm: no room is a thousand kilometres wide
     max_frames      of a take: a day at 500 Hz, and each takes memory
