@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the sidebar remembers: the choices of a scene, saved with it, and the tables of a review, worked out anew."""
+"""What the sidebar remembers: the choices of a scene, saved with it, and the tables of a review, worked out again."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -113,7 +113,7 @@ class TrainingTakeRow(bpy.types.PropertyGroup):
     kept: BoolProperty(
         name="Keep for Checking",
         description="Learn nothing from this take, whose names were looked at: whenever the marker set is trained on, "
-        "it is labelled anew by the marker set as it was and as it is then",
+        "it is labelled again by the marker set as it was and as it is then",
     )
 
 
@@ -279,8 +279,8 @@ class FolderSettings(bpy.types.PropertyGroup):
     watch: BoolProperty(
         name="Watch", description="Go on with takes that still arrive in the folder, until it is stopped"
     )
-    anew: BoolProperty(
-        name="Make Anew",
+    overwrite: BoolProperty(
+        name="Overwrite",
         description="Replace results that were made of other files, by other settings or by another version",
     )
     jobs: IntProperty(
@@ -387,7 +387,7 @@ RENAMED = {
     ("folder", "path"): "folder_path",
     ("folder", "out"): "folder_out",
     ("folder", "watch"): "folder_watch",
-    ("folder", "anew"): "folder_anew",
+    ("folder", "overwrite"): "folder_anew",
     ("folder", "jobs"): "folder_jobs",
     ("filling", "method"): "fill_method",
     ("filling", "use_longest"): "use_fill_longest",

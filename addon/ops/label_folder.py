@@ -122,7 +122,7 @@ def folder_line(settings: SceneSettings) -> tuple[list[str], Path, bool]:
         f"--jobs={settings.folder.jobs}",
     ]
     line += [] if settings.folder.watch else ["--idle=0"]
-    line += ["--overwrite"] if settings.folder.anew else []
+    line += ["--overwrite"] if settings.folder.overwrite else []
     line += [f"--occlusion={settings.labelling.occlusion}", f"--rate={settings.source.rate}"] if blobs else []
     return [*line, "--", str(source)], table, blobs
 

@@ -25,7 +25,7 @@ from ..scene.stored import Stored
 from ..scene.take import is_take
 from .stepping import BUDGET, TICK
 
-# What poses the active take anew: the take, by the session's number of its collection and the digests of its labels,
+# What poses the active take again: the take, by the session's number of its collection and the digests of its labels,
 # and the work.
 _going_on: list[tuple[tuple[int, bytes], Generator[None, None, None]]] = []
 
@@ -58,7 +58,7 @@ def _read(path: Path, _changed: int) -> MarkerSet:
 
 
 def _reposing(context: bpy.types.Context, collection: bpy.types.Collection) -> Generator[None, None, None]:
-    """Poses the take anew; the first step puts the body of the current frame there."""
+    """Poses the take again; the first step puts the body of the current frame there."""
     scene, stored = context.scene, opened.take(collection, context.scene)
     markersets = sets_of(context, stored)
     frames, markers = stored.motion.frames + stored.shift, stored.unfilled.markers

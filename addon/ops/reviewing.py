@@ -163,7 +163,7 @@ class MOCAP_AUTOLABEL_OT_next_trouble(OfTrouble, bpy.types.Operator):
 
 
 class MOCAP_AUTOLABEL_OT_accept_trouble(OfTrouble, bpy.types.Operator):
-    """Say that it was looked at and is right as it is: it is not asked again, whatever is labelled anew."""
+    """Say that it was looked at and is right as it is: it is not asked again, whatever is labelled again."""
 
     bl_label = "It Is Right"
 

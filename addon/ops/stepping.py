@@ -19,7 +19,7 @@ from .base import Ours, reports_trouble
 
 BUDGET = 0.1  # s of work between two looks at the keyboard
 TICK = 0.02  # s
-TELL_EVERY = 0.25  # s between two words on how far it is: Blender draws the whole window anew for each
+TELL_EVERY = 0.25  # s between two words on how far it is: Blender draws the whole window again for each
 TELLING_AFTER, TELLING_FROM = 3.0, 0.02  # s and share of the work from which on its end can be told
 ASKED_FROM = 10.0  # s of work that is not given up unasked; paper: Miller 1968, people who wait longer turn away
 

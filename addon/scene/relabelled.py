@@ -112,7 +112,7 @@ def kept_changes(collection: bpy.types.Collection) -> tuple[Change, ...]:
 
 
 def _same_markers(collection: bpy.types.Collection, take: Take, old: LabelledRange) -> bool:
-    # A set that was learned anew has the same name, and may have its markers in another order.
+    # A set that was learned again has the same name, and may have its markers in another order.
     names = tuple(json.loads(collection[MARKER_NAMES]))
     alike = collection[naming.MARKERSET] == take.markerset.name and names == take.markerset.markers
     return alike and can_merge(old, as_range(take))

@@ -43,7 +43,7 @@ def _actions(collection: bpy.types.Collection) -> dict[str, bpy.types.Action]:
 
 
 def lacks_to_repose(context: bpy.types.Context, collection: bpy.types.Collection) -> str:
-    """What to do before bones can be laid anew; empty where they can."""
+    """What to do before bones can be laid again; empty where they can."""
     if context.mode != "OBJECT":
         return "go to object mode"
     there = context.view_layer.objects

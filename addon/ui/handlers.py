@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What has to be worked out anew when Blender opens another file or goes back a step."""
+"""What has to be worked out again when Blender opens another file or goes back a step."""
 
 import bpy
 from bpy.app.handlers import persistent

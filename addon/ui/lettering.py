@@ -48,7 +48,7 @@ SHADOW_COLOUR = (0.0, 0.0, 0.0, 1.0)
 
 @dataclass(eq=False)
 class Letters:
-    """The letters of one size that were needed so far, in a texture that is made anew when another is needed."""
+    """The letters of one size that were needed so far, in a texture that is made again when another is needed."""
 
     size: float = 0.0
     places: dict[str, int] = field(default_factory=dict)

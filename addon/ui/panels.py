@@ -341,7 +341,7 @@ class MOCAP_AUTOLABEL_PT_label_folder(Step, bpy.types.Panel):
             draw_choice(column, folder, name, factor=0.28)
         row = column.row(align=True)
         row.prop(folder, "watch", toggle=True)
-        row.prop(folder, "anew", toggle=True)
+        row.prop(folder, "overwrite", toggle=True)
         column.prop(folder, "jobs")
         row = layout.row(align=True)
         row.scale_y = 1.4

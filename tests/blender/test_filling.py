@@ -9,10 +9,8 @@ import pytest
 
 from addon.io.points import read_points
 from addon.scene.take import show_take
-from tests.blender import test_correcting
-from tests.blender.test_correcting import FRAMES, GHOST, choose, keys_of, shown
+from tests.blender.hands import FRAMES, GHOST, choose, keys_of, shown
 
-files, labelled = test_correcting.files, test_correcting.labelled  # fixtures
 GAP = slice(FRAMES // 3, FRAMES // 2)  # of RASI, and all are lost in two frames before
 HERE = 101 + GAP.start + 2
 

@@ -17,7 +17,7 @@ from addon.io.edits import read_edits
 from addon.io.markersets import write_markerset
 from addon.io.points import read_points
 
-from .test_correcting import choose, keys_of, picked, rows_of_export, shown
+from .hands import choose, keys_of, picked, rows_of_export, shown
 
 FRAMES, LOST = 30, "RKNE"
 

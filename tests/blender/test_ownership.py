@@ -2,6 +2,7 @@
 """Labelling again and Remove Take take what was made for the take, and nothing that a person made or changed."""
 
 import importlib
+import shutil
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -9,15 +10,15 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.core.data.takes import Points
 from addon.core.edits.kinds import Swap
-from addon.io.markersets import open_markerset, write_markerset
-from addon.io.points import write_c3d
+from addon.io.markersets import open_markerset
 from addon.scene import naming, ownership, performers
 from addon.scene import take as takes
 from addon.scene.character import add_character
 from addon.scene.relabelled import show_again
 from addon.scene.stored import alone
+
+from .conftest import label_walk, write_walk
 
 KINDS = ("objects", "meshes", "armatures", "actions", "collections", "materials", "node_groups")
 
@@ -462,9 +463,12 @@ def test_a_take_in_other_markers_is_hidden_with_all_that_is_in_it(duet, made):
 
 
 def test_points_that_were_renamed_stay_when_others_are_imported(extension, empty, made, tmp_path):
-    points, settings = _points(made), empty.scene.mocap_autolabel
+    settings, written = (
+        empty.scene.mocap_autolabel,
+        write_walk(tmp_path, made.motion(made.markerset(), 12).markers, made.markerset()),
+    )
     for name in ("one", "two", "three"):
-        write_c3d(tmp_path / f"{name}.c3d", points)
+        shutil.copy(written.take, tmp_path / f"{name}.c3d")
     assert bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "one.c3d")) == {"FINISHED"}
     [item] = empty.scene.objects
     item.name = "reference"
@@ -479,21 +483,13 @@ def test_points_that_were_renamed_stay_when_others_are_imported(extension, empty
     assert "Mocap: two points" not in bpy.data.meshes
 
 
-def _points(made):
-    xyz = made.motion(made.markerset(), 12).markers
-    return Points(("",) * xyz.shape[1], xyz, np.where(np.isfinite(xyz[..., 0]), 0.0002, np.nan), 60.0, 101)
-
-
 @pytest.fixture
 def labelled(extension, empty, made, name_as, tmp_path):
     """A take of points labelled by the buttons."""
-    points = _points(made)
-    write_c3d(tmp_path / "walk.c3d", points)
-    write_markerset(tmp_path / "small.markerset.json", made.markerset())
-    name_as(np.arange(points.xyz.shape[1]))
-    assert bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "walk.c3d")) == {"FINISHED"}
-    assert bpy.ops.mocap_autolabel.open_markerset(filepath=str(tmp_path / "small.markerset.json")) == {"FINISHED"}
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    xyz = made.motion(made.markerset(), 12).markers
+    name_as(np.arange(xyz.shape[1]))
+    write_walk(tmp_path, xyz, made.markerset())
+    label_walk(tmp_path)
     return empty.scene.mocap_autolabel
 
 

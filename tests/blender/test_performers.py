@@ -134,13 +134,6 @@ def test_labelled_again_they_take_their_own_place_and_colours(empty, made):
     assert [child.name for child in after.children] == ["ann", "bob"]
 
 
-def test_a_take_that_is_removed_leaves_nothing(empty, made):
-    before = [len(kind) for kind in (bpy.data.objects, bpy.data.collections, bpy.data.materials, bpy.data.actions)]
-    takes.remove_take(takes.show_take(empty, made.pair()))
-    after = [len(kind) for kind in (bpy.data.objects, bpy.data.collections, bpy.data.materials, bpy.data.actions)]
-    assert after == before
-
-
 def test_the_command_line_saves_them_and_they_can_be_gone_on_with(empty, tmp_path):
     """What `label --subjects 2 --blend` saves is what the job makes in Blender."""
     write_pair(tmp_path)

@@ -2,8 +2,6 @@
 """From anonymous 3D points to named markers with the extension's own operators: seen, labelled, reviewed, written."""
 
 import importlib
-import tempfile
-import threading
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -23,7 +21,6 @@ from addon.io.markersets import open_markerset, write_markerset
 from addon.io.points import read_points, write_c3d, write_trc
 from addon.scene import naming
 from addon.scene.cameras import camera_name
-from tests.faults.stage import SECONDS, wait_for
 from tests.io.qtm_file import Recording, Trajectory, write_qtm
 
 GHOSTS = 2
@@ -70,21 +67,9 @@ def imported(extension, empty, files):
 
 
 @pytest.fixture
-def naming_known(extension, monkeypatch, files):
+def naming_known(name_as, files):
     """The job with a naming that knows the truth."""
-    pipeline = importlib.import_module(f"{extension}.addon.core.points.whole_take.pipeline")
-    takes = importlib.import_module(f"{extension}.addon.core.data.takes")
-
-    def name(points, rate):
-        for first in range(0, len(points), 10):
-            there = np.isfinite(points[first : first + 10]).all(axis=2)
-            marker = np.where(there, files.truth, NO_MARKER)
-            named = marker != NO_MARKER
-            yield takes.Labels(marker, np.where(named, takes.BY_FIT, takes.NO_STEP), named * 1.0, named * 1.0)
-
-    namer = SimpleNamespace(step=takes.BY_FIT, name=name)
-    monkeypatch.setattr(pipeline, "namer_of", lambda model, method, hints: namer)
-    return namer
+    name_as(files.truth)
 
 
 def visible_points() -> int:
@@ -213,28 +198,6 @@ def test_the_exports_are_what_the_command_line_writes(imported, files, naming_kn
     assert np.nanmin(ours.residual) == pytest.approx(0.0002)
     np.testing.assert_allclose(ours.residual, theirs.residual, atol=1e-6)
     np.testing.assert_allclose(trc.xyz, theirs.xyz, atol=1e-5)
-
-
-def test_what_is_cancelled_ends_soon_and_leaves_no_files(imported, extension, monkeypatch, naming_known, tmp_path):
-    module = importlib.import_module(f"{extension}.addon.ops.labelling")
-    known, counts, closed = naming_known.name, [], threading.Event()
-
-    def slowly(points, rate):
-        for part in known(points, rate):
-            counts.append(len(part.marker))
-            assert closed.wait(SECONDS)
-            yield part
-
-    naming_known.name = slowly
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    steps = module.label_steps(module.job_of(imported), "walk")
-    while not counts:
-        assert 0 <= next(steps) < 1
-    assert list(tmp_path.iterdir())
-    steps.close()
-    closed.set()
-    wait_for(lambda: not list(tmp_path.iterdir()))
-    assert len(counts) < 3, "it stopped before its end"
 
 
 def test_doubtful_points_are_told_from_sure_ones(extension):

@@ -11,14 +11,14 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.core.data.takes import Labels, Points
+from addon.core.data.takes import Labels
 from addon.core.points.motion import motion_of
 from addon.io.markersets import open_markerset, write_markerset
-from addon.io.points import write_c3d
 from addon.scene import take as takes
 from addon.scene.stored import digests_of
 
-from .test_correcting import choose
+from .conftest import write_walk
+from .hands import choose
 from .test_performers import kinds
 
 FRAMES, FIRST = 30, 101
@@ -30,10 +30,7 @@ NEAR = 1e-4  # m and of a turn: floats of single precision are in between
 def files(tmp_path, made):
     """A take of points of a person who wears `body26`, a trajectory a marker."""
     markerset = open_markerset("body26")
-    xyz = made.motion(markerset, FRAMES).markers
-    residual = np.where(np.isfinite(xyz[..., 0]), 0.0002, np.nan)
-    write_c3d(tmp_path / "walk.c3d", Points(("",) * xyz.shape[1], xyz, residual, 30.0, FIRST))
-    return SimpleNamespace(folder=tmp_path, take=tmp_path / "walk.c3d", names=markerset.markers)
+    return write_walk(tmp_path, made.motion(markerset, FRAMES).markers, markerset, rate=30.0)
 
 
 @pytest.fixture

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from addon.core.data.progress import finished
-from addon.core.data.takes import NO_MARKER, Points, Suspect
+from addon.core.data.takes import NO_MARKER, Suspect
 from addon.io.edits import read_edits
-from addon.io.markersets import write_markerset
-from addon.io.points import write_c3d
 from addon.scene import naming
 from addon.scene.take import show_take
+
+from .conftest import label_walk, write_walk
 
 FRAMES, FIRST, LOST, GHOST = 60, 101, "LKNE", 13
 
@@ -25,17 +25,11 @@ FRAMES, FIRST, LOST, GHOST = 60, 101, "LKNE", 13
 def state(extension, empty, made, tmp_path, name_as):
     """A take in a scene of which one knee was never named, though its point is there, and a ghost is far away."""
     markerset = made.markerset()
-    motion = made.motion(markerset, FRAMES)
-    xyz = np.concatenate([motion.markers, np.tile([2.5, 2.5, 0.2], (FRAMES, 1, 1))], axis=1)
-    residual = np.where(np.isfinite(xyz[..., 0]), 0.0002, np.nan)
-    write_c3d(tmp_path / "walk.c3d", Points(("",) * xyz.shape[1], xyz, residual, 60.0, FIRST))
-    write_markerset(tmp_path / "small.markerset.json", markerset)
+    ghost = np.tile([2.5, 2.5, 0.2], (FRAMES, 1, 1))
+    write_walk(tmp_path, np.concatenate([made.motion(markerset, FRAMES).markers, ghost], axis=1), markerset)
     knee = markerset.markers.index(LOST)
-    truth = np.where(np.isin(np.arange(GHOST + 1), [knee, GHOST]), NO_MARKER, np.arange(GHOST + 1))
-    name_as(truth)
-    assert bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "walk.c3d")) == {"FINISHED"}
-    bpy.ops.mocap_autolabel.open_markerset(filepath=str(tmp_path / "small.markerset.json"))
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    name_as(np.where(np.isin(np.arange(GHOST + 1), [knee, GHOST]), NO_MARKER, np.arange(GHOST + 1)))
+    label_walk(tmp_path)
     state = bpy.context.window_manager.mocap_autolabel
     state.trouble_kind, state.trouble_done, state.trouble_marker, state.trouble_index = "ALL", "OPEN", "", 0
     return SimpleNamespace(review=state, knee=knee, folder=tmp_path, extension=extension)

@@ -7,10 +7,8 @@ import pytest
 
 from addon.core.filling.smoothing import smoothed
 from addon.io.points import read_points
-from tests.blender import test_correcting
-from tests.blender.test_correcting import choose, follows, keys_of
+from tests.blender.hands import choose, follows, keys_of
 
-files, labelled = test_correcting.files, test_correcting.labelled  # fixtures
 RATE, CUTOFF = 60.0, 5.0
 
 

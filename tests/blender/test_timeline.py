@@ -8,10 +8,7 @@ import numpy as np
 import pytest
 
 from addon.core.data.takes import BY_EDIT, NO_MARKER
-from tests.blender import test_correcting
-from tests.blender.test_correcting import FRAMES, GHOST, choose, shown
-
-files, labelled = test_correcting.files, test_correcting.labelled  # fixtures
+from tests.blender.hands import FRAMES, GHOST, choose, picked, shown
 
 
 @pytest.fixture
@@ -142,7 +139,7 @@ def test_a_click_goes_there_and_picks(labelled):
     pick(marker="RKNE", first=110, last=110, extend=True)
     assert set(labelled.selected_objects) == {shown()["LKNE"], shown()["RKNE"]}
     pick(trajectory=GHOST, first=112, last=112)
-    assert (labelled.selected_objects, test_correcting.picked()) == ([], [GHOST])
+    assert (labelled.selected_objects, picked()) == ([], [GHOST])
     assert bpy.ops.mocap_autolabel.name_point(marker="LKNE", scope="FRAME") == {"FINISHED"}
 
 
