@@ -22,7 +22,7 @@ labelled frame; more takes of more subjects make it better. The model keeps some
 MODEL trains it on with others."""
 
 
-SWITCHES = {
+TRAIN_SWITCHES = {
     "paper": "partial solvers by the paper's four functions only, none of which tells left from right",
     "adopt": "with --from, replace the model that is there although known takes are named worse by the new one",
     "force": "learn from takes that cannot be as they are, such as mirrored ones",
@@ -56,7 +56,7 @@ def add_parser(verbs):
     teacher = "who teaches the model, for its history (default: who is logged in; '' for nobody)"
     add("--by", metavar="NAME", help=teacher)
     add("--report", type=Path, metavar="FILE", help="also write what was learned, as JSON")
-    for name, words in SWITCHES.items():
+    for name, words in TRAIN_SWITCHES.items():
         add(f"--{name}", action="store_true", help=words)
     add_options(parser, "--up", "--rate", "--overwrite")
     parser.set_defaults(run=run)

@@ -28,7 +28,7 @@ from .serving import ANSWER, PATIENCE, POLL, SERVE
 Answers = Generator[tuple[int, dict | UserError], None, None]  # the number of each command line, and what came of it
 ROOT = Path(__file__).resolve().parents[2]
 EXTENSION = "mocap_autolabel"
-END = object()  # of the command lines
+NO_MORE = object()  # of the command lines
 # Opens the package from where it lies, whatever it is called and wherever it was installed.
 SCRIPT = """
 import importlib.util, json, sys
@@ -152,8 +152,8 @@ def _run(
     while more or waiting or any(worker.command for worker in workers):
         wanted, pausing = jobs - sum(worker.command is not None for worker in workers), False
         while more and not pausing and len(waiting) < wanted:
-            line = next(lines, END)
-            more, pausing = line is not END, line is None
+            line = next(lines, NO_MORE)
+            more, pausing = line is not NO_MORE, line is None
             if isinstance(line, list):
                 number = next(numbers)
                 waiting.append(Command(number, line, scratch / f"{number}.json"))
