@@ -32,9 +32,8 @@ def add_parser(verbs):
     chosen = parser.add_mutually_exclusive_group()
     chosen.add_argument("--markers", type=names, metavar="A,B,…", help="only these markers; default: the model's")
     chosen.add_argument("--all-markers", action="store_true", help="every named marker of the take")
-    parser.add_argument(
-        "--subject", metavar="NAME", help="of a take with several, only the one whose markers are NAME:LASI …"
-    )
+    alone = "of a take with several, only the one whose markers are NAME:LASI …"
+    parser.add_argument("--subject", metavar="NAME", help=alone)
     add_options(parser, "--cameras", "--frames", "--up", "--rate", "--overwrite")
     parser.add_argument("--cameras-up", choices=AXIS_NAMES, help="the same as --up of the calibration")
     parser.add_argument("--centre", action="store_true", help="move the take's path to the middle of the room")
@@ -63,16 +62,9 @@ def _add_trouble(parser):
         group.add_argument(
             flag, dest=field, type=kind, default=default, metavar=unit, help=f"{text} (default {default:g})"
         )
-    group.add_argument(
-        "--marker-offset", type=amount, default=0.0, metavar="MM", help="markers sit up to this far off (default 0)"
-    )
-    group.add_argument(
-        "--marker-radius",
-        type=number(0.1, 100, "radius"),
-        default=7.0,
-        metavar="MM",
-        help="of a marker's ball (default 7)",
-    )
+    sits, radius = "markers sit up to this far off (default 0)", number(0.1, 100, "radius")
+    group.add_argument("--marker-offset", type=amount, default=0.0, metavar="MM", help=sits)
+    group.add_argument("--marker-radius", type=radius, default=7.0, metavar="MM", help="of its ball (default 7)")
 
 
 def run(arguments) -> int:

@@ -22,82 +22,43 @@ labelled frame; more takes of more subjects make it better. The model keeps some
 MODEL trains it on with others."""
 
 
+TRAIN_SWITCHES = {
+    "paper": "partial solvers by the paper's four functions only, none of which tells left from right",
+    "adopt": "with --from, replace the model that is there although known takes are named worse by the new one",
+    "force": "learn from takes that cannot be as they are, such as mirrored ones",
+}
+SUBJECT_HELP = """whose takes are whose, such as ann='*/ann_*.c3d'; of a take whose markers are called ann:LASI and
+bob:LASI it says which of them is learned; default: a subject is a folder, by its name"""
+SEARCH_HELP = """find partial solvers at once, and how; default: top-down once --method ensemble asks for them, at once
+with --lean; with --from MODEL and no take MODEL is given them, and all else stays as it is"""
+CHECK_HELP = """labelled takes to keep out of training, whose names were looked at: whenever the model is trained on,
+they are labelled again by it as it was and as it is then"""
+
+
 def add_parser(verbs):
     """Adds the verb to the command line's grammar."""
     parser = verbs.add_parser("train", help="make a model from labelled takes", description=DESCRIPTION)
-    parser.add_argument("takes", metavar="TAKE", nargs="*", type=Path, help="a labelled take")
-    parser.add_argument("--out", required=True, type=Path, metavar="MODEL", help=f"the file to write, NAME{SUFFIX}")
-    parser.add_argument(
-        "--from", type=a_model, dest="base", metavar="MODEL", help="train this model on, with what it keeps"
-    )
-    parser.add_argument(
-        "--markers", type=names, metavar="A,B,…", help="default: those of --from, or that all takes have"
-    )
-    parser.add_argument("--name", help="the model's name; default: that of --from, or the file's")
-    parser.add_argument(
-        "--subject",
-        dest="subjects",
-        action="extend",
-        nargs="+",
-        default=[],
-        type=subject_or_take,
-        metavar="ID=GLOB",
-        help="whose takes are whose, such as ann='*/ann_*.c3d'; of a take whose markers are called ann:LASI and "
-        "bob:LASI it says which of them is learned; default: a subject is a folder, by its name",
-    )
-    parser.add_argument(
-        "--hit-rate",
-        type=number(0.5, 1, "rate"),
-        metavar="P",
-        help="asked of the ensemble's partial solvers (default 0.9999); finds them at once, as does --search",
-    )
-    parser.add_argument(
-        "--search",
-        choices=(*SEARCHES, "none"),
-        help="find partial solvers at once, and how; default: top-down once --method ensemble asks for them, at once "
-        "with --lean; with --from MODEL and no take MODEL is given them, and all else stays as it is",
-    )
-    parser.add_argument(
-        "--paper",
-        action="store_true",
-        help="partial solvers by the paper's four functions only, none of which tells left from right",
-    )
-    parser.add_argument(
-        "--lean", dest="keep", action="store_false", help="keep no frames: the model cannot be trained on"
-    )
-    parser.add_argument(
-        "--jobs",
-        type=whole(1, 256, "number of jobs"),
-        metavar="N",
-        help="trials side by side (default: one for each core, 4 at most; the model is the same)",
-    )
-    parser.add_argument(
-        "--check",
-        dest="kept",
-        action="extend",
-        nargs="+",
-        default=[],
-        type=Path,
-        metavar="TAKE",
-        help="labelled takes to keep out of training, whose names were looked at: whenever the model is trained on, "
-        "they are labelled anew by it as it was and as it is then",
-    )
-    parser.add_argument(
-        "--adopt",
-        action="store_true",
-        help="with --from, replace the model that is there although known takes are named worse by the new one",
-    )
-    parser.add_argument(
-        "--force", action="store_true", help="learn from takes that cannot be as they are, such as mirrored ones"
-    )
-    parser.add_argument(
-        "--by",
-        default=None,
-        metavar="NAME",
-        help="who teaches the model, for its history (default: who is logged in; '' for nobody)",
-    )
+    add = parser.add_argument
+    add("takes", metavar="TAKE", nargs="*", type=Path, help="a labelled take")
+    add("--out", required=True, type=Path, metavar="MODEL", help=f"the file to write, NAME{SUFFIX}")
+    add("--from", type=a_model, dest="base", metavar="MODEL", help="train this model on, with what it keeps")
+    add("--markers", type=names, metavar="A,B,…", help="default: those of --from, or that all takes have")
+    add("--name", help="the model's name; default: that of --from, or the file's")
+    several: dict = {"action": "extend", "nargs": "+", "default": []}
+    add("--subject", dest="subjects", type=subject_or_take, metavar="ID=GLOB", help=SUBJECT_HELP, **several)
+    hits = "asked of the ensemble's partial solvers (default 0.9999); finds them at once, as does --search"
+    add("--hit-rate", type=number(0.5, 1, "rate"), metavar="P", help=hits)
+    add("--search", choices=(*SEARCHES, "none"), help=SEARCH_HELP)
+    add("--lean", dest="keep", action="store_false", help="keep no frames: the model cannot be trained on")
+    trials = "trials side by side (default: one for each core, 4 at most; the model is the same)"
+    add("--jobs", type=whole(1, 256, "number of jobs"), metavar="N", help=trials)
+    add("--check", dest="kept", type=Path, metavar="TAKE", help=CHECK_HELP, **several)
+    teacher = "who teaches the model, for its history (default: who is logged in; '' for nobody)"
+    add("--by", metavar="NAME", help=teacher)
+    add("--report", type=Path, metavar="FILE", help="also write what was learned, as JSON")
+    for name, words in TRAIN_SWITCHES.items():
+        add(f"--{name}", action="store_true", help=words)
     add_options(parser, "--up", "--rate", "--overwrite")
-    parser.add_argument("--report", type=Path, metavar="FILE", help="also write what was learned, as JSON")
     parser.set_defaults(run=run)
 
 

@@ -16,6 +16,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import IO, cast
 
@@ -27,6 +28,7 @@ from .serving import ANSWER, PATIENCE, POLL, SERVE
 Answers = Generator[tuple[int, dict | UserError], None, None]  # the number of each command line, and what came of it
 ROOT = Path(__file__).resolve().parents[2]
 EXTENSION = "mocap_autolabel"
+NO_MORE = object()  # of the command lines
 # Opens the package from where it lies, whatever it is called and wherever it was installed.
 SCRIPT = """
 import importlib.util, json, sys
@@ -121,34 +123,6 @@ class Worker:
         self.heard.put((self, None))
 
 
-class Offers:
-    """Command lines as they are asked for, numbered; `waiting` are those that no process has yet."""
-
-    def __init__(self, scratch: Path, lines: Iterable[list[str] | None]):
-        self.scratch, self.lines = scratch, iter(lines)
-        self.waiting: list[Command] = []
-        self.count, self.open, self.pausing = 0, True, False
-
-    @property
-    def more(self) -> bool:
-        """Whether some wait, or may come."""
-        return self.open or bool(self.waiting)
-
-    def ask(self, wanted: int):
-        """Asks until so many wait, or there is none at the moment."""
-        self.pausing = False
-        while self.open and not self.pausing and len(self.waiting) < wanted:
-            try:
-                line = next(self.lines)
-            except StopIteration:
-                self.open = False
-                return
-            self.pausing = line is None
-            if line is not None:
-                self.waiting.append(Command(self.count, line, self.scratch / f"{self.count}.json"))
-                self.count += 1
-
-
 @contextmanager
 def crew(jobs: int) -> Iterator[Callable[[Iterable[list[str] | None]], Answers]]:
     """Starts so many processes; gives what runs command lines by them (argv of `main` that take `--result FILE`).
@@ -173,14 +147,21 @@ def _run(
     scratch: Path, workers: list[Worker], heard: queue.SimpleQueue, jobs: int, commands: Iterable[list[str] | None]
 ) -> Answers:
     """Number and answer of each command line, as they come; processes that ended meanwhile are replaced."""
-    offers = Offers(scratch, commands)
-    while offers.more or any(worker.command for worker in workers):
-        offers.ask(jobs - sum(worker.command is not None for worker in workers))
-        yield from _man(scratch, workers, heard, jobs, offers.waiting)
+    waiting: list[Command] = []
+    lines, numbers, more, pausing = iter(commands), count(), True, False
+    while more or waiting or any(worker.command for worker in workers):
+        wanted, pausing = jobs - sum(worker.command is not None for worker in workers), False
+        while more and not pausing and len(waiting) < wanted:
+            line = next(lines, NO_MORE)
+            more, pausing = line is not NO_MORE, line is None
+            if isinstance(line, list):
+                number = next(numbers)
+                waiting.append(Command(number, line, scratch / f"{number}.json"))
+        yield from _man(scratch, workers, heard, jobs, waiting)
         for worker in workers:
-            if offers.waiting and worker.command is None:
-                worker.begin(offers.waiting.pop(0))
-        if not workers and not offers.pausing:  # none could be started
+            if waiting and worker.command is None:
+                worker.begin(waiting.pop(0))
+        if not workers and not pausing:  # none could be started
             continue
         try:
             worker, said = heard.get(timeout=POLL)

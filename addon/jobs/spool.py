@@ -8,6 +8,7 @@ from typing import Self
 
 import numpy as np
 
+from ..core.data.lanes import Lanes
 from ..core.data.made import Made, by_frames
 from ..core.data.takes import Points
 from ..core.reconstruction.trajectories import Reconstructed, TrajectorySpans
@@ -16,11 +17,10 @@ from ..io.scratch import naming_scratch
 
 @dataclass(frozen=True)
 class SpoolOptions:
-    """How trajectories become the columns of a file; reckoned.
+    """How trajectories become the columns of a file.
 
-    max_columns  beyond which trajectories that are far from each other in time share one: as many as one list of names
-                 in a C3D file holds
-    rest_s       s between two trajectories of one column
+    max_columns  format: as many as one list of names in a C3D file holds; of more, those share one that are far apart
+    rest_s       s between two of one column, so that no program takes them for one; assumed
     """
 
     max_columns: int = 255
@@ -94,18 +94,11 @@ class TrajectoryFile(RowFile):
         """The column of every trajectory, -1 for those that are left out."""
         column = np.full(len(self.spans.table), -1)
         kept = self.spans.lasting(len(self.counts))
-        column[kept] = np.arange(len(kept)) if len(kept) <= SPOOLING.max_columns else self._packed(kept)
+        column[kept] = np.arange(len(kept))
+        if len(kept) > SPOOLING.max_columns:
+            first, last = self.spans.table[kept, 1:].T
+            column[kept] = Lanes.packed(first, last + round(SPOOLING.rest_s * self.rate)).lane
         return column
-
-    def _packed(self, kept: np.ndarray) -> np.ndarray:
-        """Columns for trajectories in the order in which they begin, each the first that has rested."""
-        rest = SPOOLING.rest_s * self.rate
-        ends = np.full(len(kept), -np.inf)
-        columns = np.empty(len(kept), int)
-        for index, (first, last) in enumerate(self.spans.table[kept, 1:].tolist()):
-            columns[index] = int(np.argmax(ends + rest < first))
-            ends[columns[index]] = last
-        return columns
 
 
 def _columns(rows: np.ndarray, starts: np.ndarray, column: np.ndarray, width: int, field: str) -> Made:

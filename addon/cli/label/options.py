@@ -19,7 +19,7 @@ solvers, each frame on its own, blobs by way of the points that they make;
 auto (default): the best for the input, fit for blobs and likelihood for points"""
 OCCLUSION_HELP = """what asks whether the body hides a blob's marker: bvh casts rays at its meshes, which takes Blender;
 capsules is the closed form; auto (default) is bvh inside Blender"""
-SWITCHES = {
+LABEL_SWITCHES = {
     "mirror": "reverse an axis of 3D points whose axes are left-handed, so that left and right are exchanged in them",
     "blend": "also save DIR/walk.blend: armature, body, keyed markers",
     "html": "also write pages that show how it went, DIR/walk.report.html and, of several, DIR/summary.report.html",
@@ -66,7 +66,7 @@ def add_label_options(verbs) -> argparse.ArgumentParser:
     add("--scheduler", metavar="ADDRESS", help="of --engine dask: where it is, such as tcp://farm:8786; see farm.md")
     idle = "with --watch, end when nothing has arrived for so long; 0 ends when all that is there is done"
     add("--idle", type=number(0, 1e9, "time"), metavar="SECONDS", help=idle)
-    for name, words in SWITCHES.items():
+    for name, words in LABEL_SWITCHES.items():
         add(f"--{name}", action="store_true", help=words)
     add("--result", type=Path, help=argparse.SUPPRESS)
     return parser
