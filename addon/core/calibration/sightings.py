@@ -10,6 +10,7 @@ import numpy as np
 from ..data.takes import NO_MARKER, Blobs, Labels
 from ..geometry.cameras import Cameras
 from ..geometry.triangulation import meet_rows
+from ..review.odd_cameras import MIN_RAYS
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,6 @@ class SightingOptions:
     cell_m: float = 0.2
 
 
-MIN_RAYS = 3  # of a point: two say nothing of what is along their own lines
 SIGHTING = SightingOptions()
 
 

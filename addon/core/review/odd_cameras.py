@@ -7,7 +7,7 @@ cameras are tried in another order, and it is looked for beside where it was cal
 blobs meet at all, and how large what they show is.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -24,6 +24,7 @@ from .camera_places import CameraPlace, find_again
 from .camera_words import OF_ROOM
 from .room_size import times_too_large
 
+MIN_RAYS = 3  # that make a point which one of them can be measured against
 OF_THIS_TAKE = "; expected the calibration that the take was recorded with, in metres"
 
 
@@ -54,6 +55,21 @@ class _Frame:
     xy: np.ndarray
     marker: np.ndarray
     expected: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class _NamedBlobs:
+    """N blobs: frame, camera and marker (N,), place (N, 2) px and without the lens, `image` (N, 2)."""
+
+    frame: np.ndarray
+    camera: np.ndarray
+    xy: np.ndarray
+    image: np.ndarray
+    marker: np.ndarray
+
+    def rows(self, chosen: np.ndarray) -> "_NamedBlobs":
+        """Some of them."""
+        return _NamedBlobs(*(column[chosen] for column in vars(self).values()))
 
 
 class CameraCheck:
@@ -97,11 +113,9 @@ class CameraCheck:
             inside = ((pixels >= 0) & (pixels < self.cameras.size[:, None, None])).all(axis=3)
             inside &= np.einsum("cfmi,cfmi->cfm", ideal, ideal) < self.cameras.reach[:, None, None] ** 2
         given = np.zeros(inside.shape, dtype=bool)
-        for index, frame in enumerate(self.frames):
-            mine = frame.marker != NO_MARKER
-            given[frame.camera[mine], index, frame.marker[mine]] = True
+        given[self._named.camera, self._named.frame, self._named.marker] = True
         seen, named = inside.sum(axis=(1, 2)), (inside & given).sum(axis=(1, 2))
-        return CameraFigures(seen, named, _offsets(self.cameras, self.frames))
+        return CameraFigures(seen, named, self._offsets())
 
     def of_cameras(self) -> dict[str, dict]:
         """For each camera: markers in its image, those with a blob, and by how many px its blobs are off together."""
@@ -173,11 +187,9 @@ class CameraCheck:
         """
         if self._nothing_meets or self.wrong_room or self.order is not None:
             return ""
+        named = self._named
         image = np.full((len(self.cameras), len(self.frames), len(self.frames[0].expected), 2), np.nan)
-        for index, frame in enumerate(self.frames):
-            mine = frame.marker != NO_MARKER
-            camera = frame.camera[mine]
-            image[camera, index, frame.marker[mine]] = self.cameras.undistort(frame.xy[mine], camera)
+        image[named.camera, named.frame, named.marker] = named.image
         shares = same_names_meet(self.cameras, image.reshape(len(image), -1, 2))
         shares = shares[np.isfinite(shares)]
         if 2 * len(shares) < len(image) or np.median(shares) >= CAMERA_HEALTH.min_same_name:
@@ -193,7 +205,7 @@ class CameraCheck:
         lacking = self._lacking
         if (~lacking).sum() < 2:
             return {}
-        points = _points_of_others(self.cameras, self.frames, np.flatnonzero(lacking))
+        points = self._points_of_others(lacking)
         least, places = CAMERA_HEALTH.max_lacking * self.usual, {}
         for index in np.flatnonzero(lacking).tolist():
             blobs = [frame.xy[frame.camera == index] for frame in self.frames]
@@ -204,7 +216,7 @@ class CameraCheck:
     @cached_property
     def off(self) -> dict[int, float]:
         """Cameras whose blobs are all off together from the points of the others, px."""
-        return dict(_moved(self.cameras, self.frames, self.figures.offset))
+        return dict(self._moved())
 
     @property
     def _known(self) -> np.ndarray:
@@ -239,6 +251,55 @@ class CameraCheck:
         meeting = self.agreement.meeting()
         measured = np.isfinite(meeting)
         return bool(measured.sum() >= 2 and np.median(meeting[measured]) < CAMERA_HEALTH.min_meeting)
+
+    @cached_property
+    def _named(self) -> "_NamedBlobs":
+        """The blobs of all frames that have a name."""
+        count = [len(frame.camera) for frame in self.frames]
+        parts = ([getattr(frame, name) for frame in self.frames] for name in ("camera", "xy", "marker"))
+        camera, xy, marker = (np.concatenate(part) for part in parts)
+        rows = marker != NO_MARKER
+        image = self.cameras.undistort(xy[rows], camera[rows])
+        frame = np.repeat(np.arange(len(count)), count)[rows]
+        return _NamedBlobs(frame, camera[rows], xy[rows], image, marker[rows])
+
+    def _moved(self) -> Iterator[tuple[int, float]]:
+        """Cameras that are off, the farthest first; each is left out before the next is looked at, as it pulls them."""
+        offsets, without = self.figures.offset, np.zeros(len(self.cameras), bool)
+        while np.isfinite(offsets).sum() > MIN_RAYS:
+            worst = int(np.nanargmax(offsets))
+            without[worst] = True
+            others = self._offsets(without)
+            known = others[np.isfinite(others)]
+            if not len(known) or offsets[worst] < max(MARKER_LIMITS.noise_px, SIGMAS * np.median(known)):
+                return
+            yield worst, float(offsets[worst])
+            offsets = others
+
+    def _offsets(self, without: np.ndarray | None = None) -> np.ndarray:
+        """(C,) px: the median way from where the others of some cameras have a marker to its blob; NaN if too few."""
+        named = self._named if without is None else self._named.rows(~without[self._named.camera])
+        sample = np.stack([named.frame, named.marker])
+        _, point, count = np.unique(sample, axis=1, return_inverse=True, return_counts=True)
+        point = point.ravel()
+        points = meet_rows(self.cameras, named.camera, named.image, point, len(count), others=True)
+        points[count[point] < MIN_RAYS] = np.nan
+        offsets = np.full(len(self.cameras), np.nan)
+        for index in np.unique(named.camera):
+            mine = named.camera == index
+            off = named.xy[mine] - self.cameras.select([index]).project(points[mine])[0]
+            off = off[np.isfinite(off).all(axis=1)]
+            if len(off) >= CAMERA_HEALTH.enough:
+                offsets[index] = np.linalg.norm(np.median(off, axis=0))
+        return offsets
+
+    def _points_of_others(self, without: np.ndarray) -> np.ndarray:
+        """(F, M, 3) m: the markers by their blobs in all cameras but some (C,); NaN with fewer than two."""
+        named = self._named.rows(~without[self._named.camera])
+        frames, markers = len(self.frames), len(self.frames[0].expected)
+        sample = named.frame * markers + named.marker
+        points = meet_rows(self.cameras, named.camera, named.image, sample, frames * markers)
+        return points.reshape(frames, markers, 3)
 
     def _sentences(self) -> Iterator[str]:
         if self.wrong_room:
@@ -295,47 +356,3 @@ def _cycles(order: np.ndarray) -> Iterator[list[int]]:
             cycle.append(int(order[cycle[-1]]))
         left -= set(cycle)
         yield cycle[:1] + cycle[:0:-1]
-
-
-def _moved(cameras: Cameras, frames: list[_Frame], offsets: np.ndarray) -> Iterator[tuple[int, float]]:
-    """Cameras that are off, the farthest first; each is left out before the next is looked at, as it pulls them."""
-    without: list[int] = []
-    while np.isfinite(offsets).sum() > 3:  # as many as make points when one is left out
-        worst = int(np.nanargmax(offsets))
-        without.append(worst)
-        others = _offsets(cameras, frames, without)
-        known = others[np.isfinite(others)]
-        if not len(known) or offsets[worst] < max(MARKER_LIMITS.noise_px, SIGMAS * np.median(known)):
-            return
-        yield worst, float(offsets[worst])
-        offsets = others
-
-
-def _offsets(cameras: Cameras, frames: list[_Frame], without: Sequence[int] = ()) -> np.ndarray:
-    """(C,) px: the median way from where the other cameras have a marker to its blob; NaN with too few blobs."""
-    parts = [(frame, np.flatnonzero((frame.marker != NO_MARKER) & ~np.isin(frame.camera, without))) for frame in frames]
-    number = np.repeat(np.arange(len(frames)), [len(rows) for _, rows in parts])
-    camera = np.concatenate([frame.camera[rows] for frame, rows in parts])
-    marker = np.concatenate([frame.marker[rows] for frame, rows in parts])
-    xy = np.concatenate([frame.xy[rows] for frame, rows in parts])
-    _, point, count = np.unique(np.stack([number, marker]), axis=1, return_inverse=True, return_counts=True)
-    points = meet_rows(cameras, camera, cameras.undistort(xy, camera), point.ravel(), len(count), others=True)
-    points[count[point.ravel()] < 3] = np.nan
-    offsets = np.full(len(cameras), np.nan)
-    for index in np.unique(camera):
-        mine = camera == index
-        off = xy[mine] - cameras.select([index]).project(points[mine])[0]
-        off = off[np.isfinite(off).all(axis=1)]
-        if len(off) >= CAMERA_HEALTH.enough:
-            offsets[index] = np.linalg.norm(np.median(off, axis=0))
-    return offsets
-
-
-def _points_of_others(cameras: Cameras, frames: list[_Frame], without: np.ndarray) -> np.ndarray:
-    """(F, M, 3) m: the markers of frames by their blobs in all cameras but some; NaN with fewer than two."""
-    points = np.full((len(frames), len(frames[0].expected), 3), np.nan)
-    for index, frame in enumerate(frames):
-        rows = np.flatnonzero((frame.marker != NO_MARKER) & ~np.isin(frame.camera, without))
-        image = cameras.undistort(frame.xy[rows], frame.camera[rows])
-        points[index] = meet_rows(cameras, frame.camera[rows], image, frame.marker[rows], len(points[index]))
-    return points
