@@ -31,7 +31,7 @@ class BlobEditOptions:
 
 
 BLOB_EDITING = BlobEditOptions()
-OUTSIDE = "not among what is labelled"
+NOT_AMONG = "not among what is labelled"
 
 
 class Cells(Protocol):
@@ -301,7 +301,7 @@ def unless_heard(outcomes: Sequence[EditOutcome], edits: Edits, heard: Collectio
 def found_outside(edit: Edit) -> EditOutcome:
     """What became of an edit that is of no frame of the take."""
     first, last = edit.span or (None, None)
-    return EditOutcome(edit.verb.kind, 0, f"{_when(edit)} {'is' if first == last else 'are'} {OUTSIDE}")
+    return EditOutcome(edit.verb.kind, 0, f"{_when(edit)} {'is' if first == last else 'are'} {NOT_AMONG}")
 
 
 def _missing(edit: Edit) -> str:
@@ -327,7 +327,7 @@ def both(one: EditOutcome, two: EditOutcome) -> EditOutcome:
     count = one.labels + two.labels
     if count:
         return EditOutcome(one.kind, count)
-    return one if OUTSIDE in two.reason else two
+    return one if NOT_AMONG in two.reason else two
 
 
 def summary_of(outcomes: Iterable[EditOutcome]) -> dict:

@@ -94,8 +94,8 @@ class BlobFollowing:
             for index, outcome in zip(part, group.outcomes, strict=True):
                 before = outcomes[index]
                 outcomes[index] = outcome if before is None else both(before, outcome)
-        told = [found_outside(edit) if one is None else one for edit, one in zip(edits, outcomes, strict=True)]
-        return FollowedBlobs(self._joined(), tuple(self._groups.values()), tuple(told))
+        whole = [found_outside(edit) if one is None else one for edit, one in zip(edits, outcomes, strict=True)]
+        return FollowedBlobs(self._joined(), tuple(self._groups.values()), tuple(whole))
 
     def _joined(self) -> Labels:
         """The labels of all blocks."""

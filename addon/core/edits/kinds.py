@@ -34,14 +34,9 @@ class Verb:
     change: Callable[..., int]
 
 
-ASSIGN = Verb("assign", "{marker} is {target}", "{target} is not seen", Replay.assign)
-UNLABEL = Verb("unlabel", "{Target} has no name", "{target} has no name", Replay.unlabel)
-DELETE = Verb("delete", "{Target} is no marker", "{target} is not seen", Replay.delete)
-UNLABEL_MARKER = Verb("unlabel", "Nothing is {target}", "{target} is not named", Replay.unlabel_marker)
-SWAP = Verb("swap", "{target} swapped", "neither of {target} is named", Replay.swap)
-PLACE = Verb("place", "{target} is placed by hand", "{target} is not placed", Replay.place)
-RIGHT = Verb("right", "{target} is right", "{target} is not named", Replay.lock)
-ACCEPT = Verb("right", "It is right that {target}", "nothing to look at says {target!r}", Replay.accept)
+ASSIGNS = Verb("assign", "{marker} is {target}", "{target} is not seen", Replay.assign)
+UNLABELS = Verb("unlabel", "{Target} has no name", "{target} has no name", Replay.unlabel)
+DELETES = Verb("delete", "{Target} is no marker", "{target} is not seen", Replay.delete)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,7 +109,7 @@ class BlobEdit(Edit):
 class AssignPoint(PointEdit):
     """A trajectory is a marker."""
 
-    verb: ClassVar[Verb] = ASSIGN
+    verb: ClassVar[Verb] = ASSIGNS
     marker: str
 
 
@@ -122,7 +117,7 @@ class AssignPoint(PointEdit):
 class AssignBlob(BlobEdit):
     """A blob is a marker."""
 
-    verb: ClassVar[Verb] = ASSIGN
+    verb: ClassVar[Verb] = ASSIGNS
     marker: str
 
 
@@ -130,35 +125,35 @@ class AssignBlob(BlobEdit):
 class UnlabelPoint(PointEdit):
     """A trajectory is not what it is named, and has no name."""
 
-    verb: ClassVar[Verb] = UNLABEL
+    verb: ClassVar[Verb] = UNLABELS
 
 
 @dataclass(frozen=True)
 class UnlabelBlob(BlobEdit):
     """A blob is not what it is named, and has no name."""
 
-    verb: ClassVar[Verb] = UNLABEL
+    verb: ClassVar[Verb] = UNLABELS
 
 
 @dataclass(frozen=True)
 class Delete(PointEdit):
     """A trajectory is no marker, whoever asks: another person's, a prop's, or nothing."""
 
-    verb: ClassVar[Verb] = DELETE
+    verb: ClassVar[Verb] = DELETES
 
 
 @dataclass(frozen=True)
 class DeleteBlob(BlobEdit):
     """A blob is no marker, whoever asks."""
 
-    verb: ClassVar[Verb] = DELETE
+    verb: ClassVar[Verb] = DELETES
 
 
 @dataclass(frozen=True)
 class UnlabelMarker(Edit):
     """Nothing that is seen is this marker."""
 
-    verb: ClassVar[Verb] = UNLABEL_MARKER
+    verb: ClassVar[Verb] = Verb("unlabel", "Nothing is {target}", "{target} is not named", Replay.unlabel_marker)
     marker: str
 
 
@@ -166,7 +161,7 @@ class UnlabelMarker(Edit):
 class Swap(Edit):
     """Two markers have each other's names."""
 
-    verb: ClassVar[Verb] = SWAP
+    verb: ClassVar[Verb] = Verb("swap", "{target} swapped", "neither of {target} is named", Replay.swap)
     markers: tuple[str, str]
 
     @property
@@ -179,7 +174,7 @@ class Swap(Edit):
 class Place(Edit):
     """A marker is here in a frame, x y z in m, though no point or blob is."""
 
-    verb: ClassVar[Verb] = PLACE
+    verb: ClassVar[Verb] = Verb("place", "{target} is placed by hand", "{target} is not placed", Replay.place)
     marker: str
     frame: int
     xyz: tuple[float, float, float]
@@ -194,7 +189,7 @@ class Place(Edit):
 class Right(Edit):
     """A marker was looked at: its labels are right, and so are its gaps."""
 
-    verb: ClassVar[Verb] = RIGHT
+    verb: ClassVar[Verb] = Verb("right", "{target} is right", "{target} is not named", Replay.lock)
     marker: str
 
 
@@ -202,7 +197,9 @@ class Right(Edit):
 class Accepted(Edit):
     """What a review says, word for word, was looked at: it is all right as it is."""
 
-    verb: ClassVar[Verb] = ACCEPT
+    verb: ClassVar[Verb] = Verb(
+        "right", "It is right that {target}", "nothing to look at says {target!r}", Replay.accept
+    )
     doubt: str
 
     @property
