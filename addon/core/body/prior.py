@@ -17,7 +17,7 @@ from .bodies import PLACEMENT, Bodies, BodyModel
 class PriorOptions:
     """What people may do beyond the recordings that a marker set was learned from.
 
-    bend_floor_rad  physical: standard deviation added to that of every bend, people do what nobody did in the recordings
+    bend_floor_rad  physical: added to the standard deviation of every bend, people do what nobody did when recorded
     height_floor_m  physical: least standard deviation of a height, nobody's is known better than to a millimetre
     stretch_sd      physical: parts of the height by which the scale along one axis strays from the mean of the three
     """

@@ -185,7 +185,7 @@ def _ends(site: BoneSite, index: Mapping[str, int], joints: np.ndarray, ends: np
     """Where a bone begins and ends on the body at rest."""
     own = index[site.segment]
     first = joints[index[site.start or site.segment]]
-    last = joints[index[site.towards]] if site.towards in index else ends[own]
+    last = ends[own] if site.towards is None or site.towards not in index else joints[index[site.towards]]
     return first + site.along * (last - first), first + site.until * (last - first)
 
 

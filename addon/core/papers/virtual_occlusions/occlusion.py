@@ -26,7 +26,8 @@ class OcclusionOptions:
                     marker and its base
     min_side_share  paper, 4, rather visible than hidden: nearer to a capsule's axis than this part of its radius,
                     nobody knows on which side of the body a marker sits
-    fitted_shrink   measured: of the radii of a body that is being fitted, as results/ has false occlusions by shrink
+    fitted_shrink   measured: of the radii of a body that is being fitted; 0.4 % of the markers seen are then believed
+                    hidden, with whole radii 1.7 % (`gait15`)
     rays_once       memory: rays against capsules that are worked on at once, few enough for the processor's cache
     """
 
