@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The first paper's future tracker: how often a subject is lost at 60 Hz, by iterations a frame."""
 
-from dataclasses import replace
 from functools import partial
 from unittest.mock import patch
 
@@ -37,7 +36,7 @@ def run_tracking(plan):
         for title, room, cameras, options, tried in CAPTURES:
             trials = partial(walking, options=options, room=room, cameras=cameras)
             for steps in tried:
-                with patch.object(tracking, "TRACKING", replace(tracking.TRACKING, fit_steps=steps)):
+                with patch.object(tracking, "FIT_STEPS", steps):
                     score, labellers = measured(plan, set_name, trials, takes, 60.0)
                 frames = sum(labeller.frames for labeller in labellers)
                 lost, nobody = (sum(getattr(one, what) for one in labellers) for what in ("lost", "nobody"))

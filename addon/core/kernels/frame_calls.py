@@ -177,7 +177,7 @@ def rule_arrays(rules, condition: tuple) -> RuleArrays:
     """The rules of naming, and how rays meet, as the library takes them."""
     return RuleArrays(
         rules.pixel, rules.slack_m, rules.max_distance_m, rules.max_square, rules.min_lead, rules.max_miss,
-        rules.max_off_point, rules.max_on_point, rules.max_off_model, rules.overlap_m, rules.merged_m,
+        rules.max_off_point, rules.max_on_point, rules.max_square, rules.merged_m, rules.merged_m,
         rules.min_behind_m, *condition,
     )  # fmt: skip
 
