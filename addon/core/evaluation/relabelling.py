@@ -19,12 +19,11 @@ NO_NAME, UNTOLD = -1, -2  # a point that is known to be none of the named; one o
 
 @dataclass(frozen=True)
 class RelabelOptions:
-    """How a take is made one without names; reckoned.
+    """How a take is made one without names.
 
-    max_s    s from its middle that are labelled anew: so many show most of what a take holds, and dozens of takes are
-             done in minutes
-    piece_s  s after which a trajectory is cut at the latest: raw takes come in pieces, and one that is whole from the
-             first frame to the last would be named by its easiest moment
+    max_s    s from its middle that are labelled again; physical: of a gait or sports trial that is all of it
+    piece_s  s of a trajectory at most; physical: raw trajectories break about as often, and a whole one would be named
+             by its easiest moment
     """
 
     max_s: float = 60.0

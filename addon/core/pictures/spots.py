@@ -10,25 +10,27 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+MEDIAN_SD = 1.4826  # a normal distribution's standard deviation is so many medians of its absolute deviations
 PIXEL_VARIANCE = 1 / 12  # px²: of an evenly bright pixel about its middle
 
 
 @dataclass(frozen=True)
 class SpotOptions:
-    """What is a spot. Chosen on discs drawn in noise, and on the demo's markers as Blender renders them.
+    """What is a spot. Measured on discs drawn in noise, and on the demo's markers as Blender renders them.
 
-    threshold        a pixel of a spot is brighter than this, 0 to 1; None where the pictures are to tell
-    peak_share       of the way from the background to the brightest, where the threshold lies then: above lit walls and
-                     below small spots, which movies blur to less than half
-    noises           standard deviations of the noise that it lies above the background at least: one pixel in a billion
-    min_contrast     brightness that it lies above the background at least: movies have blocks that are not quite black
-    min_area         px²; less is noise, or a marker so far off that its middle says little
-    max_area         px²; more is a lamp or a window
-    min_roundness    shortest over longest diameter; less is an edge, or the light of something long
-    split_roundness  spots below it are looked at for two peaks: two that touch are half as wide as long
-    split_size       and spots this many times larger than half of them
-    split_blur       px of blur for a usual spot 1 px in half its width, so that a flat top has its peak in its middle
-    split_dip        two peaks are two spots where it is darker between them than this share of the lower one
+    threshold        a pixel of a spot is brighter than this, 0 to 1; None where the pictures are to show it
+    peak_share       of the way from the background to the brightest, where the threshold lies then; measured: above lit
+                     walls and below small spots, which movies blur to less than half
+    noises           standard deviations of the noise that it lies above the background at least; physical: one pixel in
+                     a billion
+    min_contrast     brightness above the background at least; measured: movies have blocks that are not quite black
+    min_area         px²; physical: less is noise, or a marker so far off that its middle says little
+    max_area         px²; physical: more is a lamp or a window
+    min_roundness    shortest over longest diameter; physical: less is an edge, or the light of something long
+    split_roundness  spots below it are looked at for two peaks; physical: two that touch are half as wide as long
+    split_size       and spots this many times larger than half of them; physical: two that touch are twice as large
+    split_blur       px of blur for a spot 1 px in half its width; measured: a flat top has its peak in its middle then
+    split_dip        of the lower of two peaks, below which it is dark between two spots; measured on discs that touch
     """
 
     threshold: float | None = None
@@ -79,7 +81,7 @@ def brightness_of(pictures: Sequence[np.ndarray], options: SpotOptions) -> Brigh
     for picture in pictures:
         middle = float(np.median(picture))
         backgrounds.append(middle)
-        noises.append(1.4826 * float(np.median(np.abs(picture - middle))))
+        noises.append(MEDIAN_SD * float(np.median(np.abs(picture - middle))))
         peaks.append(float(picture.max()))
     background = float(np.median(backgrounds))
     if options.threshold is not None:
