@@ -5,6 +5,7 @@ The counterpart of the pipelines that label: compare the takes, find the body, l
 solvers.
 """
 
+import warnings
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
@@ -92,16 +93,6 @@ class Trained:
 
 
 @dataclass(frozen=True, eq=False)
-class _Compared:
-    """What there is to learn from: all frames of each subject (T, M, 3) m, and what of the takes is worth saying."""
-
-    everyone: dict[str, np.ndarray]
-    training_takes: tuple[TrainingTake, ...]
-    replaced: tuple[TrainingTake, ...]
-    doubts: list[str]
-
-
-@dataclass(frozen=True, eq=False)
 class _Body:
     """The body of a model, how it was found, and what is doubtful of it.
 
@@ -131,50 +122,48 @@ def train(
     marks = [perf_counter()]
     with threadpool_limits(1, user_api="blas"):  # many threads on small matrices cost more than they bring
         yield Progress(TRAINING_SHARES["compare"], "compare the takes")
-        known = _compared(takes, markers, base)
+        before = of_markers(base.training_takes, base.markerset.markers, markers) if base else []
+        before, replaced, said = without_replaced(before, takes)
+        everyone = _everyone(takes, markers, before)
+        said += [doubt for take in takes for doubt in take.doubts] + contradicted(takes, markers, before)
         marks.append(perf_counter())
         yield Progress(TRAINING_SHARES["body"], "find the body")
-        work = _body(known.everyone, markers, options.name, bodies)
+        work = _body(everyone, markers, options.name, bodies)
         found = yield from within(work, TRAINING_SHARES["body"], TRAINING_SHARES["likelihood"], "find the body")
-        markerset, how = found.markerset, found.how
-        residual = _residual(markerset, known.everyone)
-        subjects, doubts = _subjects(known.everyone, found.learned_on, bodies)
-        others = _others(known.everyone, found.learned_on)
+        how, residual = found.how, _residual(found.markerset, everyone)
+        subjects, doubts = _subjects(everyone, found.learned_on, bodies)
+        others = _others(everyone, found.learned_on)
         marks.append(perf_counter())
-        work = learning(
-            [(points, subject) for subject, points in (subjects | others).items()], markers, try_all=try_all
-        )
+        shown = [(points, subject) for subject, points in (subjects | others).items()]
+        work = learning(shown, markers, try_all=try_all)
         likelihood = yield from within(work, TRAINING_SHARES["likelihood"], TRAINING_SHARES["partial_solvers"])
-        likelihood = replace(likelihood, subjects=len(known.everyone))
+        likelihood = replace(likelihood, subjects=len(everyone))
         marks.append(perf_counter())
         solvers = None
         if options.search != "none":
             work = _partial_solvers(subjects, markers, options)
             solvers = yield from within(work, TRAINING_SHARES["partial_solvers"], TRAINING_SHARES["end"])
         marks.append(perf_counter())
-    source = _source(known.training_takes)
+    training_takes = (*before, *training_takes_of(takes, markers))
+    source = _source(training_takes)
     if doubts:
         source["poses"] = f"made up on {how}, by {_known_moves(known_poses(found.learned_on, bodies))}"
     if others:
         source["others"] = f"{len(others)} made up on {how}, by how its people differ"
-    markerset = replace(markerset, source=source)
-    model = Model(markerset, likelihood, solvers, known.training_takes if options.keep else ())
-    doubts = (*known.doubts, *doubts, *found.doubts, *_doubts(model, len(known.everyone), residual))
+    model = Model(replace(found.markerset, source=source), likelihood, solvers, training_takes if options.keep else ())
+    doubts = (*said, *doubts, *found.doubts, *_doubts(model, len(everyone), residual))
     seconds = dict(zip(("compare", "body", "evidence", "ensemble"), np.diff(marks).tolist(), strict=True))
-    return Trained(model, known.training_takes, known.replaced, how, residual, doubts, seconds)
+    return Trained(model, training_takes, tuple(replaced), how, residual, doubts, seconds)
 
 
-def _compared(takes: Sequence[LabelledTake], markers: Sequence[str], base: Model | None) -> _Compared:
-    """The new takes with what is kept of those before them, and whether they contradict each other."""
-    subjects = gathered(takes, markers)
-    before = of_markers(base.training_takes, base.markerset.markers, markers) if base else []
-    before, replaced, doubts = without_replaced(before, takes)
+def _everyone(
+    takes: Sequence[LabelledTake], markers: Sequence[str], before: Sequence[TrainingTake]
+) -> dict[str, np.ndarray]:
+    """All frames of each subject (T, M, 3) m, of the takes and of what is kept of those before them."""
     everyone = by_subject(before)
-    for subject, points in subjects.items():
+    for subject, points in gathered(takes, markers).items():
         everyone[subject] = np.concatenate([everyone[subject], points]) if subject in everyone else points
-    doubts += [doubt for take in takes for doubt in take.doubts]
-    doubts += contradicted(takes, markers, before)
-    return _Compared(everyone, (*before, *training_takes_of(takes, markers)), tuple(replaced), doubts)
+    return everyone
 
 
 def _body(
@@ -275,11 +264,8 @@ def _residual(markerset: MarkerSet, everyone: dict[str, np.ndarray]) -> np.ndarr
         away.append(np.linalg.norm(posed.markers - some, axis=2))
     if not away:
         return np.full(len(markerset), np.nan)
-    away = np.concatenate(away)
-    seen = np.isfinite(away).any(axis=0)
-    middle = np.full(len(markerset), np.nan)
-    middle[seen] = np.nanmedian(away[:, seen], axis=0)
-    return middle
+    with warnings.catch_warnings(action="ignore", category=RuntimeWarning):  # of a marker that nobody shows
+        return np.nanmedian(np.concatenate(away), axis=0)
 
 
 def train_solvers(

@@ -22,9 +22,8 @@ SETTLING = 2  # times that a body is posed on all markers, and they are put wher
 class TransferOptions:
     """How markers are hung on a known body.
 
-    surface_cost  heights of movement that a height off a segment's surface counts as; measured: with it and a fifth of it
-                  every marker of plates on a whole body, and of the demo, goes to its segment. In one frame, where nothing
-                  moves, a marker sits on what it is nearest to
+    surface_cost  heights of movement that a height off a segment's surface counts as, so that in a single frame a
+                  marker sits on what it is nearest to; measured: all of plates on a whole body go to their segments
     """
 
     surface_cost: float = 0.1
