@@ -331,15 +331,10 @@ def test_a_take_of_one_labelled_frame_is_enough_of_a_person(tmp_path, monkeypatc
     assert read_model(model).markerset.source["poses"].startswith("made up on the body of body26")
     assert main(["label", str(whole), "--model", str(model), "--out", str(tmp_path / "out")]) == 0
     found = read_points(tmp_path / "out" / "whole.c3d")
-    away = np.concatenate(
-        [
-            np.linalg.norm(found.xyz[:, found.names.index(name)] - take.xyz[:120, index], axis=1)
-            for index, name in enumerate(take.names)
-            if name in found.names
-        ]
-    )
+    assert found.names[:26] == tuple(take.names)
+    away = np.linalg.norm(found.xyz[:, :26] - take.xyz[:120], axis=2)
     named = np.isfinite(away)
-    assert named.sum() > 0.7 * 120 * len(take.names)
+    assert named.mean() > 0.7
     assert (away[named] < 0.002).mean() > 0.995
 
 

@@ -124,7 +124,7 @@ class Figures:
 
     def as_dict(self) -> dict:
         """All figures, ready for JSON."""
-        figures = self.total.as_dict()
+        figures: dict[str, object] = {**self.total.as_dict()}
         figures["per_marker"] = {name: self.marker(name).as_dict() for name in self._index}
         figures["steps"] = {
             step: {"labels": given, "right": right, "precision": _ratio(right, given)}
@@ -162,8 +162,8 @@ class Figures:
 
     def _truth_tables(self) -> tuple[np.ndarray, np.ndarray]:
         """(texts, markers) whether a text stands for a marker; and the members of the texts, (members, 2) pairs."""
-        pairs = [(text, marker) for text, members in enumerate(self._members) for marker in members]
-        pairs = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+        members = [(text, marker) for text, several in enumerate(self._members) for marker in several]
+        pairs = np.array(members, dtype=np.int64).reshape(-1, 2)
         stands_for = np.zeros((len(self._members), len(self._index)), dtype=bool)
         stands_for[pairs[:, 0], pairs[:, 1]] = True
         return stands_for, pairs

@@ -141,4 +141,5 @@ def count_names(
     named, truth = named[told], truth[told]
     right = (named >= 0) & (named == truth)
     counted = (truth[truth >= 0], truth[right], named[(named >= 0) & ~right])
-    return NameCounts(*(np.bincount(which, minlength=markers) for which in counted), refused)
+    present_of, right_of, wrong_of = (np.bincount(which, minlength=markers) for which in counted)
+    return NameCounts(present_of, right_of, wrong_of, refused)

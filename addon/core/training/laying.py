@@ -109,9 +109,10 @@ def _fitted(model: BodyModel, cloud: np.ndarray, bodies: Bodies, height: float) 
 
 def marker_sides(markers: Sequence[str]) -> np.ndarray:
     """(M,) 1 for a marker whose name says left, -1 for right, 0 for what has no other side."""
-    order = mirror_order(tuple(markers))
-    sides = np.zeros(len(markers), dtype=int)
-    for index, name in enumerate(markers if order is not None else ()):
+    order, sides = mirror_order(tuple(markers)), np.zeros(len(markers), dtype=int)
+    if order is None:
+        return sides
+    for index, name in enumerate(markers):
         other = markers[order[index]]
         if other != name:
             first = next(one for one, two in zip(name, other, strict=False) if one != two)

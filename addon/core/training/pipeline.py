@@ -128,8 +128,8 @@ def train(
         said += [doubt for take in takes for doubt in take.doubts] + contradicted(takes, markers, before)
         marks.append(perf_counter())
         yield Progress(TRAINING_SHARES["body"], "find the body")
-        work = _body(everyone, markers, options.name, bodies)
-        found = yield from within(work, TRAINING_SHARES["body"], TRAINING_SHARES["likelihood"], "find the body")
+        finding = _body(everyone, markers, options.name, bodies)
+        found = yield from within(finding, TRAINING_SHARES["body"], TRAINING_SHARES["likelihood"], "find the body")
         how, residual = found.how, _residual(found.markerset, everyone)
         subjects, doubts = _subjects(everyone, found.learned_on, bodies)
         others = _others(everyone, found.learned_on)
@@ -141,8 +141,8 @@ def train(
         marks.append(perf_counter())
         solvers = None
         if options.search != "none":
-            work = _partial_solvers(subjects, markers, options)
-            solvers = yield from within(work, TRAINING_SHARES["partial_solvers"], TRAINING_SHARES["end"])
+            searching = _partial_solvers(subjects, markers, options)
+            solvers = yield from within(searching, TRAINING_SHARES["partial_solvers"], TRAINING_SHARES["end"])
         marks.append(perf_counter())
     training_takes = (*before, *training_takes_of(takes, markers))
     source = _source(training_takes)
@@ -151,9 +151,9 @@ def train(
     if others:
         source["others"] = f"{len(others)} made up on {how}, by how its people differ"
     model = Model(replace(found.markerset, source=source), likelihood, solvers, training_takes if options.keep else ())
-    doubts = (*said, *doubts, *found.doubts, *_doubts(model, len(everyone), residual))
+    said = [*said, *doubts, *found.doubts, *_doubts(model, len(everyone), residual)]
     seconds = dict(zip(("compare", "body", "evidence", "ensemble"), np.diff(marks).tolist(), strict=True))
-    return Trained(model, training_takes, tuple(replaced), how, residual, doubts, seconds)
+    return Trained(model, training_takes, tuple(replaced), how, residual, tuple(said), seconds)
 
 
 def _everyone(
@@ -319,10 +319,10 @@ def _doubts(model: Model, subjects: int, residual: np.ndarray) -> list[str]:
 
 def never_named(model: Model) -> list[str]:
     """The markers that no partial solver of a model may speak about, a sentence each."""
-    solvers = model.partial_solvers
-    covered = [] if solvers is None else solvers.covered
+    if model.partial_solvers is None:
+        return []
     return [
         f"no partial solver reaches the hit rate for {name}: the ensemble never names it"
-        for name, count in zip(model.markerset.markers, covered, strict=False)
+        for name, count in zip(model.markerset.markers, model.partial_solvers.covered, strict=True)
         if not count
     ]
