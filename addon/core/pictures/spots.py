@@ -107,7 +107,8 @@ def find_spots(picture: np.ndarray, brightness: Brightness, options: SpotOptions
     pixels = _with_rim(part, picture, brightness.background)
     found = _measured(pixels, count)
     cut = np.zeros(count, bool)
-    cut[pixels.owner[pixels.at_edge(picture.shape)]] = True
+    last = np.array(picture.shape[::-1]) - 1
+    cut[pixels.owner[((pixels.xy == 0) | (pixels.xy == last)).any(axis=1)]] = True
     pixels, parts = _split(pixels, found, cut, options)
     if parts > count:
         found, cut = _measured(pixels, parts), np.append(cut, np.zeros(parts - count, bool))
@@ -130,11 +131,6 @@ class _Pixels:
     @property
     def xy(self) -> np.ndarray:
         return np.column_stack([self.column, self.row]).astype(float)
-
-    def at_edge(self, shape: tuple[int, int]) -> np.ndarray:
-        """(P,) True for those at the edge of a picture of H rows and W columns."""
-        across = (self.column == 0) | (self.column == shape[1] - 1)
-        return across | (self.row == 0) | (self.row == shape[0] - 1)
 
 
 def _with_rim(part: np.ndarray, picture: np.ndarray, background: float) -> _Pixels:

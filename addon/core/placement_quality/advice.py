@@ -77,7 +77,7 @@ class Advice:
         parts = [
             f"{1000 * abs(part):.0f} mm {words[int(part < 0)]}"
             for part, words in zip(shift, AXIS_WORDS, strict=True)
-            if round(100 * abs(part)) > 0
+            if round(1000 * abs(part)) > 0
         ]
         segment, direction = markerset.skeleton.segments[self.segment], ", ".join(parts)
         if self.kind == MOVE:
@@ -192,9 +192,8 @@ class _Search:
                 yield _Try(ADD, len(markerset), wider, judge(wider, whole))
 
     def _length(self, found: _Try) -> float:
-        return float(
-            np.linalg.norm(found.layout.markerset.offsets[found.marker] - self.layout.markerset.offsets[found.marker])
-        )
+        before, after = (layout.markerset.offsets[found.marker] for layout in (self.layout, found.layout))
+        return float(np.linalg.norm(after - before))
 
 
 def _as_advice(layout: MarkerLayout, now: Ambiguity, found: _Try, pair: tuple[int, int]) -> Advice:

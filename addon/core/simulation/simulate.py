@@ -7,7 +7,7 @@ the take's seed and the chunk's number: the same options give the same blobs.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol, Self
+from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 
@@ -179,16 +179,12 @@ def disturbed(cameras: Cameras, millimetres: float, milliradians: float, generat
     return replace(cameras, rotation=rotation, translation=translation)
 
 
-@dataclass(frozen=True, eq=False)
-class _Images:
+class _Images(NamedTuple):
     """Possible blobs of F frames, C cameras and N sources: centre (F, C, N, 2) px, area (F, C, N) px², there or not."""
 
     xy: np.ndarray
     area: np.ndarray
     there: np.ndarray
-
-    def __iter__(self):
-        return iter((self.xy, self.area, self.there))
 
 
 def _marker_images(

@@ -121,14 +121,11 @@ def perform(
     bends, tilt = _bends(model.markerset, time, cycles, stride, arms, generator)
     turn = rotations.about_z(heading + facing)
     along = rotations.quaternion_to_matrix(turn) @ tilt[..., None]
-    count = len(time)
-    bodies = Bodies(
-        np.zeros((count, 3)),
-        rotations.turned(turn, along[..., 0]),
-        np.repeat(person.scale, count, axis=0),
-        person.bends + bends,
-        np.repeat(person.shape, count, axis=0),
-        np.repeat(person.own, count, axis=0),
+    bodies = replace(
+        person.pick(np.zeros(len(time), dtype=int)),
+        translation=np.zeros((len(time), 3)),
+        quaternion=rotations.turned(turn, along[..., 0]),
+        bends=person.bends + bends,
     )
     way = _way(*_soles(model, bodies, cycles, stride), rate)
     way[:, :2] -= (way[:, :2].max(axis=0) + way[:, :2].min(axis=0)) / 2
