@@ -97,7 +97,7 @@ class _Taught:
     model   the new one, without its history
     base    the one before; None for a new one
     takes   what it was taught, each with the digest of its file, which is empty for one of no file
-    report  what is said of it
+    report  what people read of it
     check   how takes are named by both models; None where there is nothing to compare
     """
 
@@ -181,9 +181,9 @@ def _history(job: TrainJob, made: _Taught, kept: Sequence[KeptFile], adopted: bo
         as_taught(take, sha256, job.out, job.known.get(take.path, KnownBetter())) for take, sha256 in made.takes
     )
     checked = tuple(take.checked for take in made.check.takes) if made.check else ()
-    told = bool(adopted and made.check and made.check.worse)
+    accepted = bool(adopted and made.check and made.check.worse)
     number = history.version + 1 if made.base else 1
-    new = ModelVersion(number, today(), written(job.by.strip()), version(), origin, takes, checked, told)
+    new = ModelVersion(number, today(), written(job.by.strip()), version(), origin, takes, checked, accepted)
     return replace(history.with_version(new), kept_takes=tuple(rows))
 
 
@@ -223,8 +223,8 @@ def _learned(
     options = _options(job, base, len(markers))
     trained = yield from train(takes, markers, options, base, bodies, try_all)
     report = _report(job, takes, trained, options.hit_rate, clock | trained.seconds)
-    said = " ".join(trained.doubts)
-    new = {name for name in kept if name in markers and name not in said}
+    doubts = " ".join(trained.doubts)
+    new = {name for name in kept if name in markers and name not in doubts}
     report["doubts"] += _not_shown(new, set(lost) - set(markers), apart)
     sha256 = [""] * len(takes) if job.passing else [*digests, *[""] * len(job.shown)]
     taught = tuple(zip(takes, sha256, strict=True))
@@ -246,7 +246,7 @@ def _given_solvers(job: TrainJob, base: Model, clock: dict[str, float]) -> Gener
 
 
 def _not_shown(kept: set[str], lost: set[str], apart: Sequence[str]) -> list[str]:
-    """What is said of names that are no markers in the takes: those that stay in the set, and those that do not."""
+    """Sentences on names that are no markers in the takes: those that stay in the set, and those that do not."""
     rows = (
         (sorted(kept), "not seen in any take: where it sits is taken from the known body"),
         (sorted(lost), "not seen in any take, and no body that is known has it: left out"),

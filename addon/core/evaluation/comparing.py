@@ -38,7 +38,7 @@ class TakeDifference:
 
     name    of its file, or of whose frames they are
     kind    where its names are from: "kept", "taught" or "frames"
-    frames  that were labelled anew
+    frames  that were labelled again
     """
 
     name: str
@@ -85,10 +85,10 @@ class Comparison:
         found = _worse("all takes together", self.together, options.recall, options.wrong)
         for take in self.takes:
             most = (options.recall * options.of_one_take, options.wrong * options.of_one_take)
-            said = _worse(take.name, take.checked, *most)
-            if said and take.after.refused:
-                said = [f"{take.name} is refused now: {take.after.refused.partition(';')[0]}"]
-            found += said
+            rows = _worse(take.name, take.checked, *most)
+            if rows and take.after.refused:
+                rows = [f"{take.name} is refused now: {take.after.refused.partition(';')[0]}"]
+            found += rows
         return found
 
     def markers_worse(self, take: TakeDifference) -> list[dict]:
@@ -155,15 +155,15 @@ def difference_lines(check: dict) -> list[str]:
     lines = []
     if check["all"] is not None:
         count = len(check["takes"])
-        lines.append(f"{count} {'take' if count == 1 else 'takes'} labelled anew: {_words(check['all'])}")
+        lines.append(f"{count} {'take' if count == 1 else 'takes'} labelled again: {_words(check['all'])}")
     lines += [
         f"{take['take']} ({take['names']}): {_words(take)}{_marker_words(take['markers_worse'])}"
         for take in check["takes"]
         if len({*take["recall"]}) > 1 or len({*take["wrong"]}) > 1
     ]
-    lines += [f"{row['take']} was not labelled anew: {row['reason']}" for row in check["left_out"]]
+    lines += [f"{row['take']} was not labelled again: {row['reason']}" for row in check["left_out"]]
     if check["all"] is None:
-        lines.append("no take was labelled anew, so nobody knows what got worse: keep labelled takes for it")
+        lines.append("no take was labelled again, so nobody knows what got worse: keep labelled takes for it")
     return lines
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A labelled take without its names, labelled anew by a model, and how many of the names come back."""
+"""A labelled take without its names, labelled again by a model, and how many of the names come back."""
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
@@ -137,8 +137,8 @@ def count_names(
     named: np.ndarray, truth: np.ndarray, present: np.ndarray, markers: int, refused: str = ""
 ) -> NameCounts:
     """Counts names (T, L) against the truth (T, L) where points are present (T, L), each the number of a marker."""
-    told = present & (truth != UNTOLD)
-    named, truth = named[told], truth[told]
+    known = present & (truth != UNTOLD)
+    named, truth = named[known], truth[known]
     right = (named >= 0) & (named == truth)
     counted = (truth[truth >= 0], truth[right], named[(named >= 0) & ~right])
     present_of, right_of, wrong_of = (np.bincount(which, minlength=markers) for which in counted)

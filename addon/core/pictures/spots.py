@@ -143,11 +143,11 @@ def _with_rim(part: np.ndarray, picture: np.ndarray, background: float) -> _Pixe
     rows, columns = (row[:, None] + steps[:, 0]).ravel(), (column[:, None] + steps[:, 1]).ravel()
     owner = np.repeat(part[row, column], len(steps))
     own = np.tile((steps == 0).all(axis=1), len(row))
-    claim = np.where(own, np.inf, np.repeat(picture[row, column].astype(float), len(steps)))
+    bright = np.where(own, np.inf, np.repeat(picture[row, column].astype(float), len(steps)))
     there = (rows >= 0) & (rows < part.shape[0]) & (columns >= 0) & (columns < part.shape[1])
-    rows, columns, owner, claim = rows[there], columns[there], owner[there], claim[there]
+    rows, columns, owner, bright = rows[there], columns[there], owner[there], bright[there]
     place = rows * part.shape[1] + columns
-    order = np.lexsort((-claim, place))
+    order = np.lexsort((-bright, place))
     place, first = np.unique(place[order], return_index=True)
     row, column = np.divmod(place, part.shape[1])
     weight = np.maximum(picture[row, column].astype(float) - background, 0.0)

@@ -124,9 +124,9 @@ def train(
     with threadpool_limits(1, user_api="blas"):  # many threads on small matrices cost more than they bring
         yield Progress(TRAINING_SHARES["compare"], "compare the takes")
         before = of_markers(base.training_takes, base.markerset.markers, markers) if base else []
-        before, replaced, said = without_replaced(before, takes)
+        before, replaced, notes = without_replaced(before, takes)
         everyone = _everyone(takes, markers, before)
-        said += [doubt for take in takes for doubt in take.doubts] + contradicted(takes, markers, before)
+        notes += [doubt for take in takes for doubt in take.doubts] + contradicted(takes, markers, before)
         marks.append(perf_counter())
         yield Progress(TRAINING_SHARES["body"], "find the body")
         finding = _body(everyone, markers, options.name, bodies)
@@ -152,9 +152,9 @@ def train(
     if others:
         source["others"] = f"{len(others)} made up on {how}, by how its people differ"
     model = Model(replace(found.markerset, source=source), likelihood, solvers, training_takes if options.keep else ())
-    said = [*said, *doubts, *found.doubts, *_doubts(model, len(everyone), residual)]
+    notes = [*notes, *doubts, *found.doubts, *_doubts(model, len(everyone), residual)]
     seconds = dict(zip(("compare", "body", "evidence", "ensemble"), np.diff(marks).tolist(), strict=True))
-    return Trained(model, training_takes, tuple(replaced), how, residual, tuple(said), seconds)
+    return Trained(model, training_takes, tuple(replaced), how, residual, tuple(notes), seconds)
 
 
 def _everyone(

@@ -115,7 +115,7 @@ def contradicted(
         points.append(kept)
     there = [index for index, own in enumerate(points) if len(own)]
     found = contradictions([leads(points[index]) for index in there])
-    said: dict[str, None] = {}
+    found_pairs: dict[str, None] = {}
     for index, groups in zip(there, found, strict=True):
         for group in groups:
             names = " and ".join(markers[place] for place in group)
@@ -123,8 +123,8 @@ def contradicted(
             if len(there) == 2:
                 # Each contradicts the other, and nobody knows which of them is wrong.
                 where = f"one of {whose[there[0]]} and {whose[there[1]]}"
-            said[f"{names} have each other's names in {where}: look at them, and train again if so"] = None
-    return list(said)
+            found_pairs[f"{names} have each other's names in {where}: look at them, and train again if so"] = None
+    return list(found_pairs)
 
 
 def training_takes_of(takes: Sequence[LabelledTake], markers: Sequence[str]) -> list[TrainingTake]:

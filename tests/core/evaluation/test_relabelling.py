@@ -145,12 +145,12 @@ def test_the_difference_is_told_to_people():
     shares = "80.00 % named right (90.00 % before), 2.50 % wrong (0 % before)"
     lines = difference_lines(compared((same, same), (same, other)).as_dict())
     assert lines == [
-        "2 takes labelled anew: 85.00 % named right (90.00 % before), 1.25 % wrong (0 % before)",
+        "2 takes labelled again: 85.00 % named right (90.00 % before), 1.25 % wrong (0 % before)",
         f"1.c3d (kept): {shares}; worse: B 60.00 % right (90.00 %) and 5.00 % wrong (0 %)",
-        "gone.c3d was not labelled anew: there is no such file",
+        "gone.c3d was not labelled again: there is no such file",
     ]
     nothing = difference_lines(Comparison(("A",), ()).as_dict())
-    assert nothing == ["no take was labelled anew, so nobody knows what got worse: keep labelled takes for it"]
+    assert nothing == ["no take was labelled again, so nobody knows what got worse: keep labelled takes for it"]
 
 
 def test_a_share_is_whole_only_where_it_is_all_or_nothing():
