@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-MEDIAN_SD = 1.4826  # a normal distribution's standard deviation is so many medians of its absolute deviations
+from ..data.takes import MEDIAN_SD
+
 PIXEL_VARIANCE = 1 / 12  # px²: of an evenly bright pixel about its middle
 
 

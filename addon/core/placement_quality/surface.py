@@ -8,7 +8,7 @@ import numpy as np
 from ..data.markersets import MarkerSet
 from ..papers.virtual_occlusions.occlusion import CapsuleOcclusion
 
-AROUND, ROWS = 8, 3  # places around a marker or a capsule, and rows along it, that are tried
+PLACES_AROUND, PLACE_ROWS = 8, 3  # places around a marker or a capsule, and rows along it, that are tried
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ SURFACE = SurfaceOptions()
 
 def in_view(markerset: MarkerSet, segment: int, places: np.ndarray) -> np.ndarray:
     """(N,) the part of a ring of cameras that sees places (N, 3) on a segment of the body at rest."""
-    ring = SURFACE.ring_radius * _circle(2 * AROUND)
+    ring = SURFACE.ring_radius * _circle(2 * PLACES_AROUND)
     eyes = np.concatenate([np.column_stack([ring, np.full(len(ring), height)]) for height in SURFACE.ring_heights])
     joints = markerset.skeleton.rest_joints
     turns = np.tile(np.eye(3), (1, len(joints), 1, 1))
@@ -72,7 +72,7 @@ def _nearby(markerset: MarkerSet, marker: int, distance: float) -> np.ndarray:
     out = own - start - height * along
     radius = max(np.linalg.norm(out), SURFACE.min_radius)
     first, second = _across(along, out)
-    up, aside = _circle(AROUND).T
+    up, aside = _circle(PLACES_AROUND).T
     heights, turns = height + distance * up, distance * aside / radius
     low, high = min(height, -SURFACE.end * length), max(height, (1 + SURFACE.end) * length)
     on = (heights >= low - 1e-9) & (heights <= high + 1e-9) & (np.abs(turns) <= np.pi)
@@ -84,8 +84,8 @@ def all_over(markerset: MarkerSet, segment: int) -> np.ndarray:
     """(N, 3) places on the capsules of a segment that are well seen, in its axes, heights."""
     mine = np.flatnonzero(markerset.capsules.segment == segment)
     places = [np.zeros((0, 3))]
-    along, across = _circle(AROUND).T
-    shares = np.linspace(SURFACE.end, 1 - SURFACE.end, ROWS)
+    along, across = _circle(PLACES_AROUND).T
+    shares = np.linspace(SURFACE.end, 1 - SURFACE.end, PLACE_ROWS)
     for start, axis, radius in zip(*_axes(markerset, mine), markerset.capsules.radius[mine], strict=True):
         length = np.linalg.norm(axis)
         first, second = _across(axis / length if length > 1e-6 else np.array([0.0, 0.0, 1.0]), np.zeros(3))

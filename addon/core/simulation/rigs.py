@@ -10,7 +10,13 @@ from ..geometry.cameras import Cameras
 PAPER_SIZE_PX = (656, 491)  # the first paper, 5: its images
 PAPER_CORNER_M, PAPER_HEIGHT_M = (2.4, 2.15), 2.4  # the same: its cameras, from the middle of the volume and high
 VOLUME_RADIUS_M, VOLUME_HEIGHT_M = 0.6, 2.0  # the same: a person with arms out who is as tall as people are is in it
-LENS = (-0.06, 0.03, 0.0004, -0.0003, 0.0)  # k1, k2, p1, p2, k3 of a good 6 mm lens: three pixels of barrel at corners
+RIG_LENS = (
+    -0.06,
+    0.03,
+    0.0004,
+    -0.0003,
+    0.0,
+)  # k1, k2, p1, p2, k3 of a good 6 mm lens: 3 px of barrel at corners
 
 
 @dataclass(frozen=True)
@@ -104,7 +110,7 @@ def _rig(
         names=tuple(f"cam{index + 1}" for index in range(count)),
         size=np.tile(size, (count, 1)),
         matrix=matrix,
-        distortion=np.tile(LENS, (count, 1)),
+        distortion=np.tile(RIG_LENS, (count, 1)),
         rotation=rotation,
         translation=-np.einsum("cij,cj->ci", rotation, centres),
     )

@@ -20,8 +20,9 @@ KNEE_FLEXION = ((0.0, 5), (0.13, 16), (0.38, 5), (0.5, 14), (0.6, 42), (0.71, 62
 ANKLE_FLEXION = ((0.0, 1), (0.07, -5), (0.3, 6), (0.45, 9), (0.6, -12), (0.72, 0), (0.85, 3))
 
 
-# Radians to either side with every stride, as the curves above; and of an elbow in the middle of its swing.
-LIST, PELVIS, THORAX, LEAN, HEAD, ARM, ELBOW, LEAST_ELBOW = np.radians((3.0, 4.0, 7.0, 2.0, 4.0, 20.0, 14.0, 8.0))
+# Radians to either side with every stride, as the curves above; then of an elbow in the middle of its swing, and least.
+PELVIS_LIST, PELVIS_TURN, THORAX_TURN, THORAX_LEAN, HEAD_TURN, ARM_SWING = np.radians((3.0, 4.0, 7.0, 2.0, 4.0, 20.0))
+ELBOW_SWING, LEAST_ELBOW = np.radians((14.0, 8.0))
 
 
 @dataclass(frozen=True)
@@ -183,7 +184,7 @@ def _bends(
             bends[:, segments[name], axis] += angle
 
     swing = 2 * np.pi * cycles
-    listing = LIST * stride * np.sin(swing)
+    listing = PELVIS_LIST * stride * np.sin(swing)
     for side, sign, lag, raised in (("L", 1, 0.0, arms[:, 0]), ("R", -1, 0.5, arms[:, 1])):
         phase = cycles + lag
         bend(f"thigh.{side}", 1, -stride * _cycle(HIP_FLEXION, phase))
@@ -191,17 +192,17 @@ def _bends(
         bend(f"shank.{side}", 1, stride * _cycle(KNEE_FLEXION, phase))
         bend(f"foot.{side}", 1, -stride * _cycle(ANKLE_FLEXION, phase))
         away = stride * (1 - np.clip(raised, 0, 1))
-        bend(f"upper_arm.{side}", 1, away * ARM * np.cos(2 * np.pi * phase))
+        bend(f"upper_arm.{side}", 1, away * ARM_SWING * np.cos(2 * np.pi * phase))
         bend(f"upper_arm.{side}", 0, sign * GAIT.arms_up_rad * raised)
-        bend(f"forearm.{side}", 1, -LEAST_ELBOW - away * ELBOW * (1 - np.cos(2 * np.pi * phase)) / 2)
-    bend("thorax", 2, THORAX * stride * np.cos(swing))
-    bend("thorax", 1, LEAN * stride)
-    bend("head", 2, -HEAD * stride * np.cos(swing))
+        bend(f"forearm.{side}", 1, -LEAST_ELBOW - away * ELBOW_SWING * (1 - np.cos(2 * np.pi * phase)) / 2)
+    bend("thorax", 2, THORAX_TURN * stride * np.cos(swing))
+    bend("thorax", 1, THORAX_LEAN * stride)
+    bend("head", 2, -HEAD_TURN * stride * np.cos(swing))
     for name in ("thorax", "head", "upper_arm.L", "upper_arm.R", "forearm.L", "forearm.R"):
         for axis in range(3):
             bend(name, axis, _sway(time, generator))
     zero = np.zeros_like(time)
-    return bends, np.stack([listing, zero, -PELVIS * stride * np.cos(swing)], axis=1)
+    return bends, np.stack([listing, zero, -PELVIS_TURN * stride * np.cos(swing)], axis=1)
 
 
 def _sway(time: np.ndarray, generator: np.random.Generator) -> np.ndarray:

@@ -11,9 +11,8 @@ from itertools import combinations
 
 import numpy as np
 
+from ..data.takes import MEDIAN_SD
 from .spread import some_of
-
-MEDIAN_SD = 1.4826  # a normal distribution's standard deviation is so many medians of its absolute deviations
 
 
 @dataclass(frozen=True)

@@ -102,7 +102,8 @@ def bent(points: np.ndarray) -> list[np.ndarray]:
 
 def moves(points: np.ndarray) -> bool:
     """Whether a subject's labelled frames (T, M, 3) m show it in more than one place, or turned."""
-    return bool((np.nanstd(points, axis=0) > IMAGINING.min_sway * size_of(points)).any())
+    shown = points[:, np.isfinite(points[..., 0]).any(axis=0)]
+    return bool((np.nanstd(shown, axis=0) > IMAGINING.min_sway * size_of(points)).any())
 
 
 def strangers(markerset: MarkerSet, points: np.ndarray, count: int, seed: int = 0) -> list[np.ndarray]:

@@ -23,7 +23,7 @@ from .poses import posed_bodies
 from .spread import some_of
 
 HEADINGS = 12  # in which a body is tried: every 30 degrees, less than half of how far the fit turns it
-ROUNDS, STEPS = 10, 4  # of matching, from the first gate to the last, and of the fit's iterations after each
+MATCHINGS, FIT_STEPS = 10, 4  # of matching, from the first gate to the last, and of the fit's iterations after each
 
 
 @dataclass(frozen=True)
@@ -100,10 +100,10 @@ def _laid(frame: np.ndarray, body: MarkerSet, poses: np.ndarray, sides: np.ndarr
 def _fitted(model: BodyModel, cloud: np.ndarray, bodies: Bodies, height: float) -> Bodies:
     """Bodies fitted to a cloud (P, 3), matched ever more closely."""
     prior = Prior(model, height=height)
-    for gate in np.geomspace(*LAYING.gates, ROUNDS) * height:
+    for gate in np.geomspace(*LAYING.gates, MATCHINGS) * height:
         matched = _matched(model.pose(bodies).markers, cloud, gate)
         goal = np.where((matched >= 0)[..., None], cloud[matched], np.nan)
-        bodies = fit_body(model, bodies, labelled_pull(goal), STEPS, prior).bodies
+        bodies = fit_body(model, bodies, labelled_pull(goal), FIT_STEPS, prior).bodies
     return bodies
 
 

@@ -31,7 +31,7 @@ class PeopleOptions:
     """When a take is a person's.
 
     max_off      heights, how far markers may be from where the body has them, in the mean of their medians; measured:
-               0.003 for plates read as limbs, 0.010 to 0.018 for bodies laid wrongly over them
+               0.003 for plates read as limbs, 0.010 to 0.020 for nine of ten bodies laid over them
     max_unusual  how far poses and shape may be from those of people, in squares of standard deviations; measured: of
                  people who fence, dance and crawl up to 150 were seen, of left taken for right 400
     """
