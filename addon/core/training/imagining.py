@@ -29,6 +29,8 @@ class ImaginingOptions:
 
     min_sway       of the subject's size, that distances vary by where poses are shown; physical: standing sways by 0.01
     frames         of each made-up subject; memory: a walk of three seconds
+    link_sd_rad    that links of what is no person bend; measured on a hand and a rat learned from a frame: with twice as
+                   much 81 % of the hand are named, with four times 57 %, none of them wrong
     people         made-up bodies of who is shown in one pose, or beside few who were recorded; memory
     wider          times the spread of sizes, limbs and marker places that a body was learned with: its people show less
                    than there is; measured on walkers of whom neither body nor model was learned
@@ -38,6 +40,7 @@ class ImaginingOptions:
 
     min_sway: float = 0.03
     frames: int = 300
+    link_sd_rad: float = 0.1
     people: int = 4
     wider: float = 1.25
     joint_sd_m: float = 0.01
@@ -91,7 +94,7 @@ def bent(points: np.ndarray) -> list[np.ndarray]:
     tree = minimum_spanning_tree(away + np.finfo(float).tiny)  # to SciPy 0 is no link
     order, above = breadth_first_order(tree, int(away.sum(axis=1).argmin()), directed=False)
     made = np.full((IMAGINING.people, IMAGINING.frames, len(frame), 3), np.nan)
-    turns = rotations.exponential(SPREAD.bend_sd_rad * rng.standard_normal((*made.shape[:2], len(cloud), 3)))[0]
+    turns = rotations.exponential(IMAGINING.link_sd_rad * rng.standard_normal((*made.shape[:2], len(cloud), 3)))[0]
     made[:, :, there[order[0]]] = cloud[order[0]]
     for marker in order[1:]:
         turns[:, :, marker] = turns[:, :, above[marker]] @ turns[:, :, marker]

@@ -19,7 +19,7 @@ from ..geometry.upright import turned
 from ..papers.virtual_occlusions.fit import fit_body
 from ..points.likelihood.sides import mirror_order
 from ..posing.posing import labelled_pull
-from .poses import posed_bodies
+from .poses import known_poses, posed_bodies
 from .spread import some_of
 
 HEADINGS = 12  # in which a body is tried: every 30 degrees, less than half of how far the fit turns it
@@ -58,6 +58,19 @@ class LaidBody:
     body: MarkerSet
     place: np.ndarray
     off: float
+
+
+def laid_into(subjects: Sequence[np.ndarray], markers: Sequence[str], bodies: Sequence[MarkerSet]) -> LaidBody | None:
+    """The known body that fits a frame of the subjects (T, M, 3) m that shows most markers and reaches as high as most.
+
+    None where none does.
+    """
+    points = max(subjects, key=lambda own: np.isfinite(own[..., 0]).sum(axis=1).max())
+    seen = np.isfinite(points[..., 0]).sum(axis=1)
+    full = points[seen == seen.max()]
+    reach = np.nanmax(full[..., 2], axis=1) - np.nanmin(full[..., 2], axis=1)
+    posable = [(body, poses) for body in bodies if len(poses := known_poses(body, bodies))]
+    return laid_body(full[np.argsort(reach)[len(full) // 2]], posable, marker_sides(markers))
 
 
 def laid_body(frame: np.ndarray, bodies: Sequence[tuple[MarkerSet, np.ndarray]], sides: np.ndarray) -> LaidBody | None:

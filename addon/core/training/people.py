@@ -15,7 +15,7 @@ from ..body.bodies import Bodies, BodyModel
 from ..body.prior import Prior
 from ..data.markersets import MarkerSet
 from ..posing.posing import fit_points, labelled_pull
-from .laying import laid_body, marker_sides
+from .laying import laid_into, marker_sides
 from .limbs import Limb, guide, has_limbs, readings, sites_of
 from .poses import known_poses
 from .segments import Segments, find_segments, of_one_size
@@ -66,12 +66,11 @@ def person_in(
 
     None where no body suits: a thing, an animal, a hand, or too little of a person. Yields the share that is done.
     """
-    posable = [(body, poses) for body in bodies if len(poses := known_poses(body, bodies))]
     sides, done = marker_sides(markers), 0
     yield 0.0
     for guesses in (
-        _read_guesses(subjects, markers, name, posable),
-        _laid_guesses(subjects, markers, name, posable, sides),
+        _read_guesses(subjects, markers, name, bodies),
+        _laid_guesses(subjects, markers, name, bodies),
     ):
         found: list[FoundPerson] = []
         for known, guess in guesses:
@@ -85,12 +84,12 @@ def person_in(
     return None
 
 
-def _read_guesses(subjects, markers, name, posable) -> Iterator[tuple[str, MarkerSet]]:
+def _read_guesses(subjects, markers, name, bodies) -> Iterator[tuple[str, MarkerSet]]:
     """Marker sets by the limbs that groups of markers are read as, the likeliest first."""
-    whole = [(body, poses) for body, poses in posable if has_limbs(body)]
+    whole = [body for body in bodies if has_limbs(body) and len(known_poses(body, bodies))]
     if not whole:
         return
-    body, _ = max(whole, key=lambda one: len(one[1]))
+    body = max(whole, key=lambda one: len(known_poses(one, bodies)))
     scaled, sizes, height = of_one_size(subjects)
     found = find_segments(scaled)
     ways = sorted(readings(found), key=lambda way: _misfit(body, found, scaled, way))
@@ -106,13 +105,9 @@ def _read_guesses(subjects, markers, name, posable) -> Iterator[tuple[str, Marke
             yield known, without_markers(guess, np.arange(len(markers)))
 
 
-def _laid_guesses(subjects, markers, name, posable, sides) -> Iterator[tuple[str, MarkerSet]]:
-    """The marker set of the known body that fits a frame which shows most markers and reaches as high as most do."""
-    points = subjects[0]
-    seen = np.isfinite(points[..., 0]).sum(axis=1)
-    full = points[seen == seen.max()]
-    reach = np.nanmax(full[..., 2], axis=1) - np.nanmin(full[..., 2], axis=1)
-    laid = laid_body(full[np.argsort(reach)[len(full) // 2]], posable, sides)
+def _laid_guesses(subjects, markers, name, bodies) -> Iterator[tuple[str, MarkerSet]]:
+    """The marker set of the known body that fits a frame."""
+    laid = laid_into(subjects, markers, bodies)
     if laid is not None:
         yield from _tried(laid.body.name, laid.body, subjects, markers, name, laid.place)
 

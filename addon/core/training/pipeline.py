@@ -25,7 +25,7 @@ from ..points.models import Model, TrainingTake, by_subject
 from ..points.rigid_bodies.model import learn_rigid_bodies
 from ..posing.posing import fit_points
 from .imagining import IMAGINING, bent, imagined, moves, shows_poses, size_of, strangers
-from .laying import LaidBody, laid_body, marker_sides
+from .laying import laid_into
 from .people import person_in
 from .poses import known_poses
 from .segments import segment_markerset
@@ -181,7 +181,7 @@ def _body(
             markerset = transferred(known, subjects, markers, name)
             return _Body(markerset, markerset, f"the body of {known.name}")
         moving = any(map(shows_poses, subjects))
-        if not moving and (laid := _laid_body(subjects, markers, bodies)) is not None:
+        if not moving and (laid := laid_into(subjects, markers, bodies)) is not None:
             markerset = transferred(laid.body, subjects, markers, name, laid.place)
             return _Body(markerset, markerset, f"the body of {laid.body.name}, laid into a frame")
         shown = [made for points in subjects for made in ([points] if moves(points) else bent(points))]
@@ -193,14 +193,6 @@ def _body(
         return _Body(person.markerset, groups, f"the body of {person.known}, by how the markers move")
     doubt = f"no person's body was found in how the markers move: the figure is {len(groups.skeleton)} groups of them"
     return _Body(groups, groups, "found from how the markers move", (doubt,))
-
-
-def _laid_body(subjects: Sequence[np.ndarray], markers: Sequence[str], bodies: Sequence[MarkerSet]) -> LaidBody | None:
-    """The known body that fits the fullest frame of the subject that has one."""
-    frames = [points[np.isfinite(points[..., 0]).sum(axis=1).argmax()] for points in subjects]
-    frame = max(frames, key=lambda one: np.isfinite(one[:, 0]).sum())
-    posable = [(body, poses) for body in bodies if len(poses := known_poses(body, bodies))]
-    return laid_body(frame, posable, marker_sides(markers))
 
 
 def _subjects(
