@@ -29,8 +29,8 @@ class ImaginingOptions:
 
     min_sway       of the subject's size, that distances vary by where poses are shown; physical: standing sways by 0.01
     frames         of each made-up subject; memory: a walk of three seconds
-    link_sd_rad    that links of what is no person bend; measured on a hand and a rat learned from a frame: with twice as
-                   much 81 % of the hand are named, with four times 57 %, none of them wrong
+    link_sd_rad    that links of what is no person bend; measured on a hand and a rat learned from a frame: twice as
+                   much names 81 % of the hand, four times as much 57 %, nothing wrong
     people         made-up bodies of who is shown in one pose, or beside few who were recorded; memory
     wider          times the spread of sizes, limbs and marker places that a body was learned with: its people show less
                    than there is; measured on walkers of whom neither body nor model was learned
