@@ -10,6 +10,7 @@ import numpy as np
 from .lanes import Lanes, blocks, standing_in, trajectories_at
 from .made import Made, Table
 
+MEDIAN_SD = 1.4826  # a normal distribution's standard deviation is so many medians of its absolute deviations
 # How a blob or a point came by its name, in the words of label files: the three steps of the first paper's algorithm 1,
 # then what names points, then a person. The index is what `Labels.step` holds.
 STEPS = ("", "exclusive", "conflict", "remaining", "evidence", "ensemble", "fit", "trajectory", "edit")
