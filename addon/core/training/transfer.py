@@ -22,8 +22,8 @@ SETTLING = 2  # times that a body is posed on all markers, and they are put wher
 class TransferOptions:
     """How markers are hung on a known body.
 
-    surface_cost  heights of movement that a height off a segment's surface counts as, so that in a single frame a
-                  marker sits on what it is nearest to; measured: all of plates on a whole body go to their segments
+    surface_cost  heights of movement that a height off a segment's surface counts as; measured: all of the plates on a
+                  whole body go to their segments. In a single frame a marker sits on what it is nearest to
     """
 
     surface_cost: float = 0.1
