@@ -201,7 +201,8 @@ def _judged(
     old, new = kept_back.errors(before), kept_back.errors(after)
     gain, count = old - new, kept_back.blobs(len(before))
     with np.errstate(invalid="ignore", divide="ignore"):
-        better = gain > SIGMAS * old / np.sqrt(count)  # about how surely a median of so many is known
+        # About how surely a median of so many is known, of blobs that are never more exact than their noise.
+        better = gain > SIGMAS * np.maximum(old, MARKER_LIMITS.noise_px) / np.sqrt(count)
     refined = bool(better.any() and np.nanmean(gain) > 0)
     cameras, errors = (after, new) if refined else (before, old)
     turn = np.linalg.norm(cameras.rotation - before.rotation, axis=(1, 2)) / np.sqrt(8)

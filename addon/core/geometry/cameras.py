@@ -14,9 +14,9 @@ from . import inverse_lens
 LENS_STEPS = 20  # at most; each doubles the digits once it is near
 LENS_TOLERANCE = 1e-13  # where the steps end: rounding
 LENS_ERROR = 1e-9  # with which a point still counts as reached: a millionth of a pixel
-LENS_START = 0.8  # of a lens' reach, the farthest from the axis that the steps begin: before the lens turns back
+LENS_FIRST = 0.8  # of a lens' reach, the farthest from the axis that the steps begin: before the lens turns back
 LENS_POINTS = 8000  # that are worked on at once, for memory: few enough for the processor's cache
-LENS_NEWTON = LENS_STEPS, LENS_TOLERANCE, LENS_ERROR, LENS_START
+LENS_NEWTON = LENS_STEPS, LENS_TOLERANCE, LENS_ERROR, LENS_FIRST
 NEAREST_M = 1e-9  # before a camera, m, where a point is still at its centre and has no image that a number could hold
 
 
