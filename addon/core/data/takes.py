@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 
 from .lanes import Lanes, blocks, standing_in, trajectories_at
-from .made import Made, Table
+from .made import Made
 
 MEDIAN_SD = 1.4826  # a normal distribution's standard deviation is so many medians of its absolute deviations
 # How a blob or a point came by its name, in the words of label files: the three steps of the first paper's algorithm 1,
@@ -94,13 +94,13 @@ class Labels:
         """Several parts one after the other."""
         whole = tuple(parts)
         rates = [part.rate for part in whole if part.rate is not None]
-        columns = (np.concatenate([getattr(part, name) for part in whole]) for name in LABEL_COLUMNS)
-        return cls(*columns, rate=np.concatenate(rates) if len(rates) == len(whole) else None)
+        marker, step, sure = (np.concatenate([getattr(part, name) for part in whole]) for name in LABEL_COLUMNS)
+        return cls(marker, step, sure, np.concatenate(rates) if len(rates) == len(whole) else None)
 
     def __getitem__(self, index) -> Self:
         """Some of the labels, by any index that arrays take."""
         rate = None if self.rate is None else self.rate[index]
-        return type(self)(*(getattr(self, name)[index] for name in LABEL_COLUMNS), rate=rate)
+        return type(self)(self.marker[index], self.step[index], self.confidence[index], rate)
 
     def put(self, index, other: Self) -> None:
         """Writes the labels of `other` over some of these, by any index that arrays take."""
@@ -286,8 +286,8 @@ class Points:
     """
 
     names: tuple[str, ...]
-    xyz: Table
-    residual: Table
+    xyz: np.ndarray
+    residual: np.ndarray
     rate: float
     first_frame: int
     columns: np.ndarray | None = None
