@@ -36,7 +36,7 @@ def run_tracking(plan):
         for title, room, cameras, options, tried in CAPTURES:
             trials = partial(walking, options=options, room=room, cameras=cameras)
             for steps in tried:
-                with patch.object(tracking, "FIT_STEPS", steps):
+                with patch.object(tracking, "FOLLOWING_STEPS", steps):
                     score, labellers = measured(plan, set_name, trials, takes, 60.0)
                 frames = sum(labeller.frames for labeller in labellers)
                 lost, nobody = (sum(getattr(one, what) for one in labellers) for what in ("lost", "nobody"))

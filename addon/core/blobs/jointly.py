@@ -222,10 +222,10 @@ def _pruned(many: Hypotheses, singles: Hypotheses, frame: Frame, options: AtOnce
     marker, slot, gain, elsewhere = (
         np.concatenate([getattr(many, name), getattr(singles, name)]) for name in Hypotheses.__dataclass_fields__
     )
-    said = np.zeros(frame.view.real.shape, bool)
+    fixed = np.zeros(frame.view.real.shape, bool)
     camera, named = np.nonzero(frame.fixed >= 0)
-    said[camera, frame.fixed[camera, named]] = True
-    used = said[frame.cameras, np.maximum(slot, 0)] | (frame.fixed[:, marker].T >= 0)
+    fixed[camera, frame.fixed[camera, named]] = True
+    used = fixed[frame.cameras, np.maximum(slot, 0)] | (frame.fixed[:, marker].T >= 0)
     gain = np.where((used & (slot >= 0)).any(axis=1), 0, gain)
     most = options.hypotheses + options.hypotheses_more * max(len(frame.cameras) - CLOUD.partners - 1, 0)
     order = np.lexsort((-gain, marker))

@@ -19,7 +19,7 @@ from .subject import SUBJECT, Setup, Subject
 from .tracking import FrameResult
 
 # Iterations of the fits to the names, from the fits as they were: these are near.
-FIT_STEPS = 3
+JUDGING_STEPS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +96,7 @@ def judged(
     deviation = np.array([_deviations(result.naming, own_sd) for result in results])
     poses = known.bodies(Bodies.join([result.bodies for result in results]))
     pull = RayPull(image, deviation, setup.sight)
-    fit = fit_body(setup.model, poses, pull, FIT_STEPS, setup.prior)
+    fit = fit_body(setup.model, poses, pull, JUDGING_STEPS, setup.prior)
     return fit.cost, _strain(fit.state.posed.markers, image, deviation, setup)
 
 

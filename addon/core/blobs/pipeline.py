@@ -188,7 +188,7 @@ class TakeLabeller:
         moved = np.flatnonzero(order != np.arange(len(order)))
         last = self._exchanged_to(track, chunk, tuple(order.tolist()), at, step)
         for index in range(at + step, last + step, step):
-            if not chunk.holds(index, moved):
+            if not chunk.is_fixed(index, moved):
                 swap_names(chunk.result(index).naming, order)
         return last
 
@@ -263,7 +263,7 @@ class TakeLabeller:
             return track
         moved = np.flatnonzero(np.array(order) != np.arange(len(order)))
         since = self._exchanged_to(track, chunk, order, earlier, -1)
-        if any(chunk.holds(index, moved) for index in range(since, at + 1)):  # a person has looked at them
+        if any(chunk.is_fixed(index, moved) for index in range(since, at + 1)):  # a person has looked at them
             return track
         for index in range(since, at + 1):
             swap_names(chunk.result(index).naming, np.array(order))
@@ -315,7 +315,7 @@ class _Chunk:
         """What a frame that is labelled has."""
         return cast("FrameResult", self.results[index])
 
-    def holds(self, index: int, markers: np.ndarray) -> bool:
+    def is_fixed(self, index: int, markers: np.ndarray) -> bool:
         """Whether a person named blobs of any of the markers in a frame."""
         fixed = self.fixed[index]
         return fixed is not None and bool((fixed[:, markers] >= 0).any())

@@ -2,7 +2,7 @@
 """Frames whose names do not suit the subject that the take shows: read again, from the frames beside them.
 
 A name goes wrong while its marker is hidden, above all where the subject has just been found and nobody knows yet how
-its markers sit. Later frames know; from them the stretch is followed anew, forwards and backwards, and what explains
+its markers sit. Later frames know; from them the stretch is followed again, forwards and backwards, and what explains
 it best stays.
 """
 
@@ -15,7 +15,7 @@ from ..body.bodies import PLACEMENT
 from ..geometry.views import View
 from .known_subject import KnownSubject, judged, known_subject_of, strain
 from .subject import Setup, expect, name, refit
-from .swaps import FIT_STEPS, SWAPS, swap_names, try_swaps
+from .swaps import SWAP_STEPS, SWAPS, swap_names, try_swaps
 from .tracking import Followed, FrameResult, Track, advanced, difference, follow
 
 
@@ -160,7 +160,7 @@ class Rereader:
         """The frame after `track`, with names exchanged for as long as that suits the subject better."""
         setup, naming = self.setup, followed.naming
         subject = replace(self.known.subject, bodies=self.known.bodies(followed.track.subject.bodies))
-        subject, state = refit(view, naming, subject, setup, FIT_STEPS, setup.prior)
+        subject, state = refit(view, naming, subject, setup, SWAP_STEPS, setup.prior)
         if strain(view, naming, self.known, state.posed.markers[0], setup).max() < setup.rules.min_lead:
             return followed
         changed = False
@@ -169,7 +169,7 @@ class Rereader:
             if not len(swaps.loss) or swaps.loss.min() > -setup.rules.min_lead:
                 break
             swap_names(naming, swaps.orders[swaps.loss.argmin()])
-            subject, state = refit(view, naming, subject, setup, FIT_STEPS, setup.prior)
+            subject, state = refit(view, naming, subject, setup, SWAP_STEPS, setup.prior)
             changed = True
         if not changed:
             return followed

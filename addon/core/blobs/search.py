@@ -57,11 +57,11 @@ class FindOptions:
 
 # Fits go from coarse to fine: each stage is half as soft as the one before. Nothing pulls from farther than the four
 # standard deviations beyond which no blob is considered (`Rules.max_square`).
-STAGES = (4.0, 2.0, 1.0)
-REACH = float(np.sqrt(Rules.max_square))
+SOFTENED = (4.0, 2.0, 1.0)
+PULLED_FROM = float(np.sqrt(Rules.max_square))
 STAGE_STEPS = 3  # iterations of each stage, and of a fit to names: the first ones gain most (section 6)
 SETTLED_STEPS = 2  # iterations once exchanges of names are settled
-ROUNDS = 2  # of naming: names show how the markers sit on this subject, which sharpens the next round
+NAMING_ROUNDS = 2  # of naming: names show how the markers sit on this subject, which sharpens the next round
 JOINT_ROUNDS = 3  # of naming a frame that is alone all at once; names hardly ever change in a fourth
 
 
@@ -259,9 +259,9 @@ def fit_cloud(starts: Bodies, cloud: Cloud, setup: Setup, prior, arms: bool = Fa
     With `arms`, also with their arms held otherwise.
     """
     bodies = starts
-    for number, stage in enumerate(STAGES):
+    for number, stage in enumerate(SOFTENED):
         softness, free = stage * FINDING.cloud_m, number > 0
-        pull = CloudPull(cloud.points, cloud.weight, softness, REACH * softness)
+        pull = CloudPull(cloud.points, cloud.weight, softness, PULLED_FROM * softness)
         fit_some = fit_body if free else fit_placement
         fit = fit_some(setup.model, bodies, pull, STAGE_STEPS, prior)
         bodies = fit.bodies
@@ -273,9 +273,9 @@ def fit_cloud(starts: Bodies, cloud: Cloud, setup: Setup, prior, arms: bool = Fa
 def fit_blobs(bodies: Bodies, view: View, setup: Setup, prior):
     """Bodies against the blobs themselves, visible markers only, visibility renewed at every stage."""
     posed = setup.model.pose(bodies)
-    for stage in STAGES:
+    for stage in SOFTENED:
         softness = stage * FINDING.blob_m
-        pull = visible_pull(bodies, posed, view, setup, softness, REACH * softness)
+        pull = visible_pull(bodies, posed, view, setup, softness, PULLED_FROM * softness)
         fit = fit_body(setup.model, bodies, pull, STAGE_STEPS, prior)
         bodies, posed = fit.bodies, fit.state.posed
     return fit
@@ -296,11 +296,11 @@ def name_found(
     """
     subject = Subject(state.bodies, setup.marker_sd * float(state.bodies.scale.mean()), setup.rules.pixel)
     expected = expect(subject, state, setup)
-    for round_ in range(ROUNDS):
+    for round_ in range(NAMING_ROUNDS):
         naming = name(view, expected, subject, setup, fixed=fixed)
         subject = learn_noise(naming, without_own(subject, setup), setup, FINDING.noise_rate)
         subject, state = refit(view, naming, subject, setup, STAGE_STEPS, prior)
-        if round_ == ROUNDS - 1:
+        if round_ == NAMING_ROUNDS - 1:
             swaps = settle(view, naming, subject, state, setup, prior)
             subject, state = refit(view, naming, subject, setup, SETTLED_STEPS, prior)
         withdraw_unexpected(naming, state, subject, setup)

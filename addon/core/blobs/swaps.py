@@ -33,7 +33,7 @@ class SwapOptions:
     max_exchanges: int = 3
 
 
-FIT_STEPS = 4  # of a whole fit, from one that is near: Gauss-Newton has settled by then
+SWAP_STEPS = 4  # of a whole fit, from one that is near: Gauss-Newton has settled by then
 SWAPS = SwapOptions()
 
 
@@ -71,7 +71,7 @@ class Swaps:
 
 
 def try_swaps(view: View, naming: Naming, subject: Subject, state: State, setup: Setup, prior) -> Swaps:
-    """Fits the body anew for the likeliest exchanges of names: of neighbours, of limbs, around a segment.
+    """Fits the body for the likeliest exchanges of names: of neighbours, of limbs, around a segment.
 
     `subject` has no offsets of its own, `state` is its fit to the names as they are. How far a first step would get
     says which exchanges are worth a whole fit.
@@ -89,7 +89,7 @@ def _losses(view, naming, subject, setup, prior, orders: np.ndarray) -> np.ndarr
     slots = _exchanged_slots(naming, np.concatenate([identity, orders]))
     bodies = subject.bodies.pick(np.zeros(len(slots), dtype=int))
     pull = slots_pull(view, slots, naming.frame.metres, subject.own_sd, setup)
-    fit = fit_body(setup.model, bodies, pull, FIT_STEPS, prior)
+    fit = fit_body(setup.model, bodies, pull, SWAP_STEPS, prior)
     return fit.cost[1:] - fit.cost[0]
 
 
@@ -169,7 +169,7 @@ def swap_names(naming: Naming, order: np.ndarray):
 
 def exchanged(view: View, naming: Naming, subject: Subject, setup: Setup) -> list[tuple[int, ...]]:
     """Exchanges that would put one frame's names right, the best first, whatever the frames before it said."""
-    fresh, state = refit(view, naming, without_own(subject, setup), setup, FIT_STEPS, setup.prior)
+    fresh, state = refit(view, naming, without_own(subject, setup), setup, SWAP_STEPS, setup.prior)
     swaps = try_swaps(view, naming, fresh, state, setup, setup.prior)
     order = np.argsort(swaps.loss)
     return [tuple(map(int, swaps.orders[index])) for index in order if swaps.loss[index] < -setup.rules.min_lead]
@@ -177,7 +177,7 @@ def exchanged(view: View, naming: Naming, subject: Subject, setup: Setup) -> lis
 
 def exchange_loss(view: View, naming: Naming, subject: Subject, setup: Setup, order: tuple[int, ...]) -> float:
     """How much worse one frame's body would be for an exchange, whatever the frames before it said."""
-    fresh, _ = refit(view, naming, without_own(subject, setup), setup, FIT_STEPS, setup.prior)
+    fresh, _ = refit(view, naming, without_own(subject, setup), setup, SWAP_STEPS, setup.prior)
     return float(_losses(view, naming, fresh, setup, setup.prior, np.array([order]))[0])
 
 

@@ -64,7 +64,7 @@ class TrackOptions:
 
 
 # Iterations of a frame's fit, which starts from the prediction: docs/results/virtual-occlusions.md has more and fewer.
-FIT_STEPS = 2
+FOLLOWING_STEPS = 2
 # No marker is expected farther off than half way to what a blob may be: beyond it a neighbour's blobs would do.
 MAX_MARKER_SD_M = Rules.max_distance_m / 2
 ANCHORING = AnchorOptions()
@@ -187,7 +187,7 @@ def followed_by_numpy(track: Track, view: View, setup: Setup, fixed: np.ndarray 
     with setup.clock("label"):
         naming = name(view, _forecast(predicted, track, setup), predicted, setup, step1_only=True, fixed=fixed)
     with setup.clock("fit"):
-        subject, state = refit(view, naming, predicted, setup, FIT_STEPS, prior)
+        subject, state = refit(view, naming, predicted, setup, FOLLOWING_STEPS, prior)
         expected = expect(subject, state, setup)
         expected = replace(expected, points=expected.points + TRACKING.lag_kept * track.lag)
     with setup.clock("label"):
@@ -243,7 +243,7 @@ def _follower(setup: Setup, options: TrackOptions = TRACKING) -> Follower:
     capsules = (body.segment, body.start, body.axis, body.radius) if type(body) is CapsuleOcclusion else None
     anchor = anchor_weight(model.joint_count, len(model.modes), setup.pace)
     numbers = {
-        "fit_steps": FIT_STEPS,
+        "fit_steps": FOLLOWING_STEPS,
         "min_due": SUBJECT.min_markers,
         "min_meetings": setup.rules.min_meetings,
         "behind": NOWHERE,

@@ -97,11 +97,11 @@ def _labelled(work: _Work, waiting: list[tuple[Blobs, Reconstructed]], seconds: 
     """The chunks of one window, which took `seconds` to reconstruct."""
     begin = perf_counter()
     markerset, window = work.model.markerset, _window(waiting)
-    found, said = _named(work, window)
-    alone = verdict = _decided(work, window, found, said)
+    found, doubts = _named(work, window)
+    alone = verdict = _decided(work, window, found, doubts)
     rulings = _rulings(work, window, waiting, alone.labels)
     if rulings is not None:
-        verdict = _decided(work, window, rulings.heard(found), said, rulings)
+        verdict = _decided(work, window, rulings.heard(found), doubts, rulings)
         verdict = Verdict(_as_said(verdict.labels, rulings), verdict.suspects)
     named = perf_counter()
     markers = verdict.labels.placed(window.xyz, len(markerset))
@@ -141,18 +141,19 @@ def _window(waiting: list[tuple[Blobs, Reconstructed]]) -> _Window:
 def _named(work: _Work, window: _Window) -> tuple[Labels, tuple[Suspect, ...]]:
     """What frames of a window say on their own; nothing, and why, where nobody in the model's markers is there."""
     markerset, first = work.model.markerset, int(window.frames[0])
-    found, said = Labels.none(*window.residual.shape), ()
+    found = Labels.none(*window.residual.shape)
+    doubts: tuple[Suspect, ...] = ()
     found = replace(found, rate=np.zeros(window.residual.shape))
     if np.isfinite(window.xyz).any():
         found = Labels.join(work.namer.name(window.xyz, work.rate))
     if sure_share(found, window.xyz, len(markerset)) < REFUSAL.min_sure:
         found = found.kept(np.zeros(found.marker.shape, bool))
-        said = (Suspect(first, int(window.frames[-1]), f"no subject that wears {markerset.name} was recognised"),)
-    return found, said
+        doubts = (Suspect(first, int(window.frames[-1]), f"no subject that wears {markerset.name} was recognised"),)
+    return found, doubts
 
 
 def _decided(
-    work: _Work, window: _Window, found: Labels, said: tuple[Suspect, ...], rulings: Rulings | None = None
+    work: _Work, window: _Window, found: Labels, doubts: tuple[Suspect, ...], rulings: Rulings | None = None
 ) -> Verdict:
     """The names of a window's points, from what frames say on their own, and from what a person says of some."""
     first, solution = int(window.frames[0]), None
@@ -160,7 +161,7 @@ def _decided(
     if work.namer.step == BY_LIKELIHOOD and found.named.any() and can_be_solved(work.model, window.tracklet):
         solution = solution_of(found, tracklet, window.xyz, work.model, work.rate, rulings=rulings)
     verdict = verdict_of(solution, found, tracklet, window.xyz, work.model, work.target, first)
-    return Verdict(verdict.labels, tuple(_without_number(one) for one in verdict.suspects) + said)
+    return Verdict(verdict.labels, tuple(_without_number(one) for one in verdict.suspects) + doubts)
 
 
 def _rulings(

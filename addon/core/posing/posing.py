@@ -59,8 +59,8 @@ class PosingOptions:
 # of the fit with shared size and shape; of this once more after each round of own offsets.
 FAR_STEPS, NEAR_STEPS = 15, 4
 SUBJECT_STEPS, OWN_ROUNDS, OWN_STEPS = 8, 2, 3
-AT_ONCE = 2  # iterations, after which frames that are still are left out
-STILL = 1e-3  # what the last iteration of a still frame lowered its cost by: a marker 1.4 mm off costs ten times that
+STEPS_AT_ONCE = 2  # iterations, after which frames that are still are left out
+STILL_GAIN = 1e-3  # what a still frame's last iteration lowered its cost by; a marker 1.4 mm off costs ten times that
 HOLD = 1e9  # 1/m², holds a column against any data, yet is not so large that the rest is lost in rounding
 
 POSING = PosingOptions()
@@ -242,7 +242,7 @@ def descend_subject(
         tried = bodies.moved(-_subject_step(gradient, normal, shared, damping))
         new = _equations(model, tried, pull, prior)
         if new[0] <= cost:
-            still = cost - new[0] < STILL * len(points)
+            still = cost - new[0] < STILL_GAIN * len(points)
             bodies, (cost, gradient, normal), damping = tried, new, max(damping / 10, 1e-8)
             if still:
                 break
@@ -346,7 +346,7 @@ def _until_still(model: BodyModel, start: Bodies, points: np.ndarray, steps: int
     def pull_on(some: np.ndarray) -> PointPull:
         return labelled_pull(points[some])
 
-    return fit_until_still(model, start, pull_on, steps, prior, AT_ONCE, STILL)
+    return fit_until_still(model, start, pull_on, steps, prior, STEPS_AT_ONCE, STILL_GAIN)
 
 
 def _tried_again(

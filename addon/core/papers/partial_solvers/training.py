@@ -3,7 +3,7 @@
 
 The paper trains and assesses every solver that its searches come by. Boosting driven to its end accepts exactly what
 all weak classifiers of a subset together accept, so here the searches ask what those accept, which can be had for all
-subsets at once, and only the solvers that are kept are boosted; what they then do is measured anew and recorded.
+subsets at once, and only the solvers that are kept are boosted; what they then do is measured once more and recorded.
 """
 
 from collections.abc import Callable, Generator, Iterable, Iterator
