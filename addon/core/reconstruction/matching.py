@@ -276,8 +276,8 @@ class _Hypotheses:
         return cls(slots[kept], met.points[kept], met.residual[kept], miss[:, kept], score[kept])
 
     def pick(self, chosen: np.ndarray) -> "_Hypotheses":
-        return _Hypotheses(*(getattr(self, name)[chosen] for name in ("slots", "points", "residual")),
-                           self.miss[:, chosen], self.score[chosen])  # fmt: skip
+        parts = self.slots[chosen], self.points[chosen], self.residual[chosen]
+        return _Hypotheses(*parts, self.miss[:, chosen], self.score[chosen])
 
     def points_of(self, frame: FrameMatcher) -> FramePoints:
         squares = (self.miss**2).sum(axis=0) * frame.pixel**2
@@ -320,7 +320,7 @@ class _Hypotheses:
         fields = {
             name: np.concatenate([getattr(rest, name), getattr(again, name)]) for name in vars(rest) if name != "miss"
         }
-        return _Hypotheses(**fields, miss=np.concatenate([rest.miss, again.miss], axis=1))
+        return _Hypotheses(miss=np.concatenate([rest.miss, again.miss], axis=1), **fields)
 
 
 def _summed(axes: np.ndarray) -> np.ndarray:
